@@ -1,0 +1,1 @@
+//! The openumi host library.

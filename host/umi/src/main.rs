@@ -1,0 +1,2 @@
+//! The openumi host tool.
+fn main() {}

@@ -1,0 +1,2 @@
+//! Every message and record that enters or leaves an openumi board.
+#![no_std]
