@@ -1,2 +1,64 @@
-//! Chores.
-fn main() {}
+//! The project's own chores, one module each. `cargo xtask help` lists them.
+
+mod console;
+mod firmware_check;
+mod fuzz;
+mod house;
+mod set_up;
+mod test;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+
+use crate::house::House;
+
+/// Sets up, tests and measures openumi.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    Test(test::Arguments),
+    SetUp(set_up::Arguments),
+    FirmwareCheck(firmware_check::Arguments),
+    Fuzz(fuzz::Arguments),
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            console::error(&error);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: Arguments) -> Result<()> {
+    let house = House::find()?;
+    match arguments.command {
+        Chore::Test(arguments) => test::run(&house, &arguments),
+        Chore::SetUp(arguments) => set_up::run(&house, &arguments),
+        Chore::FirmwareCheck(arguments) => firmware_check::run(&house, &arguments),
+        Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Arguments;
+
+    /// clap finds contradictions between arguments only when it builds the command.
+    #[test]
+    fn arguments_are_consistent() {
+        <Arguments as CommandFactory>::command().debug_assert();
+    }
+}

@@ -1,0 +1,128 @@
+//! What a person sees: progress lines, notes, errors and the summary table.
+//!
+//! Everything goes to standard error, so that the standard output of the commands
+//! that a chore runs stays theirs. Colour is used on terminals only, and not where
+//! `NO_COLOR` is set (<https://no-color.org>).
+
+use std::fmt::Write as _;
+use std::io::IsTerminal as _;
+use std::time::Duration;
+
+const BOLD: &str = "1";
+const RED: &str = "31;1";
+const GREEN: &str = "32;1";
+const YELLOW: &str = "33;1";
+
+fn paint(colour: &str, text: &str) -> String {
+    let wanted = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    if wanted {
+        format!("\x1b[{colour}m{text}\x1b[0m")
+    } else {
+        text.to_owned()
+    }
+}
+
+/// The headline of one step of a longer chore.
+pub fn headline(text: &str) {
+    eprintln!("\n{}", paint(BOLD, &format!("== {text}")));
+}
+
+/// A line of progress.
+pub fn progress(text: &str) {
+    eprintln!("   {text}");
+}
+
+/// Something left out, and why.
+pub fn skipped(text: &str) {
+    eprintln!("   {} {text}", paint(YELLOW, "skipped:"));
+}
+
+/// An error with its causes, the outermost first.
+pub fn error(error: &anyhow::Error) {
+    eprintln!("{} {error:#}", paint(RED, "error:"));
+}
+
+/// How a step ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Outcome {
+    /// It ran and everything held.
+    Passed,
+    /// It could not run here, for this reason, and is not required here.
+    Skipped(String),
+    /// It ran and something did not hold.
+    Failed,
+    /// An earlier step failed, or it was not asked for.
+    NotRun,
+}
+
+/// One line of the summary table.
+pub struct Line {
+    /// The name of the step.
+    pub step: &'static str,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// How long it took.
+    pub took: Duration,
+}
+
+/// Prints the summary table.
+pub fn summary(lines: &[Line]) {
+    eprint!("\n{}", table(lines, paint));
+}
+
+fn table(lines: &[Line], paint: impl Fn(&str, &str) -> String) -> String {
+    let width = lines.iter().map(|line| line.step.len()).max().unwrap_or(0);
+    let mut text = format!("{:width$}  {:8}  {:>8}\n", "step", "result", "seconds");
+    for line in lines {
+        let (colour, result) = match line.outcome {
+            Outcome::Passed => (GREEN, "ok"),
+            Outcome::Skipped(_) => (YELLOW, "skipped"),
+            Outcome::Failed => (RED, "FAILED"),
+            Outcome::NotRun => (YELLOW, "not run"),
+        };
+        // Padded before it is painted: escape codes would count as width.
+        let result = paint(colour, &format!("{result:8}"));
+        let seconds = line.took.as_secs_f64();
+        let _ = write!(text, "{:width$}  {result}  {seconds:>8.1}", line.step);
+        if let Outcome::Skipped(reason) = &line.outcome {
+            let _ = write!(text, "  {reason}");
+        }
+        text.push('\n');
+    }
+    let total: f64 = lines.iter().map(|line| line.took.as_secs_f64()).sum();
+    let _ = writeln!(text, "{:width$}  {:8}  {total:>8.1}", "total", "");
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns line up, the reason of a skip is on its line, and the total is the sum.
+    #[test]
+    fn summary_table() {
+        let line = |step, outcome, seconds| Line {
+            step,
+            outcome,
+            took: Duration::from_secs_f64(seconds),
+        };
+        let text = table(
+            &[
+                line("format", Outcome::Passed, 1.24),
+                line("fuzzing", Outcome::Skipped("no nightly".into()), 0.0),
+                line("tests", Outcome::Failed, 100.5),
+                line("demo", Outcome::NotRun, 0.0),
+            ],
+            |_, text| text.to_owned(),
+        );
+        assert_eq!(
+            text,
+            "step     result     seconds\n\
+             format   ok             1.2\n\
+             fuzzing  skipped        0.0  no nightly\n\
+             tests    FAILED       100.5\n\
+             demo     not run        0.0\n\
+             total                 101.7\n"
+        );
+    }
+}

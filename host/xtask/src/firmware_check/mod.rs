@@ -1,0 +1,183 @@
+//! `firmware-check`: what the firmware's crates promise, held on the targets.
+//!
+//! - They depend on nothing that knows an executor or hardware ([`dependencies`]).
+//! - They compile for both bare-metal targets.
+//! - They use no heap: `firmware/check` links them into an image that has no allocator,
+//!   which does not link if any crate in it names `alloc`.
+//! - The image stays within its budget of code and of places that could panic ([`image`]).
+
+pub mod toolchain;
+
+mod dependencies;
+mod image;
+
+use anyhow::{Context as _, Result, ensure};
+
+use self::image::Image;
+use self::toolchain::{TARGETS, Toolchain};
+use crate::console;
+use crate::house::{House, execute};
+
+/// Builds the firmware's crates for the bare-metal targets and holds their promises.
+///
+/// No standard library, no heap, no executor or hardware in the brain, and an image that
+/// stays within its budget (firmware/check/Cargo.toml). Takes rustup's targets if they are
+/// installed, else Debian's compiler.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  cargo xtask firmware-check\n  cargo xtask firmware-check --toolchain debian --panics"
+)]
+pub struct Arguments {
+    /// The compiler to use, rather than the first that is installed.
+    #[arg(long)]
+    toolchain: Option<Toolchain>,
+    /// Lists the functions that could panic.
+    #[arg(long)]
+    panics: bool,
+}
+
+/// The crate that links the others, and the name of its image.
+const PACKAGE: &str = "umi-firmware-check";
+
+/// The target and processor that the budget is for: a Cortex-M7 with a double-precision FPU.
+const MEASURED: (&str, &str) = (TARGETS[0], "cortex-m7");
+
+/// Checks, with the compiler that the arguments ask for.
+pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
+    let toolchain = match arguments.toolchain {
+        Some(toolchain) => toolchain,
+        None => toolchain::choose(house)?,
+    };
+    let image = check(house, toolchain)?;
+    if arguments.panics {
+        for (function, calls) in &image.panics {
+            console::progress(&format!("{calls:4}  {function}"));
+        }
+    }
+    Ok(())
+}
+
+/// Checks, and returns the figures of the measured image.
+pub fn check(house: &House, toolchain: Toolchain) -> Result<Image> {
+    dependencies::check(house)?;
+    console::progress("dependencies: no executor, no hardware, no std, no heap");
+    let budget = Budget::of(&house.metadata()?)?;
+    console::progress(&format!("building with {toolchain}"));
+    let mut measured = Image::default();
+    for target in TARGETS {
+        let cpu = (target == MEASURED.0).then_some(MEASURED.1);
+        let image = build(house, toolchain, target, cpu)?;
+        let place = cpu.unwrap_or(target);
+        console::progress(&format!(
+            "{place}: {} bytes of code, {} of constants, {} of variables; {} calls of panics in {} functions",
+            image.text,
+            image.constants,
+            image.variables,
+            image.panic_calls(),
+            image.panics.len(),
+        ));
+        if cpu.is_some() {
+            measured = image;
+        }
+    }
+    budget.hold(&measured)?;
+    Ok(measured)
+}
+
+fn build(house: &House, toolchain: Toolchain, target: &str, cpu: Option<&str>) -> Result<Image> {
+    execute(
+        toolchain
+            .cargo(house, target, cpu)
+            .args(["build", "--profile=firmware", "--package", PACKAGE])
+            .args(toolchain.build_arguments(target)),
+    )?;
+    let file = house
+        .target
+        .join("firmware")
+        .join(target)
+        .join("firmware")
+        .join(PACKAGE);
+    let bytes = std::fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?;
+    Image::read(&bytes)
+}
+
+/// What the measured image may hold at most: `package.metadata.budget` of `firmware/check`.
+#[derive(Debug, PartialEq, Eq)]
+struct Budget {
+    text_bytes: u64,
+    panic_calls: u64,
+}
+
+impl Budget {
+    fn of(metadata: &serde_json::Value) -> Result<Self> {
+        let packages = metadata.get("packages").and_then(|value| value.as_array());
+        let package = packages
+            .into_iter()
+            .flatten()
+            .find(|package| package.get("name").is_some_and(|name| name == PACKAGE))
+            .with_context(|| format!("the workspace has no member {PACKAGE}"))?;
+        let figure = |name: &str| {
+            package
+                .pointer("/metadata/budget")
+                .and_then(|budget| budget.get(name))
+                .and_then(|figure| figure.as_u64())
+                .with_context(|| format!("{PACKAGE} has no package.metadata.budget.{name}"))
+        };
+        Ok(Self {
+            text_bytes: figure("text_bytes")?,
+            panic_calls: figure("panic_calls")?,
+        })
+    }
+
+    fn hold(&self, image: &Image) -> Result<()> {
+        let text = image.text;
+        ensure!(
+            text <= self.text_bytes,
+            "the image has {text} bytes of code, over its budget of {}: make it smaller, or \
+             raise package.metadata.budget in firmware/check/Cargo.toml and say why",
+            self.text_bytes
+        );
+        let calls = u64::from(image.panic_calls());
+        ensure!(
+            calls <= self.panic_calls,
+            "the image calls panics in {calls} places, over its budget of {}: \
+             `cargo xtask firmware-check --panics` lists them",
+            self.panic_calls
+        );
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    /// The budget of the workspace can be read, and an image over it is refused.
+    #[test]
+    fn budget_is_held() {
+        let metadata = serde_json::json!({"packages": [{
+            "name": PACKAGE,
+            "metadata": {"budget": {"text_bytes": 100, "panic_calls": 2}},
+        }]});
+        let budget = Budget::of(&metadata).unwrap();
+        let image = |text, calls| Image {
+            text,
+            panics: BTreeMap::from([("f".to_owned(), calls)]),
+            ..Image::default()
+        };
+        assert!(budget.hold(&image(100, 2)).is_ok());
+        let error = budget.hold(&image(101, 2)).unwrap_err().to_string();
+        assert!(error.contains("101 bytes"), "{error}");
+        let error = budget.hold(&image(100, 3)).unwrap_err().to_string();
+        assert!(error.contains("3 places"), "{error}");
+    }
+
+    /// A budget that is not there is an error, not a budget without limits.
+    #[test]
+    fn missing_budget_is_an_error() {
+        let metadata = serde_json::json!({"packages": [{"name": PACKAGE, "metadata": null}]});
+        assert!(Budget::of(&metadata).is_err());
+    }
+}

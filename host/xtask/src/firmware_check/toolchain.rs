@@ -1,0 +1,158 @@
+//! Which compiler builds for the bare-metal targets.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Result, bail};
+
+use crate::house::{House, find_program, output};
+
+/// Cortex-M4/M7 with a floating-point unit, and Cortex-M0+.
+pub const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
+
+/// What Debian calls a current compiler, its cargo, the library's sources and a linker.
+pub const DEBIAN_PACKAGES: [&str; 4] = [
+    "rustc-web",
+    "cargo-web",
+    "rust-web-src",
+    "binutils-arm-none-eabi",
+];
+
+const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+const DEBIAN_LINKER: &str = "arm-none-eabi-ld";
+
+/// A compiler that can build for every target of [`TARGETS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Toolchain {
+    /// The active rustup toolchain, with the targets' libraries installed.
+    Rustup,
+    /// Debian's compiler, which builds the core library from its sources.
+    Debian,
+}
+
+impl fmt::Display for Toolchain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Rustup => "the targets of rustup",
+            Self::Debian => "Debian's rustc with the core library from source",
+        })
+    }
+}
+
+/// The compiler for firmware that is there, or what to type to get one.
+pub fn choose(house: &House) -> Result<Toolchain> {
+    match installed(house) {
+        Some(toolchain) => Ok(toolchain),
+        None => bail!(
+            "no compiler for {}; type `rustup target add {}`, or on Debian `sudo apt-get install {}`",
+            TARGETS.join(" and "),
+            TARGETS.join(" "),
+            DEBIAN_PACKAGES.join(" ")
+        ),
+    }
+}
+
+/// The compiler for firmware that is there, if one is.
+pub fn installed(house: &House) -> Option<Toolchain> {
+    [Toolchain::Rustup, Toolchain::Debian]
+        .into_iter()
+        .find(|toolchain| toolchain.is_installed(house))
+}
+
+impl Toolchain {
+    fn is_installed(self, house: &House) -> bool {
+        match self {
+            Self::Rustup => {
+                let list = house
+                    .command("rustup")
+                    .args(["target", "list", "--installed"])
+                    .output();
+                list.is_ok_and(|list| {
+                    let list = String::from_utf8_lossy(&list.stdout);
+                    TARGETS
+                        .iter()
+                        .all(|target| list.lines().any(|line| line == *target))
+                })
+            }
+            Self::Debian => {
+                Path::new(DEBIAN_CARGO).is_file()
+                    && find_program(DEBIAN_LINKER).is_some()
+                    && debian_sources(house).is_some_and(|sources| sources.is_dir())
+            }
+        }
+    }
+
+    /// This toolchain's cargo, told to compile for `cpu` where one is named, and to put
+    /// its files into a folder of their own: it may be another compiler than the host's.
+    pub fn cargo(self, house: &House, target: &str, cpu: Option<&str>) -> Command {
+        let mut flags = Vec::new();
+        let mut command = match self {
+            Self::Rustup => house.cargo(),
+            Self::Debian => {
+                let mut command = house.command(DEBIAN_CARGO);
+                command
+                    .env("RUSTC", DEBIAN_RUSTC)
+                    // build-std is unstable in cargo, but Debian has no other way to have
+                    // the core library for a target.
+                    .env("RUSTC_BOOTSTRAP", "1")
+                    // The libraries of the compiler that runs this program are not its.
+                    .env_remove("LD_LIBRARY_PATH");
+                flags.push(format!("-Clinker={DEBIAN_LINKER}"));
+                command
+            }
+        };
+        flags.extend(cpu.map(|cpu| format!("-Ctarget-cpu={cpu}")));
+        let variable = target.to_uppercase().replace('-', "_");
+        command
+            .env(
+                format!("CARGO_TARGET_{variable}_RUSTFLAGS"),
+                flags.join(" "),
+            )
+            .env("CARGO_TARGET_DIR", house.target.join("firmware"));
+        command
+    }
+
+    /// What makes a `cargo build` of this toolchain one for `target`.
+    pub fn build_arguments(self, target: &str) -> Vec<&str> {
+        match self {
+            Self::Rustup => vec!["--target", target],
+            // Only core: whatever names alloc does not compile.
+            Self::Debian => vec!["--target", target, "-Zbuild-std=core"],
+        }
+    }
+}
+
+/// Where Debian keeps the sources of the core library of a compiler that is new enough.
+fn debian_sources(house: &House) -> Option<PathBuf> {
+    let version = output(house.command(DEBIAN_RUSTC).arg("--version")).ok()?;
+    if minor_version(&version)? < minor_version(env!("CARGO_PKG_RUST_VERSION"))? {
+        return None;
+    }
+    let sysroot = output(house.command(DEBIAN_RUSTC).args(["--print", "sysroot"])).ok()?;
+    Some(Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core"))
+}
+
+/// The 96 of `rustc 1.96.0 (…)` and of `1.96`.
+fn minor_version(version: &str) -> Option<u32> {
+    let number = version.split_whitespace().find(|word| word.contains('.'))?;
+    number.split('.').nth(1)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::minor_version;
+
+    /// Debian's own rustc is too old for the workspace, which must be seen.
+    #[test]
+    fn minor_version_of_what_rustc_prints() {
+        assert_eq!(
+            minor_version("rustc 1.96.0 (ac68faa20 2026-05-25)"),
+            Some(96)
+        );
+        assert_eq!(minor_version("rustc 1.63.0"), Some(63));
+        assert_eq!(minor_version("1.89"), Some(89));
+        assert_eq!(minor_version("rustc"), None);
+    }
+}

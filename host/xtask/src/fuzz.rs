@@ -1,0 +1,118 @@
+//! `fuzz`: runs the fuzz targets of `tests/fuzz` for a bounded time.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result, bail, ensure};
+
+use crate::console;
+use crate::house::{House, execute, find_program, output};
+
+/// Fuzzes the parsers that face foreign machines, for a bounded time.
+///
+/// Starts from the kept corpus (tests/fuzz/corpus) and leaves it as it is: what is found
+/// on the way goes into the target directory. Needs a nightly compiler and cargo-fuzz.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  cargo xtask fuzz                          # every target, a minute each\n  cargo xtask fuzz receiver --seconds 3600  # one target, an hour"
+)]
+pub struct Arguments {
+    /// The target; all of them if none is named.
+    target: Option<String>,
+    /// How long each target runs.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    seconds: u32,
+}
+
+/// Fuzzes what the arguments name.
+pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
+    if let Some(reason) = missing(house) {
+        bail!("{reason}");
+    }
+    match &arguments.target {
+        None => run_all(house, arguments.seconds),
+        Some(target) => {
+            let targets = targets(house)?;
+            ensure!(
+                targets.contains(target),
+                "no fuzz target `{target}`; there are: {}",
+                targets.join(", ")
+            );
+            run_one(house, target, arguments.seconds)
+        }
+    }
+}
+
+/// Fuzzes each target for this long.
+pub fn run_all(house: &House, seconds: u32) -> Result<()> {
+    let targets = targets(house)?;
+    ensure!(!targets.is_empty(), "tests/fuzz has no targets");
+    targets
+        .iter()
+        .try_for_each(|target| run_one(house, target, seconds))
+}
+
+/// Why fuzzing is impossible on this machine, with what to do, or nothing.
+pub fn missing(house: &House) -> Option<String> {
+    if !has_nightly(house) {
+        Some("no nightly compiler: rustup toolchain install nightly".into())
+    } else if find_program("cargo-fuzz").is_none() {
+        Some("no cargo-fuzz: cargo xtask set-up".into())
+    } else {
+        None
+    }
+}
+
+/// Whether rustup has a nightly compiler.
+pub fn has_nightly(house: &House) -> bool {
+    output(
+        house
+            .command("rustup")
+            .args(["run", "nightly", "rustc", "--version"]),
+    )
+    .is_ok()
+}
+
+/// The names of the targets, in order.
+fn targets(house: &House) -> Result<Vec<String>> {
+    let folder = folder(house).join("fuzz_targets");
+    let entries = std::fs::read_dir(&folder)
+        .with_context(|| format!("cannot list the fuzz targets in {}", folder.display()))?;
+    let mut names = Vec::new();
+    for entry in entries {
+        let path = entry?.path();
+        if path.extension().is_some_and(|end| end == "rs")
+            && let Some(name) = path.file_stem()
+        {
+            names.push(name.to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
+fn folder(house: &House) -> PathBuf {
+    house.root.join("tests").join("fuzz")
+}
+
+fn run_one(house: &House, target: &str, seconds: u32) -> Result<()> {
+    console::progress(&format!("{target}: {seconds} s"));
+    let found = house.target.join("fuzz-corpus").join(target);
+    std::fs::create_dir_all(&found)?;
+    // libFuzzer writes what it finds into the first folder and only reads the others.
+    let kept = folder(house).join("corpus").join(target);
+    execute(
+        house
+            .command("rustup")
+            .args(["run", "nightly", "cargo", "fuzz", "run"])
+            .arg("--fuzz-dir")
+            .arg(folder(house))
+            .arg("--target-dir")
+            .arg(house.target.join("fuzz"))
+            .arg(target)
+            .arg(found)
+            .arg(kept)
+            .arg("--")
+            .arg(format!("-max_total_time={seconds}"))
+            .arg("-print_final_stats=1"),
+    )
+}

@@ -1,0 +1,159 @@
+//! Where things are, and how commands are run there.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, Result, bail, ensure};
+
+use crate::console;
+
+/// The checkout and its target directory.
+pub struct House {
+    /// The folder of the workspace's `Cargo.toml`.
+    pub root: PathBuf,
+    /// Cargo's target directory, wherever the user has put it.
+    pub target: PathBuf,
+}
+
+impl House {
+    /// Finds the checkout that this program was built from.
+    pub fn find() -> Result<Self> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .ancestors()
+            .nth(2)
+            .context("host/xtask lies two folders below the root")?
+            .to_owned();
+        let mut house = Self {
+            target: root.join("target"),
+            root,
+        };
+        let target = house
+            .metadata()?
+            .pointer("/target_directory")
+            .and_then(|value| value.as_str())
+            .context("cargo metadata names no target directory")?
+            .into();
+        house.target = target;
+        Ok(house)
+    }
+
+    /// `program`, to be run in the root of the checkout.
+    pub fn command(&self, program: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(program);
+        command.current_dir(&self.root);
+        command
+    }
+
+    /// The cargo that runs this program.
+    pub fn cargo(&self) -> Command {
+        self.command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+    }
+
+    /// What cargo knows about the members of the workspace.
+    pub fn metadata(&self) -> Result<serde_json::Value> {
+        let text =
+            output(
+                self.cargo()
+                    .args(["metadata", "--format-version=1", "--no-deps", "--quiet"]),
+            )?;
+        serde_json::from_str(&text).context("cargo metadata is not JSON")
+    }
+}
+
+/// Runs a command in sight of the user; its failure is an error that names it.
+pub fn execute(command: &mut Command) -> Result<()> {
+    let line = shown(command);
+    console::progress(&format!("$ {line}"));
+    let status = command
+        .status()
+        .with_context(|| format!("cannot start `{line}`"))?;
+    ensure!(status.success(), "`{line}` failed ({status})");
+    Ok(())
+}
+
+/// Runs a command out of sight and returns what it printed.
+pub fn output(command: &mut Command) -> Result<String> {
+    let line = shown(command);
+    let output = command
+        .stdin(Stdio::null())
+        .output()
+        .with_context(|| format!("cannot start `{line}`"))?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        bail!("`{line}` failed ({}): {}", output.status, said.trim());
+    }
+    String::from_utf8(output.stdout).with_context(|| format!("`{line}` printed no UTF-8"))
+}
+
+/// Where `program` lies on the PATH, if it does.
+pub fn find_program(program: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path)
+        .map(|folder| folder.join(program))
+        .find(|file| file.is_file())
+}
+
+/// Whether this runs in CI, where a check that a desk may skip is required.
+pub fn in_ci() -> bool {
+    std::env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
+}
+
+/// The command as one would type it.
+fn shown(command: &Command) -> String {
+    let program = Path::new(command.get_program());
+    // The full path of cargo says nothing; that of another compiler's does.
+    let name = match std::env::var_os("CARGO") {
+        Some(cargo) if Path::new(&cargo) == program => "cargo".into(),
+        _ => program.to_string_lossy(),
+    };
+    let mut line = String::new();
+    for (name, value) in command.get_envs() {
+        if let Some(value) = value {
+            let (name, value) = (name.to_string_lossy(), quoted(&value.to_string_lossy()));
+            line.push_str(&format!("{name}={value} "));
+        }
+    }
+    line.push_str(&name);
+    for argument in command.get_args() {
+        line.push(' ');
+        line.push_str(&quoted(&argument.to_string_lossy()));
+    }
+    line
+}
+
+fn quoted(word: &str) -> String {
+    if word.is_empty() || word.contains([' ', '\'', '"', '$', '*', '(', ';', '&', '|']) {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    } else {
+        word.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The line that is shown can be pasted into a shell.
+    #[test]
+    fn shown_line_can_be_typed() {
+        let mut command = Command::new("tool");
+        command
+            .args(["--say", "it's me"])
+            .env("FLAGS", "-D warnings");
+        assert_eq!(
+            shown(&command),
+            r"FLAGS='-D warnings' tool --say 'it'\''s me'"
+        );
+    }
+
+    /// A failing command is an error that names the command and what it said.
+    #[test]
+    fn failure_names_the_command() {
+        let mut command = Command::new("sh");
+        command.args(["-c", "echo no such thing >&2; exit 3"]);
+        let error = output(&mut command).unwrap_err().to_string();
+        assert!(error.contains("sh -c"), "{error}");
+        assert!(error.contains("no such thing"), "{error}");
+    }
+}
