@@ -4,6 +4,7 @@ mod console;
 mod firmware_check;
 mod fuzz;
 mod house;
+mod licences;
 mod set_up;
 mod test;
 

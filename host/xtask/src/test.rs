@@ -1,6 +1,6 @@
 //! `test`: everything that must hold, in one command, the quick and telling things first.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Result, ensure};
 
@@ -8,6 +8,7 @@ use crate::console::{self, Line, Outcome};
 use crate::firmware_check::{self, toolchain};
 use crate::fuzz;
 use crate::house::{House, execute, in_ci};
+use crate::licences;
 use crate::set_up::{self, Need};
 
 /// Sets up what is missing, then runs every check and prints a summary.
@@ -18,7 +19,7 @@ use crate::set_up::{self, Need};
     after_help = "Examples:\n  cargo xtask test            # everything, as in CI\n  cargo xtask test --quick    # before each commit: format, lints and tests"
 )]
 pub struct Arguments {
-    /// Leaves out set-up, documentation, firmware, fuzzing and the demo.
+    /// Leaves out everything but format, lints and tests.
     #[arg(long)]
     quick: bool,
     /// How long each fuzz target runs.
@@ -26,87 +27,61 @@ pub struct Arguments {
     fuzz_seconds: u32,
 }
 
-struct Step {
-    name: &'static str,
-    quick: bool,
-    action: fn(&House, &Arguments) -> Result<Outcome>,
-}
+/// A check: `Err` if something does not hold.
+type Action = fn(&House, &Arguments) -> Result<Outcome>;
 
-const STEPS: [Step; 8] = [
-    Step {
-        name: "format",
-        quick: true,
-        action: format,
-    },
-    Step {
-        name: "set-up",
-        quick: false,
-        action: set_up,
-    },
-    Step {
-        name: "lints",
-        quick: true,
-        action: lints,
-    },
-    Step {
-        name: "documentation",
-        quick: false,
-        action: documentation,
-    },
-    Step {
-        name: "tests",
-        quick: true,
-        action: tests,
-    },
-    Step {
-        name: "firmware",
-        quick: false,
-        action: firmware,
-    },
-    Step {
-        name: "fuzzing",
-        quick: false,
-        action: fuzzing,
-    },
-    Step {
-        name: "demo",
-        quick: false,
-        action: demo,
-    },
+/// The steps in order, each with whether `--quick` runs it too.
+const STEPS: [(&str, bool, Action); 9] = [
+    ("format", true, format),
+    ("set-up", false, set_up),
+    ("licences", false, licences),
+    ("lints", true, lints),
+    ("documentation", false, documentation),
+    ("tests", true, tests),
+    ("firmware", false, firmware),
+    ("fuzzing", false, fuzzing),
+    ("demo", false, demo),
 ];
 
 /// Runs the steps.
 pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
-    let steps = STEPS.iter().filter(|step| step.quick || !arguments.quick);
+    let steps = STEPS
+        .iter()
+        .filter(|(_, quick, _)| *quick || !arguments.quick)
+        .map(|(name, _, action)| (*name, || action(house, arguments)));
+    let (lines, failure) = run_in_order(steps);
+    console::summary(&lines);
+    failure.map_or(Ok(()), Err)
+}
+
+/// Runs steps up to the first that fails; returns a line for each, and the failure.
+fn run_in_order<F: FnOnce() -> Result<Outcome>>(
+    steps: impl Iterator<Item = (&'static str, F)>,
+) -> (Vec<Line>, Option<anyhow::Error>) {
     let mut lines = Vec::new();
     let mut failure = None;
-    for step in steps {
-        if failure.is_some() {
-            let (outcome, took) = (Outcome::NotRun, Duration::ZERO);
-            lines.push(Line {
-                step: step.name,
-                outcome,
-                took,
-            });
-            continue;
-        }
-        console::headline(step.name);
+    for (step, action) in steps {
         let start = Instant::now();
-        let outcome = (step.action)(house, arguments).unwrap_or_else(|error| {
-            failure = Some(error.context(format!("step `{}`", step.name)));
-            Outcome::Failed
-        });
+        let outcome = if failure.is_some() {
+            Outcome::NotRun
+        } else {
+            console::headline(step);
+            action().unwrap_or_else(|error| {
+                failure = Some(error.context(format!("step `{step}`")));
+                Outcome::Failed
+            })
+        };
         if let Outcome::Skipped(reason) = &outcome {
             console::skipped(reason);
         }
+        let took = start.elapsed();
         lines.push(Line {
-            step: step.name,
+            step,
             outcome,
-            took: start.elapsed(),
+            took,
         });
     }
-    console::summary(&lines);
-    failure.map_or(Ok(()), Err)
+    (lines, failure)
 }
 
 fn format(house: &House, _: &Arguments) -> Result<Outcome> {
@@ -116,6 +91,11 @@ fn format(house: &House, _: &Arguments) -> Result<Outcome> {
 
 fn set_up(house: &House, _: &Arguments) -> Result<Outcome> {
     set_up::meet(house, &[Need::Firmware, Need::Fuzzing]);
+    Ok(Outcome::Passed)
+}
+
+fn licences(house: &House, _: &Arguments) -> Result<Outcome> {
+    licences::check(house)?;
     Ok(Outcome::Passed)
 }
 
@@ -188,4 +168,33 @@ fn demo(house: &House, _: &Arguments) -> Result<Outcome> {
         out.display()
     );
     Ok(Outcome::Passed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first failure ends the run, is the one reported, and the rest is "not run".
+    #[test]
+    fn first_failure_ends_the_run() {
+        type Boxed = Box<dyn FnOnce() -> Result<Outcome>>;
+        let steps: [(&str, Boxed); 4] = [
+            ("one", Box::new(|| Ok(Outcome::Passed))),
+            ("two", Box::new(|| Ok(Outcome::Skipped("why".into())))),
+            ("three", Box::new(|| anyhow::bail!("broken"))),
+            ("four", Box::new(|| panic!("must not run"))),
+        ];
+        let (lines, failure) = run_in_order(steps.into_iter());
+        let outcomes: Vec<&Outcome> = lines.iter().map(|line| &line.outcome).collect();
+        assert_eq!(
+            outcomes,
+            [
+                &Outcome::Passed,
+                &Outcome::Skipped("why".into()),
+                &Outcome::Failed,
+                &Outcome::NotRun
+            ]
+        );
+        assert_eq!(format!("{:#}", failure.unwrap()), "step `three`: broken");
+    }
 }

@@ -1,0 +1,91 @@
+//! The licences of everything that is linked into something of ours.
+//!
+//! openumi is `MIT OR Apache-2.0`; what it builds on must let its users keep to that.
+
+use anyhow::{Context as _, Result, ensure};
+
+use crate::house::{House, output};
+
+/// Licences that ask for no more than a notice.
+const ALLOWED: [&str; 8] = [
+    "MIT",
+    "MIT-0",
+    "Apache-2.0",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "ISC",
+    "Zlib",
+    "Unicode-3.0",
+];
+
+/// Packages with a licence of their own, each with the reason why that is acceptable.
+const EXCEPTIONS: [(&str, &str); 1] = [
+    // Copyleft by file: its own files stay MPL-2.0, and only the host tool links them.
+    ("serialport", "MPL-2.0"),
+];
+
+/// Holds that every package of the lock file has a licence that is allowed.
+pub fn check(house: &House) -> Result<()> {
+    let text = output(
+        house
+            .cargo()
+            .args(["metadata", "--format-version=1", "--quiet"]),
+    )?;
+    let metadata: serde_json::Value =
+        serde_json::from_str(&text).context("cargo metadata is not JSON")?;
+    let packages = metadata.get("packages").and_then(|list| list.as_array());
+    let packages = packages.context("cargo metadata lists no packages")?;
+    let refused: Vec<String> = packages
+        .iter()
+        .filter_map(|package| {
+            let text = |key| package.get(key).and_then(|value| value.as_str());
+            let name = text("name").unwrap_or("(no name)");
+            let licence = text("license").unwrap_or("");
+            (!is_allowed(name, licence)).then(|| format!("{name}: `{licence}`"))
+        })
+        .collect();
+    ensure!(
+        refused.is_empty(),
+        "packages whose licence is not among those allowed in host/xtask/src/licences.rs:\n  {}",
+        refused.join("\n  ")
+    );
+    Ok(())
+}
+
+/// Whether a package of this SPDX expression may be used. One that names none may not.
+fn is_allowed(package: &str, licence: &str) -> bool {
+    // Older packages write `MIT/Apache-2.0`, which is lax SPDX for OR.
+    let Ok(expression) = spdx::Expression::parse_mode(licence, spdx::ParseMode::LAX) else {
+        return false;
+    };
+    expression.evaluate(|requirement| {
+        let licence = requirement.license.id().map_or("", |id| id.name);
+        ALLOWED.contains(&licence) || EXCEPTIONS.contains(&(package, licence))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_allowed;
+
+    /// One allowed way out of several is enough; all parts of an `AND` must be allowed.
+    #[test]
+    fn expressions() {
+        assert!(is_allowed("x", "MIT OR Apache-2.0"));
+        assert!(is_allowed("x", "MIT/Apache-2.0"));
+        assert!(is_allowed("x", "GPL-3.0-only OR MIT"));
+        assert!(is_allowed("x", "(MIT OR Apache-2.0) AND Unicode-3.0"));
+        assert!(is_allowed("x", "Apache-2.0 WITH LLVM-exception OR MIT"));
+        assert!(!is_allowed("x", "MIT AND GPL-3.0-only"));
+        assert!(!is_allowed("x", "GPL-3.0-only"));
+        assert!(!is_allowed("x", ""));
+    }
+
+    /// An exception is one package's, not a licence's.
+    #[test]
+    fn exceptions() {
+        assert!(is_allowed("serialport", "MPL-2.0"));
+        assert!(!is_allowed("other", "MPL-2.0"));
+        assert!(!is_allowed("serialport", "GPL-3.0-only"));
+    }
+}
