@@ -17,4 +17,6 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod fit;
+pub mod registration;
 pub mod units;

@@ -1,0 +1,397 @@
+//! Small dense linear algebra on arrays, the same bits on every target.
+//!
+//! Only `+ - * /` and `libm::sqrt`, in a fixed order. Least squares go through
+//! a row-by-row QR (Givens), not through `JᵀJ`: its error grows with the
+//! condition of the points, not with the square of it.
+
+// Every index here runs over `0..K` of arrays of length K, so none can be out
+// of bounds, and iterator forms of triangular loops would hide the formulas.
+#![allow(clippy::indexing_slicing, clippy::needless_range_loop)]
+
+use nalgebra::Vector3;
+
+/// A square matrix, rows first.
+pub(crate) type Square<const K: usize> = [[f64; K]; K];
+
+/// Length of a vector, without nalgebra's `norm` (which may be a std function).
+pub(crate) fn norm(v: &Vector3<f64>) -> f64 {
+    libm::sqrt(v.dot(v))
+}
+
+/// The unit vector along `v`; None if `v` has no direction.
+pub(crate) fn unit(v: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let length = norm(v);
+    (length > 0.0 && length.is_finite()).then(|| v / length)
+}
+
+/// Two unit vectors that complete the unit vector `axis` to a right-handed
+/// frame (e1, e2, axis).
+pub(crate) fn perpendicular_frame(axis: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let (x, y, z) = (axis.x.abs(), axis.y.abs(), axis.z.abs());
+    // The coordinate axis farthest from `axis` gives the best defined product.
+    let helper = if x <= y && x <= z {
+        Vector3::new(1.0, 0.0, 0.0)
+    } else if y <= z {
+        Vector3::new(0.0, 1.0, 0.0)
+    } else {
+        Vector3::new(0.0, 0.0, 1.0)
+    };
+    let e1 = axis.cross(&helper);
+    let e1 = e1 / norm(&e1);
+    (e1, axis.cross(&e1))
+}
+
+/// `a bᵀ` scaled and summed: `Σ weight · column columnᵀ` for a symmetric 3x3.
+pub(crate) fn outer_sum<const N: usize>(terms: [(f64, Vector3<f64>); N]) -> Square<3> {
+    let mut sum = [[0.0; 3]; 3];
+    for (weight, v) in terms {
+        let v = [v.x, v.y, v.z];
+        for i in 0..3 {
+            for j in 0..3 {
+                sum[i][j] += weight * v[i] * v[j];
+            }
+        }
+    }
+    sum
+}
+
+/// `A C Aᵀ` for a Jacobian A (M rows, K columns) and a symmetric C: the
+/// propagation of a covariance.
+pub(crate) fn propagate<const M: usize, const K: usize>(
+    jacobian: &[[f64; K]; M],
+    covariance: &Square<K>,
+) -> Square<M> {
+    let mut half = [[0.0; K]; M];
+    for i in 0..M {
+        for j in 0..K {
+            for k in 0..K {
+                half[i][j] += jacobian[i][k] * covariance[k][j];
+            }
+        }
+    }
+    let mut result = [[0.0; M]; M];
+    for i in 0..M {
+        for j in 0..=i {
+            let mut sum = 0.0;
+            for k in 0..K {
+                sum += half[i][k] * jacobian[j][k];
+            }
+            result[i][j] = sum;
+            result[j][i] = sum;
+        }
+    }
+    result
+}
+
+/// The matrix times a factor.
+pub(crate) fn scaled<const K: usize>(matrix: &Square<K>, factor: f64) -> Square<K> {
+    matrix.map(|row| row.map(|x| x * factor))
+}
+
+/// True if every element is a number.
+pub(crate) fn all_finite<const K: usize>(matrix: &Square<K>) -> bool {
+    matrix.iter().flatten().all(|x| x.is_finite())
+}
+
+/// `xᵀ A x`.
+pub(crate) fn quadratic_form<const K: usize>(matrix: &Square<K>, x: &[f64; K]) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..K {
+        let mut row = 0.0;
+        for j in 0..K {
+            row += matrix[i][j] * x[j];
+        }
+        sum += row * x[i];
+    }
+    sum
+}
+
+/// Largest eigenvalue of a symmetric 3x3 matrix that is not negative definite,
+/// that is the largest variance of a covariance.
+pub(crate) fn largest_variance(covariance: &Square<3>) -> f64 {
+    let svd = Svd3::new(covariance);
+    svd.values[0]
+}
+
+/// The upper left 3x3 block of a larger matrix.
+pub(crate) fn block3<const K: usize>(matrix: &Square<K>) -> Square<3> {
+    let mut block = [[0.0; 3]; 3];
+    for i in 0..3.min(K) {
+        for j in 0..3.min(K) {
+            block[i][j] = matrix[i][j];
+        }
+    }
+    block
+}
+
+/// The lower triangle L of a positive definite matrix `A = L Lᵀ`.
+pub(crate) struct Cholesky<const K: usize> {
+    lower: Square<K>,
+}
+
+impl<const K: usize> Cholesky<K> {
+    /// None if the matrix is not positive definite beyond rounding: this is
+    /// the test that a stationary point is a minimum.
+    pub(crate) fn new(a: &Square<K>) -> Option<Self> {
+        let mut lower = [[0.0; K]; K];
+        for i in 0..K {
+            for j in 0..=i {
+                let mut sum = a[i][j];
+                for k in 0..j {
+                    sum -= lower[i][k] * lower[j][k];
+                }
+                if i == j {
+                    // A pivot that cancelled to rounding level is not positive.
+                    let positive = sum > 8.0 * f64::EPSILON * a[i][i].abs();
+                    if !positive || !sum.is_finite() {
+                        return None;
+                    }
+                    lower[i][i] = libm::sqrt(sum);
+                } else {
+                    lower[i][j] = sum / lower[j][j];
+                }
+            }
+        }
+        Some(Self { lower })
+    }
+
+    /// The solution x of `A x = b`.
+    pub(crate) fn solve(&self, b: &[f64; K]) -> [f64; K] {
+        let mut x = *b;
+        for i in 0..K {
+            for k in 0..i {
+                x[i] -= self.lower[i][k] * x[k];
+            }
+            x[i] /= self.lower[i][i];
+        }
+        for i in (0..K).rev() {
+            for k in i + 1..K {
+                x[i] -= self.lower[k][i] * x[k];
+            }
+            x[i] /= self.lower[i][i];
+        }
+        x
+    }
+}
+
+/// The triangle R of a tall matrix `J = Q R`, built row by row with Givens
+/// rotations (Golub and Van Loan, Matrix Computations, section 5.2.5), and
+/// `Qᵀb` beside it.
+pub(crate) struct Qr<const K: usize> {
+    r: Square<K>,
+    rhs: [f64; K],
+}
+
+impl<const K: usize> Qr<K> {
+    /// No rows yet.
+    pub(crate) fn new() -> Self {
+        Self {
+            r: [[0.0; K]; K],
+            rhs: [0.0; K],
+        }
+    }
+
+    /// Adds the equation `row · x = b`.
+    pub(crate) fn add(&mut self, mut row: [f64; K], mut b: f64) {
+        for k in 0..K {
+            if row[k] == 0.0 {
+                continue;
+            }
+            let length = libm::sqrt(self.r[k][k] * self.r[k][k] + row[k] * row[k]);
+            if length == 0.0 {
+                // Both squares underflowed: nothing that could be told from zero.
+                continue;
+            }
+            let (c, s) = (self.r[k][k] / length, row[k] / length);
+            for j in k..K {
+                let (above, below) = (self.r[k][j], row[j]);
+                self.r[k][j] = c * above + s * below;
+                row[j] = c * below - s * above;
+            }
+            let above = self.rhs[k];
+            self.rhs[k] = c * above + s * b;
+            b = c * b - s * above;
+        }
+    }
+
+    /// The least squares solution; None if a column depends on the others.
+    pub(crate) fn solve(&self) -> Option<[f64; K]> {
+        let mut x = self.rhs;
+        for i in (0..K).rev() {
+            for j in i + 1..K {
+                x[i] -= self.r[i][j] * x[j];
+            }
+            x[i] /= self.r[i][i];
+        }
+        x.iter().all(|v| v.is_finite()).then_some(x)
+    }
+
+    /// `inv(JᵀJ) = R⁻¹ R⁻ᵀ`; None if it does not exist.
+    pub(crate) fn inverse_gram(&self) -> Option<Square<K>> {
+        // R⁻¹, column by column by back substitution.
+        let mut inverse = [[0.0; K]; K];
+        for column in 0..K {
+            for i in (0..=column).rev() {
+                let mut sum = if i == column { 1.0 } else { 0.0 };
+                for j in i + 1..=column {
+                    sum -= self.r[i][j] * inverse[j][column];
+                }
+                inverse[i][column] = sum / self.r[i][i];
+            }
+        }
+        let mut gram = [[0.0; K]; K];
+        for i in 0..K {
+            for j in 0..=i {
+                let mut sum = 0.0;
+                for k in i..K {
+                    sum += inverse[i][k] * inverse[j][k];
+                }
+                gram[i][j] = sum;
+                gram[j][i] = sum;
+            }
+        }
+        all_finite(&gram).then_some(gram)
+    }
+}
+
+impl Qr<3> {
+    /// Singular values and right singular vectors of the matrix whose rows
+    /// were added.
+    pub(crate) fn svd(&self) -> Svd3 {
+        Svd3::new(&self.r)
+    }
+}
+
+/// Singular value decomposition `A = U S Vᵀ` of a 3x3 matrix.
+pub(crate) struct Svd3 {
+    /// Left singular vectors; only the first two, since the third is their
+    /// product up to sign and may be undefined.
+    pub(crate) left: [Vector3<f64>; 2],
+    /// Singular values, largest first.
+    pub(crate) values: [f64; 3],
+    /// Right singular vectors, a right-handed orthonormal frame.
+    pub(crate) right: [Vector3<f64>; 3],
+}
+
+impl Svd3 {
+    /// One-sided Jacobi (Hestenes 1958): columns are rotated against each
+    /// other until they are orthogonal. Small singular values keep their
+    /// digits, which eigenvalues of `AᵀA` would lose.
+    pub(crate) fn new(a: &Square<3>) -> Self {
+        let mut w: [Vector3<f64>; 3] =
+            core::array::from_fn(|j| Vector3::new(a[0][j], a[1][j], a[2][j]));
+        let mut v: [Vector3<f64>; 3] =
+            core::array::from_fn(|j| Vector3::from_fn(|i, _| if i == j { 1.0 } else { 0.0 }));
+        // Convergence is quadratic: 3x3 matrices need four to six sweeps.
+        for _sweep in 0..30 {
+            let mut rotated = false;
+            for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+                let alpha = w[p].dot(&w[p]);
+                let beta = w[q].dot(&w[q]);
+                let gamma = w[p].dot(&w[q]);
+                if gamma == 0.0
+                    || gamma.abs() <= 0.5 * f64::EPSILON * libm::sqrt(alpha) * libm::sqrt(beta)
+                {
+                    continue;
+                }
+                rotated = true;
+                let zeta = (beta - alpha) / (2.0 * gamma);
+                let sign = if zeta >= 0.0 { 1.0 } else { -1.0 };
+                let t = sign / (zeta.abs() + libm::sqrt(1.0 + zeta * zeta));
+                let c = 1.0 / libm::sqrt(1.0 + t * t);
+                let s = c * t;
+                for columns in [&mut w, &mut v] {
+                    let (x, y) = (columns[p], columns[q]);
+                    columns[p] = x * c - y * s;
+                    columns[q] = x * s + y * c;
+                }
+            }
+            if !rotated {
+                break;
+            }
+        }
+        let mut order = [0, 1, 2];
+        let lengths = [norm(&w[0]), norm(&w[1]), norm(&w[2])];
+        for (i, j) in [(0, 1), (1, 2), (0, 1)] {
+            if lengths[order[i]] < lengths[order[j]] {
+                order.swap(i, j);
+            }
+        }
+        let column = |k: usize| unit(&w[order[k]]).unwrap_or_else(|| v[order[k]]);
+        // Rotations left V orthonormal only up to a few roundings; the frame is
+        // rebuilt so that it is right-handed and orthonormal to the last digit.
+        let right = orthonormal(&v[order[0]], &v[order[1]]);
+        Self {
+            left: [column(0), column(1)],
+            values: [lengths[order[0]], lengths[order[1]], lengths[order[2]]],
+            right,
+        }
+    }
+}
+
+/// A right-handed orthonormal frame whose first vector is along `a` and whose
+/// second lies in the plane of `a` and `b` (Gram-Schmidt).
+pub(crate) fn orthonormal(a: &Vector3<f64>, b: &Vector3<f64>) -> [Vector3<f64>; 3] {
+    let first = unit(a).unwrap_or_else(|| Vector3::new(1.0, 0.0, 0.0));
+    let second = unit(&(b - first * first.dot(b))).unwrap_or_else(|| perpendicular_frame(&first).0);
+    // A second projection removes what the first left when a and b are close.
+    let second = unit(&(second - first * first.dot(&second))).unwrap_or(second);
+    [first, second, first.cross(&second)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn singular_values_of_a_nearly_singular_matrix_keep_their_digits() {
+        // A = D Q with Q a rotation: singular values are the diagonal of D.
+        let (c, s) = (0.6, 0.8);
+        let d = [3.0, 1e-6, 1e-12];
+        let a = [
+            [d[0] * c, d[0] * s, 0.0],
+            [-d[1] * s, d[1] * c, 0.0],
+            [0.0, 0.0, d[2]],
+        ];
+        let svd = Svd3::new(&a);
+        for (value, wanted) in svd.values.iter().zip(d) {
+            assert!((value - wanted).abs() <= 1e-15 * wanted, "{value} {wanted}");
+        }
+    }
+
+    #[test]
+    fn svd_of_a_singular_matrix_has_a_right_handed_frame() {
+        let svd = Svd3::new(&[[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [1.0, 0.0, 1.0]]);
+        let [a, b, c] = svd.right;
+        assert!((a.cross(&b) - c).amax() < 1e-15);
+        assert!(svd.values[2] < 1e-15 * svd.values[0]);
+    }
+
+    #[test]
+    fn qr_solves_and_inverts_like_the_exact_answer() {
+        let mut qr = Qr::<2>::new();
+        // Straight line through (0,1), (1,3), (2,5), (3,7): 1 + 2 t.
+        for t in 0..4 {
+            let t = f64::from(t);
+            qr.add([1.0, t], 1.0 + 2.0 * t);
+        }
+        let x = qr.solve().unwrap();
+        assert!((x[0] - 1.0).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14);
+        // JᵀJ = [[4, 6], [6, 14]], inverse = [[14, -6], [-6, 4]] / 20.
+        let gram = qr.inverse_gram().unwrap();
+        assert!((gram[0][0] - 0.7).abs() < 1e-15);
+        assert!((gram[0][1] + 0.3).abs() < 1e-15);
+        assert!((gram[1][1] - 0.2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn cholesky_refuses_what_is_not_positive_definite() {
+        assert!(Cholesky::new(&[[1.0, 2.0], [2.0, 1.0]]).is_none());
+        assert!(Cholesky::new(&[[1.0, 1.0], [1.0, 1.0]]).is_none());
+        assert!(Cholesky::new(&[[f64::NAN, 0.0], [0.0, 1.0]]).is_none());
+        let x = Cholesky::new(&[[4.0, 2.0], [2.0, 3.0]])
+            .unwrap()
+            .solve(&[8.0, 8.0]);
+        assert!((x[0] - 1.0).abs() < 1e-15 && (x[1] - 2.0).abs() < 1e-15);
+    }
+}
