@@ -71,7 +71,7 @@ fn firmware(house: &House) -> Result<String> {
     if toolchain::installed(house).is_none() {
         install(house, &toolchain::DEBIAN_PACKAGES)?;
     }
-    toolchain::choose(house).map(|toolchain| toolchain.to_string())
+    toolchain::choose(house, None).map(|toolchain| toolchain.to_string())
 }
 
 fn fuzzing(house: &House) -> Result<String> {

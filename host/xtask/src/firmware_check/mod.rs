@@ -44,10 +44,7 @@ const MEASURED: (&str, &str) = (TARGETS[0], "cortex-m7");
 
 /// Checks, with the compiler that the arguments ask for.
 pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
-    let toolchain = match arguments.toolchain {
-        Some(toolchain) => toolchain,
-        None => toolchain::choose(house)?,
-    };
+    let toolchain = toolchain::choose(house, arguments.toolchain)?;
     let image = check(house, toolchain)?;
     if arguments.panics {
         for (function, calls) in &image.panics {

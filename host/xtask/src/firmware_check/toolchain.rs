@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result};
 
 use crate::house::{House, find_program, output};
 
@@ -41,17 +41,21 @@ impl fmt::Display for Toolchain {
     }
 }
 
-/// The compiler for firmware that is there, or what to type to get one.
-pub fn choose(house: &House) -> Result<Toolchain> {
-    match installed(house) {
-        Some(toolchain) => Ok(toolchain),
-        None => bail!(
-            "no compiler for {}; type `rustup target add {}`, or on Debian `sudo apt-get install {}`",
-            TARGETS.join(" and "),
-            TARGETS.join(" "),
-            DEBIAN_PACKAGES.join(" ")
-        ),
-    }
+/// The compiler for firmware that is there, of this kind if one is asked for, or what to type
+/// to get one.
+pub fn choose(house: &House, asked: Option<Toolchain>) -> Result<Toolchain> {
+    let found = match asked {
+        Some(toolchain) => toolchain.is_installed(house).then_some(toolchain),
+        None => installed(house),
+    };
+    let rustup = format!("`rustup target add {}`", TARGETS.join(" "));
+    let debian = format!("on Debian `apt-get install {}`", DEBIAN_PACKAGES.join(" "));
+    let remedy = match asked {
+        Some(Toolchain::Rustup) => rustup,
+        Some(Toolchain::Debian) => debian,
+        None => format!("{rustup}, or {debian}"),
+    };
+    found.with_context(|| format!("no compiler for {}; type {remedy}", TARGETS.join(" and ")))
 }
 
 /// The compiler for firmware that is there, if one is.
