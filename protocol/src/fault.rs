@@ -4,6 +4,7 @@
 use core::fmt;
 
 use heapless::String;
+use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::pattern::Coding;
@@ -15,7 +16,8 @@ pub const MAX_EXCERPT: usize = 40;
 pub type Excerpt = String<MAX_EXCERPT, u8>;
 
 /// Something was lost, damaged, doubtful or not understood.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 pub struct Fault {
     /// What is wrong, with its figures.
     pub kind: FaultKind,
@@ -53,7 +55,8 @@ impl fmt::Display for Fault {
 }
 
 /// What is wrong, with its figures. Positions count characters from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 pub enum FaultKind {
     /// Characters with wrong parity.
     BadParity {
@@ -181,7 +184,8 @@ pub enum FaultKind {
 }
 
 /// What is wrong with a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 pub enum NumberIssue {
     /// Another number of decimals than the format prints: digits were lost.
     Decimals {
@@ -210,7 +214,8 @@ pub enum NumberIssue {
 }
 
 /// What ended a block of points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 pub enum BlockEndCause {
     /// As many points came as were announced.
     Count,
@@ -243,7 +248,8 @@ impl fmt::Display for BlockEndCause {
 }
 
 /// The name of a fault, the same in every version.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultCode {
     /// [`FaultKind::BadParity`]
@@ -509,7 +515,8 @@ impl fmt::Display for FaultKind {
 
 /// Everything that the receiver counts since it was started. Counters stop at
 /// their largest value, they do not wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 pub struct Counters {
     /// Bytes received.
     pub bytes: u64,

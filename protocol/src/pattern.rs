@@ -19,6 +19,7 @@
 use core::fmt;
 
 use heapless::{String, Vec};
+use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Patterns that may be active at once.
@@ -36,7 +37,8 @@ pub const MAX_DIGITS: u8 = 15;
 pub type Word = String<MAX_WORD, u8>;
 
 /// How the control's bytes become hits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct ReceiverConfig {
     /// The code of the characters; detected if not given.
@@ -72,7 +74,8 @@ impl Default for ReceiverConfig {
 
 /// The code of the characters on the line. The port itself always receives
 /// eight data bits without parity; parity is checked and removed in software.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum Coding {
     /// Decided line by line from the parity of the characters, and remembered.
@@ -102,7 +105,8 @@ impl fmt::Display for Coding {
 
 /// The smallest and the largest coordinate that can be printed, per axis, in
 /// the coordinate system in which the macro prints.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct Travel {
     /// X: smallest, largest.
@@ -122,7 +126,8 @@ impl Travel {
 }
 
 /// The format of the coordinates as the macro's `[cd]` declares it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct FieldFormat {
     /// Digits before the point, at most (`c`).
@@ -157,7 +162,8 @@ impl Default for FieldFormat {
 }
 
 /// What a control does with a value that has more integer digits than declared.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum Overflow {
     /// It prints the low digits only, without a word (Fanuc, Brother).
@@ -168,7 +174,8 @@ pub enum Overflow {
 }
 
 /// One kind of line (or group of lines) that carries points.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum LinePattern {
     /// A block of points under a header, as the sphere routine of the thesis
@@ -211,7 +218,8 @@ pub enum LinePattern {
 /// ```
 ///
 /// The separators may be blank or missing: header and count decide.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct BlockPattern {
     /// A header is a line of one of these words, or one of them followed by a
@@ -245,7 +253,8 @@ impl Default for BlockPattern {
 /// ```text
 /// POINT: -135.5105 -136.3415 72.0620
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct PointLinePattern {
     /// The label at the start of the line.
@@ -271,7 +280,8 @@ impl Default for PointLinePattern {
 /// 1,-113.4560, -101.2340
 /// 2,-112.8760, -103.1160
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RingCsvPattern {
     /// Name of the feature that the table describes.
@@ -304,7 +314,8 @@ impl Default for RingCsvPattern {
 /// ```
 ///
 /// is read with `prefix = "G801"`, `ignored = "R"`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LabelledWordsPattern {
     /// What the line begins with, before the words; may be empty.
@@ -337,7 +348,8 @@ impl Default for LabelledWordsPattern {
 /// ```
 ///
 /// The formula and the macro are with the receiver (`umi_core::dprnt::checked`).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct CheckedPattern {
     /// Format of the coordinates.
@@ -371,7 +383,8 @@ impl Default for CheckedPattern {
 /// ```
 ///
 /// reads `PT 3 X=- 12.500 Y= 7.250 Z=0.000`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct TemplatePattern {
     /// The text with its fields.

@@ -1,0 +1,329 @@
+//! The job: which features a part program probes, what they should be, the
+//! limits that decide the verdict, and the correction that is wanted.
+//!
+//! A job is data. It is written as TOML, checked by `umi job check`, sent over
+//! the link and kept in the journal; [`crate::pattern::ReceiverConfig`] says
+//! how the control's lines look.
+
+use heapless::{String, Vec};
+use postcard_derive::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::pattern::ReceiverConfig;
+
+/// Features in a job, at most.
+pub const MAX_FEATURES: usize = 12;
+/// Features whose position takes part in the registration, at most.
+pub const MAX_DATUMS: usize = 8;
+/// Hits on one feature, at most.
+pub const MAX_HITS: usize = 64;
+/// Characters in a feature's or job's name, at most.
+pub const MAX_NAME: usize = 16;
+
+/// The name of a job or of a feature, as the control prints it.
+pub type Name = String<MAX_NAME, u8>;
+
+/// What is probed, how it is judged and what is sent back.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// Stands in every verdict and in the correction program's comments.
+    pub name: Name,
+    /// Where the nominal positions come from.
+    pub reference: Reference,
+    /// An unfinished plate is given up (NG) after this long without a hit, seconds.
+    pub plate_timeout_s: u32,
+    /// How the control's bytes become hits.
+    pub receiver: ReceiverConfig,
+    /// The features in the order in which the program probes them.
+    pub features: Vec<FeatureSpec, MAX_FEATURES, u8>,
+    /// Tip radius and pretravel: done by the macro, or here.
+    pub compensation: Compensation,
+    /// What an OK verdict must keep.
+    pub limits: Limits,
+    /// The correction wanted; without it the job only measures.
+    pub correction: Option<CorrectionSpec>,
+}
+
+/// Where the nominal positions come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// From the job: every datum feature has a `position_mm`.
+    Given,
+    /// The first plate that keeps all limits becomes the reference for those
+    /// that follow, as case 0 of the thesis (Sawula 2013, section 4.3).
+    Taught,
+}
+
+/// One feature of the part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct FeatureSpec {
+    /// The name that the control prints, or any name where it prints none.
+    pub name: Name,
+    /// The number that a checked line carries as feature id.
+    #[serde(default)]
+    pub id: Option<u16>,
+    /// The geometry fitted to the hits.
+    pub kind: FeatureKind,
+    /// Hits that make the feature complete; fewer or more are refused.
+    pub hits: u16,
+    /// Nominal position: centre (sphere, circle) or apex (cone), CAD frame.
+    #[serde(default)]
+    pub position_mm: Option<[f64; 3]>,
+    /// Nominal radius of a sphere, circle or cylinder.
+    #[serde(default)]
+    pub radius_mm: Option<f64>,
+    /// Direction of motion at each hit, in the order of the hits. Needed for
+    /// compensation on the board where the lines do not carry it, and for the
+    /// approach check. Empty: not known.
+    #[serde(default)]
+    pub approach: Vec<Approach, MAX_HITS, u8>,
+    /// Whether its position takes part in the registration (spheres, circles
+    /// and cones; other kinds have no position).
+    #[serde(default = "yes")]
+    pub datum: bool,
+}
+
+const fn yes() -> bool {
+    true
+}
+
+/// The geometry fitted to a feature's hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureKind {
+    /// Centre and radius.
+    Sphere,
+    /// Point, normal.
+    Plane,
+    /// Point, direction.
+    Line,
+    /// Circle in space: plane first, then the circle in it.
+    Circle,
+    /// Axis and radius.
+    Cylinder,
+    /// Apex, axis and half angle.
+    Cone,
+}
+
+impl FeatureKind {
+    /// Whether the fit gives one point that can serve as a datum position.
+    #[must_use]
+    pub const fn has_position(self) -> bool {
+        matches!(self, Self::Sphere | Self::Circle | Self::Cone)
+    }
+
+    /// Whether the fit gives a radius.
+    #[must_use]
+    pub const fn has_radius(self) -> bool {
+        matches!(self, Self::Sphere | Self::Circle | Self::Cylinder)
+    }
+
+    /// Hits that the fit needs at least.
+    #[must_use]
+    pub const fn min_hits(self) -> u16 {
+        match self {
+            Self::Line => 2,
+            Self::Plane | Self::Circle => 3,
+            Self::Sphere => 4,
+            Self::Cylinder => 5,
+            Self::Cone => 6,
+        }
+    }
+}
+
+/// Direction of motion when the probe touched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum Approach {
+    /// Moving towards larger X.
+    #[serde(rename = "+x")]
+    PlusX,
+    /// Moving towards smaller X.
+    #[serde(rename = "-x")]
+    MinusX,
+    /// Moving towards larger Y.
+    #[serde(rename = "+y")]
+    PlusY,
+    /// Moving towards smaller Y.
+    #[serde(rename = "-y")]
+    MinusY,
+    /// Moving towards larger Z.
+    #[serde(rename = "+z")]
+    PlusZ,
+    /// Moving towards smaller Z.
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+impl Approach {
+    /// The axis (0 X, 1 Y, 2 Z) and the sign of the motion.
+    #[must_use]
+    pub const fn axis_and_sign(self) -> (usize, f64) {
+        match self {
+            Self::PlusX => (0, 1.0),
+            Self::MinusX => (0, -1.0),
+            Self::PlusY => (1, 1.0),
+            Self::MinusY => (1, -1.0),
+            Self::PlusZ => (2, 1.0),
+            Self::MinusZ => (2, -1.0),
+        }
+    }
+}
+
+/// Who turns a skip position into a contact point.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Compensation {
+    /// The macro has added tip radius and pretravel: the lines hold contact points.
+    InMacro,
+    /// The lines hold skip positions of the tip centre; the board adds
+    /// `tip radius - pretravel` along the approach.
+    OnBoard {
+        /// Radius of the stylus tip.
+        tip_radius_mm: f64,
+        /// Pretravel along X, Y and Z (ISO 230-10: the travel between contact
+        /// and the trigger), not negative.
+        pretravel_mm: [f64; 3],
+    },
+}
+
+/// What an OK verdict must keep. All limits apply to absolute values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Fitted against nominal radius, where the job gives one.
+    pub radius_error_mm: f64,
+    /// Rms of a feature's residuals.
+    pub rms_mm: f64,
+    /// Largest angle between a hit's surface normal and its approach. Shows
+    /// what residuals cannot: a wrong single Z hit of a five-point block moves
+    /// the centre and leaves no residual. Not checked where absent.
+    #[serde(default)]
+    pub approach_deg: Option<f64>,
+    /// Distance between two datum positions against the reference.
+    pub distance_error_mm: f64,
+    /// Rms of the registration's residuals.
+    pub registration_rms_mm: f64,
+    /// Rotation about Z.
+    pub rotation_deg: f64,
+    /// Tilt of the Z axis.
+    pub tilt_deg: f64,
+    /// Displacement of the datum features' centroid, per axis.
+    pub shift_mm: [f64; 3],
+    /// Expected error (one standard deviation, from the registration's
+    /// covariance) at the worst corner of the part. Not checked where absent.
+    #[serde(default)]
+    pub expected_error_mm: Option<f64>,
+}
+
+/// The correction wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct CorrectionSpec {
+    /// The words that the control understands.
+    pub dialect: Dialect,
+    /// The work offset that was active while probing.
+    pub probed_in: WorkOffset,
+    /// That offset's values, machine coordinates.
+    pub probed_origin_mm: [f64; 3],
+    /// The work offset that the correction writes.
+    pub write_to: WorkOffset,
+    /// O-number of the correction program, 1 to 9999.
+    pub program_number: u16,
+    /// How the correction program ends.
+    pub ends_with: ProgramEnd,
+    /// Corner of the part with the smallest coordinates, CAD frame.
+    pub part_min_mm: [f64; 3],
+    /// Corner of the part with the largest coordinates, CAD frame.
+    pub part_max_mm: [f64; 3],
+    /// What the correction may leave at the part's corners: the tilt that the
+    /// dialect cannot express, and its rounding.
+    pub leftover_mm: f64,
+    /// When the program goes out to the control.
+    pub send: SendWhen,
+}
+
+/// The words that a control understands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "kebab-case")]
+pub enum Dialect {
+    /// `G10 L2 P` for the offset and `G68 X Y R` for the rotation in the plane.
+    G10G68,
+}
+
+impl Dialect {
+    /// The name used in files and on screens.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::G10G68 => "g10-g68",
+        }
+    }
+}
+
+/// A work offset G54 to G59.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum WorkOffset {
+    /// `G10 L2 P1`
+    G54,
+    /// `G10 L2 P2`
+    G55,
+    /// `G10 L2 P3`
+    G56,
+    /// `G10 L2 P4`
+    G57,
+    /// `G10 L2 P5`
+    G58,
+    /// `G10 L2 P6`
+    G59,
+}
+
+impl WorkOffset {
+    /// The P number of `G10 L2`, 1 for G54.
+    #[must_use]
+    pub const fn p_number(self) -> u8 {
+        match self {
+            Self::G54 => 1,
+            Self::G55 => 2,
+            Self::G56 => 3,
+            Self::G57 => 4,
+            Self::G58 => 5,
+            Self::G59 => 6,
+        }
+    }
+}
+
+/// How the correction program ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum ProgramEnd {
+    /// As a subprogram: back to the caller.
+    M99,
+    /// As a main program.
+    M30,
+}
+
+/// When the correction program goes out to the control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum SendWhen {
+    /// When the control asks: READ sends DC1 (XON).
+    OnRequest,
+    /// As soon as the verdict is OK.
+    OnVerdict,
+    /// Never over the serial line; only shown on the link.
+    Never,
+}

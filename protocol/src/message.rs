@@ -1,0 +1,301 @@
+//! The link between board and host: what the host may ask, what the board
+//! answers, and what it reports unasked. This page is the protocol;
+//! [`crate::frame`] says how a message becomes bytes.
+//!
+//! | request | answer | what it does |
+//! | --- | --- | --- |
+//! | `IdentityGet` | `Identity` | who the board is |
+//! | `StatusGet` | `Status` | what it does, what it has counted |
+//! | `JobGet` | `Job` | the job in force |
+//! | `JobCheck` | `Done` or `JobRefused` | checks a job, changes nothing |
+//! | `JobSet` | `Done` or `JobRefused` | replaces the job; forgets the taught reference |
+//! | `LiveSet` | `Done` | switches the unasked reports on or off |
+//! | `FeatureGet` | `Feature` | latest result of one feature of the job |
+//! | `VerdictGet` | `Verdict` | latest verdict, with its correction |
+//! | `JournalInfo` | `JournalInfo` | first and next sequence number, chain head |
+//! | `JournalRead` | `JournalEntry` | one entry by sequence number |
+
+use heapless::Vec;
+use postcard_derive::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::fault::{Counters, Fault};
+use crate::feature::FeatureResult;
+use crate::job::{Job, MAX_DATUMS, Name};
+use crate::line::{HitReport, LineReport};
+use crate::refusal::JobError;
+use crate::verdict::Verdict;
+
+/// Raw bytes in one [`Record::Bytes`], at most.
+pub const MAX_BYTES: usize = 256;
+/// Bytes of one encoded [`Record`], at most.
+pub const MAX_RECORD: usize = 4608;
+
+/// What the host may ask.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+pub enum Request {
+    /// Who are you?
+    IdentityGet,
+    /// What are you doing?
+    StatusGet,
+    /// Which job is in force?
+    JobGet,
+    /// Would you take this job?
+    JobCheck(Job),
+    /// Take this job.
+    JobSet(Job),
+    /// Report events unasked, or stop.
+    LiveSet {
+        /// True: report.
+        on: bool,
+    },
+    /// The latest result of a feature.
+    FeatureGet {
+        /// Its place in the job, from 0.
+        feature: u8,
+    },
+    /// The latest verdict.
+    VerdictGet,
+    /// What the journal holds.
+    JournalInfo,
+    /// One entry of the journal.
+    JournalRead {
+        /// Its sequence number.
+        seq: u64,
+    },
+}
+
+/// What the board answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+pub enum Response {
+    /// Done.
+    Done,
+    /// To `IdentityGet`.
+    Identity(Identity),
+    /// To `StatusGet`.
+    Status(Status),
+    /// To `JobGet`.
+    Job {
+        /// None: no job has been set.
+        job: Option<Job>,
+        /// The taught reference positions, in the order of the job's datum features.
+        taught_mm: Option<Vec<[f64; 3], MAX_DATUMS>>,
+    },
+    /// The job cannot be used.
+    JobRefused(JobError),
+    /// To `FeatureGet`.
+    Feature(Option<FeatureResult>),
+    /// To `VerdictGet`.
+    Verdict(Option<Verdict>),
+    /// To `JournalInfo`.
+    JournalInfo(JournalInfo),
+    /// To `JournalRead`: the entry as stored, with its check and chain values.
+    JournalEntry {
+        /// Its sequence number.
+        seq: u64,
+        /// The stored bytes.
+        raw: Vec<u8, MAX_ENTRY>,
+    },
+    /// That entry is not there any more, or not yet.
+    JournalNoEntry(JournalInfo),
+    /// The journal's storage failed.
+    StorageFailed,
+}
+
+/// Bytes of one stored journal entry, at most: a record and its frame.
+pub const MAX_ENTRY: usize = MAX_RECORD + 64;
+
+/// What the board reports unasked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+pub enum Event {
+    /// A line from the control.
+    Line(LineReport),
+    /// A hit as the control reported it.
+    Hit(HitReport),
+    /// An entry that went into the journal.
+    Record {
+        /// Its sequence number.
+        seq: u64,
+        /// When.
+        t_us: u64,
+        /// What.
+        record: Record,
+    },
+    /// Events were dropped because the host did not read; the journal has the records.
+    Dropped {
+        /// How many.
+        count: u32,
+    },
+}
+
+/// One entry of the journal: everything that goes into the brain and
+/// everything that it decides. Feeding the inputs to the brain again gives the
+/// same decisions, bit for bit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+pub enum Record {
+    // --- inputs
+    /// The board started; the brain is empty.
+    Boot {
+        /// The firmware that runs.
+        identity: Identity,
+    },
+    /// The journal was opened after a power cut that tore its last entry.
+    Recovered {
+        /// Bytes of the torn entry, given up.
+        torn_bytes: u32,
+    },
+    /// A job was set, or restored at start.
+    JobSet(Job),
+    /// A reference was restored at start.
+    ReferenceRestored {
+        /// Datum positions in the order of the job's datum features.
+        positions_mm: Vec<[f64; 3], MAX_DATUMS>,
+    },
+    /// Bytes from the control.
+    Bytes {
+        /// As received, parity bit included.
+        raw: Vec<u8, MAX_BYTES>,
+    },
+    /// Bytes from the control were lost before the receiver.
+    BytesLost {
+        /// How many.
+        count: u32,
+    },
+    /// Time was told to the brain (a time-out became due).
+    Time,
+    /// The input ended (a captured file; never on a machine).
+    InputEnd,
+
+    // --- decisions
+    /// Something was lost, damaged or not understood.
+    Fault(Fault),
+    /// A feature was fitted or refused.
+    Feature(FeatureResult),
+    /// A plate was judged.
+    Verdict(Verdict),
+    /// A plate became the reference.
+    Taught {
+        /// Datum positions in the order of the job's datum features.
+        positions_mm: Vec<[f64; 3], MAX_DATUMS>,
+    },
+
+    // --- deeds
+    /// A correction program went out to the control.
+    CorrectionSent {
+        /// Of this plate.
+        plate: u32,
+        /// Bytes sent.
+        bytes: u32,
+        /// False: the control stopped it or the line broke before its end.
+        complete: bool,
+    },
+    /// A latch captured the axes.
+    Latch(LatchReport),
+}
+
+impl Record {
+    /// The kind number stored with a journal entry. Never reused, never renumbered.
+    #[must_use]
+    pub const fn kind(&self) -> u8 {
+        match self {
+            Self::Boot { .. } => 0,
+            Self::Recovered { .. } => 1,
+            Self::JobSet(_) => 2,
+            Self::ReferenceRestored { .. } => 3,
+            Self::Bytes { .. } => 4,
+            Self::BytesLost { .. } => 5,
+            Self::Time => 6,
+            Self::InputEnd => 7,
+            Self::Fault(_) => 8,
+            Self::Feature(_) => 9,
+            Self::Verdict(_) => 10,
+            Self::Taught { .. } => 11,
+            Self::CorrectionSent { .. } => 12,
+            Self::Latch(_) => 13,
+        }
+    }
+}
+
+/// Who the board is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Identity {
+    /// The kind of board, as "virtual" or "pico".
+    pub board: Name,
+    /// Serial number.
+    pub serial: Name,
+    /// Firmware version, as "0.1.0".
+    pub firmware: Name,
+}
+
+/// What the board does and what it has counted since it started.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Status {
+    /// Time since start.
+    pub uptime_us: u64,
+    /// The job in force.
+    pub job: Option<Name>,
+    /// Whether a reference has been taught or given.
+    pub has_reference: bool,
+    /// Verdicts reached.
+    pub verdicts: u32,
+    /// Of these, OK.
+    pub verdicts_ok: u32,
+    /// The latest verdict's plate and result.
+    pub last_verdict_ok: Option<bool>,
+    /// A correction waits for the control to ask for it.
+    pub correction_waiting: bool,
+    /// The receiver's counters.
+    pub counters: Counters,
+    /// Events dropped because the host did not read them.
+    pub events_dropped: u32,
+    /// Entries that the journal's storage refused.
+    pub journal_failures: u32,
+}
+
+/// What the journal holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct JournalInfo {
+    /// The oldest entry that is still there.
+    pub first_seq: u64,
+    /// The number that the next entry will get.
+    pub next_seq: u64,
+}
+
+/// Axes and clock captured at one edge.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct LatchReport {
+    /// Counts latches of this cause, from 0.
+    pub number: u32,
+    /// What caused it.
+    pub cause: LatchCause,
+    /// Encoder counts of the axes at the edge.
+    pub counts: Vec<i64, 6>,
+    /// The board's clock at the edge.
+    pub t_us: u64,
+    /// Edges that came before this one could be read, and are lost.
+    pub missed: u32,
+}
+
+/// What caused a latch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum LatchCause {
+    /// The probe's skip signal.
+    Skip,
+    /// A scanner's trigger.
+    Trigger,
+    /// Asked for by software.
+    Software,
+}
