@@ -24,12 +24,13 @@ use crate::feature::FeatureResult;
 use crate::job::{Job, MAX_DATUMS, Name};
 use crate::line::{HitReport, LineReport};
 use crate::refusal::JobError;
+use crate::schema::max_len;
 use crate::verdict::Verdict;
 
 /// Raw bytes in one [`Record::Bytes`], at most.
 pub const MAX_BYTES: usize = 256;
 /// Bytes of one encoded [`Record`], at most.
-pub const MAX_RECORD: usize = 4608;
+pub const MAX_RECORD: usize = max_len::<Record>();
 
 /// What the host may ask.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]

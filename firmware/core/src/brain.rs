@@ -1,0 +1,166 @@
+//! The brain: receiver and job joined. Bytes and time in, records out.
+//!
+//! ```text
+//! bytes ─► dprnt::Receiver ─► lines, hits, blocks, faults ─► job::Run ─► features, verdicts
+//! ```
+//!
+//! Everything that the brain decides follows from the sequence of calls and
+//! their times alone. A journal that holds the calls can be replayed to the
+//! same decisions, bit for bit.
+
+use umi_protocol::fault::{Counters, Fault};
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::Job;
+use umi_protocol::line::{HitReport, LineReport};
+use umi_protocol::refusal::JobError;
+use umi_protocol::verdict::Verdict;
+
+use crate::dprnt::{Item, Line, Receiver, ReportedHit};
+use crate::job::{self, Decision, Run};
+use crate::units::{Micros, Point};
+
+/// What comes out, in the order in which it happened.
+#[derive(Clone, Copy, Debug)]
+pub enum Output<'a> {
+    /// A line from the control.
+    Line(&'a LineReport),
+    /// A hit as the control reported it.
+    Hit(&'a HitReport),
+    /// Something was lost, damaged, doubtful or not understood.
+    Fault(&'a Fault),
+    /// A feature was fitted or refused.
+    Feature(&'a FeatureResult),
+    /// A plate was judged.
+    Verdict(&'a Verdict),
+    /// A plate became the reference: positions of the datum features.
+    Taught(&'a [Point]),
+}
+
+/// Receiver and job joined.
+#[derive(Debug)]
+pub struct Brain {
+    receiver: Receiver,
+    run: Run,
+}
+
+impl Brain {
+    /// Begins a job.
+    ///
+    /// # Errors
+    /// Why the job cannot be used.
+    pub fn new(job: Job) -> Result<Self, JobError> {
+        job::check(&job)?;
+        Ok(Self {
+            receiver: Receiver::new(&job.receiver),
+            run: Run::new(job),
+        })
+    }
+
+    /// The job under way.
+    #[must_use]
+    pub fn run(&self) -> &Run {
+        &self.run
+    }
+
+    /// Puts back a reference that was taught before a restart.
+    pub fn restore_reference(&mut self, positions: &[Point]) {
+        self.run.restore_reference(positions);
+    }
+
+    /// What the receiver has counted.
+    #[must_use]
+    pub fn counters(&self) -> &Counters {
+        self.receiver.counters()
+    }
+
+    /// Bytes came from the control; `now` is when the last of them came.
+    pub fn bytes(&mut self, now: Micros, bytes: &[u8], out: &mut dyn FnMut(Output<'_>)) {
+        let Self { receiver, run } = self;
+        for byte in bytes {
+            receiver.push(*byte, now, &mut |item| pass(run, &item, now, out));
+        }
+    }
+
+    /// Bytes from the control were lost before they could be given to [`Self::bytes`].
+    pub fn bytes_lost(&mut self, now: Micros, count: u32, out: &mut dyn FnMut(Output<'_>)) {
+        let Self { receiver, run } = self;
+        receiver.lost(count, now, &mut |item| pass(run, &item, now, out));
+    }
+
+    /// When [`Self::on_time`] is due.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Micros> {
+        match (self.receiver.deadline(), self.run.deadline()) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        }
+    }
+
+    /// Time passed: gives up what has waited too long.
+    pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+        let Self { receiver, run } = self;
+        receiver.on_time(now, &mut |item| pass(run, &item, now, out));
+        run.on_time(now, &mut |decision| out(decision.into()));
+    }
+
+    /// The input ended (a captured file; never on a machine).
+    pub fn input_ended(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+        let Self { receiver, run } = self;
+        receiver.finish(now, &mut |item| pass(run, &item, now, out));
+        run.input_ended(&mut |decision| out(decision.into()));
+    }
+}
+
+/// One item of the receiver: shown, and given to the job.
+fn pass(run: &mut Run, item: &Item<'_>, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+    match item {
+        Item::Line(line) => out(Output::Line(&line_report(line))),
+        Item::Hit(hit) => {
+            out(Output::Hit(&hit_report(hit)));
+            run.hit(hit, now, &mut |decision| out(decision.into()));
+        }
+        Item::BlockStart(start) => {
+            run.block_start(&start.name, now, &mut |decision| out(decision.into()));
+        }
+        Item::BlockEnd(end) => run.block_end(end, now, &mut |decision| out(decision.into())),
+        Item::Fault(fault) => {
+            out(Output::Fault(fault));
+            run.fault(&fault.kind);
+        }
+    }
+}
+
+impl<'a> From<Decision<'a>> for Output<'a> {
+    fn from(decision: Decision<'a>) -> Self {
+        match decision {
+            Decision::Feature(feature) => Self::Feature(feature),
+            Decision::Verdict(verdict) => Self::Verdict(verdict),
+            Decision::Taught(positions) => Self::Taught(positions),
+        }
+    }
+}
+
+fn line_report(line: &Line<'_>) -> LineReport {
+    LineReport {
+        number: line.number,
+        byte_offset: line.byte_offset,
+        t_us: line.last.0,
+        status: line.status,
+        text: line
+            .text
+            .chars()
+            .take(umi_protocol::line::MAX_LINE_TEXT)
+            .collect(),
+    }
+}
+
+fn hit_report(hit: &ReportedHit) -> HitReport {
+    HitReport {
+        line: hit.line,
+        t_us: hit.last.0,
+        feature: hit.feature.clone(),
+        position_mm: hit.position.to_array_mm(),
+        approach: hit.approach,
+        feed_mm_per_min: hit.feed_mm_per_min,
+    }
+}

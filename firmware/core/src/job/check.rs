@@ -1,0 +1,217 @@
+//! Whether a job can be used: everything that could surprise later is refused
+//! here, by the name of its field.
+
+use umi_protocol::job::{
+    Compensation, CorrectionSpec, FeatureSpec, Job, Limits, MAX_DATUMS, MAX_HITS, Name, Reference,
+};
+use umi_protocol::refusal::{Field, JobError};
+
+use crate::registration;
+use crate::units::Point;
+
+/// Checks a job.
+///
+/// # Errors
+/// The first fault found, in the order of the file.
+pub fn check(job: &Job) -> Result<(), JobError> {
+    if !is_printable(&job.name) {
+        return Err(JobError::BadName);
+    }
+    if job.plate_timeout_s == 0 {
+        return Err(bad(Field::PlateTimeoutS, None, 0.0));
+    }
+    crate::dprnt::check_config(&job.receiver).map_err(|refusal| match refusal {
+        crate::dprnt::ConfigError::NoPatterns => JobError::NoPatterns,
+        _ => bad(Field::Receiver, None, f64::NAN),
+    })?;
+    if job.features.is_empty() {
+        return Err(JobError::NoFeatures);
+    }
+    for (number, feature) in (1u8..).zip(&job.features) {
+        check_feature(job, number, feature)?;
+    }
+    for (at, one) in job.features.iter().enumerate() {
+        for other in job.features.iter().skip(at + 1) {
+            if one.name == other.name || (one.id.is_some() && one.id == other.id) {
+                return Err(JobError::DuplicateFeature {
+                    name: other.name.clone(),
+                });
+            }
+        }
+    }
+    check_compensation(job.compensation)?;
+    check_limits(&job.limits)?;
+    let datums = datums(job).count();
+    if datums > MAX_DATUMS {
+        return Err(JobError::TooManyDatums {
+            got: narrow(datums),
+            most: narrow(MAX_DATUMS),
+        });
+    }
+    if job.correction.is_some() && datums < 3 {
+        return Err(JobError::TooFewDatums {
+            got: narrow(datums),
+        });
+    }
+    if datums >= 3 && job.reference == Reference::Given {
+        check_reference(job)?;
+    }
+    job.correction.as_ref().map_or(Ok(()), check_correction)
+}
+
+/// The features whose position takes part in the registration, with their
+/// place in the job.
+pub fn datums(job: &Job) -> impl Iterator<Item = (usize, &FeatureSpec)> {
+    job.features
+        .iter()
+        .enumerate()
+        .filter(|(_, f)| f.datum && f.kind.has_position())
+}
+
+fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), JobError> {
+    let name = &feature.name;
+    if !is_printable(name) || name.contains(' ') {
+        return Err(JobError::BadFeatureName { feature: number });
+    }
+    let least = feature.kind.min_hits();
+    if feature.hits < least || usize::from(feature.hits) > MAX_HITS {
+        return Err(JobError::HitCount {
+            name: name.clone(),
+            hits: feature.hits,
+            least,
+            most: narrow(MAX_HITS).into(),
+        });
+    }
+    let approaches = feature.approach.len();
+    if approaches != 0 && approaches != usize::from(feature.hits) {
+        return Err(JobError::ApproachCount {
+            name: name.clone(),
+            got: narrow(approaches).into(),
+            hits: feature.hits,
+        });
+    }
+    if let Some(position) = feature.position_mm {
+        all_finite(position, Field::PositionMm, Some(name))?;
+    }
+    if let Some(radius) = feature.radius_mm {
+        positive(radius, Field::RadiusMm, Some(name))?;
+    }
+    let is_datum = feature.datum && feature.kind.has_position();
+    if job.reference == Reference::Given && is_datum && feature.position_mm.is_none() {
+        return Err(JobError::Missing {
+            field: Field::PositionMm,
+            feature: Some(name.clone()),
+        });
+    }
+    // A sphere without a nominal radius could be anything round: the radius is
+    // the only check that sees a wrong compensation.
+    if job.correction.is_some() && is_datum && feature.kind.has_radius() && feature.radius_mm.is_none()
+    {
+        return Err(JobError::Missing {
+            field: Field::RadiusMm,
+            feature: Some(name.clone()),
+        });
+    }
+    Ok(())
+}
+
+fn check_compensation(compensation: Compensation) -> Result<(), JobError> {
+    let Compensation::OnBoard {
+        tip_radius_mm,
+        pretravel_mm,
+    } = compensation
+    else {
+        return Ok(());
+    };
+    positive(tip_radius_mm, Field::TipRadiusMm, None)?;
+    for pretravel in pretravel_mm {
+        if !(0.0..tip_radius_mm).contains(&pretravel) {
+            return Err(bad(Field::PretravelMm, None, pretravel));
+        }
+    }
+    Ok(())
+}
+
+fn check_limits(limits: &Limits) -> Result<(), JobError> {
+    let all = [
+        (limits.radius_error_mm, Field::RadiusErrorMm),
+        (limits.rms_mm, Field::RmsMm),
+        (limits.distance_error_mm, Field::DistanceErrorMm),
+        (limits.registration_rms_mm, Field::RegistrationRmsMm),
+        (limits.rotation_deg, Field::RotationDeg),
+        (limits.tilt_deg, Field::TiltDeg),
+        (limits.approach_deg.unwrap_or(1.0), Field::ApproachDeg),
+        (limits.expected_error_mm.unwrap_or(1.0), Field::ExpectedErrorMm),
+    ];
+    for (value, field) in all {
+        positive(value, field, None)?;
+    }
+    for value in limits.shift_mm {
+        positive(value, Field::ShiftMm, None)?;
+    }
+    Ok(())
+}
+
+fn check_reference(job: &Job) -> Result<(), JobError> {
+    let mut positions = heapless::Vec::<Point, MAX_DATUMS>::new();
+    for (_, feature) in datums(job) {
+        let position = feature.position_mm.unwrap_or([f64::NAN; 3]);
+        // Bounded: the count of datums was checked.
+        let _ = positions.push(Point::from_array_mm(position));
+    }
+    registration::register(&positions, &positions)
+        .map(|_| ())
+        .map_err(|_| JobError::DegenerateReference)
+}
+
+fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
+    all_finite(spec.probed_origin_mm, Field::ProbedOriginMm, None)?;
+    if !(1..=9999).contains(&spec.program_number) {
+        let value = f64::from(spec.program_number);
+        return Err(bad(Field::ProgramNumber, None, value));
+    }
+    all_finite(spec.part_min_mm, Field::PartMinMm, None)?;
+    all_finite(spec.part_max_mm, Field::PartMaxMm, None)?;
+    for (low, high) in spec.part_min_mm.iter().zip(spec.part_max_mm) {
+        if *low > high {
+            return Err(bad(Field::PartMaxMm, None, high));
+        }
+    }
+    positive(spec.leftover_mm, Field::LeftoverMm, None)
+}
+
+/// Characters that stand safely in a program's comment and in a DPRNT line.
+fn is_printable(name: &Name) -> bool {
+    !name.is_empty()
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | ' '))
+}
+
+fn positive(value: f64, field: Field, feature: Option<&Name>) -> Result<(), JobError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(bad(field, feature, value))
+    }
+}
+
+fn all_finite(values: [f64; 3], field: Field, feature: Option<&Name>) -> Result<(), JobError> {
+    values
+        .iter()
+        .find(|v| !v.is_finite())
+        .map_or(Ok(()), |v| Err(bad(field, feature, *v)))
+}
+
+fn bad(field: Field, feature: Option<&Name>, value: f64) -> JobError {
+    JobError::BadValue {
+        field,
+        feature: feature.cloned(),
+        value,
+    }
+}
+
+/// Counts in a job are below 256 by the size of its lists.
+fn narrow(count: usize) -> u8 {
+    u8::try_from(count).unwrap_or(u8::MAX)
+}

@@ -1,0 +1,292 @@
+//! One feature: hits become contact points, a fit, and every reason against it.
+
+use heapless::Vec;
+use nalgebra::Vector3;
+use umi_protocol::feature::{FitReport, MAX_FEATURE_REASONS, Shape};
+use umi_protocol::job::{Approach, Compensation, FeatureKind, FeatureSpec, Limits, MAX_HITS};
+use umi_protocol::reason::Reason;
+
+use super::diagnose;
+use super::report::{Fitted, fit, refusal};
+use crate::units::Point;
+
+/// The reasons against one feature.
+pub type Reasons = Vec<Reason, MAX_FEATURE_REASONS>;
+
+/// A hit on its way into a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// As printed.
+    pub position: Point,
+    /// Direction of motion: the line's, else the job's.
+    pub approach: Option<Approach>,
+}
+
+/// Keeps a reason. A feature that has more reasons than there is room for is
+/// refused all the same; the first ones say why.
+pub fn add(reasons: &mut Reasons, reason: Reason) {
+    if !reasons.contains(&reason) {
+        let _ = reasons.push(reason);
+    }
+}
+
+/// Contact points of the hits. With compensation on the board the tip's centre
+/// at contact lies `pretravel` before the skip position, and the surface one
+/// tip radius ahead of it, both along the direction of motion.
+pub fn contact_points(
+    compensation: Compensation,
+    hits: &[Hit],
+    reasons: &mut Reasons,
+) -> Vec<Point, MAX_HITS> {
+    let mut points = Vec::new();
+    for (number, hit) in (1u16..).zip(hits) {
+        let point = match (compensation, hit.approach) {
+            (Compensation::InMacro, _) => Some(hit.position),
+            (
+                Compensation::OnBoard {
+                    tip_radius_mm,
+                    pretravel_mm,
+                },
+                Some(approach),
+            ) => {
+                let direction = direction(approach);
+                let pretravel = Vector3::from(pretravel_mm).dot(&direction.abs());
+                Some(Point {
+                    mm: hit.position.mm + direction * (tip_radius_mm - pretravel),
+                })
+            }
+            (Compensation::OnBoard { .. }, None) => {
+                add(reasons, Reason::NoApproach { hit: number });
+                None
+            }
+        };
+        if let Some(point) = point {
+            // Bounded: hits come from a list of the same size.
+            let _ = points.push(point);
+        }
+    }
+    points
+}
+
+/// Unit vector of an approach.
+pub fn direction(approach: Approach) -> Vector3<f64> {
+    let (axis, sign) = approach.axis_and_sign();
+    let mut direction = Vector3::zeros();
+    if let Some(component) = direction.get_mut(axis) {
+        *component = sign;
+    }
+    direction
+}
+
+/// Two hits with the same printed coordinates: a repeated line, so a missing
+/// measurement. Two real touches differ, if only in the last digit of noise;
+/// the side hits of a pattern always differ in X or Y.
+pub fn find_duplicates(hits: &[Hit], reasons: &mut Reasons) {
+    for (first, (at, one)) in (1u16..).zip(hits.iter().enumerate()) {
+        for (later, other) in (first + 1..).zip(hits.iter().skip(at + 1)) {
+            if one.position == other.position {
+                add(
+                    reasons,
+                    Reason::DuplicatePoint {
+                        first,
+                        hit: later,
+                    },
+                );
+            }
+        }
+    }
+}
+
+/// Fits the points and holds the result against the limits.
+pub fn judge(
+    spec: &FeatureSpec,
+    limits: &Limits,
+    points: &[Point],
+    hits: &[Hit],
+    reasons: &mut Reasons,
+) -> Option<FitReport> {
+    let fitted = match fit(spec.kind, points) {
+        Ok(fitted) => fitted,
+        Err(error) => {
+            let code = refusal(&error);
+            add(reasons, Reason::FitRefused { code });
+            diagnose::suspects(spec, limits, points, reasons);
+            return None;
+        }
+    };
+    let before = reasons.len();
+    against_limits(spec, limits, &fitted, reasons);
+    if reasons.len() > before {
+        diagnose::suspects(spec, limits, points, reasons);
+    }
+    against_approach(limits, &fitted.shape(), points, hits, reasons);
+    Some(fitted.report(points))
+}
+
+/// Radius and residuals against the limits.
+pub fn against_limits(
+    spec: &FeatureSpec,
+    limits: &Limits,
+    fitted: &Fitted,
+    reasons: &mut Reasons,
+) {
+    if let (Some(radius), Some(nominal)) = (fitted.shape().radius_mm(), spec.radius_mm) {
+        let error_mm = radius - nominal;
+        // Written so that NaN would fail too.
+        if !(error_mm.abs() <= limits.radius_error_mm) {
+            add(
+                reasons,
+                Reason::RadiusError {
+                    error_mm,
+                    limit_mm: limits.radius_error_mm,
+                },
+            );
+        }
+    }
+    let rms_mm = fitted.stats().rms.0;
+    if !(rms_mm <= limits.rms_mm) {
+        let limit_mm = limits.rms_mm;
+        add(reasons, Reason::Rms { rms_mm, limit_mm });
+    }
+}
+
+/// Holds each hit's surface normal against its approach.
+///
+/// A sphere probed as top plus two pairs has one degree of freedom, and a wrong
+/// top hit moves the centre without any residual. But the side hits were driven
+/// to the centre's height, so they then touch off the equator of the fitted
+/// sphere: the normals tell. Where only one hit lies along an axis it is the
+/// one to name.
+fn against_approach(
+    limits: &Limits,
+    shape: &Shape,
+    points: &[Point],
+    hits: &[Hit],
+    reasons: &mut Reasons,
+) {
+    let Some(limit_deg) = limits.approach_deg else {
+        return;
+    };
+    let mut worst: Option<(u16, f64)> = None;
+    for (number, (point, hit)) in (1u16..).zip(points.iter().zip(hits)) {
+        let (Some(approach), Some(normal)) = (hit.approach, normal_at(shape, *point)) else {
+            continue;
+        };
+        let direction = direction(approach);
+        // A bore is touched along its outward normal, a boss against it.
+        let along = normal.dot(&direction).abs();
+        let across = normal.cross(&direction).norm_squared();
+        let angle_deg = libm::atan2(libm::sqrt(across), along).to_degrees();
+        if worst.is_none_or(|(_, most)| angle_deg > most) {
+            worst = Some((number, angle_deg));
+        }
+    }
+    let Some((hit, angle_deg)) = worst else {
+        return;
+    };
+    if angle_deg <= limit_deg {
+        return;
+    }
+    if let Some(reason) = lone_hit(shape, points, hits, limit_deg) {
+        add(reasons, reason);
+    } else {
+        add(
+            reasons,
+            Reason::ApproachAngle {
+                hit,
+                angle_deg,
+                limit_deg,
+            },
+        );
+    }
+}
+
+/// The only hit along one axis of a sphere, if the others sit at a wrong height
+/// along that axis and are otherwise square to their approach.
+fn lone_hit(shape: &Shape, points: &[Point], hits: &[Hit], limit_deg: f64) -> Option<Reason> {
+    let Shape::Sphere {
+        center_mm,
+        radius_mm,
+        ..
+    } = shape
+    else {
+        return None;
+    };
+    let center = Vector3::from(*center_mm);
+    let limit_mm = radius_mm * libm::sin(limit_deg.to_radians());
+    for axis in 0..3usize {
+        let along = |hit: &Hit| hit.approach.is_some_and(|a| a.axis_and_sign().0 == axis);
+        let mut lone = (1u16..).zip(hits).filter(|(_, hit)| along(hit));
+        let (Some((number, _)), None) = (lone.next(), lone.next()) else {
+            continue;
+        };
+        let mut sum = 0.0;
+        let mut count = 0.0;
+        let mut square = true;
+        for (point, hit) in points.iter().zip(hits) {
+            if along(hit) {
+                continue;
+            }
+            let arm = point.mm - center;
+            sum += arm.get(axis).copied().unwrap_or(0.0);
+            count += 1.0;
+            // The remaining direction, neither the approach nor the lone axis.
+            let across = hit.approach.map_or(axis, |a| 3 - axis - a.axis_and_sign().0);
+            square &= arm.get(across).is_some_and(|c| c.abs() <= limit_mm);
+        }
+        let offset_mm = sum / count;
+        if square && offset_mm.abs() > limit_mm {
+            return Some(Reason::LoneHitOffset {
+                hit: number,
+                axis: u8::try_from(axis).unwrap_or(2),
+                offset_mm,
+                limit_mm,
+            });
+        }
+    }
+    None
+}
+
+/// Unit surface normal at (or next to) a point; none where it is not defined.
+fn normal_at(shape: &Shape, point: Point) -> Option<Vector3<f64>> {
+    let along = |from: &[f64; 3]| point.mm - Vector3::from(*from);
+    let radial = |from: &[f64; 3], axis: &[f64; 3]| {
+        let arm = along(from);
+        let axis = Vector3::from(*axis);
+        arm - axis * arm.dot(&axis)
+    };
+    let normal = match shape {
+        Shape::Sphere { center_mm, .. } => along(center_mm),
+        Shape::Plane { normal, .. } => Vector3::from(*normal),
+        Shape::Circle {
+            center_mm, normal, ..
+        } => radial(center_mm, normal),
+        Shape::Cylinder {
+            point_mm,
+            direction,
+            ..
+        } => radial(point_mm, direction),
+        Shape::Cone {
+            apex_mm,
+            direction,
+            half_angle_rad,
+            ..
+        } => {
+            let out = radial(apex_mm, direction);
+            let length = libm::sqrt(out.norm_squared());
+            let (sin, cos) = libm::sincos(*half_angle_rad);
+            out * (cos / length) - Vector3::from(*direction) * sin
+        }
+        Shape::Line { .. } => return None,
+    };
+    let length = libm::sqrt(normal.norm_squared());
+    (length > 0.0 && length.is_finite()).then(|| normal / length)
+}
+
+/// Kinds whose fit is cheap enough to try again with a changed hit.
+pub const fn can_diagnose(kind: FeatureKind) -> bool {
+    matches!(
+        kind,
+        FeatureKind::Sphere | FeatureKind::Circle | FeatureKind::Plane
+    )
+}

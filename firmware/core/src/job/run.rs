@@ -1,0 +1,578 @@
+//! The job as a state machine: hits and time in, features and verdicts out.
+//!
+//! # How hits find their plate
+//!
+//! The program probes the features in the job's order, so a plate (one
+//! clamping) begins with the job's first feature and is judged when the last
+//! one arrives. A feature that comes earlier in the order than the one before
+//! it begins the next plate, and the unfinished one is NG. So a lost block
+//! never shifts the blocks that follow into the wrong clamping.
+//!
+//! The feature that came last may come again: unchanged it is dropped, and a
+//! refused one is replaced (its plate is judged again, under the same number).
+//! Sent again with other coordinates, it is not known which is right: NG.
+
+use heapless::Vec;
+use umi_protocol::fault::FaultKind;
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, MAX_HITS, Name, Reference};
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::{PlateReason, Verdict};
+
+use super::check::datums;
+use super::feature::{self, Hit, Reasons};
+use super::plate::{self, Positions};
+use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
+use crate::units::{Micros, Point};
+
+/// What the job decides.
+#[derive(Clone, Copy, Debug)]
+pub enum Decision<'a> {
+    /// A feature was fitted or refused.
+    Feature(&'a FeatureResult),
+    /// A plate was judged.
+    Verdict(&'a Verdict),
+    /// A plate became the reference.
+    Taught(&'a [Point]),
+}
+
+/// A job under way.
+#[derive(Debug)]
+pub struct Run {
+    job: Job,
+    /// Nominal positions of the datum features.
+    reference: Option<Positions>,
+    /// The latest result of each feature, and whether it belongs to this plate.
+    slots: [Slot; MAX_FEATURES],
+    /// Number of the plate under way, from 0.
+    plate: u32,
+    progress: Progress,
+    /// Place of the feature that came last in this plate.
+    last: Option<usize>,
+    /// Reasons that belong to the plate and not to one feature.
+    against: Vec<Reason, 4>,
+    remarks: Vec<Reason, 4>,
+    features_seen: u32,
+    collecting: Option<Collecting>,
+    last_hit: Micros,
+    verdict: Option<Verdict>,
+}
+
+/// How far the plate is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    /// Nothing of it has come.
+    Empty,
+    /// Some features have come.
+    UnderWay,
+    /// The verdict is out; only a repeat of the last feature still belongs here.
+    Judged,
+}
+
+#[derive(Debug, Default)]
+struct Slot {
+    result: Option<FeatureResult>,
+    in_this_plate: bool,
+}
+
+/// The hits of the feature that is being probed.
+#[derive(Debug)]
+struct Collecting {
+    /// Its place in the job.
+    feature: usize,
+    hits: Vec<Hit, MAX_HITS>,
+    reasons: Reasons,
+    /// A block says itself where it ends; other lines end with their count.
+    in_block: bool,
+    /// Hits beyond those that found room.
+    excess: u16,
+}
+
+impl Run {
+    /// Begins a checked job.
+    #[must_use]
+    pub fn new(job: Job) -> Self {
+        let mut reference = None;
+        if job.reference == Reference::Given {
+            reference = Some(
+                datums(&job)
+                    .filter_map(|(_, f)| f.position_mm.map(Point::from_array_mm))
+                    .collect(),
+            );
+        }
+        Self {
+            job,
+            reference,
+            slots: Default::default(),
+            plate: 0,
+            progress: Progress::Empty,
+            last: None,
+            against: Vec::new(),
+            remarks: Vec::new(),
+            features_seen: 0,
+            collecting: None,
+            last_hit: Micros(0),
+            verdict: None,
+        }
+    }
+
+    /// The job.
+    #[must_use]
+    pub fn job(&self) -> &Job {
+        &self.job
+    }
+
+    /// Nominal positions of the datum features: given, or taught.
+    #[must_use]
+    pub fn reference(&self) -> Option<&[Point]> {
+        self.reference.as_deref()
+    }
+
+    /// Puts back a reference that was taught before a restart. Ignored where
+    /// the job gives its positions or the count does not fit.
+    pub fn restore_reference(&mut self, positions: &[Point]) {
+        if self.job.reference == Reference::Taught && positions.len() == datums(&self.job).count() {
+            self.reference = Vec::from_slice(positions).ok();
+        }
+    }
+
+    /// The latest result of a feature, by its place in the job.
+    #[must_use]
+    pub fn feature(&self, place: usize) -> Option<&FeatureResult> {
+        self.slots.get(place)?.result.as_ref()
+    }
+
+    /// The latest verdict.
+    #[must_use]
+    pub fn verdict(&self) -> Option<&Verdict> {
+        self.verdict.as_ref()
+    }
+
+    /// When the plate under way is given up if nothing comes.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Micros> {
+        let waiting = self.progress == Progress::UnderWay || self.collecting.is_some();
+        let timeout_us = u64::from(self.job.plate_timeout_s).saturating_mul(1_000_000);
+        waiting.then(|| Micros(self.last_hit.0.saturating_add(timeout_us)))
+    }
+
+    /// Time passed.
+    pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+        if self.deadline().is_some_and(|deadline| now >= deadline) {
+            let timeout_s = self.job.plate_timeout_s;
+            self.give_up(Reason::TimedOut { timeout_s }, out);
+        }
+    }
+
+    /// The input ended (a captured file).
+    pub fn input_ended(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+        self.give_up(Reason::InputEnded, out);
+    }
+
+    /// Bytes from the control were lost. What is under way cannot be trusted.
+    fn bytes_lost(&mut self, count: u32) {
+        if self.progress == Progress::UnderWay || self.collecting.is_some() {
+            self.hold_against(Reason::BytesLost { count });
+        }
+    }
+
+    /// The receiver found a fault that concerns the plate as a whole.
+    pub fn fault(&mut self, kind: &FaultKind) {
+        match kind {
+            FaultKind::Gap { .. } => self.hold_against(Reason::SequenceGap),
+            FaultKind::ConflictingRepeat { .. } => self.hold_against(Reason::ConflictingRepeat),
+            FaultKind::NotTouched => {
+                if let Some(collecting) = &mut self.collecting {
+                    let hit = collecting.next_number();
+                    feature::add(&mut collecting.reasons, Reason::NotTouched { hit });
+                }
+            }
+            FaultKind::BufferOverrun { lost } => self.bytes_lost(*lost),
+            // The others have done their harm to a line or a block, which says so.
+            _ => {}
+        }
+    }
+
+    /// A block of hits begins.
+    pub fn block_start(&mut self, name: &str, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+        self.finish_unfinished(out);
+        self.last_hit = now;
+        match self.place_of(|feature| feature.name == name) {
+            Some(feature) => self.collecting = Some(Collecting::new(feature, true)),
+            None => self.unknown(name),
+        }
+    }
+
+    /// A hit arrived.
+    pub fn hit(&mut self, hit: &ReportedHit, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+        self.last_hit = now;
+        let in_block = self.collecting.as_ref().is_some_and(|c| c.in_block);
+        if !in_block {
+            let place = match (&hit.feature, hit.feature_id) {
+                (Some(name), _) => {
+                    let place = self.place_of(|feature| feature.name == *name);
+                    if place.is_none() {
+                        self.unknown(name);
+                    }
+                    place
+                }
+                (None, Some(id)) => self.place_of(|feature| feature.id == Some(id)),
+                (None, None) => Some(self.next_in_order()),
+            };
+            let Some(place) = place else {
+                return;
+            };
+            if self.collecting.as_ref().is_none_or(|c| c.feature != place) {
+                self.finish_unfinished(out);
+                self.collecting = Some(Collecting::new(place, false));
+            }
+        }
+        let Some(collecting) = &mut self.collecting else {
+            return;
+        };
+        let Some(spec) = self.job.features.get(collecting.feature) else {
+            return;
+        };
+        collecting.take(spec, hit);
+        if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {
+            self.finish(out);
+        }
+    }
+
+    /// A block of hits ended.
+    pub fn block_end(&mut self, end: &BlockEnd, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+        self.last_hit = now;
+        let Some(collecting) = &mut self.collecting else {
+            return;
+        };
+        let Some(spec) = self.job.features.get(collecting.feature) else {
+            return;
+        };
+        if let Some(reason) = collecting.block_reason(spec, end) {
+            feature::add(&mut collecting.reasons, reason);
+        }
+        self.finish(out);
+    }
+
+    // --- features
+
+    /// A feature that is still being collected when something else begins.
+    fn finish_unfinished(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+        if self.collecting.is_some() {
+            self.finish(out);
+        }
+    }
+
+    /// Fits what was collected, puts it into its plate and reports it.
+    fn finish(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+        let Some(collecting) = self.collecting.take() else {
+            return;
+        };
+        let place = collecting.feature;
+        let Some(spec) = self.job.features.get(place) else {
+            return;
+        };
+        let Collecting {
+            hits,
+            mut reasons,
+            excess,
+            ..
+        } = collecting;
+        let got = u16::try_from(hits.len()).unwrap_or(u16::MAX);
+        let expected = spec.hits;
+        if got < expected && reasons.is_empty() {
+            feature::add(&mut reasons, Reason::MissingPoints { got, expected });
+        } else if got > expected || excess > 0 {
+            let got = got.saturating_add(excess);
+            feature::add(&mut reasons, Reason::WrongCount { got, expected });
+        }
+        feature::find_duplicates(&hits, &mut reasons);
+        let points = feature::contact_points(self.job.compensation, &hits, &mut reasons);
+        // What is known to be wrong is not fitted: its figures would only mislead.
+        let fit = if reasons.is_empty() {
+            feature::judge(spec, &self.job.limits, &points, &hits, &mut reasons)
+        } else {
+            None
+        };
+        let mut result = FeatureResult {
+            index: 0,
+            plate: 0,
+            name: spec.name.clone(),
+            kind: spec.kind,
+            reasons,
+            points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
+            fit,
+        };
+        match self.belongs(place, &result) {
+            Belongs::Here => {}
+            Belongs::Dropped => {
+                self.remark(Reason::RepeatDropped { name: result.name });
+                return;
+            }
+            Belongs::Replaces => self.remark(Reason::Replaced {
+                name: result.name.clone(),
+            }),
+            Belongs::Contradicts => {
+                self.hold_against(Reason::ConflictingRepeat);
+                feature::add(&mut result.reasons, Reason::ConflictingRepeat);
+            }
+            Belongs::NextPlate => {
+                self.close(None, out);
+                self.next_plate();
+            }
+        }
+        result.index = self.features_seen;
+        result.plate = self.plate;
+        self.features_seen = self.features_seen.saturating_add(1);
+        out(Decision::Feature(&result));
+        if let Some(slot) = self.slots.get_mut(place) {
+            slot.result = Some(result);
+            slot.in_this_plate = true;
+        }
+        self.last = Some(place);
+        self.progress = Progress::UnderWay;
+        if place + 1 == self.job.features.len() {
+            self.close(None, out);
+        }
+    }
+
+    /// Where a finished feature belongs.
+    fn belongs(&self, place: usize, result: &FeatureResult) -> Belongs {
+        let Some(last) = self.last else {
+            return Belongs::Here;
+        };
+        if place > last && self.progress == Progress::UnderWay {
+            return Belongs::Here;
+        }
+        let judged = self.progress == Progress::Judged;
+        // A job of one feature, or a program run again from its start.
+        if judged && place == 0 && self.slot_is_ok(place) {
+            return Belongs::NextPlate;
+        }
+        let Some(earlier) = self.in_this_plate(place) else {
+            return Belongs::NextPlate;
+        };
+        if earlier.points_mm == result.points_mm && earlier.reasons == result.reasons {
+            return Belongs::Dropped;
+        }
+        match (place == last, earlier.is_ok()) {
+            (true, false) => Belongs::Replaces,
+            (true, true) if place != 0 && !judged => Belongs::Contradicts,
+            (true, true) if place != 0 && !result.is_ok() => Belongs::Contradicts,
+            _ => Belongs::NextPlate,
+        }
+    }
+
+    fn in_this_plate(&self, place: usize) -> Option<&FeatureResult> {
+        let slot = self.slots.get(place)?;
+        slot.result.as_ref().filter(|_| slot.in_this_plate)
+    }
+
+    fn slot_is_ok(&self, place: usize) -> bool {
+        self.in_this_plate(place).is_some_and(FeatureResult::is_ok)
+    }
+
+    // --- plates
+
+    /// Judges what is there; without anything there is nothing to judge.
+    fn give_up(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
+        let at_stake = self.progress == Progress::UnderWay || self.collecting.is_some();
+        self.finish_unfinished(out);
+        if at_stake {
+            // Finishing may have judged the plate already.
+            let open = self.progress == Progress::UnderWay;
+            self.close(open.then_some(reason), out);
+            self.next_plate();
+        }
+    }
+
+    /// Judges the plate under way.
+    fn close(&mut self, reason: Option<Reason>, out: &mut dyn FnMut(Decision<'_>)) {
+        if self.progress != Progress::UnderWay {
+            return;
+        }
+        let mut verdict = plate::blank(self.plate);
+        for reason in self.against.iter().chain(&reason) {
+            plate::add(&mut verdict, reason.clone());
+        }
+        let mut measured = Positions::new();
+        for (place, spec) in self.job.features.iter().enumerate() {
+            match self.in_this_plate(place) {
+                None => plate::add(
+                    &mut verdict,
+                    Reason::MissingFeature {
+                        name: spec.name.clone(),
+                    },
+                ),
+                Some(result) => {
+                    for reason in &result.reasons {
+                        plate::add_about(&mut verdict, Some(&spec.name), reason.clone());
+                    }
+                    let position = result.fit.as_ref().and_then(|f| f.shape.position_mm());
+                    if let Some(position) = position.filter(|_| spec.datum) {
+                        // Bounded: the job check limits the datums.
+                        let _ = measured.push(Point::from_array_mm(position));
+                    }
+                }
+            }
+        }
+        let mut taught = false;
+        let complete = measured.len() == datums(&self.job).count();
+        match &self.reference {
+            // A plate with a reason against it is not judged further: figures
+            // from wrong hits would only mislead.
+            _ if !verdict.reasons.is_empty() || !complete => {}
+            Some(reference) => plate::judge(&mut verdict, &self.job, reference, &measured),
+            None => {
+                plate::judge_taught(&mut verdict, &self.job, &measured);
+                taught = verdict.ok;
+            }
+        }
+        if !verdict.ok && self.reference.is_none() && self.job.correction.is_some() {
+            plate::add(&mut verdict, Reason::NoReference);
+        }
+        if taught {
+            self.remark(Reason::Taught);
+        }
+        for reason in self.remarks.iter().cloned() {
+            // Remarks beyond the room are dropped: they change nothing.
+            let _ = verdict.remarks.push(PlateReason {
+                feature: None,
+                reason,
+            });
+        }
+        if taught {
+            out(Decision::Taught(&measured));
+            self.reference = Some(measured);
+        }
+        out(Decision::Verdict(&verdict));
+        self.verdict = Some(verdict);
+        self.progress = Progress::Judged;
+    }
+
+    fn next_plate(&mut self) {
+        if self.progress == Progress::Judged {
+            self.plate = self.plate.saturating_add(1);
+        }
+        for slot in &mut self.slots {
+            slot.in_this_plate = false;
+        }
+        self.progress = Progress::Empty;
+        self.last = None;
+        self.against.clear();
+        self.remarks.clear();
+    }
+
+    // --- small things
+
+    fn place_of(&self, is: impl Fn(&FeatureSpec) -> bool) -> Option<usize> {
+        self.job.features.iter().position(is)
+    }
+
+    /// The feature to which an unlabelled hit belongs.
+    fn next_in_order(&self) -> usize {
+        match (&self.collecting, self.last) {
+            (Some(collecting), _) => collecting.feature,
+            (None, Some(last)) if self.progress == Progress::UnderWay => last + 1,
+            (None, _) => 0,
+        }
+    }
+
+    fn unknown(&mut self, name: &str) {
+        let name = name.chars().take(umi_protocol::job::MAX_NAME).collect::<Name>();
+        self.remark(Reason::UnknownFeature { name });
+    }
+
+    fn remark(&mut self, reason: Reason) {
+        if !self.remarks.contains(&reason) {
+            // Remarks beyond the room are dropped: they change nothing.
+            let _ = self.remarks.push(reason);
+        }
+    }
+
+    fn hold_against(&mut self, reason: Reason) {
+        if !self.against.contains(&reason) {
+            // With the list full the plate is NG already.
+            let _ = self.against.push(reason);
+        }
+    }
+}
+
+/// Where a finished feature belongs.
+enum Belongs {
+    /// It is the next of this plate.
+    Here,
+    /// It repeats what is known.
+    Dropped,
+    /// It takes the place of a refused one.
+    Replaces,
+    /// It contradicts a good one.
+    Contradicts,
+    /// It begins another plate.
+    NextPlate,
+}
+
+impl Collecting {
+    fn new(feature: usize, in_block: bool) -> Self {
+        Self {
+            feature,
+            hits: Vec::new(),
+            reasons: Reasons::new(),
+            in_block,
+            excess: 0,
+        }
+    }
+
+    /// The number of the next hit, from 1.
+    fn next_number(&self) -> u16 {
+        u16::try_from(self.hits.len() + 1).unwrap_or(u16::MAX)
+    }
+
+    /// Takes a hit in, and every doubt about it.
+    fn take(&mut self, spec: &FeatureSpec, hit: &ReportedHit) {
+        let number = self.next_number();
+        let due = spec.approach.get(self.hits.len()).copied();
+        let reasons = &mut self.reasons;
+        for (doubt, reason) in [
+            (Doubts::NULL_POINT, Reason::NullPoint { hit: number }),
+            (
+                Doubts::OVERFLOW_SUSPECT,
+                Reason::OverflowSuspect { hit: number },
+            ),
+            (
+                Doubts::OUTSIDE_TRAVEL,
+                Reason::OutsideTravel { hit: number },
+            ),
+        ] {
+            if hit.doubts.contains(doubt) {
+                feature::add(reasons, reason);
+            }
+        }
+        if due.is_some() && hit.approach.is_some() && due != hit.approach {
+            feature::add(reasons, Reason::ApproachMismatch { hit: number });
+        }
+        let taken = Hit {
+            position: hit.position,
+            approach: hit.approach.or(due),
+        };
+        if self.hits.push(taken).is_err() {
+            self.excess = self.excess.saturating_add(1);
+        }
+    }
+
+    /// What a block's end says against it.
+    fn block_reason(&self, spec: &FeatureSpec, end: &BlockEnd) -> Option<Reason> {
+        let got = u16::try_from(self.hits.len()).unwrap_or(u16::MAX);
+        let expected = spec.hits;
+        if end.damaged > 0 {
+            Some(Reason::DamagedLine { got, expected })
+        } else if let Some(announced) = end.expected.filter(|announced| *announced != expected) {
+            let got = announced.max(got);
+            Some(Reason::WrongCount { got, expected })
+        } else if !end.complete {
+            Some(Reason::MissingPoints { got, expected })
+        } else {
+            None
+        }
+    }
+}

@@ -1,0 +1,608 @@
+//! The job on the points of the reference sessions: what must be OK, and what
+//! residuals cannot see and other limits must.
+
+use std::format;
+use std::string::{String, ToString};
+use std::vec;
+use std::vec::Vec;
+
+use umi_protocol::fault::BlockEndCause;
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::{
+    Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
+    ProgramEnd, Reference, SendWhen, WorkOffset,
+};
+use umi_protocol::pattern::ReceiverConfig;
+use umi_protocol::verdict::Verdict;
+
+use super::*;
+use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
+use crate::units::{Micros, Point};
+
+/// Three spheres, taught, as `examples/three-spheres.toml` has it.
+fn job() -> Job {
+    use Approach::{MinusX, MinusY, MinusZ, PlusX, PlusY};
+    let sphere = |number: usize| FeatureSpec {
+        name: format!("SPHERE{number}").as_str().try_into().unwrap(),
+        id: None,
+        kind: FeatureKind::Sphere,
+        hits: 5,
+        position_mm: None,
+        radius_mm: Some(12.7),
+        approach: [MinusZ, MinusX, PlusX, MinusY, PlusY].into_iter().collect(),
+        datum: true,
+    };
+    Job {
+        name: "THREE SPHERES".try_into().unwrap(),
+        reference: Reference::Taught,
+        plate_timeout_s: 1800,
+        receiver: ReceiverConfig::default(),
+        features: (1..=3).map(sphere).collect(),
+        compensation: Compensation::InMacro,
+        limits: Limits {
+            radius_error_mm: 0.03,
+            rms_mm: 0.015,
+            approach_deg: Some(0.2),
+            distance_error_mm: 0.01,
+            registration_rms_mm: 0.005,
+            rotation_deg: 3.0,
+            tilt_deg: 0.015,
+            shift_mm: [60.0, 60.0, 0.06],
+            expected_error_mm: Some(0.01),
+        },
+        correction: Some(CorrectionSpec {
+            dialect: Dialect::G10G68,
+            probed_in: WorkOffset::G54,
+            probed_origin_mm: [0.0; 3],
+            write_to: WorkOffset::G55,
+            program_number: 9010,
+            ends_with: ProgramEnd::M99,
+            part_min_mm: [-26.0, -36.0, 0.0],
+            part_max_mm: [26.0, 36.0, 26.0],
+            leftover_mm: 0.02,
+            send: SendWhen::OnRequest,
+        }),
+    }
+}
+
+/// A block as printed: name and points.
+type Block = (String, Vec<[f64; 3]>);
+
+fn session(text: &str) -> Vec<Block> {
+    let json: serde_json::Value = serde_json::from_str(text).unwrap();
+    let block = |b: &serde_json::Value| {
+        let points = b["points"].as_array().unwrap();
+        let point = |p: &serde_json::Value| [0, 1, 2].map(|i| p[i].as_f64().unwrap());
+        (
+            b["name"].as_str().unwrap().to_string(),
+            points.iter().map(point).collect(),
+        )
+    };
+    json["blocks"].as_array().unwrap().iter().map(block).collect()
+}
+
+fn session_a() -> Vec<Block> {
+    session(include_str!(
+        "../../../../tests/reference/sessions/session_a.json"
+    ))
+}
+
+#[derive(Default)]
+struct Outcome {
+    features: Vec<FeatureResult>,
+    verdicts: Vec<Verdict>,
+    taught: usize,
+}
+
+impl Outcome {
+    fn take(&mut self, decision: Decision<'_>) {
+        match decision {
+            Decision::Feature(feature) => self.features.push(feature.clone()),
+            Decision::Verdict(verdict) => self.verdicts.push(verdict.clone()),
+            Decision::Taught(_) => self.taught += 1,
+        }
+    }
+
+    /// OK or the codes of the reasons, one entry per verdict.
+    fn summary(&self) -> Vec<String> {
+        let codes = |v: &Verdict| {
+            v.reasons
+                .iter()
+                .map(|r| match &r.feature {
+                    Some(name) => format!("{name}:{}", r.reason.code()),
+                    None => r.reason.code().to_string(),
+                })
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        self.verdicts
+            .iter()
+            .map(|v| {
+                assert_eq!(v.ok, v.reasons.is_empty(), "{v:?}");
+                assert!(v.ok || v.correction.is_none(), "NG with a correction: {v:?}");
+                if v.ok { "OK".into() } else { codes(v) }
+            })
+            .collect()
+    }
+}
+
+fn hit(point: [f64; 3]) -> ReportedHit {
+    ReportedHit {
+        line: 0,
+        first: Micros(0),
+        last: Micros(0),
+        position: Point::from_array_mm(point),
+        digits: [None; 3],
+        feature: None,
+        feature_id: None,
+        index: None,
+        run: None,
+        sequence: None,
+        approach: None,
+        touched: None,
+        feed_mm_per_min: None,
+        doubts: if point == [0.0; 3] {
+            Doubts::NULL_POINT
+        } else {
+            Doubts::NONE
+        },
+    }
+}
+
+fn feed(run: &mut Run, outcome: &mut Outcome, name: &str, points: &[[f64; 3]], announced: u16) {
+    let now = Micros(1);
+    run.block_start(name, now, &mut |d| outcome.take(d));
+    for point in points {
+        run.hit(&hit(*point), now, &mut |d| outcome.take(d));
+    }
+    let got = u16::try_from(points.len()).unwrap();
+    let end = BlockEnd {
+        name: name.try_into().unwrap(),
+        expected: Some(announced),
+        got,
+        damaged: 0,
+        complete: got == announced,
+        ended_by: BlockEndCause::Count,
+    };
+    run.block_end(&end, now, &mut |d| outcome.take(d));
+}
+
+fn run_blocks(job: Job, blocks: &[Block]) -> Outcome {
+    check(&job).unwrap();
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    for (name, points) in blocks {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    run.input_ended(&mut |d| outcome.take(d));
+    outcome
+}
+
+/// Both reference sessions: five clampings, five OK verdicts, and the
+/// registrations of the 50-digit answers within their tolerance.
+#[test]
+fn reference_sessions_are_ok_and_right() {
+    for text in [
+        include_str!("../../../../tests/reference/sessions/session_a.json"),
+        include_str!("../../../../tests/reference/sessions/session_b.json"),
+    ] {
+        let outcome = run_blocks(job(), &session(text));
+        assert_eq!(outcome.summary(), ["OK"; 5]);
+        assert_eq!((outcome.taught, outcome.features.len()), (1, 15));
+        assert_eq!(outcome.verdicts[0].registration, None);
+        assert_eq!(outcome.verdicts[0].correction, None);
+
+        let json: serde_json::Value = serde_json::from_str(text).unwrap();
+        let tol = |key: &str| json["tol"][key].as_f64().unwrap();
+        for (feature, block) in outcome.features.iter().zip(json["blocks"].as_array().unwrap()) {
+            let fit = feature.fit.as_ref().unwrap();
+            let position = fit.shape.position_mm().unwrap();
+            for (i, value) in position.iter().enumerate() {
+                let expected = block["fit"]["center"][i].as_f64().unwrap();
+                assert!((value - expected).abs() <= tol("center"));
+            }
+            let expected = block["fit"]["radius"].as_f64().unwrap();
+            assert!((fit.shape.radius_mm().unwrap() - expected).abs() <= tol("radius"));
+        }
+        let answers = json["registrations"].as_array().unwrap();
+        for (verdict, answer) in outcome.verdicts[1..].iter().zip(answers) {
+            let registration = verdict.registration.as_ref().unwrap();
+            for (i, row) in registration.rotation.iter().enumerate() {
+                for (j, value) in row.iter().enumerate() {
+                    assert!((value - answer["R"][i][j].as_f64().unwrap()).abs() <= tol("R"));
+                }
+                let t = answer["t"][i].as_f64().unwrap();
+                assert!((registration.translation_mm[i] - t).abs() <= tol("t"));
+            }
+            assert!(verdict.correction.is_some());
+        }
+    }
+}
+
+/// Changes the points of one block of the third clamping and gives that
+/// clamping's verdict; the others must not be touched by it.
+fn third_clamping(sphere: usize, change: impl Fn(&mut Vec<[f64; 3]>)) -> String {
+    let mut blocks = session_a();
+    change(&mut blocks[6 + sphere - 1].1);
+    let summary = run_blocks(job(), &blocks).summary();
+    assert_eq!(summary.len(), 5, "{summary:?}");
+    for other in [0, 1, 3, 4] {
+        assert_eq!(summary[other], "OK");
+    }
+    summary[2].clone()
+}
+
+/// ERRATA: a wrong Z hit leaves no residual in a five-point block; the side
+/// hits, driven to the centre's height, tell.
+#[test]
+fn wrong_z_hit_is_named() {
+    for sphere in 1..=3 {
+        for error_mm in [0.06, -0.06, 0.2, -0.5, 3.0] {
+            let verdict = third_clamping(sphere, |points| points[0][2] += error_mm);
+            assert!(
+                verdict.contains(&format!("SPHERE{sphere}:lone_hit_offset")),
+                "{verdict}"
+            );
+        }
+    }
+}
+
+/// Where the side hits were driven to the height of the wrong Z hit, nothing
+/// in the block shows it; the tilt of the plate does.
+#[test]
+fn wrong_z_that_moves_the_whole_block_shows_as_tilt() {
+    for sphere in 1..=3 {
+        for error_mm in [0.12, -0.12, 0.18] {
+            let verdict = third_clamping(sphere, |points| {
+                for point in points {
+                    point[2] += error_mm;
+                }
+            });
+            assert!(verdict.contains("tilt"), "sphere {sphere} {error_mm}: {verdict}");
+        }
+    }
+}
+
+/// A missed measurement printed as zeros, anywhere in the block.
+#[test]
+fn null_point_is_named() {
+    for hit in 0..5 {
+        let verdict = third_clamping(2, |points| points[hit] = [0.0; 3]);
+        assert_eq!(verdict, "SPHERE2:null_point");
+    }
+}
+
+/// A lost sign in any coordinate is named with hit and axis.
+#[test]
+fn lost_sign_is_named() {
+    for hit in 0..5 {
+        for axis in 0..3 {
+            let mut blocks = session_a();
+            blocks[6].1[hit][axis] *= -1.0;
+            let outcome = run_blocks(job(), &blocks);
+            let reasons = &outcome.verdicts[2].reasons;
+            // The top hit's Z moves only the centre (no residual): named as lone hit.
+            let lone = outcome.summary()[2].contains("lone_hit_offset");
+            let sign = reasons.iter().any(|r| {
+                r.reason
+                    == umi_protocol::reason::Reason::SuspectSign {
+                        hit: u16::try_from(hit + 1).unwrap(),
+                        axis: u8::try_from(axis).unwrap(),
+                    }
+            });
+            assert!(sign || lone, "hit {hit} axis {axis}: {reasons:?}");
+            assert!(!outcome.verdicts[2].ok);
+        }
+    }
+}
+
+/// All signs of a block lost: a perfect sphere at a wrong place.
+#[test]
+fn all_signs_of_a_block_lost_shows_in_the_distances() {
+    let verdict = third_clamping(1, |points| {
+        for point in points {
+            *point = point.map(f64::abs);
+        }
+    });
+    assert!(!verdict.is_empty() && verdict != "OK", "{verdict}");
+}
+
+/// A repeated line instead of the next point: four points that fit perfectly.
+#[test]
+fn repeated_point_is_named() {
+    for hit in 1..5 {
+        let verdict = third_clamping(3, |points| points[hit] = points[hit - 1]);
+        assert_eq!(verdict, "SPHERE3:duplicate_point");
+    }
+}
+
+/// A homing error of 0.18 mm in Z (Sawula 2013, section 5.2) moves the whole
+/// plate and leaves no residual; the limit on the shift names it.
+#[test]
+fn datum_off_in_z_is_named() {
+    let mut blocks = session_a();
+    for (_, points) in &mut blocks[9..12] {
+        for point in points {
+            point[2] += 0.18;
+        }
+    }
+    let summary = run_blocks(job(), &blocks).summary();
+    assert_eq!(summary, ["OK", "OK", "OK", "shift", "OK"]);
+}
+
+/// Spheres 2 and 3 exchanged: at different heights the distances show it.
+#[test]
+fn exchanged_spheres_are_named() {
+    let mut blocks = session_a();
+    let (two, three) = (blocks[4].1.clone(), blocks[5].1.clone());
+    blocks[4].1 = three;
+    blocks[5].1 = two;
+    let outcome = run_blocks(job(), &blocks);
+    let summary = outcome.summary();
+    assert!(summary[1].contains("distance_error"), "{summary:?}");
+    assert!(summary[1].contains("suspect_exchange"), "{summary:?}");
+    assert_eq!(summary[2], "OK");
+}
+
+/// With all balls at one height and equal legs the exchanged plate has hardly
+/// a residual: it seems turned over. The limits on the pose name it.
+#[test]
+fn exchanged_spheres_at_one_height_are_named_by_the_pose() {
+    let mut blocks = session_a();
+    for block in &mut blocks {
+        if block.0 == "SPHERE2" {
+            for point in &mut block.1 {
+                point[2] += 25.67;
+            }
+        }
+    }
+    let (two, three) = (blocks[4].1.clone(), blocks[5].1.clone());
+    blocks[4].1 = three;
+    blocks[5].1 = two;
+    let mut job = job();
+    // Legs of 273.014 and 273.041 mm: the distances alone must not decide here.
+    job.limits.distance_error_mm = 0.1;
+    job.limits.registration_rms_mm = 0.1;
+    let summary = run_blocks(job, &blocks).summary();
+    assert!(!summary[1].contains("distance_error"), "{summary:?}");
+    assert!(!summary[1].contains("registration_rms"), "{summary:?}");
+    assert!(summary[1].contains("tilt"), "{summary:?}");
+    assert!(summary[1].contains("suspect_exchange"), "{summary:?}");
+}
+
+/// Whichever block is lost, its clamping is NG and no other: blocks never
+/// move into the wrong clamping.
+#[test]
+fn a_lost_block_spoils_its_clamping_only() {
+    for lost in 3..15 {
+        let mut blocks = session_a();
+        let (name, _) = blocks.remove(lost);
+        let outcome = run_blocks(job(), &blocks);
+        let summary = outcome.summary();
+        assert_eq!(summary.len(), 5, "{summary:?}");
+        for (clamping, verdict) in summary.iter().enumerate() {
+            if clamping == lost / 3 {
+                assert!(verdict.contains("missing_feature"), "{name}: {verdict}");
+            } else {
+                assert_eq!(verdict, "OK");
+            }
+        }
+    }
+}
+
+/// A block that is printed twice is counted once.
+#[test]
+fn an_unchanged_repeat_is_dropped() {
+    for repeated in 0..15 {
+        let mut blocks = session_a();
+        let again = blocks[repeated].clone();
+        blocks.insert(repeated + 1, again);
+        let outcome = run_blocks(job(), &blocks);
+        assert_eq!(outcome.summary(), ["OK"; 5], "{repeated}");
+        assert_eq!(outcome.features.len(), 15);
+    }
+}
+
+/// A refused block that is probed again is replaced, and the verdict says so;
+/// the last block's plate is judged again under its number.
+#[test]
+fn a_refused_block_may_be_probed_again() {
+    for bad in 0..15 {
+        let mut blocks = session_a();
+        let mut spoilt = blocks[bad].clone();
+        spoilt.1[1] = [0.0; 3];
+        blocks.insert(bad, spoilt);
+        let outcome = run_blocks(job(), &blocks);
+        let last: Vec<_> = (0..5)
+            .map(|plate| outcome.verdicts.iter().rfind(|v| v.plate == plate).unwrap())
+            .collect();
+        assert!(last.iter().all(|v| v.ok), "{bad}: {:?}", outcome.summary());
+        let remark = &last[bad / 3].remarks;
+        assert!(remark.iter().any(|r| r.reason.code() == "replaced"), "{remark:?}");
+        assert_eq!(outcome.features.len(), 16);
+    }
+}
+
+/// The same feature twice with different coordinates: nobody knows which.
+#[test]
+fn a_contradicting_repeat_is_ng() {
+    let mut blocks = session_a();
+    let mut again = blocks[4].clone();
+    again.1[1][0] += 0.002;
+    blocks.insert(5, again);
+    let summary = run_blocks(job(), &blocks).summary();
+    assert!(summary[1].contains("conflicting_repeat"), "{summary:?}");
+    assert_eq!(summary[2], "OK");
+}
+
+/// Fewer or more points than the job asks for.
+#[test]
+fn counts_must_agree() {
+    let four = third_clamping(1, |points| {
+        points.pop();
+    });
+    assert_eq!(four, "SPHERE1:missing_points");
+
+    let mut blocks = session_a();
+    let extra = [blocks[6].1[0][0] + 1.0, blocks[6].1[0][1], blocks[6].1[0][2]];
+    blocks[6].1.push(extra);
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (name, points) in &blocks {
+        let announced = u16::try_from(points.len()).unwrap();
+        feed(&mut run, &mut outcome, name, points, announced);
+    }
+    assert_eq!(outcome.summary()[2], "SPHERE1:wrong_count");
+}
+
+/// A damaged first plate is not taught, and says that there is no reference.
+#[test]
+fn a_bad_plate_is_never_taught() {
+    let mut blocks = session_a();
+    blocks[1].1[2] = [0.0; 3];
+    let outcome = run_blocks(job(), &blocks);
+    let summary = outcome.summary();
+    assert_eq!(summary[0], "SPHERE2:null_point no_reference");
+    assert_eq!(summary[1], "OK");
+    assert_eq!(outcome.taught, 1);
+    assert_eq!(outcome.verdicts[1].correction, None);
+}
+
+/// An unfinished plate is given up after the job's time-out, once.
+#[test]
+fn an_unfinished_plate_times_out() {
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (name, points) in &session_a()[..2] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    let due = run.deadline().unwrap();
+    run.on_time(Micros(due.0 - 1), &mut |d| outcome.take(d));
+    assert!(outcome.verdicts.is_empty());
+    run.on_time(due, &mut |d| outcome.take(d));
+    assert_eq!(
+        outcome.summary(),
+        ["timed_out missing_feature no_reference"]
+    );
+    assert_eq!(run.deadline(), None);
+}
+
+/// Given nominals: the plate is registered at once.
+#[test]
+fn given_nominals_register_the_first_plate() {
+    let mut job = job();
+    job.reference = Reference::Given;
+    let positions = [
+        [-135.018, -136.624, 135.91],
+        [137.989, -134.678, 110.253],
+        [-136.711, 136.412, 136.121],
+    ];
+    for (feature, position) in job.features.iter_mut().zip(positions) {
+        feature.position_mm = Some(position);
+    }
+    let outcome = run_blocks(job, &session_a()[3..6]);
+    assert_eq!(outcome.summary(), ["OK"]);
+    let registration = outcome.verdicts[0].registration.as_ref().unwrap();
+    assert!((registration.angle_deg - 1.0).abs() < 0.001);
+}
+
+/// Compensation on the board gives the same spheres as compensation in the
+/// macro: tip radius less pretravel along the motion.
+#[test]
+fn compensation_on_the_board() {
+    let mut job = job();
+    let (tip_radius_mm, pretravel_mm) = (2.5, [0.062, 0.062, 0.0]);
+    job.compensation = Compensation::OnBoard {
+        tip_radius_mm,
+        pretravel_mm,
+    };
+    let mut blocks = session_a();
+    for (_, points) in &mut blocks {
+        // Back from contact points to skip positions of the tip's centre.
+        let side = tip_radius_mm - 0.062;
+        points[0][2] += tip_radius_mm;
+        points[1][0] += side;
+        points[2][0] -= side;
+        points[3][1] += side;
+        points[4][1] -= side;
+    }
+    let outcome = run_blocks(job.clone(), &blocks);
+    let reference = run_blocks(super::tests::job(), &session_a());
+    assert_eq!(outcome.summary(), ["OK"; 5]);
+    for (one, other) in outcome.features.iter().zip(&reference.features) {
+        let position = |f: &FeatureResult| f.fit.as_ref().unwrap().shape.position_mm().unwrap();
+        for (a, b) in position(one).iter().zip(position(other)) {
+            assert!((a - b).abs() < 1e-9);
+        }
+    }
+    // Without directions nothing can be compensated.
+    for feature in &mut job.features {
+        feature.approach.clear();
+    }
+    let summary = run_blocks(job, &blocks).summary();
+    assert!(summary[0].contains("no_approach"), "{summary:?}");
+}
+
+/// The correction is refused when the tilt left over is beyond the limit.
+#[test]
+fn leftover_beyond_the_limit_is_ng() {
+    let mut job = job();
+    job.correction.as_mut().unwrap().leftover_mm = 0.0005;
+    let summary = run_blocks(job, &session_a()).summary();
+    assert_eq!(summary, ["OK", "leftover", "leftover", "leftover", "leftover"]);
+}
+
+/// Jobs that could surprise later are refused by the name of the field.
+#[test]
+fn bad_jobs_are_refused() {
+    type Change = fn(&mut Job);
+    let cases: Vec<(&str, Change)> = vec![
+        ("bad_name", |j| j.name.clear()),
+        ("no_features", |j| j.features.clear()),
+        ("duplicate_feature", |j| {
+            j.features[1].name = j.features[0].name.clone();
+        }),
+        ("bad_feature_name", |j| {
+            j.features[0].name = "A B".try_into().unwrap();
+        }),
+        ("hit_count", |j| j.features[0].hits = 3),
+        ("hit_count", |j| j.features[0].hits = 65),
+        ("approach_count", |j| j.features[0].hits = 6),
+        ("missing", |j| j.reference = Reference::Given),
+        ("missing", |j| j.features[0].radius_mm = None),
+        ("bad_value", |j| j.features[0].radius_mm = Some(f64::NAN)),
+        ("bad_value", |j| j.limits.rms_mm = 0.0),
+        ("bad_value", |j| j.limits.shift_mm[2] = -1.0),
+        ("bad_value", |j| j.limits.approach_deg = Some(f64::NAN)),
+        ("bad_value", |j| j.plate_timeout_s = 0),
+        ("bad_value", |j| {
+            j.compensation = Compensation::OnBoard {
+                tip_radius_mm: 1.0,
+                pretravel_mm: [0.0, 2.0, 0.0],
+            };
+        }),
+        ("bad_value", |j| {
+            j.correction.as_mut().unwrap().program_number = 0;
+        }),
+        ("bad_value", |j| {
+            j.correction.as_mut().unwrap().part_max_mm[1] = -100.0;
+        }),
+        ("too_few_datums", |j| {
+            j.features.pop();
+        }),
+        ("degenerate_reference", |j| {
+            j.reference = Reference::Given;
+            for (x, feature) in [0.0, 1.0, 2.0].into_iter().zip(&mut j.features) {
+                feature.position_mm = Some([x, 0.0, 0.0]);
+            }
+        }),
+    ];
+    for (code, change) in cases {
+        let mut job = job();
+        change(&mut job);
+        let error = check(&job).expect_err(code);
+        assert_eq!(error.code(), code, "{error}");
+        assert!(error.to_string().len() > 20);
+    }
+    assert_eq!(check(&job()), Ok(()));
+}

@@ -1,0 +1,160 @@
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::vec::Vec;
+use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, SendWhen, WorkOffset};
+
+use super::*;
+
+fn spec() -> CorrectionSpec {
+    CorrectionSpec {
+        dialect: Dialect::G10G68,
+        probed_in: WorkOffset::G54,
+        probed_origin_mm: [-400.0, -250.5, -310.123],
+        write_to: WorkOffset::G55,
+        program_number: 9010,
+        ends_with: ProgramEnd::M99,
+        part_min_mm: [-26.0, -36.0, 0.0],
+        part_max_mm: [26.0, 36.0, 26.0],
+        leftover_mm: 0.03,
+        send: SendWhen::OnRequest,
+    }
+}
+
+fn rigid(rotation: &Matrix3<f64>, translation_mm: &Vector3<f64>) -> RigidTransform {
+    RigidTransform {
+        rotation: *rotation,
+        translation_mm: *translation_mm,
+    }
+}
+
+/// An independent reading of the program: where would the control put `p`?
+fn interpret(text: &str, p: Vector3<f64>) -> Vector3<f64> {
+    let word = |line: &str, letter: char| -> f64 {
+        line.split_whitespace()
+            .find(|w| w.starts_with(letter))
+            .map(|w| {
+                assert!(w.contains('.'), "{w} has no decimal point");
+                w[1..].parse().unwrap()
+            })
+            .unwrap()
+    };
+    let g10 = text.lines().find(|l| l.starts_with("G10 L2 P2 ")).unwrap();
+    let g68 = text.lines().find(|l| l.starts_with("G68 ")).unwrap();
+    let origin = Vector3::new(word(g10, 'X'), word(g10, 'Y'), word(g10, 'Z'));
+    let center = Vector3::new(word(g68, 'X'), word(g68, 'Y'), 0.0);
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), word(g68, 'R').to_radians());
+    origin + center + turn * (p - center)
+}
+
+fn program(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> (Plan, std::string::String) {
+    let spec = spec();
+    let plan = plan(&spec, &rigid(rotation, translation)).unwrap();
+    let figures = Figures {
+        job: "three spheres_1",
+        plate: 3,
+        rms_mm: 0.00038,
+        turn_deg: 1.0001,
+        tilt_deg: 0.005,
+    };
+    let text = write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).unwrap();
+    (plan, text.as_str().into())
+}
+
+/// The program puts every point of the part where it stands, within the
+/// leftover that it states, for tilted and turned clampings.
+#[test]
+fn program_moves_the_part_to_where_it_stands() {
+    for (axis, degrees) in [
+        (Vector3::new(0.0, 0.0, 1.0), 1.0),
+        (Vector3::new(0.0, 0.0, 1.0), -2.0),
+        (Vector3::new(0.004, 0.003, 1.0), 1.0),
+        (Vector3::new(0.0, 0.01, -1.0), 179.5),
+        (Vector3::new(0.0, 0.0, 1.0), 0.0),
+    ] {
+        let rotation =
+            Rotation3::new(axis.normalize() * f64::to_radians(degrees)).into_inner();
+        let translation = Vector3::new(-47.6405, -0.3266, -0.0041);
+        let (plan, text) = program(&rotation, &translation);
+        let origin = Vector3::from(spec().probed_origin_mm);
+        let mut worst: f64 = 0.0;
+        for corner in corners(&spec().part_min_mm.into(), &spec().part_max_mm.into()) {
+            let wanted = origin + rotation * corner + translation;
+            worst = worst.max((interpret(&text, corner) - wanted).norm());
+        }
+        assert!((worst - plan.leftover.0).abs() < 1e-9, "{worst} {plan:?}");
+        // Without tilt only rounding is left: sqrt(3) half micrometres and
+        // half a thousandth of a degree at 45 mm.
+        if axis.x == 0.0 && axis.y == 0.0 {
+            assert!(worst < 0.0009 + 0.0004, "{worst}");
+        }
+    }
+}
+
+/// The leftover of a pure tilt is the tilt times the lever to the far corner.
+#[test]
+fn leftover_is_the_tilt_at_the_corner() {
+    let tilt = 1e-3;
+    let rotation = Rotation3::new(Vector3::new(0.0, tilt, 0.0)).into_inner();
+    let (plan, _) = program(&rotation, &Vector3::zeros());
+    // lever in the XZ plane from the middle: (26, 13) mm
+    let expected = tilt * f64::hypot(26.0, 13.0);
+    assert!((plan.leftover.0 - expected).abs() < 1e-3, "{plan:?}");
+}
+
+/// Pinned: the whole program, as a control reads it.
+#[test]
+fn program_text() {
+    let rotation = Rotation3::new(Vector3::new(0.0, 0.0, f64::to_radians(1.0))).into_inner();
+    let (_, text) = program(&rotation, &Vector3::new(1.0, 0.0, -0.0004));
+    assert_eq!(
+        text.lines().collect::<Vec<_>>(),
+        [
+            "%",
+            "O9010(UMI CORRECTION G55)",
+            "(VERDICT OK - PLATE 3)",
+            "(JOB THREE SPHERES-1)",
+            "(REGISTRATION RMS 0.0004 MM)",
+            "(TURN 1.0001 DEG - TILT 0.0050 DEG)",
+            "(LEFT AT PART 0.0004 MM - LIMIT 0.0300 MM)",
+            "(PROBED IN G54 - RUN WITH G55)",
+            "G17 G21 G90",
+            "G69",
+            "G10 L2 P2 X-399. Y-250.5 Z-310.123",
+            "G55",
+            "G68 X0. Y0. R1.",
+            "M99",
+            "%",
+        ]
+        .map(|l| l.replace("Y-250.5 ", "Y-250.500 "))
+        .to_vec()
+    );
+}
+
+/// Numbers that the control cannot hold are refused, never wrapped.
+#[test]
+fn too_large_or_not_finite_is_refused() {
+    let identity = Matrix3::identity();
+    for x in [1.1e5, -1e6, 1e300, f64::INFINITY, f64::NAN] {
+        assert_eq!(
+            plan(&spec(), &rigid(&identity, &Vector3::new(x, 0.0, 0.0))),
+            Err(NotExpressible)
+        );
+    }
+}
+
+/// The longest name and largest figures still fit the buffer.
+#[test]
+fn the_longest_program_fits() {
+    let spec = spec();
+    let mut plan = plan(&spec, &RigidTransform::identity()).unwrap();
+    plan.origin_um = [-99_999_999; 3];
+    plan.center_um = [-99_999_999; 2];
+    plan.angle_mdeg = -359_999;
+    let figures = Figures {
+        job: "SIXTEEN-CHARS-16",
+        plate: u32::MAX,
+        rms_mm: 1e6,
+        turn_deg: -180.0,
+        tilt_deg: 180.0,
+    };
+    assert!(write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).is_ok());
+}
