@@ -18,5 +18,6 @@
 extern crate std;
 
 pub mod fit;
+pub mod journal;
 pub mod registration;
 pub mod units;

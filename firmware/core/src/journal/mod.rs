@@ -1,0 +1,363 @@
+//! The journal: the board's append-only, chained record that survives power loss.
+//!
+//! # Design
+//!
+//! Entries are numbered from 0 for the life of the board, without gaps. Each
+//! carries a time, a kind, up to 1024 bytes that the journal does not look at, a
+//! CRC-32, and the start of a SHA-256 chain value over everything before and
+//! including it. The bytes of an entry are drawn in `entry.rs`, of a sector
+//! header in `sector.rs`, of a `.umij` file in `export.rs`.
+//!
+//! ```text
+//!  sector, oldest              …            head                next
+//! ┌────────┬──────┬───────┬───┐   ┌────────┬──────┬───┬───┬┄┄┄┐ ┌┄┄┄┄┄┄┄┄┄┐
+//! │ header │ mark │ entry │ … │   │ header │ mark │ … │ … │   │ ┆ erased  ┆
+//! └────────┴──────┴───────┴───┘   └────────┴──────┴───┴───┴┄┄┄┘ └┄┄┄┄┄┄┄┄┄┘
+//!   └ generation, seq of the first entry,   └ set before the next sector is
+//!     chain value before it, CRC              erased: it is no longer record
+//! ```
+//!
+//! * **Acknowledged is kept.** [`append`](Journal::append) returns `Ok` when the
+//!   entry has been programmed *and read back*. No later operation touches its
+//!   words again until its sector is erased, a lap later.
+//! * **Every state between two bits is a known state.** A torn entry fails its
+//!   CRC, and the next one is found behind it by number, CRC and chain value. A
+//!   sector is given up by a mark in the one before it, then erased, then given
+//!   a header: a half-erased sector is never taken for record even if its old
+//!   header survived, and a sector that was being erased or begun when power
+//!   failed is erased again. What a sector holds from the first number of its
+//!   successor on was never acknowledged and is not looked at.
+//! * **Opening only reads.** It can be cut as often as power likes.
+//! * **A word is programmed once between erases**, as flash with error correction
+//!   demands. After a power-up the rest of the page in use is left alone, since
+//!   a program that was cut at its start can leave cells that only look erased.
+//! * **Even wear.** Sectors are used in turn, each is erased once a lap, plus
+//!   once for each power cut between its erase and its first use.
+//! * **Loss is a record.** [`Recovery`] says what a power cut or damage has left;
+//!   the application appends it as the first entry when it is not clean. Reading
+//!   outside of what exists is [`Error::OutOfRange`] with both ends, never a
+//!   silent skip.
+//!
+//! # Tradeoffs
+//!
+//! * An entry costs **32 bytes** beyond its payload, plus padding to the
+//!   alignment (`write_size`, at least 4): on average 1.5 bytes at 4, 15.5 at 32.
+//!   A sector costs 64 + alignment, rounded up to the alignment.
+//! * Each entry carries 8 of the 32 bytes of its chain value; each sector header
+//!   and the running value have all 32. A change is *found* by comparing a full
+//!   value that someone noted elsewhere; the 8 bytes only *locate* the first
+//!   entry that does not follow (by accident once in 2⁶⁴) and let a reader find
+//!   the entry behind a torn one. 32 bytes in each would double the overhead.
+//! * The CRC costs four bytes that the chain could save, and lets a single entry
+//!   be checked when what stands before it is damaged.
+//! * SHA-256 works on 64-byte blocks of `32 + 20 + n + 9` bytes: one block for
+//!   n ≤ 3, two for n ≤ 67, 17 for n = 1024. Hashing the previous value makes the
+//!   first block; a running hash over the whole record would save half a block
+//!   for each entry, but its state could only be stored once a sector.
+//! * Programs go through a 256-byte buffer on the stack, so an entry of up to 224
+//!   bytes is one program.
+//!
+//! # Limitations
+//!
+//! * Taking the newest entries away leaves a shorter, valid record. Whoever must
+//!   exclude that notes [`chain_head`](Journal::chain_head) and
+//!   [`next_seq`](Journal::next_seq) outside of the board, for instance on each
+//!   verdict's report. There is no key: who can write the flash can write another
+//!   record, and only a noted value tells the two apart.
+//! * If the newest entry is damaged later, it cannot be told from a torn one: it
+//!   is reported as `torn_bytes` and its number is used again. Damage to any
+//!   other entry is reported as such, and no number is used twice.
+//! * A word that was torn so late that it reads as complete is taken as complete;
+//!   if it fades later, that entry is damaged. The first program after a
+//!   power-up, torn so early that nothing of it can be read, is followed by
+//!   another program of the same words; reading back decides.
+//! * If the chain cannot be followed to the end of the newest sector, the rest of
+//!   that sector is given up for new entries.
+//! * Erased flash must read 0xFF. Sectors must all have one size.
+
+mod chain;
+mod entry;
+mod error;
+mod export;
+mod flash;
+mod open;
+mod read;
+mod sector;
+mod walk;
+mod write;
+
+#[cfg(test)]
+#[allow(
+    dead_code,
+    reason = "what cuts power is used by tests/tests/journal_power_cut.rs"
+)]
+mod mock;
+#[cfg(test)]
+mod tests;
+
+pub use chain::{Chain, TAG_SIZE};
+pub use entry::{Entry, MAX_PAYLOAD, OVERHEAD};
+pub use error::{Error, Fault, GeometryFault};
+pub use export::{EntryIter, FILE_HEADER_SIZE, FileError, FileHeader, decode_file, encode_entry};
+pub use flash::{ERASED, Flash, Geometry};
+pub use open::Recovery;
+pub use read::{ReadEntry, Verified};
+
+use crate::units::Micros;
+use flash::{LARGEST_WRITE, Layout};
+use open::{State, is_given_up, recover, set_oldest};
+use sector::Header;
+use walk::{Cursor, Extent};
+use write::Stage;
+
+/// The journal on a flash region. Its size is fixed and it holds no entry.
+#[derive(Clone, Debug)]
+pub struct Journal<F: Flash> {
+    flash: F,
+    extent: Extent,
+    /// Generation of the head sector; 0 before the first sector is begun.
+    generation: u64,
+    /// Chain value that includes the newest entry.
+    chain: Chain,
+    /// The sector behind the head was given up: its mark is set.
+    next_given_up: bool,
+    /// The sector behind the head was erased in this power cycle.
+    next_erased: bool,
+    /// Where sequential reading goes on.
+    cursor: Option<Cursor>,
+}
+
+impl<F: Flash> Journal<F> {
+    /// Finds the record in the region. Only reads: one header per sector, and
+    /// the newest sector as a whole. An erased region is an empty journal.
+    ///
+    /// # Errors
+    /// [`Error::NotAJournal`], [`Error::Version`], [`Error::OtherGeometry`]: the
+    /// region holds something else, which is left as it is. [`Error::Geometry`]:
+    /// it cannot hold a journal. [`Error::Flash`].
+    pub fn open(mut flash: F) -> Result<(Self, Recovery), Error<F::Error>> {
+        let State {
+            extent,
+            generation,
+            chain,
+            next_given_up,
+            recovery,
+        } = recover(&mut flash)?;
+        let journal = Self {
+            flash,
+            extent,
+            generation,
+            chain,
+            next_given_up,
+            next_erased: false,
+            cursor: None,
+        };
+        Ok((journal, recovery))
+    }
+
+    /// Destroys whatever the region holds: erases every sector. The next
+    /// [`open`](Self::open) begins a new record at entry 0. If power is cut
+    /// before it returns, call it again.
+    ///
+    /// # Errors
+    /// [`Error::Geometry`], [`Error::Flash`].
+    pub fn format(flash: &mut F) -> Result<(), Error<F::Error>> {
+        let layout = Layout::new(flash.geometry()).map_err(Error::Geometry)?;
+        for sector in 0..layout.sectors {
+            flash.erase(sector).map_err(Error::Flash)?;
+        }
+        Ok(())
+    }
+
+    /// Appends an entry and returns its number. After `Ok` the entry survives a
+    /// power cut at any later moment, until the ring comes round to it.
+    ///
+    /// If the current sector is full and [`prepare`](Self::prepare) was not
+    /// called, this includes erasing a sector.
+    ///
+    /// # Errors
+    /// [`Error::PayloadTooLong`]; [`Error::Flash`] and [`Error::NotKept`] when
+    /// the flash fails: the entry is not acknowledged, its number will be used
+    /// again, and the next append goes to another sector.
+    pub fn append(&mut self, kind: u8, t: Micros, payload: &[u8]) -> Result<u64, Error<F::Error>> {
+        let max = self.max_payload();
+        if payload.len() > max {
+            return Err(Error::PayloadTooLong {
+                len: payload.len(),
+                max,
+            });
+        }
+        match self.try_append(kind, t, payload) {
+            // A worn word is not the end: the rest of this sector is given up.
+            Err(Error::NotKept { .. }) => self.try_append(kind, t, payload),
+            result => result,
+        }
+    }
+
+    /// Erases the next sector ahead of its use if the current one has fewer than
+    /// `min_free` bytes left, so that the appends that follow need not. This
+    /// gives up the oldest sector when the ring is full. Returns true if it
+    /// erased; call it when the board has time for that.
+    ///
+    /// # Errors
+    /// [`Error::Flash`]; calling it again tries again.
+    pub fn prepare(&mut self, min_free: u32) -> Result<bool, Error<F::Error>> {
+        if self.next_erased || self.free() >= min_free {
+            return Ok(false);
+        }
+        self.erase_next()?;
+        Ok(true)
+    }
+
+    /// Bytes left in the current sector. An entry takes [`OVERHEAD`] and its
+    /// payload, padded to the alignment.
+    #[must_use]
+    pub fn free(&self) -> u32 {
+        self.extent.layout.end(self.extent.head) - self.extent.tail
+    }
+
+    /// Number of the oldest entry there is; equal to [`next_seq`](Self::next_seq)
+    /// if there is none.
+    #[must_use]
+    pub fn first_seq(&self) -> u64 {
+        self.extent.first_seq
+    }
+
+    /// The number that the next entry will get: how many there ever were.
+    #[must_use]
+    pub fn next_seq(&self) -> u64 {
+        self.extent.next_seq
+    }
+
+    /// The chain value that includes the newest entry. Noted elsewhere, it proves
+    /// the whole record up to here.
+    #[must_use]
+    pub fn chain_head(&self) -> Chain {
+        self.chain
+    }
+
+    /// The longest payload: [`MAX_PAYLOAD`] unless sectors are smaller than that.
+    #[must_use]
+    pub fn max_payload(&self) -> usize {
+        self.extent.layout.max_payload()
+    }
+
+    /// The flash below, for its counters.
+    #[must_use]
+    pub fn flash(&self) -> &F {
+        &self.flash
+    }
+
+    /// Gives the flash back.
+    #[must_use]
+    pub fn into_flash(self) -> F {
+        self.flash
+    }
+
+    fn try_append(&mut self, kind: u8, t: Micros, payload: &[u8]) -> Result<u64, Error<F::Error>> {
+        let size = self.extent.layout.entry_size(payload.len() as u32);
+        if size > self.free() {
+            self.begin_next_sector()?;
+        }
+        let Extent {
+            layout,
+            tail,
+            next_seq: seq,
+            head,
+            ..
+        } = self.extent;
+        // Until it is known to be there, this sector must take no other entry:
+        // if what follows fails and is found whole after a power-up, an entry
+        // behind it would have its number.
+        self.extent.tail = layout.end(head);
+        let mut stage = Stage::new(&mut self.flash, tail, layout.align);
+        let entry = Entry {
+            seq,
+            t,
+            kind,
+            payload,
+        };
+        let chain = entry.emit(&self.chain, |piece| stage.push(piece))?;
+        stage.finish()?;
+        self.chain = chain;
+        self.extent.tail = tail + size;
+        self.extent.next_seq = seq + 1;
+        Ok(seq)
+    }
+
+    /// Gives up the sector behind the head and erases it.
+    fn erase_next(&mut self) -> Result<(), Error<F::Error>> {
+        let Extent { layout, head, .. } = self.extent;
+        let next = layout.next(head);
+        self.next_erased = false;
+        // Before the first sector there is no head to mark, and nothing to lose.
+        if self.generation > 0 {
+            self.mark_given_up()?;
+            if self.extent.oldest == next {
+                self.extent.oldest = head;
+                self.extent.first_seq = self.extent.next_seq;
+                let start = layout.next(next);
+                set_oldest(&mut self.flash, &mut self.extent, start, self.generation)
+                    .map_err(Error::Flash)?;
+            }
+        }
+        if self.cursor.is_some_and(|cursor| cursor.sector == next) {
+            self.cursor = None;
+        }
+        self.flash.erase(next).map_err(Error::Flash)?;
+        self.next_erased = true;
+        Ok(())
+    }
+
+    /// Sets the mark in the head sector. Any bit of it is enough.
+    fn mark_given_up(&mut self) -> Result<(), Error<F::Error>> {
+        if self.next_given_up {
+            return Ok(());
+        }
+        let Extent { layout, head, .. } = self.extent;
+        let zeros = write::Buffer([0; LARGEST_WRITE]);
+        let (mark, _) = zeros.0.split_at(layout.align as usize);
+        let programmed = self.flash.program(layout.mark(head), mark);
+        self.next_given_up = is_given_up(&mut self.flash, &layout, head).map_err(Error::Flash)?;
+        match programmed {
+            _ if self.next_given_up => Ok(()),
+            Err(error) => Err(Error::Flash(error)),
+            Ok(()) => Err(Error::NotKept {
+                addr: layout.mark(head),
+            }),
+        }
+    }
+
+    /// Makes the sector behind the head the new head.
+    fn begin_next_sector(&mut self) -> Result<(), Error<F::Error>> {
+        if !self.next_erased {
+            self.erase_next()?;
+        }
+        let Extent {
+            layout,
+            head,
+            next_seq,
+            ..
+        } = self.extent;
+        let next = layout.next(head);
+        let generation = self.generation + 1;
+        let header = Header {
+            generation,
+            first_seq: next_seq,
+            chain: self.chain,
+        };
+        // If the header fails, the sector must be erased before another attempt.
+        self.next_erased = false;
+        let mut stage = Stage::new(&mut self.flash, layout.start(next), layout.align);
+        stage.push(&header.encode(&layout))?;
+        stage.finish()?;
+        if let Some(cursor) = self.cursor.as_mut().filter(|cursor| cursor.sector == head) {
+            cursor.end = next_seq;
+        }
+        self.extent.head = next;
+        self.extent.tail = layout.data(next);
+        self.generation = generation;
+        self.next_given_up = false;
+        Ok(())
+    }
+}

@@ -1,0 +1,218 @@
+//! Reading the record back, one entry at a time, and proving it.
+
+use super::Journal;
+use super::chain::Chain;
+use super::entry::{Entry, Found, OVERHEAD};
+use super::error::{Error, Fault};
+use super::flash::Flash;
+use super::sector::HeaderRead;
+use super::walk::{Cursor, Step, read_header};
+
+/// An entry that was read from the flash; its CRC is right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadEntry<'a> {
+    /// The entry.
+    pub entry: Entry<'a>,
+    /// The chain is unbroken from the start of its sector to this entry. False
+    /// behind damage: the entry is whole, but that nothing was changed before it
+    /// in this sector cannot be shown.
+    pub chained: bool,
+}
+
+/// A part of the record that was walked through without finding a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Verified {
+    /// First entry looked at.
+    pub first: u64,
+    /// The entry after the last one looked at.
+    pub next: u64,
+    /// Chain value before `first`.
+    pub chain_before: Chain,
+    /// Chain value that includes the last entry looked at.
+    pub chain: Chain,
+}
+
+impl<F: Flash> Journal<F> {
+    /// Reads entry `seq`; `into` takes its payload ([`MAX_PAYLOAD`] bytes are
+    /// always enough). Reading on from there is cheap; going back or far ahead
+    /// starts at the sector's header.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] with both ends of what there is;
+    /// [`Error::BufferTooSmall`]; [`Error::Record`] if the entry is damaged or
+    /// missing; [`Error::Flash`].
+    ///
+    /// [`MAX_PAYLOAD`]: super::MAX_PAYLOAD
+    pub fn read<'b>(
+        &mut self,
+        seq: u64,
+        into: &'b mut [u8],
+    ) -> Result<ReadEntry<'b>, Error<F::Error>> {
+        let (found, chained, cursor) = self.find(seq)?;
+        let need = usize::from(found.fields.len);
+        let (payload, _) = into
+            .split_at_mut_checked(need)
+            .ok_or(Error::BufferTooSmall { need })?;
+        self.flash
+            .read(found.payload_at(), payload)
+            .map_err(Error::Flash)?;
+        self.cursor = Some(cursor);
+        let Found { fields, .. } = found;
+        let entry = Entry {
+            seq,
+            t: fields.t,
+            kind: fields.kind,
+            payload,
+        };
+        Ok(ReadEntry { entry, chained })
+    }
+
+    /// Reads entry `seq` as it is encoded, for a `.umij` file. `into` needs
+    /// [`OVERHEAD`] bytes more than the payload.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_encoded<'b>(
+        &mut self,
+        seq: u64,
+        into: &'b mut [u8],
+    ) -> Result<&'b [u8], Error<F::Error>> {
+        let (found, _, cursor) = self.find(seq)?;
+        let need = usize::from(found.fields.len) + OVERHEAD;
+        let (bytes, _) = into
+            .split_at_mut_checked(need)
+            .ok_or(Error::BufferTooSmall { need })?;
+        self.flash.read(found.addr, bytes).map_err(Error::Flash)?;
+        self.cursor = Some(cursor);
+        Ok(bytes)
+    }
+
+    /// The chain value before entry `seq`, which a reader of the entries from
+    /// there on needs to verify them.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read); [`Fault::ChainBroken`] if damage before `seq` in
+    /// its sector hides it.
+    pub fn chain_before(&mut self, seq: u64) -> Result<Chain, Error<F::Error>> {
+        if seq == self.extent.next_seq {
+            return Ok(self.chain);
+        }
+        let cursor = self.seek(seq)?;
+        self.cursor = Some(cursor);
+        cursor
+            .chain
+            .ok_or(Error::Record(Fault::ChainBroken { seq }))
+    }
+
+    /// Walks through entries `from..to` and recomputes every CRC and the chain,
+    /// also from sector to sector. To verify a large journal without stopping
+    /// everything else, call it for one stretch after the other: it goes on from
+    /// where it ended, and the chain is followed across the calls.
+    ///
+    /// # Errors
+    /// [`Error::Record`] names the first entry that is bad and how;
+    /// [`Error::OutOfRange`]; [`Error::Flash`].
+    pub fn verify(&mut self, from: u64, to: u64) -> Result<Verified, Error<F::Error>> {
+        let next_seq = self.extent.next_seq;
+        if to > next_seq {
+            return Err(self.out_of_range(to));
+        }
+        let mut chain = self.chain_before(from)?;
+        let chain_before = chain;
+        if from < next_seq {
+            let mut cursor = self.seek(from)?;
+            while cursor.seq < to {
+                match cursor
+                    .step(&mut self.flash, &self.extent)
+                    .map_err(Error::Flash)?
+                {
+                    Step::Entry { .. } => {}
+                    Step::Fault(fault) => return Err(Error::Record(fault)),
+                    Step::End => break,
+                }
+                chain = cursor.chain.unwrap_or(chain);
+            }
+            self.cursor = Some(cursor);
+        }
+        // At the end the value must be the one that append goes on from.
+        if to == next_seq && chain != self.chain {
+            return Err(Error::Record(Fault::ChainBroken { seq: next_seq }));
+        }
+        Ok(Verified {
+            first: from,
+            next: to,
+            chain_before,
+            chain,
+        })
+    }
+
+    fn out_of_range(&self, seq: u64) -> Error<F::Error> {
+        let (first, next) = (self.extent.first_seq, self.extent.next_seq);
+        Error::OutOfRange { seq, first, next }
+    }
+
+    /// Finds entry `seq`, and the cursor behind it.
+    fn find(&mut self, seq: u64) -> Result<(Found, bool, Cursor), Error<F::Error>> {
+        let mut cursor = self.seek(seq)?;
+        // A fault right before the entry may have to be passed first.
+        while cursor.seq <= seq {
+            match cursor
+                .step(&mut self.flash, &self.extent)
+                .map_err(Error::Flash)?
+            {
+                Step::Entry { found, chained } if found.fields.seq == seq => {
+                    return Ok((found, chained, cursor));
+                }
+                Step::Entry { .. } | Step::Fault(_) => {}
+                Step::End => break,
+            }
+        }
+        Err(Error::Record(Fault::Damaged { seq }))
+    }
+
+    /// A cursor at entry `seq`: from the last read if that is on the way, else
+    /// from the header of its sector.
+    fn seek(&mut self, seq: u64) -> Result<Cursor, Error<F::Error>> {
+        if !(self.extent.first_seq..self.extent.next_seq).contains(&seq) {
+            return Err(self.out_of_range(seq));
+        }
+        let near = self.cursor.filter(|cursor| {
+            let in_sector = cursor.sector == self.extent.head || seq < cursor.end;
+            cursor.seq == seq || (cursor.seq < seq && in_sector)
+        });
+        let mut cursor = match near {
+            Some(cursor) => cursor,
+            None => self.sector_start(seq).map_err(Error::Flash)?,
+        };
+        while cursor.seq < seq {
+            if let Step::End = cursor
+                .step(&mut self.flash, &self.extent)
+                .map_err(Error::Flash)?
+            {
+                break;
+            }
+        }
+        if cursor.seq > seq {
+            return Err(Error::Record(Fault::Damaged { seq }));
+        }
+        Ok(cursor)
+    }
+
+    /// A cursor at the start of the sector that should hold entry `seq`.
+    fn sector_start(&mut self, seq: u64) -> Result<Cursor, F::Error> {
+        let layout = self.extent.layout;
+        let mut sector = self.extent.head;
+        loop {
+            if let HeaderRead::Valid(header) = read_header(&mut self.flash, &layout, sector)?
+                && header.first_seq <= seq
+            {
+                return Cursor::at_start(&mut self.flash, &layout, sector, &header);
+            }
+            if sector == self.extent.oldest {
+                let first = self.extent.first_seq;
+                return Cursor::at_start_unproven(&mut self.flash, &layout, sector, first);
+            }
+            sector = layout.previous(sector);
+        }
+    }
+}

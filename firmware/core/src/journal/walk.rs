@@ -1,0 +1,295 @@
+//! Walking through the entries of a ring of sectors, past everything that a
+//! power cut or a worn cell can leave between them.
+
+use super::chain::Chain;
+use super::entry::{Found, MARKER, OVERHEAD, chain_over, probe};
+use super::error::Fault;
+use super::flash::{ERASED, Flash, Layout};
+use super::sector::{HEADER_SIZE, Header, HeaderRead};
+
+/// Which part of the flash holds the record.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub layout: Layout,
+    /// The sector with the oldest entries.
+    pub oldest: u32,
+    /// The oldest entry there is.
+    pub first_seq: u64,
+    /// The sector that is being filled.
+    pub head: u32,
+    /// Where the next entry goes; the end of the head sector if it is full.
+    pub tail: u32,
+    /// The number that the next entry will get.
+    pub next_seq: u64,
+}
+
+/// A place between two entries.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cursor {
+    pub sector: u32,
+    pub addr: u32,
+    /// The entry expected here.
+    pub seq: u64,
+    /// First entry of the following sector, `u64::MAX` if unknown. What a sector
+    /// holds from there on was never acknowledged. Not used in the head sector.
+    pub end: u64,
+    /// Chain value before `seq`; nothing behind damage, until the next header.
+    pub chain: Option<Chain>,
+}
+
+/// What a step along the record came upon.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Step {
+    /// The next entry.
+    Entry {
+        found: Found,
+        /// The chain is unbroken from the sector's header to this entry.
+        chained: bool,
+    },
+    /// Something is wrong here; the cursor stands behind it.
+    Fault(Fault),
+    /// The newest entry was passed.
+    End,
+}
+
+impl Cursor {
+    /// The first entry of a sector with this header.
+    pub fn at_start<F: Flash>(
+        flash: &mut F,
+        layout: &Layout,
+        sector: u32,
+        header: &Header,
+    ) -> Result<Self, F::Error> {
+        Ok(Self {
+            sector,
+            addr: layout.data(sector),
+            seq: header.first_seq,
+            end: first_seq_of(flash, layout, layout.next(sector))?,
+            chain: Some(header.chain),
+        })
+    }
+
+    /// The start of a sector whose header cannot be read.
+    pub fn at_start_unproven<F: Flash>(
+        flash: &mut F,
+        layout: &Layout,
+        sector: u32,
+        seq: u64,
+    ) -> Result<Self, F::Error> {
+        let end = first_seq_of(flash, layout, layout.next(sector))?;
+        Ok(Self {
+            sector,
+            addr: layout.data(sector),
+            seq,
+            end,
+            chain: None,
+        })
+    }
+
+    /// Moves behind the next entry or the next fault.
+    pub fn step<F: Flash>(&mut self, flash: &mut F, extent: &Extent) -> Result<Step, F::Error> {
+        let layout = &extent.layout;
+        // Each turn moves on by a sector, and the head sector always returns.
+        for _ in 0..=layout.sectors {
+            if self.seq >= extent.next_seq {
+                return Ok(Step::End);
+            }
+            let in_head = self.sector == extent.head;
+            let (end, limit) = if in_head {
+                (extent.next_seq, extent.tail)
+            } else {
+                (self.end.min(extent.next_seq), layout.end(self.sector))
+            };
+            if self.seq < end {
+                let search = search(flash, layout, self, limit)?;
+                if let Some(hit) = search.hit.filter(|hit| hit.found.fields.seq < end) {
+                    return Ok(self.pass(layout, &hit));
+                }
+            }
+            if in_head {
+                let fault = gap(self.seq, extent.next_seq);
+                self.seq = extent.next_seq;
+                self.chain = None;
+                return Ok(Step::Fault(fault));
+            }
+            if let Some(fault) = self.enter(flash, layout, layout.next(self.sector))? {
+                return Ok(Step::Fault(fault));
+            }
+        }
+        Ok(Step::End)
+    }
+
+    /// Moves behind `hit`, or up to it if something is wrong before it.
+    pub fn pass(&mut self, layout: &Layout, hit: &Hit) -> Step {
+        let found = hit.found;
+        let expected = self.seq;
+        self.addr = found.addr;
+        self.seq = found.fields.seq;
+        if found.fields.seq != expected {
+            self.chain = None;
+            return Step::Fault(gap(expected, found.fields.seq));
+        }
+        if self.chain.is_some() && hit.chain.is_none() {
+            self.chain = None;
+            return Step::Fault(Fault::ChainBroken { seq: expected });
+        }
+        self.addr += layout.entry_size(u32::from(found.fields.len));
+        self.seq += 1;
+        self.chain = hit.chain;
+        Step::Entry {
+            found,
+            chained: hit.chain.is_some(),
+        }
+    }
+
+    /// Moves to the start of the next sector; says if it does not follow.
+    fn enter<F: Flash>(
+        &mut self,
+        flash: &mut F,
+        layout: &Layout,
+        sector: u32,
+    ) -> Result<Option<Fault>, F::Error> {
+        let before = *self;
+        let HeaderRead::Valid(header) = read_header(flash, layout, sector)? else {
+            *self = Self::at_start_unproven(flash, layout, sector, before.seq)?;
+            return Ok(before.chain.map(|_| Fault::ChainBroken { seq: before.seq }));
+        };
+        *self = Self::at_start(flash, layout, sector, &header)?;
+        Ok(if header.first_seq > before.seq {
+            Some(gap(before.seq, header.first_seq))
+        } else if header.first_seq < before.seq
+            || before.chain.is_some_and(|chain| chain != header.chain)
+        {
+            Some(Fault::ChainBroken {
+                seq: header.first_seq,
+            })
+        } else {
+            None
+        })
+    }
+}
+
+/// The fault for entries `first..next` that cannot be read.
+fn gap(first: u64, next: u64) -> Fault {
+    if next.saturating_sub(first) == 1 {
+        Fault::Damaged { seq: first }
+    } else {
+        Fault::Missing { first, next }
+    }
+}
+
+/// An entry that a search found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hit {
+    pub found: Found,
+    /// The chain value that includes it, if it follows from the cursor's.
+    pub chain: Option<Chain>,
+}
+
+/// Result of a search.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Search {
+    pub hit: Option<Hit>,
+    /// Behind the last byte that is not erased; only when all was searched,
+    /// that is when there is no hit or the hit is not the expected entry.
+    pub used: u32,
+}
+
+/// Looks for the cursor's entry between the cursor and `limit`.
+///
+/// Nearly always it is right there. Otherwise there is a gap: the rest of a page
+/// left alone at power-up, an entry that a power cut tore, or damage. The
+/// expected entry wins wherever it stands, since its number, CRC and chain value
+/// cannot be in the bytes of another by chance. Failing that, the first whole
+/// entry with a later number is taken, so that one bad entry neither hides those
+/// behind it nor makes the journal use their numbers again.
+pub(super) fn search<F: Flash>(
+    flash: &mut F,
+    layout: &Layout,
+    cursor: &Cursor,
+    limit: u32,
+) -> Result<Search, F::Error> {
+    let mut best = None;
+    let mut used = cursor.addr;
+    let mut consider = |flash: &mut F, addr: u32| -> Result<bool, F::Error> {
+        let Ok(found) = probe(flash, addr, limit)? else {
+            return Ok(false);
+        };
+        let Some(ahead) = found.fields.seq.checked_sub(cursor.seq) else {
+            return Ok(false);
+        };
+        if ahead == 0 {
+            let chain = match &cursor.chain {
+                Some(before) => chain_over(flash, &found, before)?,
+                None => None,
+            };
+            if chain.is_some() || cursor.chain.is_none() {
+                best = Some(Hit { found, chain });
+                return Ok(true);
+            }
+        }
+        // No more entries can be missing than fit in between.
+        if ahead <= u64::from((addr - cursor.addr) / OVERHEAD as u32) {
+            best.get_or_insert(Hit { found, chain: None });
+        }
+        Ok(false)
+    };
+    if consider(flash, cursor.addr)? {
+        return Ok(Search { hit: best, used });
+    }
+    let mut buffer = [0; 64];
+    let mut at = cursor.addr;
+    while at < limit {
+        let (piece, _) = buffer.split_at_mut((limit - at).min(64) as usize);
+        flash.read(at, piece)?;
+        for (addr, byte) in (at..).zip(piece.iter()) {
+            if *byte != ERASED {
+                used = addr + 1;
+            }
+            let possible = *byte == MARKER && addr % layout.align == 0 && addr != cursor.addr;
+            if possible && consider(flash, addr)? {
+                return Ok(Search { hit: best, used });
+            }
+        }
+        at += piece.len() as u32;
+    }
+    Ok(Search { hit: best, used })
+}
+
+/// Reads what stands in the place of a sector's header.
+pub(super) fn read_header<F: Flash>(
+    flash: &mut F,
+    layout: &Layout,
+    sector: u32,
+) -> Result<HeaderRead, F::Error> {
+    let mut bytes = [0; HEADER_SIZE];
+    flash.read(layout.start(sector), &mut bytes)?;
+    Ok(Header::decode(&bytes, layout))
+}
+
+/// The first entry of a sector, `u64::MAX` if its header cannot be read.
+pub(super) fn first_seq_of<F: Flash>(
+    flash: &mut F,
+    layout: &Layout,
+    sector: u32,
+) -> Result<u64, F::Error> {
+    Ok(match read_header(flash, layout, sector)? {
+        HeaderRead::Valid(header) => header.first_seq,
+        _ => u64::MAX,
+    })
+}
+
+/// True if nothing in `from..to` is programmed.
+pub(super) fn is_erased<F: Flash>(flash: &mut F, from: u32, to: u32) -> Result<bool, F::Error> {
+    let mut buffer = [0; 64];
+    let mut at = from;
+    while at < to {
+        let (piece, _) = buffer.split_at_mut((to - at).min(64) as usize);
+        flash.read(at, piece)?;
+        if piece.iter().any(|byte| *byte != ERASED) {
+            return Ok(false);
+        }
+        at += piece.len() as u32;
+    }
+    Ok(true)
+}
