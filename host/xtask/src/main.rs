@@ -1,5 +1,6 @@
 //! The project's own chores, one module each. `cargo xtask help` lists them.
 
+mod bench;
 mod console;
 mod firmware_check;
 mod fuzz;
@@ -29,6 +30,7 @@ enum Chore {
     SetUp(set_up::Arguments),
     FirmwareCheck(firmware_check::Arguments),
     Fuzz(fuzz::Arguments),
+    Bench(bench::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +50,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Chore::SetUp(arguments) => set_up::run(&house, &arguments),
         Chore::FirmwareCheck(arguments) => firmware_check::run(&house, &arguments),
         Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
+        Chore::Bench(arguments) => bench::run(&house, &arguments),
     }
 }
 

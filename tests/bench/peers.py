@@ -1,0 +1,93 @@
+"""Does openumi's tasks with SciPy, on the data that `umi-bench write` left in a folder.
+
+    python peers.py FOLDER
+
+Prints one JSON object a line, as `umi-bench time` does.
+"""
+
+import json
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import scipy
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+ROUNDS = 21
+ROUND_SECONDS = 0.02
+
+
+def sphere(points):
+    """Orthogonal least squares with MINPACK, from the linear start; covariance from J."""
+    centroid = points.mean(axis=0)
+    local = points - centroid
+    rows = np.column_stack([2 * local, np.ones(len(local))])
+    *center, h = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
+    start = [*center, np.sqrt(h + np.dot(center, center))]
+
+    def residuals(at):
+        return np.linalg.norm(local - at[:3], axis=1) - at[3]
+
+    def jacobian(at):
+        away = at[:3] - local
+        away /= np.linalg.norm(away, axis=1)[:, None]
+        return np.column_stack([away, -np.ones(len(local))])
+
+    fit = least_squares(residuals, start, jac=jacobian, method="lm")
+    variance = 2 * fit.cost / (len(local) - 4)
+    unit = np.linalg.inv(fit.jac.T @ fit.jac)
+    return [*(fit.x[:3] + centroid), fit.x[3], *np.sqrt(variance * np.diag(unit)[:3])]
+
+
+def registration(pairs):
+    """Rotation of the centred pairs by `Rotation.align_vectors`."""
+    source, target = pairs[:, :3], pairs[:, 3:]
+    p, q = source.mean(axis=0), target.mean(axis=0)
+    rotation = Rotation.align_vectors(target - q, source - p)[0].as_matrix()
+    return [*rotation.ravel(), *(q - rotation @ p)]
+
+
+def measure(task, by, work):
+    """Rounds of repeated work; the median counts."""
+
+    def repeat(times):
+        start = time.perf_counter()
+        for _ in range(times):
+            work()
+        return time.perf_counter() - start
+
+    times = 1
+    while repeat(times) < ROUND_SECONDS:
+        times *= 2
+    rounds = [repeat(times) * 1e9 / times for _ in range(ROUNDS)]
+    line = {
+        "task": task,
+        "by": by,
+        "median_ns": statistics.median(rounds),
+        "min_ns": min(rounds),
+        "max_ns": max(rounds),
+        "answer": [float(value) for value in work()],
+    }
+    print(json.dumps(line), flush=True)
+
+
+def main():
+    folder = Path(sys.argv[1])
+
+    def load(name):
+        return np.loadtxt(folder / f"{name}.csv", delimiter=",")
+
+    by = f"SciPy {scipy.__version__}"
+    for n in (5, 500):
+        points = load(f"sphere-{n}")
+        measure(f"sphere of {n} points", by, lambda points=points: sphere(points))
+    for n in (3, 50):
+        pairs = load(f"pairs-{n}")
+        measure(f"registration of {n} pairs", by, lambda pairs=pairs: registration(pairs))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+//! The data that all contenders work on.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+
+/// Points of the tasks, and the text of a probing session.
+pub struct Data {
+    /// Five hits on a sphere, as a part program probes it.
+    pub sphere_5: Vec<[f64; 3]>,
+    /// Half a sphere, densely probed or scanned.
+    pub sphere_500: Vec<[f64; 3]>,
+    /// Three sphere centres before and after the plate has moved.
+    pub pairs_3: Vec<[f64; 6]>,
+    /// Fifty pairs far from the origin.
+    pub pairs_50: Vec<[f64; 6]>,
+}
+
+impl Data {
+    /// Reads the reference data of the project, and makes what it does not have.
+    pub fn load() -> Result<Self> {
+        Ok(Self {
+            sphere_5: read("sphere_thesis_table_4_1.csv")?,
+            sphere_500: half_sphere(500),
+            pairs_3: read("registration_thesis_table_4_2_case1.csv")?,
+            pairs_50: read("registration_far_n50_0p1mm.csv")?,
+        })
+    }
+
+    /// Writes every set into a folder, with the digits that give back the same numbers.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        std::fs::create_dir_all(folder)?;
+        write(folder, "sphere-5", &self.sphere_5)?;
+        write(folder, "sphere-500", &self.sphere_500)?;
+        write(folder, "pairs-3", &self.pairs_3)?;
+        write(folder, "pairs-50", &self.pairs_50)
+    }
+}
+
+fn reference() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../reference")
+}
+
+fn read<const N: usize>(name: &str) -> Result<Vec<[f64; N]>> {
+    let path = reference().join("fits").join(name);
+    let text = std::fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let values: Result<Vec<f64>, _> = line.split(',').map(str::parse).collect();
+            let row = values.ok().and_then(|values| values.try_into().ok());
+            row.with_context(|| format!("{name}: `{line}` is not {N} numbers"))
+        })
+        .collect()
+}
+
+fn write<const N: usize>(folder: &Path, name: &str, rows: &[[f64; N]]) -> Result<()> {
+    let mut text = String::new();
+    for row in rows {
+        let row: Vec<String> = row.iter().map(f64::to_string).collect();
+        writeln!(text, "{}", row.join(","))?;
+    }
+    Ok(std::fs::write(folder.join(format!("{name}.csv")), text)?)
+}
+
+/// Points evenly over the upper half of a sphere (a Fibonacci lattice) with a micrometre of
+/// pseudo-random error, from a fixed seed.
+fn half_sphere(n: u32) -> Vec<[f64; 3]> {
+    const CENTER: [f64; 3] = [-136.7105, 136.412, 136.1212];
+    const RADIUS: f64 = 12.7118;
+    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+    let mut state = 1_u64;
+    let mut noise = move || {
+        // Knuth's MMIX generator; its highest 53 bits, from -1 to 1.
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    };
+    (0..n)
+        .map(|index| {
+            let z = (f64::from(index) + 0.5) / f64::from(n);
+            let (sin, cos) = (f64::from(index) * GOLDEN_ANGLE).sin_cos();
+            let r = RADIUS + 0.001 * noise();
+            let rho = r * (1.0 - z * z).sqrt();
+            let [x, y, z0] = CENTER;
+            [x + rho * cos, y + rho * sin, z0 + r * z]
+        })
+        .collect()
+}
