@@ -6,14 +6,22 @@ use umi_protocol::feature::{FitReport, Shape};
 use umi_protocol::job::FeatureKind;
 use umi_protocol::reason::FitRefusal;
 
-use crate::fit::{FitError, SphereFit, Statistics, sphere};
+use crate::fit::{
+    CircleFit, ConeFit, CylinderFit, FitError, LineFit, PlaneFit, SphereFit, Statistics, circle,
+    cone, cylinder, line, plane, sphere,
+};
 use crate::units::{Mm, Point};
 
 /// A fit of any kind.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "each is the fit of the same name")]
 pub enum Fitted {
-    /// See [`sphere`].
     Sphere(SphereFit),
+    Plane(PlaneFit),
+    Line(LineFit),
+    Circle(CircleFit),
+    Cylinder(CylinderFit),
+    Cone(ConeFit),
 }
 
 /// Fits points with the geometry asked for.
@@ -23,7 +31,11 @@ pub enum Fitted {
 pub fn fit(kind: FeatureKind, points: &[Point]) -> Result<Fitted, FitError> {
     match kind {
         FeatureKind::Sphere => sphere::fit(points).map(Fitted::Sphere),
-        _ => Err(FitError::NoConvergence { iterations: 0 }),
+        FeatureKind::Plane => plane::fit(points).map(Fitted::Plane),
+        FeatureKind::Line => line::fit(points).map(Fitted::Line),
+        FeatureKind::Circle => circle::fit(points).map(Fitted::Circle),
+        FeatureKind::Cylinder => cylinder::fit(points).map(Fitted::Cylinder),
+        FeatureKind::Cone => cone::fit(points).map(Fitted::Cone),
     }
 }
 
@@ -37,6 +49,42 @@ impl Fitted {
                 radius_mm: fit.radius.0,
                 cov_unit: fit.cov_unit,
             },
+            Self::Plane(fit) => Shape::Plane {
+                point_mm: fit.point.to_array_mm(),
+                normal: fit.normal.into(),
+                offset_mm: fit.offset.0,
+                cov_unit_normal: fit.cov_unit_normal,
+                var_unit_offset: fit.var_unit_offset_at_point,
+            },
+            Self::Line(fit) => Shape::Line {
+                point_mm: fit.point.to_array_mm(),
+                direction: fit.direction.into(),
+                cov_unit_direction: fit.cov_unit_direction,
+                cov_unit_point: fit.cov_unit_point,
+            },
+            Self::Circle(fit) => Shape::Circle {
+                center_mm: fit.center.to_array_mm(),
+                normal: fit.normal.into(),
+                radius_mm: fit.radius.0,
+                cov_unit: fit.cov_unit,
+                rms_plane_mm: fit.rms_plane.0,
+            },
+            Self::Cylinder(fit) => Shape::Cylinder {
+                point_mm: fit.point.to_array_mm(),
+                direction: fit.direction.into(),
+                radius_mm: fit.radius.0,
+                cov_unit_direction: fit.cov_unit_direction,
+                cov_unit_point: fit.cov_unit_point,
+                var_unit_radius: fit.var_unit_radius,
+            },
+            Self::Cone(fit) => Shape::Cone {
+                apex_mm: fit.apex.to_array_mm(),
+                direction: fit.direction.into(),
+                half_angle_rad: fit.half_angle.0,
+                cov_unit_apex: fit.cov_unit_apex,
+                cov_unit_direction: fit.cov_unit_direction,
+                var_unit_half_angle: fit.var_unit_half_angle,
+            },
         }
     }
 
@@ -45,6 +93,11 @@ impl Fitted {
     pub fn stats(&self) -> &Statistics {
         match self {
             Self::Sphere(fit) => &fit.stats,
+            Self::Plane(fit) => &fit.stats,
+            Self::Line(fit) => &fit.stats,
+            Self::Circle(fit) => &fit.stats,
+            Self::Cylinder(fit) => &fit.stats,
+            Self::Cone(fit) => &fit.stats,
         }
     }
 
@@ -53,6 +106,11 @@ impl Fitted {
     pub fn residual(&self, p: Point) -> Mm {
         match self {
             Self::Sphere(fit) => fit.residual(p),
+            Self::Plane(fit) => fit.residual(p),
+            Self::Line(fit) => fit.residual(p),
+            Self::Circle(fit) => fit.residual(p),
+            Self::Cylinder(fit) => fit.residual(p),
+            Self::Cone(fit) => fit.residual(p),
         }
     }
 
