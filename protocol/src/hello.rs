@@ -74,9 +74,15 @@ impl Message for Hello {
 }
 
 impl Hello {
-    /// This version's Hello. A longer text is cut.
+    /// This build's Hello. A longer text is cut.
     #[must_use]
     pub fn new(sender: &str) -> Self {
+        Self::of(VERSION, KEY, sender)
+    }
+
+    /// The Hello of any build. A longer text is cut.
+    #[must_use]
+    pub fn of(version: Version, key: u64, sender: &str) -> Self {
         let mut text = String::new();
         for char in sender.chars() {
             if text.push(char).is_err() {
@@ -85,8 +91,8 @@ impl Hello {
         }
         Self {
             magic: MAGIC,
-            version: VERSION,
-            key: KEY.to_le_bytes(),
+            version,
+            key: key.to_le_bytes(),
             sender: text,
         }
     }

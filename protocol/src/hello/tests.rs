@@ -8,11 +8,7 @@ use crate::frame::{MAX_BOARD_FRAME, OpenError, encode};
 use crate::message::Request;
 
 fn hello(major: u8, minor: u8, key: u64) -> Hello {
-    Hello {
-        version: Version { major, minor },
-        key: key.to_le_bytes(),
-        ..Hello::new("virtual 0001 0.1.0")
-    }
+    Hello::of(Version { major, minor }, key, "virtual 0001 0.1.0")
 }
 
 /// Every kind of mismatch says what to do, in words that do not change by accident.

@@ -1,0 +1,337 @@
+//! One sample of every message: each function names the sample after the given
+//! one. The matches have no wildcard, so a new variant does not compile until it
+//! has its place here.
+
+use heapless::{String, Vec};
+use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
+use umi_protocol::feature::{FeatureResult, FitReport, Shape};
+use umi_protocol::hello::{Hello, Version};
+use umi_protocol::job::{
+    Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
+    ProgramEnd, Reference, SendWhen, WorkOffset,
+};
+use umi_protocol::line::{HitReport, LineReport, LineStatus};
+use umi_protocol::message::{
+    Event, Identity, JournalInfo, LatchCause, LatchReport, Record, Request, Response, Status,
+};
+use umi_protocol::pattern::{
+    BlockPattern, CheckedPattern, Coding, FieldFormat, LinePattern, ReceiverConfig, Travel,
+};
+use umi_protocol::reason::Reason;
+use umi_protocol::refusal::{Field, JobError};
+use umi_protocol::verdict::{
+    CorrectionReport, DistanceReport, PlateReason, RegistrationReport, Verdict,
+};
+
+pub fn request_after(sample: Option<&Request>) -> Option<Request> {
+    Some(match sample {
+        None => Request::IdentityGet,
+        Some(Request::IdentityGet) => Request::StatusGet,
+        Some(Request::StatusGet) => Request::JobGet,
+        Some(Request::JobGet) => Request::JobCheck(job()),
+        Some(Request::JobCheck(_)) => Request::JobSet(job()),
+        Some(Request::JobSet(_)) => Request::LiveSet { on: true },
+        Some(Request::LiveSet { .. }) => Request::FeatureGet { feature: 2 },
+        Some(Request::FeatureGet { .. }) => Request::VerdictGet,
+        Some(Request::VerdictGet) => Request::JournalInfo,
+        Some(Request::JournalInfo) => Request::JournalRead { seq: 70_000 },
+        Some(Request::JournalRead { .. }) => return None,
+    })
+}
+
+pub fn response_after(sample: Option<&Response>) -> Option<Response> {
+    let info = JournalInfo {
+        first_seq: 3,
+        next_seq: 300,
+    };
+    Some(match sample {
+        None => Response::Done,
+        Some(Response::Done) => Response::Identity(identity()),
+        Some(Response::Identity(_)) => Response::Status(status()),
+        Some(Response::Status(_)) => Response::Job {
+            job: Some(job()),
+            taught_mm: Some(list([[1.0, 2.0, 3.0]])),
+        },
+        Some(Response::Job { .. }) => Response::JobRefused(JobError::BadValue {
+            field: Field::RmsMm,
+            feature: Some(text("SPHERE1")),
+            value: -0.01,
+        }),
+        Some(Response::JobRefused(_)) => Response::Feature(Some(feature())),
+        Some(Response::Feature(_)) => Response::Verdict(Some(verdict())),
+        Some(Response::Verdict(_)) => Response::JournalInfo(info),
+        Some(Response::JournalInfo(_)) => Response::JournalEntry {
+            seq: 299,
+            raw: list([0, 1, 255]),
+        },
+        Some(Response::JournalEntry { .. }) => Response::JournalNoEntry(info),
+        Some(Response::JournalNoEntry(_)) => Response::StorageFailed,
+        Some(Response::StorageFailed) => return None,
+    })
+}
+
+pub fn event_after(sample: Option<&Event>) -> Option<Event> {
+    Some(match sample {
+        None => Event::Line(LineReport {
+            number: 1,
+            byte_offset: 2,
+            t_us: 3_000_000,
+            status: LineStatus::NotUnderstood,
+            text: text("X12.3456"),
+        }),
+        Some(Event::Line(_)) => Event::Hit(HitReport {
+            line: 4,
+            t_us: 5_000_000,
+            feature: Some(text("SPHERE1")),
+            position_mm: [-136.7105, 136.412, 136.1212],
+            approach: Some(Approach::MinusZ),
+            feed_mm_per_min: Some(50.0),
+        }),
+        Some(Event::Hit(_)) => Event::Record {
+            seq: 6,
+            t_us: 7_000_000,
+            record: Record::Time,
+        },
+        Some(Event::Record { .. }) => Event::Dropped { count: 8 },
+        Some(Event::Dropped { .. }) => return None,
+    })
+}
+
+pub fn record_after(sample: Option<&Record>) -> Option<Record> {
+    Some(match sample {
+        None => Record::Boot {
+            identity: identity(),
+        },
+        Some(Record::Boot { .. }) => Record::Recovered { torn_bytes: 17 },
+        Some(Record::Recovered { .. }) => Record::JobSet(job()),
+        Some(Record::JobSet(_)) => Record::ReferenceRestored {
+            positions_mm: list([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.0]]),
+        },
+        Some(Record::ReferenceRestored { .. }) => Record::Bytes {
+            raw: list([0x12, 0x0D, 0x8A, 0x00]),
+        },
+        Some(Record::Bytes { .. }) => Record::BytesLost { count: 128 },
+        Some(Record::BytesLost { .. }) => Record::Time,
+        Some(Record::Time) => Record::InputEnd,
+        Some(Record::InputEnd) => Record::Fault(Fault {
+            kind: FaultKind::BadCheckValue {
+                printed: 1234,
+                computed: 1243,
+            },
+            line: 9,
+            byte_offset: 1000,
+            t_us: 10_000_000,
+            text: text("1 2 3"),
+        }),
+        Some(Record::Fault(_)) => Record::Feature(feature()),
+        Some(Record::Feature(_)) => Record::Verdict(verdict()),
+        Some(Record::Verdict(_)) => Record::Taught {
+            positions_mm: list([[0.25, -0.5, 1e3]]),
+        },
+        Some(Record::Taught { .. }) => Record::CorrectionSent {
+            plate: 1,
+            bytes: 345,
+            complete: true,
+        },
+        Some(Record::CorrectionSent { .. }) => Record::Latch(LatchReport {
+            number: 5,
+            cause: LatchCause::Skip,
+            counts: list([-1, 0, 1_000_000]),
+            t_us: 11_000_000,
+            missed: 1,
+        }),
+        Some(Record::Latch(_)) => return None,
+    })
+}
+
+/// The greetings of a host and of a board of some versions. The layout is
+/// frozen, so their bytes may never change.
+pub fn hellos() -> [Hello; 2] {
+    [
+        Hello::of(Version { major: 1, minor: 2 }, u64::MAX, "umi 0.1.0"),
+        Hello::of(
+            Version { major: 3, minor: 4 },
+            0x0123_4567_89AB_CDEF,
+            "virtual 0001 0.1.0",
+        ),
+    ]
+}
+
+fn text<const N: usize, L: heapless::LenType>(text: &str) -> String<N, L> {
+    let mut out = String::new();
+    out.push_str(text).expect("a sample fits");
+    out
+}
+
+fn list<T, const N: usize, L: heapless::LenType>(
+    items: impl IntoIterator<Item = T>,
+) -> Vec<T, N, L> {
+    items.into_iter().collect()
+}
+
+fn identity() -> Identity {
+    Identity {
+        board: text("virtual"),
+        serial: text("0001"),
+        firmware: text("0.1.0"),
+    }
+}
+
+fn job() -> Job {
+    Job {
+        name: text("PLATE"),
+        reference: Reference::Taught,
+        plate_timeout_s: 600,
+        receiver: ReceiverConfig {
+            coding: Coding::IsoEven,
+            patterns: list([
+                LinePattern::Block(BlockPattern::default()),
+                LinePattern::GrblProbe,
+                LinePattern::Checked(CheckedPattern {
+                    format: FieldFormat::F53,
+                }),
+            ]),
+            travel_mm: Some(Travel {
+                x: [-400.0, 0.0],
+                y: [0.0, 300.0],
+                z: [-1.5, 1.5],
+            }),
+            idle_timeout_s: 120,
+        },
+        features: list([FeatureSpec {
+            name: text("SPHERE1"),
+            id: Some(1),
+            kind: FeatureKind::Sphere,
+            hits: 5,
+            position_mm: Some([10.0, 20.0, 30.0]),
+            radius_mm: Some(12.7),
+            approach: list([
+                Approach::PlusX,
+                Approach::MinusX,
+                Approach::PlusY,
+                Approach::MinusY,
+                Approach::MinusZ,
+            ]),
+            datum: true,
+        }]),
+        compensation: Compensation::OnBoard {
+            tip_radius_mm: 2.0,
+            pretravel_mm: [0.01, 0.02, 0.03],
+        },
+        limits: Limits {
+            radius_error_mm: 0.05,
+            rms_mm: 0.02,
+            approach_deg: Some(15.0),
+            distance_error_mm: 0.03,
+            registration_rms_mm: 0.04,
+            rotation_deg: 5.0,
+            tilt_deg: 0.1,
+            shift_mm: [10.0, 11.0, 12.0],
+            expected_error_mm: None,
+        },
+        correction: Some(CorrectionSpec {
+            dialect: Dialect::G10G68,
+            probed_in: WorkOffset::G54,
+            probed_origin_mm: [-300.0, -200.0, -100.0],
+            write_to: WorkOffset::G59,
+            program_number: 9001,
+            ends_with: ProgramEnd::M99,
+            part_min_mm: [0.0, 0.0, -20.0],
+            part_max_mm: [100.0, 80.0, 0.0],
+            leftover_mm: 0.01,
+            send: SendWhen::OnRequest,
+        }),
+    }
+}
+
+fn status() -> Status {
+    let mut counters = Counters {
+        bytes: 1_000_000,
+        lines: 2000,
+        hits: 15,
+        ..Counters::default()
+    };
+    counters.count(FaultCode::BadParity);
+    Status {
+        uptime_us: 86_400_000_000,
+        job: Some(text("PLATE")),
+        has_reference: true,
+        verdicts: 3,
+        verdicts_ok: 2,
+        last_verdict_ok: Some(false),
+        correction_waiting: true,
+        counters,
+        events_dropped: 4,
+        journal_failures: 0,
+    }
+}
+
+fn feature() -> FeatureResult {
+    FeatureResult {
+        index: 7,
+        plate: 2,
+        name: text("SPHERE1"),
+        kind: FeatureKind::Sphere,
+        reasons: list([Reason::RadiusError {
+            error_mm: 0.06,
+            limit_mm: 0.05,
+        }]),
+        points_mm: list([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        fit: Some(FitReport {
+            shape: Shape::Sphere {
+                center_mm: [-136.7105, 136.412, 136.1212],
+                radius_mm: 12.7118,
+                cov_unit: [[0.5, 0.0, 0.0, 0.25]; 4],
+            },
+            dof: 1,
+            rms_mm: 0.0065,
+            sigma_mm: Some(0.0145),
+            residuals_mm: list([0.001, -0.001]),
+        }),
+    }
+}
+
+fn verdict() -> Verdict {
+    Verdict {
+        plate: 2,
+        ok: false,
+        reasons: list([PlateReason {
+            feature: None,
+            reason: Reason::DistanceError {
+                a: text("SPHERE1"),
+                b: text("SPHERE2"),
+                error_mm: 0.18,
+                limit_mm: 0.03,
+            },
+        }]),
+        reasons_dropped: 1,
+        remarks: list([PlateReason {
+            feature: Some(text("SPHERE3")),
+            reason: Reason::Taught,
+        }]),
+        distances: list([DistanceReport {
+            a: text("SPHERE1"),
+            b: text("SPHERE2"),
+            measured_mm: 254.18,
+            reference_mm: Some(254.0),
+        }]),
+        registration: Some(RegistrationReport {
+            rotation: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            translation_mm: [10.0, -20.0, 0.5],
+            angle_deg: 90.0,
+            axis: [0.0, 0.0, 1.0],
+            dof: 3,
+            rms_mm: 0.004,
+            sigma_mm: Some(0.007),
+            residuals_mm: list([[0.001, 0.002, -0.003]]),
+            cov_unit_rotvec: [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]],
+            cov_unit_t: [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]],
+            expected_error_mm: Some(0.009),
+        }),
+        correction: Some(CorrectionReport {
+            dialect: Dialect::G10G68,
+            text: text("%\nO9001\nG10 L2 P6 X-310. Y-180. Z-100.5\nM99\n%\n"),
+            leftover_mm: 0.0,
+        }),
+    }
+}
