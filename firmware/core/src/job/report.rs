@@ -139,7 +139,7 @@ pub const fn refusal(error: &FitError) -> FitRefusal {
     match error {
         FitError::TooFewPoints { .. } => FitRefusal::TooFewPoints,
         FitError::NotFinite { .. } | FitError::OutOfRange { .. } => FitRefusal::NotFinite,
-        FitError::Degenerate { .. } => FitRefusal::Degenerate,
+        FitError::Degenerate { .. } | FitError::NoDirection => FitRefusal::Degenerate,
         FitError::IllConditioned { .. }
         | FitError::Uncertain { .. }
         | FitError::Ambiguous { .. } => FitRefusal::IllConditioned,
