@@ -4,7 +4,9 @@ use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use umi_app as _;
-use umi_core::units::Mm;
+use umi_core::fit::sphere;
+use umi_core::registration::register;
+use umi_core::units::Point;
 use umi_protocol as _;
 
 #[panic_handler]
@@ -18,8 +20,11 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 // SAFETY: no other symbol of this name is linked.
 #[unsafe(no_mangle)]
 extern "C" fn _start() -> ! {
+    let points = [Point::from_mm(0.0, 0.0, 0.0); 64];
     loop {
-        black_box(black_box(Mm(2.0)));
-        black_box(black_box(Mm(1.0)));
+        // What is in a black box is unknown to the compiler, and what goes into one is used.
+        let points = black_box(&points[..]);
+        let _ = black_box(sphere::fit(points));
+        let _ = black_box(register(points, black_box(points)));
     }
 }
