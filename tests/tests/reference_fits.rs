@@ -62,3 +62,152 @@ fn spheres_hold_at_their_tolerance() {
         );
     }
 }
+
+#[test]
+fn planes_hold_at_their_tolerance() {
+    let cases = cases(&["plane"]);
+    assert_eq!(cases.len(), 3);
+    for case in cases {
+        let Some(fit) = expected(&case, fit::plane::fit(&case.points(0))) else {
+            continue;
+        };
+        case.close_at_tol("point", fit.point.mm.as_slice());
+        case.close_up_to_sign("normal", fit.normal.as_slice());
+        let sign = fit.normal.z.signum();
+        case.close("offset", &[fit.offset.0 * sign], case.tol("point"));
+        case.close_statistics(&fit.stats);
+        case.close_covariance("cov_unit_normal", fit.cov_unit_normal.as_flattened());
+        case.close_covariance("var_unit_offset_at_point", &[fit.var_unit_offset_at_point]);
+        case.close_true_covariance("cov_normal", flattened(fit.cov_normal()));
+        case.close_true_covariance(
+            "var_offset_at_point",
+            fit.var_offset_at_point().map(|v| vec![v]),
+        );
+    }
+}
+
+#[test]
+fn lines_hold_at_their_tolerance() {
+    let cases = cases(&["line"]);
+    assert_eq!(cases.len(), 2);
+    for case in cases {
+        let Some(fit) = expected(&case, fit::line::fit(&case.points(0))) else {
+            continue;
+        };
+        case.close_at_tol("point", fit.point.mm.as_slice());
+        case.close_up_to_sign("direction", fit.direction.as_slice());
+        case.close_statistics(&fit.stats);
+        case.close_covariance("cov_unit_direction", fit.cov_unit_direction.as_flattened());
+        case.close_covariance("cov_unit_point", fit.cov_unit_point.as_flattened());
+        case.close_true_covariance("cov_direction", flattened(fit.cov_direction()));
+        case.close_true_covariance("cov_point", flattened(fit.cov_point()));
+    }
+}
+
+#[test]
+fn circles_hold_at_their_tolerance() {
+    let cases = cases(&["circle"]);
+    assert_eq!(cases.len(), 4);
+    for case in cases {
+        let points = case.points(0);
+        let Some(fit) = expected(&case, fit::circle::fit(&points)) else {
+            continue;
+        };
+        case.close_at_tol("center", fit.center.mm.as_slice());
+        case.close_at_tol("radius", &[fit.radius.0]);
+        case.close_up_to_sign("normal", fit.normal.as_slice());
+        case.close_statistics(&fit.stats);
+        case.close("rms_plane", &[fit.rms_plane.0], case.tol("rms"));
+        case.close("rms_total", &[fit.rms_total().0], case.tol("rms"));
+        case.close_covariance("cov_unit", fit.cov_unit.as_flattened());
+        case.close_true_covariance("cov", flattened(fit.cov()));
+
+        // Told the normal, the fit in the plane is the same.
+        let told = fit::circle::fit_in_plane(&points, &(fit.normal * -2.0)).unwrap();
+        assert!(
+            (told.center.mm - fit.center.mm).amax() < 1e-12,
+            "{}",
+            case.id
+        );
+        assert!((told.radius.0 - fit.radius.0).abs() < 1e-12);
+        assert!((told.rms_plane.0 - fit.rms_plane.0).abs() < 1e-12);
+        assert!((told.normal - fit.normal).amax() < 1e-15);
+    }
+}
+
+/// A ring gauge needs only x and y: whatever stands in z, the answer is that of
+/// the reference.
+#[test]
+fn ring_gauge_holds_in_two_dimensions() {
+    let case = cases::case("circle_ring_gauge_36");
+    let mut points = case.points(0);
+    for (k, point) in points.iter_mut().enumerate() {
+        point.mm.z = 20.0 * k as f64;
+    }
+    let fit = fit::circle2d::fit(&points).unwrap();
+    let wanted = cases::flat(case.result("center"));
+    assert!((fit.center_x.0 - wanted[0]).abs() <= case.tol("center"));
+    assert!((fit.center_y.0 - wanted[1]).abs() <= case.tol("center"));
+    case.close_at_tol("radius", &[fit.radius.0]);
+    case.close_statistics(&fit.stats);
+}
+
+#[test]
+fn cylinders_hold_at_their_tolerance() {
+    let cases = cases(&["cylinder"]);
+    assert_eq!(cases.len(), 3);
+    for case in cases {
+        let points = case.points(0);
+        let Some(fit) = expected(&case, fit::cylinder::fit(&points)) else {
+            continue;
+        };
+        case.close_at_tol("point", fit.point.mm.as_slice());
+        case.close_up_to_sign("direction", fit.direction.as_slice());
+        case.close_at_tol("radius", &[fit.radius.0]);
+        case.close_statistics(&fit.stats);
+        case.close_covariance("cov_unit_point", fit.cov_unit_point.as_flattened());
+        case.close_covariance("cov_unit_direction", fit.cov_unit_direction.as_flattened());
+        case.close_covariance("var_unit_radius", &[fit.var_unit_radius]);
+        case.close_true_covariance("cov_point", flattened(fit.cov_point()));
+        case.close_true_covariance("cov_direction", flattened(fit.cov_direction()));
+        case.close_true_covariance("var_radius", fit.var_radius().map(|v| vec![v]));
+
+        let hint = hint(&case);
+        let near = fit::cylinder::fit_near(&points, &hint).unwrap();
+        assert!((near.point.mm - fit.point.mm).amax() < 1e-10, "{}", case.id);
+        assert!((near.radius.0 - fit.radius.0).abs() < 1e-10, "{}", case.id);
+    }
+}
+
+#[test]
+fn cones_hold_at_their_tolerance() {
+    let cases = cases(&["cone"]);
+    assert_eq!(cases.len(), 2);
+    for case in cases {
+        let points = case.points(0);
+        let Some(fit) = expected(&case, fit::cone::fit(&points)) else {
+            continue;
+        };
+        case.close_at_tol("apex", fit.apex.mm.as_slice());
+        // With its sign: from the apex into the points.
+        case.close_at_tol("direction", fit.direction.as_slice());
+        case.close_at_tol("half_angle", &[fit.half_angle.0]);
+        case.close("point", fit.point.mm.as_slice(), 1e-9);
+        case.close("radius_at_point", &[fit.radius_at_point.0], 1e-9);
+        case.close_statistics(&fit.stats);
+        case.close_covariance("cov_unit_apex", fit.cov_unit_apex.as_flattened());
+        case.close_covariance("cov_unit_direction", fit.cov_unit_direction.as_flattened());
+        case.close_covariance("var_unit_half_angle", &[fit.var_unit_half_angle]);
+        case.close_true_covariance("cov_apex", flattened(fit.cov_apex()));
+        case.close_true_covariance("cov_direction", flattened(fit.cov_direction()));
+        case.close_true_covariance("var_half_angle", fit.var_half_angle().map(|v| vec![v]));
+
+        let hint = hint(&case);
+        let near = fit::cone::fit_near(&points, &-hint).unwrap();
+        assert!((near.apex.mm - fit.apex.mm).amax() < 1e-10, "{}", case.id);
+    }
+}
+
+fn hint(case: &Case) -> nalgebra::Vector3<f64> {
+    nalgebra::Vector3::from_column_slice(&cases::flat(&case.json["hint_axis"]))
+}

@@ -9,7 +9,6 @@ use crate::units::{Mm, Point};
 
 /// Points that are finite, enough and not all the same, with the local
 /// coordinates `(p - centroid) / scale` in which the fits work.
-#[derive(Clone, Copy)]
 pub(crate) struct Cloud<'a> {
     points: &'a [Point],
     set: PointSet,
@@ -132,20 +131,25 @@ impl<'a> Cloud<'a> {
     }
 
     /// A local position in the coordinates of the points.
-    pub(crate) fn to_point(&self, local: &Vector3<f64>) -> Point {
+    pub(crate) fn point_at(&self, local: &Vector3<f64>) -> Point {
         Point {
             mm: self.origin + (self.mean + local * self.scale),
         }
     }
 
     /// A local length in millimetres.
-    pub(crate) fn to_mm(&self, local: f64) -> Mm {
+    pub(crate) fn mm(&self, local: f64) -> Mm {
         Mm(local * self.scale)
     }
 
     /// What one rounding of the largest coordinate is worth, mm.
     pub(crate) fn rounding(&self) -> Mm {
         Mm(f64::EPSILON * self.largest)
+    }
+
+    /// A local spread below this is nothing but the rounding of coordinates.
+    pub(crate) fn spread_floor(&self) -> f64 {
+        4.0 * self.rounding().0 * self.inverse_scale * libm::sqrt(self.count())
     }
 
     /// The principal axes and the spread along them.
@@ -158,7 +162,7 @@ impl<'a> Cloud<'a> {
         Spread {
             values: svd.values,
             axes: svd.right,
-            floor: 4.0 * self.rounding().0 * self.inverse_scale * libm::sqrt(self.count()),
+            floor: self.spread_floor(),
             set: self.set,
         }
     }

@@ -62,6 +62,8 @@ pub enum Quantity {
     Position,
     /// The half angle of a cone.
     HalfAngle,
+    /// The apex of a cone.
+    Apex,
     /// The rotation of a registration.
     Rotation,
 }
@@ -74,6 +76,7 @@ impl Quantity {
             Self::Direction => "direction",
             Self::Position => "position of the axis",
             Self::HalfAngle => "half angle",
+            Self::Apex => "apex",
             Self::Rotation => "rotation",
         }
     }
@@ -152,6 +155,8 @@ pub enum FitError {
         /// rms of another one, millimetres.
         other_rms_mm: f64,
     },
+    /// A direction that was given with the points has no length.
+    NoDirection,
     /// The iteration found no minimum.
     NoConvergence {
         /// Steps tried.
@@ -173,7 +178,7 @@ impl FitError {
         match self {
             Self::TooFewPoints { .. } => "too_few_points",
             Self::NotFinite { .. } | Self::OutOfRange { .. } => "not_finite",
-            Self::Degenerate { .. } => "degenerate",
+            Self::Degenerate { .. } | Self::NoDirection => "degenerate",
             Self::IllConditioned { .. } | Self::Uncertain { .. } | Self::Ambiguous { .. } => {
                 "ill_conditioned"
             }
@@ -269,6 +274,7 @@ impl fmt::Display for FitError {
                 f,
                 "different surfaces fit about as well (rms {best_rms_mm:.3e} and {other_rms_mm:.3e} mm): probe more points or give the direction"
             ),
+            Self::NoDirection => write!(f, "the given direction has no length: give a unit vector"),
             Self::NoConvergence { iterations } => write!(
                 f,
                 "no least-squares minimum found in {iterations} steps: the points do not look like this shape; check the feature and its points"

@@ -40,6 +40,8 @@ pub(crate) trait Surface<const K: usize>: Copy {
 pub(crate) struct Stopped<S> {
     /// Where it ended.
     pub(crate) surface: S,
+    /// Sum of squares there.
+    pub(crate) sum: f64,
     /// Steps tried.
     pub(crate) iterations: u32,
 }
@@ -70,6 +72,7 @@ where
     } = descend(start, points, MAX_STEPS)?;
     let stopped = Stopped {
         surface,
+        sum: system.sum,
         iterations: steps,
     };
     if !system.is_minimum() {
@@ -112,6 +115,7 @@ where
     let Some(mut system) = System::at(&surface, points) else {
         return Err(Stopped {
             surface,
+            sum: f64::INFINITY,
             iterations: 0,
         });
     };
@@ -138,11 +142,12 @@ where
             });
         }
         // Near the minimum the sum of squares is blind to the last half of the
-        // digits. There the step itself must contract, as Newton's does, and
+        // digits: residuals carry the rounding of coordinates, the sum that of
+        // its terms. There the step itself must contract, as Newton's does, and
         // when it does so no longer, rounding is reached as well.
-        let blind = newton
-            && length2
-                <= (1e-12 + 8.0 * f64::EPSILON * system.count) * system.sum + 1e4 * rounding2;
+        let sum_noise = (1e-12 + 8.0 * f64::EPSILON * system.count) * system.sum
+            + 8.0 * libm::sqrt(system.sum * rounding2);
+        let blind = newton && length2 <= sum_noise + 1e4 * rounding2;
         if blind && length2 > 0.25 * last_length2 {
             return Ok(Converged {
                 surface,
@@ -170,6 +175,7 @@ where
     }
     Err(Stopped {
         surface,
+        sum: system.sum,
         iterations: max_steps,
     })
 }

@@ -24,6 +24,20 @@ pub(crate) fn unit(v: &Vector3<f64>) -> Option<Vector3<f64>> {
     (length > 0.0 && length.is_finite()).then(|| v / length)
 }
 
+/// The one of `v` and `-v` whose largest component is positive: one name for a
+/// normal or an axis that has no sense of its own.
+pub(crate) fn canonical_sign(v: &Vector3<f64>) -> Vector3<f64> {
+    let (x, y, z) = (v.x.abs(), v.y.abs(), v.z.abs());
+    let largest = if x >= y && x >= z {
+        v.x
+    } else if y >= z {
+        v.y
+    } else {
+        v.z
+    };
+    if largest < 0.0 { -v } else { *v }
+}
+
 /// Two unit vectors that complete the unit vector `axis` to a right-handed
 /// frame (e1, e2, axis).
 pub(crate) fn perpendicular_frame(axis: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
@@ -53,6 +67,32 @@ pub(crate) fn outer_sum<const N: usize>(terms: [(f64, Vector3<f64>); N]) -> Squa
         }
     }
     sum
+}
+
+/// The matrix plus `row rowᵀ`: the growing left side of normal equations.
+pub(crate) fn added<const K: usize>(matrix: &Square<K>, row: &[f64; K]) -> Square<K> {
+    let mut sum = *matrix;
+    for i in 0..K {
+        for j in 0..K {
+            sum[i][j] += row[i] * row[j];
+        }
+    }
+    sum
+}
+
+/// The matrix with a small part of its trace added to the diagonal.
+pub(crate) fn ridged<const K: usize>(matrix: &Square<K>, part: f64) -> Square<K> {
+    let mut sum = *matrix;
+    let trace: f64 = (0..K).fold(0.0, |trace, i| trace + matrix[i][i]);
+    for i in 0..K {
+        sum[i][i] += part * trace;
+    }
+    sum
+}
+
+/// The diagonal.
+pub(crate) fn diagonal<const K: usize>(matrix: &Square<K>) -> [f64; K] {
+    core::array::from_fn(|i| matrix[i][i])
 }
 
 /// `A C Aᵀ` for a Jacobian A (M rows, K columns) and a symmetric C: the

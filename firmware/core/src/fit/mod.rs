@@ -27,14 +27,29 @@
 //! few degrees of freedom `sigma` itself is poorly known: multiply a standard
 //! uncertainty by Student's t for `stats.dof` to get a 95 % interval.
 
+mod axis;
+mod axis_search;
+pub mod circle;
+pub mod circle2d;
 pub(crate) mod cloud;
+pub mod cone;
+pub mod cylinder;
 pub mod error;
 mod least_squares;
+mod limits;
 pub(crate) mod linalg;
+pub mod line;
+pub mod plane;
 pub mod sphere;
 pub mod statistics;
 
+pub use circle::CircleFit;
+pub use circle2d::Circle2dFit;
+pub use cone::ConeFit;
+pub use cylinder::CylinderFit;
 pub use error::{Degeneracy, FitError, PointSet, Quantity};
+pub use line::LineFit;
+pub use plane::PlaneFit;
 pub use sphere::SphereFit;
 pub use statistics::Statistics;
 

@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::cloud::Cloud;
-use super::least_squares::{Minimum, Stopped, Surface, Term, minimise};
-use super::linalg::{Qr, all_finite, block3, largest_variance, norm};
-use super::{FitError, MAX_CONDITION, MAX_RELATIVE_UNCERTAINTY, PointSet, Quantity, Statistics};
+use super::least_squares::{Minimum, Surface, Term, minimise};
+use super::linalg::{Qr, block3, largest_variance, norm};
+use super::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a sphere needs.
@@ -47,24 +47,21 @@ pub struct LinearSphere {
 /// * `too_few_points` below four points, `not_finite`, `degenerate` for
 ///   coplanar points (see [`super::SPREAD_LIMIT`]);
 /// * `cap_too_small` if the standard uncertainty of the radius is above
-///   [`MAX_RELATIVE_UNCERTAINTY`] of it, or if the best surface is flat;
+///   [`super::MAX_RELATIVE_UNCERTAINTY`] of it, or if the best surface is flat;
 /// * `ill_conditioned` if that of the centre is, or if centre or radius have a
-///   condition above [`MAX_CONDITION`];
+///   condition above [`super::MAX_CONDITION`];
 /// * `no_convergence` if no minimum was found.
 pub fn fit(points: &[Point]) -> Result<SphereFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
     cloud.spread().require_space()?;
     let start = linear_local(&cloud)?;
-    let Minimum { surface, cov_unit } =
-        minimise(start, &cloud.local()).map_err(|stopped| refuse(&stopped))?;
-    if !all_finite(&cov_unit) {
-        return Err(no_radius());
-    }
+    let Minimum { surface, cov_unit } = minimise(start, &cloud.local())
+        .map_err(|stopped| limits::stopped(&stopped, stopped.surface.radius))?;
     let result = SphereFit {
-        center: cloud.to_point(&surface.center),
-        radius: cloud.to_mm(surface.radius),
+        center: cloud.point_at(&surface.center),
+        radius: cloud.mm(surface.radius),
         stats: Statistics::new(
-            cloud.local().map(|q| cloud.to_mm(surface.distance(&q)).0),
+            cloud.local().map(|q| cloud.mm(surface.distance(&q)).0),
             cloud.len() - MIN_POINTS,
             cloud.rounding(),
         ),
@@ -83,8 +80,8 @@ pub fn fit_linear(points: &[Point]) -> Result<LinearSphere, FitError> {
     cloud.spread().require_space()?;
     let Ball { center, radius } = linear_local(&cloud)?;
     Ok(LinearSphere {
-        center: cloud.to_point(&center),
-        radius: cloud.to_mm(radius),
+        center: cloud.point_at(&center),
+        radius: cloud.mm(radius),
     })
 }
 
@@ -104,9 +101,9 @@ impl SphereFit {
     /// Standard uncertainties of the centre's x, y and z.
     #[must_use]
     pub fn center_uncertainty(&self) -> Option<[Mm; 3]> {
-        let [[x, ..], [_, y, ..], [_, _, z, _], _] = self.cov_unit;
-        let [x, y, z] = [x, y, z].map(|variance| self.stats.standard_uncertainty(variance));
-        Some([Mm(x?), Mm(y?), Mm(z?)])
+        self.stats
+            .uncertainties(&block3(&self.cov_unit))
+            .map(|u| u.map(Mm))
     }
 
     /// Standard uncertainty of the radius.
@@ -120,41 +117,15 @@ impl SphereFit {
     fn check(&self) -> Result<(), FitError> {
         let [.., [.., radius_variance]] = self.cov_unit;
         let center_variance = largest_variance(&block3(&self.cov_unit));
-        let limit = MAX_RELATIVE_UNCERTAINTY;
-        let relative = |variance| {
-            self.stats
-                .standard_uncertainty(variance)
-                .map_or(0.0, |u| u / self.radius.0)
-        };
-        let relative_uncertainty = relative(radius_variance);
-        if relative_uncertainty > limit {
-            return Err(FitError::CapTooSmall {
-                relative_uncertainty,
-                limit,
-            });
-        }
-        let relative_uncertainty = relative(center_variance);
-        if relative_uncertainty > limit {
-            return Err(FitError::Uncertain {
-                quantity: Quantity::Center,
-                relative_uncertainty,
-                limit,
-            });
-        }
-        for (quantity, variance) in [
-            (Quantity::Radius, radius_variance),
-            (Quantity::Center, center_variance),
-        ] {
-            let condition = libm::sqrt(variance);
-            if condition > MAX_CONDITION {
-                return Err(FitError::IllConditioned {
-                    quantity,
-                    condition,
-                    limit: MAX_CONDITION,
-                });
-            }
-        }
-        Ok(())
+        limits::curved(&self.stats, radius_variance, self.radius.0)?;
+        limits::uncertain(
+            &self.stats,
+            Quantity::Center,
+            center_variance,
+            self.radius.0,
+        )?;
+        limits::conditioned(Quantity::Radius, radius_variance)?;
+        limits::conditioned(Quantity::Center, center_variance)
     }
 }
 
@@ -170,9 +141,6 @@ impl Ball {
         norm(&(q - self.center)) - self.radius
     }
 }
-
-/// Radius, in sizes of the point set, at which a sphere is called flat.
-const FLAT: f64 = 1e7;
 
 impl Surface<4> for Ball {
     fn term(&self, q: &Vector3<f64>) -> Option<Term<4>> {
@@ -203,7 +171,7 @@ impl Surface<4> for Ball {
 
     fn moved(&self, [x, y, z, r]: &[f64; 4]) -> Option<Self> {
         let radius = self.radius + r;
-        (radius > 0.0 && radius < FLAT).then(|| Self {
+        (radius > 0.0 && radius < limits::FLAT).then(|| Self {
             center: self.center + Vector3::new(*x, *y, *z),
             radius,
         })
@@ -220,30 +188,13 @@ fn linear_local(cloud: &Cloud<'_>) -> Result<Ball, FitError> {
     for q in cloud.local() {
         qr.add([2.0 * q.x, 2.0 * q.y, 2.0 * q.z, 1.0], q.dot(&q));
     }
-    let [x, y, z, h] = qr.solve().ok_or_else(no_radius)?;
+    let [x, y, z, h] = qr.solve().ok_or_else(limits::flat)?;
     let center = Vector3::new(x, y, z);
     let radius = libm::sqrt(h + center.dot(&center));
     // Also false for NaN.
-    if radius > 0.0 && radius < FLAT {
+    if radius > 0.0 && radius < limits::FLAT {
         Ok(Ball { center, radius })
     } else {
-        Err(no_radius())
-    }
-}
-
-fn no_radius() -> FitError {
-    FitError::CapTooSmall {
-        relative_uncertainty: f64::INFINITY,
-        limit: MAX_RELATIVE_UNCERTAINTY,
-    }
-}
-
-fn refuse(stopped: &Stopped<Ball>) -> FitError {
-    // On the way to a plane: there is no minimum because the radius only grows.
-    if stopped.surface.radius > 1e3 {
-        return no_radius();
-    }
-    FitError::NoConvergence {
-        iterations: stopped.iterations,
+        Err(limits::flat())
     }
 }

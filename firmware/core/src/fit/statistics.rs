@@ -64,4 +64,12 @@ impl Statistics {
         self.sigma
             .map(|sigma| sigma.0 * libm::sqrt(unit_variance.max(0.0)))
     }
+
+    /// Standard uncertainties that belong to the diagonal of a covariance for
+    /// unit noise.
+    #[must_use]
+    pub fn uncertainties<const K: usize>(&self, unit: &[[f64; K]; K]) -> Option<[f64; K]> {
+        let sigma = self.sigma?.0;
+        Some(super::linalg::diagonal(unit).map(|variance| sigma * libm::sqrt(variance.max(0.0))))
+    }
 }

@@ -72,7 +72,7 @@ pub fn register(source: &[Point], target: &[Point]) -> Result<Registration, FitE
     let rotation = quaternion.to_rotation();
 
     let zero = Vector3::zeros();
-    let (from_centroid, to_centroid) = (from.to_point(&zero), to.to_point(&zero));
+    let (from_centroid, to_centroid) = (from.point_at(&zero), to.point_at(&zero));
     let arm = rotated(&rotation, &from_centroid.mm);
     let transform = RigidTransform {
         rotation,
