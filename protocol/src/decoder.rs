@@ -43,6 +43,18 @@ impl Counters {
             .saturating_add(self.crc_errors)
             .saturating_add(self.overflows)
     }
+
+    /// What was seen since an earlier state.
+    #[must_use]
+    pub const fn since(&self, earlier: &Self) -> Self {
+        Self {
+            frames: self.frames.saturating_sub(earlier.frames),
+            garbage: self.garbage.saturating_sub(earlier.garbage),
+            crc_errors: self.crc_errors.saturating_sub(earlier.crc_errors),
+            overflows: self.overflows.saturating_sub(earlier.overflows),
+            bytes_discarded: self.bytes_discarded.saturating_sub(earlier.bytes_discarded),
+        }
+    }
 }
 
 impl<const N: usize> Decoder<N> {

@@ -10,7 +10,7 @@
 //!   garbage between frames never costs a frame.
 //! * **Kind**: [`Kind`].
 //! * **Sequence**: of a request, chosen by the host; its answer repeats it. Of an
-//!   event, the board's count of events, so that a lost one leaves a gap.
+//!   event, the board's count of events sent, so that one lost on the way leaves a gap.
 //! * **Key**: the low 32 bits of the sender's schema key ([`crate::hello::KEY`]).
 //!   A frame with another key is recognised and never opened.
 //! * **Payload**: the message in postcard's wire format 1.0; the whole payload,
@@ -25,7 +25,8 @@
 //! * All of the above and the layout of [`crate::hello::Hello`] are frozen for ever: any
 //!   two versions can at least say who they are.
 //! * The host begins with a Hello; the board answers with its own, same sequence.
-//! * One request at a time: the host waits for the answer or gives up.
+//! * One request at a time: the host waits for the answer or gives up. Asking again, it
+//!   repeats the sequence, so a late answer still counts.
 //! * What the board cannot open (another key, a kind that it does not know, a
 //!   payload that does not fit the types) it answers with a Hello of the same
 //!   sequence. So the host never waits in vain for a board of another version.
@@ -226,7 +227,7 @@ pub struct Frame<'a> {
     /// What it carries.
     pub kind: Kind,
     /// Of a request: the host's choice, repeated by its answer. Of an event: the
-    /// board's count of events.
+    /// board's count of events sent.
     pub sequence: u16,
     /// The low 32 bits of the sender's schema key.
     pub key: u32,

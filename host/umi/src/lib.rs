@@ -1,1 +1,3 @@
 //! The openumi host library.
+
+pub mod link;

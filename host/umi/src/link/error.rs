@@ -1,0 +1,189 @@
+//! What can go wrong between host and board.
+
+use std::fmt;
+use std::io;
+use std::time::Duration;
+
+use umi_protocol::decoder::Counters;
+use umi_protocol::hello::Mismatch;
+
+/// What went wrong between host and board, and what to do.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum LinkError {
+    /// The address is neither a path nor `tcp://host:port`.
+    BadAddress {
+        /// As given.
+        address: String,
+    },
+    /// There is no such port.
+    NoSuchPort {
+        /// As given.
+        address: String,
+        /// The ports that there are.
+        ports: Vec<String>,
+    },
+    /// The port is there and cannot be opened.
+    CannotOpen {
+        /// As given.
+        address: String,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The connection ended or failed.
+    Closed(io::Error),
+    /// No Hello came back.
+    NobodyAnswers {
+        /// How long was waited, all tries together.
+        waited: Duration,
+        /// What came instead.
+        seen: Counters,
+    },
+    /// Board and host are of different versions.
+    Mismatch {
+        /// Who the board says that it is.
+        board: String,
+        /// What differs.
+        mismatch: Mismatch,
+    },
+    /// The board speaks another schema than when it was greeted.
+    BoardChanged,
+    /// The answer to a request did not come.
+    NoAnswer {
+        /// The request.
+        request: &'static str,
+        /// How often it was sent.
+        tries: u32,
+        /// How long was waited, all tries together.
+        waited: Duration,
+    },
+    /// Something came, but damaged.
+    Damaged {
+        /// The request.
+        request: &'static str,
+        /// How often it was sent.
+        tries: u32,
+        /// What came meanwhile.
+        seen: Counters,
+    },
+    /// No answer to a new job: whether the board took it is not known.
+    JobOutcomeUnknown {
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// The board could not read the request although the schema is the same.
+    NotUnderstood {
+        /// The request.
+        request: &'static str,
+    },
+    /// The board answered what does not belong to the request, or what does not fit its
+    /// own schema.
+    WrongAnswer {
+        /// The request.
+        request: &'static str,
+    },
+    /// The board's journal storage failed.
+    StorageFailed,
+}
+
+impl fmt::Display for LinkError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BadAddress { address } => write!(
+                f,
+                "`{address}` is no address of a board; give a port as /dev/ttyACM0 or COM3, or tcp://host:port"
+            ),
+            Self::NoSuchPort { address, ports } if ports.is_empty() => write!(
+                f,
+                "there is no port {address}, and no other serial port either; is the board connected and powered?"
+            ),
+            Self::NoSuchPort { address, ports } => write!(
+                f,
+                "there is no port {address}; ports here: {}",
+                ports.join(", ")
+            ),
+            Self::CannotOpen { address, cause } => {
+                write!(f, "cannot open {address}: {cause}")?;
+                f.write_str(match cause.kind() {
+                    io::ErrorKind::ConnectionRefused => "; is the virtual board running?",
+                    io::ErrorKind::PermissionDenied => {
+                        "; on Linux, serial ports are for members of the group that owns them (often `dialout`)"
+                    }
+                    _ => "; is another program using it?",
+                })
+            }
+            Self::Closed(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
+                f.write_str("the board closed the connection; was it unplugged or restarted?")
+            }
+            Self::Closed(cause) => write!(
+                f,
+                "the connection to the board failed: {cause}; was it unplugged or restarted?"
+            ),
+            Self::NobodyAnswers { waited, seen } if seen.bytes_discarded == 0 => write!(
+                f,
+                "nobody answers ({waited:.1?}): is it an openumi board? is another program using the port?"
+            ),
+            Self::NobodyAnswers { waited, seen } => {
+                write!(f, "no intact answer in {waited:.1?}, but ")?;
+                came(f, seen)?;
+                f.write_str(": is it an openumi board? is it the board's host port, and not the one of the control?")
+            }
+            Self::Mismatch { board, mismatch } if board.is_empty() => mismatch.fmt(f),
+            Self::Mismatch { board, mismatch } => write!(f, "{mismatch} (board: {board})"),
+            Self::BoardChanged => f.write_str(
+                "the board speaks another protocol than when the connection began: it was exchanged or updated; connect again",
+            ),
+            Self::NoAnswer {
+                request,
+                tries,
+                waited,
+            } => write!(
+                f,
+                "the board did not answer to `{request}` ({tries} tries, {waited:.1?}); it answered before: is it busy, or was it unplugged?"
+            ),
+            Self::Damaged {
+                request,
+                tries,
+                seen,
+            } => {
+                write!(f, "no intact answer to `{request}` ({tries} tries): ")?;
+                came(f, seen)?;
+                f.write_str("; check cable, shield and earth")
+            }
+            Self::JobOutcomeUnknown { waited } => write!(
+                f,
+                "the board did not answer to the new job ({waited:.1?}): it is not known whether it took the job; read the job back before the next plate"
+            ),
+            Self::NotUnderstood { request } => write!(
+                f,
+                "the board could not read the request `{request}` although it speaks the same protocol: please report this fault"
+            ),
+            Self::WrongAnswer { request } => write!(
+                f,
+                "the board answered `{request}` with something else: please report this fault"
+            ),
+            Self::StorageFailed => f.write_str(
+                "the board's journal storage failed; measurements are no longer recorded: replace the board",
+            ),
+        }
+    }
+}
+
+/// What came that was no frame.
+fn came(f: &mut fmt::Formatter<'_>, seen: &Counters) -> fmt::Result {
+    write!(f, "{} bytes came that are no frame", seen.bytes_discarded)?;
+    if seen.crc_errors > 0 {
+        write!(f, ", {} checksum errors", seen.crc_errors)?;
+    }
+    Ok(())
+}
+
+impl std::error::Error for LinkError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::CannotOpen { cause, .. } | Self::Closed(cause) => Some(cause),
+            Self::Mismatch { mismatch, .. } => Some(mismatch),
+            _ => None,
+        }
+    }
+}
