@@ -364,6 +364,10 @@ impl Axial<6> for Funnel {
         Some((funnel, sum))
     }
 
+    fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
     fn agrees(&self, other: &Self) -> bool {
         let (one, other) = (self.opening_forward().axis, other.opening_forward().axis);
         one.agrees(&other) && one.direction.dot(&other.direction) > 0.0

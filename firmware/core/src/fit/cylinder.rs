@@ -244,6 +244,10 @@ impl Axial<5> for Tube {
         Some((tube, sum))
     }
 
+    fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
     fn agrees(&self, other: &Self) -> bool {
         self.axis.agrees(&other.axis)
     }
