@@ -12,6 +12,7 @@ use umi_protocol::fault::{Counters, Fault};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
 use umi_protocol::line::{HitReport, LineReport};
+use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
@@ -67,6 +68,12 @@ impl Brain {
         self.run.restore_reference(positions);
     }
 
+    /// The code in which the control writes: the job's, or as detected.
+    #[must_use]
+    pub fn coding(&self) -> Coding {
+        self.receiver.coding()
+    }
+
     /// What the receiver has counted.
     #[must_use]
     pub fn counters(&self) -> &Counters {
@@ -76,9 +83,7 @@ impl Brain {
     /// Bytes came from the control; `now` is when the last of them came.
     pub fn bytes(&mut self, now: Micros, bytes: &[u8], out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
-        for byte in bytes {
-            receiver.push(*byte, now, &mut |item| pass(run, &item, now, out));
-        }
+        receiver.receive(bytes, now, &mut |item| pass(run, &item, now, out));
     }
 
     /// Bytes from the control were lost before they could be given to [`Self::bytes`].

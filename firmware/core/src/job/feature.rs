@@ -167,14 +167,21 @@ fn against_approach(
     let Some(limit_deg) = limits.approach_deg else {
         return;
     };
+    // A boss is touched against its outward normals, a bore along them: which of
+    // the two is said by all hits together, so one exchanged hit stands out.
+    let facing: f64 = points
+        .iter()
+        .zip(hits)
+        .filter_map(|(point, hit)| Some(normal_at(shape, *point)?.dot(&direction(hit.approach?))))
+        .sum();
+    let side = if facing < 0.0 { -1.0 } else { 1.0 };
     let mut worst: Option<(u16, f64)> = None;
     for (number, (point, hit)) in (1u16..).zip(points.iter().zip(hits)) {
         let (Some(approach), Some(normal)) = (hit.approach, normal_at(shape, *point)) else {
             continue;
         };
         let direction = direction(approach);
-        // A bore is touched along its outward normal, a boss against it.
-        let along = normal.dot(&direction).abs();
+        let along = side * normal.dot(&direction);
         let across = normal.cross(&direction).norm_squared();
         let angle_deg = libm::atan2(libm::sqrt(across), along).to_degrees();
         if worst.is_none_or(|(_, most)| angle_deg > most) {

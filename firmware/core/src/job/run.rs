@@ -564,7 +564,9 @@ impl Collecting {
     fn block_reason(&self, spec: &FeatureSpec, end: &BlockEnd) -> Option<Reason> {
         let got = u16::try_from(self.hits.len()).unwrap_or(u16::MAX);
         let expected = spec.hits;
-        if end.damaged > 0 {
+        // Without an intact count line nobody knows how many were to come.
+        let no_count = end.expected.is_none() && got >= expected;
+        if end.damaged > 0 || no_count {
             Some(Reason::DamagedLine { got, expected })
         } else if let Some(announced) = end.expected.filter(|announced| *announced != expected) {
             let got = announced.max(got);

@@ -12,7 +12,7 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
     ProgramEnd, Reference, SendWhen, WorkOffset,
 };
-use umi_protocol::pattern::ReceiverConfig;
+use umi_protocol::pattern::{BlockPattern, LinePattern, ReceiverConfig};
 use umi_protocol::verdict::Verdict;
 
 use super::*;
@@ -36,7 +36,12 @@ fn job() -> Job {
         name: "THREE SPHERES".try_into().unwrap(),
         reference: Reference::Taught,
         plate_timeout_s: 1800,
-        receiver: ReceiverConfig::default(),
+        receiver: ReceiverConfig {
+            patterns: [LinePattern::Block(BlockPattern::default())]
+                .into_iter()
+                .collect(),
+            ..ReceiverConfig::default()
+        },
         features: (1..=3).map(sphere).collect(),
         compensation: Compensation::InMacro,
         limits: Limits {
@@ -435,6 +440,14 @@ fn a_contradicting_repeat_is_ng() {
     assert_eq!(summary[2], "OK");
 }
 
+/// Two opposite hits exchanged leave fit and pose as they are; the approaches
+/// say that the hits are not those that the job means.
+#[test]
+fn exchanged_hits_are_named() {
+    let verdict = third_clamping(2, |points| points.swap(3, 4));
+    assert_eq!(verdict, "SPHERE2:approach_angle");
+}
+
 /// Fewer or more points than the job asks for.
 #[test]
 fn counts_must_agree() {
@@ -558,6 +571,8 @@ fn bad_jobs_are_refused() {
     type Change = fn(&mut Job);
     let cases: Vec<(&str, Change)> = vec![
         ("bad_name", |j| j.name.clear()),
+        ("no_patterns", |j| j.receiver.patterns.clear()),
+        ("bad_value", |j| j.receiver.idle_timeout_s = 0),
         ("no_features", |j| j.features.clear()),
         ("duplicate_feature", |j| {
             j.features[1].name = j.features[0].name.clone();
