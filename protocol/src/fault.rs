@@ -169,6 +169,18 @@ pub enum FaultKind {
         /// Lines of the program.
         lines: u32,
     },
+    /// Rows of a table are missing.
+    RowGap {
+        /// First missing row.
+        from: u16,
+        /// Last missing row.
+        to: u16,
+    },
+    /// A row of a table came again.
+    RowRepeated {
+        /// The row.
+        row: u16,
+    },
     /// Bytes were lost before the receiver saw them.
     BufferOverrun {
         /// How many, at least.
@@ -266,11 +278,11 @@ pub enum FaultCode {
     NumberFormat,
     /// [`FaultKind::BadCheckValue`]
     BadCheckValue,
-    /// [`FaultKind::Gap`]
+    /// [`FaultKind::Gap`], [`FaultKind::RowGap`]
     Gap,
     /// [`FaultKind::Repeat`]
     Repeat,
-    /// [`FaultKind::ConflictingRepeat`]
+    /// [`FaultKind::ConflictingRepeat`], [`FaultKind::RowRepeated`]
     ConflictingRepeat,
     /// [`FaultKind::OverflowSuspect`]
     OverflowSuspect,
@@ -372,9 +384,11 @@ impl FaultKind {
             Self::NotUnderstood => FaultCode::NotUnderstood,
             Self::NumberFormat { .. } => FaultCode::NumberFormat,
             Self::BadCheckValue { .. } => FaultCode::BadCheckValue,
-            Self::Gap { .. } => FaultCode::Gap,
+            Self::Gap { .. } | Self::RowGap { .. } => FaultCode::Gap,
             Self::Repeat { .. } => FaultCode::Repeat,
-            Self::ConflictingRepeat { .. } => FaultCode::ConflictingRepeat,
+            Self::ConflictingRepeat { .. } | Self::RowRepeated { .. } => {
+                FaultCode::ConflictingRepeat
+            }
             Self::OverflowSuspect { .. } => FaultCode::OverflowSuspect,
             Self::OutsideTravel { .. } => FaultCode::OutsideTravel,
             Self::NullPoint => FaultCode::NullPoint,
@@ -500,6 +514,14 @@ impl fmt::Display for FaultKind {
             Self::ProgramUnterminated { lines } => write!(
                 f,
                 "a part program of {lines} lines without an end (% or DC4): none of it is used as points; what followed it may be lost"
+            ),
+            Self::RowGap { from, to } => write!(
+                f,
+                "rows {from} to {to} of the table are missing: measure again, and check handshake and cable"
+            ),
+            Self::RowRepeated { row } => write!(
+                f,
+                "row {row} of the table came again: the table is not used; measure again"
             ),
             Self::BufferOverrun { lost } => write!(
                 f,

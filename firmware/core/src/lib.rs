@@ -17,7 +17,11 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod brain;
+pub mod dprnt;
 pub mod fit;
+pub mod job;
 pub mod journal;
+pub mod nc;
 pub mod registration;
 pub mod units;

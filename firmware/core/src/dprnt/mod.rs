@@ -1,0 +1,196 @@
+//! The DPRNT receiver: bytes from the control in, lines, hits and faults out.
+//!
+//! ```text
+//! byte ─► code and parity ─► line ─► program? ─► pattern ─► hit
+//!         (coding)           (line)  (program)   (pattern, block, checked)
+//! ```
+//!
+//! It works byte by byte, without a heap; the same bytes give the same output
+//! however they are cut into pieces. Time is only handed through, and compared
+//! with the job's idle time-out in [`Receiver::on_time`].
+//!
+//! What a control may send, and what therefore is done here:
+//!
+//! * a sign apart from its digits, a missing integer part, a negative zero,
+//!   fields without blanks between them (`number`);
+//! * the high digits dropped without a word, a missed measurement printed as
+//!   zero: such hits carry a doubt ([`Doubts`]);
+//! * any of LF, CR, LF CR, LF CR CR, CR LF or EIA's EOB as a line end;
+//! * DC1 to DC4, NUL, DEL, SI and SO anywhere;
+//! * parity in bit 7, of ISO or EIA code: checked, a line with a wrong
+//!   character is kept and reported, but its values are not used (`coding`);
+//! * part programs punched on the same port (`program`);
+//! * lines sent twice, or not at all ([`checked`]);
+//! * raw binary (BPRNT): refused by name.
+//!
+//! Nothing is dropped silently: every byte is in one of the [`Counters`], every
+//! line becomes an [`Item::Line`], everything wrong an [`Item::Fault`].
+
+mod block;
+pub mod checked;
+mod code_table;
+mod coding;
+mod config;
+mod hit;
+mod number;
+mod out;
+mod pattern;
+mod program;
+mod reader;
+mod receiver;
+mod sequence;
+mod template;
+#[cfg(test)]
+mod tests;
+
+use umi_protocol::fault::{BlockEndCause, Fault};
+use umi_protocol::job::{Approach, Name};
+
+use crate::units::{Micros, Point};
+
+pub use config::{ConfigError, TemplateIssue, check_config};
+pub use receiver::{MAX_LINE, Receiver};
+pub use umi_protocol::fault::Counters;
+pub use umi_protocol::line::LineStatus;
+pub use umi_protocol::pattern::{Coding, ReceiverConfig};
+
+/// What the receiver hands to its sink, in the order of the stream: first a
+/// line, then what follows from it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item<'a> {
+    /// A line came to its end.
+    Line(Line<'a>),
+    /// A block of points begins.
+    BlockStart(BlockStart),
+    /// A point.
+    Hit(ReportedHit),
+    /// A block of points ends.
+    BlockEnd(BlockEnd),
+    /// Something is wrong.
+    Fault(Fault),
+}
+
+/// A line from the control.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line<'a> {
+    /// Counts lines with at least one character, from 1.
+    pub number: u32,
+    /// Where its first byte stands in the stream.
+    pub byte_offset: u64,
+    /// When its first byte came.
+    pub first: Micros,
+    /// When its last byte (or its line end) came.
+    pub last: Micros,
+    /// What the receiver made of it.
+    pub status: LineStatus,
+    /// Which of the job's patterns it fits, from 0.
+    pub pattern: Option<u8>,
+    /// The code in which it was read.
+    pub coding: Coding,
+    /// The text without parity and control codes, printable ASCII only: a
+    /// character that could not be read stands as `?`.
+    pub text: &'a str,
+}
+
+/// A block of points begins.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockStart {
+    /// The name in the header.
+    pub name: Name,
+    /// The header's line.
+    pub line: u32,
+}
+
+/// A block of points ends.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockEnd {
+    /// The name in the header.
+    pub name: Name,
+    /// Points announced; none if the count line did not come or was damaged.
+    pub expected: Option<u16>,
+    /// Points that came intact.
+    pub got: u16,
+    /// Lines that were damaged or not understood where a point was due.
+    pub damaged: u16,
+    /// True if as many intact points came as were announced.
+    pub complete: bool,
+    /// What ended it.
+    pub ended_by: BlockEndCause,
+}
+
+/// A point as the control printed it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReportedHit {
+    /// The line that carried it.
+    pub line: u32,
+    /// When the line's first byte came.
+    pub first: Micros,
+    /// When the line's last byte came.
+    pub last: Micros,
+    /// Position as printed. A negative zero is given as zero, an axis that the
+    /// line does not carry as zero (or as the job's `z_mm`).
+    pub position: Point,
+    /// Digits as printed, per axis; none for an axis that the line does not carry.
+    pub digits: [Option<Digits>; 3],
+    /// The feature's name: the block's header or the line's own.
+    pub feature: Option<Name>,
+    /// The feature's number on a checked line.
+    pub feature_id: Option<u16>,
+    /// The point's place, from 1: in its block (counting bad lines too), or as
+    /// the line itself says.
+    pub index: Option<u32>,
+    /// The run of a checked line.
+    pub run: Option<u32>,
+    /// The sequence number of a checked line.
+    pub sequence: Option<u32>,
+    /// The direction of motion, where the line says it.
+    pub approach: Option<Approach>,
+    /// `Some(true)` where the line says that the probe touched. A line that
+    /// says it did not is a fault and never a hit.
+    pub touched: Option<bool>,
+    /// The feed in mm/min, where the line says it.
+    pub feed_mm_per_min: Option<f64>,
+    /// Why the point must not be used as it stands.
+    pub doubts: Doubts,
+}
+
+/// Digits of a number as printed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Digits {
+    /// Before the point, without leading zeros.
+    pub integer: u8,
+    /// After the point.
+    pub decimals: u8,
+}
+
+/// Why a point must not be used as it stands: a set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Doubts(u8);
+
+impl Doubts {
+    /// No doubt.
+    pub const NONE: Self = Self(0);
+    /// A coordinate may have lost its high digits.
+    pub const OVERFLOW_SUSPECT: Self = Self(1);
+    /// All coordinates are exactly zero.
+    pub const NULL_POINT: Self = Self(2);
+    /// A coordinate is outside the stated travel.
+    pub const OUTSIDE_TRAVEL: Self = Self(4);
+
+    /// Adds the doubts of the other set.
+    pub const fn add(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+
+    /// True if all doubts of the other set are in this one.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// True if there is no doubt.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}

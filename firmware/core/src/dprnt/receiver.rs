@@ -1,0 +1,295 @@
+//! Bytes to lines.
+
+use umi_protocol::fault::{Counters, FaultKind};
+use umi_protocol::pattern::{Coding, ReceiverConfig};
+
+use super::Item;
+use super::code_table::{PUNCH_OFF, PUNCH_ON, XOFF, XON};
+use super::coding::{self, Detector};
+use super::out::Out;
+use super::reader::{RawLine, Reader};
+use crate::units::Micros;
+
+/// Bytes of a line that are kept. Okuma's `WRITE` ends at 160 too.
+pub const MAX_LINE: usize = 160;
+
+/// The DPRNT receiver.
+///
+/// The caller's sink takes [`Item`]s in the order of the stream. The same bytes
+/// at the same times give the same items, however they are cut into calls.
+#[derive(Clone, Debug)]
+pub struct Receiver {
+    detector: Detector,
+    partial: Partial,
+    reader: Reader,
+    counters: Counters,
+    /// When the last byte came.
+    last: Micros,
+}
+
+/// The line under way.
+#[derive(Clone, Debug)]
+struct Partial {
+    bytes: [u8; MAX_LINE],
+    length: usize,
+    /// Place of the first byte in the stream, and when it came.
+    offset: u64,
+    first: Micros,
+    /// More bytes came than are kept.
+    too_long: bool,
+    /// Bytes were lost in it.
+    lost: bool,
+    /// NUL came after a character, and another character after that.
+    fill_after: bool,
+    fill_inside: bool,
+}
+
+impl Partial {
+    const EMPTY: Self = Self {
+        bytes: [0; MAX_LINE],
+        length: 0,
+        offset: 0,
+        first: Micros(0),
+        too_long: false,
+        lost: false,
+        fill_after: false,
+        fill_inside: false,
+    };
+
+    const fn has_begun(&self) -> bool {
+        self.length > 0 || self.lost
+    }
+
+    fn last_byte(&self) -> Option<u8> {
+        let last = self.length.checked_sub(1)?;
+        self.bytes.get(last).copied()
+    }
+}
+
+impl Receiver {
+    /// A receiver for a job's lines. What [`super::check_config`] refuses is
+    /// not read as intended, but does no harm.
+    #[must_use]
+    pub fn new(config: &ReceiverConfig) -> Self {
+        Self {
+            detector: Detector::new(config.coding),
+            partial: Partial::EMPTY,
+            reader: Reader::new(config.clone()),
+            counters: Counters::default(),
+            last: Micros(0),
+        }
+    }
+
+    /// Takes one byte that came at `now`.
+    pub fn push(&mut self, byte: u8, now: Micros, sink: &mut impl FnMut(Item<'_>)) {
+        // The same whether or not `on_time` was called in between.
+        if now > self.last {
+            self.on_time(now, sink);
+        }
+        self.last = now;
+        let counters = &mut self.counters;
+        let offset = counters.bytes;
+        counters.bytes += 1;
+        let partial = &mut self.partial;
+        match byte {
+            0x00 => {
+                counters.bytes_control += 1;
+                partial.fill_after = partial.length > 0;
+            }
+            // Feed before a line.
+            0x7F | 0xFF if partial.length == 0 => counters.bytes_control += 1,
+            // Kept only where it shows that an XOFF without parity was one.
+            XON if partial.last_byte() != Some(XOFF) => counters.bytes_control += 1,
+            PUNCH_ON | PUNCH_OFF => {
+                counters.bytes_control += 1;
+                self.end_line(None, sink);
+                self.session(byte == PUNCH_ON, sink);
+            }
+            _ if self.detector.is_end(byte) => {
+                counters.bytes_line_end += 1;
+                self.end_line(Some(byte), sink);
+            }
+            _ => {
+                self.detector.note(byte);
+                self.keep(byte, offset, now);
+            }
+        }
+    }
+
+    /// Takes bytes; `now` is when the last of them came.
+    pub fn receive(&mut self, bytes: &[u8], now: Micros, sink: &mut impl FnMut(Item<'_>)) {
+        for byte in bytes {
+            self.push(*byte, now, sink);
+        }
+    }
+
+    /// Bytes were lost before they could be given to [`Self::push`], or came
+    /// with a framing error: the line under way (or the next) is damaged.
+    pub fn lost(&mut self, count: u32, now: Micros, sink: &mut impl FnMut(Item<'_>)) {
+        if now > self.last {
+            self.on_time(now, sink);
+        }
+        self.last = now;
+        self.counters.bytes_lost = self.counters.bytes_lost.saturating_add(u64::from(count));
+        if !self.partial.has_begun() {
+            self.partial.offset = self.counters.bytes;
+            self.partial.first = now;
+        }
+        self.partial.lost = true;
+        let line = self.counters.lines.saturating_add(1);
+        let (offset, counters) = (self.partial.offset, &mut self.counters);
+        out(sink, counters, line, offset, now).fault(FaultKind::BufferOverrun { lost: count }, b"");
+    }
+
+    /// When [`Self::on_time`] is due: the job's idle time-out after the last
+    /// byte, if anything is unfinished.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Micros> {
+        let unfinished = self.partial.has_begun() || self.reader.is_unfinished();
+        unfinished.then(|| Micros(self.last.0.saturating_add(self.reader.idle_timeout().0)))
+    }
+
+    /// Time passed: gives up what has waited too long. Does nothing before
+    /// [`Self::deadline`].
+    pub fn on_time(&mut self, now: Micros, sink: &mut impl FnMut(Item<'_>)) {
+        if self.deadline().is_none_or(|deadline| now < deadline) {
+            return;
+        }
+        self.end_line(None, sink);
+        let (reader, mut out) = self.split(now, sink);
+        reader.idle(&mut out);
+    }
+
+    /// The input ended.
+    pub fn finish(&mut self, now: Micros, sink: &mut impl FnMut(Item<'_>)) {
+        self.on_time(now, sink);
+        self.end_line(None, sink);
+        let (reader, mut out) = self.split(now, sink);
+        reader.end_of_input(&mut out);
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// The code in which lines are read: as configured, or as detected;
+    /// [`Coding::Auto`] as long as nothing shows it.
+    #[must_use]
+    pub fn coding(&self) -> Coding {
+        self.detector.coding()
+    }
+
+    fn keep(&mut self, byte: u8, offset: u64, now: Micros) {
+        let Self {
+            partial, counters, ..
+        } = self;
+        if !partial.has_begun() {
+            partial.offset = offset;
+            partial.first = now;
+        }
+        if let Some(place) = partial.bytes.get_mut(partial.length) {
+            *place = byte;
+            partial.length += 1;
+            counters.bytes_text += 1;
+        } else {
+            partial.too_long = true;
+            counters.bytes_discarded += 1;
+        }
+        partial.fill_inside |= core::mem::take(&mut partial.fill_after);
+    }
+
+    /// The line is at its end, by this byte or (without one) broken off.
+    fn end_line(&mut self, end: Option<u8>, sink: &mut impl FnMut(Item<'_>)) {
+        if !self.partial.has_begun() {
+            self.partial.fill_after = false;
+            return;
+        }
+        let Self {
+            detector,
+            partial,
+            reader,
+            counters,
+            last,
+        } = self;
+        let (coding, before) = detector.conclude(end);
+        let bytes = partial.bytes.get_mut(..partial.length).unwrap_or_default();
+        let cleaned = coding::clean(bytes, coding);
+        let dropped = u64::try_from(cleaned.dropped).unwrap_or(0);
+        counters.bytes_text = counters.bytes_text.saturating_sub(dropped);
+        counters.bytes_control += dropped;
+
+        let number = counters.lines.saturating_add(1);
+        let mut out = out(sink, counters, number, partial.offset, *last);
+        let text = bytes.get(..cleaned.length).unwrap_or_default();
+        if let Some(from) = before {
+            out.fault(FaultKind::CodingChanged { from, to: coding }, text);
+        }
+        if cleaned.closed_before {
+            reader.session_closed(&mut out);
+        }
+        if cleaned.length > 0 || partial.lost || partial.too_long {
+            let line = RawLine {
+                text,
+                number,
+                byte_offset: partial.offset,
+                first: partial.first,
+                last: *last,
+                coding,
+                damage: cleaned.damage,
+                too_long: partial.too_long,
+                lost: partial.lost,
+                fill_inside: partial.fill_inside || cleaned.fill_inside,
+                ended: end.is_some(),
+            };
+            reader.line(&line, &mut out);
+        }
+        if cleaned.closed_after {
+            reader.session_closed(&mut out);
+        }
+        *partial = Partial {
+            bytes: partial.bytes,
+            ..Partial::EMPTY
+        };
+    }
+
+    /// The control opened or closed the port.
+    fn session(&mut self, opened: bool, sink: &mut impl FnMut(Item<'_>)) {
+        let (reader, mut out) = self.split(self.last, sink);
+        if opened {
+            reader.session_opened(&mut out);
+        } else {
+            reader.session_closed(&mut out);
+        }
+    }
+
+    /// The reader, and the way out for what belongs to no line of its own.
+    fn split<'s, S: FnMut(Item<'_>)>(
+        &'s mut self,
+        now: Micros,
+        sink: &'s mut S,
+    ) -> (&'s mut Reader, Out<'s, S>) {
+        let (line, offset) = (self.counters.lines, self.counters.bytes);
+        (
+            &mut self.reader,
+            out(sink, &mut self.counters, line, offset, now),
+        )
+    }
+}
+
+fn out<'o, S: FnMut(Item<'_>)>(
+    sink: &'o mut S,
+    counters: &'o mut Counters,
+    line: u32,
+    byte_offset: u64,
+    now: Micros,
+) -> Out<'o, S> {
+    Out {
+        sink,
+        counters,
+        line,
+        byte_offset,
+        now,
+    }
+}

@@ -1,0 +1,4 @@
+//! The receiver as a whole: the rules of the wire, captures, properties.
+
+mod captures;
+mod support;
