@@ -1,4 +1,4 @@
-"""Does openumi's tasks with SciPy, on the data that `umi-bench write` left in a folder.
+"""Does openumi's tasks with Python and SciPy, on the data that `umi-bench write` left in a folder.
 
     python peers.py FOLDER
 
@@ -6,6 +6,7 @@ Prints one JSON object a line, as `umi-bench time` does.
 """
 
 import json
+import re
 import statistics
 import sys
 import time
@@ -18,6 +19,19 @@ from scipy.spatial.transform import Rotation
 
 ROUNDS = 21
 ROUND_SECONDS = 0.02
+
+
+NUMBER = rb"([+-]?)[ *]*(\d*\.\d*)"
+LINE = re.compile(rb"^[ *]*" + rb"[ *]*".join([NUMBER] * 3) + rb"\s*$", re.MULTILINE)
+
+
+def read(text):
+    """Lines of three numbers, and nothing else: a script."""
+    coordinates = []
+    for fields in LINE.finditer(text):
+        sx, x, sy, y, sz, z = fields.groups()
+        coordinates += [float(sx + x), float(sy + y), float(sz + z)]
+    return coordinates
 
 
 def sphere(points):
@@ -50,7 +64,7 @@ def registration(pairs):
     return [*rotation.ravel(), *(q - rotation @ p)]
 
 
-def measure(task, by, work):
+def measure(task, by, work, size=None):
     """Rounds of repeated work; the median counts."""
 
     def repeat(times):
@@ -66,6 +80,7 @@ def measure(task, by, work):
     line = {
         "task": task,
         "by": by,
+        "bytes": size,
         "median_ns": statistics.median(rounds),
         "min_ns": min(rounds),
         "max_ns": max(rounds),
@@ -80,6 +95,9 @@ def main():
     def load(name):
         return np.loadtxt(folder / f"{name}.csv", delimiter=",")
 
+    text = (folder / "session.txt").read_bytes()
+    by = f"Python {sys.version.split()[0]} re"
+    measure("DPRNT text of a session", by, lambda: read(text), len(text))
     by = f"SciPy {scipy.__version__}"
     for n in (5, 500):
         points = load(f"sphere-{n}")

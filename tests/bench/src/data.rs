@@ -7,6 +7,8 @@ use anyhow::{Context as _, Result};
 
 /// Points of the tasks, and the text of a probing session.
 pub struct Data {
+    /// What a control prints: fifteen spheres of five hits, blanks for asterisks, CR LF.
+    pub session: Vec<u8>,
     /// Five hits on a sphere, as a part program probes it.
     pub sphere_5: Vec<[f64; 3]>,
     /// Half a sphere, densely probed or scanned.
@@ -20,7 +22,10 @@ pub struct Data {
 impl Data {
     /// Reads the reference data of the project, and makes what it does not have.
     pub fn load() -> Result<Self> {
+        let session = reference().join("sessions/session_b.txt");
         Ok(Self {
+            session: std::fs::read(&session)
+                .with_context(|| format!("cannot read {}", session.display()))?,
             sphere_5: read("sphere_thesis_table_4_1.csv")?,
             sphere_500: half_sphere(500),
             pairs_3: read("registration_thesis_table_4_2_case1.csv")?,
@@ -31,6 +36,7 @@ impl Data {
     /// Writes every set into a folder, with the digits that give back the same numbers.
     pub fn write(&self, folder: &Path) -> Result<()> {
         std::fs::create_dir_all(folder)?;
+        std::fs::write(folder.join("session.txt"), &self.session)?;
         write(folder, "sphere-5", &self.sphere_5)?;
         write(folder, "sphere-500", &self.sphere_500)?;
         write(folder, "pairs-3", &self.pairs_3)?;

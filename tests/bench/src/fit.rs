@@ -24,11 +24,13 @@ pub fn contenders(data: &Data) -> Vec<Contender> {
                 Contender {
                     task,
                     by: "umi-core",
+                    bytes: None,
                     work: Box::new(move |answer| by_umi(&ours, answer)),
                 },
                 Contender {
                     task,
                     by: "levenberg-marquardt",
+                    bytes: None,
                     work: Box::new(move |answer| by_levenberg_marquardt(&peers, answer)),
                 },
             ]

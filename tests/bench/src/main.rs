@@ -6,6 +6,7 @@
 
 mod data;
 mod fit;
+mod receiver;
 mod registration;
 mod timing;
 
@@ -22,6 +23,8 @@ struct Contender {
     task: &'static str,
     /// By whom.
     by: &'static str,
+    /// How much is read, where the task is reading.
+    bytes: Option<usize>,
     /// Does it once.
     work: Work,
 }
@@ -30,7 +33,8 @@ struct Contender {
 type Work = Box<dyn Fn(&mut Vec<f64>)>;
 
 fn contenders(data: &Data) -> Vec<Contender> {
-    let mut all = fit::contenders(data);
+    let mut all = Vec::from(receiver::contenders(data));
+    all.extend(fit::contenders(data));
     all.extend(registration::contenders(data));
     all
 }

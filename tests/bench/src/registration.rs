@@ -28,11 +28,13 @@ pub fn contenders(data: &Data) -> Vec<Contender> {
                 Contender {
                     task,
                     by: "umi-core",
+                    bytes: None,
                     work: Box::new(move |answer| by_umi(&ours.0, &ours.1, answer)),
                 },
                 Contender {
                     task,
                     by: "nalgebra SVD",
+                    bytes: None,
                     work: Box::new(move |answer| by_nalgebra(&peers, answer)),
                 },
             ]

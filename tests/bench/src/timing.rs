@@ -33,6 +33,7 @@ pub fn measure(contender: &Contender) -> serde_json::Value {
     serde_json::json!({
         "task": contender.task,
         "by": contender.by,
+        "bytes": contender.bytes,
         "median_ns": rounds[ROUNDS / 2],
         "min_ns": rounds[0],
         "max_ns": rounds[ROUNDS - 1],

@@ -8,13 +8,18 @@ use super::figures::Figures;
 /// What must be known to read the table rightly.
 const NOTES: &str = "\
 Times are medians of 21 rounds of at least 20 ms, with the fastest and the slowest round. \
+Reading is given in bytes: those of the session's text. \
 Instructions are those of one call, counted by valgrind: they repeat exactly, seconds do not. \
 A ratio is that of the contender to umi-core: above 1 umi-core needs less. All contenders of a \
 task came to the same answer, or there would be no table.
 
-- **umi-core** fits with the full Hessian, proves the minimum, and checks spread, condition and \
+- **umi-core** reads byte by byte, detects code and parity, tells programs from points, and counts \
+what it cannot use. It fits with the full Hessian, proves the minimum, and checks spread, condition and \
 uncertainty; it uses no heap, `libm` for every root, and stops at an integer overflow. A \
 registration carries the covariance of its six parameters.
+- **regex**, in Rust and in Python (`re`), are our own short scripts on those libraries: lines of \
+three numbers, and nothing else. They know no parity, blocks, programs or doubts, and drop without \
+a word what does not match.
 - **levenberg-marquardt** is the Rust crate of that name, a translation of MINPACK, from the same \
 linear start; the covariance is `sigma² inv(JᵀJ)`.
 - **nalgebra SVD** is the textbook's closed form on nalgebra's decomposition: no covariance, no \
@@ -33,7 +38,7 @@ pub fn markdown(machine: &Machine, all: &[Figures]) -> String {
         machine.processor, machine.cores, machine.rustc
     );
     page.push_str(
-        "| task | by | median | min to max | ratio | instructions | ratio |\n\
+        "| task | by | median | fastest to slowest | ratio | instructions | ratio |\n\
          |---|---|---:|---:|---:|---:|---:|\n",
     );
     for figures in all_by_task(all) {
