@@ -129,6 +129,14 @@ impl Fields {
     }
 }
 
+/// Payload length that the first four bytes of an entry announce, if an entry
+/// can start like that. They are always programmed together: if anything behind
+/// them was programmed, then they are whole, even in an entry that was torn.
+pub(super) fn announced_len([marker, _, l0, l1]: [u8; 4]) -> Option<u32> {
+    let len = u16::from_le_bytes([l0, l1]);
+    (marker == MARKER && usize::from(len) <= MAX_PAYLOAD).then_some(u32::from(len))
+}
+
 /// An entry whose CRC is right, at an address of its source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {

@@ -13,7 +13,7 @@
 //! ```
 //!
 //! A file that was cut between two entries is a shorter, valid file: compare
-//! [`EntryIter::next_seq`] and [`EntryIter::chain`] at its end with what the
+//! [`EntryIter::next_seq`] and [`EntryIter::chain_head`] at its end with what the
 //! board said.
 
 use core::fmt;
@@ -146,7 +146,7 @@ impl<'a> EntryIter<'a> {
 
     /// The chain value that includes the last good entry.
     #[must_use]
-    pub fn chain(&self) -> Chain {
+    pub fn chain_head(&self) -> Chain {
         self.chain
     }
 

@@ -5,6 +5,7 @@
 //! its sector, or touches a word that was programmed since its last whole erase;
 //! an address outside. It counts what it does, and cuts power where it is told.
 
+use std::cell::{Cell, RefCell};
 use std::vec::Vec;
 
 use super::{ERASED, Flash, Geometry};
@@ -81,7 +82,7 @@ enum Word {
 }
 
 /// The flash. Cloning it keeps a moment.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct MockFlash {
     geometry: Geometry,
     /// What the cells read as; tests may change it as radiation or an attacker would.
@@ -89,8 +90,7 @@ pub struct MockFlash {
     words: Vec<Word>,
     /// Erases of each sector.
     pub erases: Vec<u32>,
-    /// Operations since the last [`power_up`](Self::power_up), if recorded.
-    pub ops: Vec<Op>,
+    ops: RefCell<Vec<Op>>,
     /// Words that were begun before a cut, read as erased, and were programmed
     /// again: no journal can exclude that, but it must be rare and survived.
     pub programs_over_unseen: u32,
@@ -104,7 +104,7 @@ pub struct MockFlash {
     pub fail_next_program: bool,
     /// A torn word reads as zeros, as behind an error correction that gave up.
     pub torn_reads_zero: bool,
-    cut: Option<(usize, Cut)>,
+    cut: Cell<Option<(usize, Cut, u64)>>,
     powered: bool,
     random: Random,
 }
@@ -118,37 +118,35 @@ impl MockFlash {
             data: std::vec![ERASED; size],
             words: std::vec![Word::Erased; size / geometry.write_size as usize],
             erases: std::vec![0; usize::from(geometry.sectors)],
-            ops: Vec::new(),
+            ops: RefCell::default(),
             programs_over_unseen: 0,
             reads: 0,
             bytes_read: 0,
             worn: Vec::new(),
             fail_next_program: false,
             torn_reads_zero: false,
-            cut: None,
+            cut: Cell::new(None),
             powered: true,
             random: Random(1),
         }
     }
 
-    /// Cuts power in the operation with this index, counted from now, and seeds
-    /// what that leaves.
-    pub fn cut_power_at(&mut self, op: usize, cut: Cut, seed: u64) {
-        self.ops.clear();
-        self.cut = Some((op, cut));
-        self.random = Random(seed);
+    /// Cuts power in the operation with this index, counted from the last
+    /// [`take_ops`](Self::take_ops), and seeds what that leaves.
+    pub fn cut_power_at(&self, op: usize, cut: Cut, seed: u64) {
+        self.cut.set(Some((op, cut, seed)));
+    }
+
+    /// The operations since this was last called.
+    pub fn take_ops(&self) -> Vec<Op> {
+        self.ops.take()
     }
 
     /// Gives power again and starts a new list of operations.
     pub fn power_up(&mut self) {
         self.powered = true;
-        self.cut = None;
-        self.ops.clear();
-    }
-
-    /// True until power is cut.
-    pub fn is_powered(&self) -> bool {
-        self.powered
+        self.cut.set(None);
+        self.take_ops();
     }
 
     /// Notes the operation; returns how power is cut in it, if it is.
@@ -156,11 +154,15 @@ impl MockFlash {
         if !self.powered {
             return Err(MockError::PowerLost);
         }
-        let index = self.ops.len();
-        self.ops.push(op);
-        let cut = self.cut.filter(|(at, _)| *at == index).map(|(_, cut)| cut);
-        self.powered = cut.is_none();
-        Ok(cut)
+        let mut ops = self.ops.borrow_mut();
+        let index = ops.len();
+        ops.push(op);
+        let Some((_, cut, seed)) = self.cut.get().filter(|(at, _, _)| *at == index) else {
+            return Ok(None);
+        };
+        self.random = Random(seed);
+        self.powered = false;
+        Ok(Some(cut))
     }
 
     /// Clears the bits of one byte that are zero in `value` and in `mask`.
@@ -276,6 +278,15 @@ impl MockFlash {
     }
 }
 
+impl core::fmt::Debug for MockFlash {
+    /// Not its thousands of cells.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("MockFlash")
+            .field("geometry", &self.geometry)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Flash for MockFlash {
     type Error = MockError;
 
@@ -296,10 +307,13 @@ impl Flash for MockFlash {
     fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), MockError> {
         let word = self.geometry.write_size as usize;
         assert!(
-            addr as usize % word == 0 && bytes.len() % word == 0,
+            (addr as usize).is_multiple_of(word) && bytes.len().is_multiple_of(word),
             "alignment"
         );
-        assert!(bytes.as_ptr() as usize % 4 == 0, "buffer alignment");
+        assert!(
+            (bytes.as_ptr() as usize).is_multiple_of(4),
+            "buffer alignment"
+        );
         let last = addr + bytes.len() as u32 - 1;
         let sector_size = self.geometry.sector_size;
         assert!(

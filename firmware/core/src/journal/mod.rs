@@ -309,7 +309,9 @@ impl<F: Flash> Journal<F> {
         Ok(())
     }
 
-    /// Sets the mark in the head sector. Any bit of it is enough.
+    /// Sets the mark in the head sector. Any bit of it is enough, and all zeros may
+    /// be programmed over a mark that a power cut left begun, also where flash with
+    /// error correction refuses other values.
     fn mark_given_up(&mut self) -> Result<(), Error<F::Error>> {
         if self.next_given_up {
             return Ok(());

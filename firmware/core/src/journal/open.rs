@@ -4,7 +4,7 @@
 use super::chain::Chain;
 use super::error::Error;
 use super::flash::{Flash, Layout};
-use super::sector::{Header, HeaderRead};
+use super::sector::{HEADER_SIZE, Header, HeaderRead};
 use super::walk::{Cursor, Extent, Step, is_erased, read_header, search};
 
 /// What [`Journal::open`](super::Journal::open) found. Unless it
@@ -18,26 +18,31 @@ pub struct Recovery {
     pub next_seq: u64,
     /// The region was empty: this is the start of a new record.
     pub fresh: bool,
-    /// Bytes behind the newest entry that belong to no whole entry: what a power
-    /// cut left of an entry that was never acknowledged.
+    /// Bytes behind the newest entry that belong to no whole entry and cannot be
+    /// used any more: what a power cut left of an entry that was never
+    /// acknowledged.
     pub torn_bytes: u32,
     /// Power was cut while the next sector was erased or begun; it will be
     /// erased again. Nothing that was acknowledged is affected.
     pub sector_unfinished: bool,
     /// Entries of the newest sector that were acknowledged and cannot be read.
     pub damaged_entries: u64,
+    /// Sectors that were written and whose header cannot be read. If they are the
+    /// oldest, their entries are lost; else they can be read but not proven.
+    pub damaged_headers: u32,
     /// The newest sector is damaged, so the chain goes on in a new sector from
     /// the last entry that could be proven; `verify` names the place.
     pub chain_restarted: bool,
 }
 
 impl Recovery {
-    /// True if there is nothing that should be recorded.
+    /// True if nothing was lost: neither an entry that was being appended nor
+    /// one that was acknowledged.
     #[must_use]
     pub fn is_clean(&self) -> bool {
         self.torn_bytes == 0
-            && !self.sector_unfinished
             && self.damaged_entries == 0
+            && self.damaged_headers == 0
             && !self.chain_restarted
     }
 }
@@ -143,6 +148,7 @@ fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, Error<F::Erro
         torn_bytes: 0,
         sector_unfinished,
         damaged_entries: 0,
+        damaged_headers: 0,
         chain_restarted: false,
     };
     // As if the last sector were full: the first append begins sector 0.
@@ -262,7 +268,7 @@ impl Head {
         } else {
             start
         };
-        set_oldest(flash, &mut extent, start, self.generation)?;
+        let damaged_headers = set_oldest(flash, &mut extent, start, self.generation)?;
         let recovery = Recovery {
             first_seq: extent.first_seq,
             next_seq,
@@ -270,6 +276,7 @@ impl Head {
             torn_bytes: self.used.saturating_sub(addr),
             sector_unfinished,
             damaged_entries: self.damaged_entries,
+            damaged_headers,
             chain_restarted: self.broken,
         };
         Ok(State {
@@ -284,29 +291,40 @@ impl Head {
 
 /// Sets the old end of the record: the first sector from `start` up to the head
 /// whose header is good and of this lap. If there is none, `extent` stays.
+/// Returns how many of these sectors were written and have no such header.
 pub(super) fn set_oldest<F: Flash>(
     flash: &mut F,
     extent: &mut Extent,
     start: u32,
     generation: u64,
-) -> Result<(), F::Error> {
+) -> Result<u32, F::Error> {
     let layout = extent.layout;
+    let mut found = false;
+    let mut damaged = 0;
     let mut sector = start;
     for _ in 0..layout.sectors {
         let behind = u64::from((extent.head + layout.sectors - sector) % layout.sectors);
-        if let HeaderRead::Valid(header) = read_header(flash, &layout, sector)?
-            && generation.checked_sub(behind) == Some(header.generation)
-        {
-            extent.oldest = sector;
-            extent.first_seq = header.first_seq;
-            break;
+        match read_header(flash, &layout, sector)? {
+            HeaderRead::Valid(header)
+                if generation.checked_sub(behind) == Some(header.generation) =>
+            {
+                if !found {
+                    extent.oldest = sector;
+                    extent.first_seq = header.first_seq;
+                }
+                found = true;
+            }
+            _ => {
+                let place = layout.start(sector);
+                damaged += u32::from(!is_erased(flash, place, place + HEADER_SIZE as u32)?);
+            }
         }
         if sector == extent.head {
             break;
         }
         sector = layout.next(sector);
     }
-    Ok(())
+    Ok(damaged)
 }
 
 /// True if the mark says that the sector behind this one was given up.

@@ -114,7 +114,7 @@ impl<F: Flash> Journal<F> {
     /// [`Error::OutOfRange`]; [`Error::Flash`].
     pub fn verify(&mut self, from: u64, to: u64) -> Result<Verified, Error<F::Error>> {
         let next_seq = self.extent.next_seq;
-        if to > next_seq {
+        if to > next_seq || to < from {
             return Err(self.out_of_range(to));
         }
         let mut chain = self.chain_before(from)?;
