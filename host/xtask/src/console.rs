@@ -13,9 +13,13 @@ const RED: &str = "31;1";
 const GREEN: &str = "32;1";
 const YELLOW: &str = "33;1";
 
+/// Whether colour is wanted.
+pub fn has_colour() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}
+
 fn paint(colour: &str, text: &str) -> String {
-    let wanted = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    if wanted {
+    if has_colour() {
         format!("\x1b[{colour}m{text}\x1b[0m")
     } else {
         text.to_owned()

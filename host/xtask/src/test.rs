@@ -85,7 +85,13 @@ fn run_in_order<F: FnOnce() -> Result<Outcome>>(
 }
 
 fn format(house: &House, _: &Arguments) -> Result<Outcome> {
-    execute(house.cargo().args(["fmt", "--all", "--check"]))?;
+    let mut command = house.cargo();
+    command.args(["fmt", "--all", "--check"]);
+    if !console::has_colour() {
+        // rustfmt does not find out by itself.
+        command.args(["--", "--color=never"]);
+    }
+    execute(&mut command)?;
     Ok(Outcome::Passed)
 }
 
