@@ -12,8 +12,9 @@
 //! | `LiveSet` | `Done` | switches the unasked reports on or off |
 //! | `FeatureGet` | `Feature` | latest result of one feature of the job |
 //! | `VerdictGet` | `Verdict` | latest verdict, with its correction |
-//! | `JournalInfo` | `JournalInfo` | first and next sequence number, chain head |
+//! | `JournalInfo` | `JournalInfo` | first and next sequence number |
 //! | `JournalRead` | `JournalEntry` | one entry by sequence number |
+//! | `JournalChain` | `JournalChain` | chain value before an entry: what its reader verifies against |
 
 use heapless::Vec;
 use postcard_derive::Schema;
@@ -66,6 +67,12 @@ pub enum Request {
         /// Its sequence number.
         seq: u64,
     },
+    /// The chain value before an entry; before the next one to come: that of the
+    /// whole journal.
+    JournalChain {
+        /// The entry's sequence number.
+        seq: u64,
+    },
 }
 
 /// What the board answers.
@@ -105,6 +112,14 @@ pub enum Response {
     JournalNoEntry(JournalInfo),
     /// The journal's storage failed.
     StorageFailed,
+    /// To `JournalChain`.
+    JournalChain {
+        /// The entry's sequence number.
+        seq: u64,
+        /// SHA-256 over everything before it; none if damage before it in the
+        /// journal hides the value.
+        before: Option<[u8; 32]>,
+    },
 }
 
 /// Bytes of one stored journal entry, at most: a record and its frame.

@@ -35,7 +35,8 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::FeatureGet { .. }) => Request::VerdictGet,
         Some(Request::VerdictGet) => Request::JournalInfo,
         Some(Request::JournalInfo) => Request::JournalRead { seq: 70_000 },
-        Some(Request::JournalRead { .. }) => return None,
+        Some(Request::JournalRead { .. }) => Request::JournalChain { seq: 70_000 },
+        Some(Request::JournalChain { .. }) => return None,
     })
 }
 
@@ -66,7 +67,11 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         },
         Some(Response::JournalEntry { .. }) => Response::JournalNoEntry(info),
         Some(Response::JournalNoEntry(_)) => Response::StorageFailed,
-        Some(Response::StorageFailed) => return None,
+        Some(Response::StorageFailed) => Response::JournalChain {
+            seq: 300,
+            before: Some(std::array::from_fn(|n| n as u8)),
+        },
+        Some(Response::JournalChain { .. }) => return None,
     })
 }
 

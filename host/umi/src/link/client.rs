@@ -58,6 +58,17 @@ pub enum JournalEntry {
     None(JournalInfo),
 }
 
+/// What is known of the chain before an entry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JournalChain {
+    /// The value.
+    Before([u8; 32]),
+    /// Damage before the entry hides it.
+    Hidden,
+    /// The entry is not there any more, or not yet.
+    None(JournalInfo),
+}
+
 /// A board at the other end of a byte pipe.
 pub struct Client {
     transport: Box<dyn Transport>,
@@ -244,6 +255,22 @@ impl Client {
                 Ok(JournalEntry::Stored(raw.to_vec()))
             }
             Response::JournalNoEntry(info) => Ok(JournalEntry::None(info)),
+            _ => Err(wrong_answer(&request)),
+        }
+    }
+
+    /// The chain value before an entry; before the next one to come: that of the
+    /// whole journal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn journal_chain(&mut self, seq: u64) -> Result<JournalChain, LinkError> {
+        let request = Request::JournalChain { seq };
+        match self.call(&request)? {
+            Response::JournalChain { seq: of, before } if of == seq => {
+                Ok(before.map_or(JournalChain::Hidden, JournalChain::Before))
+            }
+            Response::JournalNoEntry(info) => Ok(JournalChain::None(info)),
             _ => Err(wrong_answer(&request)),
         }
     }
@@ -477,6 +504,7 @@ const fn name(request: &Request) -> &'static str {
         Request::VerdictGet => "verdict",
         Request::JournalInfo => "journal info",
         Request::JournalRead { .. } => "journal read",
+        Request::JournalChain { .. } => "journal chain",
     }
 }
 
