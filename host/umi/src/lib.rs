@@ -1,3 +1,13 @@
 //! The openumi host library.
 
+pub mod failure;
+pub mod jobfile;
+pub mod jobtext;
+pub mod json;
 pub mod link;
+pub mod points;
+pub mod port;
+pub mod pull;
+pub mod results;
+pub mod style;
+pub mod words;

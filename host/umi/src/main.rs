@@ -1,2 +1,51 @@
 //! The openumi host tool.
-fn main() {}
+
+mod cmd;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use umi::style::{BAD, paint, print_error, print_json};
+
+/// The host tool of openumi, the board between a machine tool's control and its probe.
+#[derive(Parser)]
+#[command(name = "umi", version, propagate_version = true, after_help = EXIT_STATUS)]
+struct Cli {
+    #[command(subcommand)]
+    command: cmd::Command,
+}
+
+const EXIT_STATUS: &str = "\
+Exit status:
+  0  done; a verdict is OK
+  1  it could not be done: usage, a file, a port, the connection to the board
+  2  it was done and the answer is no: refused, NG, a faulty record
+
+With --json a command prints JSON to standard output, also where it fails:
+{\"error\":{\"code\":\"...\",\"message\":\"...\"}}. Colours are for terminals only;
+NO_COLOR=1 turns them off.";
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Nobody to tell if even this cannot be printed.
+            let _ = error.print();
+            // Asking for help is no error; anything else is a wrong use.
+            return ExitCode::from(u8::from(error.use_stderr()));
+        }
+    };
+    let json = cli.command.json();
+    let Err(failure) = cli.command.run() else {
+        return ExitCode::SUCCESS;
+    };
+    if let Some(explained) = failure.explained() {
+        if json {
+            // If standard output is closed, the status still says it.
+            let _ = print_json(&explained.json());
+        } else {
+            print_error(&format!("{} {}\n", paint(BAD, "error:"), explained.message));
+        }
+    }
+    ExitCode::from(failure.status())
+}

@@ -1,0 +1,149 @@
+//! `umi info`
+
+use clap::Args;
+use serde_json::json;
+use umi::failure::Failure;
+use umi::json;
+use umi::style::{BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, paint, print, print_json};
+use umi::words::clock;
+use umi_protocol::fault::FaultCode;
+use umi_protocol::hello::{KEY, VERSION};
+use umi_protocol::message::{Identity, JournalInfo, Status};
+
+use super::{Board, Format};
+
+/// Show who a board is, what it does and what it has counted
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Info {
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Examples:
+  umi info                              the only board that is plugged in
+  umi info --port /dev/ttyACM0
+  umi info --port tcp://localhost:7001 --json
+  UMI_PORT=COM3 umi info
+
+A board of another version is not talked to; the error says which side to update.";
+
+impl Info {
+    pub fn run(self) -> Result<(), Failure> {
+        let mut board = self.board.connect()?;
+        let identity = board.identity()?;
+        let status = board.status()?;
+        let journal = board.journal_info()?;
+        if self.format.json {
+            return print_json(&json!({
+                "board": json::identity(&identity),
+                "protocol": VERSION.to_string(),
+                "schema": format!("{KEY:016x}"),
+                "umi": env!("CARGO_PKG_VERSION"),
+                "status": json::status(&status),
+                "journal": json::journal_info(&journal),
+            }));
+        }
+        print(&text(&identity, &status, journal))
+    }
+}
+
+fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
+    let mut table = Table::new("<<");
+    let Identity {
+        board,
+        serial,
+        firmware,
+    } = identity;
+    let umi = env!("CARGO_PKG_VERSION");
+    table.row(["firmware", firmware.as_str()]);
+    table.row([
+        "protocol".to_owned(),
+        format!("{VERSION}, the same as this umi {umi}"),
+    ]);
+    table.row(["running for".to_owned(), clock(status.uptime_us)]);
+    table.row(["job", status.job.as_deref().unwrap_or("none")]);
+    let reference = if status.has_reference {
+        "there"
+    } else {
+        "none yet"
+    };
+    table.row(["reference", reference]);
+    verdicts(&mut table, status);
+    table.row(["journal".to_owned(), entries(journal)]);
+    losses(&mut table, status);
+    let title = paint(TITLE, format_args!("board {board}, serial number {serial}"));
+    format!("{title}\n\n{table}\n{}", received(status))
+}
+
+fn verdicts(table: &mut Table, status: &Status) {
+    let ng = status.verdicts.saturating_sub(status.verdicts_ok);
+    let (style, latest) = match status.last_verdict_ok {
+        None => (PLAIN, String::new()),
+        Some(true) => (GOOD, ", the latest OK".into()),
+        Some(false) => (BAD, ", the latest NG".into()),
+    };
+    let all = format!("{} OK, {ng} NG{latest}", status.verdicts_ok);
+    table.styled([(PLAIN, "verdicts".to_owned()), (style, all)]);
+    if status.correction_waiting {
+        table.row(["correction", "waits for the control to ask for it"]);
+    }
+}
+
+fn entries(journal: JournalInfo) -> String {
+    match journal.next_seq.checked_sub(journal.first_seq) {
+        None | Some(0) => format!("empty, the next entry is {}", journal.next_seq),
+        Some(n) => format!(
+            "{} to {} ({})",
+            journal.first_seq,
+            journal.next_seq - 1,
+            count(n, "entry").replace("entrys", "entries")
+        ),
+    }
+}
+
+fn losses(table: &mut Table, status: &Status) {
+    for (name, lost) in [
+        ("events not sent", status.events_dropped),
+        ("journal failures", status.journal_failures),
+    ] {
+        if lost > 0 {
+            table.styled([(PLAIN, name.to_owned()), (BAD, lost.to_string())]);
+        }
+    }
+}
+
+fn received(status: &Status) -> String {
+    let counters = &status.counters;
+    let mut table = Table::new("<>").titles(&["from the control", "count"]);
+    for (name, n) in [
+        ("bytes", counters.bytes),
+        ("bytes lost", counters.bytes_lost),
+        ("lines", counters.lines.into()),
+        ("  with data", counters.lines_matched.into()),
+        ("  separators", counters.lines_separator.into()),
+        ("  of part programs", counters.lines_program.into()),
+        ("  not understood", counters.lines_not_understood.into()),
+        ("  damaged", counters.lines_damaged.into()),
+        ("hits", counters.hits.into()),
+    ] {
+        table.row([name.to_owned(), n.to_string()]);
+    }
+    let mut faults = Table::new("<>").titles(&["faults", "count"]);
+    let mut any = false;
+    for code in FaultCode::ALL {
+        let n = counters.of(code);
+        if n > 0 {
+            any = true;
+            faults.styled([(CAUTION, code.to_string()), (PLAIN, n.to_string())]);
+        }
+    }
+    if any {
+        format!("{table}\n{faults}")
+    } else {
+        format!("{table}\n{}\n", paint(FAINT, "  no faults"))
+    }
+}

@@ -1,0 +1,188 @@
+//! `umi log`
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use umi::failure::Failure;
+use umi::pull::{self, Step, Stretch};
+use umi::style::{CAUTION, FAINT, GOOD, paint, print, print_json};
+use umi::words;
+use umi_core::journal::Entry;
+
+use super::{Board, Format};
+
+/// Pull the journal of a board, or list it
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Log {
+    /// List this file instead of the journal of a board
+    #[arg(value_name = "FILE.umij", conflicts_with_all = ["port", "output"])]
+    file: Option<PathBuf>,
+    #[command(flatten)]
+    board: Board,
+    /// Write the journal to this file instead of listing it
+    #[arg(short, long, value_name = "FILE.umij")]
+    output: Option<PathBuf>,
+    /// Replace the file if it is there
+    #[arg(long, requires = "output")]
+    force: bool,
+    /// Begin with this entry instead of the oldest
+    #[arg(long, value_name = "SEQ")]
+    from: Option<u64>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Every entry is verified as it comes: its check value, and the SHA-256 chain over
+everything before it. Note the chain value at the end somewhere else: it proves
+later that nothing up to there was changed.
+
+Examples:
+  umi log                               list the journal of the only board
+  umi log --port /dev/ttyACM0 -o monday.umij
+  umi log monday.umij                   list a pulled file
+  umi log monday.umij --from 1200 --json | jq 'select(.type==\"verdict\")'
+
+Times are the board's clock, since it started.
+Exit status: 0 verified to the end, 1 file, usage or connection, 2 an entry is
+damaged, missing or was changed.";
+
+impl Log {
+    pub fn run(self) -> Result<(), Failure> {
+        match (&self.file, &self.output) {
+            (Some(file), _) => self.list_file(file),
+            (None, Some(output)) => self.save(output),
+            (None, None) => self.list_board(),
+        }
+    }
+
+    fn list_file(&self, path: &Path) -> Result<(), Failure> {
+        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
+        let from = self.from.unwrap_or(0);
+        let stretch = pull::read(&bytes, |entry| {
+            if entry.seq < from {
+                return Ok(());
+            }
+            self.show(&entry)
+        })?;
+        self.sum_up(&stretch, None)
+    }
+
+    fn list_board(&self) -> Result<(), Failure> {
+        let mut board = self.board.connect()?;
+        let stretch = pull::pull(&mut board, self.from, |step| match step {
+            Step::Header(..) => Ok(()),
+            Step::Entry(entry, _) => self.show(&entry),
+        })?;
+        self.sum_up(&stretch, None)
+    }
+
+    fn save(&self, path: &Path) -> Result<(), Failure> {
+        if path.exists() && !self.force {
+            return Err(Failure::trouble(
+                "file",
+                format_args!(
+                    "{} is there already: give another name, or --force to replace it",
+                    path.display()
+                ),
+            ));
+        }
+        let mut board = self.board.connect()?;
+        // Under its own name only when it is complete.
+        let part = part_of(path);
+        let failed = |error| Failure::file("write", &part, &error);
+        let mut file = BufWriter::new(File::create(&part).map_err(failed)?);
+        let bar = ProgressBar::no_length().with_style(style());
+        let stretch = pull::pull(&mut board, self.from, |step| match step {
+            Step::Header(header, next) => {
+                bar.set_length(next - header.first_seq);
+                file.write_all(&header.encode()).map_err(failed)
+            }
+            Step::Entry(_, raw) => {
+                bar.inc(1);
+                file.write_all(raw).map_err(failed)
+            }
+        });
+        bar.finish_and_clear();
+        let closed = file
+            .into_inner()
+            .map_err(|error| failed(error.into_error()));
+        let stretch = stretch.map_err(|failure| kept(failure, &part))?;
+        closed?.sync_all().map_err(failed)?;
+        std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))?;
+        self.sum_up(&stretch, Some(path))
+    }
+
+    fn show(&self, entry: &Entry<'_>) -> Result<(), Failure> {
+        let (seq, t_us) = (entry.seq, entry.t.0);
+        match (pull::record(entry), self.format.json) {
+            (Ok(record), true) => print_json(&umi::json::entry(seq, t_us, &record)),
+            (Ok(record), false) => line(seq, t_us, &words::record(&record)),
+            (Err(unreadable), true) => print_json(&json!({
+                "seq": seq,
+                "t_us": t_us,
+                "type": "unreadable",
+                "kind": unreadable.kind,
+                "message": unreadable.to_string(),
+            })),
+            (Err(unreadable), false) => line(seq, t_us, &paint(CAUTION, unreadable)),
+        }
+    }
+
+    fn sum_up(&self, stretch: &Stretch, file: Option<&Path>) -> Result<(), Failure> {
+        let Stretch { first, next, chain } = stretch;
+        if self.format.json {
+            return print_json(&json!({
+                "type": "verified",
+                "first_seq": first,
+                "next_seq": next,
+                "chain": chain.to_string(),
+                "file": file.map(|path| path.display().to_string()),
+            }));
+        }
+        let entries = match next.checked_sub(*first) {
+            None | Some(0) => "no entries".to_owned(),
+            Some(_) => format!("entries {first} to {}: verified", next - 1),
+        };
+        let to = file.map_or(String::new(), |path| format!(", in {}", path.display()));
+        print(&format!(
+            "{}{to}\nchain value {chain}\n",
+            paint(GOOD, entries)
+        ))
+    }
+}
+
+fn line(seq: u64, t_us: u64, text: &str) -> Result<(), Failure> {
+    let time = paint(FAINT, words::clock(t_us));
+    print(&format!("{seq:>8}  {time}  {text}\n"))
+}
+
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
+}
+
+/// Says where that is which came before the failure.
+fn kept(failure: Failure, part: &Path) -> Failure {
+    let add = |mut explained: umi::failure::Explained| {
+        let part = part.display();
+        explained.message += &format!("\nwhat came before is verified and stays in {part}");
+        explained
+    };
+    match failure {
+        Failure::Trouble(explained) => Failure::Trouble(add(explained)),
+        Failure::Refused(explained) => Failure::Refused(add(explained)),
+        other => other,
+    }
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{bar:40} {pos}/{len} entries, {per_sec}, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+}

@@ -1,0 +1,70 @@
+//! The commands: one file each, with options, help and what is done.
+
+mod fit;
+mod info;
+mod job;
+mod log;
+mod register;
+
+use clap::{Args, Subcommand};
+use umi::failure::Failure;
+use umi::link::Client;
+
+/// A command with its options.
+#[derive(Subcommand)]
+pub enum Command {
+    Fit(fit::Fit),
+    Register(register::Register),
+    Job(job::Job),
+    Info(info::Info),
+    Log(log::Log),
+}
+
+impl Command {
+    /// Does it.
+    pub fn run(self) -> Result<(), Failure> {
+        match self {
+            Self::Fit(command) => command.run(),
+            Self::Register(command) => command.run(),
+            Self::Job(command) => command.run(),
+            Self::Info(command) => command.run(),
+            Self::Log(command) => command.run(),
+        }
+    }
+
+    /// Whether JSON is wanted, also for an error.
+    pub const fn json(&self) -> bool {
+        match self {
+            Self::Fit(command) => command.format.json,
+            Self::Register(command) => command.format.json,
+            Self::Job(command) => command.json(),
+            Self::Info(command) => command.format.json,
+            Self::Log(command) => command.format.json,
+        }
+    }
+}
+
+/// How results are printed.
+#[derive(Args)]
+pub struct Format {
+    /// Print JSON for machines instead of text for people
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which board is meant.
+#[derive(Args)]
+pub struct Board {
+    /// The board: a serial port as /dev/ttyACM0 or COM3, or tcp://host:port.
+    /// Without it, the only openumi board that is plugged in
+    #[arg(long, value_name = "ADDRESS", env = "UMI_PORT")]
+    pub port: Option<String>,
+}
+
+impl Board {
+    /// Connects to it.
+    pub fn connect(&self) -> Result<Client, Failure> {
+        let named = self.port.as_deref().filter(|address| !address.is_empty());
+        umi::port::connect(named)
+    }
+}

@@ -1,0 +1,216 @@
+//! Job files: TOML to a checked job, with errors that name file, line and column.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::Path;
+
+use toml::de::{DeTable, DeValue};
+use umi_protocol::job::Job;
+use umi_protocol::refusal::{Field, JobError};
+
+use crate::failure::{Explained, Failure};
+use crate::points::{name, text};
+
+/// Reads and checks a job file, `-` for standard input.
+///
+/// # Errors
+/// The file cannot be read; it is no job ([`Failure::Refused`], `job_syntax`); the
+/// job cannot be used ([`Failure::Refused`], with the code of the [`JobError`]).
+pub fn load(path: &Path) -> Result<Job, Failure> {
+    parse(&text(path)?).map_err(|fault| fault.in_file(path))
+}
+
+/// A job as the text of a job file.
+///
+/// # Errors
+/// A job that no file can hold; none is known.
+pub fn write(job: &Job) -> Result<String, Failure> {
+    toml::to_string_pretty(job).map_err(|error| {
+        Failure::trouble("job", format_args!("this job cannot be written: {error}"))
+    })
+}
+
+/// What is wrong with a job file, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobFault {
+    /// Stable name: `job_syntax`, or that of the [`JobError`].
+    pub code: &'static str,
+    /// What is wrong and what is allowed.
+    pub message: String,
+    /// Where, if it is in one place.
+    pub place: Option<Place>,
+}
+
+/// A place in a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// From 1.
+    pub line: usize,
+    /// From 1, in characters.
+    pub column: usize,
+    /// The line's text.
+    pub text: String,
+}
+
+/// Reads and checks a job.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn parse(source: &str) -> Result<Job, JobFault> {
+    let job: Job = toml::from_str(source).map_err(|error| JobFault {
+        code: "job_syntax",
+        message: error.message().to_owned(),
+        place: error.span().map(|span| Place::of(source, &span)),
+    })?;
+    umi_core::job::check(&job).map_err(|error| refused(source, &job, &error))?;
+    Ok(job)
+}
+
+/// A board's or this tool's refusal of a job that is not in a file.
+#[must_use]
+pub fn refusal(error: &JobError) -> Failure {
+    Failure::refused(error.code(), message(error))
+}
+
+fn refused(source: &str, job: &Job, error: &JobError) -> JobFault {
+    JobFault {
+        code: error.code(),
+        message: message(error),
+        place: find(source, job, error).map(|span| Place::of(source, &span)),
+    }
+}
+
+/// What is wrong, and for a value also what is allowed.
+fn message(error: &JobError) -> String {
+    match error {
+        JobError::BadValue { field, .. } => format!("{error}; {}", allowed(*field)),
+        _ => error.to_string(),
+    }
+}
+
+const fn allowed(field: Field) -> &'static str {
+    match field {
+        Field::PlateTimeoutS => "give seconds, 1 or more",
+        Field::PositionMm | Field::ProbedOriginMm | Field::PartMinMm => {
+            "give three finite numbers, in mm"
+        }
+        Field::PartMaxMm => "give three finite numbers, in mm, none smaller than in `part_min_mm`",
+        Field::PretravelMm => "give 0 or more, and less than `tip_radius_mm`",
+        Field::RotationDeg | Field::TiltDeg | Field::ApproachDeg => "give degrees above 0",
+        Field::ProgramNumber => "give 1 to 9999",
+        Field::Approach => "give +x, -x, +y, -y, +z or -z for each hit",
+        Field::Receiver => {
+            "see that words and templates are not empty, digits are at most 15 and travel goes from small to large"
+        }
+        Field::RadiusMm
+        | Field::TipRadiusMm
+        | Field::RadiusErrorMm
+        | Field::RmsMm
+        | Field::DistanceErrorMm
+        | Field::RegistrationRmsMm
+        | Field::ShiftMm
+        | Field::ExpectedErrorMm
+        | Field::LeftoverMm => "give millimetres above 0",
+    }
+}
+
+/// Where in the file the fault is.
+fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
+    let table = DeTable::parse(source).ok()?;
+    let table = table.get_ref();
+    let feature = |name: &str| job.features.iter().position(|f| f.name == name);
+    let in_feature = |at: Option<usize>, key: &str| {
+        let list = table.get("features")?.get_ref();
+        let feature = list.get(at?)?;
+        let found = feature.get_ref().as_table().and_then(|t| key_span(t, key));
+        Some(found.unwrap_or(feature.span()))
+    };
+    match error {
+        JobError::BadName => key_span(table, "name"),
+        JobError::NoFeatures | JobError::TooFewDatums { .. } | JobError::TooManyDatums { .. } => {
+            key_span(table, "features")
+        }
+        JobError::DuplicateFeature { name } => {
+            // The second of them is the one to change.
+            let last = job.features.iter().rposition(|f| f.name == *name);
+            in_feature(last, "name")
+        }
+        JobError::BadFeatureName { feature } => {
+            in_feature(usize::from(*feature).checked_sub(1), "name")
+        }
+        JobError::HitCount { name, .. } => in_feature(feature(name), "hits"),
+        JobError::ApproachCount { name, .. } => in_feature(feature(name), "approach"),
+        JobError::Missing { field, feature: of }
+        | JobError::BadValue {
+            field, feature: of, ..
+        } => match of {
+            Some(name) => in_feature(feature(name), field.name()),
+            None => path_span(table, &path(*field)),
+        },
+        JobError::DegenerateReference => in_feature(Some(0), "position_mm"),
+        JobError::NoPatterns => path_span(table, &["receiver", "patterns"]),
+    }
+}
+
+/// The keys that lead to a field outside of features.
+fn path(field: Field) -> Vec<&'static str> {
+    match field {
+        Field::TipRadiusMm | Field::PretravelMm => vec!["compensation", "on_board", field.name()],
+        _ => field.name().split('.').collect(),
+    }
+}
+
+/// Where the last key of a path stands, or of as much of it as is there.
+fn path_span(table: &DeTable<'_>, path: &[&str]) -> Option<Range<usize>> {
+    let (first, rest) = path.split_first()?;
+    let here = key_span(table, first)?;
+    let deeper = table.get(*first).map(toml::Spanned::get_ref);
+    let deeper = deeper.and_then(DeValue::as_table);
+    Some(deeper.and_then(|t| path_span(t, rest)).unwrap_or(here))
+}
+
+fn key_span(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
+    table.get_key_value(key).map(|(key, _)| key.span())
+}
+
+impl Place {
+    fn of(source: &str, span: &Range<usize>) -> Self {
+        let before = source.get(..span.start).unwrap_or(source);
+        let start = before.rfind('\n').map_or(0, |newline| newline + 1);
+        let text = source.get(start..).unwrap_or_default().lines().next();
+        Self {
+            line: before.matches('\n').count() + 1,
+            column: before.get(start..).unwrap_or_default().chars().count() + 1,
+            text: text.unwrap_or_default().trim_end().to_owned(),
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    /// The line with a mark under the column.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = self.line.to_string();
+        let mark = self.column - 1 + number.len() + 3;
+        write!(f, "{number} | {}\n{:mark$}^", self.text, "")
+    }
+}
+
+impl JobFault {
+    fn in_file(self, path: &Path) -> Failure {
+        let file = name(path);
+        let Some(place) = self.place else {
+            let message = format!("{file}: {}", self.message);
+            return Failure::Refused(Explained::new(self.code, message).with("file", file));
+        };
+        let Place { line, column, .. } = place;
+        let message = format!("{file}:{line}:{column}: {}\n\n{place}", self.message);
+        let explained = Explained::new(self.code, message)
+            .with("file", file)
+            .with("line", line)
+            .with("column", column);
+        Failure::Refused(explained)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,356 @@
+//! Results as JSON for machines: the one place that knows the fields.
+//!
+//! * A number is the shortest decimal that reads back as the same double; one
+//!   that is not finite is null.
+//! * A name says its unit: `_mm`, `_deg`, `_rad`, `_us`, `_mm2`, `_rad2`.
+//! * What does not apply is null; a field is never missing.
+//! * Residuals, sigma and covariances are defined as in
+//!   `tests/reference/fits/README.md`. `cov_unit…` is for noise of 1 mm, `cov…`
+//!   for the noise that was found, `u_…` is a standard uncertainty.
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use umi_core::registration::Distance;
+use umi_protocol::fault::{Counters, Fault, FaultCode};
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::line::{HitReport, LineReport};
+use umi_protocol::message::{Identity, JournalInfo, Record, Status};
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::{CorrectionReport, DistanceReport, PlateReason, Verdict};
+
+use crate::results::{Amount, Fit, Registered, Rows, Spread, parameters};
+use umi_protocol::feature::Shape;
+
+/// A fit: what `umi fit --json` prints.
+#[must_use]
+pub fn fit(fit: &Fit<'_>) -> Value {
+    let (parameters, spreads) = parameters(&fit.shape);
+    let mut object = Map::new();
+    let mut put = |name: String, value: Value| object.insert(name, value);
+    put("kind".into(), fit.kind().into());
+    put("n".into(), fit.residuals_mm.len().into());
+    for p in &parameters {
+        put(format!("{}{}", p.name, p.unit.suffix()), amount(&p.value));
+    }
+    put("rms_mm".into(), fit.rms_mm.into());
+    put("sigma_mm".into(), fit.sigma_mm.into());
+    put("dof".into(), fit.dof.into());
+    let worst = fit.worst().map(|(_, d)| d);
+    put("max_abs_residual_mm".into(), worst.into());
+    if let Shape::Circle { rms_plane_mm, .. } = fit.shape {
+        put("rms_plane_mm".into(), rms_plane_mm.into());
+    }
+    for p in &parameters {
+        if let Some((of, _)) = p.uncertainty {
+            let u = p.standard_uncertainty(fit.sigma_mm);
+            let u = u.map_or(Value::Null, |u| amount(&u));
+            put(format!("u_{of}{}", p.unit.suffix()), u);
+        }
+    }
+    for spread in &spreads {
+        let (unit_name, name) = spread_names(spread);
+        put(unit_name, rows(&spread.rows, 1.0));
+        let variance = fit.sigma_mm.map(|sigma| sigma * sigma);
+        put(
+            name,
+            variance.map_or(Value::Null, |v| rows(&spread.rows, v)),
+        );
+    }
+    put("residuals_mm".into(), json!(fit.residuals_mm));
+    Value::Object(object)
+}
+
+fn spread_names(spread: &Spread) -> (String, String) {
+    let kind = match spread.rows {
+        Rows::One(_) => "var",
+        Rows::Matrix(_) => "cov",
+    };
+    let of = match spread.of {
+        "" => String::new(),
+        of => format!("_{of}"),
+    };
+    let square = spread.unit.square_suffix();
+    (format!("{kind}_unit{of}"), format!("{kind}{of}{square}"))
+}
+
+fn amount(amount: &Amount) -> Value {
+    match amount {
+        Amount::Scalar(value) => json!(value),
+        Amount::Vector(values) => json!(values),
+    }
+}
+
+fn rows(rows: &Rows, factor: f64) -> Value {
+    match rows {
+        Rows::One(value) => json!(value * factor),
+        Rows::Matrix(rows) => rows
+            .iter()
+            .map(|row| row.iter().map(|x| x * factor).collect::<Vec<f64>>())
+            .collect(),
+    }
+}
+
+/// A registration: what `umi register --json` prints, but for the distances.
+#[must_use]
+pub fn registration(result: &Registered<'_>) -> Value {
+    let variance = result.sigma_mm.map(|sigma| sigma * sigma);
+    let cov = |unit: &[[f64; 3]; 3]| variance.map(|v| unit.map(|row| row.map(|x| x * v)));
+    json!({
+        "kind": "registration",
+        "n": result.residuals_mm.len(),
+        "rotation": result.rotation,
+        "translation_mm": result.translation_mm,
+        "angle_deg": result.angle_deg,
+        "axis": result.axis,
+        "rms_mm": result.rms_mm,
+        "sigma_mm": result.sigma_mm,
+        "dof": result.dof,
+        "max_abs_residual_mm": result.worst().map(|(_, d)| d),
+        "u_rotvec_rad": result.u_rotvec_rad(),
+        "u_translation_mm": result.u_translation_mm(),
+        "cov_unit_rotvec": result.cov_unit_rotvec,
+        "cov_rotvec_rad2": cov(&result.cov_unit_rotvec),
+        "cov_unit_t": result.cov_unit_t,
+        "cov_t_mm2": cov(&result.cov_unit_t),
+        "expected_error_mm": result.expected_error_mm,
+        "residuals_mm": result.residuals_mm,
+    })
+}
+
+/// A distance between two points of a registration, by their numbers from 1.
+#[must_use]
+pub fn distance(distance: &Distance) -> Value {
+    json!({
+        "a": distance.first + 1,
+        "b": distance.second + 1,
+        "measured_mm": distance.measured.0,
+        "reference_mm": distance.nominal.0,
+        "error_mm": distance.difference().0,
+    })
+}
+
+/// A feature as an event.
+#[must_use]
+pub fn feature(result: &FeatureResult) -> Value {
+    json!({
+        "type": "feature",
+        "index": result.index,
+        "plate": result.plate,
+        "name": result.name,
+        "kind": result.kind,
+        "status": if result.is_ok() { "ok" } else { "refused" },
+        "reasons": result.reasons.iter().map(reason).collect::<Vec<_>>(),
+        "points_mm": result.points_mm,
+        "fit": result.fit.as_ref().map(|report| fit(&report.into())),
+    })
+}
+
+/// A reason of a feature.
+#[must_use]
+pub fn reason(reason: &Reason) -> Value {
+    json!({
+        "code": reason.code(),
+        "message": reason.to_string(),
+        "details": figures(reason),
+    })
+}
+
+/// A reason or remark of a verdict.
+#[must_use]
+pub fn plate_reason(of: &PlateReason) -> Value {
+    json!({
+        "code": of.reason.code(),
+        "feature": of.feature,
+        "message": of.reason.to_string(),
+        "details": figures(&of.reason),
+    })
+}
+
+/// A fault as an event.
+#[must_use]
+pub fn fault(fault: &Fault) -> Value {
+    json!({
+        "type": "fault",
+        "code": fault.code().as_str(),
+        "line": fault.line,
+        "byte_offset": fault.byte_offset,
+        "t_us": fault.t_us,
+        "text": fault.text,
+        "message": fault.kind.to_string(),
+        "details": figures(&fault.kind),
+    })
+}
+
+/// A verdict as an event.
+#[must_use]
+pub fn verdict(verdict: &Verdict) -> Value {
+    let list = |reasons: &[PlateReason]| reasons.iter().map(plate_reason).collect::<Vec<_>>();
+    json!({
+        "type": "verdict",
+        "plate": verdict.plate,
+        "verdict": if verdict.ok { "OK" } else { "NG" },
+        "reasons": list(&verdict.reasons),
+        "reasons_dropped": verdict.reasons_dropped,
+        "remarks": list(&verdict.remarks),
+        "distances": verdict.distances.iter().map(plate_distance).collect::<Vec<_>>(),
+        "registration": verdict.registration.as_ref().map(|report| registration(&report.into())),
+        "correction": verdict.correction.as_ref().map(correction),
+    })
+}
+
+fn plate_distance(distance: &DistanceReport) -> Value {
+    json!({
+        "a": distance.a,
+        "b": distance.b,
+        "measured_mm": distance.measured_mm,
+        "reference_mm": distance.reference_mm,
+        "error_mm": distance.reference_mm.map(|reference| distance.measured_mm - reference),
+    })
+}
+
+fn correction(correction: &CorrectionReport) -> Value {
+    json!({
+        "dialect": correction.dialect.name(),
+        "text": correction.text,
+        "leftover_mm": correction.leftover_mm,
+    })
+}
+
+/// A line from the control as an event.
+#[must_use]
+pub fn line(line: &LineReport) -> Value {
+    json!({
+        "type": "line",
+        "line": line.number,
+        "byte_offset": line.byte_offset,
+        "t_us": line.t_us,
+        "status": line.status,
+        "text": line.text,
+    })
+}
+
+/// A hit as an event.
+#[must_use]
+pub fn hit(hit: &HitReport) -> Value {
+    json!({
+        "type": "hit",
+        "line": hit.line,
+        "t_us": hit.t_us,
+        "feature": hit.feature,
+        "position_mm": hit.position_mm,
+        "approach": hit.approach,
+        "feed_mm_per_min": hit.feed_mm_per_min,
+    })
+}
+
+/// A journal entry as an event: the record's own fields behind `seq` and `t_us`.
+#[must_use]
+pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
+    let mut object = Map::new();
+    object.insert("seq".into(), seq.into());
+    object.insert("t_us".into(), t_us.into());
+    if let Value::Object(fields) = record(of) {
+        for (name, value) in fields {
+            // A fault has a time of its own, that of the line: the entry's goes first.
+            object.entry(name).or_insert(value);
+        }
+    }
+    Value::Object(object)
+}
+
+fn record(record: &Record) -> Value {
+    match record {
+        Record::Boot { identity: of } => json!({"type": "boot", "identity": identity(of)}),
+        Record::Recovered { torn_bytes } => json!({"type": "recovered", "torn_bytes": torn_bytes}),
+        Record::JobSet(job) => json!({"type": "job_set", "job": job}),
+        Record::ReferenceRestored { positions_mm } => {
+            json!({"type": "reference_restored", "positions_mm": positions_mm})
+        }
+        Record::Bytes { raw } => json!({
+            "type": "bytes",
+            "text": crate::words::printable(raw),
+            "hex": raw.iter().map(|byte| format!("{byte:02x}")).collect::<String>(),
+        }),
+        Record::BytesLost { count } => json!({"type": "bytes_lost", "count": count}),
+        Record::Time => json!({"type": "time"}),
+        Record::InputEnd => json!({"type": "input_end"}),
+        Record::Fault(of) => fault(of),
+        Record::Feature(of) => feature(of),
+        Record::Verdict(of) => verdict(of),
+        Record::Taught { positions_mm } => json!({"type": "taught", "positions_mm": positions_mm}),
+        Record::CorrectionSent {
+            plate,
+            bytes,
+            complete,
+        } => json!({
+            "type": "correction_sent",
+            "plate": plate,
+            "bytes": bytes,
+            "complete": complete,
+        }),
+        Record::Latch(latch) => {
+            let mut object = object(latch);
+            object.insert("type".into(), "latch".into());
+            Value::Object(object)
+        }
+    }
+}
+
+/// Who a board is.
+#[must_use]
+pub fn identity(identity: &Identity) -> Value {
+    json!({
+        "board": identity.board,
+        "serial": identity.serial,
+        "firmware": identity.firmware,
+    })
+}
+
+/// What a board does and what it has counted.
+#[must_use]
+pub fn status(status: &Status) -> Value {
+    let mut object = object(status);
+    object.insert("counters".into(), counters(&status.counters));
+    Value::Object(object)
+}
+
+/// The receiver's counters; faults by their name.
+#[must_use]
+pub fn counters(counters: &Counters) -> Value {
+    let mut object = object(counters);
+    let faults: Map<String, Value> = FaultCode::ALL
+        .into_iter()
+        .map(|code| (code.as_str().to_owned(), counters.of(code).into()))
+        .collect();
+    object.insert("faults".into(), Value::Object(faults));
+    Value::Object(object)
+}
+
+/// What a journal holds.
+#[must_use]
+pub fn journal_info(info: &JournalInfo) -> Value {
+    Value::Object(object(info))
+}
+
+/// The fields of a value, by the names that they have on the wire.
+fn object(value: &impl Serialize) -> Map<String, Value> {
+    match serde_json::to_value(value) {
+        Ok(Value::Object(object)) => object,
+        _ => Map::new(),
+    }
+}
+
+/// The figures of a reason or fault, without its name.
+fn figures(value: &impl Serialize) -> Value {
+    match serde_json::to_value(value) {
+        // serde writes a variant with fields as {"Name": {…}}.
+        Ok(Value::Object(object)) => object
+            .into_iter()
+            .next()
+            .map_or_else(Value::default, |(_, fields)| fields),
+        _ => json!({}),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,219 @@
+//! What happened, in words for people: events and journal records, one line each.
+
+use umi_protocol::fault::Fault;
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::message::{LatchCause, Record};
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::Verdict;
+
+use crate::results::{Amount, Unit, parameters};
+use crate::style::{BAD, CAUTION, FAINT, GOOD, count, paint};
+
+/// A time on the board's clock: since it started.
+#[must_use]
+pub fn clock(t_us: u64) -> String {
+    let (seconds, us) = (t_us / 1_000_000, t_us % 1_000_000);
+    let (hours, minutes) = (seconds / 3600, seconds / 60 % 60);
+    format!("{hours}:{minutes:02}:{:02}.{us:06}", seconds % 60)
+}
+
+/// Bytes from a control as text: bit 7 is left out as most codes have it for
+/// parity, line ends show as `\r` and `\n`, other control codes as `\x12`.
+#[must_use]
+pub fn printable(bytes: &[u8]) -> String {
+    let text = bytes.iter().map(|byte| byte & 0x7F);
+    text.map(|byte| byte.escape_ascii().to_string()).collect()
+}
+
+/// A journal record.
+#[must_use]
+pub fn record(record: &Record) -> String {
+    match record {
+        Record::Boot { identity } => format!(
+            "started: board {} {}, firmware {}",
+            identity.board, identity.serial, identity.firmware
+        ),
+        Record::Recovered { torn_bytes } => paint(
+            CAUTION,
+            format_args!("power failed while writing: {torn_bytes} bytes of an entry given up"),
+        ),
+        Record::JobSet(job) => format!(
+            "job {}: {}, {}",
+            job.name,
+            count(job.features.len() as u64, "feature"),
+            job.correction.map_or("no correction".to_owned(), |spec| {
+                format!("correction {}", spec.dialect.name())
+            })
+        ),
+        Record::ReferenceRestored { positions_mm } => {
+            format!("reference restored: {}", positions(positions_mm))
+        }
+        Record::Bytes { raw } => format!(
+            "received {}: {}",
+            count(raw.len() as u64, "byte"),
+            paint(FAINT, format_args!("\"{}\"", printable(raw)))
+        ),
+        Record::BytesLost { count: lost } => paint(
+            BAD,
+            format_args!("{} lost before the receiver", count((*lost).into(), "byte")),
+        ),
+        Record::Time => "time-outs looked at".into(),
+        Record::InputEnd => "the input ended".into(),
+        Record::Fault(of) => fault(of),
+        Record::Feature(of) => feature(of),
+        Record::Verdict(of) => verdict(of),
+        Record::Taught { positions_mm } => {
+            format!("taught as reference: {}", positions(positions_mm))
+        }
+        Record::CorrectionSent {
+            plate,
+            bytes,
+            complete: true,
+        } => paint(
+            GOOD,
+            format_args!("correction of plate {plate} sent, {bytes} bytes"),
+        ),
+        Record::CorrectionSent {
+            plate,
+            bytes,
+            complete: false,
+        } => paint(
+            BAD,
+            format_args!("correction of plate {plate} broke off after {bytes} bytes"),
+        ),
+        Record::Latch(latch) => {
+            let cause = match latch.cause {
+                LatchCause::Skip => "probe",
+                LatchCause::Trigger => "trigger",
+                LatchCause::Software => "software",
+            };
+            let missed = match latch.missed {
+                0 => String::new(),
+                n => paint(
+                    BAD,
+                    format_args!(", {} before it lost", count(n.into(), "edge")),
+                ),
+            };
+            format!(
+                "latch {} by {cause} at {}: counts {:?}{missed}",
+                latch.number,
+                clock(latch.t_us),
+                latch.counts.as_slice()
+            )
+        }
+    }
+}
+
+/// A fault.
+#[must_use]
+pub fn fault(fault: &Fault) -> String {
+    format!(
+        "{} {fault}",
+        paint(CAUTION, format_args!("fault {}:", fault.code()))
+    )
+}
+
+/// A feature.
+#[must_use]
+pub fn feature(result: &FeatureResult) -> String {
+    let status = if result.is_ok() {
+        paint(GOOD, "ok")
+    } else {
+        paint(BAD, "refused")
+    };
+    let mut text = format!(
+        "feature {} of plate {} {status}: {}",
+        result.name,
+        result.plate,
+        count(result.points_mm.len() as u64, "hit")
+    );
+    if let Some(fit) = &result.fit {
+        for parameter in parameters(&fit.shape).0 {
+            let value = match (parameter.value, parameter.unit) {
+                (Amount::Scalar(a), Unit::Mm) => format!("{a:.4}"),
+                (Amount::Scalar(a), _) => format!("{a:.6}"),
+                (Amount::Vector([x, y, z]), Unit::Mm) => format!("({x:.4}, {y:.4}, {z:.4})"),
+                (Amount::Vector([x, y, z]), _) => format!("({x:.6}, {y:.6}, {z:.6})"),
+            };
+            let name = parameter.name.replace('_', " ");
+            text += &format!(", {name} {value}{}", unit_word(parameter.unit));
+        }
+        text += &format!(", rms {:.4} mm", fit.rms_mm);
+    }
+    text + &list(result.reasons.iter().map(Reason::to_string))
+}
+
+/// A verdict.
+#[must_use]
+pub fn verdict(verdict: &Verdict) -> String {
+    let mut text = format!(
+        "plate {}: {}",
+        verdict.plate,
+        if verdict.ok {
+            paint(GOOD, "OK")
+        } else {
+            paint(BAD, "NG")
+        }
+    );
+    if let Some(registration) = &verdict.registration {
+        let [x, y, z] = registration.translation_mm;
+        text += &format!(
+            ", turned {:.4} deg, moved ({x:.4}, {y:.4}, {z:.4}) mm, rms {:.4} mm",
+            registration.angle_deg, registration.rms_mm
+        );
+    }
+    if let Some(correction) = &verdict.correction {
+        text += &format!(", correction {}", correction.dialect.name());
+    }
+    text += &list(verdict.reasons.iter().map(ToString::to_string));
+    if verdict.reasons_dropped > 0 {
+        let more = count(verdict.reasons_dropped.into(), "more reason");
+        text += &list([more].into_iter());
+    }
+    text + &list(
+        verdict
+            .remarks
+            .iter()
+            .map(|remark| format!("remark: {remark}")),
+    )
+}
+
+/// Each on a line of its own.
+fn list(lines: impl Iterator<Item = String>) -> String {
+    lines.map(|line| format!("\n    {line}")).collect()
+}
+
+const fn unit_word(unit: Unit) -> &'static str {
+    match unit {
+        Unit::One => "",
+        Unit::Mm => " mm",
+        Unit::Rad => " rad",
+    }
+}
+
+fn positions(positions_mm: &[[f64; 3]]) -> String {
+    let list: Vec<String> = positions_mm
+        .iter()
+        .map(|[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"))
+        .collect();
+    format!("{} mm", list.join(" "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Control codes, parity and quotes of a control's text can be read and told apart.
+    #[test]
+    fn bytes_are_shown_as_text() {
+        let sent = [0x12, b'X' | 0x80, b'-', b'"', b'\r', b'\n', 0];
+        assert_eq!(printable(&sent), r#"\x12X-\"\r\n\x00"#);
+    }
+
+    /// The clock shows hours, minutes and microseconds.
+    #[test]
+    fn the_clock_counts_from_the_start() {
+        assert_eq!(clock(0), "0:00:00.000000");
+        assert_eq!(clock(3_725_000_042), "1:02:05.000042");
+    }
+}
