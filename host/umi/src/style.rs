@@ -182,8 +182,10 @@ pub fn coverage_95(dof: u64) -> Option<f64> {
     let place = usize::try_from(dof).ok()?.checked_sub(1)?;
     Some(TABLE.get(place).copied().unwrap_or_else(|| {
         let n = dof as f64;
-        let (z3, z5) = (Z.powi(3), Z.powi(5));
-        Z + (z3 + Z) / (4.0 * n) + (5.0 * z5 + 16.0 * z3 + 3.0 * Z) / (96.0 * n * n)
+        let (z3, z5, z7) = (Z.powi(3), Z.powi(5), Z.powi(7));
+        Z + (z3 + Z) / (4.0 * n)
+            + (5.0 * z5 + 16.0 * z3 + 3.0 * Z) / (96.0 * n * n)
+            + (3.0 * z7 + 19.0 * z5 + 17.0 * z3 - 15.0 * Z) / (384.0 * n * n * n)
     }))
 }
 
