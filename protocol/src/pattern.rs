@@ -344,7 +344,7 @@ impl Default for LabelledWordsPattern {
 /// and a check value computed in the macro.
 ///
 /// ```text
-/// UMI1 R   17 S    3 B  2 A 6 T 1 F   20.0 X-  135.019 Y-  136.620 Z   148.609 C 3141.5926
+/// UMI1 R    17 S     3 B   2 A 2 T 1 F    20.0 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
 /// ```
 ///
 /// The formula and the macro are with the receiver (`umi_core::dprnt::checked`).

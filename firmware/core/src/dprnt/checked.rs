@@ -1,7 +1,7 @@
 //! openumi's own line: everything that is needed to trust it.
 //!
 //! ```text
-//! UMI1 R   17 S    3 B  2 A2 T1 F   20.0 X-  135.019 Y-  136.620 Z   148.609 C 5872.2606
+//! UMI1 R    17 S     3 B   2 A 2 T 1 F    20.0 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
 //! ```
 //!
 //! | letter | field | range |

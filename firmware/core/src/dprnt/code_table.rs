@@ -23,6 +23,8 @@ pub(super) const CR: u8 = 0x0D;
 pub(super) const XON: u8 = 0x11;
 pub(super) const PUNCH_ON: u8 = 0x12;
 pub(super) const XOFF: u8 = 0x13;
+/// XOFF with even parity, as Fanuc punches it.
+pub(super) const XOFF_EVEN: u8 = 0x93;
 pub(super) const PUNCH_OFF: u8 = 0x14;
 pub(super) const ETX: u8 = 0x03;
 const EOT: u8 = 0x04;
@@ -37,6 +39,9 @@ pub(super) enum Character {
     Dropped,
     /// The other side ends its transmission (ETX, EOT).
     Close,
+    /// A control code without the parity of the code: one wrong bit may have
+    /// made it of a digit. It carries nothing, but must not stand in a line.
+    Suspect,
     /// Wrong parity.
     BadParity,
     /// Not in the code, or a control code that no text line has.
@@ -95,23 +100,24 @@ const fn seven_bits(byte: u8) -> Character {
     }
 }
 
-/// What a byte stands for in a code. XON carries nothing in any of them.
+/// What a byte stands for in a code.
 const fn decode(code: u8, byte: u8) -> Character {
     let odd = byte.count_ones() % 2 == 1;
-    if byte == XON {
-        return Character::Dropped;
-    }
     match code {
         ASCII => match byte {
             0x80.. => Character::Unknown,
             _ => seven_bits(byte),
         },
         ISO_EVEN if odd => Character::BadParity,
-        ASCII_ODD if !odd => Character::BadParity,
+        ASCII_ODD if !odd => match byte {
+            0x00 | XON => Character::Suspect,
+            _ => Character::BadParity,
+        },
         ISO_EVEN | ASCII_ODD => seven_bits(byte & 0x7F),
         _ => match byte {
             // The device controls keep their values, which have even parity.
-            PUNCH_ON | 0x93 | PUNCH_OFF | 0x7F => Character::Dropped,
+            0x00 | XON | PUNCH_ON | XOFF_EVEN | PUNCH_OFF => Character::Suspect,
+            0x7F => Character::Dropped,
             _ if !odd => Character::BadParity,
             0x80.. => Character::Unknown,
             _ => match EIA_TO_ASCII[byte as usize] {

@@ -18,7 +18,9 @@
 
 use umi_protocol::pattern::Coding;
 
-use super::code_table::{ASCII, CHARACTERS, CODES, CONTRADICTS, Character, ETX, XOFF, XON, ends};
+use super::code_table::{
+    ASCII, CHARACTERS, CODES, CONTRADICTS, Character, ETX, XOFF, XOFF_EVEN, XON, ends,
+};
 
 /// Contradictions that make a known code give way to another.
 const CHANGE: u16 = 8;
@@ -39,6 +41,28 @@ pub(super) struct Damage {
     pub unknown_byte: u8,
 }
 
+impl Damage {
+    fn add_bad_parity(&mut self, count: u16, position: u16) {
+        if self.bad_parity == 0 {
+            self.first_bad_parity = position;
+        }
+        self.bad_parity += count;
+    }
+
+    fn add_unknown(&mut self, byte: u8, position: u16) {
+        if self.unknown == 0 {
+            self.first_unknown = position;
+            self.unknown_byte = byte;
+        }
+        self.unknown += 1;
+    }
+}
+
+/// NUL or DEL, with or without a parity bit.
+const fn is_fill(byte: u8) -> bool {
+    matches!(byte & 0x7F, 0x00 | 0x7F)
+}
+
 /// What was made of a raw line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Cleaned {
@@ -48,7 +72,7 @@ pub(super) struct Cleaned {
     pub dropped: usize,
     /// What is wrong with it.
     pub damage: Damage,
-    /// A DEL stood between two characters.
+    /// NUL or DEL stood between two characters.
     pub fill_inside: bool,
     /// The other side had ended a transmission before this text.
     pub closed_before: bool,
@@ -56,8 +80,9 @@ pub(super) struct Cleaned {
     pub closed_after: bool,
 }
 
-/// Turns a raw line into text, in place. Characters that cannot be read become `?`.
-pub(super) fn clean(line: &mut [u8], coding: Coding) -> Cleaned {
+/// Turns a raw line into text, in place. Characters that cannot be read become
+/// `?`. `ended` says that the line has a line end.
+pub(super) fn clean(line: &mut [u8], coding: Coding, ended: bool) -> Cleaned {
     let code = number_of(coding).unwrap_or(ASCII);
     let Some(characters) = CHARACTERS.get(usize::from(code)) else {
         return Cleaned::default();
@@ -66,16 +91,28 @@ pub(super) fn clean(line: &mut [u8], coding: Coding) -> Cleaned {
     let damage = &mut cleaned.damage;
     let mut length = 0usize;
     let mut fill = false;
-    for at in 0..line.len() {
-        let Some(&byte) = line.get(at) else { break };
+    let mut suspects = 0;
+    let mut at = 0;
+    while let Some(&byte) = line.get(at) {
+        at += 1;
         let position = u16::try_from(length.saturating_add(1)).unwrap_or(u16::MAX);
         let character = characters.get(usize::from(byte)).copied();
         let text = match character.unwrap_or(Character::Unknown) {
             Character::Text(text) => text,
+            // XOFF and XON together are what they seem, whatever their parity.
+            _ if matches!(byte, XOFF | XOFF_EVEN) && line.get(at) == Some(&XON) => {
+                at += 1;
+                continue;
+            }
             // A line end kept here came while another code was believed in.
             _ if length == 0 && ends(byte) & 1 << code != 0 => continue,
             Character::Dropped => {
-                fill |= length > 0 && byte & 0x7F == 0x7F;
+                fill |= length > 0 && is_fill(byte);
+                continue;
+            }
+            Character::Suspect => {
+                fill |= length > 0 && is_fill(byte);
+                suspects += 1;
                 continue;
             }
             Character::Close => {
@@ -88,38 +125,29 @@ pub(super) fn clean(line: &mut [u8], coding: Coding) -> Cleaned {
                 }
                 continue;
             }
-            // XOFF from a device without parity, as the following XON shows.
-            Character::BadParity if byte == XOFF && line.get(at + 1) == Some(&XON) => {
-                continue;
-            }
             Character::BadParity => {
-                if damage.bad_parity == 0 {
-                    damage.first_bad_parity = position;
-                }
-                damage.bad_parity += 1;
+                damage.add_bad_parity(1, position);
                 b'?'
             }
             Character::Unknown => {
-                if damage.unknown == 0 {
-                    damage.first_unknown = position;
-                    damage.unknown_byte = byte;
-                }
-                damage.unknown += 1;
+                damage.add_unknown(byte, position);
                 b'?'
             }
         };
+        // Text follows what is harmless only where a transmission ends.
+        damage.add_bad_parity(core::mem::take(&mut suspects), position);
         if core::mem::take(&mut cleaned.closed_after) {
-            if damage.unknown == 0 {
-                damage.first_unknown = position;
-                damage.unknown_byte = ETX;
-            }
-            damage.unknown += 1;
+            damage.add_unknown(ETX, position);
         }
         cleaned.fill_inside |= core::mem::take(&mut fill);
         if let Some(place) = line.get_mut(length) {
             *place = text;
         }
         length += 1;
+    }
+    if ended && suspects > 0 {
+        let position = u16::try_from(length.saturating_add(1)).unwrap_or(u16::MAX);
+        damage.add_bad_parity(suspects, position);
     }
     cleaned.length = length;
     cleaned.dropped = line.len() - length;
@@ -161,6 +189,12 @@ impl Detector {
         let code = self.configured.or(self.known);
         code.and_then(|code| CODES.get(usize::from(code)).copied())
             .unwrap_or(Coding::Auto)
+    }
+
+    /// Whether control codes, which have even parity, are one wrong bit away
+    /// from characters.
+    pub fn has_odd_parity(&self) -> bool {
+        matches!(self.coding(), Coding::AsciiOdd | Coding::Eia)
     }
 
     /// Notes a byte of the line.

@@ -190,7 +190,7 @@ impl Reader {
         } else if !line.ended {
             FaultKind::LineUnterminated
         } else if let Some(issue) = issue {
-            number_format(issue)
+            number_kind(issue, line)
         } else {
             out.line(line.report(LineStatus::NotUnderstood, None));
             out.fault(FaultKind::NotUnderstood, line.text);
@@ -288,7 +288,7 @@ impl Reader {
                 );
             }
             block::Step::Bad(issue) => {
-                self.bad(number_format(issue), line, number, out);
+                self.bad(number_kind(issue, line), line, number, out);
                 self.note_damage(out);
             }
         }
@@ -330,7 +330,7 @@ impl Reader {
             Outcome::Bad(_) if line.fill_inside => {
                 return self.bad(FaultKind::BinaryData, line, number, out);
             }
-            Outcome::Bad(issue) => return self.bad(number_format(issue), line, number, out),
+            Outcome::Bad(issue) => return self.bad(number_kind(issue, line), line, number, out),
             Outcome::BadCheck(printed, computed) => {
                 let kind = FaultKind::BadCheckValue { printed, computed };
                 return self.bad(kind, line, number, out);
@@ -459,8 +459,13 @@ fn report<S: FnMut(Item<'_>)>(block: &Block, cause: BlockEndCause, out: &mut Out
     }
 }
 
-const fn number_format((issue, position): Issue) -> FaultKind {
-    FaultKind::NumberFormat { issue, position }
+/// A number is wrong: because the line broke off, or in itself.
+const fn number_kind((issue, position): Issue, line: &RawLine<'_>) -> FaultKind {
+    if line.ended {
+        FaultKind::NumberFormat { issue, position }
+    } else {
+        FaultKind::LineUnterminated
+    }
 }
 
 /// Fill between the characters and no decimal point: bytes of binary values may

@@ -4,7 +4,7 @@ use umi_protocol::fault::{Counters, FaultKind};
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
 use super::Item;
-use super::code_table::{PUNCH_OFF, PUNCH_ON, XOFF, XON};
+use super::code_table::{PUNCH_OFF, PUNCH_ON, XON};
 use super::coding::{self, Detector};
 use super::out::Out;
 use super::reader::{RawLine, Reader};
@@ -39,9 +39,6 @@ struct Partial {
     too_long: bool,
     /// Bytes were lost in it.
     lost: bool,
-    /// NUL came after a character, and another character after that.
-    fill_after: bool,
-    fill_inside: bool,
 }
 
 impl Partial {
@@ -52,8 +49,6 @@ impl Partial {
         first: Micros(0),
         too_long: false,
         lost: false,
-        fill_after: false,
-        fill_inside: false,
     };
 
     const fn has_begun(&self) -> bool {
@@ -92,19 +87,15 @@ impl Receiver {
         counters.bytes += 1;
         let partial = &mut self.partial;
         match byte {
-            0x00 => {
-                counters.bytes_control += 1;
-                partial.fill_after = partial.length > 0;
-            }
-            // Feed before a line.
+            // Feed before a line, and more than one of it.
             0x7F | 0xFF if partial.length == 0 => counters.bytes_control += 1,
-            // Kept only where it shows that an XOFF without parity was one.
-            XON if partial.last_byte() != Some(XOFF) => counters.bytes_control += 1,
-            PUNCH_ON | PUNCH_OFF => {
+            0x00 if matches!(partial.last_byte(), None | Some(0x00)) => counters.bytes_control += 1,
+            // In a code with odd parity XON is one wrong bit away from a digit.
+            XON if partial.last_byte().is_none() && !self.detector.has_odd_parity() => {
                 counters.bytes_control += 1;
-                self.end_line(None, sink);
-                self.session(byte == PUNCH_ON, sink);
             }
+            XON if partial.last_byte() == Some(XON) => counters.bytes_control += 1,
+            PUNCH_ON | PUNCH_OFF => self.session_mark(byte, offset, sink),
             _ if self.detector.is_end(byte) => {
                 counters.bytes_line_end += 1;
                 self.end_line(Some(byte), sink);
@@ -197,14 +188,13 @@ impl Receiver {
             partial.too_long = true;
             counters.bytes_discarded += 1;
         }
-        partial.fill_inside |= core::mem::take(&mut partial.fill_after);
     }
 
-    /// The line is at its end, by this byte or (without one) broken off.
-    fn end_line(&mut self, end: Option<u8>, sink: &mut impl FnMut(Item<'_>)) {
+    /// The line is at its end, by this byte or (without one) broken off. Returns
+    /// whether there was any text.
+    fn end_line(&mut self, end: Option<u8>, sink: &mut impl FnMut(Item<'_>)) -> bool {
         if !self.partial.has_begun() {
-            self.partial.fill_after = false;
-            return;
+            return false;
         }
         let Self {
             detector,
@@ -215,7 +205,7 @@ impl Receiver {
         } = self;
         let (coding, before) = detector.conclude(end);
         let bytes = partial.bytes.get_mut(..partial.length).unwrap_or_default();
-        let cleaned = coding::clean(bytes, coding);
+        let cleaned = coding::clean(bytes, coding, end.is_some());
         let dropped = u64::try_from(cleaned.dropped).unwrap_or(0);
         counters.bytes_text = counters.bytes_text.saturating_sub(dropped);
         counters.bytes_control += dropped;
@@ -229,7 +219,8 @@ impl Receiver {
         if cleaned.closed_before {
             reader.session_closed(&mut out);
         }
-        if cleaned.length > 0 || partial.lost || partial.too_long {
+        let is_damaged = cleaned.damage != coding::Damage::default();
+        if cleaned.length > 0 || is_damaged || partial.lost || partial.too_long {
             let line = RawLine {
                 text,
                 number,
@@ -240,7 +231,7 @@ impl Receiver {
                 damage: cleaned.damage,
                 too_long: partial.too_long,
                 lost: partial.lost,
-                fill_inside: partial.fill_inside || cleaned.fill_inside,
+                fill_inside: cleaned.fill_inside,
                 ended: end.is_some(),
             };
             reader.line(&line, &mut out);
@@ -248,19 +239,30 @@ impl Receiver {
         if cleaned.closed_after {
             reader.session_closed(&mut out);
         }
+        let had_text = cleaned.length > 0;
         *partial = Partial {
             bytes: partial.bytes,
             ..Partial::EMPTY
         };
+        had_text
     }
 
     /// The control opened or closed the port.
-    fn session(&mut self, opened: bool, sink: &mut impl FnMut(Item<'_>)) {
-        let (reader, mut out) = self.split(self.last, sink);
-        if opened {
+    fn session_mark(&mut self, byte: u8, offset: u64, sink: &mut impl FnMut(Item<'_>)) {
+        let had_text = self.end_line(None, sink);
+        let now = self.last;
+        let (reader, mut out) = self.split(now, sink);
+        if byte == PUNCH_ON {
             reader.session_opened(&mut out);
         } else {
             reader.session_closed(&mut out);
+        }
+        if had_text && self.detector.has_odd_parity() {
+            // One wrong bit may have made it of a digit inside a line. What
+            // follows before a line end is the rest of that line, not a line.
+            self.keep(byte, offset, now);
+        } else {
+            self.counters.bytes_control += 1;
         }
     }
 

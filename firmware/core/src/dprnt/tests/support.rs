@@ -52,7 +52,10 @@ impl Seen {
     }
 
     pub fn points(&self) -> Vec<[f64; 3]> {
-        self.hits.iter().map(|hit| hit.position.to_array_mm()).collect()
+        self.hits
+            .iter()
+            .map(|hit| hit.position.to_array_mm())
+            .collect()
     }
 }
 
@@ -108,12 +111,21 @@ pub fn words(prefix: &str, axes: &str, ignored: &str) -> LinePattern {
 }
 
 pub fn template(text: &str, format: Option<FieldFormat>) -> LinePattern {
-    LinePattern::Template(TemplatePattern { text: text.try_into().unwrap(), format })
+    LinePattern::Template(TemplatePattern {
+        text: text.try_into().unwrap(),
+        format,
+    })
 }
 
 /// Text in ISO code: even parity in bit 7.
 pub fn iso(text: &[u8]) -> Vec<u8> {
-    let even = |b: &u8| if b.count_ones() % 2 == 1 { b | 0x80 } else { *b };
+    let even = |b: &u8| {
+        if b.count_ones() % 2 == 1 {
+            b | 0x80
+        } else {
+            *b
+        }
+    };
     text.iter().map(even).collect()
 }
 
@@ -154,7 +166,11 @@ pub fn eia(text: &[u8]) -> Vec<u8> {
 
 /// Channel 5 makes the number of holes odd.
 fn odd_channel_5(code: u8) -> u8 {
-    if code.count_ones() % 2 == 0 { code | 0x10 } else { code }
+    if code.count_ones().is_multiple_of(2) {
+        code | 0x10
+    } else {
+        code
+    }
 }
 
 /// Joins byte strings.
