@@ -138,14 +138,14 @@ impl Display for Table {
     }
 }
 
-/// Decimals that show at least 0.1 µm, and two digits of the noise, but not more
-/// than a picometre.
+/// Decimals that show at least 0.1 µm, and two digits of the noise or uncertainty,
+/// but not more than a picometre.
 #[must_use]
-pub fn decimals(sigma_mm: Option<f64>) -> usize {
-    let sigma = sigma_mm.filter(|sigma| *sigma > 0.0).unwrap_or(1.0);
+pub fn decimals(noise_mm: Option<f64>) -> usize {
+    let noise = noise_mm.filter(|noise| *noise > 0.0).unwrap_or(1.0);
     let mut decimals = 4;
     let mut shown = 1e-3;
-    while decimals < 9 && sigma < shown {
+    while decimals < 9 && noise < shown {
         decimals += 1;
         shown /= 10.0;
     }
@@ -240,11 +240,13 @@ pub fn histogram(values: &[f64], decimals: usize) -> String {
     let most = counts.iter().copied().max().unwrap_or(0);
     let mut table = Table::new(">><");
     for (class, count) in counts.into_iter().enumerate() {
+        // What is there is seen, however little it is.
+        let least = usize::from(count > 0);
         let middle = low + (class as f64 + 0.5) * step;
         table.row([
             format!("{middle:+.decimals$}"),
             count.to_string(),
-            bar(count.into(), most.into(), WIDTH),
+            "#".repeat(bar_length(count.into(), most.into(), WIDTH).max(least)),
         ]);
     }
     table.to_string()

@@ -88,15 +88,18 @@ const MOST_LISTED: usize = 64;
 
 fn text(fit: &results::Fit<'_>, points: &[Point]) -> String {
     let (parameters, _) = parameters(&fit.shape);
-    let digits = decimals(fit.sigma_mm);
     let n = count(fit.residuals_mm.len() as u64, "point");
     let title = paint(TITLE, format_args!("{} through {n}", fit.kind()));
-    let mut text = format!("{title}\n\n");
     let mut table = Table::new("<>>").titles(&["", "value", "std. uncertainty"]);
+    // All lengths to the digits of the one that is least certain.
+    let lengths = parameters.iter().filter(|p| p.unit == Unit::Mm);
+    let uncertainties = lengths.flat_map(|p| numbers(p.standard_uncertainty(fit.sigma_mm)));
+    let digits = decimals(uncertainties.reduce(f64::max));
     for parameter in &parameters {
         rows(&mut table, parameter, fit.sigma_mm, digits);
     }
-    text += &format!("{table}\n{}\n", statistics(fit, digits));
+    let digits = decimals(fit.sigma_mm);
+    let mut text = format!("{title}\n\n{table}\n{}\n", statistics(fit, digits));
     text += &residuals(fit, points, digits);
     text
 }

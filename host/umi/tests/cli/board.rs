@@ -1,0 +1,201 @@
+//! A board of a few answers on a TCP port: as a good board gives them, and as a
+//! bad one does, which no real board can be made to do.
+
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+
+use umi_core::journal::{Chain, Entry, OVERHEAD, encode_entry};
+use umi_core::units::Micros;
+use umi_protocol::decoder::Decoder;
+use umi_protocol::fault::{Counters, FaultCode};
+use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
+use umi_protocol::hello::Hello;
+use umi_protocol::job::Job;
+use umi_protocol::message::{Identity, JournalInfo, Record, Request, Response, Status};
+
+/// What the board answers.
+pub struct Board {
+    pub hello: Hello,
+    pub job: Option<Job>,
+    /// Whether it takes a new job and then has another one.
+    pub forgetful: bool,
+    pub first_seq: u64,
+    /// Chain value before the first entry.
+    pub chain_before: Chain,
+    /// Entries as stored.
+    pub entries: Vec<Vec<u8>>,
+    /// Chain values after each entry.
+    pub chains: Vec<Chain>,
+}
+
+fn name(text: &str) -> umi_protocol::job::Name {
+    text.try_into().unwrap()
+}
+
+pub fn identity() -> Identity {
+    Identity {
+        board: name("test"),
+        serial: name("0042"),
+        firmware: name("0.1.0"),
+    }
+}
+
+impl Board {
+    /// A board with some records, the first of which has this number.
+    pub fn new(first_seq: u64) -> Self {
+        let mut board = Self {
+            hello: Hello::new("test 0042 0.1.0"),
+            job: None,
+            forgetful: false,
+            first_seq,
+            chain_before: if first_seq == 0 {
+                Chain::GENESIS
+            } else {
+                Chain([7; 32])
+            },
+            entries: Vec::new(),
+            chains: Vec::new(),
+        };
+        let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
+        for record in [
+            Record::Boot {
+                identity: identity(),
+            },
+            Record::Bytes {
+                raw: raw(b"SPHERE1\r\n-135.0190"),
+            },
+            Record::BytesLost { count: 3 },
+            Record::Time,
+            Record::InputEnd,
+        ] {
+            board.push(&record);
+        }
+        board
+    }
+
+    /// Appends an entry.
+    pub fn push(&mut self, record: &Record) {
+        let mut payload = [0; 1024];
+        let payload = postcard::to_slice(record, &mut payload).unwrap();
+        let seq = self.next_seq();
+        let entry = Entry {
+            seq,
+            t: Micros(seq * 1_000_000),
+            kind: record.kind(),
+            payload,
+        };
+        let mut chain = self.chains.last().copied().unwrap_or(self.chain_before);
+        let mut out = vec![0; payload.len() + OVERHEAD];
+        let len = encode_entry(&entry, &mut chain, &mut out).unwrap();
+        out.truncate(len);
+        self.entries.push(out);
+        self.chains.push(chain);
+    }
+
+    fn next_seq(&self) -> u64 {
+        self.first_seq + self.entries.len() as u64
+    }
+
+    fn info(&self) -> JournalInfo {
+        JournalInfo {
+            first_seq: self.first_seq,
+            next_seq: self.next_seq(),
+        }
+    }
+
+    /// Serves on a port of this machine until the test ends; returns its address.
+    pub fn serve(mut self) -> String {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("tcp://{}", listener.local_addr().unwrap());
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                self.talk(stream.unwrap());
+            }
+        });
+        address
+    }
+
+    fn talk(&mut self, mut stream: TcpStream) {
+        let mut decoder = Box::new(Decoder::<MAX_HOST_FRAME>::new());
+        let mut buffer = [0; 4096];
+        while let Ok(len @ 1..) = stream.read(&mut buffer) {
+            let mut rest = &buffer[..len];
+            while let Some(frame) = decoder.next_frame(&mut rest) {
+                let sequence = frame.sequence;
+                let answer = match (frame.kind, frame.open::<Request>()) {
+                    (Kind::Request, Ok(request)) => Some(bytes(sequence, &self.answer(request))),
+                    _ => Some(bytes(sequence, &self.hello)),
+                };
+                if let Some(answer) = answer
+                    && stream.write_all(&answer).is_err()
+                {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn answer(&mut self, request: Request) -> Response {
+        let place = |seq: u64, count: usize| -> Option<usize> {
+            let place = usize::try_from(seq.checked_sub(self.first_seq)?).ok()?;
+            (place < count).then_some(place)
+        };
+        match request {
+            Request::IdentityGet => Response::Identity(identity()),
+            Request::StatusGet => Response::Status(self.status()),
+            Request::JobGet => Response::Job {
+                job: self.job.clone(),
+                taught_mm: None,
+            },
+            Request::JobSet(job) => {
+                self.job = if self.forgetful { None } else { Some(job) };
+                Response::Done
+            }
+            Request::JournalInfo => Response::JournalInfo(self.info()),
+            Request::JournalRead { seq } => match place(seq, self.entries.len()) {
+                Some(place) => Response::JournalEntry {
+                    seq,
+                    raw: heapless::Vec::from_slice(&self.entries[place]).unwrap(),
+                },
+                None => Response::JournalNoEntry(self.info()),
+            },
+            Request::JournalChain { seq } => match place(seq, self.entries.len() + 1) {
+                Some(0) => Response::JournalChain {
+                    seq,
+                    before: Some(self.chain_before.0),
+                },
+                Some(place) => Response::JournalChain {
+                    seq,
+                    before: Some(self.chains[place - 1].0),
+                },
+                None => Response::JournalNoEntry(self.info()),
+            },
+            _ => Response::Done,
+        }
+    }
+
+    fn status(&self) -> Status {
+        let mut counters = Counters {
+            bytes: 1234,
+            ..Counters::default()
+        };
+        counters.count(FaultCode::BadParity);
+        Status {
+            uptime_us: 3_725_000_000,
+            job: self.job.as_ref().map(|job| job.name.clone()),
+            has_reference: false,
+            verdicts: 3,
+            verdicts_ok: 2,
+            last_verdict_ok: Some(false),
+            correction_waiting: false,
+            counters,
+            events_dropped: 0,
+            journal_failures: 0,
+        }
+    }
+}
+
+fn bytes(sequence: u16, message: &impl Message) -> Vec<u8> {
+    let mut buffer = vec![0; MAX_BOARD_FRAME];
+    encode(sequence, message, &mut buffer).unwrap().to_vec()
+}

@@ -1,0 +1,93 @@
+//! Every command has a help text with examples that can be run as they stand.
+
+use crate::run::{Ran, umi};
+
+/// The commands that a help text lists.
+fn listed(help: &str) -> Vec<String> {
+    let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    lines
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
+}
+
+/// All commands with their help, also those below others.
+fn all() -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    let mut open: Vec<Vec<String>> = vec![Vec::new()];
+    while let Some(path) = open.pop() {
+        let mut args: Vec<&str> = path.iter().map(String::as_str).collect();
+        args.push("--help");
+        let help = umi(&args).exits(0).out;
+        for name in listed(&help) {
+            open.push(path.iter().cloned().chain([name]).collect());
+        }
+        found.push((path.join(" "), help));
+    }
+    found
+}
+
+/// No command is without examples, and each example is one of that command.
+#[test]
+fn every_command_shows_examples() {
+    let commands = all();
+    for name in [
+        "fit",
+        "register",
+        "job",
+        "job check",
+        "job set",
+        "info",
+        "log",
+    ] {
+        assert!(
+            commands.iter().any(|(path, _)| path == name),
+            "no command {name}"
+        );
+    }
+    for (path, help) in commands.iter().filter(|(path, _)| !path.is_empty()) {
+        let examples = help.split_once("Examples:\n");
+        let (_, examples) = examples.unwrap_or_else(|| panic!("`umi {path}`: no examples"));
+        let own = examples
+            .lines()
+            .any(|line| line.contains(&format!("umi {path} ")));
+        assert!(
+            own || examples.contains(&format!("umi {path}\n")),
+            "umi {path}: {examples}"
+        );
+    }
+}
+
+/// Every option that an example uses exists: run with `--help` behind it, it is accepted.
+#[test]
+fn examples_use_options_that_exist() {
+    let mut tried = 0;
+    for (path, help) in all() {
+        let (_, examples) = help.split_once("Examples:\n").unwrap_or_default();
+        for line in examples.lines().take_while(|line| line.starts_with("  ")) {
+            let Some((_, call)) = line.split_once("umi ") else {
+                continue;
+            };
+            // Explanations stand behind two blanks, other programs behind a pipe.
+            let call = call.split("  ").next().unwrap_or_default();
+            let call = call.split(['|', '>']).next().unwrap_or_default();
+            let mut args: Vec<&str> = call.split_whitespace().collect();
+            args.push("--help");
+            let Ran { status, err, .. } = umi(&args);
+            assert_eq!(status, 0, "`umi {path}` shows {line:?}: {err}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 12, "{tried}");
+}
+
+/// Exit statuses are documented.
+#[test]
+fn exit_statuses_are_documented() {
+    let help = umi(&["--help"]).out;
+    for words in ["Exit status:", "  0  ", "  1  ", "  2  ", "NO_COLOR"] {
+        assert!(help.contains(words), "{words}");
+    }
+}

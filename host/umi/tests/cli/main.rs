@@ -1,0 +1,9 @@
+//! The tool as its users run it: its output, its exit status, its help.
+
+mod board;
+mod connected;
+mod fits;
+mod help;
+mod input;
+mod job;
+mod run;
