@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
+use umi_core::dprnt::{ConfigError, check_config};
 use umi_protocol::job::Job;
 use umi_protocol::refusal::{Field, JobError};
 
@@ -75,9 +76,44 @@ pub fn refusal(error: &JobError) -> Failure {
 fn refused(source: &str, job: &Job, error: &JobError) -> JobFault {
     JobFault {
         code: error.code(),
-        message: message(error),
+        message: match receiver_error(job, error) {
+            Some(error) => format!("`receiver`: {error}"),
+            None => message(error),
+        },
         place: find(source, job, error).map(|span| Place::of(source, &span)),
     }
+}
+
+/// The receiver's own words, where it is the receiver that is refused.
+fn receiver_error(job: &Job, error: &JobError) -> Option<ConfigError> {
+    match error {
+        JobError::BadValue {
+            field: Field::Receiver,
+            ..
+        } => check_config(&job.receiver).err(),
+        _ => None,
+    }
+}
+
+/// Where in the file the receiver's fault is.
+fn find_in_receiver(table: &DeTable<'_>, error: &ConfigError) -> Option<Range<usize>> {
+    let key = match error {
+        ConfigError::Travel { .. } => "travel_mm",
+        ConfigError::NoTimeout => "idle_timeout_s",
+        ConfigError::NoPatterns => "patterns",
+        ConfigError::Format { pattern }
+        | ConfigError::Header { pattern }
+        | ConfigError::Table { pattern }
+        | ConfigError::Axes { pattern }
+        | ConfigError::Ignored { pattern }
+        | ConfigError::Label { pattern }
+        | ConfigError::Template { pattern, .. } => {
+            let patterns = table.get("receiver")?.get_ref().get("patterns")?.get_ref();
+            let place = usize::from(*pattern).checked_sub(1)?;
+            return patterns.get(place).map(toml::Spanned::span);
+        }
+    };
+    path_span(table, &["receiver", key])
 }
 
 /// What is wrong, and for a value also what is allowed.
@@ -99,9 +135,7 @@ const fn allowed(field: Field) -> &'static str {
         Field::RotationDeg | Field::TiltDeg | Field::ApproachDeg => "give degrees above 0",
         Field::ProgramNumber => "give 1 to 9999",
         Field::Approach => "give +x, -x, +y, -y, +z or -z for each hit",
-        Field::Receiver => {
-            "see that words and templates are not empty, digits are at most 15 and travel goes from small to large"
-        }
+        Field::Receiver => "see the patterns, the travel and the time-out",
         Field::RadiusMm
         | Field::TipRadiusMm
         | Field::RadiusErrorMm
@@ -119,6 +153,9 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
     let table = DeTable::parse(source).ok()?;
     let table = table.get_ref();
     let feature = |name: &str| job.features.iter().position(|f| f.name == name);
+    if let Some(error) = receiver_error(job, error) {
+        return find_in_receiver(table, &error);
+    }
     let in_feature = |at: Option<usize>, key: &str| {
         let list = table.get("features")?.get_ref();
         let feature = list.get(at?)?;

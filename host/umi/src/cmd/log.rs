@@ -20,7 +20,7 @@ use super::{Board, Format};
 #[command(after_help = HELP)]
 pub struct Log {
     /// List this file instead of the journal of a board
-    #[arg(value_name = "FILE.umij", conflicts_with_all = ["port", "output"])]
+    #[arg(value_name = "FILE.umij", conflicts_with = "output")]
     file: Option<PathBuf>,
     #[command(flatten)]
     board: Board,

@@ -57,7 +57,7 @@ pub struct Format {
 pub struct Board {
     /// The board: a serial port as /dev/ttyACM0 or COM3, or tcp://host:port.
     /// Without it, the only openumi board that is plugged in
-    #[arg(long, value_name = "ADDRESS", env = "UMI_PORT")]
+    #[arg(long, value_name = "ADDRESS", env = "UMI_PORT", hide_env_values = true)]
     pub port: Option<String>,
 }
 

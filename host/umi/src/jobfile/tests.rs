@@ -158,6 +158,42 @@ fn what_the_brain_refuses_is_shown_in_the_file() {
     }
 }
 
+/// What the receiver refuses is shown at its pattern or field, in the receiver's words.
+#[test]
+fn what_the_receiver_refuses_is_shown_in_the_file() {
+    for (old, new, at, words) in [
+        (
+            "integer_digits = 4",
+            "integer_digits = 40",
+            "{ block",
+            "pattern 1: format needs 1 to 15 digits",
+        ),
+        (
+            "{ block = { headers = [\"SPHERE\"], format = { integer_digits = 4, decimals = 4 } } },",
+            "\"grbl_probe\",\n    { template = { text = \"{x} {why}\" } },",
+            "{ template",
+            "pattern 2: an unknown field; there are {x} {y} {z}",
+        ),
+        (
+            "idle_timeout_s = 300",
+            "idle_timeout_s = 0",
+            "idle_timeout_s",
+            "longest silence",
+        ),
+        (
+            "z = [0.0, 400.0]",
+            "z = [400.0, 0.0]",
+            "travel_mm",
+            "travel_mm of z",
+        ),
+    ] {
+        let fault = fault(&with(old, new));
+        assert_eq!(fault.code, "bad_value", "{}", fault.message);
+        assert!(fault.message.contains(words), "{}", fault.message);
+        assert_at(&fault, at);
+    }
+}
+
 /// A value that is missing is reported at the feature that needs it.
 #[test]
 fn a_missing_value_is_shown_at_its_feature() {

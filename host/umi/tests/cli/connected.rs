@@ -100,6 +100,16 @@ fn a_pulled_journal_lists_like_the_board() {
     assert!(!std::path::Path::new(&folder.path("log.umij.part")).exists());
 }
 
+/// A file is listed whatever board the environment names.
+#[test]
+fn a_file_needs_no_board() {
+    let folder = Folder::new();
+    let file = folder.path("log.umij");
+    let port = Board::new(0).serve();
+    umi(&["log", "--port", &port, "-o", &file]).exits(0);
+    umi_with(("UMI_PORT", "tcp://127.0.0.1:1"), &["log", &file]).exits(0);
+}
+
 /// As JSON, each entry is an object with number, time and type; the last line is the proof.
 #[test]
 fn a_journal_lists_as_json() {
