@@ -444,5 +444,5 @@ impl Registered<'_> {
 /// The length of a vector.
 #[must_use]
 pub fn length([x, y, z]: [f64; 3]) -> f64 {
-    x.hypot(y).hypot(z)
+    (x * x + y * y + z * z).sqrt()
 }

@@ -50,7 +50,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
 /// Writes a JSON value as one line to standard output.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
     print(&format!("{value}\n"))
 }

@@ -210,6 +210,75 @@ mod tests {
         assert_eq!(printable(&sent), r#"\x12X-\"\r\n\x00"#);
     }
 
+    fn plain(text: &str) -> String {
+        anstream::adapter::strip_str(text).to_string()
+    }
+
+    /// A refused feature stands in one line with what was measured, and each reason
+    /// below it.
+    #[test]
+    fn a_feature_says_what_and_why() {
+        use umi_core::units::Point;
+        use umi_protocol::job::FeatureKind;
+        let points = [
+            Point::from_mm(1.0, 0.0, 5.0),
+            Point::from_mm(-1.0, 0.0, 5.0),
+            Point::from_mm(0.0, 1.0, 5.0),
+            Point::from_mm(0.0, 0.0, 6.0),
+        ];
+        let fit = umi_core::job::fit(FeatureKind::Sphere, &points).unwrap();
+        let result = FeatureResult {
+            index: 0,
+            plate: 2,
+            name: "S1".try_into().unwrap(),
+            kind: FeatureKind::Sphere,
+            reasons: [Reason::NullPoint { hit: 4 }].into_iter().collect(),
+            points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
+            fit: Some(fit.report(&points)),
+        };
+        let text = plain(&feature(&result));
+        let (line, reason) = text.split_once("\n    ").unwrap();
+        assert!(
+            line.starts_with("feature S1 of plate 2 refused: 4 hits, center ("),
+            "{line}"
+        );
+        assert!(line.contains("radius 1.0000 mm, rms 0.0000 mm"), "{line}");
+        assert!(reason.starts_with("hit 4 is all zeros"), "{reason}");
+    }
+
+    /// A verdict says OK or NG first, then every reason with its feature, how many
+    /// found no room, and what else was noticed.
+    #[test]
+    fn a_verdict_says_every_reason() {
+        use umi_protocol::verdict::PlateReason;
+        let about = |feature: Option<&str>, reason| PlateReason {
+            feature: feature.map(|name| name.try_into().unwrap()),
+            reason,
+        };
+        let text = plain(&verdict(&Verdict {
+            plate: 3,
+            ok: false,
+            reasons: [about(Some("S1"), Reason::SequenceGap)]
+                .into_iter()
+                .collect(),
+            reasons_dropped: 2,
+            remarks: [about(None, Reason::Taught)].into_iter().collect(),
+            distances: heapless::Vec::new(),
+            registration: None,
+            correction: None,
+        }));
+        let lines: Vec<&str> = text.lines().map(str::trim).collect();
+        assert_eq!(
+            lines,
+            [
+                "plate 3: NG",
+                "S1: lines are missing in the sequence; probe again",
+                "2 more reasons",
+                "remark: this plate is now the reference",
+            ]
+        );
+    }
+
     /// The clock shows hours, minutes and microseconds.
     #[test]
     fn the_clock_counts_from_the_start() {

@@ -123,12 +123,10 @@ impl Board {
             while let Some(frame) = decoder.next_frame(&mut rest) {
                 let sequence = frame.sequence;
                 let answer = match (frame.kind, frame.open::<Request>()) {
-                    (Kind::Request, Ok(request)) => Some(bytes(sequence, &self.answer(request))),
-                    _ => Some(bytes(sequence, &self.hello)),
+                    (Kind::Request, Ok(request)) => bytes(sequence, &self.answer(request)),
+                    _ => bytes(sequence, &self.hello),
                 };
-                if let Some(answer) = answer
-                    && stream.write_all(&answer).is_err()
-                {
+                if stream.write_all(&answer).is_err() {
                     return;
                 }
             }
