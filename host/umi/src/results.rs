@@ -357,7 +357,7 @@ pub struct Registered<'a> {
     pub sigma_mm: Option<f64>,
     /// `R p + t - q`, one per pair.
     pub residuals_mm: Cow<'a, [[f64; 3]]>,
-    /// For unit noise, of a small rotation w with R_true = exp([w]x) R.
+    /// For unit noise, of a small rotation w with `R_true = exp([w]x) R`.
     pub cov_unit_rotvec: [[f64; 3]; 3],
     /// For unit noise, of t at the origin.
     pub cov_unit_t: [[f64; 3]; 3],

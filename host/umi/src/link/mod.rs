@@ -15,7 +15,7 @@
 //! # }
 //! ```
 //!
-//! [`transport`] moves bytes, [`umi_protocol::frame`] makes frames of them, and [`Client`]
+//! [`Transport`] moves bytes, [`umi_protocol::frame`] makes frames of them, and [`Client`]
 //! makes calls of frames: one request at a time, asked again when the answer does
 //! not come, while what the board reports unasked is kept for [`Client::next_event`].
 
