@@ -8,6 +8,7 @@ pub mod link;
 pub mod points;
 pub mod port;
 pub mod pull;
+pub mod report;
 pub mod results;
 pub mod style;
 pub mod words;
