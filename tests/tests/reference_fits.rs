@@ -211,3 +211,65 @@ fn cones_hold_at_their_tolerance() {
 fn hint(case: &Case) -> nalgebra::Vector3<f64> {
     nalgebra::Vector3::from_column_slice(&cases::flat(&case.json["hint_axis"]))
 }
+
+/// Thesis table 4.1, as printed: centre, radius and the standard deviation of
+/// residuals, which is sqrt(SSQ / (n - 4)). Its "uncertainty of centre" is half of
+/// that, and not the uncertainty of the centre: that is 1.4 to 2.2 times as large.
+#[test]
+fn thesis_table_4_1_is_reproduced() {
+    let case = cases::case("sphere_thesis_table_4_1");
+    let points = case.points(0);
+    let fit = fit::sphere::fit(&points).unwrap();
+    let printed = &case.json["printed"];
+    let four_digits = |x: f64| (x * 1e4).round() / 1e4;
+
+    let center: Vec<f64> = fit.center.to_array_mm().map(four_digits).to_vec();
+    assert_eq!(center, cases::flat(&printed["center"]));
+    assert_eq!(center, [-136.7105, 136.4120, 136.1212]);
+    assert_eq!(four_digits(fit.radius.0), 12.7118);
+    assert_eq!(
+        four_digits(fit.radius.0),
+        printed["radius"].as_f64().unwrap()
+    );
+
+    let squares: f64 = points.iter().map(|p| fit.residual(*p).0.powi(2)).sum();
+    let deviation = fit.stats.sigma.unwrap().0;
+    assert_eq!(four_digits(deviation), 0.0145);
+    assert_eq!(
+        four_digits(deviation),
+        printed["std_residuals"].as_f64().unwrap()
+    );
+    // Five points minus four parameters leave one degree of freedom; no other
+    // divisor gives the print.
+    for divisor in 1..=5 {
+        let candidate = four_digits((squares / f64::from(divisor)).sqrt());
+        assert_eq!(candidate == 0.0145, divisor == 1, "{divisor}");
+    }
+    assert_eq!(fit.stats.dof, 1);
+
+    // What the thesis calls the uncertainty of the centre is s/2, with s rounded.
+    let half = four_digits(four_digits(deviation) / 2.0);
+    assert_eq!(half, 0.0073);
+    assert_eq!(half, printed["uncertainty_of_centre"].as_f64().unwrap());
+    // The standard uncertainties by least squares.
+    let [x, y, z] = fit.center_uncertainty().unwrap().map(|u| four_digits(u.0));
+    assert_eq!([x, y, z], [0.0103, 0.0103, 0.0162]);
+    assert_eq!(four_digits(fit.radius_uncertainty().unwrap().0), 0.0073);
+}
+
+/// One degree of freedom cannot see a wrong top hit: 0.18 mm on the top point leave
+/// no residual and the radius as it was, and move the centre in z. Only something
+/// outside the fit (the distances of the plate, a second hit) can catch it.
+#[test]
+fn a_wrong_top_hit_leaves_no_residual() {
+    let mut points = cases::case("sphere_five_1um").points(0);
+    let right = fit::sphere::fit(&points).unwrap();
+    let top = (0..5)
+        .max_by(|a, b| points[*a].mm.z.total_cmp(&points[*b].mm.z))
+        .unwrap();
+    points[top].mm.z += 0.18;
+    let wrong = fit::sphere::fit(&points).unwrap();
+    assert!(wrong.stats.rms.0 < 0.001, "{:?}", wrong.stats);
+    assert!((wrong.radius.0 - right.radius.0).abs() < 0.001);
+    assert!((wrong.center.mm.z - right.center.mm.z).abs() > 0.17);
+}

@@ -148,7 +148,7 @@ pub enum FitError {
         /// The limit, [`crate::fit::MAX_RELATIVE_UNCERTAINTY`].
         limit: f64,
     },
-    /// Several different surfaces fit the points about equally well.
+    /// Different answers fit the points about equally well.
     Ambiguous {
         /// rms of the best fit, millimetres.
         best_rms_mm: f64,
@@ -272,7 +272,7 @@ impl fmt::Display for FitError {
                 other_rms_mm,
             } => write!(
                 f,
-                "different surfaces fit about as well (rms {best_rms_mm:.3e} and {other_rms_mm:.3e} mm): probe more points or give the direction"
+                "different answers fit about as well (rms {best_rms_mm:.3e} and {other_rms_mm:.3e} mm): probe more points or give the direction"
             ),
             Self::NoDirection => write!(f, "the given direction has no length: give a unit vector"),
             Self::NoConvergence { iterations } => write!(

@@ -42,6 +42,8 @@ pub mod line;
 pub mod plane;
 pub mod sphere;
 pub mod statistics;
+#[cfg(test)]
+pub(crate) mod tests;
 
 pub use circle::CircleFit;
 pub use circle2d::Circle2dFit;

@@ -43,6 +43,17 @@ pub struct LinearSphere {
 
 /// Fits a sphere.
 ///
+/// # Accuracy
+/// Standard uncertainties of the result for independent noise of 1 on every
+/// coordinate, and the distance within which 99 % of the centres lie (asserted
+/// by simulation in the tests); so micrometres for a micrometre of noise:
+///
+/// | points                    | centre across | along | radius | 99 % within |
+/// |---------------------------|---------------|-------|--------|-------------|
+/// | top and two pairs (5)     | 0.71          | 1.12  | 0.50   | 3.5         |
+/// | 25 on a cap of 120 degrees| 0.45          | 1.39  | 1.05   | 4.0         |
+/// | 50 on a cap of 20 degrees | 1.65          | 32.3  | 32.1   | 90          |
+///
 /// # Errors
 /// * `too_few_points` below four points, `not_finite`, `degenerate` for
 ///   coplanar points (see [`super::SPREAD_LIMIT`]);

@@ -3,6 +3,8 @@
 
 pub mod distances;
 pub mod rigid;
+#[cfg(test)]
+mod tests;
 pub mod transform;
 
 pub use distances::{Distance, distances};

@@ -49,13 +49,19 @@ impl RigidTransform {
     }
 
     /// Angle of rotation, 0 to π, and its axis (right-handed). The axis is None
-    /// if nothing is rotated.
+    /// if the angle is nothing but rounding.
     #[must_use]
     pub fn angle_axis(&self) -> (Rad, Option<Vector3<f64>>) {
         let Quaternion { w, v } = Quaternion::from_rotation(&self.rotation);
         // Both halves of the double cover mean the same rotation: take w >= 0.
         let v = if w < 0.0 { -v } else { v };
-        (Rad(2.0 * libm::atan2(norm(&v), w.abs())), unit(&v))
+        let half_sine = norm(&v);
+        let axis = if half_sine > 4.0 * f64::EPSILON {
+            unit(&v)
+        } else {
+            None
+        };
+        (Rad(2.0 * libm::atan2(half_sine, w.abs())), axis)
     }
 }
 
