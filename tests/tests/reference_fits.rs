@@ -258,7 +258,7 @@ fn thesis_table_4_1_is_reproduced() {
 }
 
 /// One degree of freedom cannot see a wrong top hit: 0.18 mm on the top point leave
-/// no residual and the radius as it was, and move the centre in z. Only something
+/// no residual, change the radius by a micrometre, and move the centre in z. Only something
 /// outside the fit (the distances of the plate, a second hit) can catch it.
 #[test]
 fn a_wrong_top_hit_leaves_no_residual() {
@@ -270,6 +270,6 @@ fn a_wrong_top_hit_leaves_no_residual() {
     points[top].mm.z += 0.18;
     let wrong = fit::sphere::fit(&points).unwrap();
     assert!(wrong.stats.rms.0 < 0.001, "{:?}", wrong.stats);
-    assert!((wrong.radius.0 - right.radius.0).abs() < 0.001);
+    assert!((wrong.radius.0 - right.radius.0).abs() < 0.002);
     assert!((wrong.center.mm.z - right.center.mm.z).abs() > 0.17);
 }
