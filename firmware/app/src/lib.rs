@@ -1,2 +1,180 @@
-//! See Cargo.toml.
+//! The openumi application: what runs on every board, and in the virtual one.
+//!
+//! ```text
+//! CncRx ─► receive ─► queue ─► measure ─► Book: journal, events, armed correction
+//!             │ XON/XOFF/READ     │ Brain       │                  │
+//!             └────────► Flow ────┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
+//!                                 └─► Outputs
+//! ```
+//!
+//! Every arrow is one function or one channel. A board gives its drivers
+//! ([`board`]) to [`App::run`], or runs the parts at priorities of its own:
+//! receiving above measuring, measuring above the link.
+//!
+//! | file | idea |
+//! | --- | --- |
+//! | [`board`] | what a board provides |
+//! | [`measure`] | what the board knows and decides; no waiting |
+//! | `cnc` | the control's port: receive, flow control, send a correction |
+//! | `link`, `answer` | the host's port: frames, requests |
+//! | `events` | what waits to be told to the host |
+//! | `settings` | what survives a power cut |
+//! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+#![allow(
+    async_fn_in_trait,
+    reason = "boards are used by generic functions only, never as trait objects"
+)]
+
+mod answer;
+pub mod board;
+mod cnc;
+mod events;
+mod link;
+pub mod measure;
+pub mod replay;
+mod settings;
+
+use embassy_futures::join::join5;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::mutex::Mutex;
+use embassy_sync::signal::Signal;
+use umi_core::journal::Flash;
+use umi_core::units::Micros;
+use umi_protocol::job::SendWhen;
+
+use board::{Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs};
+use measure::{Input, Measure};
+
+pub use cnc::XOFF_PATIENCE_US;
+
+/// Inputs that can wait: 2 KB, which is 0.18 s at 115200 baud. A fit takes a
+/// fraction of that on the slowest board.
+pub const QUEUE: usize = 8;
+
+/// The application's state, shared by its tasks.
+pub struct App<F: Flash> {
+    measure: Mutex<CriticalSectionRawMutex, Measure<F>>,
+    inputs: Channel<CriticalSectionRawMutex, (Micros, Input), QUEUE>,
+    flow: cnc::Flow,
+    /// There may be something to tell the host.
+    told: Signal<CriticalSectionRawMutex, ()>,
+}
+
+/// A board's drivers.
+pub struct Drivers<Rx, Tx, HostRx, HostTx, Latches, Out> {
+    /// From the control.
+    pub cnc_rx: Rx,
+    /// To the control.
+    pub cnc_tx: Tx,
+    /// From the host.
+    pub link_rx: HostRx,
+    /// To the host.
+    pub link_tx: HostTx,
+    /// Captures of the axes.
+    pub latches: Latches,
+    /// Outputs to the machine.
+    pub outputs: Out,
+}
+
+impl<F: Flash> App<F> {
+    /// The application with what it knows.
+    #[must_use]
+    pub fn new(measure: Measure<F>) -> Self {
+        Self {
+            measure: Mutex::new(measure),
+            inputs: Channel::new(),
+            flow: cnc::Flow::new(),
+            told: Signal::new(),
+        }
+    }
+
+    /// Runs everything, for ever, on one executor.
+    pub async fn run(
+        &self,
+        drivers: Drivers<
+            impl CncRx,
+            impl CncTx,
+            impl LinkRx,
+            impl LinkTx,
+            impl LatchSource,
+            impl Outputs,
+        >,
+        clock: &impl Clock,
+    ) {
+        let Drivers {
+            mut cnc_rx,
+            mut cnc_tx,
+            mut link_rx,
+            mut link_tx,
+            mut latches,
+            mut outputs,
+        } = drivers;
+        join5(
+            self.receive(&mut cnc_rx, clock),
+            self.measure(&mut outputs, clock),
+            self.transmit(&mut cnc_tx, clock),
+            self.serve(&mut link_rx, &mut link_tx, clock),
+            self.latch(&mut latches, clock),
+        )
+        .await;
+    }
+
+    /// Receives from the control, for ever.
+    pub async fn receive(&self, rx: &mut impl CncRx, clock: &impl Clock) {
+        cnc::receive(self, rx, clock).await;
+    }
+
+    /// Sends corrections to the control, for ever.
+    pub async fn transmit(&self, tx: &mut impl CncTx, clock: &impl Clock) {
+        cnc::transmit(self, tx, clock).await;
+    }
+
+    /// Serves the host, for ever.
+    pub async fn serve(&self, rx: &mut impl LinkRx, tx: &mut impl LinkTx, clock: &impl Clock) {
+        link::serve(self, rx, tx, clock).await;
+    }
+
+    /// Measures, for ever.
+    pub async fn measure(&self, outputs: &mut impl Outputs, clock: &impl Clock) {
+        loop {
+            let deadline = self.measure.lock().await.deadline();
+            // Without a deadline the clock's future never comes.
+            let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
+            let came = select(self.inputs.receive(), due).await;
+            let mut measure = self.measure.lock().await;
+            let had = measure.brain().and_then(|brain| brain.run().verdict()).map(|v| v.plate);
+            match came {
+                Either::First((time, input)) => measure.input(time, &input),
+                Either::Second(()) => measure.on_time(clock.now()),
+            }
+            self.flow.note_coding(measure.coding());
+            outputs.show(measure.lights());
+            let has = measure.brain().and_then(|brain| brain.run().verdict()).map(|v| v.plate);
+            if has != had && measure.waiting() == Some(SendWhen::OnVerdict) {
+                self.flow.go.signal(SendWhen::OnVerdict);
+            }
+            self.told.signal(());
+        }
+    }
+
+    /// Journals captures of the axes, for ever.
+    pub async fn latch(&self, latches: &mut impl LatchSource, clock: &impl Clock) {
+        loop {
+            let latch = latches.next().await;
+            self.measure.lock().await.latched(clock.now(), latch);
+            self.told.signal(());
+        }
+    }
+}

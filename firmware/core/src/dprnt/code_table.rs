@@ -89,6 +89,14 @@ const EIA_TO_ASCII: [u8; 128] = {
     table
 };
 
+/// The EIA byte of an ASCII character; none if EIA does not have it.
+pub(super) fn eia_of(ascii: u8) -> Option<u8> {
+    let place = EIA_TO_ASCII
+        .iter()
+        .position(|a| *a == ascii && ascii != 0)?;
+    u8::try_from(place).ok()
+}
+
 /// What a seven bit character stands for.
 const fn seven_bits(byte: u8) -> Character {
     match byte {

@@ -31,6 +31,7 @@ pub mod checked;
 mod code_table;
 mod coding;
 mod config;
+mod encode;
 mod hit;
 mod number;
 mod out;
@@ -49,6 +50,7 @@ use umi_protocol::job::{Approach, Name};
 use crate::units::{Micros, Point};
 
 pub use config::{ConfigError, TemplateIssue, check_config};
+pub use encode::encode;
 pub use receiver::{MAX_LINE, Receiver};
 pub use umi_protocol::fault::Counters;
 pub use umi_protocol::line::LineStatus;

@@ -128,6 +128,13 @@ impl Run {
         self.reference.as_deref()
     }
 
+    /// The taught reference; none where the job gives its positions.
+    #[must_use]
+    pub fn taught(&self) -> Option<&[Point]> {
+        self.reference()
+            .filter(|_| self.job.reference == Reference::Taught)
+    }
+
     /// Puts back a reference that was taught before a restart. Ignored where
     /// the job gives its positions or the count does not fit.
     pub fn restore_reference(&mut self, positions: &[Point]) {
@@ -148,12 +155,18 @@ impl Run {
         self.verdict.as_ref()
     }
 
+    /// Whether a plate has begun and is not judged.
+    #[must_use]
+    pub fn is_under_way(&self) -> bool {
+        self.progress == Progress::UnderWay || self.collecting.is_some()
+    }
+
     /// When the plate under way is given up if nothing comes.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        let waiting = self.progress == Progress::UnderWay || self.collecting.is_some();
         let timeout_us = u64::from(self.job.plate_timeout_s).saturating_mul(1_000_000);
-        waiting.then(|| Micros(self.last_hit.0.saturating_add(timeout_us)))
+        self.is_under_way()
+            .then(|| Micros(self.last_hit.0.saturating_add(timeout_us)))
     }
 
     /// Time passed.
@@ -171,7 +184,7 @@ impl Run {
 
     /// Bytes from the control were lost. What is under way cannot be trusted.
     fn bytes_lost(&mut self, count: u32) {
-        if self.progress == Progress::UnderWay || self.collecting.is_some() {
+        if self.is_under_way() {
             self.hold_against(Reason::BytesLost { count });
         }
     }
@@ -376,7 +389,7 @@ impl Run {
 
     /// Judges what is there; without anything there is nothing to judge.
     fn give_up(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
-        let at_stake = self.progress == Progress::UnderWay || self.collecting.is_some();
+        let at_stake = self.is_under_way();
         self.finish_unfinished(out);
         if at_stake {
             // Finishing may have judged the plate already.

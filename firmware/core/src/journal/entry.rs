@@ -20,7 +20,7 @@ use super::flash::Flash;
 use crate::units::Micros;
 
 /// Longest payload of an entry in bytes.
-pub const MAX_PAYLOAD: usize = 1024;
+pub const MAX_PAYLOAD: usize = umi_protocol::message::MAX_RECORD;
 
 /// Bytes of an entry that are not payload. In flash, padding comes on top.
 pub const OVERHEAD: usize = FIELDS + TAG_SIZE + 4;
@@ -127,14 +127,6 @@ impl Fields {
             t: Micros(u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7])),
         })
     }
-}
-
-/// Payload length that the first four bytes of an entry announce, if an entry
-/// can start like that. They are always programmed together: if anything behind
-/// them was programmed, then they are whole, even in an entry that was torn.
-pub(super) fn announced_len([marker, _, l0, l1]: [u8; 4]) -> Option<u32> {
-    let len = u16::from_le_bytes([l0, l1]);
-    (marker == MARKER && usize::from(len) <= MAX_PAYLOAD).then_some(u32::from(len))
 }
 
 /// An entry whose CRC is right, at an address of its source.

@@ -1,0 +1,96 @@
+//! Answers to the host's requests.
+
+use umi_core::journal::{Error, Flash};
+use umi_core::units::Micros;
+use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
+
+use crate::measure::{Measure, SetJobError};
+use crate::settings::positions_mm;
+
+/// Does what the host asks and says what came of it.
+pub(crate) fn answer<F: Flash>(
+    measure: &mut Measure<F>,
+    now: Micros,
+    request: Request,
+) -> Response {
+    match request {
+        Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
+        Request::StatusGet => Response::Status(status(measure, now)),
+        Request::JobGet => {
+            let run = measure.brain().map(|brain| brain.run());
+            Response::Job {
+                job: run.map(|run| run.job().clone()),
+                taught_mm: run.and_then(|run| run.taught()).map(positions_mm),
+            }
+        }
+        Request::JobCheck(job) => match umi_core::job::check(&job) {
+            Ok(()) => Response::Done,
+            Err(error) => Response::JobRefused(error),
+        },
+        Request::JobSet(job) => match measure.set_job(now, job) {
+            Ok(()) => Response::Done,
+            Err(SetJobError::Job(error)) => Response::JobRefused(error),
+            Err(SetJobError::Storage) => Response::StorageFailed,
+        },
+        Request::LiveSet { on } => {
+            measure.book.events.switch(on);
+            Response::Done
+        }
+        Request::FeatureGet { feature } => Response::Feature(
+            measure
+                .brain()
+                .and_then(|brain| brain.run().feature(usize::from(feature)).cloned()),
+        ),
+        Request::VerdictGet => {
+            Response::Verdict(measure.brain().and_then(|b| b.run().verdict().cloned()))
+        }
+        Request::JournalInfo => Response::JournalInfo(info(measure)),
+        Request::JournalRead { seq } => read(measure, seq),
+        Request::JournalChain { seq } => match measure.book.journal.chain_before(seq) {
+            Ok(chain) => Response::JournalChain {
+                seq,
+                before: Some(chain.0),
+            },
+            Err(Error::Record(_)) => Response::JournalChain { seq, before: None },
+            Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(measure)),
+            Err(_) => Response::StorageFailed,
+        },
+    }
+}
+
+fn status<F: Flash>(measure: &Measure<F>, now: Micros) -> Status {
+    let brain = measure.brain();
+    let book = &measure.book;
+    Status {
+        uptime_us: now.0,
+        job: brain.map(|brain| brain.run().job().name.clone()),
+        has_reference: brain.is_some_and(|brain| brain.run().reference().is_some()),
+        verdicts: book.verdicts,
+        verdicts_ok: book.verdicts_ok,
+        last_verdict_ok: book.last_ok,
+        correction_waiting: measure.waiting().is_some(),
+        counters: brain.map(|brain| brain.counters().clone()).unwrap_or_default(),
+        events_dropped: book.events.dropped(),
+        journal_failures: book.failures,
+    }
+}
+
+fn info<F: Flash>(measure: &Measure<F>) -> JournalInfo {
+    JournalInfo {
+        first_seq: measure.book.journal.first_seq(),
+        next_seq: measure.book.journal.next_seq(),
+    }
+}
+
+/// One entry as it is stored: also a damaged one is for the host to judge.
+fn read<F: Flash>(measure: &mut Measure<F>, seq: u64) -> Response {
+    let mut entry = [0; MAX_ENTRY];
+    match measure.book.journal.read_encoded(seq, &mut entry) {
+        Ok(bytes) => match heapless::Vec::from_slice(bytes) {
+            Ok(raw) => Response::JournalEntry { seq, raw },
+            Err(_) => Response::StorageFailed,
+        },
+        Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(measure)),
+        Err(_) => Response::StorageFailed,
+    }
+}

@@ -1,0 +1,399 @@
+//! What the board knows and decides, without waiting for anything: the brain,
+//! its journal, and what is to be told or sent.
+//!
+//! # Design
+//!
+//! Every input is journaled first and then given to the brain; what the brain
+//! decides is journaled as it comes. So the journal alone can be replayed
+//! ([`crate::replay`]) to the same decisions.
+//!
+//! A correction is armed by a verdict OK that *is in the journal*, and by
+//! nothing else. It is disarmed by the next hit (a new measurement has begun),
+//! by a verdict NG and by a new job. While it is armed the control may read it
+//! as often as it asks.
+//!
+//! # Tradeoffs
+//!
+//! If the journal's storage refuses an input, measuring goes on and says so in
+//! its status, but the plate cannot be audited: no correction is armed until a
+//! job is set or the board starts anew, and its storage works again.
+
+use heapless::{String, Vec};
+use umi_core::brain::{Brain, Output};
+use umi_core::journal::{Error, Flash, Journal};
+use umi_core::units::Micros;
+use umi_protocol::job::{Job, Name, SendWhen};
+use umi_protocol::message::{Event, Identity, LatchReport, MAX_BYTES, MAX_RECORD, Record};
+use umi_protocol::pattern::Coding;
+use umi_protocol::refusal::JobError;
+use umi_protocol::verdict::MAX_CORRECTION;
+
+use crate::board::Lights;
+use crate::events::Events;
+use crate::settings::{Settings, points, positions_mm};
+
+/// Raw bytes of one input.
+pub type Bytes = Vec<u8, MAX_BYTES>;
+
+/// What comes in on the control's port, with the time of its last byte.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// Bytes.
+    Bytes(Bytes),
+    /// Bytes were lost before they could be handed on.
+    Lost(u32),
+    /// The input ended.
+    End,
+}
+
+/// A correction program on its way to the control.
+#[derive(Clone, Debug)]
+pub struct Correction {
+    /// The plate that it corrects.
+    pub plate: u32,
+    /// The program, lines ended by LF.
+    pub text: String<MAX_CORRECTION>,
+    /// The code in which the control writes.
+    pub coding: Coding,
+}
+
+/// What the board knows.
+pub struct Measure<F: Flash> {
+    brain: Option<Brain>,
+    settings: Settings<F>,
+    pub(crate) book: Book<F>,
+}
+
+/// Where decisions go: everything but the brain, which is busy meanwhile.
+pub(crate) struct Book<F: Flash> {
+    pub identity: Identity,
+    pub journal: Journal<F>,
+    pub events: Events,
+    pub scratch: [u8; MAX_RECORD],
+    /// Entries that the storage refused.
+    pub failures: u32,
+    /// An input or a decision since the job began is not in the journal.
+    unaudited: bool,
+    armed: Option<Armed>,
+    /// A reference was taught and is not in the settings yet.
+    taught: bool,
+    pub verdicts: u32,
+    pub verdicts_ok: u32,
+    pub last_ok: Option<bool>,
+}
+
+struct Armed {
+    plate: u32,
+    text: String<MAX_CORRECTION>,
+}
+
+impl<F: Flash> Measure<F> {
+    /// Starts: opens journal and settings and takes up the job and the reference
+    /// that were in force.
+    ///
+    /// # Errors
+    /// The journal's: a storage area holds something else or does not answer.
+    pub fn start(
+        identity: Identity,
+        journal: F,
+        settings: F,
+        now: Micros,
+    ) -> Result<Self, Error<F::Error>> {
+        let (journal, recovery) = Journal::open(journal)?;
+        let mut measure = Self {
+            brain: None,
+            settings: Settings::open(settings)?,
+            book: Book {
+                identity,
+                journal,
+                events: Events::new(),
+                scratch: [0; MAX_RECORD],
+                failures: 0,
+                unaudited: false,
+                armed: None,
+                taught: false,
+                verdicts: 0,
+                verdicts_ok: 0,
+                last_ok: None,
+            },
+        };
+        let identity = measure.book.identity.clone();
+        measure.book.record(now, Record::Boot { identity });
+        if !recovery.is_clean() {
+            let torn_bytes = recovery.torn_bytes;
+            measure.book.record(now, Record::Recovered { torn_bytes });
+        }
+        if let Some((job, taught)) = measure.settings.load(&mut measure.book.scratch) {
+            // A job that this firmware would not take any more is no job.
+            if let Ok(mut brain) = Brain::new(job.clone()) {
+                measure.book.record(now, Record::JobSet(job));
+                if let Some(positions_mm) = taught {
+                    brain.restore_reference(&points(&positions_mm));
+                    let record = Record::ReferenceRestored { positions_mm };
+                    measure.book.record(now, record);
+                }
+                measure.brain = Some(brain);
+            }
+        }
+        Ok(measure)
+    }
+
+    /// Something came in. Without a job it is journaled and that is all.
+    pub fn input(&mut self, now: Micros, input: &Input) {
+        let Self { brain, book, .. } = self;
+        book.record(
+            now,
+            match input {
+                Input::Bytes(raw) => Record::Bytes { raw: raw.clone() },
+                Input::Lost(count) => Record::BytesLost { count: *count },
+                Input::End => Record::InputEnd,
+            },
+        );
+        let Some(brain) = brain else {
+            return;
+        };
+        let out = &mut |output: Output<'_>| book.take(now, output);
+        match input {
+            Input::Bytes(raw) => brain.bytes(now, raw, out),
+            Input::Lost(count) => brain.bytes_lost(now, *count, out),
+            Input::End => brain.input_ended(now, out),
+        }
+        self.keep_taught(now);
+    }
+
+    /// When [`Self::on_time`] is due.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Micros> {
+        self.brain.as_ref()?.deadline()
+    }
+
+    /// Time passed.
+    pub fn on_time(&mut self, now: Micros) {
+        let Self { brain, book, .. } = self;
+        let Some(brain) = brain else {
+            return;
+        };
+        if brain.deadline().is_none_or(|deadline| now < deadline) {
+            return;
+        }
+        book.record(now, Record::Time);
+        brain.on_time(now, &mut |output| book.take(now, output));
+        self.keep_taught(now);
+    }
+
+    /// A latch captured the axes.
+    pub fn latched(&mut self, now: Micros, latch: LatchReport) {
+        self.book.record(now, Record::Latch(latch));
+    }
+
+    /// Replaces the job: it is kept first, so that it survives a power cut from
+    /// the moment on in which it is in force.
+    ///
+    /// # Errors
+    /// What is wrong with it, or that it could not be kept: then the job that was
+    /// in force still is.
+    pub fn set_job(&mut self, now: Micros, job: Job) -> Result<(), SetJobError> {
+        let brain = Brain::new(job.clone()).map_err(SetJobError::Job)?;
+        let Self { settings, book, .. } = self;
+        settings
+            .save(now, &job, None, &mut book.scratch)
+            .map_err(|_| SetJobError::Storage)?;
+        book.disarm();
+        book.unaudited = false;
+        book.record(now, Record::JobSet(job));
+        self.brain = Some(brain);
+        Ok(())
+    }
+
+    /// The brain at work; none without a job.
+    #[must_use]
+    pub fn brain(&self) -> Option<&Brain> {
+        self.brain.as_ref()
+    }
+
+    /// Whether a correction waits for the control, and whether it goes out by
+    /// itself.
+    #[must_use]
+    pub fn waiting(&self) -> Option<SendWhen> {
+        self.book.armed.as_ref()?;
+        let spec = self.brain.as_ref()?.run().job().correction?;
+        (spec.send != SendWhen::Never).then_some(spec.send)
+    }
+
+    /// The correction that the control may have now.
+    #[must_use]
+    pub fn correction(&self) -> Option<Correction> {
+        self.waiting()?;
+        let armed = self.book.armed.as_ref()?;
+        Some(Correction {
+            plate: armed.plate,
+            text: armed.text.clone(),
+            coding: self.coding(),
+        })
+    }
+
+    /// Whether this plate's correction may still go out.
+    #[must_use]
+    pub fn is_armed(&self, plate: u32) -> bool {
+        self.book.armed.as_ref().is_some_and(|a| a.plate == plate)
+    }
+
+    /// A correction went out, or broke off.
+    pub fn sent(&mut self, now: Micros, plate: u32, bytes: u32, complete: bool) {
+        let record = Record::CorrectionSent {
+            plate,
+            bytes,
+            complete,
+        };
+        self.book.record(now, record);
+    }
+
+    /// The code in which the control writes, as far as it is known.
+    #[must_use]
+    pub fn coding(&self) -> Coding {
+        self.brain.as_ref().map_or(Coding::Auto, Brain::coding)
+    }
+
+    /// What the outputs show.
+    #[must_use]
+    pub fn lights(&self) -> Lights {
+        let busy = self.brain.as_ref().is_some_and(|b| b.run().is_under_way());
+        Lights {
+            busy,
+            ok: !busy && self.book.last_ok == Some(true),
+            ng: !busy && self.book.last_ok == Some(false),
+        }
+    }
+
+    /// Keeps a reference that was just taught, with its job.
+    fn keep_taught(&mut self, now: Micros) {
+        let Self {
+            brain: Some(brain),
+            settings,
+            book,
+        } = self
+        else {
+            return;
+        };
+        if !book.taught {
+            return;
+        }
+        book.taught = false;
+        let taught = brain.run().taught().map(positions_mm);
+        let kept = settings.save(now, brain.run().job(), taught.as_ref(), &mut book.scratch);
+        if kept.is_err() {
+            // It is in force until the power goes; the status says so.
+            book.failures = book.failures.saturating_add(1);
+        }
+    }
+}
+
+/// Why a job was not set.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SetJobError {
+    /// It cannot be used.
+    Job(JobError),
+    /// It could not be kept.
+    Storage,
+}
+
+impl<F: Flash> Book<F> {
+    /// Journals a record and tells the host. True if it is in the journal.
+    fn record(&mut self, now: Micros, record: Record) -> bool {
+        let appended = postcard::to_slice(&record, &mut self.scratch)
+            .ok()
+            .and_then(|payload| self.journal.append(record.kind(), now, payload).ok());
+        match appended {
+            Some(seq) => {
+                if self.events.is_on() {
+                    let t_us = now.0;
+                    self.events.push(&Event::Record { seq, t_us, record });
+                }
+                true
+            }
+            None => {
+                self.failures = self.failures.saturating_add(1);
+                self.unaudited = true;
+                self.disarm();
+                false
+            }
+        }
+    }
+
+    /// Something that the brain says.
+    fn take(&mut self, now: Micros, output: Output<'_>) {
+        match output {
+            Output::Line(line) => {
+                if self.events.is_on() {
+                    self.events.push(&Event::Line(line.clone()));
+                }
+            }
+            Output::Hit(hit) => {
+                // Somebody measures again: what was measured before is history.
+                self.disarm();
+                if self.events.is_on() {
+                    self.events.push(&Event::Hit(hit.clone()));
+                }
+            }
+            Output::Fault(fault) => {
+                self.record(now, Record::Fault(fault.clone()));
+            }
+            Output::Feature(feature) => {
+                self.record(now, Record::Feature(feature.clone()));
+            }
+            Output::Taught(positions) => {
+                self.taught = true;
+                let positions_mm = positions_mm(positions);
+                self.record(now, Record::Taught { positions_mm });
+            }
+            Output::Verdict(verdict) => {
+                self.verdicts = self.verdicts.saturating_add(1);
+                self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
+                self.last_ok = Some(verdict.ok);
+                self.disarm();
+                let kept = self.record(now, Record::Verdict(verdict.clone()));
+                if let Some(correction) = &verdict.correction
+                    && verdict.ok
+                    && kept
+                    && !self.unaudited
+                {
+                    self.armed = Some(Armed {
+                        plate: verdict.plate,
+                        text: correction.text.clone(),
+                    });
+                }
+            }
+        }
+    }
+
+    fn disarm(&mut self) {
+        self.armed = None;
+    }
+
+    /// Who the board is, for a Hello.
+    pub fn sender(&self) -> String<48> {
+        let mut text = String::new();
+        let Identity {
+            board,
+            serial,
+            firmware,
+        } = &self.identity;
+        for part in [board, " ", serial, " firmware ", firmware] as [&str; 5] {
+            // What finds no room is cut; names are short.
+            let _ = text.push_str(part);
+        }
+        text
+    }
+}
+
+/// A name from a text, cut where it is too long.
+#[must_use]
+pub fn name(text: &str) -> Name {
+    let mut name = Name::new();
+    for c in text.chars() {
+        if name.push(c).is_err() {
+            break;
+        }
+    }
+    name
+}

@@ -1,0 +1,213 @@
+//! The audit: the inputs that a journal holds, through a new brain. The
+//! decisions must be those of the journal, bit for bit.
+
+use umi_core::brain::{Brain, Output};
+use umi_core::units::Micros;
+use umi_protocol::message::{MAX_RECORD, Record};
+
+use crate::settings::{points, positions_mm};
+
+/// Replays a journal, record by record in its order.
+pub struct Replay {
+    brain: Option<Brain>,
+    /// Decisions of the replay that the journal must hold next, encoded, each
+    /// behind its length.
+    expected: heapless::Deque<u8, EXPECTED>,
+    decisions: u64,
+}
+
+/// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
+/// most a few lines, and a feature, a verdict and a reference go with the last.
+const EXPECTED: usize = 4 * MAX_RECORD;
+
+/// The journal does not hold what its inputs lead to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Difference {
+    /// The journal holds a decision that the replay does not come to.
+    NotReached,
+    /// The journal holds another decision than the replay comes to.
+    Other,
+    /// The replay comes to a decision that the journal does not hold.
+    Missing,
+    /// A job that cannot be used stands in the journal.
+    BadJob,
+    /// The replay came to more decisions at once than can be compared.
+    TooMany,
+}
+
+impl core::fmt::Display for Difference {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NotReached => "the journal holds a decision to which its inputs do not lead",
+            Self::Other => "the journal holds another decision than its inputs lead to",
+            Self::Missing => "the inputs lead to a decision that the journal does not hold",
+            Self::BadJob => "the journal holds a job that this version would not take",
+            Self::TooMany => "the inputs lead to more decisions at once than can be compared",
+        })
+    }
+}
+
+impl core::error::Error for Difference {}
+
+impl Default for Replay {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Replay {
+    /// Before the first record.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            brain: None,
+            expected: heapless::Deque::new(),
+            decisions: 0,
+        }
+    }
+
+    /// Decisions compared so far.
+    #[must_use]
+    pub const fn decisions(&self) -> u64 {
+        self.decisions
+    }
+
+    /// Takes the next record: inputs go into the brain, decisions are compared.
+    /// After a difference the replay goes on behind it.
+    ///
+    /// # Errors
+    /// What differs.
+    pub fn next(
+        &mut self,
+        now: Micros,
+        record: &Record,
+        scratch: &mut [u8; MAX_RECORD],
+    ) -> Result<(), Difference> {
+        match record {
+            Record::Fault(_) | Record::Feature(_) | Record::Verdict(_) | Record::Taught { .. } => {
+                self.compare(record, scratch)
+            }
+            Record::Recovered { .. } | Record::CorrectionSent { .. } | Record::Latch(_) => Ok(()),
+            Record::Boot { .. } => {
+                let complete = self.nothing_expected();
+                self.brain = None;
+                complete
+            }
+            Record::JobSet(job) => {
+                let complete = self.nothing_expected();
+                self.brain = Some(Brain::new(job.clone()).map_err(|_| Difference::BadJob)?);
+                complete
+            }
+            Record::ReferenceRestored { positions_mm } => {
+                if let Some(brain) = &mut self.brain {
+                    brain.restore_reference(&points(positions_mm));
+                }
+                self.nothing_expected()
+            }
+            Record::Bytes { .. } | Record::BytesLost { .. } | Record::Time | Record::InputEnd => {
+                let complete = self.nothing_expected();
+                self.input(now, record, scratch)?;
+                complete
+            }
+        }
+    }
+
+    /// The journal ends here.
+    ///
+    /// # Errors
+    /// [`Difference::Missing`].
+    pub fn finish(&mut self) -> Result<(), Difference> {
+        self.nothing_expected()
+    }
+
+    fn input(
+        &mut self,
+        now: Micros,
+        record: &Record,
+        scratch: &mut [u8; MAX_RECORD],
+    ) -> Result<(), Difference> {
+        let Self {
+            brain: Some(brain),
+            expected,
+            ..
+        } = self
+        else {
+            return Ok(());
+        };
+        let mut fits = true;
+        let out = &mut |output: Output<'_>| {
+            if let Some(decision) = decision(output) {
+                fits &= keep(expected, &decision, scratch);
+            }
+        };
+        match record {
+            Record::Bytes { raw } => brain.bytes(now, raw, out),
+            Record::BytesLost { count } => brain.bytes_lost(now, *count, out),
+            Record::Time => brain.on_time(now, out),
+            _ => brain.input_ended(now, out),
+        }
+        if fits { Ok(()) } else { Err(Difference::TooMany) }
+    }
+
+    fn compare(
+        &mut self,
+        record: &Record,
+        scratch: &mut [u8; MAX_RECORD],
+    ) -> Result<(), Difference> {
+        self.decisions += 1;
+        let (Some(low), Some(high)) = (self.expected.pop_front(), self.expected.pop_front()) else {
+            return Err(Difference::NotReached);
+        };
+        let length = usize::from(u16::from_le_bytes([low, high]));
+        let held = postcard::to_slice(record, scratch).map_err(|_| Difference::Other)?;
+        let mut same = held.len() == length;
+        for at in 0..length {
+            let byte = self.expected.pop_front();
+            same &= byte.is_some() && byte.as_ref() == held.get(at);
+        }
+        if same { Ok(()) } else { Err(Difference::Other) }
+    }
+
+    fn nothing_expected(&mut self) -> Result<(), Difference> {
+        if self.expected.is_empty() {
+            return Ok(());
+        }
+        self.expected.clear();
+        Err(Difference::Missing)
+    }
+}
+
+/// What of the brain's output is journaled.
+fn decision(output: Output<'_>) -> Option<Record> {
+    Some(match output {
+        Output::Line(_) | Output::Hit(_) => return None,
+        Output::Fault(fault) => Record::Fault(fault.clone()),
+        Output::Feature(feature) => Record::Feature(feature.clone()),
+        Output::Verdict(verdict) => Record::Verdict(verdict.clone()),
+        Output::Taught(positions) => Record::Taught {
+            positions_mm: positions_mm(positions),
+        },
+    })
+}
+
+fn keep(
+    expected: &mut heapless::Deque<u8, EXPECTED>,
+    record: &Record,
+    scratch: &mut [u8; MAX_RECORD],
+) -> bool {
+    let Ok(bytes) = postcard::to_slice(record, scratch) else {
+        return false;
+    };
+    let Ok(length) = u16::try_from(bytes.len()) else {
+        return false;
+    };
+    let room = EXPECTED - expected.len();
+    if room < bytes.len() + 2 {
+        return false;
+    }
+    for byte in length.to_le_bytes().iter().chain(&*bytes) {
+        // There is room: just looked.
+        let _ = expected.push_back(*byte);
+    }
+    true
+}
