@@ -20,6 +20,48 @@ pub const ERASED: u8 = 0xFF;
 /// correction refuses (zeros will do): such a word is what a power cut leaves,
 /// and the journal recognises it by its own check. `Err` is for a device that
 /// does not answer.
+///
+/// # Example
+///
+/// A region in RAM, and a journal on it over a power cycle:
+///
+/// ```
+/// use umi_core::journal::{ERASED, Flash, Geometry, Journal, MAX_PAYLOAD};
+/// use umi_core::units::Micros;
+///
+/// struct Ram([u8; 4 * 4096]);
+///
+/// impl Flash for Ram {
+///     type Error = core::convert::Infallible;
+///
+///     fn geometry(&self) -> Geometry {
+///         Geometry { sectors: 4, sector_size: 4096, write_size: 1, page_size: 1 }
+///     }
+///     fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Self::Error> {
+///         into.copy_from_slice(&self.0[addr as usize..][..into.len()]);
+///         Ok(())
+///     }
+///     fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+///         self.0[addr as usize..][..bytes.len()].copy_from_slice(bytes);
+///         Ok(())
+///     }
+///     fn erase(&mut self, sector: u32) -> Result<(), Self::Error> {
+///         self.0[sector as usize * 4096..][..4096].fill(ERASED);
+///         Ok(())
+///     }
+/// }
+///
+/// let (mut journal, recovery) = Journal::open(Ram([ERASED; 4 * 4096]))?;
+/// assert!(recovery.fresh);
+/// assert_eq!(journal.append(1, Micros(20), b"X-12.3450")?, 0);
+///
+/// let (mut journal, recovery) = Journal::open(journal.into_flash())?;
+/// assert!(recovery.is_clean());
+/// let mut payload = [0; MAX_PAYLOAD];
+/// assert_eq!(journal.read(0, &mut payload)?.entry.payload, b"X-12.3450");
+/// journal.verify(journal.first_seq(), journal.next_seq())?;
+/// # Ok::<(), umi_core::journal::Error<core::convert::Infallible>>(())
+/// ```
 pub trait Flash {
     /// What the driver reports when the device does not answer.
     type Error: core::fmt::Debug;
@@ -192,14 +234,23 @@ impl Layout {
         self.start(sector) + self.data_at
     }
 
-    /// Where to go on after a power cycle, when `used` is the address behind
-    /// the last byte that is not erased.
+    /// Where to go on after a power cycle, when `end` is the address behind the
+    /// newest entry and nothing can be seen there.
     ///
     /// A program that was cut in its first moment can leave cells that read as
-    /// erased and are not. They lie in the page that holds `used`, so that page
-    /// is left alone: programming it again could fail the flash's error
-    /// correction, now or when the cells have aged.
-    pub fn resume(&self, used: u32) -> u32 {
-        (used + 1).next_multiple_of(self.page)
+    /// erased and are not. They lie in the page that holds `end`, so that page is
+    /// left alone: programming it again could fail the flash's error correction,
+    /// now or when the cells have aged.
+    pub fn resume(&self, end: u32) -> u32 {
+        (end + 1).next_multiple_of(self.page)
+    }
+
+    /// Where to go on after a power cycle, when `used` is the address behind the
+    /// last byte of a torn entry that is not erased.
+    ///
+    /// More of that entry may have been programmed, as 0xFF. How long it was is
+    /// not asked of its torn bytes; none is longer than this.
+    pub fn resume_behind_torn(&self, used: u32) -> u32 {
+        self.resume(used + self.entry_size(self.max_payload() as u32))
     }
 }

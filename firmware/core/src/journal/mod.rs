@@ -30,7 +30,9 @@
 //! * **Opening only reads.** It can be cut as often as power likes.
 //! * **A word is programmed once between erases**, as flash with error correction
 //!   demands. After a power-up the rest of the page in use is left alone, since
-//!   a program that was cut at its start can leave cells that only look erased.
+//!   a program that was cut at its start can leave cells that only look erased,
+//!   and behind a torn entry as much as the longest entry takes, since part of it
+//!   may have been programmed as 0xFF.
 //! * **Even wear.** Sectors are used in turn, each is erased once a lap, plus
 //!   once for each power cut between its erase and its first use.
 //! * **Loss is a record.** [`Recovery`] says what a power cut or damage has left;
@@ -51,11 +53,16 @@
 //! * The CRC costs four bytes that the chain could save, and lets a single entry
 //!   be checked when what stands before it is damaged.
 //! * SHA-256 works on 64-byte blocks of `32 + 20 + n + 9` bytes: one block for
-//!   n ≤ 3, two for n ≤ 67, 17 for n = 1024. Hashing the previous value makes the
-//!   first block; a running hash over the whole record would save half a block
-//!   for each entry, but its state could only be stored once a sector.
-//! * Programs go through a 256-byte buffer on the stack, so an entry of up to 224
-//!   bytes is one program.
+//!   n ≤ 3, two for n ≤ 67, 17 for n = 1024. A block is about 2,700 instructions
+//!   on a Cortex-M7 and 5,300 on an M0+ (sha2 0.11, counted in its object code at
+//!   `opt-level = "s"`; its code takes 7 and 9 KiB), so an ordinary entry is some
+//!   10 µs at 480 MHz and 0.1 ms at 125 MHz: less than its program takes. A
+//!   running hash over the whole record would save half a block for each entry,
+//!   but could not be checked from its 32 bytes in the middle.
+//! * Programs go through a 256-byte buffer on the stack, so an entry with up to
+//!   224 bytes of payload is one program.
+//! * Opening reads every sector header once or twice and the newest sector three
+//!   times, which it also hashes: its chain value is not stored anywhere else.
 //!
 //! # Limitations
 //!
@@ -73,6 +80,8 @@
 //!   another program of the same words; reading back decides.
 //! * If the chain cannot be followed to the end of the newest sector, the rest of
 //!   that sector is given up for new entries.
+//! * A sector that cannot be erased any more is not skipped: the journal refuses
+//!   entries with the flash's error, and what it holds can still be read.
 //! * Erased flash must read 0xFF. Sectors must all have one size.
 
 mod chain;

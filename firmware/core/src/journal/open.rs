@@ -18,9 +18,8 @@ pub struct Recovery {
     pub next_seq: u64,
     /// The region was empty: this is the start of a new record.
     pub fresh: bool,
-    /// Bytes behind the newest entry that belong to no whole entry and cannot be
-    /// used any more: what a power cut left of an entry that was never
-    /// acknowledged.
+    /// Bytes behind the newest entry that belong to no whole entry: what a power
+    /// cut left of an entry that was never acknowledged.
     pub torn_bytes: u32,
     /// Power was cut while the next sector was erased or begun; it will be
     /// erased again. Nothing that was acknowledged is affected.
@@ -247,12 +246,14 @@ impl Head {
             addr,
             ..
         } = self.cursor;
-        // Behind damage the chain is not known: go on in a new sector.
         let end = layout.end(head);
         let tail = if self.broken {
+            // The chain is not known here: go on in a new sector.
             end
+        } else if self.used > addr {
+            layout.resume_behind_torn(self.used).min(end)
         } else {
-            layout.resume(self.used.max(addr)).min(end)
+            layout.resume(addr).min(end)
         };
         let mut extent = Extent {
             layout,

@@ -2,7 +2,7 @@
 //! power cut or a worn cell can leave between them.
 
 use super::chain::Chain;
-use super::entry::{Found, MARKER, OVERHEAD, announced_len, chain_over, probe};
+use super::entry::{Found, MARKER, OVERHEAD, chain_over, probe};
 use super::error::Fault;
 use super::flash::{ERASED, Flash, Layout};
 use super::sector::{HEADER_SIZE, Header, HeaderRead};
@@ -190,9 +190,7 @@ pub(super) struct Hit {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Search {
     pub hit: Option<Hit>,
-    /// Behind the last byte that may have been programmed, when nothing was hit:
-    /// the last one that is not erased, or the end that a torn entry announces
-    /// (its bytes may have been programmed as 0xFF).
+    /// Behind the last byte that is not erased, when nothing was hit.
     pub used: u32,
 }
 
@@ -245,18 +243,11 @@ pub(super) fn search<F: Flash>(
         flash.read(at, piece)?;
         for (addr, byte) in (at..).zip(piece.iter()) {
             if *byte != ERASED {
-                used = used.max(addr + 1);
+                used = addr + 1;
             }
-            if *byte != MARKER || addr % layout.align != 0 {
-                continue;
-            }
-            if addr != cursor.addr && consider(flash, addr)? {
+            let possible = *byte == MARKER && addr % layout.align == 0 && addr != cursor.addr;
+            if possible && consider(flash, addr)? {
                 return Ok(Search { hit: best, used });
-            }
-            let mut start = [0; 4];
-            flash.read(addr, &mut start)?;
-            if let Some(len) = announced_len(start) {
-                used = used.max((addr + layout.entry_size(len)).min(limit));
             }
         }
         at += piece.len() as u32;
