@@ -74,6 +74,24 @@ fn no_single_bit_flip_is_undetected() {
     }
 }
 
+/// Nor do any two flipped bits: what the check value promises of the content, the
+/// stuffing around it does not take away.
+#[test]
+fn no_two_bit_flips_are_undetected() {
+    for sample in [request(1, 0), hello(0x100, "pico 7")] {
+        let sent = found(&mut Decoder::<N>::new(), &[&sample]);
+        let bits = sample.len() * 8;
+        for (first, second) in (0..bits).flat_map(|a| (0..a).map(move |b| (a, b))) {
+            let mut damaged = sample.clone();
+            damaged[first / 8] ^= 1 << (first % 8);
+            damaged[second / 8] ^= 1 << (second % 8);
+            // The first delimiter may go: then the frame is still whole.
+            let frames = found(&mut Decoder::<N>::new(), &[&damaged]);
+            assert!(frames.is_empty() || frames == sent, "{first} {second}");
+        }
+    }
+}
+
 /// Each kind of damage has its own counter, and bytes are counted.
 #[test]
 fn damage_is_counted_by_kind() {

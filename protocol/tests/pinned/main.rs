@@ -21,7 +21,8 @@ use std::path::Path;
 
 use serde::{Serialize, de::DeserializeOwned};
 use umi_protocol::Schema;
-use umi_protocol::frame::{MAX_BOARD_FRAME, encode};
+use umi_protocol::decoder::Decoder;
+use umi_protocol::frame::{MAX_BOARD_FRAME, Message, encode};
 use umi_protocol::hello::KEY;
 use umi_protocol::message::{Event, MAX_RECORD, Record, Request, Response};
 use umi_protocol::schema::{DataModelType, key};
@@ -152,6 +153,33 @@ fn frames_keep_their_bytes() {
     writeln!(text, "# Request::StatusGet, sequence 0").unwrap();
     text.push_str(&hex(encode(0, &Request::StatusGet, &mut buffer).unwrap()));
     hold("frame.hex", &text);
+}
+
+/// Of every message, whatever its length: no flipped bit gets it through changed.
+#[test]
+fn no_flipped_bit_is_undetected() {
+    fn hold<M: Message>(after: impl Fn(Option<&M>) -> Option<M>) -> u32 {
+        let mut flips = 0;
+        let mut sample = after(None);
+        let mut decoder = Decoder::<MAX_BOARD_FRAME>::new();
+        while let Some(message) = sample {
+            let mut buffer = [0; MAX_BOARD_FRAME];
+            let len = encode(1, &message, &mut buffer).unwrap().len();
+            // Between the delimiters: a flipped delimiter damages nothing in between.
+            for bit in 8..(len - 1) * 8 {
+                buffer[bit / 8] ^= 1 << (bit % 8);
+                let mut bytes = &buffer[..len];
+                assert!(decoder.next_frame(&mut bytes).is_none(), "bit {bit}");
+                buffer[bit / 8] ^= 1 << (bit % 8);
+                flips += 1;
+            }
+            sample = after(Some(&message));
+        }
+        flips
+    }
+    let flips =
+        hold(samples::request_after) + hold(samples::response_after) + hold(samples::event_after);
+    assert!(flips > 15_000, "{flips} flips are few");
 }
 
 /// What both sides compare; `schema.txt` says what has changed when it changes.
