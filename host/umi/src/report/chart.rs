@@ -5,10 +5,17 @@ use super::markup::Element;
 use super::model::{Plate, Session};
 use super::number::{fixed, um, um_signed};
 use super::scale::ticks;
-use super::svg::{line, mark, picture, rect, text};
+use super::svg::{line, mark, picture, rect, text, text_width};
 
 const WIDTH: f64 = 920.0;
-const PANEL: [f64; 2] = [460.0, 218.0];
+const PANEL: f64 = 460.0;
+/// Height of a panel without the lines of its legend.
+const BODY: f64 = 202.0;
+/// A line of the legend.
+const LINE: f64 = 16.0;
+const LEGEND_WIDTH: f64 = 440.0;
+/// Room for a mark and the gap to the next name.
+const LEGEND_MARK: f64 = 26.0;
 /// Inside a panel: left, top, right, bottom.
 const AREA: [f64; 4] = [52.0, 26.0, 450.0, 168.0];
 /// Values beyond this many limits are drawn at the edge, with their figure.
@@ -66,13 +73,15 @@ pub fn drawing(session: &Session) -> (Element, String) {
         distances(session),
         registration(session),
     ];
+    let lines = panels.iter().map(|p| p.legend_lines().len()).max();
+    let height = BODY + LINE * whole(lines.unwrap_or(1));
     let mut svg = picture(
         WIDTH,
-        PANEL[1] * 2.0,
+        height * 2.0,
         "Radius error, rms, distance errors and registration of all clampings against their limits",
     );
     for (i, panel) in (0u8..).zip(&panels) {
-        let corner = [PANEL[0] * f64::from(i % 2), PANEL[1] * f64::from(i / 2)];
+        let corner = [PANEL * f64::from(i % 2), height * f64::from(i / 2)];
         svg = svg.children(panel.draw(session, corner));
     }
     let caption = "Every clamping against the limits of the job (dashed, shaded beyond). Look for \
@@ -245,6 +254,7 @@ impl Panel {
     ) -> Vec<Element> {
         let mut out = Vec::new();
         let pitch = (right - left) / whole(session.plates.len().max(1));
+        let every = session.plates.len().div_ceil(7).max(1);
         let spread = (pitch * 0.5 / whole(self.series.len().max(1))).min(16.0);
         for (p, plate) in session.plates.iter().enumerate() {
             let middle = left + pitch * (whole(p) + 0.5);
@@ -252,7 +262,7 @@ impl Panel {
                 let between = left + pitch * whole(p);
                 out.push(line("grid", [between, top], [between, bottom]));
             }
-            if session.plates.len() <= 8 {
+            if p.is_multiple_of(every) {
                 out.push(text(
                     "t muted mid",
                     [middle, bottom + 14.0],
@@ -268,7 +278,7 @@ impl Panel {
                 }
                 match value {
                     Value::Known(mm) | Value::Doubtful(mm) if mm.abs() <= edge => {
-                        out.push(mark(&format!("mark s{}", s % 4), s, [x, y(mm)], 4.0));
+                        out.push(mark("", s, [x, y(mm)], 4.0));
                     }
                     Value::Known(mm) | Value::Doubtful(mm) => {
                         let at = if mm < 0.0 { bottom - 5.0 } else { top + 5.0 };
@@ -277,7 +287,7 @@ impl Panel {
                         } else {
                             um(mm)
                         };
-                        out.push(mark(&format!("mark s{} out", s % 4), s, [x, at], 4.0));
+                        out.push(mark(" out", s, [x, at], 4.0));
                         out.push(text(
                             "t ng mid",
                             [x, at + if mm < 0.0 { -8.0 } else { 16.0 }],
@@ -294,18 +304,36 @@ impl Panel {
         out
     }
 
+    /// Names of the series in lines that do not run into the next panel.
+    fn legend_lines(&self) -> Vec<Vec<usize>> {
+        let mut lines: Vec<Vec<usize>> = vec![Vec::new()];
+        let mut x = 0.0;
+        for (s, series) in self.series.iter().enumerate() {
+            let width = LEGEND_MARK + text_width("t", &series.name);
+            if x > 0.0 && x + width > LEGEND_WIDTH {
+                lines.push(Vec::new());
+                x = 0.0;
+            }
+            x += width;
+            if let Some(line) = lines.last_mut() {
+                line.push(s);
+            }
+        }
+        lines
+    }
+
     fn legend(&self, corner: [f64; 2]) -> Vec<Element> {
         let mut out = Vec::new();
-        let [mut x, y] = corner;
-        for (s, series) in self.series.iter().enumerate() {
-            out.push(mark(
-                &format!("mark s{}", s % 4),
-                s,
-                [x + 6.0, y - 4.0],
-                4.0,
-            ));
-            out.push(text("t", [x + 14.0, y], &series.name));
-            x += 28.0 + super::svg::text_width("t", &series.name);
+        let mut y = corner[1];
+        for line in self.legend_lines() {
+            let mut x = corner[0];
+            for s in line {
+                let name = &self.series[s].name;
+                out.push(mark("", s, [x + 6.0, y - 4.0], 4.0));
+                out.push(text("t", [x + 14.0, y], name));
+                x += LEGEND_MARK + text_width("t", name);
+            }
+            y += LINE;
         }
         out
     }

@@ -3,7 +3,7 @@
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::verdict::{PlateReason, Verdict};
 
-use super::figures::{length, minus, motion, part_outline};
+use super::figures::{in_job_order, length, minus, motion, part_outline};
 use super::markup::{Element, el};
 use super::model::{Plate, Session};
 use super::number::{fixed, signed, typographic};
@@ -48,10 +48,21 @@ pub fn section(session: &Session, place: usize, common: Magnified) -> Element {
         out = out.child(table);
     }
     out = out.child(feature_pictures(session, plate, common));
-    out.child(el("h3").text("Plate and registration"))
-        .children(registration::tables(session, plate, place))
-        .child(plate_pictures(session, place))
-        .child(correction(session, plate))
+    let tables = registration::tables(session, plate, place);
+    let pictures = plate_pictures(session, place);
+    if !(tables.is_empty() && pictures.is_empty()) {
+        out = out.child(el("h3").text("Plate and registration"));
+    }
+    if !verdict.ok && tables.is_empty() {
+        out = out.child(el("p").text(
+            "Not compared and not registered: figures from refused or missing features would only mislead.",
+        ));
+    }
+    out = out.children(tables);
+    if !pictures.is_empty() {
+        out = out.child(el("div").class("plate-row").children(pictures));
+    }
+    out.child(correction(session, plate))
 }
 
 /// The verdict in words.
@@ -123,10 +134,15 @@ fn feature_pictures(session: &Session, plate: &Plate, common: Magnified) -> Elem
         .features
         .iter()
         .map(|feature| feature_picture(session, feature, common));
-    let row = el("div").class("row3").children(figures);
-    if plate.features.is_empty() {
-        return el("p").class("note").text("No feature arrived.");
-    }
+    let missing = in_job_order(session, plate)
+        .filter(|(_, feature)| feature.is_none())
+        .map(|(spec, _)| {
+            let name = el("h4").text(&spec.name).text(" ");
+            el("figure")
+                .class("card ng")
+                .child(name.child(el("span").class("badge ng").text("\u{2717} did not arrive")))
+        });
+    let row = el("div").class("row3").children(figures).children(missing);
     el("div").child(row).child(el("p").class("note").text(
         "Bars: residual of every hit along the surface normal, from the fitted sphere (thin circle) \
          to the hit; orange outside, blue inside, in \u{b5}m. Grey arrows: the probe\u{2019}s motion at \
@@ -165,22 +181,26 @@ fn feature_picture(session: &Session, feature: &FeatureResult, common: Magnified
         });
         out = out.child(el("ul").class("reasons").children(reasons));
     }
-    out
+    out.child(
+        el("details")
+            .child(el("summary").text("Hits"))
+            .child(tables::hits(feature)),
+    )
 }
 
-fn plate_pictures(session: &Session, place: usize) -> Element {
+fn plate_pictures(session: &Session, place: usize) -> Vec<Element> {
     let pictures = [
         plate::drawing(session, place),
         part::residuals(session, place),
         part::at_part(session, place),
     ];
-    let figures = pictures.into_iter().flatten().map(|(svg, caption)| {
+    let card = |(svg, caption): (Element, String)| {
         el("figure")
             .class("card")
             .child(svg)
             .child(el("figcaption").text(typographic(&caption)))
-    });
-    el("div").class("plate-row").children(figures)
+    };
+    pictures.into_iter().flatten().map(card).collect()
 }
 
 fn correction(session: &Session, plate: &Plate) -> Element {

@@ -4,7 +4,7 @@ use umi_protocol::job::{Compensation, Job, Reference};
 
 use super::clamping::badge;
 use super::figures::{
-    distance_errors, extreme, largest, point_errors, radius_error, turn_and_tilt_deg,
+    PointError, distance_errors, extreme, largest, point_errors, radius_error, turn_and_tilt_deg,
 };
 use super::markup::{Element, el};
 use super::model::{Plate, Session};
@@ -128,7 +128,7 @@ pub fn overview(session: &Session) -> Element {
         "Registration rms|\u{b5}m",
     ];
     if with_truth {
-        headers.push("Path error|\u{b5}m");
+        headers.extend(["Path error, registered|\u{b5}m", "corrected|\u{b5}m"]);
     }
     headers.push("<First reason");
     let rows = session
@@ -188,8 +188,13 @@ fn overview_row(session: &Session, plate: &Plate, with_truth: bool) -> Vec<Cell>
     ];
     if with_truth {
         let errors = plate.truth.map(|_| point_errors(session, plate));
-        let most = errors.and_then(|e| largest(e.iter().map(|e| e.registration_mm)));
-        row.push(num_or(most.map(um)));
+        for of in [
+            |e: &PointError| e.registration_mm,
+            |e: &PointError| e.program_mm,
+        ] {
+            let most = errors.as_ref().and_then(|e| largest(e.iter().map(of)));
+            row.push(num_or(most.map(um)));
+        }
     }
     row.push(match plate.verdict.reasons.first() {
         Some(reason) => word(typographic(&reason.to_string())),

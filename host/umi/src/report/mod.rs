@@ -12,7 +12,7 @@
 //! | `figures`, `program` | derived figures; what a correction program does |
 //! | `number`, `text`, `markup` | digits and units; text that comes from a control; elements that always close |
 //! | `svg`, `scale`, `labels` | drawing: primitives, scales and scale bars, labels that do not overlap |
-//! | `sphere`, `residuals`, `plate`, `part`, `chart` | the pictures |
+//! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart` | the pictures |
 //! | `head`, `tables`, `registration`, `clamping`, `page` | the parts of the page |
 //! | `terminal` | the table for a terminal |
 
@@ -36,6 +36,7 @@ mod svg;
 mod tables;
 pub mod terminal;
 mod text;
+mod unfitted;
 
 pub use model::{Fact, Plate, Session, Truth};
 pub use page::html;

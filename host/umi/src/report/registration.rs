@@ -14,15 +14,17 @@ use super::tables::{Cell, judged, limit, num, num_or, table, vector_um, word};
 /// Distances and registration of a plate, in rows that stay together on paper.
 pub fn tables(session: &Session, plate: &Plate, place: usize) -> Vec<Element> {
     let row = || el("div").class("tables");
-    let first = row().children(distances(session, plate));
+    let distances = distances(session, plate);
     let Some(registration) = &plate.verdict.registration else {
-        return vec![first];
+        return distances.map(|d| row().child(d)).into_iter().collect();
     };
     let against = plate
         .truth
         .map(|truth| (truth, pose_error(registration, &truth)));
     vec![
-        first.child(angles(session, registration, against.as_ref())),
+        row()
+            .children(distances)
+            .child(angles(session, registration, against.as_ref())),
         row()
             .child(lengths(session, place, registration, against.as_ref()))
             .child(scalars(session, &plate.verdict, registration)),

@@ -95,7 +95,7 @@ pub fn session(job: Job, blocks: &[Block]) -> Session {
     let mut take = |decision: Decision<'_>| match decision {
         Decision::Feature(feature) => features.push(feature.clone()),
         Decision::Verdict(verdict) => plates.push(Plate {
-            title: format!("Case {}", verdict.plate),
+            title: String::new(),
             about: String::new(),
             features: std::mem::take(&mut features),
             verdict: verdict.clone(),
@@ -112,19 +112,39 @@ pub fn session(job: Job, blocks: &[Block]) -> Session {
         let got = u16::try_from(points.len()).unwrap();
         let end = BlockEnd {
             name: name.as_str().try_into().unwrap(),
-            expected: Some(5),
+            expected: Some(got),
             got,
             damaged: 0,
-            complete: got == 5,
+            complete: true,
             ended_by: BlockEndCause::Count,
         };
         run.block_end(&end, now, &mut take);
     }
     run.input_ended(&mut take);
+    Session {
+        title: "Five clampings of a three-sphere plate".into(),
+        about: String::new(),
+        job,
+        identity: Some(Identity {
+            board: "virtual".try_into().unwrap(),
+            serial: "VIRT-0001".try_into().unwrap(),
+            firmware: "0.1.0".try_into().unwrap(),
+        }),
+        facts: Vec::new(),
+        taught_mm: None,
+        path_points_mm: Vec::new(),
+        plates,
+        faults: Vec::new(),
+    }
+}
+
+/// Names, true poses and path points of the reference session.
+fn with_answers(mut session: Session) -> Session {
     let answers = json();
-    for plate in &mut plates {
+    for plate in &mut session.plates {
         let place = usize::try_from(plate.verdict.plate).unwrap();
         let pose = &answers["truth"]["poses"][place];
+        plate.title = format!("Case {place}");
         plate.about = format!(
             "turned {}\u{b0}, shifted {} mm in X",
             pose["rotation_deg"], pose["shift_x"]
@@ -135,29 +155,18 @@ pub fn session(job: Job, blocks: &[Block]) -> Session {
         });
     }
     let path = answers["path_points"].as_array().unwrap();
-    Session {
-        title: "Five clampings of a three-sphere plate".into(),
-        about: "Probe text of the reference session through a virtual board.".into(),
-        job,
-        identity: Some(Identity {
-            board: "virtual".try_into().unwrap(),
-            serial: "VIRT-0001".try_into().unwrap(),
-            firmware: "0.1.0".try_into().unwrap(),
-        }),
-        facts: vec![Fact {
-            label: "Input".into(),
-            value: "session_a.txt".into(),
-        }],
-        taught_mm: None,
-        path_points_mm: path.iter().map(vector).collect(),
-        plates,
-        faults: Vec::new(),
-    }
+    session.path_points_mm = path.iter().map(vector).collect();
+    session.about = "Probe text of the reference session through a virtual board.".into();
+    session.facts.push(Fact {
+        label: "Input".into(),
+        value: "session_a.txt".into(),
+    });
+    session
 }
 
 /// The clean session: five clampings, all OK.
 pub fn good() -> Session {
-    session(job(), &blocks())
+    with_answers(session(job(), &blocks()))
 }
 
 /// Spoilt: a null point, a wrong Z hit, a lost block, a datum 0.18 mm off.
@@ -172,7 +181,7 @@ pub fn spoilt() -> Session {
         }
     }
     blocks.remove(10);
-    let mut session = session(job(), &blocks);
+    let mut session = with_answers(session(job(), &blocks));
     session.title = "A session with damage".into();
     session.faults = vec![Fault {
         kind: FaultKind::NullPoint,
@@ -181,6 +190,74 @@ pub fn spoilt() -> Session {
         t_us: 1_204_000,
         text: "* 0.0000* 0.0000* 0.0000".try_into().unwrap(),
     }];
+    session
+}
+
+/// Other geometries, many hits, and the sphere of the thesis' table 4.1.
+pub fn mixed() -> Session {
+    use FeatureKind::{Circle, Cone, Cylinder, Plane, Sphere};
+    let fits = [
+        (
+            "TABLE41",
+            Sphere,
+            Some(12.7),
+            include_str!("../../../../tests/reference/fits/sphere_thesis_table_4_1.csv"),
+        ),
+        (
+            "CAP",
+            Sphere,
+            None,
+            include_str!("../../../../tests/reference/fits/sphere_cap120_n25_1um.csv"),
+        ),
+        (
+            "TOP",
+            Plane,
+            None,
+            include_str!("../../../../tests/reference/fits/plane_n9_16um.csv"),
+        ),
+        (
+            "RING",
+            Circle,
+            None,
+            include_str!("../../../../tests/reference/fits/circle_ring_gauge_36.csv"),
+        ),
+        (
+            "BORE",
+            Cylinder,
+            None,
+            include_str!("../../../../tests/reference/fits/cylinder_rings2x4_1um.csv"),
+        ),
+        (
+            "CONE",
+            Cone,
+            None,
+            include_str!("../../../../tests/reference/fits/cone_half30_n24_1um.csv"),
+        ),
+    ];
+    let mut job = job();
+    job.name = "MIXED".try_into().unwrap();
+    job.correction = None;
+    let template = job.features[0].clone();
+    job.features.clear();
+    let mut blocks = Vec::new();
+    for (name, kind, radius_mm, csv) in fits {
+        let row = |line: &str| {
+            let mut cells = line.split(',').map(|cell| cell.parse::<f64>().unwrap());
+            std::array::from_fn(|_| cells.next().unwrap())
+        };
+        let points: Vec<[f64; 3]> = csv.lines().skip(1).map(row).collect();
+        let mut spec = template.clone();
+        spec.name = name.try_into().unwrap();
+        spec.kind = kind;
+        spec.hits = u16::try_from(points.len()).unwrap();
+        spec.radius_mm = radius_mm;
+        spec.approach.clear();
+        spec.datum = false;
+        job.features.push(spec).unwrap();
+        blocks.push((name.to_string(), points));
+    }
+    let mut session = session(job, &blocks);
+    session.title = "Other geometries".into();
     session
 }
 

@@ -87,7 +87,8 @@ impl Plan {
             }
         }
         let middle_px = [corner[0] + size[0] / 2.0, corner[1] + size[1] / 2.0];
-        if !(low[0] <= high[0]) {
+        // Without a point the bounds are still infinite.
+        if low[0].is_infinite() {
             return Self {
                 middle_px,
                 middle_mm: [0.0; 2],

@@ -11,18 +11,21 @@ use super::markup::Element;
 use super::model::Session;
 use super::number::{um, um_signed};
 use super::residuals::accused;
-use super::scale::{Magnified, Plan, bar, length_text};
-use super::svg::{arrow, circle, cross, line, picture, text};
+use super::scale::{Magnified, bar};
+use super::svg::{arrow, circle, line, picture, text};
+use super::unfitted;
 
-const WIDTH: f64 = 300.0;
+pub const WIDTH: f64 = 300.0;
 /// The sphere's radius on the page.
-const RADIUS: f64 = 64.0;
+pub const RADIUS: f64 = 64.0;
 /// Room for the largest residual.
 const ROOM: f64 = 28.0;
 /// Room for half the cross that shows the centre's uncertainty.
 const CROSS: f64 = 44.0;
 /// An approach arrow, from tail to tip, away from the surface.
 const ARROW: [f64; 2] = [60.0, 36.0];
+/// A sphere whose residuals are this many times smaller gets its own scale.
+const MUCH_FINER: f64 = 4.0;
 /// Half a centre's cross without an uncertainty.
 const SMALL_CROSS: f64 = 3.0;
 /// A normal that is turned from the view's plane more than this is seen end-on.
@@ -31,16 +34,16 @@ const END_ON: f64 = 0.35;
 const NUMBERED: usize = 16;
 
 /// One of the two views.
-struct View {
-    title: &'static str,
+pub struct View {
+    pub title: &'static str,
     /// Axes to the right and up: 0 X, 1 Y, 2 Z.
-    axes: [usize; 2],
-    letters: [&'static str; 2],
+    pub axes: [usize; 2],
+    pub letters: [&'static str; 2],
     /// Height of the sphere's centre in the picture.
-    middle: f64,
+    pub middle: f64,
 }
 
-const VIEWS: [View; 2] = [
+pub const VIEWS: [View; 2] = [
     View {
         title: "plan (XY), seen from above",
         axes: [0, 1],
@@ -54,7 +57,7 @@ const VIEWS: [View; 2] = [
         middle: 420.0,
     },
 ];
-const HEIGHT: f64 = 548.0;
+pub const HEIGHT: f64 = 548.0;
 
 /// The magnification for all good spheres of a session: one for all, so that
 /// pictures can be compared.
@@ -63,7 +66,8 @@ pub fn common_scale(session: &Session) -> Magnified {
     let (mut residual, mut uncertainty, mut radius) = (0.0f64, 0.0f64, 0.0f64);
     for feature in session.plates.iter().flat_map(|p| &p.features) {
         if let (true, Some(fit)) = (feature.is_ok(), &feature.fit)
-            && let (Some((_, d)), Some(r)) = (largest_residual(fit), fit.shape.radius_mm())
+            && let (Some((_, d)), Shape::Sphere { radius_mm: r, .. }) =
+                (largest_residual(fit), fit.shape)
         {
             residual = residual.max(d.abs());
             radius = radius.max(r);
@@ -123,20 +127,23 @@ pub fn drawing(
             };
             (drawn.picture(), drawn.caption())
         }
-        _ => unfitted(feature),
+        _ => unfitted::drawing(feature),
     }
 }
 
-/// The common magnification where it suits this sphere.
+/// The common magnification where it suits this sphere: where the residuals
+/// neither leave the picture nor vanish in it.
 fn scale_for(common: Magnified, largest_mm: f64, radius_mm: f64) -> Magnified {
     let same_size = Magnified {
         times: common.times,
         px_per_mm: common.times * RADIUS / radius_mm,
     };
-    if largest_mm * same_size.px_per_mm <= ROOM * 1.2 {
+    let own = magnified(largest_mm, radius_mm);
+    let fits = largest_mm * same_size.px_per_mm <= ROOM * 1.2;
+    if fits && own.times <= MUCH_FINER * same_size.times {
         same_size
     } else {
-        magnified(largest_mm, radius_mm)
+        own
     }
 }
 
@@ -304,94 +311,13 @@ impl Fitted<'_> {
     }
 }
 
-/// Hits that could not be fitted, or were not because they are known to be wrong.
-fn unfitted(feature: &FeatureResult) -> (Element, String) {
-    let label = format!("{}: hits without a fit", feature.name);
-    let mut svg = picture(WIDTH, HEIGHT, &label);
-    let finite = |p: &&Vector| p.iter().all(|c| c.is_finite());
-    let points: Vec<Vector> = feature.points_mm.iter().filter(finite).copied().collect();
-    let accused = accused(&feature.reasons);
-    for view in &VIEWS {
-        let corner = [10.0, view.middle - 122.0];
-        let size = [WIDTH - 20.0, 220.0];
-        let far = [corner[0] + size[0], corner[1] + size[1]];
-        let flat: Vec<[f64; 2]> = points
-            .iter()
-            .map(|p| [p[view.axes[0]], p[view.axes[1]]])
-            .collect();
-        let plan = Plan::fit(&flat, corner, size, 34.0);
-        svg = svg
-            .child(text("t b", [8.0, view.middle - RADIUS - 70.0], view.title))
-            .child(super::svg::rect("refused-area", corner, far))
-            .children(axes_sign([18.0, far[1] - 6.0], view.letters));
-        if points.is_empty() {
-            svg = svg.child(text(
-                "t ng mid",
-                [WIDTH / 2.0, view.middle],
-                "no usable hits",
-            ));
-            continue;
-        }
-        let mut labels = Labels::new(corner, far);
-        labels.keep_off([30.0, far[1] - 18.0], 22.0);
-        let mut groups: Vec<(Vec<usize>, [f64; 2])> = Vec::new();
-        for (number, p) in (1usize..)
-            .zip(&feature.points_mm)
-            .filter(|(_, p)| finite(p))
-        {
-            let at = plan.at(p[view.axes[0]], p[view.axes[1]]);
-            labels.keep_off(at, 5.0);
-            if accused.contains(&number) {
-                svg = svg
-                    .children(cross("wrong", at, 5.0))
-                    .child(circle("accused", at, 8.0));
-            } else {
-                svg = svg.child(circle("hit plain", at, 3.0));
-            }
-            match groups.iter_mut().find(|(_, other)| near(*other, at)) {
-                Some((numbers, _)) => numbers.push(number),
-                None => groups.push((vec![number], at)),
-            }
-        }
-        for (numbers, at) in groups {
-            let wrong = numbers.iter().any(|n| accused.contains(n));
-            let class = if wrong { "t ng b" } else { "t" };
-            let numbers: Vec<String> = numbers.iter().map(usize::to_string).collect();
-            svg = svg.child(labels.place(
-                class,
-                at,
-                if wrong { 11.0 } else { 8.0 },
-                &numbers.join(", "),
-            ));
-        }
-        let true_size = Magnified {
-            px_per_mm: plan.scale,
-            times: 1.0,
-        };
-        let bar_mm = true_size.bar_mm(60.0);
-        let left = far[0] - 62.0 - bar_mm * plan.scale;
-        svg = svg.children(bar("bar", [left, far[1] - 10.0], bar_mm, plan.scale));
-    }
-    let span = length_text(largest_span(&points));
-    (
-        svg,
-        format!("No fit: hits as they came, over {span}, true to scale."),
-    )
-}
-
-fn largest_span(points: &[Vector]) -> f64 {
-    let pairs = points
-        .iter()
-        .flat_map(|a| points.iter().map(move |b| minus(*a, *b)));
-    pairs.map(length).fold(0.0, f64::max)
-}
-
-fn near(a: [f64; 2], b: [f64; 2]) -> bool {
+/// Whether two marks would lie on each other.
+pub fn near(a: [f64; 2], b: [f64; 2]) -> bool {
     (a[0] - b[0]).hypot(a[1] - b[1]) < 5.0
 }
 
 /// Two small arrows with the letters of the axes.
-fn axes_sign(corner: [f64; 2], letters: [&str; 2]) -> Vec<Element> {
+pub fn axes_sign(corner: [f64; 2], letters: [&str; 2]) -> Vec<Element> {
     let [x, y] = corner;
     let mut out = arrow("axis", corner, [x + 24.0, y]);
     out.extend(arrow("axis", corner, [x, y - 24.0]));

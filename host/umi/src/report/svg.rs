@@ -138,10 +138,12 @@ pub fn cross(class: &str, at: [f64; 2], half: f64) -> [Element; 2] {
     ]
 }
 
-/// A mark of one of the shapes, so that series differ also without colour.
-pub fn mark(class: &str, shape: usize, at: [f64; 2], half: f64) -> Element {
+/// The mark of a series: four colours, each with four shapes, and neighbours
+/// differ in both, so also without colour.
+pub fn mark(more_classes: &str, series: usize, at: [f64; 2], half: f64) -> Element {
     let [x, y] = at;
-    match shape % 4 {
+    let class = &format!("mark s{}{more_classes}", series % 4);
+    match (series + series / 4) % 4 {
         0 => circle(class, at, half),
         1 => rect(
             class,

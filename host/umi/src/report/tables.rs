@@ -280,6 +280,32 @@ fn other_row(session: &Session, spec: &FeatureSpec, feature: Option<&FeatureResu
     row
 }
 
+/// The hits of a feature and their residuals.
+pub fn hits(feature: &FeatureResult) -> Element {
+    let residual = |i: usize| {
+        feature
+            .fit
+            .as_ref()
+            .and_then(|f| f.residuals_mm.get(i).copied())
+    };
+    let rows = feature
+        .points_mm
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            let mut row = vec![num((i + 1).to_string())];
+            row.extend(p.map(|c| num(mm(c))));
+            row.push(num_or(residual(i).map(um_signed)));
+            row
+        })
+        .collect();
+    table(
+        "Contact points as used in the fit",
+        &["Hit", "X|mm", "Y|mm", "Z|mm", "Residual|\u{b5}m"],
+        rows,
+    )
+}
+
 /// Three components and a length, µm.
 pub fn vector_um(v: [f64; 3]) -> Vec<Cell> {
     let mut cells: Vec<Cell> = v.iter().map(|c| num(um_signed(*c))).collect();

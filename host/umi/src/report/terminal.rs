@@ -6,12 +6,16 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::FeatureSpec;
 
 use super::figures::{
-    PointError, Vector, extreme, half_sigma, in_job_order, largest, length, motion, point_errors,
-    pose_error, radius_error, shift_mm, sphere_uncertainty, turn_and_tilt_deg,
+    PointError, Vector, half_sigma, in_job_order, length, motion, point_errors, pose_error,
+    radius_error, shift_mm, sphere_uncertainty, turn_and_tilt_deg,
 };
 use super::model::{Plate, Session};
 use super::number::{fixed, mm, signed, um, um_signed};
 use super::text::visible;
+
+mod summary;
+
+pub use summary::summary;
 
 /// Columns that a line may take, where no reason is longer.
 pub const WIDTH: usize = 100;
@@ -325,102 +329,9 @@ fn verdict(out: &mut String, plate: &Plate, paint: Paint) {
     }
 }
 
-/// All clampings in one line each, for the end of a run.
-#[must_use]
-pub fn summary(session: &Session, colour: bool) -> String {
-    let paint = Paint(colour);
-    let mut out = String::new();
-    let head = format!(
-        "  {:<13}{:<8}{:>9} {:>8} {:>12} {:>10} {:>12} {:>10}",
-        "clamping",
-        "verdict",
-        "max |dr|",
-        "max rms",
-        "max |ddist|",
-        "reg. rms",
-        "path error",
-        "corrected"
-    );
-    let _ = writeln!(out, "{}", paint.quiet(&format!("{head}  \u{b5}m")));
-    for plate in &session.plates {
-        let fits = || in_job_order(session, plate).filter_map(|(s, f)| Some((s, f?.fit.as_ref()?)));
-        let radius = extreme(fits().filter_map(|(s, f)| radius_error(Some(s), f)));
-        let rms = extreme(fits().map(|(_, f)| f.rms_mm));
-        let distance = extreme(super::figures::distance_errors(plate));
-        let errors = point_errors(session, plate);
-        let known = plate.truth.is_some();
-        let path = largest(errors.iter().map(|e| e.registration_mm));
-        let program = largest(errors.iter().map(|e| e.program_mm)).filter(|_| known);
-        let word = if plate.verdict.ok {
-            paint.good("OK")
-        } else {
-            paint.bad("NG")
-        };
-        let _ = writeln!(
-            out,
-            "  {:<13}{word}      {:>9} {:>8} {:>12} {:>10} {:>12} {:>10}",
-            visible(&plate.heading()),
-            dash(radius.map(|v| um(v.abs()))),
-            dash(rms.map(um)),
-            dash(distance.map(|v| um(v.abs()))),
-            dash(plate.verdict.registration.as_ref().map(|r| um(r.rms_mm))),
-            dash(path.map(um)),
-            dash(program.map(um)),
-        );
-    }
-    out
-}
-
 fn dash(text: Option<String>) -> String {
     text.unwrap_or_else(|| "-".into())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::report::sample;
-
-    /// Colour only where it was asked for, and no line of a good plate wider
-    /// than the terminal.
-    #[test]
-    fn plain_text_is_plain_and_narrow() {
-        let good = sample::good();
-        let text = session(&good, false) + &summary(&good, false);
-        assert!(!text.contains('\x1b'));
-        for line in text.lines() {
-            assert!(
-                line.chars().count() <= WIDTH,
-                "{}: {line}",
-                line.chars().count()
-            );
-        }
-        assert!(session(&good, true).contains("\x1b[1;32mOK\x1b[0m"));
-    }
-
-    /// The figures of a case: radius error, s, s/2, turn, verdict; and every
-    /// reason of an NG one.
-    #[test]
-    fn a_case_says_what_it_must() {
-        let good = sample::good();
-        let text = plate(&good, 1, false);
-        for part in [
-            "+13.8",
-            "13.5",
-            "turn +0.99991\u{b0}",
-            "rms 0.6 \u{b5}m",
-            "path 1.7",
-            "OK",
-        ] {
-            assert!(text.contains(part), "{part}: {text}");
-        }
-        let spoilt = sample::spoilt();
-        for (place, p) in spoilt.plates.iter().enumerate() {
-            let text = plate(&spoilt, place, false);
-            for reason in &p.verdict.reasons {
-                assert!(text.contains(&reason.to_string()), "{text}");
-            }
-            assert!(text.contains(if p.verdict.ok { "OK" } else { "NG" }));
-        }
-        assert_eq!(plate(&good, 99, false), "");
-    }
-}
+mod tests;

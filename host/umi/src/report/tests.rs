@@ -174,6 +174,31 @@ fn figures_of_a_sphere_are_right() {
     }
 }
 
+/// Table 4.1 of the thesis (Sawula 2013), with the uncertainty of the centre
+/// that its figures give beside half of s, which is what it prints.
+#[test]
+fn thesis_table_4_1_is_reproduced() {
+    let html = check(&sample::mixed());
+    let row = html
+        .split("<tr>")
+        .find(|row| row.starts_with("<td class=\"w\">TABLE41</td>"))
+        .unwrap();
+    let minus = '\u{2212}';
+    let figures: Vec<&str> = row
+        .split("<td class=\"n\">")
+        .skip(1)
+        .map(|cell| cell.split('<').next().unwrap())
+        .collect();
+    let center_x = format!("{minus}136.7105");
+    assert_eq!(
+        figures,
+        [
+            "5/5", &center_x, "136.4120", "136.1212", "12.7118", "+11.8", "6.5", "14.5", "1",
+            "10.3", "10.3", "16.2", "7.3", "7.2"
+        ]
+    );
+}
+
 /// Path errors against the true pose are those of the reference answers, and
 /// the program, read back, is off by no more than its leftover besides.
 #[test]
@@ -311,7 +336,11 @@ fn little_data_makes_a_page() {
 /// With `UMI_REPORT_DIR` set, writes the sample reports there to be looked at.
 #[test]
 fn samples_to_look_at() {
-    let samples = [("good", sample::good()), ("spoilt", sample::spoilt())];
+    let samples = [
+        ("good", sample::good()),
+        ("spoilt", sample::spoilt()),
+        ("mixed", sample::mixed()),
+    ];
     for (name, session) in samples {
         let html = check(&session);
         if let Some(dir) = std::env::var_os("UMI_REPORT_DIR") {
