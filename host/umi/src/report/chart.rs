@@ -156,7 +156,7 @@ fn distances(session: &Session) -> Panel {
         series: pairs
             .into_iter()
             .map(|(a, b)| Series {
-                name: format!("{a} to {b}"),
+                name: format!("{a}\u{2013}{b}"),
                 values_mm: session.plates.iter().map(|p| value(p, a, b)).collect(),
             })
             .collect(),
