@@ -23,7 +23,7 @@ use crate::house::{House, execute};
 /// No standard library, no heap, no executor or hardware in the brain, and an image that
 /// stays within its budget (firmware/check/Cargo.toml). Takes rustup's targets if they are
 /// installed, else Debian's compiler.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 #[command(
     after_help = "Examples:\n  cargo xtask firmware-check\n  cargo xtask firmware-check --toolchain debian --panics"
 )]
@@ -42,23 +42,22 @@ const PACKAGE: &str = "umi-firmware-check";
 /// The target and processor that the budget is for: a Cortex-M7 with a double-precision FPU.
 const MEASURED: (&str, &str) = (TARGETS[0], "cortex-m7");
 
-/// Checks, with the compiler that the arguments ask for.
+/// Checks, with the compiler that the arguments ask for, or the first that is there.
 pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
     let toolchain = toolchain::choose(house, arguments.toolchain)?;
-    let image = check(house, toolchain)?;
+    dependencies::check(house)?;
+    console::progress("dependencies: no executor, no hardware, no std, no heap");
+    let image = build_all(house, toolchain)?;
     if arguments.panics {
         for (function, calls) in &image.panics {
             console::progress(&format!("{calls:4}  {function}"));
         }
     }
-    Ok(())
+    Budget::of(&house.metadata()?)?.hold(&image)
 }
 
-/// Checks, and returns the figures of the measured image.
-pub fn check(house: &House, toolchain: Toolchain) -> Result<Image> {
-    dependencies::check(house)?;
-    console::progress("dependencies: no executor, no hardware, no std, no heap");
-    let budget = Budget::of(&house.metadata()?)?;
+/// Builds for every target, and returns the figures of the measured image.
+fn build_all(house: &House, toolchain: Toolchain) -> Result<Image> {
     console::progress(&format!("building with {toolchain}"));
     let mut measured = Image::default();
     for target in TARGETS {
@@ -77,7 +76,6 @@ pub fn check(house: &House, toolchain: Toolchain) -> Result<Image> {
             measured = image;
         }
     }
-    budget.hold(&measured)?;
     Ok(measured)
 }
 
