@@ -437,11 +437,11 @@ impl fmt::Display for FaultKind {
         match self {
             Self::BadParity { count, first } => write!(
                 f,
-                "{count} characters with wrong parity, the first at {first}: the line is not used; check cable, screen and baud rate"
+                "wrong parity, first at character {first}, {count} in all: the line is not used; check cable, screen and baud rate"
             ),
             Self::UnknownCharacter { count, first, byte } => write!(
                 f,
-                "{count} characters that no text line has, the first ({byte:#04x}) at {first}: the line is not used; check code, baud rate and what else sends on this port"
+                "byte {byte:#04x} at character {first}, which no text has, {count} such in all: the line is not used; check code, baud rate and what else sends on this port"
             ),
             Self::LineTooLong { kept } => write!(
                 f,

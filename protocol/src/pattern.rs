@@ -344,7 +344,7 @@ impl Default for LabelledWordsPattern {
 /// and a check value computed in the macro.
 ///
 /// ```text
-/// UMI1 R    17 S     3 B   2 A 2 T 1 F    20.0 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
+/// UMI1 R    17 S     3 B   2 A 2 T 1 F    20.000 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
 /// ```
 ///
 /// The formula and the macro are with the receiver (`umi_core::dprnt::checked`).
@@ -374,9 +374,10 @@ impl Default for CheckedPattern {
 /// | `{name}` | the feature's name: letters, digits, `_`, `-`, `.` |
 /// | `{feed}` | the feed in mm/min |
 /// | `{touched}` | 1 if the probe touched, 0 if not |
-/// | `{skip}` | anything up to the text that follows |
+/// | `{skip}` | anything up to the next character of the template |
 ///
-/// A blank stands for any number of blanks, also none.
+/// A blank stands for any number of blanks, also none. `{skip}` may not stand next
+/// to another field: a digit lost inside a number would be skipped unseen.
 ///
 /// ```text
 /// PT {i} X={x} Y={y} Z={z}

@@ -1,7 +1,7 @@
 //! openumi's own line: everything that is needed to trust it.
 //!
 //! ```text
-//! UMI1 R    17 S     3 B   2 A 2 T 1 F    20.0 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
+//! UMI1 R    17 S     3 B   2 A 2 T 1 F    20.000 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
 //! ```
 //!
 //! | letter | field | range |
@@ -84,7 +84,7 @@
 //! #30=#30+1
 //! END1
 //! #27=#27+#28/10000
-//! DPRNT[UMI1*R#140[50]*S#141[50]*B#142[30]*A#143[10]*T#144[10]*F#145[51]*X#146[53]*Y#147[53]*Z#148[53]*C#27[44]]
+//! DPRNT[UMI1*R#140[50]*S#141[50]*B#142[30]*A#143[10]*T#144[10]*F#145[53]*X#146[53]*Y#147[53]*Z#148[53]*C#27[44]]
 //! M99
 //! ```
 //!
@@ -137,8 +137,8 @@ pub struct CheckedLine {
     pub approach: Option<Approach>,
     /// Whether the probe touched.
     pub touched: bool,
-    /// Feed in steps of 0.1 mm/min.
-    pub feed_tenths: u32,
+    /// Feed in steps of 0.001 mm/min.
+    pub feed_um_per_min: u32,
     /// The point in steps of 0.001 mm.
     pub point_um: [i32; 3],
 }
@@ -155,7 +155,7 @@ impl CheckedLine {
             whole(u32::from(self.feature)),
             whole(u32::from(code_of(self.approach))),
             whole(u32::from(self.touched)),
-            i64::from(self.feed_tenths) * 1000,
+            i64::from(self.feed_um_per_min) * 10,
             x,
             y,
             z,
@@ -180,12 +180,8 @@ impl fmt::Display for CheckedLine {
             self.run, self.sequence, self.feature
         )?;
         write!(f, " A {approach} T {touched}")?;
-        write!(
-            f,
-            " F {:5}.{}",
-            self.feed_tenths / 10,
-            self.feed_tenths % 10
-        )?;
+        let feed = self.feed_um_per_min;
+        write!(f, " F {:5}.{:03}", feed / 1000, feed % 1000)?;
         for (letter, um) in ['X', 'Y', 'Z'].into_iter().zip(self.point_um) {
             let sign = if um < 0 { '-' } else { ' ' };
             let size = um.unsigned_abs();

@@ -11,7 +11,7 @@ const EIA_EOB: u8 = 0x80;
 /// that is not known yet is taken as plain ASCII.
 #[must_use]
 pub fn encode(coding: Coding, ascii: u8) -> Option<u8> {
-    let even = ascii.count_ones() % 2 == 0;
+    let even = ascii.count_ones().is_multiple_of(2);
     match coding {
         _ if !ascii.is_ascii() => None,
         Coding::Auto | Coding::Ascii => Some(ascii),
@@ -31,9 +31,15 @@ mod tests {
     /// Spot values of the capture of the Brother manual (ISO) and of RS-244.
     #[test]
     fn known_bytes() {
-        let iso: Vec<_> = b"X -1.\n".iter().map(|b| encode(Coding::IsoEven, *b)).collect();
+        let iso: Vec<_> = b"X -1.\n"
+            .iter()
+            .map(|b| encode(Coding::IsoEven, *b))
+            .collect();
         assert_eq!(iso, [0xD8, 0xA0, 0x2D, 0xB1, 0x2E, 0x0A].map(Some));
-        let eia: Vec<_> = b"G10X-.%\n".iter().map(|b| encode(Coding::Eia, *b)).collect();
+        let eia: Vec<_> = b"G10X-.%\n"
+            .iter()
+            .map(|b| encode(Coding::Eia, *b))
+            .collect();
         assert_eq!(
             eia,
             [0x67, 0x01, 0x20, 0x37, 0x40, 0x6B, 0x0B, 0x80].map(Some)
@@ -46,7 +52,12 @@ mod tests {
     #[test]
     fn correction_programs_can_be_sent_in_every_code() {
         let all = b"%O0123456789()ABCDEFGHIJKLMNOPQRSTUVWXYZ -.\n";
-        for coding in [Coding::Ascii, Coding::IsoEven, Coding::AsciiOdd, Coding::Eia] {
+        for coding in [
+            Coding::Ascii,
+            Coding::IsoEven,
+            Coding::AsciiOdd,
+            Coding::Eia,
+        ] {
             for byte in all {
                 assert!(encode(coding, *byte).is_some(), "{coding} {byte}");
             }

@@ -9,19 +9,30 @@
 //! however they are cut into pieces. Time is only handed through, and compared
 //! with the job's idle time-out in [`Receiver::on_time`].
 //!
-//! What a control may send, and what therefore is done here:
+//! # What controls send
 //!
-//! * a sign apart from its digits, a missing integer part, a negative zero,
-//!   fields without blanks between them (`number`);
-//! * the high digits dropped without a word, a missed measurement printed as
-//!   zero: such hits carry a doubt ([`Doubts`]);
-//! * any of LF, CR, LF CR, LF CR CR, CR LF or EIA's EOB as a line end;
-//! * DC1 to DC4, NUL, DEL, SI and SO anywhere;
-//! * parity in bit 7, of ISO or EIA code: checked, a line with a wrong
-//!   character is kept and reported, but its values are not used (`coding`);
-//! * part programs punched on the same port (`program`);
-//! * lines sent twice, or not at all ([`checked`]);
-//! * raw binary (BPRNT): refused by name.
+//! Rules that makers' manuals and captures teach; the tests name them.
+//!
+//! 1. Blanks may stand between a sign and its digits: `X - 123.4560` (Brother,
+//!    Fanuc with 6001#1 = 0). The sign belongs to the number that follows.
+//! 2. A value too large for its field loses its high digits without a word
+//!    (Brother, Fanuc), or widens the field (Haas). A hit whose value may have
+//!    lost digits carries a doubt ([`Doubts`]).
+//! 3. An empty variable prints as zero: so does a missed measurement. A point of
+//!    zeros carries a doubt; a single zero can only be caught by a flag.
+//! 4. There is a negative zero: the sign is that before rounding.
+//! 5. The integer part may be missing: `-.46`.
+//! 6. Fields may stand without blanks: `X128.474Y-91.200T23`.
+//! 7. Lines end in LF, CR, LF CR, LF CR CR, CR LF or EIA's EOB; a run is one end.
+//! 8. Control codes stand anywhere: DC1 to DC4, NUL, DEL, SI, SO, and parity in
+//!    bit 7. Parity is checked; a line with a wrong character is kept and
+//!    reported, but its values are not used.
+//! 9. The port may be closed before it is opened: DC4 DC2 at the start.
+//! 10. Lines come twice, after a restart inside a program or from a dry run: run
+//!     and sequence numbers tell ([`checked`]).
+//! 11. BPRNT is raw binary. It is refused by name.
+//!
+//! And part programs are punched on the same port: nothing in them is a point.
 //!
 //! Nothing is dropped silently: every byte is in one of the [`Counters`], every
 //! line becomes an [`Item::Line`], everything wrong an [`Item::Fault`].

@@ -261,7 +261,7 @@ mod tests {
         read(text).unwrap().value
     }
 
-    /// Section 0 rule 1: blanks or asterisks between sign and digits.
+    /// Rule 1: blanks or asterisks between sign and digits.
     #[test]
     fn sign_apart_from_digits() {
         assert_eq!(value("- 123.4560"), -123.456);
@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(value("+ 1.5"), 1.5);
     }
 
-    /// Section 0 rules 4 and 5, and a point without decimals.
+    /// Rules 4 and 5: negative zero, missing integer part; and a point without decimals.
     #[test]
     fn missing_parts_and_negative_zero() {
         assert_eq!(value("-.46"), -0.46);

@@ -55,6 +55,11 @@ impl Partial {
         self.length > 0 || self.lost
     }
 
+    /// Whether it is a `%` and nothing else, in any code.
+    fn is_percent(&self) -> bool {
+        self.length == 1 && matches!(self.last_byte(), Some(0x25 | 0xA5 | 0x0B))
+    }
+
     fn last_byte(&self) -> Option<u8> {
         let last = self.length.checked_sub(1)?;
         self.bytes.get(last).copied()
@@ -87,6 +92,11 @@ impl Receiver {
         counters.bytes += 1;
         let partial = &mut self.partial;
         match byte {
+            // Feed after the `%` that ends a tape, which often has no line end.
+            0x00 if partial.is_percent() => {
+                counters.bytes_control += 1;
+                self.end_line(None, sink);
+            }
             // Feed before a line, and more than one of it.
             0x7F | 0xFF if partial.length == 0 => counters.bytes_control += 1,
             0x00 if matches!(partial.last_byte(), None | Some(0x00)) => counters.bytes_control += 1,

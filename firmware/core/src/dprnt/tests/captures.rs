@@ -29,7 +29,7 @@ fn brother() -> [LinePattern; 1] {
     [template("X{x}Y{y}Z{skip}", None)]
 }
 
-/// M1 and M2: the text is as printed, X has its sign, Y its remaining digits.
+/// Rules 1, 5 and 8. M1 and M2: the text is as printed, X has its sign, Y its remaining digits.
 #[test]
 fn m1_m2_brother_dprnt() {
     let m1 = run(&config(&brother()), &M1);
@@ -54,7 +54,8 @@ fn m1_m2_brother_dprnt() {
     }
 }
 
-/// M1 again as a job would declare it, `[22]` for Y: 23.46 may have been 123.46.
+/// Rule 2. M1 again as a job would declare it, `[22]` for Y: 23.46 may have been
+/// 123.46.
 #[test]
 fn m1_dropped_digits_are_suspect() {
     let format = FieldFormat {
@@ -68,7 +69,7 @@ fn m1_dropped_digits_are_suspect() {
     assert!(with_z.codes().contains(&FaultCode::OverflowSuspect));
 }
 
-/// M3, M4 and C5: BPRNT of Brother, NCT and Fanuc is refused by its name and
+/// Rule 11. M3, M4 and C5: BPRNT of Brother, NCT and Fanuc is refused by its name and
 /// gives no point, whatever the pattern.
 #[test]
 fn m3_m4_c5_bprnt_is_refused() {
@@ -153,7 +154,7 @@ fn r2_haas_xmodem_answers() {
     assert_eq!(seen.codes().len(), 1, "{:?}", seen.faults);
 }
 
-/// C1, C2, C3: Fanuc, `[53][53][20]`, with and without leading blanks, LF and
+/// Rules 6, 7 and 8. C1, C2, C3: Fanuc, `[53][53][20]`, with and without leading blanks, LF and
 /// LF CR, between DC2 and DC4.
 #[test]
 fn c1_c2_c3_fanuc_xyt() {
@@ -205,7 +206,7 @@ fn p_words(integer_digits: u8) -> [LinePattern; 1] {
     [LinePattern::LabelledWords(pattern)]
 }
 
-/// C6: a negative zero is zero.
+/// Rule 4. C6: a negative zero is zero.
 #[test]
 fn c6_negative_zero() {
     let seen = run(&config(&p_words(4)), b"P 1 X  12.346 Y-  0.000 Z-100.000\n");
@@ -215,7 +216,7 @@ fn c6_negative_zero() {
     assert_eq!(seen.codes(), []);
 }
 
-/// C7: two null coordinates beside a real one cannot be told from a point on
+/// Rule 3. C7: two null coordinates beside a real one cannot be told from a point on
 /// the axis; three can, and are doubted.
 #[test]
 fn c7_null_prints_as_zero() {
@@ -228,7 +229,7 @@ fn c7_null_prints_as_zero() {
     assert_eq!(seen.codes(), [FaultCode::NullPoint]);
 }
 
-/// C8: 1234.5678 and -1234.5 in `[33]` lose a digit. With the travel known, X
+/// Rule 2. C8: 1234.5678 and -1234.5 in `[33]` lose a digit. With the travel known, X
 /// and Y are suspect and Z is not; without it, all full fields are.
 #[test]
 fn c8_overflow_is_suspected() {
@@ -254,7 +255,7 @@ fn c8_overflow_is_suspected() {
     }
 }
 
-/// C9: Autodesk's post closes the port before it opens it; START, END and the
+/// Rule 9. C9: Autodesk's post closes the port before it opens it; START, END and the
 /// header lines are text, the points are read.
 #[test]
 fn c9_fusion_results() {
@@ -270,7 +271,7 @@ fn c9_fusion_results() {
     assert_eq!(seen.hits[0].index, Some(1));
 }
 
-/// C10: XOFF and XON inside a number.
+/// Rule 8. C10: XOFF and XON inside a number.
 #[test]
 fn c10_xon_xoff_inside_a_number() {
     let patterns = [words("G801", "X", "")];

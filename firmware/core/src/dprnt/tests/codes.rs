@@ -78,7 +78,7 @@ fn test_encoder_follows_rs244() {
     assert_eq!(seen.texts(), [core::str::from_utf8(all).unwrap()]);
 }
 
-/// In a code with parity no single wrong bit gets through, wherever it is: the
+/// Rule 8: in a code with parity no single wrong bit gets through, wherever it is: the
 /// wrong point is never reported, and the line (or its end) is named.
 #[test]
 fn no_single_wrong_bit_gets_through() {

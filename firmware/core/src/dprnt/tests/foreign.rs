@@ -24,7 +24,7 @@ fn format_line(text: &str) -> std::string::String {
     std::format!("{text}\n")
 }
 
-/// Words in any order, glued or apart, with `=` nowhere and nothing else.
+/// Rule 6: words in any order, glued or apart, with `=` nowhere and nothing else.
 #[test]
 fn labelled_words() {
     let pattern = words("", "XYZ", "RT");
@@ -221,7 +221,7 @@ fn grbl_lines() {
     }
 }
 
-/// The overflow rule against a search over all values that print the same.
+/// Rule 2 against a search over all values that print the same.
 #[test]
 fn overflow_rule_is_that_of_the_search() {
     let format = |integer_digits| FieldFormat {
@@ -431,6 +431,30 @@ fn bad_templates() {
     ] {
         config(&[template(good, None)]);
     }
+}
+
+/// A job file needs to say only what differs from the usual.
+#[test]
+fn defaults_of_a_job_file() {
+    let json = r#"{"patterns": [
+        {"block": {}}, {"point_line": {}}, "grbl_probe",
+        {"labelled_words": {"prefix": "G801", "format": {"integer_digits": 5, "decimals": 3}}}
+    ]}"#;
+    let read: ReceiverConfig = serde_json::from_str(json).unwrap();
+    let words = LabelledWordsPattern {
+        prefix: "G801".try_into().unwrap(),
+        format: Some(FieldFormat::F53),
+        ..LabelledWordsPattern::default()
+    };
+    let patterns = [
+        block(),
+        point_line(),
+        LinePattern::GrblProbe,
+        LinePattern::LabelledWords(words),
+    ];
+    assert_eq!(read, config(&patterns));
+    let unknown = r#"{"patterns": ["grbl_probe"], "baud": 9600}"#;
+    assert!(serde_json::from_str::<ReceiverConfig>(unknown).is_err());
 }
 
 /// The receiver is small enough for a board with 16 KB of memory.

@@ -391,7 +391,7 @@ fn line(run: u32, sequence: u32) -> CheckedLine {
         feature: 2,
         approach: Some(Approach::MinusZ),
         touched: true,
-        feed_tenths: 200,
+        feed_um_per_min: 20_000,
         point_um: [-135_019, -136_620, 148_609],
     }
 }
@@ -418,7 +418,7 @@ fn checked_line() {
     assert_eq!((hit.feed_mm_per_min, seen.codes()), (Some(20.0), vec![]));
 }
 
-/// Section 0 rule 10: lines come again after a restart. Each counts once; what
+/// Rule 10: lines come again after a restart. Each counts once; what
 /// is missing is named, and what contradicts.
 #[test]
 fn gaps_and_repeats() {

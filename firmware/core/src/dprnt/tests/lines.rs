@@ -14,7 +14,7 @@ use crate::units::Micros;
 const POINT: &[u8] = b"POINT: 1.0000 2.0000 3.0000";
 const XYZ: [f64; 3] = [1.0, 2.0, 3.0];
 
-/// Every line end that controls send, and runs of them, is one end; a run makes
+/// Rule 7: every line end that controls send, and runs of them, is one end; a run makes
 /// no blank lines.
 #[test]
 fn all_line_ends() {
@@ -40,7 +40,7 @@ fn blank_lines_separate() {
     assert_eq!(seen.codes(), []);
 }
 
-/// DC2 and DC4 around the text, before it (as Autodesk's post sends them), and
+/// Rules 8 and 9: DC2 and DC4 around the text, before it (as Autodesk's post sends them), and
 /// alone: none spoils a line.
 #[test]
 fn session_marks_spoil_nothing() {
@@ -57,7 +57,7 @@ fn session_marks_spoil_nothing() {
     }
 }
 
-/// NUL, DEL, XON, XOFF, SI and SO are dropped wherever they stand.
+/// Rule 8: NUL, DEL, XON, XOFF, SI and SO are dropped wherever they stand.
 #[test]
 fn control_codes_are_dropped_anywhere() {
     for (code, name) in [

@@ -1,8 +1,7 @@
 //! The receiver as a whole: the rules of the wire, captures, properties.
 //!
-//! Captures are named as in the project's collection of wire facts: R was
-//! recorded on a machine, M is printed in a maker's manual, C is constructed
-//! from the makers' rules.
+//! Rules are those in the documentation of [`super`]. Captures: R was recorded on
+//! a machine, M is printed in a maker's manual, C is constructed from the rules.
 
 mod captures;
 mod codes;

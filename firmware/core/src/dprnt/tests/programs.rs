@@ -169,9 +169,24 @@ fn last_percent_without_line_end() {
             }]
         );
     }
-    let seen = run_pieces(&all_patterns(), &[(0, &program), (120_000, POINT)]);
-    assert_eq!(seen.codes(), [FaultCode::ProgramReceived]);
-    assert_eq!(seen.points().len(), 1);
+    // The feed after it shows that nothing more belongs to it, in every code.
+    for encode in [<[u8]>::to_vec, iso, odd] {
+        let mut bytes = encode(&program[..program.len() - 3]);
+        bytes.extend_from_slice(&[0; 3]);
+        bytes.extend_from_slice(&encode(POINT));
+        let seen = run(&all_patterns(), &bytes);
+        assert_eq!(
+            (seen.codes(), seen.hits.len()),
+            (vec![FaultCode::ProgramReceived], 1)
+        );
+    }
+    // Without feed, silence does.
+    let program = &program[..program.len() - 3];
+    let seen = run_pieces(&all_patterns(), &[(0, program), (120_000, POINT)]);
+    assert_eq!(
+        (seen.codes(), seen.hits.len()),
+        (vec![FaultCode::ProgramReceived], 1)
+    );
 }
 
 /// A damaged line in a program belongs to it and ends nothing.

@@ -54,7 +54,7 @@ fn stream() -> impl Strategy<Value = Vec<u8>> {
         "- 1",
         ".5",
         "*",
-        "UMI1 R    17 S     3 B   2 A 2 T 1 F    20.0 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474\n",
+        "UMI1 R    17 S     3 B   2 A 2 T 1 F    20.000 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474\n",
     ];
     let piece = prop_oneof![
         8 => prop::sample::select(PIECES).prop_map(|text| text.as_bytes().to_vec()),
