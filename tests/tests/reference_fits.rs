@@ -273,3 +273,29 @@ fn a_wrong_top_hit_leaves_no_residual() {
     assert!((wrong.radius.0 - right.radius.0).abs() < 0.002);
     assert!((wrong.center.mm.z - right.center.mm.z).abs() > 0.17);
 }
+
+/// The last bits of a few results, which must be the same on every target and at
+/// every optimisation level (an `f64` printed by Rust reads back as itself). A
+/// change of an algorithm may change them; then journals of older boards replay to
+/// other last digits, and the changelog has to say so.
+#[test]
+fn the_last_bits_are_pinned() {
+    let fit = fit::sphere::fit(&cases::case("sphere_thesis_table_4_1").points(0)).unwrap();
+    let center = [-136.71050085452873, 136.4119988580253, 136.12124443203012];
+    assert_eq!(fit.center.to_array_mm(), center);
+    assert_eq!(fit.radius.0, 12.711755562460086);
+
+    let fit = fit::cylinder::fit(&cases::case("cylinder_arc100_n45_10um").points(0)).unwrap();
+    let point = [
+        0.006642869333229592,
+        0.0009967305410195227,
+        -67.48919148363763,
+    ];
+    assert_eq!(fit.point.to_array_mm(), point);
+    assert_eq!(fit.radius.0, 92.88177953508813);
+
+    let fit = fit::cone::fit(&cases::case("cone_half30_n24_1um").points(0)).unwrap();
+    let apex = [4.999592173357842, 4.999796719143445, 4.997408423022101];
+    assert_eq!(fit.apex.to_array_mm(), apex);
+    assert_eq!(fit.half_angle.0, 0.5235758126439305);
+}

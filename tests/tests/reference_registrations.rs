@@ -139,3 +139,25 @@ fn distances_change_with_the_plate_and_not_with_its_place() {
         "length_mismatch"
     );
 }
+
+/// As `the_last_bits_are_pinned` of the fits.
+#[test]
+fn the_last_bits_are_pinned() {
+    let case = cases::case("registration_thesis_table_4_2_case4");
+    let fit = register(&case.points(0), &case.points(3)).unwrap();
+    let first_row: Vec<f64> = fit.transform.rotation.row(0).iter().copied().collect();
+    assert_eq!(
+        first_row,
+        [
+            0.9992891189153111,
+            0.03769955900547247,
+            8.261595567110248e-6
+        ]
+    );
+    let translation = [
+        -35.18458581694781,
+        -0.27679309687778186,
+        -0.008997432114199455,
+    ];
+    assert_eq!(fit.transform.translation_mm.as_slice(), translation);
+}

@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 
 use super::axis::Axis;
-use super::axis_search::{Axial, search};
+use super::axis_search::{Axial, search, search_near};
 use super::cloud::Cloud;
 use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Cholesky, added, canonical_sign, largest_variance, norm, propagate, unit};
+use super::linalg::{Cholesky, added, canonical_sign, largest_variance, norm, propagate};
 use super::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
@@ -49,19 +49,18 @@ pub fn fit(points: &[Point]) -> Result<CylinderFit, FitError> {
     fit_from(&cloud, search(&cloud, &spread)?)
 }
 
-/// Fits the cylinder that is found from a nominal direction (any length), good
-/// to some 20 degrees for whole cylinders and to 5 for partial arcs.
+/// Fits the best cylinder whose axis is within 30 degrees of a nominal direction
+/// (any length, either sense). For a hint off by less than 10 degrees, 5 for
+/// partial arcs, it is what [`fit`] finds.
 ///
 /// # Errors
-/// As [`fit`], but never that the answer is ambiguous; `degenerate` if
-/// `direction` has no length.
+/// As [`fit`], but only another answer within those 30 degrees makes it
+/// ambiguous; `degenerate` if `direction` has no length; `no_convergence` if there
+/// is no minimum in that range.
 pub fn fit_near(points: &[Point], direction: &Vector3<f64>) -> Result<CylinderFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
     cloud.spread().require_space()?;
-    let direction = unit(direction).ok_or(FitError::NoDirection)?;
-    let (start, _) =
-        Tube::guess(&direction, &cloud.local()).ok_or(FitError::NoConvergence { iterations: 0 })?;
-    fit_from(&cloud, start)
+    fit_from(&cloud, search_near(&cloud, direction)?)
 }
 
 fn fit_from(cloud: &Cloud<'_>, start: Tube) -> Result<CylinderFit, FitError> {

@@ -4,6 +4,7 @@ mod motion;
 mod refusals;
 mod scatter;
 mod shapes;
+mod wild;
 
 use std::vec::Vec;
 
