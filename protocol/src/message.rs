@@ -163,10 +163,18 @@ pub enum Record {
         /// The firmware that runs.
         identity: Identity,
     },
-    /// The journal was opened after a power cut that tore its last entry.
+    /// The journal was opened and something of it was lost: an entry torn by a power
+    /// cut, or damage.
     Recovered {
         /// Bytes of the torn entry, given up.
         torn_bytes: u32,
+        /// Entries that had been kept and cannot be read any more.
+        damaged_entries: u64,
+        /// Sectors whose header cannot be read any more.
+        damaged_headers: u32,
+        /// The chain could not be followed to its end and goes on from the last
+        /// entry that could be proven.
+        chain_restarted: bool,
     },
     /// A job was set, or restored at start.
     JobSet(Job),

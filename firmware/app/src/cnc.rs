@@ -16,8 +16,10 @@
 //!
 //! # Limitations
 //!
-//! In EIA and odd-parity codes 0x13 is a character (EIA's `3`), and only 0x93 is
-//! XOFF. Until the code has been detected, 0x13 counts as XOFF too.
+//! In EIA 0x13 is the digit 3, and only 0x93 is XOFF. Until EIA has been detected,
+//! 0x13 counts as XOFF: it stops nothing but a correction that is being sent.
+//!
+//! A READ that comes before its verdict gets nothing; the control asks again.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,16 +30,17 @@ use umi_core::dprnt::encode;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
+use umi_protocol::message::MAX_BYTES;
 use umi_protocol::pattern::Coding;
 
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
-use crate::measure::{Bytes, Correction, Input};
+use crate::measure::{Bytes, Correction, Input, PIECE};
 
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
-/// XOFF with even parity.
-const XOFF_EVEN: u8 = 0x93;
+/// Set by parity in DC codes: in XOFF by even, in XON by odd parity.
+const PARITY: u8 = 0x80;
 
 /// A control that does not say XON again for this long has given up.
 pub const XOFF_PATIENCE_US: u64 = 60_000_000;
@@ -48,8 +51,8 @@ pub(crate) struct Flow {
     stopped: AtomicBool,
     /// A correction is being sent.
     sending: AtomicBool,
-    /// Characters have odd parity, so 0x13 is one of them.
-    odd: AtomicBool,
+    /// The control writes EIA, where 0x13 is a digit.
+    eia: AtomicBool,
     /// The control said XON while it was stopped.
     resumed: Signal<CriticalSectionRawMutex, ()>,
     /// A correction is to go out now.
@@ -61,7 +64,7 @@ impl Flow {
         Self {
             stopped: AtomicBool::new(false),
             sending: AtomicBool::new(false),
-            odd: AtomicBool::new(false),
+            eia: AtomicBool::new(false),
             resumed: Signal::new(),
             go: Signal::new(),
         }
@@ -69,16 +72,15 @@ impl Flow {
 
     /// Notes the code in which the control writes.
     pub fn note_coding(&self, coding: Coding) {
-        let odd = matches!(coding, Coding::Eia | Coding::AsciiOdd);
-        self.odd.store(odd, Ordering::Relaxed);
+        self.eia.store(coding == Coding::Eia, Ordering::Relaxed);
     }
 
     /// Looks at a byte from the control.
     fn see(&self, byte: u8) {
-        let odd = self.odd.load(Ordering::Relaxed);
-        if byte == XOFF_EVEN || (byte == XOFF && !odd) {
+        let digit = byte == XOFF && self.eia.load(Ordering::Relaxed);
+        if byte & !PARITY == XOFF && !digit {
             self.stopped.store(true, Ordering::Relaxed);
-        } else if byte == XON {
+        } else if byte & !PARITY == XON {
             self.stopped.store(false, Ordering::Relaxed);
             if self.sending.load(Ordering::Relaxed) {
                 self.resumed.signal(());
@@ -95,38 +97,40 @@ pub(crate) async fn receive<F: Flash>(
     rx: &mut impl CncRx,
     clock: &impl Clock,
 ) -> ! {
-    let mut buffer = Bytes::new();
     let mut lost: u32 = 0;
     loop {
-        buffer.resize_default(buffer.capacity()).unwrap_or(());
-        let got = rx.read(&mut buffer).await;
-        let now = clock.now();
-        let (input, bytes) = match got {
-            CncInput::Bytes(count) => {
-                buffer.truncate(count);
-                buffer.iter().for_each(|byte| app.flow.see(*byte));
-                (Input::Bytes(buffer.clone()), buffer.len())
+        let mut buffer = [0; MAX_BYTES];
+        let input = if lost == 0 {
+            rx.read(&mut buffer).await
+        } else {
+            // The count takes the place of what it counts as soon as there is room,
+            // also if nothing more comes.
+            let tell = app.inputs.send((clock.now(), Input::Lost(lost)));
+            match select(tell, rx.read(&mut buffer)).await {
+                Either::First(()) => {
+                    lost = 0;
+                    continue;
+                }
+                Either::Second(input) => input,
             }
-            CncInput::Lost(count) => (Input::Lost(count), 0),
-            CncInput::End => (Input::End, 0),
         };
-        if matches!(input, Input::End) {
+        match input {
+            CncInput::Bytes(count) => {
+                let bytes = buffer.get(..count).unwrap_or_default();
+                bytes.iter().for_each(|byte| app.flow.see(*byte));
+                for piece in bytes.chunks(PIECE) {
+                    let raw = Bytes::from_slice(piece).unwrap_or_default();
+                    let input = (clock.now(), Input::Bytes(raw));
+                    // Behind a loss nothing may go before its count.
+                    if lost > 0 || app.inputs.try_send(input).is_err() {
+                        let more = u32::try_from(piece.len()).unwrap_or(u32::MAX);
+                        lost = lost.saturating_add(more);
+                    }
+                }
+            }
+            CncInput::Lost(count) => lost = lost.saturating_add(count),
             // Only a captured file ends, and it can wait.
-            app.inputs.send((now, input)).await;
-            continue;
-        }
-        // A loss stands where the bytes would have stood, so that what follows
-        // is not taken for their continuation.
-        if lost > 0 && app.inputs.try_send((now, Input::Lost(lost))).is_ok() {
-            lost = 0;
-        }
-        let queued = lost == 0 && app.inputs.try_send((now, input.clone())).is_ok();
-        if !queued {
-            let more = match input {
-                Input::Lost(count) => count,
-                _ => u32::try_from(bytes).unwrap_or(u32::MAX),
-            };
-            lost = lost.saturating_add(more);
+            CncInput::End => app.inputs.send((clock.now(), Input::End)).await,
         }
     }
 }
@@ -149,8 +153,10 @@ pub(crate) async fn transmit<F: Flash>(
             continue;
         };
         app.flow.sending.store(true, Ordering::Relaxed);
-        // An XOFF from before READ was meant for nobody.
-        app.flow.stopped.store(false, Ordering::Relaxed);
+        if asked == SendWhen::OnRequest {
+            // Who asks can take it; an XOFF from before was for nobody.
+            app.flow.stopped.store(false, Ordering::Relaxed);
+        }
         app.flow.resumed.reset();
         let (bytes, complete) = send(app, tx, clock, &correction).await;
         app.flow.sending.store(false, Ordering::Relaxed);
@@ -172,8 +178,7 @@ async fn send<F: Flash>(
             return (sent, false);
         };
         while app.flow.stopped.load(Ordering::Relaxed) {
-            let give_up = Micros(clock.now().0.saturating_add(XOFF_PATIENCE_US));
-            let waited = select(app.flow.resumed.wait(), clock.wait_until(give_up)).await;
+            let waited = select(app.flow.resumed.wait(), patience(clock)).await;
             if matches!(waited, Either::Second(())) {
                 return (sent, false);
             }
@@ -183,10 +188,18 @@ async fn send<F: Flash>(
         if !app.measure.lock().await.is_armed(correction.plate) {
             return (sent, false);
         }
-        if tx.write(byte).await.is_err() {
+        // CTS may hold the driver as XOFF holds us.
+        let written = select(tx.write(byte), patience(clock)).await;
+        if !matches!(written, Either::First(Ok(()))) {
             return (sent, false);
         }
         sent += 1;
     }
     (sent, true)
+}
+
+/// Waits as long as a control may hold the line.
+async fn patience(clock: &impl Clock) {
+    let give_up = clock.now().0.saturating_add(XOFF_PATIENCE_US);
+    clock.wait_until(Micros(give_up)).await;
 }

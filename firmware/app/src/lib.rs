@@ -59,9 +59,9 @@ use measure::{Input, Measure};
 
 pub use cnc::XOFF_PATIENCE_US;
 
-/// Inputs that can wait: 2 KB, which is 0.18 s at 115200 baud. A fit takes a
-/// fraction of that on the slowest board.
-pub const QUEUE: usize = 8;
+/// Inputs that can wait: 2 KB in full pieces, which is 0.18 s at 115200 baud, or
+/// as many short lines. A fit takes a fraction of that on the slowest board.
+pub const QUEUE: usize = 32;
 
 /// The application's state, shared by its tasks.
 pub struct App<F: Flash> {

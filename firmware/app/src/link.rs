@@ -27,21 +27,15 @@ pub(crate) async fn serve<F: Flash>(
     tx: &mut impl LinkTx,
     clock: &impl Clock,
 ) -> ! {
-    let mut decoder = Decoder::new();
+    let mut decoder;
     let mut out = [0; MAX_BOARD_FRAME];
     loop {
         rx.connected().await;
         // What the last connection left unfinished is no part of this one.
-        decoder = restarted(decoder);
+        decoder = Decoder::new();
         let Err(Broken) = connection(app, rx, tx, clock, &mut decoder, &mut out).await;
         app.measure.lock().await.book.events.switch(false);
     }
-}
-
-/// A decoder that begins with the next delimiter; what it has counted is gone
-/// with the connection.
-fn restarted(_: Decoder<MAX_HOST_FRAME>) -> Decoder<MAX_HOST_FRAME> {
-    Decoder::new()
 }
 
 /// Never returns but by a broken link.
@@ -59,19 +53,28 @@ async fn connection<F: Flash>(
             Either::First(count) => {
                 let mut bytes = packet.get(..count?).unwrap_or_default();
                 while let Some(frame) = decoder.next_frame(&mut bytes) {
-                    tx.write(respond(app, clock, &frame, out).await).await?;
+                    let answer = respond(app, clock, &frame, out).await;
+                    if !answer.is_empty() {
+                        tx.write(answer).await?;
+                    }
                 }
             }
             Either::Second(()) => {}
         }
-        while let Some(frame) = app.measure.lock().await.book.events.pop(out) {
+        loop {
+            // The lock ends with this statement: measuring never waits for a host.
+            let popped = app.measure.lock().await.book.events.pop(out);
+            let Some(frame) = popped else {
+                break;
+            };
             tx.write(frame).await?;
         }
     }
 }
 
 /// The answer to a frame. What cannot be opened is answered with a Hello: it says
-/// who we are and which messages we know.
+/// who we are and which messages we know. What only a board sends is our own,
+/// echoed by the line, and is not answered: the echo would go round for ever.
 async fn respond<'b, F: Flash>(
     app: &App<F>,
     clock: &impl Clock,
@@ -84,7 +87,18 @@ async fn respond<'b, F: Flash>(
             let response = answer(&mut measure, clock.now(), request);
             encode(frame.sequence, &response, out)
         }
-        _ => encode(frame.sequence, &Hello::new(&measure.book.sender()), out),
+        (Kind::Response | Kind::Event, _) => return &[],
+        (kind, _) => {
+            let hello = Hello::new(&measure.book.sender());
+            if kind == Kind::Hello {
+                if frame.open::<Hello>().as_ref() == Ok(&hello) {
+                    return &[];
+                }
+                // A host that begins has not asked for events yet.
+                measure.book.events.switch(false);
+            }
+            encode(frame.sequence, &hello, out)
+        }
     };
     // The buffer holds the longest frame.
     encoded.unwrap_or_default()

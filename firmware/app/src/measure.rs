@@ -9,8 +9,9 @@
 //!
 //! A correction is armed by a verdict OK that *is in the journal*, and by
 //! nothing else. It is disarmed by the next hit (a new measurement has begun),
-//! by a verdict NG and by a new job. While it is armed the control may read it
-//! as often as it asks.
+//! by a verdict NG, by a new job, and once it has gone out completely: the next
+//! clamping must not get it by a READ without probing. One that broke off may be
+//! read again.
 //!
 //! # Tradeoffs
 //!
@@ -23,7 +24,7 @@ use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::job::{Job, Name, SendWhen};
-use umi_protocol::message::{Event, Identity, LatchReport, MAX_BYTES, MAX_RECORD, Record};
+use umi_protocol::message::{Event, Identity, LatchReport, MAX_RECORD, Record};
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::MAX_CORRECTION;
@@ -32,8 +33,11 @@ use crate::board::Lights;
 use crate::events::Events;
 use crate::settings::{Settings, points, positions_mm};
 
+/// Bytes of one input, at most: small, so that many short lines can wait.
+pub const PIECE: usize = 64;
+
 /// Raw bytes of one input.
-pub type Bytes = Vec<u8, MAX_BYTES>;
+pub type Bytes = Vec<u8, PIECE>;
 
 /// What comes in on the control's port, with the time of its last byte.
 #[derive(Clone, Debug)]
@@ -45,6 +49,9 @@ pub enum Input {
     /// The input ended.
     End,
 }
+
+/// Room in the journal that a plate may need: its bytes, features and verdict.
+const ROOM: u32 = 4 * MAX_RECORD as u32;
 
 /// A correction program on its way to the control.
 #[derive(Clone, Debug)]
@@ -100,6 +107,14 @@ impl<F: Flash> Measure<F> {
         now: Micros,
     ) -> Result<Self, Error<F::Error>> {
         let (journal, recovery) = Journal::open(journal)?;
+        let max = journal.max_payload();
+        if max < MAX_RECORD {
+            // Its sectors are too small for the longest record.
+            return Err(Error::PayloadTooLong {
+                len: MAX_RECORD,
+                max,
+            });
+        }
         let mut measure = Self {
             brain: None,
             settings: Settings::open(settings)?,
@@ -120,8 +135,13 @@ impl<F: Flash> Measure<F> {
         let identity = measure.book.identity.clone();
         measure.book.record(now, Record::Boot { identity });
         if !recovery.is_clean() {
-            let torn_bytes = recovery.torn_bytes;
-            measure.book.record(now, Record::Recovered { torn_bytes });
+            let record = Record::Recovered {
+                torn_bytes: recovery.torn_bytes,
+                damaged_entries: recovery.damaged_entries,
+                damaged_headers: recovery.damaged_headers,
+                chain_restarted: recovery.chain_restarted,
+            };
+            measure.book.record(now, record);
         }
         if let Some((job, taught)) = measure.settings.load(&mut measure.book.scratch) {
             // A job that this firmware would not take any more is no job.
@@ -144,7 +164,9 @@ impl<F: Flash> Measure<F> {
         book.record(
             now,
             match input {
-                Input::Bytes(raw) => Record::Bytes { raw: raw.clone() },
+                Input::Bytes(raw) => Record::Bytes {
+                    raw: raw.iter().copied().collect(),
+                },
                 Input::Lost(count) => Record::BytesLost { count: *count },
                 Input::End => Record::InputEnd,
             },
@@ -159,6 +181,16 @@ impl<F: Flash> Measure<F> {
             Input::End => brain.input_ended(now, out),
         }
         self.keep_taught(now);
+        self.make_room();
+    }
+
+    /// Erases ahead while nothing is at stake, so that no erase falls into a plate.
+    fn make_room(&mut self) {
+        let busy = self.brain.as_ref().is_some_and(|b| b.run().is_under_way());
+        // A fault of the storage shows at the next entry, and is counted there.
+        if !busy {
+            let _ = self.book.journal.prepare(ROOM);
+        }
     }
 
     /// When [`Self::on_time`] is due.
@@ -246,6 +278,9 @@ impl<F: Flash> Measure<F> {
             complete,
         };
         self.book.record(now, record);
+        if complete && self.is_armed(plate) {
+            self.book.disarm();
+        }
     }
 
     /// The code in which the control writes, as far as it is known.

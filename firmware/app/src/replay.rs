@@ -14,6 +14,7 @@ pub struct Replay {
     /// behind its length.
     expected: heapless::Deque<u8, EXPECTED>,
     decisions: u64,
+    interruptions: u64,
 }
 
 /// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
@@ -63,6 +64,7 @@ impl Replay {
             brain: None,
             expected: heapless::Deque::new(),
             decisions: 0,
+            interruptions: 0,
         }
     }
 
@@ -89,9 +91,10 @@ impl Replay {
             }
             Record::Recovered { .. } | Record::CorrectionSent { .. } | Record::Latch(_) => Ok(()),
             Record::Boot { .. } => {
-                let complete = self.nothing_expected();
+                // The power may have gone between an input and its decisions.
+                self.interrupted();
                 self.brain = None;
-                complete
+                Ok(())
             }
             Record::JobSet(job) => {
                 let complete = self.nothing_expected();
@@ -109,6 +112,20 @@ impl Replay {
                 self.input(now, record, scratch)?;
                 complete
             }
+        }
+    }
+
+    /// Ends of power cycles at which the last input's decisions are not in the
+    /// journal any more, because the power went between the two.
+    #[must_use]
+    pub const fn interruptions(&self) -> u64 {
+        self.interruptions
+    }
+
+    fn interrupted(&mut self) {
+        if !self.expected.is_empty() {
+            self.expected.clear();
+            self.interruptions += 1;
         }
     }
 

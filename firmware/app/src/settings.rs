@@ -2,11 +2,13 @@
 //! the reference that was taught.
 //!
 //! Both stand in one entry of a small journal of their own, so that they change
-//! together or not at all; the newest entry counts.
+//! together or not at all; the newest entry counts. The schema key stands before
+//! them, so that a layout of another version is never misread.
 
 use heapless::Vec;
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::{Micros, Point};
+use umi_protocol::hello::KEY;
 use umi_protocol::job::{Job, MAX_DATUMS};
 use umi_protocol::message::MAX_RECORD;
 
@@ -40,7 +42,7 @@ impl<F: Flash> Settings<F> {
             return None;
         }
         match postcard::take_from_bytes(found.entry.payload) {
-            Ok((settings, [])) => Some(settings),
+            Ok(((KEY, job, taught), [])) => Some((job, taught)),
             _ => None,
         }
     }
@@ -56,7 +58,7 @@ impl<F: Flash> Settings<F> {
         taught: Option<&Positions>,
         scratch: &mut [u8; MAX_RECORD],
     ) -> Result<(), NotKept> {
-        let payload = postcard::to_slice(&(job, taught), scratch).map_err(|_| NotKept)?;
+        let payload = postcard::to_slice(&(KEY, job, taught), scratch).map_err(|_| NotKept)?;
         self.journal
             .append(KIND, now, payload)
             .map_err(|_| NotKept)?;

@@ -261,7 +261,18 @@ pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
 fn record(record: &Record) -> Value {
     match record {
         Record::Boot { identity: of } => json!({"type": "boot", "identity": identity(of)}),
-        Record::Recovered { torn_bytes } => json!({"type": "recovered", "torn_bytes": torn_bytes}),
+        Record::Recovered {
+            torn_bytes,
+            damaged_entries,
+            damaged_headers,
+            chain_restarted,
+        } => json!({
+            "type": "recovered",
+            "torn_bytes": torn_bytes,
+            "damaged_entries": damaged_entries,
+            "damaged_headers": damaged_headers,
+            "chain_restarted": chain_restarted,
+        }),
         Record::JobSet(job) => json!({"type": "job_set", "job": job}),
         Record::ReferenceRestored { positions_mm } => {
             json!({"type": "reference_restored", "positions_mm": positions_mm})

@@ -1,6 +1,9 @@
 //! The openumi host library.
 
+pub mod audit;
+pub mod capture;
 pub mod failure;
+pub mod gather;
 pub mod jobfile;
 pub mod jobtext;
 pub mod json;

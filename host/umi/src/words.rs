@@ -33,10 +33,20 @@ pub fn record(record: &Record) -> String {
             "started: board {} {}, firmware {}",
             identity.board, identity.serial, identity.firmware
         ),
-        Record::Recovered { torn_bytes } => paint(
-            CAUTION,
-            format_args!("power failed while writing: {torn_bytes} bytes of an entry given up"),
-        ),
+        Record::Recovered {
+            torn_bytes,
+            damaged_entries,
+            damaged_headers,
+            chain_restarted,
+        } => {
+            let mut text = format!(
+                "journal recovered: {torn_bytes} bytes of an unfinished entry given up, {damaged_entries} entries and {damaged_headers} sector headers damaged"
+            );
+            if *chain_restarted {
+                text.push_str(", the chain goes on from the last entry that could be proven");
+            }
+            paint(CAUTION, text)
+        }
         Record::JobSet(job) => format!(
             "job {}: {}, {}",
             job.name,

@@ -107,7 +107,12 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         None => Record::Boot {
             identity: identity(),
         },
-        Some(Record::Boot { .. }) => Record::Recovered { torn_bytes: 17 },
+        Some(Record::Boot { .. }) => Record::Recovered {
+            torn_bytes: 17,
+            damaged_entries: 2,
+            damaged_headers: 1,
+            chain_restarted: true,
+        },
         Some(Record::Recovered { .. }) => Record::JobSet(job()),
         Some(Record::JobSet(_)) => Record::ReferenceRestored {
             positions_mm: list([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.0]]),

@@ -1,10 +1,13 @@
 //! The commands: one file each, with options, help and what is done.
 
+mod demo;
 mod fit;
 mod info;
 mod job;
 mod log;
 mod register;
+mod replay;
+mod virtual_board;
 
 use clap::{Args, Subcommand};
 use umi::failure::Failure;
@@ -13,33 +16,43 @@ use umi::link::Client;
 /// A command with its options.
 #[derive(Subcommand)]
 pub enum Command {
+    Demo(demo::Demo),
     Fit(fit::Fit),
     Register(register::Register),
+    Replay(replay::Replay),
     Job(job::Job),
     Info(info::Info),
     Log(log::Log),
+    #[command(name = "virtual")]
+    Virtual(virtual_board::Virtual),
 }
 
 impl Command {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
         match self {
+            Self::Demo(command) => command.run(),
             Self::Fit(command) => command.run(),
             Self::Register(command) => command.run(),
+            Self::Replay(command) => command.run(),
             Self::Job(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
+            Self::Virtual(command) => command.run(),
         }
     }
 
     /// Whether JSON is wanted, also for an error.
     pub const fn json(&self) -> bool {
         match self {
+            Self::Demo(command) => command.format.json,
             Self::Fit(command) => command.format.json,
             Self::Register(command) => command.format.json,
+            Self::Replay(command) => command.format.json,
             Self::Job(command) => command.json(),
             Self::Info(command) => command.format.json,
             Self::Log(command) => command.format.json,
+            Self::Virtual(command) => command.format.json,
         }
     }
 }

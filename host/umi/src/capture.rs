@@ -1,0 +1,215 @@
+//! A captured byte stream through a virtual board, as `umi replay` and `umi demo`
+//! do it: the bytes go into the board's CNC port, everything that the board says
+//! comes back over its link. Nothing is computed here.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use umi_core::units::Micros;
+use umi_protocol::fault::Fault;
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::Job;
+use umi_protocol::message::{Event, Identity, Record};
+use umi_protocol::verdict::Verdict;
+use umi_virtual::{Config, HostEnd, VirtualBoard};
+
+use crate::failure::Failure;
+use crate::jobfile;
+use crate::link::{Client, Transport};
+
+/// Bytes handed to the board at once, about what an interrupt finds in a UART.
+const CHUNK: usize = 64;
+
+/// A character at 115200 baud, 8N1.
+const CHARACTER_US: u64 = 87;
+
+/// How long the board may take for what it has to compute.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+impl Transport for HostEnd {
+    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.read_into(buffer, timeout)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        Self::write(self, bytes)
+    }
+}
+
+/// A virtual board with a job, and its host.
+pub struct Bench {
+    board: VirtualBoard,
+    client: Client,
+    identity: Identity,
+    now_us: u64,
+    /// The journal entry of which the next event tells.
+    next_seq: u64,
+}
+
+/// What the board decides, in its order.
+#[derive(Clone, Debug)]
+pub enum Decision {
+    /// A feature was fitted or refused.
+    Feature(Box<FeatureResult>),
+    /// A plate was judged.
+    Verdict(Box<Verdict>),
+    /// Something was lost, damaged, doubtful or not understood.
+    Fault(Box<Fault>),
+}
+
+impl Decision {
+    /// The decision in a record, if it is one that is shown.
+    #[must_use]
+    pub fn of(record: Record) -> Option<Self> {
+        match record {
+            Record::Feature(feature) => Some(Self::Feature(Box::new(feature))),
+            Record::Verdict(verdict) => Some(Self::Verdict(Box::new(verdict))),
+            Record::Fault(fault) => Some(Self::Fault(Box::new(fault))),
+            _ => None,
+        }
+    }
+}
+
+impl Bench {
+    /// Switches a new virtual board on and sets a job.
+    ///
+    /// # Errors
+    /// The board cannot be started, or refuses the job.
+    pub fn new(job: &Job) -> Result<Self, Failure> {
+        let board = VirtualBoard::start(Config::default())
+            .map_err(|error| Failure::trouble("virtual_board", error))?;
+        let mut client = Client::new(Box::new(board.connect()))?;
+        let identity = client.identity()?;
+        client
+            .set_job(job)?
+            .map_err(|error| jobfile::refusal(&error))?;
+        let next_seq = client.journal_info()?.next_seq;
+        client.live(true)?;
+        Ok(Self {
+            board,
+            client,
+            identity,
+            now_us: 0,
+            next_seq,
+        })
+    }
+
+    /// Who the board is.
+    #[must_use]
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// The board itself: its control's port and its outputs.
+    #[must_use]
+    pub fn board(&self) -> &VirtualBoard {
+        &self.board
+    }
+
+    /// The board's host.
+    pub fn client(&mut self) -> &mut Client {
+        &mut self.client
+    }
+
+    /// The control sends bytes; the board's decisions go to `seen` as they come.
+    ///
+    /// # Errors
+    /// The link's, and what `seen` returns.
+    pub fn play(
+        &mut self,
+        bytes: &[u8],
+        mut seen: impl FnMut(Decision) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        for chunk in bytes.chunks(CHUNK) {
+            self.now_us += CHARACTER_US * chunk.len() as u64;
+            self.board.advance(Micros(self.now_us));
+            self.board.control_sends(chunk);
+            // One piece at a time: so stamps and pieces, and with them the whole
+            // journal, are the same on every run, and no event is dropped.
+            self.follow(|record| matches!(record, Record::Bytes { .. }), &mut seen)?;
+        }
+        self.settle(&mut seen)
+    }
+
+    /// The input ends.
+    ///
+    /// # Errors
+    /// As [`Self::play`].
+    pub fn end(
+        &mut self,
+        mut seen: impl FnMut(Decision) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        self.board.input_ends();
+        self.follow(|record| matches!(record, Record::InputEnd), &mut seen)?;
+        self.settle(&mut seen)
+    }
+
+    /// The control's READ: asks with DC1 and takes the program up to its closing
+    /// `%`. None if the board has none to give.
+    #[must_use]
+    pub fn read_program(&mut self) -> Option<String> {
+        const DC1: u8 = 0x11;
+        self.board.control_sends(&[DC1]);
+        let mut program = String::new();
+        let patience = Duration::from_secs(2);
+        while let Some(byte) = self.board.control_receives(patience) {
+            program.push(char::from(byte & 0x7F));
+            if program.len() > 2 && program.ends_with("%\n") {
+                return Some(program);
+            }
+        }
+        None
+    }
+
+    /// Takes events up to a record.
+    fn follow(
+        &mut self,
+        is_last: impl Fn(&Record) -> bool,
+        seen: &mut impl FnMut(Decision) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        loop {
+            let record = self.next_record()?;
+            let last = is_last(&record);
+            if let Some(decision) = Decision::of(record) {
+                seen(decision)?;
+            }
+            if last {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Takes the events up to the newest entry of the journal.
+    fn settle(
+        &mut self,
+        seen: &mut impl FnMut(Decision) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let newest = self.client.journal_info()?.next_seq;
+        while self.next_seq < newest {
+            if let Some(decision) = Decision::of(self.next_record()?) {
+                seen(decision)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The next entry of the journal, as the board tells of it.
+    fn next_record(&mut self) -> Result<Record, Failure> {
+        let stuck = |what: &str| Failure::trouble("virtual_board", what);
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.client.next_event(left)? {
+                Some(Event::Record { seq, record, .. }) if seq == self.next_seq => {
+                    self.next_seq += 1;
+                    return Ok(record);
+                }
+                Some(Event::Line(_) | Event::Hit(_)) => {}
+                Some(Event::Record { .. } | Event::Dropped { .. }) => {
+                    return Err(stuck("the virtual board has skipped an event"));
+                }
+                None => return Err(stuck("the virtual board does not go on")),
+            }
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! `umi virtual`
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+use umi::failure::Failure;
+use umi::style::{TITLE, paint, print, print_json};
+use umi_virtual::serve::{Place, Port};
+use umi_virtual::{Config, JOURNAL, SETTINGS, Time, VirtualBoard, VirtualFlash};
+
+use super::Format;
+
+/// A virtual board on ports of this machine, until Ctrl-C
+#[derive(Args)]
+#[command(name = "virtual", after_help = HELP)]
+pub struct Virtual {
+    /// The control's port: `pty`, or `tcp:PORT` (0: any free one)
+    #[arg(long, value_name = "PLACE", default_value = "pty", value_parser = place)]
+    cnc: Place,
+    /// The host's port: `pty`, or `tcp:PORT` (0: any free one)
+    #[arg(long, value_name = "PLACE", default_value = "pty", value_parser = place)]
+    usb: Place,
+    /// Speed of the control's line: that fast, at most, bytes come and go
+    #[arg(long, value_name = "BAUD", default_value_t = 115_200,
+          value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
+    baud: u32,
+    /// Keep the board's flash (job, reference, journal) in this folder; without it
+    /// every start is a new board
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+It is the application of the firmware images in a process. Any terminal program can
+be the control, and umi connects to it as to hardware.
+
+Examples:
+  umi virtual
+  umi virtual --cnc tcp:5052 --usb tcp:5053 --state board
+then, in other terminals, with the addresses that it prints:
+  umi job set examples/three-spheres.toml --port /dev/pts/4
+  cat session.txt > /dev/pts/3
+  umi log --port /dev/pts/4
+
+The control asks for the correction program with DC1 (READ), as in
+  printf '\\021' > /dev/pts/3; cat /dev/pts/3";
+
+fn place(text: &str) -> Result<Place, String> {
+    match text.split_once(':') {
+        None if text == "pty" => Ok(Place::Pty),
+        Some(("tcp", port)) => match port.parse() {
+            Ok(port) => Ok(Place::Tcp(port)),
+            Err(_) => Err(format!("`{port}` is no TCP port: give 0 to 65535")),
+        },
+        _ => Err("give `pty` or `tcp:PORT`".into()),
+    }
+}
+
+impl Virtual {
+    pub fn run(self) -> Result<(), Failure> {
+        let trouble = |error| Failure::trouble("virtual_board", error);
+        let mut config = Config {
+            time: Time::Real,
+            // A start bit, eight data bits and a stop bit.
+            character: Duration::from_secs(10) / self.baud,
+            ..Config::default()
+        };
+        if let Some(state) = &self.state {
+            let failed = |error| Failure::file("use", state, &error);
+            std::fs::create_dir_all(state).map_err(failed)?;
+            config.journal = VirtualFlash::in_file(JOURNAL, &state.join("journal.flash"))
+                .map_err(failed)?;
+            config.settings = VirtualFlash::in_file(SETTINGS, &state.join("settings.flash"))
+                .map_err(failed)?;
+        }
+        let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
+        let cnc = Port::open(&self.cnc).map_err(trouble)?;
+        let usb = Port::open(&self.usb).map_err(trouble)?;
+        if self.format.json {
+            print_json(&json!({
+                "type": "virtual",
+                "cnc": cnc.address,
+                "usb": usb.address,
+                "baud": self.baud,
+            }))?;
+        } else {
+            print(&format!(
+                "{}\n  control  {}   (any terminal program, {} baud)\n  host     {}   (umi info --port {})\nCtrl-C ends it.\n",
+                paint(TITLE, "virtual board"),
+                cnc.address,
+                self.baud,
+                usb.address,
+                usb.address,
+            ))?;
+        }
+        cnc.serve_control(&board);
+        usb.serve_host(&board);
+        loop {
+            std::thread::park();
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! The virtual board's drivers: channels between the application in its thread
+//! and whoever plays the control and the host.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
+use umi_app::board::{
+    Broken, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
+};
+use umi_app::measure::PIECE;
+use umi_protocol::message::LatchReport;
+
+/// What the control sends.
+#[derive(Debug)]
+pub(crate) enum FromControl {
+    Bytes(Vec<u8>),
+    End,
+}
+
+/// Bytes from the control, handed over in the pieces in which they were written
+/// (as far as the application's buffer takes them): the same capture written in
+/// the same pieces always gives the same journal.
+pub(crate) struct ControlRx {
+    pub incoming: UnboundedReceiver<FromControl>,
+    pub rest: Vec<u8>,
+    /// Time that a character takes on the line; zero: none.
+    pub character: Duration,
+}
+
+impl CncRx for ControlRx {
+    async fn read(&mut self, buffer: &mut [u8]) -> CncInput {
+        // A line gives the board time between its bytes; so does this one.
+        tokio::task::yield_now().await;
+        if self.rest.is_empty() {
+            match self.incoming.recv().await {
+                Some(FromControl::Bytes(bytes)) => self.rest = bytes,
+                Some(FromControl::End) => return CncInput::End,
+                // Whoever played the control is gone, the port is not.
+                None => std::future::pending().await,
+            }
+        }
+        let count = self.rest.len().min(buffer.len()).min(PIECE);
+        if !self.character.is_zero() {
+            tokio::time::sleep(self.character * u32::try_from(count).unwrap_or(u32::MAX)).await;
+        }
+        for (place, byte) in buffer.iter_mut().zip(self.rest.drain(..count)) {
+            *place = byte;
+        }
+        CncInput::Bytes(count)
+    }
+}
+
+/// Bytes to the control: one on the line and one behind it, as with a UART
+/// without FIFO.
+pub(crate) struct ControlTx {
+    pub outgoing: Sender<u8>,
+    pub character: Duration,
+}
+
+impl CncTx for ControlTx {
+    async fn write(&mut self, byte: u8) -> Result<(), Broken> {
+        if !self.character.is_zero() {
+            tokio::time::sleep(self.character).await;
+        }
+        self.outgoing.send(byte).await.map_err(|_| Broken)
+    }
+}
+
+/// What happens at the host's port.
+#[derive(Debug)]
+pub(crate) enum FromHost {
+    /// A host connects; what is for it goes there.
+    Connected(Sender<Vec<u8>>),
+    Bytes(Vec<u8>),
+    Gone,
+}
+
+/// Where bytes for the host go, if there is one.
+pub(crate) type ToHost = Rc<RefCell<Option<Sender<Vec<u8>>>>>;
+
+/// Bytes from the host.
+pub(crate) struct HostRx {
+    pub incoming: UnboundedReceiver<FromHost>,
+    pub to_host: ToHost,
+    pub rest: Vec<u8>,
+}
+
+impl LinkRx for HostRx {
+    async fn connected(&mut self) {
+        self.rest.clear();
+        while self.to_host.borrow().is_none() {
+            match self.incoming.recv().await {
+                Some(FromHost::Connected(host)) => *self.to_host.borrow_mut() = Some(host),
+                // Of a host that is gone already.
+                Some(FromHost::Bytes(_) | FromHost::Gone) => {}
+                None => std::future::pending().await,
+            }
+        }
+    }
+
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Broken> {
+        while self.rest.is_empty() {
+            match self.incoming.recv().await {
+                Some(FromHost::Bytes(bytes)) => self.rest = bytes,
+                Some(FromHost::Connected(host)) => {
+                    *self.to_host.borrow_mut() = Some(host);
+                    return Err(Broken);
+                }
+                Some(FromHost::Gone) => {
+                    *self.to_host.borrow_mut() = None;
+                    return Err(Broken);
+                }
+                None => std::future::pending().await,
+            }
+        }
+        let count = self.rest.len().min(buffer.len());
+        for (place, byte) in buffer.iter_mut().zip(self.rest.drain(..count)) {
+            *place = byte;
+        }
+        Ok(count)
+    }
+}
+
+/// Bytes to the host. Waits while a connected host does not read.
+pub(crate) struct HostTx {
+    pub to_host: ToHost,
+}
+
+impl LinkTx for HostTx {
+    async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+        let host = self.to_host.borrow().clone().ok_or(Broken)?;
+        host.send(bytes.to_vec()).await.map_err(|_| {
+            *self.to_host.borrow_mut() = None;
+            Broken
+        })
+    }
+}
+
+/// Latches as they are given.
+pub(crate) struct Latches {
+    pub incoming: Receiver<LatchReport>,
+}
+
+impl LatchSource for Latches {
+    async fn next(&mut self) -> LatchReport {
+        match self.incoming.recv().await {
+            Some(latch) => latch,
+            None => std::future::pending().await,
+        }
+    }
+}
+
+/// Outputs that can be looked at.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Lamps(Arc<Mutex<Lights>>);
+
+impl Lamps {
+    pub fn look(&self) -> Lights {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Outputs for Lamps {
+    fn show(&mut self, lights: Lights) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lights;
+    }
+}

@@ -1,0 +1,425 @@
+//! The application on a virtual board, through its two ports: sessions, READ and
+//! flow control, power cycles, absent and slow hosts, garbage, and the audit.
+
+use std::time::Duration;
+
+use umi::audit::{Audit, Findings};
+use umi::capture::{Bench, Decision};
+use umi::link::{Client, JournalEntry};
+use umi::pull::{self, Step};
+use umi_core::units::Micros;
+use umi_protocol::job::Job;
+use umi_protocol::message::{Event, LatchCause, LatchReport, Record};
+use umi_protocol::verdict::Verdict;
+use umi_virtual::{Config, VirtualBoard};
+
+const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
+const DC1: &[u8] = &[0x11];
+const XOFF: &[u8] = &[0x13];
+/// Long enough for a board in this process to do what it will do.
+const SOON: Duration = Duration::from_millis(40);
+
+fn job() -> Job {
+    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
+}
+
+/// The text of one clamping.
+fn clamping(case: usize) -> String {
+    SESSION
+        .split_inclusive('\n')
+        .skip(27 * case)
+        .take(27)
+        .collect()
+}
+
+fn verdicts_of(bench: &mut Bench, text: &str) -> Vec<Verdict> {
+    let mut verdicts = Vec::new();
+    let keep = |decision| {
+        if let Decision::Verdict(verdict) = decision {
+            verdicts.push(*verdict);
+        }
+        Ok(())
+    };
+    bench.play(text.as_bytes(), keep).unwrap();
+    verdicts
+}
+
+/// The whole journal: every record, and what its audit finds.
+fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
+    let mut audit = Audit::default();
+    let mut records = Vec::new();
+    let stretch = pull::pull(client, None, |step| {
+        if let Step::Entry(entry, _) = step {
+            let record = pull::record(&entry).unwrap();
+            audit.take(&entry, &record);
+            records.push(record);
+        }
+        Ok(())
+    })
+    .unwrap();
+    (records, audit.finish(stretch.next))
+}
+
+fn raw_bytes(records: &[Record]) -> Vec<u8> {
+    let raw = records.iter().filter_map(|record| match record {
+        Record::Bytes { raw } => Some(raw.as_slice()),
+        _ => None,
+    });
+    raw.flatten().copied().collect()
+}
+
+fn receive_all(board: &VirtualBoard) -> String {
+    let mut text = String::new();
+    while let Some(byte) = board.control_receives(SOON) {
+        text.push(char::from(byte));
+    }
+    text
+}
+
+/// Waits until the board has taken everything in.
+fn settled(client: &mut Client, records: u64) {
+    for _ in 0..1000 {
+        if client.journal_info().unwrap().next_seq >= records {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("the board does not come to {records} records");
+}
+
+/// A session through both ports: verdicts come over the link, the program of each
+/// OK verdict is what READ gets, and the journal replays to the last bit.
+#[test]
+fn a_session_through_both_ports() {
+    let mut bench = Bench::new(&job()).unwrap();
+    for case in 0..5 {
+        let verdicts = verdicts_of(&mut bench, &clamping(case));
+        assert_eq!(verdicts.len(), 1);
+        assert!(verdicts[0].ok, "{verdicts:?}");
+        let program = bench.read_program();
+        match &verdicts[0].correction {
+            None => assert_eq!((case, program), (0, None)),
+            Some(correction) => {
+                assert_eq!(program.as_deref(), Some(correction.text.as_str()));
+                // Once: the next clamping must not get it without probing.
+                assert_eq!(bench.read_program(), None);
+            }
+        }
+    }
+    let (records, findings) = journal(bench.client());
+    let sent = |r: &&Record| matches!(r, Record::CorrectionSent { complete: true, .. });
+    assert_eq!(records.iter().filter(sent).count(), 4);
+    assert_eq!((findings.differences.len(), findings.skipped), (0, 0));
+    // 15 features, 5 verdicts, 1 reference.
+    assert_eq!(findings.identical, 21);
+    let control: Vec<u8> = raw_bytes(&records).into_iter().filter(|b| *b != DC1[0]).collect();
+    assert_eq!(control, SESSION.as_bytes());
+}
+
+/// Two runs of the same capture give the same journal, byte for byte.
+#[test]
+fn two_runs_give_the_same_journal() {
+    let run = || {
+        let mut bench = Bench::new(&job()).unwrap();
+        bench.play(SESSION.as_bytes(), |_| Ok(())).unwrap();
+        bench.end(|_| Ok(())).unwrap();
+        let client = bench.client();
+        let info = client.journal_info().unwrap();
+        let entries = (info.first_seq..info.next_seq).map(|seq| client.journal_read(seq).unwrap());
+        entries.collect::<Vec<JournalEntry>>()
+    };
+    assert_eq!(run(), run());
+}
+
+/// Nothing leaves the board without an OK verdict: not before one, not after an
+/// NG, not once a new measurement has begun, not after a new job.
+#[test]
+fn no_program_without_an_ok_verdict() {
+    let mut bench = Bench::new(&job()).unwrap();
+    assert_eq!(bench.read_program(), None);
+    verdicts_of(&mut bench, &clamping(0));
+    assert_eq!(bench.read_program(), None, "the taught plate has no correction");
+    assert!(verdicts_of(&mut bench, &clamping(1))[0].ok);
+    assert!(bench.client().status().unwrap().correction_waiting);
+    // The first line of a block is not a hit yet, the fourth is.
+    let next = clamping(2);
+    let lines: Vec<&str> = next.split_inclusive('\n').collect();
+    verdicts_of(&mut bench, &lines[..3].concat());
+    assert!(bench.client().status().unwrap().correction_waiting);
+    verdicts_of(&mut bench, lines[3]);
+    assert_eq!(bench.read_program(), None, "a new measurement has begun");
+    let spoilt = lines[4..].concat().replacen("*", "*1", 1);
+    assert!(!verdicts_of(&mut bench, &spoilt)[0].ok);
+    assert_eq!(bench.read_program(), None, "the verdict is NG");
+    assert!(verdicts_of(&mut bench, &clamping(3))[0].ok);
+    assert!(bench.client().status().unwrap().correction_waiting);
+    bench.client().set_job(&job()).unwrap().unwrap();
+    assert_eq!(bench.read_program(), None, "the job is a new one");
+}
+
+/// After XOFF at most ten characters still come (two, with a UART that holds one),
+/// wherever in the program it is said; after XON the rest comes, and nothing twice.
+#[test]
+fn flow_control_at_every_place() {
+    let mut bench = Bench::new(&job()).unwrap();
+    verdicts_of(&mut bench, &clamping(0));
+    let verdict = verdicts_of(&mut bench, &clamping(1)).remove(0);
+    let text = verdict.correction.unwrap().text;
+    let board = bench.board();
+    for stop in (0..text.len() - 1).step_by(3) {
+        board.control_sends(DC1);
+        let mut got: String = (0..stop)
+            .map(|_| char::from(board.control_receives(Duration::from_secs(5)).unwrap()))
+            .collect();
+        board.control_sends(XOFF);
+        let after = receive_all(board);
+        assert!(after.len() <= 10 || stop == 0, "{} after XOFF at {stop}", after.len());
+        got.push_str(&after);
+        board.control_sends(DC1);
+        while got.len() < text.len() {
+            got.push(char::from(board.control_receives(Duration::from_secs(5)).unwrap()));
+        }
+        assert_eq!(got, text.as_str(), "stopped at {stop}");
+        assert_eq!(board.control_receives(Duration::from_millis(1)), None);
+    }
+}
+
+/// A control that never says XON again: the board gives up and says so.
+#[test]
+fn a_control_that_stays_stopped() {
+    let mut bench = Bench::new(&job()).unwrap();
+    verdicts_of(&mut bench, &clamping(0));
+    verdicts_of(&mut bench, &clamping(1));
+    let board = bench.board();
+    board.control_sends(DC1);
+    assert!(board.control_receives(SOON).is_some());
+    board.control_sends(XOFF);
+    let _ = receive_all(board);
+    board.advance(Micros(1_000_000_000));
+    std::thread::sleep(SOON);
+    let (records, _) = journal(bench.client());
+    assert!(
+        records.iter().any(|r| matches!(r, Record::CorrectionSent { complete: false, .. })),
+        "{:?}",
+        records.last()
+    );
+}
+
+/// The program goes out in the control's code: an ISO control gets ISO.
+#[test]
+fn the_program_is_sent_in_the_controls_code() {
+    let even = |b: u8| if b.count_ones() % 2 == 1 { b | 0x80 } else { b };
+    let iso = |text: &str| text.bytes().map(even).collect::<Vec<u8>>();
+    let mut bench = Bench::new(&job()).unwrap();
+    for case in 0..2 {
+        bench.play(&iso(&clamping(case)), |_| Ok(())).unwrap();
+    }
+    let text = bench.client().verdict().unwrap().unwrap().correction.unwrap().text;
+    let board = bench.board();
+    board.control_sends(DC1);
+    let mut got = Vec::new();
+    while let Some(byte) = board.control_receives(SOON) {
+        got.push(byte);
+    }
+    assert_eq!(got, iso(&text));
+}
+
+/// Power off and on: job, taught reference and journal are there, and the next
+/// clamping is registered as if nothing had been. The audit spans the power cut.
+#[test]
+fn a_power_cycle_keeps_job_reference_and_journal() {
+    let config = Config::default();
+    let board = VirtualBoard::start(config.clone()).unwrap();
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    client.set_job(&job()).unwrap().unwrap();
+    board.control_sends(clamping(0).as_bytes());
+    settled(&mut client, 5);
+    let taught = loop {
+        if let Some(taught) = client.job().unwrap().taught_mm {
+            break taught;
+        }
+    };
+    let before = client.journal_info().unwrap().next_seq;
+    drop(board);
+
+    let board = VirtualBoard::start(config.clone()).unwrap();
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    let in_force = client.job().unwrap();
+    assert_eq!(in_force.job, Some(job()));
+    assert_eq!(in_force.taught_mm, Some(taught));
+    assert!(client.journal_info().unwrap().next_seq > before);
+    board.control_sends(clamping(1).as_bytes());
+    let verdict = loop {
+        if let Some(verdict) = client.verdict().unwrap() {
+            break verdict;
+        }
+    };
+    assert!(verdict.ok && verdict.correction.is_some(), "{verdict:?}");
+    let (records, findings) = journal(&mut client);
+    assert_eq!(findings.differences, []);
+    assert_eq!(findings.identical, 6 + 1 + 2);
+    let boots = records.iter().filter(|r| matches!(r, Record::Boot { .. }));
+    assert_eq!(boots.count(), 2);
+}
+
+/// No host at all, then one that floods and never reads: the journal has every
+/// byte of the control all the same.
+#[test]
+fn hosts_never_cost_a_byte() {
+    let board = VirtualBoard::start(Config::default()).unwrap();
+    for chunk in SESSION.as_bytes().chunks(48) {
+        board.control_sends(chunk);
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let mut flooding = Client::new(Box::new(board.connect())).unwrap();
+    flooding.live(true).unwrap();
+    drop(flooding);
+    let mut flood = board.connect();
+    for chunk in SESSION.as_bytes().chunks(48) {
+        flood.write(&[0x55; 300]).unwrap();
+        board.control_sends(chunk);
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    drop(flood);
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    settled(&mut client, 2 + SESSION.len() as u64 / 48 * 2);
+    let (records, findings) = journal(&mut client);
+    assert_eq!(raw_bytes(&records), SESSION.repeat(2).as_bytes());
+    assert_eq!(findings.differences, []);
+}
+
+/// A host that asks for events and does not read them is told how many it missed;
+/// the journal has the records.
+#[test]
+fn a_slow_host_is_told_what_it_missed() {
+    let board = VirtualBoard::start(Config::default()).unwrap();
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    client.set_job(&job()).unwrap().unwrap();
+    client.live(true).unwrap();
+    let records = client.journal_info().unwrap().next_seq;
+    for chunk in SESSION.repeat(3).as_bytes().chunks(16) {
+        board.control_sends(chunk);
+        std::thread::sleep(Duration::from_micros(100));
+    }
+    let mut seen = 0;
+    let mut dropped = 0;
+    while let Some(event) = client.next_event(Duration::from_millis(500)).unwrap() {
+        match event {
+            Event::Dropped { count } => dropped += count,
+            _ => seen += 1,
+        }
+    }
+    // One more event tells of the last ones dropped.
+    board.control_sends(b"\n");
+    while let Some(event) = client.next_event(Duration::from_millis(200)).unwrap() {
+        if let Event::Dropped { count } = event {
+            dropped += count;
+        }
+    }
+    assert!(seen > 0 && dropped > 0, "{seen} seen, {dropped} dropped");
+    assert_eq!(client.status().unwrap().events_dropped, dropped);
+    let (all, findings) = journal(&mut client);
+    assert!(all.len() as u64 > records);
+    assert_eq!(findings.differences, []);
+    let verdicts = all.iter().filter(|r| matches!(r, Record::Verdict(v) if v.ok));
+    assert_eq!(verdicts.count(), 15);
+}
+
+/// Garbage at either port is named or counted, and what follows is understood.
+#[test]
+fn garbage_at_either_port() {
+    let noise: Vec<u8> = (0..2000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let board = VirtualBoard::start(Config::default()).unwrap();
+    let mut raw = board.connect();
+    raw.write(&noise).unwrap();
+    drop(raw);
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    client.set_job(&job()).unwrap().unwrap();
+    board.control_sends(&noise);
+    // Noise may look like XOFF, a port that opens, or the start of a program.
+    board.control_sends(b"\r\n%\r\n\x14\r\n");
+    for case in 0..2 {
+        board.control_sends(clamping(case).as_bytes());
+        std::thread::sleep(SOON);
+    }
+    let verdict = loop {
+        match client.verdict().unwrap() {
+            Some(verdict) if verdict.ok => break verdict,
+            _ => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    assert!(verdict.reasons.is_empty());
+    let (_, findings) = journal(&mut client);
+    assert_eq!(findings.differences, []);
+}
+
+/// A refused job changes nothing; a changed decision in a journal is found.
+#[test]
+fn a_refused_job_changes_nothing_and_the_audit_finds_changes() {
+    let mut bench = Bench::new(&job()).unwrap();
+    let mut bad = job();
+    bad.limits.rms_mm = -1.0;
+    let refused = bench.client().set_job(&bad).unwrap();
+    assert_eq!(refused.unwrap_err().code(), "bad_value");
+    assert_eq!(bench.client().job().unwrap().job, Some(job()));
+    bench.play(SESSION.as_bytes(), |_| Ok(())).unwrap();
+
+    let mut audit = Audit::default();
+    let mut changed = 0;
+    let stretch = pull::pull(bench.client(), None, |step| {
+        if let Step::Entry(entry, _) = step {
+            let mut record = pull::record(&entry).unwrap();
+            if let Record::Feature(feature) = &mut record
+                && feature.index == 7
+            {
+                // One bit of one residual.
+                let residual = &mut feature.fit.as_mut().unwrap().residuals_mm[0];
+                *residual = f64::from_bits(residual.to_bits() ^ 1);
+                changed = entry.seq;
+            }
+            audit.take(&entry, &record);
+        }
+        Ok(())
+    })
+    .unwrap();
+    let findings = audit.finish(stretch.next);
+    let places: Vec<u64> = findings.differences.iter().map(|(seq, _)| *seq).collect();
+    assert_eq!(places, [changed]);
+}
+
+/// Latches are journaled with their loss.
+#[test]
+fn latches_are_journaled() {
+    let board = VirtualBoard::start(Config::default()).unwrap();
+    let mut client = Client::new(Box::new(board.connect())).unwrap();
+    let latch = LatchReport {
+        number: 0,
+        cause: LatchCause::Skip,
+        counts: [1, -2, 3].into_iter().collect(),
+        t_us: 17,
+        missed: 2,
+    };
+    board.latch(latch.clone());
+    settled(&mut client, 2);
+    let (records, _) = journal(&mut client);
+    assert_eq!(records.last(), Some(&Record::Latch(latch)));
+}
+
+/// The outputs: busy while a plate is under way, then OK or NG.
+#[test]
+fn outputs_follow_the_verdict() {
+    let mut bench = Bench::new(&job()).unwrap();
+    let lights = |bench: &mut Bench| {
+        let lights = bench.board().lights();
+        (lights.busy, lights.ok, lights.ng)
+    };
+    assert_eq!(lights(&mut bench), (false, false, false));
+    let text = clamping(0);
+    let (first, rest) = text.split_at(200);
+    verdicts_of(&mut bench, first);
+    assert_eq!(lights(&mut bench), (true, false, false));
+    verdicts_of(&mut bench, rest);
+    assert_eq!(lights(&mut bench), (false, true, false));
+    verdicts_of(&mut bench, &clamping(1).replacen("*-", "*", 1));
+    assert_eq!(lights(&mut bench), (false, false, true));
+}
