@@ -1,13 +1,61 @@
-//! The entry point, and everything that a board calls.
+//! The entry point: the whole application on a board without hardware.
 
+use core::future::Future;
 use core::hint::black_box;
 use core::panic::PanicInfo;
+use core::pin::pin;
+use core::sync::atomic::AtomicU8;
+use core::task::{Context, Waker};
 
-use umi_app as _;
-use umi_core::fit::sphere;
-use umi_core::registration::register;
-use umi_core::units::Point;
-use umi_protocol as _;
+use umi_app::measure::{Measure, name};
+use umi_app::{App, Drivers};
+use umi_core::units::Micros;
+use umi_protocol::message::Identity;
+
+use crate::board::{Cnc, Lamps, Latches, Link, Memory, Time};
+
+/// The application with its state and its tasks, as one future.
+async fn application() {
+    let identity = Identity {
+        board: name("check"),
+        serial: name("none"),
+        firmware: name(env!("CARGO_PKG_VERSION")),
+    };
+    // A board would show that its storage is not usable.
+    let Ok(measure) = Measure::start(identity, Memory, Memory, Micros(0)) else {
+        return;
+    };
+    let drivers = Drivers {
+        cnc_rx: Cnc,
+        cnc_tx: Cnc,
+        link_rx: Link,
+        link_tx: Link,
+        latches: Latches,
+        outputs: Lamps,
+    };
+    App::new(measure).run(drivers, &Time).await;
+}
+
+/// The memory that a board sets aside for it. Here it is only reserved, to be measured:
+/// atomic, so that it counts as variable.
+#[used]
+static RESERVED: [AtomicU8; size_of_output(application)] =
+    [const { AtomicU8::new(0) }; size_of_output(application)];
+
+const fn size_of_output<T>(_: fn() -> T) -> usize {
+    size_of::<T>()
+}
+
+/// Where the image begins.
+// SAFETY: no other symbol of this name is linked.
+#[unsafe(no_mangle)]
+extern "C" fn _start() -> ! {
+    let mut future = pin!(application());
+    let mut context = Context::from_waker(Waker::noop());
+    loop {
+        let _ = black_box(future.as_mut().poll(&mut context));
+    }
+}
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
@@ -16,15 +64,13 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     loop {}
 }
 
-/// Where the image begins.
-// SAFETY: no other symbol of this name is linked.
-#[unsafe(no_mangle)]
-extern "C" fn _start() -> ! {
-    let points = [Point::from_mm(0.0, 0.0, 0.0); 64];
-    loop {
-        // What is in a black box is unknown to the compiler, and what goes into one is used.
-        let points = black_box(&points[..]);
-        let _ = black_box(sphere::fit(points));
-        let _ = black_box(register(points, black_box(points)));
-    }
+struct Uninterrupted;
+
+critical_section::set_impl!(Uninterrupted);
+
+// SAFETY: the image enables no interrupt and has one core: nothing ever comes between.
+unsafe impl critical_section::Impl for Uninterrupted {
+    unsafe fn acquire() {}
+
+    unsafe fn release((): ()) {}
 }

@@ -54,6 +54,13 @@ impl Image {
         self.panics.values().sum()
     }
 
+    /// Calls of panics in functions of this project, as opposed to libraries.
+    pub fn own_panic_calls(&self) -> u32 {
+        let ours = |name: &str| name.trim_start_matches(['<', '&']).starts_with("umi_");
+        let own = self.panics.iter().filter(|(name, _)| ours(name));
+        own.map(|(_, calls)| calls).sum()
+    }
+
     /// Counts the branches in `code`, which lies at `address`, that lead into a panic.
     ///
     /// Every halfword is tried as the start of an instruction. That is safe: the second
@@ -201,6 +208,11 @@ mod tests {
             image.panics,
             BTreeMap::from([("umi_core::fit".to_owned(), 1)])
         );
-        assert_eq!(image.panic_calls(), 1);
+        assert_eq!((image.panic_calls(), image.own_panic_calls()), (1, 1));
+        image.panics = BTreeMap::from([
+            ("<umi_core::fit::Ball as core::ops::Add>::add".to_owned(), 2),
+            ("<[umi_core::fit::Ball]>::sort".to_owned(), 4),
+        ]);
+        assert_eq!((image.panic_calls(), image.own_panic_calls()), (6, 2));
     }
 }

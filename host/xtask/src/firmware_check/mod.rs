@@ -65,12 +65,13 @@ fn build_all(house: &House, toolchain: Toolchain) -> Result<Image> {
         let image = build(house, toolchain, target, cpu)?;
         let place = cpu.unwrap_or(target);
         console::progress(&format!(
-            "{place}: {} bytes of code, {} of constants, {} of variables; {} calls of panics in {} functions",
+            "{place}: {} bytes of code, {} of constants, {} of variables; \
+             {} calls of panics, {} of them in functions of ours",
             image.text,
             image.constants,
             image.variables,
             image.panic_calls(),
-            image.panics.len(),
+            image.own_panic_calls(),
         ));
         if cpu.is_some() {
             measured = image;
@@ -100,6 +101,7 @@ fn build(house: &House, toolchain: Toolchain, target: &str, cpu: Option<&str>) -
 #[derive(Debug, PartialEq, Eq)]
 struct Budget {
     text_bytes: u64,
+    variables_bytes: u64,
     panic_calls: u64,
 }
 
@@ -120,25 +122,28 @@ impl Budget {
         };
         Ok(Self {
             text_bytes: figure("text_bytes")?,
+            variables_bytes: figure("variables_bytes")?,
             panic_calls: figure("panic_calls")?,
         })
     }
 
     fn hold(&self, image: &Image) -> Result<()> {
-        let text = image.text;
-        ensure!(
-            text <= self.text_bytes,
-            "the image has {text} bytes of code, over its budget of {}: make it smaller, or \
-             raise package.metadata.budget in firmware/check/Cargo.toml and say why",
-            self.text_bytes
-        );
-        let calls = u64::from(image.panic_calls());
-        ensure!(
-            calls <= self.panic_calls,
-            "the image calls panics in {calls} places, over its budget of {}: \
-             `cargo xtask firmware-check --panics` lists them",
-            self.panic_calls
-        );
+        let held = [
+            ("bytes of code", image.text, self.text_bytes),
+            ("bytes of variables", image.variables, self.variables_bytes),
+            (
+                "calls of panics (--panics lists them)",
+                u64::from(image.panic_calls()),
+                self.panic_calls,
+            ),
+        ];
+        for (what, figure, budget) in held {
+            ensure!(
+                figure <= budget,
+                "the image has {figure} {what}, over its budget of {budget}: go below it, or \
+                 raise package.metadata.budget in firmware/check/Cargo.toml and say why"
+            );
+        }
         Ok(())
     }
 }
@@ -149,24 +154,29 @@ mod tests {
 
     use super::*;
 
-    /// The budget of the workspace can be read, and an image over it is refused.
+    /// A budget is read from the package, and an image over any part of it is refused.
     #[test]
     fn budget_is_held() {
         let metadata = serde_json::json!({"packages": [{
             "name": PACKAGE,
-            "metadata": {"budget": {"text_bytes": 100, "panic_calls": 2}},
+            "metadata": {"budget": {"text_bytes": 100, "variables_bytes": 10, "panic_calls": 2}},
         }]});
         let budget = Budget::of(&metadata).unwrap();
-        let image = |text, calls| Image {
+        let image = |text, variables, calls| Image {
             text,
+            variables,
             panics: BTreeMap::from([("f".to_owned(), calls)]),
             ..Image::default()
         };
-        assert!(budget.hold(&image(100, 2)).is_ok());
-        let error = budget.hold(&image(101, 2)).unwrap_err().to_string();
-        assert!(error.contains("101 bytes"), "{error}");
-        let error = budget.hold(&image(100, 3)).unwrap_err().to_string();
-        assert!(error.contains("3 places"), "{error}");
+        assert!(budget.hold(&image(100, 10, 2)).is_ok());
+        for (over, says) in [
+            (image(101, 10, 2), "101 bytes of code"),
+            (image(100, 11, 2), "11 bytes of variables"),
+            (image(100, 10, 3), "3 calls of panics"),
+        ] {
+            let error = budget.hold(&over).unwrap_err().to_string();
+            assert!(error.contains(says), "{error}");
+        }
     }
 
     /// A budget that is not there is an error, not a budget without limits.
