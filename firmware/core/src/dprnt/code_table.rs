@@ -26,6 +26,9 @@ pub(super) const XOFF: u8 = 0x13;
 /// XOFF with even parity, as Fanuc punches it.
 pub(super) const XOFF_EVEN: u8 = 0x93;
 pub(super) const PUNCH_OFF: u8 = 0x14;
+/// DC2 and DC4 with odd parity.
+pub(super) const PUNCH_ON_ODD: u8 = 0x92;
+pub(super) const PUNCH_OFF_ODD: u8 = 0x94;
 pub(super) const ETX: u8 = 0x03;
 const EOT: u8 = 0x04;
 const EIA_EOB: u8 = 0x80;

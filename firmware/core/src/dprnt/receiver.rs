@@ -4,7 +4,7 @@ use umi_protocol::fault::{Counters, FaultKind};
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
 use super::Item;
-use super::code_table::{PUNCH_OFF, PUNCH_ON, XON};
+use super::code_table::{PUNCH_OFF, PUNCH_OFF_ODD, PUNCH_ON, PUNCH_ON_ODD, XON};
 use super::coding::{self, Detector};
 use super::out::Out;
 use super::reader::{RawLine, Reader};
@@ -106,6 +106,9 @@ impl Receiver {
             }
             XON if partial.last_byte() == Some(XON) => counters.bytes_control += 1,
             PUNCH_ON | PUNCH_OFF => self.session_mark(byte, offset, sink),
+            PUNCH_ON_ODD | PUNCH_OFF_ODD if self.detector.coding() == Coding::AsciiOdd => {
+                self.session_mark(byte, offset, sink);
+            }
             _ if self.detector.is_end(byte) => {
                 counters.bytes_line_end += 1;
                 self.end_line(Some(byte), sink);
@@ -262,12 +265,13 @@ impl Receiver {
         let had_text = self.end_line(None, sink);
         let now = self.last;
         let (reader, mut out) = self.split(now, sink);
-        if byte == PUNCH_ON {
+        if matches!(byte, PUNCH_ON | PUNCH_ON_ODD) {
             reader.session_opened(&mut out);
         } else {
             reader.session_closed(&mut out);
         }
-        if had_text && self.detector.has_odd_parity() {
+        let is_plain = matches!(byte, PUNCH_ON | PUNCH_OFF);
+        if had_text && is_plain && self.detector.has_odd_parity() {
             // One wrong bit may have made it of a digit inside a line. What
             // follows before a line end is the rest of that line, not a line.
             self.keep(byte, offset, now);

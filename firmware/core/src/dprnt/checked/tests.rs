@@ -58,8 +58,11 @@ fn printing_does_not_matter() {
     assert!(is_accepted(&text.replace("0.000", ".000")));
 }
 
+/// Point, identification, feed, touched.
+type Meaning = ([f64; 3], Ids, Option<f64>, Option<bool>);
+
 /// Everything that a line says, if it is accepted.
-fn meaning(text: &[u8]) -> Option<([f64; 3], Ids, Option<f64>, Option<bool>)> {
+fn meaning(text: &[u8]) -> Option<Meaning> {
     let Outcome::Point(fields) = read(F53, text) else {
         return None;
     };

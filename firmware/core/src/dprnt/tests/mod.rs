@@ -10,4 +10,5 @@ mod groups;
 mod lines;
 mod programs;
 mod properties;
+mod runs;
 mod support;
