@@ -10,7 +10,8 @@
 //!   garbage between frames never costs a frame.
 //! * **Kind**: [`Kind`].
 //! * **Sequence**: of a request, chosen by the host; its answer repeats it. Of an
-//!   event, the board's count of events sent, so that one lost on the way leaves a gap.
+//!   event, the board's count of events, sent or dropped, so that a lost one leaves a gap;
+//!   [`Event::Dropped`] follows directly on the gap of those that it tells of.
 //! * **Key**: the low 32 bits of the sender's schema key ([`crate::hello::KEY`]).
 //!   A frame with another key is recognised and never opened.
 //! * **Payload**: the message in postcard's wire format 1.0; the whole payload,
@@ -227,7 +228,7 @@ pub struct Frame<'a> {
     /// What it carries.
     pub kind: Kind,
     /// Of a request: the host's choice, repeated by its answer. Of an event: the
-    /// board's count of events sent.
+    /// board's count of events, sent or dropped.
     pub sequence: u16,
     /// The low 32 bits of the sender's schema key.
     pub key: u32,

@@ -205,7 +205,13 @@ impl Client {
     pub fn live(&mut self, on: bool) -> Result<(), LinkError> {
         let request = Request::LiveSet { on };
         match self.call(&request)? {
-            Response::Done => Ok(()),
+            Response::Done => {
+                if !on {
+                    // What is not reported from now on is no loss.
+                    self.last_event = None;
+                }
+                Ok(())
+            }
             _ => Err(wrong_answer(&request)),
         }
     }
@@ -309,20 +315,25 @@ impl Client {
         let before = self.counters();
         let hello = Hello::new(concat!("umi ", env!("CARGO_PKG_VERSION")));
         let Patience { answer, tries } = self.patience;
+        let mut echo = false;
         for _ in 0..tries {
             self.send(&hello)?;
             let deadline = Instant::now() + answer;
             while let Some((sequence, incoming)) = self.wait(deadline, "hello")? {
-                if let Incoming::Hello(hello) = incoming
-                    && sequence == self.sequence
-                {
-                    return self.accept(&hello);
+                match incoming {
+                    // A line that echoes, or a loop, is no board. One may still follow.
+                    Incoming::Hello(theirs) if theirs == hello => echo = true,
+                    Incoming::Hello(theirs) if sequence == self.sequence => {
+                        return self.accept(&theirs);
+                    }
+                    _ => {}
                 }
             }
         }
         Err(LinkError::NobodyAnswers {
             waited: answer * tries,
             seen: self.counters().since(&before),
+            echo,
         })
     }
 
@@ -461,11 +472,19 @@ impl Client {
     fn keep(&mut self, sequence: u16, event: Event) {
         let expected = self.last_event.map(|last| last.wrapping_add(1));
         self.last_event = Some(sequence);
-        let lost = expected.map_or(0, |expected| sequence.wrapping_sub(expected));
-        if lost > 0 {
-            self.push(Event::Dropped { count: lost.into() });
+        let gap = expected.map_or(0, |expected| sequence.wrapping_sub(expected).into());
+        match event {
+            // What the board dropped has left a gap, too: the same loss, told once.
+            Event::Dropped { count } => self.push(Event::Dropped {
+                count: count.max(gap),
+            }),
+            event => {
+                if gap > 0 {
+                    self.push(Event::Dropped { count: gap });
+                }
+                self.push(event);
+            }
         }
-        self.push(event);
     }
 
     fn push(&mut self, event: Event) {

@@ -38,6 +38,8 @@ pub enum LinkError {
         waited: Duration,
         /// What came instead.
         seen: Counters,
+        /// Our own Hello came back.
+        echo: bool,
     },
     /// Board and host are of different versions.
     Mismatch {
@@ -119,11 +121,17 @@ impl fmt::Display for LinkError {
                 f,
                 "the connection to the board failed: {cause}; was it unplugged or restarted?"
             ),
-            Self::NobodyAnswers { waited, seen } if seen.bytes_discarded == 0 => write!(
+            Self::NobodyAnswers {
+                waited, echo: true, ..
+            } => write!(
+                f,
+                "nobody answers ({waited:.1?}), only our own bytes come back: the port echoes or is looped; is it an openumi board?"
+            ),
+            Self::NobodyAnswers { waited, seen, .. } if seen.bytes_discarded == 0 => write!(
                 f,
                 "nobody answers ({waited:.1?}): is it an openumi board? is another program using the port?"
             ),
-            Self::NobodyAnswers { waited, seen } => {
+            Self::NobodyAnswers { waited, seen, .. } => {
                 write!(f, "no intact answer in {waited:.1?}, but ")?;
                 came(f, seen)?;
                 f.write_str(": is it an openumi board? is it the board's host port, and not the one of the control?")

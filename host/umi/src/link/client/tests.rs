@@ -378,6 +378,33 @@ fn a_lost_event_is_told() {
     assert_eq!(events(&mut board), [65533, 65534, -1, 0, -2, 3]);
 }
 
+/// What the board dropped itself leaves a gap and is told by it: one loss, not two.
+#[test]
+fn a_dropped_event_is_told_once() {
+    let told = |sequence, count| bytes(sequence, &Event::Dropped { count });
+    // Three dropped and told; then two dropped, told, and one more lost on the line.
+    let stream = [event(1), told(5, 3), event(6), told(10, 2), event(11)].concat();
+    let (mut board, _) = client(vec![Step::First(stream)]);
+    board.live(true).unwrap();
+    assert_eq!(events(&mut board), [1, -3, 6, -3, 11]);
+}
+
+/// What happens while nothing is to be reported is no loss.
+#[test]
+fn silence_on_request_is_no_loss() {
+    let (mut board, _) = client(vec![
+        Step::First(event(1)),
+        Step::Answer,
+        Step::Answer,
+        Step::First(event(9)),
+    ]);
+    board.live(true).unwrap();
+    board.live(false).unwrap();
+    board.live(true).unwrap();
+    assert_eq!(board.journal_info().unwrap(), INFO);
+    assert_eq!(events(&mut board), [1, 9]);
+}
+
 /// More events than are kept: the oldest are kept, the rest is counted.
 #[test]
 fn events_that_nobody_reads_are_counted() {
@@ -478,6 +505,10 @@ fn a_failed_greeting_says_what_was_there() {
         silent.to_string(),
         "nobody answers (1.5s): is it an openumi board? is another program using the port?"
     );
+    let sent = bytes(0, &Hello::new(concat!("umi ", env!("CARGO_PKG_VERSION"))));
+    let echo = || Step::Instead(sent.clone());
+    let looped = refused(vec![echo(), echo(), echo()]);
+    assert!(looped.to_string().contains("looped"), "{looped}");
     let prompt = || Step::Instead(b"login: \0".to_vec());
     let other = refused(vec![prompt(), prompt(), prompt()]);
     assert!(
@@ -503,6 +534,15 @@ fn the_greeting_is_repeated() {
     let client = Client::with_patience(board, PATIENCE).unwrap();
     assert_eq!(client.board(), "virtual 0001 0.1.0");
     assert_eq!(log.lock().unwrap().len(), 2);
+}
+
+/// A board on a line that echoes is found behind the echo.
+#[test]
+fn an_echo_is_not_taken_for_a_board() {
+    let echo = bytes(0, &Hello::new(concat!("umi ", env!("CARGO_PKG_VERSION"))));
+    let (board, _) = Board::new(vec![Step::First(echo)]);
+    let client = Client::with_patience(board, PATIENCE).unwrap();
+    assert_eq!(client.board(), "virtual 0001 0.1.0");
 }
 
 /// A pulled cable is told at once, not after the waiting time.
