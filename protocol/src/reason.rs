@@ -279,6 +279,28 @@ impl FitRefusal {
     }
 }
 
+impl fmt::Display for FitRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooFewPoints => "too few points: probe more",
+            Self::NotFinite => "a coordinate is not a number, or beyond any machine",
+            Self::Degenerate => {
+                "the points coincide or lie on one line or in one plane: probe places that lie apart"
+            }
+            Self::IllConditioned => {
+                "the points say too little about the shape: spread them wider, or check what was probed"
+            }
+            Self::CapTooSmall => {
+                "the points cover too little of the surface to say a radius: probe a larger part"
+            }
+            Self::NoConvergence => {
+                "the points do not look like this shape: check the feature and its hits"
+            }
+            Self::LengthMismatch => "the two lists of points differ in length",
+        })
+    }
+}
+
 impl Reason {
     /// The stable code of the reason.
     #[must_use]
@@ -378,7 +400,7 @@ impl fmt::Display for Reason {
                 "sent twice with different coordinates; which one is right is not known: probe again",
             ),
             Self::SequenceGap => f.write_str("lines are missing in the sequence; probe again"),
-            Self::FitRefused { code } => write!(f, "the fit was refused: {}", code.code()),
+            Self::FitRefused { code } => write!(f, "not fitted: {code}"),
             Self::RadiusError { error_mm, limit_mm } => write!(
                 f,
                 "radius is {error_mm:+.4} mm off nominal, limit {limit_mm:.4} mm; check compensation, ball and hits"
@@ -430,7 +452,7 @@ impl fmt::Display for Reason {
                 f.write_str("no reference plate has been taught; probe the nominal clamping first")
             }
             Self::RegistrationRefused { code } => {
-                write!(f, "the registration was refused: {}", code.code())
+                write!(f, "not registered: {code}")
             }
             Self::RegistrationRms { rms_mm, limit_mm } => write!(
                 f,

@@ -69,7 +69,7 @@ fn status<F: Flash>(measure: &Measure<F>, now: Micros) -> Status {
         verdicts_ok: book.verdicts_ok,
         last_verdict_ok: book.last_ok,
         correction_waiting: measure.waiting().is_some(),
-        counters: brain.map(|brain| brain.counters().clone()).unwrap_or_default(),
+        counters: brain.map(|brain| *brain.counters()).unwrap_or_default(),
         events_dropped: book.events.dropped(),
         journal_failures: book.failures,
     }

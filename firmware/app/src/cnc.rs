@@ -162,6 +162,7 @@ pub(crate) async fn transmit<F: Flash>(
         app.flow.sending.store(false, Ordering::Relaxed);
         let mut measure = app.measure.lock().await;
         measure.sent(clock.now(), correction.plate, bytes, complete);
+        app.told.signal(());
     }
 }
 

@@ -19,7 +19,7 @@ pub struct Events {
     bytes: Deque<u8, CAPACITY>,
     /// Where a frame is made.
     scratch: [u8; MAX_BOARD_FRAME],
-    /// Counts events, sent or dropped, so that a dropped one leaves a gap.
+    /// Counts the events that are sent, so that one lost on the way leaves a gap.
     sequence: u16,
     /// Dropped since the host was last told.
     untold: u32,
@@ -72,7 +72,6 @@ impl Events {
         if self.untold > 0 || !self.try_push(event) {
             self.untold = self.untold.saturating_add(1);
             self.dropped = self.dropped.saturating_add(1);
-            self.sequence = self.sequence.wrapping_add(1);
         }
     }
 

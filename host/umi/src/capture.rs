@@ -128,7 +128,7 @@ impl Bench {
             // journal, are the same on every run, and no event is dropped.
             self.follow(|record| matches!(record, Record::Bytes { .. }), &mut seen)?;
         }
-        self.settle(&mut seen)
+        self.settle_with(&mut seen)
     }
 
     /// The input ends.
@@ -141,24 +141,34 @@ impl Bench {
     ) -> Result<(), Failure> {
         self.board.input_ends();
         self.follow(|record| matches!(record, Record::InputEnd), &mut seen)?;
-        self.settle(&mut seen)
+        self.settle_with(&mut seen)
     }
 
     /// The control's READ: asks with DC1 and takes the program up to its closing
     /// `%`. None if the board has none to give.
-    #[must_use]
-    pub fn read_program(&mut self) -> Option<String> {
+    ///
+    /// # Errors
+    /// The link's.
+    pub fn read_program(&mut self) -> Result<Option<String>, Failure> {
         const DC1: u8 = 0x11;
+        let waiting = self.client.status()?.correction_waiting;
+        // Where nothing is announced, it is still looked whether something comes.
+        let patience = Duration::from_millis(if waiting { 5_000 } else { 100 });
         self.board.control_sends(&[DC1]);
         let mut program = String::new();
-        let patience = Duration::from_secs(2);
         while let Some(byte) = self.board.control_receives(patience) {
             program.push(char::from(byte & 0x7F));
             if program.len() > 2 && program.ends_with("%\n") {
-                return Some(program);
+                break;
             }
         }
-        None
+        let is_last: fn(&Record) -> bool = if program.is_empty() {
+            |record| matches!(record, Record::Bytes { .. })
+        } else {
+            |record| matches!(record, Record::CorrectionSent { .. })
+        };
+        self.follow(is_last, &mut |_| Ok(()))?;
+        Ok((!program.is_empty()).then_some(program))
     }
 
     /// Takes events up to a record.
@@ -179,8 +189,17 @@ impl Bench {
         }
     }
 
+    /// Takes the events up to the newest entry of the journal, and shows them to
+    /// nobody: after something else was done with [`Self::board`].
+    ///
+    /// # Errors
+    /// The link's.
+    pub fn settle(&mut self) -> Result<(), Failure> {
+        self.settle_with(&mut |_| Ok(()))
+    }
+
     /// Takes the events up to the newest entry of the journal.
-    fn settle(
+    fn settle_with(
         &mut self,
         seen: &mut impl FnMut(Decision) -> Result<(), Failure>,
     ) -> Result<(), Failure> {

@@ -6,8 +6,8 @@ use umi_protocol::feature::{FitReport, MAX_FEATURE_REASONS, Shape};
 use umi_protocol::job::{Approach, Compensation, FeatureKind, FeatureSpec, Limits, MAX_HITS};
 use umi_protocol::reason::Reason;
 
-use super::diagnose;
 use super::report::{Fitted, fit, refusal};
+use super::{diagnose, exceeds};
 use crate::units::Point;
 
 /// The reasons against one feature.
@@ -132,8 +132,7 @@ pub fn against_limits(
 ) {
     if let (Some(radius), Some(nominal)) = (fitted.shape().radius_mm(), spec.radius_mm) {
         let error_mm = radius - nominal;
-        // Written so that NaN would fail too.
-        if !(error_mm.abs() <= limits.radius_error_mm) {
+        if exceeds(error_mm.abs(), limits.radius_error_mm) {
             add(
                 reasons,
                 Reason::RadiusError {
@@ -144,7 +143,7 @@ pub fn against_limits(
         }
     }
     let rms_mm = fitted.stats().rms.0;
-    if !(rms_mm <= limits.rms_mm) {
+    if exceeds(rms_mm, limits.rms_mm) {
         let limit_mm = limits.rms_mm;
         add(reasons, Reason::Rms { rms_mm, limit_mm });
     }

@@ -11,6 +11,7 @@ use umi_protocol::verdict::{
 };
 
 use super::check::datums;
+use super::exceeds;
 use super::report::refusal;
 use crate::nc;
 use crate::registration::{self, Registration};
@@ -80,7 +81,7 @@ pub fn judge(verdict: &mut Verdict, job: &Job, reference: &[Point], measured: &[
     let report = registration_report(job.correction.as_ref(), &pose, reference, measured);
     if let (Some(error_mm), Some(limit_mm)) =
         (report.expected_error_mm, job.limits.expected_error_mm)
-        && !(error_mm <= limit_mm)
+        && exceeds(error_mm, limit_mm)
     {
         add(verdict, Reason::ExpectedError { error_mm, limit_mm });
     }
@@ -185,11 +186,11 @@ impl Pose {
 
 fn pose_reasons(verdict: &mut Verdict, limits: &Limits, pose: &Pose) {
     let rms_mm = pose.registration.stats.rms.0;
-    if !(rms_mm <= limits.registration_rms_mm) {
+    if exceeds(rms_mm, limits.registration_rms_mm) {
         let limit_mm = limits.registration_rms_mm;
         add(verdict, Reason::RegistrationRms { rms_mm, limit_mm });
     }
-    if !(pose.turn_deg.abs() <= limits.rotation_deg) {
+    if exceeds(pose.turn_deg.abs(), limits.rotation_deg) {
         let (angle_deg, limit_deg) = (pose.turn_deg, limits.rotation_deg);
         add(
             verdict,
@@ -199,7 +200,7 @@ fn pose_reasons(verdict: &mut Verdict, limits: &Limits, pose: &Pose) {
             },
         );
     }
-    if !(pose.tilt_deg <= limits.tilt_deg) {
+    if exceeds(pose.tilt_deg, limits.tilt_deg) {
         let (angle_deg, limit_deg) = (pose.tilt_deg, limits.tilt_deg);
         add(
             verdict,
@@ -212,7 +213,7 @@ fn pose_reasons(verdict: &mut Verdict, limits: &Limits, pose: &Pose) {
     for (axis, (shift_mm, limit_mm)) in
         (0u8..).zip(pose.shift_mm.iter().copied().zip(limits.shift_mm))
     {
-        if !(shift_mm.abs() <= limit_mm) {
+        if exceeds(shift_mm.abs(), limit_mm) {
             add(
                 verdict,
                 Reason::Shift {
@@ -264,7 +265,7 @@ fn distance_reasons(verdict: &mut Verdict, job: &Job) {
             continue;
         };
         let error_mm = pair.measured_mm - reference_mm;
-        if !(error_mm.abs() <= limit_mm) {
+        if exceeds(error_mm.abs(), limit_mm) {
             add(
                 verdict,
                 Reason::DistanceError {

@@ -438,7 +438,8 @@ impl Run {
             Some(reference) => plate::judge(&mut verdict, &self.job, reference, &measured),
             None => {
                 plate::judge_taught(&mut verdict, &self.job, &measured);
-                taught = verdict.ok;
+                // A job without datum features has nothing to teach.
+                taught = verdict.ok && !measured.is_empty();
             }
         }
         if !verdict.ok && self.reference.is_none() && self.job.correction.is_some() {

@@ -130,8 +130,11 @@ pub fn plan(
     for corner in corners(&min, &max) {
         let wanted = origin + rotation * corner + translation_mm;
         let done = sent_origin + center + turn * (corner - center);
-        let error = (done - wanted).norm_squared();
-        leftover_mm = leftover_mm.max(libm::sqrt(error));
+        let error_mm = libm::sqrt((done - wanted).norm_squared());
+        // `max` would pass over a NaN.
+        if error_mm.is_nan() || error_mm > leftover_mm {
+            leftover_mm = error_mm;
+        }
     }
     if !leftover_mm.is_finite() {
         return Err(NotExpressible);

@@ -168,7 +168,7 @@ impl Demo {
         let Some(correction) = correction else {
             return Ok(false);
         };
-        let program = bench.read_program();
+        let program = bench.read_program()?;
         if program.as_deref() != Some(correction.text.as_str()) {
             return Err(Failure::refused(
                 "demo",
