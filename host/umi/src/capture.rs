@@ -76,7 +76,15 @@ impl Bench {
     /// # Errors
     /// The board cannot be started, or refuses the job.
     pub fn new(job: &Job) -> Result<Self, Failure> {
-        let board = VirtualBoard::start(Config::default())
+        Self::with(Config::default(), job)
+    }
+
+    /// As [`Self::new`], with this hardware.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with(config: Config, job: &Job) -> Result<Self, Failure> {
+        let board = VirtualBoard::start(config)
             .map_err(|error| Failure::trouble("virtual_board", error))?;
         let mut client = Client::new(Box::new(board.connect()))?;
         let identity = client.identity()?;
