@@ -95,7 +95,7 @@ pub struct RegistrationReport {
     pub sigma_mm: Option<f64>,
     /// `R p + t - q`, one per datum feature in the job's order.
     pub residuals_mm: Vec<[f64; 3], MAX_DATUMS>,
-    /// Covariance for unit noise of a small rotation w, R_true = exp([w]x) R.
+    /// Covariance for unit noise of a small rotation w, `R_true = exp([w]x) R`.
     pub cov_unit_rotvec: Matrix3,
     /// Covariance for unit noise of t at the origin.
     pub cov_unit_t: Matrix3,

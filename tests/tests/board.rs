@@ -112,7 +112,10 @@ fn a_session_through_both_ports() {
     assert_eq!((findings.differences.len(), findings.skipped), (0, 0));
     // 15 features, 5 verdicts, 1 reference.
     assert_eq!(findings.identical, 21);
-    let control: Vec<u8> = raw_bytes(&records).into_iter().filter(|b| *b != DC1[0]).collect();
+    let control: Vec<u8> = raw_bytes(&records)
+        .into_iter()
+        .filter(|b| *b != DC1[0])
+        .collect();
     assert_eq!(control, SESSION.as_bytes());
 }
 
@@ -138,7 +141,11 @@ fn no_program_without_an_ok_verdict() {
     let mut bench = Bench::new(&job()).unwrap();
     assert_eq!(bench.read_program().unwrap(), None);
     verdicts_of(&mut bench, &clamping(0));
-    assert_eq!(bench.read_program().unwrap(), None, "the taught plate has no correction");
+    assert_eq!(
+        bench.read_program().unwrap(),
+        None,
+        "the taught plate has no correction"
+    );
     assert!(verdicts_of(&mut bench, &clamping(1))[0].ok);
     assert!(bench.client().status().unwrap().correction_waiting);
     // The first line of a block is not a hit yet, the fourth is.
@@ -147,7 +154,11 @@ fn no_program_without_an_ok_verdict() {
     verdicts_of(&mut bench, &lines[..3].concat());
     assert!(bench.client().status().unwrap().correction_waiting);
     verdicts_of(&mut bench, lines[3]);
-    assert_eq!(bench.read_program().unwrap(), None, "a new measurement has begun");
+    assert_eq!(
+        bench.read_program().unwrap(),
+        None,
+        "a new measurement has begun"
+    );
     let spoilt = lines[4..].concat().replacen("*", "*1", 1);
     assert!(!verdicts_of(&mut bench, &spoilt)[0].ok);
     assert_eq!(bench.read_program().unwrap(), None, "the verdict is NG");
@@ -180,11 +191,17 @@ fn flow_control_at_every_place() {
             .collect();
         board.control_sends(XOFF);
         let after = receive_all(board);
-        assert!(after.len() <= 10 || stop == 0, "{} after XOFF at {stop}", after.len());
+        assert!(
+            after.len() <= 10 || stop == 0,
+            "{} after XOFF at {stop}",
+            after.len()
+        );
         got.push_str(&after);
         board.control_sends(DC1);
         while got.len() < text.len() {
-            got.push(char::from(board.control_receives(Duration::from_secs(5)).unwrap()));
+            got.push(char::from(
+                board.control_receives(Duration::from_secs(5)).unwrap(),
+            ));
         }
         assert_eq!(got, text.as_str(), "stopped at {stop}");
         assert_eq!(board.control_receives(Duration::from_millis(1)), None);
@@ -207,7 +224,13 @@ fn a_control_that_stays_stopped() {
     std::thread::sleep(SOON);
     let (records, _) = journal(bench.client());
     assert!(
-        records.iter().any(|r| matches!(r, Record::CorrectionSent { complete: false, .. })),
+        records.iter().any(|r| matches!(
+            r,
+            Record::CorrectionSent {
+                complete: false,
+                ..
+            }
+        )),
         "{:?}",
         records.last()
     );
@@ -222,7 +245,14 @@ fn the_program_is_sent_in_the_controls_code() {
     for case in 0..2 {
         bench.play(&iso(&clamping(case)), |_| Ok(())).unwrap();
     }
-    let text = bench.client().verdict().unwrap().unwrap().correction.unwrap().text;
+    let text = bench
+        .client()
+        .verdict()
+        .unwrap()
+        .unwrap()
+        .correction
+        .unwrap()
+        .text;
     let board = bench.board();
     board.control_sends(DC1);
     let mut got = Vec::new();
@@ -329,14 +359,18 @@ fn a_slow_host_is_told_what_it_missed() {
     let (all, findings) = journal(&mut client);
     assert!(all.len() as u64 > records);
     assert_eq!(findings.differences, []);
-    let verdicts = all.iter().filter(|r| matches!(r, Record::Verdict(v) if v.ok));
+    let verdicts = all
+        .iter()
+        .filter(|r| matches!(r, Record::Verdict(v) if v.ok));
     assert_eq!(verdicts.count(), 15);
 }
 
 /// Garbage at either port is named or counted, and what follows is understood.
 #[test]
 fn garbage_at_either_port() {
-    let noise: Vec<u8> = (0..2000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let noise: Vec<u8> = (0..2000_u32)
+        .map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
+        .collect();
     let board = VirtualBoard::start(Config::default()).unwrap();
     let mut raw = board.connect();
     raw.write(&noise).unwrap();

@@ -4,7 +4,7 @@
 //! identical, numbers have no gap, the chain holds, the entry that was being
 //! appended is there as a whole or not at all, and the journal goes on.
 
-use umi_core::journal::{ERASED, Flash, Geometry, Journal, MAX_PAYLOAD};
+use umi_core::journal::{ERASED, Flash, Geometry, Journal};
 
 #[path = "journal/bench.rs"]
 mod bench;
@@ -161,7 +161,7 @@ const LARGE_SECTORS: Workload = Workload {
         page_size: 256,
     },
     torn_reads_zero: false,
-    max_payload: MAX_PAYLOAD,
+    max_payload: 700,
     steps: 25,
     second_every: 4000,
 };

@@ -44,7 +44,12 @@ fn run(bytes: &[u8]) -> Seen {
 impl Seen {
     /// The latest verdict on each plate: "OK" or its reasons.
     fn last_verdicts(&self) -> Vec<String> {
-        let plates = self.verdicts.iter().map(|v| v.plate).max().map_or(0, |p| p + 1);
+        let plates = self
+            .verdicts
+            .iter()
+            .map(|v| v.plate)
+            .max()
+            .map_or(0, |p| p + 1);
         let latest = |plate| self.verdicts.iter().rfind(|v| v.plate == plate);
         (0..plates)
             .map(|plate| match latest(plate) {
@@ -115,12 +120,17 @@ fn dresses(text: &str) -> Vec<(&'static str, Vec<u8>)> {
         ("LF CR", lines_end_in(text, "\n\r").into_bytes()),
         ("LF CR CR", lines_end_in(text, "\n\r\r").into_bytes()),
         ("asterisks as blanks", spaced.clone().into_bytes()),
-        ("ISO even parity", even_parity(&lines_end_in(text, "\n\r\r"))),
+        (
+            "ISO even parity",
+            even_parity(&lines_end_in(text, "\n\r\r")),
+        ),
         ("ISO even parity, blanks", even_parity(&spaced)),
         ("EIA", eia(&spaced)),
         ("no separators", {
             let kept = spaced.lines().filter(|l| !l.trim().is_empty());
-            kept.map(|l| format!("{l}\n")).collect::<String>().into_bytes()
+            kept.map(|l| format!("{l}\n"))
+                .collect::<String>()
+                .into_bytes()
         }),
         ("integer part padded behind the sign", {
             plain.replace("*-", "*-   ").into_bytes()
@@ -136,7 +146,13 @@ fn dresses(text: &str) -> Vec<(&'static str, Vec<u8>)> {
     let flow: Vec<u8> = plain
         .bytes()
         .enumerate()
-        .flat_map(|(at, b)| if at % 37 == 5 { vec![b, 0x13, 0x11] } else { vec![b] })
+        .flat_map(|(at, b)| {
+            if at % 37 == 5 {
+                vec![b, 0x13, 0x11]
+            } else {
+                vec![b]
+            }
+        })
         .collect();
     dresses.push(("XOFF and XON inside lines", flow));
     dresses
@@ -179,7 +195,11 @@ const LINES_PER_BLOCK: usize = 9;
 fn damaged(change: impl FnOnce(&mut Vec<String>)) -> Seen {
     let mut lines = lines();
     change(&mut lines);
-    run(lines.iter().map(|l| format!("{l}\n")).collect::<String>().as_bytes())
+    run(lines
+        .iter()
+        .map(|l| format!("{l}\n"))
+        .collect::<String>()
+        .as_bytes())
 }
 
 /// Row of a point (from 0) of a block (from 0).
@@ -292,7 +312,11 @@ fn bad_parity() {
         bytes[at] ^= 0x01;
         let seen = run(&bytes);
         only(&seen, 2, "damaged_line");
-        assert!(seen.fault_codes().contains(&"bad_parity"), "{:?}", seen.faults);
+        assert!(
+            seen.fault_codes().contains(&"bad_parity"),
+            "{:?}",
+            seen.faults
+        );
     }
 }
 
@@ -330,7 +354,11 @@ fn damage_by_name() {
         2,
         "duplicate_point",
     );
-    only(&damaged(|l| l.swap(row(7, 1), row(7, 2))), 2, "approach_angle");
+    only(
+        &damaged(|l| l.swap(row(7, 1), row(7, 2))),
+        2,
+        "approach_angle",
+    );
     only(
         &damaged(|l| {
             let next = l.remove(row(7, 2));
@@ -339,9 +367,21 @@ fn damage_by_name() {
         2,
         "damaged_line",
     );
-    only(&damaged(|l| l[row(7, 0) - 1] = "4".into()), 2, "wrong_count");
-    only(&damaged(|l| l[row(7, 0) - 1] = "6".into()), 2, "wrong_count");
-    only(&damaged(|l| l[row(7, 0) - 1] = "S".into()), 2, "damaged_line");
+    only(
+        &damaged(|l| l[row(7, 0) - 1] = "4".into()),
+        2,
+        "wrong_count",
+    );
+    only(
+        &damaged(|l| l[row(7, 0) - 1] = "6".into()),
+        2,
+        "wrong_count",
+    );
+    only(
+        &damaged(|l| l[row(7, 0) - 1] = "S".into()),
+        2,
+        "damaged_line",
+    );
     only(
         &damaged(|l| l[row(7, 0) - 3] = "SPHRE2".into()),
         2,

@@ -92,11 +92,7 @@ impl Flow {
 }
 
 /// Receives for ever.
-pub(crate) async fn receive<F: Flash>(
-    app: &App<F>,
-    rx: &mut impl CncRx,
-    clock: &impl Clock,
-) -> ! {
+pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: &impl Clock) -> ! {
     let mut lost: u32 = 0;
     loop {
         let mut buffer = [0; MAX_BYTES];
@@ -136,11 +132,7 @@ pub(crate) async fn receive<F: Flash>(
 }
 
 /// Sends corrections for ever.
-pub(crate) async fn transmit<F: Flash>(
-    app: &App<F>,
-    tx: &mut impl CncTx,
-    clock: &impl Clock,
-) -> ! {
+pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
         let asked = app.flow.go.wait().await;
         let correction = {

@@ -19,7 +19,7 @@ pub struct Events {
     bytes: Deque<u8, CAPACITY>,
     /// Where a frame is made.
     scratch: [u8; MAX_BOARD_FRAME],
-    /// Counts the events that are sent, so that one lost on the way leaves a gap.
+    /// Counts events, sent or dropped, so that a lost one leaves a gap.
     sequence: u16,
     /// Dropped since the host was last told.
     untold: u32,
@@ -72,6 +72,7 @@ impl Events {
         if self.untold > 0 || !self.try_push(event) {
             self.untold = self.untold.saturating_add(1);
             self.dropped = self.dropped.saturating_add(1);
+            self.sequence = self.sequence.wrapping_add(1);
         }
     }
 

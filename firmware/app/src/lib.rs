@@ -154,14 +154,20 @@ impl<F: Flash> App<F> {
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
             let came = select(self.inputs.receive(), due).await;
             let mut measure = self.measure.lock().await;
-            let had = measure.brain().and_then(|brain| brain.run().verdict()).map(|v| v.plate);
+            let had = measure
+                .brain()
+                .and_then(|brain| brain.run().verdict())
+                .map(|v| v.plate);
             match came {
                 Either::First((time, input)) => measure.input(time, &input),
                 Either::Second(()) => measure.on_time(clock.now()),
             }
             self.flow.note_coding(measure.coding());
             outputs.show(measure.lights());
-            let has = measure.brain().and_then(|brain| brain.run().verdict()).map(|v| v.plate);
+            let has = measure
+                .brain()
+                .and_then(|brain| brain.run().verdict())
+                .map(|v| v.plate);
             if has != had && measure.waiting() == Some(SendWhen::OnVerdict) {
                 self.flow.go.signal(SendWhen::OnVerdict);
             }

@@ -163,7 +163,11 @@ impl Replay {
             Record::Time => brain.on_time(now, out),
             _ => brain.input_ended(now, out),
         }
-        if fits { Ok(()) } else { Err(Difference::TooMany) }
+        if fits {
+            Ok(())
+        } else {
+            Err(Difference::TooMany)
+        }
     }
 
     fn compare(

@@ -96,7 +96,8 @@ impl<T> Waiter<T> {
     /// The next value; none if there is none in this time.
     pub fn next(&mut self, patience: Duration) -> io::Result<Option<T>> {
         let Self { receiver, runtime } = self;
-        let waited = runtime.block_on(async { tokio::time::timeout(patience, receiver.recv()).await });
+        let waited =
+            runtime.block_on(async { tokio::time::timeout(patience, receiver.recv()).await });
         match waited {
             Ok(Some(value)) => Ok(Some(value)),
             Ok(None) => Err(io::ErrorKind::UnexpectedEof.into()),

@@ -128,7 +128,11 @@ impl Side for Control {
 
     fn take(&mut self) -> io::Result<Vec<u8>> {
         // One at a time, so that an XOFF is seen between two.
-        Ok(self.0.control_receives(Duration::ZERO).into_iter().collect())
+        Ok(self
+            .0
+            .control_receives(Duration::ZERO)
+            .into_iter()
+            .collect())
     }
 }
 

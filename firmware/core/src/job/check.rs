@@ -105,7 +105,10 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     }
     // A sphere without a nominal radius could be anything round: the radius is
     // the only check that sees a wrong compensation.
-    if job.correction.is_some() && is_datum && feature.kind.has_radius() && feature.radius_mm.is_none()
+    if job.correction.is_some()
+        && is_datum
+        && feature.kind.has_radius()
+        && feature.radius_mm.is_none()
     {
         return Err(JobError::Missing {
             field: Field::RadiusMm,
@@ -141,7 +144,10 @@ fn check_limits(limits: &Limits) -> Result<(), JobError> {
         (limits.rotation_deg, Field::RotationDeg),
         (limits.tilt_deg, Field::TiltDeg),
         (limits.approach_deg.unwrap_or(1.0), Field::ApproachDeg),
-        (limits.expected_error_mm.unwrap_or(1.0), Field::ExpectedErrorMm),
+        (
+            limits.expected_error_mm.unwrap_or(1.0),
+            Field::ExpectedErrorMm,
+        ),
     ];
     for (value, field) in all {
         positive(value, field, None)?;

@@ -85,13 +85,7 @@ pub fn find_duplicates(hits: &[Hit], reasons: &mut Reasons) {
     for (first, (at, one)) in (1u16..).zip(hits.iter().enumerate()) {
         for (later, other) in (first + 1..).zip(hits.iter().skip(at + 1)) {
             if one.position == other.position {
-                add(
-                    reasons,
-                    Reason::DuplicatePoint {
-                        first,
-                        hit: later,
-                    },
-                );
+                add(reasons, Reason::DuplicatePoint { first, hit: later });
             }
         }
     }
@@ -124,12 +118,7 @@ pub fn judge(
 }
 
 /// Radius and residuals against the limits.
-pub fn against_limits(
-    spec: &FeatureSpec,
-    limits: &Limits,
-    fitted: &Fitted,
-    reasons: &mut Reasons,
-) {
+pub fn against_limits(spec: &FeatureSpec, limits: &Limits, fitted: &Fitted, reasons: &mut Reasons) {
     if let (Some(radius), Some(nominal)) = (fitted.shape().radius_mm(), spec.radius_mm) {
         let error_mm = radius - nominal;
         if exceeds(error_mm.abs(), limits.radius_error_mm) {
@@ -237,7 +226,9 @@ fn lone_hit(shape: &Shape, points: &[Point], hits: &[Hit], limit_deg: f64) -> Op
             sum += arm.get(axis).copied().unwrap_or(0.0);
             count += 1.0;
             // The remaining direction, neither the approach nor the lone axis.
-            let across = hit.approach.map_or(axis, |a| 3 - axis - a.axis_and_sign().0);
+            let across = hit
+                .approach
+                .map_or(axis, |a| 3 - axis - a.axis_and_sign().0);
             square &= arm.get(across).is_some_and(|c| c.abs() <= limit_mm);
         }
         let offset_mm = sum / count;

@@ -254,7 +254,9 @@ fn distances(
 
 /// Name of a datum feature, by its place among the datum features.
 fn datum_name(job: &Job, place: usize) -> Option<Name> {
-    datums(job).nth(place).map(|(_, feature)| feature.name.clone())
+    datums(job)
+        .nth(place)
+        .map(|(_, feature)| feature.name.clone())
 }
 
 fn distance_reasons(verdict: &mut Verdict, job: &Job) {

@@ -493,7 +493,10 @@ impl Run {
     }
 
     fn unknown(&mut self, name: &str) {
-        let name = name.chars().take(umi_protocol::job::MAX_NAME).collect::<Name>();
+        let name = name
+            .chars()
+            .take(umi_protocol::job::MAX_NAME)
+            .collect::<Name>();
         self.remark(Reason::UnknownFeature { name });
     }
 

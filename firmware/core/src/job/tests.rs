@@ -83,7 +83,12 @@ fn session(text: &str) -> Vec<Block> {
             points.iter().map(point).collect(),
         )
     };
-    json["blocks"].as_array().unwrap().iter().map(block).collect()
+    json["blocks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(block)
+        .collect()
 }
 
 fn session_a() -> Vec<Block> {
@@ -124,7 +129,10 @@ impl Outcome {
             .iter()
             .map(|v| {
                 assert_eq!(v.ok, v.reasons.is_empty(), "{v:?}");
-                assert!(v.ok || v.correction.is_none(), "NG with a correction: {v:?}");
+                assert!(
+                    v.ok || v.correction.is_none(),
+                    "NG with a correction: {v:?}"
+                );
                 if v.ok { "OK".into() } else { codes(v) }
             })
             .collect()
@@ -199,7 +207,11 @@ fn reference_sessions_are_ok_and_right() {
 
         let json: serde_json::Value = serde_json::from_str(text).unwrap();
         let tol = |key: &str| json["tol"][key].as_f64().unwrap();
-        for (feature, block) in outcome.features.iter().zip(json["blocks"].as_array().unwrap()) {
+        for (feature, block) in outcome
+            .features
+            .iter()
+            .zip(json["blocks"].as_array().unwrap())
+        {
             let fit = feature.fit.as_ref().unwrap();
             let position = fit.shape.position_mm().unwrap();
             for (i, value) in position.iter().enumerate() {
@@ -263,7 +275,10 @@ fn wrong_z_that_moves_the_whole_block_shows_as_tilt() {
                     point[2] += error_mm;
                 }
             });
-            assert!(verdict.contains("tilt"), "sphere {sphere} {error_mm}: {verdict}");
+            assert!(
+                verdict.contains("tilt"),
+                "sphere {sphere} {error_mm}: {verdict}"
+            );
         }
     }
 }
@@ -423,7 +438,10 @@ fn a_refused_block_may_be_probed_again() {
             .collect();
         assert!(last.iter().all(|v| v.ok), "{bad}: {:?}", outcome.summary());
         let remark = &last[bad / 3].remarks;
-        assert!(remark.iter().any(|r| r.reason.code() == "replaced"), "{remark:?}");
+        assert!(
+            remark.iter().any(|r| r.reason.code() == "replaced"),
+            "{remark:?}"
+        );
         assert_eq!(outcome.features.len(), 16);
     }
 }
@@ -457,7 +475,11 @@ fn counts_must_agree() {
     assert_eq!(four, "SPHERE1:missing_points");
 
     let mut blocks = session_a();
-    let extra = [blocks[6].1[0][0] + 1.0, blocks[6].1[0][1], blocks[6].1[0][2]];
+    let extra = [
+        blocks[6].1[0][0] + 1.0,
+        blocks[6].1[0][1],
+        blocks[6].1[0][2],
+    ];
     blocks[6].1.push(extra);
     let mut run = Run::new(job());
     let mut outcome = Outcome::default();
@@ -562,7 +584,10 @@ fn leftover_beyond_the_limit_is_ng() {
     let mut job = job();
     job.correction.as_mut().unwrap().leftover_mm = 0.0005;
     let summary = run_blocks(job, &session_a()).summary();
-    assert_eq!(summary, ["OK", "leftover", "leftover", "leftover", "leftover"]);
+    assert_eq!(
+        summary,
+        ["OK", "leftover", "leftover", "leftover", "leftover"]
+    );
 }
 
 /// Jobs that could surprise later are refused by the name of the field.

@@ -80,10 +80,7 @@ pub struct NotExpressible;
 ///
 /// # Errors
 /// [`NotExpressible`] if a number is not finite or too large for the control.
-pub fn plan(
-    spec: &CorrectionSpec,
-    transform: &RigidTransform,
-) -> Result<Plan, NotExpressible> {
+pub fn plan(spec: &CorrectionSpec, transform: &RigidTransform) -> Result<Plan, NotExpressible> {
     let format = format(spec.dialect);
     let RigidTransform {
         rotation,
@@ -102,10 +99,7 @@ pub fn plan(
     );
 
     // The rotation about Z that is nearest to R in the least-squares sense.
-    let angle = libm::atan2(
-        rotation.m21 - rotation.m12,
-        rotation.m11 + rotation.m22,
-    );
+    let angle = libm::atan2(rotation.m21 - rotation.m12, rotation.m11 + rotation.m22);
     let angle_mdeg = count(angle.to_degrees() / format.increment_deg)?;
 
     let new_origin = origin + rotation * center + translation_mm - center;

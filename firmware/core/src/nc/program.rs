@@ -95,7 +95,11 @@ fn g10_g68(
         "(LEFT AT PART {:.4} MM - LIMIT {:.4} MM)",
         plan.leftover.0, spec.leftover_mm
     )?;
-    writeln!(out, "(PROBED IN {:?} - RUN WITH {offset:?})", spec.probed_in)?;
+    writeln!(
+        out,
+        "(PROBED IN {:?} - RUN WITH {offset:?})",
+        spec.probed_in
+    )?;
     out.write_str("G17 G21 G90\nG69\n")?;
     writeln!(
         out,

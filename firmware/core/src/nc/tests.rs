@@ -70,8 +70,7 @@ fn program_moves_the_part_to_where_it_stands() {
         (Vector3::new(0.0, 0.01, -1.0), 179.5),
         (Vector3::new(0.0, 0.0, 1.0), 0.0),
     ] {
-        let rotation =
-            Rotation3::new(axis.normalize() * f64::to_radians(degrees)).into_inner();
+        let rotation = Rotation3::new(axis.normalize() * f64::to_radians(degrees)).into_inner();
         let translation = Vector3::new(-47.6405, -0.3266, -0.0041);
         let (plan, text) = program(&rotation, &translation);
         let origin = Vector3::from(spec().probed_origin_mm);

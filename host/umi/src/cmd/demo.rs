@@ -9,10 +9,10 @@ use umi::audit::Audit;
 use umi::capture::{Bench, Decision};
 use umi::failure::Failure;
 use umi::gather::Gather;
+use umi::jobfile;
 use umi::pull::{self, Step};
 use umi::report::{self, Fact, Session, Truth, terminal};
 use umi::style::{GOOD, TITLE, count, paint, print, print_json};
-use umi::jobfile;
 
 use super::Format;
 
@@ -109,7 +109,10 @@ impl Demo {
             value,
         };
         gather.session.facts = vec![
-            fact("Input", format!("{} bytes as printed by the control", CAPTURE.len())),
+            fact(
+                "Input",
+                format!("{} bytes as printed by the control", CAPTURE.len()),
+            ),
             fact(
                 "Journal",
                 format!(
@@ -119,7 +122,9 @@ impl Demo {
             ),
             fact(
                 "READ",
-                format!("{programs} correction programs taken from the control's port, byte for byte as reported"),
+                format!(
+                    "{programs} correction programs taken from the control's port, byte for byte as reported"
+                ),
             ),
         ];
         let page = self.out.join("report.html");
@@ -227,7 +232,11 @@ impl Demo {
                 page.display(),
             ))?;
         }
-        if all_ok { Ok(()) } else { Err(Failure::Negative) }
+        if all_ok {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
     }
 }
 

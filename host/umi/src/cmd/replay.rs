@@ -49,8 +49,8 @@ journal is faulty, or a decision is not the same.";
 
 impl Replay {
     pub fn run(self) -> Result<(), Failure> {
-        let bytes = std::fs::read(&self.file)
-            .map_err(|error| Failure::file("read", &self.file, &error))?;
+        let bytes =
+            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
         if umi_core::journal::decode_file(&bytes).is_ok() {
             return self.audit(&bytes);
         }
@@ -126,7 +126,10 @@ impl Replay {
                 ))?;
             }
             for (seq, difference) in differences {
-                print(&format!("{} entry {seq}: {difference}\n", paint(BAD, "differs")))?;
+                print(&format!(
+                    "{} entry {seq}: {difference}\n",
+                    paint(BAD, "differs")
+                ))?;
             }
             if differences.is_empty() {
                 let what = count(*identical, "decision");

@@ -73,10 +73,10 @@ impl Virtual {
         if let Some(state) = &self.state {
             let failed = |error| Failure::file("use", state, &error);
             std::fs::create_dir_all(state).map_err(failed)?;
-            config.journal = VirtualFlash::in_file(JOURNAL, &state.join("journal.flash"))
-                .map_err(failed)?;
-            config.settings = VirtualFlash::in_file(SETTINGS, &state.join("settings.flash"))
-                .map_err(failed)?;
+            config.journal =
+                VirtualFlash::in_file(JOURNAL, &state.join("journal.flash")).map_err(failed)?;
+            config.settings =
+                VirtualFlash::in_file(SETTINGS, &state.join("settings.flash")).map_err(failed)?;
         }
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;
