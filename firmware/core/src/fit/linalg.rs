@@ -92,7 +92,11 @@ pub(crate) fn ridged<const K: usize>(matrix: &Square<K>, part: f64) -> Square<K>
 
 /// The diagonal.
 pub(crate) fn diagonal<const K: usize>(matrix: &Square<K>) -> [f64; K] {
-    core::array::from_fn(|i| matrix[i][i])
+    let mut diagonal = [0.0; K];
+    for i in 0..K {
+        diagonal[i] = matrix[i][i];
+    }
+    diagonal
 }
 
 /// `A C Aᵀ` for a Jacobian A (M rows, K columns) and a symmetric C: the
@@ -318,54 +322,81 @@ impl Svd3 {
     /// other until they are orthogonal. Small singular values keep their
     /// digits, which eigenvalues of `AᵀA` would lose.
     pub(crate) fn new(a: &Square<3>) -> Self {
-        let mut w: [Vector3<f64>; 3] =
-            core::array::from_fn(|j| Vector3::new(a[0][j], a[1][j], a[2][j]));
-        let mut v: [Vector3<f64>; 3] =
-            core::array::from_fn(|j| Vector3::from_fn(|i, _| if i == j { 1.0 } else { 0.0 }));
+        let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = *a;
+        let mut first = Column::new(xx, yx, zx, Vector3::new(1.0, 0.0, 0.0));
+        let mut second = Column::new(xy, yy, zy, Vector3::new(0.0, 1.0, 0.0));
+        let mut third = Column::new(xz, yz, zz, Vector3::new(0.0, 0.0, 1.0));
         // Convergence is quadratic: 3x3 matrices need four to six sweeps.
         for _sweep in 0..30 {
-            let mut rotated = false;
-            for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-                let alpha = w[p].dot(&w[p]);
-                let beta = w[q].dot(&w[q]);
-                let gamma = w[p].dot(&w[q]);
-                if gamma == 0.0
-                    || gamma.abs() <= 0.5 * f64::EPSILON * libm::sqrt(alpha) * libm::sqrt(beta)
-                {
-                    continue;
-                }
-                rotated = true;
-                let zeta = (beta - alpha) / (2.0 * gamma);
-                let sign = if zeta >= 0.0 { 1.0 } else { -1.0 };
-                let t = sign / (zeta.abs() + libm::sqrt(1.0 + zeta * zeta));
-                let c = 1.0 / libm::sqrt(1.0 + t * t);
-                let s = c * t;
-                for columns in [&mut w, &mut v] {
-                    let (x, y) = (columns[p], columns[q]);
-                    columns[p] = x * c - y * s;
-                    columns[q] = x * s + y * c;
-                }
-            }
-            if !rotated {
+            let turned = [
+                first.turn_from(&mut second),
+                first.turn_from(&mut third),
+                second.turn_from(&mut third),
+            ];
+            if turned == [false; 3] {
                 break;
             }
         }
-        let mut order = [0, 1, 2];
-        let lengths = [norm(&w[0]), norm(&w[1]), norm(&w[2])];
-        for (i, j) in [(0, 1), (1, 2), (0, 1)] {
-            if lengths[order[i]] < lengths[order[j]] {
-                order.swap(i, j);
-            }
-        }
-        let column = |k: usize| unit(&w[order[k]]).unwrap_or_else(|| v[order[k]]);
-        // Rotations left V orthonormal only up to a few roundings; the frame is
-        // rebuilt so that it is right-handed and orthonormal to the last digit.
-        let right = orthonormal(&v[order[0]], &v[order[1]]);
+        first.put_before(&mut second);
+        second.put_before(&mut third);
+        first.put_before(&mut second);
         Self {
-            left: [column(0), column(1)],
-            values: [lengths[order[0]], lengths[order[1]], lengths[order[2]]],
-            right,
+            left: [first.left(), second.left()],
+            values: [norm(&first.image), norm(&second.image), norm(&third.image)],
+            // Turns left the frame orthonormal only up to a few roundings; it is
+            // rebuilt so that it is right-handed and orthonormal to the last digit.
+            right: orthonormal(&first.source, &second.source),
         }
+    }
+}
+
+/// A direction and its image under the matrix: a column of V and of `A V`.
+struct Column {
+    source: Vector3<f64>,
+    image: Vector3<f64>,
+}
+
+impl Column {
+    fn new(x: f64, y: f64, z: f64, source: Vector3<f64>) -> Self {
+        Self {
+            source,
+            image: Vector3::new(x, y, z),
+        }
+    }
+
+    /// Turns two columns in their plane until the images are orthogonal; false if
+    /// they are already.
+    fn turn_from(&mut self, other: &mut Self) -> bool {
+        let alpha = self.image.dot(&self.image);
+        let beta = other.image.dot(&other.image);
+        let gamma = self.image.dot(&other.image);
+        if gamma == 0.0 || gamma.abs() <= 0.5 * f64::EPSILON * libm::sqrt(alpha) * libm::sqrt(beta)
+        {
+            return false;
+        }
+        let zeta = (beta - alpha) / (2.0 * gamma);
+        let sign = if zeta >= 0.0 { 1.0 } else { -1.0 };
+        let t = sign / (zeta.abs() + libm::sqrt(1.0 + zeta * zeta));
+        let c = 1.0 / libm::sqrt(1.0 + t * t);
+        let s = c * t;
+        let turned = |x: &mut Vector3<f64>, y: &mut Vector3<f64>| {
+            (*x, *y) = (*x * c - *y * s, *x * s + *y * c);
+        };
+        turned(&mut self.source, &mut other.source);
+        turned(&mut self.image, &mut other.image);
+        true
+    }
+
+    /// Exchanges the two if the other has the longer image.
+    fn put_before(&mut self, other: &mut Self) {
+        if norm(&self.image) < norm(&other.image) {
+            core::mem::swap(self, other);
+        }
+    }
+
+    /// The unit vector along the image; any one if that is zero.
+    fn left(&self) -> Vector3<f64> {
+        unit(&self.image).unwrap_or(self.source)
     }
 }
 

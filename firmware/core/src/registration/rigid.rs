@@ -209,16 +209,15 @@ fn closed_form(from: &Cloud<'_>, to: &Cloud<'_>) -> Result<Matrix3<f64>, FitErro
     let [u1, u2] = svd.left;
     let [u1, u2, u3] = orthonormal(&u1, &u2);
     let [v1, v2, v3] = svd.right;
-    // R = V Uᵀ for H = Σ p qᵀ = U S Vᵀ.
-    let column = |k: usize| {
-        let (a, b, c) = match k {
-            0 => (u1.x, u2.x, u3.x),
-            1 => (u1.y, u2.y, u3.y),
-            _ => (u1.z, u2.z, u3.z),
-        };
-        v1 * a + v2 * b + v3 * c
-    };
-    Ok(Matrix3::from_columns(&[column(0), column(1), column(2)]))
+    // R = V Uᵀ for H = Σ p qᵀ = U S Vᵀ, column by column.
+    let x = v1 * u1.x + v2 * u2.x + v3 * u3.x;
+    let y = v1 * u1.y + v2 * u2.y + v3 * u3.y;
+    let z = v1 * u1.z + v2 * u2.z + v3 * u3.z;
+    Ok(Matrix3::new(
+        x.x, y.x, z.x, //
+        x.y, y.y, z.y, //
+        x.z, y.z, z.z,
+    ))
 }
 
 /// Gauss-Newton on `Σ|R p - q|²` over the rotation vector, and `inv(JᵀJ)` in
