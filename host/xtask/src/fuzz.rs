@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, bail, ensure};
 
 use crate::console;
-use crate::house::{House, execute, find_program, output};
+use crate::house::{House, execute_filtered, find_program, output};
 
 /// Fuzzes the parsers that face foreign machines, for a bounded time.
 ///
@@ -100,7 +100,8 @@ fn run_one(house: &House, target: &str, seconds: u32) -> Result<()> {
     std::fs::create_dir_all(&found)?;
     // libFuzzer writes what it finds into the first folder and only reads the others.
     let kept = folder(house).join("corpus").join(target);
-    execute(
+    let mut worth = Worth::default();
+    execute_filtered(
         house
             .command("rustup")
             .args(["run", "nightly", "cargo", "fuzz", "run"])
@@ -108,11 +109,69 @@ fn run_one(house: &House, target: &str, seconds: u32) -> Result<()> {
             .arg(folder(house))
             .arg("--target-dir")
             .arg(house.target.join("fuzz"))
+            // Nothing here is unsafe code, so the sanitizers have nothing to find: what is
+            // wrong is a panic or an overflow, and both are checked.
+            .arg("--sanitizer=none")
             .arg(target)
             .arg(found)
             .arg(kept)
             .arg("--")
             .arg(format!("-max_total_time={seconds}"))
             .arg("-print_final_stats=1"),
+        |line| worth.showing(line),
     )
+}
+
+/// Which lines of libFuzzer are worth showing: not each input that it finds, nor the words
+/// that it would put into a dictionary.
+#[derive(Default)]
+struct Worth {
+    in_dictionary: bool,
+}
+
+impl Worth {
+    fn showing(&mut self, line: &str) -> bool {
+        if line.contains("Recommended dictionary.") {
+            self.in_dictionary = true;
+        } else if line.contains("End of recommended dictionary.") {
+            self.in_dictionary = false;
+            return false;
+        }
+        let is_find = line.starts_with('#') && line.contains(" cov: ");
+        let is_progress = ["INITED", "pulse", "DONE"]
+            .iter()
+            .any(|word| line.contains(word));
+        !self.in_dictionary && (!is_find || is_progress)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Worth;
+
+    /// Progress, figures and everything about a crash stay; finds and dictionary go.
+    #[test]
+    fn lines_worth_showing() {
+        let said = "INFO: Running\n\
+                    #2\tINITED cov: 3 ft: 4\n\
+                    #9\tNEW    cov: 5 ft: 7\n\
+                    #1024\tpulse  cov: 5 ft: 7\n\
+                    ###### Recommended dictionary. ######\n\
+                    \"SPHE\" # Uses: 7\n\
+                    ###### End of recommended dictionary. ######\n\
+                    thread '<unnamed>' panicked at receiver.rs:1:2:\n\
+                    stat::new_units_added: 1\n";
+        let mut worth = Worth::default();
+        let shown: Vec<&str> = said.lines().filter(|line| worth.showing(line)).collect();
+        assert_eq!(
+            shown,
+            [
+                "INFO: Running",
+                "#2\tINITED cov: 3 ft: 4",
+                "#1024\tpulse  cov: 5 ft: 7",
+                "thread '<unnamed>' panicked at receiver.rs:1:2:",
+                "stat::new_units_added: 1",
+            ]
+        );
+    }
 }

@@ -1,8 +1,9 @@
 //! Where things are, and how commands are run there.
 
 use std::ffi::OsStr;
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context as _, Result, bail, ensure};
 
@@ -63,12 +64,40 @@ impl House {
 
 /// Runs a command in sight of the user; its failure is an error that names it.
 pub fn execute(command: &mut Command) -> Result<()> {
+    let child = start(command)?;
+    finish(command, child)
+}
+
+/// Runs a command in sight of the user, but for lines of its standard error that are not
+/// worth showing.
+pub fn execute_filtered(
+    command: &mut Command,
+    mut worth_showing: impl FnMut(&str) -> bool,
+) -> Result<()> {
+    let mut child = start(command.stderr(Stdio::piped()))?;
+    if let Some(said) = child.stderr.take() {
+        for line in BufReader::new(said).split(b'\n') {
+            let line = line.context("the command's output cannot be read")?;
+            let line = String::from_utf8_lossy(&line);
+            if worth_showing(&line) {
+                eprintln!("{line}");
+            }
+        }
+    }
+    finish(command, child)
+}
+
+fn start(command: &mut Command) -> Result<Child> {
     let line = shown(command);
     console::progress(&format!("$ {line}"));
-    let status = command
-        .status()
-        .with_context(|| format!("cannot start `{line}`"))?;
-    ensure!(status.success(), "`{line}` failed ({status})");
+    command
+        .spawn()
+        .with_context(|| format!("cannot start `{line}`"))
+}
+
+fn finish(command: &Command, mut child: Child) -> Result<()> {
+    let status = child.wait().context("the command cannot be waited for")?;
+    ensure!(status.success(), "`{}` failed ({status})", shown(command));
     Ok(())
 }
 

@@ -85,13 +85,16 @@ fn run_in_order<F: FnOnce() -> Result<Outcome>>(
 }
 
 fn format(house: &House, _: &Arguments) -> Result<Outcome> {
-    let mut command = house.cargo();
-    command.args(["fmt", "--all", "--check"]);
-    if !console::has_colour() {
-        // rustfmt does not find out by itself.
-        command.args(["--", "--color=never"]);
+    // The fuzz targets are a workspace of their own.
+    for workspace in ["Cargo.toml", "tests/fuzz/Cargo.toml"] {
+        let mut command = house.cargo();
+        command.args(["fmt", "--all", "--check", "--manifest-path", workspace]);
+        if !console::has_colour() {
+            // rustfmt does not find out by itself.
+            command.args(["--", "--color=never"]);
+        }
+        execute(&mut command)?;
     }
-    execute(&mut command)?;
     Ok(Outcome::Passed)
 }
 
