@@ -43,7 +43,9 @@ impl Point {
     /// A position from its coordinates in millimetres.
     #[must_use]
     pub const fn from_mm(x: f64, y: f64, z: f64) -> Self {
-        Self { mm: Vector3::new(x, y, z) }
+        Self {
+            mm: Vector3::new(x, y, z),
+        }
     }
 
     /// A position from an array x, y, z in millimetres.
