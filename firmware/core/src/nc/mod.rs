@@ -1,7 +1,7 @@
 //! Corrections in the words of a control.
 //!
 //! A correction is made in two steps. [`plan`] says what a dialect can express
-//! of a registration and what it leaves at the part; [`write`] turns a plan
+//! of a registration and what it leaves at the part; [`write()`] turns a plan
 //! into a program, and needs a [`Cleared`] for it: only a plate without any
 //! reason against it yields one.
 //!

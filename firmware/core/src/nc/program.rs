@@ -10,7 +10,7 @@ use super::{DECIMALS, NotExpressible, Plan};
 
 /// Leave to correct: exists only for a plate with no reason against it.
 ///
-/// Nothing else in the crate can make one, and [`write`] asks for it, so no
+/// Nothing else in the crate can make one, and [`write()`] asks for it, so no
 /// program text comes into being without an OK verdict.
 #[derive(Debug)]
 pub struct Cleared(());
