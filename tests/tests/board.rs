@@ -465,3 +465,69 @@ fn outputs_follow_the_verdict() {
     verdicts_of(&mut bench, &clamping(1).replacen("*-", "*", 1));
     assert_eq!(lights(&mut bench), (false, false, true));
 }
+
+/// The ports that `umi virtual` opens, used as a terminal program and `umi --port`
+/// use them: a device file for the control, a serial port for the host.
+#[cfg(unix)]
+#[test]
+fn pseudo_terminals_are_ports() {
+    use std::io::Write as _;
+    use std::sync::Arc;
+    use umi_virtual::serve::{Place, Port};
+
+    let board = Arc::new(VirtualBoard::start(Config::default()).unwrap());
+    let cnc = Port::open(&Place::Pty).unwrap();
+    let usb = Port::open(&Place::Pty).unwrap();
+    let (cnc_path, usb_path) = (cnc.address.clone(), usb.address.clone());
+    cnc.serve_control(&board);
+    usb.serve_host(&board);
+    for case in 0..2 {
+        let mut client = Client::open(&usb_path).unwrap();
+        if case == 0 {
+            client.set_job(&job()).unwrap().unwrap();
+        }
+        let mut control = std::fs::OpenOptions::new()
+            .write(true)
+            .open(&cnc_path)
+            .unwrap();
+        control.write_all(clamping(case).as_bytes()).unwrap();
+        drop(control);
+        // Both ports are closed and opened again for the next clamping.
+        for _ in 0..1000 {
+            if client.status().unwrap().verdicts as usize > case {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert!(client.verdict().unwrap().unwrap().ok);
+    }
+}
+
+/// The same over TCP, one client after the other.
+#[test]
+fn tcp_ports_serve_one_client_after_the_other() {
+    use std::io::Write as _;
+    use std::sync::Arc;
+    use umi_virtual::serve::{Place, Port};
+
+    let board = Arc::new(VirtualBoard::start(Config::default()).unwrap());
+    let cnc = Port::open(&Place::Tcp(0)).unwrap();
+    let usb = Port::open(&Place::Tcp(0)).unwrap();
+    let (cnc_address, usb_address) = (cnc.address.clone(), usb.address.clone());
+    cnc.serve_control(&board);
+    usb.serve_host(&board);
+    Client::open(&usb_address)
+        .unwrap()
+        .set_job(&job())
+        .unwrap()
+        .unwrap();
+    let mut control = std::net::TcpStream::connect(&cnc_address["tcp://".len()..]).unwrap();
+    control.write_all(clamping(0).as_bytes()).unwrap();
+    let mut client = Client::open(&usb_address).unwrap();
+    let verdict = loop {
+        if let Some(verdict) = client.verdict().unwrap() {
+            break verdict;
+        }
+    };
+    assert!(verdict.ok);
+}

@@ -32,8 +32,9 @@ enum Listener {
     #[cfg(unix)]
     Pty {
         master: serialport::TTYPort,
-        /// Held, so that the pseudo-terminal stays when a program closes it.
-        slave: serialport::TTYPort,
+        /// Held, so that the pseudo-terminal and its raw mode stay when a program
+        /// closes it. A plain file: a `TTYPort` would lock others out.
+        held: std::fs::File,
     },
     Tcp(TcpListener),
 }
@@ -48,12 +49,17 @@ impl Port {
             #[cfg(unix)]
             Place::Pty => {
                 use serialport::SerialPort as _;
+                use std::os::unix::fs::OpenOptionsExt as _;
                 let (mut master, mut slave) = serialport::TTYPort::pair()?;
-                // Another program is meant to open it.
                 slave.set_exclusive(false)?;
                 master.set_timeout(TURN)?;
                 let address = slave.name().unwrap_or_default();
-                let listener = Listener::Pty { master, slave };
+                let held = std::fs::OpenOptions::new()
+                    .read(true)
+                    .write(true)
+                    .custom_flags(libc::O_NOCTTY)
+                    .open(&address)?;
+                let listener = Listener::Pty { master, held };
                 Ok(Self { address, listener })
             }
             #[cfg(not(unix))]
@@ -76,10 +82,10 @@ impl Port {
     fn serve<S: Side>(self, mut connect: impl FnMut() -> S + Send + 'static) {
         thread::spawn(move || match self.listener {
             #[cfg(unix)]
-            Listener::Pty { mut master, slave } => {
+            Listener::Pty { mut master, held } => {
                 let mut side = connect();
                 while pump(&mut master, &mut side).is_ok() {}
-                drop(slave);
+                drop(held);
             }
             Listener::Tcp(listener) => {
                 for stream in listener.incoming().flatten() {
