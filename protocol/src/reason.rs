@@ -214,6 +214,11 @@ pub enum Reason {
         /// How many.
         count: u32,
     },
+    /// The control began another run of the program before the plate was complete.
+    RunChanged,
+    /// Every point is that of the plate before, to the last digit: printed again,
+    /// not measured again.
+    RepeatedPlate,
     /// No hit came for the job's plate time-out.
     TimedOut {
         /// The time-out.
@@ -337,6 +342,8 @@ impl Reason {
             Self::Leftover { .. } => "leftover",
             Self::NotExpressible => "not_expressible",
             Self::BytesLost { .. } => "bytes_lost",
+            Self::RunChanged => "run_changed",
+            Self::RepeatedPlate => "repeated_plate",
             Self::TimedOut { .. } => "timed_out",
             Self::InputEnded => "input_ended",
             Self::UnknownFeature { .. } => "unknown_feature",
@@ -495,6 +502,12 @@ impl fmt::Display for Reason {
             Self::BytesLost { count } => write!(
                 f,
                 "{count} bytes from the control were lost; probe the part again"
+            ),
+            Self::RunChanged => f.write_str(
+                "another run of the program began before the plate was complete; probe it in one run",
+            ),
+            Self::RepeatedPlate => f.write_str(
+                "every point is that of the plate before, to the last digit: printed again, not measured again; probe the part",
             ),
             Self::TimedOut { timeout_s } => {
                 write!(f, "no hit for {timeout_s} s; the plate was given up")

@@ -75,6 +75,10 @@ pub enum JobError {
     },
     /// The given positions do not fix a rotation: they lie on one line or coincide.
     DegenerateReference,
+    /// A correction would write the offset in which the next plate is probed.
+    SameOffset,
+    /// A correction needs lines that name their feature.
+    UnnamedFeatures,
     /// No line pattern is given: nothing could ever be measured.
     NoPatterns,
 }
@@ -153,6 +157,8 @@ impl JobError {
             Self::TooFewDatums { .. } => "too_few_datums",
             Self::TooManyDatums { .. } => "too_many_datums",
             Self::DegenerateReference => "degenerate_reference",
+            Self::SameOffset => "same_offset",
+            Self::UnnamedFeatures => "unnamed_features",
             Self::NoPatterns => "no_patterns",
         }
     }
@@ -204,6 +210,12 @@ impl fmt::Display for JobError {
             ),
             Self::DegenerateReference => f.write_str(
                 "the features' `position_mm` lie on one line or coincide; they do not fix a rotation",
+            ),
+            Self::SameOffset => f.write_str(
+                "`correction.write_to` is `correction.probed_in`: the next plate would be probed in a changed offset; write another one",
+            ),
+            Self::UnnamedFeatures => f.write_str(
+                "a correction needs lines that name their feature (block, checked, or a template with {name}): with others a lost line moves every later hit",
             ),
             Self::NoPatterns => f.write_str(
                 "`receiver.patterns` is empty; name at least one line pattern",

@@ -130,7 +130,7 @@ fn pass(run: &mut Run, item: &Item<'_>, now: Micros, out: &mut dyn FnMut(Output<
         Item::BlockEnd(end) => run.block_end(end, now, &mut |decision| out(decision.into())),
         Item::Fault(fault) => {
             out(Output::Fault(fault));
-            run.fault(&fault.kind);
+            run.fault(&fault.kind, &mut |decision| out(decision.into()));
         }
     }
 }

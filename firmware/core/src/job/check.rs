@@ -2,8 +2,10 @@
 //! here, by the name of its field.
 
 use umi_protocol::job::{
-    Compensation, CorrectionSpec, FeatureSpec, Job, Limits, MAX_DATUMS, MAX_HITS, Name, Reference,
+    Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Job, Limits, MAX_DATUMS, MAX_HITS,
+    Name, Reference,
 };
+use umi_protocol::pattern::LinePattern;
 use umi_protocol::refusal::{Field, JobError};
 
 use crate::registration;
@@ -56,7 +58,13 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     if datums >= 3 && job.reference == Reference::Given {
         check_reference(job)?;
     }
-    job.correction.as_ref().map_or(Ok(()), check_correction)
+    let Some(correction) = &job.correction else {
+        return Ok(());
+    };
+    if !job.receiver.patterns.iter().all(names_feature) {
+        return Err(JobError::UnnamedFeatures);
+    }
+    check_correction(correction)
 }
 
 /// The features whose position takes part in the registration, with their
@@ -73,7 +81,11 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     if !is_printable(name) || name.contains(' ') {
         return Err(JobError::BadFeatureName { feature: number });
     }
-    let least = feature.kind.min_hits();
+    let is_datum = feature.datum && feature.kind.has_position();
+    // What a correction rests on has at least one hit more than it needs, else
+    // nothing in it can contradict a wrong one.
+    let spare = u16::from(is_datum && job.correction.is_some());
+    let least = feature.kind.min_hits() + spare;
     if feature.hits < least || usize::from(feature.hits) > MAX_HITS {
         return Err(JobError::HitCount {
             name: name.clone(),
@@ -96,7 +108,6 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     if let Some(radius) = feature.radius_mm {
         positive(radius, Field::RadiusMm, Some(name))?;
     }
-    let is_datum = feature.datum && feature.kind.has_position();
     if job.reference == Reference::Given && is_datum && feature.position_mm.is_none() {
         return Err(JobError::Missing {
             field: Field::PositionMm,
@@ -115,7 +126,39 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
             feature: Some(name.clone()),
         });
     }
+    // Residuals cannot show a wrong lone hit of a sphere: the approach does.
+    if job.correction.is_some() && is_datum && feature.kind == FeatureKind::Sphere {
+        let printed = job.receiver.patterns.iter().all(says_approach);
+        for (missing, field) in [
+            (job.limits.approach_deg.is_none(), Field::ApproachDeg),
+            (approaches == 0 && !printed, Field::Approach),
+        ] {
+            if missing {
+                return Err(JobError::Missing {
+                    field,
+                    feature: Some(name.clone()),
+                });
+            }
+        }
+    }
     Ok(())
+}
+
+/// Whether lines of this pattern carry the direction of motion.
+const fn says_approach(pattern: &LinePattern) -> bool {
+    matches!(pattern, LinePattern::Checked(_))
+}
+
+/// Whether lines of this pattern say to which feature they belong.
+fn names_feature(pattern: &LinePattern) -> bool {
+    match pattern {
+        LinePattern::Block(_) | LinePattern::RingCsv(_) | LinePattern::Checked(_) => true,
+        LinePattern::Template(template) => template.text.contains("{name}"),
+        LinePattern::PointLine(_)
+        | LinePattern::LabelledWords(_)
+        | LinePattern::GrblProbe
+        | LinePattern::LinuxCncProbe => false,
+    }
 }
 
 fn check_compensation(compensation: Compensation) -> Result<(), JobError> {
@@ -171,6 +214,9 @@ fn check_reference(job: &Job) -> Result<(), JobError> {
 }
 
 fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
+    if spec.write_to == spec.probed_in {
+        return Err(JobError::SameOffset);
+    }
     all_finite(spec.probed_origin_mm, Field::ProbedOriginMm, None)?;
     if !(1..=9999).contains(&spec.program_number) {
         let value = f64::from(spec.program_number);

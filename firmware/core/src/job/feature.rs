@@ -131,7 +131,7 @@ pub fn against_limits(spec: &FeatureSpec, limits: &Limits, fitted: &Fitted, reas
             );
         }
     }
-    let rms_mm = fitted.stats().rms.0;
+    let rms_mm = fitted.rms_total_mm();
     if exceeds(rms_mm, limits.rms_mm) {
         let limit_mm = limits.rms_mm;
         add(reasons, Reason::Rms { rms_mm, limit_mm });

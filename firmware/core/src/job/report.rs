@@ -101,6 +101,17 @@ impl Fitted {
         }
     }
 
+    /// Rms over all directions in which the points may be off: of a circle, in
+    /// its plane and across it.
+    #[must_use]
+    pub fn rms_total_mm(&self) -> f64 {
+        let rms = self.stats().rms.0;
+        match self {
+            Self::Circle(fit) => libm::sqrt(rms * rms + fit.rms_plane.0 * fit.rms_plane.0),
+            _ => rms,
+        }
+    }
+
     /// Distance of a point from the fitted geometry, as the fit defines it.
     #[must_use]
     pub fn residual(&self, p: Point) -> Mm {

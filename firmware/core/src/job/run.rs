@@ -8,9 +8,13 @@
 //! it begins the next plate, and the unfinished one is NG. So a lost block
 //! never shifts the blocks that follow into the wrong clamping.
 //!
+//! On checked lines another run of the program begins another plate as well.
+//!
 //! The feature that came last may come again: unchanged it is dropped, and a
 //! refused one is replaced (its plate is judged again, under the same number).
-//! Sent again with other coordinates, it is not known which is right: NG.
+//! Sent again with other coordinates, it is not known which is right: NG. A
+//! whole plate that is printed again to the last digit was not measured again
+//! (a control that restarts a program repeats its output): NG too.
 
 use heapless::Vec;
 use umi_protocol::fault::FaultKind;
@@ -51,6 +55,10 @@ pub struct Run {
     last: Option<usize>,
     /// Reasons that belong to the plate and not to one feature.
     against: Vec<Reason, 4>,
+    /// Reasons that came before the plate's first feature was complete.
+    pending: Vec<Reason, 4>,
+    /// The program's run, where the lines say it.
+    run: Option<u32>,
     remarks: Vec<Reason, 4>,
     features_seen: u32,
     collecting: Option<Collecting>,
@@ -73,6 +81,8 @@ enum Progress {
 struct Slot {
     result: Option<FeatureResult>,
     in_this_plate: bool,
+    /// Its points are those of the plate before, to the last digit.
+    repeated: bool,
 }
 
 /// The hits of the feature that is being probed.
@@ -108,6 +118,8 @@ impl Run {
             progress: Progress::Empty,
             last: None,
             against: Vec::new(),
+            pending: Vec::new(),
+            run: None,
             remarks: Vec::new(),
             features_seen: 0,
             collecting: None,
@@ -161,19 +173,24 @@ impl Run {
         self.progress == Progress::UnderWay || self.collecting.is_some()
     }
 
-    /// When the plate under way is given up if nothing comes.
+    /// When the plate under way is given up, or a judged one closed to repeats of
+    /// its last feature, if nothing comes.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
         let timeout_us = u64::from(self.job.plate_timeout_s).saturating_mul(1_000_000);
-        self.is_under_way()
+        (self.is_under_way() || self.progress == Progress::Judged)
             .then(|| Micros(self.last_hit.0.saturating_add(timeout_us)))
     }
 
     /// Time passed.
     pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
         if self.deadline().is_some_and(|deadline| now >= deadline) {
-            let timeout_s = self.job.plate_timeout_s;
-            self.give_up(Reason::TimedOut { timeout_s }, out);
+            if self.is_under_way() {
+                let timeout_s = self.job.plate_timeout_s;
+                self.give_up(Reason::TimedOut { timeout_s }, out);
+            } else {
+                self.next_plate();
+            }
         }
     }
 
@@ -182,27 +199,63 @@ impl Run {
         self.give_up(Reason::InputEnded, out);
     }
 
-    /// Bytes from the control were lost. What is under way cannot be trusted.
-    fn bytes_lost(&mut self, count: u32) {
-        if self.is_under_way() {
-            self.hold_against(Reason::BytesLost { count });
-        }
-    }
-
-    /// The receiver found a fault that concerns the plate as a whole.
-    pub fn fault(&mut self, kind: &FaultKind) {
+    /// The receiver found a fault that concerns more than a line of a block.
+    pub fn fault(&mut self, kind: &FaultKind, out: &mut dyn FnMut(Decision<'_>)) {
         match kind {
             FaultKind::Gap { .. } => self.hold_against(Reason::SequenceGap),
             FaultKind::ConflictingRepeat { .. } => self.hold_against(Reason::ConflictingRepeat),
-            FaultKind::NotTouched => {
-                if let Some(collecting) = &mut self.collecting {
+            FaultKind::BufferOverrun { lost } => {
+                self.hold_against(Reason::BytesLost { count: *lost });
+            }
+            FaultKind::NotTouched => match &mut self.collecting {
+                Some(collecting) => {
                     let hit = collecting.next_number();
                     feature::add(&mut collecting.reasons, Reason::NotTouched { hit });
                 }
+                None => self.hold_against(Reason::NotTouched { hit: 1 }),
+            },
+            FaultKind::BlockCountMismatch { expected, got } => {
+                let (got, expected) = (*got, *expected);
+                self.revoke(Reason::WrongCount { got, expected }, out);
             }
-            FaultKind::BufferOverrun { lost } => self.bytes_lost(*lost),
-            // The others have done their harm to a line or a block, which says so.
+            FaultKind::BadParity { .. }
+            | FaultKind::UnknownCharacter { .. }
+            | FaultKind::LineTooLong { .. }
+            | FaultKind::LineUnterminated
+            | FaultKind::NumberFormat { .. }
+            | FaultKind::BadCheckValue { .. }
+            | FaultKind::NotUnderstood => self.damaged_line(),
+            // The others have done their harm to a block, which says so, or to a
+            // hit, which carries the doubt; or they did none.
             _ => {}
+        }
+    }
+
+    /// A line could not be used. In a block the block says so; elsewhere a hit may
+    /// be missing, and the next one must not take its place.
+    fn damaged_line(&mut self) {
+        if let Some(collecting) = &mut self.collecting
+            && !collecting.in_block
+            && let Some(spec) = self.job.features.get(collecting.feature)
+        {
+            let got = u16::try_from(collecting.hits.len()).unwrap_or(u16::MAX);
+            let expected = spec.hits;
+            feature::add(
+                &mut collecting.reasons,
+                Reason::DamagedLine { got, expected },
+            );
+        }
+    }
+
+    /// Something contradicts a plate that may have been judged: then its verdict
+    /// is NG, under the same number.
+    fn revoke(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
+        if self.progress == Progress::Judged && self.collecting.is_none() {
+            self.progress = Progress::UnderWay;
+            self.hold_against(reason);
+            self.close(None, out);
+        } else {
+            self.hold_against(reason);
         }
     }
 
@@ -219,6 +272,13 @@ impl Run {
     /// A hit arrived.
     pub fn hit(&mut self, hit: &ReportedHit, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
         self.last_hit = now;
+        if hit.run.is_some() && hit.run != self.run {
+            if self.run.is_some() {
+                self.give_up(Reason::RunChanged, out);
+                self.next_plate();
+            }
+            self.run = hit.run;
+        }
         let in_block = self.collecting.as_ref().is_some_and(|c| c.in_block);
         if !in_block {
             let place = match (&hit.feature, hit.feature_id) {
@@ -339,11 +399,16 @@ impl Run {
         self.features_seen = self.features_seen.saturating_add(1);
         out(Decision::Feature(&result));
         if let Some(slot) = self.slots.get_mut(place) {
+            let before = slot.result.as_ref().filter(|_| !slot.in_this_plate);
+            slot.repeated = before.is_some_and(|before| before.points_mm == result.points_mm);
             slot.result = Some(result);
             slot.in_this_plate = true;
         }
         self.last = Some(place);
         self.progress = Progress::UnderWay;
+        for reason in core::mem::take(&mut self.pending) {
+            self.hold_against(reason);
+        }
         if place + 1 == self.job.features.len() {
             self.close(None, out);
         }
@@ -368,8 +433,10 @@ impl Run {
         if earlier.points_mm == result.points_mm && earlier.reasons == result.reasons {
             return Belongs::Dropped;
         }
+        // A job of one feature: the next part, not the same one again.
+        let alone = self.job.features.len() == 1;
         match (place == last, earlier.is_ok()) {
-            (true, false) => Belongs::Replaces,
+            (true, false) if !(alone && judged) => Belongs::Replaces,
             (true, true) if place != 0 && !judged => Belongs::Contradicts,
             (true, true) if place != 0 && !result.is_ok() => Belongs::Contradicts,
             _ => Belongs::NextPlate,
@@ -407,6 +474,11 @@ impl Run {
         let mut verdict = plate::blank(self.plate);
         for reason in self.against.iter().chain(&reason) {
             plate::add(&mut verdict, reason.clone());
+        }
+        let all_repeated = (self.slots.iter().zip(&self.job.features))
+            .all(|(slot, _)| slot.in_this_plate && slot.repeated);
+        if all_repeated {
+            plate::add(&mut verdict, Reason::RepeatedPlate);
         }
         let mut measured = Positions::new();
         for (place, spec) in self.job.features.iter().enumerate() {
@@ -508,9 +580,15 @@ impl Run {
     }
 
     fn hold_against(&mut self, reason: Reason) {
-        if !self.against.contains(&reason) {
+        let list = if self.is_under_way() {
+            &mut self.against
+        } else {
+            // It concerns what comes next.
+            &mut self.pending
+        };
+        if !list.contains(&reason) {
             // With the list full the plate is NG already.
-            let _ = self.against.push(reason);
+            let _ = list.push(reason);
         }
     }
 }

@@ -6,7 +6,7 @@ use std::string::{String, ToString};
 use std::vec;
 use std::vec::Vec;
 
-use umi_protocol::fault::BlockEndCause;
+use umi_protocol::fault::{BlockEndCause, FaultKind};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
@@ -571,6 +571,7 @@ fn compensation_on_the_board() {
         }
     }
     // Without directions nothing can be compensated.
+    job.correction = None;
     for feature in &mut job.features {
         feature.approach.clear();
     }
@@ -627,6 +628,18 @@ fn bad_jobs_are_refused() {
         ("bad_value", |j| {
             j.correction.as_mut().unwrap().part_max_mm[1] = -100.0;
         }),
+        ("same_offset", |j| {
+            j.correction.as_mut().unwrap().write_to = WorkOffset::G54;
+        }),
+        ("unnamed_features", |j| {
+            let _ = j.receiver.patterns.push(LinePattern::GrblProbe);
+        }),
+        ("hit_count", |j| {
+            j.features[0].hits = 4;
+            j.features[0].approach.pop();
+        }),
+        ("missing", |j| j.limits.approach_deg = None),
+        ("missing", |j| j.features[2].approach.clear()),
         ("too_few_datums", |j| {
             j.features.pop();
         }),
@@ -645,4 +658,81 @@ fn bad_jobs_are_refused() {
         assert!(error.to_string().len() > 20);
     }
     assert_eq!(check(&job()), Ok(()));
+}
+
+/// A plate that is printed again to the last digit was not measured again.
+#[test]
+fn a_plate_printed_again_is_ng() {
+    let mut blocks = session_a()[..6].to_vec();
+    blocks.extend_from_within(3..6);
+    let summary = run_blocks(job(), &blocks).summary();
+    assert_eq!(summary, ["OK", "OK", "repeated_plate"]);
+}
+
+/// Bytes that are lost before a plate's first feature are held against that
+/// plate, and against no other.
+#[test]
+fn a_loss_between_plates_concerns_the_next_one() {
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (at, (name, points)) in session_a().iter().enumerate() {
+        if at == 6 {
+            let lost = FaultKind::BufferOverrun { lost: 20 };
+            run.fault(&lost, &mut |d| outcome.take(d));
+        }
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    assert_eq!(outcome.summary(), ["OK", "OK", "bytes_lost", "OK", "OK"]);
+}
+
+/// A point too many behind a block takes its verdict back.
+#[test]
+fn a_surplus_point_revokes_the_verdict() {
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (name, points) in &session_a()[..6] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    let surplus = FaultKind::BlockCountMismatch {
+        expected: 5,
+        got: 6,
+    };
+    run.fault(&surplus, &mut |d| outcome.take(d));
+    assert_eq!(outcome.summary(), ["OK", "OK", "wrong_count"]);
+    assert_eq!(outcome.verdicts[1].plate, outcome.verdicts[2].plate);
+}
+
+/// Checked lines of another run never complete the plate of the run before.
+#[test]
+fn another_run_is_another_plate() {
+    let mut job = job();
+    for (id, feature) in (1..).zip(&mut job.features) {
+        feature.id = Some(id);
+    }
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    let mut send = |blocks: &[Block], first_id: u16, of_run: u32| {
+        for (id, (_, points)) in (first_id..).zip(blocks) {
+            for point in points {
+                let mut hit = hit(*point);
+                (hit.feature_id, hit.run) = (Some(id), Some(of_run));
+                run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+            }
+        }
+    };
+    let blocks = session_a();
+    send(&blocks[..3], 1, 1);
+    // Two spheres in run 2, the third of another clamping in run 3.
+    send(&blocks[3..5], 1, 2);
+    send(&blocks[8..9], 3, 3);
+    send(&blocks[9..12], 1, 4);
+    assert_eq!(
+        outcome.summary(),
+        [
+            "OK",
+            "run_changed missing_feature",
+            "missing_feature missing_feature",
+            "OK"
+        ]
+    );
 }

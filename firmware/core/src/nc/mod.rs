@@ -26,7 +26,7 @@
 mod program;
 
 use nalgebra::{Matrix3, Vector3};
-use umi_protocol::job::{CorrectionSpec, Dialect};
+use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd};
 
 use crate::registration::RigidTransform;
 use crate::units::Mm;
@@ -98,8 +98,13 @@ pub fn plan(spec: &CorrectionSpec, transform: &RigidTransform) -> Result<Plan, N
         middle.z,
     );
 
-    // The rotation about Z that is nearest to R in the least-squares sense.
-    let angle = libm::atan2(rotation.m21 - rotation.m12, rotation.m11 + rotation.m22);
+    // The rotation about Z that is nearest to R in the least-squares sense. A main
+    // program's end (M30) resets G68, so there the offset must do alone: what it
+    // leaves is for the limit to judge.
+    let angle = match spec.ends_with {
+        ProgramEnd::M99 => libm::atan2(rotation.m21 - rotation.m12, rotation.m11 + rotation.m22),
+        ProgramEnd::M30 => 0.0,
+    };
     let angle_mdeg = count(angle.to_degrees() / format.increment_deg)?;
 
     let new_origin = origin + rotation * center + translation_mm - center;

@@ -40,8 +40,9 @@ pub struct Figures<'a> {
 /// The complete program, lines ended by LF.
 ///
 /// `G69` comes first, so that a rotation that is still active does not turn
-/// the offset; inch or incremental mode and another plane are set aside by
-/// `G17 G21 G90`. No word in it moves an axis.
+/// the offset. `G17 G21 G90` stay active, as do the offset and, with `M99`, the
+/// rotation: the caller sets its own modes after the call, and a comment says so.
+/// No word in it moves an axis.
 ///
 /// # Errors
 /// [`NotExpressible`] if the text outgrows its buffer (a job name and figures
@@ -95,11 +96,16 @@ fn g10_g68(
         "(LEFT AT PART {:.4} MM - LIMIT {:.4} MM)",
         plan.leftover.0, spec.leftover_mm
     )?;
+    let [from_x, from_y, from_z] = spec.probed_origin_mm;
     writeln!(
         out,
-        "(PROBED IN {:?} - RUN WITH {offset:?})",
+        "({:?} WAS X{from_x:.3} Y{from_y:.3} Z{from_z:.3} - RUN WITH {offset:?})",
         spec.probed_in
     )?;
+    out.write_str(match spec.ends_with {
+        ProgramEnd::M99 => "(LEAVES G17 G21 G90 G68 ACTIVE - CALLER MUST NOT G69)\n",
+        ProgramEnd::M30 => "(OFFSET ONLY)\n",
+    })?;
     out.write_str("G17 G21 G90\nG69\n")?;
     writeln!(
         out,
@@ -110,13 +116,15 @@ fn g10_g68(
         Decimal(z)
     )?;
     writeln!(out, "{offset:?}")?;
-    writeln!(
-        out,
-        "G68 X{} Y{} R{}",
-        Decimal(center_x),
-        Decimal(center_y),
-        Decimal(plan.angle_mdeg)
-    )?;
+    if spec.ends_with == ProgramEnd::M99 {
+        writeln!(
+            out,
+            "G68 X{} Y{} R{}",
+            Decimal(center_x),
+            Decimal(center_y),
+            Decimal(plan.angle_mdeg)
+        )?;
+    }
     writeln!(out, "{end}\n%")
 }
 

@@ -114,7 +114,8 @@ fn program_text() {
             "(REGISTRATION RMS 0.0004 MM)",
             "(TURN 1.0001 DEG - TILT 0.0050 DEG)",
             "(LEFT AT PART 0.0004 MM - LIMIT 0.0300 MM)",
-            "(PROBED IN G54 - RUN WITH G55)",
+            "(G54 WAS X-400.000 Y-250.500 Z-310.123 - RUN WITH G55)",
+            "(LEAVES G17 G21 G90 G68 ACTIVE - CALLER MUST NOT G69)",
             "G17 G21 G90",
             "G69",
             "G10 L2 P2 X-399. Y-250.5 Z-310.123",
@@ -123,7 +124,7 @@ fn program_text() {
             "M99",
             "%",
         ]
-        .map(|l| l.replace("Y-250.5 ", "Y-250.500 "))
+        .map(|l| l.replace("X-399. Y-250.5 ", "X-399. Y-250.500 "))
         .to_vec()
     );
 }
@@ -156,4 +157,30 @@ fn the_longest_program_fits() {
         tilt_deg: 180.0,
     };
     assert!(write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).is_ok());
+}
+
+/// A main program's end resets `G68`: with `M30` only the offset is sent, and what
+/// a rotation then leaves at the part is in the leftover.
+#[test]
+fn a_main_program_sends_the_offset_only() {
+    let mut spec = spec();
+    spec.ends_with = ProgramEnd::M30;
+    let turned = Rotation3::new(Vector3::new(0.0, 0.0, 1e-3)).into_inner();
+    let plan = plan(&spec, &rigid(&turned, &Vector3::new(1.0, 2.0, 3.0))).unwrap();
+    // 1 mrad at the corner (26, 36) mm.
+    let expected = 1e-3 * f64::hypot(26.0, 36.0);
+    assert!((plan.leftover.0 - expected).abs() < 1e-3, "{plan:?}");
+    let figures = Figures {
+        job: "J",
+        plate: 0,
+        rms_mm: 0.0,
+        turn_deg: 0.0,
+        tilt_deg: 0.0,
+    };
+    let cleared = Cleared::if_no_reasons(0).unwrap();
+    let text = write(&cleared, &spec, &plan, &figures).unwrap();
+    assert!(
+        !text.contains("G68 X") && text.ends_with("G55\nM30\n%\n"),
+        "{text}"
+    );
 }
