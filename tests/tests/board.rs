@@ -148,18 +148,26 @@ fn no_program_without_an_ok_verdict() {
     );
     assert!(verdicts_of(&mut bench, &clamping(1))[0].ok);
     assert!(bench.client().status().unwrap().correction_waiting);
-    // The first line of a block is not a hit yet, the fourth is.
+    // Any line that says something, also one that cannot be used.
     let next = clamping(2);
     let lines: Vec<&str> = next.split_inclusive('\n').collect();
-    verdicts_of(&mut bench, &lines[..3].concat());
+    verdicts_of(&mut bench, " *** \n");
     assert!(bench.client().status().unwrap().correction_waiting);
-    verdicts_of(&mut bench, lines[3]);
+    verdicts_of(&mut bench, "X1 Q7\n");
+    assert_eq!(
+        bench.read_program().unwrap(),
+        None,
+        "the control printed again"
+    );
+    assert_eq!(bench.board().lights(), umi_app::board::Lights::default());
+    verdicts_of(&mut bench, &lines[..4].concat());
     assert_eq!(
         bench.read_program().unwrap(),
         None,
         "a new measurement has begun"
     );
     let spoilt = lines[4..].concat().replacen("*", "*1", 1);
+
     assert!(!verdicts_of(&mut bench, &spoilt)[0].ok);
     assert_eq!(bench.read_program().unwrap(), None, "the verdict is NG");
     assert!(verdicts_of(&mut bench, &clamping(3))[0].ok);
@@ -182,7 +190,7 @@ fn flow_control_at_every_place() {
     verdicts_of(&mut bench, &clamping(0));
     for stop in (0..280).step_by(7) {
         // Each program goes out once: measure again for the next.
-        let verdict = verdicts_of(&mut bench, &clamping(1)).remove(0);
+        let verdict = verdicts_of(&mut bench, &clamping(1 + stop / 7 % 2)).remove(0);
         let text = verdict.correction.unwrap().text;
         let board = bench.board();
         board.control_sends(DC1);
@@ -530,4 +538,43 @@ fn tcp_ports_serve_one_client_after_the_other() {
         }
     };
     assert!(verdict.ok);
+}
+
+/// A correction that nobody reads grows too old, and the board says so at its
+/// outputs.
+#[test]
+fn a_correction_grows_too_old() {
+    let mut bench = Bench::new(&job()).unwrap();
+    for case in 0..2 {
+        assert!(verdicts_of(&mut bench, &clamping(case))[0].ok);
+    }
+    assert!(bench.client().status().unwrap().correction_waiting);
+    bench.board().advance(Micros(
+        u64::from(job().plate_timeout_s) * 1_000_000 + 10_000_000,
+    ));
+    std::thread::sleep(SOON);
+    bench.settle().unwrap();
+    assert!(!bench.client().status().unwrap().correction_waiting);
+    assert!(!bench.board().lights().ok);
+}
+
+/// With `on_verdict` the program goes out by itself, also when a refused feature
+/// was probed again and its plate judged again; and once.
+#[test]
+fn programs_that_go_out_by_themselves() {
+    let mut job = job();
+    job.correction.as_mut().unwrap().send = umi_protocol::job::SendWhen::OnVerdict;
+    let mut bench = Bench::new(&job).unwrap();
+    assert!(verdicts_of(&mut bench, &clamping(0))[0].ok);
+    assert_eq!(receive_all(bench.board()), "");
+    let text = clamping(1);
+    let lines: Vec<&str> = text.split_inclusive('\n').collect();
+    let spoilt = lines[..22].concat() + "*0.0000*0.0000*0.0000\n" + &lines[23..].concat();
+    assert!(!verdicts_of(&mut bench, &spoilt)[0].ok);
+    assert_eq!(receive_all(bench.board()), "");
+    let verdict = verdicts_of(&mut bench, &lines[18..].concat()).remove(0);
+    assert!(verdict.ok, "{verdict:?}");
+    let program = receive_all(bench.board());
+    assert_eq!(program, verdict.correction.unwrap().text.as_str());
+    bench.settle().unwrap();
 }

@@ -12,7 +12,8 @@
 //! the byte at the driver and the one behind it still go out.
 //!
 //! DC1 (XON) means two things: "go on" while a correction is being sent, and
-//! "send me the program" (READ) otherwise.
+//! "send me the program" (READ) otherwise. "Go on" is obeyed at once; a READ takes
+//! its turn in the queue, behind what the control said before it.
 //!
 //! # Limitations
 //!
@@ -82,11 +83,16 @@ impl Flow {
             self.stopped.store(true, Ordering::Relaxed);
         } else if byte & !PARITY == XON {
             self.stopped.store(false, Ordering::Relaxed);
-            if self.sending.load(Ordering::Relaxed) {
-                self.resumed.signal(());
-            } else {
-                self.go.signal(SendWhen::OnRequest);
-            }
+            self.resumed.signal(());
+        }
+    }
+
+    /// Looks for a READ in bytes that have been measured: what they say comes
+    /// before it.
+    pub fn look_for_read(&self, bytes: &[u8]) {
+        let read = bytes.iter().any(|byte| byte & !PARITY == XON);
+        if read && !self.sending.load(Ordering::Relaxed) {
+            self.go.signal(SendWhen::OnRequest);
         }
     }
 }
@@ -153,7 +159,7 @@ pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock:
         let (bytes, complete) = send(app, tx, clock, &correction).await;
         app.flow.sending.store(false, Ordering::Relaxed);
         let mut measure = app.measure.lock().await;
-        measure.sent(clock.now(), correction.plate, bytes, complete);
+        measure.sent(clock.now(), &correction, bytes, complete);
         app.told.signal(());
     }
 }
@@ -176,9 +182,8 @@ async fn send<F: Flash>(
                 return (sent, false);
             }
         }
-        // A new measurement, job or verdict takes the program back, even now:
-        // without its closing `%` the control does not take it.
-        if !app.measure.lock().await.is_armed(correction.plate) {
+        // A new measurement, job or verdict takes the program back, even now.
+        if !app.measure.lock().await.is_armed(correction.arming) {
             return (sent, false);
         }
         // CTS may hold the driver as XOFF holds us.

@@ -45,7 +45,7 @@ pub mod replay;
 mod settings;
 
 use embassy_futures::join::join5;
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::mutex::Mutex;
@@ -68,6 +68,8 @@ pub struct App<F: Flash> {
     measure: Mutex<CriticalSectionRawMutex, Measure<F>>,
     inputs: Channel<CriticalSectionRawMutex, (Micros, Input), QUEUE>,
     flow: cnc::Flow,
+    /// The host has changed something that the outputs and the clock must know.
+    changed: Signal<CriticalSectionRawMutex, ()>,
     /// There may be something to tell the host.
     told: Signal<CriticalSectionRawMutex, ()>,
 }
@@ -96,6 +98,7 @@ impl<F: Flash> App<F> {
             measure: Mutex::new(measure),
             inputs: Channel::new(),
             flow: cnc::Flow::new(),
+            changed: Signal::new(),
             told: Signal::new(),
         }
     }
@@ -152,23 +155,25 @@ impl<F: Flash> App<F> {
             let deadline = self.measure.lock().await.deadline();
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
-            let came = select(self.inputs.receive(), due).await;
+            let came = select3(self.inputs.receive(), due, self.changed.wait()).await;
             let mut measure = self.measure.lock().await;
-            let had = measure
-                .brain()
-                .and_then(|brain| brain.run().verdict())
-                .map(|v| v.plate);
+            let before = measure.arming();
             match came {
-                Either::First((time, input)) => measure.input(time, &input),
-                Either::Second(()) => measure.on_time(clock.now()),
+                Either3::First((time, input)) => {
+                    measure.input(time, &input);
+                    if let Input::Bytes(bytes) = &input {
+                        self.flow.look_for_read(bytes);
+                    }
+                }
+                Either3::Second(()) => measure.on_time(clock.now()),
+                // The host has set a job.
+                Either3::Third(()) => {}
             }
             self.flow.note_coding(measure.coding());
             outputs.show(measure.lights());
-            let has = measure
-                .brain()
-                .and_then(|brain| brain.run().verdict())
-                .map(|v| v.plate);
-            if has != had && measure.waiting() == Some(SendWhen::OnVerdict) {
+            let armed = measure.arming();
+            if armed.is_some() && armed != before && measure.waiting() == Some(SendWhen::OnVerdict)
+            {
                 self.flow.go.signal(SendWhen::OnVerdict);
             }
             self.told.signal(());

@@ -85,6 +85,7 @@ async fn respond<'b, F: Flash>(
     let encoded = match (frame.kind, frame.open::<Request>()) {
         (Kind::Request, Ok(request)) => {
             let response = answer(&mut measure, clock.now(), request);
+            app.changed.signal(());
             encode(frame.sequence, &response, out)
         }
         (Kind::Response | Kind::Event, _) => return &[],

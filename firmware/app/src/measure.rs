@@ -8,10 +8,11 @@
 //! ([`crate::replay`]) to the same decisions.
 //!
 //! A correction is armed by a verdict OK that *is in the journal*, and by
-//! nothing else. It is disarmed by the next hit (a new measurement has begun),
-//! by a verdict NG, by a new job, and once it has gone out completely: the next
-//! clamping must not get it by a READ without probing. One that broke off may be
-//! read again.
+//! nothing else. It is disarmed by whatever may mean that the part is measured
+//! again or has changed: any line from the control that is not a separator, a
+//! loss, another verdict, a new job, the job's plate time-out. It also goes out
+//! once only: the next clamping must not get it by a READ without probing. One
+//! that broke off may be read again.
 //!
 //! # Tradeoffs
 //!
@@ -24,6 +25,7 @@ use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::job::{Job, Name, SendWhen};
+use umi_protocol::line::LineStatus;
 use umi_protocol::message::{Event, Identity, LatchReport, MAX_RECORD, Record};
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
@@ -58,6 +60,8 @@ const ROOM: u32 = 4 * MAX_RECORD as u32;
 pub struct Correction {
     /// The plate that it corrects.
     pub plate: u32,
+    /// Which arming it is: plates of two jobs may have one number.
+    pub arming: u32,
     /// The program, lines ended by LF.
     pub text: String<MAX_CORRECTION>,
     /// The code in which the control writes.
@@ -82,6 +86,10 @@ pub(crate) struct Book<F: Flash> {
     /// An input or a decision since the job began is not in the journal.
     unaudited: bool,
     armed: Option<Armed>,
+    /// Counts armings.
+    armings: u32,
+    /// How long a correction stays armed.
+    patience_us: u64,
     /// A reference was taught and is not in the settings yet.
     taught: bool,
     pub verdicts: u32,
@@ -91,6 +99,9 @@ pub(crate) struct Book<F: Flash> {
 
 struct Armed {
     plate: u32,
+    arming: u32,
+    /// From then on it is too old.
+    until: Micros,
     text: String<MAX_CORRECTION>,
 }
 
@@ -126,6 +137,8 @@ impl<F: Flash> Measure<F> {
                 failures: 0,
                 unaudited: false,
                 armed: None,
+                armings: 0,
+                patience_us: 0,
                 taught: false,
                 verdicts: 0,
                 verdicts_ok: 0,
@@ -152,7 +165,7 @@ impl<F: Flash> Measure<F> {
                     let record = Record::ReferenceRestored { positions_mm };
                     measure.book.record(now, record);
                 }
-                measure.brain = Some(brain);
+                measure.take_up(brain);
             }
         }
         Ok(measure)
@@ -174,6 +187,9 @@ impl<F: Flash> Measure<F> {
         let Some(brain) = brain else {
             return;
         };
+        if matches!(input, Input::Lost(_)) {
+            book.forget();
+        }
         let out = &mut |output: Output<'_>| book.take(now, output);
         match input {
             Input::Bytes(raw) => brain.bytes(now, raw, out),
@@ -196,12 +212,20 @@ impl<F: Flash> Measure<F> {
     /// When [`Self::on_time`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        self.brain.as_ref()?.deadline()
+        let brain = self.brain.as_ref().and_then(Brain::deadline);
+        let armed = self.book.armed.as_ref().map(|armed| armed.until);
+        match (brain, armed) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        }
     }
 
     /// Time passed.
     pub fn on_time(&mut self, now: Micros) {
         let Self { brain, book, .. } = self;
+        if book.armed.as_ref().is_some_and(|armed| now >= armed.until) {
+            book.forget();
+        }
         let Some(brain) = brain else {
             return;
         };
@@ -230,11 +254,17 @@ impl<F: Flash> Measure<F> {
         settings
             .save(now, &job, None, &mut book.scratch)
             .map_err(|_| SetJobError::Storage)?;
-        book.disarm();
+        book.forget();
         book.unaudited = false;
         book.record(now, Record::JobSet(job));
-        self.brain = Some(brain);
+        self.take_up(brain);
         Ok(())
+    }
+
+    fn take_up(&mut self, brain: Brain) {
+        let timeout_s = brain.run().job().plate_timeout_s;
+        self.book.patience_us = u64::from(timeout_s).saturating_mul(1_000_000);
+        self.brain = Some(brain);
     }
 
     /// The brain at work; none without a job.
@@ -259,26 +289,36 @@ impl<F: Flash> Measure<F> {
         let armed = self.book.armed.as_ref()?;
         Some(Correction {
             plate: armed.plate,
+            arming: armed.arming,
             text: armed.text.clone(),
             coding: self.coding(),
         })
     }
 
-    /// Whether this plate's correction may still go out.
+    /// Whether this arming still holds.
     #[must_use]
-    pub fn is_armed(&self, plate: u32) -> bool {
-        self.book.armed.as_ref().is_some_and(|a| a.plate == plate)
+    pub fn is_armed(&self, arming: u32) -> bool {
+        self.book
+            .armed
+            .as_ref()
+            .is_some_and(|armed| armed.arming == arming)
+    }
+
+    /// The arming that holds, if one does.
+    #[must_use]
+    pub fn arming(&self) -> Option<u32> {
+        self.book.armed.as_ref().map(|armed| armed.arming)
     }
 
     /// A correction went out, or broke off.
-    pub fn sent(&mut self, now: Micros, plate: u32, bytes: u32, complete: bool) {
+    pub fn sent(&mut self, now: Micros, correction: &Correction, bytes: u32, complete: bool) {
         let record = Record::CorrectionSent {
-            plate,
+            plate: correction.plate,
             bytes,
             complete,
         };
         self.book.record(now, record);
-        if complete && self.is_armed(plate) {
+        if complete && self.is_armed(correction.arming) {
             self.book.disarm();
         }
     }
@@ -317,8 +357,10 @@ impl<F: Flash> Measure<F> {
         let taught = brain.run().taught().map(positions_mm);
         let kept = settings.save(now, brain.run().job(), taught.as_ref(), &mut book.scratch);
         if kept.is_err() {
-            // It is in force until the power goes; the status says so.
+            // It is in force until the power goes; the status says so, and what
+            // rests on it is not sent.
             book.failures = book.failures.saturating_add(1);
+            book.unaudited = true;
         }
     }
 }
@@ -359,13 +401,15 @@ impl<F: Flash> Book<F> {
     fn take(&mut self, now: Micros, output: Output<'_>) {
         match output {
             Output::Line(line) => {
+                if line.status != LineStatus::Separator {
+                    // The control prints again: what was measured before is history.
+                    self.forget();
+                }
                 if self.events.is_on() {
                     self.events.push(&Event::Line(line.clone()));
                 }
             }
             Output::Hit(hit) => {
-                // Somebody measures again: what was measured before is history.
-                self.disarm();
                 if self.events.is_on() {
                     self.events.push(&Event::Hit(hit.clone()));
                 }
@@ -392,8 +436,11 @@ impl<F: Flash> Book<F> {
                     && kept
                     && !self.unaudited
                 {
+                    self.armings = self.armings.wrapping_add(1);
                     self.armed = Some(Armed {
                         plate: verdict.plate,
+                        arming: self.armings,
+                        until: Micros(now.0.saturating_add(self.patience_us)),
                         text: correction.text.clone(),
                     });
                 }
@@ -403,6 +450,12 @@ impl<F: Flash> Book<F> {
 
     fn disarm(&mut self) {
         self.armed = None;
+    }
+
+    /// What was measured does not hold any more: no correction, no OK at the output.
+    fn forget(&mut self) {
+        self.disarm();
+        self.last_ok = None;
     }
 
     /// Who the board is, for a Hello.

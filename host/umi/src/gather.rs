@@ -42,7 +42,9 @@ impl Gather {
             Decision::Fault(fault) => self.session.faults.push(*fault),
             Decision::Feature(feature) => self.pending.push(*feature),
             Decision::Verdict(verdict) => {
-                let features = std::mem::take(&mut self.pending);
+                let plate = verdict.plate;
+                let mut features = std::mem::take(&mut self.pending);
+                features.retain(|feature| feature.plate == plate);
                 let plates = &mut self.session.plates;
                 // A plate that is judged again keeps its place.
                 if let Some(place) = plates.iter().position(|p| p.verdict.plate == verdict.plate) {

@@ -185,7 +185,10 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
             None => path_span(table, &path(*field)),
         },
         JobError::DegenerateReference => in_feature(Some(0), "position_mm"),
-        JobError::NoPatterns => path_span(table, &["receiver", "patterns"]),
+        JobError::SameOffset => path_span(table, &["correction", "write_to"]),
+        JobError::NoPatterns | JobError::UnnamedFeatures => {
+            path_span(table, &["receiver", "patterns"])
+        }
     }
 }
 

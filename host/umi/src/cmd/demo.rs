@@ -36,7 +36,7 @@ READ and gets the correction program.
 
 Examples:
   umi demo
-  umi demo --out /tmp/demo && xdg-open /tmp/demo/report.html
+  umi demo --out /tmp/demo
   umi demo --json | jq 'select(.type==\"verdict\") | .verdict'";
 
 /// The session as printed, its true poses, and the job for it.
