@@ -131,7 +131,12 @@ fn documentation(house: &House, _: &Arguments) -> Result<Outcome> {
 }
 
 fn tests(house: &House, _: &Arguments) -> Result<Outcome> {
-    execute(house.cargo().args(["test", "--workspace"]))?;
+    // All failures in one run: CI is slow to ask again.
+    execute(
+        house
+            .cargo()
+            .args(["test", "--workspace", "--no-fail-fast"]),
+    )?;
     Ok(Outcome::Passed)
 }
 
