@@ -184,7 +184,7 @@ impl fmt::Display for JobError {
             ),
             Self::HitCount { name, hits, least, most } => write!(
                 f,
-                "feature {name}: `hits` is {hits}; this geometry needs {least} to {most}"
+                "feature {name}: `hits` is {hits}; this feature needs {least} to {most} (one to spare where a correction rests on it)"
             ),
             Self::ApproachCount { name, got, hits } => write!(
                 f,

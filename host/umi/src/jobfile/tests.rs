@@ -121,7 +121,7 @@ fn what_the_brain_refuses_is_shown_in_the_file() {
             "program_number",
             "1 to 9999",
         ),
-        ("hits = 5", "hits = 3", "hit_count", "hits", "needs 4 to 64"),
+        ("hits = 5", "hits = 3", "hit_count", "hits", "needs 5 to 64"),
         (
             "\"-z\", \"-x\", \"+x\"",
             "\"-z\", \"-x\"",
