@@ -37,6 +37,8 @@ pub(super) struct Block {
     table: bool,
     /// Its end has been reported.
     reported: bool,
+    /// Another line came behind its last point: what follows is not its own.
+    left: bool,
 }
 
 /// What a line means to the block.
@@ -72,6 +74,7 @@ impl Block {
             spans_sessions: block.spans_sessions,
             table: false,
             reported: false,
+            left: false,
         }
     }
 
@@ -89,6 +92,7 @@ impl Block {
             spans_sessions: true,
             table: true,
             reported: false,
+            left: false,
         }
     }
 
@@ -138,7 +142,14 @@ impl Block {
         }
         let outcome = pattern::three_numbers(block.format, text);
         match (outcome, self.due) {
+            // A point directly behind the last one is one too many. Behind another
+            // line it belongs to a block whose header was lost.
+            (Outcome::Point(_), Due::Nothing) if self.left => Step::None,
             (Outcome::Point(_), Due::Nothing) => self.extra(),
+            (_, Due::Nothing) => {
+                self.left = true;
+                Step::None
+            }
             (Outcome::Point(fields), _) => {
                 // Without a count line the points are still points, but nobody
                 // knows how many there should be.
