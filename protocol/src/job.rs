@@ -209,6 +209,11 @@ pub struct Limits {
     /// the centre and leaves no residual. Not checked where absent.
     #[serde(default)]
     pub approach_deg: Option<f64>,
+    /// Where a sphere has only one hit along an axis: its height above the others
+    /// against the nominal radius, by which the routine drives below the top. It
+    /// holds whatever the pretravel. Not checked where absent.
+    #[serde(default)]
+    pub lone_hit_mm: Option<f64>,
     /// Distance between two datum positions against the reference.
     pub distance_error_mm: f64,
     /// Rms of the registration's residuals.

@@ -112,9 +112,10 @@ pub enum Reason {
         hit: u16,
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
-        /// How far the other hits lie from the centre's height along the axis.
+        /// How far it is from where the other hits and the nominal radius put it,
+        /// or how far those lie from the fitted centre's height.
         offset_mm: f64,
-        /// The limit, from the job's approach limit and the radius.
+        /// The job's limit on that, or its approach limit at the radius.
         limit_mm: f64,
     },
     /// With the other sign this coordinate would fit: the sign was lost.

@@ -43,8 +43,10 @@ const XOFF: u8 = 0x13;
 /// Set by parity in DC codes: in XOFF by even, in XON by odd parity.
 const PARITY: u8 = 0x80;
 
-/// A control that does not say XON again for this long has given up.
-pub const XOFF_PATIENCE_US: u64 = 60_000_000;
+/// A control that does not say XON again for this long has given up: a program of
+/// a few hundred bytes fits its buffer. The next DC1 is then a new READ and gets the
+/// program from its beginning, never the rest of an old one.
+pub const XOFF_PATIENCE_US: u64 = 5_000_000;
 
 /// The state of the line between receiving and sending.
 pub(crate) struct Flow {

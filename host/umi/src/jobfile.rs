@@ -144,6 +144,7 @@ const fn allowed(field: Field) -> &'static str {
         | Field::RegistrationRmsMm
         | Field::ShiftMm
         | Field::ExpectedErrorMm
+        | Field::LoneHitMm
         | Field::LeftoverMm => "give millimetres above 0",
     }
 }

@@ -187,6 +187,7 @@ fn limits(limits: &Limits) -> Table {
         ("radius error", format!("{} mm", limits.radius_error_mm)),
         ("rms of a feature", format!("{} mm", limits.rms_mm)),
         ("approach to normal", optional(limits.approach_deg, "deg")),
+        ("lone hit of a sphere", optional(limits.lone_hit_mm, "mm")),
         ("distance error", format!("{} mm", limits.distance_error_mm)),
         (
             "rms of the registration",

@@ -33,7 +33,7 @@ impl VirtualFlash {
     /// Flash that stands in a file; an absent file is erased flash.
     ///
     /// # Errors
-    /// The file cannot be read or written, or has another size.
+    /// The file cannot be read or written, has another size, or is in use.
     pub fn in_file(geometry: Geometry, path: &Path) -> io::Result<Self> {
         let mut file = OpenOptions::new()
             .read(true)
@@ -41,6 +41,10 @@ impl VirtualFlash {
             .create(true)
             .truncate(false)
             .open(path)?;
+        if file.try_lock().is_err() {
+            let message = format!("{} is in use by another virtual board", path.display());
+            return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));
+        }
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes)?;
         if bytes.is_empty() {

@@ -232,6 +232,7 @@ fn job() -> Job {
             radius_error_mm: 0.05,
             rms_mm: 0.02,
             approach_deg: Some(15.0),
+            lone_hit_mm: Some(0.02),
             distance_error_mm: 0.03,
             registration_rms_mm: 0.04,
             rotation_deg: 5.0,

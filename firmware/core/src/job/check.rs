@@ -187,6 +187,7 @@ fn check_limits(limits: &Limits) -> Result<(), JobError> {
         (limits.rotation_deg, Field::RotationDeg),
         (limits.tilt_deg, Field::TiltDeg),
         (limits.approach_deg.unwrap_or(1.0), Field::ApproachDeg),
+        (limits.lone_hit_mm.unwrap_or(1.0), Field::LoneHitMm),
         (
             limits.expected_error_mm.unwrap_or(1.0),
             Field::ExpectedErrorMm,

@@ -113,6 +113,7 @@ pub fn judge(
     if reasons.len() > before {
         diagnose::suspects(spec, limits, points, reasons);
     }
+    against_lone_hit(spec, limits, points, hits, reasons);
     against_approach(limits, &fitted.shape(), points, hits, reasons);
     Some(fitted.report(points))
 }
@@ -135,6 +136,59 @@ pub fn against_limits(spec: &FeatureSpec, limits: &Limits, fitted: &Fitted, reas
     if exceeds(rms_mm, limits.rms_mm) {
         let limit_mm = limits.rms_mm;
         add(reasons, Reason::Rms { rms_mm, limit_mm });
+    }
+}
+
+/// Holds the height of a lone hit above the others against the nominal radius.
+///
+/// In a top-and-two-pairs pattern a wrong top hit leaves no residual. The routine
+/// (Sawula 2013, appendix D) drives the side hits exactly one ball radius below the
+/// top hit, so as printed the two heights differ by that radius, to the machine's
+/// resolution and whatever the pretravel.
+fn against_lone_hit(
+    spec: &FeatureSpec,
+    limits: &Limits,
+    points: &[Point],
+    hits: &[Hit],
+    reasons: &mut Reasons,
+) {
+    let (FeatureKind::Sphere, Some(radius_mm), Some(limit_mm)) =
+        (spec.kind, spec.radius_mm, limits.lone_hit_mm)
+    else {
+        return;
+    };
+    for axis in 0..3usize {
+        let mut lone = None;
+        let (mut along, mut sum, mut others) = (0u16, 0.0, 0.0);
+        for (number, (point, hit)) in (1u16..).zip(points.iter().zip(hits)) {
+            let height = point.mm.get(axis).copied().unwrap_or(f64::NAN);
+            match hit.approach.map(|approach| approach.axis_and_sign()) {
+                Some((of, sign)) if of == axis => {
+                    lone = Some((number, sign, height));
+                    along += 1;
+                }
+                _ => {
+                    sum += height;
+                    others += 1.0;
+                }
+            }
+        }
+        let (Some((hit, sign, height)), 1) = (lone, along) else {
+            continue;
+        };
+        // The hit is approached towards the centre.
+        let offset_mm = sign * (sum / others - height) - radius_mm;
+        if exceeds(offset_mm.abs(), limit_mm) {
+            let axis = u8::try_from(axis).unwrap_or(2);
+            let reason = Reason::LoneHitOffset {
+                hit,
+                axis,
+                offset_mm,
+                limit_mm,
+            };
+            add(reasons, reason);
+            return;
+        }
     }
 }
 

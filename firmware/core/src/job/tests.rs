@@ -48,10 +48,11 @@ fn job() -> Job {
             radius_error_mm: 0.03,
             rms_mm: 0.015,
             approach_deg: Some(0.2),
+            lone_hit_mm: Some(0.005),
             distance_error_mm: 0.01,
             registration_rms_mm: 0.005,
             rotation_deg: 3.0,
-            tilt_deg: 0.015,
+            tilt_deg: 0.010,
             shift_mm: [60.0, 60.0, 0.06],
             expected_error_mm: Some(0.01),
         },
@@ -254,7 +255,7 @@ fn third_clamping(sphere: usize, change: impl Fn(&mut Vec<[f64; 3]>)) -> String 
 #[test]
 fn wrong_z_hit_is_named() {
     for sphere in 1..=3 {
-        for error_mm in [0.06, -0.06, 0.2, -0.5, 3.0] {
+        for error_mm in [0.008, -0.008, 0.03, -0.06, 0.2, -0.5, 3.0] {
             let verdict = third_clamping(sphere, |points| points[0][2] += error_mm);
             assert!(
                 verdict.contains(&format!("SPHERE{sphere}:lone_hit_offset")),

@@ -41,6 +41,7 @@ pub fn job() -> Job {
             radius_error_mm: 0.03,
             rms_mm: 0.015,
             approach_deg: Some(0.2),
+            lone_hit_mm: Some(0.05),
             distance_error_mm: 0.01,
             registration_rms_mm: 0.005,
             rotation_deg: 3.0,
