@@ -269,6 +269,18 @@ fn too_many_points() {
     );
 }
 
+/// Points behind a header that was lost or misspelt belong to nothing: they are
+/// not held against the good block before it.
+#[test]
+fn points_behind_a_lost_header() {
+    let text = sphere("SPHERE1", "2", &POINTS[..2]) + &sphere("SPHRE2", "2", &POINTS[..2]);
+    let seen = with_block(&text);
+    assert!(seen.ends[0].complete);
+    assert_eq!((seen.hits.len(), seen.ends.len()), (2, 1));
+    // Header, count and both points.
+    assert_eq!(seen.codes(), [FaultCode::NotUnderstood; 4]);
+}
+
 /// Without a good count line the points are reported, but nothing is complete.
 #[test]
 fn count_line_missing_or_damaged() {
