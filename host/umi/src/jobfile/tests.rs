@@ -101,7 +101,7 @@ fn what_the_brain_refuses_is_shown_in_the_file() {
             "above 0",
         ),
         (
-            "tilt_deg = 0.015",
+            "tilt_deg = 0.010",
             "tilt_deg = nan",
             "bad_value",
             "tilt_deg",
