@@ -4,7 +4,7 @@
 //! offset  size  field (little endian)
 //!      0     1  marker 0xA5
 //!      1     1  kind
-//!      2     2  n, length of the payload, 0..=1024
+//!      2     2  n, length of the payload, 0..=8192
 //!      4     8  seq
 //!     12     8  t_us
 //!     20     n  payload
@@ -12,15 +12,22 @@
 //!   28+n     4  CRC-32 of everything before it
 //! ```
 //!
-//! The marker is neither the erased value nor ASCII, so a search finds few
-//! false starts in text. The CRC is last, so an entry that was cut fails it.
+//! The marker is neither the erased value nor ASCII, so a search finds few false
+//! starts in text. The limit of n keeps the cost of a false start small. The CRC
+//! is last, so an entry that was cut fails it.
 
 use super::chain::{CRC32, Chain, Link, TAG_SIZE};
 use super::flash::Flash;
 use crate::units::Micros;
 
-/// Longest payload of an entry in bytes.
+/// Longest payload that is written, in bytes: that of the longest record.
 pub const MAX_PAYLOAD: usize = umi_protocol::message::MAX_RECORD;
+
+/// Longest payload of the format, in bytes. It does not follow the records, so
+/// that a journal stays readable when they become shorter.
+const LONGEST: u16 = 8192;
+
+const _: () = assert!(MAX_PAYLOAD <= LONGEST as usize);
 
 /// Bytes of an entry that are not payload. In flash, padding comes on top.
 pub const OVERHEAD: usize = FIELDS + TAG_SIZE + 4;
@@ -120,13 +127,20 @@ impl Fields {
             t7,
         ] = *bytes;
         let len = u16::from_le_bytes([l0, l1]);
-        (marker == MARKER && usize::from(len) <= MAX_PAYLOAD).then_some(Self {
+        (marker == MARKER && len <= LONGEST).then_some(Self {
             kind,
             len,
             seq: u64::from_le_bytes([s0, s1, s2, s3, s4, s5, s6, s7]),
             t: Micros(u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7])),
         })
     }
+}
+
+/// Payload length that the first four bytes of an entry announce, if an entry
+/// can start like that.
+pub(super) fn announced_len([marker, _, l0, l1]: [u8; 4]) -> Option<u16> {
+    let len = u16::from_le_bytes([l0, l1]);
+    (marker == MARKER && len <= LONGEST).then_some(len)
 }
 
 /// An entry whose CRC is right, at an address of its source.

@@ -124,7 +124,7 @@ pub struct Geometry {
     pub page_size: u32,
 }
 
-/// The largest `write_size` and the size of the buffer that programs go through.
+/// The largest `write_size`, and the most that one program writes.
 pub(super) const LARGEST_WRITE: usize = 256;
 
 /// Far above any board, and no sum of addresses overflows.
@@ -246,11 +246,13 @@ impl Layout {
     }
 
     /// Where to go on after a power cycle, when `used` is the address behind the
-    /// last byte of a torn entry that is not erased.
+    /// last byte of a torn entry that is not erased, and `announced` the end that
+    /// its start tells.
     ///
-    /// More of that entry may have been programmed, as 0xFF. How long it was is
-    /// not asked of its torn bytes; none is longer than this.
-    pub fn resume_behind_torn(&self, used: u32) -> u32 {
-        self.resume(used + self.entry_size(self.max_payload() as u32))
+    /// More of the entry may have been programmed, as 0xFF. Its first program is
+    /// read back before the next, so either it went no further than that, or its
+    /// start can be believed.
+    pub fn resume_behind_torn(&self, used: u32, announced: u32) -> u32 {
+        self.resume(announced.max(used + LARGEST_WRITE as u32))
     }
 }

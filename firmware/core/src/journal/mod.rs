@@ -3,8 +3,7 @@
 //! # Design
 //!
 //! Entries are numbered from 0 for the life of the board, without gaps. Each
-//! carries a time, a kind, up to 1024 bytes that the journal does not look at, a
-//! CRC-32, and the start of a SHA-256 chain value over everything before and
+//! carries a time, a kind, a payload that the journal does not look at, a CRC-32, and the start of a SHA-256 chain value over everything before and
 //! including it. The bytes of an entry are drawn in `entry.rs`, of a sector
 //! header in `sector.rs`, of a `.umij` file in `export.rs`.
 //!
@@ -31,8 +30,7 @@
 //! * **A word is programmed once between erases**, as flash with error correction
 //!   demands. After a power-up the rest of the page in use is left alone, since
 //!   a program that was cut at its start can leave cells that only look erased,
-//!   and behind a torn entry as much as the longest entry takes, since part of it
-//!   may have been programmed as 0xFF.
+//!   and behind a torn entry what more of it may have been programmed, as 0xFF.
 //! * **Even wear.** Sectors are used in turn, each is erased once a lap, plus
 //!   once for each power cut between its erase and its first use.
 //! * **Loss is a record.** [`Recovery`] says what a power cut or damage has left;
@@ -53,7 +51,7 @@
 //! * The CRC costs four bytes that the chain could save, and lets a single entry
 //!   be checked when what stands before it is damaged.
 //! * SHA-256 works on 64-byte blocks of `32 + 20 + n + 9` bytes: one block for
-//!   n ≤ 3, two for n ≤ 67, 17 for n = 1024. A block is about 2,700 instructions
+//!   n ≤ 3, two for n ≤ 67, 17 for n = 1000. A block is about 2,700 instructions
 //!   on a Cortex-M7 and 5,300 on an M0+ (sha2 0.11, counted in its object code at
 //!   `opt-level = "s"`; its code takes 7 and 9 KiB), so an ordinary entry is some
 //!   10 µs at 480 MHz and 0.1 ms at 125 MHz: less than its program takes. A
@@ -78,10 +76,14 @@
 //!   if it fades later, that entry is damaged. The first program after a
 //!   power-up, torn so early that nothing of it can be read, is followed by
 //!   another program of the same words; reading back decides.
+//! * A torn entry whose payload holds the image of a whole later entry is taken
+//!   for a damaged one: what is in the image can be read, never as proven.
 //! * If the chain cannot be followed to the end of the newest sector, the rest of
 //!   that sector is given up for new entries.
 //! * A sector that cannot be erased any more is not skipped: the journal refuses
 //!   entries with the flash's error, and what it holds can still be read.
+//! * An entry does not cross sectors. A board whose records are longer than a
+//!   sector joins sectors: its driver erases two for one, which may be cut between.
 //! * Erased flash must read 0xFF. Sectors must all have one size.
 
 mod chain;

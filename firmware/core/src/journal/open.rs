@@ -73,6 +73,7 @@ pub(super) fn recover<F: Flash>(flash: &mut F) -> Result<State, Error<F::Error>>
         first_seq: header.first_seq,
         proven: header.chain,
         used: cursor.addr,
+        announced: cursor.addr,
         damaged_entries: 0,
         broken: false,
     };
@@ -177,6 +178,7 @@ struct Head {
     /// Chain value after the last entry that could be proven.
     proven: Chain,
     used: u32,
+    announced: u32,
     damaged_entries: u64,
     broken: bool,
 }
@@ -189,6 +191,7 @@ impl Head {
             let search = search(flash, layout, &self.cursor, limit)?;
             let Some(hit) = search.hit else {
                 self.used = search.used;
+                self.announced = search.announced;
                 return Ok(());
             };
             let expected = self.cursor.seq;
@@ -251,7 +254,9 @@ impl Head {
             // The chain is not known here: go on in a new sector.
             end
         } else if self.used > addr {
-            layout.resume_behind_torn(self.used).min(end)
+            layout
+                .resume_behind_torn(self.used, self.announced)
+                .min(end)
         } else {
             layout.resume(addr).min(end)
         };

@@ -2,7 +2,7 @@
 //! power cut or a worn cell can leave between them.
 
 use super::chain::Chain;
-use super::entry::{Found, MARKER, OVERHEAD, chain_over, probe};
+use super::entry::{Found, MARKER, OVERHEAD, announced_len, chain_over, probe};
 use super::error::Fault;
 use super::flash::{ERASED, Flash, Layout};
 use super::sector::{HEADER_SIZE, Header, HeaderRead};
@@ -192,67 +192,74 @@ pub(super) struct Search {
     pub hit: Option<Hit>,
     /// Behind the last byte that is not erased, when nothing was hit.
     pub used: u32,
+    /// The furthest end that anything like the start of an entry announces, when
+    /// nothing was hit.
+    pub announced: u32,
 }
 
 /// Looks for the cursor's entry between the cursor and `limit`.
 ///
 /// Nearly always it is right there. Otherwise there is a gap: the rest of a page
-/// left alone at power-up, an entry that a power cut tore, or damage. The
-/// expected entry wins wherever it stands, since its number, CRC and chain value
-/// cannot be in the bytes of another by chance. Failing that, the first whole
-/// entry with a later number is taken, so that one bad entry neither hides those
-/// behind it nor makes the journal use their numbers again.
+/// left alone at power-up, an entry that a power cut tore, or damage. So the
+/// first whole entry that can follow is taken, with the expected number or a
+/// later one: one bad entry neither hides those behind it nor makes the journal
+/// use their numbers again.
 pub(super) fn search<F: Flash>(
     flash: &mut F,
     layout: &Layout,
     cursor: &Cursor,
     limit: u32,
 ) -> Result<Search, F::Error> {
-    let mut best = None;
-    let mut used = cursor.addr;
-    let mut consider = |flash: &mut F, addr: u32| -> Result<bool, F::Error> {
-        let Ok(found) = probe(flash, addr, limit)? else {
-            return Ok(false);
-        };
-        let Some(ahead) = found.fields.seq.checked_sub(cursor.seq) else {
-            return Ok(false);
-        };
-        if ahead == 0 {
-            let chain = match &cursor.chain {
-                Some(before) => chain_over(flash, &found, before)?,
-                None => None,
-            };
-            if chain.is_some() || cursor.chain.is_none() {
-                best = Some(Hit { found, chain });
-                return Ok(true);
-            }
-        }
-        // No more entries can be missing than fit in between.
-        if ahead <= u64::from((addr - cursor.addr) / OVERHEAD as u32) {
-            best.get_or_insert(Hit { found, chain: None });
-        }
-        Ok(false)
-    };
-    if consider(flash, cursor.addr)? {
-        return Ok(Search { hit: best, used });
-    }
+    let (mut used, mut announced) = (cursor.addr, cursor.addr);
+    let mut hit = entry_at(flash, cursor, cursor.addr, limit)?;
     let mut buffer = [0; 64];
     let mut at = cursor.addr;
-    while at < limit {
+    while hit.is_none() && at < limit {
         let (piece, _) = buffer.split_at_mut((limit - at).min(64) as usize);
         flash.read(at, piece)?;
         for (addr, byte) in (at..).zip(piece.iter()) {
             if *byte != ERASED {
                 used = addr + 1;
             }
-            let possible = *byte == MARKER && addr % layout.align == 0 && addr != cursor.addr;
-            if possible && consider(flash, addr)? {
-                return Ok(Search { hit: best, used });
+            if *byte != MARKER || addr % layout.align != 0 || hit.is_some() {
+                continue;
+            }
+            if addr != cursor.addr {
+                hit = entry_at(flash, cursor, addr, limit)?;
+            }
+            let mut start = [0; 4];
+            flash.read(addr, &mut start)?;
+            if let Some(len) = announced_len(start) {
+                announced = announced.max(addr + layout.entry_size(u32::from(len)));
             }
         }
         at += piece.len() as u32;
     }
-    Ok(Search { hit: best, used })
+    Ok(Search {
+        hit,
+        used,
+        announced,
+    })
+}
+
+/// The entry at `addr`, if there is a whole one that can follow on the cursor.
+fn entry_at<F: Flash>(
+    flash: &mut F,
+    cursor: &Cursor,
+    addr: u32,
+    limit: u32,
+) -> Result<Option<Hit>, F::Error> {
+    let Ok(found) = probe(flash, addr, limit)? else {
+        return Ok(None);
+    };
+    // No more entries can be missing than fit in between.
+    let most = u64::from((addr - cursor.addr) / OVERHEAD as u32);
+    let chain = match (found.fields.seq.checked_sub(cursor.seq), &cursor.chain) {
+        (Some(0), Some(before)) => chain_over(flash, &found, before)?,
+        (Some(ahead), _) if ahead <= most => None,
+        _ => return Ok(None),
+    };
+    Ok(Some(Hit { found, chain }))
 }
 
 /// Reads what stands in the place of a sector's header.

@@ -23,14 +23,14 @@ fn the_example_is_good() {
     let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
     assert_eq!(value["status"], "ok");
     assert_eq!(value["job"]["features"][2]["name"], "SPHERE3");
-    assert_eq!(value["job"]["limits"]["tilt_deg"], 0.015);
+    assert_eq!(value["job"]["limits"]["tilt_deg"], 0.010);
 }
 
 /// A fault is refused with file, line, column, the line itself and what is allowed.
 #[test]
 fn a_fault_is_shown_in_its_line() {
     let folder = Folder::new();
-    let text = example().replace("tilt_deg = 0.015 ", "tilt_deg = -1.0 ");
+    let text = example().replace("tilt_deg = 0.010 ", "tilt_deg = -1.0 ");
     let line = text
         .lines()
         .position(|l| l.starts_with("tilt_deg"))

@@ -96,6 +96,60 @@ fn a_damaged_entry_in_the_newest_sector_does_not_make_numbers_come_back() {
     journal.verify(8, 12).unwrap();
 }
 
+/// An entry that was reported as failed stands whole at the end of its sector,
+/// and the one before it is damaged: the search must not take the former.
+#[test]
+fn what_was_not_acknowledged_does_not_stand_in_for_what_is_damaged() {
+    let mut journal = journal(GEOMETRY);
+    fill(&mut journal, 3);
+    journal.flash.fail_next_program = true;
+    journal
+        .append(1, Micros(0), b"not acknowledged")
+        .unwrap_err();
+    fill(&mut journal, 3);
+    let at = address_of(&mut journal, 2);
+    let (mut journal, _) = tamper(journal, |cells| cells[at + 20] ^= 1);
+    assert_eq!(survey(&mut journal), (std::vec![2], std::vec![]));
+    assert_eq!(
+        journal.verify(0, 6),
+        Err(Error::Record(Fault::Damaged { seq: 2 }))
+    );
+}
+
+/// Bytes in a torn entry that look like the next entries are read as unproven.
+#[test]
+fn an_image_of_an_entry_in_a_torn_one_is_never_proven() {
+    for ahead in [0, 1] {
+        let mut journal = journal(GEOMETRY);
+        fill(&mut journal, 3);
+        let tail = journal.extent.tail as usize;
+        let mut image = [0; 64];
+        let entry = Entry {
+            seq: 3 + ahead,
+            t: Micros(0),
+            kind: 0,
+            payload: b"forged",
+        };
+        encode_entry(&entry, &mut Chain::GENESIS, &mut image).unwrap();
+        journal
+            .append(1, Micros(0), &[[0; 64], image].concat())
+            .unwrap();
+        let (mut journal, recovery) = tamper(journal, |cells| {
+            cells[tail + 20 + 128..].fill(ERASED);
+        });
+        assert!(recovery.chain_restarted && !recovery.is_clean());
+        let next = journal.next_seq();
+        assert_eq!(next, 4 + ahead);
+        assert!(!journal.read(next - 1, &mut [0; 64]).unwrap().chained);
+        let Err(Error::Record(fault)) = journal.verify(0, next) else {
+            panic!("verified")
+        };
+        assert_eq!(fault.seq(), 3);
+        journal.append(1, Micros(0), b"goes on").unwrap();
+        journal.verify(next, next + 1).unwrap();
+    }
+}
+
 #[test]
 fn two_damaged_entries_are_missing_together() {
     let mut journal = journal(GEOMETRY);

@@ -245,7 +245,11 @@ fn encoding_refuses_what_does_not_fit() {
         None
     );
     assert_eq!(
-        encode_entry(&entry(&[0; 1025]), &mut chain, &mut [0; 2000]),
+        encode_entry(
+            &entry(&[0; MAX_PAYLOAD + 1]),
+            &mut chain,
+            &mut [0; MAX_PAYLOAD + 100]
+        ),
         None
     );
     assert_eq!(chain, Chain::GENESIS);

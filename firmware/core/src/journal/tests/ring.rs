@@ -181,34 +181,27 @@ fn a_buffer_that_is_too_small_is_refused_and_nothing_is_skipped() {
 
 #[test]
 fn the_longest_payload_fits_and_a_longer_one_is_refused() {
-    let mut journal = journal(Geometry {
-        sector_size: 4096,
+    let long = [9; MAX_PAYLOAD + 1];
+    let (longest, _) = long.split_at(MAX_PAYLOAD);
+    let mut large = journal(Geometry {
+        sector_size: 16 * 1024,
         ..GEOMETRY
     });
-    assert_eq!(journal.max_payload(), MAX_PAYLOAD);
-    journal.append(1, Micros(0), &[9; MAX_PAYLOAD]).unwrap();
-    let error = journal
-        .append(1, Micros(0), &[9; MAX_PAYLOAD + 1])
-        .unwrap_err();
+    assert_eq!(large.max_payload(), MAX_PAYLOAD);
+    large.append(1, Micros(0), longest).unwrap();
+    let refused = Error::PayloadTooLong {
+        len: MAX_PAYLOAD + 1,
+        max: MAX_PAYLOAD,
+    };
+    assert_eq!(large.append(1, Micros(0), &long).unwrap_err(), refused);
+    assert_eq!(large.next_seq(), 1);
     assert_eq!(
-        error,
-        Error::PayloadTooLong {
-            len: 1025,
-            max: 1024
-        }
-    );
-    assert_eq!(journal.next_seq(), 1);
-    assert_eq!(
-        journal
-            .read(0, &mut [0; MAX_PAYLOAD])
-            .unwrap()
-            .entry
-            .payload,
-        [9; MAX_PAYLOAD]
+        large.read(0, &mut [0; MAX_PAYLOAD]).unwrap().entry.payload,
+        longest
     );
     // In a sector of 1024 bytes, its header and mark and the entry's own 32 are
     // taken off.
-    let mut small = super::journal(GEOMETRY);
+    let mut small = journal(GEOMETRY);
     assert_eq!(small.max_payload(), 1024 - 64 - 4 - 32);
     small.append(1, Micros(0), &[9; 924]).unwrap();
     assert_eq!(small.free(), 0);
@@ -217,6 +210,8 @@ fn the_longest_payload_fits_and_a_longer_one_is_refused() {
         small.read(0, &mut [0; 924]).unwrap().entry.payload,
         [9; 924]
     );
+    let refused = Error::PayloadTooLong { len: 925, max: 924 };
+    assert_eq!(small.append(1, Micros(0), &[9; 925]).unwrap_err(), refused);
 }
 
 #[test]
