@@ -7,9 +7,10 @@ use super::figures::Figures;
 
 /// What must be known to read the table rightly.
 const NOTES: &str = "\
-Times are medians of 21 rounds of at least 20 ms, with the fastest and the slowest round. \
+Times are medians of 21 rounds of at least 20 ms, with the fastest and the slowest round; \
+contenders in Rust take turns. \
 Reading is given in bytes: those of the session's text. \
-Instructions are those of one call, counted by valgrind: they repeat exactly, seconds do not. \
+Instructions are those of one call, counted by valgrind: the same binary gives the same count, which seconds never do. \
 A ratio is that of the contender to umi-core: above 1 umi-core needs less. All contenders of a \
 task came to the same answer, or there would be no table.
 
