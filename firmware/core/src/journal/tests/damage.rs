@@ -130,7 +130,8 @@ fn an_image_of_an_entry_in_a_torn_one_is_never_proven() {
             kind: 0,
             payload: b"forged",
         };
-        encode_entry(&entry, &mut Chain::GENESIS, &mut image).unwrap();
+        let mut chain = Chain::GENESIS;
+        encode_entry(&entry, &mut chain, &mut image).unwrap();
         journal
             .append(1, Micros(0), &[[0; 64], image].concat())
             .unwrap();
