@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc::{self, Receiver, UnboundedSender};
 
-use crate::ports::FromHost;
+use super::ports::FromHost;
 
 /// Pieces that wait for a host that does not read: about what a USB stack and an
 /// operating system hold.

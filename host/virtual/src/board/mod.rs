@@ -1,0 +1,262 @@
+//! A virtual openumi board: the application of the firmware images, unchanged,
+//! in a thread of a host process.
+//!
+//! ```
+//! use std::time::Duration;
+//! use umi_virtual::board::{Config, VirtualBoard};
+//!
+//! let board = VirtualBoard::start(Config::default())?;
+//! board.control_sends(b"POINT: -135.5105 -136.3415 72.0620\r\n");
+//! let mut host = board.connect();
+//! host.write(&[0])?;
+//! assert_eq!(host.read(Duration::ZERO)?, None);
+//! # Ok::<(), std::io::Error>(())
+//! ```
+
+mod clock;
+mod flash;
+mod host;
+mod ports;
+pub mod serve;
+
+use std::cell::RefCell;
+use std::io;
+use std::rc::Rc;
+use std::sync::Mutex;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc::{self, Sender, UnboundedSender};
+use tokio::sync::{oneshot, watch};
+use umi_app::board::Lights;
+use umi_app::measure::{Measure, name};
+use umi_app::{App, Drivers};
+use umi_core::journal::Geometry;
+use umi_core::units::Micros;
+use umi_protocol::message::{Identity, LatchReport};
+
+pub use clock::VirtualClock;
+pub use flash::VirtualFlash;
+pub use host::HostEnd;
+
+use host::Waiter;
+use ports::{ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latches};
+
+/// The journal: 4 MiB of NOR flash as the boards carry it.
+pub const JOURNAL: Geometry = Geometry {
+    sectors: 64,
+    sector_size: 65_536,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// Job and taught reference.
+pub const SETTINGS: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 16_384,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// How time passes on a virtual board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Time {
+    /// As on a clock on the wall.
+    Real,
+    /// Only when [`VirtualBoard::advance`] says so.
+    Steered,
+}
+
+/// A virtual board's hardware.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Serial number.
+    pub serial: String,
+    /// Flash of the journal.
+    pub journal: VirtualFlash,
+    /// Flash of the settings.
+    pub settings: VirtualFlash,
+    /// How time passes.
+    pub time: Time,
+    /// Time that a character takes on the control's line; zero: none.
+    pub character: Duration,
+}
+
+impl Default for Config {
+    /// New flash in memory, steered time, an infinitely fast line.
+    fn default() -> Self {
+        Self {
+            serial: "VIRTUAL".into(),
+            journal: VirtualFlash::in_memory(JOURNAL),
+            settings: VirtualFlash::in_memory(SETTINGS),
+            time: Time::Steered,
+            character: Duration::ZERO,
+        }
+    }
+}
+
+/// A virtual board at work. Dropping it switches it off.
+#[derive(Debug)]
+pub struct VirtualBoard {
+    from_control: UnboundedSender<FromControl>,
+    to_control: Mutex<Waiter<u8>>,
+    from_host: UnboundedSender<FromHost>,
+    latches: Sender<LatchReport>,
+    time: watch::Sender<u64>,
+    lamps: Lamps,
+    off: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl VirtualBoard {
+    /// Switches a board on.
+    ///
+    /// # Errors
+    /// Its flash holds something else or does not answer; no thread can be had.
+    pub fn start(config: Config) -> io::Result<Self> {
+        let (from_control, control_in) = mpsc::unbounded_channel();
+        // One byte behind the one on the line.
+        let (control_out, to_control) = mpsc::channel(1);
+        let (from_host, host_in) = mpsc::unbounded_channel();
+        let (latches, latches_in) = mpsc::channel(64);
+        let (time, steered) = watch::channel(0);
+        let (off, switched_off) = oneshot::channel();
+        let (started, start) = std::sync::mpsc::channel();
+        let lamps = Lamps::default();
+        let outputs = lamps.clone();
+        let board = move || {
+            let Config {
+                serial,
+                journal,
+                settings,
+                time,
+                character,
+            } = config;
+            let clock = match time {
+                Time::Real => VirtualClock::Real(Instant::now()),
+                Time::Steered => VirtualClock::Steered(steered),
+            };
+            let identity = Identity {
+                board: name("virtual"),
+                serial: name(&serial),
+                firmware: name(env!("CARGO_PKG_VERSION")),
+            };
+            let runtime = tokio::runtime::Builder::new_current_thread()
+                .enable_time()
+                .build();
+            let runtime = match runtime {
+                Ok(runtime) => runtime,
+                Err(error) => return drop(started.send(Err(error))),
+            };
+            let app = match Measure::start(identity, journal, settings, Micros(0)) {
+                Ok(measure) => Box::new(App::new(measure)),
+                Err(error) => return drop(started.send(Err(io::Error::other(error.to_string())))),
+            };
+            let to_host = Rc::new(RefCell::new(None));
+            let drivers = Drivers {
+                cnc_rx: ControlRx {
+                    incoming: control_in,
+                    rest: Vec::new(),
+                    character,
+                },
+                cnc_tx: ControlTx {
+                    outgoing: control_out,
+                    character,
+                },
+                link_rx: HostRx {
+                    incoming: host_in,
+                    to_host: Rc::clone(&to_host),
+                    rest: Vec::new(),
+                },
+                link_tx: HostTx { to_host },
+                latches: Latches {
+                    incoming: latches_in,
+                },
+                outputs,
+            };
+            // Nobody waits any more: then nobody wants the board either.
+            let _ = started.send(Ok(()));
+            runtime.block_on(async {
+                tokio::select! {
+                    () = app.run(drivers, &clock) => {}
+                    _ = switched_off => {}
+                }
+            });
+        };
+        let thread = std::thread::Builder::new()
+            .name("virtual board".into())
+            .stack_size(8 << 20)
+            .spawn(board)?;
+        start.recv().map_err(io::Error::other)??;
+        Ok(Self {
+            from_control,
+            to_control: Mutex::new(Waiter::new(to_control)?),
+            from_host,
+            latches,
+            time,
+            lamps,
+            off: Some(off),
+            thread: Some(thread),
+        })
+    }
+
+    /// The control sends bytes.
+    pub fn control_sends(&self, bytes: &[u8]) {
+        // The board's thread ends only with this value.
+        let _ = self.from_control.send(FromControl::Bytes(bytes.to_vec()));
+    }
+
+    /// The captured file that plays the control has ended.
+    pub fn input_ends(&self) {
+        let _ = self.from_control.send(FromControl::End);
+    }
+
+    /// The next byte for the control; none if there is none in this time.
+    #[must_use]
+    pub fn control_receives(&self, patience: Duration) -> Option<u8> {
+        let mut waiter = self
+            .to_control
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        waiter.next(patience).ok().flatten()
+    }
+
+    /// Connects a host; whoever was connected is not any more.
+    #[must_use]
+    pub fn connect(&self) -> HostEnd {
+        HostEnd::new(self.from_host.clone())
+    }
+
+    /// An edge latches the axes.
+    pub fn latch(&self, latch: LatchReport) {
+        // A full queue is a driver that lost an edge; the tests give few.
+        let _ = self.latches.try_send(latch);
+    }
+
+    /// Moves a steered clock on; it never goes back.
+    pub fn advance(&self, to: Micros) {
+        self.time.send_if_modified(|now| {
+            let forward = to.0 > *now;
+            *now = to.0.max(*now);
+            forward
+        });
+    }
+
+    /// What the outputs show.
+    #[must_use]
+    pub fn lights(&self) -> Lights {
+        self.lamps.look()
+    }
+}
+
+impl Drop for VirtualBoard {
+    fn drop(&mut self) {
+        if let Some(off) = self.off.take() {
+            let _ = off.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            // A panic in the board has been printed by its thread.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! A virtual machine tool.
+
+mod wires;
+
+pub use wires::{Unwired, Wires};

@@ -1,0 +1,116 @@
+//! What the interpreter asks of the machine under it.
+//!
+//! Everything here is in machine coordinates, after work offsets, rotations and
+//! tool length: the position is that of the point which the axes carry (the gauge
+//! line; with a tool of length zero, its tip).
+
+use nalgebra::Vector3;
+use umi_core::units::{Point, Rad};
+
+/// One motion from where the axes stand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// Where it ends.
+    pub to: Point,
+    /// The way there.
+    pub path: Path,
+    /// How fast.
+    pub rate: Rate,
+}
+
+/// The way of a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Path {
+    /// A straight line.
+    Line,
+    /// A circular arc or a helix.
+    Arc {
+        /// A point of its axis: the centre, at the height of the start.
+        center: Point,
+        /// Direction of its axis, a unit vector.
+        axis: Vector3<f64>,
+        /// Angle passed, right-handed about the axis; may be more than a turn.
+        /// Travel along the axis is in proportion to it.
+        sweep: Rad,
+    },
+}
+
+/// How fast a motion is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// As fast as the axes can.
+    Rapid,
+    /// Along the path, mm/min.
+    Feed(f64),
+}
+
+/// How a motion with skip (G31) ended. The axes stand where they came to rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Skip {
+    /// Whether the signal came before the end of the motion.
+    pub touched: bool,
+    /// The position that the control stored; the end of the motion without a touch.
+    pub stored: Point,
+}
+
+/// The machine stopped: what a control shows as an alarm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trip {
+    /// What happened and what to do, one sentence without the program's line.
+    pub message: String,
+}
+
+/// The machine under an interpreter.
+///
+/// A motion is complete when the call returns (exact stop).
+pub trait Axes {
+    /// Where the axes were last sent, or came to rest after a skip.
+    fn position(&self) -> Point;
+
+    /// The reference point of G28.
+    fn reference_point(&self) -> Point;
+
+    /// Moves.
+    ///
+    /// # Errors
+    /// The machine stopped: over-travel, collision.
+    fn travel(&mut self, motion: &Motion) -> Result<(), Trip>;
+
+    /// Moves on a straight line until a skip signal comes or the motion ends.
+    /// `leaving` is a motion that ends when contact is lost (LinuxCNC G38.4, G38.5).
+    ///
+    /// # Errors
+    /// The machine stopped, as in [`Self::travel`].
+    fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip>;
+
+    /// Stands still, seconds.
+    fn dwell(&mut self, seconds: f64);
+
+    /// Takes this tool into the spindle (M6); 0 none.
+    ///
+    /// # Errors
+    /// The magazine does not have it.
+    fn change_tool(&mut self, number: u32) -> Result<(), Trip>;
+
+    /// An M code that the interpreter does not carry out itself (spindle, coolant,
+    /// orientation), its number, with the S word in force.
+    ///
+    /// # Errors
+    /// The machine refuses it, as turning the spindle with a probe in it.
+    fn auxiliary(&mut self, m: u32, s: f64) -> Result<(), Trip>;
+
+    /// Bytes leave at the control's serial port, as they stand on the wire.
+    ///
+    /// # Errors
+    /// The line is broken.
+    fn print(&mut self, bytes: &[u8]) -> Result<(), Trip>;
+
+    /// Interface input #1000 to #1035.
+    fn input(&self, number: u16) -> bool;
+
+    /// Interface output #1100 to #1135.
+    fn output(&mut self, number: u16, on: bool);
+
+    /// Time since the machine was switched on, seconds (#3001, #3002).
+    fn seconds(&self) -> f64;
+}
