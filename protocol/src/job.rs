@@ -44,6 +44,10 @@ pub struct Job {
     pub limits: Limits,
     /// The correction wanted; without it the job only measures.
     pub correction: Option<CorrectionSpec>,
+    /// The board's own encoder counts as second witness of every hit; without it
+    /// the control's word is taken.
+    #[serde(default)]
+    pub witness: Option<WitnessSpec>,
 }
 
 /// Where the nominal positions come from.
@@ -193,6 +197,30 @@ pub enum Compensation {
         /// and the trigger), not negative.
         pretravel_mm: [f64; 3],
     },
+}
+
+/// The second witness: the axes latched by the probe's skip line, held against what
+/// the control prints.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct WitnessSpec {
+    /// Encoder counts per millimetre of X, Y and Z; negative where they count down
+    /// when the control's coordinate grows.
+    pub counts_per_mm: [f64; 3],
+    /// Counts at the origin of the coordinates that the control prints. Absent: the
+    /// first plate that is OK after a start or a new job says where it is, and every
+    /// later plate must agree.
+    #[serde(default)]
+    pub origin_counts: Option<[f64; 3]>,
+    /// Gauging feed, where the lines do not carry it.
+    #[serde(default)]
+    pub feed_mm_per_min: Option<f64>,
+    /// The control's longest delay between the skip signal and the position that it
+    /// stores.
+    pub delay_ms: f64,
+    /// What the two witnesses may differ by beyond that delay: rounding, jitter.
+    pub tolerance_mm: f64,
 }
 
 /// What an OK verdict must keep. All limits apply to absolute values.

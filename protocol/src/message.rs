@@ -221,7 +221,7 @@ pub enum Record {
         /// False: the control stopped it or the line broke before its end.
         complete: bool,
     },
-    /// A latch captured the axes.
+    /// A latch captured the axes. An input too: the second witness of a hit.
     Latch(LatchReport),
 }
 

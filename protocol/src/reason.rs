@@ -228,7 +228,81 @@ pub enum Reason {
     /// The input ended.
     InputEnded,
 
+    // --- the two witnesses of a hit
+    /// The probe's skip edge of this hit was not latched.
+    NotLatched {
+        /// The hit.
+        hit: u16,
+    },
+    /// Hits at different feeds: the control's delay does not cancel.
+    FeedChanged {
+        /// The hit.
+        hit: u16,
+        /// Its feed.
+        feed_mm_per_min: f64,
+        /// The feed of the plate's first hit.
+        expected_mm_per_min: f64,
+    },
+    /// The control stored a position later after the skip signal than it may, or
+    /// before it.
+    ControlDelay {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// The delay that the positions say.
+        delay_ms: f64,
+        /// The job's limit.
+        limit_ms: f64,
+    },
+    /// All of the control's positions are shifted against the encoders: the work
+    /// offset or the machine's datum has changed, or counts were lost between plates.
+    WitnessShift {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// Control less encoder.
+        shift_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// Control and encoder differ in proportion to the position: a wrong scale.
+    WitnessScale {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// Control over encoder less one, in millionths.
+        ppm: f64,
+    },
+    /// Control and encoder part company between two hits: counts were lost.
+    LostCounts {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// How many counts the encoder's counter is behind, with sign.
+        counts: f64,
+    },
+    /// Control and encoder differ without a pattern.
+    WitnessDisagrees {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// The range of the differences.
+        off_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+
     // --- remarks: they do not change the verdict
+    /// Both witnesses agree; this is the control's delay between the skip signal and
+    /// the position that it stores.
+    Witnessed {
+        /// Hits along an axis.
+        hits: u16,
+        /// Shortest.
+        least_ms: f64,
+        /// Mean.
+        mean_ms: f64,
+        /// Longest.
+        most_ms: f64,
+    },
+    /// This plate says where the encoders' origin is: what shifted before it, no one
+    /// has seen.
+    WitnessLearned,
     /// A block arrived whose name is not in the job.
     UnknownFeature {
         /// The name.
@@ -347,6 +421,15 @@ impl Reason {
             Self::RepeatedPlate => "repeated_plate",
             Self::TimedOut { .. } => "timed_out",
             Self::InputEnded => "input_ended",
+            Self::NotLatched { .. } => "not_latched",
+            Self::FeedChanged { .. } => "feed_changed",
+            Self::ControlDelay { .. } => "control_delay",
+            Self::WitnessShift { .. } => "witness_shift",
+            Self::WitnessScale { .. } => "witness_scale",
+            Self::LostCounts { .. } => "lost_counts",
+            Self::WitnessDisagrees { .. } => "witness_disagrees",
+            Self::Witnessed { .. } => "witnessed",
+            Self::WitnessLearned => "witness_learned",
             Self::UnknownFeature { .. } => "unknown_feature",
             Self::Taught => "taught",
             Self::Replaced { .. } => "replaced",
@@ -517,6 +600,67 @@ impl fmt::Display for Reason {
             Self::UnknownFeature { name } => write!(
                 f,
                 "{name} is not in the job; its hits were not used"
+            ),
+            Self::NotLatched { hit } => write!(
+                f,
+                "hit {hit}: the probe's skip edge was not latched; check the skip wire to the board"
+            ),
+            Self::FeedChanged {
+                hit,
+                feed_mm_per_min,
+                expected_mm_per_min,
+            } => write!(
+                f,
+                "hit {hit} was probed at {feed_mm_per_min} mm/min, others at {expected_mm_per_min}; gauge at one feed"
+            ),
+            Self::ControlDelay {
+                axis,
+                delay_ms,
+                limit_ms,
+            } => write!(
+                f,
+                "{}: the control stored a position {delay_ms:.2} ms after the skip edge, limit {limit_ms} ms; check its skip input and the feed",
+                axis_name(*axis)
+            ),
+            Self::WitnessShift {
+                axis,
+                shift_mm,
+                limit_mm,
+            } => write!(
+                f,
+                "{}: the control's positions stand {shift_mm:+.4} mm off the encoder, limit {limit_mm:.4} mm; a work offset or the datum has changed, or counts were lost between plates: check both, then set the job again",
+                axis_name(*axis)
+            ),
+            Self::WitnessScale { axis, ppm } => write!(
+                f,
+                "{}: control and encoder differ by {ppm:+.0} ppm; check `counts_per_mm`, inch or mm, the control's scaling",
+                axis_name(*axis)
+            ),
+            Self::LostCounts { axis, counts } => write!(
+                f,
+                "{}: the encoder's counter jumped by {counts:+.0} counts between two hits; check its cable and shield",
+                axis_name(*axis)
+            ),
+            Self::WitnessDisagrees {
+                axis,
+                off_mm,
+                limit_mm,
+            } => write!(
+                f,
+                "{}: control and encoder differ by up to {off_mm:.4} mm without a pattern, limit {limit_mm:.4} mm; check encoder wiring and what the macro prints",
+                axis_name(*axis)
+            ),
+            Self::Witnessed {
+                hits,
+                least_ms,
+                mean_ms,
+                most_ms,
+            } => write!(
+                f,
+                "control and encoders agree; over {hits} hits the control stored positions {least_ms:.2} to {most_ms:.2} ms after the skip edge, mean {mean_ms:.2}"
+            ),
+            Self::WitnessLearned => f.write_str(
+                "the encoders' origin was taken from this plate; a shift before it is not seen",
             ),
             Self::Taught => f.write_str("this plate is now the reference"),
             Self::Replaced { name } => write!(f, "{name} was refused, sent again and replaced"),

@@ -79,6 +79,10 @@ pub enum JobError {
     SameOffset,
     /// A correction needs lines that name their feature.
     UnnamedFeatures,
+    /// A second witness needs a line right behind each touch.
+    WitnessPairing,
+    /// A second witness needs skip positions, not positions that the macro has changed.
+    WitnessCompensation,
     /// No line pattern is given: nothing could ever be measured.
     NoPatterns,
 }
@@ -110,6 +114,11 @@ pub enum Field {
     PartMaxMm,
     LeftoverMm,
     Receiver,
+    CountsPerMm,
+    OriginCounts,
+    FeedMmPerMin,
+    DelayMs,
+    ToleranceMm,
 }
 
 impl Field {
@@ -139,6 +148,11 @@ impl Field {
             Self::PartMaxMm => "correction.part_max_mm",
             Self::LeftoverMm => "correction.leftover_mm",
             Self::Receiver => "receiver",
+            Self::CountsPerMm => "witness.counts_per_mm",
+            Self::OriginCounts => "witness.origin_counts",
+            Self::FeedMmPerMin => "witness.feed_mm_per_min",
+            Self::DelayMs => "witness.delay_ms",
+            Self::ToleranceMm => "witness.tolerance_mm",
         }
     }
 }
@@ -161,6 +175,8 @@ impl JobError {
             Self::DegenerateReference => "degenerate_reference",
             Self::SameOffset => "same_offset",
             Self::UnnamedFeatures => "unnamed_features",
+            Self::WitnessPairing => "witness_pairing",
+            Self::WitnessCompensation => "witness_compensation",
             Self::NoPatterns => "no_patterns",
         }
     }
@@ -218,6 +234,12 @@ impl fmt::Display for JobError {
             ),
             Self::UnnamedFeatures => f.write_str(
                 "a correction needs lines that name their feature (block, checked, or a template with {name}): with others a lost line moves every later hit",
+            ),
+            Self::WitnessPairing => f.write_str(
+                "`witness` needs a line right behind each touch (checked, point, words, template or probe lines): a block is printed when its touches are over",
+            ),
+            Self::WitnessCompensation => f.write_str(
+                "`witness` needs skip positions as the control stored them: print these, and set `compensation` to `on_board`",
             ),
             Self::NoPatterns => f.write_str(
                 "`receiver.patterns` is empty; name at least one line pattern",

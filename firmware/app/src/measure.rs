@@ -239,6 +239,11 @@ impl<F: Flash> Measure<F> {
 
     /// A latch captured the axes.
     pub fn latched(&mut self, now: Micros, latch: LatchReport) {
+        // Into the brain whether or not it found room in the journal: then no
+        // correction is armed anyway.
+        if let Some(brain) = &mut self.brain {
+            brain.latched(&latch);
+        }
         self.book.record(now, Record::Latch(latch));
     }
 

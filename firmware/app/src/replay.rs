@@ -89,7 +89,13 @@ impl Replay {
             Record::Fault(_) | Record::Feature(_) | Record::Verdict(_) | Record::Taught { .. } => {
                 self.compare(record, scratch)
             }
-            Record::Recovered { .. } | Record::CorrectionSent { .. } | Record::Latch(_) => Ok(()),
+            Record::Recovered { .. } | Record::CorrectionSent { .. } => Ok(()),
+            Record::Latch(latch) => {
+                if let Some(brain) = &mut self.brain {
+                    brain.latched(latch);
+                }
+                self.nothing_expected()
+            }
             Record::Boot { .. } => {
                 // The power may have gone between an input and its decisions.
                 self.interrupted();

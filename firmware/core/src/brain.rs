@@ -12,6 +12,7 @@ use umi_protocol::fault::{Counters, Fault};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
 use umi_protocol::line::{HitReport, LineReport};
+use umi_protocol::message::LatchReport;
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
@@ -90,6 +91,11 @@ impl Brain {
     pub fn bytes_lost(&mut self, now: Micros, count: u32, out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
         receiver.lost(count, now, &mut |item| pass(run, &item, now, out));
+    }
+
+    /// The probe's skip line rose and the axes were latched.
+    pub fn latched(&mut self, latch: &LatchReport) {
+        self.run.latched(latch);
     }
 
     /// When [`Self::on_time`] is due.

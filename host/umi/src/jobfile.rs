@@ -136,6 +136,12 @@ const fn allowed(field: Field) -> &'static str {
         Field::ProgramNumber => "give 1 to 9999",
         Field::Approach => "give +x, -x, +y, -y, +z or -z for each hit",
         Field::Receiver => "see the patterns, the travel and the time-out",
+        Field::CountsPerMm => {
+            "give counts per mm of X, Y and Z, none 0, negative if they count down"
+        }
+        Field::OriginCounts => "give three finite numbers, in counts",
+        Field::FeedMmPerMin => "give mm/min above 0",
+        Field::DelayMs => "give milliseconds above 0",
         Field::RadiusMm
         | Field::TipRadiusMm
         | Field::RadiusErrorMm
@@ -145,6 +151,7 @@ const fn allowed(field: Field) -> &'static str {
         | Field::ShiftMm
         | Field::ExpectedErrorMm
         | Field::LoneHitMm
+        | Field::ToleranceMm
         | Field::LeftoverMm => "give millimetres above 0",
     }
 }
@@ -187,9 +194,10 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
         },
         JobError::DegenerateReference => in_feature(Some(0), "position_mm"),
         JobError::SameOffset => path_span(table, &["correction", "write_to"]),
-        JobError::NoPatterns | JobError::UnnamedFeatures => {
+        JobError::NoPatterns | JobError::UnnamedFeatures | JobError::WitnessPairing => {
             path_span(table, &["receiver", "patterns"])
         }
+        JobError::WitnessCompensation => key_span(table, "compensation"),
     }
 }
 

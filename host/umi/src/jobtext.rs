@@ -2,7 +2,7 @@
 
 use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Job, Limits, ProgramEnd, Reference, SendWhen,
-    WorkOffset,
+    WitnessSpec, WorkOffset,
 };
 use umi_protocol::pattern::{FieldFormat, LinePattern, Overflow, ReceiverConfig};
 
@@ -26,6 +26,9 @@ pub fn text(job: &Job) -> String {
     ]);
     general.row(["compensation", &compensation(job.compensation)]);
     receiver(&mut general, &job.receiver);
+    if let Some(of) = &job.witness {
+        general.row(["second witness", &witness(of)]);
+    }
     text += &format!("{general}\n");
     text += &format!("{}\n", features(job));
     text += &format!("{}\n", limits(&job.limits));
@@ -44,6 +47,18 @@ fn compensation(compensation: Compensation) -> String {
             pretravel_mm: [x, y, z],
         } => format!("on the board: tip radius {tip_radius_mm} mm, pretravel X {x} Y {y} Z {z} mm"),
     }
+}
+
+fn witness(witness: &WitnessSpec) -> String {
+    let [x, y, z] = witness.counts_per_mm;
+    let origin = match witness.origin_counts {
+        Some(_) => "origin given",
+        None => "origin learned from the first OK plate",
+    };
+    format!(
+        "encoders at the skip edge: X {x} Y {y} Z {z} counts/mm, {origin}; control may be {} ms late, {} mm off",
+        witness.delay_ms, witness.tolerance_mm
+    )
 }
 
 fn receiver(table: &mut Table, receiver: &ReceiverConfig) {

@@ -8,7 +8,7 @@ use umi_protocol::feature::{FeatureResult, FitReport, Shape};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
-    ProgramEnd, Reference, SendWhen, WorkOffset,
+    ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
@@ -251,6 +251,13 @@ fn job() -> Job {
             part_max_mm: [100.0, 80.0, 0.0],
             leftover_mm: 0.01,
             send: SendWhen::OnRequest,
+        }),
+        witness: Some(WitnessSpec {
+            counts_per_mm: [10_000.0, -10_000.0, 1000.0],
+            origin_counts: None,
+            feed_mm_per_min: Some(30.0),
+            delay_ms: 4.0,
+            tolerance_mm: 0.002,
         }),
     }
 }

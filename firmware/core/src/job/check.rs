@@ -3,7 +3,7 @@
 
 use umi_protocol::job::{
     Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Job, Limits, MAX_DATUMS, MAX_HITS,
-    Name, Reference,
+    Name, Reference, WitnessSpec,
 };
 use umi_protocol::pattern::LinePattern;
 use umi_protocol::refusal::{Field, JobError};
@@ -43,6 +43,9 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     }
     check_compensation(job.compensation)?;
     check_limits(&job.limits)?;
+    if let Some(witness) = &job.witness {
+        check_witness(job, witness)?;
+    }
     let datums = datums(job).count();
     if datums > MAX_DATUMS {
         return Err(JobError::TooManyDatums {
@@ -144,7 +147,7 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     Ok(())
 }
 
-/// Whether lines of this pattern carry the direction of motion.
+/// Whether lines of this pattern carry the direction of motion, and the feed.
 const fn says_approach(pattern: &LinePattern) -> bool {
     matches!(pattern, LinePattern::Checked(_))
 }
@@ -200,6 +203,35 @@ fn check_limits(limits: &Limits) -> Result<(), JobError> {
         positive(value, Field::ShiftMm, None)?;
     }
     Ok(())
+}
+
+fn check_witness(job: &Job, witness: &WitnessSpec) -> Result<(), JobError> {
+    if job.compensation == Compensation::InMacro {
+        return Err(JobError::WitnessCompensation);
+    }
+    let later = |p: &LinePattern| matches!(p, LinePattern::Block(_) | LinePattern::RingCsv(_));
+    if job.receiver.patterns.iter().any(later) {
+        return Err(JobError::WitnessPairing);
+    }
+    all_finite(witness.counts_per_mm, Field::CountsPerMm, None)?;
+    if witness.counts_per_mm.contains(&0.0) {
+        return Err(bad(Field::CountsPerMm, None, 0.0));
+    }
+    if let Some(origin) = witness.origin_counts {
+        all_finite(origin, Field::OriginCounts, None)?;
+    }
+    match witness.feed_mm_per_min {
+        Some(feed) => positive(feed, Field::FeedMmPerMin, None)?,
+        None if job.receiver.patterns.iter().all(says_approach) => {}
+        None => {
+            return Err(JobError::Missing {
+                field: Field::FeedMmPerMin,
+                feature: None,
+            });
+        }
+    }
+    positive(witness.delay_ms, Field::DelayMs, None)?;
+    positive(witness.tolerance_mm, Field::ToleranceMm, None)
 }
 
 fn check_reference(job: &Job) -> Result<(), JobError> {

@@ -7,6 +7,7 @@ use umi_protocol::job::{Approach, Compensation, FeatureKind, FeatureSpec, Limits
 use umi_protocol::reason::Reason;
 
 use super::report::{Fitted, fit, refusal};
+use super::witness::Seen;
 use super::{diagnose, exceeds};
 use crate::units::Point;
 
@@ -20,6 +21,8 @@ pub struct Hit {
     pub position: Point,
     /// Direction of motion: the line's, else the job's.
     pub approach: Option<Approach>,
+    /// What the encoders say, where the job asks for it.
+    pub seen: Option<Seen>,
 }
 
 /// Keeps a reason. A feature that has more reasons than there is room for is

@@ -9,6 +9,7 @@ mod feature;
 mod plate;
 mod report;
 mod run;
+mod witness;
 
 pub use check::{check, datums};
 pub use report::{Fitted, fit, refusal};

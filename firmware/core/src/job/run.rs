@@ -20,12 +20,14 @@ use heapless::Vec;
 use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, MAX_HITS, Name, Reference};
+use umi_protocol::message::LatchReport;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{PlateReason, Verdict};
 
 use super::check::datums;
 use super::feature::{self, Hit, Reasons};
 use super::plate::{self, Positions};
+use super::witness::{Seen, Witness};
 use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 use crate::units::{Micros, Point};
 
@@ -64,6 +66,8 @@ pub struct Run {
     collecting: Option<Collecting>,
     last_hit: Micros,
     verdict: Option<Verdict>,
+    /// The encoders' side of the hits.
+    witness: Option<Witness>,
 }
 
 /// How far the plate is.
@@ -111,6 +115,7 @@ impl Run {
             );
         }
         Self {
+            witness: job.witness.map(Witness::new),
             job,
             reference,
             slots: Default::default(),
@@ -259,6 +264,13 @@ impl Run {
         }
     }
 
+    /// The probe's skip line rose and the axes were latched.
+    pub fn latched(&mut self, latch: &LatchReport) {
+        if let Some(witness) = &mut self.witness {
+            witness.latched(latch);
+        }
+    }
+
     /// A block of hits begins.
     pub fn block_start(&mut self, name: &str, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
         self.finish_unfinished(out);
@@ -306,7 +318,8 @@ impl Run {
         let Some(spec) = self.job.features.get(collecting.feature) else {
             return;
         };
-        collecting.take(spec, hit);
+        let seen = self.witness.as_mut().map(|w| w.pair(hit));
+        collecting.take(spec, hit, seen);
         if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {
             self.finish(out);
         }
@@ -392,6 +405,11 @@ impl Run {
             Belongs::NextPlate => {
                 self.close(None, out);
                 self.next_plate();
+            }
+        }
+        if let Some(witness) = &mut self.witness {
+            for hit in &hits {
+                witness.take(hit);
             }
         }
         result.index = self.features_seen;
@@ -501,6 +519,9 @@ impl Run {
                 }
             }
         }
+        if let Some(witness) = &self.witness {
+            witness.judge(&mut |reason| plate::add(&mut verdict, reason));
+        }
         let mut taught = false;
         let complete = measured.len() == datums(&self.job).count();
         match &self.reference {
@@ -519,6 +540,13 @@ impl Run {
         }
         if taught {
             self.remark(Reason::Taught);
+        }
+        if verdict.ok
+            && let Some(witness) = &mut self.witness
+        {
+            for remark in witness.conclude().into_iter().flatten() {
+                let _ = self.remarks.push(remark);
+            }
         }
         for reason in self.remarks.iter().cloned() {
             // Remarks beyond the room are dropped: they change nothing.
@@ -544,6 +572,9 @@ impl Run {
             slot.in_this_plate = false;
         }
         self.progress = Progress::Empty;
+        if let Some(witness) = &mut self.witness {
+            witness.next_plate();
+        }
         self.last = None;
         self.against.clear();
         self.remarks.clear();
@@ -624,7 +655,8 @@ impl Collecting {
     }
 
     /// Takes a hit in, and every doubt about it.
-    fn take(&mut self, spec: &FeatureSpec, hit: &ReportedHit) {
+    /// `seen`: what its latch says, where the job asks for one.
+    fn take(&mut self, spec: &FeatureSpec, hit: &ReportedHit, seen: Option<Option<Seen>>) {
         let number = self.next_number();
         let due = spec.approach.get(self.hits.len()).copied();
         let reasons = &mut self.reasons;
@@ -646,9 +678,13 @@ impl Collecting {
         if due.is_some() && hit.approach.is_some() && due != hit.approach {
             feature::add(reasons, Reason::ApproachMismatch { hit: number });
         }
+        if seen == Some(None) {
+            feature::add(reasons, Reason::NotLatched { hit: number });
+        }
         let taken = Hit {
             position: hit.position,
             approach: hit.approach.or(due),
+            seen: seen.flatten(),
         };
         if self.hits.push(taken).is_err() {
             self.excess = self.excess.saturating_add(1);

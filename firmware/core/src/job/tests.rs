@@ -10,9 +10,11 @@ use umi_protocol::fault::{BlockEndCause, FaultKind};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
-    ProgramEnd, Reference, SendWhen, WorkOffset,
+    ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
 };
-use umi_protocol::pattern::{BlockPattern, LinePattern, ReceiverConfig};
+use umi_protocol::message::{LatchCause, LatchReport};
+use umi_protocol::pattern::{BlockPattern, CheckedPattern, LinePattern, ReceiverConfig};
+use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
 use super::*;
@@ -68,6 +70,7 @@ fn job() -> Job {
             leftover_mm: 0.02,
             send: SendWhen::OnRequest,
         }),
+        witness: None,
     }
 }
 
@@ -651,6 +654,24 @@ fn bad_jobs_are_refused() {
             }
         }),
     ];
+    let witnessed: Vec<(&str, fn(&mut WitnessSpec))> = vec![
+        ("bad_value", |w| w.counts_per_mm[1] = 0.0),
+        ("bad_value", |w| w.origin_counts = Some([f64::NAN; 3])),
+        ("bad_value", |w| w.delay_ms = -1.0),
+        ("bad_value", |w| w.tolerance_mm = 0.0),
+        ("bad_value", |w| w.feed_mm_per_min = Some(0.0)),
+    ];
+    for (code, change) in witnessed {
+        let mut job = checked_job();
+        change(job.witness.as_mut().unwrap());
+        assert_eq!(check(&job).expect_err(code).code(), code);
+    }
+    let mut blocks = checked_job();
+    blocks.receiver = job().receiver;
+    assert_eq!(check(&blocks), Err(JobError::WitnessPairing));
+    let mut compensated = checked_job();
+    compensated.compensation = Compensation::InMacro;
+    assert_eq!(check(&compensated), Err(JobError::WitnessCompensation));
     for (code, change) in cases {
         let mut job = job();
         change(&mut job);
@@ -736,4 +757,79 @@ fn another_run_is_another_plate() {
             "OK"
         ]
     );
+}
+
+/// A job for checked lines of skip positions, with the encoders as second witness.
+fn checked_job() -> Job {
+    let mut job = job();
+    job.receiver.patterns.clear();
+    let checked = LinePattern::Checked(CheckedPattern::default());
+    let _ = job.receiver.patterns.push(checked);
+    for (id, feature) in (1..).zip(&mut job.features) {
+        feature.id = Some(id);
+    }
+    job.compensation = Compensation::OnBoard {
+        tip_radius_mm: 2.5,
+        pretravel_mm: [0.062, 0.062, 0.0],
+    };
+    job.witness = Some(WitnessSpec {
+        counts_per_mm: [1000.0; 3],
+        origin_counts: None,
+        feed_mm_per_min: None,
+        delay_ms: 4.0,
+        tolerance_mm: 0.003,
+    });
+    job
+}
+
+/// With a second witness asked for, a plate is OK where the encoders agree, NG where
+/// they do not, and NG where a skip edge was not latched.
+#[test]
+fn second_witness_decides() {
+    let approaches = job().features[0].approach.clone();
+    // What is wrong with the latches of the second plate.
+    let second_plate = |fault: Option<f64>| {
+        let mut run = Run::new(checked_job());
+        let mut outcome = Outcome::default();
+        for (at, (_, points)) in session_a()[..6].iter().enumerate() {
+            for (point, approach) in points.iter().zip(&approaches) {
+                let (axis, sign) = approach.axis_and_sign();
+                let mut tip = *point;
+                tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+                let moved = if at >= 3 { fault } else { Some(0.0) };
+                if let Some(moved) = moved {
+                    let counts = tip.map(|mm| libm::round((mm + moved) * 1000.0) as i64);
+                    run.latched(&LatchReport {
+                        number: 0,
+                        cause: LatchCause::Skip,
+                        counts: counts.into_iter().collect(),
+                        t_us: 0,
+                        missed: 0,
+                    });
+                }
+                let mut hit = hit(tip);
+                hit.feature_id = Some(u16::try_from(at % 3 + 1).unwrap());
+                hit.approach = Some(*approach);
+                hit.feed_mm_per_min = Some(30.0);
+                run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+            }
+        }
+        outcome
+    };
+    let agreeing = second_plate(Some(0.0));
+    assert_eq!(agreeing.summary(), ["OK", "OK"]);
+    let remarks =
+        |v: &Verdict| -> Vec<&str> { v.remarks.iter().map(|r| r.reason.code()).collect() };
+    assert_eq!(
+        remarks(&agreeing.verdicts[0]),
+        ["taught", "witnessed", "witness_learned"]
+    );
+    assert_eq!(remarks(&agreeing.verdicts[1]), ["witnessed"]);
+    let moved = second_plate(Some(0.05));
+    assert_eq!(
+        moved.summary(),
+        ["OK", "witness_shift witness_shift witness_shift"]
+    );
+    let blind = second_plate(None).summary();
+    assert!(blind[1].contains("SPHERE1:not_latched"), "{blind:?}");
 }

@@ -61,6 +61,7 @@ pub fn job() -> Job {
             leftover_mm: 0.02,
             send: SendWhen::OnRequest,
         }),
+        witness: None,
     }
 }
 

@@ -40,7 +40,7 @@ pub use flash::VirtualFlash;
 pub use host::HostEnd;
 
 use host::Waiter;
-use ports::{ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latches};
+use ports::{ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches};
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
 pub const JOURNAL: Geometry = Geometry {
@@ -101,7 +101,7 @@ pub struct VirtualBoard {
     from_control: UnboundedSender<FromControl>,
     to_control: Mutex<Waiter<u8>>,
     from_host: UnboundedSender<FromHost>,
-    latches: Sender<LatchReport>,
+    latches: Sender<Latched>,
     time: watch::Sender<u64>,
     lamps: Lamps,
     off: Option<oneshot::Sender<()>>,
@@ -171,6 +171,7 @@ impl VirtualBoard {
                 link_tx: HostTx { to_host },
                 latches: Latches {
                     incoming: latches_in,
+                    waiting: None,
                 },
                 outputs,
             };
@@ -227,10 +228,13 @@ impl VirtualBoard {
         HostEnd::new(self.from_host.clone())
     }
 
-    /// An edge latches the axes.
+    /// An edge latches the axes. Returns when the board has taken it in: on a machine
+    /// milliseconds pass before the control prints a line about it.
     pub fn latch(&self, latch: LatchReport) {
-        // A full queue is a driver that lost an edge; the tests give few.
-        let _ = self.latches.try_send(latch);
+        let (waiting, taken) = std::sync::mpsc::channel();
+        // The board's thread ends only with this value; its end is an answer too.
+        let _ = self.latches.blocking_send((latch, waiting));
+        let _ = taken.recv();
     }
 
     /// Moves a steered clock on; it never goes back.

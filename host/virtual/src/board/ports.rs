@@ -139,15 +139,25 @@ impl LinkTx for HostTx {
     }
 }
 
+/// A latch, and whoever waits until it has been taken in: dropping the sender tells.
+pub(crate) type Latched = (LatchReport, std::sync::mpsc::Sender<()>);
+
 /// Latches as they are given.
 pub(crate) struct Latches {
-    pub incoming: Receiver<LatchReport>,
+    pub incoming: Receiver<Latched>,
+    /// Waits for the latch before.
+    pub waiting: Option<std::sync::mpsc::Sender<()>>,
 }
 
 impl LatchSource for Latches {
     async fn next(&mut self) -> LatchReport {
+        // Who asks for the next one has taken in the one before.
+        self.waiting = None;
         match self.incoming.recv().await {
-            Some(latch) => latch,
+            Some((latch, waiting)) => {
+                self.waiting = Some(waiting);
+                latch
+            }
             None => std::future::pending().await,
         }
     }

@@ -1,0 +1,290 @@
+//! What each disagreement is called, from simulated plates whose fault is known.
+
+use std::vec::Vec;
+
+use umi_protocol::job::Approach::{MinusX, MinusY, MinusZ, PlusX, PlusY};
+
+use super::*;
+use crate::dprnt::Doubts;
+use crate::units::{Micros, Point};
+
+const FEED: f64 = 60.0;
+const SCALES: [f64; 3] = [10_000.0, -10_000.0, 1000.0];
+
+fn spec() -> WitnessSpec {
+    WitnessSpec {
+        counts_per_mm: SCALES,
+        origin_counts: None,
+        feed_mm_per_min: None,
+        delay_ms: 4.0,
+        tolerance_mm: 0.003,
+    }
+}
+
+/// A machine whose control and encoders are wrong as wanted.
+#[derive(Clone, Copy)]
+struct Machine {
+    /// Encoder counts at the control's origin.
+    origin: [f64; 3],
+    /// Counts per millimetre that the encoders really give.
+    scales: [f64; 3],
+    /// Added to what the control prints.
+    offset_mm: [f64; 3],
+    /// Counts that X loses from the hit with this number on.
+    lost: (usize, f64),
+    /// The control's delay, per hit: shortest and longest.
+    delay_ms: [f64; 2],
+}
+
+impl Machine {
+    fn new() -> Self {
+        Self {
+            origin: [123_456.0, -777.0, 50.0],
+            scales: SCALES,
+            offset_mm: [0.0; 3],
+            lost: (usize::MAX, 0.0),
+            delay_ms: [0.0, 4.0],
+        }
+    }
+
+    /// Probes three spheres, five hits each, and gives the reasons.
+    fn probe(&self, witness: &mut Witness) -> Vec<Reason> {
+        witness.next_plate();
+        let mut number = 0_usize;
+        for center in [
+            [-135.0, -136.6, 135.9],
+            [138.0, -134.7, 110.3],
+            [-136.7, 136.4, 136.1],
+        ] {
+            for approach in [MinusZ, MinusX, PlusX, MinusY, PlusY] {
+                let (axis, sign) = approach.axis_and_sign();
+                let mut tip = Vec::from(center);
+                tip[axis] -= sign * 15.2;
+                let mut counts = heapless::Vec::new();
+                for at in 0..3 {
+                    let lost = if at == 0 && number >= self.lost.0 {
+                        self.lost.1
+                    } else {
+                        0.0
+                    };
+                    let count = self.origin[at] + tip[at] * self.scales[at] + lost;
+                    counts.push(libm::round(count) as i64).unwrap();
+                }
+                // Evenly through the range, in a fixed disorder.
+                let part = (number * 7 % 15) as f64 / 14.0;
+                let [least, most] = self.delay_ms;
+                let delay_ms = least + part * (most - least);
+                tip[axis] += sign * FEED / 60_000.0 * delay_ms;
+                let printed: Vec<f64> = (0..3)
+                    .map(|at| libm::round((tip[at] + self.offset_mm[at]) * 1000.0) / 1000.0)
+                    .collect();
+                witness.latched(&LatchReport {
+                    number: 0,
+                    cause: LatchCause::Skip,
+                    counts,
+                    t_us: 0,
+                    missed: 0,
+                });
+                let position = Point::from_mm(printed[0], printed[1], printed[2]);
+                let seen = witness.pair(&line(position));
+                assert!(seen.is_some());
+                witness.take(&Hit {
+                    position,
+                    approach: Some(approach),
+                    seen,
+                });
+                number += 1;
+            }
+        }
+        let mut reasons = Vec::new();
+        witness.judge(&mut |reason| reasons.push(reason));
+        reasons
+    }
+
+    /// The same on a witness that has learned its origin from a sound machine.
+    fn probe_after_a_sound_plate(&self) -> Vec<Reason> {
+        let mut witness = Witness::new(spec());
+        assert_eq!(Self::new().probe(&mut witness), []);
+        assert!(witness.conclude().contains(&Some(Reason::WitnessLearned)));
+        self.probe(&mut witness)
+    }
+}
+
+fn line(position: Point) -> ReportedHit {
+    ReportedHit {
+        line: 1,
+        first: Micros(0),
+        last: Micros(0),
+        position,
+        digits: [None; 3],
+        feature: None,
+        feature_id: Some(1),
+        index: None,
+        run: None,
+        sequence: None,
+        approach: None,
+        touched: Some(true),
+        feed_mm_per_min: Some(FEED),
+        doubts: Doubts::NONE,
+    }
+}
+
+/// Two witnesses that agree measure the control's delay, to what its increment of
+/// 1 µm leaves at 1 mm/s: 1 ms.
+#[test]
+fn agreement_measures_the_delay() {
+    let mut witness = Witness::new(spec());
+    assert_eq!(Machine::new().probe(&mut witness), []);
+    let [
+        Some(Reason::Witnessed {
+            hits,
+            least_ms,
+            mean_ms,
+            most_ms,
+        }),
+        learned,
+    ] = witness.conclude()
+    else {
+        panic!("nothing was witnessed");
+    };
+    assert_eq!((hits, learned), (15, Some(Reason::WitnessLearned)));
+    assert!((least_ms - 0.0).abs() < 1.0, "{least_ms}");
+    assert!((mean_ms - 2.0).abs() < 0.4, "{mean_ms}");
+    assert!((most_ms - 4.0).abs() < 1.0, "{most_ms}");
+}
+
+/// A wrong work offset, or datum, is named with its axis and size.
+#[test]
+fn moved_offset_is_named() {
+    let mut machine = Machine::new();
+    machine.offset_mm[2] = 0.180;
+    let reasons = machine.probe_after_a_sound_plate();
+    let [
+        Reason::WitnessShift {
+            axis: 2, shift_mm, ..
+        },
+    ] = reasons.as_slice()
+    else {
+        panic!("{reasons:?}");
+    };
+    assert!((shift_mm - 0.180).abs() < 0.001);
+}
+
+/// With a given origin even the first plate is held against it.
+#[test]
+fn given_origin_holds_from_the_first_plate() {
+    let machine = Machine::new();
+    let given = WitnessSpec {
+        origin_counts: Some(machine.origin),
+        ..spec()
+    };
+    assert_eq!(machine.probe(&mut Witness::new(given)), []);
+    let mut moved = machine;
+    moved.offset_mm[0] = -0.02;
+    let reasons = moved.probe(&mut Witness::new(given));
+    assert!(
+        matches!(reasons.as_slice(), [Reason::WitnessShift { axis: 0, shift_mm, .. }] if (shift_mm + 0.02).abs() < 0.001),
+        "{reasons:?}"
+    );
+}
+
+/// A wrong scale is named, on the first plate already.
+#[test]
+fn wrong_scale_is_named() {
+    for ppm in [60.0, -250.0, 5000.0] {
+        let mut machine = Machine::new();
+        machine.scales[1] = SCALES[1] / (1.0 + ppm * 1e-6);
+        let reasons = machine.probe(&mut Witness::new(spec()));
+        let [
+            Reason::WitnessScale {
+                axis: 1,
+                ppm: found,
+            },
+        ] = reasons.as_slice()
+        else {
+            panic!("{ppm}: {reasons:?}");
+        };
+        assert!((found - ppm).abs() < 5.0, "{found} for {ppm}");
+    }
+}
+
+/// Inch against millimetre is a wrong scale too.
+#[test]
+fn inch_is_a_wrong_scale() {
+    let mut machine = Machine::new();
+    machine.scales = SCALES.map(|scale| scale * 25.4);
+    let reasons = machine.probe(&mut Witness::new(spec()));
+    assert_eq!(reasons.len(), 3, "{reasons:?}");
+    assert!(
+        reasons
+            .iter()
+            .all(|r| matches!(r, Reason::WitnessScale { .. })),
+        "{reasons:?}"
+    );
+}
+
+/// Lost counts are named with their number, wherever they are lost.
+#[test]
+fn lost_counts_are_named() {
+    for (from, counts) in [(3, 40.0), (5, -40.0), (8, 1000.0), (13, -72.0)] {
+        let mut machine = Machine::new();
+        machine.lost = (from, counts);
+        let reasons = machine.probe(&mut Witness::new(spec()));
+        let [
+            Reason::LostCounts {
+                axis: 0,
+                counts: found,
+            },
+        ] = reasons.as_slice()
+        else {
+            panic!("{counts} at {from}: {reasons:?}");
+        };
+        assert!((found - counts).abs() <= 6.0, "{found} for {counts}");
+    }
+}
+
+/// A control that is later than it may be is named with its delay.
+#[test]
+fn late_control_is_named() {
+    let mut machine = Machine::new();
+    machine.delay_ms = [0.0, 12.0];
+    let reasons = machine.probe_after_a_sound_plate();
+    assert!(!reasons.is_empty());
+    for reason in reasons {
+        assert!(
+            matches!(reason, Reason::ControlDelay { delay_ms, .. } if delay_ms > 7.0),
+            "{reason:?}"
+        );
+    }
+}
+
+/// A line without a latch has no second witness, and a latch is used once.
+#[test]
+fn line_without_latch_is_not_paired() {
+    let mut witness = Witness::new(spec());
+    let line = line(Point::from_mm(1.0, 2.0, 3.0));
+    assert_eq!(witness.pair(&line), None);
+    let mut latch = LatchReport {
+        number: 0,
+        cause: LatchCause::Trigger,
+        counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
+        t_us: 0,
+        missed: 0,
+    };
+    witness.latched(&latch);
+    assert_eq!(witness.pair(&line), None, "a scanner's trigger is no hit");
+    latch.cause = LatchCause::Skip;
+    witness.latched(&latch);
+    assert!(witness.pair(&line).is_some());
+    assert_eq!(witness.pair(&line), None);
+}
+
+/// Mixed feeds are refused: the delay would not cancel.
+#[test]
+fn mixed_feeds_are_refused() {
+    let mut feed = Feed::default();
+    for mm_per_min in [20.0, 20.0, 100.0, 20.0] {
+        feed.take(mm_per_min);
+    }
+    assert_eq!(feed.changed, Some((3, 100.0)));
+}
