@@ -1,1 +1,3 @@
-//! Cross-crate tests; see the files beside this folder.
+//! Cross-crate tests: see the files beside this folder. Here is what they share.
+
+pub mod referee;

@@ -6,6 +6,7 @@ mod firmware_check;
 mod fuzz;
 mod house;
 mod licences;
+mod referee;
 mod set_up;
 mod test;
 

@@ -9,11 +9,13 @@ use crate::console;
 use crate::firmware_check::toolchain::{self, TARGETS};
 use crate::fuzz;
 use crate::house::{House, execute, find_program, output};
+use crate::referee;
 
 /// Installs what tests, firmware checks, fuzzing and benchmarks need.
 ///
 /// What is there already is left alone. Rust targets come from rustup; where it cannot
 /// bring them, Debian's compiler and its sources come from apt-get (as root only).
+/// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
 #[derive(clap::Args)]
 #[command(
@@ -28,13 +30,18 @@ pub enum Need {
     Firmware,
     /// cargo-fuzz and a nightly compiler to run it with.
     Fuzzing,
+    /// LinuxCNC's interpreter, to judge NC programs.
+    Referee,
     /// valgrind, to count instructions.
     Counting,
 }
 
 /// Meets every need.
 pub fn run(house: &House, _: &Arguments) -> Result<()> {
-    meet(house, &[Need::Firmware, Need::Fuzzing, Need::Counting]);
+    meet(
+        house,
+        &[Need::Firmware, Need::Fuzzing, Need::Referee, Need::Counting],
+    );
     Ok(())
 }
 
@@ -44,6 +51,7 @@ pub fn meet(house: &House, needs: &[Need]) {
         let (name, met) = match need {
             Need::Firmware => ("compiler for firmware", firmware(house)),
             Need::Fuzzing => ("fuzzing", fuzzing(house)),
+            Need::Referee => ("referee of NC programs", referee::bring(house)),
             Need::Counting => ("instruction counts", counting(house)),
         };
         match met {

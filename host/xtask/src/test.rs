@@ -99,7 +99,7 @@ fn format(house: &House, _: &Arguments) -> Result<Outcome> {
 }
 
 fn set_up(house: &House, _: &Arguments) -> Result<Outcome> {
-    set_up::meet(house, &[Need::Firmware, Need::Fuzzing]);
+    set_up::meet(house, &[Need::Firmware, Need::Fuzzing, Need::Referee]);
     Ok(Outcome::Passed)
 }
 

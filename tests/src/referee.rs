@@ -1,0 +1,249 @@
+//! LinuxCNC's interpreter `rs274` as an independent judge of NC programs.
+//!
+//! It prints what a program asks of a machine as "canonical" commands: positions in the
+//! units and the work coordinates in force. [`Referee::end_points`] puts these into machine
+//! coordinates, so that they can be compared with what another interpreter makes of the
+//! same program. It prints four decimals, so it is right within half of 0.0001 mm (of
+//! 0.0001 inch where the program says G20).
+//!
+//! `cargo xtask set-up` brings it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Millimetres of an inch.
+const INCH_MM: f64 = 25.4;
+
+/// An installed `rs274`.
+#[derive(Clone, Debug)]
+pub struct Referee {
+    start: PathBuf,
+}
+
+/// What stands in the interpreter's files before the program begins. The interpreter
+/// takes them in inches; here everything is in mm.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Before {
+    /// The position of G28, machine coordinates.
+    pub reference_point_mm: [f64; 3],
+    /// The position of G30, machine coordinates.
+    pub second_reference_mm: [f64; 3],
+    /// Length of tool 1.
+    pub tool_length_mm: f64,
+}
+
+impl Referee {
+    /// The referee beside the build whose folder for temporary files is
+    /// `tmp_dir` (`CARGO_TARGET_TMPDIR` of an integration test), if it is there.
+    ///
+    /// # Panics
+    /// Where it is required (`CI` is set) but missing.
+    #[must_use]
+    pub fn find(tmp_dir: &str) -> Option<Self> {
+        let start = Path::new(tmp_dir)
+            .parent()?
+            .join("xtask")
+            .join("referee")
+            .join("rs274");
+        if start.is_file() {
+            return Some(Self { start });
+        }
+        let in_ci =
+            std::env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false");
+        assert!(
+            !in_ci,
+            "{} is required here; `cargo xtask set-up` brings it",
+            start.display()
+        );
+        // Not `eprintln!`: that is not shown for a test that passes.
+        let _ = std::io::Write::write_all(
+            &mut std::io::stderr(),
+            b"skipped: no referee of NC programs; `cargo xtask set-up` brings it\n",
+        );
+        None
+    }
+
+    /// Runs a program in `folder` and returns where its motions end, in machine
+    /// coordinates, mm.
+    ///
+    /// # Errors
+    /// What the interpreter says against the program, or what stands in the way of
+    /// running it.
+    pub fn end_points(
+        &self,
+        folder: &Path,
+        before: &Before,
+        program: &str,
+    ) -> Result<Vec<[f64; 3]>, String> {
+        let said = self.canonical(folder, before, program)?;
+        let mut canon = Canon::new();
+        for line in said.lines() {
+            canon.line(line)?;
+        }
+        if canon.ended {
+            Ok(canon.points)
+        } else {
+            Err(format!("the program did not end:\n{said}"))
+        }
+    }
+
+    /// The canonical commands of a program.
+    fn canonical(&self, folder: &Path, before: &Before, program: &str) -> Result<String, String> {
+        let write = |name: &str, text: &str| {
+            fs::write(folder.join(name), text).map_err(|error| format!("{name}: {error}"))
+        };
+        fs::create_dir_all(folder).map_err(|error| error.to_string())?;
+        write("program.ngc", program)?;
+        write(
+            "tool.tbl",
+            &format!("T1 P1 Z{:+.6}\n", before.tool_length_mm / INCH_MM),
+        )?;
+        let mut parameters = String::new();
+        for (first, point) in [
+            (5161, before.reference_point_mm),
+            (5181, before.second_reference_mm),
+        ] {
+            for (number, mm) in (first..).zip(point) {
+                parameters.push_str(&format!("{number} {:.6}\n", mm / INCH_MM));
+            }
+        }
+        write("parameters.var", &parameters)?;
+        let output = Command::new(&self.start)
+            .args([
+                "-g",
+                "-v",
+                "parameters.var",
+                "-t",
+                "tool.tbl",
+                "program.ngc",
+            ])
+            .current_dir(folder)
+            .output()
+            .map_err(|error| format!("{}: {error}", self.start.display()))?;
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        if output.status.success() {
+            Ok(said)
+        } else {
+            let error = String::from_utf8_lossy(&output.stderr);
+            Err(format!("{}\n{said}", error.trim()))
+        }
+    }
+}
+
+/// What the canonical commands have set so far.
+struct Canon {
+    unit_mm: f64,
+    plane: Plane,
+    /// Offset of the work coordinates (G54 to G59.3), mm.
+    work_mm: [f64; 3],
+    /// Offset of G92 and G52, mm.
+    local_mm: [f64; 3],
+    tool_mm: [f64; 3],
+    rotation_deg: f64,
+    points: Vec<[f64; 3]>,
+    ended: bool,
+}
+
+#[derive(Clone, Copy)]
+enum Plane {
+    Xy,
+    Xz,
+    Yz,
+}
+
+impl Canon {
+    fn new() -> Self {
+        Self {
+            unit_mm: 1.0,
+            plane: Plane::Xy,
+            work_mm: [0.0; 3],
+            local_mm: [0.0; 3],
+            tool_mm: [0.0; 3],
+            rotation_deg: 0.0,
+            points: Vec::new(),
+            ended: false,
+        }
+    }
+
+    /// One line, as `   18 N..... STRAIGHT_TRAVERSE(1.0000, 2.0000, 2.0000, 0.0000, …)`.
+    fn line(&mut self, line: &str) -> Result<(), String> {
+        let Some((head, rest)) = line.split_once('(') else {
+            return Ok(());
+        };
+        let name = head.split_whitespace().last().unwrap_or_default();
+        let arguments = rest.trim_end().trim_end_matches(')');
+        let numbers: Vec<f64> = arguments
+            .split([',', ' '])
+            .filter_map(|word| word.trim().parse().ok())
+            .collect();
+        let triple = |from: usize| match numbers.get(from..from + 3) {
+            Some(&[a, b, c]) => Ok([a, b, c]),
+            _ => Err(format!("too few numbers: {line}")),
+        };
+        // What comes after the program's end only resets the interpreter.
+        if self.ended {
+            return Ok(());
+        }
+        match name {
+            "USE_LENGTH_UNITS" => {
+                self.unit_mm = match arguments {
+                    "CANON_UNITS_MM" => 1.0,
+                    "CANON_UNITS_INCHES" => INCH_MM,
+                    _ => return Err(format!("unknown unit: {line}")),
+                }
+            }
+            "SELECT_PLANE" => {
+                self.plane = match arguments {
+                    "CANON_PLANE_XY" => Plane::Xy,
+                    "CANON_PLANE_XZ" => Plane::Xz,
+                    "CANON_PLANE_YZ" => Plane::Yz,
+                    _ => return Err(format!("unknown plane: {line}")),
+                }
+            }
+            "SET_G5X_OFFSET" => self.work_mm = self.mm(triple(1)?),
+            "SET_G92_OFFSET" => self.local_mm = self.mm(triple(0)?),
+            "USE_TOOL_LENGTH_OFFSET" => self.tool_mm = self.mm(triple(0)?),
+            "SET_XY_ROTATION" => {
+                self.rotation_deg = *numbers.first().ok_or_else(|| format!("no angle: {line}"))?;
+            }
+            "STRAIGHT_TRAVERSE" | "STRAIGHT_FEED" | "STRAIGHT_PROBE" => self.moved(triple(0)?),
+            "ARC_FEED" => {
+                // End in the plane, centre in the plane, turns, end across the plane.
+                let (Ok([first, second, _]), Ok([_, across, _])) = (triple(0), triple(4)) else {
+                    return Err(format!("too few numbers: {line}"));
+                };
+                self.moved(match self.plane {
+                    Plane::Xy => [first, second, across],
+                    Plane::Xz => [second, across, first],
+                    Plane::Yz => [across, first, second],
+                });
+            }
+            "PROGRAM_END" => self.ended = true,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn mm(&self, values: [f64; 3]) -> [f64; 3] {
+        values.map(|value| value * self.unit_mm)
+    }
+
+    /// Work coordinates to machine coordinates, in LinuxCNC's order: G92, the rotation,
+    /// the work offset, the tool.
+    fn moved(&mut self, to: [f64; 3]) {
+        let [x, y, z] = self.mm(to);
+        let [x, y, z] = [
+            x + self.local_mm[0],
+            y + self.local_mm[1],
+            z + self.local_mm[2],
+        ];
+        let (sin, cos) = self.rotation_deg.to_radians().sin_cos();
+        let turned = [x * cos - y * sin, x * sin + y * cos, z];
+        let mut point = [0.0; 3];
+        for (axis, value) in point.iter_mut().enumerate() {
+            *value = turned[axis] + self.work_mm[axis] + self.tool_mm[axis];
+        }
+        self.points.push(point);
+    }
+}
