@@ -1,0 +1,210 @@
+//! A machine with a workpiece in it.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use umi_core::units::Point;
+
+use super::{Removed, Workpiece, sweep};
+use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
+
+/// A ball-nose tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BallNose {
+    /// From the gauge line to the tip, mm.
+    pub length_mm: f64,
+    /// Radius of the ball, mm.
+    pub radius_mm: f64,
+}
+
+/// Why a contact with the material was none that cuts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CrashCause {
+    /// The motion was a rapid one.
+    Rapid,
+    /// The spindle stood still.
+    SpindleStill,
+}
+
+/// The tool ran into the material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crash {
+    /// Why it was no cut.
+    pub cause: CrashCause,
+    /// Where the motion came from, axes in machine coordinates.
+    pub from: Point,
+    /// Where it ended.
+    pub to: Point,
+    /// What it took away.
+    pub removed: Removed,
+}
+
+/// A machine whose ball-nose tools cut a workpiece.
+///
+/// Every call goes to the machine under it; what a tool sweeps is taken away, at
+/// rapid too, which is also noted as a [`Crash`]. Tools that were not made known
+/// here, as a probe, take nothing away. What a motion that the machine stopped has
+/// cut is not known and not taken away.
+#[derive(Debug)]
+pub struct Cutter<A> {
+    axes: A,
+    workpiece: Workpiece,
+    tools: BTreeMap<u32, BallNose>,
+    tool: Option<BallNose>,
+    spindle: bool,
+    crashes: Vec<Crash>,
+}
+
+impl<A> Cutter<A> {
+    /// A machine with this workpiece clamped in it.
+    pub fn new(axes: A, workpiece: Workpiece) -> Self {
+        Self {
+            axes,
+            workpiece,
+            tools: BTreeMap::new(),
+            tool: None,
+            spindle: false,
+            crashes: Vec::new(),
+        }
+    }
+
+    /// Says what this tool of the magazine is.
+    #[must_use]
+    pub fn with_tool(mut self, number: u32, tool: BallNose) -> Self {
+        self.tools.insert(number, tool);
+        self
+    }
+
+    /// The machine under it.
+    pub fn axes(&self) -> &A {
+        &self.axes
+    }
+
+    /// The machine under it.
+    pub fn axes_mut(&mut self) -> &mut A {
+        &mut self.axes
+    }
+
+    /// The workpiece.
+    pub fn workpiece(&self) -> &Workpiece {
+        &self.workpiece
+    }
+
+    /// The workpiece, to clamp it anew.
+    pub fn workpiece_mut(&mut self) -> &mut Workpiece {
+        &mut self.workpiece
+    }
+
+    /// Contacts that were no cuts, oldest first.
+    pub fn crashes(&self) -> &[Crash] {
+        &self.crashes
+    }
+
+    /// Takes the workpiece out; the machine and the crashes remain behind.
+    pub fn into_parts(self) -> (A, Workpiece, Vec<Crash>) {
+        (self.axes, self.workpiece, self.crashes)
+    }
+}
+
+impl<A: Axes> Cutter<A> {
+    /// The tool has gone this way.
+    fn sweep(&mut self, from: Point, path: &Path, rapid: bool) {
+        let Some(tool) = self.tool else {
+            return;
+        };
+        let to = self.axes.position();
+        let to_ball = Vector3::new(0.0, 0.0, tool.length_mm - tool.radius_mm);
+        let mut start = from.mm;
+        let mut removed: Option<Removed> = None;
+        for end in sweep::corners(from.mm, to.mm, path) {
+            let piece = self
+                .workpiece
+                .sweep(start - to_ball, end - to_ball, tool.radius_mm);
+            start = end;
+            removed = match (removed, piece) {
+                (Some(a), Some(b)) => Some(Removed {
+                    nodes: a.nodes + b.nodes,
+                    deepest_mm: a.deepest_mm.max(b.deepest_mm),
+                }),
+                (a, b) => a.or(b),
+            };
+        }
+        let cause = if rapid {
+            CrashCause::Rapid
+        } else if self.spindle {
+            return;
+        } else {
+            CrashCause::SpindleStill
+        };
+        if let Some(removed) = removed {
+            self.crashes.push(Crash {
+                cause,
+                from,
+                to,
+                removed,
+            });
+        }
+    }
+}
+
+impl<A: Axes> Axes for Cutter<A> {
+    fn position(&self) -> Point {
+        self.axes.position()
+    }
+
+    fn reference_point(&self) -> Point {
+        self.axes.reference_point()
+    }
+
+    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+        let from = self.axes.position();
+        self.axes.travel(motion)?;
+        self.sweep(from, &motion.path, motion.rate == Rate::Rapid);
+        Ok(())
+    }
+
+    fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip> {
+        let from = self.axes.position();
+        let skip = self.axes.skip(motion, leaving)?;
+        self.sweep(from, &Path::Line, false);
+        Ok(skip)
+    }
+
+    fn dwell(&mut self, seconds: f64) {
+        self.axes.dwell(seconds);
+    }
+
+    fn change_tool(&mut self, number: u32) -> Result<(), Trip> {
+        self.axes.change_tool(number)?;
+        self.spindle = false;
+        self.tool = self.tools.get(&number).copied();
+        Ok(())
+    }
+
+    fn auxiliary(&mut self, m: u32, s: f64) -> Result<(), Trip> {
+        self.axes.auxiliary(m, s)?;
+        match m {
+            3 | 4 => self.spindle = s > 0.0,
+            // M19 orients the spindle, M30 and M2 end the program and stop it.
+            2 | 5 | 19 | 30 => self.spindle = false,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn print(&mut self, bytes: &[u8]) -> Result<(), Trip> {
+        self.axes.print(bytes)
+    }
+
+    fn input(&self, number: u16) -> bool {
+        self.axes.input(number)
+    }
+
+    fn output(&mut self, number: u16, on: bool) {
+        self.axes.output(number, on);
+    }
+
+    fn seconds(&self) -> f64 {
+        self.axes.seconds()
+    }
+}
