@@ -654,7 +654,8 @@ fn bad_jobs_are_refused() {
             }
         }),
     ];
-    let witnessed: Vec<(&str, fn(&mut WitnessSpec))> = vec![
+    type Spoil = fn(&mut WitnessSpec);
+    let witnessed: Vec<(&str, Spoil)> = vec![
         ("bad_value", |w| w.counts_per_mm[1] = 0.0),
         ("bad_value", |w| w.origin_counts = Some([f64::NAN; 3])),
         ("bad_value", |w| w.delay_ms = -1.0),

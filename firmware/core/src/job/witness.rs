@@ -28,6 +28,7 @@ use umi_protocol::job::{Approach, WitnessSpec};
 use umi_protocol::message::{LatchCause, LatchReport};
 use umi_protocol::reason::Reason;
 
+use super::exceeds;
 use super::feature::Hit;
 use crate::dprnt::ReportedHit;
 
@@ -375,7 +376,7 @@ impl Across {
         let range = self.most_mm - self.least_mm;
         if range <= limit_mm {
             let shift_mm = mean - origin.unwrap_or(mean);
-            return (!(shift_mm.abs() <= limit_mm)).then_some(Reason::WitnessShift {
+            return exceeds(shift_mm.abs(), limit_mm).then_some(Reason::WitnessShift {
                 axis,
                 shift_mm,
                 limit_mm,

@@ -61,13 +61,10 @@ impl Machine {
                 let mut tip = Vec::from(center);
                 tip[axis] -= sign * 15.2;
                 let mut counts = heapless::Vec::new();
-                for at in 0..3 {
-                    let lost = if at == 0 && number >= self.lost.0 {
-                        self.lost.1
-                    } else {
-                        0.0
-                    };
-                    let count = self.origin[at] + tip[at] * self.scales[at] + lost;
+                for (at, tip_mm) in tip.iter().enumerate() {
+                    let gone = at == 0 && number >= self.lost.0;
+                    let lost = if gone { self.lost.1 } else { 0.0 };
+                    let count = self.origin[at] + tip_mm * self.scales[at] + lost;
                     counts.push(libm::round(count) as i64).unwrap();
                 }
                 // Evenly through the range, in a fixed disorder.
@@ -75,8 +72,8 @@ impl Machine {
                 let [least, most] = self.delay_ms;
                 let delay_ms = least + part * (most - least);
                 tip[axis] += sign * FEED / 60_000.0 * delay_ms;
-                let printed: Vec<f64> = (0..3)
-                    .map(|at| libm::round((tip[at] + self.offset_mm[at]) * 1000.0) / 1000.0)
+                let printed: Vec<f64> = (tip.iter().zip(self.offset_mm))
+                    .map(|(tip_mm, offset_mm)| libm::round((tip_mm + offset_mm) * 1000.0) / 1000.0)
                     .collect();
                 witness.latched(&LatchReport {
                     number: 0,
