@@ -9,7 +9,7 @@ use umi_core::units::Micros;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
-use umi_protocol::message::{Event, Identity, Record};
+use umi_protocol::message::{Event, Identity, LatchCause, LatchReport, Record};
 use umi_protocol::verdict::Verdict;
 use umi_virtual::{Config, HostEnd, VirtualBoard};
 
@@ -44,6 +44,8 @@ pub struct Bench {
     now_us: u64,
     /// The journal entry of which the next event tells.
     next_seq: u64,
+    /// Skip edges so far.
+    latches: u32,
 }
 
 /// What the board decides, in its order.
@@ -99,6 +101,7 @@ impl Bench {
             identity,
             now_us: 0,
             next_seq,
+            latches: 0,
         })
     }
 
@@ -137,6 +140,30 @@ impl Bench {
             self.follow(|record| matches!(record, Record::Bytes { .. }), &mut seen)?;
         }
         self.settle_with(&mut seen)
+    }
+
+    /// Time passes on the board's clock; it never goes back.
+    pub fn advance(&mut self, to: Micros) {
+        self.now_us = self.now_us.max(to.0);
+        self.board.advance(Micros(self.now_us));
+    }
+
+    /// The probe's skip line rises and latches the axes.
+    ///
+    /// # Errors
+    /// The link's.
+    pub fn latch(&mut self, at: Micros, counts: [i64; 3]) -> Result<(), Failure> {
+        self.advance(at);
+        let number = self.latches;
+        self.latches = number.wrapping_add(1);
+        self.board.latch(LatchReport {
+            number,
+            cause: LatchCause::Skip,
+            counts: counts.into_iter().collect(),
+            t_us: at.0,
+            missed: 0,
+        });
+        self.follow(|record| matches!(record, Record::Latch(_)), &mut |_| Ok(()))
     }
 
     /// The input ends.

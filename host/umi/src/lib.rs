@@ -14,4 +14,5 @@ pub mod pull;
 pub mod report;
 pub mod results;
 pub mod style;
+pub mod wiring;
 pub mod words;
