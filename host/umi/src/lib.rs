@@ -2,6 +2,7 @@
 
 pub mod audit;
 pub mod capture;
+pub mod experiment;
 pub mod failure;
 pub mod gather;
 pub mod jobfile;
