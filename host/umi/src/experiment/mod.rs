@@ -3,5 +3,8 @@
 //! a fifth of the workpiece's surface finished in each clamping; then the whole
 //! surface is measured.
 
+pub mod cases;
+pub mod outcome;
 pub mod part;
 pub mod path;
+pub mod thesis;

@@ -14,13 +14,16 @@
 //! | `svg`, `scale`, `labels` | drawing: primitives, scales and scale bars, labels that do not overlap |
 //! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart` | the pictures |
 //! | `head`, `tables`, `registration`, `clamping`, `page` | the parts of the page |
+//! | `experiment`, `map` | the thesis' tables and the surface that was cut |
 //! | `terminal` | the table for a terminal |
 
 mod chart;
 mod clamping;
+mod experiment;
 pub mod figures;
 mod head;
 mod labels;
+mod map;
 mod markup;
 mod model;
 mod number;
@@ -39,7 +42,7 @@ mod text;
 mod unfitted;
 
 pub use model::{Fact, Plate, Session, Truth};
-pub use page::html;
+pub use page::{html, html_of_experiment};
 
 #[cfg(test)]
 mod sample;

@@ -3,15 +3,28 @@
 use super::markup::{Element, el};
 use super::model::Session;
 use super::number::typographic;
-use super::{chart, clamping, head, sphere};
+use super::{chart, clamping, experiment, head, sphere};
+use crate::experiment::outcome::{Outcome, Summary};
 
 /// The report as one self-contained HTML file.
 #[must_use]
 pub fn html(session: &Session) -> String {
+    page(session, Vec::new())
+}
+
+/// The report of an experiment: the same, with the finished surface and the thesis'
+/// tables before the clampings.
+#[must_use]
+pub fn html_of_experiment(outcome: &Outcome, seeds: &[Summary]) -> String {
+    page(&outcome.session, experiment::sections(outcome, seeds))
+}
+
+fn page(session: &Session, more: Vec<Element>) -> String {
     let common = sphere::common_scale(session);
     let (chart, chart_caption) = chart::drawing(session);
     let main = el("main")
         .child(head::header(session))
+        .children(more)
         .child(
             el("section")
                 .child(el("h2").text("All clampings"))

@@ -1,0 +1,187 @@
+//! What an experiment gives.
+
+use umi_core::fit;
+use umi_core::units::Point;
+use umi_virtual::cutting::{CylinderArc, Deviations, Statistics, Workpiece};
+
+use super::part::{NOMINAL, SECTIONS};
+use super::path::Laces;
+use crate::report::Session;
+
+/// How an experiment is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setting {
+    /// Seed of all random errors.
+    pub seed: u64,
+    /// No error sources: no noise, no delay, no pretravel.
+    pub ideal: bool,
+    /// The largest distance of two laces on the surface, mm.
+    pub stepover_mm: f64,
+    /// Pitch of the grid on which the surface is measured, X and Y, mm.
+    pub pitch_mm: [f64; 2],
+}
+
+/// The finished surface, measured.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// The deviation of every node.
+    pub deviations: Deviations,
+    /// Figures of the whole surface.
+    pub whole: Statistics,
+    /// Figures of each section.
+    pub sections: Vec<Statistics>,
+    /// Contacts of the tool that were no cuts (rapid motions through the material).
+    pub crashes: usize,
+}
+
+impl Surface {
+    /// Measures a workpiece. None if a section has no node: the grid is too coarse.
+    #[must_use]
+    pub fn measure(workpiece: &Workpiece, laces: &Laces, crashes: usize) -> Option<Self> {
+        Self::measure_against(workpiece, laces, crashes, &NOMINAL)
+    }
+
+    fn measure_against(
+        workpiece: &Workpiece,
+        laces: &Laces,
+        crashes: usize,
+        nominal: &CylinderArc,
+    ) -> Option<Self> {
+        let deviations = Deviations::of(workpiece, nominal);
+        let whole = deviations.statistics(|_, _| true)?;
+        let sections = (0..SECTIONS)
+            .map(|section| {
+                let [low, high] = laces.section_y_mm(section);
+                deviations.statistics(|_, y| y > low && y <= high)
+            })
+            .collect::<Option<Vec<_>>>()?;
+        Some(Self {
+            deviations,
+            whole,
+            sections,
+            crashes,
+        })
+    }
+}
+
+/// A plane through points of the plate's surface (table 5.4).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Centroid of the points, mm.
+    pub centroid_mm: [f64; 3],
+    /// Unit normal.
+    pub normal: [f64; 3],
+    /// Standard deviation of the residuals, n - 3 degrees of freedom, mm.
+    pub std_mm: f64,
+    /// Points.
+    pub points: usize,
+}
+
+impl Plane {
+    /// Fits it, orthogonal least squares.
+    ///
+    /// # Errors
+    /// The fit's.
+    pub fn fit(points: &[Point]) -> Result<Self, fit::FitError> {
+        let plane = fit::plane::fit(points)?;
+        Ok(Self {
+            centroid_mm: plane.point.to_array_mm(),
+            normal: plane.normal.into(),
+            // Four points or more, so there is one; an exact plane has none.
+            std_mm: plane.stats.sigma.map_or(0.0, |sigma| sigma.0),
+            points: points.len(),
+        })
+    }
+}
+
+/// Everything that one run of the experiment gives.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// How it was run.
+    pub setting: Setting,
+    /// The error sources in force, in words: name and amount.
+    pub sources: Vec<(String, String)>,
+    /// The finishing path.
+    pub laces: Laces,
+    /// What the board decided.
+    pub session: Session,
+    /// The workpiece that was cut with the corrections.
+    pub corrected: Surface,
+    /// A workpiece that was cut in the same clampings without them.
+    pub uncorrected: Surface,
+    /// The plate's surface in each clamping.
+    pub planes: Vec<Plane>,
+    /// How far the programmed points are from where they should be on the part,
+    /// without correction, for each clamping: the largest, mm.
+    pub astray_mm: Vec<f64>,
+    /// Bytes that the control has printed.
+    pub printed_bytes: usize,
+    /// The correction program that the control read in each clamping; none where
+    /// the plate was taught.
+    pub corrections: Vec<Option<String>>,
+    /// Duration on the machine, seconds.
+    pub machine_s: f64,
+}
+
+/// The figures of one run that are compared between seeds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Summary {
+    /// The seed.
+    pub seed: u64,
+    /// The corrected surface.
+    pub corrected: Statistics,
+    /// The uncorrected one.
+    pub uncorrected: Statistics,
+}
+
+impl Outcome {
+    /// The figures that are compared between seeds.
+    #[must_use]
+    pub fn summary(&self) -> Summary {
+        Summary {
+            seed: self.setting.seed,
+            corrected: self.corrected.whole,
+            uncorrected: self.uncorrected.whole,
+        }
+    }
+}
+
+/// Mean and standard deviation (n - 1) of a figure over seeds; the deviation is zero
+/// for one seed.
+#[must_use]
+#[allow(clippy::cast_precision_loss, reason = "a handful of seeds")]
+pub fn spread(summaries: &[Summary], figure: impl Fn(&Summary) -> f64) -> (f64, f64) {
+    let n = summaries.len().max(1) as f64;
+    let mean = summaries.iter().map(&figure).sum::<f64>() / n;
+    let squares: f64 = summaries
+        .iter()
+        .map(|summary| (figure(summary) - mean).powi(2))
+        .sum();
+    (mean, (squares / (n - 1.0).max(1.0)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use umi_virtual::cutting::Statistics;
+
+    use super::*;
+
+    /// Mean and standard deviation over seeds, by hand.
+    #[test]
+    fn spread_over_seeds() {
+        let summaries: Vec<Summary> = [1.0, 2.0, 6.0]
+            .iter()
+            .map(|&mean_mm| Summary {
+                seed: 1,
+                corrected: Statistics {
+                    mean_mm,
+                    ..Statistics::default()
+                },
+                uncorrected: Statistics::default(),
+            })
+            .collect();
+        let (mean, std) = spread(&summaries, |summary| summary.corrected.mean_mm);
+        assert!((mean - 3.0).abs() < 1e-12 && (std - 7.0_f64.sqrt()).abs() < 1e-12);
+        assert!(spread(&summaries[..1], |_| 4.0).1.abs() < 1e-12);
+    }
+}

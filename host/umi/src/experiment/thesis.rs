@@ -1,0 +1,169 @@
+//! Figures that A. Sawula's thesis prints (2013), for comparison. Table numbers are
+//! the thesis'.
+
+/// Table 4.1: the hits on sphere 3 of case 0, mm: top, +X, -X, +Y, -Y.
+pub const SPHERE_HITS_MM: [[f64; 3]; 5] = [
+    [-136.7110, 136.4120, 148.8330],
+    [-124.0060, 136.4140, 136.1330],
+    [-149.4150, 136.4140, 136.1330],
+    [-136.7120, 149.1310, 136.1330],
+    [-136.7120, 123.6930, 136.1330],
+];
+
+/// Table 4.1: the fitted centre, mm.
+pub const SPHERE_CENTER_MM: [f64; 3] = [-136.7105, 136.4120, 136.1212];
+
+/// Table 4.2, one clamping.
+pub struct Registration {
+    /// Transformed less measured centre of each sphere, mm.
+    pub errors_mm: [[f64; 3]; 3],
+    /// R by rows.
+    pub rotation: [[f64; 3]; 3],
+    /// T, mm.
+    pub translation_mm: [f64; 3],
+}
+
+/// Table 4.2: cases 1 to 4.
+pub const REGISTRATIONS: [Registration; 4] = [
+    Registration {
+        errors_mm: [
+            [-0.0022, 0.0148, 0.0002],
+            [0.0070, -0.0049, -0.0006],
+            [-0.0049, -0.0098, 0.0005],
+        ],
+        rotation: [
+            [0.9999, -0.0173, -0.0002],
+            [0.0173, 0.9999, 0.0],
+            [0.0002, 0.0, 1.0],
+        ],
+        translation_mm: [-0.8700, -0.5866, 0.0060],
+    },
+    Registration {
+        errors_mm: [
+            [0.0011, 0.0053, -0.0001],
+            [0.0085, -0.0098, -0.0008],
+            [-0.0096, 0.0045, 0.0009],
+        ],
+        rotation: [
+            [0.9999, 0.0157, -0.0001],
+            [-0.0157, 0.9999, 0.0],
+            [0.0001, 0.0, 1.0],
+        ],
+        translation_mm: [16.6543, -0.6807, 0.0117],
+    },
+    Registration {
+        errors_mm: [
+            [-0.0114, 0.0029, 0.0011],
+            [0.0182, -0.0064, -0.0017],
+            [-0.0067, 0.0036, 0.0006],
+        ],
+        rotation: [
+            [1.0, -0.0062, -0.0002],
+            [0.0062, 1.0, 0.0],
+            [0.0002, 0.0, 1.0],
+        ],
+        translation_mm: [-48.4372, -1.9574, 0.0219],
+    },
+    Registration {
+        errors_mm: [
+            [-0.0113, 0.0046, 0.0011],
+            [0.0087, 0.0026, -0.0008],
+            [0.0026, -0.0072, -0.0003],
+        ],
+        rotation: [
+            [0.9993, 0.0377, 0.0],
+            [-0.0377, 0.9993, 0.0002],
+            [0.0, -0.0002, 1.0],
+        ],
+        translation_mm: [-35.1846, -0.2768, -0.0090],
+    },
+];
+
+/// Deviations of the finished surface as the thesis reports them: mean of those above
+/// nominal, mean of those below, standard deviation, mm.
+pub struct Surface {
+    /// Where it stands.
+    pub place: &'static str,
+    /// Mean of the positive deviations, mm.
+    pub above_mm: f64,
+    /// Mean of the negative deviations, mm.
+    pub below_mm: f64,
+    /// Standard deviation, mm.
+    pub std_mm: f64,
+}
+
+/// The two scans of the finished workpiece. The conclusions (chapter 7) repeat the
+/// second.
+pub const SURFACES: [Surface; 2] = [
+    Surface {
+        place: "table 5.1, Roland scan",
+        above_mm: 0.011,
+        below_mm: -0.021,
+        std_mm: 0.021,
+    },
+    Surface {
+        place: "table 6.3, LMI scan",
+        above_mm: 0.010,
+        below_mm: -0.022,
+        std_mm: 0.019,
+    },
+];
+
+/// Table 5.2: radius and standard deviation of the residuals of spheres 1 to 3 in
+/// cases 0 to 4, mm.
+pub const SPHERES_MM: [[[f64; 2]; 3]; 5] = [
+    [[12.7130, 0.0150], [12.7130, 0.0150], [12.7118, 0.0145]],
+    [[12.7153, 0.0065], [12.7140, 0.0130], [12.7133, 0.0145]],
+    [[12.7125, 0.0130], [12.7145, 0.0150], [12.7128, 0.0155]],
+    [[12.7160, 0.0100], [12.7143, 0.0155], [12.7113, 0.0155]],
+    [[12.7133, 0.0125], [12.7160, 0.0130], [12.7130, 0.0130]],
+];
+
+/// Table 5.3: distances of spheres 1-2, 1-3 and 2-3 in cases 0 to 4, mm. They are
+/// distances in plan: only so do they agree with table 4.2.
+pub const DISTANCES_MM: [[f64; 3]; 5] = [
+    [273.0136, 273.0408, 385.9398],
+    [273.0094, 273.0653, 385.9373],
+    [273.0097, 273.0416, 385.9195],
+    [272.9890, 273.0402, 385.9184],
+    [272.9935, 273.0522, 385.9466],
+];
+
+/// Table 5.4, one clamping.
+pub struct Plane {
+    /// Centroid, mm.
+    pub centroid_mm: [f64; 3],
+    /// Direction cosines of the normal.
+    pub normal: [f64; 3],
+    /// Standard deviation of the residuals, mm.
+    pub std_mm: f64,
+}
+
+/// Table 5.4: the plate's surface in cases 0 to 4.
+pub const PLANES: [Plane; 5] = [
+    Plane {
+        centroid_mm: [0.5890, 1.5120, 63.9985],
+        normal: [0.0, 0.0, 1.0],
+        std_mm: 0.0160,
+    },
+    Plane {
+        centroid_mm: [3.2840, 1.9350, 63.9987],
+        normal: [-0.0001, 0.0, 1.0],
+        std_mm: 0.0167,
+    },
+    Plane {
+        centroid_mm: [18.6880, -6.5650, 63.9989],
+        normal: [-0.0001, 0.0, 1.0],
+        std_mm: 0.0175,
+    },
+    Plane {
+        centroid_mm: [-46.8100, -6.8000, 64.0005],
+        normal: [-0.0001, 0.0001, 1.0],
+        std_mm: 0.0189,
+    },
+    Plane {
+        centroid_mm: [-33.5140, -7.3950, 64.0017],
+        normal: [-0.0001, 0.0001, 1.0],
+        std_mm: 0.0182,
+    },
+];
