@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use umi_core::units::Point;
 
-use super::{Removed, Workpiece, sweep};
+use super::{Removed, Wander, Workpiece, sweep};
 use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
 
 /// A ball-nose tool.
@@ -53,6 +53,9 @@ pub struct Cutter<A> {
     tool: Option<BallNose>,
     spindle: bool,
     crashes: Vec<Crash>,
+    wander: Option<Wander>,
+    /// How far the axes are off where they stand, mm.
+    off: Vector3<f64>,
 }
 
 impl<A> Cutter<A> {
@@ -65,6 +68,8 @@ impl<A> Cutter<A> {
             tool: None,
             spindle: false,
             crashes: Vec::new(),
+            wander: None,
+            off: Vector3::zeros(),
         }
     }
 
@@ -72,6 +77,13 @@ impl<A> Cutter<A> {
     #[must_use]
     pub fn with_tool(mut self, number: u32, tool: BallNose) -> Self {
         self.tools.insert(number, tool);
+        self
+    }
+
+    /// The axes do not quite stand where the machine says: what is cut shows it.
+    #[must_use]
+    pub fn with_wander(mut self, wander: Wander) -> Self {
+        self.wander = Some(wander);
         self
     }
 
@@ -109,17 +121,21 @@ impl<A> Cutter<A> {
 impl<A: Axes> Cutter<A> {
     /// The tool has gone this way.
     fn sweep(&mut self, from: Point, path: &Path, rapid: bool) {
+        let off = self.off;
+        if let Some(wander) = &mut self.wander {
+            self.off = wander.next();
+        }
         let Some(tool) = self.tool else {
             return;
         };
         let to = self.axes.position();
-        let to_ball = Vector3::new(0.0, 0.0, tool.length_mm - tool.radius_mm);
-        let mut start = from.mm;
+        let more_off = self.off - off;
+        let from_gauge = Vector3::new(0.0, 0.0, tool.radius_mm - tool.length_mm);
+        let mut start = from.mm + off + from_gauge;
         let mut removed: Option<Removed> = None;
-        for end in sweep::corners(from.mm, to.mm, path) {
-            let piece = self
-                .workpiece
-                .sweep(start - to_ball, end - to_ball, tool.radius_mm);
+        for (part, corner) in sweep::corners(from.mm, to.mm, path) {
+            let end = corner + off + more_off * part + from_gauge;
+            let piece = self.workpiece.sweep(start, end, tool.radius_mm);
             start = end;
             removed = match (removed, piece) {
                 (Some(a), Some(b)) => Some(Removed {

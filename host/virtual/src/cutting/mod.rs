@@ -19,12 +19,14 @@ mod capsule;
 mod cutter;
 mod deviation;
 mod sweep;
+mod wander;
 mod workpiece;
 
 pub use capsule::Capsule;
 pub use cutter::{BallNose, Crash, CrashCause, Cutter};
 pub use deviation::{Deviations, Statistics};
 pub use sweep::CHORD_ERROR_MM;
+pub use wander::Wander;
 pub use workpiece::{CylinderArc, Grid, GridFault, Removed, Workpiece};
 
 #[cfg(test)]

@@ -11,7 +11,8 @@ pub const CHORD_ERROR_MM: f64 = 1.0e-5;
 /// More pieces than this are not made of an arc: one turn at a radius of 10 m.
 const MAX_PIECES: u32 = 3_000_000;
 
-/// The corners of a way, its start left out and its end exactly as given.
+/// The corners of a way, its start left out and its end exactly as given, each with
+/// the part of the way that lies before it.
 ///
 /// A chord of the angle `a` leaves a circle of radius `r` by `r (1 - cos(a/2))`,
 /// which is below `r a²/8`.
@@ -19,7 +20,7 @@ pub fn corners(
     from: Vector3<f64>,
     to: Vector3<f64>,
     path: &Path,
-) -> impl Iterator<Item = Vector3<f64>> + use<> {
+) -> impl Iterator<Item = (f64, Vector3<f64>)> + use<> {
     let arc = match *path {
         Path::Line => None,
         Path::Arc {
@@ -46,12 +47,13 @@ pub fn corners(
     });
     (1..=pieces).map(move |piece| {
         let part = f64::from(piece) / f64::from(pieces);
-        match &arc {
+        let corner = match &arc {
             Some((hub, arm, axis, sweep, rise)) if piece < pieces => {
                 let turned = Rotation3::from_axis_angle(axis, sweep * part) * arm;
                 hub + turned + axis.scale(rise * part)
             }
             _ => to,
-        }
+        };
+        (part, corner)
     })
 }

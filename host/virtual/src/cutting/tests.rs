@@ -336,6 +336,7 @@ fn an_arc_leaves_a_ring() {
             sweep: Rad(PI),
         },
     )
+    .map(|(_, corner)| corner)
     .collect();
     let middle = corners[corners.len() / 2 - 1];
     assert!(
@@ -376,6 +377,32 @@ fn contacts_that_are_no_cuts_are_told() {
     cutter.change_tool(1).unwrap();
     go(&mut cutter, Vector3::new(30.0, -8.0, -1.0), Rate::Rapid);
     assert_eq!(cutter.crashes().len(), 2);
+}
+
+/// The machine's scatter shows on the surface with its own size.
+#[test]
+fn scatter_of_the_axes_is_seen_on_the_surface() {
+    let figures = |sigma_mm: f64| {
+        let mut cutter = machine(block(0.5)).with_wander(Wander::new(sigma_mm, 5));
+        for pass in -40..=40 {
+            let y = f64::from(pass) * 0.25;
+            lace(
+                &mut cutter,
+                Vector3::new(-30.0, y, -1.0),
+                Vector3::new(30.0, y, -1.0),
+            );
+        }
+        let heights = cutter.workpiece().heights_mm();
+        let n = heights.len() as f64;
+        let mean = heights.iter().sum::<f64>() / n;
+        let squares: f64 = heights.iter().map(|z| (z - mean).powi(2)).sum();
+        (mean, (squares / n).sqrt())
+    };
+    let ((exact, quiet), (mean, std)) = (figures(0.0), figures(0.002));
+    assert!(quiet < 1e-6, "{quiet}");
+    // Every node lies under a pass of its own, between the errors of its two ends.
+    assert!((mean - exact).abs() < 0.0006, "{mean} {exact}");
+    assert!((0.001..0.002).contains(&std), "{std}");
 }
 
 /// The figures of a known field: half of the nodes 0.2 high, half 0.1 deep.
