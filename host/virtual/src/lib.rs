@@ -14,5 +14,6 @@ pub mod board;
 pub mod cutting;
 pub mod machine;
 pub mod nc;
+pub mod scene;
 
 pub use board::*;

@@ -1,5 +1,229 @@
-//! A virtual machine tool.
+//! A virtual machine tool: axes, encoders, a touch probe and a control's slow eye.
+//!
+//! # Model
+//!
+//! Time is continuous: a motion is a closed form ([`motion`]), nothing is stepped. Three
+//! positions are kept apart, as on a machine:
+//!
+//! * *sent*: what the control commands;
+//! * *encoder*: where the axes are by their encoders, a lag behind. The board counts
+//!   these, the control stores these at a skip;
+//! * *true*: where the tip is against the bodies of the scene, `encoder (1 + scale) +
+//!   homing + drift + noise`. No one at the machine can see the difference.
+//!
+//! In a motion with skip the tip meets a body, the stylus bends, and the probe triggers
+//! when it is bent by the pretravel of that direction. At this instant the skip line
+//! rises and the encoders' counts go out on the wire ([`Wires::skip`]). The control
+//! notices later, by a delay that nobody can predict, stores the encoders' position of
+//! *that* moment, and brakes. How far the stylus is bent at rest decides whether it
+//! lives.
+//!
+//! What the model leaves out: the shank of the stylus (only the tip touches), jerk,
+//! and corners cut by looking ahead (every motion ends with an exact stop).
 
+mod axes;
+mod motion;
+mod probe;
+mod random;
 mod wires;
 
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Vector3;
+use umi_core::units::{Micros, Point};
+
+use crate::nc::Trip;
+use crate::scene::{Scene, ToolSpec};
+
+use random::Random;
 pub use wires::{Unwired, Wires};
+
+/// A machine tool at work.
+#[derive(Debug)]
+pub struct Machine<W> {
+    scene: Scene,
+    wires: W,
+    random: Random,
+    /// Where the axes were sent, machine coordinates.
+    position: Vector3<f64>,
+    seconds: f64,
+    /// The stylus is bent by a body: from a skip up to the motion that frees it.
+    touching: bool,
+    spindle: Spindle,
+    outputs: [bool; 36],
+    hits: Vec<Hit>,
+    feed_mm_per_min: f64,
+}
+
+/// What is in the spindle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Spindle {
+    Empty,
+    Probe,
+    Tool(ToolSpec),
+}
+
+/// A touch, with what everyone has seen of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hit {
+    /// The body.
+    pub body: String,
+    /// The tip's true centre at first contact.
+    pub contact: Point,
+    /// The body's outward normal there.
+    pub normal: Vector3<f64>,
+    /// Travel of the tip between contact and trigger, along the path.
+    pub pretravel_mm: f64,
+    /// When the skip line rose.
+    pub at: Micros,
+    /// The encoders' counts at that instant.
+    pub counts: [i64; 3],
+    /// The encoders' position at that instant.
+    pub latched: Point,
+    /// How long the control took, milliseconds.
+    pub delay_ms: f64,
+    /// What the control stored.
+    pub stored: Point,
+    /// Speed at the skip edge, mm/min.
+    pub feed_mm_per_min: f64,
+}
+
+/// What a live view shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Status {
+    /// Where the axes are.
+    pub position: Point,
+    /// Feed of the latest motion.
+    pub feed_mm_per_min: f64,
+    /// Time since the machine was switched on.
+    pub seconds: f64,
+    /// Touches so far.
+    pub hits: usize,
+}
+
+impl<W: Wires> Machine<W> {
+    /// Switches a machine on: the probe is in the spindle. The same seed gives the same
+    /// noise.
+    pub fn new(scene: Scene, seed: u64, wires: W) -> Self {
+        Self {
+            position: Vector3::from(scene.machine.start_mm),
+            random: Random::new(seed),
+            wires,
+            seconds: 0.0,
+            touching: false,
+            spindle: Spindle::Probe,
+            outputs: [false; 36],
+            hits: Vec::new(),
+            feed_mm_per_min: 0.0,
+            scene,
+        }
+    }
+
+    /// What stands on the table.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// What stands on the table, to move it between programs.
+    pub fn scene_mut(&mut self) -> &mut Scene {
+        &mut self.scene
+    }
+
+    /// The other end of the wires.
+    pub fn wires(&self) -> &W {
+        &self.wires
+    }
+
+    /// The other end of the wires.
+    pub fn wires_mut(&mut self) -> &mut W {
+        &mut self.wires
+    }
+
+    /// Switches the machine off; the wires remain.
+    pub fn into_wires(self) -> W {
+        self.wires
+    }
+
+    /// All touches, oldest first.
+    pub fn hits(&self) -> &[Hit] {
+        &self.hits
+    }
+
+    /// For a live view.
+    pub fn status(&self) -> Status {
+        Status {
+            position: Point { mm: self.position },
+            feed_mm_per_min: self.feed_mm_per_min,
+            seconds: self.seconds,
+            hits: self.hits.len(),
+        }
+    }
+
+    /// What the encoders' counters hold at a position of the axes.
+    #[must_use]
+    pub fn counts(&self, encoder_mm: &Vector3<f64>) -> [i64; 3] {
+        let machine = &self.scene.machine;
+        let mut counts = machine.origin_counts;
+        for ((count, mm), scale) in counts.iter_mut().zip(encoder_mm).zip(machine.counts_per_mm) {
+            // A counter shows the last line that was passed, not the nearest.
+            *count = count.saturating_add(libm::floor(mm * scale) as i64);
+        }
+        counts
+    }
+
+    /// Whether an axis' counter stands on an index mark.
+    #[must_use]
+    pub fn is_index(&self, count: i64) -> bool {
+        let pitch = self.scene.machine.index_counts;
+        pitch > 0 && count.rem_euclid(pitch) == 0
+    }
+
+    /// Truth less encoder at this position, now.
+    fn truth(&self, encoder_mm: &Vector3<f64>) -> Vector3<f64> {
+        let machine = &self.scene.machine;
+        let warm = 1.0 - libm::exp(-self.seconds / machine.drift_time_s);
+        let scale = Vector3::from(machine.scale_error_ppm) * 1e-6;
+        encoder_mm.component_mul(&scale)
+            + Vector3::from(machine.homing_error_mm)
+            + Vector3::from(machine.drift_mm) * warm
+    }
+
+    fn now(&self) -> Micros {
+        Micros((self.seconds * 1e6) as u64)
+    }
+
+    fn pass(&mut self, seconds: f64) {
+        self.seconds += seconds.max(0.0);
+        let now = self.now();
+        self.wires.time(now);
+    }
+
+    /// From the gauge line to the centre of the ball that may touch, and its radius.
+    fn ball(&self) -> Option<(Vector3<f64>, f64)> {
+        let down = |mm: f64| Vector3::new(0.0, 0.0, -mm);
+        match self.spindle {
+            Spindle::Empty => None,
+            Spindle::Probe => {
+                let probe = &self.scene.probe;
+                Some((down(probe.length_mm), probe.tip_radius_mm))
+            }
+            Spindle::Tool(tool) => Some((down(tool.length_mm - tool.radius_mm), tool.radius_mm)),
+        }
+    }
+
+    fn within_travel(&self, to: &Vector3<f64>) -> Result<(), Trip> {
+        let machine = &self.scene.machine;
+        let limits = machine.travel_min_mm.iter().zip(machine.travel_max_mm);
+        for ((axis, mm), (least, most)) in ["X", "Y", "Z"].iter().zip(to).zip(limits) {
+            if !(*least..=most).contains(mm) {
+                return Err(Trip {
+                    message: format!(
+                        "over-travel: {axis} {mm:.3} is outside {least} to {most} (machine coordinates, mm)"
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,350 @@
+//! The scene as a file.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Deserialize;
+use umi_core::registration::RigidTransform;
+
+use super::{Body, Group, Scene, Shape, joined, pose};
+
+/// Why a scene cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SceneError {
+    /// What is wrong and what to do.
+    pub message: String,
+}
+
+impl fmt::Display for SceneError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for SceneError {}
+
+/// The machine tool and its errors. All defaults are those of an ideal machine.
+///
+/// The encoders tell the control where an axis is; the truth differs from that by
+/// `scale_error_ppm`, `homing_error_mm` and the drift, which neither the control nor
+/// the board can see.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MachineSpec {
+    /// Least coordinates that the axes reach.
+    pub travel_min_mm: [f64; 3],
+    /// Largest coordinates that the axes reach.
+    pub travel_max_mm: [f64; 3],
+    /// Reference point of G28.
+    pub reference_mm: [f64; 3],
+    /// Where the axes stand at the start.
+    pub start_mm: [f64; 3],
+    /// Fastest motion along a path.
+    pub rapid_mm_per_min: f64,
+    /// Acceleration along a path.
+    pub acceleration_mm_per_s2: f64,
+    /// Gain of the position loop of all axes (Kv): they follow with a lag of speed over
+    /// gain. 0: without lag.
+    pub position_gain_per_s: f64,
+    /// Encoder counts per millimetre, negative where they count down.
+    pub counts_per_mm: [f64; 3],
+    /// Encoder counts where the machine coordinate is zero: where the board's counters
+    /// began.
+    pub origin_counts: [i64; 3],
+    /// Counts between index marks; an index stands at every multiple of it.
+    pub index_counts: i64,
+    /// The machine's datum is off by this much.
+    pub homing_error_mm: [f64; 3],
+    /// Truth over encoder less one, in millionths.
+    pub scale_error_ppm: [f64; 3],
+    /// Repeatability of a position (2 sigma).
+    pub position_noise_um: f64,
+    /// The truth moves away by this much as the machine warms up,
+    pub drift_mm: [f64; 3],
+    /// with this time constant.
+    pub drift_time_s: f64,
+}
+
+impl Default for MachineSpec {
+    fn default() -> Self {
+        Self {
+            travel_min_mm: [-500.0, -500.0, -500.0],
+            travel_max_mm: [500.0, 500.0, 500.0],
+            reference_mm: [0.0, 0.0, 500.0],
+            start_mm: [0.0, 0.0, 500.0],
+            rapid_mm_per_min: 20_000.0,
+            acceleration_mm_per_s2: 2_000.0,
+            position_gain_per_s: 0.0,
+            counts_per_mm: [10_000.0; 3],
+            origin_counts: [0; 3],
+            index_counts: 0,
+            homing_error_mm: [0.0; 3],
+            scale_error_ppm: [0.0; 3],
+            position_noise_um: 0.0,
+            drift_mm: [0.0; 3],
+            drift_time_s: 3600.0,
+        }
+    }
+}
+
+/// The control.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Control {
+    /// Its language and parameters.
+    pub nc: toml::Table,
+    /// Shortest and longest time between the skip signal and the moment at which it
+    /// stores the position: 0 to 4 ms in A. Sawula's thesis (2013, section 3.5.1).
+    pub skip_delay_ms: [f64; 2],
+    /// Speed of its serial line.
+    pub baud: u32,
+    /// Bits of a character on the line, start and stop bits counted.
+    pub bits: u32,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            nc: toml::Table::new(),
+            skip_delay_ms: [0.0; 2],
+            baud: 9600,
+            bits: 11,
+        }
+    }
+}
+
+/// The touch probe.
+///
+/// It triggers when the stylus is bent by the pretravel. In the XY plane that is
+/// `pretravel_mm + lobing_mm cos 3 (θ - lobing_phase_deg)`, θ the direction in which
+/// the tip is pushed (three supports: thesis, figure 3.5), along Z it is
+/// `axial_pretravel_mm`; between them goes the square of the sine of the elevation.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProbeSpec {
+    /// The tool number that it answers to; it is in the spindle at the start.
+    pub tool: u32,
+    /// Radius of the tip.
+    pub tip_radius_mm: f64,
+    /// Gauge line to tip centre. 0: the axes' position is that of the tip centre.
+    pub length_mm: f64,
+    /// Mean in the XY plane.
+    pub pretravel_mm: f64,
+    /// Amplitude of the three lobes.
+    pub lobing_mm: f64,
+    /// Direction of a lobe.
+    pub lobing_phase_deg: f64,
+    /// Along Z.
+    pub axial_pretravel_mm: f64,
+    /// Repeatability of the trigger (2 sigma).
+    pub repeatability_um: f64,
+    /// Time between trigger and skip line.
+    pub filter_us: f64,
+    /// The stylus breaks beyond this.
+    pub overtravel_mm: f64,
+}
+
+impl Default for ProbeSpec {
+    fn default() -> Self {
+        Self {
+            tool: 99,
+            tip_radius_mm: 2.5,
+            length_mm: 0.0,
+            pretravel_mm: 0.0,
+            lobing_mm: 0.0,
+            lobing_phase_deg: 0.0,
+            axial_pretravel_mm: 0.0,
+            repeatability_um: 0.0,
+            filter_us: 0.0,
+            overtravel_mm: 5.0,
+        }
+    }
+}
+
+/// A tool in the magazine.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolSpec {
+    /// Gauge line to tip.
+    pub length_mm: f64,
+    /// Radius of its ball nose.
+    pub radius_mm: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    machine: MachineSpec,
+    #[serde(default)]
+    control: Control,
+    #[serde(default)]
+    probe: ProbeSpec,
+    #[serde(default)]
+    offsets_mm: BTreeMap<String, [f64; 3]>,
+    #[serde(default)]
+    tools: BTreeMap<String, ToolSpec>,
+    #[serde(default, rename = "group")]
+    groups: Vec<GroupEntry>,
+    #[serde(default, rename = "body")]
+    bodies: Vec<BodyEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GroupEntry {
+    name: String,
+    #[serde(default)]
+    translation_mm: [f64; 3],
+    /// About X, then Y, then Z of the machine.
+    #[serde(default)]
+    rotation_deg: [f64; 3],
+    #[serde(default)]
+    pivot_mm: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BodyEntry {
+    name: String,
+    shape: Shape,
+    group: Option<String>,
+    #[serde(default)]
+    position_mm: [f64; 3],
+    /// About X, then Y, then Z of the group.
+    #[serde(default)]
+    rotation_deg: [f64; 3],
+    #[serde(default)]
+    cuttable: bool,
+}
+
+pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
+    let refuse = |message: String| Err(SceneError { message });
+    let file: File = toml::from_str(text).map_err(|error| SceneError {
+        message: error.to_string().trim_end().to_owned(),
+    })?;
+    for (name, value, least) in [
+        (
+            "machine.rapid_mm_per_min",
+            file.machine.rapid_mm_per_min,
+            0.0,
+        ),
+        (
+            "machine.acceleration_mm_per_s2",
+            file.machine.acceleration_mm_per_s2,
+            0.0,
+        ),
+        ("machine.drift_time_s", file.machine.drift_time_s, 0.0),
+        ("probe.tip_radius_mm", file.probe.tip_radius_mm, 0.0),
+        ("probe.overtravel_mm", file.probe.overtravel_mm, 0.0),
+        ("control.baud", f64::from(file.control.baud), 0.0),
+        ("control.bits", f64::from(file.control.bits), 0.0),
+    ] {
+        if !(value > least && value.is_finite()) {
+            return refuse(format!("`{name}` is {value}; give a number above {least}"));
+        }
+    }
+    let [shortest, longest] = file.control.skip_delay_ms;
+    if !(0.0 <= shortest && shortest <= longest && longest.is_finite()) {
+        return refuse(
+            "`control.skip_delay_ms` needs the shortest and the longest delay, neither negative"
+                .into(),
+        );
+    }
+    if file.machine.position_gain_per_s.is_nan() || file.machine.position_gain_per_s < 0.0 {
+        return refuse("`machine.position_gain_per_s` cannot be negative; 0 is no lag".into());
+    }
+    if file.machine.counts_per_mm.iter().any(|c| !c.is_normal()) {
+        return refuse("`machine.counts_per_mm` needs a number other than 0 for each axis".into());
+    }
+    let mut groups: Vec<Group> = Vec::new();
+    for entry in file.groups {
+        if groups.iter().any(|group| group.name == entry.name) {
+            return refuse(format!("group {}: there are two of this name", entry.name));
+        }
+        groups.push(Group {
+            pose: pose(entry.translation_mm, entry.rotation_deg, entry.pivot_mm),
+            name: entry.name,
+        });
+    }
+    let mut bodies: Vec<Body> = Vec::new();
+    for entry in file.bodies {
+        let name = &entry.name;
+        if bodies.iter().any(|body| body.name == *name) {
+            return refuse(format!("body {name}: there are two of this name"));
+        }
+        if let Some(fault) = entry.shape.fault() {
+            return refuse(format!("body {name}: {fault}"));
+        }
+        let group = match &entry.group {
+            None => None,
+            Some(wanted) => match groups.iter().position(|group| group.name == *wanted) {
+                Some(group) => Some(group),
+                None => {
+                    return refuse(format!(
+                        "body {name}: there is no group {wanted}; add a [[group]] of this name"
+                    ));
+                }
+            },
+        };
+        let own = pose(entry.position_mm, entry.rotation_deg, [0.0; 3]);
+        let outer = group
+            .and_then(|group| groups.get(group))
+            .map_or_else(RigidTransform::identity, |group| group.pose);
+        bodies.push(Body {
+            placed: joined(&outer, &own),
+            name: entry.name,
+            shape: entry.shape,
+            cuttable: entry.cuttable,
+            pose: own,
+            group,
+        });
+    }
+    let mut tools = Vec::new();
+    for (number, tool) in file.tools {
+        match number.parse() {
+            Ok(number) if number != file.probe.tool => tools.push((number, tool)),
+            Ok(_) => return refuse(format!("tools.{number}: this is the probe's number")),
+            Err(_) => return refuse(format!("tools.{number}: a tool's name is its number")),
+        }
+    }
+    Ok(Scene {
+        machine: file.machine,
+        control: file.control,
+        probe: file.probe,
+        offsets_mm: file.offsets_mm.into_iter().collect(),
+        tools,
+        bodies,
+        groups,
+    })
+}
+
+impl Shape {
+    /// What makes it impossible.
+    fn fault(&self) -> Option<&'static str> {
+        let positive = |values: &[f64]| values.iter().all(|v| *v > 0.0 && v.is_finite());
+        let sound = match *self {
+            Self::HalfSpace => true,
+            Self::Sphere { radius_mm } => positive(&[radius_mm]),
+            Self::Block { size_mm } => positive(&size_mm),
+            Self::Cylinder {
+                radius_mm,
+                height_mm,
+            } => positive(&[radius_mm, height_mm]),
+            Self::Ring {
+                radius_mm,
+                outer_radius_mm,
+                height_mm,
+            } => positive(&[radius_mm, outer_radius_mm - radius_mm, height_mm]),
+            Self::Arc {
+                radius_mm,
+                length_mm,
+                width_mm,
+                height_mm,
+            } => positive(&[radius_mm, length_mm, width_mm, height_mm]),
+        };
+        (!sound).then_some(
+            "its dimensions must be above 0, and `outer_radius_mm` larger than `radius_mm`",
+        )
+    }
+}
