@@ -1,5 +1,52 @@
-//! A control's NC interpreter.
+//! A control's NC interpreter: part programs and custom macros in, motions
+//! ([`Axes`]) and printed text out.
+//!
+//! ```text
+//! text ─► program (split, loops paired) ─► block (statement) ─► execute ─► Axes
+//!          cursor, expression, oword        evaluate, words       motion, print
+//! ```
+//!
+//! A [`Control`] holds programs, variables and offsets as the memory of a real one does.
+//! [`Control::load`] takes whole texts, also while a program runs: a correction that the
+//! control reads replaces the program of its number. [`Control::step`] carries out one
+//! block, [`check`] says what a control would complain about without running.
+//!
+//! What it does not know it refuses with an [`Alarm`]: no word is passed over. There is
+//! no look-ahead: a block is complete before the next one is read.
 
+mod alarm;
+mod arcs;
+mod block;
+mod calls;
+mod check;
+mod codes;
+mod control;
+mod coordinates;
+mod cursor;
+mod cycles;
+mod dprnt;
+mod evaluate;
+mod execute;
+mod expression;
+mod linuxcnc;
+mod modal;
 mod motion;
+mod offsets;
+mod oword;
+mod probing;
+mod program;
+mod settings;
+mod system;
+mod transform;
+mod variables;
+mod words;
 
+#[cfg(test)]
+mod tests;
+
+pub use alarm::{Alarm, Severity};
+pub use check::check;
+pub use control::{Control, State, Status, Step};
 pub use motion::{Axes, Motion, Path, Rate, Skip, Trip};
+pub use offsets::{Offsets, WorkOffset};
+pub use settings::{DecimalPoint, Dialect, Limits, LineEnd, Settings};

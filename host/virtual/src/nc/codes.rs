@@ -1,0 +1,136 @@
+//! Which G codes each dialect has, and which addresses they take.
+
+use super::alarm::{Checked, Fault};
+use super::modal::g_text;
+use super::settings::Dialect;
+use super::words::Words;
+
+/// Addresses that may stand in any block.
+const EVERYWHERE: &str = "NFSTHD";
+
+/// The addresses that a G code (in tenths) takes; none if the dialect does not have it.
+pub(crate) fn addresses(tenths: u16, dialect: Dialect) -> Option<&'static str> {
+    let is_b = dialect.is_macro_b();
+    let is_fanuc = matches!(dialect, Dialect::Fanuc | Dialect::Mitsubishi);
+    let is_haas = dialect == Dialect::Haas;
+    let is_linuxcnc = dialect == Dialect::LinuxCnc;
+    Some(match tenths {
+        0 | 10 => "XYZ",
+        20 | 30 => "XYZIJKR",
+        40 if is_b => "PX",
+        40 => "P",
+        90 if is_b => "",
+        100 => "LPXYZR",
+        170 | 180 | 190 | 200 | 210 | 400 | 490 | 610 | 900 | 910 | 940 => "",
+        640 if is_linuxcnc => "PQ",
+        640 if is_b => "",
+        280 if is_b => "XYZ",
+        280 => "XYZ",
+        300 => "XYZP",
+        310 if is_b => "XYZP",
+        382..=385 if !is_b => "XYZ",
+        // Refused with their own reason.
+        410 | 420 | 930 | 950 => "XYZ",
+        430 if dialect != Dialect::Grbl => "Z",
+        440 if is_b => "Z",
+        431 if !is_b => "Z",
+        // Cancel codes of functions that are never on.
+        150 | 500 if is_b => "",
+        970 if !matches!(dialect, Dialect::Grbl) => "",
+        911 if !is_b => "",
+        520 if is_b => "XYZ",
+        530 => "XYZ",
+        540 if is_fanuc => "P",
+        540 | 550 | 560 | 570 | 580 | 590 => "",
+        541 if is_fanuc => "P",
+        1540 if is_haas => "P",
+        591..=593 if is_linuxcnc => "",
+        544 if is_fanuc => "P",
+        650 | 660 if is_b => "",
+        670 if is_b => "",
+        680 if is_b => "XYZIJKR",
+        690 if is_b => "",
+        730 | 830 if dialect != Dialect::Grbl => "XYZRQLKF",
+        810 | 820 if dialect != Dialect::Grbl => "XYZRPLKF",
+        800 => "",
+        920 => "XYZ",
+        921 if !is_b => "",
+        980 | 990 if dialect != Dialect::Grbl => "",
+        1030 if is_haas => "P",
+        _ => return None,
+    })
+}
+
+/// Whether a code is one of motion (group 1) or a canned cycle.
+pub(crate) const fn is_motion(tenths: u16) -> bool {
+    matches!(tenths, 0 | 10 | 20 | 30 | 730 | 810 | 820 | 830 | 382..=385)
+}
+
+/// Whether a code uses the axis words for itself.
+pub(crate) const fn takes_axes(tenths: u16) -> bool {
+    matches!(
+        tenths,
+        40 | 100 | 280 | 300 | 310 | 382..=385 | 520 | 680 | 920
+    )
+}
+
+/// Checks that every word of a block has a meaning in it. `modal` is the motion in force
+/// to which axis words belong if no code of the block takes them.
+pub(crate) fn check(words: &Words, modal: &[u16], dialect: Dialect) -> Checked<()> {
+    let mut allowed = String::from(EVERYWHERE);
+    let mut takers = Vec::new();
+    let mut motions = Vec::new();
+    for (code, at) in &words.g {
+        let Some(letters) = addresses(*code, dialect) else {
+            return Err(Fault::ps(
+                10,
+                format!("{} is not a code of this control", g_text(*code)),
+            )
+            .at(*at));
+        };
+        allowed.push_str(letters);
+        if takes_axes(*code) {
+            takers.push(*code);
+        }
+        if is_motion(*code) {
+            motions.push(*code);
+        }
+    }
+    for codes in [&mut takers, &mut motions] {
+        codes.dedup();
+        if let [first, second, ..] = codes.as_slice() {
+            return Err(Fault::new(format!(
+                "{} and {} in one block: write two",
+                g_text(*first),
+                g_text(*second)
+            )));
+        }
+    }
+    if takers.is_empty() && motions.is_empty() {
+        for code in modal {
+            allowed.push_str(addresses(*code, dialect).unwrap_or_default());
+        }
+    }
+    for (code, _) in &words.m {
+        allowed.push_str(match code {
+            97 | 98 | 198 => "PL",
+            99 => "PL",
+            // Orientation of the spindle to an angle (Haas).
+            19 if dialect == Dialect::Haas => "PR",
+            _ => "",
+        });
+    }
+    for given in &words.others {
+        if !allowed.contains(given.letter as char) {
+            return Err(Fault::ps(
+                9,
+                format!(
+                    "{} has no meaning in this block: remove it",
+                    given.letter as char
+                ),
+            )
+            .at(given.at));
+        }
+    }
+    Ok(())
+}

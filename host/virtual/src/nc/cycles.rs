@@ -1,0 +1,153 @@
+//! Canned cycles of drilling: G73, G81, G82, G83.
+
+use nalgebra::Vector3;
+
+use super::alarm::{Checked, Fault};
+use super::control::Control;
+use super::modal::Cycle;
+use super::motion::{Axes, Rate};
+use super::words::Words;
+
+/// How far a peck retracts (G73), and stops short of the last depth (G83), mm. A
+/// parameter on a control.
+const CLEARANCE_MM: f64 = 1.0;
+/// Pecks in one hole.
+const MAX_PECKS: f64 = 1000.0;
+/// Holes in one block.
+const MAX_HOLES: u32 = 1000;
+
+impl Control {
+    /// Begins or repeats a cycle. Returns whether it moved.
+    pub(crate) fn cycle(
+        &mut self,
+        code: Option<u16>,
+        words: &Words,
+        axes: &mut dyn Axes,
+    ) -> Checked<bool> {
+        let code = code.unwrap_or(810);
+        let [_, _, normal] = self.modal.plane.axes();
+        let letter = [b'X', b'Y', b'Z'].get(normal).copied().unwrap_or(b'Z');
+        let here = self.here(axes);
+        let height = here.get(normal).copied().unwrap_or(0.0);
+        let old = self.modal.cycle.map(|(_, cycle)| cycle);
+        let initial = old.map_or(height, |cycle| cycle.initial);
+        let incremental = self.modal.is_incremental;
+        let r = match (self.length_word(words, b'R'), old) {
+            (Some(r), _) if incremental => initial + r,
+            (Some(r), _) => r,
+            (None, Some(cycle)) => cycle.r,
+            (None, None) => return Err(Fault::new("a cycle needs R, the height of approach")),
+        };
+        let bottom = match (self.length_word(words, letter), old) {
+            (Some(z), _) if incremental => r + z,
+            (Some(z), _) => z,
+            (None, Some(cycle)) => cycle.bottom,
+            (None, None) => {
+                return Err(Fault::new(format!(
+                    "a cycle needs {}, the height of the bottom",
+                    letter as char
+                )));
+            }
+        };
+        let is_macro_b = self.settings.dialect.is_macro_b();
+        let cycle = Cycle {
+            initial,
+            r,
+            bottom,
+            peck: self
+                .length_word(words, b'Q')
+                .or(old.map(|cycle| cycle.peck))
+                .unwrap_or(0.0),
+            dwell: words
+                .number(b'P')
+                .map(|p| if is_macro_b { p / 1000.0 } else { p })
+                .or(old.map(|cycle| cycle.dwell))
+                .unwrap_or(0.0),
+        };
+        if matches!(code, 730 | 830) {
+            if cycle.peck <= 0.0 {
+                return Err(Fault::ps(45, "G73 and G83 need Q, the depth of a peck"));
+            }
+            if (cycle.r - cycle.bottom).abs() / cycle.peck > MAX_PECKS {
+                return Err(Fault::new("Q is too small for this depth"));
+            }
+        }
+        if cycle.bottom > cycle.r {
+            return Err(Fault::new("the bottom lies above R"));
+        }
+        if !(0.0..=1000.0).contains(&cycle.dwell) {
+            return Err(Fault::new("P: the dwell is too long, or negative"));
+        }
+        self.modal.cycle = Some((code, cycle));
+        let holes = match words.whole(b'K', MAX_HOLES)? {
+            Some(k) => k,
+            None => words.whole(b'L', MAX_HOLES)?.unwrap_or(1),
+        };
+        for _ in 0..holes {
+            let here = self.here(axes);
+            let mut to = self.target(words, here);
+            // The normal axis is the cycle's.
+            let stays = here.get(normal).copied().unwrap_or(0.0);
+            put(&mut to, normal, stays);
+            self.hole(code, cycle, normal, to, axes)?;
+        }
+        Ok(holes > 0)
+    }
+
+    fn hole(
+        &mut self,
+        code: u16,
+        cycle: Cycle,
+        normal: usize,
+        over: Vector3<f64>,
+        axes: &mut dyn Axes,
+    ) -> Checked<()> {
+        let feed = self.feed()?;
+        let at = |height: f64| {
+            let mut point = over;
+            put(&mut point, normal, height);
+            point
+        };
+        self.line(over, Rate::Rapid, axes)?;
+        self.line(at(cycle.r), Rate::Rapid, axes)?;
+        match code {
+            730 | 830 => {
+                let mut depth = cycle.r;
+                while depth > cycle.bottom {
+                    let next = (depth - cycle.peck).max(cycle.bottom);
+                    if code == 830 && depth < cycle.r {
+                        let short = (depth + CLEARANCE_MM).min(cycle.r);
+                        self.line(at(short), Rate::Rapid, axes)?;
+                    }
+                    self.line(at(next), feed, axes)?;
+                    depth = next;
+                    if depth > cycle.bottom {
+                        let back = match code {
+                            830 => cycle.r,
+                            _ => (depth + CLEARANCE_MM).min(cycle.r),
+                        };
+                        self.line(at(back), Rate::Rapid, axes)?;
+                    }
+                }
+            }
+            _ => {
+                self.line(at(cycle.bottom), feed, axes)?;
+                if code == 820 {
+                    axes.dwell(cycle.dwell);
+                }
+            }
+        }
+        let top = if self.modal.returns_to_r {
+            cycle.r
+        } else {
+            cycle.initial
+        };
+        self.line(at(top), Rate::Rapid, axes)
+    }
+}
+
+fn put(point: &mut Vector3<f64>, axis: usize, value: f64) {
+    if let Some(slot) = point.get_mut(axis) {
+        *slot = value;
+    }
+}

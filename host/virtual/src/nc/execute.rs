@@ -1,0 +1,347 @@
+//! A block of words: the order in which they act.
+//!
+//! F, S, T, H, D; then the modes; M codes that act before motion; work coordinate
+//! system, length, rotation; motion; M0, M1, M2, M5, M9, M30, M98, M99.
+
+use super::alarm::{Checked, Fault};
+use super::block::Word;
+use super::codes;
+use super::control::{Control, Go};
+use super::evaluate::{evaluate, whole};
+use super::modal::Plane;
+use super::motion::{Axes, Motion, Path, Rate};
+use super::offsets::MAX_TOOL;
+use super::settings::Dialect;
+use super::words::Words;
+use nalgebra::Vector3;
+use umi_core::units::Point;
+
+impl Control {
+    /// Carries out a block of words.
+    pub(crate) fn words(&mut self, words: &[Word], axes: &mut dyn Axes) -> Checked<Go> {
+        if self.settings.dialect.is_macro_b()
+            && let Some(index) = self.macro_call_at(words, axes)?
+        {
+            if index > 0 {
+                return Err(Fault::new("G65 and G66 stand at the beginning of a block"));
+            }
+            return self.macro_call(words, axes);
+        }
+        let words = self.given(words, axes)?;
+        codes::check(&words, &self.motions_in_force(), self.settings.dialect)?;
+        self.modes(&words)?;
+        self.letters(&words)?;
+        for (code, _) in &words.m {
+            if !is_after_motion(*code) {
+                self.auxiliary(*code, axes)?;
+            }
+        }
+        self.coordinates(&words, axes)?;
+        let has_moved = self.motion(&words, axes)?;
+        let mut go = Go::Next;
+        for (code, at) in &words.m {
+            self.modal.m = *code;
+            if is_after_motion(*code) {
+                let next = self
+                    .after_motion(*code, &words, axes)
+                    .map_err(|f| f.at(*at))?;
+                if next != Go::Next {
+                    if go != Go::Next {
+                        return Err(Fault::new(
+                            "two M codes that end the block: write two blocks",
+                        ));
+                    }
+                    go = next;
+                }
+            }
+        }
+        if go == Go::Next && has_moved && self.modal_call.is_some() {
+            return self.call_after_motion();
+        }
+        Ok(go)
+    }
+
+    /// Where a `G65` or `G66` stands among the words.
+    fn macro_call_at(&self, words: &[Word], axes: &dyn Axes) -> Checked<Option<usize>> {
+        for (index, word) in words.iter().enumerate() {
+            if word.letter == b'G' {
+                let value = evaluate(&word.value, &self.view(axes))?;
+                if matches!(value.and_then(|v| whole(v, 999)), Some(65 | 66)) {
+                    return Ok(Some(index));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// The codes to which axis words belong if a block names none.
+    fn motions_in_force(&self) -> Vec<u16> {
+        match self.modal.cycle {
+            Some((code, _)) => vec![code],
+            None => vec![self.modal.motion],
+        }
+    }
+
+    fn modes(&mut self, words: &Words) -> Checked<()> {
+        for (code, at) in &words.g {
+            let modal = &mut self.modal;
+            match code {
+                170 | 180 | 190 => {
+                    let plane = match code {
+                        170 => Plane::Xy,
+                        180 => Plane::Zx,
+                        _ => Plane::Yz,
+                    };
+                    if plane != modal.plane && !modal.rotations.is_empty() {
+                        return Err(
+                            Fault::new("no change of plane while G68 is on: G69 first").at(*at)
+                        );
+                    }
+                    modal.plane = plane;
+                }
+                200 => modal.is_inch = true,
+                210 => modal.is_inch = false,
+                900 => modal.is_incremental = false,
+                910 => modal.is_incremental = true,
+                980 => modal.returns_to_r = false,
+                990 => modal.returns_to_r = true,
+                610 => modal.is_exact_stop = true,
+                640 => modal.is_exact_stop = false,
+                670 => self.modal_call = None,
+                410 | 420 => {
+                    return Err(Fault::new(
+                        "cutter compensation (G41, G42) is not interpreted: program the centre",
+                    )
+                    .at(*at));
+                }
+                930 | 950 => {
+                    return Err(Fault::new(
+                        "inverse-time and per-revolution feed (G93, G95) are not interpreted: G94",
+                    )
+                    .at(*at));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// F, S, T, H, D.
+    fn letters(&mut self, words: &Words) -> Checked<()> {
+        if let Some(f) = words.number(b'F') {
+            if f < 0.0 {
+                return Err(Fault::new(format!("F{f}: a feed is above zero")));
+            }
+            self.modal.feed = Some(f * self.modal.unit_mm()).filter(|f| *f > 0.0);
+        }
+        if let Some(s) = words.number(b'S') {
+            if s < 0.0 {
+                return Err(Fault::new(format!("S{s}: a speed is not negative")));
+            }
+            self.modal.s = s;
+        }
+        if let Some(t) = words.whole(b'T', 99_999_999)? {
+            self.modal.t = t;
+        }
+        if let Some(d) = words.whole(b'D', MAX_TOOL)? {
+            self.modal.d = d;
+        }
+        if let Some(h) = words.whole(b'H', MAX_TOOL)? {
+            self.modal.h = h;
+        }
+        Ok(())
+    }
+
+    /// An M code that acts before the motion.
+    fn auxiliary(&mut self, code: u32, axes: &mut dyn Axes) -> Checked<()> {
+        match code {
+            6 => {
+                axes.change_tool(self.modal.t)?;
+                self.modal.tool = self.modal.t;
+            }
+            198 => {
+                return Err(Fault::new(
+                    "M198: there is no external device, load the program and call it with M98",
+                ));
+            }
+            _ => axes.auxiliary(code, self.modal.s)?,
+        }
+        Ok(())
+    }
+
+    fn after_motion(&mut self, code: u32, words: &Words, axes: &mut dyn Axes) -> Checked<Go> {
+        match code {
+            0 => Ok(Go::Stop(None)),
+            1 if self.settings.optional_stop => Ok(Go::Stop(None)),
+            1 => Ok(Go::Next),
+            2 | 30 => {
+                self.end_of_program();
+                Ok(Go::End)
+            }
+            97 | 98 => self.sub_call(code, words),
+            99 => self.return_from(words),
+            _ => {
+                axes.auxiliary(code, self.modal.s)?;
+                Ok(Go::Next)
+            }
+        }
+    }
+
+    /// What M2 and M30 reset: the variables of the programs that were called; in
+    /// LinuxCNC and GRBL also modes.
+    fn end_of_program(&mut self) {
+        self.modal.cycle = None;
+        if !self.settings.dialect.is_macro_b() {
+            self.modal.plane = Plane::Xy;
+            self.modal.is_incremental = false;
+            self.modal.motion = 10;
+            self.modal.work = super::offsets::WorkOffset::Standard(1);
+        }
+    }
+
+    /// Where the tool's tip is, in the coordinates of the program, mm.
+    pub(crate) fn here(&self, axes: &dyn Axes) -> Vector3<f64> {
+        self.frame().undo(axes.position().mm)
+    }
+
+    /// The feed in force.
+    pub(crate) fn feed(&self) -> Checked<Rate> {
+        self.modal
+            .feed
+            .map(Rate::Feed)
+            .ok_or_else(|| Fault::ps(11, "no feed: give F in this block or before it"))
+    }
+
+    /// Moves straight to a point of the program.
+    pub(crate) fn line(
+        &mut self,
+        to: Vector3<f64>,
+        rate: Rate,
+        axes: &mut dyn Axes,
+    ) -> Checked<()> {
+        let to = self.frame().apply(to);
+        self.straight(to, rate, axes)
+    }
+
+    /// Moves straight to a point of the machine.
+    pub(crate) fn straight(
+        &mut self,
+        to: Vector3<f64>,
+        rate: Rate,
+        axes: &mut dyn Axes,
+    ) -> Checked<()> {
+        axes.travel(&Motion {
+            to: finite(to)?,
+            path: Path::Line,
+            rate,
+        })?;
+        self.seen.position = axes.position();
+        Ok(())
+    }
+
+    /// Carries out the motion of a block; whether there was one.
+    fn motion(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<bool> {
+        for (code, at) in &words.g {
+            match code {
+                0 | 10 | 20 | 30 => {
+                    self.modal.motion = *code;
+                    self.modal.cycle = None;
+                }
+                800 => {
+                    self.modal.cycle = None;
+                    if !self.settings.dialect.is_macro_b() {
+                        self.modal.motion = 800;
+                    }
+                }
+                310 => {
+                    self.skip(words, axes).map_err(|f| f.at(*at))?;
+                    return Ok(true);
+                }
+                382..=385 => {
+                    self.modal.motion = 800;
+                    self.probe(*code, words, axes).map_err(|f| f.at(*at))?;
+                    return Ok(true);
+                }
+                _ => {}
+            }
+        }
+        if words.g.iter().any(|(code, _)| codes::takes_axes(*code)) {
+            return Ok(false);
+        }
+        if words.has_g(530) {
+            return self.machine_motion(words, axes);
+        }
+        if let Some(code) = words
+            .g
+            .iter()
+            .map(|(code, _)| *code)
+            .find(|code| matches!(code, 730 | 810 | 820 | 830))
+        {
+            return self.cycle(Some(code), words, axes);
+        }
+        if let Some((code, _)) = self.modal.cycle {
+            return if words.has_axes() || words.has(b'R') {
+                self.cycle(Some(code), words, axes)
+            } else {
+                Ok(false)
+            };
+        }
+        let is_arc = matches!(self.modal.motion, 20 | 30);
+        let has_center = [b'I', b'J', b'K'].iter().any(|letter| words.has(*letter));
+        if !(words.has_axes() || is_arc && has_center) {
+            return Ok(false);
+        }
+        let from = self.here(axes);
+        let to = self.target(words, from);
+        match self.modal.motion {
+            0 => self.line(to, Rate::Rapid, axes)?,
+            10 => {
+                let rate = self.feed()?;
+                self.line(to, rate, axes)?;
+            }
+            20 | 30 => self.arc(words, from, to, axes)?,
+            _ => {
+                return Err(Fault::new(
+                    "axis words, but no motion is in force: give G0, G1, G2 or G3",
+                ));
+            }
+        }
+        Ok(true)
+    }
+
+    /// `G53`: to machine coordinates.
+    fn machine_motion(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<bool> {
+        if self.modal.is_incremental {
+            return Err(Fault::new("G53 goes to machine coordinates: it needs G90"));
+        }
+        let mut to = axes.position().mm;
+        for (axis, letter) in super::words::AXES.iter().enumerate() {
+            if let (Some(value), Some(slot)) = (self.length_word(words, *letter), to.get_mut(axis))
+            {
+                *slot = value;
+            }
+        }
+        let rate = match (self.settings.dialect, self.modal.motion) {
+            // Fanuc: always at rapid.
+            (Dialect::Fanuc | Dialect::Mitsubishi, _) | (_, 0) => Rate::Rapid,
+            (_, 10) => self.feed()?,
+            _ => return Err(Fault::new("G53 needs G0 or G1")),
+        };
+        self.straight(to, rate, axes)?;
+        Ok(true)
+    }
+}
+
+/// A point to which axes can go.
+pub(crate) fn finite(mm: Vector3<f64>) -> Checked<Point> {
+    let point = Point { mm };
+    if point.is_finite() && mm.amax() < 1e7 {
+        Ok(point)
+    } else {
+        Err(Fault::ps(111, "the end of this motion is too far away"))
+    }
+}
+
+const fn is_after_motion(m: u32) -> bool {
+    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 97 | 98 | 99)
+}

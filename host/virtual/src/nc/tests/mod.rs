@@ -1,0 +1,5 @@
+//! The interpreter as a whole, on axes that note what they are told.
+
+mod fanuc;
+mod linuxcnc;
+mod mock;
