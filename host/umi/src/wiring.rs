@@ -109,6 +109,15 @@ impl Wiring {
         }
     }
 
+    /// The virtual board alone, if the wires lead to one.
+    #[must_use]
+    pub fn into_bench(self) -> Option<Bench> {
+        match self.lead {
+            Lead::Board(bench) => Some(*bench),
+            Lead::Nowhere | Lead::Line(_) => None,
+        }
+    }
+
     /// The control's READ: the program that the board sends, up to its closing `%`.
     /// None if none comes.
     ///

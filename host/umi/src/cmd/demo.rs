@@ -5,95 +5,89 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
-use umi::audit::Audit;
+use umi::audit::{Audit, Findings};
 use umi::capture::{Bench, Decision};
+use umi::experiment::cases::{self, Case};
+use umi::experiment::outcome::{Outcome, Setting, Summary, Surface, spread};
+use umi::experiment::path::Laces;
+use umi::experiment::run::{self, Progress};
+use umi::experiment::thesis;
 use umi::failure::Failure;
-use umi::gather::Gather;
-use umi::jobfile;
 use umi::pull::{self, Step};
-use umi::report::{self, Fact, Session, Truth, terminal};
-use umi::style::{GOOD, TITLE, count, paint, print, print_json};
+use umi::report::{self, Fact, terminal};
+use umi::style::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
+use umi_virtual::cutting::Statistics;
 
 use super::Format;
 
-/// Five clampings of a three-sphere plate through a virtual board
+/// The thesis' experiment: misplace a part, probe it, correct, cut, measure what was cut
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Demo {
     /// Where the report, the correction programs and the journal go
     #[arg(long, value_name = "DIR", default_value = "umi-demo")]
     out: PathBuf,
+    /// Seed of all random errors
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Run with this many seeds, one after the other, and state the spread
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+    /// Without error sources
+    #[arg(long)]
+    ideal: bool,
+    /// Distance of two laces of the finishing path on the surface; the thesis has 0.541
+    #[arg(long, value_name = "MM", default_value_t = STEPOVER_MM)]
+    stepover_mm: f64,
+    /// Clamp as the thesis' registrations say (table 4.2), not as its text says
+    #[arg(long)]
+    printed_poses: bool,
     #[command(flatten)]
     pub format: Format,
 }
 
+/// Cusps of 1.2 µm: small against the 2 µm that are to be shown.
+const STEPOVER_MM: f64 = 0.2;
+
+/// Pitch of the measured nodes in X and Y, mm. Along the laces little changes; across
+/// them the pitch is no part of the stepover, so that nodes stand everywhere on a cusp.
+const PITCH_MM: [f64; 2] = [0.5, 0.0437];
+
 const HELP: &str = "\
-The clampings are those of A. Sawula's thesis (2013, section 4.3): nominal; +1 degree;
--1 degree and +16 mm; +1 degree and -48 mm; -2 degrees and -35 mm in X. Their hits, with
-the probe's pretravel and noise, go byte by byte as a control prints them into a virtual
-board; everything shown came back over its link. After each verdict the control presses
-READ and gets the correction program.
+The experiment of A. Sawula's thesis (2013, chapters 4 and 5) on a virtual machine: a plate with
+three spheres and a workpiece is clamped five times (nominal; +1 degree; -1 degree and +16 mm;
++1 degree and -48 mm; -2 degrees and -35 mm in X). In each clamping the control probes the spheres
+by the thesis' routine, its serial line goes byte by byte into a virtual board, the board registers
+the plate and gives the correction back, and a fifth of the surface is finished with it. Then the
+surface is measured; a second workpiece is cut without corrections for contrast.
+
+Error sources are those of the thesis' table 5.5 and the control's delay of 0 to 4 ms; --ideal
+switches them off.
 
 Examples:
   umi demo
-  umi demo --out /tmp/demo
-  umi demo --json | jq 'select(.type==\"verdict\") | .verdict'";
-
-/// The session as printed, its true poses, and the job for it.
-const CAPTURE: &str = include_str!("../../../../tests/reference/sessions/session_a.txt");
-const ANSWERS: &str = include_str!("../../../../tests/reference/sessions/session_a.json");
-const JOB: &str = include_str!("../../../../examples/three-spheres.toml");
-
-const CASES: [(&str, &str); 5] = [
-    ("Case 0", "nominal clamping: it is taught"),
-    ("Case 1", "turned by +1 degree about Z"),
-    ("Case 2", "turned by -1 degree, moved by +16 mm in X"),
-    ("Case 3", "turned by +1 degree, moved by -48 mm in X"),
-    ("Case 4", "turned by -2 degrees, moved by -35 mm in X"),
-];
-
-/// Lines that the control prints for one clamping: three blocks of nine.
-const LINES: usize = 27;
+  umi demo --ideal --out /tmp/ideal
+  umi demo --seeds 10
+  umi demo --stepover-mm 0.541 --printed-poses
+  umi demo --json | jq 'select(.type==\"surface\")'";
 
 impl Demo {
     pub fn run(self) -> Result<(), Failure> {
-        let failed = |error| Failure::file("write", &self.out, &error);
-        std::fs::create_dir_all(&self.out).map_err(failed)?;
-        let job = jobfile::parse(JOB).map_err(|fault| Failure::trouble("demo", fault.message))?;
-        let answers: Value =
-            serde_json::from_str(ANSWERS).map_err(|error| Failure::trouble("demo", error))?;
-
-        let mut bench = Bench::new(&job)?;
-        let mut gather = Gather::new(
-            "Three spheres, five clampings",
-            "Hits as a control prints them, through the receiver, fits, registration, verdict \
-             and correction of a virtual openumi board; everything here came over its link. The \
-             spheres, the probe's pretravel and noise, and the true poses are those of a \
-             computed session after A. Sawula's thesis (2013, section 4.3).",
-            &job,
-            Some(&bench.identity().clone()),
-        );
-        gather.session.path_points_mm = answers["path_points"]
-            .as_array()
-            .map(|points| points.iter().filter_map(triple).collect())
-            .unwrap_or_default();
-
-        let bar = ProgressBar::new(CAPTURE.len() as u64).with_style(style());
-        let lines: Vec<&str> = CAPTURE.split_inclusive('\n').collect();
-        let mut programs = 0_u64;
-        for (case, clamping) in lines.chunks(LINES).enumerate() {
-            let mut decisions = Vec::new();
-            for line in clamping {
-                bar.inc(line.len() as u64);
-                bench.play(line.as_bytes(), |decision| {
-                    decisions.push(decision);
-                    Ok(())
-                })?;
-            }
-            for decision in decisions {
-                self.take(&mut gather, decision, &answers, &bar)?;
-            }
-            programs += u64::from(self.fetch(&mut bench, &gather.session, case)?);
+        // A wrong stepover is told before anything is written.
+        Laces::new(self.stepover_mm).map_err(|fault| Failure::trouble("stepover", fault))?;
+        std::fs::create_dir_all(&self.out)
+            .map_err(|error| Failure::file("write", &self.out, &error))?;
+        let cases = if self.printed_poses {
+            cases::printed()
+        } else {
+            cases::stated()
+        };
+        let bar = ProgressBar::new(self.seeds * run::steps(&cases) as u64).with_style(style());
+        let (mut outcome, mut bench) = self.one(self.seed, &cases, &bar, true)?;
+        let mut summaries = vec![outcome.summary()];
+        for more in 1..self.seeds {
+            let (other, _) = self.one(self.seed.wrapping_add(more), &cases, &bar, false)?;
+            summaries.push(other.summary());
         }
         bar.finish_and_clear();
 
@@ -104,90 +98,73 @@ impl Demo {
                 format_args!("journal entry {seq}: {difference}"),
             ));
         }
-        let fact = |label: &str, value: String| Fact {
-            label: label.into(),
-            value,
-        };
-        gather.session.facts = vec![
-            fact(
-                "Input",
-                format!("{} bytes as printed by the control", CAPTURE.len()),
-            ),
-            fact(
-                "Journal",
-                format!(
-                    "{entries} entries, pulled and verified; {} replayed, identical to the last bit",
-                    count(findings.identical, "decision")
-                ),
-            ),
-            fact(
-                "READ",
-                format!(
-                    "{programs} correction programs taken from the control's port, byte for byte as reported"
-                ),
-            ),
-        ];
+        self.write_corrections(&outcome)?;
+        outcome.session.facts = facts(&outcome, entries, &findings);
         let page = self.out.join("report.html");
-        std::fs::write(&page, report::html(&gather.session)).map_err(failed)?;
-        self.sum_up(&gather.session, &page, entries, findings.identical)
+        std::fs::write(&page, report::html_of_experiment(&outcome, &summaries))
+            .map_err(|error| Failure::file("write", &page, &error))?;
+        if self.format.json {
+            self.print_json(&outcome, &summaries, &page, entries, findings.identical)?;
+        } else {
+            self.print_text(&outcome, &summaries, &page, entries, findings.identical)?;
+        }
+        if outcome.session.plates.iter().all(|plate| plate.verdict.ok) {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
     }
 
-    /// Takes a decision in and shows it.
-    fn take(
+    /// One run; the first one is shown as it goes.
+    fn one(
         &self,
-        gather: &mut Gather,
-        decision: Decision,
-        answers: &Value,
+        seed: u64,
+        cases: &[Case],
         bar: &ProgressBar,
-    ) -> Result<(), Failure> {
-        if self.format.json {
-            print_json(&match &decision {
-                Decision::Feature(feature) => umi::json::feature(feature),
-                Decision::Verdict(verdict) => umi::json::verdict(verdict),
-                Decision::Fault(fault) => umi::json::fault(fault),
-            })?;
-        }
-        let Some(place) = gather.take(decision) else {
-            return Ok(());
+        shown: bool,
+    ) -> Result<(Outcome, Bench), Failure> {
+        let setting = Setting {
+            seed,
+            ideal: self.ideal,
+            stepover_mm: self.stepover_mm,
+            pitch_mm: PITCH_MM,
         };
-        let plate = &mut gather.session.plates[place];
-        if let Some((title, about)) = CASES.get(place) {
-            plate.title = (*title).into();
-            plate.about = (*about).into();
-        }
-        plate.truth = truth(&answers["truth"]["poses"][place]);
-        if self.format.json {
-            return Ok(());
-        }
-        let table = terminal::plate(&gather.session, place, true);
-        bar.suspend(|| print(&format!("{table}\n")))
+        run::run(&setting, cases, |progress| {
+            match progress {
+                Progress::Step { case, what } => {
+                    bar.set_message(format!("seed {seed}, case {case}: {what}"));
+                    bar.inc(1);
+                }
+                Progress::Decision(decision) if shown && self.format.json => {
+                    print_json(&match decision {
+                        Decision::Feature(feature) => umi::json::feature(feature),
+                        Decision::Verdict(verdict) => umi::json::verdict(verdict),
+                        Decision::Fault(fault) => umi::json::fault(fault),
+                    })?;
+                }
+                Progress::Judged(session, place) if shown && !self.format.json => {
+                    let table = terminal::plate(session, place, true);
+                    bar.suspend(|| print(&format!("{table}\n")))?;
+                }
+                Progress::Decision(_) | Progress::Judged(..) => {}
+            }
+            Ok(())
+        })
     }
 
-    /// The control presses READ. What it gets must be the program of the verdict,
-    /// and nothing where the verdict has none.
-    fn fetch(&self, bench: &mut Bench, session: &Session, case: usize) -> Result<bool, Failure> {
-        let correction = session
-            .plates
-            .get(case)
-            .and_then(|plate| plate.verdict.correction.as_ref());
-        let Some(correction) = correction else {
-            return Ok(false);
-        };
-        let program = bench.read_program()?;
-        if program.as_deref() != Some(correction.text.as_str()) {
-            return Err(Failure::refused(
-                "demo",
-                format_args!("case {case}: the control got another program than the verdict holds"),
-            ));
+    fn write_corrections(&self, outcome: &Outcome) -> Result<(), Failure> {
+        for (case, correction) in outcome.corrections.iter().enumerate() {
+            if let Some(text) = correction {
+                let path = self.out.join(format!("case-{case}-correction.nc"));
+                std::fs::write(&path, text)
+                    .map_err(|error| Failure::file("write", &path, &error))?;
+            }
         }
-        let path = self.out.join(format!("case-{case}-correction.nc"));
-        std::fs::write(&path, correction.text.as_str())
-            .map_err(|error| Failure::file("write", &path, &error))?;
-        Ok(true)
+        Ok(())
     }
 
     /// Pulls the journal into a file and replays it.
-    fn pull(&self, bench: &mut Bench) -> Result<(u64, umi::audit::Findings), Failure> {
+    fn pull(&self, bench: &mut Bench) -> Result<(u64, Findings), Failure> {
         let mut file = Vec::new();
         let mut audit = Audit::default();
         let stretch = pull::pull(bench.client(), None, |step| {
@@ -207,55 +184,243 @@ impl Demo {
         Ok((stretch.next - stretch.first, audit.finish(stretch.next)))
     }
 
-    fn sum_up(
+    fn print_text(
         &self,
-        session: &Session,
+        outcome: &Outcome,
+        summaries: &[Summary],
         page: &Path,
         entries: u64,
         identical: u64,
     ) -> Result<(), Failure> {
-        let all_ok = session.plates.iter().all(|plate| plate.verdict.ok);
-        if self.format.json {
+        let mut text = terminal::summary(&outcome.session, true);
+        text += &format!("\n{}\n", surface_table(outcome));
+        text += &format!(
+            "  {}\n",
+            paint(
+                FAINT,
+                format_args!(
+                    "deviation from nominal, \u{b5}m; seed {}, {} laces {:.3} mm apart (cusps {:.1} \u{b5}m), {}",
+                    outcome.setting.seed,
+                    outcome.laces.count(),
+                    outcome.laces.stepover_mm(),
+                    outcome.laces.cusp_mm() * 1e3,
+                    if outcome.setting.ideal {
+                        "no error sources"
+                    } else {
+                        "error sources of table 5.5"
+                    },
+                )
+            )
+        );
+        if summaries.len() > 1 {
+            text += &format!("\n{}", seed_table(summaries));
+        }
+        print(&format!(
+            "{text}\n{} {entries} entries, {identical} decisions replayed identical to the last bit\n\
+             {}  {}\n",
+            paint(TITLE, "journal"),
+            paint(GOOD, "report"),
+            page.display(),
+        ))
+    }
+
+    fn print_json(
+        &self,
+        outcome: &Outcome,
+        summaries: &[Summary],
+        page: &Path,
+        entries: u64,
+        identical: u64,
+    ) -> Result<(), Failure> {
+        for (case, plane) in outcome.planes.iter().enumerate() {
             print_json(&json!({
-                "type": "demo",
-                "report": page.display().to_string(),
-                "journal_entries": entries,
-                "decisions_replayed_identical": identical,
+                "type": "plate_surface",
+                "case": case,
+                "points": plane.points,
+                "centroid_mm": plane.centroid_mm,
+                "normal": plane.normal,
+                "sigma_mm": plane.std_mm,
             }))?;
-        } else {
-            print(&terminal::summary(session, true))?;
-            print(&format!(
-                "\n{} {entries} entries, {identical} decisions replayed identical to the last bit\n\
-                 {}  {}\n",
-                paint(TITLE, "journal"),
-                paint(GOOD, "report"),
-                page.display(),
-            ))?;
         }
-        if all_ok {
-            Ok(())
-        } else {
-            Err(Failure::Negative)
+        for (corrected, surface) in [(true, &outcome.corrected), (false, &outcome.uncorrected)] {
+            print_json(&json!({
+                "type": "surface",
+                "corrected": corrected,
+                "seed": outcome.setting.seed,
+                "ideal": outcome.setting.ideal,
+                "stepover_mm": outcome.laces.stepover_mm(),
+                "cusp_mm": outcome.laces.cusp_mm(),
+                "whole": statistics(&surface.whole),
+                "sections": surface.sections.iter().map(statistics).collect::<Vec<_>>(),
+                "crashes": surface.crashes,
+            }))?;
         }
+        if summaries.len() > 1 {
+            for summary in summaries {
+                print_json(&json!({
+                    "type": "seed",
+                    "seed": summary.seed,
+                    "corrected": statistics(&summary.corrected),
+                    "uncorrected": statistics(&summary.uncorrected),
+                }))?;
+            }
+        }
+        print_json(&json!({
+            "type": "demo",
+            "report": page.display().to_string(),
+            "journal_entries": entries,
+            "decisions_replayed_identical": identical,
+        }))
     }
 }
 
-fn truth(pose: &Value) -> Option<Truth> {
-    let rows = pose["R"].as_array()?;
-    let [x, y, z] = rows.as_slice() else {
-        return None;
-    };
-    Some(Truth {
-        rotation: [triple(x)?, triple(y)?, triple(z)?],
-        translation_mm: triple(&pose["t"])?,
+fn statistics(figures: &Statistics) -> Value {
+    json!({
+        "nodes": figures.nodes,
+        "uncut": figures.uncut,
+        "mean_mm": figures.mean_mm,
+        "std_mm": figures.std_mm,
+        "min_mm": figures.min_mm,
+        "max_mm": figures.max_mm,
+        "mean_above_mm": figures.mean_above_mm,
+        "mean_below_mm": figures.mean_below_mm,
     })
 }
 
-fn triple(value: &Value) -> Option<[f64; 3]> {
-    Some([value[0].as_f64()?, value[1].as_f64()?, value[2].as_f64()?])
+/// The finished surface, and the thesis'.
+fn surface_table(outcome: &Outcome) -> Table {
+    let mut table = Table::new("<>>>>>>>").titles(&[
+        "surface",
+        "mean",
+        "above",
+        "below",
+        "std. dev.",
+        "smallest",
+        "largest",
+        "not cut",
+    ]);
+    let um = |mm: f64| format!("{:+.1}", mm * 1e3);
+    for printed in &thesis::SURFACES {
+        table.row([
+            format!("thesis, {}", printed.place),
+            "-".into(),
+            um(printed.above_mm),
+            um(printed.below_mm),
+            format!("{:.1}", printed.std_mm * 1e3),
+            "-".into(),
+            "-".into(),
+            "-".into(),
+        ]);
+    }
+    let mut row = |name: String, figures: &Statistics| {
+        #[allow(clippy::cast_precision_loss, reason = "node counts are far below 2^52")]
+        let uncut = 100.0 * figures.uncut as f64 / figures.nodes.max(1) as f64;
+        table.row([
+            name,
+            um(figures.mean_mm),
+            um(figures.mean_above_mm),
+            um(figures.mean_below_mm),
+            format!("{:.1}", figures.std_mm * 1e3),
+            um(figures.min_mm),
+            um(figures.max_mm),
+            format!("{uncut:.1} %"),
+        ]);
+    };
+    let mut rows = |name: &str, surface: &Surface| {
+        row(format!("{name}, whole"), &surface.whole);
+        for (section, figures) in surface.sections.iter().enumerate() {
+            row(format!("{name}, section {section}"), figures);
+        }
+    };
+    rows("corrected", &outcome.corrected);
+    rows("uncorrected", &outcome.uncorrected);
+    table
+}
+
+/// All seeds, and how far they spread.
+fn seed_table(summaries: &[Summary]) -> Table {
+    let figures: [fn(&Summary) -> f64; 6] = [
+        |s| s.corrected.mean_mm,
+        |s| s.corrected.mean_above_mm,
+        |s| s.corrected.mean_below_mm,
+        |s| s.corrected.std_mm,
+        |s| s.corrected.min_mm,
+        |s| s.corrected.max_mm,
+    ];
+    let um = |mm: f64| format!("{:+.2}", mm * 1e3);
+    let mut table = Table::new("<>>>>>>>").titles(&[
+        "seed",
+        "mean",
+        "above",
+        "below",
+        "std. dev.",
+        "smallest",
+        "largest",
+        "uncorrected",
+    ]);
+    for summary in summaries {
+        let mut row = vec![summary.seed.to_string()];
+        row.extend(figures.map(|figure| um(figure(summary))));
+        row.push(um(summary.uncorrected.mean_mm));
+        table.row(row);
+    }
+    let uncorrected: fn(&Summary) -> f64 = |s| s.uncorrected.mean_mm;
+    let all = figures.into_iter().chain([uncorrected]);
+    let (means, stds): (Vec<f64>, Vec<f64>) = all.map(|figure| spread(summaries, figure)).unzip();
+    for (name, values) in [("mean", means), ("spread", stds)] {
+        table.row(
+            [name.to_owned()]
+                .into_iter()
+                .chain(values.into_iter().map(um)),
+        );
+    }
+    table
+}
+
+fn facts(outcome: &Outcome, entries: u64, findings: &Findings) -> Vec<Fact> {
+    let fact = |label: &str, value: String| Fact {
+        label: label.into(),
+        value,
+    };
+    let programs = outcome.corrections.iter().flatten().count();
+    let astray = outcome.astray_mm.iter().copied().fold(0.0, f64::max);
+    vec![
+        fact(
+            "Input",
+            format!(
+                "{} bytes as printed by the control, {:.1} hours on the machine",
+                outcome.printed_bytes,
+                outcome.machine_s / 3600.0
+            ),
+        ),
+        fact(
+            "Misplaced",
+            format!("points of the path are up to {astray:.1} mm off if nothing is corrected"),
+        ),
+        fact(
+            "Contacts of the tool that were no cuts",
+            format!(
+                "{} corrected, {} uncorrected",
+                outcome.corrected.crashes, outcome.uncorrected.crashes
+            ),
+        ),
+        fact(
+            "Journal",
+            format!(
+                "{entries} entries, pulled and verified; {} replayed, identical to the last bit",
+                count(findings.identical, "decision")
+            ),
+        ),
+        fact(
+            "READ",
+            format!(
+                "{programs} correction programs taken from the control\u{2019}s port, byte for byte as reported"
+            ),
+        ),
+    ]
 }
 
 fn style() -> ProgressStyle {
-    ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes} from the control")
+    ProgressStyle::with_template("{bar:40} {pos}/{len} {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -102,7 +102,10 @@ mod tests {
         let mut ear = Ear::new(Wiring::new(Lead::Nowhere));
         ear.serial(Micros(1), b"to the board\n");
         ear.listen();
-        ear.serial(Micros(2), b"\x12POINT: - 110.0000   70.0000   64.0010\n\x14");
+        ear.serial(
+            Micros(2),
+            b"\x12POINT: - 110.0000   70.0000   64.0010\n\x14",
+        );
         ear.serial(Micros(3), b"POINT:    1.0000 -   2.5000   63.9990\n");
         let points = ear.heard().unwrap();
         assert_eq!(

@@ -4,7 +4,9 @@
 //! surface is measured.
 
 pub mod cases;
+mod ear;
 pub mod outcome;
 pub mod part;
 pub mod path;
+pub mod run;
 pub mod thesis;

@@ -40,6 +40,9 @@ const FINISH_UNCORRECTED: u32 = 2200;
 /// Centre of sphere 1 in the reference clamping, mm: where the operator jogs to.
 const SPHERE_1_MM: [f64; 3] = [-135.018, -136.624, 135.91];
 
+/// The plate with its spheres, in the scene.
+const GROUP: &str = "PLATE";
+
 /// Heights that the operator knows, mm: above all spheres, above the plate's surface.
 const ABOVE_SPHERES_MM: f64 = 160.0;
 const ABOVE_PLATE_MM: f64 = SEAT_MM + 5.0;
@@ -173,18 +176,18 @@ pub fn run(
     );
     gather.session.path_points_mm = laces.landmarks_mm();
 
+    let sigma_mm = if setting.ideal { 0.0 } else { CUTTING_SIGMA_MM };
     let mut scene = Scene::parse(SCENE).map_err(|error| trouble(&error))?;
     if setting.ideal {
-        scene.without_errors();
+        idealise(&mut scene);
     }
-    let sources = sources(&scene, setting.ideal);
+    let sources = sources(&scene, sigma_mm);
     let ear = Ear::new(Wiring::new(Lead::Board(Box::new(bench))));
     let machine = Machine::new(scene, setting.seed, ear);
     let tool = BallNose {
         length_mm: 0.0,
         radius_mm: BALL_RADIUS_MM,
     };
-    let sigma_mm = if setting.ideal { 0.0 } else { CUTTING_SIGMA_MM };
     let mut shop = Shop {
         control: Control::new(umi_virtual::nc::Settings::default()),
         cutter: Cutter::new(machine, blank.clone())
@@ -221,7 +224,11 @@ pub fn run(
         plate.title.clone_from(&case.title);
         plate.about.clone_from(&case.about);
         plate.truth = Some(truth(case));
-        let correction = plate.verdict.correction.as_ref().map(|c| c.text.to_string());
+        let correction = plate
+            .verdict
+            .correction
+            .as_ref()
+            .map(|c| c.text.to_string());
         let ok = plate.verdict.ok;
         progress(Progress::Judged(&gather.session, place))?;
 
@@ -268,7 +275,10 @@ pub fn run(
 
     let measure = |workpiece: &Workpiece, crashes| {
         Surface::measure(workpiece, &laces, crashes).ok_or_else(|| {
-            Failure::trouble("experiment", "the grid is too coarse: a section has no node")
+            Failure::trouble(
+                "experiment",
+                "the grid is too coarse: a section has no node",
+            )
         })
     };
     let corrected = measure(shop.cutter.workpiece(), shop.crashes[0])?;
@@ -304,11 +314,9 @@ const ABOUT: &str = "A plate with three spheres and a workpiece with a cylindric
 /// The plate and both workpieces are clamped as the case says; the operator jogs to
 /// whole millimetres over sphere 1.
 fn clamp(shop: &mut Shop, case: &Case) -> Result<(), Failure> {
-    shop.cutter
-        .axes_mut()
-        .scene_mut()
-        .place("PLATE", case.pose)
-        .map_err(|error| Failure::trouble("experiment", error))?;
+    if !shop.cutter.axes_mut().scene_mut().place(GROUP, case.pose) {
+        return Err(Failure::trouble("experiment", "the scene has no plate"));
+    }
     shop.cutter.workpiece_mut().clamp(case.pose);
     shop.spare.clamp(case.pose);
     let sphere = case.pose.apply(Point::from_array_mm(SPHERE_1_MM)).mm;
@@ -340,4 +348,62 @@ fn astray_mm(case: &Case, laces: &Laces) -> f64 {
             (case.pose.apply(Point { mm: p }).mm - p).norm()
         })
         .fold(0.0, f64::max)
+}
+
+/// What the routine adds for the probe's pretravel (appendix D), mm.
+const COMPENSATION_MM: f64 = 0.062;
+
+/// Switches all error sources off: what is compensated is what the probe has.
+fn idealise(scene: &mut Scene) {
+    let (machine, probe) = (&mut scene.machine, &mut scene.probe);
+    machine.position_noise_um = 0.0;
+    scene.control.skip_delay_ms = [0.0, 0.0];
+    probe.pretravel_mm = COMPENSATION_MM;
+    probe.lobing_mm = 0.0;
+    probe.axial_pretravel_mm = 0.0;
+    probe.repeatability_um = 0.0;
+}
+
+/// The error sources in words.
+fn sources(scene: &Scene, cutting_sigma_mm: f64) -> Vec<(String, String)> {
+    let (machine, probe) = (&scene.machine, &scene.probe);
+    let [shortest, longest] = scene.control.skip_delay_ms;
+    [
+        (
+            "Position of the machine while probing",
+            format!("{:.1} \u{b5}m (2\u{3c3})", machine.position_noise_um),
+        ),
+        (
+            "Repeatability of the probe",
+            format!("{:.1} \u{b5}m (2\u{3c3})", probe.repeatability_um),
+        ),
+        (
+            "Pretravel",
+            format!(
+                "{:.1} \u{b5}m on average, compensated with {:.1} \u{b5}m; \u{b1}{:.1} \u{b5}m with the direction                  (three lobes); {:.1} \u{b5}m along Z, not compensated",
+                probe.pretravel_mm * 1e3,
+                COMPENSATION_MM * 1e3,
+                probe.lobing_mm * 1e3,
+                probe.axial_pretravel_mm * 1e3
+            ),
+        ),
+        (
+            "Delay of the control at a skip",
+            format!(
+                "{shortest:.0} to {longest:.0} ms, evenly: up to {:.1} \u{b5}m along Z (100 mm/min), up to {:.1} \u{b5}m                  in X and Y (20 mm/min)",
+                longest * 100.0 / 60.0,
+                longest * 20.0 / 60.0
+            ),
+        ),
+        (
+            "Position of the machine while cutting",
+            format!("{:.1} \u{b5}m (2\u{3c3})", cutting_sigma_mm * 2e3),
+        ),
+        (
+            "Numbers of the control",
+            "0.001 mm and 0.001 degree, in programs, corrections and stored positions".into(),
+        ),
+    ]
+    .map(|(name, amount)| (name.to_owned(), amount))
+    .into()
 }
