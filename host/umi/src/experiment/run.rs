@@ -11,7 +11,7 @@ use umi_virtual::scene::Scene;
 use super::cases::Case;
 use super::ear::Ear;
 use super::outcome::{Outcome, Plane, Setting, Surface};
-use super::part::{self, BALL_RADIUS_MM, SEAT_MM, SECTIONS, STOCK_MM};
+use super::part::{self, BALL_RADIUS_MM, SEAT_MM, SECTIONS};
 use super::path::{self, Laces};
 use crate::capture::{Bench, Decision};
 use crate::failure::Failure;
@@ -96,7 +96,7 @@ pub fn job() -> Result<Job, Failure> {
     // The routine prints the top from another touch than the one that set the height of
     // the side hits. Both are single hits at 100 mm/min: the control's 0 to 4 ms alone
     // let them differ by 0.0067 mm.
-    job.limits.lone_hit_mm = LONE_HIT_MM;
+    job.limits.lone_hit_mm = Some(LONE_HIT_MM);
     Ok(job)
 }
 
