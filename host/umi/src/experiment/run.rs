@@ -97,10 +97,16 @@ pub fn job() -> Result<Job, Failure> {
     // the side hits. Both are single hits at 100 mm/min: the control's 0 to 4 ms alone
     // let them differ by 0.0067 mm.
     job.limits.lone_hit_mm = Some(LONE_HIT_MM);
+    job.limits.tilt_deg = TILT_DEG;
     Ok(job)
 }
 
+/// The limit for it, mm.
 const LONE_HIT_MM: f64 = 0.012;
+
+/// The limit of the tilt, degrees: the thesis' registrations print up to 0.0002 rad
+/// (table 4.2), 0.0115 degrees. What it leaves at the part has a limit of its own.
+const TILT_DEG: f64 = 0.015;
 
 /// The shop: a machine with its control, a board on its wires, a workpiece.
 struct Shop {

@@ -39,6 +39,10 @@ pub struct Crash {
     pub removed: Removed,
 }
 
+/// What a tool takes away where it leaves the surface that it has just cut, mm: axes
+/// that stand a few micrometres off are not yet a crash.
+const GRAZE_MM: f64 = 0.02;
+
 /// A machine whose ball-nose tools cut a workpiece.
 ///
 /// Every call goes to the machine under it; what a tool sweeps is taken away, at
@@ -152,7 +156,7 @@ impl<A: Axes> Cutter<A> {
         } else {
             CrashCause::SpindleStill
         };
-        if let Some(removed) = removed {
+        if let Some(removed) = removed.filter(|removed| removed.deepest_mm > GRAZE_MM) {
             self.crashes.push(Crash {
                 cause,
                 from,
