@@ -4,13 +4,16 @@
 //!   a thread of a host process.
 //! * [`nc`]: a control's NC interpreter: part programs and custom macros in, motions
 //!   and printed text out.
-//! * [`cutting`]: what a tool path leaves on a workpiece.
 //! * [`machine`]: the machine tool that carries them out: axes, encoders, probe.
+//! * [`scene`]: what stands on the machine's table.
+//! * [`cutting`]: what a tool path leaves on a workpiece.
+//! * [`cell`]: a control in front of its machine.
 //!
 //! The control's serial port, the probe's skip line and the encoders of the machine
 //! are the inputs of the board ([`machine::Wires`]).
 
 pub mod board;
+pub mod cell;
 pub mod cutting;
 pub mod machine;
 pub mod nc;

@@ -5,6 +5,7 @@ mod fit;
 mod info;
 mod job;
 mod log;
+mod machine;
 mod register;
 mod replay;
 mod virtual_board;
@@ -23,6 +24,7 @@ pub enum Command {
     Job(job::Job),
     Info(info::Info),
     Log(log::Log),
+    Machine(machine::Machine),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
 }
@@ -38,6 +40,7 @@ impl Command {
             Self::Job(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
+            Self::Machine(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
     }
@@ -52,6 +55,7 @@ impl Command {
             Self::Job(command) => command.json(),
             Self::Info(command) => command.format.json,
             Self::Log(command) => command.format.json,
+            Self::Machine(command) => command.json(),
             Self::Virtual(command) => command.format.json,
         }
     }

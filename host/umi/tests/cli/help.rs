@@ -41,6 +41,8 @@ fn every_command_shows_examples() {
         "job set",
         "info",
         "log",
+        "machine run",
+        "machine check",
     ] {
         assert!(
             commands.iter().any(|(path, _)| path == name),

@@ -6,4 +6,5 @@ mod fits;
 mod help;
 mod input;
 mod job;
+mod machine;
 mod run;

@@ -7,6 +7,8 @@ use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
 use super::{Body, Group, Scene, Shape, joined, pose};
+use crate::cell::work_offset;
+use crate::nc::Settings;
 
 /// Why a scene cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -92,7 +94,7 @@ impl Default for MachineSpec {
 #[serde(default, deny_unknown_fields)]
 pub struct Control {
     /// Its language and parameters.
-    pub nc: toml::Table,
+    pub nc: Settings,
     /// Shortest and longest time between the skip signal and the moment at which it
     /// stores the position: 0 to 4 ms in A. Sawula's thesis (2013, section 3.5.1).
     pub skip_delay_ms: [f64; 2],
@@ -105,7 +107,7 @@ pub struct Control {
 impl Default for Control {
     fn default() -> Self {
         Self {
-            nc: toml::Table::new(),
+            nc: Settings::default(),
             skip_delay_ms: [0.0; 2],
             baud: 9600,
             bits: 11,
@@ -308,11 +310,22 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             Err(_) => return refuse(format!("tools.{number}: a tool's name is its number")),
         }
     }
+    let mut offsets_mm = Vec::new();
+    for (name, origin_mm) in file.offsets_mm {
+        match work_offset(&name) {
+            Some(offset) => offsets_mm.push((offset, origin_mm)),
+            None => {
+                return refuse(format!(
+                    "offsets_mm.{name}: offsets are G54 to G59, \"G54.1P1\" to \"G54.1P300\", EXT"
+                ));
+            }
+        }
+    }
     Ok(Scene {
         machine: file.machine,
         control: file.control,
         probe: file.probe,
-        offsets_mm: file.offsets_mm.into_iter().collect(),
+        offsets_mm,
         tools,
         bodies,
         groups,

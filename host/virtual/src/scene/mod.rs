@@ -33,6 +33,8 @@ mod tests;
 use nalgebra::{Matrix3, Vector3};
 use umi_core::registration::RigidTransform;
 
+use crate::nc::WorkOffset;
+
 pub use file::{Control, MachineSpec, ProbeSpec, SceneError, ToolSpec};
 pub use shape::Shape;
 
@@ -45,8 +47,8 @@ pub struct Scene {
     pub control: Control,
     /// Its probe.
     pub probe: ProbeSpec,
-    /// Work offsets of the control at the start: name as `G54`, machine coordinates.
-    pub offsets_mm: Vec<(String, [f64; 3])>,
+    /// Work offsets of the control at the start, machine coordinates.
+    pub offsets_mm: Vec<(WorkOffset, [f64; 3])>,
     /// Tools in the magazine.
     pub tools: Vec<(u32, ToolSpec)>,
     bodies: Vec<Body>,

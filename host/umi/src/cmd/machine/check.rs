@@ -1,0 +1,118 @@
+//! `umi machine check`
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+use umi::failure::Failure;
+use umi::points::{name, text};
+use umi::style::{BAD, CAUTION, GOOD, count, paint, print, print_json};
+use umi_virtual::nc::{self, Alarm, Dialect, Settings, Severity};
+
+use crate::cmd::Format;
+
+/// What a control would complain about, without running
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Check {
+    /// NC programs
+    #[arg(value_name = "PROGRAM", required = true)]
+    programs: Vec<PathBuf>,
+    /// The control whose language it is; its usual parameters
+    #[arg(long, value_enum, default_value_t = Language::Fanuc, conflicts_with = "scene")]
+    control: Language,
+    /// Take the control and its parameters from a scene
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Programs that call each other are checked together: give all of them.
+
+Examples:
+  umi machine check hw/control/fanuc/sphere.nc
+  umi machine check --control linuxcnc probe.ngc
+  umi machine check --scene examples/scenes/three-spheres.toml probe.nc --json";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Language {
+    /// Fanuc Custom Macro B
+    Fanuc,
+    /// Haas
+    Haas,
+    /// Mitsubishi, Mazak EIA
+    Mitsubishi,
+    /// LinuxCNC
+    Linuxcnc,
+    /// GRBL
+    Grbl,
+}
+
+impl Check {
+    pub fn run(self) -> Result<(), Failure> {
+        let settings = match &self.scene {
+            Some(path) => super::run::scene(path)?.control.nc,
+            None => Settings::of(match self.control {
+                Language::Fanuc => Dialect::Fanuc,
+                Language::Haas => Dialect::Haas,
+                Language::Mitsubishi => Dialect::Mitsubishi,
+                Language::Linuxcnc => Dialect::LinuxCnc,
+                Language::Grbl => Dialect::Grbl,
+            }),
+        };
+        let mut source = String::new();
+        let mut files = Vec::new();
+        for path in &self.programs {
+            let text = text(path)?;
+            files.push((name(path), source.lines().count(), text.lines().count()));
+            source.push_str(&text);
+            if !source.ends_with('\n') {
+                source.push('\n');
+            }
+        }
+        let found = nc::check(&source, &settings);
+        let mut alarms = 0_u64;
+        for alarm in &found {
+            alarms += u64::from(alarm.severity == Severity::Alarm);
+            self.show(alarm, &files)?;
+        }
+        let warnings = found.len() as u64 - alarms;
+        if self.format.json {
+            print_json(&json!({ "type": "check", "alarms": alarms, "warnings": warnings }))?;
+        } else {
+            let style = if alarms > 0 { BAD } else { GOOD };
+            print(&format!(
+                "{}, {}\n",
+                paint(style, count(alarms, "alarm")),
+                count(warnings, "warning")
+            ))?;
+        }
+        if alarms == 0 {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
+    }
+
+    /// An alarm at its place in its file.
+    fn show(&self, alarm: &Alarm, files: &[(String, usize, usize)]) -> Result<(), Failure> {
+        let line = alarm.line as usize;
+        let (file, before) = files
+            .iter()
+            .rev()
+            .find(|(_, before, _)| line > *before)
+            .map_or(("", 0), |(file, before, _)| (file.as_str(), *before));
+        let mut alarm = alarm.clone();
+        alarm.line = u32::try_from(line.saturating_sub(before)).unwrap_or(u32::MAX);
+        if self.format.json {
+            return print_json(&super::show::alarm(&alarm, Some(file)));
+        }
+        let style = match alarm.severity {
+            Severity::Alarm => BAD,
+            Severity::Warning => CAUTION,
+        };
+        print(&format!("{} {alarm}\n", paint(style, file)))
+    }
+}

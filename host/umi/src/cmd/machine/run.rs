@@ -1,0 +1,350 @@
+//! `umi machine run`
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use umi::capture::{Bench, Decision};
+use umi::failure::{Explained, Failure};
+use umi::gather::Gather;
+use umi::jobfile;
+use umi::points::{name, text};
+use umi::report::terminal;
+use umi::style::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
+use umi::wiring::{Event, Lead, Wiring};
+use umi_virtual::cell::Cell;
+use umi_virtual::machine::Machine;
+use umi_virtual::nc::{Alarm, State, Step};
+use umi_virtual::scene::Scene;
+
+use super::show;
+use crate::cmd::Format;
+
+/// Runs NC programs on a virtual machine tool
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Run {
+    /// NC programs, run one after the other; subprograms may be in any of them
+    #[arg(value_name = "PROGRAM", required = true)]
+    programs: Vec<PathBuf>,
+    /// The machine, its control, probe, and what stands on its table
+    #[arg(long, value_name = "FILE")]
+    scene: PathBuf,
+    /// Programs that are loaded before, as macros that are called
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    load: Vec<PathBuf>,
+    /// Where the control's serial port leads: `virtual` (a virtual board, with skip line
+    /// and encoders too), a serial port as /dev/ttyUSB0, or tcp://host:port
+    #[arg(long, value_name = "WHERE")]
+    board: Option<String>,
+    /// The job of the virtual board
+    #[arg(long, value_name = "FILE", required_if_eq("board", "virtual"))]
+    job: Option<PathBuf>,
+    /// READ after each program: the board's correction program is loaded, if there is one
+    #[arg(long, requires = "board")]
+    read: bool,
+    /// Seed of the machine's noise
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// As slow as the machine would be; without it as fast as possible
+    #[arg(long)]
+    real_time: bool,
+    /// Write what the control sends, byte for byte, into this file
+    #[arg(long, value_name = "FILE")]
+    serial: Option<PathBuf>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Hits, serial traffic and the board's decisions are printed as they come; on a terminal
+the last line shows the block, position and feed. Exit status 2: an alarm, or a verdict NG.
+
+Examples:
+  umi machine run probe.nc --scene examples/scenes/three-spheres.toml
+  umi machine run probe.nc --scene scene.toml --board virtual --job examples/three-spheres.toml
+  umi machine run probe.nc cut.nc --scene scene.toml --board virtual --job job.toml --read
+  umi machine run probe.nc --scene scene.toml --board /dev/ttyUSB0 --real-time
+  umi machine run probe.nc --scene scene.toml --serial session.txt --json";
+
+/// Reads a scene.
+pub fn scene(path: &Path) -> Result<Scene, Failure> {
+    Scene::parse(&text(path)?).map_err(|error| {
+        let file = name(path);
+        Failure::Refused(Explained::new("scene", format!("{file}: {error}")).with("file", file))
+    })
+}
+
+/// An alarm ends the run.
+enum Stop {
+    Alarm(Alarm),
+    Failure(Failure),
+}
+
+impl From<Alarm> for Stop {
+    fn from(alarm: Alarm) -> Self {
+        Self::Alarm(alarm)
+    }
+}
+
+impl From<Failure> for Stop {
+    fn from(failure: Failure) -> Self {
+        Self::Failure(failure)
+    }
+}
+
+impl Run {
+    pub fn run(self) -> Result<(), Failure> {
+        let scene = scene(&self.scene)?;
+        let (wiring, gather) = self.wiring(&scene)?;
+        let mut cell = Cell::new(scene, self.seed, wiring);
+        for path in &self.load {
+            cell.control.load(&text(path)?).map_err(|alarm| {
+                Failure::refused("program", format_args!("{}: {alarm}", name(path)))
+            })?;
+        }
+        let mut view = View::new(&self, gather);
+        for path in &self.programs {
+            let program = text(path)?;
+            view.say(&format!("{} {}", paint(TITLE, "program"), name(path)))?;
+            let ended = cell.run(&program, |cell, step| view.follow(cell, step));
+            let ended = match ended {
+                Err(Stop::Failure(failure)) => return Err(failure),
+                Err(Stop::Alarm(alarm)) => Some(alarm),
+                Ok(()) => None,
+            };
+            view.drain(&mut cell.machine)?;
+            if let Some(alarm) = ended {
+                return view.alarm(&alarm);
+            }
+            if self.read {
+                view.read(&mut cell)?;
+            }
+        }
+        view.finish(&mut cell)
+    }
+
+    fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<Gather>), Failure> {
+        match self.board.as_deref() {
+            None => Ok((Wiring::new(Lead::Nowhere), None)),
+            Some("virtual") => {
+                let Some(path) = &self.job else {
+                    return Err(Failure::trouble("usage", "--board virtual needs --job"));
+                };
+                let job = jobfile::load(path)?;
+                let gather = Gather::new("Virtual machine", "", &job, None);
+                let bench = Bench::new(&job)?;
+                Ok((Wiring::new(Lead::Board(Box::new(bench))), Some(gather)))
+            }
+            Some(address) => Ok((Wiring::to_port(address, scene.control.baud)?, None)),
+        }
+    }
+}
+
+/// What is shown while it runs.
+struct View<'a> {
+    options: &'a Run,
+    gather: Option<Gather>,
+    bar: ProgressBar,
+    began: Instant,
+    hits: usize,
+    serial: Vec<u8>,
+    ng: bool,
+}
+
+impl<'a> View<'a> {
+    fn new(options: &'a Run, gather: Option<Gather>) -> Self {
+        let live = !options.format.json && std::io::stderr().is_terminal();
+        let bar = if live {
+            ProgressBar::new_spinner().with_style(
+                ProgressStyle::with_template("{spinner} {msg}")
+                    .unwrap_or_else(|_| ProgressStyle::default_spinner()),
+            )
+        } else {
+            ProgressBar::hidden()
+        };
+        Self {
+            options,
+            gather,
+            bar,
+            began: Instant::now(),
+            hits: 0,
+            serial: Vec::new(),
+            ng: false,
+        }
+    }
+
+    fn say(&self, line: &str) -> Result<(), Failure> {
+        if self.options.format.json {
+            return Ok(());
+        }
+        self.bar.suspend(|| print(&format!("{line}\n")))
+    }
+
+    /// A block has been carried out.
+    fn follow(&mut self, cell: &mut Cell<Machine<Wiring>>, step: &Step) -> Result<(), Stop> {
+        self.drain(&mut cell.machine)?;
+        if let Some(message) = &step.message {
+            self.say(&format!("{} {message}", paint(CAUTION, "stop")))?;
+        } else if step.state == State::Stopped {
+            self.say(&format!(
+                "{} O{:04} line {}",
+                paint(FAINT, "stop"),
+                step.program,
+                step.line
+            ))?;
+        }
+        let status = cell.machine.status();
+        if self.options.real_time {
+            let due = Duration::from_secs_f64(status.seconds);
+            std::thread::sleep(due.saturating_sub(self.began.elapsed()));
+        }
+        let [x, y, z] = cell.control.status().work_position.to_array_mm();
+        self.bar.set_message(format!(
+            "O{:04} {:<24} X {x:10.3} Y {y:10.3} Z {z:10.3}  F {:6.0}  {:8.1} s  {}",
+            step.program,
+            step.text.trim().chars().take(24).collect::<String>(),
+            status.feed_mm_per_min,
+            status.seconds,
+            count(status.hits as u64, "hit"),
+        ));
+        Ok(())
+    }
+
+    /// Shows what happened on machine and wires.
+    fn drain(&mut self, machine: &mut Machine<Wiring>) -> Result<(), Failure> {
+        for event in machine.wires_mut().take()? {
+            match event {
+                Event::Serial(at, bytes) => self.serial(at.0, &bytes)?,
+                Event::Skip(..) => {
+                    // The machine's own log says more.
+                }
+                Event::Decision(decision) => self.decision(*decision)?,
+            }
+        }
+        for (number, hit) in machine.hits().iter().enumerate().skip(self.hits) {
+            self.hits = number + 1;
+            if self.options.format.json {
+                print_json(&show::hit(number + 1, hit))?;
+            } else {
+                self.say(&format!(
+                    "{} {}",
+                    paint(FAINT, "hit"),
+                    show::hit_line(number + 1, hit)
+                ))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn serial(&mut self, t_us: u64, bytes: &[u8]) -> Result<(), Failure> {
+        self.serial.extend_from_slice(bytes);
+        if self.options.format.json {
+            return print_json(&json!({
+                "type": "serial",
+                "t_us": t_us,
+                "text": show::serial(bytes),
+                "bytes": bytes,
+            }));
+        }
+        self.say(&format!(
+            "{} {}",
+            paint(FAINT, "serial"),
+            show::serial(bytes)
+        ))
+    }
+
+    fn decision(&mut self, decision: Decision) -> Result<(), Failure> {
+        if self.options.format.json {
+            print_json(&match &decision {
+                Decision::Feature(feature) => umi::json::feature(feature),
+                Decision::Verdict(verdict) => umi::json::verdict(verdict),
+                Decision::Fault(fault) => umi::json::fault(fault),
+            })?;
+        } else if let Decision::Fault(fault) = &decision {
+            self.say(&format!("{} {fault}", paint(CAUTION, "fault")))?;
+        }
+        if let Decision::Verdict(verdict) = &decision {
+            self.ng |= !verdict.ok;
+        }
+        let Some(gather) = &mut self.gather else {
+            return Ok(());
+        };
+        let judged = gather.take(decision);
+        match judged {
+            Some(place) if !self.options.format.json => {
+                let table = terminal::plate(&gather.session, place, true);
+                self.say(&table)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The control's READ.
+    fn read(&self, cell: &mut Cell<Machine<Wiring>>) -> Result<(), Failure> {
+        let Some(program) = cell.machine.wires_mut().read_program()? else {
+            return self.say(&format!("{} nothing came", paint(CAUTION, "READ")));
+        };
+        let loaded = cell.control.load(&program).map_err(|alarm| {
+            Failure::refused("program", format_args!("the board's program: {alarm}"))
+        })?;
+        if self.options.format.json {
+            return print_json(&json!({ "type": "read", "programs": loaded, "text": program }));
+        }
+        let names: Vec<String> = loaded.iter().map(|o| format!("O{o:04}")).collect();
+        self.say(&format!(
+            "{} {}\n{program}",
+            paint(GOOD, "READ"),
+            names.join(" ")
+        ))
+    }
+
+    fn keep_serial(&self) -> Result<(), Failure> {
+        match &self.options.serial {
+            None => Ok(()),
+            Some(path) => std::fs::write(path, &self.serial)
+                .map_err(|error| Failure::file("write", path, &error)),
+        }
+    }
+
+    fn alarm(self, alarm: &Alarm) -> Result<(), Failure> {
+        self.bar.finish_and_clear();
+        self.keep_serial()?;
+        if self.options.format.json {
+            print_json(&show::alarm(alarm, None))?;
+        } else {
+            print(&format!("{} {alarm}\n", paint(BAD, "alarm")))?;
+        }
+        Err(Failure::Negative)
+    }
+
+    fn finish(self, cell: &mut Cell<Machine<Wiring>>) -> Result<(), Failure> {
+        self.bar.finish_and_clear();
+        self.keep_serial()?;
+        let status = cell.machine.status();
+        if self.options.format.json {
+            print_json(&json!({
+                "type": "end",
+                "seconds": status.seconds,
+                "hits": status.hits,
+                "serial_bytes": self.serial.len(),
+            }))?;
+        } else {
+            print(&format!(
+                "{} after {:.1} s of machine time: {}, {} printed\n",
+                paint(GOOD, "end"),
+                status.seconds,
+                count(status.hits as u64, "hit"),
+                count(self.serial.len() as u64, "byte"),
+            ))?;
+        }
+        if self.ng {
+            Err(Failure::Negative)
+        } else {
+            Ok(())
+        }
+    }
+}

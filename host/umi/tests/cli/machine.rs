@@ -1,0 +1,115 @@
+//! `umi machine`: a program is checked, run, wired to a board, and its text comes out
+//! as a control sends it.
+
+use crate::run::{Folder, project, umi};
+
+const SCENE: &str = "\
+[machine]
+start_mm = [0.0, 0.0, 100.0]
+[probe]
+pretravel_mm = 0.0
+[[body]]
+name = \"FLOOR\"
+shape = \"half_space\"
+";
+
+const PROGRAM: &str = "\
+%
+O0007(FLOOR)
+G21 G90 G54
+G31 Z-5. F50.
+#1=#5063
+G0 Z20.
+POPEN
+DPRNT[POINT:*#5061[44]*#5062[44]*#1[44]]
+PCLOS
+M30
+%
+";
+
+/// The text leaves as the control sends it, and a file gets every byte.
+#[test]
+fn a_program_prints_its_point() {
+    let folder = Folder::new();
+    let (scene, program) = (folder.file("s.toml", SCENE), folder.file("p.nc", PROGRAM));
+    let serial = folder.path("serial.txt");
+    let args = ["machine", "run", &program, "--scene", &scene];
+    let ran = umi(&[&args[..], &["--serial", &serial]].concat()).exits(0);
+    assert!(ran.out.contains("POINT:     0.0000     0.0000     2.5000"), "{}", ran.out);
+    assert!(ran.out.contains("1 hit"), "{}", ran.out);
+    let bytes = std::fs::read(&serial).unwrap();
+    assert_eq!(bytes, b"\x12POINT:     0.0000     0.0000     2.5000\n\x14");
+    let lines = umi(&[&args[..], &["--json"]].concat()).exits(0).json_lines();
+    let kinds: Vec<&str> = lines.iter().map(|l| l["type"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["hit", "serial", "serial", "serial", "end"]);
+    assert_eq!(lines[0]["body"], "FLOOR");
+    assert_eq!(lines[0]["stored_mm"][2], 2.5);
+}
+
+/// An alarm says where and why, and the exit status says it too.
+#[test]
+fn an_alarm_ends_the_run() {
+    let folder = Folder::new();
+    let scene = folder.file("s.toml", SCENE);
+    let crash = folder.file("crash.nc", "%\nO1\nG21G90\n\nG1 Z-5. F100.\nM30\n%\n");
+    let ran = umi(&["machine", "run", &crash, "--scene", &scene]).exits(2);
+    for says in ["O0001 line 5", "collision", "FLOOR", "without skip"] {
+        assert!(ran.out.contains(says), "{says}: {}", ran.out);
+    }
+    let json = umi(&["machine", "run", &crash, "--scene", &scene, "--json"]).exits(2);
+    let alarm = json.json_lines().pop().unwrap();
+    assert_eq!((alarm["type"].as_str(), alarm["line"].as_u64()), (Some("alarm"), Some(5)));
+}
+
+/// What a control would complain about is said without running, each with its place.
+#[test]
+fn a_faulty_program_is_checked() {
+    let folder = Folder::new();
+    let good = folder.file("good.nc", PROGRAM);
+    umi(&["machine", "check", &good]).exits(0);
+    let bad = folder.file("bad.nc", "%\nO2\nG21\nGOTO77\nG1 X[#1+ F100.\nM30\n%\n");
+    let ran = umi(&["machine", "check", &good, &bad]).exits(2);
+    for says in ["bad.nc", "line 4", "line 5"] {
+        assert!(ran.out.contains(says), "{says}: {}", ran.out);
+    }
+    let lines = umi(&["machine", "check", &bad, "--json"]).exits(2).json_lines();
+    let end = lines.last().unwrap();
+    assert_eq!((end["type"].as_str(), end["alarms"].as_u64()), (Some("check"), Some(2)));
+    // Another control does not know these words at all.
+    umi(&["machine", "check", "--control", "grbl", &good]).exits(2);
+}
+
+/// A scene that cannot be used is refused with its place.
+#[test]
+fn a_faulty_scene_is_refused() {
+    let folder = Folder::new();
+    let program = folder.file("p.nc", PROGRAM);
+    let scene = folder.file("s.toml", "[machine]\nspeed = 1\n");
+    umi(&["machine", "run", &program, "--scene", &scene])
+        .exits(2)
+        .says("speed");
+}
+
+/// The whole way on one line: macros, machine, virtual board, verdict, READ.
+#[test]
+fn a_plate_is_probed_into_a_verdict() {
+    let macros = std::fs::read_dir(project("hw/control/fanuc")).unwrap();
+    let macros: Vec<String> = macros
+        .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
+        .filter(|path| path.ends_with(".nc"))
+        .collect();
+    let (program, scene, job) = (
+        project("examples/probe-plate.nc"),
+        project("examples/scenes/three-spheres.toml"),
+        project("examples/three-spheres-witnessed.toml"),
+    );
+    let mut args = vec!["machine", "run", &program, &program, "--scene", &scene];
+    args.extend(["--board", "virtual", "--job", &job, "--read", "--json"]);
+    for path in &macros {
+        args.extend(["--load", path]);
+    }
+    let lines = umi(&args).exits(0).json_lines();
+    let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
+    assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 1));
+    assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
+}
