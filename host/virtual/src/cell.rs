@@ -73,10 +73,14 @@ pub fn work_offset(name: &str) -> Option<WorkOffset> {
     }
     if let Some(number) = name.strip_prefix("G54.1P") {
         let number = number.parse().ok()?;
-        return (1..=300).contains(&number).then_some(WorkOffset::Extended(number));
+        return (1..=300)
+            .contains(&number)
+            .then_some(WorkOffset::Extended(number));
     }
     let number: u8 = name.strip_prefix('G')?.parse().ok()?;
-    (54..=59).contains(&number).then(|| WorkOffset::Standard(number - 53))
+    (54..=59)
+        .contains(&number)
+        .then(|| WorkOffset::Standard(number - 53))
 }
 
 #[cfg(test)]
@@ -90,7 +94,16 @@ mod tests {
         assert_eq!(work_offset("G59"), Some(WorkOffset::Standard(6)));
         assert_eq!(work_offset("G54.1P48"), Some(WorkOffset::Extended(48)));
         assert_eq!(work_offset("EXT"), Some(WorkOffset::External));
-        for wrong in ["G53", "G60", "54", "G54.1", "G54.1P0", "G54.1P301", "", "g54"] {
+        for wrong in [
+            "G53",
+            "G60",
+            "54",
+            "G54.1",
+            "G54.1P0",
+            "G54.1P301",
+            "",
+            "g54",
+        ] {
             assert_eq!(work_offset(wrong), None, "{wrong}");
         }
     }

@@ -1,7 +1,7 @@
 //! `umi machine`: a program is checked, run, wired to a board, and its text comes out
 //! as a control sends it.
 
-use crate::run::{Folder, project, umi};
+use crate::run::{Folder, umi};
 
 const SCENE: &str = "\
 [machine]
@@ -35,11 +35,17 @@ fn a_program_prints_its_point() {
     let serial = folder.path("serial.txt");
     let args = ["machine", "run", &program, "--scene", &scene];
     let ran = umi(&[&args[..], &["--serial", &serial]].concat()).exits(0);
-    assert!(ran.out.contains("POINT:     0.0000     0.0000     2.5000"), "{}", ran.out);
+    assert!(
+        ran.out.contains("POINT:     0.0000     0.0000     2.5000"),
+        "{}",
+        ran.out
+    );
     assert!(ran.out.contains("1 hit"), "{}", ran.out);
     let bytes = std::fs::read(&serial).unwrap();
     assert_eq!(bytes, b"\x12POINT:     0.0000     0.0000     2.5000\n\x14");
-    let lines = umi(&[&args[..], &["--json"]].concat()).exits(0).json_lines();
+    let lines = umi(&[&args[..], &["--json"]].concat())
+        .exits(0)
+        .json_lines();
     let kinds: Vec<&str> = lines.iter().map(|l| l["type"].as_str().unwrap()).collect();
     assert_eq!(kinds, ["hit", "serial", "serial", "serial", "end"]);
     assert_eq!(lines[0]["body"], "FLOOR");
@@ -58,7 +64,10 @@ fn an_alarm_ends_the_run() {
     }
     let json = umi(&["machine", "run", &crash, "--scene", &scene, "--json"]).exits(2);
     let alarm = json.json_lines().pop().unwrap();
-    assert_eq!((alarm["type"].as_str(), alarm["line"].as_u64()), (Some("alarm"), Some(5)));
+    assert_eq!(
+        (alarm["type"].as_str(), alarm["line"].as_u64()),
+        (Some("alarm"), Some(5))
+    );
 }
 
 /// What a control would complain about is said without running, each with its place.
@@ -72,9 +81,14 @@ fn a_faulty_program_is_checked() {
     for says in ["bad.nc", "line 4", "line 5"] {
         assert!(ran.out.contains(says), "{says}: {}", ran.out);
     }
-    let lines = umi(&["machine", "check", &bad, "--json"]).exits(2).json_lines();
+    let lines = umi(&["machine", "check", &bad, "--json"])
+        .exits(2)
+        .json_lines();
     let end = lines.last().unwrap();
-    assert_eq!((end["type"].as_str(), end["alarms"].as_u64()), (Some("check"), Some(2)));
+    assert_eq!(
+        (end["type"].as_str(), end["alarms"].as_u64()),
+        (Some("check"), Some(2))
+    );
     // Another control does not know these words at all.
     umi(&["machine", "check", "--control", "grbl", &good]).exits(2);
 }
@@ -88,28 +102,4 @@ fn a_faulty_scene_is_refused() {
     umi(&["machine", "run", &program, "--scene", &scene])
         .exits(2)
         .says("speed");
-}
-
-/// The whole way on one line: macros, machine, virtual board, verdict, READ.
-#[test]
-fn a_plate_is_probed_into_a_verdict() {
-    let macros = std::fs::read_dir(project("hw/control/fanuc")).unwrap();
-    let macros: Vec<String> = macros
-        .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
-        .filter(|path| path.ends_with(".nc"))
-        .collect();
-    let (program, scene, job) = (
-        project("examples/probe-plate.nc"),
-        project("examples/scenes/three-spheres.toml"),
-        project("examples/three-spheres-witnessed.toml"),
-    );
-    let mut args = vec!["machine", "run", &program, &program, "--scene", &scene];
-    args.extend(["--board", "virtual", "--job", &job, "--read", "--json"]);
-    for path in &macros {
-        args.extend(["--load", path]);
-    }
-    let lines = umi(&args).exits(0).json_lines();
-    let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
-    assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 1));
-    assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
 }

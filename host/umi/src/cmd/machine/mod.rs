@@ -9,6 +9,10 @@ use umi::failure::Failure;
 
 /// A virtual machine tool with its control: run NC programs at a desk
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi machine check probe.nc
+  umi machine run probe.nc --scene examples/scenes/three-spheres.toml")]
 pub struct Machine {
     #[command(subcommand)]
     what: What,
