@@ -2,6 +2,7 @@
 
 mod board;
 mod connected;
+mod demo;
 mod fits;
 mod help;
 mod input;

@@ -1,0 +1,87 @@
+//! `umi demo`: what it prints and what it leaves behind.
+
+use crate::run::{Folder, umi};
+
+/// The figures of the surface, every table of the thesis and the maps are there, with a
+/// journal and the corrections; the spread over seeds where there is more than one.
+#[test]
+fn the_demo_shows_the_experiment() {
+    let folder = Folder::new();
+    let out = folder.path("demo");
+    let ran = umi(&[
+        "demo",
+        "--stepover-mm",
+        "0.5",
+        "--seeds",
+        "2",
+        "--out",
+        &out,
+    ])
+    .exits(0);
+    for text in [
+        "thesis, table 5.1",
+        "corrected, section 4",
+        "uncorrected, whole",
+        "spread",
+        "replayed identical to the last bit",
+    ] {
+        assert!(ran.out.contains(text), "no {text:?} in {}", ran.out);
+    }
+    let page = std::fs::read_to_string(folder.path("demo/report.html")).unwrap();
+    for text in [
+        "Table 4.1",
+        "Table 4.2",
+        "Table 5.1",
+        "Table 5.2",
+        "Table 5.3",
+        "Table 5.4",
+        "Table 5.5",
+        "Corrected, in detail",
+        "Not corrected, in detail",
+        "other seeds",
+        "id=\"plate-4\"",
+    ] {
+        assert!(page.contains(text), "no {text:?} in the report");
+    }
+    for case in 1..=4 {
+        let path = folder.path(&format!("demo/case-{case}-correction.nc"));
+        let program = std::fs::read_to_string(path).unwrap();
+        assert!(program.contains("G68 X") && program.contains("G10 L2 P2"));
+    }
+    // The journal replays by itself.
+    umi(&["replay", &folder.path("demo/journal.umij")]).exits(0);
+}
+
+/// For machines: each decision, each surface, and where the report is.
+#[test]
+fn the_demo_for_machines() {
+    let folder = Folder::new();
+    let out = folder.path("demo");
+    let args = ["demo", "--ideal", "--seed", "7", "--json", "--out", &out];
+    let lines = umi(&args).exits(0).json_lines();
+    let of = |kind: &str| -> Vec<_> { lines.iter().filter(|l| l["type"] == kind).collect() };
+    assert_eq!(of("feature").len(), 15);
+    assert_eq!(of("verdict").len(), 5);
+    assert_eq!(of("plate_surface").len(), 5);
+    let surfaces = of("surface");
+    let [corrected, uncorrected] = surfaces.as_slice() else {
+        panic!("{surfaces:?}");
+    };
+    assert_eq!(corrected["seed"], 7);
+    let whole = &corrected["whole"];
+    assert!(whole["max_mm"].as_f64().unwrap() < 0.002, "{whole}");
+    assert!(whole["min_mm"].as_f64().unwrap() > -0.002, "{whole}");
+    assert!(uncorrected["whole"]["max_mm"].as_f64().unwrap() > 2.0);
+    assert_eq!(of("demo").len(), 1);
+}
+
+/// A stepover that makes no path is refused before anything is written.
+#[test]
+fn a_wrong_stepover_is_refused() {
+    let folder = Folder::new();
+    let out = folder.path("demo");
+    umi(&["demo", "--stepover-mm", "0", "--out", &out])
+        .exits(1)
+        .says("from 0.05 to 4 mm");
+    assert!(!std::path::Path::new(&out).exists());
+}
