@@ -50,8 +50,8 @@
 //! together again from I and D, so that rounding in `DPRNT` cannot differ.
 //!
 //! ```text
-//! O9810(UMI1: ONE CHECKED LINE)
-//! (G65 P9810 R S B A T F X Y Z, BETWEEN POPEN AND PCLOS)
+//! O8810(UMI1: ONE CHECKED LINE)
+//! (G65 P8810 R S B A T F X Y Z, BETWEEN POPEN AND PCLOS)
 //! (USES #140 TO #148)
 //! #140=#18
 //! #141=#19

@@ -86,6 +86,18 @@ fn says_something(block: &Block) -> bool {
         if words.is_empty() && assigns.is_empty())
 }
 
+/// Whether a block is an end of program alone, as LinuxCNC's manual puts it behind the
+/// subroutine in a file of its own.
+fn is_end(block: &Block) -> bool {
+    match &block.statement {
+        Ok(Statement::Words(words, assigns)) if assigns.is_empty() => match words.as_slice() {
+            [word] => word.letter == b'M' && matches!(word.value.constant(), Some(2.0 | 30.0)),
+            _ => false,
+        },
+        _ => false,
+    }
+}
+
 /// An O number at the beginning of a line, and what follows it.
 fn heading(line: &str) -> Option<(u32, &str)> {
     let rest = line.trim_start().strip_prefix(['O', 'o', ':'])?;
@@ -345,6 +357,7 @@ impl Program {
         !self.subs.is_empty()
             && self.blocks.iter().enumerate().all(|(index, block)| {
                 !says_something(block)
+                    || is_end(block)
                     || self.inside.get(index).copied().flatten().is_some()
                     || matches!(&block.statement, Ok(Statement::OWord(word))
                         if matches!(word.flow, Flow::Sub | Flow::EndSub(_)))

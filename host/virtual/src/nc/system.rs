@@ -354,6 +354,8 @@ impl Control {
             "_imperial" => Some(on(self.modal.is_inch)),
             "_absolute" => Some(on(!self.modal.is_incremental)),
             "_incremental" => Some(on(self.modal.is_incremental)),
+            // Cutter compensation is refused, so it is G40 always.
+            "_ccomp" => Some(400.0),
             "_value" => Some(self.returned),
             "_current_tool" => Some(f64::from(self.modal.tool)),
             "_call_level" => Some(f64::from(u32::try_from(self.stack.len()).unwrap_or(0)) - 1.0),

@@ -271,7 +271,7 @@ impl Eight {
 /// The macro of the module's documentation, statement by statement, in
 /// eight-digit arithmetic. Returns the printed fields and C, in units, and the
 /// largest intermediate value.
-fn macro_o9810(values: [f64; 9], steps: f64) -> ([i64; 9], i64, f64) {
+fn macro_o8810(values: [f64; 9], steps: f64) -> ([i64; 9], i64, f64) {
     let n = eight;
     let mut printed = [0; 9];
     let (mut s27, mut s28) = (n(1.0), n(1.0));
@@ -337,7 +337,7 @@ proptest! {
             f64::from(run), f64::from(sequence), f64::from(feature), f64::from(approach),
             f64::from(touched), feed, x, y, z,
         ];
-        let (printed, c, largest) = macro_o9810(values, steps);
+        let (printed, c, largest) = macro_o8810(values, steps);
         prop_assert_eq!(c, i64::from(check_value(&printed)));
         prop_assert!(largest < 1e7, "{}", largest);
         for (printed, value) in printed.iter().zip(values) {
