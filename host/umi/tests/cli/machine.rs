@@ -1,7 +1,7 @@
 //! `umi machine`: a program is checked, run, wired to a board, and its text comes out
 //! as a control sends it.
 
-use crate::run::{Folder, umi};
+use crate::run::{Folder, project, umi};
 
 const SCENE: &str = "\
 [machine]
@@ -102,4 +102,27 @@ fn a_faulty_scene_is_refused() {
     umi(&["machine", "run", &program, "--scene", &scene])
         .exits(2)
         .says("speed");
+}
+/// The whole way on one line: macros, machine, virtual board, verdict, READ.
+#[test]
+fn a_plate_is_probed_into_a_verdict() {
+    let macros = std::fs::read_dir(project("hw/control/fanuc")).unwrap();
+    let macros: Vec<String> = macros
+        .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
+        .filter(|path| path.ends_with(".nc"))
+        .collect();
+    let (program, scene, job) = (
+        project("examples/probe-plate.nc"),
+        project("examples/scenes/three-spheres.toml"),
+        project("examples/three-spheres-witnessed.toml"),
+    );
+    let mut args = vec!["machine", "run", &program, &program, "--scene", &scene];
+    args.extend(["--board", "virtual", "--job", &job, "--read", "--json"]);
+    for path in &macros {
+        args.extend(["--load", path]);
+    }
+    let lines = umi(&args).exits(0).json_lines();
+    let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
+    assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 1));
+    assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
 }
