@@ -106,3 +106,32 @@ fn a_seed_repeats() {
     assert_eq!(one.std_mm.to_bits(), same.std_mm.to_bits());
     assert_ne!(one.mean_mm.to_bits(), other.mean_mm.to_bits());
 }
+
+/// The ring gauge gives back the pretravel that the scene's probe has: its mean, its
+/// lobes, and what the control's delay at 20 mm/min adds.
+#[test]
+fn the_ring_gauge_shows_the_lobes() {
+    let one: Vec<Case> = cases::stated().into_iter().take(1).collect();
+    let setting = Setting {
+        stepover_mm: 4.0,
+        ..SETTING
+    };
+    let (outcome, _) = run::run(&setting, &one, |_| Ok(())).expect("it runs");
+    let calibration = &outcome.calibration;
+    assert_eq!(calibration.pretravel.len(), 36);
+    // 0.0484 mm, and 2 ms at 20 mm/min.
+    assert!(
+        (calibration.mean_mm - 0.0491).abs() < 0.001,
+        "{calibration:?}"
+    );
+    let lobe = |k: f64| {
+        let sum: f64 = calibration
+            .pretravel
+            .iter()
+            .map(|(angle, mm)| mm * (k * (angle - 20_f64.to_radians())).cos())
+            .sum();
+        sum / 18.0
+    };
+    assert!((lobe(3.0) - 0.010).abs() < 0.001, "{}", lobe(3.0));
+    assert!(lobe(2.0).abs() < 0.001, "{}", lobe(2.0));
+}

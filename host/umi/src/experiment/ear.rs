@@ -3,7 +3,7 @@
 
 use umi_core::dprnt::{Item, Receiver};
 use umi_core::units::{Micros, Point};
-use umi_protocol::pattern::{LinePattern, PointLinePattern, ReceiverConfig};
+use umi_protocol::pattern::{LinePattern, PointLinePattern, ReceiverConfig, RingCsvPattern};
 use umi_virtual::machine::Wires;
 
 use crate::failure::Failure;
@@ -43,10 +43,13 @@ impl Ear {
     pub fn heard(&mut self) -> Result<Vec<Point>, Failure> {
         let bytes = self.listener.take().unwrap_or_default();
         let mut config = ReceiverConfig::default();
-        // The one pattern fits into the list.
+        // Both fit into the list.
         let _ = config
             .patterns
             .push(LinePattern::PointLine(PointLinePattern::default()));
+        let _ = config
+            .patterns
+            .push(LinePattern::RingCsv(RingCsvPattern::default()));
         let mut receiver = Receiver::new(&config);
         let mut points = Vec::new();
         let mut fault = None;
@@ -61,7 +64,7 @@ impl Ear {
         receiver.finish(Micros(0), &mut sink);
         match fault {
             Some(fault) => Err(Failure::trouble(
-                "plate_surface",
+                "listener",
                 format_args!("line {}: {}", fault.line, fault.kind),
             )),
             None => Ok(points),

@@ -94,6 +94,36 @@ impl Plane {
     }
 }
 
+/// The probe in a ring gauge (thesis, section 3.5).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Direction of each hit from the fitted centre, radians, and the pretravel there:
+    /// how much farther the tip went than the ring's wall, mm.
+    pub pretravel: Vec<(f64, f64)>,
+    /// Its mean: the fitted circle's radius less that of the ring less the tip's, mm.
+    pub mean_mm: f64,
+}
+
+impl Calibration {
+    /// From the tip's centre at the hits; the circle that they allow is the ring's
+    /// radius less the tip's, mm.
+    ///
+    /// # Errors
+    /// The fit's.
+    pub fn fit(points: &[Point], allowed_radius_mm: f64) -> Result<Self, fit::FitError> {
+        let circle = fit::circle2d::fit(points)?;
+        let (x, y) = (circle.center_x.0, circle.center_y.0);
+        let pretravel = points.iter().map(|p| {
+            let (dx, dy) = (p.mm.x - x, p.mm.y - y);
+            (dy.atan2(dx), dx.hypot(dy) - allowed_radius_mm)
+        });
+        Ok(Self {
+            pretravel: pretravel.collect(),
+            mean_mm: circle.radius.0 - allowed_radius_mm,
+        })
+    }
+}
+
 /// Everything that one run of the experiment gives.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -101,6 +131,10 @@ pub struct Outcome {
     pub setting: Setting,
     /// The error sources in force, in words: name and amount.
     pub sources: Vec<(String, String)>,
+    /// The probe in a ring gauge, before the first clamping.
+    pub calibration: Calibration,
+    /// What the probing routine adds for the pretravel, mm.
+    pub compensation_mm: f64,
     /// The finishing path.
     pub laces: Laces,
     /// What the board decided.

@@ -1,6 +1,7 @@
 //! One run of the experiment.
 
 use nalgebra::Vector3;
+use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
 use umi_protocol::job::Job;
 use umi_virtual::cutting::{BallNose, Cutter, Wander, Workpiece};
@@ -10,7 +11,7 @@ use umi_virtual::scene::Scene;
 
 use super::cases::Case;
 use super::ear::Ear;
-use super::outcome::{Outcome, Plane, Setting, Surface};
+use super::outcome::{Calibration, Outcome, Plane, Setting, Surface};
 use super::part::{self, BALL_RADIUS_MM, SEAT_MM, SECTIONS};
 use super::path::{self, Laces};
 use crate::capture::{Bench, Decision};
@@ -25,13 +26,15 @@ const JOB: &str = include_str!("../../../../examples/three-spheres.toml");
 /// The machine, the control, the plate.
 const SCENE: &str = include_str!("scene.toml");
 /// The programs in the control's memory before it starts.
-const MEMORY: [&str; 3] = [
+const MEMORY: [&str; 4] = [
+    include_str!("ring.nc"),
     include_str!("sphere.nc"),
     include_str!("plate.nc"),
     include_str!("surface.nc"),
 ];
 
 /// Program numbers.
+const RING: u32 = 1041;
 const PLATE: u32 = 2000;
 const SURFACE: u32 = 2010;
 const FINISH: u32 = 2100;
@@ -42,6 +45,12 @@ const SPHERE_1_MM: [f64; 3] = [-135.018, -136.624, 135.91];
 
 /// The plate with its spheres, in the scene.
 const GROUP: &str = "PLATE";
+
+/// The ring gauge, in the scene; radius of its bore, mm (section 3.5: 71.133 mm); a height
+/// inside of it.
+const GAUGE: &str = "GAUGE";
+const RING_RADIUS_MM: f64 = 71.133 / 2.0;
+const IN_RING_MM: f64 = 92.0;
 
 /// Heights that the operator knows, mm: above all spheres, above the plate's surface.
 const ABOVE_SPHERES_MM: f64 = 160.0;
@@ -188,6 +197,7 @@ pub fn run(
         idealise(&mut scene);
     }
     let sources = sources(&scene, sigma_mm);
+    let tip_radius_mm = scene.probe.tip_radius_mm;
     let ear = Ear::new(Wiring::new(Lead::Board(Box::new(bench))));
     let machine = Machine::new(scene, setting.seed, ear);
     let tool = BallNose {
@@ -206,6 +216,7 @@ pub fn run(
         shop.load(text)?;
     }
 
+    let calibration = calibrate(&mut shop, tip_radius_mm)?;
     let mut planes = Vec::new();
     let mut corrections = Vec::new();
     for (number, case) in cases.iter().enumerate() {
@@ -298,6 +309,8 @@ pub fn run(
     let outcome = Outcome {
         setting: *setting,
         sources,
+        calibration,
+        compensation_mm: COMPENSATION_MM,
         astray_mm: cases.iter().map(|case| astray_mm(case, &laces)).collect(),
         laces,
         session: gather.session,
@@ -316,6 +329,36 @@ const ABOUT: &str = "A plate with three spheres and a workpiece with a cylindric
     spheres by the thesis\u{2019} routine, a virtual openumi board reads the control\u{2019}s serial line, registers \
     the plate and gives the control a correction, and a fifth of the surface is finished with it. Verdicts, \
     figures and corrections came over the board\u{2019}s link.";
+
+/// The probe in the ring gauge, before the plate is on the table; then the gauge goes.
+fn calibrate(shop: &mut Shop, tip_radius_mm: f64) -> Result<Calibration, Failure> {
+    let trouble = |error: &dyn std::fmt::Display| Failure::trouble("experiment", error);
+    let away = |metres: f64| RigidTransform {
+        translation_mm: Vector3::new(0.0, 0.0, -metres * 1e3),
+        ..RigidTransform::identity()
+    };
+    let mut place = |group, pose| {
+        let placed = shop.cutter.axes_mut().scene_mut().place(group, pose);
+        placed
+            .then_some(())
+            .ok_or_else(|| Failure::trouble("experiment", "the scene lacks a group"))
+    };
+    place(GROUP, away(10.0))?;
+    place(GAUGE, away(0.0))?;
+    shop.set(103, ABOVE_SPHERES_MM)?;
+    shop.set(104, 0.0)?;
+    shop.set(105, 0.0)?;
+    shop.set(107, IN_RING_MM)?;
+    shop.ear().listen();
+    shop.run(RING)?;
+    let points = shop.ear().heard()?;
+    let calibration = Calibration::fit(&points, RING_RADIUS_MM - tip_radius_mm)
+        .map_err(|error| trouble(&error))?;
+    if !shop.cutter.axes_mut().scene_mut().place(GAUGE, away(10.0)) {
+        return Err(Failure::trouble("experiment", "the scene lacks a group"));
+    }
+    Ok(calibration)
+}
 
 /// The plate and both workpieces are clamped as the case says; the operator jogs to
 /// whole millimetres over sphere 1.

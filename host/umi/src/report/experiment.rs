@@ -9,6 +9,7 @@ use super::map::{self, Map};
 use super::markup::{Element, el};
 use super::model::{Plate, Session, datums};
 use super::number::{fixed, mm, signed, typographic, um, um_signed};
+use super::polar;
 use super::tables::{Cell, num, num_or, table, word};
 use crate::experiment::outcome::{Outcome, Summary, Surface, spread};
 use crate::experiment::thesis;
@@ -30,6 +31,7 @@ pub fn sections(outcome: &Outcome, seeds: &[Summary]) -> Vec<Element> {
             .child(leftover(session)),
         el("section")
             .child(el("h2").text("Tables of the thesis"))
+            .child(figure_3_5(outcome))
             .child(table_4_1(session))
             .child(table_4_2(session))
             .child(table_5_2(session))
@@ -271,6 +273,33 @@ fn leftover(session: &Session) -> Element {
              leaves that tilt out, which does no harm where it is false and remains as a deviation where it is \
              true; the board refuses to correct where what is left out exceeds the job\u{2019}s limit.",
         ))
+}
+
+/// Figure 3.5: the probe in the ring gauge.
+fn figure_3_5(outcome: &Outcome) -> Element {
+    let calibration = &outcome.calibration;
+    let amounts = || calibration.pretravel.iter().map(|(_, mm)| *mm);
+    el("div").class("row3").child(
+        el("figure")
+            .class("card")
+            .child(polar::drawing(
+                &calibration.pretravel,
+                outcome.compensation_mm,
+            ))
+            .child(
+                el("figcaption")
+                    .child(el("b").text("Figure 3.5"))
+                    .text(format!(
+                        ", pretravel measured in a ring gauge in {} directions: {} \u{b5}m on average, {} to {}. \
+                         Dashed: the {} \u{b5}m that the routine adds, the thesis\u{2019} average.",
+                        calibration.pretravel.len(),
+                        um(calibration.mean_mm),
+                        um(amounts().fold(f64::INFINITY, f64::min)),
+                        um(amounts().fold(f64::NEG_INFINITY, f64::max)),
+                        um(outcome.compensation_mm),
+                    )),
+            ),
+    )
 }
 
 /// The fit of a sphere in a clamping.

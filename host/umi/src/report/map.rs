@@ -122,7 +122,7 @@ pub fn drawing(map: &Map<'_>) -> Element {
     let per_mm = WIDTH / (right - left);
     let height = (high - low) * per_mm;
     let y_px = |y_mm: f64| TOP + (high - y_mm.clamp(low, high)) * per_mm;
-    let legend = LEFT + WIDTH + 46.0;
+    let legend = LEFT + WIDTH + 54.0;
     let mut out = picture(legend + 92.0, TOP + height + 34.0, map.label);
 
     let columns = division(grid.columns(), CELLS[0]);

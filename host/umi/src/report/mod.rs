@@ -14,7 +14,7 @@
 //! | `svg`, `scale`, `labels` | drawing: primitives, scales and scale bars, labels that do not overlap |
 //! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart` | the pictures |
 //! | `head`, `tables`, `registration`, `clamping`, `page` | the parts of the page |
-//! | `experiment`, `map` | the thesis' tables and the surface that was cut |
+//! | `experiment`, `map`, `polar` | the thesis' tables and the surface that was cut |
 //! | `terminal` | the table for a terminal |
 
 mod chart;
@@ -30,6 +30,7 @@ mod number;
 mod page;
 mod part;
 mod plate;
+mod polar;
 pub mod program;
 mod registration;
 mod residuals;
