@@ -134,3 +134,16 @@ fn no_value() {
     let minuses = "-".repeat(500);
     assert_eq!(number_of(&minuses), Some(114));
 }
+
+/// Blanks mean nothing to a control: operators and functions may touch.
+#[test]
+fn glued_words() {
+    for (text, expected) in [
+        ("[10MODFIX[3.9]]", 1.0),
+        ("[7ANDABS[-3]]", 3.0),
+        ("[4ORROUND[1.2]]", 5.0),
+        ("[6XORFUP[2.5]]", 5.0),
+    ] {
+        assert_eq!(fanuc(text), Some(expected), "{text}");
+    }
+}

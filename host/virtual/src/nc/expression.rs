@@ -86,6 +86,20 @@ pub(crate) enum Func {
     Exists,
 }
 
+/// Operators that are written as words.
+const WORDS: [(&str, Op); 10] = [
+    ("MOD", Op::Mod),
+    ("AND", Op::And),
+    ("OR", Op::Or),
+    ("XOR", Op::Xor),
+    ("EQ", Op::Eq),
+    ("NE", Op::Ne),
+    ("GT", Op::Gt),
+    ("LT", Op::Lt),
+    ("GE", Op::Ge),
+    ("LE", Op::Le),
+];
+
 /// How deep brackets may stand in each other.
 const fn max_depth(dialect: Dialect) -> u32 {
     // Custom Macro B: five, the brackets of functions counted.
@@ -193,19 +207,10 @@ impl<'c, 'l> Parser<'c, 'l> {
             b'/' => Some(Op::Div),
             byte if byte.is_ascii_alphabetic() => {
                 *self.cursor = start.clone();
-                match self.cursor.letters().as_str() {
-                    "MOD" => Some(Op::Mod),
-                    "AND" => Some(Op::And),
-                    "OR" => Some(Op::Or),
-                    "XOR" => Some(Op::Xor),
-                    "EQ" => Some(Op::Eq),
-                    "NE" => Some(Op::Ne),
-                    "GT" => Some(Op::Gt),
-                    "LT" => Some(Op::Lt),
-                    "GE" => Some(Op::Ge),
-                    "LE" => Some(Op::Le),
-                    _ => None,
-                }
+                // Blanks mean nothing: an operator ends with its letters, as in `NEFIX[`.
+                WORDS
+                    .iter()
+                    .find_map(|(word, op)| self.cursor.take_word(word).then_some(*op))
             }
             _ => None,
         };
