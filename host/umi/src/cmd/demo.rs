@@ -24,7 +24,7 @@ use super::Format;
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Demo {
-    /// Where the report, the correction programs and the journal go
+    /// Where the report, all programs and the journal go
     #[arg(long, value_name = "DIR", default_value = "umi-demo")]
     out: PathBuf,
     /// Seed of all random errors
@@ -98,7 +98,7 @@ impl Demo {
                 format_args!("journal entry {seq}: {difference}"),
             ));
         }
-        self.write_corrections(&outcome)?;
+        self.write_programs(&outcome)?;
         outcome.session.facts = facts(&outcome, entries, &findings);
         let page = self.out.join("report.html");
         std::fs::write(&page, report::html_of_experiment(&outcome, &summaries))
@@ -152,12 +152,23 @@ impl Demo {
         })
     }
 
-    fn write_corrections(&self, outcome: &Outcome) -> Result<(), Failure> {
-        for (case, correction) in outcome.corrections.iter().enumerate() {
-            if let Some(text) = correction {
-                let path = self.out.join(format!("case-{case}-correction.nc"));
-                std::fs::write(&path, text)
-                    .map_err(|error| Failure::file("write", &path, &error))?;
+    /// Every program that ran, as the control had it.
+    fn write_programs(&self, outcome: &Outcome) -> Result<(), Failure> {
+        let write = |name: &str, text: &str| {
+            let path = self.out.join(name);
+            std::fs::write(&path, text).map_err(|error| Failure::file("write", &path, &error))
+        };
+        for (name, text) in run::MEMORY {
+            write(name, text)?;
+        }
+        for (what, programs) in [
+            ("correction", &outcome.corrections),
+            ("finish", &outcome.programs),
+        ] {
+            for (case, program) in programs.iter().enumerate() {
+                if let Some(text) = program {
+                    write(&format!("case-{case}-{what}.nc"), text)?;
+                }
             }
         }
         Ok(())

@@ -153,6 +153,8 @@ pub struct Outcome {
     /// The correction program that the control read in each clamping; none where
     /// the plate was taught.
     pub corrections: Vec<Option<String>>,
+    /// The finishing program that ran in each clamping; none where the verdict was NG.
+    pub programs: Vec<Option<String>>,
     /// Duration on the machine, seconds.
     pub machine_s: f64,
 }

@@ -25,12 +25,12 @@ use crate::wiring::{Event, Lead, Wiring};
 const JOB: &str = include_str!("../../../../examples/three-spheres.toml");
 /// The machine, the control, the plate.
 const SCENE: &str = include_str!("scene.toml");
-/// The programs in the control's memory before it starts.
-const MEMORY: [&str; 4] = [
-    include_str!("ring.nc"),
-    include_str!("sphere.nc"),
-    include_str!("plate.nc"),
-    include_str!("surface.nc"),
+/// The programs in the control's memory before it starts, with the names of their files.
+pub const MEMORY: [(&str, &str); 4] = [
+    ("ring.nc", include_str!("ring.nc")),
+    ("sphere.nc", include_str!("sphere.nc")),
+    ("plate.nc", include_str!("plate.nc")),
+    ("surface.nc", include_str!("surface.nc")),
 ];
 
 /// Program numbers.
@@ -212,13 +212,14 @@ pub fn run(
         spare: blank,
         crashes: [0, 0],
     };
-    for text in MEMORY {
+    for (_, text) in MEMORY {
         shop.load(text)?;
     }
 
     let calibration = calibrate(&mut shop, tip_radius_mm)?;
     let mut planes = Vec::new();
     let mut corrections = Vec::new();
+    let mut programs = Vec::new();
     for (number, case) in cases.iter().enumerate() {
         let mut step = |what| progress(Progress::Step { case: number, what });
         step("probing")?;
@@ -277,10 +278,11 @@ pub fn run(
             // The reference clamping is cut as it stands.
             None => ok.then_some("G54"),
         };
-        if let Some(offset) = offset {
-            let program = laces.program(FINISH + number, section, offset);
-            shop.cut(&program, FINISH + number, 0)?;
+        let program = offset.map(|offset| laces.program(FINISH + number, section, offset));
+        if let Some(program) = &program {
+            shop.cut(program, FINISH + number, 0)?;
         }
+        programs.push(program);
         step("cutting uncorrected")?;
         shop.exchange();
         let program = laces.program(FINISH_UNCORRECTED + number, section, "G54");
@@ -319,6 +321,7 @@ pub fn run(
         planes,
         printed_bytes,
         corrections,
+        programs,
         machine_s,
     };
     Ok((outcome, bench))

@@ -48,6 +48,11 @@ fn the_demo_shows_the_experiment() {
         let program = std::fs::read_to_string(path).unwrap();
         assert!(program.contains("G68 X") && program.contains("G10 L2 P2"));
     }
+    for case in 0..=4 {
+        let path = folder.path(&format!("demo/case-{case}-finish.nc"));
+        let program = std::fs::read_to_string(path).unwrap();
+        assert_eq!(program.contains("M98 P9010"), case > 0);
+    }
     // The journal replays by itself.
     umi(&["replay", &folder.path("demo/journal.umij")]).exits(0);
 }
