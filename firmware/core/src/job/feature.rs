@@ -7,12 +7,20 @@ use umi_protocol::job::{Approach, Compensation, FeatureKind, FeatureSpec, Limits
 use umi_protocol::reason::Reason;
 
 use super::report::{Fitted, fit, refusal};
-use super::witness::Seen;
 use super::{diagnose, exceeds};
 use crate::units::Point;
 
 /// The reasons against one feature.
 pub type Reasons = Vec<Reason, MAX_FEATURE_REASONS>;
+
+/// What the encoders say about a hit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Control less encoder, per axis.
+    pub difference_mm: [f64; 3],
+    /// Feed of the touch.
+    pub feed_mm_per_min: f64,
+}
 
 /// A hit on its way into a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

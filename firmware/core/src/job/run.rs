@@ -25,9 +25,9 @@ use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{PlateReason, Verdict};
 
 use super::check::datums;
-use super::feature::{self, Hit, Reasons};
+use super::feature::{self, Hit, Reasons, Seen};
 use super::plate::{self, Positions};
-use super::witness::{Seen, Witness};
+use super::witness::Witness;
 use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 use crate::units::{Micros, Point};
 

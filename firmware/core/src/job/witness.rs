@@ -29,16 +29,8 @@ use umi_protocol::message::{LatchCause, LatchReport};
 use umi_protocol::reason::Reason;
 
 use super::exceeds;
-use super::feature::Hit;
+use super::feature::{Hit, Seen};
 use crate::dprnt::ReportedHit;
-
-/// What the encoders say about a hit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
-    /// Control less encoder, per axis.
-    difference_mm: [f64; 3],
-    feed_mm_per_min: f64,
-}
 
 /// Both witnesses of a plate's hits.
 #[derive(Debug)]
