@@ -76,7 +76,7 @@ impl Referee {
         before: &Before,
         program: &str,
     ) -> Result<Vec<[f64; 3]>, String> {
-        let said = self.canonical(folder, before, program)?;
+        let said = self.interpret(folder, &[], before, program)?;
         let mut canon = Canon::new();
         for line in said.lines() {
             canon.line(line)?;
@@ -88,8 +88,38 @@ impl Referee {
         }
     }
 
+    /// Runs a program in `folder` with the subroutines of another folder and returns the
+    /// lines that it logs (`(LOG,…)`).
+    ///
+    /// # Errors
+    /// As [`Self::end_points`].
+    pub fn logged(
+        &self,
+        folder: &Path,
+        subroutines: &Path,
+        program: &str,
+    ) -> Result<Vec<String>, String> {
+        fs::create_dir_all(folder).map_err(|error| error.to_string())?;
+        let ini = format!(
+            "[EMC]\nVERSION = 1.1\n[RS274NGC]\nSUBROUTINE_PATH = {}\n[TRAJ]\nLINEAR_UNITS = mm\n",
+            subroutines.display()
+        );
+        fs::write(folder.join("machine.ini"), ini).map_err(|error| error.to_string())?;
+        let said = self.interpret(folder, &["-i", "machine.ini"], &Before::default(), program)?;
+        let logged = said
+            .lines()
+            .filter_map(|line| line.split_once(" LOG(\"")?.1.strip_suffix("\")"));
+        Ok(logged.map(str::to_owned).collect())
+    }
+
     /// The canonical commands of a program.
-    fn canonical(&self, folder: &Path, before: &Before, program: &str) -> Result<String, String> {
+    fn interpret(
+        &self,
+        folder: &Path,
+        options: &[&str],
+        before: &Before,
+        program: &str,
+    ) -> Result<String, String> {
         let write = |name: &str, text: &str| {
             fs::write(folder.join(name), text).map_err(|error| format!("{name}: {error}"))
         };
@@ -110,6 +140,7 @@ impl Referee {
         }
         write("parameters.var", &parameters)?;
         let output = Command::new(&self.start)
+            .args(options)
             .args([
                 "-g",
                 "-v",
@@ -119,6 +150,8 @@ impl Referee {
                 "program.ngc",
             ])
             .current_dir(folder)
+            // Where it keeps its tool table while it runs.
+            .env("HOME", folder)
             .output()
             .map_err(|error| format!("{}: {error}", self.start.display()))?;
         let said = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -45,7 +45,9 @@ fn try_out(house: &House, folder: &Path) -> Result<()> {
         house
             .command(&start)
             .args(["-g", "-v", "try.var", "-t", "try.tbl", "try.ngc"])
-            .current_dir(folder),
+            .current_dir(folder)
+            // Where it keeps its tool table while it runs.
+            .env("HOME", folder),
     )?;
     ensure!(
         said.contains("STRAIGHT_TRAVERSE(1.5000, 0.0000"),

@@ -6,11 +6,17 @@ use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::modal::Cycle;
 use super::motion::{Axes, Rate};
+use super::settings::Dialect;
 use super::words::Words;
 
-/// How far a peck retracts (G73), and stops short of the last depth (G83), mm. A
-/// parameter on a control.
-const CLEARANCE_MM: f64 = 1.0;
+/// How far a peck retracts (G73), and stops short of the last depth (G83), mm: a
+/// parameter on a control (Fanuc 5114, 5115), a constant of 0.01 inch in LinuxCNC.
+const fn clearance_mm(dialect: Dialect) -> f64 {
+    match dialect {
+        Dialect::LinuxCnc => 0.254,
+        _ => 1.0,
+    }
+}
 /// Pecks in one hole.
 const MAX_PECKS: f64 = 1000.0;
 /// Holes in one block.
@@ -103,6 +109,7 @@ impl Control {
         axes: &mut dyn Axes,
     ) -> Checked<()> {
         let feed = self.feed()?;
+        let clearance = clearance_mm(self.settings.dialect);
         let at = |height: f64| {
             let mut point = over;
             put(&mut point, normal, height);
@@ -116,7 +123,7 @@ impl Control {
                 while depth > cycle.bottom {
                     let next = (depth - cycle.peck).max(cycle.bottom);
                     if code == 830 && depth < cycle.r {
-                        let short = (depth + CLEARANCE_MM).min(cycle.r);
+                        let short = (depth + clearance).min(cycle.r);
                         self.line(at(short), Rate::Rapid, axes)?;
                     }
                     self.line(at(next), feed, axes)?;
@@ -124,7 +131,7 @@ impl Control {
                     if depth > cycle.bottom {
                         let back = match code {
                             830 => cycle.r,
-                            _ => (depth + CLEARANCE_MM).min(cycle.r),
+                            _ => (depth + clearance).min(cycle.r),
                         };
                         self.line(at(back), Rate::Rapid, axes)?;
                     }
