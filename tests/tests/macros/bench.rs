@@ -275,3 +275,18 @@ pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
         .sum::<f64>()
         .sqrt()
 }
+
+/// Whether a run ended in an alarm of the macros' own: `#3000` or `(ABORT,…)`.
+pub fn is_own_alarm(alarm: &Alarm) -> bool {
+    alarm.block.contains("#3000=") || alarm.block.contains("(ABORT,")
+}
+
+/// Evenly spread values in -1 to 1, `dimension` of them at each number (R. Richtmyer's
+/// sequence: multiples of square roots of primes).
+pub fn spread(number: u32, dimension: usize) -> Vec<f64> {
+    [2.0f64, 3.0, 5.0, 7.0, 11.0]
+        .iter()
+        .take(dimension)
+        .map(|prime| 2.0 * (f64::from(number) * prime.sqrt()).fract() - 1.0)
+        .collect()
+}

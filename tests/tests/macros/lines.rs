@@ -25,6 +25,29 @@ fn texts_can_be_read() {
     }
 }
 
+/// The printing macro is the one that the receiver's documentation has, whose arithmetic in
+/// eight digits is tested there.
+#[test]
+fn printing_macro_is_the_documented_one() {
+    let source = include_str!("../../../firmware/core/src/dprnt/checked.rs");
+    let documented: Vec<&str> = source
+        .lines()
+        .filter_map(|line| line.strip_prefix("//! "))
+        .skip_while(|line| !line.starts_with("O8810"))
+        .take_while(|line| *line != "```")
+        .collect();
+    let programs = Family::Fanuc.programs();
+    let (_, text) = programs
+        .iter()
+        .find(|(name, _)| name.starts_with("O8810"))
+        .unwrap();
+    let shipped: Vec<&str> = text
+        .lines()
+        .filter(|line| *line != "%" && !line.starts_with("(THE ONE LONG"))
+        .collect();
+    assert_eq!(shipped, documented);
+}
+
 /// One source: where families speak the same language they differ in the settings only.
 /// Copy `fanuc/` over the others after a change.
 #[test]

@@ -3,8 +3,10 @@
 //! scene's truth; outside they end with their own alarm, never with a collision and never
 //! with a wrong answer.
 
+mod anywhere;
 mod bench;
 mod faces;
+mod grbl;
 mod lines;
 mod plate;
 mod rounds;
