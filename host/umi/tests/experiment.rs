@@ -135,3 +135,31 @@ fn the_ring_gauge_shows_the_lobes() {
     assert!((lobe(3.0) - 0.010).abs() < 0.001, "{}", lobe(3.0));
     assert!(lobe(2.0).abs() < 0.001, "{}", lobe(2.0));
 }
+
+/// A plate beyond the job's limits gets no correction: the verdict is NG, nothing is read
+/// and the section stays uncut rather than cut wrong. The report shows it.
+#[test]
+fn beyond_the_limits_nothing_is_cut() {
+    let mut two: Vec<Case> = cases::stated().into_iter().take(2).collect();
+    two[1].pose.translation_mm.x = 70.0;
+    let setting = Setting {
+        stepover_mm: 1.0,
+        ..SETTING
+    };
+    let (outcome, _) = run::run(&setting, &two, |_| Ok(())).expect("it runs");
+    let [first, second] = outcome.session.plates.as_slice() else {
+        panic!("two plates");
+    };
+    assert!(first.verdict.ok && !second.verdict.ok);
+    assert_eq!(outcome.corrections, [None, None]);
+    assert!(outcome.programs[0].is_some() && outcome.programs[1].is_none());
+    let cut = &outcome.corrected.sections[0];
+    assert!(cut.uncut == 0 && cut.max_mm < 0.05, "{cut:?}");
+    let left = &outcome.corrected.sections[1];
+    assert!(
+        left.min_mm > -0.05 && left.uncut > left.nodes / 2,
+        "{left:?}"
+    );
+    let page = umi::report::html_of_experiment(&outcome, &[outcome.summary()]);
+    assert!(page.contains("NG") && !page.contains("NaN"));
+}

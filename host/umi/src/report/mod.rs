@@ -14,7 +14,7 @@
 //! | `svg`, `scale`, `labels` | drawing: primitives, scales and scale bars, labels that do not overlap |
 //! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart` | the pictures |
 //! | `head`, `tables`, `registration`, `clamping`, `page` | the parts of the page |
-//! | `experiment`, `map`, `polar` | the thesis' tables and the surface that was cut |
+//! | `experiment`, `thesis_tables`, `map`, `polar` | the thesis' tables and the surface that was cut |
 //! | `terminal` | the table for a terminal |
 
 mod chart;
@@ -40,6 +40,7 @@ mod svg;
 mod tables;
 pub mod terminal;
 mod text;
+mod thesis_tables;
 mod unfitted;
 
 pub use model::{Fact, Plate, Session, Truth};
