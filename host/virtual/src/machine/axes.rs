@@ -3,16 +3,13 @@
 use nalgebra::{Rotation3, Unit, Vector3};
 use umi_core::units::Point;
 
+use super::collide::between;
 use super::motion::Profile;
-use super::probe::pretravel_mm;
 use super::{Hit, Machine, Spindle, Wires};
 use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
-use crate::scene::Body;
 
 /// Chord error of an arc where collisions are looked for, mm.
 const CHORD_MM: f64 = 0.005;
-/// How close to sliding along a surface a touch may be: sine of the angle.
-const STEEPEST: f64 = 0.02;
 
 impl<W: Wires> Axes for Machine<W> {
     fn position(&self) -> Point {
@@ -24,18 +21,27 @@ impl<W: Wires> Axes for Machine<W> {
     }
 
     fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
-        let corners = corners(&self.position, motion);
-        let mut from = self.position;
-        let mut length = 0.0;
-        for to in corners {
-            self.within_travel(&to)?;
-            self.collides(&from, &to, motion.rate)?;
-            length += (to - from).norm();
-            from = to;
+        let mut chain = vec![self.position];
+        chain.append(&mut corners(&self.position, motion));
+        for at in &chain {
+            self.within_travel(at)?;
         }
-        let duration_s = self.profile(length, motion.rate).duration_s;
-        self.pass(duration_s);
+        let ways: Vec<f64> = chain
+            .iter()
+            .zip(chain.iter().skip(1))
+            .map(|(from, to)| (to - from).norm())
+            .collect();
+        let profile = self.profile(ways.iter().sum(), motion.rate)?;
+        if let Some(stop) = self.collision(&chain, motion.rate) {
+            let before: f64 = ways.iter().take(stop.line).sum();
+            let within = ways.get(stop.line).copied().unwrap_or(0.0) * stop.share;
+            self.pass(profile.time_at_s(before + within));
+            self.position = between(&chain, stop.line, stop.share);
+            return Err(stop.trip);
+        }
+        self.pass(profile.duration_s);
         self.position = motion.to.mm;
+        self.signal &= self.in_contact(&motion.to.mm);
         Ok(())
     }
 
@@ -50,7 +56,7 @@ impl<W: Wires> Axes for Machine<W> {
         if leaving {
             return self.leave(motion);
         }
-        if self.touching {
+        if self.signal {
             // The signal is on: the block ends where it begins.
             return Ok(Skip {
                 touched: true,
@@ -66,14 +72,9 @@ impl<W: Wires> Axes for Machine<W> {
             });
         }
         let direction = way / length;
-        let profile = self.profile(length, motion.rate);
+        let profile = self.profile(length, motion.rate)?;
         let Some(touch) = self.touch(&from, &to) else {
-            self.pass(profile.duration_s);
-            self.position = to;
-            return Ok(Skip {
-                touched: false,
-                stored: motion.to,
-            });
+            return self.unseen(&to, &profile);
         };
         let machine = &self.scene.machine;
         let sigma_mm = self.scene.probe.repeatability_um * 0.5e-3;
@@ -82,31 +83,35 @@ impl<W: Wires> Axes for Machine<W> {
         let trigger_mm = touch.way_mm + touch.pretravel_mm + stray;
         if trigger_mm >= length {
             // The motion ends before the stylus is bent enough.
-            self.pass(profile.duration_s);
-            self.position = to;
-            self.touching = true;
-            return Ok(Skip {
-                touched: false,
-                stored: motion.to,
-            });
+            return self.unseen(&to, &profile);
         }
         let edge_s = profile.time_at_s(trigger_mm) + self.scene.probe.filter_us * 1e-6;
         let latched = from + direction * profile.travelled_mm(edge_s);
         let counts = self.counts(&latched);
-        let [shortest, longest] = self.scene.control.skip_delay_ms;
-        let delay_ms = self.random.between(shortest, longest);
-        let read_s = edge_s + delay_ms * 1e-3;
-        let stored = from + direction * profile.travelled_mm(read_s);
+        let read_s = self.notices_s(edge_s);
+        // What the control has not noticed when the motion is over, it never notices.
+        let seen = read_s < profile.duration_s;
         let (sent_mm, speed) = profile.sent(read_s);
         let braking_mm = speed * speed / (2.0 * profile.acceleration_mm_per_s2);
         let rest_mm = (sent_mm + braking_mm).min(length);
+        let rest = from + direction * rest_mm;
+        let stored = if seen {
+            from + direction * self.stored_mm(&profile, read_s)
+        } else {
+            to
+        };
+        if let Some((share, trip)) = self.stem_collision(&from, &rest) {
+            self.pass(profile.time_at_s(share * rest_mm));
+            self.position = from + (rest - from) * share;
+            return Err(trip);
+        }
 
         self.pass(edge_s);
         let at = self.now();
         self.wires.skip(at, counts);
         self.pass(read_s - edge_s + speed / profile.acceleration_mm_per_s2);
-        self.position = from + direction * rest_mm;
-        self.touching = true;
+        self.position = rest;
+        self.signal = true;
         let hit = Hit {
             body: touch.body,
             contact: Point {
@@ -117,7 +122,7 @@ impl<W: Wires> Axes for Machine<W> {
             at,
             counts,
             latched: Point { mm: latched },
-            delay_ms,
+            delay_ms: (read_s - edge_s) * 1e3,
             stored: Point { mm: stored },
             feed_mm_per_min: profile.sent(edge_s).1 * 60.0,
         };
@@ -133,7 +138,7 @@ impl<W: Wires> Axes for Machine<W> {
         }
         self.hits.push(hit);
         Ok(Skip {
-            touched: true,
+            touched: seen,
             stored: Point { mm: stored },
         })
     }
@@ -143,13 +148,12 @@ impl<W: Wires> Axes for Machine<W> {
     }
 
     fn change_tool(&mut self, number: u32) -> Result<(), Trip> {
-        self.spindle = if number == 0 {
-            Spindle::Empty
-        } else if number == self.scene.probe.tool {
+        self.spindle = if number == self.scene.probe.tool {
             Spindle::Probe
         } else {
             match self.scene.tools.iter().find(|(has, _)| *has == number) {
                 Some((_, tool)) => Spindle::Tool(*tool),
+                None if number == 0 => Spindle::Empty,
                 None => {
                     return Err(Trip {
                         message: format!("the magazine has no tool {number}; add it to the scene"),
@@ -157,7 +161,7 @@ impl<W: Wires> Axes for Machine<W> {
                 }
             }
         };
-        self.touching = false;
+        self.signal = false;
         self.pass(5.0);
         Ok(())
     }
@@ -198,171 +202,43 @@ impl<W: Wires> Axes for Machine<W> {
     }
 }
 
-/// A touch on a path.
-struct Touch {
-    body: String,
-    /// Way of the axes up to the contact.
-    way_mm: f64,
-    center_mm: Vector3<f64>,
-    normal: Vector3<f64>,
-    /// Way of the axes from contact to trigger.
-    pretravel_mm: f64,
-}
-
 impl<W: Wires> Machine<W> {
+    /// A motion with skip that ends where it was to.
+    fn unseen(&mut self, to: &Vector3<f64>, profile: &Profile) -> Result<Skip, Trip> {
+        let from = self.position;
+        if let Some((share, trip)) = self.stem_collision(&from, to) {
+            self.pass(profile.time_at_s(share * (to - from).norm()));
+            self.position = from + (to - from) * share;
+            return Err(trip);
+        }
+        self.pass(profile.duration_s);
+        self.position = *to;
+        Ok(Skip {
+            touched: false,
+            stored: Point { mm: *to },
+        })
+    }
+
     /// The motion in time.
-    fn profile(&mut self, length_mm: f64, rate: Rate) -> Profile {
+    pub(super) fn profile(&mut self, length_mm: f64, rate: Rate) -> Result<Profile, Trip> {
         let machine = &self.scene.machine;
         let rapid = machine.rapid_mm_per_min;
         let mm_per_min = match rate {
             Rate::Rapid => rapid,
-            Rate::Feed(feed) => feed.min(rapid),
+            Rate::Feed(feed) if feed > 0.0 => feed.min(rapid),
+            Rate::Feed(feed) => {
+                return Err(Trip {
+                    message: format!("the feed is {feed} mm/min; program an F above 0"),
+                });
+            }
         };
         self.feed_mm_per_min = mm_per_min;
-        Profile::new(
+        Ok(Profile::new(
             length_mm,
             mm_per_min / 60.0,
             machine.acceleration_mm_per_s2,
             machine.position_gain_per_s,
-        )
-    }
-
-    /// The true ends of the tip's way.
-    fn tip(
-        &self,
-        from: &Vector3<f64>,
-        to: &Vector3<f64>,
-        down: &Vector3<f64>,
-    ) -> [Vector3<f64>; 2] {
-        [from, to].map(|end| end + self.truth(end) + down)
-    }
-
-    /// Where the probe's tip first touches on the way, if it does.
-    fn touch(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Touch> {
-        let (down, radius) = self.ball()?;
-        let [start, end] = self.tip(from, to, &down);
-        let contact = self.scene.first_contact(&start, &end, radius, |_| true)?;
-        let push = -contact.normal;
-        let true_way = end - start;
-        let true_length = true_way.norm();
-        let towards = (true_way / true_length).dot(&push).max(STEEPEST);
-        // The truth's scale against the encoders' along this way.
-        let scale = (to - from).norm() / true_length;
-        Some(Touch {
-            body: contact.body.name.clone(),
-            way_mm: contact.way_mm * scale,
-            center_mm: contact.center_mm,
-            normal: contact.normal,
-            pretravel_mm: pretravel_mm(&self.scene.probe, &push) / towards * scale,
-        })
-    }
-
-    /// Refuses a motion without skip on which the tip or tool touches.
-    fn collides(&mut self, from: &Vector3<f64>, to: &Vector3<f64>, rate: Rate) -> Result<(), Trip> {
-        let Some((down, radius)) = self.ball() else {
-            return Ok(());
-        };
-        let cutting = matches!(self.spindle, Spindle::Tool(_)) && rate != Rate::Rapid;
-        let counts = |body: &Body| !(cutting && body.cuttable);
-        let [mut start, end] = self.tip(from, to, &down);
-        if self.touching {
-            match self.freed(&start, &end, radius) {
-                Some(free) => start = free,
-                None => {
-                    return Err(Trip {
-                        message: "the probe touches and the motion bends it further; move away from the body first".into(),
-                    });
-                }
-            }
-        }
-        if let Some(contact) = self.scene.first_contact(&start, &end, radius, counts) {
-            let what = match self.spindle {
-                Spindle::Probe => "the probe",
-                Spindle::Empty | Spindle::Tool(_) => "the tool",
-            };
-            let [x, y, z] = (contact.center_mm - down).into();
-            return Err(Trip {
-                message: format!(
-                    "collision: {what} ran into {} at X{x:.3} Y{y:.3} Z{z:.3} (machine coordinates) in a motion without skip",
-                    contact.body.name
-                ),
-            });
-        }
-        if (end - start).norm() > 0.0 {
-            self.touching = false;
-        }
-        Ok(())
-    }
-
-    /// Where a bent stylus comes free on its way; none if it is bent further first.
-    fn freed(&self, start: &Vector3<f64>, end: &Vector3<f64>, radius: f64) -> Option<Vector3<f64>> {
-        const STEP_MM: f64 = 0.005;
-        const FREE_MM: f64 = 1e-6;
-        let way = end - start;
-        let length = way.norm();
-        let mut least = self.scene.clearance(start, radius, |_| true);
-        if least > FREE_MM || length == 0.0 {
-            return Some(*start);
-        }
-        let steps = libm::ceil((length / STEP_MM).min(1e6));
-        let mut step = 0.0;
-        while step < steps {
-            step += 1.0;
-            let at = start + way * (step / steps);
-            let clearance = self.scene.clearance(&at, radius, |_| true);
-            if clearance > FREE_MM {
-                return Some(at);
-            }
-            if clearance < least - 1e-6 {
-                return None;
-            }
-            least = clearance;
-        }
-        None
-    }
-
-    /// A motion that ends when the stylus comes free.
-    fn leave(&mut self, motion: &Motion) -> Result<Skip, Trip> {
-        let (from, to) = (self.position, motion.to.mm);
-        let way = to - from;
-        let length = way.norm();
-        let missed = Skip {
-            touched: false,
-            stored: motion.to,
-        };
-        let Some((down, radius)) = self.ball() else {
-            return Ok(missed);
-        };
-        let [start, end] = self.tip(&from, &to, &down);
-        if !self.touching {
-            return Ok(Skip {
-                touched: true,
-                stored: self.position(),
-            });
-        }
-        let profile = self.profile(length, motion.rate);
-        let freed = self.freed(&start, &end, radius).filter(|_| length > 0.0);
-        let Some(free) = freed else {
-            return Err(Trip {
-                message:
-                    "the probe touches and the motion does not free it; move away from the body"
-                        .into(),
-            });
-        };
-        let way_mm = (free - start).norm() * length / (end - start).norm();
-        let [shortest, longest] = self.scene.control.skip_delay_ms;
-        let delay_s = self.random.between(shortest, longest) * 1e-3;
-        let read_s = profile.time_at_s(way_mm) + delay_s;
-        let stored = from + way / length * profile.travelled_mm(read_s);
-        let (sent_mm, speed) = profile.sent(read_s);
-        let braking_mm = speed * speed / (2.0 * profile.acceleration_mm_per_s2);
-        self.pass(read_s + speed / profile.acceleration_mm_per_s2);
-        self.position = from + way / length * (sent_mm + braking_mm).min(length);
-        self.touching = false;
-        Ok(Skip {
-            touched: true,
-            stored: Point { mm: stored },
-        })
+        ))
     }
 }
 

@@ -18,13 +18,31 @@
 //! *that* moment, and brakes. How far the stylus is bent at rest decides whether it
 //! lives.
 //!
-//! What the model leaves out: the shank of the stylus (only the tip touches), jerk,
-//! and corners cut by looking ahead (every motion ends with an exact stop).
+//! A signal that is on already when a motion with skip begins ends it at once, without
+//! an edge (Fanuc; A. Sawula's thesis, 2.1.2.4: back off with something else than G31).
+//! A control that has not noticed the edge when the motion is over, never does.
+//!
+//! What the model leaves out: jerk, and corners cut by looking ahead (every motion ends
+//! with an exact stop).
+//!
+//! # What the two witnesses say
+//!
+//! One wall, 50 hits at each feed, a control that answers after 0 to 4 ms, 0.1 µm per
+//! count (test `control_wanders_latch_stays`):
+//!
+//! | feed, mm/min | feed times 4 ms, µm | range of what the control stored, µm | range of the counts |
+//! |-------------:|--------------------:|-----------------------------------:|--------------------:|
+//! |           50 |                 3.3 |                                3.1 |         at most one |
+//! |          300 |                20.0 |                               19.2 |         at most one |
+//! |         1000 |                66.7 |                               64.8 |         at most one |
+//! |         3000 |               200.0 |                              197.3 |         at most one |
 
 mod axes;
+mod collide;
 mod motion;
 mod probe;
 mod random;
+mod touch;
 mod wires;
 
 #[cfg(test)]
@@ -48,8 +66,10 @@ pub struct Machine<W> {
     /// Where the axes were sent, machine coordinates.
     position: Vector3<f64>,
     seconds: f64,
-    /// The stylus is bent by a body: from a skip up to the motion that frees it.
-    touching: bool,
+    /// The probe's signal is on: from a skip up to the motion that frees the stylus.
+    signal: bool,
+    /// Phase of the control's looks at the skip signal, of their interval.
+    poll_phase: f64,
     spindle: Spindle,
     outputs: [bool; 36],
     hits: Vec<Hit>,
@@ -106,12 +126,14 @@ impl<W: Wires> Machine<W> {
     /// Switches a machine on: the probe is in the spindle. The same seed gives the same
     /// noise.
     pub fn new(scene: Scene, seed: u64, wires: W) -> Self {
+        let mut random = Random::new(seed);
         Self {
             position: Vector3::from(scene.machine.start_mm),
-            random: Random::new(seed),
+            poll_phase: random.between(0.0, 1.0),
+            random,
             wires,
             seconds: 0.0,
-            touching: false,
+            signal: false,
             spindle: Spindle::Probe,
             outputs: [false; 36],
             hits: Vec::new(),

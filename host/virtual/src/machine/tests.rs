@@ -262,3 +262,5 @@ fn repeatability_is_as_set() {
     assert!((mean - 17.56).abs() < 5e-5, "{mean}");
     assert!((sigma - 5e-4).abs() < 3e-5, "{sigma}");
 }
+
+mod touching;

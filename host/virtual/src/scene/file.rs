@@ -98,6 +98,11 @@ pub struct Control {
     /// Shortest and longest time between the skip signal and the moment at which it
     /// stores the position: 0 to 4 ms in A. Sawula's thesis (2013, section 3.5.1).
     pub skip_delay_ms: [f64; 2],
+    /// It looks at the skip signal only at multiples of this, and the delay counts from
+    /// there; their phase comes with the seed. 0: at any time.
+    pub skip_poll_ms: f64,
+    /// Which position it stores.
+    pub skip_stores: Stores,
     /// Speed of its serial line.
     pub baud: u32,
     /// Bits of a character on the line, start and stop bits counted.
@@ -109,18 +114,34 @@ impl Default for Control {
         Self {
             nc: Settings::default(),
             skip_delay_ms: [0.0; 2],
+            skip_poll_ms: 0.0,
+            skip_stores: Stores::Actual,
             baud: 9600,
             bits: 11,
         }
     }
 }
 
+/// Which position a control stores at a skip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stores {
+    /// Where the axes are when it looks: servo lag does not enter (Fanuc with 6201#1 SEB,
+    /// Mitsubishi).
+    #[default]
+    Actual,
+    /// Where it has sent them: feed over gain too far.
+    Sent,
+}
+
 /// The touch probe.
 ///
 /// It triggers when the stylus is bent by the pretravel. In the XY plane that is
-/// `pretravel_mm + lobing_mm cos 3 (θ - lobing_phase_deg)`, θ the direction in which
-/// the tip is pushed (three supports: thesis, figure 3.5), along Z it is
-/// `axial_pretravel_mm`; between them goes the square of the sine of the elevation.
+/// `pretravel_mm + lobing_mm cos 3 (θ - lobing_phase_deg) + ovality_mm cos 2θ`, θ the
+/// direction in which the tip is pushed (three supports: thesis, figure 3.5), along Z it
+/// is `axial_pretravel_mm`; between them goes the square of the sine of the elevation.
+/// Three lobes cancel in a pair of opposite hits; where such pairs differ between X and
+/// Y, as by 0.013 mm in the thesis' table 5.2, that is the ovality.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSpec {
@@ -130,12 +151,18 @@ pub struct ProbeSpec {
     pub tip_radius_mm: f64,
     /// Gauge line to tip centre. 0: the axes' position is that of the tip centre.
     pub length_mm: f64,
+    /// Radius of the stem above the tip, which must touch nothing; 0: none.
+    pub stem_radius_mm: f64,
+    /// How far the stem reaches above the tip's centre.
+    pub stem_length_mm: f64,
     /// Mean in the XY plane.
     pub pretravel_mm: f64,
     /// Amplitude of the three lobes.
     pub lobing_mm: f64,
     /// Direction of a lobe.
     pub lobing_phase_deg: f64,
+    /// How much more than the mean it is along X, and less along Y.
+    pub ovality_mm: f64,
     /// Along Z.
     pub axial_pretravel_mm: f64,
     /// Repeatability of the trigger (2 sigma).
@@ -152,9 +179,12 @@ impl Default for ProbeSpec {
             tool: 99,
             tip_radius_mm: 2.5,
             length_mm: 0.0,
+            stem_radius_mm: 0.0,
+            stem_length_mm: 50.0,
             pretravel_mm: 0.0,
             lobing_mm: 0.0,
             lobing_phase_deg: 0.0,
+            ovality_mm: 0.0,
             axial_pretravel_mm: 0.0,
             repeatability_um: 0.0,
             filter_us: 0.0,
@@ -252,6 +282,18 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             "`control.skip_delay_ms` needs the shortest and the longest delay, neither negative"
                 .into(),
         );
+    }
+    let probe = &file.probe;
+    if !(0.0..probe.tip_radius_mm).contains(&probe.stem_radius_mm) {
+        return refuse(
+            "`probe.stem_radius_mm` must be less than `probe.tip_radius_mm`; 0 is no stem".into(),
+        );
+    }
+    if !(probe.stem_length_mm > 0.0 && probe.stem_length_mm <= 1000.0) {
+        return refuse("`probe.stem_length_mm` must be above 0 and at most 1000".into());
+    }
+    if !(0.0..1000.0).contains(&file.control.skip_poll_ms) {
+        return refuse("`control.skip_poll_ms` must be from 0 to 1000; 0 is at any time".into());
     }
     if file.machine.position_gain_per_s.is_nan() || file.machine.position_gain_per_s < 0.0 {
         return refuse("`machine.position_gain_per_s` cannot be negative; 0 is no lag".into());
@@ -354,10 +396,16 @@ impl Shape {
                 length_mm,
                 width_mm,
                 height_mm,
-            } => positive(&[radius_mm, length_mm, width_mm, height_mm]),
+            } => {
+                // The edges of the crown must lie above the bottom.
+                let half = width_mm / 2.0;
+                let sagitta = radius_mm - libm::sqrt((radius_mm - half) * (radius_mm + half));
+                positive(&[radius_mm, length_mm, width_mm, height_mm - sagitta])
+            }
         };
         (!sound).then_some(
-            "its dimensions must be above 0, and `outer_radius_mm` larger than `radius_mm`",
+            "its dimensions must be above 0, `outer_radius_mm` larger than `radius_mm`, an arc no \
+             wider than its cylinder and higher than its sagitta",
         )
     }
 }

@@ -26,6 +26,7 @@
 
 mod file;
 mod shape;
+mod trace;
 
 #[cfg(test)]
 mod tests;
@@ -35,8 +36,9 @@ use umi_core::registration::RigidTransform;
 
 use crate::nc::WorkOffset;
 
-pub use file::{Control, MachineSpec, ProbeSpec, SceneError, ToolSpec};
+pub use file::{Control, MachineSpec, ProbeSpec, SceneError, Stores, ToolSpec};
 pub use shape::Shape;
+pub use trace::Collision;
 
 /// A machine, its control and probe, and what stands on its table.
 #[derive(Clone, Debug)]
@@ -93,10 +95,6 @@ pub struct Contact<'a> {
 
 /// A gap below this is a contact, mm.
 const TOUCH_MM: f64 = 1e-10;
-
-/// Steps of one search for a contact, at most: a path that grazes a body for longer
-/// counts as touching it.
-const STEPS: u32 = 200_000;
 
 impl Scene {
     /// Reads a scene.
@@ -156,31 +154,19 @@ impl Scene {
         radius_mm: f64,
         counts: impl Fn(&Body) -> bool,
     ) -> Option<Contact<'_>> {
-        let way = to_mm - from_mm;
-        let length = way.norm();
-        let direction = if length > 0.0 { way / length } else { way };
-        let mut at = 0.0;
-        for _ in 0..STEPS {
-            let center_mm = from_mm + direction * at;
-            let (body, distance) = self.nearest(&center_mm, &counts)?;
-            let gap = distance - radius_mm;
-            if gap <= TOUCH_MM {
-                return Some(body.contact(at, center_mm));
-            }
-            at += gap;
-            if at > length {
-                return None;
-            }
-        }
-        let center_mm = from_mm + direction * at;
+        let way_mm = trace::first_closed(from_mm, to_mm, |p| {
+            self.clearance(p, radius_mm, &counts) - TOUCH_MM
+        })?;
+        let direction = (to_mm - from_mm).try_normalize(0.0).unwrap_or_default();
+        let center_mm = from_mm + direction * way_mm;
         let (body, _) = self.nearest(&center_mm, &counts)?;
-        Some(body.contact(at, center_mm))
+        Some(body.contact(way_mm, center_mm))
     }
 
     fn nearest(&self, p: &Vector3<f64>, counts: &impl Fn(&Body) -> bool) -> Option<(&Body, f64)> {
         let mut nearest: Option<(&Body, f64)> = None;
         for body in self.bodies.iter().filter(|body| counts(body)) {
-            let distance = body.shape.distance_mm(&body.local(p));
+            let distance = body.distance_mm(p);
             if nearest.is_none_or(|(_, least)| distance < least) {
                 nearest = Some((body, distance));
             }
@@ -196,17 +182,28 @@ impl Body {
         &self.placed
     }
 
+    /// Distance of a point from its surface, mm; negative inside.
+    #[must_use]
+    pub fn distance_mm(&self, p: &Vector3<f64>) -> f64 {
+        self.shape.distance_mm(&self.local(p))
+    }
+
+    /// Outward normal of its surface nearest to a point, unit.
+    #[must_use]
+    pub fn normal(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.placed.rotation * self.shape.normal(&self.local(p))
+    }
+
     fn local(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.placed.rotation.transpose() * (p - self.placed.translation_mm)
     }
 
     fn contact(&self, way_mm: f64, center_mm: Vector3<f64>) -> Contact<'_> {
-        let normal = self.placed.rotation * self.shape.normal(&self.local(&center_mm));
         Contact {
             body: self,
             way_mm,
             center_mm,
-            normal,
+            normal: self.normal(&center_mm),
         }
     }
 }

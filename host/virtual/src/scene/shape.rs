@@ -1,10 +1,9 @@
 //! Solids and their distance functions.
 //!
 //! A ball of radius r touches a solid where the solid's distance from its centre is r.
-//! Every distance here is exact outside the solid (the arc surface: outside its end
-//! faces a lower bound), and changes by no more than the way: so a motion can be
-//! followed up to the first contact without passing one over (sphere tracing: J. Hart,
-//! The Visual Computer 12, 1996).
+//! Every distance here is exact, inside (where it is negative) and outside, and changes
+//! by no more than the way: so a motion can be followed up to the first contact without
+//! passing one over ([`super::Body::first_within`]).
 
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -89,13 +88,8 @@ impl Shape {
                 width_mm,
                 height_mm,
             } => {
-                let block = outside([
-                    p.x.abs() - length_mm / 2.0,
-                    p.y.abs() - width_mm / 2.0,
-                    beyond(p.z, height_mm),
-                ]);
-                let cylinder = libm::hypot(p.y, p.z + radius_mm) - radius_mm;
-                block.max(cylinder)
+                let section = under_arc(p.y.abs(), p.z, radius_mm, width_mm / 2.0, height_mm);
+                outside([section, p.x.abs() - length_mm / 2.0])
             }
         }
     }
@@ -115,6 +109,28 @@ impl Shape {
         }
         normal.try_normalize(0.0).unwrap_or_else(Vector3::z)
     }
+}
+
+/// Distance in the section of [`Shape::Arc`], for y >= 0: within `width` of the middle,
+/// above `-height`, under an arc of radius r with its crown at the origin.
+fn under_arc(y: f64, z: f64, r: f64, width: f64, height: f64) -> f64 {
+    let width = width.min(r);
+    // Height of the edge between arc and flank, from the axis and from the crown.
+    let rise = libm::sqrt((r - width) * (r + width));
+    let edge = rise - r;
+    let up = z + r;
+    let from_axis = libm::hypot(y, up);
+    // The nearest point of the arc is on the ray from the axis, if that meets it.
+    let to_arc = if up > 0.0 && y * rise <= width * up {
+        (from_axis - r).abs()
+    } else {
+        libm::hypot(y - width, z - edge)
+    };
+    let to_flank = libm::hypot(y - width, (z - edge).max(-height - z).max(0.0));
+    let to_bottom = libm::hypot((y - width).max(0.0), z + height);
+    let distance = to_arc.min(to_flank).min(to_bottom);
+    let inside = y <= width && z >= -height && (z <= edge || from_axis <= r);
+    if inside { -distance } else { distance }
 }
 
 /// How far z lies beyond the slab from `-height` to 0; negative inside.

@@ -205,3 +205,5 @@ fn faulty_scenes_are_refused() {
         assert!(error.contains(says), "{text}: {error}");
     }
 }
+
+mod distances;

@@ -1,0 +1,132 @@
+//! What is in the way of the axes.
+
+use nalgebra::Vector3;
+
+use super::{Machine, Spindle, Wires};
+use crate::nc::{Rate, Trip};
+use crate::scene::Body;
+
+/// The balls of a stem are this share of their radius apart: the row is then less than
+/// 1 % thinner between them than the stem is.
+const STEM_PITCH: f64 = 0.25;
+/// Most balls of a stem.
+const STEM_BALLS: f64 = 2000.0;
+
+/// Where the axes are stopped.
+pub(super) struct Stop {
+    /// Number of the line on the chain.
+    pub line: usize,
+    /// Share of this line.
+    pub share: f64,
+    pub trip: Trip,
+}
+
+impl<W: Wires> Machine<W> {
+    /// The first collision on the way through these encoder positions.
+    pub(super) fn collision(&self, chain: &[Vector3<f64>], rate: Rate) -> Option<Stop> {
+        let cutting = matches!(self.spindle, Spindle::Tool(_)) && rate != Rate::Rapid;
+        let counts = |body: &Body| !(cutting && body.cuttable);
+        let what = match self.spindle {
+            Spindle::Probe => "the probe",
+            Spindle::Empty | Spindle::Tool(_) => "the tool",
+        };
+        let mut first: Option<Stop> = None;
+        let stem = self
+            .stem()
+            .into_iter()
+            .map(|ball| (ball, "the stem of the probe"));
+        for ((down, radius), what) in self.ball().map(|ball| (ball, what)).into_iter().chain(stem) {
+            let way: Vec<Vector3<f64>> =
+                chain.iter().map(|at| at + self.truth(at) + down).collect();
+            for body in self.scene.bodies().iter().filter(|body| counts(body)) {
+                let Some(hit) = body.first_collision(&way, radius) else {
+                    continue;
+                };
+                let share = share(&way, hit.line, hit.way_mm);
+                let later = |s: &Stop| (s.line, s.share) <= (hit.line, share);
+                if first.as_ref().is_some_and(later) {
+                    continue;
+                }
+                let message = if hit.further {
+                    format!(
+                        "{what} touches {} and the motion bends it further; move away from the body first",
+                        body.name
+                    )
+                } else {
+                    let [x, y, z] = between(chain, hit.line, share).into();
+                    format!(
+                        "collision: {what} ran into {} at X{x:.3} Y{y:.3} Z{z:.3} (machine coordinates) in a motion without skip",
+                        body.name
+                    )
+                };
+                first = Some(Stop {
+                    line: hit.line,
+                    share,
+                    trip: Trip { message },
+                });
+            }
+        }
+        first
+    }
+
+    /// Where the stem of the probe touches on a straight way with skip: share of it.
+    pub(super) fn stem_collision(
+        &self,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+    ) -> Option<(f64, Trip)> {
+        let mut first: Option<(f64, Trip)> = None;
+        for (down, radius) in self.stem() {
+            let way = [from, to].map(|at| at + self.truth(at) + down);
+            for body in self.scene.bodies() {
+                let Some(hit) = body.first_collision(&way, radius) else {
+                    continue;
+                };
+                let share = share(&way, hit.line, hit.way_mm);
+                if first.as_ref().is_none_or(|(before, _)| share < *before) {
+                    let message = format!(
+                        "collision: the stem of the probe ran into {}; come from where only the tip reaches it",
+                        body.name
+                    );
+                    first = Some((share, Trip { message }));
+                }
+            }
+        }
+        first
+    }
+
+    /// The stem as a row of balls, from the gauge line to their centres and their radius.
+    fn stem(&self) -> Vec<(Vector3<f64>, f64)> {
+        let probe = &self.scene.probe;
+        let radius = probe.stem_radius_mm;
+        if self.spindle != Spindle::Probe || radius <= 0.0 {
+            return Vec::new();
+        }
+        let count = libm::ceil(probe.stem_length_mm / (STEM_PITCH * radius)).min(STEM_BALLS);
+        let pitch = probe.stem_length_mm / count;
+        let mut balls = Vec::new();
+        let mut up = 0.0;
+        while up <= count {
+            let z = up * pitch - probe.length_mm;
+            balls.push((Vector3::new(0.0, 0.0, z), radius));
+            up += 1.0;
+        }
+        balls
+    }
+}
+
+/// A place on a chain.
+pub(super) fn between(chain: &[Vector3<f64>], line: usize, share: f64) -> Vector3<f64> {
+    match (chain.get(line), chain.get(line + 1)) {
+        (Some(from), Some(to)) => from + (to - from) * share,
+        (from, _) => from.copied().unwrap_or_default(),
+    }
+}
+
+fn share(way: &[Vector3<f64>], line: usize, way_mm: f64) -> f64 {
+    let length = match (way.get(line), way.get(line + 1)) {
+        (Some(from), Some(to)) => (to - from).norm(),
+        _ => 0.0,
+    };
+    if length > 0.0 { way_mm / length } else { 0.0 }
+}
