@@ -85,14 +85,14 @@ fn distances_are_lipschitz() {
 fn edge_of_the_arc() {
     let scene =
         body("{ arc = { radius_mm = 20.0, length_mm = 30.0, width_mm = 24.0, height_mm = 9.0 } }");
-    // A ball of 2 whose centre is 1 beside the flank touches the edge from above:
-    // sqrt(2² - 1²) over it.
-    let z = 3_f64.sqrt() - 4.0;
+    // A ball of 2 whose centre is 1.5 beside the flank touches the edge from above, at 49°
+    // from the vertical (the crown itself ends at 37°): sqrt(2² - 1.5²) over it.
+    let z = 1.75_f64.sqrt() - 4.0;
     assert_stop(
         &scene,
-        [0.0, 13.0, 30.0],
-        [0.0, 13.0, -30.0],
-        [0.0, 13.0, z],
+        [0.0, 13.5, 30.0],
+        [0.0, 13.5, -30.0],
+        [0.0, 13.5, z],
     );
 }
 
@@ -102,10 +102,10 @@ fn leaving_a_sphere() {
     let scene = body("{ sphere = { radius_mm = 10.0 } }");
     let ball = &scene.bodies()[0];
     let (from, to) = (Vector3::new(12.0, 2.0, 3.0), Vector3::new(12.0, 42.0, 3.0));
-    let way = ball.first_beyond(&from, &to, 12.0).unwrap();
+    let way = ball.first_beyond(&from, &to, 2.0).unwrap();
     assert!((way - 23_f64.sqrt()).abs() < 1e-9, "{way}");
     assert_eq!(
-        ball.first_beyond(&from, &(from + (to - from) * 0.1), 12.0),
+        ball.first_beyond(&from, &(from + (to - from) * 0.1), 2.0),
         None
     );
 }
