@@ -2,7 +2,7 @@
 //!
 //! # Model
 //!
-//! Time is continuous: a motion is a closed form ([`motion`]), nothing is stepped. Three
+//! Time is continuous: a motion is a closed form (`motion.rs`), nothing is stepped. Three
 //! positions are kept apart, as on a machine:
 //!
 //! * *sent*: what the control commands;
