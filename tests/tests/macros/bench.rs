@@ -209,10 +209,19 @@ impl Ran {
 
     /// Holds the alarm against what the macro should say.
     pub fn refused(&self, text: &str) {
-        match &self.alarm {
-            Some(alarm) if alarm.message.to_uppercase().contains(text) => {}
-            other => panic!("wanted the alarm `{text}`, got {other:?}\n{self}"),
-        }
+        self.refused_as(&[text]);
+    }
+
+    /// The same where it may say one of several things.
+    pub fn refused_as(&self, texts: &[&str]) {
+        let said = self.alarm.as_ref().filter(|alarm| is_own_alarm(alarm));
+        let said = said.map(|alarm| alarm.message.to_uppercase());
+        assert!(
+            said.as_ref()
+                .is_some_and(|said| texts.iter().any(|text| said.contains(text))),
+            "wanted the alarm {texts:?}, got {:?}\n{self}",
+            self.alarm
+        );
     }
 }
 

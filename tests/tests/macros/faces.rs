@@ -245,9 +245,9 @@ fn refused_outside() {
         // The field reaches beyond the plate.
         let plane = plane_call(60.0, [200.0, 60.0], [3.0, 3.0]);
         run(family, &tilted(0.0, 0.0), [-30.0, -10.0, 90.0], &[plane]).refused("NO TOUCH");
-        // A step stands in the way between two hits.
+        // The face rises into the way between two rows.
         let plane = plane_call(60.0, [80.0, 60.0], [3.0, 3.0]);
-        run(family, &tilted(-30.0, 0.0), [-30.0, -10.0, 72.0], &[plane]).refused("");
+        run(family, &tilted(30.0, 0.0), [-30.0, -10.0, 65.0], &[plane]).refused("PATH OBSTRUCTED");
 
         let web_call = |width: f64, depth: f64| {
             let values = [
@@ -270,5 +270,49 @@ fn refused_outside() {
         run(family, &web(false), [80.0, 80.0, 40.0], &[call]).refused("NO TOUCH");
         let call = corner_call(30.5, 36.75, 1.0);
         run(family, &web(false), [33.0, 50.0, 40.0], &[call]).refused("TOO NEAR");
+
+        let narrow = |width: f64| {
+            let values = [
+                ('A', 1.0),
+                ('D', width),
+                ('B', 1.0),
+                ('U', 20.0),
+                ('K', 3.0),
+            ];
+            let call = Call::new(8827, "UMI_POCKET", &values);
+            run(family, &pocket(), [12.0, -18.0, 40.0], &[call])
+        };
+        narrow(62.0).refused("NOT THIS SIZE");
+        narrow(66.0).refused("NOT THIS SIZE");
+    }
+}
+
+/// Something else of the size that was asked for: a square hole is no bore, a square block
+/// no boss, a round boss with a flat top no ball.
+#[test]
+fn other_shapes_are_refused() {
+    let square = "[[body]]\nname = \"BLOCK\"\nshape = { block = { size_mm = [40.0, 40.0, 50.0] } }\nposition_mm = [15.5, -8.25, 50.0]\n";
+    let flat = "[[body]]\nname = \"BOSS\"\nshape = { cylinder = { radius_mm = 12.7, height_mm = 50.0 } }\nposition_mm = [15.5, -8.25, 50.0]\n";
+    for family in FAMILIES {
+        let values = [('D', 64.0), ('B', 1.0), ('K', 4.0)];
+        let bore = Call::new(8824, "UMI_BORE", &values);
+        let oblong = pocket();
+        let square_hole = oblong.replace("[12, -70, 50.0]", "[12, -30, 50.0]");
+        assert_ne!(oblong, square_hole);
+        for hole in [oblong, square_hole] {
+            run(
+                family,
+                &hole,
+                [22.0, 27.0, 40.0],
+                std::slice::from_ref(&bore),
+            )
+            .refused_as(&["NO TOUCH", "NOT THIS SIZE"]);
+        }
+        let values = [('D', 40.0), ('B', 1.0), ('H', 20.0), ('K', 4.0)];
+        let boss = Call::new(8825, "UMI_BOSS", &values);
+        run(family, square, [23.5, 1.75, 60.0], &[boss]).refused("NOT THIS SIZE");
+        let values = [('D', 25.4), ('B', 1.0), ('Q', 30.0)];
+        let ball = Call::new(8820, "UMI_SPHERE", &values);
+        run(family, flat, [17.5, -7.25, 60.0], &[ball]).refused("NOT THIS SIZE");
     }
 }

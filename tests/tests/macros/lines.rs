@@ -133,13 +133,16 @@ fn modes_come_back_or_are_refused() {
         for (before, said) in [
             ("G20", "SET G21"),
             ("G68 X0 Y0 R5.", "SET G21"),
+            ("G81 Z89. R90. F100.", "SET G21"),
             ("", "P8811 COMES FIRST"),
         ] {
             let start = if before.is_empty() { "" } else { "G65 P8811" };
-            let body = format!("G21 G90 G54\nG0 X21. Y28. Z90.\n{start}\n{before}\n{modes}\n");
-            let ran = run_text(family, BALL, &body);
-            ran.refused(said);
-            assert!(ran.machine.hits().is_empty());
+            for call in [modes, "G65 P8813 Z80."] {
+                let body = format!("G21 G90 G54\nG0 X21. Y28. Z90.\n{start}\n{before}\n{call}\n");
+                let ran = run_text(family, BALL, &body);
+                ran.refused(said);
+                assert!(ran.machine.hits().is_empty());
+            }
         }
     }
 }

@@ -108,13 +108,8 @@ fn many_hits_from_bad_starts() {
     }
 }
 
-/// One of the alarms that a ball which is not the one wanted can give.
-fn assert_refused(ran: &Ran) {
-    let said = ran.alarm.as_ref().map(|alarm| alarm.message.to_uppercase());
-    let words = ["NOT THIS SIZE", "OBSTRUCTED", "NO TOUCH", "TOO FAR OFF"];
-    let is_own = |said: &String| words.iter().any(|word| said.contains(word));
-    assert!(said.as_ref().is_some_and(is_own), "{said:?}\n{ran}");
-}
+/// The alarms that a ball which is not the one wanted can give.
+const NOT_THE_BALL: [&str; 4] = ["NOT THIS SIZE", "OBSTRUCTED", "NO TOUCH", "TOO FAR OFF"];
 
 /// Outside the grid: an alarm of the macro's own.
 #[test]
@@ -133,7 +128,7 @@ fn refused_outside() {
                 let from = start([beside * x, beside * y], 20.0);
                 let ran = run(family, SCENE, from, &[five(60.0)]);
                 if ran.alarm.is_some() {
-                    assert_refused(&ran);
+                    ran.refused_as(&NOT_THE_BALL);
                     refused += 1;
                 } else {
                     assert_ball(&ran, &job, RADIUS_MM, &format!("{family:?} from {beside}"));
@@ -146,7 +141,7 @@ fn refused_outside() {
             let values = [('D', diameter), ('B', 7.0), ('Q', 60.0)];
             let call = Call::new(8820, "UMI_SPHERE", &values);
             let ran = run(family, SCENE, start([0.2, 0.1], 20.0), &[call]);
-            assert_refused(&ran);
+            ran.refused_as(&NOT_THE_BALL);
         }
     }
 }
@@ -180,5 +175,34 @@ fn arguments_are_checked() {
         let call = Call::new(0, "UMI_SPHERE_N", &absurd);
         let ran = run(Family::LinuxCnc, SCENE, start([0.0, 0.0], 20.0), &[call]);
         ran.refused(word);
+    }
+}
+
+/// A machine as it is: lag, a control that is up to 4 ms late, a probe with pretravel,
+/// lobes and scatter. The macros still find the ball, at one feed, and the centre is right
+/// but for what no compensation by axis takes out.
+#[test]
+fn real_machine() {
+    let errors = "[machine]\nposition_gain_per_s = 30.0\nposition_noise_um = 1.0\n\
+                  [control]\nskip_delay_ms = [0.0, 4.0]\n\
+                  [probe]\npretravel_mm = 0.062\nlobing_mm = 0.005\naxial_pretravel_mm = 0.002\n\
+                  repeatability_um = 1.0\n";
+    let job = job(Tip::OnBoard, &[(7, "sphere", 5, Some(RADIUS_MM))])
+        // Pretravel, and half of what 4 ms are at 50 mm/min.
+        .replace("[0.0, 0.0, 0.0]", "[0.0637, 0.0637, 0.0037]")
+        .replace("radius_error_mm = 0.003", "radius_error_mm = 0.010")
+        .replace("rms_mm = 0.003", "rms_mm = 0.010");
+    for family in FAMILIES {
+        for (x, y, above) in [(0.0, 0.0, 20.0), (0.6, -0.6, 2.0), (-0.6, 0.3, 40.0)] {
+            let scene = format!("{errors}{SCENE}");
+            let ran = run(family, &scene, start([x, y], above), &[five(60.0)]);
+            let shapes = ran.shapes(&job);
+            let [Shape::Sphere { center_mm, .. }] = shapes[..] else {
+                panic!("{shapes:?}");
+            };
+            // The lobes: 5 µm; the delay: 1.7 µm either way; the tip's height.
+            let off = distance(center_mm, CENTER_MM);
+            assert!(off < 0.012, "{family:?}: off by {off}\n{ran}");
+        }
     }
 }
