@@ -124,16 +124,18 @@ fn the_ring_gauge_shows_the_lobes() {
         (calibration.mean_mm - 0.0491).abs() < 0.001,
         "{calibration:?}"
     );
-    let lobe = |k: f64| {
+    let lobe = |k: f64, phase_deg: f64| {
         let sum: f64 = calibration
             .pretravel
             .iter()
-            .map(|(angle, mm)| mm * (k * (angle - 20_f64.to_radians())).cos())
+            .map(|(angle, mm)| mm * (k * (angle - phase_deg.to_radians())).cos())
             .sum();
         sum / 18.0
     };
-    assert!((lobe(3.0) - 0.010).abs() < 0.001, "{}", lobe(3.0));
-    assert!(lobe(2.0).abs() < 0.001, "{}", lobe(2.0));
+    for (k, phase_deg, expected) in [(3.0, 20.0, 0.010), (2.0, 0.0, 0.0067), (4.0, 0.0, 0.0)] {
+        let found = lobe(k, phase_deg);
+        assert!((found - expected).abs() < 0.001, "{k} lobes: {found}");
+    }
 }
 
 /// A plate beyond the job's limits gets no correction: the verdict is NG, nothing is read

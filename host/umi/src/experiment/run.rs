@@ -412,6 +412,7 @@ fn idealise(scene: &mut Scene) {
     scene.control.skip_delay_ms = [0.0, 0.0];
     probe.pretravel_mm = COMPENSATION_MM;
     probe.lobing_mm = 0.0;
+    probe.ovality_mm = 0.0;
     probe.axial_pretravel_mm = 0.0;
     probe.repeatability_um = 0.0;
 }
@@ -432,10 +433,12 @@ fn sources(scene: &Scene, cutting_sigma_mm: f64) -> Vec<(String, String)> {
         (
             "Pretravel",
             format!(
-                "{:.1} \u{b5}m on average, compensated with {:.1} \u{b5}m; \u{b1}{:.1} \u{b5}m with the direction                  (three lobes); {:.1} \u{b5}m along Z, not compensated",
+                "{:.1} \u{b5}m on average, compensated with {:.1} \u{b5}m; \u{b1}{:.1} \u{b5}m with the direction \
+                 (three lobes), \u{b1}{:.1} \u{b5}m between X and Y; {:.1} \u{b5}m along Z, not compensated",
                 probe.pretravel_mm * 1e3,
                 COMPENSATION_MM * 1e3,
                 probe.lobing_mm * 1e3,
+                probe.ovality_mm * 1e3,
                 probe.axial_pretravel_mm * 1e3
             ),
         ),

@@ -239,9 +239,9 @@ fn table_5_2(session: &Session) -> Element {
     table(
         "Table 5.2. Sphere fits: radius, standard deviation of the residuals, and half of it, which the \
          thesis calls the uncertainty of the centre. With these five hits the deviation is the difference \
-         of the radii in X and Y and nothing else. The thesis\u{2019} probe had 13 \u{b5}m of it; three lobes, \
-         as here, shift the centre and leave the radii equal. What the probe does alike in every clamping \
-         cancels in the registration.",
+         of the radii in X and Y and nothing else. The thesis\u{2019} probe had 13 \u{b5}m of it, and so has \
+         this one; three lobes shift the centre and leave the radii equal. What the probe does alike in \
+         every clamping cancels in the registration.",
         &[
             "<",
             "Radius here|mm",
