@@ -17,7 +17,8 @@ pub enum Severity {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alarm {
     /// As this control numbers it, where that is known: Fanuc's PS number (114: format
-    /// error in a macro statement), 3000 + n of `#3000 = n`.
+    /// error in a macro statement), 3000 + n of `#3000 = n`, GRBL's `error:` number (of
+    /// probing, its `ALARM:`).
     pub number: Option<u32>,
     /// Whether a control stops at it.
     pub severity: Severity,
@@ -120,9 +121,13 @@ impl Fault {
     pub fn in_block(self, dialect: Dialect, program: u32, line: u32, block: &str) -> Alarm {
         Alarm {
             number: match self.number {
-                Some(Number::Fanuc(number)) if dialect == Dialect::Fanuc => Some(number),
+                Some(Number::Fanuc(number)) => match dialect {
+                    Dialect::Fanuc => Some(number),
+                    Dialect::Grbl => grbl(number),
+                    _ => None,
+                },
                 Some(Number::Own(number)) => Some(number),
-                Some(Number::Fanuc(_)) | None => None,
+                None => None,
             },
             severity: self.severity,
             program,
@@ -134,6 +139,18 @@ impl Fault {
             block: block.trim().to_string(),
             message: self.message,
         }
+    }
+}
+
+/// GRBL's `error:` for the same fault.
+const fn grbl(fanuc: u32) -> Option<u32> {
+    match fanuc {
+        // Bad number format, unsupported command, undefined feed, no offsets of an arc.
+        5 => Some(2),
+        10 => Some(20),
+        11 => Some(22),
+        22 => Some(35),
+        _ => None,
     }
 }
 

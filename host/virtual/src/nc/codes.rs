@@ -50,6 +50,8 @@ pub(crate) fn addresses(tenths: u16, dialect: Dialect) -> Option<&'static str> {
         670 if is_b => "",
         680 if is_b => "XYZIJKR",
         690 if is_b => "",
+        681 if dialect == Dialect::Mitsubishi => "XYZIJKR",
+        691 if dialect == Dialect::Mitsubishi => "",
         730 | 830 if dialect != Dialect::Grbl => "XYZRQLKF",
         810 | 820 if dialect != Dialect::Grbl => "XYZRPLKF",
         800 => "",

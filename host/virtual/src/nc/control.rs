@@ -7,16 +7,12 @@ use nalgebra::Vector3;
 use umi_core::units::Point;
 
 use super::alarm::{Alarm, Checked, Fault};
-use super::block::{Block, Statement};
-use super::evaluate::{evaluate, holds, variable_number, whole};
-use super::expression::Expr;
-use super::modal::{Modal, g_text};
+use super::block::Block;
+use super::modal::Modal;
 use super::motion::{Axes, Trip};
-use super::offsets::{Offsets, WorkOffset};
+use super::offsets::Offsets;
 use super::program::{Program, split};
 use super::settings::Settings;
-use super::system::{View, Written};
-use super::transform::Frame;
 use super::variables::{Level, Variables};
 
 /// Where a program is after a block.
@@ -43,35 +39,6 @@ pub struct Step {
     pub text: String,
     /// What a stop says to the operator (the comment of `#3006`).
     pub message: Option<String>,
-}
-
-/// What a control's screen shows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Status {
-    /// The program of the next block.
-    pub program: u32,
-    /// The line of the next block in the loaded text, from 1; 0 at the end.
-    pub line: u32,
-    /// The next block.
-    pub text: String,
-    /// How many calls deep it is.
-    pub depth: usize,
-    /// Where the tool's tip is in the coordinates of the program, mm.
-    pub work_position: Point,
-    /// Where the axes are, machine coordinates, mm.
-    pub machine_position: Point,
-    /// The G codes in force.
-    pub g_codes: Vec<String>,
-    /// mm/min; none before the first F.
-    pub feed_mm_min: Option<f64>,
-    /// The S word.
-    pub spindle_rpm: f64,
-    /// The tool in the spindle.
-    pub tool: u32,
-    /// The work coordinate system in force.
-    pub offset: WorkOffset,
-    /// The alarm at which it stands.
-    pub alarm: Option<Alarm>,
 }
 
 /// One level of call.
@@ -150,8 +117,8 @@ pub struct Control {
     pub(crate) returned: f64,
     blocks: u64,
     backwards: u64,
-    ended: bool,
-    alarm: Option<Alarm>,
+    pub(crate) ended: bool,
+    pub(crate) alarm: Option<Alarm>,
     /// What is given where there is no level: empty.
     base: Level,
 }
@@ -449,173 +416,6 @@ impl Control {
         }
     }
 
-    fn execute(
-        &mut self,
-        program: &Arc<Program>,
-        index: usize,
-        block: &Block,
-        statement: &Statement,
-        axes: &mut dyn Axes,
-    ) -> Checked<Go> {
-        match statement {
-            Statement::Words(words, assigns) if words.is_empty() && assigns.is_empty() => {
-                self.comments(block, axes)?;
-                Ok(Go::Next)
-            }
-            Statement::Words(words, assigns) => {
-                self.comments(block, axes)?;
-                // All values are those before the block (LinuxCNC).
-                let mut values = Vec::with_capacity(assigns.len());
-                for assign in assigns {
-                    values.push(self.value(&assign.value, axes)?);
-                }
-                let mut go = if words.is_empty() {
-                    Go::Next
-                } else {
-                    self.words(words, axes)?
-                };
-                for (assign, value) in assigns.iter().zip(values) {
-                    if let Some(stop) = self.assign(&assign.target, value, block, axes)? {
-                        go = stop;
-                    }
-                }
-                Ok(go)
-            }
-            Statement::IfGoto(condition, target) => {
-                if self.holds(condition, axes)? {
-                    self.jump(program, index, target, axes)
-                } else {
-                    Ok(Go::Next)
-                }
-            }
-            Statement::IfThen(condition, assign) => {
-                if self.holds(condition, axes)? {
-                    let value = self.value(&assign.value, axes)?;
-                    let stop = self.assign(&assign.target, value, block, axes)?;
-                    Ok(stop.unwrap_or(Go::Next))
-                } else {
-                    Ok(Go::Next)
-                }
-            }
-            Statement::Goto(target) => self.jump(program, index, target, axes),
-            Statement::Do(condition, label) => {
-                let goes_on = match condition {
-                    Some(condition) => self.holds(condition, axes)?,
-                    None => true,
-                };
-                match program.links.get(&index) {
-                    _ if goes_on => Ok(Go::Next),
-                    Some(link) => Ok(Go::To(link.end + 1)),
-                    None => Err(Fault::ps(124, format!("DO{label} has no END{label}"))),
-                }
-            }
-            Statement::End(label) => match program.links.get(&index) {
-                Some(link) => Ok(Go::To(link.begin)),
-                None => Err(Fault::ps(124, format!("END{label} has no DO{label}"))),
-            },
-            Statement::Open => {
-                if !self.is_open && self.settings.dc_codes {
-                    axes.print(&[super::dprnt::DC2])?;
-                }
-                self.is_open = true;
-                Ok(Go::Next)
-            }
-            Statement::Close => {
-                if self.is_open && self.settings.dc_codes {
-                    axes.print(&[super::dprnt::DC4])?;
-                }
-                self.is_open = false;
-                Ok(Go::Next)
-            }
-            Statement::Print(format) => {
-                if !self.is_open && !self.prints_unopened() {
-                    return Err(Fault::new(
-                        "the line is not open: POPEN must stand before DPRNT and BPRNT",
-                    ));
-                }
-                let bytes = format.bytes(&self.view(axes), &self.settings)?;
-                axes.print(&bytes)?;
-                Ok(Go::Next)
-            }
-            Statement::OWord(word) => self.o_word(program, index, word, axes),
-        }
-    }
-
-    /// Whether `DPRNT` needs no `POPEN` (Haas: the serial port is always on).
-    fn prints_unopened(&self) -> bool {
-        self.settings.dialect == super::settings::Dialect::Haas
-    }
-
-    pub(crate) fn view<'a>(&'a self, axes: &'a dyn Axes) -> View<'a> {
-        View {
-            control: self,
-            axes,
-        }
-    }
-
-    pub(crate) fn value(&self, expr: &Expr, axes: &dyn Axes) -> Checked<Option<f64>> {
-        evaluate(expr, &self.view(axes))
-    }
-
-    pub(crate) fn holds(&self, condition: &Expr, axes: &dyn Axes) -> Checked<bool> {
-        holds(condition, &self.view(axes))
-    }
-
-    /// Puts a value into what stands left of `=`.
-    fn assign(
-        &mut self,
-        target: &Expr,
-        value: Option<f64>,
-        block: &Block,
-        axes: &mut dyn Axes,
-    ) -> Checked<Option<Go>> {
-        let number = match target {
-            Expr::Named(name) => {
-                let limit = self.settings.limits.names;
-                let mut level = std::mem::take(self.level_mut());
-                let set = self
-                    .variables
-                    .set_named(&mut level, name, value.unwrap_or(0.0), limit);
-                *self.level_mut() = level;
-                return set.map(|()| None);
-            }
-            Expr::Variable(number) => variable_number(number, &self.view(axes))?,
-            _ => return Err(Fault::ps(114, "a value goes into a variable")),
-        };
-        match self.write(number, value, Some(axes))? {
-            Written::Done => Ok(None),
-            Written::Stop => Ok(Some(Go::Stop(block.comments.first().cloned()))),
-            Written::Alarm(n) => {
-                let text = block.comments.first().map_or("", String::as_str);
-                let message = format!("the program says: {text}");
-                let base = match self.settings.dialect {
-                    super::settings::Dialect::Fanuc => Some(3000),
-                    super::settings::Dialect::Haas => Some(1000),
-                    _ => None,
-                };
-                Err(match (base, whole(n, 999)) {
-                    (Some(base), Some(n)) => Fault::own(base + n, message),
-                    _ => Fault::new(format!("#3000={n}: {message}")),
-                })
-            }
-        }
-    }
-
-    fn jump(&self, program: &Program, index: usize, target: &Expr, axes: &dyn Axes) -> Checked<Go> {
-        let value = self.value(target, axes)?.unwrap_or(-1.0);
-        let n = whole(value, 99_999_999)
-            .ok_or_else(|| Fault::ps(128, format!("GOTO {value}: no sequence number")))?;
-        let to = program
-            .find(n, index + 1)
-            .ok_or_else(|| Fault::ps(128, format!("no block N{n} in this program")))?;
-        if !program.may_jump(index, to) {
-            return Err(Fault::new(format!(
-                "N{n} stands inside a loop: GOTO cannot lead into one"
-            )));
-        }
-        Ok(Go::To(to))
-    }
-
     /// The number of the program under the cursor.
     pub(crate) fn program_number(&self) -> u32 {
         self.stack.last().map_or(0, |call| call.program.number)
@@ -630,131 +430,6 @@ impl Control {
             Some(level) => level,
             None => &mut self.base,
         }
-    }
-
-    /// From the coordinates of the program to the machine's, without the tool's length.
-    pub(crate) fn work_frame(&self) -> Frame {
-        let modal = &self.modal;
-        let origin = self.offsets.origin(modal.work) + modal.local;
-        let mut frame = Frame::shift(modal.shift);
-        let turn = self.offsets.turn(modal.work);
-        if turn != 0.0 {
-            frame = frame.inside(&Frame::about(Vector3::zeros(), Vector3::z_axis(), turn));
-        }
-        frame.inside(&Frame::shift(origin))
-    }
-
-    /// From the coordinates of the program to the machine's, all together.
-    pub(crate) fn frame(&self) -> Frame {
-        let mut frame = Frame::shift(Vector3::zeros());
-        for rotation in self.modal.rotations.iter().rev() {
-            frame = frame.inside(rotation);
-        }
-        if let Some(p) = self.modal.setting_error {
-            frame = frame.inside(&Frame::setting_error(self.offsets.setting_error(p)));
-        }
-        frame
-            .inside(&self.work_frame())
-            .inside(&Frame::shift(self.length()))
-    }
-
-    /// The tool's length in force.
-    pub(crate) fn length(&self) -> Vector3<f64> {
-        Vector3::new(0.0, 0.0, self.modal.length_mm)
-    }
-
-    /// Where the axes are in the active work coordinate system, mm; with the tool's
-    /// length in it (the gauge line) or not (the tip).
-    pub(crate) fn work_position(&self, with_length: bool) -> Vector3<f64> {
-        let mut at = self.seen.position.mm;
-        if !with_length {
-            at -= self.length();
-        }
-        self.work_frame().undo(at)
-    }
-
-    /// What a screen shows, as of the last step.
-    #[must_use]
-    pub fn status(&self) -> Status {
-        let block = self
-            .stack
-            .last()
-            .filter(|_| !self.ended)
-            .and_then(|call| call.program.blocks.get(call.next));
-        Status {
-            program: self.program_number(),
-            line: block.map_or(0, |b| b.line),
-            text: block.map_or_else(String::new, |b| b.text.clone()),
-            depth: self.stack.len().saturating_sub(1),
-            work_position: Point {
-                mm: self.frame().undo(self.seen.position.mm),
-            },
-            machine_position: self.seen.position,
-            g_codes: self.modal.codes().into_iter().map(g_text).collect(),
-            feed_mm_min: self.modal.feed,
-            spindle_rpm: self.modal.s,
-            tool: self.modal.tool,
-            offset: self.modal.work,
-            alarm: self.alarm.clone(),
-        }
-    }
-
-    /// The value of `#n`; none if it is null or no variable of this control. Positions
-    /// are as of the last step; inputs and timers are null here.
-    #[must_use]
-    pub fn variable(&self, n: u32) -> Option<f64> {
-        self.read(n, None).ok().flatten()
-    }
-
-    /// Sets `#n`.
-    ///
-    /// # Errors
-    /// No variable of this control, or one that can only be read.
-    pub fn set_variable(&mut self, n: u32, value: Option<f64>) -> Result<(), Alarm> {
-        if value.is_some_and(|value| !value.is_finite()) {
-            return Err(Fault::new(format!("#{n} takes finite numbers")).in_block(
-                self.settings.dialect,
-                0,
-                0,
-                "",
-            ));
-        }
-        match self.write(n, value, None) {
-            Ok(Written::Done) => Ok(()),
-            Ok(Written::Alarm(_) | Written::Stop) => Err(Fault::new(format!(
-                "#{n} is an action of a program: it cannot be set from outside"
-            ))
-            .in_block(self.settings.dialect, 0, 0, "")),
-            Err(fault) => Err(fault.in_block(self.settings.dialect, 0, 0, "")),
-        }
-    }
-
-    /// A named parameter of LinuxCNC, without `#<` and `>`.
-    #[must_use]
-    pub fn named(&self, name: &str) -> Option<f64> {
-        self.read_named(name)
-    }
-
-    /// The tables of offsets.
-    #[must_use]
-    pub fn offsets(&self) -> &Offsets {
-        &self.offsets
-    }
-
-    /// The tables of offsets, to set them.
-    pub fn offsets_mut(&mut self) -> &mut Offsets {
-        &mut self.offsets
-    }
-
-    /// The origin of a work coordinate system, mm.
-    #[must_use]
-    pub fn offset(&self, offset: WorkOffset) -> [f64; 3] {
-        self.offsets.work(offset)
-    }
-
-    /// Sets the origin of a work coordinate system, mm.
-    pub fn set_offset(&mut self, offset: WorkOffset, origin_mm: [f64; 3]) {
-        self.offsets.set_work(offset, origin_mm);
     }
 }
 

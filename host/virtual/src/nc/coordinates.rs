@@ -16,7 +16,7 @@ impl Control {
     /// Carries out the codes that set coordinates, before the motion of the block.
     pub(crate) fn coordinates(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
         // A rotation ends before a work coordinate system is chosen in the same block.
-        if words.has_g(690) {
+        if words.has_g(690) || words.has_g(691) {
             self.modal.rotations.clear();
         }
         for (code, at) in &words.g {
@@ -98,13 +98,17 @@ impl Control {
                 Ok(())
             }
             544 => {
+                // Mazak: alarm 1815 unless it stands alone.
+                if words.g.len() + words.m.len() > 1 || words.others.len() > 1 {
+                    return Err(Fault::new("G54.4 P stands alone in its block"));
+                }
                 let p = words
                     .whole(b'P', 7)?
                     .ok_or_else(|| Fault::new("G54.4 needs P1 to P7, or P0 to cancel"))?;
                 self.modal.setting_error = u8::try_from(p).ok().filter(|p| *p > 0);
                 Ok(())
             }
-            680 => self.rotate(words, axes),
+            680 | 681 => self.rotate(words, axes),
             920 => {
                 if !words.has_axes() {
                     return Err(Fault::new("G92 needs X, Y or Z"));
@@ -202,9 +206,10 @@ impl Control {
     /// `G68`: about a point in the plane (X Y R), or about any axis (X Y Z I J K R).
     ///
     /// In the plane the coordinates turn about the point. The three-dimensional form
-    /// also moves the origin there: program (0, 0, 0) is the point itself (Fanuc,
-    /// three-dimensional coordinate conversion: work = M program + (x, y, z)). A second
-    /// one is in the coordinates of the first.
+    /// also moves the origin there: program (0, 0, 0) is the point itself (Fanuc A-62223E,
+    /// 2.3, and Mitsubishi M700V, 13.23: work = M program + (x, y, z)), and a second one
+    /// is in the coordinates of the first. Both are right-handed. Tool length comes after
+    /// the rotation (Fanuc 15i, B-63324EN).
     fn rotate(&mut self, words: &Words, axes: &dyn Axes) -> Checked<()> {
         let here = self.here(axes);
         // The point is absolute, in G91 too.

@@ -57,7 +57,11 @@ pub(crate) fn split(text: &str, dialect: Dialect) -> Vec<Program> {
     for (index, text) in lines(text).enumerate() {
         let line = u32::try_from(index).unwrap_or(u32::MAX).saturating_add(1);
         if text.trim_start().starts_with('%') {
+            let is_end = blocks.iter().any(says_something);
             finish(&mut number, &mut blocks);
+            if is_end && !dialect.is_macro_b() {
+                break;
+            }
             continue;
         }
         let heading = dialect.is_macro_b().then(|| heading(text)).flatten();

@@ -339,6 +339,12 @@ impl Control {
 
     /// A named parameter, or one of LinuxCNC's own.
     pub(crate) fn read_named(&self, name: &str) -> Option<f64> {
+        self.read_predefined(name)
+            .or_else(|| self.variables.named(self.level(), name))
+    }
+
+    /// A named parameter of LinuxCNC's own: it can only be read.
+    pub(crate) fn read_predefined(&self, name: &str) -> Option<f64> {
         let unit = self.modal.unit_mm();
         let at = || self.frame().undo(self.seen.position.mm);
         match name {
@@ -359,7 +365,7 @@ impl Control {
             "_value" => Some(self.returned),
             "_current_tool" => Some(f64::from(self.modal.tool)),
             "_call_level" => Some(f64::from(u32::try_from(self.stack.len()).unwrap_or(0)) - 1.0),
-            _ => self.variables.named(self.level(), name),
+            _ => None,
         }
     }
 }

@@ -58,6 +58,7 @@ fn refused() {
         "G1 X1 F1 Q3\n",
         "G68 X0 Y0 R1\n",
         "#1 = #<nothing>\n",
+        "#<_x> = 1\n",
         "G38.2 X1 F10\n",
     ] {
         let mut settings = Settings::of(Dialect::LinuxCnc);
@@ -135,6 +136,13 @@ fn grbl() {
         mock.text(),
         "[PRB:0.000,0.000,-3.000:1]\r\n[PRB:5.000,0.000,1.000:0]\r\n"
     );
+    let number = |text| {
+        let (_, end) = run_with(settings.clone(), &mut Mock::default(), text);
+        end.expect_err(text).number
+    };
+    assert_eq!(number("G31X1F1\n"), Some(20));
+    assert_eq!(number("G1X1\n"), Some(22));
+    assert_eq!(number("G38.2X1F1\n"), Some(5));
     for text in [
         "#1=2\n",
         "G0X#1\n",

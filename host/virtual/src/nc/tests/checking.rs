@@ -1,0 +1,83 @@
+//! What a control would complain about, found without running.
+
+use super::mock::fanuc;
+use crate::nc::{Alarm, Dialect, Settings, Severity, check};
+
+fn found(text: &str) -> Vec<Alarm> {
+    check(&format!("%\nO1\n{text}\nM30\n%\n"), &fanuc())
+}
+
+/// One complaint: its severity, its line, a part of what it says.
+fn only(text: &str, severity: Severity, line: u32, part: &str) {
+    let found = found(text);
+    assert_eq!(found.len(), 1, "{text}: {found:?}");
+    assert_eq!(
+        (found[0].severity, found[0].line),
+        (severity, line),
+        "{text}"
+    );
+    assert!(found[0].message.contains(part), "{text}: {}", found[0]);
+}
+
+/// A program without fault.
+#[test]
+fn nothing() {
+    let text = "G21G17G40G49G80G90\nN10#1=[#2+SIN[30]]*3\nIF[#1EQ#0]GOTO10\nG65P2A1.\nG0X#1\n\
+                WHILE[#1LT3]DO1\nEND1\nG31Z-1.F50\nPOPEN\nDPRNT[X#1[53]]\nPCLOS\nM30\nO2\nM99";
+    assert_eq!(found(text), []);
+}
+
+/// Each kind of alarm.
+#[test]
+fn alarms() {
+    use Severity::Alarm;
+    only("G12.3", Alarm, 3, "G12.3 is not a code");
+    only("GOTO99", Alarm, 3, "no block N99");
+    only("WHILE[#1EQ1]DO1", Alarm, 3, "no END1");
+    only("END2", Alarm, 3, "END2");
+    only("GOTO5\nDO1\nN5\nEND1", Alarm, 3, "inside a loop");
+    only("#1=[2+3", Alarm, 3, "`]` expected");
+    only("IF[#1]GOTO1\nN1", Alarm, 3, "a condition compares");
+    only("DPRNT[X#1[55]]", Alarm, 3, "eight places");
+    only("G0E1.", Alarm, 3, "no address E");
+    only("G0X1.X2.", Alarm, 3, "twice");
+    only("G41X1.", Alarm, 3, "not interpreted");
+    only("G65A1.", Alarm, 3, "need P");
+    only("M198P2", Alarm, 3, "no external device");
+    only("G0 X1. (OPEN", Alarm, 3, "not closed");
+    only("#1=2 G0", Alarm, 3, "stands alone");
+    only("G1G0X1.", Alarm, 3, "one block");
+    assert_eq!(check("%\n%\n", &fanuc()).len(), 1);
+}
+
+/// Each kind of warning.
+#[test]
+fn warnings() {
+    use Severity::Warning;
+    only("M98P20007", Warning, 3, "O0007 is not in this text");
+    only("G65P7", Warning, 3, "O0007 is not in this text");
+    only("DPRNT[X#1[54]]", Warning, 3, "nine places");
+    only("DPRNT[X", Warning, 3, "not closed");
+    only("g0x1.", Warning, 3, "small letters");
+    let found = check("O1\nG0X1.\n", &fanuc());
+    assert_eq!(found.len(), 1);
+    assert!(found[0].message.contains("no M30"));
+    let found = check("o<a> call [1]\nM2\n", &Settings::of(Dialect::LinuxCnc));
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0].severity, Warning);
+}
+
+/// What one control has another does not.
+#[test]
+fn dialects() {
+    let of = |dialect, text: &str| check(text, &Settings::of(dialect)).len();
+    assert_eq!(of(Dialect::Haas, "O1\nG154P2\nG103P1\nM30"), 0);
+    assert_eq!(of(Dialect::Fanuc, "O1\nG154P2\nG103P1\nM30"), 2);
+    assert_eq!(of(Dialect::LinuxCnc, "G38.2 Z-1 F10\n#<a>=1\nM2"), 0);
+    assert_eq!(of(Dialect::Grbl, "G38.2Z-1F10\nG54\nM30"), 0);
+    assert_eq!(of(Dialect::Grbl, "G81X1R1Z1F1\n#1=2\nM30"), 2);
+    assert_eq!(
+        of(Dialect::Mitsubishi, "O1\nG68.1X0Y0Z0I0J0K1R5.\nG69.1\nM30"),
+        0
+    );
+}
