@@ -13,6 +13,7 @@ use umi::experiment::path::Laces;
 use umi::experiment::run::{self, Progress};
 use umi::experiment::thesis;
 use umi::failure::Failure;
+use umi::jobfile;
 use umi::pull::{self, Step};
 use umi::report::{self, Fact, terminal};
 use umi::style::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
@@ -152,7 +153,8 @@ impl Demo {
         })
     }
 
-    /// Every program that ran, as the control had it.
+    /// Every program that ran, as the control had it, with scene and job: what
+    /// `umi machine run` takes.
     fn write_programs(&self, outcome: &Outcome) -> Result<(), Failure> {
         let write = |name: &str, text: &str| {
             let path = self.out.join(name);
@@ -161,6 +163,8 @@ impl Demo {
         for (name, text) in run::MEMORY {
             write(name, text)?;
         }
+        write("scene.toml", run::SCENE)?;
+        write("job.toml", &jobfile::write(&run::job()?)?)?;
         for (what, programs) in [
             ("correction", &outcome.corrections),
             ("finish", &outcome.programs),

@@ -24,7 +24,7 @@ use crate::wiring::{Event, Lead, Wiring};
 /// The job: that of the example, with the part where it stands here.
 const JOB: &str = include_str!("../../../../examples/three-spheres.toml");
 /// The machine, the control, the plate.
-const SCENE: &str = include_str!("scene.toml");
+pub const SCENE: &str = include_str!("scene.toml");
 /// The programs in the control's memory before it starts, with the names of their files.
 pub const MEMORY: [(&str, &str); 4] = [
     ("ring.nc", include_str!("ring.nc")),

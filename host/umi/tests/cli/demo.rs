@@ -53,6 +53,30 @@ fn the_demo_shows_the_experiment() {
         let program = std::fs::read_to_string(path).unwrap();
         assert_eq!(program.contains("M98 P9010"), case > 0);
     }
+    // What lies there can be run again by hand.
+    let file = |name: &str| folder.path(&format!("demo/{name}"));
+    let (plate, sphere) = (file("plate.nc"), file("sphere.nc"));
+    let (scene, job) = (file("scene.toml"), file("job.toml"));
+    let again = [
+        "machine",
+        "run",
+        &plate,
+        "--load",
+        &sphere,
+        "--scene",
+        &scene,
+        "--board",
+        "virtual",
+        "--job",
+        &job,
+        "--set",
+        "101=-135",
+        "--set",
+        "#102=-137",
+        "--set",
+        "103=160",
+    ];
+    assert!(umi(&again).exits(0).out.contains("the reference"));
     // The journal replays by itself.
     umi(&["replay", &folder.path("demo/journal.umij")]).exits(0);
 }

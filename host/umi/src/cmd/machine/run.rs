@@ -36,6 +36,9 @@ pub struct Run {
     /// Programs that are loaded before, as macros that are called
     #[arg(long, value_name = "FILE", num_args = 1..)]
     load: Vec<PathBuf>,
+    /// Set a variable of the control before the first program, as an operator does
+    #[arg(long, value_name = "#N=VALUE", value_parser = variable)]
+    set: Vec<(u32, f64)>,
     /// Where the control's serial port leads: `virtual` (a virtual board, with skip line
     /// and encoders too), a serial port as /dev/ttyUSB0, or tcp://host:port
     #[arg(long, value_name = "WHERE")]
@@ -68,7 +71,18 @@ Examples:
   umi machine run probe.nc --scene scene.toml --board virtual --job examples/three-spheres.toml
   umi machine run probe.nc cut.nc --scene scene.toml --board virtual --job job.toml --read
   umi machine run probe.nc --scene scene.toml --board /dev/ttyUSB0 --real-time
+  umi machine run probe.nc --scene scene.toml --set 101=-135 --set 102=-137 --load sub.nc
   umi machine run probe.nc --scene scene.toml --serial session.txt --json";
+
+fn variable(text: &str) -> Result<(u32, f64), String> {
+    let wrong = || format!("`{text}` sets no variable: write 101=-135.5");
+    let (number, value) = text.split_once('=').ok_or_else(wrong)?;
+    let number = number.trim().trim_start_matches('#');
+    match (number.parse(), value.trim().parse()) {
+        (Ok(number), Ok(value)) => Ok((number, value)),
+        _ => Err(wrong()),
+    }
+}
 
 /// Reads a scene.
 pub fn scene(path: &Path) -> Result<Scene, Failure> {
@@ -105,6 +119,11 @@ impl Run {
             cell.control.load(&text(path)?).map_err(|alarm| {
                 Failure::refused("program", format_args!("{}: {alarm}", name(path)))
             })?;
+        }
+        for (number, value) in &self.set {
+            cell.control
+                .set_variable(*number, Some(*value))
+                .map_err(|alarm| Failure::refused("variable", alarm))?;
         }
         let mut view = View::new(&self, gather);
         for path in &self.programs {
