@@ -32,7 +32,7 @@ impl<W: Wires> Axes for Machine<W> {
             .map(|(from, to)| (to - from).norm())
             .collect();
         let profile = self.profile(ways.iter().sum(), motion.rate)?;
-        if let Some(stop) = self.collision(&chain, motion.rate) {
+        if let Some(stop) = self.collision(&chain) {
             let before: f64 = ways.iter().take(stop.line).sum();
             let within = ways.get(stop.line).copied().unwrap_or(0.0) * stop.share;
             self.pass(profile.time_at_s(before + within));
@@ -161,16 +161,26 @@ impl<W: Wires> Axes for Machine<W> {
                 }
             }
         };
+        self.turns = false;
         self.signal = false;
         self.pass(5.0);
         Ok(())
     }
 
+    /// M3 and M4 turn the spindle when S is above 0; an S that comes later turns it with
+    /// the next M3 only. With the probe in the spindle they are refused whatever S is:
+    /// what S 0 keeps still, the next S would turn. M5, M19 and the end of the program
+    /// stop it.
     fn auxiliary(&mut self, m: u32, s: f64) -> Result<(), Trip> {
-        if matches!(m, 3 | 4) && s > 0.0 && self.spindle == Spindle::Probe {
-            return Err(Trip {
-                message: format!("M{m} would turn the spindle with the probe in it"),
-            });
+        match m {
+            3 | 4 if self.spindle == Spindle::Probe => {
+                return Err(Trip {
+                    message: format!("M{m} would turn the spindle with the probe in it"),
+                });
+            }
+            3 | 4 => self.turns = s > 0.0,
+            2 | 5 | 19 | 30 => self.turns = false,
+            _ => {}
         }
         Ok(())
     }

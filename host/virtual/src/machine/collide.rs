@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{Machine, Spindle, Wires};
-use crate::nc::{Rate, Trip};
+use crate::nc::Trip;
 use crate::scene::Body;
 
 /// The balls of a stem are this share of their radius apart: the row is then less than
@@ -23,8 +23,13 @@ pub(super) struct Stop {
 
 impl<W: Wires> Machine<W> {
     /// The first collision on the way through these encoder positions.
-    pub(super) fn collision(&self, chain: &[Vector3<f64>], rate: Rate) -> Option<Stop> {
-        let cutting = matches!(self.spindle, Spindle::Tool(_)) && rate != Rate::Rapid;
+    ///
+    /// A tool that turns passes through `cuttable` bodies, at feed and at rapid: what is
+    /// left of the material is known to the [`Cutter`](crate::cutting::Cutter), which
+    /// judges rapid motions through it. A tool that stands still collides with them.
+    pub(super) fn collision(&self, chain: &[Vector3<f64>]) -> Option<Stop> {
+        let tool = matches!(self.spindle, Spindle::Tool(_));
+        let cutting = tool && self.turns;
         let counts = |body: &Body| !(cutting && body.cuttable);
         let what = match self.spindle {
             Spindle::Probe => "the probe",
@@ -54,8 +59,13 @@ impl<W: Wires> Machine<W> {
                     )
                 } else {
                     let [x, y, z] = between(chain, hit.line, share).into();
+                    let why = if tool && body.cuttable {
+                        "; the spindle stands still: M3 or M4 with an S above 0 comes first"
+                    } else {
+                        " in a motion without skip"
+                    };
                     format!(
-                        "collision: {what} ran into {} at X{x:.3} Y{y:.3} Z{z:.3} (machine coordinates) in a motion without skip",
+                        "collision: {what} ran into {} at X{x:.3} Y{y:.3} Z{z:.3} (machine coordinates){why}",
                         body.name
                     )
                 };

@@ -22,6 +22,11 @@
 //! an edge (Fanuc; A. Sawula's thesis, 2.1.2.4: back off with something else than G31).
 //! A control that has not noticed the edge when the motion is over, never does.
 //!
+//! A tool whose spindle turns passes through bodies that are `cuttable`, at feed and at
+//! rapid: the machine knows their finished shapes, what material is left on them knows
+//! the [`Cutter`](crate::cutting::Cutter) around it, which tells of rapid motions through
+//! it. A tool that stands still collides with them as with any other body.
+//!
 //! What the model leaves out: jerk, and corners cut by looking ahead (every motion ends
 //! with an exact stop).
 //!
@@ -71,6 +76,8 @@ pub struct Machine<W> {
     /// Phase of the control's looks at the skip signal, of their interval.
     poll_phase: f64,
     spindle: Spindle,
+    /// The spindle turns.
+    turns: bool,
     outputs: [bool; 36],
     hits: Vec<Hit>,
     feed_mm_per_min: f64,
@@ -135,6 +142,7 @@ impl<W: Wires> Machine<W> {
             seconds: 0.0,
             signal: false,
             spindle: Spindle::Probe,
+            turns: false,
             outputs: [false; 36],
             hits: Vec::new(),
             feed_mm_per_min: 0.0,

@@ -206,6 +206,7 @@ fn machine_stops_with_a_reason() {
     assert!(broken.unwrap_err().message.contains("the stylus broke"));
     let mut machine = machine(tools, 1);
     assert!(machine.auxiliary(3, 1000.0).is_err());
+    assert!(machine.auxiliary(4, 0.0).is_err());
     machine.auxiliary(19, 0.0).unwrap();
     assert!(
         machine
@@ -225,6 +226,83 @@ fn machine_stops_with_a_reason() {
             .message
             .contains("the tool ran into FLOOR")
     );
+}
+
+/// A tool passes through a cuttable body while its spindle turns, at feed and at rapid,
+/// and collides with it when the spindle stands still, whatever has stopped it.
+#[test]
+fn only_a_turning_tool_cuts() {
+    let text = "[tools.1]\nlength_mm = 20.0\nradius_mm = 4.0\n\
+        [[body]]\nname = \"PART\"\nshape = { block = { size_mm = [20.0, 20.0, 10.0] } }\n\
+        cuttable = true\n\
+        [[body]]\nname = \"VICE\"\nshape = { block = { size_mm = [20.0, 20.0, 10.0] } }\n\
+        position_mm = [50.0, 0.0, 0.0]";
+    let rates = [Rate::Feed(500.0), Rate::Rapid];
+    let machine = || {
+        let mut scene = Scene::parse(text).unwrap();
+        scene.machine.start_mm = [0.0, 0.0, 100.0];
+        let mut machine = Machine::new(scene, 1, Log::default());
+        machine.change_tool(1).unwrap();
+        machine
+    };
+    for rate in rates {
+        let into_part = line([0.0, 0.0, 15.0], rate);
+        let refused = |machine: &mut Machine<Log>| {
+            let message = machine.travel(&into_part).unwrap_err().message;
+            assert!(message.contains("ran into PART"), "{message}");
+            assert!(message.contains("the spindle stands still"), "{message}");
+        };
+        refused(&mut machine());
+        let mut slow = machine();
+        slow.auxiliary(3, 0.0).unwrap();
+        refused(&mut slow);
+        for stop in [2, 5, 19, 30] {
+            let mut stopped = machine();
+            stopped.auxiliary(4, 5000.0).unwrap();
+            stopped.auxiliary(stop, 5000.0).unwrap();
+            refused(&mut stopped);
+        }
+        let mut changed = machine();
+        changed.auxiliary(3, 5000.0).unwrap();
+        changed.change_tool(1).unwrap();
+        refused(&mut changed);
+
+        let mut turning = machine();
+        turning.auxiliary(3, 5000.0).unwrap();
+        turning.auxiliary(8, 5000.0).unwrap();
+        turning.travel(&into_part).unwrap();
+        // It cuts nothing else.
+        let mut beside = machine();
+        beside.auxiliary(3, 5000.0).unwrap();
+        beside.travel(&line([50.0, 0.0, 100.0], rate)).unwrap();
+        let message = beside
+            .travel(&line([50.0, 0.0, 15.0], rate))
+            .unwrap_err()
+            .message;
+        assert!(message.contains("ran into VICE"), "{message}");
+        assert!(!message.contains("stands still"), "{message}");
+    }
+}
+
+/// The end of a program stops the spindle: the next one has to start it again.
+#[test]
+fn end_of_program_stops_the_spindle() {
+    use crate::nc::{Control, Settings};
+    for end in ["M2", "M30"] {
+        let mut machine = machine("[tools.1]\nlength_mm = 20.0\nradius_mm = 4.0", 1);
+        machine.change_tool(1).unwrap();
+        let mut control = Control::new(Settings::default());
+        control
+            .load(&format!("%\nO1\nM3 S5000\nG4 P1\n{end}\n%\n"))
+            .unwrap();
+        control.select(1).unwrap();
+        control.step(&mut machine).unwrap();
+        while !machine.turns {
+            control.step(&mut machine).unwrap();
+        }
+        control.run(&mut machine).unwrap();
+        assert!(!machine.turns, "{end}");
+    }
 }
 
 /// Printing takes its time on the line.

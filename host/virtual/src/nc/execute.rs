@@ -175,6 +175,8 @@ impl Control {
             1 if self.settings.optional_stop => Ok(Go::Stop(None)),
             1 => Ok(Go::Next),
             2 | 30 => {
+                // The machine stops its spindle.
+                axes.auxiliary(code, self.modal.s)?;
                 self.end_of_program();
                 Ok(Go::End)
             }

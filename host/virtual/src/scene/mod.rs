@@ -64,7 +64,8 @@ pub struct Body {
     pub name: String,
     /// What it is.
     pub shape: Shape,
-    /// A cutting tool may feed into it.
+    /// A tool whose spindle turns passes through it: the
+    /// [`Cutter`](crate::cutting::Cutter), not the machine, judges what it does there.
     pub cuttable: bool,
     /// Body to its group, or to the machine.
     pose: RigidTransform,

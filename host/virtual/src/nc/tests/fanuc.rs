@@ -240,7 +240,7 @@ fn machine_functions() {
         ]
     );
     assert_eq!((mock.tool, mock.dwelt), (3, 2.0));
-    assert_eq!(mock.codes, [3]);
+    assert_eq!(mock.codes, [3, 30]);
     assert!(alarm("G30X0").message.contains("second_reference_mm"));
 }
 
