@@ -49,6 +49,9 @@ const GRAZE_MM: f64 = 0.02;
 /// rapid too, which is also noted as a [`Crash`]. Tools that were not made known
 /// here, as a probe, take nothing away. What a motion that the machine stopped has
 /// cut is not known and not taken away.
+///
+/// The tool is where the axes truly are ([`Axes::true_position`]) at start and end of
+/// a motion; in between, what they are off passes evenly from one to the other.
 #[derive(Debug)]
 pub struct Cutter<A> {
     axes: A,
@@ -122,18 +125,41 @@ impl<A> Cutter<A> {
     }
 }
 
+/// Where the axes stand.
+#[derive(Clone, Copy)]
+struct Stand {
+    /// As the machine says.
+    shown: Point,
+    /// In truth.
+    truly: Point,
+}
+
+impl Stand {
+    fn off(&self) -> Vector3<f64> {
+        self.truly.mm - self.shown.mm
+    }
+}
+
 impl<A: Axes> Cutter<A> {
+    fn stand(&self) -> Stand {
+        Stand {
+            shown: self.axes.position(),
+            truly: self.axes.true_position(),
+        }
+    }
+
     /// The tool has gone this way.
-    fn sweep(&mut self, from: Point, path: &Path, rapid: bool) {
-        let off = self.off;
+    fn sweep(&mut self, from: Stand, path: &Path, rapid: bool) {
+        let off = self.off + from.off();
         if let Some(wander) = &mut self.wander {
             self.off = wander.next();
         }
         let Some(tool) = self.tool else {
             return;
         };
-        let to = self.axes.position();
-        let more_off = self.off - off;
+        let end = self.stand();
+        let (from, to) = (from.shown, end.shown);
+        let more_off = self.off + end.off() - off;
         let from_gauge = Vector3::new(0.0, 0.0, tool.radius_mm - tool.length_mm);
         let mut start = from.mm + off + from_gauge;
         let mut removed: Option<Removed> = None;
@@ -172,19 +198,23 @@ impl<A: Axes> Axes for Cutter<A> {
         self.axes.position()
     }
 
+    fn true_position(&self) -> Point {
+        self.axes.true_position()
+    }
+
     fn reference_point(&self) -> Point {
         self.axes.reference_point()
     }
 
     fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
-        let from = self.axes.position();
+        let from = self.stand();
         self.axes.travel(motion)?;
         self.sweep(from, &motion.path, motion.rate == Rate::Rapid);
         Ok(())
     }
 
     fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip> {
-        let from = self.axes.position();
+        let from = self.stand();
         let skip = self.axes.skip(motion, leaving)?;
         self.sweep(from, &Path::Line, false);
         Ok(skip)

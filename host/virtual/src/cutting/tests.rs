@@ -7,6 +7,8 @@ use umi_core::units::{Point, Rad};
 use super::*;
 use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
 
+mod truth;
+
 /// Axes that go where they are sent.
 #[derive(Debug)]
 struct Still {

@@ -16,6 +16,12 @@ impl<W: Wires> Axes for Machine<W> {
         Point { mm: self.position }
     }
 
+    fn true_position(&self) -> Point {
+        Point {
+            mm: self.position + self.truth(&self.position),
+        }
+    }
+
     fn reference_point(&self) -> Point {
         Point::from_array_mm(self.scene.machine.reference_mm)
     }

@@ -67,6 +67,13 @@ pub trait Axes {
     /// Where the axes were last sent, or came to rest after a skip.
     fn position(&self) -> Point;
 
+    /// Where the point that the axes carry truly is, which no one at the machine sees:
+    /// [`Self::position`] with what homing, scales and warmth make of it. Axes without
+    /// such errors are where they say.
+    fn true_position(&self) -> Point {
+        self.position()
+    }
+
     /// The reference point of G28.
     fn reference_point(&self) -> Point;
 
