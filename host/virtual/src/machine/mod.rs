@@ -44,6 +44,7 @@
 
 mod axes;
 mod collide;
+mod encoder;
 mod motion;
 mod probe;
 mod random;
@@ -59,6 +60,7 @@ use umi_core::units::{Micros, Point};
 use crate::nc::Trip;
 use crate::scene::{Scene, ToolSpec};
 
+pub use encoder::{Edge, Encoder, Signals};
 use random::Random;
 pub use wires::{Unwired, Wires};
 
@@ -121,6 +123,10 @@ pub struct Hit {
 pub struct Status {
     /// Where the axes are.
     pub position: Point,
+    /// What the counters of their encoders hold.
+    pub counts: [i64; 3],
+    /// What stands on the encoders' wires.
+    pub signals: [Signals; 3],
     /// Feed of the latest motion.
     pub feed_mm_per_min: f64,
     /// Time since the machine was switched on.
@@ -182,8 +188,13 @@ impl<W: Wires> Machine<W> {
 
     /// For a live view.
     pub fn status(&self) -> Status {
+        let counts = self.counts(&self.position);
+        let [x, y, z] = self.encoders();
+        let [at_x, at_y, at_z] = counts;
         Status {
             position: Point { mm: self.position },
+            counts,
+            signals: [x.signals(at_x), y.signals(at_y), z.signals(at_z)],
             feed_mm_per_min: self.feed_mm_per_min,
             seconds: self.seconds,
             hits: self.hits.len(),
@@ -193,20 +204,25 @@ impl<W: Wires> Machine<W> {
     /// What the encoders' counters hold at a position of the axes.
     #[must_use]
     pub fn counts(&self, encoder_mm: &Vector3<f64>) -> [i64; 3] {
-        let machine = &self.scene.machine;
-        let mut counts = machine.origin_counts;
-        for ((count, mm), scale) in counts.iter_mut().zip(encoder_mm).zip(machine.counts_per_mm) {
-            // A counter shows the last line that was passed, not the nearest.
-            *count = count.saturating_add(libm::floor(mm * scale) as i64);
-        }
-        counts
+        let [x, y, z] = self.encoders();
+        [
+            x.counts(encoder_mm.x),
+            y.counts(encoder_mm.y),
+            z.counts(encoder_mm.z),
+        ]
     }
 
-    /// Whether an axis' counter stands on an index mark.
+    /// The encoders of X, Y and Z: for the signals of a motion, edge by edge.
     #[must_use]
-    pub fn is_index(&self, count: i64) -> bool {
-        let pitch = self.scene.machine.index_counts;
-        pitch > 0 && count.rem_euclid(pitch) == 0
+    pub fn encoders(&self) -> [Encoder; 3] {
+        let machine = &self.scene.machine;
+        let [x, y, z] = machine.counts_per_mm;
+        let [at_x, at_y, at_z] = machine.origin_counts;
+        [(x, at_x), (y, at_y), (z, at_z)].map(|(counts_per_mm, origin_counts)| Encoder {
+            counts_per_mm,
+            origin_counts,
+            index_counts: machine.index_counts,
+        })
     }
 
     /// Truth less encoder at this position, now.

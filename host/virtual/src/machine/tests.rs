@@ -305,6 +305,31 @@ fn end_of_program_stops_the_spindle() {
     }
 }
 
+/// Counting the edges of each axis from the start to the skip edge gives the counts that
+/// went out, also on axes that count down; the live view shows the waves at rest.
+#[test]
+fn edges_up_to_the_skip_are_its_counts() {
+    let mut machine = machine(
+        "[machine]\nposition_gain_per_s = 30.0\ncounts_per_mm = [1000.0, -2000.0, -1000.0]\n\
+         origin_counts = [-7, 11, 500000]\nindex_counts = 4000",
+        1,
+    );
+    let start = machine.status();
+    skip(&mut machine, [30.0, -3.0, 40.0], 300.0);
+    let (from, to) = (start.position, machine.hits()[0].latched);
+    for (axis, encoder) in machine.encoders().into_iter().enumerate() {
+        let edges = encoder.edges(from.mm[axis], to.mm[axis]);
+        let (last, moved) = edges.fold((start.counts[axis], 0), |(count, moved), edge| {
+            assert_eq!((edge.count - count).abs(), 1);
+            (edge.count, moved + 1)
+        });
+        assert!(moved > 1000, "axis {axis}: {moved}");
+        assert_eq!(last, machine.wires.skips[0].1[axis]);
+        let shown = machine.status();
+        assert_eq!(shown.signals[axis], encoder.signals(shown.counts[axis]));
+    }
+}
+
 /// Printing takes its time on the line.
 #[test]
 fn printing_takes_time() {

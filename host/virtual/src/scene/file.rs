@@ -6,7 +6,7 @@ use std::fmt;
 use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
-use super::{Body, Group, Scene, Shape, joined, pose};
+use super::{Body, Group, Scene, Shape, joined, pose, range};
 use crate::cell::work_offset;
 use crate::nc::Settings;
 
@@ -252,54 +252,22 @@ struct BodyEntry {
 
 pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
     let refuse = |message: String| Err(SceneError { message });
-    let file: File = toml::from_str(text).map_err(|error| SceneError {
+    let unread = |error: toml::de::Error| SceneError {
         message: error.to_string().trim_end().to_owned(),
-    })?;
-    for (name, value, least) in [
-        (
-            "machine.rapid_mm_per_min",
-            file.machine.rapid_mm_per_min,
-            0.0,
-        ),
-        (
-            "machine.acceleration_mm_per_s2",
-            file.machine.acceleration_mm_per_s2,
-            0.0,
-        ),
-        ("machine.drift_time_s", file.machine.drift_time_s, 0.0),
-        ("probe.tip_radius_mm", file.probe.tip_radius_mm, 0.0),
-        ("probe.overtravel_mm", file.probe.overtravel_mm, 0.0),
-        ("control.baud", f64::from(file.control.baud), 0.0),
-        ("control.bits", f64::from(file.control.bits), 0.0),
-    ] {
-        if !(value > least && value.is_finite()) {
-            return refuse(format!("`{name}` is {value}; give a number above {least}"));
-        }
-    }
+    };
+    range::check(&toml::from_str(text).map_err(unread)?)?;
+    let file: File = toml::from_str(text).map_err(unread)?;
+    file.machine.check()?;
     let [shortest, longest] = file.control.skip_delay_ms;
-    if !(0.0 <= shortest && shortest <= longest && longest.is_finite()) {
+    if shortest > longest {
         return refuse(
-            "`control.skip_delay_ms` needs the shortest and the longest delay, neither negative"
-                .into(),
+            "`control.skip_delay_ms` needs the shortest delay first, then the longest".into(),
         );
     }
-    let probe = &file.probe;
-    if !(0.0..probe.tip_radius_mm).contains(&probe.stem_radius_mm) {
+    if file.probe.stem_radius_mm >= file.probe.tip_radius_mm {
         return refuse(
             "`probe.stem_radius_mm` must be less than `probe.tip_radius_mm`; 0 is no stem".into(),
         );
-    }
-    if !(probe.stem_length_mm > 0.0 && probe.stem_length_mm <= 1000.0) {
-        return refuse("`probe.stem_length_mm` must be above 0 and at most 1000".into());
-    }
-    if !(0.0..1000.0).contains(&file.control.skip_poll_ms) {
-        return refuse("`control.skip_poll_ms` must be from 0 to 1000; 0 is at any time".into());
-    }
-    if file.machine.position_gain_per_s.is_nan() || file.machine.position_gain_per_s < 0.0 {
-        return refuse("`machine.position_gain_per_s` cannot be negative; 0 is no lag".into());
-    }
-    if file.machine.counts_per_mm.iter().any(|c| !c.is_normal()) {
-        return refuse("`machine.counts_per_mm` needs a number other than 0 for each axis".into());
     }
     let mut groups: Vec<Group> = Vec::new();
     for entry in file.groups {
@@ -344,9 +312,12 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             group,
         });
     }
-    let mut tools = Vec::new();
+    let mut tools: Vec<(u32, ToolSpec)> = Vec::new();
     for (number, tool) in file.tools {
         match number.parse() {
+            Ok(number) if tools.iter().any(|(has, _)| *has == number) => {
+                return refuse(format!("tools.{number}: there are two of this number"));
+            }
             Ok(number) if number != file.probe.tool => tools.push((number, tool)),
             Ok(_) => return refuse(format!("tools.{number}: this is the probe's number")),
             Err(_) => return refuse(format!("tools.{number}: a tool's name is its number")),
@@ -372,6 +343,46 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
         bodies,
         groups,
     })
+}
+
+impl MachineSpec {
+    /// What no single number tells: their order, and what stands apart.
+    fn check(&self) -> Result<(), SceneError> {
+        let refuse = |message: String| Err(SceneError { message });
+        let limits = || self.travel_min_mm.into_iter().zip(self.travel_max_mm);
+        if !limits().all(|(least, most)| least < most) {
+            return refuse(
+                "`machine.travel_max_mm` must be above `machine.travel_min_mm` in each axis".into(),
+            );
+        }
+        for (name, at) in [
+            ("start_mm", self.start_mm),
+            ("reference_mm", self.reference_mm),
+        ] {
+            let within = |((least, most), mm)| (least..=most).contains(&mm);
+            if !limits().zip(at).all(within) {
+                return refuse(format!(
+                    "`machine.{name}` is {at:?}; give a place from `machine.travel_min_mm` {:?} to \
+                     `machine.travel_max_mm` {:?}",
+                    self.travel_min_mm, self.travel_max_mm
+                ));
+            }
+        }
+        if self.position_gain_per_s > 0.0 && self.position_gain_per_s < 1.0 {
+            return refuse(
+                "`machine.position_gain_per_s` must be 1 or more, so that a motion ends; 0 is no lag"
+                    .into(),
+            );
+        }
+        if self.counts_per_mm.iter().any(|counts| counts.abs() < 1.0) {
+            return refuse(
+                "`machine.counts_per_mm` needs 1 or more for each axis, negative where they count \
+                 down"
+                    .into(),
+            );
+        }
+        Ok(())
+    }
 }
 
 impl Shape {

@@ -25,6 +25,7 @@
 //! ```
 
 mod file;
+mod range;
 mod shape;
 mod trace;
 
