@@ -205,9 +205,10 @@ pub enum Record {
     Feature(FeatureResult),
     /// A plate was judged.
     Verdict(Verdict),
-    /// A plate became the reference.
+    /// A plate became the reference, or is none any more because it is NG after all.
     Taught {
-        /// Datum positions in the order of the job's datum features.
+        /// Datum positions in the order of the job's datum features; empty: there is no
+        /// reference any more.
         positions_mm: Vec<[f64; 3], MAX_DATUMS>,
     },
 

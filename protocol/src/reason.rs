@@ -299,6 +299,8 @@ pub enum Reason {
         mean_ms: f64,
         /// Longest.
         most_ms: f64,
+        /// What the job's tolerance is worth at this feed: smaller delays are not told apart.
+        resolution_ms: f64,
     },
     /// This plate says where the encoders' origin is: what shifted before it, no one
     /// has seen.
@@ -631,6 +633,11 @@ impl fmt::Display for Reason {
                 "{}: the control's positions stand {shift_mm:+.4} mm off the encoder, limit {limit_mm:.4} mm; a work offset or the datum has changed, or counts were lost between plates: check both, then set the job again",
                 axis_name(*axis)
             ),
+            Self::WitnessScale { axis, ppm } if *ppm < -1e6 => write!(
+                f,
+                "{}: the encoder counts the other way; change the sign of `counts_per_mm`, or its wires",
+                axis_name(*axis)
+            ),
             Self::WitnessScale { axis, ppm } => write!(
                 f,
                 "{}: control and encoder differ by {ppm:+.0} ppm; check `counts_per_mm`, inch or mm, the control's scaling",
@@ -655,9 +662,10 @@ impl fmt::Display for Reason {
                 least_ms,
                 mean_ms,
                 most_ms,
+                resolution_ms,
             } => write!(
                 f,
-                "control and encoders agree; over {hits} hits the control stored positions {least_ms:.2} to {most_ms:.2} ms after the skip edge, mean {mean_ms:.2}"
+                "control and encoders agree; over {hits} hits the control stored positions {least_ms:.2} to {most_ms:.2} ms after the skip edge, mean {mean_ms:.2} (the tolerance is worth {resolution_ms:.1} ms)"
             ),
             Self::WitnessLearned => f.write_str(
                 "the encoders' origin was taken from this plate; a shift before it is not seen",

@@ -141,6 +141,7 @@ fn delay_of_the_control_is_measured() {
         least_ms,
         mean_ms,
         most_ms,
+        ..
     }) = second
         .remarks
         .iter()

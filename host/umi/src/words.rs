@@ -72,6 +72,9 @@ pub fn record(record: &Record) -> String {
         Record::Fault(of) => fault(of),
         Record::Feature(of) => feature(of),
         Record::Verdict(of) => verdict(of),
+        Record::Taught { positions_mm } if positions_mm.is_empty() => {
+            "reference forgotten: the plate that taught it is NG after all".into()
+        }
         Record::Taught { positions_mm } => {
             format!("taught as reference: {}", positions(positions_mm))
         }

@@ -38,7 +38,7 @@ pub enum Decision<'a> {
     Feature(&'a FeatureResult),
     /// A plate was judged.
     Verdict(&'a Verdict),
-    /// A plate became the reference.
+    /// A plate became the reference; empty: that plate is NG after all and nothing is.
     Taught(&'a [Point]),
 }
 
@@ -66,6 +66,8 @@ pub struct Run {
     collecting: Option<Collecting>,
     last_hit: Micros,
     verdict: Option<Verdict>,
+    /// This plate became the reference.
+    taught_here: bool,
     /// The encoders' side of the hits.
     witness: Option<Witness>,
 }
@@ -130,6 +132,7 @@ impl Run {
             collecting: None,
             last_hit: Micros(0),
             verdict: None,
+            taught_here: false,
         }
     }
 
@@ -389,7 +392,9 @@ impl Run {
             points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
             fit,
         };
-        match self.belongs(place, &result) {
+        let belongs = self.belongs(place, &result);
+        let replaces = matches!(belongs, Belongs::Replaces);
+        match belongs {
             Belongs::Here => {}
             Belongs::Dropped => {
                 self.remark(Reason::RepeatDropped { name: result.name });
@@ -408,9 +413,7 @@ impl Run {
             }
         }
         if let Some(witness) = &mut self.witness {
-            for hit in &hits {
-                witness.take(hit);
-            }
+            witness.take(&hits, replaces);
         }
         result.index = self.features_seen;
         result.plate = self.plate;
@@ -448,7 +451,11 @@ impl Run {
         let Some(earlier) = self.in_this_plate(place) else {
             return Belongs::NextPlate;
         };
-        if earlier.points_mm == result.points_mm && earlier.reasons == result.reasons {
+        // Printed again and not touched again, it has no latches.
+        let same = |one: &&Reason| !matches!(one, Reason::NotLatched { .. });
+        let reasons =
+            |of: &'_ FeatureResult| of.reasons.iter().filter(same).cloned().collect::<Reasons>();
+        if earlier.points_mm == result.points_mm && reasons(earlier) == reasons(result) {
             return Belongs::Dropped;
         }
         // A job of one feature: the next part, not the same one again.
@@ -489,6 +496,13 @@ impl Run {
         if self.progress != Progress::UnderWay {
             return;
         }
+        // Of a plate that is judged again, not what was said when it was OK.
+        self.remarks.retain(|remark| {
+            !matches!(
+                remark,
+                Reason::Taught | Reason::Witnessed { .. } | Reason::WitnessLearned
+            )
+        });
         let mut verdict = plate::blank(self.plate);
         for reason in self.against.iter().chain(&reason) {
             plate::add(&mut verdict, reason.clone());
@@ -558,6 +572,16 @@ impl Run {
         if taught {
             out(Decision::Taught(&measured));
             self.reference = Some(measured);
+            self.taught_here = true;
+        } else if !verdict.ok && core::mem::take(&mut self.taught_here) {
+            // What it taught does not hold any more.
+            out(Decision::Taught(&[]));
+            self.reference = None;
+        }
+        if !verdict.ok
+            && let Some(witness) = &mut self.witness
+        {
+            witness.unlearn();
         }
         out(Decision::Verdict(&verdict));
         self.verdict = Some(verdict);
@@ -572,6 +596,7 @@ impl Run {
             slot.in_this_plate = false;
         }
         self.progress = Progress::Empty;
+        self.taught_here = false;
         if let Some(witness) = &mut self.witness {
             witness.next_plate();
         }

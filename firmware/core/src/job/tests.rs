@@ -14,6 +14,7 @@ use umi_protocol::job::{
 };
 use umi_protocol::message::{LatchCause, LatchReport};
 use umi_protocol::pattern::{BlockPattern, CheckedPattern, LinePattern, ReceiverConfig};
+use umi_protocol::reason::Reason;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
@@ -833,4 +834,68 @@ fn second_witness_decides() {
     );
     let blind = second_plate(None).summary();
     assert!(blind[1].contains("SPHERE1:not_latched"), "{blind:?}");
+}
+
+/// A plate that taught the reference and is contradicted afterwards takes it back: the
+/// next good plate is the reference.
+#[test]
+fn a_revoked_plate_is_no_reference() {
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    let blocks = session_a();
+    for (name, points) in &blocks[..3] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    assert!(run.taught().is_some());
+    let surplus = FaultKind::BlockCountMismatch {
+        expected: 5,
+        got: 6,
+    };
+    run.fault(&surplus, &mut |d| outcome.take(d));
+    assert_eq!(run.taught(), None);
+    assert_eq!(outcome.taught, 2, "taught, and taken back");
+    let revoked = &outcome.verdicts[1];
+    assert!(revoked.remarks.iter().all(|r| r.reason != Reason::Taught));
+    for (name, points) in &blocks[3..6] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    assert_eq!(outcome.summary(), ["OK", "wrong_count", "OK"]);
+    // It is the reference now, so there is nothing to correct.
+    assert_eq!(outcome.verdicts[2].correction, None);
+    assert_eq!(outcome.taught, 3);
+}
+
+/// Lines printed again without a touch have no latches: a repeat of what is known, not
+/// a contradiction of it.
+#[test]
+fn a_repeat_without_latches_is_dropped() {
+    let mut job = checked_job();
+    job.correction = None;
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    let approaches = super::tests::job().features[0].approach.clone();
+    let blocks = session_a();
+    for (at, (_, points)) in blocks[..3].iter().chain(&blocks[2..3]).enumerate() {
+        for (point, approach) in points.iter().zip(&approaches) {
+            let (axis, sign) = approach.axis_and_sign();
+            let mut tip = *point;
+            tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+            if at < 3 {
+                let counts = tip.map(|mm| libm::round(mm * 1000.0) as i64);
+                run.latched(&LatchReport {
+                    number: 0,
+                    cause: LatchCause::Skip,
+                    counts: counts.into_iter().collect(),
+                    t_us: 0,
+                    missed: 0,
+                });
+            }
+            let mut hit = hit(tip);
+            hit.feature_id = Some(u16::try_from(at.min(2) + 1).unwrap());
+            hit.approach = Some(*approach);
+            hit.feed_mm_per_min = Some(30.0);
+            run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+        }
+    }
+    assert_eq!(outcome.summary(), ["OK"]);
 }

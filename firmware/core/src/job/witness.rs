@@ -12,7 +12,9 @@
 //!
 //! `o` is the encoders' origin in the control's coordinates, and τ the time that the
 //! control took after the edge. Across its approach a hit shows `o` itself, along it
-//! the delay. `o` is given, or learned from the first plate that is OK.
+//! the delay. `o` is given, or learned from the first plate that is OK: from hits across
+//! an axis; where there are none, as Z of a plane probed from above, from those along it
+//! with half of the longest delay, and then known no better than that half.
 //!
 //! What contradicts this is named by its pattern: all differences of an axis moved
 //! (work offset, datum), in proportion to the position (scale), one jump (lost
@@ -39,7 +41,25 @@ pub struct Witness {
     /// The latest skip latch that no line has used, in millimetres.
     latch_mm: Option<[f64; 3]>,
     /// Origin of the encoders in the control's coordinates, as far as it is known.
-    origin_mm: Option<[f64; 3]>,
+    origins: [Option<Origin>; 3],
+    /// Which of them this plate has taught.
+    learned: [bool; 3],
+    plate: Plate,
+    /// As it was before the plate's last feature, which may come again.
+    before_last: Plate,
+}
+
+/// The encoders' origin of an axis.
+#[derive(Clone, Copy, Debug)]
+struct Origin {
+    mm: f64,
+    /// How far it may be off, because only hits along the axis told it.
+    slack_mm: f64,
+}
+
+/// What is kept of a plate's hits.
+#[derive(Clone, Copy, Debug, Default)]
+struct Plate {
     axes: [Axis; 3],
     feed: Feed,
 }
@@ -56,19 +76,22 @@ struct Feed {
 impl Witness {
     /// Nothing has been seen yet.
     pub fn new(spec: WitnessSpec) -> Self {
-        let origin_mm = spec.origin_counts.map(|counts| {
-            let mut origin = [0.0; 3];
-            for (axis, value) in origin.iter_mut().enumerate() {
-                *value = -at(&counts, axis) / at(&spec.counts_per_mm, axis);
+        let mut origins = [None; 3];
+        if let Some(counts) = spec.origin_counts {
+            for ((origin, count), scale) in origins.iter_mut().zip(counts).zip(spec.counts_per_mm) {
+                *origin = Some(Origin {
+                    mm: -count / scale,
+                    slack_mm: 0.0,
+                });
             }
-            origin
-        });
+        }
         Self {
             spec,
             latch_mm: None,
-            origin_mm,
-            axes: [Axis::default(); 3],
-            feed: Feed::default(),
+            origins,
+            learned: [false; 3],
+            plate: Plate::default(),
+            before_last: Plate::default(),
         }
     }
 
@@ -105,14 +128,24 @@ impl Witness {
         })
     }
 
-    /// Takes in a hit of this plate.
-    pub fn take(&mut self, hit: &Hit) {
+    /// Takes in a feature of this plate, or once more its last one instead of itself.
+    pub fn take(&mut self, hits: &[Hit], replaces_last: bool) {
+        if replaces_last {
+            self.plate = self.before_last;
+        }
+        self.before_last = self.plate;
+        for hit in hits {
+            self.take_hit(hit);
+        }
+    }
+
+    fn take_hit(&mut self, hit: &Hit) {
         let (Some(seen), Some(approach)) = (hit.seen, hit.approach) else {
             return;
         };
-        self.feed.take(seen.feed_mm_per_min);
+        self.plate.feed.take(seen.feed_mm_per_min);
         let position = hit.position.to_array_mm();
-        for (number, axis) in self.axes.iter_mut().enumerate() {
+        for (number, axis) in self.plate.axes.iter_mut().enumerate() {
             let difference = at(&seen.difference_mm, number);
             axis.take(
                 number,
@@ -126,8 +159,9 @@ impl Witness {
 
     /// Says what contradicts.
     pub fn judge(&self, against: &mut dyn FnMut(Reason)) {
+        let Plate { axes, feed } = &self.plate;
         if let (Some((hit, feed_mm_per_min)), Some(expected_mm_per_min)) =
-            (self.feed.changed, self.feed.mm_per_min)
+            (feed.changed, feed.mm_per_min)
         {
             against(Reason::FeedChanged {
                 hit,
@@ -136,14 +170,15 @@ impl Witness {
             });
             return;
         }
-        for (number, axis) in (0u8..).zip(&self.axes) {
-            let known = self.origin_of(number);
-            if let Some(reason) = axis.across.contradiction(number, known, &self.spec) {
+        for ((number, axis), origin) in (0u8..).zip(axes).zip(self.origins) {
+            if let Some(reason) = axis.across.contradiction(number, origin, &self.spec) {
                 against(reason);
-            } else if let Some(delays) = self.delays(number) {
+            } else if let Some((delays, slack_ms)) = self.delays(axis, origin) {
+                let slack_ms = slack_ms + self.resolution_ms().unwrap_or(0.0);
+                let plausible = -slack_ms..=self.spec.delay_ms + slack_ms;
                 // Each end on its own: late is the control's fault, early is too.
                 for delay_ms in [delays.least_ms, delays.most_ms] {
-                    if !self.is_plausible(delay_ms) {
+                    if !plausible.contains(&delay_ms) {
                         against(Reason::ControlDelay {
                             axis: number,
                             delay_ms,
@@ -158,8 +193,9 @@ impl Witness {
     /// The plate is OK: what is to be remarked, and the origin if it was unknown.
     pub fn conclude(&mut self) -> [Option<Reason>; 2] {
         let mut all: Option<Delays> = None;
-        for number in 0..3 {
-            if let Some(delays) = self.delays(number) {
+        for (axis, origin) in self.plate.axes.iter().zip(self.origins) {
+            // An origin that rests on delays says nothing about them.
+            if let Some((delays, 0.0)) = self.delays(axis, origin) {
                 all = Some(all.map_or(delays, |all| all.joined(delays)));
             }
         }
@@ -168,38 +204,46 @@ impl Witness {
             least_ms: all.least_ms,
             mean_ms: all.sum_ms / f64::from(all.hits),
             most_ms: all.most_ms,
+            resolution_ms: self.resolution_ms().unwrap_or(f64::NAN),
         });
-        let mut learned = None;
-        if self.origin_mm.is_none() {
-            let [x, y, z] = self.axes.each_ref().map(|axis| axis.across.mean());
-            if let (Some(x), Some(y), Some(z)) = (x, y, z) {
-                self.origin_mm = Some([x, y, z]);
-                learned = Some(Reason::WitnessLearned);
+        let half_mm = self.plate.feed.mm_per_ms().unwrap_or(0.0) * self.spec.delay_ms / 2.0;
+        let axes = self.plate.axes.iter();
+        for ((origin, learned), axis) in self.origins.iter_mut().zip(&mut self.learned).zip(axes) {
+            if origin.is_none() {
+                *origin = axis.origin(half_mm);
+                *learned = origin.is_some();
             }
         }
-        [witnessed, learned]
+        let learned = self.learned.contains(&true);
+        [witnessed, learned.then_some(Reason::WitnessLearned)]
+    }
+
+    /// The plate was OK and is not any more: what it taught is forgotten.
+    pub fn unlearn(&mut self) {
+        for (origin, learned) in self.origins.iter_mut().zip(&mut self.learned) {
+            if core::mem::take(learned) {
+                *origin = None;
+            }
+        }
     }
 
     /// Another plate begins.
     pub fn next_plate(&mut self) {
-        self.axes = [Axis::default(); 3];
-        self.feed = Feed::default();
+        self.plate = Plate::default();
+        self.before_last = Plate::default();
+        self.learned = [false; 3];
     }
 
-    fn origin_of(&self, axis: u8) -> Option<f64> {
-        self.origin_mm.map(|origin| at(&origin, usize::from(axis)))
-    }
-
-    /// The control's delays along an axis; none without a hit along it or without
-    /// anything that says where the origin is.
-    fn delays(&self, number: u8) -> Option<Delays> {
-        let axis = self.axes.get(usize::from(number))?;
-        let origin = self.origin_of(number).or_else(|| axis.across.mean())?;
-        let ms_per_mm = 60_000.0 / self.feed.mm_per_min?;
+    /// The control's delays along an axis, and how far the origin may shift them; none
+    /// without a hit along it or without anything that says where the origin is.
+    fn delays(&self, axis: &Axis, origin: Option<Origin>) -> Option<(Delays, f64)> {
+        let across = || axis.across.mean().map(|mm| Origin { mm, slack_mm: 0.0 });
+        let origin = origin.or_else(across)?;
+        let mm_per_ms = self.plate.feed.mm_per_ms()?;
         let mut all: Option<Delays> = None;
-        for (side, sign) in axis.along.iter().zip([1.0, -1.0]) {
+        for (side, sign) in axis.along.iter().zip(SIGNS) {
             let Some(side) = side else { continue };
-            let ms = |mm: f64| (mm - sign * origin) * ms_per_mm;
+            let ms = |mm: f64| (mm - sign * origin.mm) / mm_per_ms;
             let delays = Delays {
                 hits: side.hits,
                 least_ms: ms(side.least_mm),
@@ -208,19 +252,23 @@ impl Witness {
             };
             all = Some(all.map_or(delays, |all| all.joined(delays)));
         }
-        all
+        Some((all?, origin.slack_mm / mm_per_ms))
     }
 
-    fn is_plausible(&self, delay_ms: f64) -> bool {
-        let Some(feed) = self.feed.mm_per_min else {
-            return true;
-        };
-        let slack_ms = self.spec.tolerance_mm * 60_000.0 / feed;
-        (-slack_ms..=self.spec.delay_ms + slack_ms).contains(&delay_ms)
+    /// What the tolerance is worth at the plate's feed.
+    fn resolution_ms(&self) -> Option<f64> {
+        Some(self.spec.tolerance_mm / self.plate.feed.mm_per_ms()?)
     }
 }
 
+/// Of the hits along an axis: towards plus, towards minus.
+const SIGNS: [f64; 2] = [1.0, -1.0];
+
 impl Feed {
+    fn mm_per_ms(&self) -> Option<f64> {
+        Some(self.mm_per_min? / 60_000.0)
+    }
+
     fn take(&mut self, mm_per_min: f64) {
         self.hits = self.hits.saturating_add(1);
         match self.mm_per_min {
@@ -263,6 +311,25 @@ struct Axis {
 }
 
 impl Axis {
+    /// Where the plate puts the encoders' origin; `half_mm` is the way of half of the
+    /// control's longest delay.
+    fn origin(&self, half_mm: f64) -> Option<Origin> {
+        if let Some(mm) = self.across.mean() {
+            return Some(Origin { mm, slack_mm: 0.0 });
+        }
+        let sides = self.along.iter().zip(SIGNS);
+        sides
+            .filter_map(|(side, sign)| {
+                let side = (*side)?;
+                let mean = side.sum_mm / f64::from(side.hits);
+                Some(Origin {
+                    mm: sign * (mean - half_mm),
+                    slack_mm: half_mm,
+                })
+            })
+            .next()
+    }
+
     fn take(
         &mut self,
         number: usize,
@@ -362,12 +429,17 @@ impl Across {
 
     /// What is wrong with this axis; the simplest explanation that leaves no more
     /// than the tolerance, else that there is none.
-    fn contradiction(&self, axis: u8, origin: Option<f64>, spec: &WitnessSpec) -> Option<Reason> {
-        let limit_mm = spec.tolerance_mm;
+    fn contradiction(
+        &self,
+        axis: u8,
+        origin: Option<Origin>,
+        spec: &WitnessSpec,
+    ) -> Option<Reason> {
+        let limit_mm = spec.tolerance_mm + origin.map_or(0.0, |origin| origin.slack_mm);
         let mean = self.mean()?;
         let range = self.most_mm - self.least_mm;
         if range <= limit_mm {
-            let shift_mm = mean - origin.unwrap_or(mean);
+            let shift_mm = mean - origin.map_or(mean, |origin| origin.mm);
             return exceeds(shift_mm.abs(), limit_mm).then_some(Reason::WitnessShift {
                 axis,
                 shift_mm,

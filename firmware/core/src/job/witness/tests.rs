@@ -85,11 +85,12 @@ impl Machine {
                 let position = Point::from_mm(printed[0], printed[1], printed[2]);
                 let seen = witness.pair(&line(position));
                 assert!(seen.is_some());
-                witness.take(&Hit {
+                let hit = Hit {
                     position,
                     approach: Some(approach),
                     seen,
-                });
+                };
+                witness.take(&[hit], false);
                 number += 1;
             }
         }
@@ -138,6 +139,7 @@ fn agreement_measures_the_delay() {
             least_ms,
             mean_ms,
             most_ms,
+            resolution_ms,
         }),
         learned,
     ] = witness.conclude()
@@ -145,6 +147,8 @@ fn agreement_measures_the_delay() {
         panic!("nothing was witnessed");
     };
     assert_eq!((hits, learned), (15, Some(Reason::WitnessLearned)));
+    // 3 µm at 1 mm/s.
+    assert!((resolution_ms - 3.0).abs() < 1e-9);
     assert!((least_ms - 0.0).abs() < 1.0, "{least_ms}");
     assert!((mean_ms - 2.0).abs() < 0.4, "{mean_ms}");
     assert!((most_ms - 4.0).abs() < 1.0, "{most_ms}");
@@ -238,6 +242,99 @@ fn lost_counts_are_named() {
         };
         assert!((found - counts).abs() <= 6.0, "{found} for {counts}");
     }
+}
+
+/// What the tolerance hides is not named, what it does not hide is: 3 µm are 30 counts
+/// of 0.1 µm, and the control's increment of 1 µm blurs the border.
+#[test]
+fn lost_counts_are_named_from_the_tolerance_on() {
+    for (counts, named) in [(10.0, false), (20.0, false), (40.0, true), (60.0, true)] {
+        let mut machine = Machine::new();
+        machine.lost = (7, counts);
+        let reasons = machine.probe(&mut Witness::new(spec()));
+        assert_eq!(!reasons.is_empty(), named, "{counts}: {reasons:?}");
+    }
+}
+
+/// An axis that is only ever probed along, as Z of a plane from above: its origin is
+/// learned too, and a shift beyond what the control's delay explains is named.
+#[test]
+fn axis_seen_only_along_is_witnessed() {
+    let hit = |at: [f64; 3], encoder_off_mm: f64, delay_ms: f64| {
+        let late = FEED / 60_000.0 * delay_ms;
+        let difference_mm = [0.0, 0.0, encoder_off_mm - late];
+        Hit {
+            position: Point::from_array_mm(at),
+            approach: Some(MinusZ),
+            seen: Some(Seen {
+                difference_mm,
+                feed_mm_per_min: FEED,
+            }),
+        }
+    };
+    let plate = |witness: &mut Witness, off_mm: f64| {
+        witness.next_plate();
+        let places = [[0.0, 0.0, 5.0], [50.0, 0.0, 5.0], [0.0, 50.0, 5.0]];
+        let hits: Vec<Hit> = (places.iter().zip([0.0, 2.0, 4.0]))
+            .map(|(at, delay_ms)| hit(*at, off_mm, delay_ms))
+            .collect();
+        witness.take(&hits, false);
+        let mut reasons = Vec::new();
+        witness.judge(&mut |reason| reasons.push(reason));
+        reasons
+    };
+    let mut witness = Witness::new(spec());
+    assert_eq!(plate(&mut witness, 25.0), []);
+    // Nothing tells the delay from the origin, so no delay is claimed.
+    assert_eq!(witness.conclude(), [None, Some(Reason::WitnessLearned)]);
+    assert_eq!(plate(&mut witness, 25.0), []);
+    for off_mm in [25.18, 24.82, 25.02, 0.0] {
+        let reasons = plate(&mut witness, off_mm);
+        assert!(
+            matches!(reasons.first(), Some(Reason::ControlDelay { axis: 2, .. })),
+            "{off_mm}: {reasons:?}"
+        );
+    }
+}
+
+/// What a plate taught is forgotten when it is NG after all, and nothing else is.
+#[test]
+fn revoked_plate_teaches_nothing() {
+    let mut witness = Witness::new(spec());
+    let mut machine = Machine::new();
+    machine.offset_mm[0] = 0.05;
+    assert_eq!(machine.probe(&mut witness), []);
+    let _ = witness.conclude();
+    witness.unlearn();
+    assert_eq!(Machine::new().probe(&mut witness), []);
+    let _ = witness.conclude();
+    witness.next_plate();
+    witness.unlearn();
+    assert!(!machine.probe(&mut witness).is_empty());
+}
+
+/// A feature that is probed again replaces its first try.
+#[test]
+fn replaced_feature_is_judged_alone() {
+    let mut witness = Witness::new(spec());
+    assert_eq!(Machine::new().probe(&mut witness), []);
+    let hit = |off_mm: f64| Hit {
+        position: Point::from_mm(1.0, 2.0, 3.0),
+        approach: Some(MinusX),
+        seen: Some(Seen {
+            difference_mm: [-12.3456, -0.0777 + off_mm, -0.05],
+            feed_mm_per_min: FEED,
+        }),
+    };
+    let contradicts = |witness: &Witness| {
+        let mut reasons = Vec::new();
+        witness.judge(&mut |reason| reasons.push(reason));
+        !reasons.is_empty()
+    };
+    witness.take(&[hit(0.5)], false);
+    assert!(contradicts(&witness));
+    witness.take(&[hit(0.0)], true);
+    assert!(!contradicts(&witness));
 }
 
 /// A control that is later than it may be is named with its delay.
