@@ -1,8 +1,9 @@
 //! A control and its machine: programs in, motions and text out.
 
+use crate::cutting::{CylinderArc, Grid, Workpiece};
 use crate::machine::{Machine, Wires};
 use crate::nc::{Alarm, Axes, Control, State, Step, WorkOffset};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneError, Shape};
 
 /// A control in front of its machine.
 #[derive(Debug)]
@@ -45,6 +46,55 @@ impl<M: Axes> Cell<M> {
             }
         }
     }
+}
+
+/// The workpiece of a scene, raw, and its nominal surface: the body that may be cut, an
+/// arc with its stock. None if there is no such body.
+///
+/// # Errors
+/// There are several, or it is no arc.
+pub fn workpiece(scene: &Scene) -> Result<Option<(Workpiece, CylinderArc)>, SceneError> {
+    let mut bodies = scene.bodies().iter().filter(|body| body.cuttable);
+    let Some(body) = bodies.next() else {
+        return Ok(None);
+    };
+    let refuse = |message: String| Err(SceneError { message });
+    if let Some(other) = bodies.next() {
+        return refuse(format!(
+            "bodies {} and {} may both be cut; one workpiece at a time",
+            body.name, other.name
+        ));
+    }
+    let Shape::Arc {
+        radius_mm,
+        length_mm,
+        width_mm,
+        ..
+    } = body.shape
+    else {
+        return refuse(format!(
+            "body {}: only an arc may be cut (`cuttable = false` for the others)",
+            body.name
+        ));
+    };
+    let half = |mm: f64| [-mm / 2.0, mm / 2.0];
+    let pitch_mm = [length_mm / 128.0, width_mm / 1024.0];
+    let grid =
+        Grid::new(half(length_mm), half(width_mm), pitch_mm).map_err(|fault| SceneError {
+            message: format!("body {}: {fault}", body.name),
+        })?;
+    let nominal = CylinderArc {
+        axis_y_mm: 0.0,
+        axis_z_mm: -radius_mm,
+        radius_mm,
+    };
+    let raw = CylinderArc {
+        radius_mm: radius_mm + body.stock_mm,
+        ..nominal
+    };
+    let mut workpiece = Workpiece::new(grid, |_, y| raw.height_mm(y).unwrap_or(f64::NEG_INFINITY));
+    workpiece.clamp(*body.placed());
+    Ok(Some((workpiece, nominal)))
 }
 
 /// A control with a scene's parameters, offsets and tools.

@@ -47,9 +47,12 @@ fn a_program_prints_its_point() {
         .exits(0)
         .json_lines();
     let kinds: Vec<&str> = lines.iter().map(|l| l["type"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["hit", "serial", "serial", "serial", "end"]);
-    assert_eq!(lines[0]["body"], "FLOOR");
-    assert_eq!(lines[0]["stored_mm"][2], 2.5);
+    assert_eq!(
+        kinds,
+        ["program", "hit", "serial", "serial", "serial", "end"]
+    );
+    assert_eq!(lines[1]["body"], "FLOOR");
+    assert_eq!(lines[1]["stored_mm"][2], 2.5);
 }
 
 /// An alarm says where and why, and the exit status says it too.
@@ -123,6 +126,100 @@ fn a_plate_is_probed_into_a_verdict() {
     }
     let lines = umi(&args).exits(0).json_lines();
     let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
-    assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 1));
+    assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 2));
+    // The plate that is taught needs no correction.
+    let reads: Vec<_> = lines.iter().filter(|l| l["type"] == "read").collect();
+    assert!(reads[0]["text"].is_null() && reads[1]["programs"][0] == 9010);
     assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
+}
+
+/// The arguments that probe the example's plate with these programs before a board.
+fn probing(programs: &[&str], job: &str) -> Vec<String> {
+    let mut args = vec!["machine".to_owned(), "run".to_owned()];
+    args.extend(programs.iter().map(|&path| path.to_owned()));
+    let macros = std::fs::read_dir(project("hw/control/fanuc")).unwrap();
+    args.push("--load".into());
+    args.extend(
+        macros
+            .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
+            .filter(|path| path.ends_with(".nc")),
+    );
+    let scene = project("examples/scenes/three-spheres.toml");
+    let job = project(job);
+    for arg in [
+        "--scene", &scene, "--board", "virtual", "--job", &job, "--read",
+    ] {
+        args.push(arg.into());
+    }
+    args
+}
+
+fn run(args: &[String]) -> crate::run::Ran {
+    let args: Vec<&str> = args.iter().map(String::as_str).collect();
+    umi(&args)
+}
+
+/// After a verdict NG the next program does not run: it would run with the correction
+/// of the clamping before, which is still in the control.
+#[test]
+fn nothing_is_cut_with_an_old_correction() {
+    let folder = Folder::new();
+    let probe = project("examples/probe-plate.nc");
+    let cut = folder.file("cut.nc", "%\nO200\nM98 P9010\nM30\n%\n");
+    // The work offset moves between the second and the third clamping.
+    let moved = folder.file(
+        "moved.nc",
+        "%\nO300\nG10 L2 P1 X0.5 Y0 Z0\nM98 P100\nM30\n%\n",
+    );
+    let sub = std::fs::read_to_string(&probe)
+        .unwrap()
+        .replace("M30", "M99");
+    let sub = folder.file("sub.nc", sub);
+    let mut args = probing(
+        &[&probe, &probe, &moved, &cut],
+        "examples/three-spheres-witnessed.toml",
+    );
+    args.extend(["--load".into(), sub]);
+    let ran = run(&args).exits(2);
+    assert_eq!(ran.out.matches("READ O9010").count(), 1, "{}", ran.out);
+    assert!(ran.out.contains("the next program does not run"));
+    assert!(!ran.out.contains("cut.nc"), "{}", ran.out);
+}
+
+/// A board that was to judge and did not is no success.
+#[test]
+fn no_verdict_is_not_ok() {
+    let probe = project("examples/probe-plate.nc");
+    // It reads blocks, the macros print checked lines.
+    let ran = run(&probing(&[&probe], "examples/three-spheres.toml")).exits(2);
+    assert!(ran.out.contains("reached no verdict"), "{}", ran.out);
+}
+
+/// A workpiece is cut and measured; a tool that meets it at rapid is named.
+#[test]
+fn a_workpiece_is_cut() {
+    let folder = Folder::new();
+    let scene = project("examples/scenes/three-spheres.toml");
+    let run = |name: &str, moves: &str| {
+        let text = format!(
+            "%\nO1\nG21 G90 G54\nT1 M6\nM3 S5000\nG0 X-30. Y0.003 Z100.\n{moves}\nM30\n%\n"
+        );
+        let program = folder.file(name, text);
+        umi(&["machine", "run", &program, "--scene", &scene, "--json"])
+    };
+    // One lace, 0.01 above the crown of 89.34.
+    let lines = run(
+        "lace.nc",
+        "G0 Z95.\nG1 Z89.35 F500.\nG1 X30. F1000.\nG0 Z120.",
+    )
+    .exits(0)
+    .json_lines();
+    let surface = lines.iter().find(|l| l["type"] == "surface").unwrap();
+    assert!(
+        (surface["min_mm"].as_f64().unwrap() - 0.010).abs() < 1e-4,
+        "{surface}"
+    );
+    assert!(surface["uncut"].as_u64().unwrap() > 0);
+    let crash = run("crash.nc", "G0 X0.\nG0 Z90.").exits(2).out;
+    assert!(crash.contains("at rapid"), "{crash}");
 }

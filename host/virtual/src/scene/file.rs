@@ -248,6 +248,9 @@ struct BodyEntry {
     rotation_deg: [f64; 3],
     #[serde(default)]
     cuttable: bool,
+    /// Raw material above an arc that may be cut.
+    #[serde(default)]
+    stock_mm: f64,
 }
 
 pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
@@ -288,6 +291,9 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
         if let Some(fault) = entry.shape.fault() {
             return refuse(format!("body {name}: {fault}"));
         }
+        if !(entry.stock_mm >= 0.0 && entry.stock_mm.is_finite()) {
+            return refuse(format!("body {name}: `stock_mm` is 0 or more"));
+        }
         let group = match &entry.group {
             None => None,
             Some(wanted) => match groups.iter().position(|group| group.name == *wanted) {
@@ -308,6 +314,7 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             name: entry.name,
             shape: entry.shape,
             cuttable: entry.cuttable,
+            stock_mm: entry.stock_mm,
             pose: own,
             group,
         });

@@ -68,6 +68,8 @@ pub struct Body {
     /// A tool whose spindle turns passes through it: the
     /// [`Cutter`](crate::cutting::Cutter), not the machine, judges what it does there.
     pub cuttable: bool,
+    /// Raw material above it, where it may be cut.
+    pub stock_mm: f64,
     /// Body to its group, or to the machine.
     pose: RigidTransform,
     /// Its place in the list of groups.

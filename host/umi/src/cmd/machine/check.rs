@@ -32,7 +32,7 @@ const HELP: &str = "\
 Programs that call each other are checked together: give all of them.
 
 Examples:
-  umi machine check hw/control/fanuc/sphere.nc
+  umi machine check hw/control/fanuc/O8820-sphere.nc
   umi machine check --control linuxcnc probe.ngc
   umi machine check --scene examples/scenes/three-spheres.toml probe.nc --json";
 

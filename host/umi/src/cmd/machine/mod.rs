@@ -1,6 +1,7 @@
 //! `umi machine`
 
 mod check;
+mod floor;
 mod run;
 mod show;
 

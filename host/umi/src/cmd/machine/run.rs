@@ -15,11 +15,13 @@ use umi::points::{name, text};
 use umi::report::terminal;
 use umi::style::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
 use umi::wiring::{Event, Lead, Wiring};
-use umi_virtual::cell::Cell;
+use umi_virtual::cell::{self, Cell};
+use umi_virtual::cutting::{BallNose, CrashCause, Cutter, CylinderArc, Deviations};
 use umi_virtual::machine::Machine;
 use umi_virtual::nc::{Alarm, State, Step};
-use umi_virtual::scene::Scene;
+use umi_virtual::scene::{Scene, ToolSpec};
 
+use super::floor::Floor;
 use super::show;
 use crate::cmd::Format;
 
@@ -64,10 +66,13 @@ pub struct Run {
 
 const HELP: &str = "\
 Hits, serial traffic and the board's decisions are printed as they come; on a terminal
-the last line shows the block, position and feed. Exit status 2: an alarm, or a verdict NG.
+the last line shows the block, position and feed. Programs that call macros need --load.
+A body of the scene with `cuttable = true` is cut by ball-nose tools and measured at the end.
+With --read the next program runs only after an OK verdict. Exit status 2: an alarm, a
+verdict NG or none; verdicts of a board on a port are not seen (ask it with umi info).
 
 Examples:
-  umi machine run probe.nc --scene examples/scenes/three-spheres.toml
+  umi machine run probe.nc --scene scene.toml --load hw/control/fanuc/*.nc
   umi machine run probe.nc --scene scene.toml --board virtual --job examples/three-spheres.toml
   umi machine run probe.nc cut.nc --scene scene.toml --board virtual --job job.toml --read
   umi machine run probe.nc --scene scene.toml --board /dev/ttyUSB0 --real-time
@@ -113,8 +118,47 @@ impl From<Failure> for Stop {
 impl Run {
     pub fn run(self) -> Result<(), Failure> {
         let scene = scene(&self.scene)?;
+        if let Some(path) = &self.serial {
+            // Before anything runs: a capture is not lost to a wrong name.
+            std::fs::write(path, []).map_err(|error| Failure::file("write", path, &error))?;
+        }
         let (wiring, gather) = self.wiring(&scene)?;
-        let mut cell = Cell::new(scene, self.seed, wiring);
+        let workpiece = cell::workpiece(&scene).map_err(|error| {
+            Failure::refused("scene", format_args!("{}: {error}", name(&self.scene)))
+        })?;
+        let tools = scene.tools.clone();
+        let Cell { control, machine } = Cell::new(scene, self.seed, wiring);
+        let Some((workpiece, nominal)) = workpiece else {
+            return self.run_on(Cell { control, machine }, None, gather);
+        };
+        let machine = tools.into_iter().fold(
+            Cutter::new(machine, workpiece),
+            |cutter,
+             (
+                number,
+                ToolSpec {
+                    length_mm,
+                    radius_mm,
+                },
+            )| {
+                cutter.with_tool(
+                    number,
+                    BallNose {
+                        length_mm,
+                        radius_mm,
+                    },
+                )
+            },
+        );
+        self.run_on(Cell { control, machine }, Some(nominal), gather)
+    }
+
+    fn run_on<M: Floor>(
+        &self,
+        mut cell: Cell<M>,
+        nominal: Option<CylinderArc>,
+        gather: Option<Gather>,
+    ) -> Result<(), Failure> {
         for path in &self.load {
             cell.control.load(&text(path)?).map_err(|alarm| {
                 Failure::refused("program", format_args!("{}: {alarm}", name(path)))
@@ -125,25 +169,26 @@ impl Run {
                 .set_variable(*number, Some(*value))
                 .map_err(|alarm| Failure::refused("variable", alarm))?;
         }
-        let mut view = View::new(&self, gather);
-        for path in &self.programs {
+        let mut view = View::new(self, gather);
+        for (number, path) in self.programs.iter().enumerate() {
             let program = text(path)?;
-            view.say(&format!("{} {}", paint(TITLE, "program"), name(path)))?;
+            view.begin(path)?;
             let ended = cell.run(&program, |cell, step| view.follow(cell, step));
             let ended = match ended {
                 Err(Stop::Failure(failure)) => return Err(failure),
                 Err(Stop::Alarm(alarm)) => Some(alarm),
                 Ok(()) => None,
             };
-            view.drain(&mut cell.machine)?;
+            view.drain(cell.machine.machine())?;
             if let Some(alarm) = ended {
                 return view.alarm(&alarm);
             }
-            if self.read {
-                view.read(&mut cell)?;
+            let last = number + 1 == self.programs.len();
+            if self.read && !view.read(&mut cell, last)? {
+                break;
             }
         }
-        view.finish(&mut cell)
+        view.finish(&mut cell, nominal.as_ref())
     }
 
     fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<Gather>), Failure> {
@@ -172,6 +217,9 @@ struct View<'a> {
     hits: usize,
     serial: Vec<u8>,
     ng: bool,
+    verdicts: u64,
+    /// The latest verdict since the last READ.
+    verdict: Option<bool>,
 }
 
 impl<'a> View<'a> {
@@ -193,7 +241,16 @@ impl<'a> View<'a> {
             hits: 0,
             serial: Vec::new(),
             ng: false,
+            verdicts: 0,
+            verdict: None,
         }
+    }
+
+    fn begin(&self, path: &Path) -> Result<(), Failure> {
+        if self.options.format.json {
+            return print_json(&json!({ "type": "program", "file": name(path) }));
+        }
+        self.say(&format!("{} {}", paint(TITLE, "program"), name(path)))
     }
 
     fn say(&self, line: &str) -> Result<(), Failure> {
@@ -204,8 +261,9 @@ impl<'a> View<'a> {
     }
 
     /// A block has been carried out.
-    fn follow(&mut self, cell: &mut Cell<Machine<Wiring>>, step: &Step) -> Result<(), Stop> {
-        self.drain(&mut cell.machine)?;
+    fn follow<M: Floor>(&mut self, cell: &mut Cell<M>, step: &Step) -> Result<(), Stop> {
+        self.drain(cell.machine.machine())?;
+        self.crash(cell, step)?;
         if let Some(message) = &step.message {
             self.say(&format!("{} {message}", paint(CAUTION, "stop")))?;
         } else if step.state == State::Stopped {
@@ -216,7 +274,7 @@ impl<'a> View<'a> {
                 step.line
             ))?;
         }
-        let status = cell.machine.status();
+        let status = cell.machine.machine().status();
         if self.options.real_time {
             let due = Duration::from_secs_f64(status.seconds);
             std::thread::sleep(due.saturating_sub(self.began.elapsed()));
@@ -288,6 +346,8 @@ impl<'a> View<'a> {
         }
         if let Decision::Verdict(verdict) = &decision {
             self.ng |= !verdict.ok;
+            self.verdict = Some(verdict.ok);
+            self.verdicts += 1;
         }
         let Some(gather) = &mut self.gather else {
             return Ok(());
@@ -302,23 +362,63 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The control's READ.
-    fn read(&self, cell: &mut Cell<Machine<Wiring>>) -> Result<(), Failure> {
-        let Some(program) = cell.machine.wires_mut().read_program()? else {
-            return self.say(&format!("{} nothing came", paint(CAUTION, "READ")));
+    /// A tool that took material away without cutting is an alarm.
+    fn crash<M: Floor>(&self, cell: &Cell<M>, step: &Step) -> Result<(), Stop> {
+        let Some(crash) = cell.machine.crash() else {
+            return Ok(());
+        };
+        let [x, y, z] = crash.to.to_array_mm();
+        Err(Stop::Failure(Failure::refused(
+            "crash",
+            format_args!(
+                "O{:04} line {} `{}`: the tool ran {:.3} mm deep into the workpiece {} on its way to X{x:.3} Y{y:.3} Z{z:.3} (machine coordinates)",
+                step.program,
+                step.line,
+                step.text.trim(),
+                crash.removed.deepest_mm,
+                match crash.cause {
+                    CrashCause::Rapid => "at rapid",
+                    CrashCause::SpindleStill => "with the spindle standing still",
+                },
+            ),
+        )))
+    }
+
+    /// The control's READ. False: the next program must not run, because it would run
+    /// with a correction that is not for this clamping.
+    fn read<M: Floor>(&mut self, cell: &mut Cell<M>, last: bool) -> Result<bool, Failure> {
+        let judged = self.verdict.take();
+        let Some(program) = cell.machine.machine().wires_mut().read_program()? else {
+            // The plate that is taught needs none.
+            let taught = judged == Some(true) || self.gather.is_none();
+            let go_on = taught || last;
+            if self.options.format.json {
+                print_json(&json!({ "type": "read", "programs": [], "text": null }))?;
+            }
+            self.say(&format!("{} nothing came", paint(CAUTION, "READ")))?;
+            if !go_on {
+                self.say(&format!(
+                    "{} there is no OK verdict: the next program does not run",
+                    paint(BAD, "stop")
+                ))?;
+                self.ng = true;
+            }
+            return Ok(go_on);
         };
         let loaded = cell.control.load(&program).map_err(|alarm| {
             Failure::refused("program", format_args!("the board's program: {alarm}"))
         })?;
         if self.options.format.json {
-            return print_json(&json!({ "type": "read", "programs": loaded, "text": program }));
+            print_json(&json!({ "type": "read", "programs": loaded, "text": program }))?;
+        } else {
+            let names: Vec<String> = loaded.iter().map(|o| format!("O{o:04}")).collect();
+            self.say(&format!(
+                "{} {}\n{program}",
+                paint(GOOD, "READ"),
+                names.join(" ")
+            ))?;
         }
-        let names: Vec<String> = loaded.iter().map(|o| format!("O{o:04}")).collect();
-        self.say(&format!(
-            "{} {}\n{program}",
-            paint(GOOD, "READ"),
-            names.join(" ")
-        ))
+        Ok(true)
     }
 
     fn keep_serial(&self) -> Result<(), Failure> {
@@ -340,18 +440,41 @@ impl<'a> View<'a> {
         Err(Failure::Negative)
     }
 
-    fn finish(self, cell: &mut Cell<Machine<Wiring>>) -> Result<(), Failure> {
+    fn finish<M: Floor>(
+        self,
+        cell: &mut Cell<M>,
+        nominal: Option<&CylinderArc>,
+    ) -> Result<(), Failure> {
         self.bar.finish_and_clear();
         self.keep_serial()?;
-        let status = cell.machine.status();
+        let status = cell.machine.machine().status();
+        // A board with a job was to judge something.
+        let unjudged = self.gather.is_some() && self.verdicts == 0;
+        let surface = cell
+            .machine
+            .workpiece()
+            .zip(nominal)
+            .and_then(|(piece, nominal)| Deviations::of(piece, nominal).statistics(|_, _| true))
+            .filter(|surface| surface.uncut < surface.nodes);
         if self.options.format.json {
+            if let Some(surface) = surface {
+                print_json(&show::surface(&surface))?;
+            }
             print_json(&json!({
                 "type": "end",
                 "seconds": status.seconds,
                 "hits": status.hits,
                 "serial_bytes": self.serial.len(),
+                "verdicts": self.verdicts,
             }))?;
         } else {
+            if let Some(surface) = surface {
+                print(&format!(
+                    "{} {}\n",
+                    paint(TITLE, "surface"),
+                    show::surface_line(&surface)
+                ))?;
+            }
             print(&format!(
                 "{} after {:.1} s of machine time: {}, {} printed\n",
                 paint(GOOD, "end"),
@@ -359,8 +482,14 @@ impl<'a> View<'a> {
                 count(status.hits as u64, "hit"),
                 count(self.serial.len() as u64, "byte"),
             ))?;
+            if unjudged {
+                print(&format!(
+                    "{} the board reached no verdict: do program and job fit?\n",
+                    paint(BAD, "NG")
+                ))?;
+            }
         }
-        if self.ng {
+        if self.ng || unjudged {
             Err(Failure::Negative)
         } else {
             Ok(())

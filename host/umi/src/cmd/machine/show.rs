@@ -1,6 +1,7 @@
 //! What happens on a machine, for people and for machines.
 
 use serde_json::{Value, json};
+use umi_virtual::cutting::Statistics;
 use umi_virtual::machine::Hit;
 use umi_virtual::nc::{Alarm, Severity};
 
@@ -47,6 +48,31 @@ pub fn hit_line(number: usize, hit: &Hit) -> String {
     format!(
         "{number:>4}  X {x:10.4}  Y {y:10.4}  Z {z:10.4}  F {:6.0}  {}  (control {:.2} ms and {late_um:.1} µm late)",
         hit.feed_mm_per_min, hit.body, hit.delay_ms
+    )
+}
+
+/// A surface against the nominal one.
+pub fn surface(surface: &Statistics) -> Value {
+    json!({
+        "type": "surface",
+        "nodes": surface.nodes,
+        "uncut": surface.uncut,
+        "mean_mm": surface.mean_mm,
+        "std_mm": surface.std_mm,
+        "min_mm": surface.min_mm,
+        "max_mm": surface.max_mm,
+    })
+}
+
+/// A surface in one line.
+pub fn surface_line(surface: &Statistics) -> String {
+    format!(
+        "mean {:+.4} mm, standard deviation {:.4}, from {:+.4} to {:+.4}; {:.1} % not cut",
+        surface.mean_mm,
+        surface.std_mm,
+        surface.min_mm,
+        surface.max_mm,
+        100.0 * surface.uncut as f64 / surface.nodes as f64
     )
 }
 
