@@ -58,7 +58,7 @@ pub fn text(path: &Path) -> Result<String, Failure> {
     let bytes = bytes.map_err(|error| Failure::file("read", path, &error))?;
     if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) || bytes.contains(&0) {
         let message = format!(
-            "{}: this is not plain text (UTF-16 or binary): save it as CSV in UTF-8 or ASCII",
+            "{}: this is not plain text (UTF-16 or binary): save it as text in UTF-8 or ASCII",
             name(path)
         );
         return Err(Failure::trouble("not_text", message));
