@@ -211,9 +211,21 @@ fn example_job_corrects() {
     }
 }
 
-/// The example job for the ring gauge is a job.
+/// Job, program and scene of the ring gauge fit: the program runs through, and the ring is
+/// found to be larger by the scene's pretravel of 0.062 mm, plus half of what a control
+/// that answers within 4 ms adds at 50 mm/min (1.7 µm).
 #[test]
 fn example_job_of_the_ring_gauge() {
-    let job: Job = toml::from_str(include_str!("../../../examples/ring-gauge.toml")).unwrap();
-    assert!(Brain::new(job).is_ok());
+    let scene = include_str!("../../../examples/scenes/ring-gauge.toml");
+    let program = include_str!("../../../examples/probe-ring.nc");
+    let (_, body) = program.split_once("O0200").unwrap();
+    let (body, _) = body.split_once("M30").unwrap();
+    let (_, body) = body.split_once('\n').unwrap();
+    let ran = run_text(Family::Fanuc, scene, body);
+    let shapes = ran.shapes(include_str!("../../../examples/ring-gauge.toml"));
+    let [Shape::Circle { radius_mm, .. }] = shapes[..] else {
+        panic!("{shapes:?}");
+    };
+    let pretravel_mm = radius_mm - (71.1327 / 2.0 - 2.5);
+    assert!((pretravel_mm - 0.0637).abs() < 0.001, "{pretravel_mm}");
 }
