@@ -261,7 +261,7 @@ fn corrected_path_is_the_referees() {
 const BOTH: &[Dialect] = &[Dialect::Fanuc, Dialect::LinuxCnc];
 
 /// Ordinary programs in words that both know, and the dialects that have these words.
-const PROGRAMS: [(&str, &[Dialect], &str); 18] = [
+const PROGRAMS: [(&str, &[Dialect], &str); 19] = [
     (
         "arcs in three planes, I J K",
         BOTH,
@@ -342,6 +342,13 @@ const PROGRAMS: [(&str, &[Dialect], &str); 18] = [
         "deep drilling: G83",
         &[Dialect::LinuxCnc],
         "G21 G90 G17\nG0 X0 Y0 Z20\nG98 G83 X10 Y10 Z-10 R2 Q3 F100\nX20\nG80\nG0 Z25\n",
+    ),
+    (
+        "drilling that begins below R",
+        &[Dialect::LinuxCnc],
+        "G21 G90 G17\nG0 X0 Y0 Z2\nG98 G81 X10 Y0 R5 Z-10 F100\nX20\nG80\nG0 X0 Z1\n\
+         G99 G82 X30 Y10 R3 Z-2 P0.1\nX35\nG80\nG0 Z1\nG91 G98 G81 X5 R4 Z-3 L3\nG80\n\
+         G90 G0 Z0\nG98 G83 X1 Y1 R0.5 Z-1 Q0.3\nX2\nG80\nG0 Z9\n",
     ),
     (
         "expressions and variables",

@@ -104,6 +104,9 @@ pub fn control(scene: &Scene) -> Control {
     for (offset, origin_mm) in &scene.offsets_mm {
         control.set_offset(*offset, *origin_mm);
     }
+    for (set, error) in &scene.setting_errors {
+        control.offsets_mut().set_setting_error(*set, *error);
+    }
     for (number, tool) in &scene.tools {
         let offsets = control.offsets_mut();
         offsets.set_length(*number, tool.length_mm);

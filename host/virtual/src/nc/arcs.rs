@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
-use umi_core::units::{Point, Rad};
+use umi_core::units::Rad;
 
 use super::alarm::{Checked, Fault};
 use super::control::Control;
@@ -56,7 +56,9 @@ impl Control {
                 if start < 1e-9 {
                     return Err(Fault::new("the centre is the start: an arc needs a radius"));
                 }
-                if (start - end).abs() > tolerance {
+                // What is no number does not fit either.
+                let fits = (start - end).abs() <= tolerance;
+                if !fits {
                     return Err(Fault::ps(
                         20,
                         format!(
@@ -82,9 +84,7 @@ impl Control {
         axes.travel(&Motion {
             to: finite(frame.apply(to))?,
             path: Path::Arc {
-                center: Point {
-                    mm: frame.apply(center),
-                },
+                center: finite(frame.apply(center))?,
                 axis: frame.turn * axis,
                 sweep: Rad(sweep),
             },
@@ -124,7 +124,8 @@ fn by_radius(
             "an arc with R needs an end apart from its start: a full circle has I, J, K",
         ));
     }
-    if half > radius.abs() + tolerance {
+    let reaches = half <= radius.abs() + tolerance;
+    if !reaches {
         return Err(Fault::ps(
             20,
             format!(

@@ -73,6 +73,20 @@ pub(crate) struct Assign {
     pub value: Expr,
 }
 
+/// What begins a comment that acts in LinuxCNC.
+const ACTING: [&str; 10] = [
+    "MSG",
+    "DEBUG",
+    "PRINT",
+    "LOG",
+    "LOGOPEN",
+    "LOGAPPEND",
+    "LOGCLOSE",
+    "PROBEOPEN",
+    "PROBECLOSE",
+    "ABORT",
+];
+
 /// Words in one block.
 const MAX_WORDS: usize = 100;
 
@@ -110,6 +124,20 @@ impl Block {
             Err(fault) => block.statement = Err(fault),
         }
         block
+    }
+
+    /// Whether one of its comments begins with a word that acts in LinuxCNC.
+    pub fn comment_acts(&self) -> bool {
+        self.comments.iter().any(|comment| {
+            let word = comment
+                .trim_start()
+                .split(|c: char| !c.is_ascii_alphabetic())
+                .next()
+                .unwrap_or_default();
+            ACTING
+                .iter()
+                .any(|acting| word.eq_ignore_ascii_case(acting))
+        })
     }
 
     fn read_statement(&mut self, line: &Line, dialect: Dialect) -> Checked<Statement> {

@@ -13,6 +13,9 @@ use super::settings::{DecimalPoint, Dialect};
 use super::variables::Level;
 use super::words::Words;
 
+/// Repetitions of a call (L).
+const MAX_REPEATS: u32 = 9999;
+
 /// The local variable of an address in the first form of arguments.
 fn first_form(letter: u8) -> Option<usize> {
     Some(match letter {
@@ -50,12 +53,19 @@ impl Control {
         let (mut group, mut last) = (0usize, b'L');
         for word in words.iter().skip(1) {
             let value = evaluate(&word.value, &self.view(axes)).map_err(|f| f.at(word.at))?;
-            let Some(value) = value else { continue };
             match word.letter {
                 b'P' | b'L' => {
-                    let number = whole(value, 99_999_999).ok_or_else(|| {
-                        Fault::new(format!("{}{value}: a whole number", word.letter as char))
-                            .at(word.at)
+                    let Some(value) = value else { continue };
+                    let (largest, what) = match word.letter {
+                        b'P' => (99_999_999, "the number of a program"),
+                        _ => (MAX_REPEATS, "how often"),
+                    };
+                    let number = whole(value, largest).ok_or_else(|| {
+                        Fault::new(format!(
+                            "{}{value}: {what} is a whole number from 0 to {largest}",
+                            word.letter as char
+                        ))
+                        .at(word.at)
                     })?;
                     if word.letter == b'P' {
                         program = Some(number);
@@ -88,7 +98,10 @@ impl Control {
                     if slot > 33 {
                         return Err(Fault::new("I, J, K come at most ten times").at(word.at));
                     }
-                    arguments.push((slot, self.argument(word, value)));
+                    // A null takes its place, too: behind I#0 a second I is #7.
+                    if let Some(value) = value {
+                        arguments.push((slot, self.argument(word, value)));
+                    }
                 }
             }
         }
@@ -180,13 +193,26 @@ impl Control {
 
     /// Goes one level deeper; the caller goes on behind its block afterwards.
     pub(crate) fn push(&mut self, call: Call, level: Option<Level>) -> Checked<()> {
-        if self.stack.len() > self.settings.limits.call_depth {
+        let limits = &self.settings.limits;
+        let is_macro = call.has_level && self.settings.dialect.is_macro_b();
+        // Below the main program; macros and subprograms are counted apart.
+        let depth = self
+            .stack
+            .iter()
+            .skip(1)
+            .filter(|other| other.has_level == call.has_level)
+            .count();
+        let (most, what) = if is_macro {
+            (limits.macro_depth, "macros (G65, G66)")
+        } else if self.settings.dialect.is_macro_b() {
+            (limits.call_depth, "subprograms (M98)")
+        } else {
+            (limits.call_depth, "subroutines")
+        };
+        if depth >= most {
             return Err(Fault::ps(
                 77,
-                format!(
-                    "more than {} calls inside calls",
-                    self.settings.limits.call_depth
-                ),
+                format!("more than {most} {what} inside each other"),
             ));
         }
         if let Some(caller) = self.stack.last_mut() {
@@ -206,7 +232,7 @@ impl Control {
         let p = words
             .whole(b'P', 99_999_999)?
             .ok_or_else(|| Fault::ps(76, format!("M{m} needs P")))?;
-        let l = words.whole(b'L', 9999)?;
+        let l = words.whole(b'L', MAX_REPEATS)?;
         let (program, begin, repeats) = if m == 97 {
             if self.settings.dialect != Dialect::Haas {
                 return Err(Fault::new("M97 is not a code of this control: M98"));
@@ -271,6 +297,14 @@ impl Control {
         if self.stack.len() > 1 {
             self.pop();
         } else if p.is_none() {
+            self.main_repeats += 1;
+            if self.main_repeats > self.settings.limits.main_repeats {
+                return Err(Fault::new(
+                    "M99 in the main program begins it again without end: end it with M30, call \
+                     it with M98 or G65, or raise `main_repeats` in the scene's \
+                     [control.nc.limits]",
+                ));
+            }
             return Ok(Go::To(0));
         }
         if let (Some(n), Some(call)) = (p, self.stack.last_mut()) {

@@ -3,28 +3,69 @@
 use super::alarm::{Alarm, Fault, Severity};
 use super::block::{Block, Statement, Word};
 use super::codes;
-use super::control::Control;
+use super::control::{Control, comes_twice, read};
 use super::evaluate::whole;
 use super::modal::g_text;
+use super::offsets::MAX_EXTENDED;
 use super::oword::Flow;
-use super::program::{Program, split};
+use super::program::Program;
 use super::settings::{Dialect, Settings};
+use super::words::AXES;
+
+mod flow;
+mod values;
+
+/// M codes that mean much the same on most machines: stops, ends, spindle, coolant, tool
+/// change, clamps, orientation, rigid tapping, gears, overrides.
+const USUAL_M: [u32; 29] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 14, 19, 29, 30, 40, 41, 42, 43, 44, 48, 49, 60, 97,
+    98, 99, 198,
+];
 
 /// Reads a text as a control does as it runs through all blocks, without values: syntax,
 /// unknown codes and words, loops without an end, jumps to nowhere; as warnings calls to
 /// programs that are not in this text, and what not every control takes.
 #[must_use]
 pub fn check(text: &str, settings: &Settings) -> Vec<Alarm> {
-    let mut control = Control::new(settings.clone());
     let mut found = Vec::new();
-    if let Err(alarm) = control.load(text) {
-        found.push(alarm);
-        return found;
+    let programs = match read(text, settings) {
+        Ok(programs) => programs,
+        Err(fault) => {
+            found.push(fault.in_block(settings.dialect, 0, 0, ""));
+            return found;
+        }
+    };
+    let line = |program: &Program| program.blocks.first().map_or(0, |block| block.line);
+    if programs.len() > settings.limits.programs {
+        let fault = Fault::new(format!(
+            "{} programs: the control holds {}",
+            programs.len(),
+            settings.limits.programs
+        ));
+        found.push(fault.in_block(settings.dialect, 0, 0, ""));
     }
-    let programs = split(text, settings.dialect);
+    // What a control holds before a program is run: what can be set and read.
+    let mut control = Control::new(settings.clone());
+    let mut calls = flow::Calls::new(&programs);
     for program in &programs {
+        let is_twin = |other: &&Program| other.number == program.number && !other.is_library();
+        if !program.is_library() && programs.iter().filter(is_twin).count() > 1 {
+            found.push(comes_twice(program.number).in_block(
+                settings.dialect,
+                program.number,
+                line(program),
+                "",
+            ));
+        }
+        for (at, text, fault) in flow::faults(&mut calls, program, settings) {
+            found.push(fault.in_block(settings.dialect, program.number, at, text));
+        }
         for (index, block) in program.blocks.iter().enumerate() {
-            for fault in faults(&programs, program, index, block, settings) {
+            let mut faults = faults(&programs, program, index, block, settings);
+            if let Ok(statement) = &block.statement {
+                values::check(statement, &mut control, &mut faults);
+            }
+            for fault in faults {
                 found.push(fault.in_block(
                     settings.dialect,
                     program.number,
@@ -36,7 +77,7 @@ pub fn check(text: &str, settings: &Settings) -> Vec<Alarm> {
         if !has_end(program, settings.dialect) {
             found.push(
                 Fault::warning("no M30, M2 or M99 in this program: it ends with an alarm")
-                    .in_block(settings.dialect, program.number, 0, ""),
+                    .in_block(settings.dialect, program.number, line(program), ""),
             );
         }
     }
@@ -143,6 +184,7 @@ fn check_words(
         )));
     }
     check_letters(words, faults);
+    codes_with_values(words, dialect, faults);
     let m = words
         .iter()
         .find(|word| word.letter == b'M')
@@ -171,6 +213,61 @@ fn check_words(
             faults.push(Fault::ps(78, format!("no block N{p} in this program")));
         }
         _ => {}
+    }
+}
+
+/// Codes whose P, or whose lack of axes, a control refuses; M codes that few machines have.
+fn codes_with_values(words: &[Word], dialect: Dialect, faults: &mut Vec<Fault>) {
+    let is_b = dialect.is_macro_b();
+    let find = |letter: u8| words.iter().find(|word| word.letter == letter);
+    // The whole number behind a letter; none if it is not written there.
+    let number = |letter: u8| {
+        find(letter)
+            .and_then(|word| word.value.constant())
+            .and_then(|value| whole(value, 99_999_999))
+    };
+    let has_axes = AXES.iter().any(|axis| find(*axis).is_some());
+    for word in words {
+        let Some(value) = word.value.constant() else {
+            continue;
+        };
+        if word.letter == b'M' {
+            match whole(value, 9999) {
+                Some(m) if USUAL_M.contains(&m) => {}
+                Some(m) => faults.push(
+                    Fault::warning(format!(
+                        "M{m} is the machine builder's own: here it does nothing"
+                    ))
+                    .at(word.at),
+                ),
+                None => faults.push(Fault::new(format!("M{value} is no M code")).at(word.at)),
+            }
+        }
+        if word.letter != b'G' {
+            continue;
+        }
+        let code = whole(value * 10.0, 9999).unwrap_or_default();
+        // The code, its L, and the largest P it takes from the least on.
+        let range = match (code, number(b'L')) {
+            (310, _) | (382..=385, _) if !has_axes => {
+                faults.push(Fault::new(format!("G{value} needs X, Y or Z")).at(word.at));
+                continue;
+            }
+            (100, Some(2)) => Some((0, if dialect == Dialect::LinuxCnc { 9 } else { 6 })),
+            (100, Some(20)) if is_b => Some((1, u32::from(MAX_EXTENDED))),
+            (100, Some(20)) => Some((0, 9)),
+            (540 | 541 | 1540, _) => Some((1, u32::from(MAX_EXTENDED))),
+            (544, _) => Some((0, 7)),
+            _ => None,
+        };
+        if let (Some((least, most)), Some(p)) = (range, find(b'P'))
+            && let Some(value) = p.value.constant()
+            && whole(value, most).is_none_or(|p| p < least)
+        {
+            faults.push(
+                Fault::ps(31, format!("P{value}: P is from {least} to {most} here")).at(p.at),
+            );
+        }
     }
 }
 

@@ -117,6 +117,8 @@ pub struct Control {
     pub(crate) returned: f64,
     blocks: u64,
     backwards: u64,
+    /// How often M99 began the main program again.
+    pub(crate) main_repeats: u64,
     pub(crate) ended: bool,
     pub(crate) alarm: Option<Alarm>,
     /// What is given where there is no level: empty.
@@ -154,6 +156,7 @@ impl Control {
             returned: 0.0,
             blocks: 0,
             backwards: 0,
+            main_repeats: 0,
             ended: true,
             alarm: None,
             base: Level::default(),
@@ -190,18 +193,7 @@ impl Control {
     }
 
     fn load_checked(&mut self, text: &str) -> Checked<Vec<u32>> {
-        let limits = &self.settings.limits;
-        if text.len() > limits.text {
-            return Err(Fault::new(format!(
-                "a text of {} bytes: the control holds {}",
-                text.len(),
-                limits.text
-            )));
-        }
-        let programs = split(text, self.settings.dialect);
-        if programs.is_empty() {
-            return Err(Fault::new("there is no program in this text"));
-        }
+        let programs = read(text, &self.settings)?;
         let mut numbers = Vec::new();
         for mut program in programs {
             if program.is_library() {
@@ -275,6 +267,7 @@ impl Control {
         self.modal.cycle = None;
         self.blocks = 0;
         self.backwards = 0;
+        self.main_repeats = 0;
         self.ended = false;
         self.alarm = None;
         Ok(())
@@ -358,7 +351,8 @@ impl Control {
         self.blocks += 1;
         if self.blocks > self.settings.limits.blocks {
             return Err(Fault::new(format!(
-                "more than {} blocks: the program does not end, or raise limits.blocks",
+                "more than {} blocks: the program does not end, or raise `blocks` in the scene's \
+                 [control.nc.limits]",
                 self.settings.limits.blocks
             )));
         }
@@ -403,7 +397,8 @@ impl Control {
         self.backwards += 1;
         if self.backwards > self.settings.limits.loops {
             return Err(Fault::new(format!(
-                "more than {} passes of loops: the program does not end, or raise limits.loops",
+                "more than {} passes of loops: the program does not end, or raise `loops` in the \
+                 scene's [control.nc.limits]",
                 self.settings.limits.loops
             )));
         }
@@ -431,6 +426,30 @@ impl Control {
             None => &mut self.base,
         }
     }
+}
+
+/// The programs of a text, at least one.
+pub(crate) fn read(text: &str, settings: &Settings) -> Checked<Vec<Program>> {
+    let most = settings.limits.text;
+    if text.len() > most {
+        return Err(Fault::new(format!(
+            "a text of {} bytes: the control holds {most} (`text` in the scene's \
+             [control.nc.limits])",
+            text.len(),
+        )));
+    }
+    let programs = split(text, settings.dialect)?;
+    if programs.is_empty() {
+        return Err(Fault::new("there is no program in this text"));
+    }
+    Ok(programs)
+}
+
+/// What a number is that two programs of a text have.
+pub(crate) fn comes_twice(number: u32) -> Fault {
+    Fault::new(format!(
+        "O{number:04} comes twice in this text: number one of them anew"
+    ))
 }
 
 impl From<Trip> for Fault {

@@ -105,7 +105,14 @@ impl Control {
                 let p = words
                     .whole(b'P', 7)?
                     .ok_or_else(|| Fault::new("G54.4 needs P1 to P7, or P0 to cancel"))?;
-                self.modal.setting_error = u8::try_from(p).ok().filter(|p| *p > 0);
+                let set = u8::try_from(p).ok().filter(|p| *p > 0);
+                if set.is_some_and(|p| !self.offsets.has_setting_error(p)) {
+                    return Err(Fault::new(format!(
+                        "G54.4 P{p}: this setting error was never set, P{p} in the scene's \
+                         [setting_errors]"
+                    )));
+                }
+                self.modal.setting_error = set;
                 Ok(())
             }
             680 | 681 => self.rotate(words, axes),

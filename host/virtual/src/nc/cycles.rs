@@ -115,26 +115,39 @@ impl Control {
             put(&mut point, normal, height);
             point
         };
+        let is_linuxcnc = self.settings.dialect == Dialect::LinuxCnc;
+        let mut over = over;
+        let height = over.get(normal).copied().unwrap_or(0.0);
+        if is_linuxcnc && height < cycle.r {
+            // It climbs to R before it moves over the hole. Other controls move over the
+            // hole at the height where they are.
+            let mut above = self.here(axes);
+            put(&mut above, normal, cycle.r);
+            self.line(above, Rate::Rapid, axes)?;
+            put(&mut over, normal, cycle.r);
+        }
         self.line(over, Rate::Rapid, axes)?;
         self.line(at(cycle.r), Rate::Rapid, axes)?;
         match code {
             730 | 830 => {
-                let mut depth = cycle.r;
-                while depth > cycle.bottom {
-                    let next = (depth - cycle.peck).max(cycle.bottom);
-                    if code == 830 && depth < cycle.r {
+                let pecks = pecks(cycle);
+                for peck in 1..=pecks {
+                    let depth = cycle.r - cycle.peck * f64::from(peck - 1);
+                    if code == 830 && peck > 1 {
                         let short = (depth + clearance).min(cycle.r);
                         self.line(at(short), Rate::Rapid, axes)?;
                     }
-                    self.line(at(next), feed, axes)?;
-                    depth = next;
-                    if depth > cycle.bottom {
-                        let back = match code {
-                            830 => cycle.r,
-                            _ => (depth + clearance).min(cycle.r),
-                        };
-                        self.line(at(back), Rate::Rapid, axes)?;
+                    if peck == pecks {
+                        self.line(at(cycle.bottom), feed, axes)?;
+                        break;
                     }
+                    let depth = depth - cycle.peck;
+                    self.line(at(depth), feed, axes)?;
+                    let back = match code {
+                        830 => cycle.r,
+                        _ => (depth + clearance).min(cycle.r),
+                    };
+                    self.line(at(back), Rate::Rapid, axes)?;
                 }
             }
             _ => {
@@ -146,11 +159,22 @@ impl Control {
         }
         let top = if self.modal.returns_to_r {
             cycle.r
+        } else if is_linuxcnc {
+            cycle.initial.max(cycle.r)
         } else {
             cycle.initial
         };
         self.line(at(top), Rate::Rapid, axes)
     }
+}
+
+/// How many pecks reach the bottom; a rest below a nanometre is none.
+fn pecks(cycle: Cycle) -> u32 {
+    let depth = cycle.r - cycle.bottom;
+    // At most MAX_PECKS: the caller has compared.
+    ((depth - 1e-6) / cycle.peck)
+        .ceil()
+        .clamp(1.0, MAX_PECKS + 1.0) as u32
 }
 
 fn put(point: &mut Vector3<f64>, axis: usize, value: f64) {

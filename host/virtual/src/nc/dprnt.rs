@@ -57,6 +57,14 @@ enum Item {
 const MAX_VARIABLES: usize = 10;
 
 impl Format {
+    /// The variables that it prints.
+    pub fn variables(&self) -> impl Iterator<Item = &Expr> {
+        self.items.iter().filter_map(|item| match item {
+            Item::Value { variable, .. } => Some(variable),
+            Item::Character(_) => None,
+        })
+    }
+
     /// Reads what stands behind `DPRNT` or `BPRNT`, with warnings. A bracket that is not
     /// closed ends with the line: the programs of the thesis' appendix C ran so.
     pub fn read(

@@ -69,7 +69,7 @@ impl Evaluator<'_> {
     // The depth of the tree is bounded by the length of a line.
     fn value(&self, expr: &Expr) -> Checked<Option<f64>> {
         match expr {
-            Expr::Number(value) => Ok(Some(*value)),
+            Expr::Number(value) => finite(*value).map(Some),
             Expr::Variable(number) => self.from.variable(variable_number(number, self.from)?),
             Expr::Named(name) => self.from.named(name)?.map(Some).ok_or_else(|| {
                 Fault::new(format!("#<{name}> has no value yet: assign one before"))

@@ -340,7 +340,10 @@ pub(crate) fn finite(mm: Vector3<f64>) -> Checked<Point> {
     if point.is_finite() && mm.amax() < 1e7 {
         Ok(point)
     } else {
-        Err(Fault::ps(111, "the end of this motion is too far away"))
+        Err(Fault::ps(
+            111,
+            "the end of this motion, or the centre of its arc, is too far away",
+        ))
     }
 }
 

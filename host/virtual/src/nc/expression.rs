@@ -34,6 +34,16 @@ impl Expr {
         }
     }
 
+    /// Its operands.
+    pub fn operands(&self) -> Vec<&Self> {
+        match self {
+            Self::Number(_) | Self::Named(_) => Vec::new(),
+            Self::Variable(inner) | Self::Negate(inner) => vec![inner.as_ref()],
+            Self::Binary(_, a, b) => vec![a.as_ref(), b.as_ref()],
+            Self::Call(_, arguments) => arguments.iter().collect(),
+        }
+    }
+
     /// Its value if it is a plain number.
     pub fn constant(&self) -> Option<f64> {
         match self {

@@ -108,7 +108,9 @@ impl Modal {
             h: 0,
             d: 0,
             length_mm: 0.0,
-            feed: settings.feed_mm_min.filter(|feed| *feed > 0.0),
+            feed: settings
+                .feed_mm_min
+                .filter(|feed| *feed > 0.0 && feed.is_finite()),
             s: 0.0,
             t: 0,
             tool: 0,

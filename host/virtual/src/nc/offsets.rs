@@ -85,6 +85,12 @@ impl Offsets {
         self.setting_errors.get(&p).copied().unwrap_or_default()
     }
 
+    /// Whether workpiece setting error P was set.
+    #[must_use]
+    pub fn has_setting_error(&self, p: u8) -> bool {
+        self.setting_errors.contains_key(&p)
+    }
+
     /// Sets workpiece setting error P (1 to 7) of `G54.4`.
     pub fn set_setting_error(&mut self, p: u8, error: [f64; 6]) {
         if (1..=7).contains(&p) {

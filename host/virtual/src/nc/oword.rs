@@ -68,6 +68,13 @@ pub(crate) fn read(cursor: &mut Cursor<'_>) -> Checked<OWord> {
         "ENDREPEAT" => Flow::EndRepeat,
         "BREAK" => Flow::Break,
         "CONTINUE" => Flow::Continue,
+        "" => {
+            return Err(Fault::new(format!(
+                "O{label} has no keyword (sub, call, if, while ...): O numbers as program names \
+                 are Fanuc's"
+            ))
+            .at(at));
+        }
         other => {
             return Err(Fault::new(format!("`{other}` is no keyword of an O word")).at(at));
         }

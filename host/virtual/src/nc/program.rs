@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::alarm::Fault;
+use super::alarm::{Checked, Fault};
 use super::block::{Block, Statement};
 use super::expression::Expr;
 use super::oword::Flow;
@@ -36,14 +36,23 @@ pub(crate) struct Link {
     pub end: usize,
 }
 
-/// Splits a text into programs: at `%`, and at O numbers (Fanuc also `:`).
-pub(crate) fn split(text: &str, dialect: Dialect) -> Vec<Program> {
+/// Blocks in one text. It bounds the memory that a text takes, as a block takes more than
+/// its characters; a part program of 4 MB has about this many.
+const MAX_BLOCKS: usize = 250_000;
+
+/// Splits a text into programs: at `%`, and at O numbers (Fanuc also `:`). Lines that say
+/// nothing (blank, comments alone) are not kept.
+///
+/// # Errors
+/// More than [`MAX_BLOCKS`] blocks.
+pub(crate) fn split(text: &str, dialect: Dialect) -> Checked<Vec<Program>> {
     let mut programs = Vec::new();
     let mut number = None;
     let mut blocks: Vec<Block> = Vec::new();
+    let mut count = 0;
+    // In LinuxCNC a comment may act.
+    let acts = |block: &Block| dialect == Dialect::LinuxCnc && block.comment_acts();
     let mut finish = |number: &mut Option<u32>, blocks: &mut Vec<Block>| {
-        // In LinuxCNC a comment may act.
-        let acts = |block: &Block| dialect == Dialect::LinuxCnc && !block.comments.is_empty();
         if number.is_some() || blocks.iter().any(|b| says_something(b) || acts(b)) {
             programs.push(Program::new(
                 number.unwrap_or(0),
@@ -71,11 +80,28 @@ pub(crate) fn split(text: &str, dialect: Dialect) -> Vec<Program> {
                 number = Some(o);
                 blocks.push(Block::read(line, rest, dialect));
             }
-            None => blocks.push(Block::read(line, text, dialect)),
+            None if text.trim().is_empty() => continue,
+            None => {
+                let block = Block::read(line, text, dialect);
+                let is_kept = says_something(&block)
+                    || block.n.is_some()
+                    || !block.warnings.is_empty()
+                    || acts(&block);
+                if !is_kept {
+                    continue;
+                }
+                blocks.push(block);
+            }
+        }
+        count += 1;
+        if count > MAX_BLOCKS {
+            return Err(Fault::new(format!(
+                "more than {MAX_BLOCKS} blocks (line {line}): split the text"
+            )));
         }
     }
     finish(&mut number, &mut blocks);
-    programs
+    Ok(programs)
 }
 
 /// Lines, ended by any run of CR around one LF, or by CR alone.
@@ -383,7 +409,7 @@ mod tests {
     use super::*;
 
     fn fanuc(text: &str) -> Vec<Program> {
-        split(text, Dialect::Fanuc)
+        split(text, Dialect::Fanuc).expect("not too long")
     }
 
     /// Several programs in a text, headings with O and `:`, all line ends of the wire.
@@ -397,6 +423,32 @@ mod tests {
         assert_eq!(fanuc("%\n\r\rO2\n\r\rM30\n\r\r%")[0].blocks.len(), 2);
         assert_eq!(fanuc("G1\rM30\r")[0].number, 0);
         assert_eq!(fanuc("%\n\n%").len(), 0);
+    }
+
+    /// Lines that say nothing cost nothing, and their number is bounded by the text alone.
+    #[test]
+    fn blank_lines_are_not_kept() {
+        for line in ["\n", "(X)\n", "/\n", " \t\r\n"] {
+            let text = format!("O1\n{}M30\n", line.repeat((4 << 20) / line.len()));
+            for dialect in [Dialect::Fanuc, Dialect::Grbl] {
+                let programs = split(&text, dialect).expect("not too long");
+                let blocks = &programs[0].blocks;
+                assert!(blocks.len() <= 2, "{line:?}: {}", blocks.len());
+                let lines = u32::try_from((4 << 20) / line.len()).expect("small");
+                assert_eq!(blocks[blocks.len() - 1].line, lines + 2);
+            }
+        }
+        // In LinuxCNC some comments act.
+        let text = "(X)\n(print,1)\n( LOGCLOSE)\n(MESSAGE)\nM2\n";
+        let programs = split(text, Dialect::LinuxCnc).expect("not too long");
+        assert_eq!(programs[0].blocks.len(), 3);
+    }
+
+    /// More blocks than memory is given for are refused.
+    #[test]
+    fn blocks_are_bounded() {
+        let fault = split(&"G0\n".repeat(MAX_BLOCKS + 1), Dialect::Fanuc);
+        assert!(format!("{fault:?}").contains("split the text"));
     }
 
     /// Numbers are sought forward, then from the beginning; loops may be left, not entered.
@@ -437,13 +489,14 @@ mod tests {
         let programs = split(
             "o1 if [1 EQ 2]\no1 elseif [1]\no1 else\no1 endif\no<a> sub\no<a> endsub\n",
             Dialect::LinuxCnc,
-        );
+        )
+        .expect("not too long");
         let program = &programs[0];
         let next: Vec<_> = (0..4).map(|i| program.links[&i].next).collect();
         assert_eq!(next, [1, 2, 3, 3]);
         assert_eq!(program.subs["<a>"], 4);
         assert!(program.blocks.iter().all(|b| b.statement.is_ok()));
-        let bad = split("o1 while [1]\no2 endwhile", Dialect::LinuxCnc);
+        let bad = split("o1 while [1]\no2 endwhile", Dialect::LinuxCnc).expect("not too long");
         assert!(bad[0].blocks.iter().all(|b| b.statement.is_err()));
     }
 }

@@ -80,8 +80,13 @@ pub struct Limits {
     pub blocks: u64,
     /// Jumps backwards (loops, `GOTO`, repeats of a call) after a program is selected.
     pub loops: u64,
-    /// Calls inside calls.
+    /// Subprograms (M98, M97) inside each other, macros not counted: 4 on old controls,
+    /// 10 on Fanuc 30i; LinuxCNC: subroutines.
     pub call_depth: usize,
+    /// Macros (G65, G66) inside each other: 4 with Custom Macro B.
+    pub macro_depth: usize,
+    /// How often M99 may begin the main program again. A control does so for ever.
+    pub main_repeats: u64,
     /// Length of a loaded text, bytes.
     pub text: usize,
     /// Programs in memory.
@@ -94,9 +99,11 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             blocks: 20_000_000,
-            loops: 2_000_000,
+            loops: 100_000,
             call_depth: 10,
-            text: 32 << 20,
+            macro_depth: 4,
+            main_repeats: 2,
+            text: 4 << 20,
             programs: 1000,
             names: 2000,
         }

@@ -266,6 +266,12 @@ impl Control {
         let unit = self.modal.unit_mm();
         let number_set = value.unwrap_or(0.0);
         let length = self.settings.rounded(number_set, self.modal.is_inch) * unit;
+        let is_offset = offset_of(number, dialect).is_some()
+            || length_of(number, dialect).is_some()
+            || radius_of(number, dialect).is_some();
+        if is_offset && !(-1e6..=1e6).contains(&length) {
+            return Err(Fault::ps(32, "the offset is too large"));
+        }
         if let Some((offset, axis)) = offset_of(number, dialect) {
             let mut origin = self.offsets.work(offset);
             if let Some(slot) = origin.get_mut(axis) {

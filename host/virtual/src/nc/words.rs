@@ -29,6 +29,9 @@ pub(crate) struct Words {
     pub others: Vec<Given>,
 }
 
+/// The largest value of a word: no length, feed, speed or number of a program is above it.
+const LARGEST_WORD: f64 = 1e12;
+
 /// The addresses of the axes.
 pub(crate) const AXES: [u8; 3] = *b"XYZ";
 
@@ -80,6 +83,14 @@ impl Control {
             let value = evaluate_word(&word.value, &self.view(axes), increment.filter(|_| rounds))
                 .map_err(|fault| fault.at(word.at))?;
             let Some(value) = value else { continue };
+            // So that neither a unit nor a sum makes it infinite.
+            if value.abs() > LARGEST_WORD {
+                return Err(Fault::ps(
+                    3,
+                    format!("{} is too large: {value:e}", word.letter as char),
+                )
+                .at(word.at));
+            }
             match word.letter {
                 b'G' => {
                     let tenths = whole(value * 10.0, 9999)

@@ -215,11 +215,24 @@ struct File {
     #[serde(default)]
     offsets_mm: BTreeMap<String, [f64; 3]>,
     #[serde(default)]
+    setting_errors: BTreeMap<String, SettingError>,
+    #[serde(default)]
     tools: BTreeMap<String, ToolSpec>,
     #[serde(default, rename = "group")]
     groups: Vec<GroupEntry>,
     #[serde(default, rename = "body")]
     bodies: Vec<BodyEntry>,
+}
+
+/// A workpiece setting error, in the axes of the work coordinate system.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SettingError {
+    #[serde(default)]
+    translation_mm: [f64; 3],
+    /// About X, then Y, then Z.
+    #[serde(default)]
+    rotation_deg: [f64; 3],
 }
 
 #[derive(Deserialize)]
@@ -341,11 +354,32 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             }
         }
     }
+    let mut setting_errors = Vec::new();
+    for (name, error) in file.setting_errors {
+        let set = name
+            .strip_prefix('P')
+            .and_then(|number| number.parse().ok());
+        let Some(set) = set.filter(|set| (1..=7).contains(set)) else {
+            return refuse(format!(
+                "setting_errors.{name}: setting errors (G54.4) are P1 to P7"
+            ));
+        };
+        let [x, y, z] = error.translation_mm;
+        let [a, b, c] = error.rotation_deg;
+        let values = [x, y, z, a, b, c];
+        if !values.iter().all(|value| value.abs() <= 1e6) {
+            return refuse(format!(
+                "setting_errors.{name}: give lengths and angles up to a million"
+            ));
+        }
+        setting_errors.push((set, values));
+    }
     Ok(Scene {
         machine: file.machine,
         control: file.control,
         probe: file.probe,
         offsets_mm,
+        setting_errors,
         tools,
         bodies,
         groups,

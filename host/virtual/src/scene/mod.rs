@@ -52,6 +52,9 @@ pub struct Scene {
     pub probe: ProbeSpec,
     /// Work offsets of the control at the start, machine coordinates.
     pub offsets_mm: Vec<(WorkOffset, [f64; 3])>,
+    /// Workpiece setting errors of the control (`G54.4 P`) by number: along X, Y, Z in mm,
+    /// about X, then Y, then Z in degrees.
+    pub setting_errors: Vec<(u8, [f64; 6])>,
     /// Tools in the magazine.
     pub tools: Vec<(u32, ToolSpec)>,
     bodies: Vec<Body>,

@@ -195,6 +195,14 @@ fn faulty_scenes_are_refused() {
             "[[body]]\nname = \"B\"\nshape = \"half_space\"\ngroup = \"G\"",
             "no group G",
         ),
+        (
+            "[setting_errors.P8]\nrotation_deg = [0.0, 0.0, 1.0]",
+            "P1 to P7",
+        ),
+        (
+            "[setting_errors.P1]\nrotation_deg = [nan, 0.0, 1.0]",
+            "setting_errors.P1",
+        ),
         ("[tools.99]\nlength_mm = 1.0\nradius_mm = 1.0", "probe"),
         (
             "[machine]\ncounts_per_mm = [1.0, 0.0, 1.0]",

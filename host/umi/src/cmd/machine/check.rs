@@ -64,9 +64,11 @@ impl Check {
         };
         let mut source = String::new();
         let mut files = Vec::new();
+        let mut lines = 0;
         for path in &self.programs {
             let text = text(path)?;
-            files.push((name(path), source.lines().count(), text.lines().count()));
+            files.push((name(path), lines));
+            lines += text.lines().count();
             source.push_str(&text);
             if !source.ends_with('\n') {
                 source.push('\n');
@@ -97,22 +99,25 @@ impl Check {
     }
 
     /// An alarm at its place in its file.
-    fn show(&self, alarm: &Alarm, files: &[(String, usize, usize)]) -> Result<(), Failure> {
+    fn show(&self, alarm: &Alarm, files: &[(String, usize)]) -> Result<(), Failure> {
         let line = alarm.line as usize;
-        let (file, before) = files
-            .iter()
-            .rev()
-            .find(|(_, before, _)| line > *before)
-            .map_or(("", 0), |(file, before, _)| (file.as_str(), *before));
+        let (file, before) = match files.iter().rev().find(|(_, before)| line > *before) {
+            Some((file, before)) => (file.clone(), *before),
+            // It is no line's: of all that was given.
+            None => {
+                let names: Vec<_> = files.iter().map(|(file, _)| file.as_str()).collect();
+                (names.join(", "), 0)
+            }
+        };
         let mut alarm = alarm.clone();
         alarm.line = u32::try_from(line.saturating_sub(before)).unwrap_or(u32::MAX);
         if self.format.json {
-            return print_json(&super::show::alarm(&alarm, Some(file)));
+            return print_json(&super::show::alarm(&alarm, Some(&file)));
         }
         let style = match alarm.severity {
             Severity::Alarm => BAD,
             Severity::Warning => CAUTION,
         };
-        print(&format!("{} {alarm}\n", paint(style, file)))
+        print(&format!("{} {alarm}\n", paint(style, &file)))
     }
 }

@@ -56,8 +56,8 @@ fn warnings() {
     use Severity::Warning;
     only("M98P20007", Warning, 3, "O0007 is not in this text");
     only("G65P7", Warning, 3, "O0007 is not in this text");
-    only("DPRNT[X#1[54]]", Warning, 3, "nine places");
-    only("DPRNT[X", Warning, 3, "not closed");
+    only("POPEN\nDPRNT[X#1[54]]\nPCLOS", Warning, 4, "nine places");
+    only("POPEN\nDPRNT[X\nPCLOS", Warning, 4, "not closed");
     only("g0x1.", Warning, 3, "small letters");
     let found = check("O1\nG0X1.\n", &fanuc());
     assert_eq!(found.len(), 1);
@@ -79,5 +79,93 @@ fn dialects() {
     assert_eq!(
         of(Dialect::Mitsubishi, "O1\nG68.1X0Y0Z0I0J0K1R5.\nG69.1\nM30"),
         0
+    );
+}
+
+/// What is wrong with values that the text alone gives.
+#[test]
+fn values() {
+    use Severity::{Alarm, Warning};
+    only("G31F50.", Alarm, 3, "G31 needs X, Y or Z");
+    only("G10L2P99X1.", Alarm, 3, "from 0 to 6");
+    only("G54.1P999", Alarm, 3, "from 1 to 300");
+    only("G54.4P8", Alarm, 3, "from 0 to 7");
+    only("#1=1/0", Alarm, 3, "division by zero");
+    only("#1=#2+SQRT[-1]", Alarm, 3, "SQRT of a negative");
+    only("#0=1", Alarm, 3, "#0 is always null");
+    only("#5061=1", Alarm, 3, "only be read");
+    only("IF[#1EQ0]THEN#5061=1", Alarm, 3, "only be read");
+    only("#1=#4999", Alarm, 3, "no variable of this control");
+    only("M77", Warning, 3, "M77 is the machine builder's own");
+    let long = format!("G1 X1 F{}\nM2\n", "9".repeat(400));
+    let found_in_linuxcnc = check(&long, &Settings::of(Dialect::LinuxCnc));
+    assert_eq!(found_in_linuxcnc.len(), 1, "{found_in_linuxcnc:?}");
+    assert!(found_in_linuxcnc[0].message.contains("too large"));
+    assert_eq!(
+        found("#3000=1(STOP)\n#1100=1\n#5221=1.\nM3S100M8\n#[#1]=2\nG31X#1F9."),
+        []
+    );
+}
+
+/// The line for printing, as the blocks of a main program stand.
+#[test]
+fn printing() {
+    use Severity::Warning;
+    only(
+        "DPRNT[X]\nDPRNT[Y]\nPOPEN\nPCLOS",
+        Warning,
+        3,
+        "no POPEN before it",
+    );
+    only("POPEN\nDPRNT[X]", Warning, 3, "no PCLOS behind it");
+    // A macro may open and close the line for its caller, a subprogram for neither.
+    assert_eq!(found("G65P2\nDPRNT[X]\nG65P2\nM30\nO2\nPOPEN\nM99"), []);
+    let haas = check("O1\nDPRNT[X]\nM30", &Settings::of(Dialect::Haas));
+    assert_eq!(haas, []);
+}
+
+/// Macros nest four deep, subprograms ten, each for themselves.
+#[test]
+fn nesting() {
+    let chain = |call: &str, count: u32| -> String {
+        let rest: String = (2..=count)
+            .map(|n| format!("O{n}\n{call}P{}\nM99\n", n + 1))
+            .collect();
+        format!("{call}P2\nM30\n{rest}O{}\nM99", count + 1)
+    };
+    assert_eq!(found(&chain("G65", 4)), []);
+    only(
+        &chain("G65", 5),
+        Severity::Warning,
+        3,
+        "5 macros deep: the control takes 4",
+    );
+    assert_eq!(found(&chain("M98", 10)), []);
+    only(
+        &chain("M98", 11),
+        Severity::Warning,
+        3,
+        "11 subprograms deep",
+    );
+    // A program that calls itself is not followed.
+    assert_eq!(found("G65P2\nM30\nO2\nIF[#1EQ1]GOTO1\nG65P2\nN1M99"), []);
+}
+
+/// Two programs of one number are an alarm at each of them, and hide nothing else.
+#[test]
+fn twins() {
+    let found = check("O1\nM30\nO1\nG12.3\nM30\n", &fanuc());
+    let lines: Vec<_> = found.iter().map(|alarm| alarm.line).collect();
+    assert_eq!(lines, [1, 3, 4], "{found:?}");
+    assert!(found[0].message.contains("twice"));
+}
+
+/// A Fanuc file on a LinuxCNC: what is missing is said.
+#[test]
+fn fanuc_on_linuxcnc() {
+    let found = check("O1040\nM2\n", &Settings::of(Dialect::LinuxCnc));
+    assert!(
+        found[0].message.contains("O1040 has no keyword"),
+        "{found:?}"
     );
 }
