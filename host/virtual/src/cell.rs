@@ -2,7 +2,7 @@
 
 use crate::cutting::{CylinderArc, Grid, Workpiece};
 use crate::machine::{Machine, Wires};
-use crate::nc::{Alarm, Axes, Control, State, Step, WorkOffset};
+use crate::nc::{Alarm, Axes, Control, State, Step};
 use crate::scene::{Scene, SceneError, Shape};
 
 /// A control in front of its machine.
@@ -116,48 +116,4 @@ pub fn control(scene: &Scene) -> Control {
         .offsets_mut()
         .set_length(scene.probe.tool, scene.probe.length_mm);
     control
-}
-
-/// A work offset by the name that a program calls it: `G54` to `G59`, `G54.1P7`, `EXT`.
-#[must_use]
-pub fn work_offset(name: &str) -> Option<WorkOffset> {
-    if name == "EXT" {
-        return Some(WorkOffset::External);
-    }
-    if let Some(number) = name.strip_prefix("G54.1P") {
-        let number = number.parse().ok()?;
-        return (1..=300)
-            .contains(&number)
-            .then_some(WorkOffset::Extended(number));
-    }
-    let number: u8 = name.strip_prefix('G')?.parse().ok()?;
-    (54..=59)
-        .contains(&number)
-        .then(|| WorkOffset::Standard(number - 53))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Offsets are called as programs call them, and nothing else is taken.
-    #[test]
-    fn offsets_by_name() {
-        assert_eq!(work_offset("G54"), Some(WorkOffset::Standard(1)));
-        assert_eq!(work_offset("G59"), Some(WorkOffset::Standard(6)));
-        assert_eq!(work_offset("G54.1P48"), Some(WorkOffset::Extended(48)));
-        assert_eq!(work_offset("EXT"), Some(WorkOffset::External));
-        for wrong in [
-            "G53",
-            "G60",
-            "54",
-            "G54.1",
-            "G54.1P0",
-            "G54.1P301",
-            "",
-            "g54",
-        ] {
-            assert_eq!(work_offset(wrong), None, "{wrong}");
-        }
-    }
 }

@@ -15,6 +15,26 @@ pub enum WorkOffset {
     Extended(u16),
 }
 
+impl WorkOffset {
+    /// By the name that a program calls it: `G54` to `G59`, `G54.1P7`, `EXT`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        if name == "EXT" {
+            return Some(Self::External);
+        }
+        if let Some(number) = name.strip_prefix("G54.1P") {
+            let number = number.parse().ok()?;
+            return (1..=MAX_EXTENDED)
+                .contains(&number)
+                .then_some(Self::Extended(number));
+        }
+        let number: u8 = name.strip_prefix('G')?.parse().ok()?;
+        (54..=59)
+            .contains(&number)
+            .then(|| Self::Standard(number - 53))
+    }
+}
+
 /// The offsets in a control's memory, mm and degrees.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Offsets {
@@ -101,5 +121,34 @@ impl Offsets {
     /// The external offset and that of a work coordinate system together.
     pub(crate) fn origin(&self, offset: WorkOffset) -> Vector3<f64> {
         Vector3::from(self.work(WorkOffset::External)) + Vector3::from(self.work(offset))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Offsets are called as programs call them, and nothing else is taken.
+    #[test]
+    fn offsets_by_name() {
+        assert_eq!(WorkOffset::named("G54"), Some(WorkOffset::Standard(1)));
+        assert_eq!(WorkOffset::named("G59"), Some(WorkOffset::Standard(6)));
+        assert_eq!(
+            WorkOffset::named("G54.1P48"),
+            Some(WorkOffset::Extended(48))
+        );
+        assert_eq!(WorkOffset::named("EXT"), Some(WorkOffset::External));
+        for wrong in [
+            "G53",
+            "G60",
+            "54",
+            "G54.1",
+            "G54.1P0",
+            "G54.1P301",
+            "",
+            "g54",
+        ] {
+            assert_eq!(WorkOffset::named(wrong), None, "{wrong}");
+        }
     }
 }

@@ -7,8 +7,7 @@ use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
 use super::{Body, Group, Scene, Shape, joined, pose, range};
-use crate::cell::work_offset;
-use crate::nc::Settings;
+use crate::nc::{Settings, WorkOffset};
 
 /// Why a scene cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -345,7 +344,7 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
     }
     let mut offsets_mm = Vec::new();
     for (name, origin_mm) in file.offsets_mm {
-        match work_offset(&name) {
+        match WorkOffset::named(&name) {
             Some(offset) => offsets_mm.push((offset, origin_mm)),
             None => {
                 return refuse(format!(
