@@ -41,27 +41,45 @@ fn without_error_sources_below_two_micrometres() {
     assert_eq!(surface.crashes, 0);
 }
 
-/// With the thesis' error sources the surface is no worse than the thesis' (means of
-/// +0.010 and -0.022 mm, standard deviation 0.019 mm), and without corrections it is
-/// off by millimetres.
+/// With the thesis' error sources, seeds 1 to 10: cases 1 to 4 against case 0, which is
+/// what the thesis prints, are within its means and standard deviations, and so is all
+/// against nominal. The bounds below are those that are reached, with little room: errors
+/// of twice the size fail. Without corrections a quarter of the part is never met, and
+/// where the tool cuts it is off by tenths of a millimetre.
 #[test]
 fn with_error_sources_no_worse_than_the_thesis() {
-    for seed in 1..=3 {
+    let mut sums = [0.0; 3];
+    for seed in 1..=10 {
         let outcome = run_with(Setting { seed, ..SETTING }, &cases::stated());
-        let corrected = outcome.corrected.whole;
-        for printed in &thesis::SURFACES {
-            assert!(corrected.mean_above_mm <= printed.above_mm, "{corrected:?}");
-            assert!(corrected.mean_below_mm >= printed.below_mm, "{corrected:?}");
-            assert!(corrected.std_mm <= printed.std_mm, "{corrected:?}");
+        let whole = outcome.corrected.whole;
+        let as_thesis = outcome.corrected.against_first.expect("section 0 is cut");
+        for figures in [whole, as_thesis] {
+            for printed in &thesis::SURFACES {
+                assert!(figures.mean_above_mm <= printed.above_mm, "{figures:?}");
+                assert!(figures.mean_below_mm >= printed.below_mm, "{figures:?}");
+                assert!(figures.std_mm <= printed.std_mm, "{figures:?}");
+            }
+            assert!(figures.mean_mm.abs() < 0.004, "{seed}: {figures:?}");
+            assert!(figures.mean_above_mm < 0.0045, "{seed}: {figures:?}");
+            assert!(figures.mean_below_mm > -0.0035, "{seed}: {figures:?}");
+            assert!(figures.std_mm < 0.003, "{seed}: {figures:?}");
+            assert!(figures.max_mm < 0.010, "{seed}: {figures:?}");
+            assert!(figures.min_mm > -0.008, "{seed}: {figures:?}");
+            assert_eq!(figures.uncut, 0);
+            // The noise is on: an ideal run has less.
+            assert!(figures.max_mm - figures.min_mm > 0.002, "{figures:?}");
         }
-        assert_eq!((corrected.uncut, outcome.corrected.crashes), (0, 0));
-        // The noise is on: an ideal run has less.
-        assert!(corrected.max_mm - corrected.min_mm > 0.002, "{corrected:?}");
+        sums[0] += as_thesis.mean_above_mm;
+        sums[1] += as_thesis.mean_below_mm;
+        sums[2] += as_thesis.std_mm;
+        assert_eq!(outcome.corrected.crashes, 0);
 
         let uncorrected = outcome.uncorrected.whole;
-        assert!(uncorrected.max_mm > 2.0, "{uncorrected:?}");
-        assert!(uncorrected.min_mm < -0.1, "{uncorrected:?}");
-        assert!(uncorrected.std_mm > 1.0, "{uncorrected:?}");
+        let share = uncorrected.share_uncut();
+        assert!((0.2..0.35).contains(&share), "{share}");
+        assert!((0.1..0.2).contains(&uncorrected.mean_mm), "{uncorrected:?}");
+        assert!(uncorrected.min_mm < -0.25, "{uncorrected:?}");
+        assert!((0.4..0.6).contains(&uncorrected.std_mm), "{uncorrected:?}");
         assert!(outcome.astray_mm[3] > 40.0);
         assert!(outcome.corrections[0].is_none());
         assert!(outcome.corrections[1..].iter().all(Option::is_some));
@@ -70,6 +88,48 @@ fn with_error_sources_no_worse_than_the_thesis() {
             assert!((plane.normal[2] - 1.0).abs() < 1e-6, "{plane:?}");
         }
     }
+    let [above, below, std] = sums.map(|sum| sum / 10.0);
+    assert!(above < 0.0022, "{above}");
+    assert!(below > -0.0020, "{below}");
+    assert!(std < 0.0020, "{std}");
+}
+
+/// The report quotes the thesis' tables as printed, where half of a rounded deviation or
+/// a difference of rounded distances would be another number.
+#[test]
+fn the_report_quotes_the_thesis() {
+    let setting = Setting {
+        stepover_mm: 1.0,
+        ..SETTING
+    };
+    let outcome = run_with(setting, &cases::stated());
+    let page = umi::report::html_of_experiment(&outcome, &[outcome.summary()]);
+    // Its cells, row by row, with a blank between them.
+    let table = |name: &str| -> String {
+        let from = page.find(&format!("{name}. ")).expect("the table");
+        let length = page[from..].find("</table>").expect("its end");
+        let pieces = page[from..from + length].split('<').skip(1);
+        let cells = pieces.filter_map(|piece| piece.split_once('>'));
+        let texts: Vec<&str> = cells.map(|(_, text)| text.trim()).collect();
+        texts
+            .join(" ")
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    let spheres = table("Table 5.2");
+    for row in [
+        "12.7153 0.0065 0.0033",
+        "12.7128 0.0155 0.0078",
+        "12.7133 0.0125 0.0063",
+    ] {
+        assert!(spheres.contains(row), "{row}: {spheres}");
+    }
+    let distances = table("Table 5.3");
+    for cells in ["273.0416 +0.9 ", "273.0522 +11.5 ", "273.0653 +24.5 "] {
+        assert!(distances.contains(cells), "{cells}: {distances}");
+    }
+    assert!(page.contains("cases 1 to 4 against case 0, as the thesis"));
 }
 
 /// The thesis' own stepover leaves its cusps of 9.6 µm and nothing worse; and the poses

@@ -62,8 +62,8 @@ by the thesis' routine, its serial line goes byte by byte into a virtual board, 
 the plate and gives the correction back, and a fifth of the surface is finished with it. Then the
 surface is measured; a second workpiece is cut without corrections for contrast.
 
-Error sources are those of the thesis' table 5.5 and the control's delay of 0 to 4 ms; --ideal
-switches them off.
+Error sources are those of the thesis' table 5.5 and the control's delay of 0 to 4 ms, nothing else;
+--ideal switches them off. Figures are of what a tool has cut; the share that none has is stated.
 
 Examples:
   umi demo
@@ -214,7 +214,7 @@ impl Demo {
             paint(
                 FAINT,
                 format_args!(
-                    "deviation from nominal, \u{b5}m; seed {}, {} laces {:.3} mm apart (cusps {:.1} \u{b5}m), {}",
+                    "deviation where a tool has cut, \u{b5}m; seed {}, {} laces {:.3} mm apart (cusps {:.1} \u{b5}m), {}",
                     outcome.setting.seed,
                     outcome.laces.count(),
                     outcome.laces.stepover_mm(),
@@ -222,7 +222,7 @@ impl Demo {
                     if outcome.setting.ideal {
                         "no error sources"
                     } else {
-                        "error sources of table 5.5"
+                        "error sources: table 5.5 and the control\u{2019}s delay, no scanner"
                     },
                 )
             )
@@ -266,6 +266,7 @@ impl Demo {
                 "stepover_mm": outcome.laces.stepover_mm(),
                 "cusp_mm": outcome.laces.cusp_mm(),
                 "whole": statistics(&surface.whole),
+                "cases_1_to_4_against_case_0": surface.against_first.as_ref().map(statistics),
                 "sections": surface.sections.iter().map(statistics).collect::<Vec<_>>(),
                 "crashes": surface.crashes,
             }))?;
@@ -276,6 +277,7 @@ impl Demo {
                     "type": "seed",
                     "seed": summary.seed,
                     "corrected": statistics(&summary.corrected),
+                    "cases_1_to_4_against_case_0": summary.against_first.as_ref().map(statistics),
                     "uncorrected": statistics(&summary.uncorrected),
                 }))?;
             }
@@ -289,16 +291,19 @@ impl Demo {
     }
 }
 
+/// Figures of the nodes that were cut; null where none was.
 fn statistics(figures: &Statistics) -> Value {
+    let cut = |mm: f64| (figures.cut() > 0).then_some(mm);
     json!({
         "nodes": figures.nodes,
         "uncut": figures.uncut,
-        "mean_mm": figures.mean_mm,
-        "std_mm": figures.std_mm,
-        "min_mm": figures.min_mm,
-        "max_mm": figures.max_mm,
-        "mean_above_mm": figures.mean_above_mm,
-        "mean_below_mm": figures.mean_below_mm,
+        "share_uncut": figures.share_uncut(),
+        "mean_mm": cut(figures.mean_mm),
+        "std_mm": cut(figures.std_mm),
+        "min_mm": cut(figures.min_mm),
+        "max_mm": cut(figures.max_mm),
+        "mean_above_mm": cut(figures.mean_above_mm),
+        "mean_below_mm": cut(figures.mean_below_mm),
     })
 }
 
@@ -317,7 +322,7 @@ fn surface_table(outcome: &Outcome) -> Table {
     let um = |mm: f64| format!("{:+.1}", mm * 1e3);
     for printed in &thesis::SURFACES {
         table.row([
-            format!("thesis, {}", printed.place),
+            format!("thesis, cases 1-4 against 0, {}", printed.place),
             "-".into(),
             um(printed.above_mm),
             um(printed.below_mm),
@@ -328,21 +333,29 @@ fn surface_table(outcome: &Outcome) -> Table {
         ]);
     }
     let mut row = |name: String, figures: &Statistics| {
-        #[allow(clippy::cast_precision_loss, reason = "node counts are far below 2^52")]
-        let uncut = 100.0 * figures.uncut as f64 / figures.nodes.max(1) as f64;
+        let cut = |text: String| match figures.cut() {
+            0 => "-".into(),
+            _ => text,
+        };
         table.row([
             name,
-            um(figures.mean_mm),
-            um(figures.mean_above_mm),
-            um(figures.mean_below_mm),
-            format!("{:.1}", figures.std_mm * 1e3),
-            um(figures.min_mm),
-            um(figures.max_mm),
-            format!("{uncut:.1} %"),
+            cut(um(figures.mean_mm)),
+            cut(um(figures.mean_above_mm)),
+            cut(um(figures.mean_below_mm)),
+            cut(format!("{:.1}", figures.std_mm * 1e3)),
+            cut(um(figures.min_mm)),
+            cut(um(figures.max_mm)),
+            format!("{:.1} %", 100.0 * figures.share_uncut()),
         ]);
     };
     let mut rows = |name: &str, surface: &Surface| {
-        row(format!("{name}, whole"), &surface.whole);
+        if let Some(figures) = &surface.against_first {
+            row(
+                format!("{name}, cases 1-4 against 0, as the thesis"),
+                figures,
+            );
+        }
+        row(format!("{name}, whole, against nominal"), &surface.whole);
         for (section, figures) in surface.sections.iter().enumerate() {
             row(format!("{name}, section {section}"), figures);
         }
@@ -354,7 +367,10 @@ fn surface_table(outcome: &Outcome) -> Table {
 
 /// All seeds, and how far they spread.
 fn seed_table(summaries: &[Summary]) -> Table {
-    let figures: [fn(&Summary) -> f64; 6] = [
+    let figures: [fn(&Summary) -> f64; 9] = [
+        |s| s.against_first.map_or(f64::NAN, |s| s.mean_above_mm),
+        |s| s.against_first.map_or(f64::NAN, |s| s.mean_below_mm),
+        |s| s.against_first.map_or(f64::NAN, |s| s.std_mm),
         |s| s.corrected.mean_mm,
         |s| s.corrected.mean_above_mm,
         |s| s.corrected.mean_below_mm,
@@ -362,10 +378,17 @@ fn seed_table(summaries: &[Summary]) -> Table {
         |s| s.corrected.min_mm,
         |s| s.corrected.max_mm,
     ];
-    let um = |mm: f64| format!("{:+.2}", mm * 1e3);
-    let mut table = Table::new("<>>>>>>>").titles(&[
+    // A section 0 that was not cut leaves nothing to compare with.
+    let um = |mm: f64| match mm {
+        mm if mm.is_nan() => "-".into(),
+        mm => format!("{:+.2}", mm * 1e3),
+    };
+    let mut table = Table::new("<>>>>>>>>>>").titles(&[
         "seed",
-        "mean",
+        "1-4/0: above",
+        "below",
+        "std. dev.",
+        "whole: mean",
         "above",
         "below",
         "std. dev.",

@@ -13,7 +13,8 @@ use crate::report::Session;
 pub struct Setting {
     /// Seed of all random errors.
     pub seed: u64,
-    /// No error sources: no noise, no delay, no pretravel.
+    /// No error sources: no noise, no delay, and a pretravel that is alike in all
+    /// directions and compensated exactly.
     pub ideal: bool,
     /// The largest distance of two laces on the surface, mm.
     pub stepover_mm: f64,
@@ -30,6 +31,10 @@ pub struct Surface {
     pub whole: Statistics,
     /// Figures of each section.
     pub sections: Vec<Statistics>,
+    /// What the thesis' tables 5.1 and 6.3 state: sections 1 and up against the nominal
+    /// arc as it lies best on section 0 ([`Deviations::laid_on`]). None if section 0
+    /// was not cut.
+    pub against_first: Option<Statistics>,
     /// Contacts of the tool that were no cuts (rapid motions through the material).
     pub crashes: usize,
 }
@@ -55,10 +60,16 @@ impl Surface {
                 deviations.statistics(|_, y| y > low && y <= high)
             })
             .collect::<Option<Vec<_>>>()?;
+        let [low, high] = laces.section_y_mm(0);
+        let first = |_: f64, y: f64| y > low && y <= high;
+        let against_first = deviations
+            .laid_on(nominal, first)
+            .and_then(|laid| laid.statistics(|x, y| !first(x, y)));
         Some(Self {
             deviations,
             whole,
             sections,
+            against_first,
             crashes,
         })
     }
@@ -166,6 +177,8 @@ pub struct Summary {
     pub seed: u64,
     /// The corrected surface.
     pub corrected: Statistics,
+    /// The same as the thesis states it ([`Surface::against_first`]).
+    pub against_first: Option<Statistics>,
     /// The uncorrected one.
     pub uncorrected: Statistics,
 }
@@ -177,6 +190,7 @@ impl Outcome {
         Summary {
             seed: self.setting.seed,
             corrected: self.corrected.whole,
+            against_first: self.corrected.against_first,
             uncorrected: self.uncorrected.whole,
         }
     }
@@ -213,6 +227,7 @@ mod tests {
                     mean_mm,
                     ..Statistics::default()
                 },
+                against_first: None,
                 uncorrected: Statistics::default(),
             })
             .collect();

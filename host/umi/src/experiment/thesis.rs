@@ -92,8 +92,8 @@ pub struct Surface {
     pub std_mm: f64,
 }
 
-/// The two scans of the finished workpiece. The conclusions (chapter 7) repeat the
-/// second.
+/// The two scans of the finished workpiece: cases 1 to 4 against the arc that was fitted
+/// to the scan of case 0 (section 5.1). The conclusions (chapter 7) repeat the second.
 pub const SURFACES: [Surface; 2] = [
     Surface {
         place: "table 5.1, Roland scan",
@@ -109,15 +109,38 @@ pub const SURFACES: [Surface; 2] = [
     },
 ];
 
-/// Table 5.2: radius and standard deviation of the residuals of spheres 1 to 3 in
-/// cases 0 to 4, mm.
-pub const SPHERES_MM: [[[f64; 2]; 3]; 5] = [
-    [[12.7130, 0.0150], [12.7130, 0.0150], [12.7118, 0.0145]],
-    [[12.7153, 0.0065], [12.7140, 0.0130], [12.7133, 0.0145]],
-    [[12.7125, 0.0130], [12.7145, 0.0150], [12.7128, 0.0155]],
-    [[12.7160, 0.0100], [12.7143, 0.0155], [12.7113, 0.0155]],
-    [[12.7133, 0.0125], [12.7160, 0.0130], [12.7130, 0.0130]],
+/// Table 5.2: radius, standard deviation of the residuals and "uncertainty of centre" of
+/// spheres 1 to 3 in cases 0 to 4, mm.
+pub const SPHERES_MM: [[[f64; 3]; 3]; 5] = [
+    [
+        [12.7130, 0.0150, 0.0075],
+        [12.7130, 0.0150, 0.0075],
+        [12.7118, 0.0145, 0.0073],
+    ],
+    [
+        [12.7153, 0.0065, 0.0033],
+        [12.7140, 0.0130, 0.0065],
+        [12.7133, 0.0145, 0.0073],
+    ],
+    [
+        [12.7125, 0.0130, 0.0065],
+        [12.7145, 0.0150, 0.0075],
+        [12.7128, 0.0155, 0.0078],
+    ],
+    [
+        [12.7160, 0.0100, 0.0050],
+        [12.7143, 0.0155, 0.0078],
+        [12.7113, 0.0155, 0.0078],
+    ],
+    [
+        [12.7133, 0.0125, 0.0063],
+        [12.7160, 0.0130, 0.0065],
+        [12.7130, 0.0130, 0.0065],
+    ],
 ];
+
+/// Table 5.2: the averages of its columns, mm.
+pub const SPHERES_AVERAGE_MM: [f64; 3] = [12.7136, 0.0134, 0.0067];
 
 /// Table 5.3: distances of spheres 1-2, 1-3 and 2-3 in cases 0 to 4, mm. They are
 /// distances in plan: only so do they agree with table 4.2.
@@ -127,6 +150,16 @@ pub const DISTANCES_MM: [[f64; 3]; 5] = [
     [273.0097, 273.0416, 385.9195],
     [272.9890, 273.0402, 385.9184],
     [272.9935, 273.0522, 385.9466],
+];
+
+/// Table 5.3: "difference from case 0", mm. Two of them, 0.0009 and 0.0115, are not the
+/// differences of the printed distances: those were not yet rounded.
+pub const DISTANCE_CHANGES_MM: [[f64; 3]; 5] = [
+    [0.0, 0.0, 0.0],
+    [-0.0042, 0.0245, -0.0025],
+    [-0.0039, 0.0009, -0.0203],
+    [-0.0246, -0.0006, -0.0214],
+    [-0.0201, 0.0115, 0.0068],
 ];
 
 /// Table 5.4, one clamping.
@@ -167,3 +200,32 @@ pub const PLANES: [Plane; 5] = [
         std_mm: 0.0182,
     },
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is quoted holds together as far as printed digits can: averages, halves
+    /// and differences are within the last digit of what they are made of.
+    #[test]
+    fn tables_hold_together() {
+        for (column, average) in SPHERES_AVERAGE_MM.iter().enumerate() {
+            let sum: f64 = SPHERES_MM.iter().flatten().map(|row| row[column]).sum();
+            assert!((sum / 15.0 - average).abs() < 1e-4, "{column}");
+        }
+        for [_, std_mm, half_mm] in SPHERES_MM.iter().flatten() {
+            assert!((std_mm / 2.0 - half_mm).abs() < 0.51e-4, "{half_mm}");
+        }
+        for (distances, changes) in DISTANCES_MM.iter().zip(&DISTANCE_CHANGES_MM) {
+            for (pair, change) in changes.iter().enumerate() {
+                let difference = distances[pair] - DISTANCES_MM[0][pair];
+                assert!((difference - change).abs() < 1.01e-4, "{change}");
+            }
+        }
+        let [x, y, z] = SPHERE_CENTER_MM;
+        let [_, right, left, back, front] = SPHERE_HITS_MM;
+        assert!((f64::midpoint(right[0], left[0]) - x).abs() < 1e-4);
+        assert!((f64::midpoint(back[1], front[1]) - y).abs() < 1e-4);
+        assert!((SPHERE_HITS_MM[0][2] - SPHERES_MM[0][2][0] - z).abs() < 1e-4);
+    }
+}

@@ -37,20 +37,20 @@ pub struct Map<'a> {
     pub label: &'a str,
 }
 
-/// A band's width from which no more than `beyond` mm lies outside the bands: 1, 2 or
-/// 5 times a power of ten.
+/// A band's width from which nothing lies outside the bands: a number of one digit times
+/// a power of ten, so that the range is hardly wider than what it shows.
 #[must_use]
 pub fn band_for(largest_mm: f64) -> f64 {
     let need = largest_mm / (f64::from(SIDES) + 0.5);
-    let below = super::scale::nice_below(need);
-    if below >= need * (1.0 - 1e-9) {
-        return below;
+    if !(need.is_finite() && need > 0.0) {
+        return 1.0;
     }
-    [2.0, 2.5, 5.0, 10.0]
+    let decade = 10f64.powf(need.log10().floor());
+    [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]
         .into_iter()
-        .map(|m| super::scale::nice_below(below * m))
-        .find(|nice| *nice >= need)
-        .unwrap_or(below)
+        .map(|digit| digit * decade)
+        .find(|band| *band >= need * (1.0 - 1e-9))
+        .unwrap_or(10.0 * decade)
 }
 
 /// One of the colours: bands are centred on multiples of their width, so that the
@@ -281,7 +281,7 @@ mod tests {
             let band = band_for(largest);
             let reach = band * (f64::from(SIDES) + 0.5);
             assert!(reach >= largest * (1.0 - 1e-9), "{largest} {band}");
-            assert!(reach <= largest * 2.6, "{largest} {band}");
+            assert!(reach <= largest * 2.1, "{largest} {band}");
         }
     }
 }

@@ -19,7 +19,8 @@ fn the_demo_shows_the_experiment() {
     ])
     .exits(0);
     for text in [
-        "thesis, table 5.1",
+        "thesis, cases 1-4 against 0, table 5.1",
+        "corrected, cases 1-4 against 0",
         "corrected, section 4",
         "uncorrected, whole",
         "spread",
@@ -100,7 +101,10 @@ fn the_demo_for_machines() {
     let whole = &corrected["whole"];
     assert!(whole["max_mm"].as_f64().unwrap() < 0.002, "{whole}");
     assert!(whole["min_mm"].as_f64().unwrap() > -0.002, "{whole}");
-    assert!(uncorrected["whole"]["max_mm"].as_f64().unwrap() > 2.0);
+    assert!(uncorrected["whole"]["share_uncut"].as_f64().unwrap() > 0.2);
+    assert!(uncorrected["whole"]["std_mm"].as_f64().unwrap() > 0.4);
+    let against = &corrected["cases_1_to_4_against_case_0"];
+    assert!(against["std_mm"].as_f64().unwrap() < 0.001, "{against}");
     assert_eq!(of("demo").len(), 1);
 }
 

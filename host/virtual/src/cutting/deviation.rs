@@ -1,5 +1,7 @@
 //! A surface that was cut against the one that was meant.
 
+use nalgebra::{Matrix4, Vector4};
+
 use super::{CylinderArc, Grid, Workpiece};
 
 /// The deviation of every node from the nominal surface, along its normal.
@@ -11,12 +13,14 @@ pub struct Deviations {
     cut: Vec<bool>,
 }
 
-/// Figures of a region, as a deviation report of a scan states them.
+/// Figures of a region, as a deviation report of a scan states them. All but the
+/// counts are of the nodes that a tool has touched (0 if there are none): raw surface
+/// says nothing of how well was cut.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Nodes in the region.
     pub nodes: usize,
-    /// Of these, nodes that no tool has touched; they count with the raw surface.
+    /// Of these, nodes that no tool has touched.
     pub uncut: usize,
     /// Mean, mm.
     pub mean_mm: f64,
@@ -31,6 +35,21 @@ pub struct Statistics {
     pub mean_above_mm: f64,
     /// Mean of the deviations below zero, mm; 0 if there are none. This is -b.
     pub mean_below_mm: f64,
+}
+
+impl Statistics {
+    /// Nodes that a tool has touched.
+    #[must_use]
+    pub fn cut(&self) -> usize {
+        self.nodes.saturating_sub(self.uncut)
+    }
+
+    /// Part of the nodes that no tool has touched, 0 to 1; 0 without nodes.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "node counts are far below 2^52")]
+    pub fn share_uncut(&self) -> f64 {
+        self.uncut as f64 / self.nodes.max(1) as f64
+    }
 }
 
 impl Deviations {
@@ -71,19 +90,78 @@ impl Deviations {
         Some((*self.mm.get(node)?, *self.cut.get(node)?))
     }
 
+    /// The deviations from the nominal surface after it was laid on the cut nodes of
+    /// the region that `inside` (x, y in mm) selects, by least squares of the
+    /// deviations. None if these nodes do not say how it lies.
+    ///
+    /// The motion is a small rigid one. Of its six parts a cylinder about X shows four:
+    /// with `a` the angle about the axis, counted from the region's middle, a shift along
+    /// the normal there changes the deviation by `cos a`, one along the tangent (about
+    /// the same as a tilt about X) by `sin a`, and turning about the tangent and the
+    /// normal by `x cos a` and `x sin a`. The radius stays nominal.
+    #[must_use]
+    pub fn laid_on(
+        &self,
+        nominal: &CylinderArc,
+        inside: impl Fn(f64, f64) -> bool,
+    ) -> Option<Self> {
+        let angle = |y: f64| {
+            let sine = (y - nominal.axis_y_mm) / nominal.radius_mm;
+            sine.clamp(-1.0, 1.0).asin()
+        };
+        let (mut sum, mut nodes) = (0.0, 0.0);
+        for (x, y, _, cut) in self.nodes() {
+            if cut && inside(x, y) {
+                sum += angle(y);
+                nodes += 1.0;
+            }
+        }
+        let middle = sum / nodes;
+        let [left, right] = self.grid.x_mm();
+        let shape = |x: f64, y: f64| {
+            let (sin, cos) = (angle(y) - middle).sin_cos();
+            // -1 to 1, so that all parts are of one size.
+            let along = (2.0 * x - left - right) / (right - left);
+            Vector4::new(cos, sin, along * cos, along * sin)
+        };
+        let (mut squares, mut right_side) = (Matrix4::zeros(), Vector4::zeros());
+        for (x, y, mm, cut) in self.nodes() {
+            if cut && inside(x, y) {
+                let row = shape(x, y);
+                squares += row * row.transpose();
+                right_side += row * mm;
+            }
+        }
+        let motion = squares.cholesky()?.solve(&right_side);
+        let mm: Vec<f64> = self
+            .nodes()
+            .map(|(x, y, mm, _)| mm - shape(x, y).dot(&motion))
+            .collect();
+        mm.iter().all(|mm| mm.is_finite()).then(|| Self {
+            grid: self.grid,
+            mm,
+            cut: self.cut.clone(),
+        })
+    }
+
+    /// Every node: x, y, deviation, whether it was cut; row by row.
+    fn nodes(&self) -> impl Iterator<Item = (f64, f64, f64, bool)> + '_ {
+        let columns = self.grid.columns();
+        let values = self.mm.iter().zip(&self.cut).enumerate();
+        values.map(move |(node, (&mm, &cut))| {
+            let x = self.grid.column_mm(node % columns);
+            (x, self.grid.row_mm(node / columns), mm, cut)
+        })
+    }
+
     /// The figures of the region that `inside` (x, y in mm) selects; None if it
     /// has no node.
     #[must_use]
     pub fn statistics(&self, inside: impl Fn(f64, f64) -> bool) -> Option<Statistics> {
         let mut sum = Sum::default();
-        let rows = self.mm.chunks(self.grid.columns());
-        let cut = self.cut.chunks(self.grid.columns());
-        for (row, (deviations, cut)) in rows.zip(cut).enumerate() {
-            let y = self.grid.row_mm(row);
-            for (column, (&mm, &cut)) in deviations.iter().zip(cut).enumerate() {
-                if inside(self.grid.column_mm(column), y) {
-                    sum.take(mm, cut);
-                }
+        for (x, y, mm, cut) in self.nodes() {
+            if inside(x, y) {
+                sum.take(mm, cut);
             }
         }
         sum.finish()
@@ -104,13 +182,17 @@ impl Sum {
     #[allow(clippy::cast_precision_loss, reason = "node counts are far below 2^52")]
     fn take(&mut self, mm: f64, cut: bool) {
         let figures = &mut self.figures;
-        if figures.nodes == 0 {
+        figures.nodes += 1;
+        if !cut {
+            figures.uncut += 1;
+            return;
+        }
+        let count = figures.cut();
+        if count == 1 {
             (figures.min_mm, figures.max_mm) = (mm, mm);
         }
-        figures.nodes += 1;
-        figures.uncut += usize::from(!cut);
         let off = mm - figures.mean_mm;
-        figures.mean_mm += off / figures.nodes as f64;
+        figures.mean_mm += off / count as f64;
         self.squares += off * (mm - figures.mean_mm);
         figures.min_mm = figures.min_mm.min(mm);
         figures.max_mm = figures.max_mm.max(mm);
@@ -132,8 +214,8 @@ impl Sum {
         if figures.nodes == 0 {
             return None;
         }
-        if figures.nodes > 1 {
-            figures.std_mm = (self.squares / (figures.nodes - 1) as f64).sqrt();
+        if figures.cut() > 1 {
+            figures.std_mm = (self.squares / (figures.cut() - 1) as f64).sqrt();
         }
         figures.mean_above_mm = mean(self.above);
         figures.mean_below_mm = mean(self.below);

@@ -290,7 +290,8 @@ fn a_moved_part_cut_along_a_moved_path_is_the_same() {
         assert!((a - b).abs() < 1e-10, "{a} {b}");
     }
     assert!(arc_statistics(moved.workpiece()).max_mm < 0.02);
-    assert!(arc_statistics(astray.workpiece()).max_mm > 0.9);
+    // The part is 40 mm below the path that did not move with it.
+    assert!(arc_statistics(astray.workpiece()).share_uncut() > 0.9);
 }
 
 /// A ball on a circle leaves a ring whose section is the ball's; a helix ends
@@ -411,25 +412,75 @@ fn scatter_of_the_axes_is_seen_on_the_surface() {
 #[test]
 fn figures_of_a_known_surface() {
     let grid = Grid::new([0.0, 1.0], [-1.0, 2.0], [1.0, 1.0]).unwrap();
-    let workpiece = Workpiece::new(grid, |x, y| {
-        let normal = if x < 0.5 { 0.2 } else { -0.1 };
-        let radius = ARC.radius_mm + normal;
-        let beside = y - ARC.axis_y_mm;
-        ARC.axis_z_mm + (radius * radius - beside * beside).sqrt()
+    let mut workpiece = Workpiece::new(grid, |_, y| ARC.height_mm(y).unwrap() + 3.0);
+    let untouched = Deviations::of(&workpiece, &ARC);
+    let none = untouched.statistics(|_, _| true).unwrap();
+    assert_eq!((none.nodes, none.uncut, none.cut()), (8, 8, 0));
+    assert_eq!((none.mean_mm, none.max_mm), (0.0, 0.0));
+    assert!(untouched.laid_on(&ARC, |_, _| true).is_none());
+
+    press(&mut workpiece, |x, y| {
+        (y < 1.5).then_some(if x < 0.5 { 0.2 } else { -0.1 })
     });
     let deviations = Deviations::of(&workpiece, &ARC);
     let all = deviations.statistics(|_, _| true).unwrap();
-    assert_eq!((all.nodes, all.uncut), (8, 8));
+    // Raw surface counts as such and with nothing else.
+    assert_eq!((all.nodes, all.uncut, all.cut()), (8, 2, 6));
+    assert!((all.share_uncut() - 0.25).abs() < 1e-15);
     assert!((all.mean_mm - 0.05).abs() < 1e-12);
-    assert!((all.std_mm - 0.15 * (8.0_f64 / 7.0).sqrt()).abs() < 1e-12);
+    assert!((all.std_mm - 0.15 * (6.0_f64 / 5.0).sqrt()).abs() < 1e-12);
     assert!((all.max_mm - 0.2).abs() < 1e-12 && (all.min_mm + 0.1).abs() < 1e-12);
     assert!((all.mean_above_mm - 0.2).abs() < 1e-12);
     assert!((all.mean_below_mm + 0.1).abs() < 1e-12);
     let left = deviations.statistics(|x, _| x < 0.5).unwrap();
     assert!(left.nodes == 4 && left.std_mm < 1e-12);
     assert_eq!(deviations.statistics(|x, _| x > 5.0), None);
-    assert!((deviations.at(1, 3).unwrap().0 + 0.1).abs() < 1e-12);
+    assert!((deviations.at(1, 2).unwrap().0 + 0.1).abs() < 1e-12);
+    assert!(!deviations.at(1, 3).unwrap().1);
     assert_eq!(deviations.at(2, 0), None);
+}
+
+/// Leaves these deviations along the normal at the nodes, by a fine point at each.
+fn press(workpiece: &mut Workpiece, deviation: impl Fn(f64, f64) -> Option<f64>) {
+    const FINE: f64 = 1e-3;
+    let grid = *workpiece.grid();
+    for row in 0..grid.rows() {
+        for column in 0..grid.columns() {
+            let (x, y) = (grid.column_mm(column), grid.row_mm(row));
+            let Some(deviation) = deviation(x, y) else {
+                continue;
+            };
+            let radius = ARC.radius_mm + deviation;
+            let beside = y - ARC.axis_y_mm;
+            let z = ARC.axis_z_mm + (radius * radius - beside * beside).sqrt();
+            let center = Vector3::new(x, y, z + FINE);
+            workpiece.sweep(center, center, FINE);
+        }
+    }
+}
+
+/// An arc that was cut elsewhere than meant, but rightly in itself, has no deviations once
+/// the nominal one is laid on a strip of it, far from the strip too; a step beside the
+/// strip is seen whole, and its shape is not smoothed away.
+#[test]
+fn laid_on_a_strip_a_moved_arc_has_no_deviations() {
+    let grid = Grid::new([-20.0, 20.0], [-10.0, 20.0], [2.0, 0.5]).unwrap();
+    let strip = |_: f64, y: f64| y < -4.0;
+    for step in [0.0, 0.003] {
+        let mut workpiece = Workpiece::new(grid, |_, y| ARC.height_mm(y).unwrap() + 3.0);
+        press(&mut workpiece, |x, y| {
+            let sin = (y - ARC.axis_y_mm) / ARC.radius_mm;
+            let cos = (1.0 - sin * sin).sqrt();
+            let moved = 0.02 * cos - 0.03 * sin + 1e-4 * x * cos + 2e-4 * x * sin;
+            Some(moved + if strip(x, y) { 0.0 } else { step })
+        });
+        let absolute = Deviations::of(&workpiece, &ARC);
+        assert!(absolute.statistics(|_, _| true).unwrap().max_mm > 0.02);
+        let laid = absolute.laid_on(&ARC, strip).unwrap();
+        let beside = laid.statistics(|x, y| !strip(x, y)).unwrap();
+        assert!((beside.max_mm - step).abs() < 1e-9, "{beside:?}");
+        assert!((beside.min_mm - step).abs() < 1e-9, "{beside:?}");
+    }
 }
 
 #[test]
