@@ -4,6 +4,7 @@
 //! pure: hits and time in, decisions out.
 
 mod check;
+mod collecting;
 mod diagnose;
 mod feature;
 mod plate;

@@ -19,16 +19,17 @@
 use heapless::Vec;
 use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, MAX_HITS, Name, Reference};
+use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, Name, Reference};
 use umi_protocol::message::LatchReport;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{PlateReason, Verdict};
 
 use super::check::datums;
-use super::feature::{self, Hit, Reasons, Seen};
+use super::collecting::Collecting;
+use super::feature::{self, Reasons};
 use super::plate::{self, Positions};
 use super::witness::Witness;
-use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
+use crate::dprnt::{BlockEnd, ReportedHit};
 use crate::units::{Micros, Point};
 
 /// What the job decides.
@@ -89,19 +90,6 @@ struct Slot {
     in_this_plate: bool,
     /// Its points are those of the plate before, to the last digit.
     repeated: bool,
-}
-
-/// The hits of the feature that is being probed.
-#[derive(Debug)]
-struct Collecting {
-    /// Its place in the job.
-    feature: usize,
-    hits: Vec<Hit, MAX_HITS>,
-    reasons: Reasons,
-    /// A block says itself where it ends; other lines end with their count.
-    in_block: bool,
-    /// Hits beyond those that found room.
-    excess: u16,
 }
 
 impl Run {
@@ -661,76 +649,4 @@ enum Belongs {
     Contradicts,
     /// It begins another plate.
     NextPlate,
-}
-
-impl Collecting {
-    fn new(feature: usize, in_block: bool) -> Self {
-        Self {
-            feature,
-            hits: Vec::new(),
-            reasons: Reasons::new(),
-            in_block,
-            excess: 0,
-        }
-    }
-
-    /// The number of the next hit, from 1.
-    fn next_number(&self) -> u16 {
-        u16::try_from(self.hits.len() + 1).unwrap_or(u16::MAX)
-    }
-
-    /// Takes a hit in, and every doubt about it.
-    /// `seen`: what its latch says, where the job asks for one.
-    fn take(&mut self, spec: &FeatureSpec, hit: &ReportedHit, seen: Option<Option<Seen>>) {
-        let number = self.next_number();
-        let due = spec.approach.get(self.hits.len()).copied();
-        let reasons = &mut self.reasons;
-        for (doubt, reason) in [
-            (Doubts::NULL_POINT, Reason::NullPoint { hit: number }),
-            (
-                Doubts::OVERFLOW_SUSPECT,
-                Reason::OverflowSuspect { hit: number },
-            ),
-            (
-                Doubts::OUTSIDE_TRAVEL,
-                Reason::OutsideTravel { hit: number },
-            ),
-        ] {
-            if hit.doubts.contains(doubt) {
-                feature::add(reasons, reason);
-            }
-        }
-        if due.is_some() && hit.approach.is_some() && due != hit.approach {
-            feature::add(reasons, Reason::ApproachMismatch { hit: number });
-        }
-        if seen == Some(None) {
-            feature::add(reasons, Reason::NotLatched { hit: number });
-        }
-        let taken = Hit {
-            position: hit.position,
-            approach: hit.approach.or(due),
-            seen: seen.flatten(),
-        };
-        if self.hits.push(taken).is_err() {
-            self.excess = self.excess.saturating_add(1);
-        }
-    }
-
-    /// What a block's end says against it.
-    fn block_reason(&self, spec: &FeatureSpec, end: &BlockEnd) -> Option<Reason> {
-        let got = u16::try_from(self.hits.len()).unwrap_or(u16::MAX);
-        let expected = spec.hits;
-        // Without an intact count line nobody knows how many were to come.
-        let no_count = end.expected.is_none() && got >= expected;
-        if end.damaged > 0 || no_count {
-            Some(Reason::DamagedLine { got, expected })
-        } else if let Some(announced) = end.expected.filter(|announced| *announced != expected) {
-            let got = announced.max(got);
-            Some(Reason::WrongCount { got, expected })
-        } else if !end.complete {
-            Some(Reason::MissingPoints { got, expected })
-        } else {
-            None
-        }
-    }
 }
