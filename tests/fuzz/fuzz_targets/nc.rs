@@ -73,6 +73,7 @@ fn settings(mode: u8) -> Settings {
             text: 1 << 16,
             programs: 50,
             names: 50,
+            ..Limits::default()
         },
         ..Settings::of(dialect)
     }
