@@ -605,7 +605,7 @@ impl fmt::Display for Reason {
             ),
             Self::NotLatched { hit } => write!(
                 f,
-                "hit {hit}: the probe's skip edge was not latched; check the skip wire to the board"
+                "hit {hit} has no second witness: its skip edge was not latched, or its line says no feed; check the skip wire to the board and what the macro prints"
             ),
             Self::FeedChanged {
                 hit,

@@ -18,8 +18,19 @@ use umi_protocol::message::{Identity, JournalInfo, Record, Status};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{CorrectionReport, DistanceReport, PlateReason, Verdict};
 
+use crate::capture::Decision;
 use crate::results::{Amount, Fit, Registered, Rows, Spread, parameters};
 use umi_protocol::feature::Shape;
+
+/// What the board decided.
+#[must_use]
+pub fn decision(decision: &Decision) -> Value {
+    match decision {
+        Decision::Feature(of) => feature(of),
+        Decision::Verdict(of) => verdict(of),
+        Decision::Fault(of) => fault(of),
+    }
+}
 
 /// A fit: what `umi fit --json` prints.
 #[must_use]

@@ -114,10 +114,14 @@ impl Witness {
         self.latch_mm = (latch.counts.len() >= mm.len()).then_some(mm);
     }
 
-    /// The latch that belongs to a line; none if there was none.
+    /// The latch that belongs to a line; none if there was none, or if the line's feed is
+    /// none at which a probe can touch: then nothing could be said about the delay.
     pub fn pair(&mut self, hit: &ReportedHit) -> Option<Seen> {
         let latched = self.latch_mm.take()?;
         let feed_mm_per_min = hit.feed_mm_per_min.or(self.spec.feed_mm_per_min)?;
+        if !(feed_mm_per_min.is_finite() && feed_mm_per_min > 0.0) {
+            return None;
+        }
         let mut difference_mm = hit.position.to_array_mm();
         for (difference, latched) in difference_mm.iter_mut().zip(latched) {
             *difference -= latched;

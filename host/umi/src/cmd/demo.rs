@@ -6,7 +6,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi::audit::{Audit, Findings};
-use umi::capture::{Bench, Decision};
+use umi::capture::Bench;
 use umi::experiment::cases::{self, Case};
 use umi::experiment::outcome::{Outcome, Setting, Summary, Surface, spread};
 use umi::experiment::path::Laces;
@@ -137,11 +137,7 @@ impl Demo {
                     bar.inc(1);
                 }
                 Progress::Decision(decision) if shown && self.format.json => {
-                    print_json(&match decision {
-                        Decision::Feature(feature) => umi::json::feature(feature),
-                        Decision::Verdict(verdict) => umi::json::verdict(verdict),
-                        Decision::Fault(fault) => umi::json::fault(fault),
-                    })?;
+                    print_json(&umi::json::decision(decision))?;
                 }
                 Progress::Judged(session, place) if shown && !self.format.json => {
                     let table = terminal::plate(session, place, true);

@@ -159,11 +159,7 @@ impl Shown {
 
     fn take(&mut self, decision: Decision) -> Result<(), Failure> {
         if self.json {
-            print_json(&match &decision {
-                Decision::Feature(feature) => umi::json::feature(feature),
-                Decision::Verdict(verdict) => umi::json::verdict(verdict),
-                Decision::Fault(fault) => umi::json::fault(fault),
-            })?;
+            print_json(&umi::json::decision(&decision))?;
         } else if let Decision::Fault(fault) = &decision {
             print(&format!("{} {fault}\n", paint(CAUTION, "fault")))?;
         }

@@ -222,4 +222,12 @@ fn a_workpiece_is_cut() {
     assert!(surface["uncut"].as_u64().unwrap() > 0);
     let crash = run("crash.nc", "G0 X0.\nG0 Z90.").exits(2).out;
     assert!(crash.contains("at rapid"), "{crash}");
+    // What the control sent before is kept.
+    let text = "%\nO1\nG21 G90 G54\nPOPEN\nDPRNT[BEFORE]\nPCLOS\nT1 M6\nM3 S5000\nG0 X0 Y0 Z100.\nG0 Z90.\nM30\n%\n";
+    let (program, serial) = (folder.file("kept.nc", text), folder.path("serial.txt"));
+    let args = [
+        "machine", "run", &program, "--scene", &scene, "--serial", &serial,
+    ];
+    umi(&args).exits(2).says("at rapid");
+    assert_eq!(std::fs::read(&serial).unwrap(), b"\x12BEFORE\n\x14");
 }

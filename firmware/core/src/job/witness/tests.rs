@@ -373,6 +373,24 @@ fn line_without_latch_is_not_paired() {
     assert_eq!(witness.pair(&line), None);
 }
 
+/// At a feed of zero every delay would be plausible: such a line has no second witness.
+#[test]
+fn line_without_feed_is_not_paired() {
+    let mut witness = Witness::new(spec());
+    for feed in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        witness.latched(&LatchReport {
+            number: 0,
+            cause: LatchCause::Skip,
+            counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
+            t_us: 0,
+            missed: 0,
+        });
+        let mut line = line(Point::from_mm(1.0, 2.0, 3.0));
+        line.feed_mm_per_min = Some(feed);
+        assert_eq!(witness.pair(&line), None, "{feed}");
+    }
+}
+
 /// Mixed feeds are refused: the delay would not cancel.
 #[test]
 fn mixed_feeds_are_refused() {

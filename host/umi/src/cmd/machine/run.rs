@@ -175,7 +175,7 @@ impl Run {
             view.begin(path)?;
             let ended = cell.run(&program, |cell, step| view.follow(cell, step));
             let ended = match ended {
-                Err(Stop::Failure(failure)) => return Err(failure),
+                Err(Stop::Failure(failure)) => return Err(view.give_up(failure)),
                 Err(Stop::Alarm(alarm)) => Some(alarm),
                 Ok(()) => None,
             };
@@ -336,11 +336,7 @@ impl<'a> View<'a> {
 
     fn decision(&mut self, decision: Decision) -> Result<(), Failure> {
         if self.options.format.json {
-            print_json(&match &decision {
-                Decision::Feature(feature) => umi::json::feature(feature),
-                Decision::Verdict(verdict) => umi::json::verdict(verdict),
-                Decision::Fault(fault) => umi::json::fault(fault),
-            })?;
+            print_json(&umi::json::decision(&decision))?;
         } else if let Decision::Fault(fault) = &decision {
             self.say(&format!("{} {fault}", paint(CAUTION, "fault")))?;
         }
@@ -427,6 +423,12 @@ impl<'a> View<'a> {
             Some(path) => std::fs::write(path, &self.serial)
                 .map_err(|error| Failure::file("write", path, &error)),
         }
+    }
+
+    /// Ends with a failure. What was captured up to there is kept.
+    fn give_up(self, failure: Failure) -> Failure {
+        self.bar.finish_and_clear();
+        self.keep_serial().err().unwrap_or(failure)
     }
 
     fn alarm(self, alarm: &Alarm) -> Result<(), Failure> {
