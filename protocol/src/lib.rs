@@ -20,6 +20,7 @@ pub mod feature;
 pub mod frame;
 pub mod hello;
 pub mod job;
+pub mod latch;
 pub mod line;
 pub mod message;
 pub mod pattern;

@@ -15,6 +15,12 @@
 //! | `JournalInfo` | `JournalInfo` | first and next sequence number |
 //! | `JournalRead` | `JournalEntry` | one entry by sequence number |
 //! | `JournalChain` | `JournalChain` | chain value before an entry: what its reader verifies against |
+//! | `PositionsGet` | `Positions` | where the axes are now, and what they counted wrong |
+//! | `TriggerOutSet` | `Done` or `NotOnThisBoard` | begins or ends trigger pulses for a scanner |
+//! | `LaserSet` | `Done` or `NotOnThisBoard` | enables a scanner's laser |
+//!
+//! Trigger pulses and laser belong to the host that switched them on: the board
+//! switches them off when that host is gone.
 
 use heapless::Vec;
 use postcard_derive::Schema;
@@ -23,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{Counters, Fault};
 use crate::feature::FeatureResult;
 use crate::job::{Job, MAX_DATUMS, Name};
+use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
 use crate::refusal::JobError;
 use crate::schema::max_len;
@@ -73,6 +80,15 @@ pub enum Request {
         /// The entry's sequence number.
         seq: u64,
     },
+    /// Where are the axes?
+    PositionsGet,
+    /// Send trigger pulses to a scanner, or stop.
+    TriggerOutSet(TriggerOut),
+    /// Enable a scanner's laser, or not.
+    LaserSet {
+        /// True: enable.
+        on: bool,
+    },
 }
 
 /// What the board answers.
@@ -120,6 +136,10 @@ pub enum Response {
         /// journal hides the value.
         before: Option<[u8; 32]>,
     },
+    /// To `PositionsGet`.
+    Positions(Positions),
+    /// The board has no output for that, or cannot keep that interval.
+    NotOnThisBoard,
 }
 
 /// Bytes of one stored journal entry, at most: a record and its frame.
@@ -143,6 +163,8 @@ pub enum Event {
         /// What.
         record: Record,
     },
+    /// Triggers and trigger pulses, as they come. They are not journaled one by one.
+    Latches(LatchBatch),
     /// Events were dropped because the host did not read; the journal has the records.
     Dropped {
         /// How many.
@@ -162,6 +184,8 @@ pub enum Record {
     Boot {
         /// The firmware that runs.
         identity: Identity,
+        /// Why it started.
+        reset: ResetReason,
     },
     /// The journal was opened and something of it was lost: an entry torn by a power
     /// cut, or damage.
@@ -224,6 +248,8 @@ pub enum Record {
     },
     /// A latch captured the axes. An input too: the second witness of a hit.
     Latch(LatchReport),
+    /// Triggers or trigger pulses came, and then none for a second.
+    Scan(Scan),
 }
 
 impl Record {
@@ -245,6 +271,7 @@ impl Record {
             Self::Taught { .. } => 11,
             Self::CorrectionSent { .. } => 12,
             Self::Latch(_) => 13,
+            Self::Scan(_) => 14,
         }
     }
 }
@@ -267,6 +294,8 @@ pub struct Identity {
 pub struct Status {
     /// Time since start.
     pub uptime_us: u64,
+    /// Why the board started.
+    pub reset: ResetReason,
     /// The job in force.
     pub job: Option<Name>,
     /// Whether a reference has been taught or given.
@@ -285,6 +314,31 @@ pub struct Status {
     pub events_dropped: u32,
     /// Entries that the journal's storage refused.
     pub journal_failures: u32,
+    /// Frames from the host that were damaged or too long, since it connected.
+    pub link_damaged: u32,
+    /// What the latches captured and lost.
+    pub latches: LatchCounters,
+}
+
+/// Why the board started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum ResetReason {
+    /// The board cannot tell.
+    #[default]
+    Unknown,
+    /// Power came on.
+    PowerOn,
+    /// The supply was too low.
+    BrownOut,
+    /// The reset pin.
+    Pin,
+    /// The firmware did not answer its watchdog.
+    Watchdog,
+    /// The firmware reset itself, as after an update.
+    Software,
+    /// The firmware met what it cannot go on from.
+    Panic,
 }
 
 /// What the journal holds.
@@ -295,32 +349,4 @@ pub struct JournalInfo {
     pub first_seq: u64,
     /// The number that the next entry will get.
     pub next_seq: u64,
-}
-
-/// Axes and clock captured at one edge.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[postcard(crate = crate)]
-pub struct LatchReport {
-    /// Counts latches of this cause, from 0.
-    pub number: u32,
-    /// What caused it.
-    pub cause: LatchCause,
-    /// Encoder counts of the axes at the edge.
-    pub counts: Vec<i64, 6>,
-    /// The board's clock at the edge.
-    pub t_us: u64,
-    /// Edges that came before this one could be read, and are lost.
-    pub missed: u32,
-}
-
-/// What caused a latch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[postcard(crate = crate)]
-pub enum LatchCause {
-    /// The probe's skip signal.
-    Skip,
-    /// A scanner's trigger.
-    Trigger,
-    /// Asked for by software.
-    Software,
 }

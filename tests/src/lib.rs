@@ -1,3 +1,4 @@
 //! Cross-crate tests: see the files beside this folder. Here is what they share.
 
 pub mod referee;
+pub mod rig;

@@ -9,7 +9,8 @@ use umi::link::{Client, JournalEntry};
 use umi::pull::{self, Step};
 use umi_core::units::Micros;
 use umi_protocol::job::Job;
-use umi_protocol::message::{Event, LatchCause, LatchReport, Record};
+use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::message::{Event, Record};
 use umi_protocol::verdict::Verdict;
 use umi_virtual::{Config, VirtualBoard};
 
@@ -446,7 +447,7 @@ fn latches_are_journaled() {
         number: 0,
         cause: LatchCause::Skip,
         counts: [1, -2, 3].into_iter().collect(),
-        t_us: 17,
+        t_ns: 17_000,
         missed: 2,
     };
     board.latch(latch.clone());

@@ -4,18 +4,29 @@ use umi_core::journal::{Error, Flash};
 use umi_core::units::Micros;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
+use crate::board::{Axes, Scanner, Unsupported};
 use crate::measure::{Measure, SetJobError};
+use crate::scan::Scans;
 use crate::settings::positions_mm;
+
+/// What an answer needs besides what the board has measured.
+pub(crate) struct Surroundings<'a, Station> {
+    pub now: Micros,
+    /// Frames from this host that were damaged.
+    pub link_damaged: u32,
+    pub scans: &'a Scans,
+    pub station: &'a mut Station,
+}
 
 /// Does what the host asks and says what came of it.
 pub(crate) fn answer<F: Flash>(
     measure: &mut Measure<F>,
-    now: Micros,
+    around: Surroundings<'_, impl Axes + Scanner>,
     request: Request,
 ) -> Response {
     match request {
         Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
-        Request::StatusGet => Response::Status(status(measure, now)),
+        Request::StatusGet => Response::Status(status(measure, &around)),
         Request::JobGet => {
             let run = measure.brain().map(|brain| brain.run());
             Response::Job {
@@ -27,13 +38,14 @@ pub(crate) fn answer<F: Flash>(
             Ok(()) => Response::Done,
             Err(error) => Response::JobRefused(error),
         },
-        Request::JobSet(job) => match measure.set_job(now, job) {
+        Request::JobSet(job) => match measure.set_job(around.now, job) {
             Ok(()) => Response::Done,
             Err(SetJobError::Job(error)) => Response::JobRefused(error),
             Err(SetJobError::Storage) => Response::StorageFailed,
         },
         Request::LiveSet { on } => {
             measure.book.events.switch(on);
+            around.scans.switch(on);
             Response::Done
         }
         Request::FeatureGet { feature } => Response::Feature(
@@ -55,14 +67,25 @@ pub(crate) fn answer<F: Flash>(
             Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(measure)),
             Err(_) => Response::StorageFailed,
         },
+        Request::PositionsGet => Response::Positions(around.station.positions()),
+        Request::TriggerOutSet(when) => done(around.station.trigger_out(when)),
+        Request::LaserSet { on } => done(around.station.laser(on)),
     }
 }
 
-fn status<F: Flash>(measure: &Measure<F>, now: Micros) -> Status {
+fn done(result: Result<(), Unsupported>) -> Response {
+    match result {
+        Ok(()) => Response::Done,
+        Err(Unsupported) => Response::NotOnThisBoard,
+    }
+}
+
+fn status<F: Flash, Station>(measure: &Measure<F>, around: &Surroundings<'_, Station>) -> Status {
     let brain = measure.brain();
     let book = &measure.book;
     Status {
-        uptime_us: now.0,
+        uptime_us: around.now.0,
+        reset: book.reset,
         job: brain.map(|brain| brain.run().job().name.clone()),
         has_reference: brain.is_some_and(|brain| brain.run().reference().is_some()),
         verdicts: book.verdicts,
@@ -72,6 +95,8 @@ fn status<F: Flash>(measure: &Measure<F>, now: Micros) -> Status {
         counters: brain.map(|brain| *brain.counters()).unwrap_or_default(),
         events_dropped: book.events.dropped(),
         journal_failures: book.failures,
+        link_damaged: around.link_damaged,
+        latches: around.scans.counters(),
     }
 }
 

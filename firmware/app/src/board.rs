@@ -1,5 +1,5 @@
-//! What a board provides: six small traits. A driver behind them is the only
-//! code that a board adds.
+//! What a board provides: small traits. A driver behind them is the only code that a
+//! board adds.
 //!
 //! All futures must be safe to drop before they are done: what was not returned
 //! is not lost. Storage is [`umi_core::journal::Flash`], which is synchronous: it
@@ -7,7 +7,7 @@
 //! for that task.
 
 use umi_core::units::Micros;
-use umi_protocol::message::LatchReport;
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
 
 /// What came in on the control's port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,9 +67,44 @@ pub trait LinkTx {
 
 /// Captures the axes and the clock at an edge, in hardware.
 pub trait LatchSource {
-    /// Waits for the next capture; `missed` in it counts the edges that came and
-    /// went before it could be read.
+    /// Waits for the next capture. Captures that come while nobody waits are kept by the
+    /// driver; what it cannot keep is counted in `missed` of the next one, or told by one
+    /// without counts if there is no next.
     async fn next(&mut self) -> LatchReport;
+}
+
+/// The axes' encoders.
+pub trait Axes {
+    /// Where the axes are at one instant, which is now.
+    fn positions(&mut self) -> Positions;
+}
+
+/// Outputs to a scanner. Off until asked for.
+pub trait Scanner {
+    /// Sends trigger pulses from now on as asked, and no others. Every pulse is
+    /// captured as a latch.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing has changed.
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported>;
+
+    /// Enables the laser, or not.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing has changed.
+    fn laser(&mut self, on: bool) -> Result<(), Unsupported>;
+}
+
+/// The board cannot do that: it has no such output or axis, or cannot keep that
+/// interval.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unsupported;
+
+/// Resets the board unless it is fed often enough: at least every
+/// [`crate::FEED_INTERVAL_US`] and whatever an erasure of the storage takes.
+pub trait Watchdog {
+    /// All is well.
+    fn feed(&mut self);
 }
 
 /// What the board shows at its outputs.
@@ -81,6 +116,9 @@ pub struct Lights {
     pub ok: bool,
     /// The latest verdict is NG. Off while a plate is under way.
     pub ng: bool,
+    /// The storage has refused something: no correction until it works again. For the
+    /// status light.
+    pub trouble: bool,
 }
 
 /// Outputs to the machine: verdict and activity.

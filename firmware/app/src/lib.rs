@@ -2,14 +2,17 @@
 //!
 //! ```text
 //! CncRx ─► receive ─► queue ─► measure ─► Book: journal, events, armed correction
-//!             │ XON/XOFF/READ     │ Brain       │                  │
-//!             └────────► Flow ────┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
-//!                                 └─► Outputs
+//!             │ XON/XOFF/READ │   │ Brain       │                  │
+//!             └────────► Flow ┼───┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
+//! LatchSource ─► latch ───────┘   └─► Outputs                          │ │
+//!                  └─► Scans: triggers ────────────────────────────────┘ └─► Axes, Scanner
 //! ```
 //!
 //! Every arrow is one function or one channel. A board gives its drivers
-//! ([`board`]) to [`App::run`], or runs the parts at priorities of its own:
-//! receiving above measuring, measuring above the link.
+//! ([`board`]) to [`App::run`], or runs the parts at priorities of its own, the
+//! highest first: the drivers' interrupts, then [`App::receive`], [`App::transmit`]
+//! and [`App::latch`], then [`App::serve`], then [`App::measure`], whose fits and
+//! storage take longest, with [`App::supervise`].
 //!
 //! | file | idea |
 //! | --- | --- |
@@ -18,6 +21,7 @@
 //! | `cnc` | the control's port: receive, flow control, send a correction |
 //! | `link`, `answer` | the host's port: frames, requests |
 //! | `events` | what waits to be told to the host |
+//! | `scan` | triggers: counted, streamed, summed up |
 //! | `settings` | what survives a power cut |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
@@ -42,10 +46,11 @@ mod events;
 mod link;
 pub mod measure;
 pub mod replay;
+mod scan;
 mod settings;
 
-use embassy_futures::join::join5;
-use embassy_futures::select::{Either3, select3};
+use embassy_futures::join::{join, join5};
+use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::mutex::Mutex;
@@ -53,11 +58,15 @@ use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
+use umi_protocol::latch::LatchCause;
 
-use board::{Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs};
+use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
 use measure::{Input, Measure};
 
 pub use cnc::XOFF_PATIENCE_US;
+
+/// How often the watchdog is fed while measuring answers.
+pub const FEED_INTERVAL_US: u64 = 250_000;
 
 /// Inputs that can wait: 2 KB in full pieces, which is 0.18 s at 115200 baud, or
 /// as many short lines. A fit takes a fraction of that on the slowest board.
@@ -68,6 +77,7 @@ pub struct App<F: Flash> {
     measure: Mutex<CriticalSectionRawMutex, Measure<F>>,
     inputs: Channel<CriticalSectionRawMutex, (Micros, Input), QUEUE>,
     flow: cnc::Flow,
+    scans: scan::Scans,
     /// The host has changed something that the outputs and the clock must know.
     changed: Signal<CriticalSectionRawMutex, ()>,
     /// There may be something to tell the host.
@@ -75,7 +85,7 @@ pub struct App<F: Flash> {
 }
 
 /// A board's drivers.
-pub struct Drivers<Rx, Tx, HostRx, HostTx, Latches, Out> {
+pub struct Drivers<Rx, Tx, HostRx, HostTx, Latches, Station, Out, Dog> {
     /// From the control.
     pub cnc_rx: Rx,
     /// To the control.
@@ -86,8 +96,12 @@ pub struct Drivers<Rx, Tx, HostRx, HostTx, Latches, Out> {
     pub link_tx: HostTx,
     /// Captures of the axes.
     pub latches: Latches,
+    /// The axes now, and the outputs to a scanner.
+    pub station: Station,
     /// Outputs to the machine.
     pub outputs: Out,
+    /// Resets the board if it hangs.
+    pub watchdog: Dog,
 }
 
 impl<F: Flash> App<F> {
@@ -98,6 +112,7 @@ impl<F: Flash> App<F> {
             measure: Mutex::new(measure),
             inputs: Channel::new(),
             flow: cnc::Flow::new(),
+            scans: scan::Scans::new(),
             changed: Signal::new(),
             told: Signal::new(),
         }
@@ -112,7 +127,9 @@ impl<F: Flash> App<F> {
             impl LinkRx,
             impl LinkTx,
             impl LatchSource,
+            impl Axes + Scanner,
             impl Outputs,
+            impl Watchdog,
         >,
         clock: &impl Clock,
     ) {
@@ -122,14 +139,19 @@ impl<F: Flash> App<F> {
             mut link_rx,
             mut link_tx,
             mut latches,
+            mut station,
             mut outputs,
+            mut watchdog,
         } = drivers;
         join5(
             self.receive(&mut cnc_rx, clock),
             self.measure(&mut outputs, clock),
             self.transmit(&mut cnc_tx, clock),
-            self.serve(&mut link_rx, &mut link_tx, clock),
-            self.latch(&mut latches, clock),
+            self.serve(&mut link_rx, &mut link_tx, &mut station, clock),
+            join(
+                self.latch(&mut latches, clock),
+                self.supervise(&mut watchdog, clock),
+            ),
         )
         .await;
     }
@@ -145,8 +167,14 @@ impl<F: Flash> App<F> {
     }
 
     /// Serves the host, for ever.
-    pub async fn serve(&self, rx: &mut impl LinkRx, tx: &mut impl LinkTx, clock: &impl Clock) {
-        link::serve(self, rx, tx, clock).await;
+    pub async fn serve(
+        &self,
+        rx: &mut impl LinkRx,
+        tx: &mut impl LinkTx,
+        station: &mut (impl Axes + Scanner),
+        clock: &impl Clock,
+    ) {
+        link::serve(self, rx, tx, station, clock).await;
     }
 
     /// Measures, for ever.
@@ -180,12 +208,52 @@ impl<F: Flash> App<F> {
         }
     }
 
-    /// Journals captures of the axes, for ever.
+    /// Takes in captures of the axes, for ever. Waits for nothing else: those of the
+    /// probe take their turn in the queue, so that each stays before the line that the
+    /// control prints about it.
     pub async fn latch(&self, latches: &mut impl LatchSource, clock: &impl Clock) {
+        let mut lost: u32 = 0;
         loop {
-            let latch = latches.next().await;
-            self.measure.lock().await.latched(clock.now(), latch);
-            self.told.signal(());
+            let quiet = clock.wait_until(self.scans.deadline().unwrap_or(Micros(u64::MAX)));
+            match select(latches.next(), quiet).await {
+                Either::First(latch) if is_of_a_scan(latch.cause) => {
+                    self.scans.take(latch);
+                }
+                Either::First(mut latch) => {
+                    latch.missed = latch.missed.saturating_add(lost);
+                    self.scans.count(&latch);
+                    lost = match self.inputs.try_send((clock.now(), Input::Latch(latch))) {
+                        Ok(()) => 0,
+                        Err(_) => lost.saturating_add(1),
+                    };
+                }
+                Either::Second(()) => {
+                    // Without room it stays under way and is asked for again.
+                    if self.inputs.is_full() {
+                        clock
+                            .wait_until(Micros(clock.now().0 + FEED_INTERVAL_US))
+                            .await;
+                    } else if let Some(scan) = self.scans.over(clock.now()) {
+                        let _ = self.inputs.try_send((clock.now(), Input::Scan(scan)));
+                    }
+                }
+            }
         }
     }
+
+    /// Feeds the watchdog as long as measuring answers, for ever. It belongs to the
+    /// lowest priority: it is not reached if anything above it spins.
+    pub async fn supervise(&self, watchdog: &mut impl Watchdog, clock: &impl Clock) {
+        loop {
+            drop(self.measure.lock().await);
+            watchdog.feed();
+            let next = clock.now().0.saturating_add(FEED_INTERVAL_US);
+            clock.wait_until(Micros(next)).await;
+        }
+    }
+}
+
+/// Whether latches of this cause come by the thousand.
+const fn is_of_a_scan(cause: LatchCause) -> bool {
+    matches!(cause, LatchCause::Trigger | LatchCause::Output)
 }

@@ -6,16 +6,22 @@
 //! locked only while an answer is made, never while it is sent. A connection
 //! that comes back starts anew, without events until they are asked for.
 
-use embassy_futures::select::{Either, select};
+use core::convert::Infallible;
+
+use embassy_futures::select::{Either, Either3, select, select3};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::mutex::MutexGuard;
 use umi_core::journal::Flash;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
-use umi_protocol::message::Request;
+use umi_protocol::latch::TriggerOut;
+use umi_protocol::message::{Event, Request};
 
 use crate::App;
-use crate::answer::answer;
-use crate::board::{Broken, Clock, LinkRx, LinkTx};
+use crate::answer::{Surroundings, answer};
+use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
+use crate::measure::Measure;
 
 /// Bytes taken from the link at once: a full-speed USB packet.
 const PACKET: usize = 64;
@@ -25,15 +31,18 @@ pub(crate) async fn serve<F: Flash>(
     app: &App<F>,
     rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
+    station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
 ) -> ! {
-    let mut decoder;
     let mut out = [0; MAX_BOARD_FRAME];
     loop {
         rx.connected().await;
-        // What the last connection left unfinished is no part of this one.
-        decoder = Decoder::new();
-        let Err(Broken) = connection(app, rx, tx, clock, &mut decoder, &mut out).await;
+        let Err(Broken) = connection(app, rx, tx, station, clock, &mut out).await;
+        // What the host has switched on goes with it. A board without these outputs has
+        // nothing to switch off.
+        let _ = station.trigger_out(TriggerOut::Off);
+        let _ = station.laser(false);
+        app.scans.switch(false);
         app.measure.lock().await.book.events.switch(false);
     }
 }
@@ -43,27 +52,42 @@ async fn connection<F: Flash>(
     app: &App<F>,
     rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
+    station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
-    decoder: &mut Decoder<MAX_HOST_FRAME>,
     out: &mut [u8; MAX_BOARD_FRAME],
-) -> Result<core::convert::Infallible, Broken> {
+) -> Result<Infallible, Broken> {
+    // What the last connection left unfinished is no part of this one.
+    let mut decoder = Decoder::<MAX_HOST_FRAME>::new();
     loop {
         let mut packet = [0; PACKET];
-        match select(rx.read(&mut packet), app.told.wait()).await {
-            Either::First(count) => {
-                let mut bytes = packet.get(..count?).unwrap_or_default();
-                while let Some(frame) = decoder.next_frame(&mut bytes) {
-                    let answer = respond(app, clock, &frame, out).await;
-                    if !answer.is_empty() {
-                        tx.write(answer).await?;
-                    }
+        let came = select3(rx.read(&mut packet), app.told.wait(), app.scans.came()).await;
+        if let Either3::First(count) = came {
+            let mut bytes = packet.get(..count?).unwrap_or_default();
+            loop {
+                let link_damaged = decoder.counters().damaged();
+                let Some(frame) = decoder.next_frame(&mut bytes) else {
+                    break;
+                };
+                let answer = {
+                    let mut measure = lock(app, tx, out).await?;
+                    let around = Surroundings {
+                        now: clock.now(),
+                        link_damaged,
+                        scans: &app.scans,
+                        station,
+                    };
+                    respond(&mut measure, around, &frame, out)
+                };
+                app.changed.signal(());
+                if !answer.is_empty() {
+                    tx.write(answer).await?;
                 }
             }
-            Either::Second(()) => {}
         }
+        tell_scans(app, tx, out).await?;
         loop {
             // The lock ends with this statement: measuring never waits for a host.
-            let popped = app.measure.lock().await.book.events.pop(out);
+            let popped = lock(app, tx, out).await?.book.events.pop(out);
             let Some(frame) = popped else {
                 break;
             };
@@ -72,20 +96,47 @@ async fn connection<F: Flash>(
     }
 }
 
+/// Locks the state. A fit may hold it for long: triggers go on to the host meanwhile.
+async fn lock<'a, F: Flash>(
+    app: &'a App<F>,
+    tx: &mut impl LinkTx,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> Result<MutexGuard<'a, CriticalSectionRawMutex, Measure<F>>, Broken> {
+    loop {
+        match select(app.measure.lock(), app.scans.came()).await {
+            Either::First(measure) => return Ok(measure),
+            Either::Second(()) => tell_scans(app, tx, out).await?,
+        }
+    }
+}
+
+/// Tells the host the latches that wait.
+async fn tell_scans<F: Flash>(
+    app: &App<F>,
+    tx: &mut impl LinkTx,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> Result<(), Broken> {
+    while let Some(batch) = app.scans.batch() {
+        // Latches are numbered themselves: the number of the frame counts other events.
+        let frame = encode(0, &Event::Latches(batch), out);
+        // The buffer holds the longest frame.
+        tx.write(frame.unwrap_or_default()).await?;
+    }
+    Ok(())
+}
+
 /// The answer to a frame. What cannot be opened is answered with a Hello: it says
 /// who we are and which messages we know. What only a board sends is our own,
 /// echoed by the line, and is not answered: the echo would go round for ever.
-async fn respond<'b, F: Flash>(
-    app: &App<F>,
-    clock: &impl Clock,
+fn respond<'b, F: Flash>(
+    measure: &mut Measure<F>,
+    around: Surroundings<'_, impl Axes + Scanner>,
     frame: &Frame<'_>,
     out: &'b mut [u8; MAX_BOARD_FRAME],
 ) -> &'b [u8] {
-    let mut measure = app.measure.lock().await;
     let encoded = match (frame.kind, frame.open::<Request>()) {
         (Kind::Request, Ok(request)) => {
-            let response = answer(&mut measure, clock.now(), request);
-            app.changed.signal(());
+            let response = answer(measure, around, request);
             encode(frame.sequence, &response, out)
         }
         (Kind::Response | Kind::Event, _) => return &[],
@@ -97,6 +148,7 @@ async fn respond<'b, F: Flash>(
                 }
                 // A host that begins has not asked for events yet.
                 measure.book.events.switch(false);
+                around.scans.switch(false);
             }
             encode(frame.sequence, &hello, out)
         }

@@ -25,8 +25,9 @@ use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::job::{Job, Name, SendWhen};
+use umi_protocol::latch::{LatchReport, Scan};
 use umi_protocol::line::LineStatus;
-use umi_protocol::message::{Event, Identity, LatchReport, MAX_RECORD, Record};
+use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::MAX_CORRECTION;
@@ -50,6 +51,19 @@ pub enum Input {
     Lost(u32),
     /// The input ended.
     End,
+    /// The axes were captured at an edge of the probe or an index mark.
+    Latch(LatchReport),
+    /// A scan is over.
+    Scan(Scan),
+}
+
+/// How the board came up.
+#[derive(Clone, Debug)]
+pub struct Boot {
+    /// Who it is.
+    pub identity: Identity,
+    /// Why it started.
+    pub reset: ResetReason,
 }
 
 /// Room in the journal that a plate may need: its bytes, features and verdict.
@@ -78,6 +92,7 @@ pub struct Measure<F: Flash> {
 /// Where decisions go: everything but the brain, which is busy meanwhile.
 pub(crate) struct Book<F: Flash> {
     pub identity: Identity,
+    pub reset: ResetReason,
     pub journal: Journal<F>,
     pub events: Events,
     pub scratch: [u8; MAX_RECORD],
@@ -112,7 +127,7 @@ impl<F: Flash> Measure<F> {
     /// # Errors
     /// The journal's: a storage area holds something else or does not answer.
     pub fn start(
-        identity: Identity,
+        boot: Boot,
         journal: F,
         settings: F,
         now: Micros,
@@ -130,7 +145,8 @@ impl<F: Flash> Measure<F> {
             brain: None,
             settings: Settings::open(settings)?,
             book: Book {
-                identity,
+                identity: boot.identity.clone(),
+                reset: boot.reset,
                 journal,
                 events: Events::new(),
                 scratch: [0; MAX_RECORD],
@@ -145,8 +161,8 @@ impl<F: Flash> Measure<F> {
                 last_ok: None,
             },
         };
-        let identity = measure.book.identity.clone();
-        measure.book.record(now, Record::Boot { identity });
+        let Boot { identity, reset } = boot;
+        measure.book.record(now, Record::Boot { identity, reset });
         if !recovery.is_clean() {
             let record = Record::Recovered {
                 torn_bytes: recovery.torn_bytes,
@@ -182,6 +198,8 @@ impl<F: Flash> Measure<F> {
                 },
                 Input::Lost(count) => Record::BytesLost { count: *count },
                 Input::End => Record::InputEnd,
+                Input::Latch(latch) => Record::Latch(latch.clone()),
+                Input::Scan(scan) => Record::Scan(scan.clone()),
             },
         );
         let Some(brain) = brain else {
@@ -195,6 +213,10 @@ impl<F: Flash> Measure<F> {
             Input::Bytes(raw) => brain.bytes(now, raw, out),
             Input::Lost(count) => brain.bytes_lost(now, *count, out),
             Input::End => brain.input_ended(now, out),
+            // Into the brain whether or not it found room in the journal: then no
+            // correction is armed anyway.
+            Input::Latch(latch) => brain.latched(latch),
+            Input::Scan(_) => {}
         }
         self.keep_taught(now);
         self.make_room();
@@ -235,16 +257,6 @@ impl<F: Flash> Measure<F> {
         book.record(now, Record::Time);
         brain.on_time(now, &mut |output| book.take(now, output));
         self.keep_taught(now);
-    }
-
-    /// A latch captured the axes.
-    pub fn latched(&mut self, now: Micros, latch: LatchReport) {
-        // Into the brain whether or not it found room in the journal: then no
-        // correction is armed anyway.
-        if let Some(brain) = &mut self.brain {
-            brain.latched(&latch);
-        }
-        self.book.record(now, Record::Latch(latch));
     }
 
     /// Replaces the job: it is kept first, so that it survives a power cut from
@@ -342,6 +354,7 @@ impl<F: Flash> Measure<F> {
             busy,
             ok: !busy && self.book.last_ok == Some(true),
             ng: !busy && self.book.last_ok == Some(false),
+            trouble: self.book.unaudited,
         }
     }
 

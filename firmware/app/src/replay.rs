@@ -90,6 +90,7 @@ impl Replay {
                 self.compare(record, scratch)
             }
             Record::Recovered { .. } | Record::CorrectionSent { .. } => Ok(()),
+            Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
                     brain.latched(latch);

@@ -5,11 +5,12 @@ use core::convert::Infallible;
 use core::hint::black_box;
 
 use umi_app::board::{
-    Broken, Clock, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
+    Axes, Broken, Clock, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
+    Scanner, Unsupported, Watchdog,
 };
 use umi_core::journal::{Flash, Geometry};
 use umi_core::units::Micros;
-use umi_protocol::message::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport, Positions, TriggerOut};
 
 /// The control's port.
 pub struct Cnc;
@@ -56,10 +57,38 @@ impl LatchSource for Latches {
             number: 0,
             cause: LatchCause::Skip,
             counts: Default::default(),
-            t_us: 0,
+            t_ns: 0,
             missed: 0,
         })
     }
+}
+
+/// The axes and a scanner.
+pub struct Station;
+
+impl Axes for Station {
+    fn positions(&mut self) -> Positions {
+        black_box(Positions::default())
+    }
+}
+
+impl Scanner for Station {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+        black_box(when);
+        black_box(Ok(()))
+    }
+
+    fn laser(&mut self, on: bool) -> Result<(), Unsupported> {
+        black_box(on);
+        black_box(Ok(()))
+    }
+}
+
+/// The watchdog.
+pub struct Dog;
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {}
 }
 
 /// The outputs to the machine.

@@ -7,12 +7,12 @@ use core::pin::pin;
 use core::sync::atomic::AtomicU8;
 use core::task::{Context, Waker};
 
-use umi_app::measure::{Measure, name};
+use umi_app::measure::{Boot, Measure, name};
 use umi_app::{App, Drivers};
 use umi_core::units::Micros;
-use umi_protocol::message::Identity;
+use umi_protocol::message::{Identity, ResetReason};
 
-use crate::board::{Cnc, Lamps, Latches, Link, Memory, Time};
+use crate::board::{Cnc, Dog, Lamps, Latches, Link, Memory, Station, Time};
 
 /// The application with its state and its tasks, as one future.
 async fn application() {
@@ -21,8 +21,12 @@ async fn application() {
         serial: name("none"),
         firmware: name(env!("CARGO_PKG_VERSION")),
     };
+    let boot = Boot {
+        identity,
+        reset: ResetReason::Unknown,
+    };
     // A board would show that its storage is not usable.
-    let Ok(measure) = Measure::start(identity, Memory, Memory, Micros(0)) else {
+    let Ok(measure) = Measure::start(boot, Memory, Memory, Micros(0)) else {
         return;
     };
     let drivers = Drivers {
@@ -31,7 +35,9 @@ async fn application() {
         link_rx: Link,
         link_tx: Link,
         latches: Latches,
+        station: Station,
         outputs: Lamps,
+        watchdog: Dog,
     };
     App::new(measure).run(drivers, &Time).await;
 }

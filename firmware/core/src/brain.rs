@@ -11,8 +11,8 @@
 use umi_protocol::fault::{Counters, Fault};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
+use umi_protocol::latch::LatchReport;
 use umi_protocol::line::{HitReport, LineReport};
-use umi_protocol::message::LatchReport;
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;

@@ -9,7 +9,8 @@ use umi_core::units::Micros;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
-use umi_protocol::message::{Event, Identity, LatchCause, LatchReport, Record};
+use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::message::{Event, Identity, Record};
 use umi_protocol::verdict::Verdict;
 use umi_virtual::{Config, HostEnd, VirtualBoard};
 
@@ -160,7 +161,7 @@ impl Bench {
             number,
             cause: LatchCause::Skip,
             counts: counts.into_iter().collect(),
-            t_us: at.0,
+            t_ns: at.0.saturating_mul(1000),
             missed: 0,
         });
         self.follow(|record| matches!(record, Record::Latch(_)), &mut |_| Ok(()))
@@ -258,7 +259,7 @@ impl Bench {
                     self.next_seq += 1;
                     return Ok(record);
                 }
-                Some(Event::Line(_) | Event::Hit(_)) => {}
+                Some(Event::Line(_) | Event::Hit(_) | Event::Latches(_)) => {}
                 Some(Event::Record { .. } | Event::Dropped { .. }) => {
                     return Err(stuck("the virtual board has skipped an event"));
                 }

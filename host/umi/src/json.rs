@@ -271,7 +271,10 @@ pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
 
 fn record(record: &Record) -> Value {
     match record {
-        Record::Boot { identity: of } => json!({"type": "boot", "identity": identity(of)}),
+        Record::Boot {
+            identity: of,
+            reset,
+        } => json!({"type": "boot", "identity": identity(of), "reset": reset}),
         Record::Recovered {
             torn_bytes,
             damaged_entries,
@@ -313,6 +316,11 @@ fn record(record: &Record) -> Value {
         Record::Latch(latch) => {
             let mut object = object(latch);
             object.insert("type".into(), "latch".into());
+            Value::Object(object)
+        }
+        Record::Scan(scan) => {
+            let mut object = object(scan);
+            object.insert("type".into(), "scan".into());
             Value::Object(object)
         }
     }

@@ -2,7 +2,8 @@
 
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::message::{LatchCause, Record};
+use umi_protocol::latch::{LatchCause, Scan};
+use umi_protocol::message::{Record, ResetReason};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -29,9 +30,15 @@ pub fn printable(bytes: &[u8]) -> String {
 #[must_use]
 pub fn record(record: &Record) -> String {
     match record {
-        Record::Boot { identity } => format!(
-            "started: board {} {}, firmware {}",
-            identity.board, identity.serial, identity.firmware
+        Record::Boot {
+            identity,
+            reset: why,
+        } => format!(
+            "started{}: board {} {}, firmware {}",
+            reset(*why),
+            identity.board,
+            identity.serial,
+            identity.firmware
         ),
         Record::Recovered {
             torn_bytes,
@@ -96,9 +103,10 @@ pub fn record(record: &Record) -> String {
         ),
         Record::Latch(latch) => {
             let cause = match latch.cause {
-                LatchCause::Skip => "probe",
-                LatchCause::Trigger => "trigger",
-                LatchCause::Software => "software",
+                LatchCause::Skip => "probe".to_owned(),
+                LatchCause::Trigger => "trigger".to_owned(),
+                LatchCause::Output => "trigger pulse".to_owned(),
+                LatchCause::Index { axis } => format!("index mark of axis {}", axis + 1),
             };
             let missed = match latch.missed {
                 0 => String::new(),
@@ -110,11 +118,46 @@ pub fn record(record: &Record) -> String {
             format!(
                 "latch {} by {cause} at {}: counts {:?}{missed}",
                 latch.number,
-                clock(latch.t_us),
+                clock(latch.t_ns / 1000),
                 latch.counts.as_slice()
             )
         }
+        Record::Scan(of) => scan(of),
     }
+}
+
+/// Why a board started, as an addition to "started".
+#[must_use]
+pub const fn reset(reason: ResetReason) -> &'static str {
+    match reason {
+        ResetReason::Unknown => "",
+        ResetReason::PowerOn => " by power",
+        ResetReason::BrownOut => " after its supply was too low",
+        ResetReason::Pin => " by its reset pin",
+        ResetReason::Watchdog => " by its watchdog: the firmware hung",
+        ResetReason::Software => " by itself",
+        ResetReason::Panic => " after a failure of the firmware",
+    }
+}
+
+fn scan(scan: &Scan) -> String {
+    let what = match scan.cause {
+        LatchCause::Output => "trigger pulse",
+        _ => "trigger",
+    };
+    let lost = |n: u32, what: &str| match n {
+        0 => String::new(),
+        n => paint(BAD, format_args!(", {n} {what}")),
+    };
+    format!(
+        "scan: {} from number {} on, {} to {}{}{}",
+        count(scan.captured.into(), what),
+        scan.first,
+        clock(scan.from_ns / 1000),
+        clock(scan.to_ns / 1000),
+        lost(scan.missed, "missed"),
+        lost(scan.untold, "not told to the host"),
+    )
 }
 
 /// A fault.

@@ -10,9 +10,12 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
     ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
 };
+use umi_protocol::latch::{
+    LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, Positions, Scan, TriggerOut,
+};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JournalInfo, LatchCause, LatchReport, Record, Request, Response, Status,
+    Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, LinePattern, ReceiverConfig, Travel,
@@ -36,7 +39,13 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::VerdictGet) => Request::JournalInfo,
         Some(Request::JournalInfo) => Request::JournalRead { seq: 70_000 },
         Some(Request::JournalRead { .. }) => Request::JournalChain { seq: 70_000 },
-        Some(Request::JournalChain { .. }) => return None,
+        Some(Request::JournalChain { .. }) => Request::PositionsGet,
+        Some(Request::PositionsGet) => Request::TriggerOutSet(TriggerOut::Distance {
+            axis: 2,
+            interval_counts: 1000,
+        }),
+        Some(Request::TriggerOutSet(_)) => Request::LaserSet { on: true },
+        Some(Request::LaserSet { .. }) => return None,
     })
 }
 
@@ -71,7 +80,14 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             seq: 300,
             before: Some(std::array::from_fn(|n| n as u8)),
         },
-        Some(Response::JournalChain { .. }) => return None,
+        Some(Response::JournalChain { .. }) => Response::Positions(Positions {
+            counts: list([5, -6, 7]),
+            t_ns: 12_000_000_008,
+            illegal: list([0, 3, 0]),
+            lost_samples: 1,
+        }),
+        Some(Response::Positions(_)) => Response::NotOnThisBoard,
+        Some(Response::NotOnThisBoard) => return None,
     })
 }
 
@@ -97,7 +113,14 @@ pub fn event_after(sample: Option<&Event>) -> Option<Event> {
             t_us: 7_000_000,
             record: Record::Time,
         },
-        Some(Event::Record { .. }) => Event::Dropped { count: 8 },
+        Some(Event::Record { .. }) => Event::Latches(LatchBatch {
+            first: latch(LatchCause::Trigger),
+            steps: list([LatchStep {
+                dt_ns: 100_008,
+                dcounts: list([5, -5, 0]),
+            }]),
+        }),
+        Some(Event::Latches(_)) => Event::Dropped { count: 8 },
         Some(Event::Dropped { .. }) => return None,
     })
 }
@@ -106,6 +129,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
     Some(match sample {
         None => Record::Boot {
             identity: identity(),
+            reset: ResetReason::Watchdog,
         },
         Some(Record::Boot { .. }) => Record::Recovered {
             torn_bytes: 17,
@@ -143,14 +167,17 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             bytes: 345,
             complete: true,
         },
-        Some(Record::CorrectionSent { .. }) => Record::Latch(LatchReport {
-            number: 5,
-            cause: LatchCause::Skip,
-            counts: list([-1, 0, 1_000_000]),
-            t_us: 11_000_000,
+        Some(Record::CorrectionSent { .. }) => Record::Latch(latch(LatchCause::Skip)),
+        Some(Record::Latch(_)) => Record::Scan(Scan {
+            cause: LatchCause::Output,
+            captured: 100_000,
             missed: 1,
+            untold: 2,
+            first: 7,
+            from_ns: 1_000_000_000,
+            to_ns: 11_000_000_000,
         }),
-        Some(Record::Latch(_)) => return None,
+        Some(Record::Scan(_)) => return None,
     })
 }
 
@@ -262,6 +289,16 @@ fn job() -> Job {
     }
 }
 
+fn latch(cause: LatchCause) -> LatchReport {
+    LatchReport {
+        number: 5,
+        cause,
+        counts: list([-1, 0, 1_000_000]),
+        t_ns: 11_000_000_008,
+        missed: 2,
+    }
+}
+
 fn status() -> Status {
     let mut counters = Counters {
         bytes: 1_000_000,
@@ -272,6 +309,7 @@ fn status() -> Status {
     counters.count(FaultCode::BadParity);
     Status {
         uptime_us: 86_400_000_000,
+        reset: ResetReason::PowerOn,
         job: Some(text("PLATE")),
         has_reference: true,
         verdicts: 3,
@@ -281,6 +319,15 @@ fn status() -> Status {
         counters,
         events_dropped: 4,
         journal_failures: 0,
+        link_damaged: 9,
+        latches: LatchCounters {
+            skips: 1,
+            triggers: 2,
+            outputs: 3,
+            indices: 4,
+            missed: 5,
+            untold: 6,
+        },
     }
 }
 

@@ -20,7 +20,7 @@ use heapless::Vec;
 use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, Name, Reference};
-use umi_protocol::message::LatchReport;
+use umi_protocol::latch::LatchReport;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{PlateReason, Verdict};
 

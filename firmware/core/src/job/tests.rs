@@ -12,7 +12,7 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
     ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
 };
-use umi_protocol::message::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::pattern::{BlockPattern, CheckedPattern, LinePattern, ReceiverConfig};
 use umi_protocol::reason::Reason;
 use umi_protocol::refusal::JobError;
@@ -805,7 +805,7 @@ fn second_witness_decides() {
                         number: 0,
                         cause: LatchCause::Skip,
                         counts: counts.into_iter().collect(),
-                        t_us: 0,
+                        t_ns: 0,
                         missed: 0,
                     });
                 }
@@ -886,7 +886,7 @@ fn a_repeat_without_latches_is_dropped() {
                     number: 0,
                     cause: LatchCause::Skip,
                     counts: counts.into_iter().collect(),
-                    t_us: 0,
+                    t_ns: 0,
                     missed: 0,
                 });
             }

@@ -27,7 +27,7 @@
 //! later, as blocks are, cannot have a second witness.
 
 use umi_protocol::job::{Approach, WitnessSpec};
-use umi_protocol::message::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::reason::Reason;
 
 use super::exceeds;

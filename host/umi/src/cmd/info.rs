@@ -5,7 +5,7 @@ use serde_json::json;
 use umi::failure::Failure;
 use umi::json;
 use umi::style::{BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, paint, print, print_json};
-use umi::words::clock;
+use umi::words::{clock, reset};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
 use umi_protocol::message::{Identity, JournalInfo, Status};
@@ -64,7 +64,14 @@ fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
         "protocol".to_owned(),
         format!("{VERSION}, the same as this umi {umi}"),
     ]);
-    table.row(["running for".to_owned(), clock(status.uptime_us)]);
+    table.row([
+        "running for".to_owned(),
+        format!(
+            "{}, started{}",
+            clock(status.uptime_us),
+            reset(status.reset)
+        ),
+    ]);
     table.row(["job", status.job.as_deref().unwrap_or("none")]);
     let reference = if status.has_reference {
         "there"
@@ -109,6 +116,9 @@ fn losses(table: &mut Table, status: &Status) {
     for (name, lost) in [
         ("events not sent", status.events_dropped),
         ("journal failures", status.journal_failures),
+        ("damaged frames from here", status.link_damaged),
+        ("latches missed", status.latches.missed),
+        ("triggers not sent", status.latches.untold),
     ] {
         if lost > 0 {
             table.styled([(PLAIN, name.to_owned()), (BAD, lost.to_string())]);

@@ -9,6 +9,7 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, OpenError, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
+use umi_protocol::latch::{Positions, TriggerOut};
 use umi_protocol::message::{Event, Identity, JournalInfo, Request, Response, Status};
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
@@ -213,6 +214,42 @@ impl Client {
                 Ok(())
             }
             _ => Err(wrong_answer(&request)),
+        }
+    }
+
+    /// Where the axes are now, and what they counted wrong.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn positions(&mut self) -> Result<Positions, LinkError> {
+        match self.call(&Request::PositionsGet)? {
+            Response::Positions(positions) => Ok(positions),
+            _ => Err(wrong_answer(&Request::PositionsGet)),
+        }
+    }
+
+    /// Trigger pulses for a scanner from now on, or none. False: the board has no such
+    /// output or axis, or cannot keep that interval, and nothing has changed.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn trigger_out(&mut self, when: TriggerOut) -> Result<bool, LinkError> {
+        self.station_call(&Request::TriggerOutSet(when))
+    }
+
+    /// Enables a scanner's laser, or not. False: the board has no such output.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn laser(&mut self, on: bool) -> Result<bool, LinkError> {
+        self.station_call(&Request::LaserSet { on })
+    }
+
+    fn station_call(&mut self, request: &Request) -> Result<bool, LinkError> {
+        match self.call(request)? {
+            Response::Done => Ok(true),
+            Response::NotOnThisBoard => Ok(false),
+            _ => Err(wrong_answer(request)),
         }
     }
 
@@ -470,6 +507,10 @@ impl Client {
     }
 
     fn keep(&mut self, sequence: u16, event: Event) {
+        if matches!(event, Event::Latches(_)) {
+            // Numbered themselves, beside the other events.
+            return self.push(event);
+        }
         let expected = self.last_event.map(|last| last.wrapping_add(1));
         self.last_event = Some(sequence);
         let gap = expected.map_or(0, |expected| sequence.wrapping_sub(expected).into());
@@ -524,6 +565,9 @@ const fn name(request: &Request) -> &'static str {
         Request::JournalInfo => "journal info",
         Request::JournalRead { .. } => "journal read",
         Request::JournalChain { .. } => "journal chain",
+        Request::PositionsGet => "positions",
+        Request::TriggerOutSet(_) => "trigger out",
+        Request::LaserSet { .. } => "laser",
     }
 }
 

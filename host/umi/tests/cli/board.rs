@@ -11,7 +11,10 @@ use umi_protocol::fault::{Counters, FaultCode};
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
-use umi_protocol::message::{Identity, JournalInfo, Record, Request, Response, Status};
+use umi_protocol::latch::LatchCounters;
+use umi_protocol::message::{
+    Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
+};
 
 /// What the board answers.
 pub struct Board {
@@ -60,6 +63,7 @@ impl Board {
         for record in [
             Record::Boot {
                 identity: identity(),
+                reset: ResetReason::PowerOn,
             },
             Record::Bytes {
                 raw: raw(b"SPHERE1\r\n-135.0190"),
@@ -189,6 +193,9 @@ impl Board {
             counters,
             events_dropped: 0,
             journal_failures: 0,
+            reset: ResetReason::PowerOn,
+            link_damaged: 0,
+            latches: LatchCounters::default(),
         }
     }
 }

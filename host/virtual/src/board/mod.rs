@@ -28,19 +28,23 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
-use umi_app::board::Lights;
-use umi_app::measure::{Measure, name};
+use umi_app::board::{Clock as _, Lights};
+use umi_app::measure::{Boot, Measure, name};
 use umi_app::{App, Drivers};
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;
-use umi_protocol::message::{Identity, LatchReport};
+use umi_protocol::latch::{LatchReport, Positions};
+use umi_protocol::message::{Identity, ResetReason};
 
 pub use clock::VirtualClock;
 pub use flash::VirtualFlash;
 pub use host::HostEnd;
 
 use host::Waiter;
-use ports::{ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches};
+use ports::{
+    ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
+    NoWatchdog, Station,
+};
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
 pub const JOURNAL: Geometry = Geometry {
@@ -103,7 +107,9 @@ pub struct VirtualBoard {
     from_host: UnboundedSender<FromHost>,
     latches: Sender<Latched>,
     time: watch::Sender<u64>,
+    clock: VirtualClock,
     lamps: Lamps,
+    station: Station,
     off: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -124,22 +130,28 @@ impl VirtualBoard {
         let (started, start) = std::sync::mpsc::channel();
         let lamps = Lamps::default();
         let outputs = lamps.clone();
+        let station = Station::default();
+        let own_station = station.clone();
+        let clock = match config.time {
+            Time::Real => VirtualClock::Real(Instant::now()),
+            Time::Steered => VirtualClock::Steered(steered),
+        };
+        let own_clock = clock.clone();
         let board = move || {
             let Config {
                 serial,
                 journal,
                 settings,
-                time,
+                time: _,
                 character,
             } = config;
-            let clock = match time {
-                Time::Real => VirtualClock::Real(Instant::now()),
-                Time::Steered => VirtualClock::Steered(steered),
-            };
-            let identity = Identity {
-                board: name("virtual"),
-                serial: name(&serial),
-                firmware: name(env!("CARGO_PKG_VERSION")),
+            let boot = Boot {
+                identity: Identity {
+                    board: name("virtual"),
+                    serial: name(&serial),
+                    firmware: name(env!("CARGO_PKG_VERSION")),
+                },
+                reset: ResetReason::PowerOn,
             };
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_time()
@@ -148,7 +160,7 @@ impl VirtualBoard {
                 Ok(runtime) => runtime,
                 Err(error) => return drop(started.send(Err(error))),
             };
-            let app = match Measure::start(identity, journal, settings, Micros(0)) {
+            let app = match Measure::start(boot, journal, settings, Micros(0)) {
                 Ok(measure) => Box::new(App::new(measure)),
                 Err(error) => return drop(started.send(Err(io::Error::other(error.to_string())))),
             };
@@ -173,13 +185,15 @@ impl VirtualBoard {
                     incoming: latches_in,
                     waiting: None,
                 },
+                station: own_station,
                 outputs,
+                watchdog: NoWatchdog,
             };
             // Nobody waits any more: then nobody wants the board either.
             let _ = started.send(Ok(()));
             runtime.block_on(async {
                 tokio::select! {
-                    () = app.run(drivers, &clock) => {}
+                    () = app.run(drivers, &own_clock) => {}
                     _ = switched_off => {}
                 }
             });
@@ -195,7 +209,9 @@ impl VirtualBoard {
             from_host,
             latches,
             time,
+            clock,
             lamps,
+            station,
             off: Some(off),
             thread: Some(thread),
         })
@@ -244,6 +260,23 @@ impl VirtualBoard {
             *now = to.0.max(*now);
             forward
         });
+    }
+
+    /// Time since the board was switched on.
+    #[must_use]
+    pub fn now(&self) -> Micros {
+        self.clock.now()
+    }
+
+    /// The axes are here from now on.
+    pub fn move_to(&self, positions: Positions) {
+        self.station.move_to(positions);
+    }
+
+    /// Whether the board enables a scanner's laser.
+    #[must_use]
+    pub fn laser_is_on(&self) -> bool {
+        self.station.laser_is_on()
     }
 
     /// What the outputs show.

@@ -8,10 +8,11 @@ use std::time::Duration;
 
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
 use umi_app::board::{
-    Broken, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
+    Axes, Broken, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs, Scanner,
+    Unsupported, Watchdog,
 };
 use umi_app::measure::PIECE;
-use umi_protocol::message::LatchReport;
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
 
 /// What the control sends.
 #[derive(Debug)]
@@ -177,4 +178,55 @@ impl Outputs for Lamps {
     fn show(&mut self, lights: Lights) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lights;
     }
+}
+
+/// What a scanner sees of the board, and where the board sees its axes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Station(Arc<Mutex<StationState>>);
+
+#[derive(Debug, Default)]
+struct StationState {
+    positions: Positions,
+    laser: bool,
+}
+
+impl Station {
+    fn with<T>(&self, work: impl FnOnce(&mut StationState) -> T) -> T {
+        work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    pub fn move_to(&self, positions: Positions) {
+        self.with(|state| state.positions = positions);
+    }
+
+    pub fn laser_is_on(&self) -> bool {
+        self.with(|state| state.laser)
+    }
+}
+
+impl Axes for Station {
+    fn positions(&mut self) -> Positions {
+        self.with(|state| state.positions.clone())
+    }
+}
+
+impl Scanner for Station {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+        match when {
+            TriggerOut::Off => Ok(()),
+            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(Unsupported),
+        }
+    }
+
+    fn laser(&mut self, on: bool) -> Result<(), Unsupported> {
+        self.with(|state| state.laser = on);
+        Ok(())
+    }
+}
+
+/// A thread that hangs is seen by whoever waits for it.
+pub(crate) struct NoWatchdog;
+
+impl Watchdog for NoWatchdog {
+    fn feed(&mut self) {}
 }

@@ -79,7 +79,7 @@ impl Machine {
                     number: 0,
                     cause: LatchCause::Skip,
                     counts,
-                    t_us: 0,
+                    t_ns: 0,
                     missed: 0,
                 });
                 let position = Point::from_mm(printed[0], printed[1], printed[2]);
@@ -362,7 +362,7 @@ fn line_without_latch_is_not_paired() {
         number: 0,
         cause: LatchCause::Trigger,
         counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-        t_us: 0,
+        t_ns: 0,
         missed: 0,
     };
     witness.latched(&latch);
@@ -382,7 +382,7 @@ fn line_without_feed_is_not_paired() {
             number: 0,
             cause: LatchCause::Skip,
             counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-            t_us: 0,
+            t_ns: 0,
             missed: 0,
         });
         let mut line = line(Point::from_mm(1.0, 2.0, 3.0));

@@ -1,0 +1,140 @@
+//! Latches: axes and clock captured at an edge, and what a scanner needs of them.
+
+use heapless::Vec;
+use postcard_derive::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Axes of a board, at most.
+pub const MAX_AXES: usize = 6;
+
+/// Where the axes are, and what they counted wrong since the board started.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Positions {
+    /// Encoder counts of the axes, at one instant.
+    pub counts: Vec<i64, MAX_AXES>,
+    /// The board's clock at that instant.
+    pub t_ns: u64,
+    /// Transitions of each axis in which both signals changed at once: each may be a
+    /// wrong count.
+    pub illegal: Vec<u32, MAX_AXES>,
+    /// Times at which the board itself could not keep up with its encoders.
+    pub lost_samples: u32,
+}
+
+/// Axes and clock captured at one edge.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct LatchReport {
+    /// Counts latches of this cause, from 0.
+    pub number: u32,
+    /// What caused it.
+    pub cause: LatchCause,
+    /// Encoder counts of the axes at the edge. Empty: edges were missed, and this tells
+    /// it because no other came.
+    pub counts: Vec<i64, MAX_AXES>,
+    /// The board's clock at the edge.
+    pub t_ns: u64,
+    /// Edges that came before this one could be read, and are lost.
+    pub missed: u32,
+}
+
+/// What caused a latch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum LatchCause {
+    /// The probe's skip signal.
+    Skip,
+    /// A scanner's trigger.
+    Trigger,
+    /// A trigger pulse that the board sent.
+    Output,
+    /// An encoder's index mark.
+    Index {
+        /// Of this axis, from 0.
+        axis: u8,
+    },
+}
+
+/// Latches of one cause that came one after the other: the first in full, the others as
+/// differences, so that ten thousand in a second find room on the link.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct LatchBatch {
+    /// The first one.
+    pub first: LatchReport,
+    /// Those after it. None of them missed anything.
+    pub steps: Vec<LatchStep, MAX_STEPS>,
+}
+
+/// Steps in a [`LatchBatch`], at most.
+pub const MAX_STEPS: usize = 15;
+
+/// A latch by its difference from the one before.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct LatchStep {
+    /// Time since the one before.
+    pub dt_ns: u32,
+    /// Encoder counts since the one before.
+    pub dcounts: Vec<i32, MAX_AXES>,
+}
+
+/// Triggers or trigger pulses of one scan.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Scan {
+    /// What caused them.
+    pub cause: LatchCause,
+    /// How many were captured.
+    pub captured: u32,
+    /// Edges that were missed between them.
+    pub missed: u32,
+    /// Captured but not told to the host.
+    pub untold: u32,
+    /// The first one's number.
+    pub first: u32,
+    /// The board's clock at the first.
+    pub from_ns: u64,
+    /// The board's clock at the last.
+    pub to_ns: u64,
+}
+
+/// Latches since the board started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct LatchCounters {
+    /// Captures by the probe's skip signal.
+    pub skips: u32,
+    /// Captures by a scanner's trigger.
+    pub triggers: u32,
+    /// Captures at trigger pulses of the board's own.
+    pub outputs: u32,
+    /// Captures at index marks.
+    pub indices: u32,
+    /// Edges whose capture was lost in the board, of any cause.
+    pub missed: u32,
+    /// Triggers and pulses that were captured but not told to the host, because it did
+    /// not read them in time.
+    pub untold: u32,
+}
+
+/// When the board sends a trigger pulse to a scanner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum TriggerOut {
+    /// Never.
+    Off,
+    /// At a time interval.
+    Time {
+        /// From pulse to pulse.
+        interval_us: u32,
+    },
+    /// At a distance interval along an axis, in both directions.
+    Distance {
+        /// Which axis, from 0.
+        axis: u8,
+        /// Encoder counts from pulse to pulse.
+        interval_counts: u32,
+    },
+}

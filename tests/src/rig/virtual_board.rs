@@ -1,0 +1,117 @@
+//! The virtual board as a rig.
+
+use std::io;
+use std::time::Duration;
+
+use umi::link::Transport;
+use umi_app::board::Lights;
+use umi_protocol::latch::{LatchCause, LatchReport, Positions};
+use umi_virtual::board::Time;
+use umi_virtual::{Config, VirtualBoard};
+
+use super::Rig;
+
+/// A virtual board whose time is that of the wall.
+pub struct VirtualRig {
+    config: Config,
+    board: Option<VirtualBoard>,
+    counts: Vec<i64>,
+    skips: u32,
+    triggers: u32,
+}
+
+impl VirtualRig {
+    /// A board with empty flash, switched on.
+    ///
+    /// # Errors
+    /// As [`VirtualBoard::start`].
+    pub fn start() -> io::Result<Self> {
+        let config = Config {
+            time: Time::Real,
+            ..Config::default()
+        };
+        Ok(Self {
+            board: Some(VirtualBoard::start(config.clone())?),
+            config,
+            counts: vec![0; 3],
+            skips: 0,
+            triggers: 0,
+        })
+    }
+
+    fn board(&self) -> &VirtualBoard {
+        self.board
+            .as_ref()
+            .expect("the board is on but for an instant")
+    }
+
+    fn latch(&self, cause: LatchCause, number: u32) {
+        self.board().latch(LatchReport {
+            number,
+            cause,
+            counts: self.counts.iter().copied().collect(),
+            t_ns: self.board().now().0 * 1000,
+            missed: 0,
+        });
+    }
+}
+
+impl Rig for VirtualRig {
+    fn name(&self) -> &'static str {
+        "virtual"
+    }
+
+    fn slowness(&self) -> u32 {
+        1
+    }
+
+    fn connect(&mut self) -> Box<dyn Transport> {
+        Box::new(self.board().connect())
+    }
+
+    fn unplug(&mut self) {
+        drop(self.board().connect());
+    }
+
+    fn control_sends(&mut self, bytes: &[u8]) {
+        self.board().control_sends(bytes);
+    }
+
+    fn control_receives(&mut self, patience: Duration) -> Option<u8> {
+        self.board().control_receives(patience)
+    }
+
+    fn move_to(&mut self, counts: &[i64]) {
+        self.counts = counts.to_vec();
+        self.board().move_to(Positions {
+            counts: counts.iter().copied().collect(),
+            t_ns: self.board().now().0 * 1000,
+            ..Positions::default()
+        });
+    }
+
+    fn skip(&mut self) {
+        self.latch(LatchCause::Skip, self.skips);
+        self.skips += 1;
+    }
+
+    fn trigger(&mut self) {
+        self.latch(LatchCause::Trigger, self.triggers);
+        self.triggers += 1;
+    }
+
+    fn lights(&mut self) -> Lights {
+        self.board().lights()
+    }
+
+    fn laser_is_on(&mut self) -> bool {
+        self.board().laser_is_on()
+    }
+
+    fn power_cycle(&mut self) {
+        self.board = None;
+        let board = VirtualBoard::start(self.config.clone()).expect("it has started before");
+        self.board = Some(board);
+        (self.skips, self.triggers) = (0, 0);
+    }
+}
