@@ -19,6 +19,7 @@ extern crate std;
 
 pub mod brain;
 pub mod dprnt;
+pub mod encoder;
 pub mod fit;
 pub mod job;
 pub mod journal;

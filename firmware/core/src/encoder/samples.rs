@@ -1,0 +1,465 @@
+//! Which sample of a ring belongs to an instant.
+//!
+//! Hardware writes the positions of all axes into rings, one sample each so many
+//! cycles, all from the same start. So the instant of an edge says in which slot
+//! the positions of that moment stand, as long as the ring has not come round:
+//! whoever asks may be late by almost a whole ring.
+//!
+//! # Design
+//!
+//! Nothing is counted when a sample is written. All that can go wrong is that the
+//! writer falls out of step with the clock, which [`SampleRing::check`] finds by
+//! comparing where it writes with where it should. From then on no position is
+//! given out until [`SampleRing::restart`]: a wrong position would be silent.
+
+use core::num::{NonZeroU32, NonZeroU64};
+
+/// How samples are taken and stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cadence {
+    /// Cycles from one sample to the next.
+    pub period_cycles: NonZeroU32,
+    /// Slots of the ring.
+    pub slots: NonZeroU32,
+    /// At most so many cycles after it was taken, a sample is in the ring.
+    pub delay_cycles: u32,
+}
+
+impl Cadence {
+    /// Cycles until a slot is used again.
+    #[must_use]
+    pub const fn lap_cycles(&self) -> u64 {
+        // Both are 32 bits: no overflow.
+        self.period_cycles.get() as u64 * self.slots.get() as u64
+    }
+}
+
+/// Where the sample of an instant stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// Its slot.
+    pub slot: u32,
+    /// When it was taken: the instant that was asked for, or less than a period before.
+    pub taken_cycles: u64,
+    /// From then on the slot may hold the next sample. Read the slot, then the
+    /// clock: if it is still before this instant, what was read is this sample.
+    pub good_until_cycles: u64,
+}
+
+/// Why there is no sample for an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotThere {
+    /// The ring has come round, or the instant is before its start.
+    TooOld,
+    /// It is not written yet: ask again at this instant.
+    NotYet {
+        /// When it will be there.
+        ready_cycles: u64,
+    },
+    /// Samples were lost: which instant a slot belongs to is not known.
+    OutOfStep,
+}
+
+/// The writer and the clock disagree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutOfStep {
+    /// So many samples were not written, or a multiple of the ring more.
+    Behind {
+        /// Samples lost.
+        samples: u32,
+    },
+    /// More samples were written than time has passed for: the start or the
+    /// period is not what it should be.
+    Ahead {
+        /// Samples too many.
+        samples: u32,
+    },
+}
+
+/// A ring of samples that hardware writes at a fixed cadence.
+///
+/// ```
+/// use core::num::NonZeroU32;
+/// use umi_core::encoder::samples::{Cadence, NotThere, SampleRing};
+///
+/// let cadence = Cadence {
+///     period_cycles: NonZeroU32::new(10).unwrap(),
+///     slots: NonZeroU32::new(1024).unwrap(),
+///     delay_cycles: 30,
+/// };
+/// let ring = SampleRing::new(cadence, 5_000);
+/// // Asked 9000 cycles after an edge: its positions are still there.
+/// assert_eq!(ring.sample_at(5_123, 14_123).unwrap().slot, 12);
+/// assert_eq!(ring.sample_at(5_123, 20_000), Err(NotThere::TooOld));
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct SampleRing {
+    cadence: Cadence,
+    /// When the first sample was taken.
+    first_cycles: u64,
+    /// When the sample of some slot 0 was taken or would have been: at the start
+    /// of the ring, later advanced so that differences to it stay small, which a
+    /// processor without a divider feels. May be "before zero", wrapped.
+    lap_cycles: u64,
+    in_step: bool,
+    lost: u32,
+}
+
+impl SampleRing {
+    /// The first sample, which goes to slot 0, is taken at `start_cycles`.
+    #[must_use]
+    pub const fn new(cadence: Cadence, start_cycles: u64) -> Self {
+        Self {
+            cadence,
+            first_cycles: start_cycles,
+            lap_cycles: start_cycles,
+            in_step: true,
+            lost: 0,
+        }
+    }
+
+    /// After a loss: the sample taken at `start_cycles` goes to `slot`, and all
+    /// that was written before is not used any more.
+    pub fn restart(&mut self, start_cycles: u64, slot: u32) {
+        let before = u64::from(slot % self.cadence.slots)
+            .wrapping_mul(u64::from(self.cadence.period_cycles.get()));
+        self.first_cycles = start_cycles;
+        self.lap_cycles = start_cycles.wrapping_sub(before);
+        self.in_step = true;
+    }
+
+    /// Samples that were found lost.
+    #[must_use]
+    pub const fn lost(&self) -> u32 {
+        self.lost
+    }
+
+    /// The latest sample that was taken at or before `instant_cycles`.
+    ///
+    /// # Errors
+    /// [`NotThere`].
+    pub fn sample_at(&self, instant_cycles: u64, now_cycles: u64) -> Result<Sample, NotThere> {
+        if !self.in_step {
+            return Err(NotThere::OutOfStep);
+        }
+        let since = instant_cycles.wrapping_sub(self.lap_cycles);
+        if instant_cycles < self.first_cycles || since.cast_signed() < 0 {
+            return Err(NotThere::TooOld);
+        }
+        let number = divide(since, self.cadence.period_cycles);
+        let taken_cycles = self.taken(number);
+        let ready_cycles = taken_cycles.saturating_add(self.cadence.delay_cycles.into());
+        if now_cycles < ready_cycles {
+            return Err(NotThere::NotYet { ready_cycles });
+        }
+        let good_until_cycles = taken_cycles.saturating_add(self.cadence.lap_cycles());
+        if now_cycles >= good_until_cycles {
+            return Err(NotThere::TooOld);
+        }
+        Ok(Sample {
+            slot: self.slot(number),
+            taken_cycles,
+            good_until_cycles,
+        })
+    }
+
+    /// Holds where the writer is against the clock: `write_slot` is the slot that
+    /// it writes next, read between the instants `before_cycles` and `after_cycles`.
+    ///
+    /// The condition: fewer than half a ring of samples can have been lost since
+    /// the check before. As many as may be under way (`delay_cycles`) cannot be
+    /// told from lost ones: hardware that can stall must tell it by itself. If reading took as long as a whole ring, nothing can be
+    /// said and nothing is: a loss stays, and the next check finds it. To be
+    /// called now and then, at least each 2³¹ cycles.
+    ///
+    /// # Errors
+    /// [`OutOfStep`]: counted, and no sample is given out until
+    /// [`restart`](Self::restart).
+    pub fn check(
+        &mut self,
+        before_cycles: u64,
+        write_slot: u32,
+        after_cycles: u64,
+    ) -> Result<(), OutOfStep> {
+        let Cadence {
+            period_cycles,
+            slots,
+            delay_cycles,
+        } = self.cadence;
+        let surely = before_cycles.saturating_sub(delay_cycles.into());
+        if surely < self.first_cycles {
+            return Ok(());
+        }
+        // One more than the number of the latest sample is how many there are.
+        let least = divide(surely.wrapping_sub(self.lap_cycles), period_cycles).wrapping_add(1);
+        let most =
+            divide(after_cycles.wrapping_sub(self.lap_cycles), period_cycles).wrapping_add(1);
+        let may_be_ahead = u32::try_from(most.saturating_sub(least)).unwrap_or(u32::MAX);
+        let ring = slots.get();
+        let is = write_slot % slots;
+        let should_be = self.slot(least);
+        let ahead = if is >= should_be {
+            is - should_be
+        } else {
+            // `should_be` is below `ring`.
+            (ring - should_be).saturating_add(is)
+        };
+        if ahead <= may_be_ahead {
+            self.advance(surely);
+            return Ok(());
+        }
+        let behind = ring.saturating_sub(ahead);
+        let ahead = ahead - may_be_ahead;
+        let fault = if behind <= ahead {
+            OutOfStep::Behind { samples: behind }
+        } else {
+            OutOfStep::Ahead { samples: ahead }
+        };
+        if self.in_step
+            && let OutOfStep::Behind { samples } = fault
+        {
+            self.lost = self.lost.saturating_add(samples);
+        }
+        self.in_step = false;
+        Err(fault)
+    }
+
+    /// Moves the lap up to the one before that of `instant_cycles`, which leaves
+    /// every sample that the ring still holds behind it.
+    fn advance(&mut self, instant_cycles: u64) {
+        let Cadence {
+            period_cycles,
+            slots,
+            ..
+        } = self.cadence;
+        let since = instant_cycles.wrapping_sub(self.lap_cycles);
+        let laps = divide(divide(since, period_cycles), slots).saturating_sub(1);
+        let cycles = laps.wrapping_mul(self.cadence.lap_cycles());
+        self.lap_cycles = self.lap_cycles.wrapping_add(cycles);
+    }
+
+    fn taken(&self, number: u64) -> u64 {
+        let cycles = number.wrapping_mul(self.cadence.period_cycles.get().into());
+        self.lap_cycles.wrapping_add(cycles)
+    }
+
+    fn slot(&self, number: u64) -> u32 {
+        match u32::try_from(number) {
+            Ok(number) => number % self.cadence.slots,
+            // The remainder is below 32 bits.
+            Err(_) => (number % NonZeroU64::from(self.cadence.slots)) as u32,
+        }
+    }
+}
+
+/// Short where the number is short: a Cortex-M0+ takes ten times longer for 64 bits.
+fn divide(cycles: u64, by: NonZeroU32) -> u64 {
+    match u32::try_from(cycles) {
+        Ok(cycles) => (cycles / by).into(),
+        Err(_) => cycles / NonZeroU64::from(by),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The hardware: sample `k` is taken at `start + k * period` and written up to
+    /// `delay` cycles later, into slot `(first_slot + k) mod slots`.
+    #[derive(Clone, Copy, Debug)]
+    struct Writer {
+        cadence: Cadence,
+        start: u64,
+        first_slot: u32,
+    }
+
+    impl Writer {
+        fn taken(&self, k: u64) -> u64 {
+            self.start + k * u64::from(self.cadence.period_cycles.get())
+        }
+
+        /// Any delay, and never one sample before the one that was taken earlier.
+        fn written(&self, k: u64) -> u64 {
+            let any = |k: u64| {
+                let spread = u64::from(self.cadence.delay_cycles) + 1;
+                self.taken(k) + k.wrapping_mul(0x9E37_79B9_7F4A_7C15) % spread
+            };
+            (k.saturating_sub(20)..=k).map(any).max().unwrap()
+        }
+
+        /// How many samples have been written at `now`.
+        fn count(&self, now: u64) -> u64 {
+            if now < self.start {
+                return 0;
+            }
+            let mut k = (now - self.start) / u64::from(self.cadence.period_cycles.get()) + 1;
+            while k > 0 && self.written(k - 1) > now {
+                k -= 1;
+            }
+            k
+        }
+
+        fn slot(&self, k: u64) -> u32 {
+            ((u64::from(self.first_slot) + k) % u64::from(self.cadence.slots.get())) as u32
+        }
+
+        /// The number of the sample that stands in a slot at `now`.
+        fn read(&self, slot: u32, now: u64) -> Option<u64> {
+            (0..self.count(now))
+                .rev()
+                .take(self.cadence.slots.get() as usize)
+                .find(|k| self.slot(*k) == slot)
+        }
+
+        fn ring(&self) -> SampleRing {
+            let mut ring = SampleRing::new(self.cadence, 0);
+            ring.restart(self.start, self.first_slot);
+            ring
+        }
+    }
+
+    fn writer() -> impl Strategy<Value = Writer> {
+        (1_u32..40, 2_u32..70, 0_u32..90, 0_u64..3_000, 0_u32..70).prop_map(
+            |(period, slots, delay, start, first_slot)| Writer {
+                cadence: Cadence {
+                    period_cycles: NonZeroU32::new(period).unwrap(),
+                    slots: NonZeroU32::new(slots).unwrap(),
+                    delay_cycles: delay,
+                },
+                start,
+                first_slot: first_slot % slots,
+            },
+        )
+    }
+
+    proptest! {
+        /// For any instant, asked at any time: what is given out is the sample of
+        /// that instant for as long as is said, and what is refused was rightly
+        /// refused. Checks in between change nothing.
+        #[test]
+        fn finds_the_sample_of_an_instant(
+            writer in writer(),
+            instant in 0_u64..20_000,
+            late in 0_u64..3_000,
+            later in 0_u64..3_000,
+            checks in prop::collection::vec(0_u64..20_000, 0..4),
+        ) {
+            let mut ring = writer.ring();
+            let now = instant + late;
+            let mut checks = checks;
+            checks.sort_unstable();
+            for at in checks.into_iter().filter(|at| *at <= now) {
+                let slot = writer.slot(writer.count(at));
+                prop_assert_eq!(ring.check(at, slot, at), Ok(()));
+            }
+            let period = u64::from(writer.cadence.period_cycles.get());
+            let number = (instant >= writer.start).then(|| (instant - writer.start) / period);
+            match ring.sample_at(instant, now) {
+                Ok(sample) => {
+                    let number = number.expect("an instant after the start");
+                    prop_assert_eq!(sample.taken_cycles, writer.taken(number));
+                    prop_assert!(sample.taken_cycles <= instant);
+                    prop_assert!(now < sample.good_until_cycles);
+                    let read_at = (now + later).min(sample.good_until_cycles - 1);
+                    prop_assert_eq!(writer.read(sample.slot, read_at), Some(number));
+                }
+                Err(NotThere::TooOld) => {
+                    let gone = number.is_none_or(|k| {
+                        now >= writer.taken(k + u64::from(writer.cadence.slots.get()))
+                    });
+                    prop_assert!(gone, "sample {number:?} was still there");
+                }
+                Err(NotThere::NotYet { ready_cycles }) => {
+                    let number = number.expect("an instant after the start");
+                    prop_assert!(now < ready_cycles);
+                    prop_assert!(writer.written(number) <= ready_cycles);
+                    prop_assert!(ready_cycles - writer.taken(number)
+                        <= u64::from(writer.cadence.delay_cycles));
+                }
+                Err(NotThere::OutOfStep) => prop_assert!(false, "in step all the time"),
+            }
+        }
+
+        /// A writer in step passes every check, however long it takes to read it;
+        /// one that lost more than its delay covers never passes a quick one, and
+        /// without a delay the number is exact.
+        #[test]
+        fn checks_tell_what_was_lost(
+            writer in writer(),
+            at in 4_000_u64..20_000,
+            takes in 0_u64..2_000,
+            lost in 1_u64..35,
+        ) {
+            let mut ring = writer.ring();
+            let reads = at + takes / 2;
+            let slot = writer.slot(writer.count(reads));
+            prop_assert_eq!(ring.check(at, slot, at + takes), Ok(()));
+            prop_assert_eq!(ring.lost(), 0);
+
+            let slots = u64::from(writer.cadence.slots.get());
+            let delay = writer
+                .cadence
+                .delay_cycles
+                .div_ceil(writer.cadence.period_cycles.get());
+            let (least, most) = (u64::from(delay) + 1, slots / 2);
+            let spread = most.saturating_sub(least + u64::from(delay) + 2);
+            if spread == 0 {
+                return Ok(());
+            }
+            let lost = least + lost % spread;
+            let behind = writer.count(at) - lost;
+            let checked = ring.check(at, writer.slot(behind), at);
+            let Err(OutOfStep::Behind { samples }) = checked else {
+                return Err(TestCaseError::fail(std::format!("{lost} lost: {checked:?}")));
+            };
+            prop_assert!(u64::from(samples) <= lost);
+            prop_assert!(u64::from(samples) + u64::from(delay) + 1 >= lost);
+            if writer.cadence.delay_cycles == 0 {
+                prop_assert_eq!(u64::from(samples), lost);
+            }
+            prop_assert_eq!(ring.lost(), samples);
+            prop_assert_eq!(ring.sample_at(at, at), Err(NotThere::OutOfStep));
+            prop_assert!(ring.check(at, writer.slot(behind), at).is_err());
+            prop_assert_eq!(ring.lost(), samples, "counted once");
+        }
+
+        /// Hours and years later, after a check, the arithmetic is the same.
+        #[test]
+        fn nothing_drifts(years in 0_u64..100, ticks in 0_u64..100_000) {
+            let cadence = Cadence {
+                period_cycles: NonZeroU32::new(10).unwrap(),
+                slots: NonZeroU32::new(1024).unwrap(),
+                delay_cycles: 0,
+            };
+            let mut ring = SampleRing::new(cadence, 7);
+            let now = years * 3_944_700_000_000_000 + ticks * 125_000;
+            let slot = |now: u64| if now < 7 { 0 } else { ((now - 7) / 10 % 1024) as u32 };
+            prop_assert_eq!(ring.check(now, (slot(now) + u32::from(now >= 7)) % 1024, now), Ok(()));
+            if now >= 7 {
+                prop_assert_eq!(ring.sample_at(now, now).map(|sample| sample.slot), Ok(slot(now)));
+            }
+        }
+    }
+
+    /// A writer that is too fast is named too, and is no lost sample.
+    #[test]
+    fn ahead_of_the_clock() {
+        let cadence = Cadence {
+            period_cycles: NonZeroU32::new(10).unwrap(),
+            slots: NonZeroU32::new(1024).unwrap(),
+            delay_cycles: 5,
+        };
+        let mut ring = SampleRing::new(cadence, 0);
+        assert_eq!(ring.check(1_006, 101, 1_006), Ok(()));
+        assert_eq!(
+            ring.check(1_006, 105, 1_006),
+            Err(OutOfStep::Ahead { samples: 4 })
+        );
+        assert_eq!(ring.lost(), 0);
+        assert_eq!(ring.sample_at(1_000, 1_006), Err(NotThere::OutOfStep));
+        ring.restart(2_000, 3);
+        assert_eq!(ring.sample_at(1_999, 2_100), Err(NotThere::TooOld));
+        assert_eq!(ring.sample_at(2_000, 2_100).map(|s| s.slot), Ok(3));
+    }
+}

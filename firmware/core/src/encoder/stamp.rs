@@ -1,0 +1,189 @@
+//! Instants: a count at an edge to 64 bits, and cycles to nanoseconds.
+
+/// A free-running counter of `BITS` bits that takes `STEP` cycles per count and
+/// whose count is captured at an edge.
+///
+/// A coarser clock, which need not be in phase, says which of the instants with
+/// these low bits is meant: the latest that is not in the future.
+///
+/// The condition: an edge is looked at **before the counter has gone round once**,
+/// 2^`BITS` · `STEP` cycles less `ahead_cycles`: 34 s for 32 bits, one cycle per
+/// count and 125 MHz.
+///
+/// ```
+/// use umi_core::encoder::stamp::Stamper;
+///
+/// // Started at cycle 1000, a count each two cycles.
+/// let skip = Stamper::<32, 2>::new(1_000, 125);
+/// assert_eq!(skip.instant(50, 1_150), Some(1_100));
+/// // The same count, once round later.
+/// assert_eq!(skip.instant(50, 1_150 + (1 << 33)), Some(1_100 + (1 << 33)));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamper<const BITS: u32, const STEP: u32> {
+    start_cycles: u64,
+    ahead_cycles: u32,
+}
+
+impl<const BITS: u32, const STEP: u32> Stamper<BITS, STEP> {
+    const MASK: u32 = {
+        assert!(BITS >= 1 && BITS <= 32, "a counter has 1 to 32 bits");
+        assert!(STEP >= 1, "a count takes at least one cycle");
+        u32::MAX >> (32 - BITS)
+    };
+
+    /// The counter was 0 at `start_cycles`. The coarse clock may be behind the
+    /// counter by up to `ahead_cycles`: its resolution, and what is not known
+    /// about `start_cycles`.
+    #[must_use]
+    pub const fn new(start_cycles: u64, ahead_cycles: u32) -> Self {
+        Self {
+            start_cycles,
+            ahead_cycles,
+        }
+    }
+
+    /// The instant at which the counter was `raw`, asked at `now_cycles`.
+    ///
+    /// `None`: the counter has not been `raw` since it was started, so this is
+    /// no count of an edge.
+    #[must_use]
+    pub const fn instant(&self, raw: u32, now_cycles: u64) -> Option<u64> {
+        let latest = now_cycles
+            .saturating_add(self.ahead_cycles as u64)
+            .saturating_sub(self.start_cycles)
+            / STEP as u64;
+        let back = (latest as u32).wrapping_sub(raw) & Self::MASK;
+        match latest.checked_sub(back as u64) {
+            Some(counts) => Some(
+                self.start_cycles
+                    .saturating_add(counts.saturating_mul(STEP as u64)),
+            ),
+            None => None,
+        }
+    }
+}
+
+/// Conversions for a clock of `HZ` cycles per second.
+///
+/// In whole numbers: the result is the exact one rounded down, whatever the
+/// instant, so that nothing drifts.
+///
+/// ```
+/// use umi_core::encoder::stamp::Rate;
+///
+/// assert_eq!(Rate::<125_000_000>::ns(3), 24);
+/// assert_eq!(Rate::<240_000_000>::ns(7), 29); // 29.17
+/// assert_eq!(Rate::<240_000_000>::cycles(1_000), 240_000);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Rate<const HZ: u32>;
+
+impl<const HZ: u32> Rate<HZ> {
+    /// Nanoseconds per cycle, as a fraction in lowest terms.
+    const NS: (u64, u64) = lowest_terms(1_000_000_000, HZ);
+    /// Cycles per microsecond, as a fraction in lowest terms.
+    const PER_US: (u64, u64) = {
+        let (us, cycles) = lowest_terms(1_000_000, HZ);
+        (cycles, us)
+    };
+
+    /// The nanoseconds that so many cycles take, rounded down.
+    #[must_use]
+    pub const fn ns(cycles: u64) -> u64 {
+        scale(cycles, Self::NS)
+    }
+
+    /// The cycles that so many microseconds take, rounded down.
+    #[must_use]
+    pub const fn cycles(us: u64) -> u64 {
+        scale(us, Self::PER_US)
+    }
+}
+
+/// `value * numerator / denominator`, rounded down, without an overflow on the way.
+const fn scale(value: u64, (numerator, denominator): (u64, u64)) -> u64 {
+    let whole = (value / denominator).saturating_mul(numerator);
+    whole.saturating_add(value % denominator * numerator / denominator)
+}
+
+const fn lowest_terms(numerator: u32, denominator: u32) -> (u64, u64) {
+    assert!(denominator > 0, "a clock that stands has no rate");
+    let (mut a, mut b) = (numerator, denominator);
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    ((numerator / a) as u64, (denominator / a) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn ns_is_exact<const HZ: u32>(cycles: u64) {
+        let exact = u128::from(cycles) * 1_000_000_000 / u128::from(HZ);
+        assert_eq!(u128::from(Rate::<HZ>::ns(cycles)), exact, "{HZ} Hz");
+    }
+
+    fn cycles_are_exact<const HZ: u32>(us: u64) {
+        let exact = u128::from(us) * u128::from(HZ) / 1_000_000;
+        assert_eq!(u128::from(Rate::<HZ>::cycles(us)), exact, "{HZ} Hz");
+    }
+
+    proptest! {
+        /// Both conversions against 128-bit arithmetic, for 50 years of cycles, at
+        /// the clocks of the boards and at one that divides nothing.
+        #[test]
+        fn conversions_are_exact(cycles in 0_u64..(1 << 58)) {
+            ns_is_exact::<125_000_000>(cycles);
+            ns_is_exact::<150_000_000>(cycles);
+            ns_is_exact::<200_000_000>(cycles);
+            ns_is_exact::<240_000_000>(cycles);
+            ns_is_exact::<48_000_001>(cycles);
+            cycles_are_exact::<125_000_000>(cycles >> 8);
+            cycles_are_exact::<150_000_000>(cycles >> 8);
+            cycles_are_exact::<240_000_000>(cycles >> 8);
+            cycles_are_exact::<48_000_001>(cycles >> 8);
+        }
+
+        /// The instant of an edge is found exactly, however late it is looked at
+        /// within a round of the counter, with a coarse clock that is up to
+        /// `ahead` behind; and it never is off by a round.
+        #[test]
+        fn instants_are_exact(
+            start in 0_u64..(1 << 50),
+            counts in 0_u64..(1 << 50),
+            late in 0_u64..0xFFFF_0000,
+            behind in 0_u64..=125,
+        ) {
+            let stamper = Stamper::<32, 2>::new(start, 125);
+            let edge = start + counts * 2;
+            let now = edge + late * 2 - behind.min(edge);
+            prop_assert_eq!(stamper.instant(counts as u32, now), Some(edge));
+
+            let short = Stamper::<16, 1>::new(start, 125);
+            let edge = start + counts;
+            let now = edge + late % 65_000 - behind.min(edge);
+            prop_assert_eq!(short.instant(counts as u32 & 0xFFFF, now), Some(edge));
+        }
+    }
+
+    /// A count from before the start is refused, not turned into an instant.
+    #[test]
+    fn nothing_before_the_start() {
+        let stamper = Stamper::<32, 4>::new(1_000, 0);
+        assert_eq!(stamper.instant(0, 1_003), Some(1_000));
+        assert_eq!(stamper.instant(1, 1_003), None);
+        assert_eq!(stamper.instant(u32::MAX, 5_000), None);
+        assert_eq!(stamper.instant(0, 0), Some(1_000), "a clock far behind");
+    }
+
+    /// At the end of what 64 bits hold, values stay there.
+    #[test]
+    fn saturates() {
+        assert_eq!(Rate::<125_000_000>::ns(u64::MAX), u64::MAX);
+        let stamper = Stamper::<32, 1>::new(u64::MAX - 1, u32::MAX);
+        assert_eq!(stamper.instant(1, u64::MAX), Some(u64::MAX));
+    }
+}
