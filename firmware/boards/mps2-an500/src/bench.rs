@@ -1,0 +1,165 @@
+//! The bench's port: encoders and inputs come from there, outputs go there.
+
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use umi_app::board::{Axes, Lights, Outputs, Scanner, Unsupported};
+use umi_protocol::latch::{Positions, TriggerOut};
+use umi_protocol::message::ResetReason;
+use umi_stimuli::{Decoder, MAX_FRAME, State, Stimulus, decode, encode};
+
+use crate::link::LINK;
+use crate::path::Path;
+use crate::{BENCH, CONTROL, LATCHES, clock};
+
+struct Inner {
+    decoder: Decoder,
+    path: Path,
+    state: State,
+}
+
+static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
+    decoder: Decoder::new(),
+    path: Path::new(),
+    state: State {
+        taken: 0,
+        refused: 0,
+        t_ns: 0,
+        reset: ResetReason::Unknown,
+        busy: false,
+        ok: false,
+        ng: false,
+        trouble: false,
+        laser: false,
+        overruns: 0,
+    },
+}));
+
+/// The state has changed.
+static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// The bench asks that measuring never answers again.
+pub static HANG: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+fn with<T>(work: impl FnOnce(&mut Inner) -> T) -> T {
+    critical_section::with(|cs| work(&mut INNER.borrow(cs).borrow_mut()))
+}
+
+/// A byte has come.
+pub extern "C" fn on_receive() {
+    let byte = BENCH.take();
+    with(|inner| {
+        let mut stimulus = None;
+        let damaged = decode(&mut inner.decoder, &[byte], |whole| stimulus = Some(whole));
+        if damaged > 0 {
+            inner.state.refused = inner.state.refused.saturating_add(damaged);
+        } else if let Some(stimulus) = stimulus {
+            inner.take(&stimulus);
+            inner.state.taken = inner.state.taken.wrapping_add(1);
+        } else {
+            return;
+        }
+        CHANGED.signal(());
+    });
+}
+
+impl Inner {
+    fn take(&mut self, stimulus: &Stimulus) {
+        match stimulus {
+            Stimulus::Look => {}
+            Stimulus::Path {
+                from_ns,
+                to_ns,
+                counts,
+            } => {
+                if self.path.lay(*from_ns, *to_ns, counts).is_err() {
+                    self.state.refused = self.state.refused.saturating_add(1);
+                }
+            }
+            Stimulus::Edge { cause, t_ns } => {
+                LATCHES.capture(*cause, *t_ns, self.path.at(*t_ns));
+            }
+            Stimulus::Host { connected } => LINK.plug(*connected),
+            Stimulus::Hold { on } => crate::control::hold(*on),
+            #[allow(clippy::panic, reason = "it is what the bench asks for")]
+            Stimulus::Panic => panic!("asked for by the bench"),
+            Stimulus::Hang => HANG.signal(()),
+        }
+    }
+}
+
+/// Notes why the board started.
+pub fn note_reset(reset: ResetReason) {
+    with(|inner| inner.state.reset = reset);
+    CHANGED.signal(());
+}
+
+/// Tells the bench how the board stands, for ever.
+pub async fn tell() {
+    let mut buffer = [0; MAX_FRAME];
+    loop {
+        CHANGED.wait().await;
+        let state = with(|inner| State {
+            t_ns: clock::now_ns(),
+            overruns: CONTROL.overruns(),
+            ..inner.state
+        });
+        for byte in encode(&state, &mut buffer).unwrap_or_default() {
+            BENCH.write(*byte).await;
+        }
+    }
+}
+
+/// The outputs to the machine.
+pub struct Lamps;
+
+impl Outputs for Lamps {
+    fn show(&mut self, lights: Lights) {
+        let changed = with(|inner| {
+            let state = &mut inner.state;
+            let before = *state;
+            state.busy = lights.busy;
+            state.ok = lights.ok;
+            state.ng = lights.ng;
+            state.trouble = lights.trouble;
+            before != *state
+        });
+        if changed {
+            CHANGED.signal(());
+        }
+    }
+}
+
+/// The axes, and the outputs to a scanner.
+pub struct Station;
+
+impl Axes for Station {
+    fn positions(&mut self) -> Positions {
+        let t_ns = clock::now_ns();
+        // The path always reaches to now.
+        let counts = with(|inner| inner.path.at(t_ns)).unwrap_or_default();
+        Positions {
+            counts: counts.into_iter().collect(),
+            t_ns,
+            illegal: counts.iter().map(|_| 0).collect(),
+            lost_samples: 0,
+        }
+    }
+}
+
+impl Scanner for Station {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+        match when {
+            TriggerOut::Off => Ok(()),
+            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(Unsupported),
+        }
+    }
+
+    fn laser(&mut self, on: bool) -> Result<(), Unsupported> {
+        with(|inner| inner.state.laser = on);
+        CHANGED.signal(());
+        Ok(())
+    }
+}

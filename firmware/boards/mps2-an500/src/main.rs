@@ -1,0 +1,207 @@
+//! openumi on the Cortex-M7 of QEMU's machine `mps2-an500`: the application unchanged, with
+//! its control and its host on two UARTs, and everything else on a third ([`bench`]).
+//!
+//! ```text
+//! priority          runs
+//! capture           UART 2: edges and axes
+//! drivers           UARTs 0 and 1, clock
+//! serial tasks      receive, transmit, latch
+//! link tasks        serve; and telling the bench
+//! none              measure, supervise
+//! ```
+//!
+//! | file | idea |
+//! | --- | --- |
+//! | [`chip`] | addresses, interrupts, priorities |
+//! | [`vectors`] | which function each interrupt runs |
+//! | [`uart`], [`control`], [`link`], [`bench`] | a UART, and the three ports |
+//! | [`path`], [`latches`] | where the axes are, and what was captured of them |
+//! | [`clock`], [`watchdog`] | time |
+//! | [`storage`] | flash in RAM that outlives a reset |
+//! | [`kept`] | why the board started, and where it panicked |
+//!
+//! # Limitations
+//!
+//! QEMU is no model of time: it says nothing about latency. For that there are the
+//! emulated Pico, and real boards.
+#![no_std]
+#![no_main]
+
+mod bench;
+mod chip;
+mod clock;
+mod control;
+mod kept;
+mod latches;
+mod link;
+mod path;
+mod storage;
+mod uart;
+mod vectors;
+mod watchdog;
+
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::SCB;
+use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
+use static_cell::StaticCell;
+use umi_app::App;
+use umi_app::measure::{Boot, Measure, name};
+use umi_core::units::Micros;
+use umi_protocol::message::{Identity, ResetReason};
+
+use chip::{Interrupt, peripheral};
+use clock::BoardClock;
+use kept::Cause;
+use latches::Latches;
+use storage::Region;
+use uart::{Full, Uart};
+use watchdog::Watchdog;
+
+/// To the control.
+static CONTROL: Uart = Uart::new(peripheral::UART_0, Full::Counts);
+/// To the host.
+static HOST: Uart = Uart::new(peripheral::UART_1, Full::Holds);
+/// To the test bench.
+static BENCH: Uart = Uart::new(peripheral::UART_2, Full::Holds);
+/// For who looks on: what a start has to say.
+static CONSOLE: Uart = Uart::new(peripheral::UART_3, Full::Holds);
+
+static LATCHES: Latches = Latches::new();
+
+static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
+static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static APP: StaticCell<App<Region>> = StaticCell::new();
+    static TASKS: StaticCell<Executor> = StaticCell::new();
+
+    let reset = note_reset(&kept::take_cause());
+    // The first time it is always there.
+    let Some(peripherals) = cortex_m::Peripherals::take() else {
+        stop("the core is taken")
+    };
+    clock::start();
+    // SAFETY: here and nowhere else.
+    let (journal, settings) = unsafe { storage::open() };
+    let boot = Boot {
+        identity: Identity {
+            board: name("mps2-an500"),
+            serial: name("QEMU"),
+            firmware: name(env!("CARGO_PKG_VERSION")),
+        },
+        reset,
+    };
+    let Ok(measure) = Measure::start(boot, journal, settings, Micros(0)) else {
+        stop("the storage holds something else")
+    };
+    let app: &'static App<Region> = APP.init_with(|| App::new(measure));
+
+    CONTROL.start();
+    HOST.start();
+    BENCH.start();
+    vectors::enable(peripherals.NVIC);
+    let serial = SERIAL_TASKS.start(Interrupt::SerialTasks);
+    serial.spawn(first(receive(app)));
+    serial.spawn(first(transmit(app)));
+    serial.spawn(first(latch(app)));
+    let link = LINK_TASKS.start(Interrupt::LinkTasks);
+    link.spawn(first(serve(app)));
+    link.spawn(first(tell()));
+    let watchdog = Watchdog::start();
+    TASKS.init(Executor::new()).run(|here| {
+        here.spawn(first(measure_on(app)));
+        here.spawn(first(supervise(app, watchdog)));
+        here.spawn(first(hang()));
+    })
+}
+
+/// A task that is started for the first time has its place.
+fn first<S>(task: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    task.unwrap_or_else(|_| stop("a task was started twice"))
+}
+
+/// Says what is wrong and does nothing more.
+fn stop(why: &str) -> ! {
+    CONSOLE.print(why);
+    CONSOLE.print("\n");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+#[embassy_executor::task]
+async fn receive(app: &'static App<Region>) {
+    app.receive(&mut control::Receiver, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn transmit(app: &'static App<Region>) {
+    app.transmit(&mut control::Transmitter, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn latch(app: &'static App<Region>) {
+    app.latch(&mut &LATCHES, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn serve(app: &'static App<Region>) {
+    let (mut rx, mut tx) = (link::Receiver, link::Transmitter);
+    app.serve(&mut rx, &mut tx, &mut bench::Station, &BoardClock)
+        .await;
+}
+
+#[embassy_executor::task]
+async fn tell() {
+    bench::tell().await;
+}
+
+#[embassy_executor::task]
+async fn measure_on(app: &'static App<Region>) {
+    app.measure(&mut bench::Lamps, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn supervise(app: &'static App<Region>, mut watchdog: Watchdog) {
+    app.supervise(&mut watchdog, &BoardClock).await;
+}
+
+/// Hangs when the bench asks for it, as a fit would that never ends.
+#[embassy_executor::task]
+async fn hang() {
+    bench::HANG.wait().await;
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// Says why the board started.
+fn note_reset(cause: &Cause) -> ResetReason {
+    CONSOLE.start();
+    CONSOLE.print("umi-mps2-an500 ");
+    CONSOLE.print(env!("CARGO_PKG_VERSION"));
+    let reset = match cause {
+        Cause::Power => ResetReason::PowerOn,
+        Cause::External => ResetReason::Pin,
+        Cause::Watchdog => {
+            CONSOLE.print(" after its watchdog");
+            ResetReason::Watchdog
+        }
+        Cause::Panic(place) => {
+            CONSOLE.print(" after a panic at ");
+            CONSOLE.print(place);
+            ResetReason::Panic
+        }
+    };
+    CONSOLE.print("\n");
+    bench::note_reset(reset);
+    reset
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    kept::note_panic(info);
+    SCB::sys_reset()
+}

@@ -1,0 +1,136 @@
+//! Storage: NOR flash played by PSRAM, which a reset leaves as it is.
+//!
+//! # Design
+//!
+//! The cells behave as those of the serial NOR flash of the real boards: programming
+//! clears bits, erasing sets a sector's, and to program what is not erased is an error
+//! rather than a different value. QEMU can lay the PSRAM into a file
+//! (`-object memory-backend-file,…,share=on`), so it also outlives QEMU: that is a power
+//! cycle.
+//!
+//! # Limitations
+//!
+//! It takes no time, and no power cut falls into it: the journal is tested against those
+//! on the host.
+
+use core::ptr;
+
+use umi_core::journal::{ERASED, Flash, Geometry};
+
+/// The journal: 4 MiB in the 64 KiB sectors of a serial NOR flash.
+const JOURNAL: Geometry = Geometry {
+    sectors: 64,
+    sector_size: 65_536,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// Job and taught reference.
+const SETTINGS: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 16_384,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// Says that the memory behind it has been erased once, as flash comes from its maker.
+const FLASH: u32 = 0x464C_5348;
+
+const JOURNAL_AT: usize = 0x1000;
+const SETTINGS_AT: usize = JOURNAL_AT + size(JOURNAL);
+const END: usize = SETTINGS_AT + size(SETTINGS);
+const _: () = assert!(END <= 16 * 1024 * 1024, "the PSRAM has 16 MB");
+
+const fn size(geometry: Geometry) -> usize {
+    geometry.sectors as usize * geometry.sector_size as usize
+}
+
+unsafe extern "C" {
+    /// Where the linker script has the PSRAM.
+    #[link_name = "__flash"]
+    static PSRAM: u8;
+}
+
+/// A region of the flash.
+pub struct Region {
+    start: *mut u8,
+    geometry: Geometry,
+}
+
+// SAFETY: the region is plain memory that belongs to this value alone.
+unsafe impl Send for Region {}
+
+/// Why the flash refuses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// The address is outside of the region.
+    Outside,
+    /// What is to be programmed has not been erased.
+    NotErased,
+}
+
+/// Journal and settings.
+///
+/// # Safety
+/// To be called once: the regions are the only ones that reach the PSRAM.
+pub unsafe fn open() -> (Region, Region) {
+    let psram = &raw const PSRAM as *mut u8;
+    let mark = psram.cast::<u32>();
+    // SAFETY: the PSRAM is there, aligned, and nobody else's.
+    unsafe {
+        if mark.read_volatile() != FLASH {
+            // New memory, or an empty file.
+            ptr::write_bytes(psram, ERASED, END);
+            mark.write_volatile(FLASH);
+        }
+        let region = |at: usize, geometry| Region {
+            start: psram.add(at),
+            geometry,
+        };
+        (region(JOURNAL_AT, JOURNAL), region(SETTINGS_AT, SETTINGS))
+    }
+}
+
+impl Region {
+    /// These bytes of the region.
+    fn cells(&mut self, at: usize, length: usize) -> Result<&mut [u8], Refusal> {
+        let end = at.checked_add(length).ok_or(Refusal::Outside)?;
+        if end > size(self.geometry) {
+            return Err(Refusal::Outside);
+        }
+        // SAFETY: inside of the region, which is this value's alone.
+        Ok(unsafe { core::slice::from_raw_parts_mut(self.start.add(at), length) })
+    }
+}
+
+impl Flash for Region {
+    type Error = Refusal;
+
+    fn geometry(&self) -> Geometry {
+        self.geometry
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Refusal> {
+        let cells = self.cells(addr as usize, into.len())?;
+        into.copy_from_slice(cells);
+        Ok(())
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Refusal> {
+        let cells = self.cells(addr as usize, bytes.len())?;
+        if cells.iter().any(|cell| *cell != ERASED) {
+            return Err(Refusal::NotErased);
+        }
+        cells.copy_from_slice(bytes);
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), Refusal> {
+        let size = self.geometry.sector_size as usize;
+        let at = (sector as usize)
+            .checked_mul(size)
+            .ok_or(Refusal::Outside)?;
+        self.cells(at, size)?.fill(ERASED);
+        Ok(())
+    }
+}
