@@ -46,6 +46,31 @@ pub fn error(error: &anyhow::Error) {
     eprintln!("{} {error:#}", paint(RED, "error:"));
 }
 
+/// Prints rows under their headings, the first of them, on standard output.
+pub fn rows<const N: usize>(rows: &[[String; N]]) {
+    print!("{}", aligned(rows));
+}
+
+fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
+    let widths: [usize; N] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].len()).max().unwrap_or(0));
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (cell, width) in row.iter().zip(widths) {
+            // Figures stand under each other by their last digit.
+            let _ = if cell.starts_with(|first: char| first.is_ascii_digit()) {
+                write!(line, "{cell:>width$}  ")
+            } else {
+                write!(line, "{cell:width$}  ")
+            };
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
+}
+
 /// How a step ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Outcome {
@@ -101,6 +126,22 @@ fn table(lines: &[Line], paint: impl Fn(&str, &str) -> String) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Words are aligned left, figures right, and no line ends in blanks.
+    #[test]
+    fn aligned_table() {
+        let rows = [
+            ["image", "bytes", "files"],
+            ["pico", "1234", "a"],
+            ["x", "99", ""],
+        ];
+        assert_eq!(
+            aligned(&rows.map(|row| row.map(String::from))),
+            "image  bytes  files\n\
+             pico    1234  a\n\
+             x         99\n"
+        );
+    }
 
     /// Columns line up, the reason of a skip is on its line, and the total is the sum.
     #[test]

@@ -30,7 +30,7 @@ impl House {
             root,
         };
         let target = house
-            .metadata()?
+            .members(&house.root.join("Cargo.toml"))?
             .pointer("/target_directory")
             .and_then(|value| value.as_str())
             .context("cargo metadata names no target directory")?
@@ -51,14 +51,18 @@ impl House {
         self.command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
     }
 
-    /// What cargo knows about the members of the workspace.
-    pub fn metadata(&self) -> Result<serde_json::Value> {
-        let text =
-            output(
-                self.cargo()
-                    .args(["metadata", "--format-version=1", "--no-deps", "--quiet"]),
-            )?;
-        serde_json::from_str(&text).context("cargo metadata is not JSON")
+    /// Where the firmware's images are put.
+    pub fn firmware(&self) -> PathBuf {
+        self.target.join("firmware")
+    }
+
+    /// What cargo knows about the members of the workspace of this manifest.
+    pub fn members(&self, manifest: &Path) -> Result<serde_json::Value> {
+        metadata(
+            self.cargo()
+                .args(["metadata", "--no-deps", "--manifest-path"])
+                .arg(manifest),
+        )
     }
 }
 
@@ -115,6 +119,12 @@ pub fn output(command: &mut Command) -> Result<String> {
     String::from_utf8(output.stdout).with_context(|| format!("`{line}` printed no UTF-8"))
 }
 
+/// Runs a `cargo metadata` and returns what it found.
+pub fn metadata(command: &mut Command) -> Result<serde_json::Value> {
+    let text = output(command.args(["--format-version=1", "--quiet"]))?;
+    serde_json::from_str(&text).context("cargo metadata is not JSON")
+}
+
 /// Where `program` lies on the PATH, if it does.
 pub fn find_program(program: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
@@ -129,7 +139,7 @@ pub fn in_ci() -> bool {
 }
 
 /// The command as one would type it.
-fn shown(command: &Command) -> String {
+pub fn shown(command: &Command) -> String {
     let program = Path::new(command.get_program());
     // The full path of cargo says nothing; that of another compiler's does.
     let name = match std::env::var_os("CARGO") {

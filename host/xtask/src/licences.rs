@@ -4,7 +4,7 @@
 
 use anyhow::{Context as _, Result, ensure};
 
-use crate::house::{House, output};
+use crate::house::{House, metadata};
 
 /// Licences that ask for no more than a notice.
 const ALLOWED: [&str; 8] = [
@@ -26,13 +26,7 @@ const EXCEPTIONS: [(&str, &str); 1] = [
 
 /// Holds that every package of the lock file has a licence that is allowed.
 pub fn check(house: &House) -> Result<()> {
-    let text = output(
-        house
-            .cargo()
-            .args(["metadata", "--format-version=1", "--quiet"]),
-    )?;
-    let metadata: serde_json::Value =
-        serde_json::from_str(&text).context("cargo metadata is not JSON")?;
+    let metadata = metadata(house.cargo().arg("metadata"))?;
     let packages = metadata.get("packages").and_then(|list| list.as_array());
     let packages = packages.context("cargo metadata lists no packages")?;
     let refused: Vec<String> = packages

@@ -2,12 +2,15 @@
 
 mod bench;
 mod console;
+mod firmware;
 mod firmware_check;
+mod flash;
 mod fuzz;
 mod house;
 mod licences;
 mod referee;
 mod set_up;
+mod size;
 mod test;
 
 use std::process::ExitCode;
@@ -29,6 +32,8 @@ struct Arguments {
 enum Chore {
     Test(test::Arguments),
     SetUp(set_up::Arguments),
+    Firmware(firmware::Arguments),
+    Flash(flash::Arguments),
     FirmwareCheck(firmware_check::Arguments),
     Fuzz(fuzz::Arguments),
     Bench(bench::Arguments),
@@ -49,6 +54,8 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Chore::Test(arguments) => test::run(&house, &arguments),
         Chore::SetUp(arguments) => set_up::run(&house, &arguments),
+        Chore::Firmware(arguments) => firmware::run(&house, &arguments),
+        Chore::Flash(arguments) => flash::run(&house, &arguments),
         Chore::FirmwareCheck(arguments) => firmware_check::run(&house, &arguments),
         Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
         Chore::Bench(arguments) => bench::run(&house, &arguments),

@@ -6,7 +6,7 @@
 use anyhow::Result;
 
 use crate::console;
-use crate::firmware_check::toolchain::{self, TARGETS};
+use crate::firmware::toolchain::{self, TARGETS};
 use crate::fuzz;
 use crate::house::{House, execute, find_program, output};
 use crate::referee;

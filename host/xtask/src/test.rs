@@ -5,7 +5,8 @@ use std::time::Instant;
 use anyhow::{Result, ensure};
 
 use crate::console::{self, Line, Outcome};
-use crate::firmware_check::{self, toolchain};
+use crate::firmware::toolchain;
+use crate::firmware_check;
 use crate::fuzz;
 use crate::house::{House, execute, in_ci};
 use crate::licences;

@@ -4,19 +4,16 @@
 //! - They compile for both bare-metal targets.
 //! - They use no heap: `firmware/check` links them into an image that has no allocator,
 //!   which does not link if any crate in it names `alloc`.
-//! - The image stays within its budget of code and of places that could panic ([`image`]).
-
-pub mod toolchain;
+//! - The image stays within its budget of code and of places that could panic ([`Image`]).
 
 mod dependencies;
-mod image;
 
 use anyhow::{Context as _, Result, ensure};
 
-use self::image::Image;
-use self::toolchain::{TARGETS, Toolchain};
 use crate::console;
+use crate::firmware::toolchain::{self, TARGETS, Toolchain};
 use crate::house::{House, execute};
+use crate::size::image::Image;
 
 /// Builds the firmware's crates for the bare-metal targets and holds their promises.
 ///
@@ -53,7 +50,7 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
             console::progress(&format!("{calls:4}  {function}"));
         }
     }
-    Budget::of(&house.metadata()?)?.hold(&image)
+    Budget::of(&house.members(&house.root.join("Cargo.toml"))?)?.hold(&image)
 }
 
 /// Builds for every target, and returns the figures of the measured image.
@@ -90,6 +87,7 @@ fn build(house: &House, toolchain: Toolchain, target: &str, cpu: Option<&str>) -
     let file = house
         .target
         .join("firmware")
+        .join("build")
         .join(target)
         .join("firmware")
         .join(PACKAGE);

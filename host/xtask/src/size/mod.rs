@@ -1,0 +1,3 @@
+//! What firmware images take.
+
+pub mod image;
