@@ -1,10 +1,11 @@
 //! Drivers that boards share.
 //!
-//! They know a chip, not a board: what they need of one comes through the traits
-//! of `embedded-hal`, so each is tested on the host with a model of its chip.
+//! They know no board: what they need of one comes through traits, as those of
+//! `embedded-hal`, so each is tested on the host, with a model of its chip.
 //!
 //! | file | idea |
 //! | --- | --- |
+//! | [`latches`] | captures between an interrupt and the application |
 //! | [`spi_nor`] | serial NOR flash for the journal and the settings |
 #![no_std]
 #![cfg_attr(
@@ -20,4 +21,5 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod latches;
 pub mod spi_nor;
