@@ -1,12 +1,16 @@
 //! A board under test, whichever it is: what the conformance suite needs of it.
 
+mod qemu;
 mod virtual_board;
 
+use std::env;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use umi::link::Transport;
 use umi_app::board::Lights;
 
+pub use qemu::QemuRig;
 pub use virtual_board::VirtualRig;
 
 /// A board with all that stands around it on a machine: the control, a host, encoders,
@@ -49,4 +53,48 @@ pub trait Rig {
 
     /// Takes the power away and gives it back. What is in flash stays.
     fn power_cycle(&mut self);
+}
+
+/// The image of a board: the file that `variable` names, or else the one that `cargo xtask
+/// firmware` has made.
+///
+/// # Errors
+/// What to type.
+pub fn image(variable: &str, file: &str) -> Result<PathBuf, String> {
+    let image = env::var_os(variable).map_or_else(
+        || {
+            let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
+            let target = env::var_os("CARGO_TARGET_DIR");
+            let target = target.map_or_else(|| tests.join("../target"), PathBuf::from);
+            target.join("firmware").join(file)
+        },
+        PathBuf::from,
+    );
+    if image.is_file() {
+        return Ok(image);
+    }
+    let image = image.display();
+    Err(format!(
+        "there is no image {image}; `cargo xtask firmware` makes it, or set {variable}"
+    ))
+}
+
+/// What was asked for; or none, with a printed reason, unless emulators must be there.
+///
+/// # Panics
+/// When `UMI_EMULATORS` is 1 and there is none.
+pub fn skip_without<T>(wanted: Result<T, String>) -> Option<T> {
+    match wanted {
+        Ok(it) => Some(it),
+        Err(why) => {
+            let must = env::var("UMI_EMULATORS").is_ok_and(|value| value == "1");
+            assert!(!must, "UMI_EMULATORS is 1, but {why}");
+            // Not `eprintln!`: that is not shown for a test that passes.
+            let _ = std::io::Write::write_all(
+                &mut std::io::stderr(),
+                format!("skipped: {why}\n").as_bytes(),
+            );
+            None
+        }
+    }
 }

@@ -89,7 +89,9 @@ pub struct State {
     pub trouble: bool,
     /// A scanner's laser is enabled.
     pub laser: bool,
-    /// Bytes from the control that came before the ones before them were read.
+    /// Bytes that have come from the control.
+    pub from_control: u32,
+    /// Those of them that found no room and are lost.
     pub overruns: u32,
 }
 
@@ -158,6 +160,7 @@ mod tests {
             refused: u32::MAX,
             t_ns: u64::MAX,
             reset: ResetReason::Panic,
+            from_control: u32::MAX,
             overruns: u32::MAX,
             ..State::default()
         };

@@ -33,6 +33,7 @@ static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
         ng: false,
         trouble: false,
         laser: false,
+        from_control: 0,
         overruns: 0,
     },
 }));
@@ -103,6 +104,7 @@ pub async fn tell() {
         CHANGED.wait().await;
         let state = with(|inner| State {
             t_ns: clock::now_ns(),
+            from_control: CONTROL.received(),
             overruns: CONTROL.overruns(),
             ..inner.state
         });

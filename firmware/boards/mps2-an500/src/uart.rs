@@ -59,6 +59,8 @@ pub struct Uart {
     ring: Pipe<CriticalSectionRawMutex, RING>,
     /// Bytes lost behind what is in the ring; nothing goes into it meanwhile.
     lost: AtomicU32,
+    /// All that ever came.
+    received: AtomicU32,
     /// All that were ever lost.
     overruns: AtomicU32,
     /// A byte was left in the UART.
@@ -78,6 +80,7 @@ impl Uart {
             full,
             ring: Pipe::new(),
             lost: AtomicU32::new(0),
+            received: AtomicU32::new(0),
             overruns: AtomicU32::new(0),
             left: AtomicBool::new(false),
             writable: AtomicWaker::new(),
@@ -109,6 +112,7 @@ impl Uart {
             return;
         }
         let byte = self.take();
+        self.received.fetch_add(1, Ordering::Relaxed);
         if self.lost.load(Ordering::Relaxed) > 0 || self.ring.try_write(&[byte]).is_err() {
             self.count(1);
         }
@@ -155,6 +159,11 @@ impl Uart {
     pub fn clear(&self) {
         self.ring.clear();
         self.fetch_what_was_left();
+    }
+
+    /// Bytes that ever came, lost or not.
+    pub fn received(&self) -> u32 {
+        self.received.load(Ordering::Relaxed)
     }
 
     /// Bytes that were ever lost.
