@@ -79,9 +79,12 @@ impl Inner {
                     self.state.refused = self.state.refused.saturating_add(1);
                 }
             }
-            Stimulus::Edge { cause, t_ns } => {
-                LATCHES.capture(*cause, *t_ns, self.path.at(*t_ns));
-            }
+            Stimulus::Edge { cause, t_ns } => match self.path.at(*t_ns) {
+                Some(counts) => {
+                    LATCHES.captured(*cause, *t_ns, counts.into_iter().collect(), 0);
+                }
+                None => LATCHES.lost(*cause, *t_ns, 1),
+            },
             Stimulus::Host { connected } => LINK.plug(*connected),
             Stimulus::Hold { on } => crate::control::hold(*on),
             #[allow(clippy::panic, reason = "it is what the bench asks for")]

@@ -15,7 +15,7 @@
 //! | [`chip`] | addresses, interrupts, priorities |
 //! | [`vectors`] | which function each interrupt runs |
 //! | [`uart`], [`control`], [`link`], [`bench`] | a UART, and the three ports |
-//! | [`path`], [`latches`] | where the axes are, and what was captured of them |
+//! | [`path`] | where the axes are |
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
 //! | [`kept`] | why the board started, and where it panicked |
@@ -32,7 +32,6 @@ mod chip;
 mod clock;
 mod control;
 mod kept;
-mod latches;
 mod link;
 mod path;
 mod storage;
@@ -48,12 +47,12 @@ use static_cell::StaticCell;
 use umi_app::App;
 use umi_app::measure::{Boot, Measure, name};
 use umi_core::units::Micros;
+use umi_drivers::latches::Latches;
 use umi_protocol::message::{Identity, ResetReason};
 
 use chip::{Interrupt, peripheral};
 use clock::BoardClock;
 use kept::Cause;
-use latches::Latches;
 use storage::Region;
 use uart::{Full, Uart};
 use watchdog::Watchdog;
