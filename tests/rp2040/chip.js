@@ -1,0 +1,199 @@
+// One RP2040: rp2040js with its core, PIO, inputs and time replaced by ours, run cycle for cycle.
+//
+// Time goes in windows of WINDOW cycles (see pins.js); `now` is the cycle in the window, `base`
+// the cycle at which it began. Machines whose doings the core can notice at once (an interrupt)
+// are "live" and are run instruction by instruction beside it; the others are brought up to the
+// present when somebody looks: at a register of PIO or DMA, at a pin, at memory that a channel
+// fills. Nothing is seen before or after its cycle.
+
+import { LogLevel, RP2040 } from 'rp2040js';
+import { Clock } from './clock.js';
+import { Core } from './core.js';
+import * as pio from './pio.js';
+import { FAR, Pins, WINDOW } from './pins.js';
+
+const VECTORS = 0x10000100;
+const FLASH = 0x10000000;
+const FLASH_SIZE = 16 * 1024 * 1024;
+const CHIP_RESET = 0x8;
+const HAD_POR = 1 << 8;
+
+export class Chip {
+  /**
+   * A chip out of reset, with `segments` in its flash. `world` makes the changes of the pins:
+   * `levels` and `fill(base, pins)`. `reason` is what the watchdog's registers say, and
+   * `scratch` what they keep.
+   */
+  constructor(segments, world, { epoch = 0, reason = 0, powerOn = true, scratch = null } = {}) {
+    this.world = world;
+    /** The board's cycle at which this chip came out of reset. */
+    this.epoch = epoch;
+    this.base = 0;
+    this.now = 0;
+    this.limit = 0;
+    this.live = [];
+    this.quiet = [];
+    this.stamp = -1;
+    this.resetRequested = null;
+    this.slept = 0;
+    this.watchLow = FAR;
+    this.watchHigh = 0;
+    this.rp = new RP2040(new Clock(this));
+    this.clock = this.rp.clock;
+    this.rp.logger = new Quiet();
+    for (const { address, bytes } of segments) {
+      if (address < FLASH || address + bytes.length > FLASH + FLASH_SIZE) {
+        throw new Error(`the image has a segment at ${address.toString(16)}, outside the flash`);
+      }
+      this.rp.flash.set(bytes, address - FLASH);
+    }
+    this.pins = new Pins(this, world.levels);
+    pio.install(this);
+    this.core = new Core(this);
+    const { core } = this.rp;
+    core.VTOR = VECTORS;
+    core.reset();
+    const watchdog = this.rp.peripherals[0x40058];
+    watchdog.reason = reason;
+    if (scratch) watchdog.scratchData.set(scratch);
+    watchdog.onWatchdogTrigger = () => {
+      this.resetRequested = watchdog.reason === 1 ? 'watchdog timer' : 'watchdog';
+      this.limit = 0;
+    };
+    const voltage = this.rp.peripherals[0x40064];
+    voltage.readUint32 = (offset) => (offset === CHIP_RESET && powerOn ? HAD_POR : 0);
+    patchTimer(this, this.rp.peripherals[0x40054]);
+    this.pins.turn(0);
+    world.fill(this.epoch, this.pins);
+  }
+
+  /** Cycles since the reset: the chip's own time. */
+  get cycle() {
+    return this.base + this.now;
+  }
+
+  get scratch() {
+    return this.rp.peripherals[0x40058].scratchData;
+  }
+
+  /** Runs to a cycle, or until a reset is asked for. */
+  run(until) {
+    const { core } = this.rp;
+    while (this.cycle < until && this.resetRequested === null) {
+      if (this.now >= WINDOW) this.turn();
+      if (this.clock.due <= this.cycle) this.clock.fire(this.cycle);
+      if (this.pins.dueEvent <= this.now) this.pins.fire(this.now);
+      const limit = Math.min(WINDOW, until - this.base, this.pins.dueEvent, this.clock.due - this.base);
+      this.limit = limit;
+      if (core.waiting && core.interruptsUpdated && core.checkForInterrupts()) core.waiting = false;
+      if (core.waiting) this.sleep(limit);
+      else this.core.run();
+    }
+    this.synchronise();
+  }
+
+  /** The core sleeps: to the limit, or to the cycle at which a machine wakes it. */
+  sleep(limit) {
+    const before = this.now;
+    const { live } = this;
+    let until = Math.max(limit, this.now + 1);
+    const states = live.map(save);
+    for (const machine of live) {
+      machine.run(until, true);
+      if (machine.stopped && machine.t < until) until = Math.max(machine.t, before);
+    }
+    live.forEach((machine, i) => {
+      restore(machine, states[i]);
+      machine.run(until, true);
+    });
+    this.now = until;
+    if (live.some((machine) => machine.stopped && machine.t <= until)) {
+      for (const machine of live) machine.run(until + 1, false);
+      this.now = until + 1;
+    }
+    this.slept += this.now - before;
+  }
+
+  /** Brings every machine up to the present. */
+  synchronise() {
+    for (const machine of this.quiet) {
+      if (machine.t < this.now) machine.run(this.now, false);
+    }
+  }
+
+  /** The window ends: the next begins here. */
+  turn() {
+    this.synchronise();
+    const length = this.now;
+    for (const block of this.rp.pio) {
+      for (const machine of block.machines) {
+        machine.k = 0;
+        if (machine.t !== FAR) machine.t -= length;
+      }
+    }
+    this.pins.turn(length);
+    this.base += length;
+    this.now = 0;
+    this.world.fill(this.epoch + this.base, this.pins);
+  }
+
+  /** Which machines run beside the core, and which when somebody looks. */
+  classify() {
+    // In place: the core's loop holds the list of the live ones.
+    this.live.length = 0;
+    this.quiet.length = 0;
+    for (const block of this.rp.pio) {
+      for (const machine of block.machines) {
+        if (machine.enabled) (machine.isLive ? this.live : this.quiet).push(machine);
+      }
+    }
+    this.limit = 0;
+  }
+
+  /** Memory that a channel fills: whoever reads it sees the present. */
+  watch(low, high) {
+    this.watchLow = Math.min(this.watchLow, low);
+    this.watchHigh = Math.max(this.watchHigh, high);
+  }
+}
+
+const STATE = [
+  'x', 'y', 'pc', 'isr', 'inCount', 'osr', 'outCount', 't', 'k', 'stalled', 'held', 'heldDelay', 'irqWait',
+];
+
+function save(machine) {
+  return STATE.map((name) => machine[name]);
+}
+
+function restore(machine, state) {
+  STATE.forEach((name, i) => {
+    machine[name] = state[i];
+  });
+}
+
+/** An alarm fires when the timer reaches its value (datasheet 4.6.3), not up to 1 us before. */
+function patchTimer(chip, timer) {
+  const write = timer.writeUint32;
+  timer.writeUint32 = (offset, value) => {
+    if (offset < 0x10 || offset > 0x1c) return write.call(timer, offset, value);
+    const alarm = timer.alarms[(offset - 0x10) / 4];
+    const micros = Math.floor(chip.clock.nanos / 1000);
+    const wait = (value - micros) >>> 0;
+    alarm.armed = true;
+    alarm.targetMicros = value;
+    alarm.clockAlarm.at(Math.ceil(((micros + (wait || 2 ** 32)) * 1000) / 8));
+  };
+}
+
+/** rp2040js tells what it does not have at every access; only errors matter here. */
+class Quiet {
+  constructor() {
+    this.currentLogLevel = LogLevel.Error;
+  }
+  debug() {}
+  info() {}
+  warn() {}
+  error(component, message) {
+    console.error(`[${component}] ${message}`);
+  }
+}

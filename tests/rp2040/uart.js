@@ -1,0 +1,260 @@
+// A PL011 whose bytes take the time they take, and the control at the other end of its wires.
+//
+// rp2040js sends a byte at once, has no transmitter state, no overrun and always a FIFO of 32.
+// This is the PL011 by its TRM (ARM DDI 0183G): 3.3.6 data and error flags, 3.3.8 flag register,
+// 2.4.2 and 3.3.12 FIFOs off (one character each way beside the shifter) and on (32 deep), 2.8
+// interrupts: transmit on the transition through the level, receive, receive timeout, overrun.
+
+import { BasePeripheral } from 'rp2040js';
+
+const DR = 0x00, RSR = 0x04, FR = 0x18, IBRD = 0x24, FBRD = 0x28, LCR_H = 0x2c, CR = 0x30;
+const IFLS = 0x34, IMSC = 0x38, RIS = 0x3c, MIS = 0x40, ICR = 0x44, DMACR = 0x48;
+const FR_CTS = 1 << 0, FR_BUSY = 1 << 3, FR_RXFE = 1 << 4, FR_TXFF = 1 << 5, FR_RXFF = 1 << 6, FR_TXFE = 1 << 7;
+const INT_RX = 1 << 4, INT_TX = 1 << 5, INT_RT = 1 << 6, INT_OE = 1 << 10;
+const CR_EN = 1, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_CTSEN = 1 << 15;
+const DR_OE = 1 << 11;
+const FEN = 1 << 4;
+const FIFO_DEPTH = 32;
+const ID = [0x11, 0x10, 0x34, 0x00, 0x0d, 0xf0, 0x05, 0xb1];
+const CTS_PIN = 2;
+
+export class Uart extends BasePeripheral {
+  /** `control` is the other end: `take(byte, cycle)` and `give()`. */
+  constructor(chip, control, irq) {
+    super(chip.rp, 'UART0');
+    this.chip = chip;
+    this.irq = irq;
+    this.control = control;
+    this.registers = { ibrd: 0, fbrd: 0, lcr: 0, cr: CR_TXE | CR_RXE, ifls: 0x12, imsc: 0, dmacr: 0 };
+    this.raw = 0;
+    this.rx = [];
+    this.tx = [];
+    this.overrun = false;
+    this.shifting = -1;
+    this.receiving = -1;
+    this.txAlarm = chip.clock.createAlarm(() => this.sent());
+    this.rxAlarm = chip.clock.createAlarm(() => this.received());
+    this.idleAlarm = chip.clock.createAlarm(() => this.timedOut());
+  }
+
+  get hasFifos() {
+    return (this.registers.lcr & FEN) !== 0;
+  }
+
+  get depth() {
+    return this.hasFifos ? FIFO_DEPTH : 1;
+  }
+
+  get bitCycles() {
+    const { ibrd, fbrd } = this.registers;
+    return 16 * (ibrd + fbrd / 64) * (this.chip.rp.clkSys / this.chip.rp.clkPeri);
+  }
+
+  get baud() {
+    return this.registers.ibrd ? this.chip.clock.frequency / this.bitCycles : 0;
+  }
+
+  get characterBits() {
+    const { lcr } = this.registers;
+    return 1 + (5 + ((lcr >> 5) & 3)) + (lcr & 2 ? 1 : 0) + (lcr & 8 ? 2 : 1);
+  }
+
+  level(shift) {
+    return [4, 8, 16, 24, 28][(this.registers.ifls >> shift) & 7] ?? 28;
+  }
+
+  get maySend() {
+    const { cr } = this.registers;
+    if (!(cr & CR_EN && cr & CR_TXE)) return false;
+    return !(cr & CR_CTSEN) || this.clearToSend;
+  }
+
+  /** The control's RTS at our CTS pin: asserted when low. */
+  get clearToSend() {
+    return !((this.chip.pins.read(this.chip.now) >>> CTS_PIN) & 1);
+  }
+
+  // --- Transmitter ---
+
+  begin() {
+    if (this.shifting >= 0 || this.tx.length === 0) return;
+    if (!this.maySend) {
+      // Held by CTS: asked again a bit later.
+      if (this.registers.cr & CR_EN) this.txAlarm.at(this.chip.cycle + Math.ceil(this.bitCycles));
+      return;
+    }
+    const before = this.tx.length;
+    this.shifting = this.tx.shift();
+    const level = this.hasFifos ? this.level(0) : 0;
+    if (before > level && this.tx.length <= level) this.raw |= INT_TX;
+    this.start ??= this.chip.cycle;
+    this.start = Math.max(this.start, this.chip.cycle);
+    this.txAlarm.at(Math.ceil(this.start + this.characterBits * this.bitCycles));
+  }
+
+  sent() {
+    if (this.shifting >= 0) {
+      // The next character follows without a gap, to the fraction of a cycle.
+      this.start += this.characterBits * this.bitCycles;
+      this.control.take(this.shifting, this.chip.epoch + this.chip.cycle);
+      this.shifting = -1;
+    }
+    if (this.tx.length === 0) this.start = null;
+    this.begin();
+    this.checkInterrupts();
+  }
+
+  // --- Receiver ---
+
+  /** The control may have something to send. */
+  poke() {
+    if (this.receiving >= 0 || this.rxAlarm.scheduled) return;
+    const next = this.control.give();
+    if (next === null) return;
+    this.receiving = next.byte;
+    this.rxAlarm.at(Math.ceil(this.chip.cycle + next.cycles));
+  }
+
+  received() {
+    const byte = this.receiving;
+    this.receiving = -1;
+    const { cr } = this.registers;
+    if (byte >= 0 && cr & CR_EN && cr & CR_RXE) {
+      if (this.rx.length >= this.depth) {
+        this.overrun = true;
+        this.control.overruns++;
+        this.raw |= INT_OE;
+      } else {
+        this.rx.push(byte | (this.overrun ? DR_OE : 0));
+        this.overrun = false;
+      }
+      if (this.rx.length >= (this.hasFifos ? this.level(3) : 1)) this.raw |= INT_RX;
+      if (this.hasFifos) this.idleAlarm.at(this.chip.cycle + Math.ceil(32 * this.bitCycles));
+      this.checkInterrupts();
+    } else if (byte >= 0) this.control.unheard++;
+    this.poke();
+  }
+
+  timedOut() {
+    if (this.rx.length > 0) {
+      this.raw |= INT_RT;
+      this.checkInterrupts();
+    }
+  }
+
+  checkInterrupts() {
+    this.rp2040.setInterrupt(this.irq, (this.raw & this.registers.imsc) !== 0);
+  }
+
+  // --- Registers ---
+
+  readUint32(offset) {
+    const r = this.registers;
+    switch (offset) {
+      case DR: {
+        const value = this.rx.shift() ?? 0;
+        if (this.rx.length < (this.hasFifos ? this.level(3) : 1)) this.raw &= ~INT_RX;
+        if (this.rx.length === 0) this.raw &= ~INT_RT;
+        this.checkInterrupts();
+        return value;
+      }
+      case RSR: return this.overrun ? 8 : 0;
+      case FR:
+        return (
+          (this.clearToSend ? FR_CTS : 0) |
+          (this.shifting >= 0 || this.tx.length > 0 ? FR_BUSY : 0) |
+          (this.rx.length === 0 ? FR_RXFE : 0) |
+          (this.tx.length >= this.depth ? FR_TXFF : 0) |
+          (this.rx.length >= this.depth ? FR_RXFF : 0) |
+          (this.tx.length === 0 ? FR_TXFE : 0)
+        );
+      case IBRD: return r.ibrd;
+      case FBRD: return r.fbrd;
+      case LCR_H: return r.lcr;
+      case CR: return r.cr;
+      case IFLS: return r.ifls;
+      case IMSC: return r.imsc;
+      case RIS: return this.raw;
+      case MIS: return this.raw & r.imsc;
+      case DMACR: return r.dmacr;
+    }
+    if (offset >= 0xfe0) return ID[(offset - 0xfe0) >> 2];
+    return 0;
+  }
+
+  writeUint32(offset, value) {
+    const r = this.registers;
+    switch (offset) {
+      case DR:
+        if (this.tx.length < this.depth) {
+          this.tx.push(value & 0xff);
+          if (this.tx.length > (this.hasFifos ? this.level(0) : 0)) this.raw &= ~INT_TX;
+          this.begin();
+        }
+        break;
+      case RSR: this.overrun = false; break;
+      case IBRD: r.ibrd = value & 0xffff; break;
+      case FBRD: r.fbrd = value & 0x3f; break;
+      case LCR_H: r.lcr = value & 0xff; break;
+      case CR:
+        r.cr = value & 0xffff;
+        this.begin();
+        this.poke();
+        break;
+      case IFLS: r.ifls = value & 0x3f; break;
+      case IMSC: r.imsc = value & 0x7ff; break;
+      case ICR: this.raw &= ~this.rawWriteValue; break;
+      case DMACR: r.dmacr = value & 7; break;
+    }
+    this.checkInterrupts();
+  }
+}
+
+/**
+ * The control: sends what is queued at its own baud rate (the board's, unless told) and collects
+ * what the board sends, with the cycle at which the last bit of each character had come.
+ */
+export class Control {
+  constructor() {
+    this.queue = [];
+    this.head = 0;
+    this.baud = null;
+    this.overruns = 0;
+    this.unheard = 0;
+    this.sent = 0;
+    this.heard = 0;
+    this.bytes = [];
+    this.stamps = [];
+    this.uart = null;
+    /** Whether the board hears it: the plug is in. */
+    this.onByte = null;
+  }
+
+  send(bytes) {
+    for (const byte of bytes) this.queue.push(byte);
+    this.uart?.poke();
+  }
+
+  get waiting() {
+    return this.queue.length - this.head;
+  }
+
+  give() {
+    if (this.head >= this.queue.length || !this.uart.registers.ibrd) return null;
+    const byte = this.queue[this.head++];
+    if (this.head === this.queue.length) {
+      this.queue.length = 0;
+      this.head = 0;
+    }
+    this.sent++;
+    const bit = this.baud ? this.uart.chip.clock.frequency / this.baud : this.uart.bitCycles;
+    return { byte, cycles: this.uart.characterBits * bit };
+  }
+
+  take(byte, cycle) {
+    this.heard++;
+    this.stamps.push(cycle);
+    if (this.stamps.length > 4096) this.stamps.splice(0, 2048);
+    this.onByte?.(byte);
+  }
+}
