@@ -80,7 +80,7 @@ export class Board {
     this.chip = null;
     this.control.uart = null;
     this.usb.chip = null;
-    this.usb.forget();
+    this.usb.lose();
   }
 
   /** Runs to a cycle, through resets; less far only without power. */
@@ -98,6 +98,7 @@ export class Board {
     this.resets.push({ why, cycle: this.cycle });
     const reason = { 'watchdog timer': 1, watchdog: 2 }[why] ?? 0;
     const scratch = chip.scratch.slice();
+    this.usb.lose();
     this.start({ powerOn: false, reason, scratch });
   }
 }

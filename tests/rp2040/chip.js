@@ -98,16 +98,20 @@ export class Chip {
     const { live } = this;
     let until = Math.max(limit, this.now + 1);
     const states = live.map(save);
+    let isTold = false;
     for (const machine of live) {
       machine.run(until, true);
-      if (machine.stopped && machine.t < until) until = Math.max(machine.t, before);
+      if (machine.stopped) {
+        isTold = true;
+        until = Math.max(machine.t, before);
+      }
     }
     live.forEach((machine, i) => {
       restore(machine, states[i]);
       machine.run(until, true);
     });
     this.now = until;
-    if (live.some((machine) => machine.stopped && machine.t <= until)) {
+    if (isTold) {
       for (const machine of live) machine.run(until + 1, false);
       this.now = until + 1;
     }

@@ -300,6 +300,8 @@ function serveHost(board, bench) {
   let client = null;
   board.usb.takes = () => client !== null && client.writableLength < HOST_BACKLOG;
   board.usb.onData = (bytes) => client?.write(bytes);
+  // A serial device that goes takes its open files with it.
+  board.usb.onGone = () => client?.destroy();
   return serve((socket) => {
     client?.destroy();
     client = socket;

@@ -26,6 +26,8 @@ export class UsbHost {
     this.queue = [];
     this.head = 0;
     this.onData = null;
+    /** The device is gone from the host. */
+    this.onGone = null;
     /** Whether the program takes bytes now. */
     this.takes = () => true;
     this.received = 0;
@@ -47,6 +49,12 @@ export class UsbHost {
     this.interface = 0;
     this.expected = 0;
     this.given = 0;
+  }
+
+  /** The device is gone: unplugged, or without power. */
+  lose() {
+    this.forget();
+    this.onGone?.();
   }
 
   /** Takes the USB controller of a chip out of reset. */
@@ -82,7 +90,7 @@ export class UsbHost {
   plug(isPlugged) {
     if (isPlugged === this.plugged) return;
     this.plugged = isPlugged;
-    this.forget();
+    this.lose();
     this.alarm.cancel();
     this.attachAlarm.cancel();
     // A device that hears no frames is suspended after 3 ms.

@@ -1,5 +1,6 @@
 //! A board under test, whichever it is: what the conformance suite needs of it.
 
+pub mod pico;
 mod qemu;
 mod virtual_board;
 
@@ -10,6 +11,7 @@ use std::time::Duration;
 use umi::link::Transport;
 use umi_app::board::Lights;
 
+pub use pico::PicoRig;
 pub use qemu::QemuRig;
 pub use virtual_board::VirtualRig;
 

@@ -1,5 +1,6 @@
 //! Ports of this machine for a virtual board: any terminal program can be the
-//! control, and `umi --port` the host.
+//! control, and `umi --port` the host. Whoever has a board of another kind serves
+//! its wires with [`Port::serve`].
 
 use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -79,7 +80,7 @@ impl Port {
 
     /// Connects whoever comes with what `connect` gives, one after the other, in a
     /// thread of its own, as long as the process lives.
-    fn serve<S: Side>(self, mut connect: impl FnMut() -> S + Send + 'static) {
+    pub fn serve<S: Side>(self, mut connect: impl FnMut() -> S + Send + 'static) {
         thread::spawn(move || match self.listener {
             #[cfg(unix)]
             Listener::Pty { mut master, held } => {
@@ -119,8 +120,17 @@ fn tcp(mut stream: TcpStream, side: &mut impl Side) -> io::Result<()> {
 }
 
 /// The board's side of a port.
-trait Side {
+pub trait Side {
+    /// Bytes for the board.
+    ///
+    /// # Errors
+    /// The board is gone.
     fn put(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// What the board has now; empty: nothing.
+    ///
+    /// # Errors
+    /// The board is gone.
     fn take(&mut self) -> io::Result<Vec<u8>>;
 }
 

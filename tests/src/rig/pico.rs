@@ -1,0 +1,194 @@
+//! The emulated Pico as a rig: the board's image on an emulated RP2040, in a process of
+//! its own, with real waveforms at its pins, real bytes on its serial line and a real
+//! host on its USB.
+//!
+//! # Design
+//! [`Emulator`] speaks the bench protocol of `tests/rp2040/main.js`; [`PicoRig`] is a
+//! rig with it. Stimuli are made in the emulator: a test says what an axis does, and
+//! asks later where it truly was.
+//!
+//! # Limitations
+//! Emulated time falls behind that of the wall when the board has much to do: see
+//! [`Rig::slowness`].
+
+mod bridge;
+mod emulator;
+
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use umi::link::{self, Transport};
+use umi_app::board::Lights;
+
+use super::{Rig, skip_without};
+
+pub use bridge::pty;
+pub use emulator::{Axis, Emulator, Output, Pulses, Segment, Start, State, Truth};
+
+/// The probe's line to the control, which the board listens to.
+pub const SKIP_PIN: u8 = 16;
+/// The scanner's trigger.
+pub const TRIGGER_PIN: u8 = 17;
+/// Axes with encoders.
+pub const AXES: usize = 4;
+/// Cycles of the board's clock in a microsecond.
+pub const CYCLES_PER_US: u64 = 125;
+
+/// A move of the rig: 6.25 million counts a second.
+const CYCLES_PER_COUNT: f64 = 20.0;
+/// A pulse of the rig.
+const PULSE_CYCLES: u64 = 100 * CYCLES_PER_US;
+/// How long the rig waits for what takes emulated time, before it says what is wrong.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// How often it looks.
+const TURN: Duration = Duration::from_millis(2);
+
+/// An emulated Pico whose time goes on by itself.
+pub struct PicoRig {
+    emulator: Emulator,
+    control: TcpStream,
+}
+
+impl PicoRig {
+    /// A board with empty flash, switched on.
+    ///
+    /// # Errors
+    /// Why there is no emulator: no image, no `node`, or what `node` said.
+    pub fn start() -> Result<Self, String> {
+        let emulator = Emulator::start(Start::Free)?;
+        let control = emulator
+            .control()
+            .map_err(|error| format!("no way to the control's port of the emulator: {error}"))?;
+        Ok(Self { emulator, control })
+    }
+
+    /// As [`Self::start`]; says why and returns none where a board may be missing: it
+    /// may not when `UMI_EMULATORS` is 1.
+    ///
+    /// # Panics
+    /// Without an emulator, when `UMI_EMULATORS` is 1.
+    #[must_use]
+    pub fn start_or_skip() -> Option<Self> {
+        skip_without(Self::start())
+    }
+
+    /// What is beyond a rig.
+    pub const fn emulator(&mut self) -> &mut Emulator {
+        &mut self.emulator
+    }
+
+    fn wait_until(&mut self, what: &str, mut done: impl FnMut(&mut Emulator) -> bool) {
+        let start = Instant::now();
+        while !done(&mut self.emulator) {
+            assert!(
+                start.elapsed() < PATIENCE,
+                "the emulated board: {what} takes too long; {:?}",
+                self.emulator.state()
+            );
+            thread::sleep(TURN);
+        }
+    }
+
+    fn pulse(&mut self, pin: u8) {
+        let start = self.emulator.pulses(&Pulses {
+            pin,
+            count: 1,
+            width: PULSE_CYCLES,
+            ..Pulses::default()
+        });
+        let end = start + 2 * PULSE_CYCLES;
+        self.wait_until("a pulse", |emulator| emulator.state().cycle > end);
+    }
+}
+
+impl Rig for PicoRig {
+    fn name(&self) -> &'static str {
+        "pico"
+    }
+
+    fn slowness(&self) -> u32 {
+        10
+    }
+
+    fn connect(&mut self) -> Box<dyn Transport> {
+        self.emulator.ask(&json!({ "do": "usb", "plugged": true }));
+        self.wait_until("USB enumeration", |emulator| emulator.state().is_configured);
+        link::open(&self.emulator.host_address()).expect("the emulator serves its host's port")
+    }
+
+    fn unplug(&mut self) {
+        self.emulator.ask(&json!({ "do": "usb", "plugged": false }));
+    }
+
+    fn control_sends(&mut self, bytes: &[u8]) {
+        self.control
+            .write_all(bytes)
+            .expect("the emulator takes what the control sends");
+    }
+
+    fn control_receives(&mut self, patience: Duration) -> Option<u8> {
+        let patience = patience.max(Duration::from_millis(1));
+        self.control.set_read_timeout(Some(patience)).ok()?;
+        let mut byte = [0];
+        match self.control.read(&mut byte) {
+            Ok(1) => Some(byte[0]),
+            Ok(_) => None,
+            Err(error) if is_patience(&error) => None,
+            Err(error) => panic!("the emulator's control port: {error}"),
+        }
+    }
+
+    fn move_to(&mut self, counts: &[i64]) {
+        let axes = self.emulator.axes();
+        for (axis, (to, from)) in counts.iter().zip(&axes).enumerate() {
+            let way = to - from.position;
+            if way != 0 {
+                self.emulator.start_axis(
+                    axis,
+                    &[Segment::steady(way, CYCLES_PER_COUNT)],
+                    &json!({}),
+                );
+            }
+        }
+        // The last count is out at its cycle; what an input needs to be seen comes after it.
+        let mut settled = None;
+        self.wait_until("a move", |emulator| {
+            let cycle = emulator.state().cycle;
+            if settled.is_none() && !emulator.axes().iter().any(|axis| axis.is_moving) {
+                settled = Some(cycle + 50 * CYCLES_PER_US);
+            }
+            settled.is_some_and(|settled| cycle > settled)
+        });
+    }
+
+    fn skip(&mut self) {
+        self.pulse(SKIP_PIN);
+    }
+
+    fn trigger(&mut self) {
+        self.pulse(TRIGGER_PIN);
+    }
+
+    fn lights(&mut self) -> Lights {
+        self.emulator.state().lights
+    }
+
+    fn laser_is_on(&mut self) -> bool {
+        self.emulator.state().laser_is_on
+    }
+
+    fn power_cycle(&mut self) {
+        self.emulator.power(false);
+        self.emulator.power(true);
+    }
+}
+
+fn is_patience(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted
+    )
+}
