@@ -1,6 +1,6 @@
 //! Answers to the host's requests.
 
-use umi_core::journal::{Error, Flash};
+use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
@@ -28,10 +28,10 @@ pub(crate) fn answer<F: Flash>(
         Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
         Request::StatusGet => Response::Status(status(measure, &around)),
         Request::JobGet => {
-            let run = measure.brain().map(|brain| brain.run());
+            let run = measure.brain().run();
             Response::Job {
-                job: run.map(|run| run.job().clone()),
-                taught_mm: run.and_then(|run| run.taught()).map(positions_mm),
+                job: run.job().cloned(),
+                taught_mm: run.taught().map(positions_mm),
             }
         }
         Request::JobCheck(job) => match umi_core::job::check(&job) {
@@ -48,28 +48,37 @@ pub(crate) fn answer<F: Flash>(
             around.scans.switch(on);
             Response::Done
         }
-        Request::FeatureGet { feature } => Response::Feature(
-            measure
-                .brain()
-                .and_then(|brain| brain.run().feature(usize::from(feature)).cloned()),
-        ),
-        Request::VerdictGet => {
-            Response::Verdict(measure.brain().and_then(|b| b.run().verdict().cloned()))
+        Request::FeatureGet { feature } => {
+            let run = measure.brain().run();
+            Response::Feature(run.feature(usize::from(feature)).cloned())
         }
-        Request::JournalInfo => Response::JournalInfo(info(measure)),
-        Request::JournalRead { seq } => read(measure, seq),
-        Request::JournalChain { seq } => match measure.book.journal.chain_before(seq) {
+        Request::VerdictGet => Response::Verdict(measure.brain().run().verdict().cloned()),
+        Request::JournalInfo | Request::JournalRead { .. } | Request::JournalChain { .. } => {
+            match measure.book.journal.get_mut() {
+                Some(journal) => about_journal(journal, &request),
+                None => Response::StorageFailed,
+            }
+        }
+        Request::PositionsGet => Response::Positions(around.station.positions()),
+        Request::TriggerOutSet(when) => done(around.station.trigger_out(when)),
+        Request::LaserSet { on } => done(around.station.laser(on)),
+    }
+}
+
+/// What the journal holds.
+fn about_journal<F: Flash>(journal: &mut Journal<F>, request: &Request) -> Response {
+    match *request {
+        Request::JournalRead { seq } => read(journal, seq),
+        Request::JournalChain { seq } => match journal.chain_before(seq) {
             Ok(chain) => Response::JournalChain {
                 seq,
                 before: Some(chain.0),
             },
             Err(Error::Record(_)) => Response::JournalChain { seq, before: None },
-            Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(measure)),
+            Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
             Err(_) => Response::StorageFailed,
         },
-        Request::PositionsGet => Response::Positions(around.station.positions()),
-        Request::TriggerOutSet(when) => done(around.station.trigger_out(when)),
-        Request::LaserSet { on } => done(around.station.laser(on)),
+        _ => Response::JournalInfo(info(journal)),
     }
 }
 
@@ -86,13 +95,13 @@ fn status<F: Flash, Station>(measure: &Measure<F>, around: &Surroundings<'_, Sta
     Status {
         uptime_us: around.now.0,
         reset: book.reset,
-        job: brain.map(|brain| brain.run().job().name.clone()),
-        has_reference: brain.is_some_and(|brain| brain.run().reference().is_some()),
+        job: brain.job().map(|job| job.name.clone()),
+        has_reference: brain.run().reference().is_some(),
         verdicts: book.verdicts,
         verdicts_ok: book.verdicts_ok,
-        last_verdict_ok: book.last_ok,
+        last_verdict_ok: book.last_ok.get().copied(),
         correction_waiting: measure.waiting().is_some(),
-        counters: brain.map(|brain| *brain.counters()).unwrap_or_default(),
+        counters: brain.counters(),
         events_dropped: book.events.dropped(),
         journal_failures: book.failures,
         link_damaged: around.link_damaged,
@@ -100,22 +109,22 @@ fn status<F: Flash, Station>(measure: &Measure<F>, around: &Surroundings<'_, Sta
     }
 }
 
-fn info<F: Flash>(measure: &Measure<F>) -> JournalInfo {
+fn info<F: Flash>(journal: &Journal<F>) -> JournalInfo {
     JournalInfo {
-        first_seq: measure.book.journal.first_seq(),
-        next_seq: measure.book.journal.next_seq(),
+        first_seq: journal.first_seq(),
+        next_seq: journal.next_seq(),
     }
 }
 
 /// One entry as it is stored: also a damaged one is for the host to judge.
-fn read<F: Flash>(measure: &mut Measure<F>, seq: u64) -> Response {
+fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
     let mut entry = [0; MAX_ENTRY];
-    match measure.book.journal.read_encoded(seq, &mut entry) {
+    match journal.read_encoded(seq, &mut entry) {
         Ok(bytes) => match heapless::Vec::from_slice(bytes) {
             Ok(raw) => Response::JournalEntry { seq, raw },
             Err(_) => Response::StorageFailed,
         },
-        Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(measure)),
+        Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
         Err(_) => Response::StorageFailed,
     }
 }

@@ -61,7 +61,7 @@ use umi_protocol::job::SendWhen;
 use umi_protocol::latch::LatchCause;
 
 use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
-use measure::{Input, Measure};
+use measure::{Boot, Input, Measure, Opened};
 
 pub use cnc::XOFF_PATIENCE_US;
 
@@ -105,17 +105,34 @@ pub struct Drivers<Rx, Tx, HostRx, HostTx, Latches, Station, Out, Dog> {
 }
 
 impl<F: Flash> App<F> {
-    /// The application with what it knows.
+    /// The application before its start, for a static: all zeros.
     #[must_use]
-    pub fn new(measure: Measure<F>) -> Self {
+    pub const fn new() -> Self {
         Self {
-            measure: Mutex::new(measure),
+            measure: Mutex::new(Measure::new()),
             inputs: Channel::new(),
             flow: cnc::Flow::new(),
             scans: scan::Scans::new(),
             changed: Signal::new(),
             told: Signal::new(),
         }
+    }
+
+    /// Opens the storage and takes up what was in force; before any task runs. What of
+    /// the storage could not be opened is returned for a log: the board runs all the
+    /// same, see [`Measure::start`].
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn start(
+        &self,
+        boot: Boot,
+        journal: F,
+        settings: F,
+        now: Micros,
+    ) -> Result<Opened<F::Error>, Running> {
+        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        Ok(measure.start(boot, journal, settings, now))
     }
 
     /// Runs everything, for ever, on one executor.
@@ -252,6 +269,16 @@ impl<F: Flash> App<F> {
         }
     }
 }
+
+impl<F: Flash> Default for App<F> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The application runs already and cannot be started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Running;
 
 /// Whether latches of this cause come by the thousand.
 const fn is_of_a_scan(cause: LatchCause) -> bool {

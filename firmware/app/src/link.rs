@@ -128,6 +128,9 @@ async fn tell_scans<F: Flash>(
 /// The answer to a frame. What cannot be opened is answered with a Hello: it says
 /// who we are and which messages we know. What only a board sends is our own,
 /// echoed by the line, and is not answered: the echo would go round for ever.
+///
+/// Messages are large: here they are on the stack only while one is answered.
+#[inline(never)]
 fn respond<'b, F: Flash>(
     measure: &mut Measure<F>,
     around: Surroundings<'_, impl Axes + Scanner>,

@@ -23,6 +23,7 @@
 use heapless::{String, Vec};
 use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
+use umi_core::place::Place;
 use umi_core::units::Micros;
 use umi_protocol::job::{Job, Name, SendWhen};
 use umi_protocol::latch::{LatchReport, Scan};
@@ -84,8 +85,8 @@ pub struct Correction {
 
 /// What the board knows.
 pub struct Measure<F: Flash> {
-    brain: Option<Brain>,
-    settings: Settings<F>,
+    brain: Brain,
+    settings: Place<Settings<F>>,
     pub(crate) book: Book<F>,
 }
 
@@ -93,7 +94,7 @@ pub struct Measure<F: Flash> {
 pub(crate) struct Book<F: Flash> {
     pub identity: Identity,
     pub reset: ResetReason,
-    pub journal: Journal<F>,
+    pub journal: Place<Journal<F>>,
     pub events: Events,
     pub scratch: [u8; MAX_RECORD],
     /// Entries that the storage refused.
@@ -109,7 +110,7 @@ pub(crate) struct Book<F: Flash> {
     taught: bool,
     pub verdicts: u32,
     pub verdicts_ok: u32,
-    pub last_ok: Option<bool>,
+    pub last_ok: Place<bool>,
 }
 
 struct Armed {
@@ -121,33 +122,21 @@ struct Armed {
 }
 
 impl<F: Flash> Measure<F> {
-    /// Starts: opens journal and settings and takes up the job and the reference
-    /// that were in force.
-    ///
-    /// # Errors
-    /// The journal's: a storage area holds something else or does not answer.
-    pub fn start(
-        boot: Boot,
-        journal: F,
-        settings: F,
-        now: Micros,
-    ) -> Result<Self, Error<F::Error>> {
-        let (journal, recovery) = Journal::open(journal)?;
-        let max = journal.max_payload();
-        if max < MAX_RECORD {
-            // Its sectors are too small for the longest record.
-            return Err(Error::PayloadTooLong {
-                len: MAX_RECORD,
-                max,
-            });
-        }
-        let mut measure = Self {
-            brain: None,
-            settings: Settings::open(settings)?,
+    /// Nothing is known yet. All zeros: it can stand in a static without standing in
+    /// flash as well.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            brain: Brain::idle(),
+            settings: Place::empty(),
             book: Book {
-                identity: boot.identity.clone(),
-                reset: boot.reset,
-                journal,
+                identity: Identity {
+                    board: Name::new(),
+                    serial: Name::new(),
+                    firmware: Name::new(),
+                },
+                reset: ResetReason::Unknown,
+                journal: Place::empty(),
                 events: Events::new(),
                 scratch: [0; MAX_RECORD],
                 failures: 0,
@@ -158,11 +147,47 @@ impl<F: Flash> Measure<F> {
                 taught: false,
                 verdicts: 0,
                 verdicts_ok: 0,
-                last_ok: None,
+                last_ok: Place::empty(),
             },
-        };
+        }
+    }
+
+    /// Starts: opens journal and settings and takes up the job and the reference
+    /// that were in force.
+    ///
+    /// A storage area that cannot be opened stops nothing: the board runs and answers,
+    /// counts every entry that it cannot keep, shows trouble, sends no correction, and
+    /// takes no job. What was wrong is returned for a log.
+    pub fn start(&mut self, boot: Boot, journal: F, settings: F, now: Micros) -> Opened<F::Error> {
+        self.book.identity = boot.identity.clone();
+        self.book.reset = boot.reset;
         let Boot { identity, reset } = boot;
-        measure.book.record(now, Record::Boot { identity, reset });
+        let boot = Record::Boot { identity, reset };
+        let opened = Opened {
+            journal: self.open_journal(now, boot, journal),
+            settings: Settings::open(settings).map(|settings| self.settings.put(settings)),
+        };
+        if opened.settings.is_err() {
+            self.book.refused();
+        }
+        self.restore(now);
+        opened
+    }
+
+    #[inline(never)]
+    fn open_journal(&mut self, now: Micros, boot: Record, flash: F) -> Result<(), Error<F::Error>> {
+        let opened = Journal::open(flash).and_then(|(journal, recovery)| {
+            let max = journal.max_payload();
+            if max < MAX_RECORD {
+                // Its sectors are too small for the longest record.
+                let len = MAX_RECORD;
+                return Err(Error::PayloadTooLong { len, max });
+            }
+            self.book.journal.put(journal);
+            Ok(recovery)
+        });
+        self.book.record(now, boot);
+        let recovery = opened?;
         if !recovery.is_clean() {
             let record = Record::Recovered {
                 torn_bytes: recovery.torn_bytes,
@@ -170,21 +195,29 @@ impl<F: Flash> Measure<F> {
                 damaged_headers: recovery.damaged_headers,
                 chain_restarted: recovery.chain_restarted,
             };
-            measure.book.record(now, record);
+            self.book.record(now, record);
         }
-        if let Some((job, taught)) = measure.settings.load(&mut measure.book.scratch) {
-            // A job that this firmware would not take any more is no job.
-            if let Ok(mut brain) = Brain::new(job.clone()) {
-                measure.book.record(now, Record::JobSet(job));
-                if let Some(positions_mm) = taught {
-                    brain.restore_reference(&points(&positions_mm));
-                    let record = Record::ReferenceRestored { positions_mm };
-                    measure.book.record(now, record);
-                }
-                measure.take_up(brain);
-            }
+        Ok(())
+    }
+
+    /// Takes up the job and the reference that were in force.
+    #[inline(never)]
+    fn restore(&mut self, now: Micros) {
+        let settings = self.settings.get_mut();
+        let Some((job, taught)) = settings.and_then(|s| s.load(&mut self.book.scratch)) else {
+            return;
+        };
+        // A job that this firmware would not take any more is no job.
+        if self.brain.begin(job.clone()).is_err() {
+            return;
         }
-        Ok(measure)
+        self.book.patience_us = patience_us(&job);
+        self.book.record(now, Record::JobSet(job));
+        if let Some(positions_mm) = taught {
+            self.brain.restore_reference(&points(&positions_mm));
+            let record = Record::ReferenceRestored { positions_mm };
+            self.book.record(now, record);
+        }
     }
 
     /// Something came in. Without a job it is journaled and that is all.
@@ -202,9 +235,9 @@ impl<F: Flash> Measure<F> {
                 Input::Scan(scan) => Record::Scan(scan.clone()),
             },
         );
-        let Some(brain) = brain else {
+        if brain.job().is_none() {
             return;
-        };
+        }
         if matches!(input, Input::Lost(_)) {
             book.forget();
         }
@@ -224,17 +257,19 @@ impl<F: Flash> Measure<F> {
 
     /// Erases ahead while nothing is at stake, so that no erase falls into a plate.
     fn make_room(&mut self) {
-        let busy = self.brain.as_ref().is_some_and(|b| b.run().is_under_way());
-        // A fault of the storage shows at the next entry, and is counted there.
-        if !busy {
-            let _ = self.book.journal.prepare(ROOM);
+        let busy = self.brain.run().is_under_way();
+        if let Some(journal) = self.book.journal.get_mut()
+            && !busy
+        {
+            // A fault of the storage shows at the next entry, and is counted there.
+            let _ = journal.prepare(ROOM);
         }
     }
 
     /// When [`Self::on_time`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        let brain = self.brain.as_ref().and_then(Brain::deadline);
+        let brain = self.brain.deadline();
         let armed = self.book.armed.as_ref().map(|armed| armed.until);
         match (brain, armed) {
             (Some(a), Some(b)) => Some(a.min(b)),
@@ -248,9 +283,6 @@ impl<F: Flash> Measure<F> {
         if book.armed.as_ref().is_some_and(|armed| now >= armed.until) {
             book.forget();
         }
-        let Some(brain) = brain else {
-            return;
-        };
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }
@@ -265,29 +297,34 @@ impl<F: Flash> Measure<F> {
     /// # Errors
     /// What is wrong with it, or that it could not be kept: then the job that was
     /// in force still is.
+    #[inline(never)]
     pub fn set_job(&mut self, now: Micros, job: Job) -> Result<(), SetJobError> {
-        let brain = Brain::new(job.clone()).map_err(SetJobError::Job)?;
-        let Self { settings, book, .. } = self;
+        umi_core::job::check(&job).map_err(SetJobError::Job)?;
+        let Self {
+            brain,
+            settings,
+            book,
+        } = self;
+        if !book.journal.is_some() {
+            // Nothing of it could be audited.
+            return Err(SetJobError::Storage);
+        }
+        let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
         settings
             .save(now, &job, None, &mut book.scratch)
             .map_err(|_| SetJobError::Storage)?;
         book.forget();
         book.unaudited = false;
+        book.patience_us = patience_us(&job);
+        brain.begin(job.clone()).map_err(SetJobError::Job)?;
         book.record(now, Record::JobSet(job));
-        self.take_up(brain);
         Ok(())
     }
 
-    fn take_up(&mut self, brain: Brain) {
-        let timeout_s = brain.run().job().plate_timeout_s;
-        self.book.patience_us = u64::from(timeout_s).saturating_mul(1_000_000);
-        self.brain = Some(brain);
-    }
-
-    /// The brain at work; none without a job.
+    /// The brain; idle without a job.
     #[must_use]
-    pub fn brain(&self) -> Option<&Brain> {
-        self.brain.as_ref()
+    pub fn brain(&self) -> &Brain {
+        &self.brain
     }
 
     /// Whether a correction waits for the control, and whether it goes out by
@@ -295,7 +332,7 @@ impl<F: Flash> Measure<F> {
     #[must_use]
     pub fn waiting(&self) -> Option<SendWhen> {
         self.book.armed.as_ref()?;
-        let spec = self.brain.as_ref()?.run().job().correction?;
+        let spec = self.brain.job()?.correction?;
         (spec.send != SendWhen::Never).then_some(spec.send)
     }
 
@@ -343,17 +380,17 @@ impl<F: Flash> Measure<F> {
     /// The code in which the control writes, as far as it is known.
     #[must_use]
     pub fn coding(&self) -> Coding {
-        self.brain.as_ref().map_or(Coding::Auto, Brain::coding)
+        self.brain.coding()
     }
 
     /// What the outputs show.
     #[must_use]
     pub fn lights(&self) -> Lights {
-        let busy = self.brain.as_ref().is_some_and(|b| b.run().is_under_way());
+        let busy = self.brain.run().is_under_way();
         Lights {
             busy,
-            ok: !busy && self.book.last_ok == Some(true),
-            ng: !busy && self.book.last_ok == Some(false),
+            ok: !busy && self.book.last_ok.get() == Some(&true),
+            ng: !busy && self.book.last_ok.get() == Some(&false),
             trouble: self.book.unaudited,
         }
     }
@@ -361,26 +398,44 @@ impl<F: Flash> Measure<F> {
     /// Keeps a reference that was just taught, with its job.
     fn keep_taught(&mut self, now: Micros) {
         let Self {
-            brain: Some(brain),
+            brain,
             settings,
             book,
-        } = self
-        else {
-            return;
-        };
-        if !book.taught {
+        } = self;
+        if !core::mem::take(&mut book.taught) {
             return;
         }
-        book.taught = false;
         let taught = brain.run().taught().map(positions_mm);
-        let kept = settings.save(now, brain.run().job(), taught.as_ref(), &mut book.scratch);
-        if kept.is_err() {
+        let kept = settings
+            .get_mut()
+            .zip(brain.job())
+            .is_some_and(|(s, job)| s.save(now, job, taught.as_ref(), &mut book.scratch).is_ok());
+        if !kept {
             // It is in force until the power goes; the status says so, and what
             // rests on it is not sent.
-            book.failures = book.failures.saturating_add(1);
-            book.unaudited = true;
+            book.refused();
         }
     }
+}
+
+impl<F: Flash> Default for Measure<F> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// How long a correction stays armed, and a plate open.
+fn patience_us(job: &Job) -> u64 {
+    u64::from(job.plate_timeout_s).saturating_mul(1_000_000)
+}
+
+/// What became of the storage areas at start.
+#[derive(Debug)]
+pub struct Opened<E> {
+    /// The journal's.
+    pub journal: Result<(), Error<E>>,
+    /// The settings'.
+    pub settings: Result<(), Error<E>>,
 }
 
 /// Why a job was not set.
@@ -397,7 +452,8 @@ impl<F: Flash> Book<F> {
     fn record(&mut self, now: Micros, record: Record) -> bool {
         let appended = postcard::to_slice(&record, &mut self.scratch)
             .ok()
-            .and_then(|payload| self.journal.append(record.kind(), now, payload).ok());
+            .zip(self.journal.get_mut())
+            .and_then(|(payload, journal)| journal.append(record.kind(), now, payload).ok());
         match appended {
             Some(seq) => {
                 if self.events.is_on() {
@@ -407,12 +463,17 @@ impl<F: Flash> Book<F> {
                 true
             }
             None => {
-                self.failures = self.failures.saturating_add(1);
-                self.unaudited = true;
-                self.disarm();
+                self.refused();
                 false
             }
         }
+    }
+
+    /// The storage has refused something: no correction rests on what follows.
+    fn refused(&mut self) {
+        self.failures = self.failures.saturating_add(1);
+        self.unaudited = true;
+        self.disarm();
     }
 
     /// Something that the brain says.
@@ -446,7 +507,7 @@ impl<F: Flash> Book<F> {
             Output::Verdict(verdict) => {
                 self.verdicts = self.verdicts.saturating_add(1);
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
-                self.last_ok = Some(verdict.ok);
+                self.last_ok.put(verdict.ok);
                 self.disarm();
                 let kept = self.record(now, Record::Verdict(verdict.clone()));
                 if let Some(correction) = &verdict.correction
@@ -473,7 +534,7 @@ impl<F: Flash> Book<F> {
     /// What was measured does not hold any more: no correction, no OK at the output.
     fn forget(&mut self) {
         self.disarm();
-        self.last_ok = None;
+        self.last_ok.clear();
     }
 
     /// Who the board is, for a Hello.

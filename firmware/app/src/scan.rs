@@ -14,6 +14,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::{Deque, Vec};
+use umi_core::place::Place;
 use umi_core::units::Micros;
 use umi_protocol::latch::{
     LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, MAX_AXES, Scan,
@@ -38,7 +39,7 @@ struct State {
     waiting: Deque<LatchReport, WAITING>,
     counters: LatchCounters,
     /// The scans under way: by triggers, by pulses of the board's own.
-    under_way: [Option<Scan>; 2],
+    under_way: [Place<Scan>; 2],
 }
 
 impl Scans {
@@ -55,7 +56,7 @@ impl Scans {
                 missed: 0,
                 untold: 0,
             },
-            under_way: [None, None],
+            under_way: [Place::empty(), Place::empty()],
         };
         Self {
             state: Mutex::new(RefCell::new(state)),
@@ -90,9 +91,11 @@ impl Scans {
         self.with(|state| {
             state.count(&latch);
             let untold = state.tell(&latch);
-            if let Some(place) = state.under_way.get_mut(place(latch.cause)) {
-                let captured = u32::from(!latch.counts.is_empty());
-                let scan = place.get_or_insert(Scan {
+            let Some(place) = state.under_way.get_mut(place(latch.cause)) else {
+                return;
+            };
+            if !place.is_some() {
+                place.put(Scan {
                     cause: latch.cause,
                     captured: 0,
                     missed: 0,
@@ -101,6 +104,9 @@ impl Scans {
                     from_ns: latch.t_ns,
                     to_ns: latch.t_ns,
                 });
+            }
+            if let Some(scan) = place.get_mut() {
+                let captured = u32::from(!latch.counts.is_empty());
                 scan.captured = scan.captured.saturating_add(captured);
                 scan.missed = scan.missed.saturating_add(latch.missed);
                 scan.untold = scan.untold.saturating_add(u32::from(untold));
@@ -118,7 +124,7 @@ impl Scans {
     /// When [`Self::over`] is due: none if no scan is under way.
     pub fn deadline(&self) -> Option<Micros> {
         self.with(|state| {
-            let ends = state.under_way.iter().flatten();
+            let ends = state.under_way.iter().filter_map(Place::get);
             let ends = ends.map(|scan| scan.to_ns.saturating_add(QUIET_NS) / 1000 + 1);
             ends.min().map(Micros)
         })
@@ -130,7 +136,7 @@ impl Scans {
         self.with(|state| {
             let over = |scan: &Scan| scan.to_ns.saturating_add(QUIET_NS) <= now_ns;
             let mut scans = state.under_way.iter_mut();
-            scans.find(|scan| scan.as_ref().is_some_and(over))?.take()
+            scans.find(|scan| scan.get().is_some_and(over))?.take()
         })
     }
 

@@ -19,6 +19,7 @@ use umi_protocol::verdict::Verdict;
 
 use crate::dprnt::{Item, Line, Receiver, ReportedHit};
 use crate::job::{self, Decision, Run};
+use crate::place::Place;
 use crate::units::{Micros, Point};
 
 /// What comes out, in the order in which it happened.
@@ -38,24 +39,48 @@ pub enum Output<'a> {
     Taught(&'a [Point]),
 }
 
-/// Receiver and job joined.
+/// Receiver and job joined, or neither.
 #[derive(Debug)]
 pub struct Brain {
-    receiver: Receiver,
+    receiver: Place<Receiver>,
     run: Run,
 }
 
 impl Brain {
+    /// No job: bytes are not read.
+    #[must_use]
+    pub const fn idle() -> Self {
+        Self {
+            receiver: Place::empty(),
+            run: Run::idle(),
+        }
+    }
+
     /// Begins a job.
     ///
     /// # Errors
     /// Why the job cannot be used.
     pub fn new(job: Job) -> Result<Self, JobError> {
+        let mut brain = Self::idle();
+        brain.begin(job)?;
+        Ok(brain)
+    }
+
+    /// Begins a job in place of what was.
+    ///
+    /// # Errors
+    /// Why the job cannot be used: then nothing has changed.
+    pub fn begin(&mut self, job: Job) -> Result<(), JobError> {
         job::check(&job)?;
-        Ok(Self {
-            receiver: Receiver::new(&job.receiver),
-            run: Run::new(job),
-        })
+        self.receiver.put(Receiver::new(&job.receiver));
+        self.run.begin(job);
+        Ok(())
+    }
+
+    /// The job, if there is one.
+    #[must_use]
+    pub fn job(&self) -> Option<&Job> {
+        self.run.job()
     }
 
     /// The job under way.
@@ -72,24 +97,31 @@ impl Brain {
     /// The code in which the control writes: the job's, or as detected.
     #[must_use]
     pub fn coding(&self) -> Coding {
-        self.receiver.coding()
+        self.receiver.get().map_or(Coding::Auto, Receiver::coding)
     }
 
     /// What the receiver has counted.
     #[must_use]
-    pub fn counters(&self) -> &Counters {
-        self.receiver.counters()
+    pub fn counters(&self) -> Counters {
+        let receiver = self.receiver.get();
+        receiver.map(|r| *r.counters()).unwrap_or_default()
     }
 
     /// Bytes came from the control; `now` is when the last of them came.
     pub fn bytes(&mut self, now: Micros, bytes: &[u8], out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
+        let Some(receiver) = receiver.get_mut() else {
+            return;
+        };
         receiver.receive(bytes, now, &mut |item| pass(run, &item, now, out));
     }
 
     /// Bytes from the control were lost before they could be given to [`Self::bytes`].
     pub fn bytes_lost(&mut self, now: Micros, count: u32, out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
+        let Some(receiver) = receiver.get_mut() else {
+            return;
+        };
         receiver.lost(count, now, &mut |item| pass(run, &item, now, out));
     }
 
@@ -101,7 +133,8 @@ impl Brain {
     /// When [`Self::on_time`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        match (self.receiver.deadline(), self.run.deadline()) {
+        let receiver = self.receiver.get().and_then(Receiver::deadline);
+        match (receiver, self.run.deadline()) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
         }
@@ -110,14 +143,18 @@ impl Brain {
     /// Time passed: gives up what has waited too long.
     pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
-        receiver.on_time(now, &mut |item| pass(run, &item, now, out));
+        if let Some(receiver) = receiver.get_mut() {
+            receiver.on_time(now, &mut |item| pass(run, &item, now, out));
+        }
         run.on_time(now, &mut |decision| out(decision.into()));
     }
 
     /// The input ended (a captured file; never on a machine).
     pub fn input_ended(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
-        receiver.finish(now, &mut |item| pass(run, &item, now, out));
+        if let Some(receiver) = receiver.get_mut() {
+            receiver.finish(now, &mut |item| pass(run, &item, now, out));
+        }
         run.input_ended(&mut |decision| out(decision.into()));
     }
 }

@@ -24,5 +24,6 @@ pub mod fit;
 pub mod job;
 pub mod journal;
 pub mod nc;
+pub mod place;
 pub mod registration;
 pub mod units;

@@ -30,6 +30,7 @@ use super::feature::{self, Reasons};
 use super::plate::{self, Positions};
 use super::witness::Witness;
 use crate::dprnt::{BlockEnd, ReportedHit};
+use crate::place::Place;
 use crate::units::{Micros, Point};
 
 /// What the job decides.
@@ -43,14 +44,14 @@ pub enum Decision<'a> {
     Taught(&'a [Point]),
 }
 
-/// A job under way.
+/// A job under way, or none.
 #[derive(Debug)]
 pub struct Run {
-    job: Job,
+    job: Place<Job>,
     /// Nominal positions of the datum features.
     reference: Option<Positions>,
     /// The latest result of each feature, and whether it belongs to this plate.
-    slots: [Slot; MAX_FEATURES],
+    slots: Vec<Slot, MAX_FEATURES>,
     /// Number of the plate under way, from 0.
     plate: u32,
     progress: Progress,
@@ -64,13 +65,13 @@ pub struct Run {
     run: Option<u32>,
     remarks: Vec<Reason, 4>,
     features_seen: u32,
-    collecting: Option<Collecting>,
+    collecting: Place<Collecting>,
     last_hit: Micros,
-    verdict: Option<Verdict>,
+    verdict: Place<Verdict>,
     /// This plate became the reference.
     taught_here: bool,
     /// The encoders' side of the hits.
-    witness: Option<Witness>,
+    witness: Place<Witness>,
 }
 
 /// How far the plate is.
@@ -93,22 +94,13 @@ struct Slot {
 }
 
 impl Run {
-    /// Begins a checked job.
+    /// No job: nothing that comes leads to anything.
     #[must_use]
-    pub fn new(job: Job) -> Self {
-        let mut reference = None;
-        if job.reference == Reference::Given {
-            reference = Some(
-                datums(&job)
-                    .filter_map(|(_, f)| f.position_mm.map(Point::from_array_mm))
-                    .collect(),
-            );
-        }
+    pub const fn idle() -> Self {
         Self {
-            witness: job.witness.map(Witness::new),
-            job,
-            reference,
-            slots: Default::default(),
+            job: Place::empty(),
+            reference: None,
+            slots: Vec::new(),
             plate: 0,
             progress: Progress::Empty,
             last: None,
@@ -117,17 +109,84 @@ impl Run {
             run: None,
             remarks: Vec::new(),
             features_seen: 0,
-            collecting: None,
+            collecting: Place::empty(),
             last_hit: Micros(0),
-            verdict: None,
+            verdict: Place::empty(),
             taught_here: false,
+            witness: Place::empty(),
         }
     }
 
-    /// The job.
+    /// Begins a checked job.
     #[must_use]
-    pub fn job(&self) -> &Job {
-        &self.job
+    pub fn new(job: Job) -> Self {
+        let mut run = Self::idle();
+        run.begin(job);
+        run
+    }
+
+    /// Begins a checked job in place of what was. A run is too large to be moved about
+    /// on a small board's stack, so its parts are emptied one by one.
+    pub fn begin(&mut self, job: Job) {
+        let Self {
+            job: place,
+            reference,
+            slots,
+            plate,
+            progress,
+            last,
+            against,
+            pending,
+            run,
+            remarks,
+            features_seen,
+            collecting,
+            last_hit,
+            verdict,
+            taught_here,
+            witness,
+        } = self;
+        *reference = (job.reference == Reference::Given).then(|| {
+            datums(&job)
+                .filter_map(|(_, f)| f.position_mm.map(Point::from_array_mm))
+                .collect()
+        });
+        slots.clear();
+        for _ in &job.features {
+            // Bounded: there are as many slots as a job can have features.
+            let _ = slots.push(Slot::default());
+        }
+        (*plate, *progress, *last) = (0, Progress::Empty, None);
+        against.clear();
+        pending.clear();
+        *run = None;
+        remarks.clear();
+        *features_seen = 0;
+        collecting.clear();
+        *last_hit = Micros(0);
+        verdict.clear();
+        *taught_here = false;
+        witness.clear();
+        if let Some(spec) = job.witness {
+            witness.put(Witness::new(spec));
+        }
+        place.put(job);
+    }
+
+    /// The job, if there is one.
+    #[must_use]
+    pub fn job(&self) -> Option<&Job> {
+        self.job.get()
+    }
+
+    /// Its features in their order.
+    fn features(&self) -> &[FeatureSpec] {
+        self.job.get().map_or(&[], |job| &job.features)
+    }
+
+    fn reference_is_taught(&self) -> bool {
+        let job = self.job.get();
+        job.is_some_and(|job| job.reference == Reference::Taught)
     }
 
     /// Nominal positions of the datum features: given, or taught.
@@ -139,14 +198,14 @@ impl Run {
     /// The taught reference; none where the job gives its positions.
     #[must_use]
     pub fn taught(&self) -> Option<&[Point]> {
-        self.reference()
-            .filter(|_| self.job.reference == Reference::Taught)
+        self.reference().filter(|_| self.reference_is_taught())
     }
 
     /// Puts back a reference that was taught before a restart. Ignored where
     /// the job gives its positions or the count does not fit.
     pub fn restore_reference(&mut self, positions: &[Point]) {
-        if self.job.reference == Reference::Taught && positions.len() == datums(&self.job).count() {
+        let due = self.job.get().map(|job| datums(job).count());
+        if self.reference_is_taught() && due == Some(positions.len()) {
             self.reference = Vec::from_slice(positions).ok();
         }
     }
@@ -160,7 +219,7 @@ impl Run {
     /// The latest verdict.
     #[must_use]
     pub fn verdict(&self) -> Option<&Verdict> {
-        self.verdict.as_ref()
+        self.verdict.get()
     }
 
     /// Whether a plate has begun and is not judged.
@@ -173,7 +232,8 @@ impl Run {
     /// its last feature, if nothing comes.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        let timeout_us = u64::from(self.job.plate_timeout_s).saturating_mul(1_000_000);
+        let timeout_s = self.job.get()?.plate_timeout_s;
+        let timeout_us = u64::from(timeout_s).saturating_mul(1_000_000);
         (self.is_under_way() || self.progress == Progress::Judged)
             .then(|| Micros(self.last_hit.0.saturating_add(timeout_us)))
     }
@@ -182,7 +242,7 @@ impl Run {
     pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
         if self.deadline().is_some_and(|deadline| now >= deadline) {
             if self.is_under_way() {
-                let timeout_s = self.job.plate_timeout_s;
+                let timeout_s = self.job.get().map_or(0, |job| job.plate_timeout_s);
                 self.give_up(Reason::TimedOut { timeout_s }, out);
             } else {
                 self.next_plate();
@@ -203,7 +263,7 @@ impl Run {
             FaultKind::BufferOverrun { lost } => {
                 self.hold_against(Reason::BytesLost { count: *lost });
             }
-            FaultKind::NotTouched => match &mut self.collecting {
+            FaultKind::NotTouched => match self.collecting.get_mut() {
                 Some(collecting) => {
                     let hit = collecting.next_number();
                     feature::add(&mut collecting.reasons, Reason::NotTouched { hit });
@@ -230,9 +290,9 @@ impl Run {
     /// A line could not be used. In a block the block says so; elsewhere a hit may
     /// be missing, and the next one must not take its place.
     fn damaged_line(&mut self) {
-        if let Some(collecting) = &mut self.collecting
+        if let Some(collecting) = self.collecting.get_mut()
             && !collecting.in_block
-            && let Some(spec) = self.job.features.get(collecting.feature)
+            && let Some(spec) = spec_of(&self.job, collecting.feature)
         {
             let got = u16::try_from(collecting.hits.len()).unwrap_or(u16::MAX);
             let expected = spec.hits;
@@ -246,7 +306,7 @@ impl Run {
     /// Something contradicts a plate that may have been judged: then its verdict
     /// is NG, under the same number.
     fn revoke(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
-        if self.progress == Progress::Judged && self.collecting.is_none() {
+        if self.progress == Progress::Judged && !self.collecting.is_some() {
             self.progress = Progress::UnderWay;
             self.hold_against(reason);
             self.close(None, out);
@@ -257,7 +317,7 @@ impl Run {
 
     /// The probe's skip line rose and the axes were latched.
     pub fn latched(&mut self, latch: &LatchReport) {
-        if let Some(witness) = &mut self.witness {
+        if let Some(witness) = self.witness.get_mut() {
             witness.latched(latch);
         }
     }
@@ -267,7 +327,7 @@ impl Run {
         self.finish_unfinished(out);
         self.last_hit = now;
         match self.place_of(|feature| feature.name == name) {
-            Some(feature) => self.collecting = Some(Collecting::new(feature, true)),
+            Some(feature) => self.collecting.put(Collecting::new(feature, true)),
             None => self.unknown(name),
         }
     }
@@ -282,7 +342,7 @@ impl Run {
             }
             self.run = hit.run;
         }
-        let in_block = self.collecting.as_ref().is_some_and(|c| c.in_block);
+        let in_block = self.collecting.get().is_some_and(|c| c.in_block);
         if !in_block {
             let place = match (&hit.feature, hit.feature_id) {
                 (Some(name), _) => {
@@ -298,18 +358,18 @@ impl Run {
             let Some(place) = place else {
                 return;
             };
-            if self.collecting.as_ref().is_none_or(|c| c.feature != place) {
+            if self.collecting.get().is_none_or(|c| c.feature != place) {
                 self.finish_unfinished(out);
-                self.collecting = Some(Collecting::new(place, false));
+                self.collecting.put(Collecting::new(place, false));
             }
         }
-        let Some(collecting) = &mut self.collecting else {
+        let Some(collecting) = self.collecting.get_mut() else {
             return;
         };
-        let Some(spec) = self.job.features.get(collecting.feature) else {
+        let Some(spec) = spec_of(&self.job, collecting.feature) else {
             return;
         };
-        let seen = self.witness.as_mut().map(|w| w.pair(hit));
+        let seen = self.witness.get_mut().map(|w| w.pair(hit));
         collecting.take(spec, hit, seen);
         if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {
             self.finish(out);
@@ -319,10 +379,10 @@ impl Run {
     /// A block of hits ended.
     pub fn block_end(&mut self, end: &BlockEnd, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
         self.last_hit = now;
-        let Some(collecting) = &mut self.collecting else {
+        let Some(collecting) = self.collecting.get_mut() else {
             return;
         };
-        let Some(spec) = self.job.features.get(collecting.feature) else {
+        let Some(spec) = spec_of(&self.job, collecting.feature) else {
             return;
         };
         if let Some(reason) = collecting.block_reason(spec, end) {
@@ -340,15 +400,23 @@ impl Run {
         }
     }
 
-    /// Fits what was collected, puts it into its plate and reports it.
+    /// Fits what was collected, puts it into its plate and reports it; judges the plate
+    /// if that was its last feature.
     fn finish(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
-        let Some(collecting) = self.collecting.take() else {
-            return;
-        };
+        let place = self.finish_feature(out);
+        if place.is_some_and(|place| place + 1 == self.features().len()) {
+            self.close(None, out);
+        }
+    }
+
+    /// Fits what was collected, puts it into its plate and reports it. Returns its
+    /// place, unless it was dropped as a repeat. On its own, so that its stack is free
+    /// again when the plate is judged.
+    #[inline(never)]
+    fn finish_feature(&mut self, out: &mut dyn FnMut(Decision<'_>)) -> Option<usize> {
+        let collecting = self.collecting.take()?;
         let place = collecting.feature;
-        let Some(spec) = self.job.features.get(place) else {
-            return;
-        };
+        let (job, spec) = (self.job.get()?, spec_of(&self.job, place)?);
         let Collecting {
             hits,
             mut reasons,
@@ -364,10 +432,10 @@ impl Run {
             feature::add(&mut reasons, Reason::WrongCount { got, expected });
         }
         feature::find_duplicates(&hits, &mut reasons);
-        let points = feature::contact_points(self.job.compensation, &hits, &mut reasons);
+        let points = feature::contact_points(job.compensation, &hits, &mut reasons);
         // What is known to be wrong is not fitted: its figures would only mislead.
         let fit = if reasons.is_empty() {
-            feature::judge(spec, &self.job.limits, &points, &hits, &mut reasons)
+            feature::judge(spec, &job.limits, &points, &hits, &mut reasons)
         } else {
             None
         };
@@ -386,7 +454,7 @@ impl Run {
             Belongs::Here => {}
             Belongs::Dropped => {
                 self.remark(Reason::RepeatDropped { name: result.name });
-                return;
+                return None;
             }
             Belongs::Replaces => self.remark(Reason::Replaced {
                 name: result.name.clone(),
@@ -400,7 +468,7 @@ impl Run {
                 self.next_plate();
             }
         }
-        if let Some(witness) = &mut self.witness {
+        if let Some(witness) = self.witness.get_mut() {
             witness.take(&hits, replaces);
         }
         result.index = self.features_seen;
@@ -418,9 +486,7 @@ impl Run {
         for reason in core::mem::take(&mut self.pending) {
             self.hold_against(reason);
         }
-        if place + 1 == self.job.features.len() {
-            self.close(None, out);
-        }
+        Some(place)
     }
 
     /// Where a finished feature belongs.
@@ -447,7 +513,7 @@ impl Run {
             return Belongs::Dropped;
         }
         // A job of one feature: the next part, not the same one again.
-        let alone = self.job.features.len() == 1;
+        let alone = self.features().len() == 1;
         match (place == last, earlier.is_ok()) {
             (true, false) if !(alone && judged) => Belongs::Replaces,
             (true, true) if place != 0 && !judged => Belongs::Contradicts,
@@ -480,10 +546,14 @@ impl Run {
     }
 
     /// Judges the plate under way.
+    #[inline(never)]
     fn close(&mut self, reason: Option<Reason>, out: &mut dyn FnMut(Decision<'_>)) {
         if self.progress != Progress::UnderWay {
             return;
         }
+        let Some(job) = self.job.get() else {
+            return;
+        };
         // Of a plate that is judged again, not what was said when it was OK.
         self.remarks.retain(|remark| {
             !matches!(
@@ -495,13 +565,15 @@ impl Run {
         for reason in self.against.iter().chain(&reason) {
             plate::add(&mut verdict, reason.clone());
         }
-        let all_repeated = (self.slots.iter().zip(&self.job.features))
-            .all(|(slot, _)| slot.in_this_plate && slot.repeated);
+        let all_repeated = self
+            .slots
+            .iter()
+            .all(|slot| slot.in_this_plate && slot.repeated);
         if all_repeated {
             plate::add(&mut verdict, Reason::RepeatedPlate);
         }
         let mut measured = Positions::new();
-        for (place, spec) in self.job.features.iter().enumerate() {
+        for (place, spec) in job.features.iter().enumerate() {
             match self.in_this_plate(place) {
                 None => plate::add(
                     &mut verdict,
@@ -521,30 +593,30 @@ impl Run {
                 }
             }
         }
-        if let Some(witness) = &self.witness {
+        if let Some(witness) = self.witness.get() {
             witness.judge(&mut |reason| plate::add(&mut verdict, reason));
         }
         let mut taught = false;
-        let complete = measured.len() == datums(&self.job).count();
+        let complete = measured.len() == datums(job).count();
         match &self.reference {
             // A plate with a reason against it is not judged further: figures
             // from wrong hits would only mislead.
             _ if !verdict.reasons.is_empty() || !complete => {}
-            Some(reference) => plate::judge(&mut verdict, &self.job, reference, &measured),
+            Some(reference) => plate::judge(&mut verdict, job, reference, &measured),
             None => {
-                plate::judge_taught(&mut verdict, &self.job, &measured);
+                plate::judge_taught(&mut verdict, job, &measured);
                 // A job without datum features has nothing to teach.
                 taught = verdict.ok && !measured.is_empty();
             }
         }
-        if !verdict.ok && self.reference.is_none() && self.job.correction.is_some() {
+        if !verdict.ok && self.reference.is_none() && job.correction.is_some() {
             plate::add(&mut verdict, Reason::NoReference);
         }
         if taught {
             self.remark(Reason::Taught);
         }
         if verdict.ok
-            && let Some(witness) = &mut self.witness
+            && let Some(witness) = self.witness.get_mut()
         {
             for remark in witness.conclude().into_iter().flatten() {
                 let _ = self.remarks.push(remark);
@@ -567,12 +639,12 @@ impl Run {
             self.reference = None;
         }
         if !verdict.ok
-            && let Some(witness) = &mut self.witness
+            && let Some(witness) = self.witness.get_mut()
         {
             witness.unlearn();
         }
         out(Decision::Verdict(&verdict));
-        self.verdict = Some(verdict);
+        self.verdict.put(verdict);
         self.progress = Progress::Judged;
     }
 
@@ -585,7 +657,7 @@ impl Run {
         }
         self.progress = Progress::Empty;
         self.taught_here = false;
-        if let Some(witness) = &mut self.witness {
+        if let Some(witness) = self.witness.get_mut() {
             witness.next_plate();
         }
         self.last = None;
@@ -596,12 +668,12 @@ impl Run {
     // --- small things
 
     fn place_of(&self, is: impl Fn(&FeatureSpec) -> bool) -> Option<usize> {
-        self.job.features.iter().position(is)
+        self.features().iter().position(is)
     }
 
     /// The feature to which an unlabelled hit belongs.
     fn next_in_order(&self) -> usize {
-        match (&self.collecting, self.last) {
+        match (self.collecting.get(), self.last) {
             (Some(collecting), _) => collecting.feature,
             (None, Some(last)) if self.progress == Progress::UnderWay => last + 1,
             (None, _) => 0,
@@ -635,6 +707,11 @@ impl Run {
             let _ = list.push(reason);
         }
     }
+}
+
+/// A feature of the job, by its place. Borrows the job alone.
+fn spec_of(job: &Place<Job>, place: usize) -> Option<&FeatureSpec> {
+    job.get()?.features.get(place)
 }
 
 /// Where a finished feature belongs.
