@@ -19,7 +19,7 @@ fn job() -> Job {
 /// Flash that holds something which is not a journal.
 fn foreign(geometry: umi_core::journal::Geometry) -> VirtualFlash {
     let mut flash = VirtualFlash::in_memory(geometry);
-    for sector in 0..geometry.sectors {
+    for sector in 0..u32::from(geometry.sectors) {
         let at = sector * geometry.sector_size;
         flash.program(at, &[b'?'; 256]).unwrap();
     }

@@ -1,5 +1,10 @@
 //! Answers to the host's requests.
+//!
+//! An answer can be five kilobytes long, and its parts nearly so. Each kind is made by
+//! a function of its own that is not inlined, so that the stack holds one at a time.
 
+use heapless::Vec;
+use umi_core::job::Run;
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
@@ -19,6 +24,7 @@ pub(crate) struct Surroundings<'a, Station> {
 }
 
 /// Does what the host asks and says what came of it.
+#[inline(never)]
 pub(crate) fn answer<F: Flash>(
     measure: &mut Measure<F>,
     around: Surroundings<'_, impl Axes + Scanner>,
@@ -27,13 +33,7 @@ pub(crate) fn answer<F: Flash>(
     match request {
         Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
         Request::StatusGet => Response::Status(status(measure, &around)),
-        Request::JobGet => {
-            let run = measure.brain().run();
-            Response::Job {
-                job: run.job().cloned(),
-                taught_mm: run.taught().map(positions_mm),
-            }
-        }
+        Request::JobGet => job(measure.brain().run()),
         Request::JobCheck(job) => match umi_core::job::check(&job) {
             Ok(()) => Response::Done,
             Err(error) => Response::JobRefused(error),
@@ -48,11 +48,8 @@ pub(crate) fn answer<F: Flash>(
             around.scans.switch(on);
             Response::Done
         }
-        Request::FeatureGet { feature } => {
-            let run = measure.brain().run();
-            Response::Feature(run.feature(usize::from(feature)).cloned())
-        }
-        Request::VerdictGet => Response::Verdict(measure.brain().run().verdict().cloned()),
+        Request::FeatureGet { feature: place } => feature(measure.brain().run(), place),
+        Request::VerdictGet => verdict(measure.brain().run()),
         Request::JournalInfo | Request::JournalRead { .. } | Request::JournalChain { .. } => {
             match measure.book.journal.get_mut() {
                 Some(journal) => about_journal(journal, &request),
@@ -65,7 +62,26 @@ pub(crate) fn answer<F: Flash>(
     }
 }
 
+#[inline(never)]
+fn job(run: &Run) -> Response {
+    Response::Job {
+        job: run.job().cloned(),
+        taught_mm: run.taught().map(positions_mm),
+    }
+}
+
+#[inline(never)]
+fn feature(run: &Run, place: u8) -> Response {
+    Response::Feature(run.feature(usize::from(place)).cloned())
+}
+
+#[inline(never)]
+fn verdict(run: &Run) -> Response {
+    Response::Verdict(run.verdict().cloned())
+}
+
 /// What the journal holds.
+#[inline(never)]
 fn about_journal<F: Flash>(journal: &mut Journal<F>, request: &Request) -> Response {
     match *request {
         Request::JournalRead { seq } => read(journal, seq),
@@ -89,6 +105,7 @@ fn done(result: Result<(), Unsupported>) -> Response {
     }
 }
 
+#[inline(never)]
 fn status<F: Flash, Station>(measure: &Measure<F>, around: &Surroundings<'_, Station>) -> Status {
     let brain = measure.brain();
     let book = &measure.book;
@@ -118,12 +135,14 @@ fn info<F: Flash>(journal: &Journal<F>) -> JournalInfo {
 
 /// One entry as it is stored: also a damaged one is for the host to judge.
 fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
-    let mut entry = [0; MAX_ENTRY];
-    match journal.read_encoded(seq, &mut entry) {
-        Ok(bytes) => match heapless::Vec::from_slice(bytes) {
-            Ok(raw) => Response::JournalEntry { seq, raw },
-            Err(_) => Response::StorageFailed,
-        },
+    let mut raw = Vec::<u8, MAX_ENTRY>::new();
+    // There is room for as many.
+    let _ = raw.resize_default(MAX_ENTRY);
+    match journal.read_encoded(seq, &mut raw).map(<[u8]>::len) {
+        Ok(length) => {
+            raw.truncate(length);
+            Response::JournalEntry { seq, raw }
+        }
         Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
         Err(_) => Response::StorageFailed,
     }

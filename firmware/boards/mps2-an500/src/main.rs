@@ -44,8 +44,8 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SCB;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use static_cell::StaticCell;
-use umi_app::App;
-use umi_app::measure::{Boot, Measure, name};
+use umi_app::measure::{Boot, name};
+use umi_app::{App, Running};
 use umi_core::units::Micros;
 use umi_drivers::latches::Latches;
 use umi_protocol::message::{Identity, ResetReason};
@@ -66,6 +66,8 @@ static BENCH: Uart = Uart::new(peripheral::UART_2, Full::Holds);
 /// For who looks on: what a start has to say.
 static CONSOLE: Uart = Uart::new(peripheral::UART_3, Full::Holds);
 
+static APP: App<Region> = App::new();
+
 static LATCHES: Latches = Latches::new();
 
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -73,7 +75,6 @@ static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static APP: StaticCell<App<Region>> = StaticCell::new();
     static TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = note_reset(&kept::take_cause());
@@ -92,10 +93,15 @@ fn main() -> ! {
         },
         reset,
     };
-    let Ok(measure) = Measure::start(boot, journal, settings, Micros(0)) else {
-        stop("the storage holds something else")
-    };
-    let app: &'static App<Region> = APP.init_with(|| App::new(measure));
+    let app = &APP;
+    match app.start(boot, journal, settings, Micros(0)) {
+        Ok(opened) => {
+            if opened.journal.is_err() || opened.settings.is_err() {
+                CONSOLE.print("the storage holds something else: nothing is kept\n");
+            }
+        }
+        Err(Running) => stop("the application runs already"),
+    }
 
     CONTROL.start();
     HOST.start();
