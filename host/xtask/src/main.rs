@@ -3,7 +3,6 @@
 mod bench;
 mod console;
 mod firmware;
-mod firmware_check;
 mod flash;
 mod fuzz;
 mod house;
@@ -34,7 +33,7 @@ enum Chore {
     SetUp(set_up::Arguments),
     Firmware(firmware::Arguments),
     Flash(flash::Arguments),
-    FirmwareCheck(firmware_check::Arguments),
+    Size(size::Arguments),
     Fuzz(fuzz::Arguments),
     Bench(bench::Arguments),
 }
@@ -56,7 +55,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Chore::SetUp(arguments) => set_up::run(&house, &arguments),
         Chore::Firmware(arguments) => firmware::run(&house, &arguments),
         Chore::Flash(arguments) => flash::run(&house, &arguments),
-        Chore::FirmwareCheck(arguments) => firmware_check::run(&house, &arguments),
+        Chore::Size(arguments) => size::run(&house, &arguments),
         Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
         Chore::Bench(arguments) => bench::run(&house, &arguments),
     }

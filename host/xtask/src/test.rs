@@ -6,11 +6,11 @@ use anyhow::{Result, ensure};
 
 use crate::console::{self, Line, Outcome};
 use crate::firmware::toolchain;
-use crate::firmware_check;
 use crate::fuzz;
 use crate::house::{House, execute, in_ci};
 use crate::licences;
 use crate::set_up::{self, Need};
+use crate::size;
 
 /// Sets up what is missing, then runs every check and prints a summary.
 ///
@@ -147,7 +147,7 @@ fn firmware(house: &House, _: &Arguments) -> Result<Outcome> {
         Err(error) if !in_ci() => Ok(Outcome::Skipped(format!("{error:#}"))),
         Err(error) => Err(error),
         Ok(_) => {
-            firmware_check::run(house, &firmware_check::Arguments::default())?;
+            size::run(house, &size::Arguments::default())?;
             Ok(Outcome::Passed)
         }
     }

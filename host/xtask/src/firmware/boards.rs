@@ -21,6 +21,13 @@ pub struct Board {
     pub flashing: Flashing,
 }
 
+impl Board {
+    /// Whether the processor has a floating-point unit, whose registers interrupts save.
+    pub fn has_fpu(&self) -> bool {
+        self.target.ends_with("hf")
+    }
+}
+
 /// How an image gets into a board.
 #[derive(Debug)]
 pub enum Flashing {

@@ -5,6 +5,7 @@
 //! makes on the way stays in `target/firmware/build`.
 
 pub mod boards;
+mod dependencies;
 pub mod load;
 pub mod toolchain;
 pub mod uf2;
@@ -77,6 +78,8 @@ pub fn build(
     asked: Option<Toolchain>,
 ) -> Result<Vec<Image>> {
     let toolchain = toolchain::choose(house, asked)?;
+    dependencies::check(house)?;
+    console::progress("dependencies: no executor, no hardware, no std, no heap in the brain");
     console::progress(&format!("building with {toolchain}"));
     let packages = house.members(&manifest(house))?;
     let mut images = Vec::new();
@@ -139,17 +142,25 @@ fn build_board(house: &House, toolchain: Toolchain, board: &Board) -> Result<()>
         .with_context(|| format!("the firmware of board `{}` does not build", board.name))
 }
 
+/// What cargo knows about the package of a board.
+pub fn package<'list>(
+    packages: &'list serde_json::Value,
+    board: &Board,
+) -> Result<&'list serde_json::Value> {
+    let list = packages["packages"].as_array();
+    list.into_iter()
+        .flatten()
+        .find(|package| package["name"] == board.package)
+        .with_context(|| format!("firmware/boards has no package `{}`", board.package))
+}
+
 /// The names of the board's binaries: those whose features the board has.
 fn binaries(packages: &serde_json::Value, board: &Board) -> Result<Vec<String>> {
     let list = |value: &serde_json::Value, key| {
         let list = value.get(key).and_then(|list| list.as_array());
         list.cloned().unwrap_or_default()
     };
-    let package = list(packages, "packages")
-        .into_iter()
-        .find(|package| package["name"] == board.package)
-        .with_context(|| format!("firmware/boards has no package `{}`", board.package))?;
-    let binaries: Vec<String> = list(&package, "targets")
+    let binaries: Vec<String> = list(package(packages, board)?, "targets")
         .iter()
         .filter(|target| list(target, "kind").iter().any(|kind| kind == "bin"))
         .filter(|target| {
@@ -196,6 +207,7 @@ fn put(house: &House, board: &'static Board, name: String, built: &Path) -> Resu
     Ok(Image { name, board, elf })
 }
 
-fn read(file: &Path) -> Result<Vec<u8>> {
+/// The bytes of a file.
+pub fn read(file: &Path) -> Result<Vec<u8>> {
     fs::read(file).with_context(|| format!("cannot read {}", file.display()))
 }

@@ -6,7 +6,7 @@
 
 use anyhow::{Result, bail};
 
-use crate::firmware::toolchain::TARGETS;
+use super::toolchain::TARGETS;
 use crate::house::{House, output};
 
 /// What of embassy a crate may use.
