@@ -67,6 +67,23 @@ pub struct LatchBatch {
     pub steps: Vec<LatchStep, MAX_STEPS>,
 }
 
+impl LatchBatch {
+    /// The latches one by one, each in full.
+    pub fn reports(&self) -> impl Iterator<Item = LatchReport> + '_ {
+        let mut next = self.first.clone();
+        next.missed = 0;
+        let later = self.steps.iter().map(move |step| {
+            next.number = next.number.wrapping_add(1);
+            next.t_ns = next.t_ns.wrapping_add(step.dt_ns.into());
+            for (count, moved) in next.counts.iter_mut().zip(&step.dcounts) {
+                *count = count.wrapping_add((*moved).into());
+            }
+            next.clone()
+        });
+        core::iter::once(self.first.clone()).chain(later)
+    }
+}
+
 /// Steps in a [`LatchBatch`], at most.
 pub const MAX_STEPS: usize = 15;
 
@@ -137,4 +154,38 @@ pub enum TriggerOut {
         /// Encoder counts from pulse to pulse.
         interval_counts: u32,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A batch unfolds into what went into it; only the first tells of missed edges, and
+    /// number and counts may pass their ends.
+    #[test]
+    fn a_batch_unfolds() {
+        let report = |number, t_ns, counts: [i64; 2], missed| LatchReport {
+            number,
+            cause: LatchCause::Output,
+            counts: counts.into_iter().collect(),
+            t_ns,
+            missed,
+        };
+        let step = |dt_ns, dcounts: [i32; 2]| LatchStep {
+            dt_ns,
+            dcounts: dcounts.into_iter().collect(),
+        };
+        let batch = LatchBatch {
+            first: report(u32::MAX, 5_000_000_000, [-3, 1 << 40], 7),
+            steps: [step(100_000, [5, -1]), step(u32::MAX, [i32::MIN, 0])]
+                .into_iter()
+                .collect(),
+        };
+        let expected = [
+            report(u32::MAX, 5_000_000_000, [-3, 1 << 40], 7),
+            report(0, 5_000_100_000, [2, (1 << 40) - 1], 0),
+            report(1, 9_295_067_295, [-2_147_483_646, (1 << 40) - 1], 0),
+        ];
+        assert!(batch.reports().eq(expected));
+    }
 }

@@ -17,6 +17,7 @@ mod clock;
 mod flash;
 mod host;
 mod ports;
+mod pulses;
 pub mod serve;
 
 use std::cell::RefCell;
@@ -267,9 +268,12 @@ impl VirtualBoard {
         self.clock.now()
     }
 
-    /// The axes are here from now on.
+    /// The axes are here from now on. Trigger pulses that were asked for and are due on
+    /// the way are sent and latched.
     pub fn move_to(&self, positions: Positions) {
-        self.station.move_to(positions);
+        for pulse in self.station.move_to(positions) {
+            self.latch(pulse);
+        }
     }
 
     /// Whether the board enables a scanner's laser.

@@ -14,6 +14,8 @@ use umi_app::board::{
 use umi_app::measure::PIECE;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
 
+use super::pulses::Pulses;
+
 /// What the control sends.
 #[derive(Debug)]
 pub(crate) enum FromControl {
@@ -187,6 +189,7 @@ pub(crate) struct Station(Arc<Mutex<StationState>>);
 #[derive(Debug, Default)]
 struct StationState {
     positions: Positions,
+    pulses: Pulses,
     laser: bool,
 }
 
@@ -195,8 +198,13 @@ impl Station {
         work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    pub fn move_to(&self, positions: Positions) {
-        self.with(|state| state.positions = positions);
+    /// The axes are here from now on. The trigger pulses on the way, as latches.
+    pub fn move_to(&self, positions: Positions) -> Vec<LatchReport> {
+        self.with(|state| {
+            let pulses = state.pulses.between(&state.positions, &positions);
+            state.positions = positions;
+            pulses
+        })
     }
 
     pub fn laser_is_on(&self) -> bool {
@@ -212,10 +220,7 @@ impl Axes for Station {
 
 impl Scanner for Station {
     fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
-        match when {
-            TriggerOut::Off => Ok(()),
-            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(Unsupported),
-        }
+        self.with(|state| state.pulses.ask(when, &state.positions))
     }
 
     fn laser(&mut self, on: bool) -> Result<(), Unsupported> {

@@ -41,12 +41,11 @@ impl<W: Wires> Axes for Machine<W> {
         if let Some(stop) = self.collision(&chain) {
             let before: f64 = ways.iter().take(stop.line).sum();
             let within = ways.get(stop.line).copied().unwrap_or(0.0) * stop.share;
-            self.pass(profile.time_at_s(before + within));
-            self.position = between(&chain, stop.line, stop.share);
+            let rest = between(&chain, stop.line, stop.share);
+            self.go(&chain, &profile, profile.time_at_s(before + within), rest);
             return Err(stop.trip);
         }
-        self.pass(profile.duration_s);
-        self.position = motion.to.mm;
+        self.go(&chain, &profile, profile.duration_s, motion.to.mm);
         self.signal &= self.in_contact(&motion.to.mm);
         Ok(())
     }
@@ -107,16 +106,19 @@ impl<W: Wires> Axes for Machine<W> {
             to
         };
         if let Some((share, trip)) = self.stem_collision(&from, &rest) {
-            self.pass(profile.time_at_s(share * rest_mm));
-            self.position = from + (rest - from) * share;
+            let (until_s, stop) = (
+                profile.time_at_s(share * rest_mm),
+                from + (rest - from) * share,
+            );
+            self.go(&[from, to], &profile, until_s, stop);
             return Err(trip);
         }
 
-        self.pass(edge_s);
+        self.go(&[from, to], &profile, edge_s, latched);
         let at = self.now();
         self.wires.skip(at, counts);
         self.pass(read_s - edge_s + speed / profile.acceleration_mm_per_s2);
-        self.position = rest;
+        self.arrive(rest);
         self.signal = true;
         let hit = Hit {
             body: touch.body,
@@ -223,12 +225,11 @@ impl<W: Wires> Machine<W> {
     fn unseen(&mut self, to: &Vector3<f64>, profile: &Profile) -> Result<Skip, Trip> {
         let from = self.position;
         if let Some((share, trip)) = self.stem_collision(&from, to) {
-            self.pass(profile.time_at_s(share * (to - from).norm()));
-            self.position = from + (to - from) * share;
+            let until_s = profile.time_at_s(share * (to - from).norm());
+            self.go(&[from, *to], profile, until_s, from + (to - from) * share);
             return Err(trip);
         }
-        self.pass(profile.duration_s);
-        self.position = *to;
+        self.go(&[from, *to], profile, profile.duration_s, *to);
         Ok(Skip {
             touched: false,
             stored: Point { mm: *to },

@@ -133,6 +133,40 @@ pub(super) fn between(chain: &[Vector3<f64>], line: usize, share: f64) -> Vector
     }
 }
 
+/// Places on a chain, one after the other.
+pub(super) struct Along<'a> {
+    chain: &'a [Vector3<f64>],
+    line: usize,
+    /// Way up to the line.
+    before_mm: f64,
+}
+
+impl<'a> Along<'a> {
+    pub fn new(chain: &'a [Vector3<f64>]) -> Self {
+        Self {
+            chain,
+            line: 0,
+            before_mm: 0.0,
+        }
+    }
+
+    /// The place after this way, which is not less than the one asked for before.
+    pub fn at(&mut self, way_mm: f64) -> Vector3<f64> {
+        while let (Some(from), Some(to)) =
+            (self.chain.get(self.line), self.chain.get(self.line + 1))
+        {
+            let length = (to - from).norm();
+            if self.before_mm + length >= way_mm {
+                break;
+            }
+            self.before_mm += length;
+            self.line += 1;
+        }
+        let share = share(self.chain, self.line, way_mm - self.before_mm);
+        between(self.chain, self.line, share)
+    }
+}
+
 fn share(way: &[Vector3<f64>], line: usize, way_mm: f64) -> f64 {
     let length = match (way.get(line), way.get(line + 1)) {
         (Some(from), Some(to)) => (to - from).norm(),

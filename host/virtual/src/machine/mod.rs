@@ -60,7 +60,9 @@ use umi_core::units::{Micros, Point};
 use crate::nc::Trip;
 use crate::scene::{Scene, ToolSpec};
 
+use collide::Along;
 pub use encoder::{Edge, Encoder, Signals};
+use motion::Profile;
 use random::Random;
 pub use wires::{Unwired, Wires};
 
@@ -83,6 +85,10 @@ pub struct Machine<W> {
     outputs: [bool; 36],
     hits: Vec<Hit>,
     feed_mm_per_min: f64,
+}
+
+fn micros(seconds: f64) -> Micros {
+    Micros((seconds * 1e6) as u64)
 }
 
 /// What is in the spindle.
@@ -140,8 +146,9 @@ impl<W: Wires> Machine<W> {
     /// noise.
     pub fn new(scene: Scene, seed: u64, wires: W) -> Self {
         let mut random = Random::new(seed);
-        Self {
-            position: Vector3::from(scene.machine.start_mm),
+        let start = Vector3::from(scene.machine.start_mm);
+        let mut machine = Self {
+            position: start,
             poll_phase: random.between(0.0, 1.0),
             random,
             wires,
@@ -153,7 +160,9 @@ impl<W: Wires> Machine<W> {
             hits: Vec::new(),
             feed_mm_per_min: 0.0,
             scene,
-        }
+        };
+        machine.arrive(start);
+        machine
     }
 
     /// What stands on the table.
@@ -236,7 +245,32 @@ impl<W: Wires> Machine<W> {
     }
 
     fn now(&self) -> Micros {
-        Micros((self.seconds * 1e6) as u64)
+        micros(self.seconds)
+    }
+
+    /// The axes move along a chain until then, and rest there.
+    fn go(&mut self, chain: &[Vector3<f64>], profile: &Profile, until_s: f64, rest: Vector3<f64>) {
+        if let Some(step_s) = self.wires.sampling_s().filter(|step_s| *step_s > 0.0) {
+            let mut chain = Along::new(chain);
+            let mut time_s = step_s;
+            while time_s < until_s {
+                let at = chain.at(profile.travelled_mm(time_s));
+                let counts = self.counts(&at);
+                self.wires.moved(micros(self.seconds + time_s), counts);
+                time_s += step_s;
+            }
+        }
+        self.pass(until_s);
+        self.arrive(rest);
+    }
+
+    /// The axes rest there.
+    fn arrive(&mut self, rest: Vector3<f64>) {
+        self.position = rest;
+        if self.wires.sampling_s().is_some() {
+            let (now, counts) = (self.now(), self.counts(&rest));
+            self.wires.moved(now, counts);
+        }
     }
 
     fn pass(&mut self, seconds: f64) {

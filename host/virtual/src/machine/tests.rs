@@ -10,6 +10,8 @@ struct Log {
     skips: Vec<(Micros, [i64; 3])>,
     text: Vec<u8>,
     now: Micros,
+    /// Counts while the axes move, each 10 ms.
+    moved: Vec<(Micros, [i64; 3])>,
 }
 
 impl Wires for Log {
@@ -24,6 +26,13 @@ impl Wires for Log {
     fn time(&mut self, now: Micros) {
         assert!(now >= self.now, "time went back");
         self.now = now;
+    }
+    fn sampling_s(&self) -> Option<f64> {
+        Some(0.01)
+    }
+    fn moved(&mut self, at: Micros, counts: [i64; 3]) {
+        self.time(at);
+        self.moved.push((at, counts));
     }
 }
 
@@ -327,6 +336,45 @@ fn edges_up_to_the_skip_are_its_counts() {
         assert_eq!(last, machine.wires.skips[0].1[axis]);
         let shown = machine.status();
         assert_eq!(shown.signals[axis], encoder.signals(shown.counts[axis]));
+    }
+}
+
+/// Axes in motion are told as they move: at the feed, up to the skip edge and to rest,
+/// and along an arc on its circle.
+#[test]
+fn motion_is_told_as_it_happens() {
+    let mut machine = machine("[machine]\ncounts_per_mm = [1000.0, 1000.0, 1000.0]", 1);
+    skip(&mut machine, [30.0, 0.0, 50.0], 600.0);
+    let samples = std::mem::take(&mut machine.wires.moved);
+    let edge = machine.wires.skips[0];
+    assert!(samples.contains(&edge), "the skip edge itself");
+    assert!(samples.len() > 150, "{}", samples.len());
+    let level = samples.windows(2).filter(|pair| {
+        let [(from, [x, ..]), (to, [after, ..])] = pair else {
+            return false;
+        };
+        // 10 mm/s: 100 counts in 10 ms.
+        to.0 - from.0 == 10_000 && (after - x - 100).abs() <= 1
+    });
+    assert!(level.count() > 140);
+    assert_eq!(samples.last().unwrap().1, machine.status().counts);
+
+    machine.position = nalgebra::Vector3::new(-10.0, 0.0, 50.0);
+    machine.signal = false;
+    let arc = Motion {
+        to: Point::from_mm(-20.0, 10.0, 50.0),
+        path: Path::Arc {
+            center: Point::from_mm(-20.0, 0.0, 50.0),
+            axis: nalgebra::Vector3::z(),
+            sweep: Rad(std::f64::consts::FRAC_PI_2),
+        },
+        rate: Rate::Feed(600.0),
+    };
+    machine.travel(&arc).unwrap();
+    assert!(machine.wires.moved.len() > 100);
+    for (_, [x, y, _]) in &machine.wires.moved {
+        let radius = libm::hypot((x + 20_000) as f64, *y as f64);
+        assert!((radius - 10_000.0).abs() < 8.0, "{radius}");
     }
 }
 

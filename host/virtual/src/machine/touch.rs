@@ -109,8 +109,9 @@ impl<W: Wires> Machine<W> {
         let stored = from + way / length * self.stored_mm(&profile, read_s);
         let (sent_mm, speed) = profile.sent(read_s);
         let braking_mm = speed * speed / (2.0 * profile.acceleration_mm_per_s2);
-        self.pass(read_s + speed / profile.acceleration_mm_per_s2);
-        self.position = from + way / length * (sent_mm + braking_mm).min(length);
+        let until_s = read_s + speed / profile.acceleration_mm_per_s2;
+        let rest = from + way / length * (sent_mm + braking_mm).min(length);
+        self.go(&[from, to], &profile, until_s, rest);
         self.signal = false;
         Ok(Skip {
             touched: true,

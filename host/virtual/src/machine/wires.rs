@@ -15,6 +15,15 @@ pub trait Wires {
 
     /// Nothing else happens until then: time passes.
     fn time(&mut self, now: Micros);
+
+    /// How often [`Self::moved`] is told of axes in motion, seconds; none: never.
+    fn sampling_s(&self) -> Option<f64> {
+        None
+    }
+
+    /// The encoders' counts of X, Y and Z at that instant: when the machine is switched
+    /// on, along a motion and at its end.
+    fn moved(&mut self, _at: Micros, _counts: [i64; 3]) {}
 }
 
 /// Nothing is connected.
