@@ -9,7 +9,7 @@ use umi_core::units::Micros;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
-use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::message::{Event, Identity, Record};
 use umi_protocol::verdict::Verdict;
 use umi_virtual::{Config, HostEnd, VirtualBoard};
@@ -149,6 +149,16 @@ impl Bench {
         self.board.advance(Micros(self.now_us));
     }
 
+    /// The axes are there.
+    pub fn move_to(&self, at: Micros, counts: [i64; 3]) {
+        self.board.move_to(Positions {
+            counts: counts.into_iter().collect(),
+            t_ns: at.0.saturating_mul(1000),
+            illegal: counts.iter().map(|_| 0).collect(),
+            lost_samples: 0,
+        });
+    }
+
     /// The probe's skip line rises and latches the axes.
     ///
     /// # Errors
@@ -186,25 +196,17 @@ impl Bench {
     /// # Errors
     /// The link's.
     pub fn read_program(&mut self) -> Result<Option<String>, Failure> {
-        const DC1: u8 = 0x11;
         let waiting = self.client.status()?.correction_waiting;
         // Where nothing is announced, it is still looked whether something comes.
         let patience = Duration::from_millis(if waiting { 5_000 } else { 100 });
-        self.board.control_sends(&[DC1]);
-        let mut program = String::new();
-        while let Some(byte) = self.board.control_receives(patience) {
-            program.push(char::from(byte & 0x7F));
-            if program.len() > 2 && program.ends_with("%\n") {
-                break;
-            }
-        }
-        let is_last: fn(&Record) -> bool = if program.is_empty() {
+        let program = read_program(&self.board, patience);
+        let is_last: fn(&Record) -> bool = if program.is_none() {
             |record| matches!(record, Record::Bytes { .. })
         } else {
             |record| matches!(record, Record::CorrectionSent { .. })
         };
         self.follow(is_last, &mut |_| Ok(()))?;
-        Ok((!program.is_empty()).then_some(program))
+        Ok(program)
     }
 
     /// Takes events up to a record.
@@ -267,4 +269,19 @@ impl Bench {
             }
         }
     }
+}
+
+/// The control's READ at a board: asks with DC1 and takes the program up to its closing
+/// `%`. None if no byte comes in this time.
+pub fn read_program(board: &VirtualBoard, patience: Duration) -> Option<String> {
+    const DC1: u8 = 0x11;
+    board.control_sends(&[DC1]);
+    let mut program = String::new();
+    while let Some(byte) = board.control_receives(patience) {
+        program.push(char::from(byte & 0x7F));
+        if program.len() > 2 && program.ends_with("%\n") {
+            break;
+        }
+    }
+    (!program.is_empty()).then_some(program)
 }

@@ -13,12 +13,15 @@ use serde_json::{Map, Value, json};
 use umi_core::registration::Distance;
 use umi_protocol::fault::{Counters, Fault, FaultCode};
 use umi_protocol::feature::FeatureResult;
+use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::line::{HitReport, LineReport};
-use umi_protocol::message::{Identity, JournalInfo, Record, Status};
+use umi_protocol::message::{Identity, JournalInfo, Record, ResetReason, Status};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{CorrectionReport, DistanceReport, PlateReason, Verdict};
 
+use crate::axes::Scale;
 use crate::capture::Decision;
+use crate::happening::{Loss, Lost};
 use crate::results::{Amount, Fit, Registered, Rows, Spread, parameters};
 use umi_protocol::feature::Shape;
 
@@ -254,6 +257,75 @@ pub fn hit(hit: &HitReport) -> Value {
     })
 }
 
+/// A latch as an event; its position where the scale is known.
+#[must_use]
+pub fn latch(latch: &LatchReport, scale: &Scale) -> Value {
+    let mut object = object(latch);
+    let mm = scale.position_mm(&latch.counts);
+    object.insert("cause".into(), cause(latch.cause));
+    object.insert("axis".into(), axis(latch.cause));
+    object.insert("position_mm".into(), some(mm));
+    object.insert("type".into(), "latch".into());
+    Value::Object(object)
+}
+
+/// A list, or null if there is nothing in it.
+fn some(list: Vec<f64>) -> Value {
+    if list.is_empty() {
+        Value::Null
+    } else {
+        list.into()
+    }
+}
+
+/// What caused a latch.
+#[must_use]
+pub fn cause(cause: LatchCause) -> Value {
+    match cause {
+        LatchCause::Skip => "skip",
+        LatchCause::Trigger => "trigger",
+        LatchCause::Output => "output",
+        LatchCause::Index { .. } => "index",
+    }
+    .into()
+}
+
+fn axis(cause: LatchCause) -> Value {
+    match cause {
+        LatchCause::Index { axis } => axis.into(),
+        _ => Value::Null,
+    }
+}
+
+/// Something that is missing, as an event.
+#[must_use]
+pub fn loss(loss: &Loss) -> Value {
+    let (of, first) = match loss.what {
+        Lost::Edges(of) => (Some(of), None),
+        Lost::Latches(of, first) => (Some(of), Some(first)),
+        Lost::Counted | Lost::Events | Lost::Bytes => (None, None),
+    };
+    json!({
+        "type": "loss",
+        "what": loss.what.code(),
+        "count": loss.count,
+        "cause": of.map(cause),
+        "axis": of.map(axis),
+        "first_number": first,
+        "t_ns": loss.t_ns,
+    })
+}
+
+/// Where the axes are and what they counted wrong.
+#[must_use]
+pub fn positions(positions: &Positions, scale: &Scale) -> Value {
+    let mut object = object(positions);
+    let mm = scale.position_mm(&positions.counts);
+    object.insert("position_mm".into(), some(mm));
+    object.insert("origin_known".into(), scale.has_origin().into());
+    Value::Object(object)
+}
+
 /// A journal entry as an event: the record's own fields behind `seq` and `t_us`.
 #[must_use]
 pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
@@ -273,8 +345,8 @@ fn record(record: &Record) -> Value {
     match record {
         Record::Boot {
             identity: of,
-            reset,
-        } => json!({"type": "boot", "identity": identity(of), "reset": reset}),
+            reset: why,
+        } => json!({"type": "boot", "identity": identity(of), "reset": reset(*why)}),
         Record::Recovered {
             torn_bytes,
             damaged_entries,
@@ -313,13 +385,10 @@ fn record(record: &Record) -> Value {
             "bytes": bytes,
             "complete": complete,
         }),
-        Record::Latch(latch) => {
-            let mut object = object(latch);
-            object.insert("type".into(), "latch".into());
-            Value::Object(object)
-        }
+        Record::Latch(of) => latch(of, &Scale::default()),
         Record::Scan(scan) => {
             let mut object = object(scan);
+            object.insert("cause".into(), cause(scan.cause));
             object.insert("type".into(), "scan".into());
             Value::Object(object)
         }
@@ -340,8 +409,23 @@ pub fn identity(identity: &Identity) -> Value {
 #[must_use]
 pub fn status(status: &Status) -> Value {
     let mut object = object(status);
+    object.insert("reset".into(), reset(status.reset));
     object.insert("counters".into(), counters(&status.counters));
     Value::Object(object)
+}
+
+/// Why a board started.
+fn reset(reason: ResetReason) -> Value {
+    match reason {
+        ResetReason::Unknown => "unknown",
+        ResetReason::PowerOn => "power_on",
+        ResetReason::BrownOut => "brown_out",
+        ResetReason::Pin => "pin",
+        ResetReason::Watchdog => "watchdog",
+        ResetReason::Software => "software",
+        ResetReason::Panic => "panic",
+    }
+    .into()
 }
 
 /// The receiver's counters; faults by their name.

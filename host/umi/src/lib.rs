@@ -1,14 +1,18 @@
 //! The openumi host library.
 
 pub mod audit;
+pub mod axes;
 pub mod capture;
 pub mod experiment;
 pub mod failure;
 pub mod gather;
+pub mod happening;
+pub mod interrupt;
 pub mod jobfile;
 pub mod jobtext;
 pub mod json;
 pub mod link;
+pub mod live;
 pub mod points;
 pub mod port;
 pub mod pull;

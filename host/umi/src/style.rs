@@ -7,7 +7,8 @@
 use std::fmt::{self, Display};
 use std::io::{self, Write as _};
 
-use anstyle::{AnsiColor, Effects, Style};
+pub use anstyle::Style;
+use anstyle::{AnsiColor, Effects};
 
 use crate::failure::Failure;
 
@@ -23,6 +24,12 @@ pub const TITLE: Style = Style::new().effects(Effects::BOLD);
 pub const FAINT: Style = Style::new().effects(Effects::DIMMED);
 /// Ordinary text.
 pub const PLAIN: Style = Style::new();
+
+/// For a number of things that were lost.
+#[must_use]
+pub fn loss_style(lost: impl Into<u64>) -> Style {
+    if lost.into() > 0 { BAD } else { PLAIN }
+}
 
 /// Text in a style.
 #[must_use]

@@ -9,8 +9,9 @@ use serialport::SerialPort;
 use umi_core::units::Micros;
 use umi_virtual::machine::Wires;
 
-use crate::capture::{Bench, Decision};
+use crate::capture::{self, Bench, Decision};
 use crate::failure::Failure;
+use crate::live::{self, Live};
 
 /// The control's READ: it asks with DC1.
 const DC1: u8 = 0x11;
@@ -24,6 +25,8 @@ pub enum Lead {
     Nowhere,
     /// To a virtual board: serial line, skip line and encoders.
     Board(Box<Bench>),
+    /// To a virtual board that others watch, as fast as a machine is.
+    Live(Box<Live>),
     /// To a serial port: the serial line alone.
     Line(Box<dyn Line>),
 }
@@ -105,7 +108,7 @@ impl Wiring {
     pub fn bench(&mut self) -> Option<&mut Bench> {
         match &mut self.lead {
             Lead::Board(bench) => Some(bench),
-            Lead::Nowhere | Lead::Line(_) => None,
+            Lead::Nowhere | Lead::Live(_) | Lead::Line(_) => None,
         }
     }
 
@@ -114,7 +117,7 @@ impl Wiring {
     pub fn into_bench(self) -> Option<Bench> {
         match self.lead {
             Lead::Board(bench) => Some(*bench),
-            Lead::Nowhere | Lead::Line(_) => None,
+            Lead::Nowhere | Lead::Live(_) | Lead::Line(_) => None,
         }
     }
 
@@ -127,6 +130,7 @@ impl Wiring {
         match &mut self.lead {
             Lead::Nowhere => Ok(None),
             Lead::Board(bench) => bench.read_program(),
+            Lead::Live(live) => Ok(capture::read_program(live.board(), PATIENCE)),
             Lead::Line(line) => read_program(line.as_mut()),
         }
     }
@@ -158,6 +162,10 @@ impl Wires for Wiring {
                         Ok(())
                     })
                 }
+                Lead::Live(live) => {
+                    live.serial(at, bytes);
+                    Ok(())
+                }
                 Lead::Line(line) => line
                     .write_all(bytes)
                     .and_then(|()| line.flush())
@@ -171,14 +179,39 @@ impl Wires for Wiring {
             keep(Event::Skip(at, counts));
             match lead {
                 Lead::Board(bench) => bench.latch(at, counts),
+                Lead::Live(live) => {
+                    live.skip(at, counts);
+                    Ok(())
+                }
                 Lead::Nowhere | Lead::Line(_) => Ok(()),
             }
         });
     }
 
     fn time(&mut self, now: Micros) {
-        if let Lead::Board(bench) = &mut self.lead {
-            bench.advance(now);
+        match &mut self.lead {
+            Lead::Board(bench) => bench.advance(now),
+            Lead::Live(live) => {
+                live.wait_until(now);
+            }
+            Lead::Nowhere | Lead::Line(_) => {}
+        }
+    }
+
+    fn sampling_s(&self) -> Option<f64> {
+        match &self.lead {
+            // Nobody watches it.
+            Lead::Board(_) => Some(0.1),
+            Lead::Live(_) => Some(live::SAMPLING.as_secs_f64()),
+            Lead::Nowhere | Lead::Line(_) => None,
+        }
+    }
+
+    fn moved(&mut self, at: Micros, counts: [i64; 3]) {
+        match &mut self.lead {
+            Lead::Board(bench) => bench.move_to(at, counts),
+            Lead::Live(live) => live.moved(at, counts),
+            Lead::Nowhere | Lead::Line(_) => {}
         }
     }
 }

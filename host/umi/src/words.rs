@@ -2,13 +2,17 @@
 
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::latch::{LatchCause, Scan};
+use umi_protocol::job::Approach;
+use umi_protocol::latch::{LatchCause, LatchReport, Scan};
+use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Record, ResetReason};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
+use crate::axes::{self, Scale};
+use crate::happening::{Loss, Lost};
 use crate::results::{Amount, Unit, parameters};
-use crate::style::{BAD, CAUTION, FAINT, GOOD, count, paint};
+use crate::style::{BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, paint};
 
 /// A time on the board's clock: since it started.
 #[must_use]
@@ -101,27 +105,7 @@ pub fn record(record: &Record) -> String {
             BAD,
             format_args!("correction of plate {plate} broke off after {bytes} bytes"),
         ),
-        Record::Latch(latch) => {
-            let cause = match latch.cause {
-                LatchCause::Skip => "probe".to_owned(),
-                LatchCause::Trigger => "trigger".to_owned(),
-                LatchCause::Output => "trigger pulse".to_owned(),
-                LatchCause::Index { axis } => format!("index mark of axis {}", axis + 1),
-            };
-            let missed = match latch.missed {
-                0 => String::new(),
-                n => paint(
-                    BAD,
-                    format_args!(", {} before it lost", count(n.into(), "edge")),
-                ),
-            };
-            format!(
-                "latch {} by {cause} at {}: counts {:?}{missed}",
-                latch.number,
-                clock(latch.t_ns / 1000),
-                latch.counts.as_slice()
-            )
-        }
+        Record::Latch(of) => latch(of, &Scale::default()),
         Record::Scan(of) => scan(of),
     }
 }
@@ -138,6 +122,139 @@ pub const fn reset(reason: ResetReason) -> &'static str {
         ResetReason::Software => " by itself",
         ResetReason::Panic => " after a failure of the firmware",
     }
+}
+
+/// Whether a start is one to look into.
+#[must_use]
+pub const fn reset_style(reason: ResetReason) -> Style {
+    match reason {
+        ResetReason::Watchdog | ResetReason::Panic => BAD,
+        ResetReason::BrownOut => CAUTION,
+        _ => PLAIN,
+    }
+}
+
+/// What caused a latch.
+#[must_use]
+pub fn cause(cause: LatchCause) -> String {
+    match cause {
+        LatchCause::Skip => "probe".into(),
+        LatchCause::Trigger => "trigger".into(),
+        LatchCause::Output => "trigger pulse".into(),
+        LatchCause::Index { axis } => format!("index mark of {}", axis_name(axis)),
+    }
+}
+
+fn axis_name(axis: u8) -> String {
+    let name = axes::NAMES.get(usize::from(axis));
+    name.map_or_else(|| format!("axis {axis}"), |name| name.to_uppercase())
+}
+
+/// A latch, in millimetres too where the scale is known.
+#[must_use]
+pub fn latch(latch: &LatchReport, scale: &Scale) -> String {
+    let missed = match latch.missed {
+        0 => String::new(),
+        n => paint(
+            BAD,
+            format_args!(", {} before it lost", count(n.into(), "edge")),
+        ),
+    };
+    let mm = scale.position_mm(&latch.counts);
+    let mm = if mm.is_empty() {
+        String::new()
+    } else {
+        let mm: Vec<String> = mm.iter().map(|mm| format!("{mm:.4}")).collect();
+        format!("({}) mm, ", mm.join(", "))
+    };
+    format!(
+        "latch {} by {} at {}: {mm}counts {:?}{missed}",
+        latch.number,
+        cause(latch.cause),
+        clock(latch.t_ns / 1000),
+        latch.counts.as_slice()
+    )
+}
+
+/// A line from the control.
+#[must_use]
+pub fn line(line: &LineReport) -> String {
+    let (style, status) = match line.status {
+        LineStatus::Matched => (GOOD, "with data"),
+        LineStatus::Separator => (FAINT, "separator"),
+        LineStatus::Program => (FAINT, "of a program"),
+        LineStatus::NotUnderstood => (CAUTION, "not understood"),
+        LineStatus::Damaged => (BAD, "damaged"),
+    };
+    format!(
+        "line {} {}: \"{}\"",
+        line.number,
+        paint(style, status),
+        line.text
+    )
+}
+
+/// A hit as the control reported it.
+#[must_use]
+pub fn hit(hit: &HitReport) -> String {
+    let [x, y, z] = hit.position_mm;
+    let mut text = "hit".to_owned();
+    if let Some(feature) = &hit.feature {
+        text += &format!(" on {feature}");
+    }
+    text += &format!(" at ({x:.4}, {y:.4}, {z:.4}) mm");
+    if let Some(approach) = hit.approach {
+        text += &format!(", moving {}", self::approach(approach));
+    }
+    if let Some(feed) = hit.feed_mm_per_min {
+        text += &format!(", feed {feed:.0} mm/min");
+    }
+    text
+}
+
+/// A direction of motion.
+#[must_use]
+pub const fn approach(approach: Approach) -> &'static str {
+    match approach {
+        Approach::PlusX => "+x",
+        Approach::MinusX => "-x",
+        Approach::PlusY => "+y",
+        Approach::MinusY => "-y",
+        Approach::PlusZ => "+z",
+        Approach::MinusZ => "-z",
+    }
+}
+
+/// Something that is missing.
+#[must_use]
+pub fn loss(loss: &Loss) -> String {
+    let n = u64::from(loss.count);
+    let what = match loss.what {
+        Lost::Edges(of) => format!(
+            "{} of {} came and could not be captured",
+            count(n, "edge"),
+            cause(of)
+        ),
+        Lost::Latches(of, first) => format!(
+            "{} by {} from number {first} on did not arrive",
+            plural(n, "latch", "latches"),
+            cause(of)
+        ),
+        Lost::Counted => format!(
+            "{} more, by the board's counters",
+            plural(n, "edge or latch", "edges or latches")
+        ),
+        Lost::Events => format!(
+            "{} did not arrive; the journal has the records",
+            count(n, "event")
+        ),
+        Lost::Bytes => format!("{} from the control", count(n, "byte")),
+    };
+    format!("{} {what}", paint(BAD, "lost:"))
+}
+
+fn plural(n: u64, one: &str, many: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { many })
 }
 
 fn scan(scan: &Scan) -> String {

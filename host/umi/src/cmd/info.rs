@@ -2,12 +2,16 @@
 
 use clap::Args;
 use serde_json::json;
+use umi::axes::{NAMES, Scale};
 use umi::failure::Failure;
 use umi::json;
-use umi::style::{BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, paint, print, print_json};
-use umi::words::{clock, reset};
+use umi::style::{
+    BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, loss_style, paint, print, print_json,
+};
+use umi::words::{clock, reset, reset_style};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
+use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{Identity, JournalInfo, Status};
 
 use super::{Board, Format};
@@ -37,6 +41,8 @@ impl Info {
         let identity = board.identity()?;
         let status = board.status()?;
         let journal = board.journal_info()?;
+        let positions = board.positions()?;
+        let scale = Scale::of(board.job()?.job.as_ref());
         if self.format.json {
             return print_json(&json!({
                 "board": json::identity(&identity),
@@ -44,10 +50,14 @@ impl Info {
                 "schema": format!("{KEY:016x}"),
                 "umi": env!("CARGO_PKG_VERSION"),
                 "status": json::status(&status),
+                "positions": json::positions(&positions, &scale),
                 "journal": json::journal_info(&journal),
             }));
         }
-        print(&text(&identity, &status, journal))
+        print(&text(&identity, &status, journal))?;
+        print(&axes(&positions, &scale))?;
+        print(&latches(status.latches))?;
+        print(&received(&status))
     }
 }
 
@@ -64,13 +74,14 @@ fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
         "protocol".to_owned(),
         format!("{VERSION}, the same as this umi {umi}"),
     ]);
-    table.row([
-        "running for".to_owned(),
-        format!(
-            "{}, started{}",
-            clock(status.uptime_us),
-            reset(status.reset)
-        ),
+    let started = format!(
+        "{}, started{}",
+        clock(status.uptime_us),
+        reset(status.reset)
+    );
+    table.styled([
+        (PLAIN, "running for".to_owned()),
+        (reset_style(status.reset), started),
     ]);
     table.row(["job", status.job.as_deref().unwrap_or("none")]);
     let reference = if status.has_reference {
@@ -83,7 +94,56 @@ fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
     table.row(["journal".to_owned(), entries(journal)]);
     losses(&mut table, status);
     let title = paint(TITLE, format_args!("board {board}, serial number {serial}"));
-    format!("{title}\n\n{table}\n{}", received(status))
+    format!("{title}\n\n{table}")
+}
+
+/// Where the axes are and what their encoders counted wrong.
+fn axes(positions: &Positions, scale: &Scale) -> String {
+    if positions.counts.is_empty() {
+        return format!("\n{}\n", paint(FAINT, "  no axes"));
+    }
+    let mm = if scale.has_origin() {
+        "mm, control's coordinates"
+    } else {
+        "mm from counter 0"
+    };
+    let mut table = Table::new("<>>>").titles(&["axis", "counts", mm, "illegal transitions"]);
+    for (axis, counts) in positions.counts.iter().enumerate() {
+        let illegal = positions.illegal.get(axis).copied().unwrap_or(0);
+        let mm = scale
+            .mm(axis, *counts)
+            .map_or("?".into(), |mm| format!("{mm:.4}"));
+        let name = NAMES.get(axis).map(|name| name.to_uppercase());
+        table.styled([
+            (PLAIN, name.unwrap_or_default()),
+            (PLAIN, counts.to_string()),
+            (PLAIN, mm),
+            (loss_style(illegal), illegal.to_string()),
+        ]);
+    }
+    let lost = positions.lost_samples;
+    let samples = format!("  times at which the board could not keep up: {lost}");
+    format!("\n{table}{}\n", paint(loss_style(lost), samples))
+}
+
+/// What was captured and lost.
+fn latches(latches: LatchCounters) -> String {
+    let mut table = Table::new("<>").titles(&["latches", "count"]);
+    for (name, n) in [
+        ("probe", latches.skips),
+        ("trigger", latches.triggers),
+        ("trigger pulses sent", latches.outputs),
+        ("index marks", latches.indices),
+    ] {
+        table.row([name.to_owned(), n.to_string()]);
+    }
+    for (name, n) in [
+        ("edges missed", latches.missed),
+        ("captured, not told to the host", latches.untold),
+    ] {
+        table.styled([(PLAIN, name.to_owned()), (loss_style(n), n.to_string())]);
+    }
+    format!("\n{table}\n")
 }
 
 fn verdicts(table: &mut Table, status: &Status) {
@@ -117,8 +177,6 @@ fn losses(table: &mut Table, status: &Status) {
         ("events not sent", status.events_dropped),
         ("journal failures", status.journal_failures),
         ("damaged frames from here", status.link_damaged),
-        ("latches missed", status.latches.missed),
-        ("triggers not sent", status.latches.untold),
     ] {
         if lost > 0 {
             table.styled([(PLAIN, name.to_owned()), (BAD, lost.to_string())]);

@@ -1,6 +1,7 @@
 //! The commands: one file each, with options, help and what is done.
 
 mod demo;
+mod events;
 mod fit;
 mod info;
 mod job;
@@ -24,6 +25,7 @@ pub enum Command {
     Job(job::Job),
     Info(info::Info),
     Log(log::Log),
+    Events(events::Events),
     Machine(machine::Machine),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
@@ -40,6 +42,7 @@ impl Command {
             Self::Job(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
+            Self::Events(command) => command.run(),
             Self::Machine(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
@@ -55,6 +58,7 @@ impl Command {
             Self::Job(command) => command.json(),
             Self::Info(command) => command.format.json,
             Self::Log(command) => command.format.json,
+            Self::Events(command) => command.format.json,
             Self::Machine(command) => command.json(),
             Self::Virtual(command) => command.format.json,
         }

@@ -50,7 +50,8 @@ then, in other terminals, with the addresses that it prints:
 The control asks for the correction program with DC1 (READ), as in
   printf '\\021' > /dev/pts/3; cat /dev/pts/3";
 
-fn place(text: &str) -> Result<Place, String> {
+/// Where a port is to be.
+pub fn place(text: &str) -> Result<Place, String> {
     match text.split_once(':') {
         None if text == "pty" => Ok(Place::Pty),
         Some(("tcp", port)) => match port.parse() {

@@ -91,6 +91,14 @@ impl Wires for Ear {
     fn time(&mut self, now: Micros) {
         self.board.time(now);
     }
+
+    fn sampling_s(&self) -> Option<f64> {
+        self.board.sampling_s()
+    }
+
+    fn moved(&mut self, at: Micros, counts: [i64; 3]) {
+        self.board.moved(at, counts);
+    }
 }
 
 #[cfg(test)]

@@ -11,9 +11,9 @@ use umi_protocol::fault::{Counters, FaultCode};
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
-use umi_protocol::latch::LatchCounters;
+use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{
-    Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
+    Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
 
 /// What the board answers.
@@ -29,6 +29,13 @@ pub struct Board {
     pub entries: Vec<Vec<u8>>,
     /// Chain values after each entry.
     pub chains: Vec<Chain>,
+    /// What it reports when reports are switched on.
+    pub events: Vec<Event>,
+    pub positions: Positions,
+    pub latches: LatchCounters,
+    pub reset: ResetReason,
+    /// Whether it has outputs for a scanner.
+    pub scanner: bool,
 }
 
 fn name(text: &str) -> umi_protocol::job::Name {
@@ -58,6 +65,11 @@ impl Board {
             },
             entries: Vec::new(),
             chains: Vec::new(),
+            events: Vec::new(),
+            positions: Positions::default(),
+            latches: LatchCounters::default(),
+            reset: ResetReason::PowerOn,
+            scanner: true,
         };
         let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
         for record in [
@@ -127,7 +139,14 @@ impl Board {
             while let Some(frame) = decoder.next_frame(&mut rest) {
                 let sequence = frame.sequence;
                 let answer = match (frame.kind, frame.open::<Request>()) {
-                    (Kind::Request, Ok(request)) => bytes(sequence, &self.answer(request)),
+                    (Kind::Request, Ok(request)) => {
+                        let tell = matches!(request, Request::LiveSet { on: true });
+                        let mut answer = bytes(sequence, &self.answer(request));
+                        for (number, event) in (0..).zip(&self.events).filter(|_| tell) {
+                            answer.extend(bytes(number, event));
+                        }
+                        answer
+                    }
                     _ => bytes(sequence, &self.hello),
                 };
                 if stream.write_all(&answer).is_err() {
@@ -172,6 +191,11 @@ impl Board {
                 },
                 None => Response::JournalNoEntry(self.info()),
             },
+            Request::PositionsGet => Response::Positions(self.positions.clone()),
+            Request::VerdictGet => Response::Verdict(None),
+            Request::TriggerOutSet(_) | Request::LaserSet { .. } if !self.scanner => {
+                Response::NotOnThisBoard
+            }
             _ => Response::Done,
         }
     }
@@ -193,9 +217,9 @@ impl Board {
             counters,
             events_dropped: 0,
             journal_failures: 0,
-            reset: ResetReason::PowerOn,
+            reset: self.reset,
             link_damaged: 0,
-            latches: LatchCounters::default(),
+            latches: self.latches,
         }
     }
 }

@@ -3,6 +3,8 @@
 use std::fs;
 
 use umi_protocol::hello::{Hello, VERSION, Version};
+use umi_protocol::latch::Positions;
+use umi_protocol::message::ResetReason;
 
 use crate::board::Board;
 use crate::run::{Folder, project, umi, umi_with};
@@ -27,6 +29,41 @@ fn info_says_who_and_what() {
     assert_eq!(value["status"]["verdicts"], 3);
     assert_eq!(value["status"]["counters"]["faults"]["bad_parity"], 1);
     assert_eq!(value["journal"]["next_seq"], 5);
+}
+
+/// What the axes and latches have lost is shown, and that the firmware hung.
+#[test]
+fn info_shows_the_health_of_the_axes() {
+    let mut board = Board::new(0);
+    board.positions = Positions {
+        counts: [1_234_567, -5].into_iter().collect(),
+        t_ns: 7,
+        illegal: [0, 17].into_iter().collect(),
+        lost_samples: 3,
+    };
+    board.latches.skips = 41;
+    board.latches.untold = 29;
+    board.reset = ResetReason::Watchdog;
+    let port = board.serve();
+    let text = umi(&["info", "--port", &port]).exits(0).out;
+    let line = |begin: &str| {
+        let line = text.lines().find(|line| line.trim().starts_with(begin));
+        let line = line.unwrap_or_else(|| panic!("no {begin:?} in\n{text}"));
+        line.split_whitespace()
+            .skip(1)
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    assert_eq!(line("X "), "1234567 ? 0");
+    assert_eq!(line("Y "), "-5 ? 17");
+    assert_eq!(line("probe"), "41");
+    assert!(line("times at which").ends_with("could not keep up: 3"));
+    assert!(line("captured").ends_with(" 29"));
+    assert!(line("running for").contains("by its watchdog: the firmware hung"));
+    let value = umi(&["info", "--port", &port, "--json"]).exits(0).json();
+    assert_eq!(value["positions"]["illegal"][1], 17);
+    assert_eq!(value["status"]["reset"], "watchdog");
+    assert_eq!(value["status"]["latches"]["untold"], 29);
 }
 
 /// The address may come from the environment; an option goes before it.
@@ -89,7 +126,7 @@ fn a_pulled_journal_lists_like_the_board() {
     let from_file = umi(&["log", &file]).exits(0).out;
     assert_eq!(from_board, from_file);
     for words in [
-        "0  0:00:00.000000  started: board test 0042, firmware 0.1.0",
+        "0  0:00:00.000000  started by power: board test 0042, firmware 0.1.0",
         r#"received 18 bytes: "SPHERE1\r\n-135.0190""#,
         "3 bytes lost before the receiver",
         "entries 0 to 4: verified",

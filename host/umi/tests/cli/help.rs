@@ -41,6 +41,7 @@ fn every_command_shows_examples() {
         "job set",
         "info",
         "log",
+        "events",
         "machine run",
         "machine check",
     ] {

@@ -3,6 +3,7 @@
 mod board;
 mod connected;
 mod demo;
+mod events;
 mod fits;
 mod help;
 mod input;

@@ -87,6 +87,50 @@ pub fn umi_reads(input: &[u8], args: &[&str]) -> Ran {
     ran(child.wait_with_output().unwrap())
 }
 
+/// A virtual machine that runs a program, as slow as a machine, in front of a virtual
+/// board that may be watched. Ends with this value.
+pub struct Machine {
+    child: std::process::Child,
+    /// The port of the board's host.
+    pub port: String,
+}
+
+impl Machine {
+    /// Runs a program on the example's machine.
+    pub fn start(folder: &Folder, program: &str) -> Self {
+        use std::io::{BufRead as _, BufReader};
+        let program = folder.file("live.nc", program);
+        let (scene, job) = (
+            project("examples/scenes/three-spheres.toml"),
+            project("examples/three-spheres-witnessed.toml"),
+        );
+        let mut child = command(&["machine", "run", &program, "--scene", &scene])
+            .args(["--board", "virtual", "--job", &job])
+            .args(["--usb", "tcp:0", "--json"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        out.read_line(&mut line).unwrap();
+        // Somebody must read the rest.
+        std::thread::spawn(move || std::io::copy(&mut out, &mut std::io::sink()));
+        let line: Value = serde_json::from_str(&line).unwrap();
+        Self {
+            child,
+            port: line["usb"].as_str().unwrap().to_owned(),
+        }
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
 /// A folder of its own for one test, removed at its end.
 pub struct Folder(PathBuf);
 

@@ -11,6 +11,7 @@ use umi::capture::{Bench, Decision};
 use umi::failure::{Explained, Failure};
 use umi::gather::Gather;
 use umi::jobfile;
+use umi::live::Live;
 use umi::points::{name, text};
 use umi::report::terminal;
 use umi::style::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
@@ -20,10 +21,12 @@ use umi_virtual::cutting::{BallNose, CrashCause, Cutter, CylinderArc, Deviations
 use umi_virtual::machine::Machine;
 use umi_virtual::nc::{Alarm, State, Step};
 use umi_virtual::scene::{Scene, ToolSpec};
+use umi_virtual::serve::Place;
 
 use super::floor::Floor;
 use super::show;
 use crate::cmd::Format;
+use crate::cmd::virtual_board::place;
 
 /// Runs NC programs on a virtual machine tool
 #[derive(Args)]
@@ -48,6 +51,10 @@ pub struct Run {
     /// The job of the virtual board
     #[arg(long, value_name = "FILE", required_if_eq("board", "virtual"))]
     job: Option<PathBuf>,
+    /// Open the virtual board's host port, `pty` or `tcp:PORT` (0: any free one), for
+    /// `umi watch` and `umi events`; it runs as slow as the machine would be
+    #[arg(long, value_name = "PLACE", requires = "job", value_parser = place)]
+    usb: Option<Place>,
     /// READ after each program: the board's correction program is loaded, if there is one
     #[arg(long, requires = "board")]
     read: bool,
@@ -69,12 +76,14 @@ Hits, serial traffic and the board's decisions are printed as they come; on a te
 the last line shows the block, position and feed. Programs that call macros need --load.
 A body of the scene with `cuttable = true` is cut by ball-nose tools and measured at the end.
 With --read the next program runs only after an OK verdict. Exit status 2: an alarm, a
-verdict NG or none; verdicts of a board on a port are not seen (ask it with umi info).
+verdict NG or none; verdicts of a board on a port, and of one that others watch (--usb),
+are not seen (ask it with umi info).
 
 Examples:
   umi machine run probe.nc --scene scene.toml --load hw/control/fanuc/*.nc
   umi machine run probe.nc --scene scene.toml --board virtual --job examples/three-spheres.toml
   umi machine run probe.nc cut.nc --scene scene.toml --board virtual --job job.toml --read
+  umi machine run probe.nc --scene scene.toml --board virtual --job job.toml --usb tcp:5053
   umi machine run probe.nc --scene scene.toml --board /dev/ttyUSB0 --real-time
   umi machine run probe.nc --scene scene.toml --set 101=-135 --set 102=-137 --load sub.nc
   umi machine run probe.nc --scene scene.toml --serial session.txt --json";
@@ -193,18 +202,41 @@ impl Run {
 
     fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<Gather>), Failure> {
         match self.board.as_deref() {
+            Some(board) if self.usb.is_some() && board != "virtual" => Err(Failure::trouble(
+                "usage",
+                "--usb opens a port of the virtual board: it needs --board virtual",
+            )),
             None => Ok((Wiring::new(Lead::Nowhere), None)),
             Some("virtual") => {
                 let Some(path) = &self.job else {
                     return Err(Failure::trouble("usage", "--board virtual needs --job"));
                 };
                 let job = jobfile::load(path)?;
+                if let Some(usb) = &self.usb {
+                    let control = &scene.control;
+                    let character = Duration::from_secs(1) * control.bits / control.baud;
+                    let live = Live::new(&job, character, usb)?;
+                    self.say_where(&live.address)?;
+                    return Ok((Wiring::new(Lead::Live(Box::new(live))), None));
+                }
                 let gather = Gather::new("Virtual machine", "", &job, None);
                 let bench = Bench::new(&job)?;
                 Ok((Wiring::new(Lead::Board(Box::new(bench))), Some(gather)))
             }
             Some(address) => Ok((Wiring::to_port(address, scene.control.baud)?, None)),
         }
+    }
+}
+
+impl Run {
+    fn say_where(&self, address: &str) -> Result<(), Failure> {
+        if self.format.json {
+            return print_json(&json!({ "type": "board", "usb": address }));
+        }
+        print(&format!(
+            "{}  host {address}   (umi watch --port {address})\n",
+            paint(TITLE, "virtual board"),
+        ))
     }
 }
 

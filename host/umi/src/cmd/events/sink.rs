@@ -1,0 +1,295 @@
+//! Where happenings go: terminal or file, as text, JSON or table.
+
+use std::fs::File;
+use std::io::{BufWriter, IsTerminal as _, Write};
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use umi::axes::{NAMES, Scale};
+use umi::failure::Failure;
+use umi::happening::{Happening, Loss, Lost};
+use umi::pull::Unreadable;
+use umi::style::{CAUTION, FAINT, paint, print};
+use umi::{json, words};
+
+use super::{Events, Kind, kind};
+
+/// The columns of a table. Documented in the help text.
+const COLUMNS: &str = "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,\
+    axis5_counts,axis6_counts,x_mm,y_mm,z_mm,lost\n";
+
+/// Where happenings go.
+pub struct Sink {
+    form: Form,
+    only: Vec<Kind>,
+    most: Option<u64>,
+    file: Option<(PathBuf, BufWriter<File>)>,
+    bar: ProgressBar,
+    /// How counts become millimetres.
+    pub scale: Scale,
+    /// How many were shown, without losses.
+    pub shown: u64,
+    lost: u64,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Text,
+    Json,
+    Table,
+}
+
+impl Sink {
+    /// As the options say.
+    ///
+    /// # Errors
+    /// The file is there already, or cannot be written.
+    pub fn open(options: &Events) -> Result<Self, Failure> {
+        let form = match (options.format.json, options.csv) {
+            (true, _) => Form::Json,
+            (false, true) => Form::Table,
+            (false, false) => Form::Text,
+        };
+        let only = if form == Form::Table {
+            vec![Kind::Latches]
+        } else {
+            options.only.clone()
+        };
+        let mut file = None;
+        if let Some(path) = &options.output {
+            if path.exists() && !options.force {
+                return Err(Failure::trouble(
+                    "file",
+                    format_args!(
+                        "{} is there already: give another name, or --force to replace it",
+                        path.display()
+                    ),
+                ));
+            }
+            let opened =
+                File::create(path).map_err(|error| Failure::file("write", path, &error))?;
+            file = Some((path.clone(), BufWriter::new(opened)));
+        }
+        let bar = if file.is_some() && std::io::stderr().is_terminal() {
+            let style = ProgressStyle::with_template("{spinner} {elapsed} {msg}");
+            ProgressBar::new_spinner()
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        } else {
+            ProgressBar::hidden()
+        };
+        let mut sink = Self {
+            form,
+            only,
+            most: options.count,
+            file,
+            bar,
+            scale: Scale::default(),
+            shown: 0,
+            lost: 0,
+        };
+        if form == Form::Table {
+            sink.write(COLUMNS)?;
+        }
+        Ok(sink)
+    }
+
+    /// As many as were wanted have been shown.
+    pub fn full(&self) -> bool {
+        self.most.is_some_and(|most| self.shown >= most)
+    }
+
+    /// Shows what `happen` tells.
+    ///
+    /// # Errors
+    /// Nobody takes it any more.
+    pub fn take(&mut self, happen: impl FnOnce(&mut dyn FnMut(Happening))) -> Result<(), Failure> {
+        let mut text = String::new();
+        happen(&mut |happening| self.show(&happening, &mut text));
+        self.write(&text)
+    }
+
+    fn show(&mut self, happening: &Happening, text: &mut String) {
+        match kind(happening) {
+            None => {
+                if let Happening::Loss(loss) = happening {
+                    self.lost += u64::from(loss.count);
+                }
+            }
+            Some(kind) => {
+                let wanted = self.only.is_empty() || self.only.contains(&kind);
+                if !wanted || self.full() {
+                    return;
+                }
+                self.shown += 1;
+            }
+        }
+        let line = match self.form {
+            Form::Text => in_words(happening, &self.scale),
+            Form::Json => in_json(happening, &self.scale),
+            Form::Table => row(happening, &self.scale),
+        };
+        text.push_str(&line);
+    }
+
+    /// An entry of the journal that this version cannot read.
+    ///
+    /// # Errors
+    /// As [`Self::take`].
+    pub fn unreadable(&mut self, seq: u64, t_us: u64, what: Unreadable) -> Result<(), Failure> {
+        match self.form {
+            Form::Text => self.write(&line(Some(t_us), &paint(CAUTION, what))),
+            Form::Json => {
+                let value = json!({
+                    "seq": seq,
+                    "t_us": t_us,
+                    "type": "unreadable",
+                    "kind": what.kind,
+                    "message": what.to_string(),
+                });
+                self.write(&format!("{value}\n"))
+            }
+            Form::Table => Ok(()),
+        }
+    }
+
+    fn write(&mut self, text: &str) -> Result<(), Failure> {
+        let Some((path, file)) = &mut self.file else {
+            return if text.is_empty() { Ok(()) } else { print(text) };
+        };
+        // Colours are for terminals only.
+        let plain = anstream::adapter::strip_str(text).to_string();
+        file.write_all(plain.as_bytes())
+            .map_err(|error| Failure::file("write", path, &error))?;
+        let lost = match self.lost {
+            0 => "nothing lost".to_owned(),
+            n => format!("{n} LOST"),
+        };
+        self.bar
+            .set_message(format!("{} recorded, {lost}", self.shown));
+        Ok(())
+    }
+
+    /// What was written is in the file.
+    ///
+    /// # Errors
+    /// The file's.
+    pub fn flush(&mut self) -> Result<(), Failure> {
+        self.bar.tick();
+        match &mut self.file {
+            Some((path, file)) => file
+                .flush()
+                .map_err(|error| Failure::file("write", path, &error)),
+            None => Ok(()),
+        }
+    }
+
+    /// Ends it.
+    ///
+    /// # Errors
+    /// The file's.
+    pub fn close(&mut self) -> Result<(), Failure> {
+        let flushed = self.flush();
+        self.bar.finish_and_clear();
+        flushed
+    }
+
+    /// Where it went, as an addition to a sentence.
+    pub fn where_to(&self) -> String {
+        let path = self.file.as_ref().map(|(path, _)| path.display());
+        path.map_or(String::new(), |path| format!(", in {path}"))
+    }
+
+    /// A failure that says where that is which came before it.
+    pub fn kept(&self, failure: Failure) -> Failure {
+        let Some((path, _)) = &self.file else {
+            return failure;
+        };
+        let note = format!("\nwhat came before is in {}", path.display());
+        match failure {
+            Failure::Trouble(mut explained) => {
+                explained.message += &note;
+                Failure::Trouble(explained)
+            }
+            other => other,
+        }
+    }
+}
+
+fn line(t_us: Option<u64>, text: &str) -> String {
+    let time = t_us.map_or_else(|| " ".repeat(14), words::clock);
+    format!("{}  {text}\n", paint(FAINT, format_args!("{time:>14}")))
+}
+
+fn in_words(happening: &Happening, scale: &Scale) -> String {
+    match happening {
+        Happening::Line(of) => line(Some(of.t_us), &words::line(of)),
+        Happening::Hit(of) => line(Some(of.t_us), &words::hit(of)),
+        Happening::Latch(_, of) => line(Some(of.t_ns / 1000), &words::latch(of, scale)),
+        Happening::Record { t_us, record, .. } => line(Some(*t_us), &words::record(record)),
+        Happening::Loss(of) => line(of.t_ns.map(|t_ns| t_ns / 1000), &words::loss(of)),
+    }
+}
+
+fn in_json(happening: &Happening, scale: &Scale) -> String {
+    let value = match happening {
+        Happening::Line(of) => json::line(of),
+        Happening::Hit(of) => json::hit(of),
+        Happening::Latch(seq, of) => {
+            let mut value = json::latch(of, scale);
+            if let (Some(seq), Some(object)) = (seq, value.as_object_mut()) {
+                object.insert("seq".into(), (*seq).into());
+            }
+            value
+        }
+        Happening::Record { seq, t_us, record } => json::entry(*seq, *t_us, record),
+        Happening::Loss(of) => json::loss(of),
+    };
+    format!("{value}\n")
+}
+
+/// A row of the table: latches and losses.
+fn row(happening: &Happening, scale: &Scale) -> String {
+    match happening {
+        Happening::Latch(_, latch) => {
+            let mut cells = vec![
+                "latch".into(),
+                latch.number.to_string(),
+                plain(json::cause(latch.cause)),
+                latch.t_ns.to_string(),
+            ];
+            let counts = |axis| latch.counts.get(axis).copied();
+            cells.extend((0..NAMES.len()).map(|axis| cell(counts(axis))));
+            let mm = |axis| scale.mm(axis, counts(axis)?);
+            cells.extend((0..3).map(|axis| cell(mm(axis).map(|mm| format!("{mm:.6}")))));
+            cells.push("0".into());
+            cells.join(",") + "\n"
+        }
+        Happening::Loss(Loss { what, count, t_ns }) => {
+            let (number, cause) = match what {
+                Lost::Edges(cause) => (None, Some(*cause)),
+                Lost::Latches(cause, first) => (Some(*first), Some(*cause)),
+                Lost::Counted | Lost::Events => (None, None),
+                // Not of a table of latches.
+                Lost::Bytes => return String::new(),
+            };
+            let cause = cause.map(|cause| plain(json::cause(cause)));
+            let nothing = ",".repeat(NAMES.len() + 3);
+            format!(
+                "loss,{},{},{}{nothing},{count}\n",
+                cell(number),
+                cell(cause),
+                cell(*t_ns)
+            )
+        }
+        _ => String::new(),
+    }
+}
+
+fn cell(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+fn plain(value: serde_json::Value) -> String {
+    value.as_str().unwrap_or_default().to_owned()
+}
