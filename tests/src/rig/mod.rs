@@ -81,6 +81,13 @@ pub fn image(variable: &str, file: &str) -> Result<PathBuf, String> {
     ))
 }
 
+/// Whether a program is there to be run.
+#[must_use]
+pub fn is_installed(program: &str) -> bool {
+    let path = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&path).any(|folder| folder.join(program).is_file())
+}
+
 /// What was asked for; or none, with a printed reason, unless emulators must be there.
 ///
 /// # Panics

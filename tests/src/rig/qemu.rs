@@ -23,7 +23,7 @@ use umi_protocol::latch::LatchCause;
 use umi_protocol::message::ResetReason;
 use umi_stimuli::{Decoder, MAX_FRAME, State, Stimulus, decode, encode};
 
-use super::{Rig, image, skip_without};
+use super::{Rig, image, is_installed, skip_without};
 
 const QEMU: &str = "qemu-system-arm";
 
@@ -72,6 +72,11 @@ impl QemuRig {
     /// What is missing, or why QEMU does not run the image.
     pub fn start() -> Result<Self, String> {
         let image = image("UMI_MPS2_IMAGE", "mps2-an500.elf")?;
+        if !is_installed(QEMU) {
+            return Err(format!(
+                "there is no {QEMU}; `cargo xtask set-up` brings it"
+            ));
+        }
         Self::with(image).map_err(|error| format!("{QEMU} does not run the board: {error}"))
     }
 

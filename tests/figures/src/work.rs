@@ -1,0 +1,237 @@
+//! The work that instructions are counted for.
+
+use core::convert::Infallible;
+use core::hint::black_box;
+
+use heapless::Vec;
+use umi_core::brain::{Brain, Output};
+use umi_core::dprnt::{Item, Receiver, ReceiverConfig};
+use umi_core::fit::sphere;
+use umi_core::journal::{ERASED, Flash, Geometry, Journal};
+use umi_core::registration::register;
+use umi_core::units::{Micros, Point};
+use umi_protocol::job::Job;
+use umi_protocol::pattern::{BlockPattern, LinePattern};
+
+use crate::half_sphere::half_sphere;
+use crate::{CASES, Case};
+
+/// Five clampings of the three-sphere plate, as a control prints them.
+const SESSION: &[u8] = include_bytes!("../../reference/sessions/session_a.txt");
+/// Lines of a clamping.
+const LINES: usize = 27;
+/// The job of that session.
+const JOB: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/job.postcard"));
+
+/// How often short work is done, so that the clock's steps do not show.
+const TIMES: u32 = 20;
+
+/// Points of a best fit of a scanned surface.
+const MANY: usize = 500;
+
+/// Work that did not come to its result: its count would mean nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Failed(pub &'static str);
+
+/// Who counts: given the name of the work, how many units of it are done in one go, and
+/// what does it.
+pub trait Meter {
+    /// Does it, once, and counts.
+    fn measure(&mut self, work: &'static str, units: u32, run: &mut dyn FnMut());
+}
+
+/// Does all work.
+///
+/// # Errors
+/// Work that failed.
+pub fn all(meter: &mut impl Meter) -> Result<(), Failed> {
+    dprnt(meter)?;
+    fits(meter)?;
+    journal(meter)?;
+    plate(meter)
+}
+
+/// Does something a few times and counts it; `what` says whether it worked.
+fn repeated(
+    meter: &mut impl Meter,
+    work: &'static str,
+    times: u32,
+    mut what: impl FnMut() -> bool,
+) -> Result<(), Failed> {
+    let mut all_worked = true;
+    meter.measure(work, times, &mut || {
+        for _ in 0..times {
+            all_worked &= what();
+        }
+    });
+    all_worked.then_some(()).ok_or(Failed(work))
+}
+
+/// The name and the work go together, and a test that holds the count names it.
+pub mod names {
+    /// A byte of DPRNT text.
+    pub const BYTE: &str = "DPRNT text, a byte";
+    /// A sphere of five hits.
+    pub const SPHERE_5: &str = "sphere of 5 points with covariance";
+    /// A best fit of a scan.
+    pub const SPHERE_500: &str = "sphere of 500 points with covariance";
+    /// Three datum features.
+    pub const REGISTRATION_3: &str = "registration of 3 pairs with covariance";
+    /// Five datum features.
+    pub const REGISTRATION_5: &str = "registration of 5 pairs with covariance";
+    /// A best fit of a scan to its nominal points.
+    pub const REGISTRATION_500: &str = "registration of 500 pairs with covariance";
+    /// A journal entry.
+    pub const APPEND: &str = "journal entry of 64 bytes";
+    /// From the last hit's line to the correction.
+    pub const VERDICT: &str = "last hit of a plate: its sphere, registration, verdict, correction";
+    /// All of it.
+    pub const PLATE: &str = "plate of 15 hits, from its first byte to its correction";
+}
+
+fn dprnt(meter: &mut impl Meter) -> Result<(), Failed> {
+    let config = ReceiverConfig {
+        patterns: [LinePattern::Block(BlockPattern::default())]
+            .into_iter()
+            .collect(),
+        ..ReceiverConfig::default()
+    };
+    let mut receiver = Receiver::new(&config);
+    let mut hits = 0;
+    meter.measure(names::BYTE, SESSION.len() as u32, &mut || {
+        receiver.receive(SESSION, Micros(0), &mut |item| {
+            hits += u32::from(matches!(black_box(item), Item::Hit(_)));
+        });
+    });
+    (hits == 75).then_some(()).ok_or(Failed(names::BYTE))
+}
+
+fn case(id: &'static str) -> Result<&'static Case, Failed> {
+    CASES.iter().find(|case| case.id == id).ok_or(Failed(id))
+}
+
+fn fits(meter: &mut impl Meter) -> Result<(), Failed> {
+    let five = case("sphere_thesis_table_4_1")?.points(0);
+    repeated(meter, names::SPHERE_5, TIMES, || {
+        black_box(sphere::fit(black_box(&five))).is_ok()
+    })?;
+
+    let plate = case("registration_thesis_table_4_2_case1")?;
+    let (from, to) = (plate.points(0), plate.points(3));
+    repeated(meter, names::REGISTRATION_3, TIMES, || {
+        black_box(register(black_box(&from), black_box(&to))).is_ok()
+    })?;
+    let moved = register(&from, &to).map_err(|_| Failed(names::REGISTRATION_3))?;
+
+    let eight = case("registration_half_turn_n8_15um")?;
+    let (from, to) = (eight.points(0), eight.points(3));
+    let (from, to) = (from.get(..5), to.get(..5));
+    let (Some(from), Some(to)) = (from, to) else {
+        return Err(Failed(names::REGISTRATION_5));
+    };
+    repeated(meter, names::REGISTRATION_5, TIMES, || {
+        black_box(register(black_box(from), black_box(to))).is_ok()
+    })?;
+
+    let many: Vec<Point, MANY> = half_sphere(MANY as u32, 1).collect();
+    repeated(meter, names::SPHERE_500, 1, || {
+        black_box(sphere::fit(black_box(&many))).is_ok()
+    })?;
+    let measured: Vec<Point, MANY> = half_sphere(MANY as u32, 2)
+        .map(|point| moved.apply(point))
+        .collect();
+    repeated(meter, names::REGISTRATION_500, 1, || {
+        black_box(register(black_box(&many), black_box(&measured))).is_ok()
+    })
+}
+
+fn journal(meter: &mut impl Meter) -> Result<(), Failed> {
+    let opened = Journal::open(Ram([ERASED; RAM]));
+    let (mut journal, _) = opened.map_err(|_| Failed(names::APPEND))?;
+    repeated(meter, names::APPEND, TIMES, || {
+        journal.append(1, Micros(1), black_box(&[0x55; 64])).is_ok()
+    })
+}
+
+/// Feeds a brain; how many verdicts were OK.
+fn feed(brain: &mut Brain, bytes: &[u8]) -> u32 {
+    let mut ok = 0;
+    brain.bytes(Micros(0), bytes, &mut |output| {
+        if let Output::Verdict(verdict) = black_box(output) {
+            ok += u32::from(verdict.ok);
+        }
+    });
+    ok
+}
+
+fn plate(meter: &mut impl Meter) -> Result<(), Failed> {
+    let failed = |_| Failed(names::PLATE);
+    let job: Job = postcard::from_bytes(JOB).map_err(|_| Failed(names::PLATE))?;
+    let mut brain = Brain::new(job).map_err(failed)?;
+    let mut lines = SESSION.split_inclusive(|byte| *byte == b'\n');
+    let mut taught = 0;
+    for line in lines.by_ref().take(LINES) {
+        taught += feed(&mut brain, line);
+    }
+    let mut ok = 0;
+    meter.measure(names::PLATE, 1, &mut || {
+        for line in lines.by_ref().take(LINES) {
+            ok += feed(&mut brain, line);
+        }
+    });
+    // The last hit's line, and the asterisks behind it.
+    for line in lines.by_ref().take(LINES - 2) {
+        feed(&mut brain, line);
+    }
+    let mut last = 0;
+    meter.measure(names::VERDICT, 1, &mut || {
+        for line in lines.by_ref().take(2) {
+            last += feed(&mut brain, line);
+        }
+    });
+    let all_ok = (taught, ok, last) == (1, 1, 1);
+    all_ok.then_some(()).ok_or(Failed(names::PLATE))
+}
+
+const SECTOR: usize = 4096;
+const SECTORS: usize = 4;
+const RAM: usize = SECTORS * SECTOR;
+
+/// Flash that takes no time: the journal's own work is counted.
+struct Ram([u8; RAM]);
+
+impl Flash for Ram {
+    type Error = Infallible;
+
+    fn geometry(&self) -> Geometry {
+        Geometry {
+            sectors: SECTORS as u16,
+            sector_size: SECTOR as u32,
+            write_size: 1,
+            page_size: 256,
+        }
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Infallible> {
+        if let Some(cells) = self.0.get(addr as usize..addr as usize + into.len()) {
+            into.copy_from_slice(cells);
+        }
+        Ok(())
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Infallible> {
+        let cells = self.0.get_mut(addr as usize..addr as usize + bytes.len());
+        if let Some(cells) = cells {
+            cells.copy_from_slice(bytes);
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), Infallible> {
+        let at = sector as usize * SECTOR;
+        if let Some(cells) = self.0.get_mut(at..at + SECTOR) {
+            cells.fill(ERASED);
+        }
+        Ok(())
+    }
+}
