@@ -1,10 +1,11 @@
 // One RP2040: rp2040js with its core, PIO, inputs and time replaced by ours, run cycle for cycle.
 //
 // Time goes in windows of WINDOW cycles (see pins.js); `now` is the cycle in the window, `base`
-// the cycle at which it began. Machines whose doings the core can notice at once (an interrupt)
-// are "live" and are run instruction by instruction beside it; the others are brought up to the
-// present when somebody looks: at a register of PIO or DMA, at a pin, at memory that a channel
-// fills. Nothing is seen before or after its cycle.
+// the cycle at which it began. State machines are brought up to the present when somebody looks:
+// at a register of PIO or DMA, at a pin, at memory that a channel fills. Those whose doings the
+// core can notice by itself (an interrupt) are "live": before the core runs on, they are tried out
+// to the cycle of the next such thing, and the core stops there. Nothing is seen before or after
+// its cycle.
 
 import { LogLevel, RP2040 } from 'rp2040js';
 import { Clock } from './clock.js';
@@ -17,6 +18,7 @@ const FLASH = 0x10000000;
 const FLASH_SIZE = 16 * 1024 * 1024;
 const CHIP_RESET = 0x8;
 const HAD_POR = 1 << 8;
+const FIRST_REACH = 64;
 
 export class Chip {
   /**
@@ -32,6 +34,10 @@ export class Chip {
     this.now = 0;
     this.limit = 0;
     this.live = [];
+    /** How far live machines are tried out: further as long as nobody touches them. */
+    this.reach = FIRST_REACH;
+    /** Until this cycle they do nothing that the core could notice. */
+    this.safe = 0;
     this.quiet = [];
     this.stamp = -1;
     this.resetRequested = null;
@@ -84,45 +90,45 @@ export class Chip {
       if (this.clock.due <= this.cycle) this.clock.fire(this.cycle);
       if (this.pins.dueEvent <= this.now) this.pins.fire(this.now);
       const limit = Math.min(WINDOW, until - this.base, this.pins.dueEvent, this.clock.due - this.base);
-      this.limit = limit;
+      this.limit = this.live.length > 0 ? this.tryOut(limit) : limit;
       if (core.waiting && core.interruptsUpdated && core.checkForInterrupts()) core.waiting = false;
-      if (core.waiting) this.sleep(limit);
-      else this.core.run();
+      if (core.waiting) {
+        this.slept += Math.max(0, this.limit - this.now);
+        this.now = Math.max(this.limit, this.now);
+      } else this.core.run();
+      if (this.live.length > 0 && this.now >= this.safe) this.synchronise();
     }
     this.synchronise();
   }
 
-  /** The core sleeps: to the limit, or to the cycle at which a machine wakes it. */
-  sleep(limit) {
-    const before = this.now;
-    const { live } = this;
-    let until = Math.max(limit, this.now + 1);
-    const states = live.map(save);
-    let isTold = false;
-    for (const machine of live) {
-      machine.run(until, true);
-      if (machine.stopped) {
-        isTold = true;
-        until = Math.max(machine.t, before);
+  /** The cycle up to which the core can run before a machine does what it could notice. */
+  tryOut(limit) {
+    if (this.safe <= this.now) {
+      let until = Math.min(WINDOW, this.now + this.reach);
+      this.reach = Math.min(2 * this.reach, WINDOW);
+      for (const machine of this.live) {
+        if (machine.t >= until) continue;
+        machine.save();
+        machine.run(until, true);
+        if (machine.stopped) until = machine.t + 1;
+        machine.restore();
       }
+      this.safe = until;
     }
-    live.forEach((machine, i) => {
-      restore(machine, states[i]);
-      machine.run(until, true);
-    });
-    this.now = until;
-    if (isTold) {
-      for (const machine of live) machine.run(until + 1, false);
-      this.now = until + 1;
-    }
-    this.slept += this.now - before;
+    return Math.min(limit, this.safe);
   }
 
   /** Brings every machine up to the present. */
   synchronise() {
-    for (const machine of this.quiet) {
-      if (machine.t < this.now) machine.run(this.now, false);
-    }
+    for (const machine of this.quiet) if (machine.t < this.now) machine.run(this.now, false);
+    for (const machine of this.live) if (machine.t < this.now) machine.run(this.now, false);
+  }
+
+  /** Somebody has changed what machines will do. */
+  disturb() {
+    this.reach = FIRST_REACH;
+    this.safe = 0;
+    this.limit = 0;
   }
 
   /** The window ends: the next begins here. */
@@ -137,13 +143,13 @@ export class Chip {
     }
     this.pins.turn(length);
     this.base += length;
+    this.safe = 0;
     this.now = 0;
     this.world.fill(this.epoch + this.base, this.pins);
   }
 
   /** Which machines run beside the core, and which when somebody looks. */
   classify() {
-    // In place: the core's loop holds the list of the live ones.
     this.live.length = 0;
     this.quiet.length = 0;
     for (const block of this.rp.pio) {
@@ -151,7 +157,7 @@ export class Chip {
         if (machine.enabled) (machine.isLive ? this.live : this.quiet).push(machine);
       }
     }
-    this.limit = 0;
+    this.disturb();
   }
 
   /** Memory that a channel fills: whoever reads it sees the present. */
@@ -159,20 +165,6 @@ export class Chip {
     this.watchLow = Math.min(this.watchLow, low);
     this.watchHigh = Math.max(this.watchHigh, high);
   }
-}
-
-const STATE = [
-  'x', 'y', 'pc', 'isr', 'inCount', 'osr', 'outCount', 't', 'k', 'stalled', 'held', 'heldDelay', 'irqWait',
-];
-
-function save(machine) {
-  return STATE.map((name) => machine[name]);
-}
-
-function restore(machine, state) {
-  STATE.forEach((name, i) => {
-    machine[name] = state[i];
-  });
 }
 
 /** An alarm fires when the timer reaches its value (datasheet 4.6.3), not up to 1 us before. */

@@ -15,7 +15,8 @@
 //   a line.
 // * A pushed link register and a popped program counter take their cycle (TRM, table 3-1).
 // * Exception entry takes 15 cycles and the return 13 (TRM 3.6), not none.
-// * An unaligned access is a HardFault (A3.2.1), not a log line.
+// * An access that is unaligned (A3.2.1), or where there is no memory, is a HardFault, not a log
+//   line; so a stack that grows out of SRAM is seen.
 //
 // Not modelled, here as there: wait states of the flash cache, and of the bus matrix.
 
@@ -127,7 +128,7 @@ export class Core {
 
   read32(address) {
     const a = address >>> 0;
-    if (a & 3) return this.unaligned(a);
+    if (a & 3) return this.noAccess('unaligned access', a);
     if (a >>> 24 === 0x20) {
       const offset = a - 0x20000000;
       if (offset < SRAM_SIZE) {
@@ -135,13 +136,13 @@ export class Core {
         return this.sram32[offset >> 2];
       }
     } else if (a >>> 24 === 0x10) return this.flash32[(a & 0xffffff) >> 2];
-    this.chip.limit = 0;
+    if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint32(a) | 0;
   }
 
   read16(address) {
     const a = address >>> 0;
-    if (a & 1) return this.unaligned(a);
+    if (a & 1) return this.noAccess('unaligned access', a);
     if (a >>> 24 === 0x20) {
       const offset = a - 0x20000000;
       if (offset < SRAM_SIZE) {
@@ -149,7 +150,7 @@ export class Core {
         return this.sram16[offset >> 1];
       }
     } else if (a >>> 24 === 0x10) return this.flash16[(a & 0xffffff) >> 1];
-    this.chip.limit = 0;
+    if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint16(a) & 0xffff;
   }
 
@@ -162,13 +163,13 @@ export class Core {
         return this.sram8[offset];
       }
     } else if (a >>> 24 === 0x10) return this.flash8[a & 0xffffff];
-    this.chip.limit = 0;
+    if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint8(a) & 0xff;
   }
 
   write32(address, value) {
     const a = address >>> 0;
-    if (a & 3) return this.unaligned(a);
+    if (a & 3) return this.noAccess('unaligned access', a);
     if (a >>> 24 === 0x20) {
       const offset = a - 0x20000000;
       if (offset < SRAM_SIZE) {
@@ -176,14 +177,14 @@ export class Core {
         return 0;
       }
     }
-    this.chip.limit = 0;
+    if (isNowhere(a) || a >>> 26 === 4) return this.noAccess('no memory to write', a);
     this.chip.rp.writeUint32(a, value >>> 0);
     return 0;
   }
 
   write16(address, value) {
     const a = address >>> 0;
-    if (a & 1) return this.unaligned(a);
+    if (a & 1) return this.noAccess('unaligned access', a);
     if (a >>> 24 === 0x20) {
       const offset = a - 0x20000000;
       if (offset < SRAM_SIZE) {
@@ -191,7 +192,7 @@ export class Core {
         return 0;
       }
     }
-    this.chip.limit = 0;
+    if (isNowhere(a) || a >>> 26 === 4) return this.noAccess('no memory to write', a);
     this.chip.rp.writeUint16(a, value & 0xffff);
     return 0;
   }
@@ -205,13 +206,13 @@ export class Core {
         return 0;
       }
     }
-    this.chip.limit = 0;
+    if (isNowhere(a) || a >>> 26 === 4) return this.noAccess('no memory to write', a);
     this.chip.rp.writeUint8(a, value & 0xff);
     return 0;
   }
 
-  unaligned(address) {
-    this.hardFault(`unaligned access to ${address.toString(16)}`);
+  noAccess(what, address) {
+    this.hardFault(`${what}: ${address.toString(16)}`);
     return 0;
   }
 
@@ -224,7 +225,6 @@ export class Core {
   /** Runs until `chip.limit` or until the core sleeps. */
   run() {
     const { chip, core: c, registers: r, sram16, flash16 } = this;
-    const live = chip.live;
     let count = 0;
     while (chip.now < chip.limit) {
       if (c.interruptsUpdated) c.checkForInterrupts();
@@ -579,10 +579,6 @@ export class Core {
           this.hardFault(`instruction ${op.toString(16)}`);
       }
       chip.now += cycles;
-      for (let i = 0; i < live.length; i++) {
-        const machine = live[i];
-        if (machine.t < chip.now) machine.run(chip.now, false);
-      }
       if (c.waiting) break;
     }
     this.instructions += count;
@@ -621,6 +617,11 @@ export class Core {
     this.hardFault(`instruction ${op.toString(16)} ${second.toString(16)}`);
     return 3;
   }
+}
+
+/** Where the bus has nobody to answer: between flash and SRAM, and behind SRAM. */
+function isNowhere(a) {
+  return a >>> 28 === 2 || (a >>> 28 === 1 && a >= 0x1a000000);
 }
 
 function logic(c, v) {
@@ -696,7 +697,6 @@ function patchExceptions(taker, core, ppb) {
   core.exceptionEntry = (number) => {
     enter.call(core, number);
     taker.penalty += ENTRY_CYCLES;
-    taker.chip.limit = 0;
     if (number >= 16) {
       core.pended &= ~(1 << (number - 16));
       core.pendingInterrupts = core.lines | core.pended;
@@ -764,7 +764,10 @@ function patchExceptions(taker, core, ppb) {
       core.pendingInterrupts = core.lines | core.pended;
     } else if (offset === 0xd0c) {
       // AIRCR: SYSRESETREQ with its key.
-      if (value >>> 16 === 0x05fa && value & 4) taker.chip.resetRequested = 'software';
+      if (value >>> 16 === 0x05fa && value & 4) {
+        taker.chip.resetRequested = 'software';
+        taker.chip.limit = 0;
+      }
     } else write.call(ppb, offset, value);
   };
   const read = ppb.readUint32;

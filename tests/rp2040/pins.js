@@ -7,7 +7,8 @@
 //
 // The pins' synchronisers delay what the chip sees by two cycles (RP2040 datasheet 3.5.6.3 and
 // 2.19.6: SYNC_CYCLES); rp2040js has none. What a pin's pad and GPIO_CTRL do to an input (IE,
-// INOVER) is applied on reading.
+// INOVER) is applied on reading. A pin that the chip drives reads as what it drives (2.19.4),
+// but makes no interrupts.
 
 export const WINDOW = 4096;
 export const SYNC_CYCLES = 2;
@@ -29,6 +30,9 @@ export class Pins {
     /** Inputs that are enabled, and those whose sense is turned round. */
     this.enabled = 0;
     this.inverted = 0;
+    /** Pins that the chip drives, and how. */
+    this.driven = 0;
+    this.outputs = 0;
     this.cursor = 0;
     this.clear(levels);
     this.patch();
@@ -73,8 +77,9 @@ export class Pins {
   }
 
   /** A change at a cycle of the window that follows, not before the one noted last. */
-  note(cycle, levels) {
+  note(cycle, world) {
     const { at } = this;
+    const levels = (world & ~this.driven) | (this.outputs & this.driven);
     const changed = this.levels[this.count - 1] ^ levels;
     if (changed === 0) return;
     if (at[this.count - 1] === cycle) this.levels[this.count - 1] = levels;
@@ -86,6 +91,29 @@ export class Pins {
       at[this.count] = FAR;
     }
     if (changed & this.interrupting) this.events.push({ cycle: cycle + SYNC_CYCLES, changed, levels });
+  }
+
+  /** The chip drives a pin from a cycle on, or does not any more. */
+  output(index, isDriven, level, cycle) {
+    const bit = 1 << index;
+    if (isDriven) this.driven |= bit;
+    else this.driven &= ~bit;
+    this.outputs = level ? this.outputs | bit : this.outputs & ~bit;
+    this.chip.disturb();
+    if (!isDriven) return;
+    const { at, levels } = this;
+    let i = this.count - 1;
+    while (i > 0 && at[i] > cycle) i--;
+    if (at[i] !== cycle) {
+      // Who has looked further keeps an earlier place in the list, and goes on from there.
+      at.copyWithin(i + 2, i + 1, this.count + 1);
+      levels.copyWithin(i + 2, i + 1, this.count);
+      i++;
+      at[i] = cycle;
+      levels[i] = levels[i - 1];
+      this.count++;
+    }
+    for (; i < this.count; i++) levels[i] = level ? levels[i] | bit : levels[i] & ~bit;
   }
 
   /** What the chip reads at a cycle of this window. */
@@ -148,6 +176,10 @@ export class Pins {
       pin.rawInputValue = ((this.levels[0] >>> pin.index) & 1) === 1;
       pin.irqStatus = pin.rawInputValue ? LEVEL_HIGH : LEVEL_LOW;
       pin.refreshInput = () => {};
+      pin.addListener(() => {
+        const { now, stamp } = this.chip;
+        this.output(pin.index, pin.outputEnable, pin.outputValue, stamp >= 0 ? Math.floor(stamp) : now);
+      });
     }
     for (const page of [0x40014, 0x4001c]) {
       const peripheral = rp.peripherals[page];
@@ -160,6 +192,7 @@ export class Pins {
         if (pin) {
           this.interrupt(pin, was);
           this.refresh();
+          this.chip.disturb();
         }
       };
     }

@@ -10,6 +10,7 @@
 // * FIFOs can be joined (3.5.4.1);
 // * a write to CTRL starts machines in the same cycle (3.5.1), and restarting keeps X, Y and PC;
 // * RXSTALL stays set after a PUSH that found no room only until it is cleared (3.7, FDEBUG);
+// * an abort of a DMA channel reads as done (2.5.5.3);
 // * a word that a DMA channel waits for goes straight to memory: one transfer a word.
 //
 // EXEC as a destination of OUT and MOV, and an instruction that stalls when written to SMx_INSTR,
@@ -20,12 +21,13 @@ import { FAR, SYNC_CYCLES } from './pins.js';
 
 const SM_STRIDE = 0x18;
 const CTRL = 0x000, FDEBUG = 0x008, IRQ = 0x030, IRQ_FORCE = 0x034, INPUT_SYNC_BYPASS = 0x038;
-const INSTR_MEM0 = 0x048, SM0_CLKDIV = 0x0c8;
+const RXF0 = 0x020, INSTR_MEM0 = 0x048, SM0_CLKDIV = 0x0c8;
 const TXSTALL = 1 << 24, TXOVER = 1 << 16, RXUNDER = 1 << 8, RXSTALL = 1 << 0;
 const AUTOPUSH = 1 << 16, AUTOPULL = 1 << 17, IN_RIGHT = 1 << 18, OUT_RIGHT = 1 << 19;
 const JOIN_TX = 1 << 30, JOIN_RX = 1 << 31;
 const DMA_EN = 1, DMA_INCR_READ = 1 << 4, DMA_INCR_WRITE = 1 << 5, DMA_RING_WRITE = 1 << 10;
 const DMA_QUIET = 1 << 21, DMA_BUSY = 1 << 24;
+const CHAN_ABORT = 0x444;
 const SRAM = 0x20000000, SRAM_END = 0x20042000;
 const PIO_BASE = [0x50200000, 0x50300000];
 
@@ -195,7 +197,10 @@ export class Machine {
     return (this.execCtrl >>> 24) & 31;
   }
 
-  /** Runs until a cycle; if `peek`, not into anything that the core could notice. */
+  /**
+   * Runs until a cycle. If `peek`, not into anything that the core or another machine could
+   * notice, and without any effect but on the registers that `restore` brings back.
+   */
   run(until, peek) {
     this.stopped = false;
     (this.program ??= this.compile())(this, until, peek);
@@ -252,12 +257,28 @@ export class Machine {
     return program;
   }
 
-  /** Whether the core may notice when this machine pushes or pulls. */
+  save() {
+    this.saved = [
+      this.x, this.y, this.pc, this.isr, this.inCount, this.osr, this.outCount, this.t, this.k, this.irqWait,
+    ];
+  }
+
+  restore() {
+    [
+      this.x, this.y, this.pc, this.isr, this.inCount, this.osr, this.outCount, this.t, this.k, this.irqWait,
+    ] = this.saved;
+  }
+
+  /** Whether a push is more than a word in memory. */
   get tellsPush() {
-    const enabled = this.pio.irq0IntEnable | this.pio.irq1IntEnable;
-    if (enabled & (1 << this.index)) return true;
     const { channel } = this;
-    return channel !== null && channel.transCount === 1 && tells(channel);
+    return !this.fillsMemory || tells(channel);
+  }
+
+  /** Whether a channel takes what this machine pushes. */
+  get fillsMemory() {
+    const { channel } = this;
+    return channel !== null && channel.treqValue === this.dreqRx && channel.active !== 0;
   }
 
   get isLive() {
@@ -441,7 +462,7 @@ function emit(s, op, go) {
       if (which === 2) {
         const bit = 1 << irqNumber(index, s.index);
         return `${code} if (((s.pio.irq & ${bit}) !== 0) === ${polarity === 1}) {
-          ${polarity ? `s.flag(${bit}, false);` : ''} ${go} ${took}
+          ${polarity ? `${peek('true')} s.flag(${bit}, false);` : ''} ${go} ${took}
         } else t += ${divider};`;
       }
       const pin = which === 0 ? `${index}` : `(${index} + base & 31)`;
@@ -463,7 +484,7 @@ function emit(s, op, go) {
       if (s.shiftCtrl & AUTOPUSH) {
         code += `if (inCount >= ${threshold(s, 20)}) {
           const word = isr; isr = 0; inCount = 0;
-          if (!s.push(word)) { s.hold(word, ${delay * divider}); ${go} t = FAR; break L; }
+          if (!(peek || s.push(word))) { s.hold(word, ${delay * divider}); ${go} t = FAR; break L; }
         }`;
       }
       return `${code} ${go} ${took}`;
@@ -474,7 +495,7 @@ function emit(s, op, go) {
       if (to === 0 || to === 4) code += peek('true');
       if (s.shiftCtrl & AUTOPULL) {
         code += `if (outCount >= ${threshold(s, 25)}) {
-          ${peek('s.isLive')}
+          ${peek('true')}
           if (s.txFIFO.empty) { s.starve(true); t = FAR; break L; }
           osr = s.pull(); outCount = 0;
         }`;
@@ -501,7 +522,7 @@ function emit(s, op, go) {
       if (arg & 0x80) {
         const skip = conditional ? `outCount < ${threshold(s, 25)}` : 'false';
         return `${code} if (${skip}) { ${go} ${took} } else {
-          ${peek('s.isLive')}
+          ${peek('true')}
           if (s.txFIFO.empty) {
             s.starve(${blocks !== 0});
             ${blocks ? 't = FAR; break L;' : `osr = x; outCount = 0; ${go} ${took}`}
@@ -512,7 +533,7 @@ function emit(s, op, go) {
       return `${code} if (${skip}) { ${go} ${took} } else {
         ${peek('s.tellsPush')}
         const word = isr; isr = 0; inCount = 0;
-        if (!s.push(word) && ${blocks !== 0}) { s.hold(word, ${delay * divider}); ${go} t = FAR; break L; }
+        if (!(peek || s.push(word)) && ${blocks !== 0}) { s.hold(word, ${delay * divider}); ${go} t = FAR; break L; }
         ${go} ${took}
       }`;
     }
@@ -580,6 +601,7 @@ export function install(chip) {
     const read = pio.readUint32;
     pio.readUint32 = (offset) => {
       chip.synchronise();
+      if (offset >= RXF0 && offset < RXF0 + 16) chip.disturb();
       return read.call(pio, offset);
     };
     const write = pio.writeUint32;
@@ -607,7 +629,7 @@ export function install(chip) {
   const read = dma.readUint32;
   dma.readUint32 = (offset) => {
     chip.synchronise();
-    return read.call(dma, offset);
+    return offset === CHAN_ABORT ? 0 : read.call(dma, offset);
   };
   const write = dma.writeUint32;
   dma.writeUint32 = (offset, value) => {
