@@ -1,12 +1,15 @@
 //! Drivers that boards share.
 //!
 //! They know no board: what they need of one comes through traits, as those of
-//! `embedded-hal`, so each is tested on the host, with a model of its chip.
+//! `embedded-hal`, so they are tested on the host, with models of the chips (but for
+//! USB, which has none).
 //!
 //! | file | idea |
 //! | --- | --- |
 //! | [`latches`] | captures between an interrupt and the application |
+//! | [`received`] | bytes between an interrupt and the application, losses in their place |
 //! | [`spi_nor`] | serial NOR flash for the journal and the settings |
+//! | [`usb_serial`] | the host's port over USB |
 #![no_std]
 #![cfg_attr(
     not(test),
@@ -22,4 +25,6 @@
 extern crate std;
 
 pub mod latches;
+pub mod received;
 pub mod spi_nor;
+pub mod usb_serial;

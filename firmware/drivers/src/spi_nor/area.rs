@@ -7,12 +7,12 @@ use embedded_hal::spi::SpiDevice;
 use umi_core::journal::{Flash, Geometry};
 
 use super::Fault;
-use super::chip::{PAGE, SectorSize, SpiNor};
+use super::chip::{LARGEST, PAGE, SectorSize, SpiNor};
 
-/// A chip that several areas use in turn.
+/// A chip that several areas use in turn, or why there is none.
 #[derive(Debug)]
-pub struct Shared<Spi, Delay> {
-    chip: Mutex<CriticalSectionRawMutex, SpiNor<Spi, Delay>>,
+pub struct Shared<Spi: SpiDevice, Delay> {
+    chip: Mutex<CriticalSectionRawMutex, Result<SpiNor<Spi, Delay>, Fault<Spi::Error>>>,
     capacity_bytes: u32,
 }
 
@@ -33,7 +33,7 @@ impl Wanted {
 
 /// A part of a chip.
 #[derive(Debug)]
-pub struct Area<'a, Spi, Delay> {
+pub struct Area<'a, Spi: SpiDevice, Delay> {
     shared: &'a Shared<Spi, Delay>,
     start: u32,
     wanted: Wanted,
@@ -44,8 +44,22 @@ impl<Spi: SpiDevice, Delay: DelayNs> Shared<Spi, Delay> {
     pub const fn new(chip: SpiNor<Spi, Delay>) -> Self {
         Self {
             capacity_bytes: chip.capacity_bytes(),
-            chip: Mutex::new(chip),
+            chip: Mutex::new(Ok(chip)),
         }
+    }
+
+    /// No chip: whatever is asked of its areas has this answer. So a board whose
+    /// storage is broken can still say so.
+    pub const fn missing(fault: Fault<Spi::Error>) -> Self {
+        Self {
+            capacity_bytes: LARGEST,
+            chip: Mutex::new(Err(fault)),
+        }
+    }
+
+    /// How many bytes the chip has.
+    pub const fn capacity_bytes(&self) -> u32 {
+        self.capacity_bytes
     }
 
     /// Areas one behind the other, from the start of the chip, each on a boundary
@@ -83,7 +97,7 @@ impl<Spi: SpiDevice, Delay: DelayNs> Shared<Spi, Delay> {
     }
 }
 
-impl<Spi: SpiDevice, Delay: DelayNs> Area<'_, Spi, Delay> {
+impl<Spi: SpiDevice<Error: Clone>, Delay: DelayNs> Area<'_, Spi, Delay> {
     /// The address on the chip of so many bytes, if they are in this area.
     fn place(&self, addr: u32, len: usize) -> Result<u32, Fault<Spi::Error>> {
         let end = u64::from(addr) + len as u64;
@@ -98,11 +112,11 @@ impl<Spi: SpiDevice, Delay: DelayNs> Area<'_, Spi, Delay> {
         work: impl FnOnce(&mut SpiNor<Spi, Delay>) -> Result<R, Fault<Spi::Error>>,
     ) -> Result<R, Fault<Spi::Error>> {
         let mut chip = self.shared.chip.try_lock().map_err(|_| Fault::InUse)?;
-        work(&mut chip)
+        work(chip.as_mut().map_err(|fault| fault.clone())?)
     }
 }
 
-impl<Spi: SpiDevice, Delay: DelayNs> Flash for Area<'_, Spi, Delay> {
+impl<Spi: SpiDevice<Error: Clone>, Delay: DelayNs> Flash for Area<'_, Spi, Delay> {
     type Error = Fault<Spi::Error>;
 
     fn geometry(&self) -> Geometry {

@@ -26,7 +26,7 @@ const STATUS_PROTECTED: u8 = 0b0011_1100;
 pub(super) const PAGE: u32 = 256;
 
 /// What three address bytes reach.
-const LARGEST: u32 = 1 << 24;
+pub(super) const LARGEST: u32 = 1 << 24;
 
 /// Chips that understand the commands used here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

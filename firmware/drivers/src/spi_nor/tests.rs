@@ -118,6 +118,18 @@ fn areas_do_not_overlap() {
     assert_eq!(shared.areas([too_many]).unwrap_err(), fault);
 }
 
+/// Without a chip there are areas all the same, which say why they hold nothing.
+#[test]
+fn a_missing_chip() {
+    let fault = open(&changed(|state| state.absent = Some(0xFF))).unwrap_err();
+    let mut shared = Shared::<Chip, Chip>::missing(fault);
+    let [mut settings, journal] = areas(&mut shared);
+    assert_eq!(settings.read(0, &mut [0]), Err(Fault::NoChip));
+    assert_eq!(settings.erase(0), Err(Fault::NoChip));
+    let opened = Journal::open(journal).map(|_| ());
+    assert_eq!(opened, Err(umi_core::journal::Error::Flash(Fault::NoChip)));
+}
+
 /// A program over page ends is as many programs as it has pages.
 #[test]
 fn programs_do_not_wrap() {
