@@ -1,0 +1,55 @@
+//! Holds the plan of the pins against what the chip's maker publishes, and puts the
+//! linker's script where it is found.
+
+use std::path::PathBuf;
+use std::{env, fs, io};
+
+use stm32_metapac::metadata::METADATA;
+
+#[path = "src/plan.rs"]
+#[allow(
+    dead_code,
+    clippy::indexing_slicing,
+    reason = "the rest is for the firmware; in a constant the compiler finds what is outside"
+)]
+mod plan;
+
+fn main() -> io::Result<()> {
+    println!("cargo::rerun-if-changed=src/plan.rs");
+    for planned in plan::SIGNALS {
+        if !exists(&planned) {
+            let plan::Signal {
+                pin: (port, number),
+                peripheral,
+                signal,
+                function,
+            } = planned;
+            println!(
+                "cargo::error=plan.rs: P{port}{number} is not {signal} of {peripheral} \
+                 as alternate function {function}"
+            );
+        }
+    }
+
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or(io::ErrorKind::NotFound)?);
+    fs::copy("memory.x", out.join("memory.x"))?;
+    println!("cargo::rerun-if-changed=memory.x");
+    println!("cargo::rustc-link-search={}", out.display());
+    println!("cargo::rustc-link-arg-bins=-Tlink.x");
+    println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    Ok(())
+}
+
+/// Whether the chip has this signal there.
+fn exists(planned: &plan::Signal) -> bool {
+    let (port, number) = planned.pin;
+    let name = format!("P{port}{number}");
+    METADATA
+        .peripherals
+        .iter()
+        .filter(|peripheral| peripheral.name == planned.peripheral)
+        .flat_map(|peripheral| peripheral.pins)
+        .any(|pin| {
+            pin.pin == name && pin.signal == planned.signal && pin.af == Some(planned.function)
+        })
+}

@@ -1,0 +1,336 @@
+//! openumi on a Nucleo-144 with an STM32H743: the application unchanged, five axes that one
+//! edge latches in hardware. **It has never been run**: see README.md.
+//!
+//! ```text
+//! priority          runs
+//! capture           TIM5: an edge; TIM7: a look at the counters
+//! drivers           USART2, TIM12 (embassy's time)
+//! serial tasks      receive, transmit, latch
+//! link driver       USB
+//! link tasks        USB, serve
+//! none              measure, supervise
+//! ```
+//!
+//! | file | idea |
+//! | --- | --- |
+//! | [`plan`] | which pin, timer and clock does what; checked when it is compiled |
+//! | [`timers`] | registers that count and capture |
+//! | [`axes`] | positions and captures |
+//! | [`clock`] | time |
+//! | [`control`] | the control's RS-232 |
+//! | [`reset`] | why the board started; panics |
+//!
+//! The flash, USB and queues are in `umi-drivers`.
+#![no_std]
+#![no_main]
+
+mod axes;
+mod clock;
+mod control;
+#[allow(
+    dead_code,
+    clippy::indexing_slicing,
+    reason = "build.rs reads what is not used here; in a constant the compiler finds what is outside"
+)]
+mod plan;
+mod reset;
+mod timers;
+
+use defmt_rtt as _;
+use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
+use embassy_futures::join::join3;
+use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::{IWDG1, PA11, PA12, USB_OTG_FS};
+use embassy_stm32::spi::{self, Spi, mode::Master};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Config, Peri, bind_interrupts, interrupt, rcc, uid, usb};
+use embassy_time::Delay;
+use embedded_hal_bus::spi::ExclusiveDevice;
+use static_cell::StaticCell;
+use umi_app::board::{Clock as _, Lights, Outputs, Watchdog};
+use umi_app::measure::{Boot, name};
+use umi_app::{App, Running};
+use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
+use umi_drivers::usb_serial;
+use umi_protocol::message::{Identity, MAX_RECORD};
+
+use clock::BoardClock;
+
+type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, Delay>;
+type Storage = Area<'static, Bus, Delay>;
+type Application = App<Storage>;
+
+bind_interrupts!(struct Interrupts {
+    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
+});
+
+static APP: Application = App::new();
+
+static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
+static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
+
+/// The settings' part of the flash; the journal has the rest.
+const SETTINGS: Wanted = Wanted {
+    sectors: 8,
+    size: SectorSize::KiB32,
+};
+const JOURNAL_SECTOR: SectorSize = SectorSize::KiB64;
+// The longest record finds room in a sector of either.
+const _: () = assert!(MAX_RECORD + 256 < SETTINGS.size.bytes() as usize);
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static FLASH: StaticCell<Shared<Bus, Delay>> = StaticCell::new();
+    static TASKS: StaticCell<Executor> = StaticCell::new();
+
+    let reset = reset::reason();
+    let p = embassy_stm32::init(configuration());
+    if let Some(mut core) = cortex_m::Peripherals::take() {
+        core.SCB.enable_icache();
+        // Nothing here moves data behind the core's back.
+        core.SCB.enable_dcache(&mut core.CPUID);
+    }
+    if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(plan::TIMER_HZ) {
+        stop("the timers' clock is not as planned");
+    }
+    set_priorities();
+    timers::start();
+    timers::start_looking();
+    control::start();
+
+    let select = Output::new(p.PE4, Level::High, Speed::VeryHigh);
+    let mut speed = spi::Config::default();
+    speed.frequency = Hertz(plan::FLASH_HZ);
+    let bus = Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, speed);
+    let Ok(bus) = ExclusiveDevice::new(bus, select, Delay);
+    let flash = FLASH.init(match SpiNor::open(bus, Delay) {
+        Ok(chip) => Shared::new(chip),
+        Err(fault) => {
+            defmt::error!("{}: nothing is kept", fault.code());
+            Shared::missing(fault)
+        }
+    });
+    let [settings, journal] = match flash.areas([SETTINGS, journal_of(flash.capacity_bytes())]) {
+        Ok(areas) => areas,
+        Err(fault) => stop(fault.code()),
+    };
+    let boot = Boot {
+        identity: Identity {
+            board: name("nucleo-h743"),
+            serial: name(uid::uid_hex()),
+            firmware: name(env!("CARGO_PKG_VERSION")),
+        },
+        reset,
+    };
+    let app = &APP;
+    match app.start(boot, journal, settings, BoardClock.now()) {
+        Ok(opened) => {
+            if opened.journal.is_err() || opened.settings.is_err() {
+                defmt::error!("the storage cannot be opened");
+            }
+        }
+        Err(Running) => stop("the application runs already"),
+    }
+
+    let station = axes::Station {
+        laser: Output::new(p.PG0, Level::Low, Speed::Low),
+    };
+    let lamps = Lamps {
+        ok: Output::new(p.PF13, Level::Low, Speed::Low),
+        ng: Output::new(p.PF14, Level::Low, Speed::Low),
+        busy: Output::new(p.PF15, Level::Low, Speed::Low),
+        trouble: Output::new(p.PB14, Level::Low, Speed::Low),
+    };
+    let mut dog = IndependentWatchdog::new(p.IWDG1, plan::WATCHDOG_US);
+    dog.unleash();
+
+    let serial = SERIAL_TASKS.start(interrupt::UART4);
+    serial.spawn(first(receive(app)));
+    serial.spawn(first(transmit(app)));
+    serial.spawn(first(latch(app)));
+    let link = LINK_TASKS.start(interrupt::UART5);
+    link.spawn(first(serve(app, p.USB_OTG_FS, p.PA12, p.PA11, station)));
+    TASKS.init(Executor::new()).run(|here| {
+        here.spawn(first(measure(app, lamps)));
+        here.spawn(first(supervise(app, Dog(dog))));
+    })
+}
+
+/// The clocks of [`plan`].
+fn configuration() -> Config {
+    use rcc::{
+        AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
+    };
+    const {
+        assert!(plan::PLL[0] == 1 && plan::PLL[1] == 100 && plan::PLL[2] == 2);
+        assert!(plan::BUS_DIVIDERS[0] == 2 && plan::BUS_DIVIDERS[1] == 2);
+    }
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse {
+        freq: Hertz(plan::HSE_HZ),
+        mode: HseMode::Bypass,
+    });
+    config.rcc.pll1 = Some(Pll {
+        source: PllSource::HSE,
+        prediv: PllPreDiv::DIV1,
+        mul: PllMul::MUL100,
+        fracn: None,
+        divp: Some(PllDiv::DIV2),
+        divq: None,
+        divr: None,
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV2;
+    config.rcc.apb1_pre = APBPrescaler::DIV2;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config.rcc.apb3_pre = APBPrescaler::DIV2;
+    config.rcc.apb4_pre = APBPrescaler::DIV2;
+    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
+    // USB has an oscillator of its own, which the host's frames trim.
+    config.rcc.hsi48 = Some(rcc::Hsi48Config {
+        sync_from_usb: true,
+    });
+    config.rcc.mux.usbsel = rcc::mux::Usbsel::HSI48;
+    config
+}
+
+/// Latching above all, then the serial line, then the link.
+fn set_priorities() {
+    for (interrupt, priority) in [
+        (interrupt::TIM5, Priority::P1),
+        (interrupt::TIM7, Priority::P1),
+        (interrupt::USART2, Priority::P2),
+        (interrupt::TIM8_BRK_TIM12, Priority::P3),
+        (interrupt::UART4, Priority::P4),
+        (interrupt::OTG_FS, Priority::P5),
+        (interrupt::UART5, Priority::P6),
+    ] {
+        interrupt.set_priority(priority);
+    }
+    for interrupt in [interrupt::TIM5, interrupt::TIM7, interrupt::USART2] {
+        // SAFETY: their functions are written for the state that they find.
+        unsafe { interrupt.enable() };
+    }
+}
+
+/// Runs the tasks of the serial line.
+#[interrupt]
+fn UART4() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { SERIAL_TASKS.on_interrupt() }
+}
+
+/// Runs the tasks of the link.
+#[interrupt]
+fn UART5() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { LINK_TASKS.on_interrupt() }
+}
+
+/// What the settings leave of the flash.
+fn journal_of(capacity_bytes: u32) -> Wanted {
+    let settings = u32::from(SETTINGS.sectors) * SETTINGS.size.bytes();
+    let sectors = capacity_bytes.saturating_sub(settings) / JOURNAL_SECTOR.bytes();
+    Wanted {
+        sectors: u16::try_from(sectors).unwrap_or(u16::MAX),
+        size: JOURNAL_SECTOR,
+    }
+}
+
+/// Says what is wrong, and does nothing more.
+fn stop(why: &str) -> ! {
+    defmt::error!("{}", why);
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A task that is started for the first time has its place.
+fn first<S>(task: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    task.unwrap_or_else(|_| stop("a task was started twice"))
+}
+
+#[embassy_executor::task]
+async fn receive(app: &'static Application) {
+    app.receive(&mut control::Receiver, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn transmit(app: &'static Application) {
+    app.transmit(&mut control::Transmitter, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn latch(app: &'static Application) {
+    app.latch(&mut &axes::LATCHES, &BoardClock).await;
+}
+
+/// USB and the application's part of it: in one task, as a controller stays where it was
+/// started.
+#[embassy_executor::task]
+async fn serve(
+    app: &'static Application,
+    controller: Peri<'static, USB_OTG_FS>,
+    dp: Peri<'static, PA12>,
+    dm: Peri<'static, PA11>,
+    mut station: axes::Station,
+) {
+    static BUFFER: StaticCell<[u8; 256]> = StaticCell::new();
+    let mut options = usb::Config::default();
+    // The board has its power from elsewhere or from this port: no need to look.
+    options.vbus_detection = false;
+    let buffer = BUFFER.init([0; 256]);
+    let driver = usb::Driver::new_fs(controller, Interrupts, dp, dm, buffer, options);
+    let Some(mut link) = usb_serial::start(driver, "openumi Nucleo-H743", uid::uid_hex()) else {
+        stop("USB was started twice")
+    };
+    join3(
+        link.device.run(),
+        usb_serial::follow(link.line),
+        app.serve(
+            &mut link.receiver,
+            &mut link.transmitter,
+            &mut station,
+            &BoardClock,
+        ),
+    )
+    .await;
+}
+
+#[embassy_executor::task]
+async fn measure(app: &'static Application, mut lamps: Lamps) {
+    app.measure(&mut lamps, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn supervise(app: &'static Application, mut dog: Dog) {
+    app.supervise(&mut dog, &BoardClock).await;
+}
+
+/// The outputs to the machine, and the red LED.
+struct Lamps {
+    ok: Output<'static>,
+    ng: Output<'static>,
+    busy: Output<'static>,
+    trouble: Output<'static>,
+}
+
+impl Outputs for Lamps {
+    fn show(&mut self, lights: Lights) {
+        self.busy.set_level(lights.busy.into());
+        self.ok.set_level(lights.ok.into());
+        self.ng.set_level(lights.ng.into());
+        self.trouble.set_level(lights.trouble.into());
+    }
+}
+
+struct Dog(IndependentWatchdog<'static, IWDG1>);
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
