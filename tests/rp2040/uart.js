@@ -31,6 +31,8 @@ export class Uart extends BasePeripheral {
     this.tx = [];
     this.overrun = false;
     this.shifting = -1;
+    /** When the character in the shifter began, to the fraction of a cycle. */
+    this.start = null;
     this.receiving = -1;
     this.txAlarm = chip.clock.createAlarm(() => this.sent());
     this.rxAlarm = chip.clock.createAlarm(() => this.received());
@@ -80,6 +82,7 @@ export class Uart extends BasePeripheral {
     if (this.shifting >= 0 || this.tx.length === 0) return;
     if (!this.maySend) {
       // Held by CTS: asked again a bit later.
+      this.start = null;
       if (this.registers.cr & CR_EN) this.txAlarm.at(this.chip.cycle + Math.ceil(this.bitCycles));
       return;
     }
@@ -88,7 +91,6 @@ export class Uart extends BasePeripheral {
     const level = this.hasFifos ? this.level(0) : 0;
     if (before > level && this.tx.length <= level) this.raw |= INT_TX;
     this.start ??= this.chip.cycle;
-    this.start = Math.max(this.start, this.chip.cycle);
     this.txAlarm.at(Math.ceil(this.start + this.characterBits * this.bitCycles));
   }
 

@@ -1,0 +1,163 @@
+// The parts around the core, each by itself. Run by `node --test`.
+
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Board } from './board.js';
+import { Nor } from './nor.js';
+import { Stimuli } from './stimuli.js';
+
+const PIO0 = 0x50200000, UART0 = 0x40034000;
+
+/** A board whose core sleeps for ever. */
+function board() {
+  const words = new Uint32Array(48);
+  words[0] = 0x20040000;
+  words[1] = 0x10000181;
+  const code = Uint16Array.of(0xbf20, 0xbf20, 0xe7fc); // wfe, wfe, b
+  const bytes = new Uint8Array(256);
+  bytes.set(new Uint8Array(words.buffer), 0);
+  bytes.set(new Uint8Array(code.buffer), 0x80);
+  const it = new Board([{ address: 0x10000100, bytes }], Buffer.from('0123456789abcdef', 'hex'));
+  it.run(100);
+  return it;
+}
+
+test('a machine sees an input two cycles after its edge, each cycle once, and stalls when full', () => {
+  const it = board();
+  const { rp } = it.chip;
+  rp.writeUint32(PIO0 + 0x48, 0x4001); // in pins, 1
+  rp.writeUint32(PIO0 + 0xcc, 0); // wraps onto itself
+  rp.writeUint32(PIO0 + 0xd0, (1 << 31) | (1 << 16)); // RX joined, autopush, shift left
+  rp.writeUint32(PIO0 + 0xdc, 16 << 15);
+  const at = it.stimuli.startPulses({ pin: 16, at: [40], width: 8 }) + 40;
+  it.run(at - 60);
+  const begun = it.cycle + 1;
+  rp.writeUint32(PIO0, 1);
+  it.run(it.cycle + 400);
+  assert.equal(rp.readUint32(PIO0 + 8) & 1, 1, 'RXSTALL');
+  const bits = [];
+  for (let i = 0; i < 8; i++) {
+    const word = rp.readUint32(PIO0 + 0x20);
+    for (let bit = 31; bit >= 0; bit--) bits.push((word >>> bit) & 1);
+  }
+  const seen = bits.map((bit, i) => (bit ? begun + i : 0)).filter((cycle) => cycle > 0);
+  assert.deepEqual(seen, Array.from({ length: 8 }, (_, i) => at + 2 + i));
+});
+
+test('delays and dividers take their time', () => {
+  const it = board();
+  const { rp } = it.chip;
+  rp.writeUint32(PIO0 + 0x48, 0xe001 | (3 << 8)); // set pins, 1 [3]
+  rp.writeUint32(PIO0 + 0x4c, 0xe000); // set pins, 0
+  rp.writeUint32(PIO0 + 0xcc, 1 << 12);
+  rp.writeUint32(PIO0 + 0xc8, 5 << 16);
+  rp.writeUint32(PIO0 + 0xdc, (1 << 26) | (22 << 5));
+  rp.writeUint32(0x40014000 + 22 * 8 + 4, 6);
+  rp.writeUint32(PIO0 + 0xd8, 0xe081); // set pindirs, 1
+  rp.writeUint32(PIO0, 1);
+  it.run(it.cycle + 200);
+  const times = it.outputs.filter(([pin]) => pin === 22).map(([, , cycle]) => cycle);
+  const steps = times.slice(2).map((cycle, i) => cycle - times[i + 1]);
+  assert.deepEqual(steps.slice(0, 4), steps[0] === 20 ? [20, 5, 20, 5] : [5, 20, 5, 20]);
+});
+
+test('without its FIFO the receiver holds one character, and tells what it lost', () => {
+  const it = board();
+  const { rp } = it.chip;
+  rp.writeUint32(UART0 + 0x24, 67);
+  rp.writeUint32(UART0 + 0x28, 52);
+  rp.writeUint32(UART0 + 0x2c, 0x60); // 8 bits, no FIFO
+  rp.writeUint32(UART0 + 0x30, 0x301);
+  it.control.send([1, 2, 3]);
+  const begun = it.cycle;
+  it.run(begun + 4 * 10 * 1085);
+  assert.equal(rp.readUint32(UART0), 1);
+  assert.equal(it.control.overruns, 2);
+  assert.notEqual(rp.readUint32(UART0 + 0x3c) & (1 << 10), 0, 'OERIS');
+  it.control.send([4]);
+  it.run(it.cycle + 11 * 1085);
+  assert.equal(rp.readUint32(UART0), 4 | (1 << 11), 'the next one says so');
+  // One in the shifter, one behind it, and no more.
+  for (const byte of [5, 6]) rp.writeUint32(UART0, byte);
+  assert.notEqual(rp.readUint32(UART0 + 0x18) & (1 << 5), 0, 'TXFF');
+  const sent = it.cycle;
+  it.run(sent + 21 * 1085);
+  const [first, second] = it.control.stamps.slice(-2);
+  assert.ok(Math.abs(first - sent - 10852) < 3 && Math.abs(second - first - 10852) < 3);
+});
+
+test('the flash programs by clearing bits, wraps in its page, and is cut in the middle', () => {
+  const it = board();
+  const { nor } = it;
+  const command = (...bytes) => {
+    nor.select(true);
+    const answer = bytes.map((byte) => nor.exchange(byte));
+    nor.select(false);
+    return answer;
+  };
+  command(0x02, 0, 0, 0, 0);
+  assert.equal(nor.data[0], 0xff, 'not enabled');
+  command(0x06);
+  command(0x02, 0, 1, 0xfe, 0xf0, 0x0f, 0xaa);
+  assert.equal(command(0x05, 0)[1], 3, 'busy');
+  assert.equal(command(0x03, 0, 1, 0xfe, 0)[4], 0xff, 'nothing else while busy');
+  it.run(it.cycle + 125 * 100);
+  assert.deepEqual([...nor.data.slice(0x1fe, 0x200), nor.data[0x100]], [0xf0, 0x0f, 0xaa]);
+  command(0x06);
+  command(0x02, 0, 1, 0xfe, 0x3f);
+  it.run(it.cycle + 125 * 100);
+  assert.equal(command(0x0b, 0, 1, 0xfe, 0, 0)[5], 0x30);
+  command(0x06);
+  command(0x20, 0, 1, 0);
+  it.run(it.cycle + 125 * 46_000);
+  assert.equal(nor.data[0x1fe], 0xff);
+  assert.deepEqual(command(0x9f, 0, 0, 0).slice(1), [0xef, 0x40, 0x18]);
+  assert.equal(Buffer.from(command(0x4b, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0).slice(5)).toString('hex'), '0123456789abcdef');
+  nor.cutAfter = 2;
+  command(0x06);
+  command(0x02, 0, 3, 0, 1, 2, 3, 4);
+  it.run(it.cycle + 125 * 100);
+  assert.equal(it.isOn, false);
+  assert.deepEqual([...nor.data.slice(0x300, 0x302), nor.data[0x303]], [1, 2, 0xff]);
+  assert.equal(nor.data[0x302] & 3, 3, 'half done: bits may be set still');
+});
+
+test('an erase that is cut short leaves neither', () => {
+  const it = board();
+  const { nor } = it;
+  nor.data.fill(0, 0, 4096);
+  for (const bytes of [[0x06], [0x20, 0, 0, 0]]) {
+    nor.select(true);
+    for (const byte of bytes) nor.exchange(byte);
+    nor.select(false);
+  }
+  it.run(it.cycle + 1000);
+  it.powerOff();
+  const values = new Set(nor.data.slice(0, 4096));
+  assert.ok(values.size > 10);
+  it.powerOn();
+  assert.ok(it.isOn && it.nor instanceof Nor);
+});
+
+test('the truth about an axis at an edge', () => {
+  const stimuli = new Stimuli([8, 10, 12, 14]);
+  const edges = [];
+  const pins = { note: (cycle, levels) => edges.push([cycle, levels]) };
+  stimuli.startAxis(1, { segments: [{ edges: 6, from: 10 }, { rest: 5 }, { edges: 4, from: 10, up: false }] });
+  stimuli.startPulses({ pin: 16, at: [35, 60, 95], width: 2, record: true });
+  stimuli.fill(0, pins);
+  const rows = [];
+  for (let i = 0; i < stimuli.truth.length; i += 14) {
+    const [pin, cycle] = stimuli.truth.slice(i, i + 2);
+    rows.push([pin, cycle, ...stimuli.truth.slice(i + 5, i + 8)]);
+  }
+  assert.deepEqual(rows, [
+    [16, 35, 3, 5, 5],
+    [16, 60, 6, 0, 15],
+    [16, 95, 3, 0, 10],
+  ]);
+  assert.equal(stimuli.axes[1].position, 2);
+  // B follows A when it counts up.
+  assert.deepEqual(edges[0], [10, 1 << 10]);
+  assert.deepEqual(edges[1], [20, 3 << 10]);
+});
