@@ -158,6 +158,8 @@ test('the truth about an axis at an edge', () => {
   ]);
   assert.equal(stimuli.axes[1].position, 2);
   // B follows A when it counts up.
-  assert.deepEqual(edges[0], [10, 1 << 10]);
-  assert.deepEqual(edges[1], [20, 3 << 10]);
+  assert.deepEqual(edges.slice(1, 3), [
+    [10, 1 << 10],
+    [20, 3 << 10],
+  ]);
 });
