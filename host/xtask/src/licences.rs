@@ -4,6 +4,8 @@
 
 use anyhow::{Context as _, Result, ensure};
 
+use crate::emulators;
+use crate::firmware;
 use crate::house::{House, metadata};
 
 /// Licences that ask for no more than a notice.
@@ -24,12 +26,32 @@ const EXCEPTIONS: [(&str, &str); 1] = [
     ("serialport", "MPL-2.0"),
 ];
 
-/// Holds that every package of the lock file has a licence that is allowed.
+/// Holds that every package of the lock files has a licence that is allowed.
 pub fn check(house: &House) -> Result<()> {
-    let metadata = metadata(house.cargo().arg("metadata"))?;
+    let mut refused = Vec::new();
+    for manifest in [house.root.join("Cargo.toml"), firmware::manifest(house)] {
+        let mut command = house.cargo();
+        refused.extend(of_cargo(&metadata(
+            command.args(["metadata", "--manifest-path"]).arg(manifest),
+        )?)?);
+    }
+    let lock = emulators::folder(house).join("package-lock.json");
+    let lock = std::fs::read_to_string(&lock)
+        .with_context(|| format!("cannot read {}", lock.display()))?;
+    refused.extend(of_npm(&serde_json::from_str(&lock)?)?);
+    ensure!(
+        refused.is_empty(),
+        "packages whose licence is not among those allowed in host/xtask/src/licences.rs:\n  {}",
+        refused.join("\n  ")
+    );
+    Ok(())
+}
+
+/// The packages of `cargo metadata` whose licences are not allowed.
+fn of_cargo(metadata: &serde_json::Value) -> Result<Vec<String>> {
     let packages = metadata.get("packages").and_then(|list| list.as_array());
     let packages = packages.context("cargo metadata lists no packages")?;
-    let refused: Vec<String> = packages
+    let refused = packages
         .iter()
         .filter_map(|package| {
             let text = |key| package.get(key).and_then(|value| value.as_str());
@@ -38,12 +60,24 @@ pub fn check(house: &House) -> Result<()> {
             (!is_allowed(name, licence)).then(|| format!("{name}: `{licence}`"))
         })
         .collect();
-    ensure!(
-        refused.is_empty(),
-        "packages whose licence is not among those allowed in host/xtask/src/licences.rs:\n  {}",
-        refused.join("\n  ")
-    );
-    Ok(())
+    Ok(refused)
+}
+
+/// The packages of a `package-lock.json` whose licences are not allowed.
+fn of_npm(lock: &serde_json::Value) -> Result<Vec<String>> {
+    let packages = lock.get("packages").and_then(|list| list.as_object());
+    let packages = packages.context("package-lock.json lists no packages")?;
+    let refused = packages
+        .iter()
+        .filter_map(|(path, package)| {
+            let licence = package["license"].as_str().unwrap_or("");
+            let name = path
+                .rsplit_once("node_modules/")
+                .map_or("(ours)", |(_, name)| name);
+            (!is_allowed(name, licence)).then(|| format!("{name} (npm): `{licence}`"))
+        })
+        .collect();
+    Ok(refused)
 }
 
 /// Whether a package of this SPDX expression may be used. One that names none may not.
@@ -60,7 +94,7 @@ fn is_allowed(package: &str, licence: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::is_allowed;
+    use super::{is_allowed, of_npm};
 
     /// One allowed way out of several is enough; all parts of an `AND` must be allowed.
     #[test]
@@ -73,6 +107,22 @@ mod tests {
         assert!(!is_allowed("x", "MIT AND GPL-3.0-only"));
         assert!(!is_allowed("x", "GPL-3.0-only"));
         assert!(!is_allowed("x", ""));
+    }
+
+    /// A package of npm without a licence, or with one that is not allowed, is named.
+    #[test]
+    fn npm() {
+        let lock = serde_json::json!({"packages": {
+            "": {"license": "MIT OR Apache-2.0"},
+            "node_modules/rp2040js": {"license": "MIT"},
+            "node_modules/a/node_modules/@b/c": {"license": "GPL-3.0-only"},
+            "node_modules/d": {},
+        }});
+        assert_eq!(
+            of_npm(&lock).unwrap(),
+            ["@b/c (npm): `GPL-3.0-only`", "d (npm): ``"]
+        );
+        assert!(of_npm(&serde_json::json!({})).is_err());
     }
 
     /// An exception is one package's, not a licence's.

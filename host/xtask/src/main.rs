@@ -1,7 +1,9 @@
 //! The project's own chores, one module each. `cargo xtask help` lists them.
 
+mod aside;
 mod bench;
 mod console;
+mod emulators;
 mod firmware;
 mod flash;
 mod fuzz;
@@ -36,6 +38,9 @@ enum Chore {
     Size(size::Arguments),
     Fuzz(fuzz::Arguments),
     Bench(bench::Arguments),
+    /// What `test` runs on the side.
+    #[command(name = aside::CHORE, hide = true)]
+    FirmwareChecks,
 }
 
 fn main() -> ExitCode {
@@ -57,6 +62,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Chore::Flash(arguments) => flash::run(&house, &arguments),
         Chore::Size(arguments) => size::run(&house, &arguments),
         Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
+        Chore::FirmwareChecks => aside::run(&house),
         Chore::Bench(arguments) => bench::run(&house, &arguments),
     }
 }

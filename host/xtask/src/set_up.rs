@@ -6,15 +6,17 @@
 use anyhow::Result;
 
 use crate::console;
+use crate::emulators;
 use crate::firmware::toolchain::{self, TARGETS};
 use crate::fuzz;
 use crate::house::{House, execute, find_program, output};
 use crate::referee;
 
-/// Installs what tests, firmware checks, fuzzing and benchmarks need.
+/// Installs what tests, firmware, fuzzing and benchmarks need.
 ///
 /// What is there already is left alone. Rust targets come from rustup; where it cannot
 /// bring them, Debian's compiler and its sources come from apt-get (as root only).
+/// QEMU and node come from apt-get too, and the emulated Pico's packages from npm.
 /// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
 #[derive(clap::Args)]
@@ -26,8 +28,10 @@ pub struct Arguments {}
 /// Something that a chore needs beyond Rust itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
-    /// A compiler for the two bare-metal targets.
+    /// A compiler for the bare-metal targets.
     Firmware,
+    /// QEMU, and node with what the emulated Pico is made of.
+    Emulators,
     /// cargo-fuzz and a nightly compiler to run it with.
     Fuzzing,
     /// LinuxCNC's interpreter, to judge NC programs.
@@ -40,7 +44,13 @@ pub enum Need {
 pub fn run(house: &House, _: &Arguments) -> Result<()> {
     meet(
         house,
-        &[Need::Firmware, Need::Fuzzing, Need::Referee, Need::Counting],
+        &[
+            Need::Firmware,
+            Need::Emulators,
+            Need::Fuzzing,
+            Need::Referee,
+            Need::Counting,
+        ],
     );
     Ok(())
 }
@@ -50,6 +60,7 @@ pub fn meet(house: &House, needs: &[Need]) {
     for need in needs {
         let (name, met) = match need {
             Need::Firmware => ("compiler for firmware", firmware(house)),
+            Need::Emulators => ("emulators of boards", emulators(house)),
             Need::Fuzzing => ("fuzzing", fuzzing(house)),
             Need::Referee => ("referee of NC programs", referee::bring(house)),
             Need::Counting => ("instruction counts", counting(house)),
@@ -80,6 +91,14 @@ fn firmware(house: &House) -> Result<String> {
         install(house, &toolchain::DEBIAN_PACKAGES)?;
     }
     toolchain::choose(house, None).map(|toolchain| toolchain.to_string())
+}
+
+fn emulators(house: &House) -> Result<String> {
+    let missing = emulators::missing_packages();
+    if !missing.is_empty() {
+        install(house, &missing)?;
+    }
+    emulators::bring(house)
 }
 
 fn fuzzing(house: &House) -> Result<String> {

@@ -1,26 +1,30 @@
 //! `test`: everything that must hold, in one command, the quick and telling things first.
 
+use std::cell::RefCell;
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
+
+use crate::aside::Aside;
 
 use crate::console::{self, Line, Outcome};
+use crate::emulators;
 use crate::firmware::toolchain;
 use crate::fuzz;
 use crate::house::{House, execute, in_ci};
 use crate::licences;
 use crate::set_up::{self, Need};
-use crate::size;
 
 /// Sets up what is missing, then runs every check and prints a summary.
 ///
-/// Stops at the first step that fails. This is what CI runs.
+/// Stops at the first step that fails. This is what CI runs. The firmware's images are built
+/// on the side while the host's code is linted, and then run in the emulators.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  cargo xtask test            # everything, as in CI\n  cargo xtask test --quick    # before each commit: format, lints and tests"
+    after_help = "Examples:\n  cargo xtask test            # everything, as in CI\n  cargo xtask test --quick    # before each commit: format, lints and tests, no emulators"
 )]
 pub struct Arguments {
-    /// Leaves out everything but format, lints and tests.
+    /// Leaves out everything but format, lints and tests on the host.
     #[arg(long)]
     quick: bool,
     /// How long each fuzz target runs.
@@ -28,8 +32,16 @@ pub struct Arguments {
     fuzz_seconds: u32,
 }
 
+/// What the checks share.
+struct Run<'a> {
+    house: &'a House,
+    arguments: &'a Arguments,
+    /// The firmware's checks on the side, once they are begun.
+    firmware: RefCell<Option<Aside>>,
+}
+
 /// A check: `Err` if something does not hold.
-type Action = fn(&House, &Arguments) -> Result<Outcome>;
+type Action = fn(&Run<'_>) -> Result<Outcome>;
 
 /// The steps in order, each with whether `--quick` runs it too.
 const STEPS: [(&str, bool, Action); 9] = [
@@ -38,18 +50,23 @@ const STEPS: [(&str, bool, Action); 9] = [
     ("licences", false, licences),
     ("lints", true, lints),
     ("documentation", false, documentation),
-    ("tests", true, tests),
     ("firmware", false, firmware),
+    ("tests", true, tests),
     ("fuzzing", false, fuzzing),
     ("demo", false, demo),
 ];
 
 /// Runs the steps.
 pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
+    let run = Run {
+        house,
+        arguments,
+        firmware: RefCell::new(None),
+    };
     let steps = STEPS
         .iter()
         .filter(|(_, quick, _)| *quick || !arguments.quick)
-        .map(|(name, _, action)| (*name, || action(house, arguments)));
+        .map(|(name, _, action)| (*name, || action(&run)));
     let (lines, failure) = run_in_order(steps);
     console::summary(&lines);
     failure.map_or(Ok(()), Err)
@@ -85,10 +102,14 @@ fn run_in_order<F: FnOnce() -> Result<Outcome>>(
     (lines, failure)
 }
 
-fn format(house: &House, _: &Arguments) -> Result<Outcome> {
-    // The fuzz targets are a workspace of their own.
-    for workspace in ["Cargo.toml", "tests/fuzz/Cargo.toml"] {
-        let mut command = house.cargo();
+fn format(run: &Run<'_>) -> Result<Outcome> {
+    // The fuzz targets and the boards are workspaces of their own.
+    for workspace in [
+        "Cargo.toml",
+        "tests/fuzz/Cargo.toml",
+        "firmware/boards/Cargo.toml",
+    ] {
+        let mut command = run.house.cargo();
         command.args(["fmt", "--all", "--check", "--manifest-path", workspace]);
         if !console::has_colour() {
             // rustfmt does not find out by itself.
@@ -99,18 +120,28 @@ fn format(house: &House, _: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
-fn set_up(house: &House, _: &Arguments) -> Result<Outcome> {
-    set_up::meet(house, &[Need::Firmware, Need::Fuzzing, Need::Referee]);
+fn set_up(run: &Run<'_>) -> Result<Outcome> {
+    let needs = [
+        Need::Firmware,
+        Need::Emulators,
+        Need::Fuzzing,
+        Need::Referee,
+    ];
+    set_up::meet(run.house, &needs);
+    // To link an image keeps one processor busy for long: meanwhile the other goes on.
+    if toolchain::installed(run.house).is_some() {
+        *run.firmware.borrow_mut() = Some(Aside::begin(run.house)?);
+    }
     Ok(Outcome::Passed)
 }
 
-fn licences(house: &House, _: &Arguments) -> Result<Outcome> {
-    licences::check(house)?;
+fn licences(run: &Run<'_>) -> Result<Outcome> {
+    licences::check(run.house)?;
     Ok(Outcome::Passed)
 }
 
-fn lints(house: &House, _: &Arguments) -> Result<Outcome> {
-    execute(house.cargo().args([
+fn lints(run: &Run<'_>) -> Result<Outcome> {
+    execute(run.house.cargo().args([
         "clippy",
         "--workspace",
         "--all-targets",
@@ -121,9 +152,9 @@ fn lints(house: &House, _: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
-fn documentation(house: &House, _: &Arguments) -> Result<Outcome> {
+fn documentation(run: &Run<'_>) -> Result<Outcome> {
     execute(
-        house
+        run.house
             .cargo()
             .args(["doc", "--workspace", "--no-deps"])
             .env("RUSTDOCFLAGS", "-D warnings"),
@@ -131,38 +162,60 @@ fn documentation(house: &House, _: &Arguments) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
-fn tests(house: &House, _: &Arguments) -> Result<Outcome> {
+/// CI must have a compiler for firmware; a desk without one may still run the rest.
+fn firmware(run: &Run<'_>) -> Result<Outcome> {
+    match run.firmware.take() {
+        Some(aside) => aside.end().map(|()| Outcome::Passed),
+        None => match toolchain::choose(run.house, None) {
+            Err(error) if !in_ci() => Ok(Outcome::Skipped(format!("{error:#}"))),
+            Err(error) => Err(error),
+            Ok(_) => bail!("the images were not begun"),
+        },
+    }
+}
+
+fn tests(run: &Run<'_>) -> Result<Outcome> {
     // All failures in one run: CI is slow to ask again.
-    execute(
-        house
-            .cargo()
-            .args(["test", "--workspace", "--no-fail-fast"]),
-    )?;
+    let mut command = run.house.cargo();
+    command.args(["test", "--workspace", "--no-fail-fast"]);
+    let without = if run.arguments.quick {
+        Some("--quick".to_owned())
+    } else if toolchain::installed(run.house).is_none() {
+        Some("no images".to_owned())
+    } else {
+        emulators::missing(run.house)
+    };
+    if let Some(why) = &without {
+        ensure!(
+            run.arguments.quick || !in_ci(),
+            "the emulators cannot run: {why}"
+        );
+        console::skipped(&format!("emulated boards: {why}"));
+        command.env("UMI_EMULATORS", "0");
+    } else {
+        let image = |board| run.house.firmware().join(format!("{board}.elf"));
+        command
+            .env("UMI_EMULATORS", "1")
+            .env("UMI_MPS2_IMAGE", image("mps2-an500"))
+            .env("UMI_PICO_IMAGE", image("pico"));
+        let mut npm = run.house.command("npm");
+        execute(npm.arg("test").current_dir(emulators::folder(run.house)))?;
+    }
+    execute(&mut command)?;
     Ok(Outcome::Passed)
 }
 
-fn firmware(house: &House, _: &Arguments) -> Result<Outcome> {
-    // CI must have a compiler for firmware; a desk without one may still run the rest.
-    match toolchain::choose(house, None) {
-        Err(error) if !in_ci() => Ok(Outcome::Skipped(format!("{error:#}"))),
-        Err(error) => Err(error),
-        Ok(_) => {
-            size::run(house, &size::Arguments::default())?;
-            Ok(Outcome::Passed)
-        }
-    }
-}
-
-fn fuzzing(house: &House, arguments: &Arguments) -> Result<Outcome> {
-    if let Some(reason) = fuzz::missing(house) {
+fn fuzzing(run: &Run<'_>) -> Result<Outcome> {
+    if let Some(reason) = fuzz::missing(run.house) {
         return Ok(Outcome::Skipped(reason));
     }
-    fuzz::run_all(house, arguments.fuzz_seconds)?;
+    fuzz::run_all(run.house, run.arguments.fuzz_seconds)?;
     Ok(Outcome::Passed)
 }
 
 /// The first command of the README.
-fn demo(house: &House, _: &Arguments) -> Result<Outcome> {
+fn demo(run: &Run<'_>) -> Result<Outcome> {
+    let house = run.house;
     let out = house.target.join("xtask").join("demo");
     if out.exists() {
         std::fs::remove_dir_all(&out)?;

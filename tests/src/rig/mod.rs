@@ -58,11 +58,14 @@ pub trait Rig {
 }
 
 /// The image of a board: the file that `variable` names, or else the one that `cargo xtask
-/// firmware` has made.
+/// firmware` has made. None if `UMI_EMULATORS` is 0: then images are not run.
 ///
 /// # Errors
 /// What to type.
 pub fn image(variable: &str, file: &str) -> Result<PathBuf, String> {
+    if env::var("UMI_EMULATORS").is_ok_and(|value| value == "0") {
+        return Err("UMI_EMULATORS is 0".to_owned());
+    }
     let image = env::var_os(variable).map_or_else(
         || {
             let tests = Path::new(env!("CARGO_MANIFEST_DIR"));

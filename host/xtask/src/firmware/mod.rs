@@ -12,11 +12,12 @@ pub mod uf2;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context as _, Result, ensure};
 
-use self::boards::{Board, Flashing};
-use self::toolchain::Toolchain;
+use self::boards::{BOARDS, Board, Flashing};
+use self::toolchain::{Toolchain, Verb};
 use crate::console;
 use crate::house::{House, execute};
 
@@ -123,23 +124,30 @@ fn forms(house: &House, name: &str) -> String {
     }
 }
 
+/// Holds clippy's lints in every board's package.
+pub fn lint(house: &House) -> Result<()> {
+    let toolchain = toolchain::choose(house, None)?;
+    for board in BOARDS {
+        let mut command = cargo(house, toolchain, Verb::Clippy, board);
+        execute(command.args(["--", "-D", "warnings"]))?;
+    }
+    Ok(())
+}
+
 fn build_board(house: &House, toolchain: Toolchain, board: &Board) -> Result<()> {
-    let mut command = toolchain.cargo(house, board.target, board.cpu);
+    execute(cargo(house, toolchain, Verb::Build, board).arg("--bins"))
+        .with_context(|| format!("the firmware of board `{}` does not build", board.name))
+}
+
+fn cargo(house: &House, toolchain: Toolchain, verb: Verb, board: &Board) -> Command {
+    let mut command = toolchain.cargo(house, verb, board.target, board.cpu);
     command
         .current_dir(house.root.join("firmware").join("boards"))
-        .args([
-            "build",
-            "--profile=firmware",
-            "--bins",
-            "--package",
-            board.package,
-        ])
-        .args(toolchain.build_arguments(board.target));
+        .args(["--package", board.package]);
     if let Some(features) = board.features {
         command.args(["--no-default-features", "--features", features]);
     }
-    execute(&mut command)
-        .with_context(|| format!("the firmware of board `{}` does not build", board.name))
+    command
 }
 
 /// What cargo knows about the package of a board.

@@ -15,16 +15,19 @@ pub const TARGETS: [&str; 3] = [
     "thumbv8m.main-none-eabihf",
 ];
 
-/// What Debian calls a current compiler, its cargo, the library's sources and a linker.
-pub const DEBIAN_PACKAGES: [&str; 4] = [
+/// What Debian calls a current compiler, its cargo and lints, the library's sources and a
+/// linker.
+pub const DEBIAN_PACKAGES: [&str; 5] = [
     "rustc-web",
     "cargo-web",
+    "rust-web-clippy",
     "rust-web-src",
     "binutils-arm-none-eabi",
 ];
 
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+const DEBIAN_CLIPPY: &str = "/usr/bin/cargo-clippy";
 const DEBIAN_LINKER: &str = "arm-none-eabi-ld";
 
 /// A compiler that can build for every target of [`TARGETS`].
@@ -86,51 +89,59 @@ impl Toolchain {
             }
             Self::Debian => {
                 Path::new(DEBIAN_CARGO).is_file()
+                    && Path::new(DEBIAN_CLIPPY).is_file()
                     && find_program(DEBIAN_LINKER).is_some()
                     && debian_sources(house).is_some_and(|sources| sources.is_dir())
             }
         }
     }
 
-    /// This toolchain's cargo, told to compile for `cpu` where one is named, and to put
-    /// its files into a folder of their own: it may be another compiler than the host's.
-    pub fn cargo(self, house: &House, target: &str, cpu: Option<&str>) -> Command {
+    /// A `cargo build` of this toolchain, or its `cargo clippy`, for `target`, and for `cpu`
+    /// where one is named. It puts its files into a folder of their own: it may be another
+    /// compiler than the host's.
+    pub fn cargo(self, house: &House, verb: Verb, target: &str, cpu: Option<&str>) -> Command {
         // What `cargo xtask size` reads: it costs the image nothing. Unstable, but settled.
         let mut flags = vec!["-Zemit-stack-sizes".to_owned()];
-        let mut command = match self {
-            Self::Rustup => house.cargo(),
-            Self::Debian => {
-                let mut command = house.command(DEBIAN_CARGO);
-                command
-                    .env("RUSTC", DEBIAN_RUSTC)
-                    // The libraries of the compiler that runs this program are not its.
-                    .env_remove("LD_LIBRARY_PATH");
-                flags.push(format!("-Clinker={DEBIAN_LINKER}"));
-                command
-            }
-        };
         flags.extend(cpu.map(|cpu| format!("-Ctarget-cpu={cpu}")));
-        let variable = target.to_uppercase().replace(['-', '.'], "_");
+        let mut command = match (self, verb) {
+            (Self::Rustup, _) => house.cargo(),
+            (Self::Debian, Verb::Build) => house.command(DEBIAN_CARGO),
+            // Cargo would find rustup's first.
+            (Self::Debian, Verb::Clippy) => house.command(DEBIAN_CLIPPY),
+        };
+        command.arg(match verb {
+            Verb::Build => "build",
+            Verb::Clippy => "clippy",
+        });
+        if self == Self::Debian {
+            command
+                .env("CARGO", DEBIAN_CARGO)
+                .env("RUSTC", DEBIAN_RUSTC)
+                // The libraries of the compiler that runs this program are not its.
+                .env_remove("LD_LIBRARY_PATH")
+                // Only core: whatever names alloc does not compile.
+                .arg("-Zbuild-std=core");
+            flags.push(format!("-Clinker={DEBIAN_LINKER}"));
+        }
+        // Not by the environment, whose names cannot have the dot that a target has.
+        let flags = format!("target.'{target}'.rustflags={flags:?}");
         command
             // Building the core library is unstable in cargo, but Debian has no other way to
             // have it for a target; the stack sizes are unstable everywhere.
             .env("RUSTC_BOOTSTRAP", "1")
-            .env(
-                format!("CARGO_TARGET_{variable}_RUSTFLAGS"),
-                flags.join(" "),
-            )
-            .env("CARGO_TARGET_DIR", house.firmware().join("build"));
+            .env("CARGO_TARGET_DIR", house.firmware().join("build"))
+            .args(["--profile=firmware", "--target", target, "--config", &flags]);
         command
     }
+}
 
-    /// What makes a `cargo build` of this toolchain one for `target`.
-    pub fn build_arguments(self, target: &str) -> Vec<&str> {
-        match self {
-            Self::Rustup => vec!["--target", target],
-            // Only core: whatever names alloc does not compile.
-            Self::Debian => vec!["--target", target, "-Zbuild-std=core"],
-        }
-    }
+/// What cargo is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verb {
+    /// Compile and link.
+    Build,
+    /// Look for what could be written better.
+    Clippy,
 }
 
 /// Where Debian keeps the sources of the core library of a compiler that is new enough.
