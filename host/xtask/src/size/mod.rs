@@ -1,6 +1,7 @@
 //! `size`: what each firmware image takes, held against its budget.
 
 pub mod image;
+mod memory;
 mod program;
 mod stack;
 mod thumb;

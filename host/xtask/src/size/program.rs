@@ -14,6 +14,7 @@ use anyhow::{Context as _, Result};
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _};
 use object::{SectionFlags, SymbolKind, elf, read};
 
+use super::memory::{Memory, Word};
 use super::thumb::{self, Does};
 
 /// A function.
@@ -29,6 +30,8 @@ pub struct Function {
     pub calls: Vec<usize>,
     /// How often it calls what a pointer says.
     pub indirect: u32,
+    /// The functions to which it knows pointers: in its code, and in what its code points to.
+    pub pointers: BTreeSet<usize>,
 }
 
 impl Function {
@@ -60,14 +63,25 @@ impl Function {
 pub struct Program {
     /// All functions.
     pub functions: Vec<Function>,
-    /// Those to which there are pointers.
-    pub pointed: BTreeSet<usize>,
+    /// Those to which there are pointers in variables, or where it is not known who knows them.
+    pub loose: BTreeSet<usize>,
     /// Where the processor starts.
     pub reset: usize,
     /// What the vector table names, but for `reset` and the faults.
     pub handlers: BTreeSet<usize>,
     /// What the processor runs when nothing else helps: faults and the default handler.
     pub faults: BTreeSet<usize>,
+}
+
+impl Program {
+    /// The functions to which there are pointers.
+    pub fn pointed(&self) -> BTreeSet<usize> {
+        let known = self
+            .functions
+            .iter()
+            .flat_map(|function| &function.pointers);
+        known.chain(&self.loose).copied().collect()
+    }
 }
 
 /// What of an image tells about its functions.
@@ -90,14 +104,19 @@ struct Piece<'file> {
     address: u64,
     bytes: &'file [u8],
     is_vectors: bool,
+    is_variable: bool,
 }
 
 impl Piece<'_> {
-    fn words(&self) -> impl Iterator<Item = u64> {
-        let (words, _) = self.bytes.as_chunks::<4>();
-        words
-            .iter()
-            .map(|word| u64::from(u32::from_le_bytes(*word)))
+    /// The words from `start` to `end` that lie as words do.
+    fn words(&self, start: u64, end: u64) -> impl Iterator<Item = Word> {
+        let start = start.next_multiple_of(4);
+        let (words, _) = self.part(start, end).unwrap_or_default().as_chunks::<4>();
+        (start..).step_by(4).zip(words).map(|(address, word)| Word {
+            address,
+            value: u64::from(u32::from_le_bytes(*word)),
+            is_variable: self.is_variable,
+        })
     }
 
     /// The part from `start` to `end`.
@@ -123,7 +142,7 @@ impl Program {
         let places = program.name_functions(source);
         let sizes = stack_sizes(source.stack_sizes)?;
         let ranges = ranges(source);
-        let mut pointers = Vec::new();
+        let mut values = vec![Vec::new(); program.functions.len()];
         for (start, (end, index)) in &places {
             let Some(piece) = pieces
                 .iter()
@@ -134,17 +153,30 @@ impl Program {
             let function = &mut program.functions[*index];
             for (from, to) in code_within(&ranges, *start, *end) {
                 let code = piece.part(from, to).unwrap_or_default();
-                function.read_code(code, from, (*start, *end), &places, &mut pointers);
+                function.read_code(code, from, (*start, *end), &places, &mut values[*index]);
             }
             if let Some(size) = sizes.get(start) {
                 (function.frame, function.bounded) = (*size, true);
             }
         }
-        pointers.extend(data(pieces, &ranges));
-        program.pointed = pointers
-            .iter()
-            .filter_map(|value| at(&places, *value))
-            .collect();
+        let mut outside = Vec::new();
+        for word in data(pieces, &ranges) {
+            match around(&places, word.address) {
+                Some(index) => values[index].push(word.value),
+                None => outside.push(word),
+            }
+        }
+        let mut memory = Memory::new(&outside, values.iter().flatten().copied());
+        let functions = |values: BTreeSet<u64>| -> BTreeSet<usize> {
+            values
+                .iter()
+                .filter_map(|value| at(&places, *value))
+                .collect()
+        };
+        for (function, values) in program.functions.iter_mut().zip(&values) {
+            function.pointers = functions(memory.from(values));
+        }
+        program.loose = functions(memory.rest().into_iter().collect());
         program.pass_veneers();
         program.read_vectors(pieces, &places)?;
         Ok(program)
@@ -206,7 +238,11 @@ impl Program {
     fn read_vectors(&mut self, pieces: &[Piece<'_>], places: &Places) -> Result<()> {
         let vectors = pieces.iter().find(|piece| piece.is_vectors);
         let vectors = vectors.context("the image has no section `.vector_table`")?;
-        let entries: Vec<Option<usize>> = vectors.words().map(|value| at(places, value)).collect();
+        let end = vectors.address + vectors.bytes.len() as u64;
+        let entries: Vec<Option<usize>> = vectors
+            .words(vectors.address, end)
+            .map(|word| at(places, word.value))
+            .collect();
         self.reset = entries
             .get(1)
             .copied()
@@ -237,10 +273,10 @@ impl Function {
         mut address: u64,
         (start, end): (u64, u64),
         places: &Places,
-        pointers: &mut Vec<u64>,
+        values: &mut Vec<u64>,
     ) {
-        // Halves of addresses are moved in any order; to pair all is to miss none.
-        let (mut low, mut high) = (Vec::new(), Vec::new());
+        // The upper half of an address is set after the lower one, in the same register.
+        let mut low = [0; 16];
         while let Some((does, length)) = thumb::decode(code, address) {
             match does {
                 Does::Jumps(to) if (start..end).contains(&to) => {}
@@ -248,16 +284,14 @@ impl Function {
                 Does::GoesSomewhere => self.indirect += 1,
                 Does::Pushes(bytes) => self.frame += bytes,
                 Does::PushesSome => self.bounded = false,
-                Does::SetsLow(register, value) => low.push((register, value)),
-                Does::SetsHigh(register, value) => high.push((register, value)),
+                Does::SetsLow(register, value) => low[usize::from(register)] = value,
+                Does::SetsHigh(register, value) => {
+                    values.push(u64::from(value) << 16 | u64::from(low[usize::from(register)]));
+                }
                 Does::Else => {}
             }
             code = &code[length..];
             address += length as u64;
-        }
-        for (register, high) in high {
-            let pairs = low.iter().filter(|(other, _)| *other == register);
-            pointers.extend(pairs.map(|(_, low)| u64::from(high) << 16 | u64::from(*low)));
         }
     }
 }
@@ -287,6 +321,7 @@ impl<'file> Source<'file> {
                     address: section.address(),
                     bytes,
                     is_vectors: section.name() == Ok(".vector_table"),
+                    is_variable: sh_flags.contains(elf::SHF_WRITE),
                 });
             }
         }
@@ -354,33 +389,18 @@ fn code_within(ranges: &Ranges, start: u64, end: u64) -> Vec<(u64, u64)> {
 }
 
 /// Every word of data, but for the vector table: its functions are the processor's to call.
-fn data(pieces: &[Piece<'_>], ranges: &Ranges) -> Vec<u64> {
-    let mut values = Vec::new();
+fn data(pieces: &[Piece<'_>], ranges: &Ranges) -> Vec<Word> {
+    let mut found = Vec::new();
     for piece in pieces.iter().filter(|piece| !piece.is_vectors) {
         let end = piece.address + piece.bytes.len() as u64;
         let mut from = piece.address;
         for (code_start, code_end) in code_within(ranges, piece.address, end) {
-            values.extend(words(piece, from, code_start));
+            found.extend(piece.words(from, code_start));
             from = code_end;
         }
-        values.extend(words(piece, from, end));
+        found.extend(piece.words(from, end));
     }
-    values
-}
-
-/// The words from `start` to `end` that lie as words do.
-fn words<'piece>(
-    piece: &'piece Piece<'_>,
-    start: u64,
-    end: u64,
-) -> impl Iterator<Item = u64> + 'piece {
-    let bytes = piece
-        .part(start.next_multiple_of(4), end)
-        .unwrap_or_default();
-    let (words, _) = bytes.as_chunks::<4>();
-    words
-        .iter()
-        .map(|word| u64::from(u32::from_le_bytes(*word)))
+    found
 }
 
 /// What the compiler says that each function takes of the stack: pairs of an address and a
@@ -456,11 +476,13 @@ mod tests {
                     address: 0,
                     bytes: &vectors,
                     is_vectors: true,
+                    is_variable: false,
                 },
                 Piece {
                     address: 0x100,
                     bytes: &code,
                     is_vectors: false,
+                    is_variable: false,
                 },
             ],
             symbols: vec![
@@ -477,23 +499,25 @@ mod tests {
             stack_sizes: &[0, 1, 0, 0, 0x88, 0x01],
         };
         let program = Program::of(&source).unwrap();
-        let function = |names: &[&str], frame, bounded, calls: &[usize], indirect| Function {
-            names: names.iter().map(|name| (*name).to_owned()).collect(),
-            frame,
-            bounded,
-            calls: calls.to_vec(),
-            indirect,
-        };
+        let function =
+            |names: &[&str], frame, bounded, calls: &[usize], pointers: &[usize]| Function {
+                names: names.iter().map(|name| (*name).to_owned()).collect(),
+                frame,
+                bounded,
+                calls: calls.to_vec(),
+                indirect: u32::from(!pointers.is_empty()),
+                pointers: pointers.iter().copied().collect(),
+            };
         assert_eq!(
             program.functions,
             [
-                function(&["start"], 0x88, true, &[1], 1),
-                function(&["leaf"], 8, true, &[2], 0),
-                function(&["other", "DefaultHandler"], 0, false, &[], 0),
-                function(&["handler"], 0, true, &[], 0),
+                function(&["start"], 0x88, true, &[1], &[2, 3]),
+                function(&["leaf"], 8, true, &[2], &[]),
+                function(&["other", "DefaultHandler"], 0, false, &[], &[]),
+                function(&["handler"], 0, true, &[], &[]),
             ]
         );
-        assert_eq!(program.pointed, BTreeSet::from([2, 3]));
+        assert_eq!(program.loose, BTreeSet::new());
         assert_eq!(program.reset, 0);
         // Vector 2 is the processor's own; the default handler is no one's.
         assert_eq!(program.faults, BTreeSet::from([1, 2]));

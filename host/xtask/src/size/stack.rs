@@ -12,18 +12,23 @@
 //! - tasks of the executor (`TaskStorage::poll`): called from outside of tasks only, and only
 //!   from the level that [`Level`] says;
 //! - formatting (`core::fmt` and what implements its traits): called by formatting only;
-//! - all others: called from anywhere but formatting. A level without tasks is one of drivers,
-//!   and what drivers call through pointers is the executor's wakers.
+//! - all others: called from anywhere but formatting, in the levels whose code knows the
+//!   pointer: it or the data it points to has it, or start-up has, or a variable. Besides these
+//!   there are the executor's wakers. A level without tasks is one of drivers, and calls no
+//!   others than wakers through pointers.
 //!
 //! Calls that go round through pointers count each of their functions once. A panic can come
 //! at the worst moment too, so it is a level of its own; that it panics itself is left out.
 //!
 //! # Limitations
 //!
-//! What it cannot see: a function that enters itself again through pointers is counted once;
+//! What it cannot see: a pointer that one task hands to another of another level, unless it is
+//! a waker; a number that looks like the middle of a table of pointers; a function that enters itself again through pointers is counted once;
 //! assembly that moves the stack pointer by a register (it is named); a handler of an interrupt
 //! at a level that its board does not give it. Functions that end in a jump are counted as if
 //! they called, and what excludes itself is added, so the true need is lower as a rule.
+
+use std::collections::BTreeSet;
 
 use anyhow::{Result, ensure};
 use petgraph::algo::tarjan_scc;
@@ -75,16 +80,26 @@ fn saved_bytes(has_fpu: bool) -> u64 {
 /// tasks.
 pub fn needs(program: &Program, levels: &[Level], has_fpu: bool) -> Result<Vec<Need>> {
     let functions = &program.functions;
-    let all_tasks: Vec<usize> = program
-        .pointed
+    let pointed = program.pointed();
+    let all_tasks: Vec<usize> = pointed
         .iter()
         .copied()
         .filter(|index| is_task(&functions[*index]))
         .collect();
     let groups = group(program, levels, &all_tasks)?;
+    let is_waker = |index: &usize| is_waker(&functions[*index]);
+    let wakers: BTreeSet<usize> = pointed.iter().copied().filter(is_waker).collect();
+    let start_up = known(program, &[program.reset], &program.loose);
+    let always = &start_up | &wakers;
     let mut needs = Vec::new();
     for (level, (handlers, tasks)) in groups.iter().enumerate() {
-        let graph = Graph::new(program, tasks)?;
+        let start: Vec<usize> = handlers.iter().chain(tasks).copied().collect();
+        let known = if tasks.is_empty() {
+            wakers.clone()
+        } else {
+            known(program, &start, &always)
+        };
+        let graph = Graph::new(program, tasks, &known)?;
         let worst = handlers
             .iter()
             .map(|handler| graph.worst(program, graph.start(*handler)));
@@ -175,6 +190,38 @@ fn is_task(function: &Function) -> bool {
     name.starts_with("<embassy_executor::raw::TaskStorage<") && name.ends_with(">>::poll")
 }
 
+/// The functions to which code knows pointers that begins with these functions, or with what
+/// it calls through them.
+fn known(program: &Program, start: &[usize], always: &BTreeSet<usize>) -> BTreeSet<usize> {
+    let always = always
+        .iter()
+        .copied()
+        .filter(|index| is_other(program, *index));
+    let mut known: BTreeSet<usize> = always.collect();
+    let mut reached = vec![false; program.functions.len()];
+    let mut open: Vec<usize> = start.iter().chain(&known).copied().collect();
+    while let Some(index) = open.pop() {
+        if std::mem::replace(&mut reached[index], true) {
+            continue;
+        }
+        let function = &program.functions[index];
+        open.extend(&function.calls);
+        for pointer in &function.pointers {
+            if is_other(program, *pointer) {
+                known.insert(*pointer);
+                open.push(*pointer);
+            }
+        }
+    }
+    known
+}
+
+/// Whether it is neither formatting, nor called by the executor or the processor.
+fn is_other(program: &Program, index: usize) -> bool {
+    let function = &program.functions[index];
+    !is_formatting(function) && !is_task(function) && !program.handlers.contains(&index)
+}
+
 fn is_waker(function: &Function) -> bool {
     function
         .name()
@@ -205,7 +252,7 @@ struct Graph {
 }
 
 impl Graph {
-    fn new(program: &Program, tasks: &[usize]) -> Result<Self> {
+    fn new(program: &Program, tasks: &[usize], known: &BTreeSet<usize>) -> Result<Self> {
         let functions = &program.functions;
         let count = functions.len();
         let calls = calls(functions);
@@ -231,17 +278,13 @@ impl Graph {
                 next[count + index].extend([others, polls]);
             }
         }
-        for index in &program.pointed {
-            let function = &functions[*index];
-            if is_formatting(function) {
-                next[formatting].push(*index);
-            } else if !is_task(function)
-                && !program.handlers.contains(index)
-                && (!tasks.is_empty() || is_waker(function))
-            {
-                next[others].push(*index);
-            }
-        }
+        let pointed = program.pointed();
+        next[formatting].extend(
+            pointed
+                .iter()
+                .filter(|index| is_formatting(&functions[**index])),
+        );
+        next[others].extend(known.iter().filter(|index| is_other(program, **index)));
         next[polls].extend(tasks);
         Ok(Self {
             next,
@@ -387,6 +430,7 @@ mod tests {
             bounded: true,
             calls: calls.to_vec(),
             indirect,
+            pointers: BTreeSet::new(),
         };
         let task = |name: &str, frame, calls: &[usize], indirect| {
             let name = format!("<embassy_executor::raw::TaskStorage<umi::__{name}_task::f>>::poll");
@@ -406,7 +450,7 @@ mod tests {
                 function("<f64 as core::fmt::Display>::fmt", 500, &[FORMAT], 0),
                 function("core::fmt::write", 32, &[], 1),
             ],
-            pointed: [FIT, LINK, WAKE, SHOW].into(),
+            loose: [FIT, LINK, WAKE, SHOW].into(),
             reset: START,
             handlers: [DRIVER].into(),
             faults: [FAULT].into(),
@@ -444,6 +488,26 @@ mod tests {
             .collect();
         assert_eq!(chain[..2], ["Reset", "embassy_executor::run"]);
         assert_eq!(chain[3], "umi::leaf");
+    }
+
+    /// A function whose address only one level knows counts in that one only.
+    #[test]
+    fn pointers_of_a_level() {
+        let mut program = program();
+        let mut callback = program.functions[LEAF].clone();
+        callback.frame = 7000;
+        program.functions.push(callback);
+        program.functions[FIT].pointers.insert(FORMAT + 1);
+        let other = program.functions[LINK].clone();
+        let levels = [level("main", &["fit"]), level("driver", &["link"])];
+        let needs = bytes(&program, &levels);
+        // It is known where `fit` is, but only the executor and the other task call pointers.
+        assert_eq!(needs[..2], [8 + 16 + 7000, 36 + 64 + 200 + 40]);
+        program.functions[LINK] = Function {
+            pointers: [FORMAT + 1].into(),
+            ..other
+        };
+        assert_eq!(bytes(&program, &levels)[1], 36 + 64 + 200 + 7000);
     }
 
     /// A board that says nothing gets the worst of all: any task at any level.
