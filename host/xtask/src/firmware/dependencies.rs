@@ -1,7 +1,8 @@
 //! What the firmware's crates may depend on.
 //!
 //! The brain and the protocol know no executor and no hardware, and the application
-//! knows only embassy's channels and clocks. That is what lets them run on a laptop.
+//! knows only embassy's channels and clocks; the drivers that boards share know traits and
+//! USB, but no chip. That is what lets them run on a laptop.
 //! Nothing of theirs asks a dependency for the standard library or a heap.
 
 use anyhow::{Result, bail};
@@ -9,20 +10,23 @@ use anyhow::{Result, bail};
 use super::toolchain::TARGETS;
 use crate::house::{House, output};
 
-/// What of embassy a crate may use.
+/// What of embassy a crate may use, and which traits of hardware.
 struct Rule {
     package: &'static str,
     embassy: &'static [&'static str],
+    hardware: &'static [&'static str],
 }
 
-const RULES: [Rule; 3] = [
+const RULES: [Rule; 4] = [
     Rule {
         package: "umi-protocol",
         embassy: &[],
+        hardware: &[],
     },
     Rule {
         package: "umi-core",
         embassy: &[],
+        hardware: &[],
     },
     Rule {
         package: "umi-app",
@@ -32,6 +36,22 @@ const RULES: [Rule; 3] = [
             "embassy-time",
             "embassy-time-driver",
         ],
+        hardware: &[],
+    },
+    Rule {
+        package: "umi-drivers",
+        embassy: &[
+            "embassy-sync",
+            "embassy-futures",
+            "embassy-time",
+            "embassy-time-driver",
+            "embassy-usb",
+            "embassy-usb-driver",
+            // What embassy-usb's network class, which nothing here uses, is made of.
+            "embassy-net-driver",
+            "embassy-net-driver-channel",
+        ],
+        hardware: &["embedded-hal", "embedded-hal-async", "usb-device"],
     },
 ];
 
@@ -91,7 +111,9 @@ fn problems(rule: &Rule, tree: &str) -> Vec<String> {
         if name.starts_with("embassy") && !rule.embassy.contains(&name) {
             problems.push(format!("depends on {name}"));
         }
-        if HARDWARE.iter().any(|start| name.starts_with(start)) || name.ends_with("-hal") {
+        let is_hardware =
+            HARDWARE.iter().any(|start| name.starts_with(start)) || name.ends_with("-hal");
+        if is_hardware && !rule.hardware.contains(&name) {
             problems.push(format!("depends on {name}, which knows hardware"));
         }
         // A procedural macro runs on the machine that compiles, and may use what it likes.
@@ -139,6 +161,22 @@ mod tests {
     fn application_knows_channels_only() {
         let tree = "embassy-sync v0.7.2|\nembassy-executor v0.10.0|platform-cortex-m\n";
         assert_eq!(problems(APPLICATION, tree), ["depends on embassy-executor"]);
+    }
+
+    /// Drivers may use traits of hardware, but know no chip and no executor.
+    #[test]
+    fn drivers_know_traits_only() {
+        let tree = "embedded-hal v1.0.0|\n\
+                    embassy-usb v0.6.0|\n\
+                    rp-pac v7.0.0|\n\
+                    embassy-rp v0.10.0|rp2040\n";
+        assert_eq!(
+            problems(&RULES[3], tree),
+            [
+                "depends on rp-pac, which knows hardware",
+                "depends on embassy-rp",
+            ]
+        );
     }
 
     /// Macros run on the host, and mentions of alloc that are no feature do not count.
