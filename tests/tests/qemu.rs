@@ -224,7 +224,7 @@ fn a_scan_comes_to_the_host_paired() {
         rig.stimulate_all(&edges.collect::<Vec<_>>());
         // QEMU's time is not that of the host: no more than the board keeps for a while.
         while next < 100 * (hundred as i64 + 1) {
-            match client.next_event(Duration::from_secs(10)).unwrap() {
+            match client.next_event(Duration::from_secs(60)).unwrap() {
                 Some(Event::Latches(batch)) => check(&mut next, &batch),
                 Some(_) => {}
                 None => panic!("no more than {next} triggers come"),

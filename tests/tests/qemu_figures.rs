@@ -71,18 +71,18 @@ fn fits_on_the_chip_are_those_of_the_host() {
     assert!(host.lines().count() > 250);
 }
 
-/// What work may cost, in instructions of a unit: some 10 % above what it costs with
-/// rustc 1.95, as room for other compilers.
+/// What work may cost, in instructions of a unit: some 10 % above what it costs with rustc
+/// 1.95 and 1.96, as room for other compilers.
 const BUDGETS: [(&str, u64); 9] = [
     (names::BYTE, 480),
-    (names::SPHERE_5, 81_000),
+    (names::SPHERE_5, 85_000),
     (names::REGISTRATION_3, 98_000),
     (names::REGISTRATION_5, 108_000),
-    (names::SPHERE_500, 3_450_000),
+    (names::SPHERE_500, 3_600_000),
     (names::REGISTRATION_500, 3_030_000),
-    (names::APPEND, 9_900),
-    (names::PLATE, 757_000),
-    (names::VERDICT, 300_000),
+    (names::APPEND, 10_300),
+    (names::PLATE, 800_000),
+    (names::VERDICT, 315_000),
 ];
 
 /// The counts stay within their budgets, and repeat to the last instruction, so that they

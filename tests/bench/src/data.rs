@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
+use umi_core::units::Point;
+use umi_figures::half_sphere;
 
 /// Points of the tasks, and the text of a probing session.
 pub struct Data {
@@ -27,7 +29,7 @@ impl Data {
             session: std::fs::read(&session)
                 .with_context(|| format!("cannot read {}", session.display()))?,
             sphere_5: read("sphere_thesis_table_4_1.csv")?,
-            sphere_500: half_sphere(500),
+            sphere_500: half_sphere(500, 1).map(Point::to_array_mm).collect(),
             pairs_3: read("registration_thesis_table_4_2_case1.csv")?,
             pairs_50: read("registration_far_n50_0p1mm.csv")?,
         })
@@ -69,30 +71,4 @@ fn write<const N: usize>(folder: &Path, name: &str, rows: &[[f64; N]]) -> Result
         writeln!(text, "{}", row.join(","))?;
     }
     Ok(std::fs::write(folder.join(format!("{name}.csv")), text)?)
-}
-
-/// Points evenly over the upper half of a sphere (a Fibonacci lattice) with a micrometre of
-/// pseudo-random error, from a fixed seed.
-fn half_sphere(n: u32) -> Vec<[f64; 3]> {
-    const CENTER: [f64; 3] = [-136.7105, 136.412, 136.1212];
-    const RADIUS: f64 = 12.7118;
-    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-    let mut state = 1_u64;
-    let mut noise = move || {
-        // Knuth's MMIX generator; its highest 53 bits, from -1 to 1.
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    };
-    (0..n)
-        .map(|index| {
-            let z = (f64::from(index) + 0.5) / f64::from(n);
-            let (sin, cos) = (f64::from(index) * GOLDEN_ANGLE).sin_cos();
-            let r = RADIUS + 0.001 * noise();
-            let rho = r * (1.0 - z * z).sqrt();
-            let [x, y, z0] = CENTER;
-            [x + rho * cos, y + rho * sin, z0 + r * z]
-        })
-        .collect()
 }

@@ -92,7 +92,11 @@ impl QemuRig {
     fn with(image: PathBuf) -> io::Result<Self> {
         let folder = Folder::new()?;
         File::create(folder.file("flash"))?.set_len(FLASH_BYTES)?;
-        let machine = Some(Machine::start(&image, &folder)?);
+        let machine = Machine::start(&image, &folder).map_err(|error| {
+            let said = fs::read_to_string(folder.file("said")).unwrap_or_default();
+            io::Error::other(format!("{error}; {said}"))
+        })?;
+        let machine = Some(machine);
         Ok(Self {
             image,
             folder,
@@ -160,6 +164,7 @@ impl Machine {
             .args(["-monitor", &socket("monitor")])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
+            .stderr(File::create(folder.file("said"))?)
             .spawn()?;
         let mut qemu = Ended(Some(qemu));
         let [control, bench, monitor] =

@@ -103,6 +103,8 @@ pub fn note_reset(reset: ResetReason) {
 /// Tells the bench how the board stands, for ever.
 pub async fn tell() {
     let mut buffer = [0; MAX_FRAME];
+    // Ends the frame that a reset has cut.
+    BENCH.write(0).await;
     loop {
         CHANGED.wait().await;
         let state = with(|inner| State {

@@ -3,6 +3,7 @@
 //! The work itself is in `tests/bench`: here it is timed, counted, compared and written
 //! down. Timings are never a pass or a fail; a peer that comes to another answer is.
 
+mod chip;
 mod figures;
 mod report;
 
@@ -18,7 +19,8 @@ use crate::house::{House, execute, find_program, output};
 ///
 /// Times everything that `tests/bench` does, counts its instructions with valgrind (they
 /// repeat from run to run, which seconds do not), and lets SciPy do the same in a virtual
-/// environment of its own. What is missing is skipped by name.
+/// environment of its own. QEMU counts what the same work costs a board. What is missing is
+/// skipped by name.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  cargo xtask bench\n  cargo xtask bench --print   # leaves RESULTS.md as it is"
@@ -49,7 +51,10 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
     }
     figures::check_agreement(&all)?;
 
-    let report = report::markdown(&Machine::of(house)?, &all);
+    let mut report = report::markdown(&Machine::of(house)?, &all);
+    if let Some(costs) = chip::costs(house)? {
+        report.push_str(&chip::markdown(&costs));
+    }
     if arguments.print {
         print!("{report}");
         return Ok(());
