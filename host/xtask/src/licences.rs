@@ -101,6 +101,7 @@ mod tests {
     fn expressions() {
         assert!(is_allowed("x", "MIT OR Apache-2.0"));
         assert!(is_allowed("x", "MIT/Apache-2.0"));
+        assert!(is_allowed("x", "Apache-2.0 / MIT"));
         assert!(is_allowed("x", "GPL-3.0-only OR MIT"));
         assert!(is_allowed("x", "(MIT OR Apache-2.0) AND Unicode-3.0"));
         assert!(is_allowed("x", "Apache-2.0 WITH LLVM-exception OR MIT"));
