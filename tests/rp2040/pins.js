@@ -11,6 +11,8 @@
 // but makes no interrupts.
 
 export const WINDOW = 4096;
+/** Changes are known so far beyond the window: an instruction that begins in it ends there. */
+export const MARGIN = 256;
 export const SYNC_CYCLES = 2;
 export const FAR = 0x3fffffff;
 const ROOM = 1 << 16;

@@ -4,7 +4,7 @@
 // All times are cycles of the board's clock (8 ns), counted from when the board first had power.
 // An edge at a cycle is there at that cycle. A position includes the edges up to and at it.
 
-import { WINDOW } from './pins.js';
+import { MARGIN, WINDOW } from './pins.js';
 
 /** A and B of a quadrature signal, counted up: A leads. */
 const GRAY = [0b00, 0b01, 0b11, 0b10];
@@ -215,9 +215,9 @@ export class Stimuli {
     this.pulses.length = 0;
   }
 
-  /** Notes every change in the window that begins at `base`. */
+  /** Notes every change in the window that begins at `base`, and a bit further. */
   fill(base, pins) {
-    const end = base + WINDOW;
+    const end = base + WINDOW + MARGIN;
     let { levels } = this;
     for (const [pin, level] of this.changes) levels = put(levels, pin, level);
     this.changes.length = 0;
