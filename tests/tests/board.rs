@@ -1,5 +1,6 @@
-//! The application on a virtual board, through its two ports: sessions, READ and
-//! flow control, power cycles, absent and slow hosts, garbage, and the audit.
+//! The application on a virtual board, beyond what all boards are asked in
+//! `conformance.rs`: steered time, flow control at every place, slow hosts, the audit, and
+//! the ports that `umi virtual` opens.
 
 use std::time::Duration;
 
@@ -271,70 +272,6 @@ fn the_program_is_sent_in_the_controls_code() {
     assert_eq!(got, iso(&text));
 }
 
-/// Power off and on: job, taught reference and journal are there, and the next
-/// clamping is registered as if nothing had been. The audit spans the power cut.
-#[test]
-fn a_power_cycle_keeps_job_reference_and_journal() {
-    let config = Config::default();
-    let board = VirtualBoard::start(config.clone()).unwrap();
-    let mut client = Client::new(Box::new(board.connect())).unwrap();
-    client.set_job(&job()).unwrap().unwrap();
-    board.control_sends(clamping(0).as_bytes());
-    settled(&mut client, 5);
-    let taught = loop {
-        if let Some(taught) = client.job().unwrap().taught_mm {
-            break taught;
-        }
-    };
-    let before = client.journal_info().unwrap().next_seq;
-    drop(board);
-
-    let board = VirtualBoard::start(config.clone()).unwrap();
-    let mut client = Client::new(Box::new(board.connect())).unwrap();
-    let in_force = client.job().unwrap();
-    assert_eq!(in_force.job, Some(job()));
-    assert_eq!(in_force.taught_mm, Some(taught));
-    assert!(client.journal_info().unwrap().next_seq > before);
-    board.control_sends(clamping(1).as_bytes());
-    let verdict = loop {
-        if let Some(verdict) = client.verdict().unwrap() {
-            break verdict;
-        }
-    };
-    assert!(verdict.ok && verdict.correction.is_some(), "{verdict:?}");
-    let (records, findings) = journal(&mut client);
-    assert_eq!(findings.differences, []);
-    assert_eq!(findings.identical, 6 + 1 + 2);
-    let boots = records.iter().filter(|r| matches!(r, Record::Boot { .. }));
-    assert_eq!(boots.count(), 2);
-}
-
-/// No host at all, then one that floods and never reads: the journal has every
-/// byte of the control all the same.
-#[test]
-fn hosts_never_cost_a_byte() {
-    let board = VirtualBoard::start(Config::default()).unwrap();
-    for chunk in SESSION.as_bytes().chunks(48) {
-        board.control_sends(chunk);
-        std::thread::sleep(Duration::from_micros(200));
-    }
-    let mut flooding = Client::new(Box::new(board.connect())).unwrap();
-    flooding.live(true).unwrap();
-    drop(flooding);
-    let mut flood = board.connect();
-    for chunk in SESSION.as_bytes().chunks(48) {
-        flood.write(&[0x55; 300]).unwrap();
-        board.control_sends(chunk);
-        std::thread::sleep(Duration::from_micros(200));
-    }
-    drop(flood);
-    let mut client = Client::new(Box::new(board.connect())).unwrap();
-    settled(&mut client, 2 + SESSION.len() as u64 / 48 * 2);
-    let (records, findings) = journal(&mut client);
-    assert_eq!(raw_bytes(&records), SESSION.repeat(2).as_bytes());
-    assert_eq!(findings.differences, []);
-}
-
 /// A host that asks for events and does not read them is told how many it missed;
 /// the journal has the records.
 #[test]
@@ -372,36 +309,6 @@ fn a_slow_host_is_told_what_it_missed() {
         .iter()
         .filter(|r| matches!(r, Record::Verdict(v) if v.ok));
     assert_eq!(verdicts.count(), 15);
-}
-
-/// Garbage at either port is named or counted, and what follows is understood.
-#[test]
-fn garbage_at_either_port() {
-    let noise: Vec<u8> = (0..2000_u32)
-        .map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
-        .collect();
-    let board = VirtualBoard::start(Config::default()).unwrap();
-    let mut raw = board.connect();
-    raw.write(&noise).unwrap();
-    drop(raw);
-    let mut client = Client::new(Box::new(board.connect())).unwrap();
-    client.set_job(&job()).unwrap().unwrap();
-    board.control_sends(&noise);
-    // Noise may look like XOFF, a port that opens, or the start of a program.
-    board.control_sends(b"\r\n%\r\n\x14\r\n");
-    for case in 0..2 {
-        board.control_sends(clamping(case).as_bytes());
-        std::thread::sleep(SOON);
-    }
-    let verdict = loop {
-        match client.verdict().unwrap() {
-            Some(verdict) if verdict.ok => break verdict,
-            _ => std::thread::sleep(Duration::from_millis(5)),
-        }
-    };
-    assert!(verdict.reasons.is_empty());
-    let (_, findings) = journal(&mut client);
-    assert_eq!(findings.differences, []);
 }
 
 /// A refused job changes nothing; a changed decision in a journal is found.

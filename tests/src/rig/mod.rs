@@ -34,6 +34,12 @@ pub trait Rig {
     /// The control sends bytes, as fast as its line takes them.
     fn control_sends(&mut self, bytes: &[u8]);
 
+    /// Whether a byte takes its time on the control's line: only then it can be said how
+    /// many come after something.
+    fn line_takes_time(&self) -> bool {
+        true
+    }
+
     /// The next byte for the control; none if there is none in this time.
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
 

@@ -28,15 +28,19 @@ impl VirtualRig {
     pub fn start() -> io::Result<Self> {
         let config = Config {
             time: Time::Real,
+            // 115200 baud.
+            character: Duration::from_micros(87),
             ..Config::default()
         };
-        Ok(Self {
+        let mut rig = Self {
             board: Some(VirtualBoard::start(config.clone())?),
             config,
-            counts: vec![0; 3],
+            counts: Vec::new(),
             skips: 0,
             triggers: 0,
-        })
+        };
+        rig.move_to(&[0; 3]);
+        Ok(rig)
     }
 
     fn board(&self) -> &VirtualBoard {
@@ -113,5 +117,7 @@ impl Rig for VirtualRig {
         let board = VirtualBoard::start(self.config.clone()).expect("it has started before");
         self.board = Some(board);
         (self.skips, self.triggers) = (0, 0);
+        // Its counters begin again.
+        self.move_to(&[0; 3]);
     }
 }

@@ -131,13 +131,13 @@ impl VirtualBoard {
         let (started, start) = std::sync::mpsc::channel();
         let lamps = Lamps::default();
         let outputs = lamps.clone();
-        let station = Station::default();
-        let own_station = station.clone();
         let clock = match config.time {
             Time::Real => VirtualClock::Real(Instant::now()),
             Time::Steered => VirtualClock::Steered(steered),
         };
         let own_clock = clock.clone();
+        let station = Station::new(clock.clone());
+        let own_station = station.clone();
         let board = move || {
             let Config {
                 serial,

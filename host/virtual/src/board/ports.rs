@@ -8,12 +8,13 @@ use std::time::Duration;
 
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
 use umi_app::board::{
-    Axes, Broken, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs, Scanner,
-    Unsupported, Watchdog,
+    Axes, Broken, Clock as _, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
+    Scanner, Unsupported, Watchdog,
 };
 use umi_app::measure::PIECE;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
 
+use super::clock::VirtualClock;
 use super::pulses::Pulses;
 
 /// What the control sends.
@@ -183,8 +184,11 @@ impl Outputs for Lamps {
 }
 
 /// What a scanner sees of the board, and where the board sees its axes.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Station(Arc<Mutex<StationState>>);
+#[derive(Clone, Debug)]
+pub(crate) struct Station {
+    state: Arc<Mutex<StationState>>,
+    clock: VirtualClock,
+}
 
 #[derive(Debug, Default)]
 struct StationState {
@@ -194,8 +198,13 @@ struct StationState {
 }
 
 impl Station {
+    pub fn new(clock: VirtualClock) -> Self {
+        let state = Arc::default();
+        Self { state, clock }
+    }
+
     fn with<T>(&self, work: impl FnOnce(&mut StationState) -> T) -> T {
-        work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        work(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The axes are here from now on. The trigger pulses on the way, as latches.
@@ -214,7 +223,11 @@ impl Station {
 
 impl Axes for Station {
     fn positions(&mut self) -> Positions {
-        self.with(|state| state.positions.clone())
+        let mut positions = self.with(|state| state.positions.clone());
+        // Since it was told they stand.
+        let now_ns = self.clock.now().0.saturating_mul(1000);
+        positions.t_ns = positions.t_ns.max(now_ns);
+        positions
     }
 }
 

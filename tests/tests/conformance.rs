@@ -1,0 +1,547 @@
+//! What every board does, whichever it is: the same cases against the virtual board, the
+//! image in QEMU and the emulated Pico.
+//!
+//! A case takes a board with empty flash that was just switched on. What is beyond a rig
+//! (waveforms at rate, resets, steered time) has tests of its own for each board.
+
+use std::time::{Duration, Instant};
+
+use umi::audit::{Audit, Findings};
+use umi::link::{Client, Patience};
+use umi::pull::{self, Step};
+use umi_core::brain::{Brain, Output};
+use umi_core::units::Micros;
+use umi_protocol::frame::{MAX_HOST_FRAME, encode};
+use umi_protocol::hello::Hello;
+use umi_protocol::job::Job;
+use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
+use umi_protocol::message::{Event, Record, Request, ResetReason, Status};
+use umi_protocol::verdict::Verdict;
+use umi_tests::rig::{PicoRig, QemuRig, Rig, VirtualRig};
+
+const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
+const DC1: &[u8] = &[0x11];
+const XOFF: &[u8] = &[0x13];
+/// Characters that a control takes after it has said XOFF.
+const TEN: usize = 10;
+
+/// Every case on every board.
+macro_rules! conformance {
+    ($($case:ident)*) => {
+        mod on_the_virtual_board {
+            use super::*;
+            $(#[test]
+            fn $case() {
+                super::$case(&mut VirtualRig::start().unwrap());
+            })*
+        }
+        mod on_qemu {
+            use super::*;
+            $(#[test]
+            fn $case() {
+                if let Some(mut rig) = QemuRig::start_or_skip() {
+                    super::$case(&mut rig);
+                }
+            })*
+        }
+        mod on_the_emulated_pico {
+            use super::*;
+            $(#[test]
+            fn $case() {
+                if let Some(mut rig) = PicoRig::start_or_skip() {
+                    super::$case(&mut rig);
+                }
+            })*
+        }
+    };
+}
+
+conformance! {
+    tells_who_it_is
+    takes_checks_and_refuses_jobs
+    judges_the_golden_session_bit_for_bit
+    stops_within_ten_characters
+    refuses_a_damaged_plate
+    latches_skips_and_triggers_with_their_positions
+    sends_pulses_along_an_axis
+    switches_the_laser_off_with_its_host
+    keeps_job_reference_and_journal_without_power
+    serves_whoever_comes_after_a_broken_frame
+    understands_what_follows_garbage
+    loses_no_byte_whatever_the_host_does
+}
+
+// --- what the cases share
+
+fn job() -> Job {
+    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
+}
+
+/// The text of one clamping of the session.
+fn clamping(case: usize) -> String {
+    let lines = SESSION.split_inclusive('\n');
+    lines.skip(27 * case).take(27).collect()
+}
+
+/// A time of the board's, in this world's.
+fn patience(rig: &dyn Rig, board: Duration) -> Duration {
+    board * rig.slowness()
+}
+
+fn connect(rig: &mut dyn Rig) -> Client {
+    let answer = patience(rig, Duration::from_secs(2));
+    let patience = Patience { answer, tries: 3 };
+    Client::with_patience(rig.connect(), patience).unwrap()
+}
+
+/// Asks until it is so.
+fn until<T>(rig: &mut dyn Rig, what: &str, mut ask: impl FnMut(&mut dyn Rig) -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(answer) = ask(rig) {
+            return answer;
+        }
+        let waited = begun.elapsed();
+        assert!(
+            waited < patience(rig, Duration::from_secs(10)),
+            "{}: {what} has not come in {waited:?}",
+            rig.name()
+        );
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Waits until the board has judged so often.
+fn judged(rig: &mut dyn Rig, client: &mut Client, verdicts: u32) -> Status {
+    until(rig, "a verdict", |_| {
+        Some(client.status().unwrap()).filter(|status| status.verdicts >= verdicts)
+    })
+}
+
+/// The whole journal: every record, and what its audit finds.
+fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
+    let mut audit = Audit::default();
+    let mut records = Vec::new();
+    let stretch = pull::pull(client, None, |step| {
+        if let Step::Entry(entry, _) = step {
+            let record = pull::record(&entry).unwrap();
+            audit.take(&entry, &record);
+            records.push(record);
+        }
+        Ok(())
+    });
+    (records, audit.finish(stretch.unwrap().next))
+}
+
+/// Every byte of the control that a journal holds.
+fn raw_bytes(records: &[Record]) -> Vec<u8> {
+    let raw = records.iter().filter_map(|record| match record {
+        Record::Bytes { raw } => Some(raw.as_slice()),
+        _ => None,
+    });
+    raw.flatten().copied().collect()
+}
+
+/// Waits until the journal holds as many bytes of the control, then pulls it.
+fn journal_with(rig: &mut dyn Rig, client: &mut Client, bytes: usize) -> (Vec<Record>, Findings) {
+    until(rig, "the last byte", |_| {
+        let counters = client.status().unwrap().counters;
+        (counters.bytes >= bytes as u64).then_some(())
+    });
+    journal(client)
+}
+
+/// What goes to the control until it is quiet.
+fn receive_all(rig: &mut dyn Rig) -> String {
+    let quiet = patience(rig, Duration::from_millis(50));
+    let mut text = String::new();
+    while let Some(byte) = rig.control_receives(quiet) {
+        text.push(char::from(byte));
+    }
+    text
+}
+
+/// So many characters for the control.
+fn receive(rig: &mut dyn Rig, count: usize) -> String {
+    let soon = patience(rig, Duration::from_secs(2));
+    let next = |_| rig.control_receives(soon).expect("the program goes on");
+    (0..count).map(next).map(char::from).collect()
+}
+
+/// Decisions of this text, as the same code comes to them on the host.
+fn decisions(text: &str) -> Vec<Record> {
+    let mut brain = Brain::new(job()).unwrap();
+    let mut decisions = Vec::new();
+    brain.bytes(Micros(1), text.as_bytes(), &mut |output| match output {
+        Output::Feature(feature) => decisions.push(Record::Feature(feature.clone())),
+        Output::Verdict(verdict) => decisions.push(Record::Verdict(verdict.clone())),
+        _ => {}
+    });
+    decisions
+}
+
+/// Teaches the reference with the first clamping and measures the second.
+fn measure_two(rig: &mut dyn Rig, client: &mut Client) -> Verdict {
+    client.set_job(&job()).unwrap().unwrap();
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    client.verdict().unwrap().unwrap()
+}
+
+// --- the cases
+
+/// It says which board it is, and begins with nothing but the fact that it was switched on.
+fn tells_who_it_is(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let identity = client.identity().unwrap();
+    assert_eq!(identity.board, rig.name());
+    assert!(!identity.serial.is_empty() && !identity.firmware.is_empty());
+    assert!(client.board().starts_with(identity.board.as_str()));
+    let status = client.status().unwrap();
+    assert_eq!((status.job, status.journal_failures), (None, 0));
+    assert_eq!(status.reset, ResetReason::PowerOn);
+    assert_eq!(status.latches, Default::default());
+    let (records, _) = journal(&mut client);
+    let reset = status.reset;
+    assert_eq!(records, [Record::Boot { identity, reset }]);
+}
+
+/// A job that cannot be used is named and changes nothing; one that can is in force as it
+/// was sent.
+fn takes_checks_and_refuses_jobs(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let mut bad = job();
+    bad.limits.rms_mm = -1.0;
+    assert_eq!(client.check_job(&job()).unwrap(), Ok(()));
+    assert_eq!(client.job().unwrap().job, None);
+    client.set_job(&job()).unwrap().unwrap();
+    for refused in [client.check_job(&bad), client.set_job(&bad)] {
+        assert_eq!(refused.unwrap().unwrap_err().code(), "bad_value");
+    }
+    assert_eq!(client.job().unwrap().job, Some(job()));
+}
+
+/// The reference session: every figure and verdict the same to the last bit as on the
+/// host, the correction once for each OK verdict, the outputs, and a journal that has
+/// every byte and replays to itself.
+fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&job()).unwrap().unwrap();
+    let mut bytes = 0;
+    for case in 0..5 {
+        let text = clamping(case);
+        let (begin, end) = text.split_at(200);
+        rig.control_sends(begin.as_bytes());
+        until(rig, "busy", |rig| rig.lights().busy.then_some(()));
+        rig.control_sends(end.as_bytes());
+        let verdicts = u32::try_from(case + 1).unwrap();
+        let status = judged(rig, &mut client, verdicts);
+        assert_eq!(status.verdicts_ok, verdicts, "{status:?}");
+        until(rig, "OK", |rig| {
+            let lights = rig.lights();
+            (lights.ok && !lights.busy && !lights.ng && !lights.trouble).then_some(())
+        });
+        let verdict = client.verdict().unwrap().unwrap();
+        rig.control_sends(DC1);
+        let program = verdict.correction.map(|c| c.text).unwrap_or_default();
+        assert_eq!(receive(rig, program.len()), program.as_str());
+        bytes += text.len() + 1;
+    }
+    until(rig, "the end of the program", |_| {
+        let status = client.status().unwrap();
+        (!status.correction_waiting).then_some(())
+    });
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "", "a READ gets a program once");
+    let (records, findings) = journal_with(rig, &mut client, bytes + 1);
+    let decided = records
+        .iter()
+        .filter(|r| matches!(r, Record::Feature(_) | Record::Verdict(_)));
+    assert!(decided.eq(decisions(SESSION).iter()));
+    let sent = records.iter().filter_map(|record| match record {
+        Record::CorrectionSent {
+            plate, complete, ..
+        } => Some((*plate, *complete)),
+        _ => None,
+    });
+    assert!(sent.eq((1..5).map(|plate| (plate, true))));
+    let heard = raw_bytes(&records);
+    let heard = heard.iter().filter(|byte| **byte != DC1[0]);
+    assert!(heard.eq(SESSION.as_bytes()), "every byte");
+    assert_eq!(findings.differences, []);
+}
+
+/// XOFF stops the program within ten characters, wherever it is said; after XON the rest
+/// comes, and nothing twice.
+fn stops_within_ten_characters(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let mut text = measure_two(rig, &mut client).correction.unwrap().text;
+    let stops: &[usize] = if rig.slowness() > 1 {
+        &[100]
+    } else {
+        &[1, 57, 100, 201]
+    };
+    for (round, stop) in (3..).zip(stops) {
+        rig.control_sends(DC1);
+        let mut got = receive(rig, *stop);
+        rig.control_sends(XOFF);
+        let after = receive_all(rig);
+        assert!(
+            after.len() <= TEN || !rig.line_takes_time(),
+            "{} after XOFF at {stop}",
+            after.len()
+        );
+        got.push_str(&after);
+        rig.control_sends(DC1);
+        got += &receive(rig, text.len() - got.len());
+        assert_eq!(got, text.as_str(), "stopped at {stop}");
+        // Each program goes out once: measure again for the next.
+        if stops.len() > 1 {
+            rig.control_sends(clamping(1 + round % 2).as_bytes());
+            judged(rig, &mut client, u32::try_from(round).unwrap());
+            text = client.verdict().unwrap().unwrap().correction.unwrap().text;
+        }
+    }
+    assert_eq!(receive_all(rig), "");
+}
+
+/// A line of a plate is damaged: NG with its reason, and READ gets nothing.
+fn refuses_a_damaged_plate(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&job()).unwrap().unwrap();
+    let damaged = clamping(1).replacen("*-", "*Q", 1);
+    rig.control_sends((clamping(0) + &damaged).as_bytes());
+    let status = judged(rig, &mut client, 2);
+    assert_eq!((status.verdicts, status.verdicts_ok), (2, 1));
+    let verdict = client.verdict().unwrap().unwrap();
+    let codes: Vec<_> = verdict.reasons.iter().map(|r| r.reason.code()).collect();
+    assert!(codes.contains(&"damaged_line"), "{codes:?}");
+    assert_eq!(verdict.correction, None);
+    until(rig, "NG", |rig| {
+        let lights = rig.lights();
+        (lights.ng && !lights.ok && !lights.busy).then_some(())
+    });
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+}
+
+/// The next latches that the host is told of, one by one.
+fn told(rig: &mut dyn Rig, client: &mut Client, count: usize) -> Vec<LatchReport> {
+    let mut latches = Vec::new();
+    let turn = Duration::from_millis(20);
+    until(rig, "the last latch", |_| {
+        if let Some(Event::Latches(batch)) = client.next_event(turn).unwrap() {
+            latches.extend(batch.reports());
+        }
+        (latches.len() >= count).then_some(())
+    });
+    latches
+}
+
+/// Each edge is captured with the axes' positions: the probe's in the journal, a
+/// scanner's told as they come; numbered, in order, none missed.
+fn latches_skips_and_triggers_with_their_positions(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.live(true).unwrap();
+    let places = [[1000, -2000, 300], [1500, -1990, 300], [-5, 7, 0]];
+    let mut t_ns = 0;
+    for (number, place) in (0..).zip(&places) {
+        rig.move_to(place);
+        rig.skip();
+        rig.trigger();
+        let latch = told(rig, &mut client, 1).remove(0);
+        assert_eq!((latch.number, latch.missed), (number, 0));
+        assert_eq!(latch.cause, LatchCause::Trigger);
+        assert_eq!(latch.counts[..3], *place);
+        let positions = client.positions().unwrap();
+        assert_eq!(positions.counts[..3], *place);
+        assert!(t_ns < latch.t_ns && latch.t_ns <= positions.t_ns);
+        assert!(positions.illegal.iter().all(|count| *count == 0));
+        assert_eq!(positions.lost_samples, 0);
+        t_ns = positions.t_ns;
+    }
+    let status = until(rig, "three skips", |_| {
+        Some(client.status().unwrap()).filter(|status| status.latches.skips == 3)
+    });
+    assert_eq!((status.latches.triggers, status.latches.missed), (3, 0));
+    let latches = until(rig, "the last skip", |_| {
+        let (records, _) = journal(&mut client);
+        let latches = records.into_iter().filter_map(|record| match record {
+            Record::Latch(latch) => Some(latch),
+            _ => None,
+        });
+        let latches: Vec<_> = latches.collect();
+        (latches.len() == 3).then_some(latches)
+    });
+    for ((number, place), latch) in (0..).zip(places).zip(latches) {
+        assert_eq!((latch.number, latch.missed), (number, 0));
+        assert_eq!(latch.cause, LatchCause::Skip);
+        assert_eq!(latch.counts[..3], place);
+    }
+}
+
+/// Pulses along an axis are latched where the axis crosses the lines, up and down; none
+/// come after their end. A board without that output says so, and sends none.
+fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.live(true).unwrap();
+    let along_x = TriggerOut::Distance {
+        axis: 0,
+        interval_counts: 1000,
+    };
+    let can = client.trigger_out(along_x).unwrap();
+    rig.move_to(&[5500, 0, 0]);
+    if can {
+        let latches = told(rig, &mut client, 5);
+        for (line, latch) in (1..).zip(&latches) {
+            assert_eq!((latch.cause, latch.missed), (LatchCause::Output, 0));
+            let off = latch.counts[0] - 1000 * line;
+            // It takes its time to begin the pulse, and the axis is fast.
+            assert!(off.abs() <= 20, "{off} counts from line {line}");
+        }
+        assert!(client.trigger_out(TriggerOut::Off).unwrap());
+    }
+    let before = client.status().unwrap().latches.outputs;
+    rig.move_to(&[0, 0, 0]);
+    assert_eq!(client.status().unwrap().latches.outputs, before);
+    assert_eq!(before, if can { 5 } else { 0 });
+    let no_axis = TriggerOut::Distance {
+        axis: 77,
+        interval_counts: 1000,
+    };
+    assert!(!client.trigger_out(no_axis).unwrap());
+}
+
+/// The laser is on as long as the host that wants it is there.
+fn switches_the_laser_off_with_its_host(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    assert!(!rig.laser_is_on());
+    assert!(client.laser(true).unwrap());
+    until(rig, "the laser", |rig| rig.laser_is_on().then_some(()));
+    rig.unplug();
+    until(rig, "darkness", |rig| (!rig.laser_is_on()).then_some(()));
+    drop(client);
+    let mut client = connect(rig);
+    assert!(client.laser(true).unwrap());
+    until(rig, "the laser", |rig| rig.laser_is_on().then_some(()));
+    assert!(client.laser(false).unwrap());
+    until(rig, "darkness", |rig| (!rig.laser_is_on()).then_some(()));
+}
+
+/// Power off and on: job, taught reference and journal are there, and the next clamping
+/// is registered as if nothing had been. The audit spans the power cut.
+fn keeps_job_reference_and_journal_without_power(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&job()).unwrap().unwrap();
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, &mut client, 1);
+    let taught = client.job().unwrap().taught_mm;
+    assert!(taught.is_some());
+    drop(client);
+    rig.power_cycle();
+
+    let mut client = connect(rig);
+    let in_force = client.job().unwrap();
+    assert_eq!(in_force.job, Some(job()));
+    assert_eq!(in_force.taught_mm, taught);
+    rig.control_sends(clamping(1).as_bytes());
+    judged(rig, &mut client, 1);
+    let verdict = client.verdict().unwrap().unwrap();
+    assert!(verdict.ok && verdict.correction.is_some(), "{verdict:?}");
+    let (records, findings) = journal(&mut client);
+    assert_eq!(findings.differences, []);
+    // Two times three features and a verdict, and the reference.
+    assert_eq!(findings.identical, 2 * 4 + 1);
+    let boots = records.iter().filter(|r| matches!(r, Record::Boot { .. }));
+    assert_eq!(boots.count(), 2);
+}
+
+/// A host that goes in the middle of a frame leaves nothing behind: the next one is
+/// served, and without events that it has not asked for.
+fn serves_whoever_comes_after_a_broken_frame(rig: &mut dyn Rig) {
+    let mut frame = [0; MAX_HOST_FRAME];
+    let frame = encode(1, &Request::JobSet(job()), &mut frame).unwrap();
+    for cut in [1, frame.len() / 2, frame.len() - 1] {
+        let mut client = connect(rig);
+        client.live(true).unwrap();
+        drop(client);
+        let mut host = rig.connect();
+        host.write(&frame[..cut]).unwrap();
+        // It takes its time over the cable.
+        std::thread::sleep(patience(rig, Duration::from_millis(5)));
+        rig.unplug();
+        drop(host);
+        let mut client = connect(rig);
+        assert_eq!(client.job().unwrap().job, None);
+        rig.control_sends(b"\r\n");
+        let turn = patience(rig, Duration::from_millis(20));
+        let event = client.next_event(turn).unwrap();
+        assert_eq!(event, None);
+    }
+}
+
+/// Garbage at either port is named or counted, and what follows is understood.
+fn understands_what_follows_garbage(rig: &mut dyn Rig) {
+    let noise: Vec<u8> = (0..600_u32)
+        .map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
+        .collect();
+    let mut host = rig.connect();
+    host.write(&noise).unwrap();
+    // A greeting of another version is answered by who the board is, not obeyed.
+    let mut frame = [0; MAX_HOST_FRAME];
+    let hello = encode(0, &Hello::new("somebody"), &mut frame).unwrap();
+    host.write(&hello[..hello.len() - 3]).unwrap();
+    drop(host);
+    let mut client = connect(rig);
+    client.set_job(&job()).unwrap().unwrap();
+    rig.control_sends(&noise);
+    // Noise may look like XOFF, a port that opens, or the start of a program.
+    rig.control_sends(b"\r\n%\r\n\x14\r\n");
+    // The first plate has to outvote the noise about the code, and is lost.
+    let plates = clamping(2) + &clamping(0) + &clamping(1);
+    rig.control_sends(plates.as_bytes());
+    let verdict = until(rig, "two verdicts OK", |_| {
+        let ok = client.status().unwrap().verdicts_ok;
+        (ok >= 2).then(|| client.verdict().unwrap().unwrap())
+    });
+    assert!(verdict.ok && verdict.correction.is_some(), "{verdict:?}");
+    let (records, findings) = journal(&mut client);
+    assert!(raw_bytes(&records).starts_with(&noise));
+    assert_eq!(findings.differences, []);
+}
+
+/// No host, one that asks without a pause, and one that floods, wants events and never
+/// reads: the journal has every byte of the control all the same.
+fn loses_no_byte_whatever_the_host_does(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&job()).unwrap().unwrap();
+    drop(client);
+    rig.unplug();
+    rig.control_sends(clamping(0).as_bytes());
+
+    let mut asking = connect(rig);
+    for piece in clamping(1).as_bytes().chunks(64) {
+        rig.control_sends(piece);
+        asking.status().unwrap();
+        asking.positions().unwrap();
+    }
+    asking.live(true).unwrap();
+    drop(asking);
+
+    let mut flood = rig.connect();
+    for piece in clamping(2).as_bytes().chunks(64) {
+        let written = flood.write(&[0x55; 100]);
+        // A board that cannot get rid of its events may stop to listen.
+        let _ = written;
+        rig.control_sends(piece);
+    }
+    drop(flood);
+
+    let mut client = connect(rig);
+    let text: String = (0..3).map(clamping).collect();
+    let (records, findings) = journal_with(rig, &mut client, text.len());
+    assert_eq!(raw_bytes(&records), text.as_bytes());
+    assert_eq!(client.status().unwrap().counters.bytes_lost, 0);
+    judged(rig, &mut client, 3);
+    assert_eq!(findings.differences, []);
+}
