@@ -89,9 +89,9 @@ fn main() -> ! {
     let reset = reset::reason();
     let p = embassy_stm32::init(configuration());
     if let Some(mut core) = cortex_m::Peripherals::take() {
+        // Only this one: the debugger does not see what is in the cache of the data, and
+        // a reset forgets it, so neither the log nor the note of a panic would be there.
         core.SCB.enable_icache();
-        // Nothing here moves data behind the core's back.
-        core.SCB.enable_dcache(&mut core.CPUID);
     }
     if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(plan::TIMER_HZ) {
         stop("the timers' clock is not as planned");
