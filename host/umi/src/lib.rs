@@ -19,5 +19,6 @@ pub mod pull;
 pub mod report;
 pub mod results;
 pub mod style;
+pub mod watch;
 pub mod wiring;
 pub mod words;

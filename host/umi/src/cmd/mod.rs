@@ -10,6 +10,7 @@ mod machine;
 mod register;
 mod replay;
 mod virtual_board;
+mod watch;
 
 use clap::{Args, Subcommand};
 use umi::failure::Failure;
@@ -26,6 +27,7 @@ pub enum Command {
     Info(info::Info),
     Log(log::Log),
     Events(events::Events),
+    Watch(watch::Watch),
     Machine(machine::Machine),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
@@ -43,6 +45,7 @@ impl Command {
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
             Self::Events(command) => command.run(),
+            Self::Watch(command) => command.run(),
             Self::Machine(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
@@ -59,6 +62,7 @@ impl Command {
             Self::Info(command) => command.format.json,
             Self::Log(command) => command.format.json,
             Self::Events(command) => command.format.json,
+            Self::Watch(command) => command.format.json,
             Self::Machine(command) => command.json(),
             Self::Virtual(command) => command.format.json,
         }
@@ -83,9 +87,13 @@ pub struct Board {
 }
 
 impl Board {
+    /// Its address, if one was given.
+    pub fn address(&self) -> Option<&str> {
+        self.port.as_deref().filter(|address| !address.is_empty())
+    }
+
     /// Connects to it.
     pub fn connect(&self) -> Result<Client, Failure> {
-        let named = self.port.as_deref().filter(|address| !address.is_empty());
-        umi::port::connect(named)
+        umi::port::connect(self.address())
     }
 }

@@ -36,6 +36,8 @@ pub struct Board {
     pub reset: ResetReason,
     /// Whether it has outputs for a scanner.
     pub scanner: bool,
+    /// It closes a connection after so many requests.
+    pub hangs_up_after: Option<u32>,
 }
 
 fn name(text: &str) -> umi_protocol::job::Name {
@@ -70,6 +72,7 @@ impl Board {
             latches: LatchCounters::default(),
             reset: ResetReason::PowerOn,
             scanner: true,
+            hangs_up_after: None,
         };
         let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
         for record in [
@@ -134,12 +137,17 @@ impl Board {
     fn talk(&mut self, mut stream: TcpStream) {
         let mut decoder = Box::new(Decoder::<MAX_HOST_FRAME>::new());
         let mut buffer = [0; 4096];
+        let mut requests = 0;
         while let Ok(len @ 1..) = stream.read(&mut buffer) {
             let mut rest = &buffer[..len];
             while let Some(frame) = decoder.next_frame(&mut rest) {
                 let sequence = frame.sequence;
                 let answer = match (frame.kind, frame.open::<Request>()) {
                     (Kind::Request, Ok(request)) => {
+                        requests += 1;
+                        if self.hangs_up_after == Some(requests) {
+                            return;
+                        }
                         let tell = matches!(request, Request::LiveSet { on: true });
                         let mut answer = bytes(sequence, &self.answer(request));
                         for (number, event) in (0..).zip(&self.events).filter(|_| tell) {

@@ -42,6 +42,7 @@ fn every_command_shows_examples() {
         "info",
         "log",
         "events",
+        "watch",
         "machine run",
         "machine check",
     ] {

@@ -10,3 +10,4 @@ mod input;
 mod job;
 mod machine;
 mod run;
+mod watch;

@@ -42,7 +42,8 @@ impl Ran {
     }
 }
 
-fn command(args: &[&str]) -> Command {
+/// `umi` with these arguments, to be run.
+pub fn command(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_umi"));
     command
         .args(args)

@@ -1,0 +1,371 @@
+//! How a board looks on a terminal of any size.
+//!
+//! From top to bottom: who it is, positions as large as there is room, what was lost
+//! beside the link and the board, the verdict, the hits. What finds no room is left out
+//! from below.
+
+use std::time::Duration;
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, Widget};
+use umi_protocol::hello::VERSION;
+use umi_protocol::message::ResetReason;
+
+use super::digits::Size;
+use super::view::View;
+use crate::axes::NAMES;
+use crate::words;
+
+const PLAIN: Style = Style::new();
+const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
+const TITLE: Style = Style::new().add_modifier(Modifier::BOLD);
+const GOOD: Style = TITLE.fg(Color::Green);
+const BAD: Style = TITLE.fg(Color::Red);
+const CAUTION: Style = PLAIN.fg(Color::Yellow);
+
+/// Columns of a small panel.
+const PANEL: u16 = 38;
+
+/// Lines of head, feed and what was lost.
+const NEEDED: usize = 13;
+
+/// Lines of what else is worth more than the largest digits: verdict and hits.
+const WANTED: usize = 12;
+
+/// Draws a board.
+pub fn draw(view: &View, area: Rect, buffer: &mut Buffer) {
+    draw_with(view, area, buffer, size(view, area));
+}
+
+/// A board as plain text for a file or a script.
+#[must_use]
+pub fn text(view: &View, width: u16) -> String {
+    const MOST_LINES: u16 = 80;
+    let area = Rect::new(0, 0, width.max(20), MOST_LINES);
+    let mut buffer = Buffer::empty(area);
+    draw_with(view, area, &mut buffer, Size::Text);
+    let line = |y| {
+        let cells = (0..area.width).filter_map(|x| buffer.cell((x, y)));
+        let line: String = cells.map(|cell| cell.symbol()).collect();
+        line.trim_end().to_owned() + "\n"
+    };
+    let lines: String = (0..area.height).map(line).collect();
+    lines.trim_end().to_owned() + "\n"
+}
+
+fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size) {
+    let mut page = Page { area, buffer };
+    page.put(head(view));
+    page.gap();
+    page.put(positions(view, size));
+    page.gap();
+    page.beside([losses(view), link(view), board(view)]);
+    page.put(verdict(view));
+    page.gap();
+    page.put(hits(view));
+}
+
+/// What is left of the area is below what was put there.
+struct Page<'a> {
+    area: Rect,
+    buffer: &'a mut Buffer,
+}
+
+impl Page<'_> {
+    fn put(&mut self, lines: Vec<Line<'_>>) {
+        let height = u16::try_from(lines.len()).unwrap_or(u16::MAX);
+        Paragraph::new(lines).render(self.area, self.buffer);
+        self.skip(height);
+    }
+
+    fn gap(&mut self) {
+        self.skip(1);
+    }
+
+    fn skip(&mut self, lines: u16) {
+        let lines = lines.min(self.area.height);
+        self.area.y += lines;
+        self.area.height -= lines;
+    }
+
+    /// Panels beside each other, as many as there is room, the others below.
+    fn beside<const N: usize>(&mut self, panels: [Vec<Line<'_>>; N]) {
+        let columns = usize::from((self.area.width / PANEL).max(1));
+        let mut panels = panels.into_iter().peekable();
+        while panels.peek().is_some() {
+            let mut most = 0;
+            let mut area = self.area;
+            for lines in panels.by_ref().take(columns) {
+                most = most.max(u16::try_from(lines.len()).unwrap_or(u16::MAX));
+                if columns > 1 {
+                    area.width = (PANEL - 2).min(area.width);
+                }
+                Paragraph::new(lines).render(area, self.buffer);
+                area.x = (area.x + PANEL).min(self.area.right());
+                area.width = self.area.right() - area.x;
+            }
+            self.skip(most);
+            self.gap();
+        }
+    }
+}
+
+/// Who it is and whether it is there.
+fn head(view: &View) -> Vec<Line<'static>> {
+    let identity = &view.identity;
+    let who = format!(
+        "board {} {}, firmware {}",
+        identity.board, identity.serial, identity.firmware
+    );
+    let mut head = vec![Line::styled(who, TITLE)];
+    head.push(match &view.link.gone {
+        None => Line::from(vec![
+            Span::styled("connected", GOOD),
+            Span::styled("   q ends this", FAINT),
+        ]),
+        Some((why, since)) => Line::styled(
+            format!(
+                "GONE for {:.0} s, looking for it: {why}",
+                since.as_secs_f64()
+            ),
+            BAD.add_modifier(Modifier::REVERSED),
+        ),
+    });
+    head
+}
+
+/// Numbers of the axes, all of the same width, and their unit.
+fn numbers(view: &View) -> Vec<(String, &'static str)> {
+    let axes = view.positions.counts.iter().enumerate();
+    let numbers: Vec<(String, &str)> = axes
+        .map(|(axis, counts)| match view.scale.mm(axis, *counts) {
+            Some(mm) => (format!("{mm:.4}"), "mm"),
+            None => (counts.to_string(), "counts"),
+        })
+        .collect();
+    let width = numbers
+        .iter()
+        .map(|(text, _)| text.len())
+        .max()
+        .unwrap_or(0);
+    // So wide that they stand still for a while.
+    let width = width.max(9);
+    let padded = numbers.into_iter();
+    padded
+        .map(|(text, unit)| (format!("{text:>width$}"), unit))
+        .collect()
+}
+
+/// The largest digits for which there is room.
+fn size(view: &View, area: Rect) -> Size {
+    let numbers = numbers(view);
+    let fits = |size: &Size| {
+        let widest = numbers.iter().map(|(text, _)| size.width(text)).max();
+        let wide = widest.unwrap_or(0) + "X  ".len() + " counts".len();
+        let high = match size {
+            Size::Large => numbers.len() * (size.height() + 1) + NEEDED + WANTED,
+            Size::Middle | Size::Text => numbers.len() * size.height() + NEEDED,
+        };
+        wide <= usize::from(area.width) && high <= usize::from(area.height)
+    };
+    [Size::Large, Size::Middle]
+        .into_iter()
+        .find(fits)
+        .unwrap_or(Size::Text)
+}
+
+fn positions(view: &View, size: Size) -> Vec<Line<'static>> {
+    let numbers = numbers(view);
+    if numbers.is_empty() {
+        return vec![Line::styled("this board has no axes", FAINT)];
+    }
+    // What is no more true is faint.
+    let style = if view.link.gone.is_some() {
+        FAINT
+    } else {
+        TITLE
+    };
+    let mut lines = Vec::new();
+    for (axis, (text, unit)) in numbers.iter().enumerate() {
+        let name = NAMES
+            .get(axis)
+            .map_or(String::new(), |name| name.to_uppercase());
+        let illegal = view.positions.illegal.get(axis).is_some_and(|n| *n > 0);
+        let rows = size.lines(text);
+        let last = rows.len() - 1;
+        for (row, digits) in rows.into_iter().enumerate() {
+            let name = if row == last { name.as_str() } else { "" };
+            let unit = if row == last { *unit } else { "" };
+            lines.push(Line::from(vec![
+                Span::styled(format!("{name:<3}"), TITLE),
+                Span::styled(digits, if illegal { style.fg(Color::Red) } else { style }),
+                Span::styled(format!(" {unit}"), FAINT),
+            ]));
+        }
+        // Smaller ones have half a line below them.
+        if size == Size::Large {
+            lines.push(Line::default());
+        }
+    }
+    let feed = view
+        .feed_mm_per_min
+        .map_or("feed unknown".to_owned(), |feed| {
+            format!("feed {feed:.0} mm/min")
+        });
+    let known = view.scale.counts_per_mm(0).is_some();
+    let origin = match (known, view.scale.has_origin()) {
+        (false, _) => "the job does not say how many counts a millimetre has",
+        (true, true) => "coordinates of the control",
+        (true, false) => "from where the counters show 0",
+    };
+    lines.push(Line::from(vec![
+        Span::styled(format!("{feed:<22}"), TITLE),
+        Span::styled(origin, FAINT),
+    ]));
+    lines
+}
+
+/// A name and a value.
+fn row(name: &str, value: impl Into<String>, style: Style) -> Line<'static> {
+    Line::from(vec![
+        Span::raw(format!("{name:<20}")),
+        Span::styled(value.into(), style),
+    ])
+}
+
+fn title(text: &'static str) -> Line<'static> {
+    Line::styled(text, FAINT.add_modifier(Modifier::UNDERLINED))
+}
+
+/// What must be zero.
+fn losses(view: &View) -> Vec<Line<'static>> {
+    let status = &view.status;
+    let illegal: u64 = view.positions.illegal.iter().map(|n| u64::from(*n)).sum();
+    let counted = [
+        ("illegal transitions", illegal),
+        ("lost samples", view.positions.lost_samples.into()),
+        ("missed latches", status.latches.missed.into()),
+        ("triggers not told", status.latches.untold.into()),
+        ("bytes lost", status.counters.bytes_lost),
+        ("events not sent", status.events_dropped.into()),
+        ("journal failures", status.journal_failures.into()),
+    ];
+    let rows = counted
+        .into_iter()
+        .map(|(name, n)| row(name, n.to_string(), if n > 0 { BAD } else { GOOD }));
+    [title("lost")].into_iter().chain(rows).collect()
+}
+
+fn link(view: &View) -> Vec<Line<'static>> {
+    let link = &view.link;
+    let zero = |n: u64| if n > 0 { BAD } else { PLAIN };
+    let slow = link.answer > Duration::from_millis(100);
+    let answer = format!("{:.1} ms", link.answer.as_secs_f64() * 1e3);
+    let there = u64::from(view.status.link_damaged);
+    vec![
+        title("link"),
+        row("answers in", answer, if slow { CAUTION } else { PLAIN }),
+        row(
+            "damaged, from board",
+            link.damaged.to_string(),
+            zero(link.damaged),
+        ),
+        row("damaged, to board", there.to_string(), zero(there)),
+        row(
+            "events lost here",
+            link.events_lost.to_string(),
+            zero(link.events_lost),
+        ),
+        row(
+            "connected again",
+            link.reconnected.to_string(),
+            if link.reconnected > 0 { CAUTION } else { PLAIN },
+        ),
+        row("protocol", VERSION.to_string(), PLAIN),
+    ]
+}
+
+fn board(view: &View) -> Vec<Line<'static>> {
+    let status = &view.status;
+    let latches = &status.latches;
+    let started = words::reset(status.reset).trim_start_matches(" by ").trim();
+    let started = if started.is_empty() {
+        "unknown"
+    } else {
+        started
+    };
+    let started_style = match status.reset {
+        ResetReason::Watchdog | ResetReason::Panic => BAD,
+        ResetReason::BrownOut => CAUTION,
+        _ => PLAIN,
+    };
+    // To the tenth of a second.
+    let uptime = words::clock(status.uptime_us);
+    let uptime = uptime
+        .get(..uptime.len().saturating_sub(5))
+        .unwrap_or_default();
+    let ng = status.verdicts.saturating_sub(status.verdicts_ok);
+    vec![
+        title("board"),
+        row("job", status.job.as_deref().unwrap_or("none"), PLAIN),
+        row("running for", uptime, PLAIN),
+        row("started by", started, started_style),
+        row(
+            "plates",
+            format!("{} OK, {ng} NG", status.verdicts_ok),
+            PLAIN,
+        ),
+        row(
+            "latches",
+            format!("{} probe, {} index", latches.skips, latches.indices),
+            PLAIN,
+        ),
+        row(
+            "triggers",
+            format!("{} in, {} out", latches.triggers, latches.outputs),
+            PLAIN,
+        ),
+    ]
+}
+
+/// The latest verdict: text in colours as elsewhere, but the colours of a terminal are
+/// not those of ratatui.
+fn verdict(view: &View) -> Vec<Line<'static>> {
+    let mut lines = vec![title("latest verdict")];
+    let Some(verdict) = &view.verdict else {
+        lines.push(Line::styled("none yet", FAINT));
+        return lines;
+    };
+    let said = anstream::adapter::strip_str(&words::verdict(verdict)).to_string();
+    let style = if verdict.ok { GOOD } else { BAD };
+    for (number, line) in said.lines().enumerate() {
+        let style = if number == 0 { style } else { PLAIN };
+        lines.push(Line::styled(line.to_owned(), style));
+    }
+    lines
+}
+
+fn hits(view: &View) -> Vec<Line<'static>> {
+    let mut lines = vec![title("latest hits")];
+    if view.hits.is_empty() {
+        lines.push(Line::styled("none since this began", FAINT));
+    }
+    for hit in &view.hits {
+        let [x, y, z] = hit.position_mm;
+        let feature = hit.feature.as_deref().unwrap_or("?");
+        let approach = hit.approach.map_or("", words::approach);
+        let feed = hit
+            .feed_mm_per_min
+            .map_or(String::new(), |feed| format!("F{feed:.0}"));
+        lines.push(Line::raw(format!(
+            "{feature:<10} {x:>11.4} {y:>11.4} {z:>11.4} mm  {approach:<3} {feed}"
+        )));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,140 @@
+//! What is on the screen, and that every size of it can be drawn.
+
+use super::*;
+use crate::axes::Scale;
+use crate::watch::Link;
+use umi_protocol::latch::{LatchCounters, Positions};
+use umi_protocol::line::HitReport;
+use umi_protocol::message::{Identity, Status};
+
+fn view(scaled: bool) -> View {
+    let name = |text: &str| text.try_into().unwrap();
+    let text = include_str!("../../../../../examples/three-spheres-witnessed.toml");
+    let job = crate::jobfile::parse(text).unwrap();
+    View {
+        identity: Identity {
+            board: name("pico"),
+            serial: name("0042"),
+            firmware: name("0.1.0"),
+        },
+        link: Link {
+            gone: None,
+            answer: Duration::from_micros(1500),
+            damaged: 0,
+            events_lost: 0,
+            reconnected: 0,
+        },
+        status: Status {
+            uptime_us: 3_725_250_000,
+            reset: ResetReason::PowerOn,
+            job: Some(job.name.clone()),
+            has_reference: false,
+            verdicts: 3,
+            verdicts_ok: 2,
+            last_verdict_ok: Some(false),
+            correction_waiting: false,
+            counters: Default::default(),
+            events_dropped: 0,
+            journal_failures: 0,
+            link_damaged: 0,
+            latches: LatchCounters {
+                missed: 77,
+                ..LatchCounters::default()
+            },
+        },
+        positions: Positions {
+            counts: [-1_234_567, 50_000, 0, 12].into_iter().collect(),
+            t_ns: 1_000_000_000,
+            illegal: [0; 4].into_iter().collect(),
+            lost_samples: 0,
+        },
+        feed_mm_per_min: None,
+        scale: Scale::of(scaled.then_some(&job)),
+        hits: [HitReport {
+            line: 1,
+            t_us: 1,
+            feature: Some(name("SPHERE1")),
+            position_mm: [1.0, -2.5, 3.0],
+            approach: Some(umi_protocol::job::Approach::MinusZ),
+            feed_mm_per_min: Some(300.0),
+        }]
+        .into(),
+        latch: None,
+        verdict: None,
+    }
+}
+
+/// Plain text has a line for each axis, in millimetres where the job says how, and
+/// everything else that is known.
+#[test]
+fn text_says_everything() {
+    let said = text(&view(true), 120);
+    for words in [
+        "board pico 0042, firmware 0.1.0",
+        "X  -123.4567 mm",
+        "Y     5.0000 mm",
+        "W         12 counts",
+        "missed latches      77",
+        "answers in          1.5 ms",
+        "1:02:05.2",
+        "2 OK, 1 NG",
+        "SPHERE1",
+        "-2.5000",
+        "-z  F300",
+    ] {
+        assert!(said.contains(words), "no {words:?} in\n{said}");
+    }
+    let counts = text(&view(false), 60);
+    assert!(counts.contains("X   -1234567 counts"), "{counts}");
+    assert!(counts.contains("does not say how many counts"));
+}
+
+/// The feed is the way between two positions over the time between them.
+#[test]
+fn feed_is_way_over_time() {
+    let mut view = view(true);
+    let mut next = view.positions.clone();
+    // 0.3 mm and 0.4 mm in 0.1 s: 5 mm/s.
+    next.counts[0] += 3000;
+    next.counts[1] -= 4000;
+    next.t_ns += 100_000_000;
+    view.moved(next.clone());
+    assert!((view.feed_mm_per_min.unwrap() - 300.0).abs() < 1e-9);
+    // No time has passed, or the board has started again: nobody knows.
+    view.moved(next.clone());
+    assert_eq!(view.feed_mm_per_min, None);
+    next.t_ns = 5;
+    view.moved(next);
+    assert_eq!(view.feed_mm_per_min, None);
+}
+
+/// Every terminal can be drawn on, however small; a loss is seen on a usual one; digits
+/// are as large as there is room.
+#[test]
+fn every_size_can_be_drawn() {
+    let mut view = view(true);
+    view.link.gone = Some(("unplugged".into(), Duration::from_secs(3)));
+    for width in (0..200).step_by(7) {
+        for height in (0..70).step_by(3) {
+            let area = Rect::new(0, 0, width, height);
+            draw(&view, area, &mut Buffer::empty(area));
+        }
+    }
+    let shown = |width, height| {
+        let area = Rect::new(0, 0, width, height);
+        let mut buffer = Buffer::empty(area);
+        draw(&view, area, &mut buffer);
+        let symbols = buffer.content().iter().map(|cell| cell.symbol());
+        symbols.collect::<String>()
+    };
+    for (width, height) in [(40, 24), (80, 24), (120, 50), (200, 70)] {
+        let shown = shown(width, height);
+        assert!(shown.contains("missed latches      77"), "{width}x{height}");
+        assert!(shown.contains("GONE for 3 s"));
+    }
+    assert_eq!(size(&view, Rect::new(0, 0, 80, 24)), Size::Text);
+    assert_eq!(size(&view, Rect::new(0, 0, 80, 30)), Size::Middle);
+    assert_eq!(size(&view, Rect::new(0, 0, 120, 50)), Size::Large);
+    view.positions.counts.truncate(3);
+    assert_eq!(size(&view, Rect::new(0, 0, 80, 24)), Size::Middle);
+}
