@@ -1,0 +1,93 @@
+//! Watchdog, and why the board started.
+
+use embassy_rp::gpio::Output;
+use embassy_rp::pac;
+use embassy_rp::watchdog::{ResetReason as ByWatchdog, Watchdog};
+use embassy_time::Duration;
+use umi_protocol::message::ResetReason;
+
+use crate::lights;
+use crate::plan::WATCHDOG_MS;
+
+const PATIENCE: Duration = Duration::from_millis(WATCHDOG_MS);
+
+/// Why the board started, if it was not by a panic.
+pub fn reset_reason(watchdog: &Watchdog) -> ResetReason {
+    match watchdog.reset_reason() {
+        Some(ByWatchdog::TimedOut) => ResetReason::Watchdog,
+        Some(ByWatchdog::Forced) => ResetReason::Software,
+        None => by_the_chip(),
+    }
+}
+
+#[cfg(not(feature = "rp2350"))]
+fn by_the_chip() -> ResetReason {
+    let reset = pac::VREG_AND_CHIP_RESET.chip_reset().read();
+    // The chip cannot tell a supply that was low from one that came on.
+    match (reset.had_por(), reset.had_run()) {
+        (true, _) => ResetReason::PowerOn,
+        (false, true) => ResetReason::Pin,
+        (false, false) => ResetReason::Unknown,
+    }
+}
+
+#[cfg(feature = "rp2350")]
+fn by_the_chip() -> ResetReason {
+    let reset = pac::POWMAN.chip_reset().read();
+    if reset.had_por() {
+        ResetReason::PowerOn
+    } else if reset.had_bor() {
+        ResetReason::BrownOut
+    } else if reset.had_run_low() {
+        ResetReason::Pin
+    } else {
+        ResetReason::Unknown
+    }
+}
+
+/// Resets everything but the oscillators, as the watchdog does, at once.
+pub fn reset_now() -> ! {
+    cortex_m::interrupt::disable();
+    // All stages but the two oscillators.
+    pac::PSM
+        .wdsel()
+        .write_value(pac::psm::regs::Wdsel(0x0001_FFFC));
+    pac::WATCHDOG.ctrl().write(|w| w.set_trigger(true));
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// The watchdog, and the light that shows that it is fed.
+pub struct Dog {
+    watchdog: Watchdog,
+    light: Output<'static>,
+    fed: u8,
+}
+
+impl Dog {
+    /// Begins to watch.
+    pub fn start(mut watchdog: Watchdog, light: Output<'static>) -> Self {
+        watchdog.pause_on_debug(true);
+        watchdog.start(PATIENCE);
+        Self {
+            watchdog,
+            light,
+            fed: 0,
+        }
+    }
+}
+
+impl umi_app::board::Watchdog for Dog {
+    fn feed(&mut self) {
+        self.watchdog.feed(PATIENCE);
+        self.fed = self.fed.wrapping_add(1);
+        // On with a short gap each two seconds: all is well. Blinking: it is not.
+        let off = if lights::trouble() {
+            self.fed.is_multiple_of(2)
+        } else {
+            self.fed.is_multiple_of(8)
+        };
+        self.light.set_level((!off).into());
+    }
+}

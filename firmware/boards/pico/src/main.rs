@@ -1,0 +1,279 @@
+//! openumi on the Raspberry Pi Pico: the application unchanged, with four axes that
+//! state machines decode and latch.
+//!
+//! ```text
+//! encoders ──► PIO 0: four decoders ──► DMA ──► rings of 82 us ─┐
+//! skip, trigger ──► PIO 1: two stamps ──► interrupt ────────────┴─► captures ──► latch
+//! index, pulses ──► PIO 1: samples ──► DMA ──► ring ──┘
+//! trigger out ◄── PIO 1: pulses ◄── tick
+//! control ◄──► UART 0 ◄──► receive, transmit
+//! host ◄──► USB ◄──► serve
+//! ```
+//!
+//! | file | idea |
+//! | --- | --- |
+//! | [`pins`], [`pads`] | which pin is what |
+//! | [`plan`] | clock, machines, channels, priorities |
+//! | [`programs`], [`machines`] | what the state machines run, and how they are started |
+//! | [`rings`] | samples in memory |
+//! | [`quadrature`] | 64-bit positions at an instant |
+//! | [`stamps`], [`watched`] | edges to instants |
+//! | [`latch`], [`tick`] | captures |
+//! | [`trigger_out`] | pulses to a scanner |
+//! | [`uart`], [`usb`] | the control's and the host's port |
+//! | [`storage`] | journal and settings |
+//! | [`guard`], [`kept`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
+//!
+//! # Limitations
+//!
+//! It has run in an emulator only. See the README beside this crate.
+#![no_std]
+#![no_main]
+
+mod clock;
+mod guard;
+mod kept;
+mod latch;
+mod lights;
+mod machines;
+mod pads;
+mod pins;
+mod plan;
+mod programs;
+mod quadrature;
+mod rings;
+mod stamps;
+mod storage;
+mod tick;
+mod trigger_out;
+mod uart;
+mod usb;
+mod watched;
+
+use core::fmt::Write as _;
+use core::panic::PanicInfo;
+
+use cortex_m_rt::{ExceptionFrame, exception};
+use defmt_rtt as _;
+use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
+use embassy_futures::join::join3;
+use embassy_rp::gpio::{Level, Output};
+use embassy_rp::interrupt;
+use embassy_rp::interrupt::InterruptExt;
+use embassy_rp::peripherals::USB;
+use embassy_rp::usb::{Driver, InterruptHandler};
+use embassy_rp::watchdog::Watchdog;
+use embassy_rp::{Peri, bind_interrupts};
+use heapless::String;
+use portable_atomic as _;
+use static_cell::StaticCell;
+use umi_app::measure::{Boot, name};
+use umi_app::{App, Running};
+use umi_protocol::message::{Identity, ResetReason};
+
+use clock::BoardClock;
+use guard::Dog;
+use latch::Station;
+use lights::Lamps;
+use storage::Part;
+use umi_app::board::Clock as _;
+
+bind_interrupts!(struct Interrupts {
+    USBCTRL_IRQ => InterruptHandler<USB>;
+});
+
+static APP: App<Part> = App::new();
+
+/// Receive, transmit, latch.
+static CONTROL_TASKS: InterruptExecutor = InterruptExecutor::new();
+/// Serve.
+static HOST_TASKS: InterruptExecutor = InterruptExecutor::new();
+
+/// Two digits for each byte of the memory's unique number.
+type Serial = String<16>;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static SERIAL: StaticCell<Serial> = StaticCell::new();
+    static TASKS: StaticCell<Executor> = StaticCell::new();
+
+    let chip = embassy_rp::init(Default::default());
+    let watchdog = Watchdog::new(chip.WATCHDOG);
+    let reset = why_started(&watchdog);
+    let mut light = Output::new(chip.PIN_25, Level::High);
+    let lamps = Lamps {
+        ok: Output::new(chip.PIN_26, Level::Low),
+        ng: Output::new(chip.PIN_27, Level::Low),
+        busy: Output::new(chip.PIN_28, Level::Low),
+    };
+    let station = Station::new(Output::new(chip.PIN_21, Level::Low));
+    if embassy_rp::clocks::clk_sys_freq() != plan::CLOCK_HZ {
+        stop(&mut light, "the clock is not what the plan says");
+    }
+    pads::connect();
+    latch::start();
+
+    let storage = storage::open(storage::Parts {
+        spi: chip.SPI0,
+        miso: chip.PIN_4,
+        select: chip.PIN_5,
+        clock: chip.PIN_6,
+        mosi: chip.PIN_7,
+    });
+    let serial = SERIAL.init(Serial::new());
+    for byte in storage.unique_id {
+        let _ = write!(serial, "{byte:02X}");
+    }
+    let boot = Boot {
+        identity: Identity {
+            board: name("pico"),
+            serial: name(serial),
+            firmware: name(env!("CARGO_PKG_VERSION")),
+        },
+        reset,
+    };
+    let app = &APP;
+    match app.start(boot, storage.journal, storage.settings, BoardClock.now()) {
+        Ok(opened) => {
+            if opened.journal.is_err() || opened.settings.is_err() {
+                defmt::error!("the storage cannot be used: nothing is kept");
+            }
+        }
+        Err(Running) => stop(&mut light, "the application runs already"),
+    }
+    let dog = Dog::start(watchdog, light);
+
+    uart::start();
+    set_priorities();
+    let control = CONTROL_TASKS.start(interrupt::SWI_IRQ_0);
+    control.spawn(first(receive(app)));
+    control.spawn(first(transmit(app)));
+    control.spawn(first(latch_on(app)));
+    let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
+    host.spawn(first(serve(app, chip.USB, serial, station)));
+    TASKS.init(Executor::new()).run(|here| {
+        here.spawn(first(measure_on(app, lamps)));
+        here.spawn(first(supervise(app, dog)));
+    })
+}
+
+/// Of what the drivers and executors do not set themselves.
+fn set_priorities() {
+    #[cfg(not(feature = "rp2350"))]
+    interrupt::TIMER_IRQ_0.set_priority(plan::SERIAL);
+    #[cfg(feature = "rp2350")]
+    interrupt::TIMER0_IRQ_0.set_priority(plan::SERIAL);
+    interrupt::SWI_IRQ_0.set_priority(plan::CONTROL_TASKS);
+    interrupt::SWI_IRQ_1.set_priority(plan::HOST_TASKS);
+    interrupt::USBCTRL_IRQ.set_priority(plan::HOST_TASKS);
+}
+
+/// A task that is started for the first time has its place.
+fn first<S>(task: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    match task {
+        Ok(token) => token,
+        Err(_) => {
+            defmt::error!("a task was started twice");
+            guard::reset_now()
+        }
+    }
+}
+
+/// Says what is wrong and does nothing more than to blink quickly.
+fn stop(light: &mut Output<'static>, why: &'static str) -> ! {
+    defmt::error!("{=str}", why);
+    loop {
+        light.toggle();
+        cortex_m::asm::delay(plan::CLOCK_HZ / 20);
+    }
+}
+
+/// Why the board started; where it panicked is told to who looks on.
+fn why_started(watchdog: &Watchdog) -> ResetReason {
+    match kept::take() {
+        Some(place) => {
+            defmt::error!("started after a panic: {=str}", place.as_str());
+            ResetReason::Panic
+        }
+        None => guard::reset_reason(watchdog),
+    }
+}
+
+#[embassy_executor::task]
+async fn receive(app: &'static App<Part>) {
+    app.receive(&mut uart::Receiver, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn transmit(app: &'static App<Part>) {
+    app.transmit(&mut uart::Transmitter, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn latch_on(app: &'static App<Part>) {
+    app.latch(&mut &latch::CAPTURES, &BoardClock).await;
+}
+
+/// The device is made here, where it stays.
+#[embassy_executor::task]
+async fn serve(
+    app: &'static App<Part>,
+    usb: Peri<'static, USB>,
+    serial: &'static str,
+    mut station: Station,
+) {
+    let Some(parts) = usb::start(Driver::new(usb, Interrupts), serial) else {
+        return;
+    };
+    let usb::Parts {
+        mut device,
+        line,
+        mut receiver,
+        mut transmitter,
+    } = parts;
+    join3(
+        device.run(),
+        usb::follow(line),
+        app.serve(&mut receiver, &mut transmitter, &mut station, &BoardClock),
+    )
+    .await;
+}
+
+#[embassy_executor::task]
+async fn measure_on(app: &'static App<Part>, mut lamps: Lamps) {
+    app.measure(&mut lamps, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn supervise(app: &'static App<Part>, mut dog: Dog) {
+    app.supervise(&mut dog, &BoardClock).await;
+}
+
+#[interrupt]
+unsafe fn SWI_IRQ_0() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { CONTROL_TASKS.on_interrupt() }
+}
+
+#[interrupt]
+unsafe fn SWI_IRQ_1() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { HOST_TASKS.on_interrupt() }
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    kept::note_fault(frame.pc());
+    guard::reset_now()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    kept::note_panic(info);
+    guard::reset_now()
+}
+
+#[defmt::panic_handler]
+fn defmt_panic() -> ! {
+    guard::reset_now()
+}

@@ -1,0 +1,177 @@
+//! Where the axes were at an instant, in 64 bits.
+//!
+//! # Design
+//!
+//! The samples hold the lowest bits of positions. A look each half millisecond extends
+//! them, and any sample that is younger than a ring is extended from that look: an edge
+//! and the interrupt that follows it need not agree on anything but the clock.
+//!
+//! The position of an edge is that of the sample nearest to it: at most half a period
+//! away, 40 ns.
+
+use umi_core::encoder::extend::{Tally, nearest};
+use umi_core::encoder::samples::SampleRing;
+
+use crate::machines::{FIRST_SAMPLE_CYCLES, Started};
+use crate::pins::AXES;
+use crate::plan::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
+use crate::{clock, machines, rings};
+
+/// Positions of the axes at one instant.
+pub type Counts = [i64; AXES];
+
+/// The positions of that instant are gone.
+#[derive(Clone, Copy, Debug)]
+pub struct Gone;
+
+/// The axes.
+pub struct Quadrature {
+    /// At the latest look.
+    positions: Counts,
+    illegal: [Tally<ILLEGAL_BITS>; AXES],
+    ring: SampleRing,
+    grid: Grid,
+    /// Times at which samples were lost.
+    lost: u32,
+}
+
+impl Quadrature {
+    /// All axes at 0, not started.
+    pub const fn new() -> Self {
+        Self {
+            positions: [0; AXES],
+            illegal: [Tally::new(0); AXES],
+            ring: SampleRing::new(CADENCE, 0),
+            grid: Grid::new(0),
+            lost: 0,
+        }
+    }
+
+    /// The machines were started, for the first time or again.
+    pub fn started(&mut self, start: Started) {
+        let first = start.at_cycles.saturating_sub(FIRST_SAMPLE_CYCLES);
+        self.ring.restart(first, 0);
+        self.grid = Grid::new(first);
+    }
+
+    /// The axes at an instant that is past.
+    pub fn at(&self, instant_cycles: u64) -> Result<Counts, Gone> {
+        let half = u64::from(PERIOD_CYCLES.get() / 2);
+        // The timer is behind by up to a microsecond: ahead of it we are surely.
+        let sample = self
+            .ring
+            .sample_at(instant_cycles.saturating_add(half), surely_past())
+            .map_err(|_| Gone)?;
+        let mut counts = self.positions;
+        for (axis, position) in counts.iter_mut().enumerate() {
+            *position = nearest::<POSITION_BITS>(*position, rings::read(axis, sample.slot));
+        }
+        if surely_past() < sample.good_until_cycles {
+            Ok(counts)
+        } else {
+            Err(Gone)
+        }
+    }
+
+    /// The latest sample, and when it was taken.
+    pub fn latest(&self) -> (Counts, u64) {
+        let slot = latest_slot();
+        let taken = self.grid.instant(slot, clock::now_cycles());
+        let mut counts = self.positions;
+        for (axis, position) in counts.iter_mut().enumerate() {
+            *position = nearest::<POSITION_BITS>(*position, rings::read(axis, slot));
+        }
+        (counts, taken)
+    }
+
+    /// Cycles that have passed since a sample was taken, less than a ring's.
+    pub fn since(&self, taken_cycles: u64) -> u32 {
+        let now = self.grid.instant(latest_slot(), clock::now_cycles());
+        now.saturating_sub(taken_cycles) as u32
+    }
+
+    /// Extends the positions, and holds the rings against the clock. False: samples
+    /// were lost, and all machines must be started again.
+    pub fn look(&mut self) -> bool {
+        let before = clock::now_cycles();
+        let slot = rings::write_slot(AXES - 1);
+        let after = surely_past();
+        let in_step = self.ring.check(before, slot, after).is_ok() && !machines::stalled();
+        let slot = latest_slot();
+        let axes = self.positions.iter_mut().zip(&mut self.illegal);
+        for (axis, (position, illegal)) in axes.enumerate() {
+            let word = rings::read(axis, slot);
+            *position = nearest::<POSITION_BITS>(*position, word);
+            illegal.look(!word >> POSITION_BITS);
+        }
+        self.grid.advance(before);
+        if !in_step {
+            self.lost = self.lost.saturating_add(1);
+        }
+        in_step
+    }
+
+    /// Transitions of each axis in which both signals changed at once.
+    pub fn illegal(&self) -> [u32; AXES] {
+        self.illegal.map(|tally| tally.total())
+    }
+
+    /// Times at which samples were lost.
+    pub const fn lost(&self) -> u32 {
+        self.lost
+    }
+
+    /// Something came too late to be found in the rings.
+    pub fn too_late(&mut self) {
+        self.lost = self.lost.saturating_add(1);
+    }
+}
+
+/// An instant that is not before now.
+fn surely_past() -> u64 {
+    clock::now_cycles().saturating_add(CYCLES_PER_US.into())
+}
+
+/// Of the ring that is served last, and one more is left alone: its word may be on its
+/// way to the memory.
+fn latest_slot() -> u32 {
+    rings::write_slot(AXES - 1).wrapping_sub(2) % SLOTS as u32
+}
+
+/// When the samples of a ring were taken.
+#[derive(Clone, Copy)]
+pub struct Grid {
+    /// When the sample of some slot 0 was taken.
+    lap_cycles: u64,
+}
+
+impl Grid {
+    const LAP: u32 = CADENCE.lap_cycles() as u32;
+
+    /// The sample of slot 0 was or will be taken at this instant.
+    pub const fn new(first_cycles: u64) -> Self {
+        Self {
+            lap_cycles: first_cycles,
+        }
+    }
+
+    /// When the latest sample of a slot was taken. `now_cycles` may be off by a third of
+    /// a lap.
+    pub fn instant(&self, slot: u32, now_cycles: u64) -> u64 {
+        let since = now_cycles.saturating_sub(self.lap_cycles) as u32;
+        let number = since / PERIOD_CYCLES;
+        // Slots are few: the difference has a sign in its lowest bits.
+        let unused = u32::BITS - SLOTS.trailing_zeros();
+        let ahead = (slot.wrapping_sub(number) << unused).cast_signed() >> unused;
+        let cycles = i64::from(number) + i64::from(ahead);
+        self.lap_cycles
+            .saturating_add_signed(cycles * i64::from(PERIOD_CYCLES.get()))
+    }
+
+    /// Keeps differences to the lap small. To be called at least each 2³¹ cycles.
+    pub fn advance(&mut self, now_cycles: u64) {
+        let since = now_cycles.saturating_sub(self.lap_cycles) as u32;
+        let laps = (since / Self::LAP).saturating_sub(1);
+        self.lap_cycles += u64::from(laps * Self::LAP);
+    }
+}

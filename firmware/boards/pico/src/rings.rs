@@ -1,0 +1,109 @@
+//! Rings of samples in memory, written by DMA.
+//!
+//! # Design
+//!
+//! Each ring has two DMA channels that take turns: when one has made its transfers, it
+//! starts the other by itself. Both wrap their addresses at the ring's end and make a
+//! multiple of a ring's transfers, so that the slot of a sample depends on its number
+//! alone, and the one that waits always stands at the ring's beginning.
+//!
+//! # Limitations
+//!
+//! At 125 MHz the five rings take 62.5 million transfers per second, half of what the
+//! DMA can do. A machine whose FIFO runs full tells it: see [`crate::machines::stalled`].
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_rp::pac;
+use embassy_rp::pac::dma::regs::CtrlTrig;
+use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
+
+use crate::plan::{EVENTS_MACHINE, EVENTS_RING, RINGS, SLOTS, TRANSFERS};
+
+const RING_BYTES: usize = SLOTS * 4;
+
+/// Aligned, because the DMA wraps an address by its low bits.
+#[repr(C, align(4096))]
+struct Ring([AtomicU32; SLOTS]);
+
+const _: () = assert!(align_of::<Ring>() == RING_BYTES && size_of::<Ring>() == RING_BYTES);
+
+/// Atomic, because the DMA writes them while we read.
+static MEMORY: [Ring; RINGS] = [const { Ring([const { AtomicU32::new(0) }; SLOTS]) }; RINGS];
+
+/// What stands in a slot of a ring; 0 if there is no such slot.
+#[inline(always)]
+pub fn read(ring: usize, slot: u32) -> u32 {
+    let word = MEMORY
+        .get(ring)
+        .and_then(|ring| ring.0.get(slot as usize % SLOTS));
+    word.map_or(0, |word| word.load(Ordering::Relaxed))
+}
+
+/// The slot that is written next.
+#[inline(always)]
+pub fn write_slot(ring: usize) -> u32 {
+    // The one that does not run stands at the beginning, where the other arrives when
+    // it hands over: it does not matter when exactly that is.
+    let first = pac::DMA.ch(ring * 2);
+    let address = if first.ctrl_trig().read().busy() {
+        first.write_addr().read()
+    } else {
+        pac::DMA.ch(ring * 2 + 1).write_addr().read()
+    };
+    address % RING_BYTES as u32 / 4
+}
+
+/// Stops all transfers and sets the channels up for a start at slot 0. They wait for
+/// the first word of their machine.
+pub fn arm() {
+    let all = (1_u16 << (RINGS * 2)) - 1;
+    pac::DMA.chan_abort().write(|w| w.set_chan_abort(all));
+    while pac::DMA.chan_abort().read().chan_abort() != 0 {}
+    for (ring, memory) in MEMORY.iter().enumerate() {
+        let (pio, machine) = machine_of(ring);
+        for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {
+            let dma = pac::DMA.ch(channel);
+            dma.read_addr()
+                .write_value(pio.rxf(machine).as_ptr() as u32);
+            dma.write_addr().write_value(memory.0.as_ptr() as u32);
+            #[cfg(not(feature = "rp2350"))]
+            dma.trans_count().write_value(TRANSFERS);
+            #[cfg(feature = "rp2350")]
+            dma.trans_count().write(|w| w.set_count(TRANSFERS));
+            let mut control = CtrlTrig(0);
+            control.set_en(true);
+            control.set_high_priority(true);
+            control.set_data_size(DataSize::SIZE_WORD);
+            control.set_incr_write(true);
+            control.set_ring_sel(true);
+            control.set_ring_size(RING_BYTES.trailing_zeros() as u8);
+            control.set_chain_to(partner as u8);
+            control.set_treq_sel(request_of(ring));
+            control.set_irq_quiet(true);
+            if channel == ring * 2 {
+                dma.ctrl_trig().write_value(control);
+            } else {
+                dma.al1_ctrl().write_value(control.0);
+            }
+        }
+    }
+}
+
+fn machine_of(ring: usize) -> (pac::pio::Pio, usize) {
+    if ring == EVENTS_RING {
+        (pac::PIO1, EVENTS_MACHINE)
+    } else {
+        (pac::PIO0, ring)
+    }
+}
+
+fn request_of(ring: usize) -> TreqSel {
+    const PIO0_RX0: u8 = TreqSel::PIO0_RX0 as u8;
+    const PIO1_RX0: u8 = TreqSel::PIO1_RX0 as u8;
+    if ring == EVENTS_RING {
+        TreqSel::from_bits(PIO1_RX0 + EVENTS_MACHINE as u8)
+    } else {
+        TreqSel::from_bits(PIO0_RX0 + ring as u8)
+    }
+}

@@ -1,0 +1,154 @@
+//! Journal and settings: two areas of a serial NOR flash of their own.
+//!
+//! # Design
+//!
+//! The flash that the code runs from is never written: while it is, nothing can be read
+//! from it, captures neither. The other one hangs on SPI 0 and may be as busy as it
+//! likes: who waits for it is the task of the lowest priority.
+
+use core::convert::Infallible;
+
+use embassy_rp::gpio::{Level, Output};
+use embassy_rp::peripherals::{PIN_4, PIN_5, PIN_6, PIN_7, SPI0};
+use embassy_rp::spi::{Blocking, Config, Spi};
+use embassy_rp::{Peri, spi};
+use embassy_time::Delay;
+use embedded_hal_bus::spi::{DeviceError, ExclusiveDevice};
+use static_cell::StaticCell;
+use umi_core::journal::{Flash, Geometry};
+use umi_drivers::spi_nor::{self, Fault, SectorSize, SpiNor, Wanted};
+
+/// Clock of the line: any W25Q reads so fast with its slow command.
+const SPI_HZ: u32 = 32_000_000;
+
+/// 2 MB: some twenty thousand lines of the control, with what follows from them. The
+/// journal looks through all of it before it begins on a new chip: a second.
+const JOURNAL: Wanted = Wanted {
+    sectors: 32,
+    size: SectorSize::KiB64,
+};
+/// Job and taught reference. The longest settings must find room in a sector.
+const SETTINGS: Wanted = Wanted {
+    sectors: 4,
+    size: SectorSize::KiB32,
+};
+
+type Device = ExclusiveDevice<Spi<'static, SPI0, Blocking>, Output<'static>, Delay>;
+/// What can be wrong with the flash.
+pub type Failure = Fault<DeviceError<spi::Error, Infallible>>;
+
+type Shared = spi_nor::Shared<Device, Delay>;
+
+/// An area of the flash, or what stands for it where there is no flash.
+pub enum Part {
+    /// The area.
+    There(spi_nor::Area<'static, Device, Delay>),
+    /// Why there is none, and what it would have been.
+    Missing(Failure, Wanted),
+}
+
+/// What is there after the start.
+pub struct Storage {
+    /// For the journal.
+    pub journal: Part,
+    /// For the settings.
+    pub settings: Part,
+    /// The chip's own number; zeros if it has none.
+    pub unique_id: [u8; 8],
+}
+
+/// The chip's pins and the line that they belong to.
+pub struct Parts {
+    /// The line.
+    pub spi: Peri<'static, SPI0>,
+    /// From the chip.
+    pub miso: Peri<'static, PIN_4>,
+    /// Selects the chip.
+    pub select: Peri<'static, PIN_5>,
+    /// Clock.
+    pub clock: Peri<'static, PIN_6>,
+    /// To the chip.
+    pub mosi: Peri<'static, PIN_7>,
+}
+
+/// Opens the flash. To be called once. A board without it runs all the same: it says so,
+/// and sends no correction.
+pub fn open(parts: Parts) -> Storage {
+    let mut unique_id = [0; 8];
+    match areas(parts, &mut unique_id) {
+        Ok([journal, settings]) => Storage {
+            journal: Part::There(journal),
+            settings: Part::There(settings),
+            unique_id,
+        },
+        Err(fault) => {
+            defmt::error!("journal's memory: {=str}", fault.code());
+            Storage {
+                journal: Part::Missing(fault, JOURNAL),
+                settings: Part::Missing(fault, SETTINGS),
+                unique_id,
+            }
+        }
+    }
+}
+
+fn areas(
+    parts: Parts,
+    unique_id: &mut [u8; 8],
+) -> Result<[spi_nor::Area<'static, Device, Delay>; 2], Failure> {
+    static SHARED: StaticCell<Shared> = StaticCell::new();
+
+    let mut config = Config::default();
+    config.frequency = SPI_HZ;
+    let line = Spi::new_blocking(parts.spi, parts.clock, parts.mosi, parts.miso, config);
+    let select = Output::new(parts.select, Level::High);
+    let device = match ExclusiveDevice::new(line, select, Delay) {
+        Ok(device) => device,
+        Err(never) => match never {},
+    };
+    let mut chip = SpiNor::open(device, Delay)?;
+    match chip.unique_id() {
+        Ok(id) => *unique_id = id,
+        Err(fault) => defmt::warn!("no serial number: {=str}", fault.code()),
+    }
+    SHARED
+        .init_with(|| Shared::new(chip))
+        .areas([JOURNAL, SETTINGS])
+}
+
+impl Flash for Part {
+    type Error = Failure;
+
+    fn geometry(&self) -> Geometry {
+        match self {
+            Self::There(area) => area.geometry(),
+            Self::Missing(_, wanted) => Geometry {
+                sectors: wanted.sectors,
+                sector_size: wanted.size.bytes(),
+                write_size: 1,
+                page_size: 256,
+            },
+        }
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Failure> {
+        match self {
+            Self::There(area) => area.read(addr, into),
+            Self::Missing(fault, _) => Err(*fault),
+        }
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Failure> {
+        match self {
+            Self::There(area) => area.program(addr, bytes),
+            Self::Missing(fault, _) => Err(*fault),
+        }
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), Failure> {
+        match self {
+            Self::There(area) => area.erase(sector),
+            Self::Missing(fault, _) => Err(*fault),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Trigger pulses to a scanner, at a time or a distance interval.
+//!
+//! # Design
+//!
+//! At a time interval the queue of the machine that sends pulses is kept full: it counts
+//! the cycles, whatever interrupts do. At a distance interval a tick foresees the
+//! crossing of the next line from the speed in the last ring of samples, and the machine
+//! sends the pulse in the cycle where the line should be. The pulse itself is captured
+//! like any edge: the host is told where the axes really were.
+
+use umi_app::board::Unsupported;
+use umi_core::encoder::interval::{Lines, Motion, Plan, pulse_period};
+use umi_protocol::latch::TriggerOut;
+
+use core::num::NonZeroU32;
+
+use crate::machines;
+use crate::pins::AXES;
+use crate::plan::{CADENCE, CLOCK_HZ, CYCLES_PER_US, TICK_US};
+use crate::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
+use crate::quadrature::{Counts, Quadrature};
+
+/// The shortest interval: 20 kHz, what captures can be told of.
+const LEAST_CYCLES: u32 = 50 * CYCLES_PER_US;
+/// What is foreseen: until the next tick.
+const HORIZON_CYCLES: u32 = TICK_US * CYCLES_PER_US;
+/// Speed is measured over most of a ring.
+const BASE_CYCLES: u32 = (CADENCE.lap_cycles() / 10 * 9) as u32;
+
+const _: () = assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES);
+
+/// When pulses are sent.
+pub enum Pulses {
+    /// Never.
+    Off,
+    /// Each so many cycles, less what the program takes itself.
+    Time {
+        /// For the machine's queue.
+        wait_cycles: u32,
+    },
+    /// Where an axis crosses a line.
+    Distance {
+        /// Which axis.
+        axis: usize,
+        /// The lines.
+        lines: Lines,
+    },
+}
+
+impl Pulses {
+    /// As asked for by the host, with the axes where they are now.
+    pub fn new(spec: TriggerOut, counts: &Counts) -> Result<Self, Unsupported> {
+        match spec {
+            TriggerOut::Off => Ok(Self::Off),
+            TriggerOut::Time { interval_us } => {
+                let period =
+                    pulse_period::<CLOCK_HZ>(interval_us, LEAST_CYCLES).map_err(|_| Unsupported)?;
+                Ok(Self::Time {
+                    wait_cycles: period.get() - PULSE_OVERHEAD_CYCLES,
+                })
+            }
+            TriggerOut::Distance {
+                axis,
+                interval_counts,
+            } => {
+                let axis = usize::from(axis);
+                let origin = *counts.get(axis).ok_or(Unsupported)?;
+                let lines =
+                    Lines::new(origin, interval_counts, HORIZON_CYCLES).map_err(|_| Unsupported)?;
+                Ok(Self::Distance { axis, lines })
+            }
+        }
+    }
+
+    /// Whether ticks must come often.
+    pub const fn is_on(&self) -> bool {
+        !matches!(self, Self::Off)
+    }
+
+    /// Does what is to be done until the next tick. Returns how many lines were crossed
+    /// without a pulse.
+    pub fn tick(&mut self, axes: &Quadrature) -> u32 {
+        match self {
+            Self::Off => 0,
+            Self::Time { wait_cycles } => {
+                // The queue holds eight.
+                for _ in 0..8 {
+                    if !machines::queue_pulse(*wait_cycles) {
+                        break;
+                    }
+                }
+                0
+            }
+            Self::Distance { axis, lines } => distance(*axis, lines, axes),
+        }
+    }
+}
+
+fn distance(axis: usize, lines: &mut Lines, axes: &Quadrature) -> u32 {
+    debug_assert!(axis < AXES);
+    let (counts, taken_cycles) = axes.latest();
+    let earlier_cycles = taken_cycles.saturating_sub(BASE_CYCLES.into());
+    let (Some(position), Some(in_cycles)) =
+        (counts.get(axis).copied(), NonZeroU32::new(BASE_CYCLES))
+    else {
+        return 0;
+    };
+    // Too soon after a start there is no speed yet: it is taken for none.
+    let before = axes.at(earlier_cycles).ok();
+    let before = before.and_then(|counts| counts.get(axis).copied());
+    let moved = position.wrapping_sub(before.unwrap_or(position)) as i32;
+    let motion = Motion {
+        position,
+        moved,
+        in_cycles,
+    };
+    match lines.plan(motion) {
+        Plan::Wait => 0,
+        Plan::Fire {
+            in_cycles, skipped, ..
+        } => {
+            let passed = axes.since(taken_cycles) + PULSE_LEAD_CYCLES;
+            if machines::queue_pulse(in_cycles.saturating_sub(passed)) {
+                skipped
+            } else {
+                skipped.saturating_add(1)
+            }
+        }
+    }
+}
