@@ -9,6 +9,12 @@ import { MARGIN, WINDOW } from './pins.js';
 /** A and B of a quadrature signal, counted up: A leads. */
 const GRAY = [0b00, 0b01, 0b11, 0b10];
 
+/**
+ * Cycles from an edge to the glitch that follows it: several samples, for nobody can tell a glitch
+ * at an edge from a transition that is none.
+ */
+const GLITCH_AFTER = 40;
+
 /** A small generator of repeatable random numbers (Marsaglia 2003, xorshift32), in [0, 1). */
 class Random {
   constructor(seed) {
@@ -124,8 +130,8 @@ class Axis {
       for (let i = 1; i <= 4; i++) this.add(at + i * plan.bounceCycles, i % 2 ? was : this.bits);
     } else if (plan.glitch && this.random.next() < plan.glitch) {
       const other = this.bits ^ was ^ 3;
-      this.add(at + plan.glitchCycles, this.bits ^ other);
-      this.add(at + 2 * plan.glitchCycles, this.bits);
+      this.add(at + GLITCH_AFTER, this.bits ^ other);
+      this.add(at + GLITCH_AFTER + plan.glitchCycles, this.bits);
     }
     return this.bits;
   }

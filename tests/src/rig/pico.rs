@@ -42,7 +42,7 @@ const CYCLES_PER_COUNT: f64 = 20.0;
 /// A pulse of the rig.
 const PULSE_CYCLES: u64 = 100 * CYCLES_PER_US;
 /// How long the rig waits for what takes emulated time, before it says what is wrong.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(600);
 /// How often it looks.
 const TURN: Duration = Duration::from_millis(2);
 
@@ -58,7 +58,9 @@ impl PicoRig {
     /// # Errors
     /// Why there is no emulator: no image, no `node`, or what `node` said.
     pub fn start() -> Result<Self, String> {
-        let emulator = Emulator::start(Start::Free)?;
+        let mut emulator = Emulator::start(Start::Free)?;
+        // As fast as it can: it is seldom faster than real time.
+        emulator.ask(&json!({ "do": "free", "speed": 0 }));
         let control = emulator
             .control()
             .map_err(|error| format!("no way to the control's port of the emulator: {error}"))?;
