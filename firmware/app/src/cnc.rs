@@ -36,7 +36,7 @@ use umi_protocol::pattern::Coding;
 
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
-use crate::measure::{Bytes, Correction, Input, PIECE};
+use crate::measure::{Correction, Input};
 
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
@@ -101,40 +101,20 @@ impl Flow {
 
 /// Receives for ever.
 pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: &impl Clock) -> ! {
-    let mut lost: u32 = 0;
     loop {
         let mut buffer = [0; MAX_BYTES];
-        let input = if lost == 0 {
-            rx.read(&mut buffer).await
-        } else {
-            // The count takes the place of what it counts as soon as there is room,
-            // also if nothing more comes.
-            let tell = app.inputs.send((clock.now(), Input::Lost(lost)));
-            match select(tell, rx.read(&mut buffer)).await {
-                Either::First(()) => {
-                    lost = 0;
-                    continue;
-                }
-                Either::Second(input) => input,
-            }
-        };
-        match input {
+        match rx.read(&mut buffer).await {
             CncInput::Bytes(count) => {
                 let bytes = buffer.get(..count).unwrap_or_default();
                 bytes.iter().for_each(|byte| app.flow.see(*byte));
-                for piece in bytes.chunks(PIECE) {
-                    let raw = Bytes::from_slice(piece).unwrap_or_default();
-                    let input = (clock.now(), Input::Bytes(raw));
-                    // Behind a loss nothing may go before its count.
-                    if lost > 0 || app.inputs.try_send(input).is_err() {
-                        let more = u32::try_from(piece.len()).unwrap_or(u32::MAX);
-                        lost = lost.saturating_add(more);
-                    }
-                }
+                app.intake.bytes(clock.now(), bytes);
             }
-            CncInput::Lost(count) => lost = lost.saturating_add(count),
+            CncInput::Lost(count) => app.intake.lost(clock.now(), count),
             // Only a captured file ends, and it can wait.
-            CncInput::End => app.inputs.send((clock.now(), Input::End)).await,
+            CncInput::End => {
+                let end = app.intake.put_when_there_is_room(clock.now(), Input::End);
+                end.await;
+            }
         }
     }
 }

@@ -20,6 +20,7 @@
 //! | [`measure`] | what the board knows and decides; no waiting |
 //! | `cnc` | the control's port: receive, flow control, send a correction |
 //! | `link`, `answer` | the host's port: frames, requests |
+//! | `intake` | what came in and waits to be measured |
 //! | `events` | what waits to be told to the host |
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `settings` | what survives a power cut |
@@ -43,6 +44,7 @@ mod answer;
 pub mod board;
 mod cnc;
 mod events;
+mod intake;
 mod link;
 pub mod measure;
 pub mod replay;
@@ -52,7 +54,6 @@ mod settings;
 use embassy_futures::join::{join, join5};
 use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
@@ -68,14 +69,10 @@ pub use cnc::XOFF_PATIENCE_US;
 /// How often the watchdog is fed while measuring answers.
 pub const FEED_INTERVAL_US: u64 = 250_000;
 
-/// Inputs that can wait: 2 KB in full pieces, which is 0.18 s at 115200 baud, or
-/// as many short lines. A fit takes a fraction of that on the slowest board.
-pub const QUEUE: usize = 32;
-
 /// The application's state, shared by its tasks.
 pub struct App<F: Flash> {
     measure: Mutex<CriticalSectionRawMutex, Measure<F>>,
-    inputs: Channel<CriticalSectionRawMutex, (Micros, Input), QUEUE>,
+    intake: intake::Intake,
     flow: cnc::Flow,
     scans: scan::Scans,
     /// The host has changed something that the outputs and the clock must know.
@@ -110,7 +107,7 @@ impl<F: Flash> App<F> {
     pub const fn new() -> Self {
         Self {
             measure: Mutex::new(Measure::new()),
-            inputs: Channel::new(),
+            intake: intake::Intake::new(),
             flow: cnc::Flow::new(),
             scans: scan::Scans::new(),
             changed: Signal::new(),
@@ -200,7 +197,7 @@ impl<F: Flash> App<F> {
             let deadline = self.measure.lock().await.deadline();
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
-            let came = select3(self.inputs.receive(), due, self.changed.wait()).await;
+            let came = select3(self.intake.next(), due, self.changed.wait()).await;
             let mut measure = self.measure.lock().await;
             let before = measure.arming();
             match came {
@@ -239,19 +236,15 @@ impl<F: Flash> App<F> {
                 Either::First(mut latch) => {
                     latch.missed = latch.missed.saturating_add(lost);
                     self.scans.count(&latch);
-                    lost = match self.inputs.try_send((clock.now(), Input::Latch(latch))) {
+                    lost = match self.intake.put(clock.now(), Input::Latch(latch)) {
                         Ok(()) => 0,
                         Err(_) => lost.saturating_add(1),
                     };
                 }
                 Either::Second(()) => {
-                    // Without room it stays under way and is asked for again.
-                    if self.inputs.is_full() {
-                        clock
-                            .wait_until(Micros(clock.now().0 + FEED_INTERVAL_US))
-                            .await;
-                    } else if let Some(scan) = self.scans.over(clock.now()) {
-                        let _ = self.inputs.try_send((clock.now(), Input::Scan(scan)));
+                    if let Some(scan) = self.scans.over(clock.now()) {
+                        // Behind a long fit its record is lost, its counters are not.
+                        let _ = self.intake.put(clock.now(), Input::Scan(scan));
                     }
                 }
             }
