@@ -24,6 +24,7 @@
 //! eight corners: it is linear in `p`, so no point of the part has more.
 
 mod program;
+pub mod rewrite;
 
 use nalgebra::{Matrix3, Vector3};
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd};

@@ -1,0 +1,427 @@
+//! Canned cycles: kept where the tool's direction stays, written out where it tilts.
+
+use super::block::{AXES, Given};
+use super::emit::{self, Action, Edit, Out};
+use super::follow::Wanted;
+use super::length::{LIMIT_PM, Pm, Step};
+use super::motion::{More, allow};
+use super::refusal::Reason;
+use super::state::{Cycle, Motion};
+use super::words::{At, Words};
+use super::{Rewriter, at, pm};
+
+/// Holes of one block, and pecks of one hole, at most.
+const MAX_HOLES: u32 = 1000;
+const MAX_PECKS: Pm = 10_000;
+
+/// Further holes of a cycle that stays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Repeat {
+    count: u32,
+    /// From hole to hole.
+    by: [Pm; 3],
+}
+
+/// Holes of a cycle that is written out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Holes {
+    count: u32,
+    by: [Pm; 3],
+    cycle: Cycle,
+    normal: usize,
+    to_r: bool,
+}
+
+impl Rewriter<'_> {
+    /// A block that begins or goes on with a canned cycle.
+    pub(super) fn cycle(
+        &mut self,
+        words: &Words,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        edit: &mut Edit,
+        incremental: bool,
+        column: usize,
+    ) -> At<More> {
+        allow(words, b"RQPKLIJ")?;
+        let normal = self.modes.plane.normal();
+        let letter = at(&AXES, normal);
+        let count = match given.whole(b'K')? {
+            Some(count) => count,
+            None => given.whole(b'L')?.unwrap_or(1),
+        };
+        if count > MAX_HOLES {
+            return Err((column, Reason::OutOfRange));
+        }
+        let axes = given.axes();
+        let moves = (0..3).any(|axis| axis != normal && at(&axes, axis).is_some());
+        if count == 0 && moves {
+            return Err((column, Reason::Meaningless('K')));
+        }
+        let before = self.place;
+        let mut target = self.over(given, incremental, normal)?;
+        let begun = self.heights(given, wanted, incremental, normal)?;
+        let mut cycle = begun;
+        if !at(&self.keeps, normal) {
+            if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
+                return Err((column, Reason::TiltedCycle(cycle.code)));
+            }
+            return self.write_out(
+                given,
+                wanted,
+                edit,
+                incremental,
+                column,
+                &cycle,
+                count,
+                &before,
+                target,
+            );
+        }
+        // The heights of the cycle move with the part, alike for all holes.
+        let step = self.step();
+        if !incremental {
+            for (letter, slot) in [(b'R', &mut cycle.r_out), (letter, &mut None)] {
+                let Some(index) = given.find(letter) else {
+                    continue;
+                };
+                let out = self.height(given, index, normal, edit, &step)?;
+                *slot = Some(out);
+            }
+        } else if given.has(b'R')
+            && let (Some(r), Some(initial), Some(out)) = (cycle.r, cycle.initial, cycle.initial_out)
+        {
+            cycle.r_out = Some(out + r - initial);
+        }
+        // Over the hole: the height plays no part.
+        if let Some(slot) = target.get_mut(normal) {
+            *slot = at(&self.place.nominal, normal);
+        }
+        let plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
+            if axis == normal {
+                None
+            } else {
+                at(&axes, axis)
+            }
+        });
+        let height = (at(&self.place.nominal, normal), at(&self.place.out, normal));
+        let mut image = self.carry(&target, false, column)?;
+        if let Some(slot) = image.get_mut(normal) {
+            *slot = None;
+        }
+        if count > 0 {
+            self.write_axes(&plane_axes, &target, &image, incremental, edit, column)?;
+        }
+        self.stand(normal, height, &cycle, count > 0);
+        self.modes.cycle = Some(cycle);
+        self.summary.holes += u64::from(count);
+        let by = by(&before.nominal, &target, normal);
+        if count < 2 || !incremental || by == [0; 3] {
+            return Ok(More::Nothing);
+        }
+        if let Some(unknown) = (0..3).find(|axis| at(&self.place.nominal, *axis).is_none()) {
+            return Err((column, Reason::UnknownPlace(at(&AXES, unknown) as char)));
+        }
+        if let Some(word) = given.find(b'K').or(given.find(b'L')) {
+            edit.set(word, Action::Drop);
+        }
+        Ok(More::Repeat(Repeat {
+            count: count - 1,
+            by,
+        }))
+    }
+
+    /// Where the tool stands after a hole.
+    fn stand(
+        &mut self,
+        normal: usize,
+        height: (Option<Pm>, Option<Pm>),
+        cycle: &Cycle,
+        moved: bool,
+    ) {
+        let (nominal, out) = match (moved, self.modes.returns_to_r) {
+            (false, _) => height,
+            (true, true) => (cycle.r, cycle.r_out),
+            (true, false) => (cycle.initial, cycle.initial_out),
+        };
+        match (nominal, out) {
+            (Some(nominal), Some(out)) => self.arrive(normal, nominal, out),
+            _ => self.place.forget(normal),
+        }
+    }
+
+    /// Where the hole is, without its height.
+    fn over(&mut self, given: &Given<'_>, incremental: bool, normal: usize) -> At<[Option<Pm>; 3]> {
+        let mut target = self.place.nominal;
+        if !incremental && self.place.relative {
+            self.forget_all();
+            self.place.relative = false;
+            target = self.place.nominal;
+        }
+        for (axis, letter) in AXES.iter().enumerate() {
+            if axis == normal {
+                continue;
+            }
+            let Some(index) = given.find(*letter) else {
+                continue;
+            };
+            let value = self.length(given, index)?;
+            let base = if incremental {
+                at(&self.place.nominal, axis)
+                    .ok_or((given.column(index), Reason::UnknownPlace(*letter as char)))?
+            } else {
+                at(&self.modes.shift.nominal, axis)
+            };
+            if (base + value).abs() > LIMIT_PM {
+                return Err((given.column(index), Reason::OutOfRange));
+            }
+            if let Some(slot) = target.get_mut(axis) {
+                *slot = Some(base + value);
+            }
+        }
+        Ok(target)
+    }
+
+    /// The cycle with the heights that this block says, nominal.
+    fn heights(
+        &self,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        incremental: bool,
+        normal: usize,
+    ) -> At<Cycle> {
+        let mut cycle = self.modes.cycle.unwrap_or(Cycle {
+            code: 0,
+            initial: at(&self.place.nominal, normal),
+            initial_out: at(&self.place.out, normal),
+            r: None,
+            r_out: None,
+            bottom: None,
+            peck: None,
+            dwell: None,
+        });
+        if let Some((_, code)) = wanted.cycle {
+            cycle.code = code;
+        }
+        let shift = at(&self.modes.shift.nominal, normal);
+        let has_r = self.length_of(given, b'R')?;
+        if let Some(r) = has_r {
+            cycle.r = if incremental {
+                cycle.initial.map(|initial| initial + r)
+            } else {
+                Some(shift + r)
+            };
+        }
+        if let Some(z) = self.length_of(given, at(&AXES, normal))? {
+            cycle.bottom = if incremental {
+                cycle.r.map(|r| r + z)
+            } else {
+                Some(shift + z)
+            };
+        }
+        if let Some(q) = self.length_of(given, b'Q')? {
+            cycle.peck = Some(q.abs());
+        }
+        if let Some(p) = given.number(b'P')? {
+            cycle.dwell = Some(p);
+        }
+        Ok(cycle)
+    }
+
+    /// A height word of a cycle that stays: moved along the axis, rounded.
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "places are below 2^53 pm times a few"
+    )]
+    fn height(
+        &self,
+        given: &Given<'_>,
+        index: usize,
+        normal: usize,
+        edit: &mut Edit,
+        step: &Step,
+    ) -> At<Pm> {
+        let value = self.length(given, index)?;
+        let shift = self.modes.shift;
+        let nominal = value + at(&shift.nominal, normal);
+        let image = nominal as f64 + at(&self.translation_pm, normal);
+        let base = at(&shift.out, normal);
+        let steps = step.count(image - base as f64);
+        if (image - (base + value) as f64).abs() < 500.0 || steps * step.pm == value {
+            return Ok(base + value);
+        }
+        edit.set(index, Action::Length(steps, step.decimals));
+        Ok(base + steps * step.pm)
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one call, one block")]
+    fn write_out(
+        &mut self,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        edit: &mut Edit,
+        incremental: bool,
+        column: usize,
+        cycle: &Cycle,
+        count: u32,
+        before: &super::Place,
+        target: [Option<Pm>; 3],
+    ) -> At<More> {
+        let normal = self.modes.plane.normal();
+        let letter = at(&AXES, normal) as char;
+        for axis in 0..3 {
+            if at(&target, axis).is_none() || at(&self.place.out, axis).is_none() {
+                return Err((column, Reason::UnknownPlace(at(&AXES, axis) as char)));
+            }
+        }
+        let (Some(_), Some(r)) = (cycle.initial, cycle.r) else {
+            return Err((column, Reason::CycleLacks('R')));
+        };
+        let Some(bottom) = cycle.bottom else {
+            return Err((column, Reason::CycleLacks(letter)));
+        };
+        let pecks = matches!(cycle.code, 730 | 830);
+        if bottom > r {
+            return Err((column, Reason::CycleDepth));
+        }
+        if pecks {
+            match cycle.peck {
+                None | Some(0) => return Err((column, Reason::CycleLacks('Q'))),
+                Some(q) if (r - bottom) / q > MAX_PECKS => {
+                    return Err((column, Reason::CycleDepth));
+                }
+                Some(_) => {}
+            }
+        }
+        for letter in [b'R', b'Q', b'P', b'K', b'L', b'I', b'J', at(&AXES, normal)] {
+            if let Some(word) = given.find(letter) {
+                edit.set(word, Action::Drop);
+            }
+        }
+        if let Some((word, _)) = wanted.cycle {
+            edit.set(word, Action::Text(b"G0"));
+        } else if self.out_motion != Some(Motion::Rapid) {
+            edit.code(Motion::Rapid.code());
+        }
+        self.out_motion = Some(Motion::Rapid);
+        self.modes.cycle = Some(*cycle);
+        if count == 0 {
+            return Ok(More::Nothing);
+        }
+        // The first block goes over the hole, at the height where the tool is.
+        let axes = given.axes();
+        let plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
+            if axis == normal {
+                None
+            } else {
+                at(&axes, axis)
+            }
+        });
+        let image = self.carry(&target, true, column)?;
+        self.write_axes(&plane_axes, &target, &image, incremental, edit, column)?;
+        self.summary.written_out += u64::from(count);
+        Ok(More::Holes(Holes {
+            count,
+            by: if incremental {
+                by(&before.nominal, &target, normal)
+            } else {
+                [0; 3]
+            },
+            cycle: *cycle,
+            normal,
+            to_r: self.modes.returns_to_r,
+        }))
+    }
+
+    /// Writes the further holes of a cycle that stays.
+    pub(super) fn repeat<S: FnMut(&[u8])>(&mut self, repeat: &Repeat, out: &mut Out<'_, S>) {
+        for _ in 0..repeat.count {
+            let Some(next) = moved(&self.place.nominal, &repeat.by) else {
+                return;
+            };
+            let motion = self.out_motion.unwrap_or(Motion::Rapid);
+            self.point(motion, next, None, out);
+        }
+    }
+
+    /// Writes holes in G0 and G1.
+    pub(super) fn holes<S: FnMut(&[u8])>(&mut self, holes: &Holes, out: &mut Out<'_, S>) {
+        let Holes {
+            cycle,
+            normal,
+            to_r,
+            ..
+        } = *holes;
+        let (Some(initial), Some(r), Some(bottom)) = (cycle.initial, cycle.r, cycle.bottom) else {
+            return;
+        };
+        let clearance = pm(self.settings.clearance.0);
+        for hole in 0..holes.count {
+            let by = if hole == 0 { [0; 3] } else { holes.by };
+            let Some(over) = moved(&self.place.nominal, &by) else {
+                return;
+            };
+            let at_height = |height: Pm| {
+                let mut place = over;
+                if let Some(slot) = place.get_mut(normal) {
+                    *slot = height;
+                }
+                place
+            };
+            if hole > 0 {
+                self.point(Motion::Rapid, over, None, out);
+            }
+            self.point(Motion::Rapid, at_height(r), None, out);
+            match (cycle.code, cycle.peck) {
+                (730 | 830, Some(peck)) if peck > 0 => {
+                    let mut depth = r;
+                    while depth > bottom {
+                        if cycle.code == 830 && depth < r {
+                            let short = (depth + clearance).min(r);
+                            self.point(Motion::Rapid, at_height(short), None, out);
+                        }
+                        depth = (depth - peck).max(bottom);
+                        self.point(Motion::Line, at_height(depth), None, out);
+                        if depth > bottom {
+                            let back = if cycle.code == 830 {
+                                r
+                            } else {
+                                (depth + clearance).min(r)
+                            };
+                            self.point(Motion::Rapid, at_height(back), None, out);
+                        }
+                    }
+                }
+                _ => self.point(Motion::Line, at_height(bottom), None, out),
+            }
+            if matches!(cycle.code, 820 | 890)
+                && let Some(dwell) = cycle.dwell
+            {
+                out.put(&self.line_end());
+                out.put(if self.spaced { b"G4 P" } else { b"G4P" });
+                emit::number(dwell, out);
+            }
+            if matches!(cycle.code, 850 | 890) {
+                self.point(Motion::Line, at_height(r), None, out);
+            }
+            let top = if to_r { r } else { initial };
+            self.point(Motion::Rapid, at_height(top), None, out);
+        }
+    }
+}
+
+/// The way in the plane from one place to another.
+fn by(from: &[Option<Pm>; 3], to: &[Option<Pm>; 3], normal: usize) -> [Pm; 3] {
+    core::array::from_fn(|axis| match (at(from, axis), at(to, axis)) {
+        (Some(from), Some(to)) if axis != normal => to - from,
+        _ => 0,
+    })
+}
+
+fn moved(place: &[Option<Pm>; 3], by: &[Pm; 3]) -> Option<[Pm; 3]> {
+    let mut moved = *by;
+    for (axis, slot) in moved.iter_mut().enumerate() {
+        *slot += at(place, axis)?;
+    }
+    Some(moved)
+}

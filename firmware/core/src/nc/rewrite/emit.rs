@@ -1,0 +1,225 @@
+//! The text of a block with some words changed, every other byte as it was.
+
+use heapless::Vec;
+
+use super::length::Decimal;
+use super::words::{MAX_WORDS, Number, Word, Words};
+
+/// What becomes of a word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Action {
+    Keep,
+    /// The same letter with another length: steps, decimals.
+    Length(i64, u8),
+    /// Another word in its place.
+    Text(&'static [u8]),
+    Drop,
+}
+
+/// What becomes of a block.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Edit {
+    /// One for each word; a word without one is kept.
+    actions: Vec<Action, MAX_WORDS>,
+    /// Words that were not there: letter, steps, decimals.
+    added: Vec<(u8, i64, u8), 8>,
+    /// A G code before the first word that a motion takes.
+    code: Option<&'static [u8]>,
+}
+
+impl Edit {
+    pub fn new(words: &Words) -> Self {
+        let mut edit = Self::default();
+        // As many as there are words: it cannot be too many.
+        let _ = edit.actions.resize(words.len(), Action::Keep);
+        edit
+    }
+
+    pub fn set(&mut self, word: usize, action: Action) {
+        if let Some(slot) = self.actions.get_mut(word) {
+            *slot = action;
+        }
+    }
+
+    pub fn add(&mut self, letter: u8, steps: i64, decimals: u8) {
+        // Three axes, two centres, a feed: there is room.
+        let _ = self.added.push((letter, steps, decimals));
+    }
+
+    pub fn code(&mut self, code: &'static [u8]) {
+        self.code = Some(code);
+    }
+
+    fn changes(&self) -> bool {
+        self.code.is_some()
+            || !self.added.is_empty()
+            || self.actions.iter().any(|action| *action != Action::Keep)
+    }
+}
+
+/// Collects output and hands it on in pieces.
+pub(super) struct Out<'a, S: FnMut(&[u8])> {
+    sink: &'a mut S,
+    held: [u8; 256],
+    length: usize,
+}
+
+impl<'a, S: FnMut(&[u8])> Out<'a, S> {
+    pub fn new(sink: &'a mut S) -> Self {
+        Self {
+            sink,
+            held: [0; 256],
+            length: 0,
+        }
+    }
+
+    #[inline]
+    pub fn put(&mut self, bytes: &[u8]) {
+        let end = self.length + bytes.len();
+        if let Some(room) = self.held.get_mut(self.length..end) {
+            room.copy_from_slice(bytes);
+            self.length = end;
+        } else {
+            self.flush();
+            if bytes.len() > self.held.len() / 2 {
+                (self.sink)(bytes);
+            } else if let Some(room) = self.held.get_mut(..bytes.len()) {
+                room.copy_from_slice(bytes);
+                self.length = bytes.len();
+            }
+        }
+    }
+
+    pub fn flush(&mut self) {
+        if self.length > 0 {
+            (self.sink)(self.held.get(..self.length).unwrap_or_default());
+            self.length = 0;
+        }
+    }
+
+    pub fn length(&mut self, letter: u8, steps: i64, decimals: u8) {
+        self.put(&[letter]);
+        self.put(Decimal::new(steps, decimals).bytes());
+    }
+}
+
+impl<S: FnMut(&[u8])> core::fmt::Write for Out<'_, S> {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        self.put(text.as_bytes());
+        Ok(())
+    }
+}
+
+/// Whether blanks stand between the words of a block; none if it has only one word.
+pub(super) fn is_spaced(words: &Words) -> Option<bool> {
+    let (first, rest) = words.split_first()?;
+    let next = rest.first()?;
+    Some(next.start > first.end)
+}
+
+/// Whether a motion takes words of this letter.
+const fn of_motion(letter: u8) -> bool {
+    matches!(letter, b'X' | b'Y' | b'Z' | b'I' | b'J' | b'K' | b'R')
+}
+
+/// Whether an added word stands before one that is there: X Y Z, then I J K, then R.
+const fn is_before(added: u8, there: u8) -> bool {
+    const fn rank(letter: u8) -> u8 {
+        match letter {
+            b'X' | b'Y' | b'Z' => letter - b'X',
+            b'I' | b'J' | b'K' => 3 + letter - b'I',
+            _ => 6,
+        }
+    }
+    rank(added) < rank(there)
+}
+
+/// Writes a block without its end.
+pub(super) fn block<S: FnMut(&[u8])>(
+    line: &[u8],
+    words: &Words,
+    edit: &Edit,
+    spaced: bool,
+    out: &mut Out<'_, S>,
+) {
+    if !edit.changes() {
+        out.put(line);
+        return;
+    }
+    // What is added stands in the order of letters, behind the last word of the motion at
+    // the latest.
+    let anchor = words.iter().rposition(|word| of_motion(word.letter));
+    let mut code = edit.code;
+    let mut added = edit.added.clone();
+    let mut copied = 0;
+    for (number, word) in words.iter().enumerate() {
+        let action = edit.actions.get(number).copied().unwrap_or(Action::Keep);
+        let gap = line.get(copied..word.start).unwrap_or_default();
+        if action == Action::Drop && code.is_none() {
+            // The blanks before it go with it, a comment stays.
+            let kept = gap
+                .iter()
+                .rposition(|byte| *byte == b')')
+                .map_or(0, |at| at + 1);
+            out.put(gap.get(..kept).unwrap_or_default());
+        } else {
+            out.put(gap);
+        }
+        if of_motion(word.letter) {
+            let mut first = action != Action::Drop || code.is_some();
+            let mut separate = |out: &mut Out<'_, S>| {
+                // The gap has gone before the first.
+                if !core::mem::replace(&mut first, false) && spaced {
+                    out.put(b" ");
+                }
+            };
+            if let Some(code) = code.take() {
+                separate(out);
+                out.put(code);
+            }
+            added.retain(|(letter, steps, decimals)| {
+                let waits = !is_before(*letter, word.letter);
+                if !waits {
+                    separate(out);
+                    out.length(*letter, *steps, *decimals);
+                }
+                waits
+            });
+            if action != Action::Drop {
+                separate(out);
+            }
+        }
+        match action {
+            Action::Keep => out.put(line.get(word.start..word.end).unwrap_or_default()),
+            Action::Length(steps, decimals) => out.length(letter(line, word), steps, decimals),
+            Action::Text(text) => out.put(text),
+            Action::Drop => {}
+        }
+        if anchor == Some(number) {
+            for (letter, steps, decimals) in &added {
+                if spaced {
+                    out.put(b" ");
+                }
+                out.length(*letter, *steps, *decimals);
+            }
+        }
+        copied = word.end;
+    }
+    out.put(line.get(copied..).unwrap_or_default());
+}
+
+/// The letter of a word as it is written.
+fn letter(line: &[u8], word: &Word) -> u8 {
+    line.get(word.start).copied().unwrap_or(word.letter)
+}
+
+/// A number as it was written, without its sign if that was a plus.
+pub(super) fn number<S: FnMut(&[u8])>(number: Number, out: &mut Out<'_, S>) {
+    let text = Decimal::new(number.digits, number.decimals);
+    let bytes = text.bytes();
+    // Without a point it may count something else.
+    match bytes.split_last() {
+        Some((b'.', whole)) if !number.has_point => out.put(whole),
+        _ => out.put(bytes),
+    }
+}

@@ -1,0 +1,736 @@
+//! A tool path, rewritten: every motion of a part program carried by a rigid transform,
+//! every other byte as it was.
+//!
+//! ```text
+//! bytes ─► line ─► words ─► modes, offsets ─► motion ─► R p + t ─► rounded ─► text
+//!                  (words)  (follow, state)   (motion,             (length,   (emit)
+//!                                              arc, cycle)          motion)
+//! ```
+//!
+//! For controls that cannot turn coordinates in space, and for what a rotation about Z
+//! leaves at the part: the program itself says where the part stands (Sawula 2013, 3.3 and
+//! 4.2; appendices E and F are a path before and after). The same code runs on a board that
+//! feeds a control drop by drop and on the host.
+//!
+//! # Design
+//!
+//! * **Frame.** `q = R p + t` holds in the coordinates of one work offset: the one in
+//!   force at the first motion (G54 if none was named), with its value at that time and
+//!   without `G52` and `G92`: that is where a probing program prints its points. The
+//!   offset of `G52` and `G92` is followed; under another work offset a rotation needs
+//!   to know how the two origins lie ([`Settings::origins_mm`], or `G10 L2` of both in
+//!   the program); a translation does not.
+//! * **Lengths are whole picometres** ([`length`]): nominal sums are exact, in mm and in
+//!   inches. An image is computed from the nominal place, never from the image before, and
+//!   is rounded to the control's step. A word in `G91` is the difference of the rounded
+//!   image and of what was written before, so rounding never adds up: after any number of
+//!   blocks the tool is within half a step of the image.
+//! * **What appears.** A word that was there stays in its place with its new value, or
+//!   byte for byte if its value is the same; an axis that was not named appears behind
+//!   the others if its image has moved by more than half a step. All else is copied:
+//!   comments, blanks, line numbers, F, S, T, M, H, D, letter case, line ends, leader.
+//! * **Tool length.** Coordinates are those of the tool's tip. `G43`, `G44`, `G49` stay;
+//!   where Z is after them, the program has to say.
+//! * **Machine moves stay** (`G28`, `G30` by `G91` and zeros, `G53`): the axes that they
+//!   name are then somewhere that the program does not say. A rapid may follow that names
+//!   not all axes (`G0 X0 Y0` below the spindle's home): an axis that was not named stands
+//!   still, the others take its last known place. Where the transform is level, that is
+//!   exact; else it is off by tilt times height until the program names the axis, and not
+//!   allowed beyond a slope of 1 in 50. A feed motion must know every place that it
+//!   depends on.
+//! * **Arcs** stay arcs if what a control makes of the rounded words stays within
+//!   [`Settings::chord`] of the image, and has the same sweep: end and centre are rounded,
+//!   and then judged as the control will. R becomes I and J where it would throw the centre
+//!   (near half a turn). Others become chords, each within that tolerance, rounding
+//!   included, with the same F (`G93`: F times their number).
+//! * **Canned cycles** stay where the transform keeps the direction of the tool. Where it
+//!   tilts, drilling, pecking, and boring that feeds out (`G73`, `G81`, `G82`, `G83`, `G85`,
+//!   `G89`) are written out in G0 and G1; others are refused, as their spindle work cannot
+//!   be. A count with `G91` is written out hole by hole, for the rounding.
+//! * **Cutter compensation** stays where the transform keeps the plane's normal; in a
+//!   tilted plane a plunge would move in the plane, and turn the compensation. Refused.
+//! * **Subprograms** in the same file are followed by their text: called with the same
+//!   modes from everywhere, left with the modes that they found. In `G91` they may be
+//!   called from anywhere: directions turn. One that ends elsewhere than it began is
+//!   refused if it is repeated from there, for the rounding. Inside, the tool is within a
+//!   whole step: half of the caller's place, half of the way from there. After a call the
+//!   caller names its motion and its place anew.
+//! * **Optional blocks** (`/`) may be left out or not: what differs then counts as not
+//!   known.
+//! * **Refusals** ([`Reason`]) name line, column and reason. Nothing of a refused line comes
+//!   out, nor anything after it: [`Rewriter::safe_stop`] ends what has been sent. A host
+//!   reads the program twice, and the first time only looks ([`Rewriter::go_on`] finds
+//!   the next reason).
+//! * **Identity** leaves the program byte for byte as it was, without a header.
+//!
+//! # Tradeoffs
+//!
+//! Appendix F names X, Y and Z in every block with three decimals; here only what moves,
+//! without trailing zeros: fewer characters over a serial line. F dropped line numbers,
+//! `G10`, `G28`, `G43`, tool changes and coolant, and set its own feed; here they stay: the
+//! program would not run as it was meant without. F took a height that the program had left
+//! by `G28` for the one before it; here the axis stands still until it is named.
+//!
+//! One pass with bounded memory cannot look ahead: a subprogram's modes are believed when it
+//! is called and verified where it ends, and expansion needs no labels. In return 1 GB takes
+//! the memory of one line.
+//!
+//! # Limitations
+//!
+//! * Three linear axes. A rotary axis may stand at zero only: the part turns with it, and
+//!   no kinematics is known here. U, V, W, polar and cylindrical coordinates, scaling,
+//!   mirroring, splines, threads, probing, and coordinates rotated by the program itself are
+//!   refused, as are macros: expressions in words that matter, system variables, jumps.
+//! * An arc whose plane the transform turns into another one (more than a few degrees)
+//!   becomes chords, also where the other plane is one of the machine's.
+//! * Cycles that are written out retract by [`Settings::clearance`]: a parameter of the
+//!   control that a program does not say.
+//! * `G43` of a control whose length offset follows the named axis (Fanuc 5001#0, type C)
+//!   is not for tilted transforms: X and Y may join its block.
+//! * Modes before the program says them: `G17`, `G94`, `G40`. Units, distance mode and
+//!   motion must be said.
+
+mod arc;
+mod block;
+mod cycle;
+mod emit;
+mod follow;
+mod header;
+mod length;
+mod motion;
+mod refusal;
+mod state;
+#[cfg(test)]
+mod tests;
+mod words;
+
+use core::fmt::Write as _;
+
+use heapless::Vec;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::registration::RigidTransform;
+use crate::units::Mm;
+
+pub use header::Check;
+pub use length::Unit;
+pub use refusal::{Reason, Refusal, Why};
+
+use emit::{Edit, Out};
+use length::{PM_PER_MM, Step};
+use motion::More;
+use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
+use words::{At, Kind, Words};
+
+/// Characters of a line, at most, without its end: four times what controls take.
+pub const MAX_LINE: usize = 512;
+
+/// What a length without a decimal point means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Integers {
+    /// `X100` is 100 mm or inches (Fanuc 3401#0 DPI = 1, LinuxCNC, GRBL).
+    Units,
+    /// `X100` is 100 steps (Fanuc DPI = 0).
+    Steps,
+}
+
+/// By what a program is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// CRC-32 (ISO-HDLC) of all bytes.
+    pub crc32: u32,
+    /// How many there are.
+    pub bytes: u64,
+}
+
+/// What to do with a program.
+#[derive(Clone, Debug)]
+pub struct Settings<'a> {
+    /// Nominal to measured, in the coordinates of the work offset.
+    pub transform: RigidTransform,
+    /// Decimals of a length in mm that the control takes, 1 to 6: 3 is 0.001 mm, IS-B.
+    /// Inches have one more.
+    pub decimals_mm: u8,
+    /// How far an arc may come to lie from its image, rounding included.
+    pub chord: Mm,
+    /// What a length without a decimal point means; none refuses it.
+    pub integers: Option<Integers>,
+    /// The unit before the program says G20 or G21; none refuses motions.
+    pub unit: Option<Unit>,
+    /// Origins of G54 to G59 in machine coordinates, where they are known, mm.
+    pub origins_mm: [Option<[f64; 3]>; 6],
+    /// How far pecks retract where a cycle is written out (Fanuc 5114, 5115).
+    pub clearance: Mm,
+    /// Check value of the original, for the header.
+    pub original: Option<Identity>,
+    /// Where the transform comes from, for the header: a verdict's job and plate.
+    pub source: &'a str,
+}
+
+impl Settings<'_> {
+    /// A control of 0.001 mm, arcs within 0.01 mm, nothing known beyond the transform.
+    #[must_use]
+    pub const fn new(transform: RigidTransform) -> Self {
+        Self {
+            transform,
+            decimals_mm: 3,
+            chord: Mm(0.01),
+            integers: None,
+            unit: None,
+            origins_mm: [None; 6],
+            clearance: Mm(1.0),
+            original: None,
+            source: "",
+        }
+    }
+}
+
+/// Settings that cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum BadSettings {
+    /// R is not a rotation to 1e-6, or a number is not finite or beyond 10 m.
+    Transform,
+    /// Decimals are 1 to 6.
+    Decimals,
+    /// A chord's tolerance from 3 steps to 10 mm.
+    Chord,
+    /// A clearance from 0 to 100 mm.
+    Clearance,
+    /// An origin beyond 10 m.
+    Origin,
+}
+
+impl core::fmt::Display for BadSettings {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Transform => {
+                "this is no rotation and translation: rows of R must be orthogonal unit vectors to \
+                 1e-6 (write nine decimals), the determinant +1, lengths below 10 m"
+            }
+            Self::Decimals => "the increment is 0.1 to 0.000001 mm, a power of ten",
+            Self::Chord => "the tolerance of arcs is at least 3 increments, at most 10 mm",
+            Self::Clearance => "the clearance of pecks is 0 to 100 mm",
+            Self::Origin => "an origin is a place within 10 m",
+        })
+    }
+}
+
+impl core::error::Error for BadSettings {}
+
+/// What was done to a program.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Summary {
+    /// Lines read.
+    pub lines: u64,
+    /// Blocks with words.
+    pub blocks: u64,
+    /// Rapid motions.
+    pub rapids: u64,
+    /// Straight feed motions.
+    pub feeds: u64,
+    /// Arcs that stayed arcs.
+    pub arcs: u64,
+    /// Arcs that became chords.
+    pub chorded: u64,
+    /// Their chords.
+    pub chords: u64,
+    /// Holes of canned cycles that stayed.
+    pub holes: u64,
+    /// Holes that were written out.
+    pub written_out: u64,
+    /// Smallest and largest coordinates that the program reaches, nominal, in the frame of
+    /// the transform, mm; of arcs the ends.
+    pub nominal_mm: Option<[[f64; 3]; 2]>,
+    /// The same as it is written.
+    pub written_mm: Option<[[f64; 3]; 2]>,
+}
+
+/// How an axis depends on another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Coupling {
+    None,
+    Small,
+    Large,
+}
+
+/// Where it is on the tape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Tape {
+    /// Nothing yet but what leads in.
+    Leader,
+    Program,
+    /// Behind the closing `%`.
+    End,
+}
+
+/// Rewrites a program byte by byte.
+#[derive(Clone, Debug)]
+pub struct Rewriter<'a> {
+    settings: Settings<'a>,
+    rotation: [[f64; 3]; 3],
+    translation_pm: [f64; 3],
+    coupling: [[Coupling; 3]; 3],
+    /// Whether the transform keeps each axis' direction.
+    keeps: [bool; 3],
+    is_identity: bool,
+    is_translation: bool,
+    steps: [Step; 2],
+
+    held: Vec<u8, MAX_LINE>,
+    too_long: bool,
+    line: u64,
+    previous: u8,
+    eol: Vec<u8, 3>,
+    learns_eol: bool,
+    tape: Tape,
+    has_header: bool,
+    spaced: bool,
+    refusal: Option<Refusal>,
+
+    modes: Modes,
+    motion: Option<Motion>,
+    out_motion: Option<Motion>,
+    place: Place,
+    origins: Origins,
+    frame: Option<(u16, [Origin; 3])>,
+    local: [i64; 3],
+    here: [i64; 3],
+    here_out: [i64; 3],
+    has_begun: bool,
+    subprograms: Subprograms,
+    current: Option<usize>,
+    summary: Summary,
+}
+
+impl<'a> Rewriter<'a> {
+    /// Ready for the first byte.
+    ///
+    /// # Errors
+    /// [`BadSettings`], each with its bounds.
+    pub fn new(settings: &Settings<'a>) -> Result<Self, BadSettings> {
+        let transform = checked(&settings.transform).ok_or(BadSettings::Transform)?;
+        if !(1..=6).contains(&settings.decimals_mm) {
+            return Err(BadSettings::Decimals);
+        }
+        let steps =
+            [Unit::Millimetre, Unit::Inch].map(|unit| Step::new(settings.decimals_mm, unit));
+        let [millimetres, _] = steps;
+        let within = |low: f64, high: f64, value: f64| (low..=high).contains(&value);
+        if !within(
+            3.0 * millimetres.pm as f64 / PM_PER_MM,
+            10.0,
+            settings.chord.0,
+        ) {
+            return Err(BadSettings::Chord);
+        }
+        if !within(0.0, 100.0, settings.clearance.0) {
+            return Err(BadSettings::Clearance);
+        }
+        let mut origins: Origins = [[Origin::default(); 3]; 6];
+        for (origin, given) in origins.iter_mut().zip(settings.origins_mm) {
+            for (slot, mm) in origin.iter_mut().zip(given.iter().flatten()) {
+                if !within(-10_000.0, 10_000.0, *mm) {
+                    return Err(BadSettings::Origin);
+                }
+                *slot = Origin {
+                    is_absolute: true,
+                    pm: pm(*mm),
+                };
+            }
+        }
+        let r = transform.rotation;
+        let rotation = [
+            [r.m11, r.m12, r.m13],
+            [r.m21, r.m22, r.m23],
+            [r.m31, r.m32, r.m33],
+        ];
+        let is_translation = r == Matrix3::identity();
+        let unit = settings.unit;
+        Ok(Self {
+            settings: settings.clone(),
+            rotation,
+            translation_pm: (transform.translation_mm * PM_PER_MM).into(),
+            coupling: rotation.map(|row| {
+                row.map(|value| match value.abs() {
+                    // A nanometre in a metre.
+                    value if value < 1e-9 => Coupling::None,
+                    value if value < 0.02 => Coupling::Small,
+                    _ => Coupling::Large,
+                })
+            }),
+            keeps: core::array::from_fn(|axis| {
+                (0..3).all(|row| {
+                    let value = at(&at(&rotation, row), axis);
+                    let whole = if row == axis { 1.0 } else { 0.0 };
+                    // A tenth of a micrometre in a metre.
+                    (value - whole).abs() < 1e-7
+                })
+            }),
+            is_identity: is_translation && transform.translation_mm == Vector3::zeros(),
+            is_translation,
+            steps,
+            held: Vec::new(),
+            too_long: false,
+            line: 0,
+            previous: 0,
+            eol: Vec::new(),
+            learns_eol: false,
+            tape: Tape::Leader,
+            has_header: false,
+            spaced: true,
+            refusal: None,
+            modes: modes(unit),
+            motion: None,
+            out_motion: None,
+            place: Place::UNKNOWN,
+            origins,
+            frame: None,
+            local: [0; 3],
+            here: [0; 3],
+            here_out: [0; 3],
+            has_begun: false,
+            subprograms: Vec::new(),
+            current: None,
+            summary: Summary::default(),
+        })
+    }
+
+    /// Takes the next bytes of the program and gives what becomes of them to `sink`, in
+    /// pieces. However the program is cut, the same comes out.
+    ///
+    /// # Errors
+    /// What cannot be transformed truly. Nothing of that line comes out; from then on
+    /// every call says the same.
+    pub fn push(&mut self, bytes: &[u8], sink: &mut impl FnMut(&[u8])) -> Result<(), Refusal> {
+        if let Some(refusal) = self.refusal {
+            return Err(refusal);
+        }
+        let mut out = Out::new(sink);
+        let done = self.take(bytes, &mut out);
+        out.flush();
+        done
+    }
+
+    /// Ends the program: what was left without an end of line comes out.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn finish(&mut self, sink: &mut impl FnMut(&[u8])) -> Result<Summary, Refusal> {
+        if let Some(refusal) = self.refusal {
+            return Err(refusal);
+        }
+        let mut out = Out::new(sink);
+        let held = core::mem::take(&mut self.held);
+        let done = if held.is_empty() && !self.too_long {
+            Ok(())
+        } else {
+            self.line += 1;
+            self.one_line(&held, &mut out)
+        };
+        out.flush();
+        done.map(|()| self.summary())
+    }
+
+    /// What was done so far.
+    #[must_use]
+    pub fn summary(&self) -> Summary {
+        Summary {
+            lines: self.line,
+            ..self.summary
+        }
+    }
+
+    /// Goes on behind a refused line as if it had been understood, to find the next reason.
+    /// What comes out from then on is not a program.
+    pub fn go_on(&mut self) {
+        self.refusal = None;
+        self.held.clear();
+        self.too_long = false;
+        // Known places and modes, so that one reason does not make a hundred.
+        for places in [&mut self.place.nominal, &mut self.place.out] {
+            for (slot, last) in places.iter_mut().zip(self.place.last) {
+                *slot = slot.or(Some(last));
+            }
+        }
+        self.motion = self.motion.or(Some(Motion::Line));
+        self.modes.incremental = self.modes.incremental.or(Some(false));
+        self.modes.unit = self.modes.unit.or(Some(Unit::Millimetre));
+    }
+
+    /// What ends a program that was refused while it was being sent, so that the machine
+    /// stands still: a comment with line and reason, and M0. No closing `%`: what a control
+    /// stores is not complete.
+    pub fn safe_stop(&self, sink: &mut impl FnMut(&[u8])) {
+        let Some(refusal) = self.refusal else { return };
+        let mut out = Out::new(sink);
+        let eol = self.line_end();
+        // `Out` takes everything.
+        let _ = write!(out, "(UMI STOPPED AT LINE {})", refusal.line);
+        out.put(&eol);
+        out.put(b"M0");
+        out.put(&eol);
+        out.flush();
+    }
+
+    fn take<S: FnMut(&[u8])>(
+        &mut self,
+        mut bytes: &[u8],
+        out: &mut Out<'_, S>,
+    ) -> Result<(), Refusal> {
+        while let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) {
+            let (text, rest) = bytes.split_at_checked(end).unwrap_or_default();
+            let Some((&terminator, rest)) = rest.split_first() else {
+                return Ok(());
+            };
+            bytes = rest;
+            self.learn(terminator, text.is_empty() && self.held.is_empty());
+            if self.held.is_empty() && !self.too_long {
+                if !(text.is_empty() && self.continues(terminator)) {
+                    self.line += 1;
+                }
+                if text.len() > MAX_LINE {
+                    self.too_long = true;
+                }
+                self.one_line(text, out)?;
+            } else {
+                self.hold(text);
+                self.line += 1;
+                let held = core::mem::take(&mut self.held);
+                self.one_line(&held, out)?;
+            }
+            out.put(&[terminator]);
+            self.previous = terminator;
+        }
+        self.hold(bytes);
+        if let Some(last) = bytes.last() {
+            self.previous = *last;
+            self.learns_eol = false;
+        }
+        Ok(())
+    }
+
+    fn hold(&mut self, bytes: &[u8]) {
+        if self.held.extend_from_slice(bytes).is_err() {
+            self.too_long = true;
+        }
+    }
+
+    /// Whether a byte is part of the line end before it.
+    fn continues(&self, terminator: u8) -> bool {
+        let first = self.eol.first().copied();
+        match terminator {
+            b'\n' => self.previous == b'\r' && first == Some(b'\r'),
+            _ if first != Some(b'\n') => false,
+            _ => {
+                (self.previous == b'\n' && self.eol.len() > 1)
+                    || (self.previous == b'\r' && self.eol.len() > 2)
+            }
+        }
+    }
+
+    /// Learns from the first line how lines end here: LF, CR LF, CR, LF CR, LF CR CR.
+    fn learn(&mut self, terminator: u8, empty: bool) {
+        if self.eol.is_empty() {
+            let _ = self.eol.push(terminator);
+            self.learns_eol = true;
+        } else if self.learns_eol {
+            let goes_on = empty
+                && match (self.eol.first(), self.eol.len()) {
+                    (Some(b'\r'), 1) => terminator == b'\n',
+                    (Some(b'\n'), 1 | 2) => terminator == b'\r',
+                    _ => false,
+                };
+            if goes_on {
+                let _ = self.eol.push(terminator);
+            } else {
+                self.learns_eol = false;
+            }
+        }
+    }
+
+    /// How a line that is added ends.
+    fn line_end(&self) -> Vec<u8, 3> {
+        if self.eol.is_empty() {
+            return Vec::from_slice(b"\n").unwrap_or_default();
+        }
+        let mut eol = self.eol.clone();
+        if self.learns_eol && eol.as_slice() == b"\r" {
+            // The first line ends just now: who writes CR writes LF too.
+            let _ = eol.push(b'\n');
+        }
+        eol
+    }
+
+    fn one_line<S: FnMut(&[u8])>(
+        &mut self,
+        line: &[u8],
+        out: &mut Out<'_, S>,
+    ) -> Result<(), Refusal> {
+        let done = if core::mem::take(&mut self.too_long) {
+            Err((MAX_LINE, Reason::LineTooLong))
+        } else if self.is_identity || self.tape == Tape::End {
+            out.put(line);
+            Ok(())
+        } else {
+            self.understand(line, out)
+        };
+        done.map_err(|(column, reason)| {
+            let refusal = Refusal {
+                line: self.line,
+                column: column + 1,
+                reason,
+            };
+            self.refusal = Some(refusal);
+            refusal
+        })
+    }
+
+    fn understand<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> At<()> {
+        let mut words = Words::new();
+        let kind = words::read(line, &mut words)?;
+        if let Some(spaced) = emit::is_spaced(&words) {
+            self.spaced = spaced;
+        }
+        match kind {
+            Kind::Nothing => out.put(line),
+            Kind::Percent => {
+                // A title may follow the first; nothing is read behind the second.
+                self.tape = match self.tape {
+                    Tape::Leader => Tape::Program,
+                    Tape::Program | Tape::End => Tape::End,
+                };
+                out.put(line);
+            }
+            Kind::Macro => {
+                self.begin(out);
+                out.put(line);
+            }
+            Kind::Words { optional } => {
+                let is_name = words.iter().all(|word| matches!(word.letter, b'O' | b'N'))
+                    && words.iter().any(|word| word.letter == b'O');
+                if !is_name || self.has_begun {
+                    self.summary.blocks += 1;
+                    let (edit, more) = self.block(&words, optional)?;
+                    self.begin(out);
+                    emit::block(line, &words, &edit, self.spaced, out);
+                    self.more(&more, out);
+                } else {
+                    self.tape = Tape::Program;
+                    out.put(line);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts the header before the first block that says more than a name.
+    fn begin<S: FnMut(&[u8])>(&mut self, out: &mut Out<'_, S>) {
+        self.tape = Tape::Program;
+        self.has_begun = true;
+        if !self.has_header {
+            self.has_header = true;
+            header::write(&self.settings, &self.line_end(), out);
+        }
+    }
+
+    /// What becomes of a block.
+    fn block(&mut self, words: &Words, optional: bool) -> At<(Edit, More)> {
+        let before = (self.modes, self.motion, self.out_motion, self.place);
+        let mut edit = Edit::new(words);
+        let more = self.follow(words, &mut edit)?;
+        if optional {
+            let (modes, motion, out_motion, place) = before;
+            if modes != self.modes {
+                return Err((0, Reason::OptionalMode));
+            }
+            if more != More::Nothing {
+                return Err((0, Reason::OptionalLines));
+            }
+            if (motion, out_motion) != (self.motion, self.out_motion) {
+                (self.motion, self.out_motion) = (None, None);
+            }
+            for axis in 0..3 {
+                if at(&place.nominal, axis) != at(&self.place.nominal, axis)
+                    || at(&place.out, axis) != at(&self.place.out, axis)
+                {
+                    self.place.forget(axis);
+                }
+            }
+        }
+        Ok((edit, more))
+    }
+
+    /// The step of the unit in force.
+    fn step(&self) -> Step {
+        let [millimetres, inches] = self.steps;
+        match self.modes.unit {
+            Some(Unit::Inch) => inches,
+            _ => millimetres,
+        }
+    }
+}
+
+/// Modes before the program says any.
+const fn modes(unit: Option<Unit>) -> Modes {
+    Modes {
+        incremental: None,
+        plane: Plane::XY,
+        unit,
+        absolute_centres: false,
+        feed: state::Feed::PerMinute,
+        compensated: false,
+        returns_to_r: false,
+        has_length: false,
+        work: 1,
+        cycle: None,
+        shift: Shift {
+            nominal: [0; 3],
+            out: [0; 3],
+            known: true,
+        },
+    }
+}
+
+/// A transform that is one: rotation to 1e-6, made exact.
+fn checked(transform: &RigidTransform) -> Option<RigidTransform> {
+    let r = &transform.rotation;
+    let error = (r.transpose() * r - Matrix3::identity()).abs().max();
+    let far = transform.translation_mm.abs().max();
+    let finite = r
+        .iter()
+        .chain(transform.translation_mm.iter())
+        .all(|x| x.is_finite());
+    let fits = finite && error <= 2e-6 && far <= 10_000.0 && r.determinant() > 0.0;
+    if !fits {
+        return None;
+    }
+    // A rotation of ones and zeros, or about an axis of the machine, stays what it is.
+    let exact = error <= 4.0 * f64::EPSILON;
+    Some(if exact {
+        *transform
+    } else {
+        RigidTransform {
+            rotation: crate::registration::transform::Quaternion::from_rotation(r).to_rotation(),
+            ..*transform
+        }
+    })
+}
+
+/// An item of three.
+#[inline]
+fn at<T: Copy>(of: &[T; 3], axis: usize) -> T {
+    let [x, y, z] = *of;
+    match axis {
+        0 => x,
+        1 => y,
+        _ => z,
+    }
+}
+
+/// Millimetres, bounded, as picometres.
+#[allow(clippy::cast_possible_truncation, reason = "callers bound it")]
+fn pm(mm: f64) -> i64 {
+    libm::round(mm * PM_PER_MM) as i64
+}

@@ -1,0 +1,61 @@
+//! Canned cycles: kept, repeated, written out.
+
+use super::super::refusal::Reason;
+use super::{level, rewritten, settings, text, turned};
+
+/// Holes turn, heights move along.
+#[test]
+fn cycles_stay_where_the_tool_stays() {
+    assert_eq!(
+        text(
+            level(90.0, [0.0, 0.0, -2.0]),
+            "G21 G90 G0 X0. Y0. Z20.\nG98 G81 X10. Y0. Z-5. R2. F100\nX20.\nG80\nG0 X0. Z30.\n"
+        ),
+        "G21 G90 G0 X0. Y0. Z18.\nG98 G81 X0. Y10. Z-7. R0. F100\nX0. Y20.\nG80\nG0 X0. Y0. Z28.\n"
+    );
+}
+
+/// A row of holes in increments: each is rounded from the start.
+#[test]
+fn rows_are_written_hole_by_hole() {
+    assert_eq!(
+        text(
+            level(45.0, [0.0; 3]),
+            "G21 G90 G0 X0. Y0. Z20.\nG91 G99 G81 X1. Z-7. R-18. K4 F100\nG80\n"
+        ),
+        "G21 G90 G0 X0. Y0. Z20.\nG91 G99 G81 X0.707 Y0.707 Z-7. R-18. F100\n\
+         X0.707 Y0.707\nX0.707 Y0.707\nX0.707 Y0.707\nG80\n"
+    );
+}
+
+/// A leaning drill is written out: over the hole, to R, down, back.
+#[test]
+fn leaning_cycles_are_written_out() {
+    let lean = turned([0.0, 0.1, 0.0], [0.0; 3]);
+    assert_eq!(
+        text(
+            lean,
+            "G21 G90 G0 X0. Y0. Z100.\nN7 G99 G82 X10. Y0. Z-50. R50. P500 F100 (HOLE)\nG80\n"
+        ),
+        // sin 0.1 degrees is 0.001745.
+        "G21 G90 G0 X0.175 Y0. Z100.\nN7 G99 G0 X10.175 Y0. Z99.982 F100 (HOLE)\n\
+         X10.087 Z49.982\nG1 X9.913 Z-50.017\nG4 P500\nG0 X10.087 Z49.982\nG80\n"
+    );
+    let (made, _) = rewritten(
+        &settings(lean),
+        "G21 G90 G0 X0. Y0. Z10.\nG98 G83 X1. Z-5. R1. Q4. F50\nX2.\nG80\n",
+    )
+    .unwrap();
+    // Down 4, out, back to 1 above, down the rest.
+    assert_eq!(made.matches("G1").count(), 4, "{made}");
+    // Tapping needs its spindle.
+    let refused = rewritten(
+        &settings(lean),
+        "G21 G90 G0 X0. Y0. Z10.\nG84 X1. Z-5. R1. F50\n",
+    )
+    .unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (2, Reason::TiltedCycle(840))
+    );
+}

@@ -1,0 +1,290 @@
+//! A line of a program as words: letter, value, and where they stand in the text.
+
+use heapless::Vec;
+
+use super::refusal::Reason;
+
+/// Words of one block, at most; a control takes about as many characters in a block as
+/// four times this.
+pub(super) const MAX_WORDS: usize = 48;
+
+/// A decimal number as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Number {
+    /// All digits as one whole number, with the sign.
+    pub digits: i64,
+    /// How many of them stand behind the point.
+    pub decimals: u8,
+    pub has_point: bool,
+}
+
+/// What follows a letter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Value {
+    Number(Number),
+    /// `#1` or `[...]`: known to the control only.
+    Expression,
+}
+
+/// A word and its place in the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Word {
+    /// Upper case; `,` for `,R` and `,C`.
+    pub letter: u8,
+    pub value: Value,
+    pub start: usize,
+    pub end: usize,
+}
+
+/// The words of a line.
+pub(super) type Words = Vec<Word, MAX_WORDS>;
+
+/// What a line is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Blanks and comments.
+    Nothing,
+    /// `%`.
+    Percent,
+    /// `DPRNT` and its like, or a variable that no axis depends on.
+    Macro,
+    /// Words; `optional` if the block begins with `/`.
+    Words { optional: bool },
+}
+
+/// What is wrong at which byte of the line.
+pub(super) type At<T> = Result<T, (usize, Reason)>;
+
+/// Reads a line without its end into `words`.
+pub(super) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
+    let mut at = 0;
+    let mut optional = false;
+    while let Some(&byte) = line.get(at) {
+        match byte {
+            _ if is_blank(byte) => at += 1,
+            b'(' => {
+                let rest = line.get(at..).unwrap_or_default();
+                let Some(end) = rest.iter().position(|b| *b == b')') else {
+                    return Err((at, Reason::UnclosedComment));
+                };
+                at += end + 1;
+            }
+            b';' => break,
+            b'%' if words.is_empty() && !optional => return Ok(Kind::Percent),
+            b'/' if !optional && is_first(words) => {
+                optional = true;
+                at += 1;
+                // The number of the switch.
+                if line.get(at).is_some_and(u8::is_ascii_digit) {
+                    at += 1;
+                }
+            }
+            b'#' if is_first(words) => {
+                assignment(line, at)?;
+                return Ok(Kind::Macro);
+            }
+            b':' | b',' => at = word(line, at, at + 1, words)?,
+            _ if byte.is_ascii_alphabetic() => {
+                if line.get(at + 1).is_some_and(u8::is_ascii_alphabetic) {
+                    return keyword(line, at, words);
+                }
+                at = word(line, at, at + 1, words)?;
+            }
+            _ => return Err((at, Reason::NotAWord)),
+        }
+    }
+    Ok(if words.is_empty() {
+        Kind::Nothing
+    } else {
+        Kind::Words { optional }
+    })
+}
+
+/// Blanks, tabs, and what tapes and serial lines leave between characters.
+const fn is_blank(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | 0x00 | 0x0F | 0x11..=0x14 | 0x7F)
+}
+
+fn is_first(words: &Words) -> bool {
+    words.iter().all(|word| word.letter == b'N')
+}
+
+fn skip_blanks(line: &[u8], mut at: usize) -> usize {
+    while line.get(at).copied().is_some_and(is_blank) {
+        at += 1;
+    }
+    at
+}
+
+/// One word from `start`, whose value begins at or after `at`.
+fn word(line: &[u8], start: usize, at: usize, words: &mut Words) -> At<usize> {
+    let first = line.get(start).copied().unwrap_or_default();
+    let (letter, at) = match first {
+        b':' => (b'O', at),
+        b',' => {
+            let at = skip_blanks(line, at);
+            if !line.get(at).is_some_and(u8::is_ascii_alphabetic) {
+                return Err((start, Reason::NotAWord));
+            }
+            (b',', at + 1)
+        }
+        other => (other.to_ascii_uppercase(), at),
+    };
+    let mut at = skip_blanks(line, at);
+    let mut negative = false;
+    if let Some(sign @ (b'+' | b'-')) = line.get(at) {
+        negative = *sign == b'-';
+        at = skip_blanks(line, at + 1);
+    }
+    let (value, end) = match line.get(at) {
+        Some(b'#' | b'[') => (Value::Expression, expression(line, at)?),
+        Some(b'<') if letter == b'O' => return Err((start, Reason::Flow)),
+        _ => {
+            let (number, end) = number(line, at, negative).map_err(|reason| (start, reason))?;
+            (Value::Number(number), end)
+        }
+    };
+    words
+        .push(Word {
+            letter,
+            value,
+            start,
+            end,
+        })
+        .map_err(|_| (start, Reason::TooManyWords))?;
+    Ok(end)
+}
+
+/// Digits and a point.
+fn number(line: &[u8], mut at: usize, negative: bool) -> Result<(Number, usize), Reason> {
+    let begin = at;
+    let mut digits: i64 = 0;
+    let mut decimals: u8 = 0;
+    let mut has_point = false;
+    while let Some(&byte) = line.get(at) {
+        match byte {
+            b'0'..=b'9' => {
+                // 17 digits and one more still fit.
+                if digits > 99_999_999_999_999_999 {
+                    return Err(Reason::OutOfRange);
+                }
+                digits = digits * 10 + i64::from(byte - b'0');
+                decimals += u8::from(has_point);
+            }
+            b'.' if !has_point => has_point = true,
+            _ => break,
+        }
+        // A run of zeros is no larger number, but a longer one.
+        if decimals > 18 {
+            return Err(Reason::OutOfRange);
+        }
+        at += 1;
+    }
+    if at == begin + usize::from(has_point) {
+        return Err(Reason::NotAWord);
+    }
+    let digits = if negative { -digits } else { digits };
+    Ok((
+        Number {
+            digits,
+            decimals,
+            has_point,
+        },
+        at,
+    ))
+}
+
+/// The end of `#12`, `#[...]` or `[...]`.
+fn expression(line: &[u8], mut at: usize) -> At<usize> {
+    let begin = at;
+    while line.get(at) == Some(&b'#') {
+        at = skip_blanks(line, at + 1);
+    }
+    if line.get(at) == Some(&b'<') {
+        let rest = line.get(at..).unwrap_or_default();
+        let end = rest.iter().position(|b| *b == b'>');
+        return end.map(|end| at + end + 1).ok_or((begin, Reason::NotAWord));
+    }
+    if line.get(at) != Some(&b'[') {
+        let digits = at;
+        while line.get(at).is_some_and(u8::is_ascii_digit) {
+            at += 1;
+        }
+        return if at > digits {
+            Ok(at)
+        } else {
+            Err((begin, Reason::NotAWord))
+        };
+    }
+    let mut depth = 0_u32;
+    while let Some(&byte) = line.get(at) {
+        at += 1;
+        match byte {
+            b'[' => depth += 1,
+            b']' => {
+                depth -= 1;
+                if depth == 0 {
+                    return Ok(at);
+                }
+            }
+            _ => {}
+        }
+    }
+    Err((begin, Reason::NotAWord))
+}
+
+/// A line that begins with a keyword of a macro language.
+fn keyword(line: &[u8], at: usize, words: &Words) -> At<Kind> {
+    let rest = line.get(at..).unwrap_or_default();
+    let length = rest.iter().take_while(|b| b.is_ascii_alphabetic()).count();
+    let name = rest.get(..length).unwrap_or_default();
+    let is = |known: &[&str]| {
+        known
+            .iter()
+            .any(|known| name.eq_ignore_ascii_case(known.as_bytes()))
+    };
+    if is(&["POPEN", "PCLOS", "DPRNT", "BPRNT"]) && is_first(words) {
+        Ok(Kind::Macro)
+    } else if is(&["IF", "THEN", "ELSE", "WHILE", "DO", "END", "GOTO"]) {
+        Err((at, Reason::Flow))
+    } else {
+        Err((at, Reason::NotAWord))
+    }
+}
+
+/// `#n=...` of a variable that is nothing but a variable: n up to 999, or a name.
+fn assignment(line: &[u8], at: usize) -> At<()> {
+    let end = expression(line, at)?;
+    let name = line.get(at + 1..end).unwrap_or_default();
+    let is_plain =
+        name.first() == Some(&b'<') || (name.len() <= 3 && name.iter().all(u8::is_ascii_digit));
+    if !is_plain {
+        return Err((at, Reason::SystemVariable));
+    }
+    let equals = skip_blanks(line, end);
+    if line.get(equals) != Some(&b'=') {
+        return Err((at, Reason::NotAWord));
+    }
+    // Functions have names of two letters and more: a single letter is a word behind it.
+    let mut at = equals + 1;
+    while let Some(&byte) = line.get(at) {
+        match byte {
+            b';' | b'(' => break,
+            b'<' => {
+                let rest = line.get(at..).unwrap_or_default();
+                at += rest.iter().position(|b| *b == b'>').unwrap_or(0);
+            }
+            _ if byte.is_ascii_alphabetic() => {
+                let rest = line.get(at..).unwrap_or_default();
+                let length = rest.iter().take_while(|b| b.is_ascii_alphabetic()).count();
+                if length < 2 {
+                    return Err((at, Reason::NotAWord));
+                }
+                at += length - 1;
+            }
+            _ => {}
+        }
+        at += 1;
+    }
+    Ok(())
+}

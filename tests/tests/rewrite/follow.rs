@@ -1,0 +1,354 @@
+//! Motions of a program by the virtual machine's interpreter, and whether one program's are
+//! the images of another's.
+
+use nalgebra::Vector3;
+use umi_core::registration::RigidTransform;
+use umi_core::units::Point;
+use umi_virtual::nc::{
+    Axes, Control, DecimalPoint, Dialect, Limits, Motion, Path, Rate, Settings, Skip, Trip,
+};
+
+pub type V = Vector3<f64>;
+
+/// Where axes at home are: no program goes there otherwise.
+pub const HOME_MM: [f64; 3] = [1.111, 2.222, 777.777];
+/// Where the corpus goes by G53.
+pub const AWAY_MM: f64 = 666.666;
+
+/// A motion, machine coordinates, mm.
+#[derive(Clone, Debug)]
+pub struct Move {
+    pub from: V,
+    pub to: V,
+    pub path: Path,
+    pub is_feed: bool,
+}
+
+impl Move {
+    /// The place after this part of the way.
+    pub fn at(&self, part: f64) -> V {
+        match self.path {
+            Path::Line => self.from + (self.to - self.from) * part,
+            Path::Arc {
+                center,
+                axis,
+                sweep,
+            } => {
+                let arm = self.from - center.mm;
+                let arm = arm - axis * axis.dot(&arm);
+                let end = self.to - center.mm;
+                let end_radius = (end - axis * axis.dot(&end)).norm();
+                let turned = nalgebra::Rotation3::from_axis_angle(
+                    &nalgebra::Unit::new_unchecked(axis),
+                    sweep.0 * part,
+                ) * arm;
+                let radius = arm.norm() + (end_radius - arm.norm()) * part;
+                let along = axis.dot(&(self.to - self.from)) * part;
+                let start = axis * axis.dot(&(self.from - center.mm));
+                center.mm + start + turned / arm.norm() * radius + axis * along
+            }
+        }
+    }
+}
+
+#[derive(Default)]
+struct Recorder {
+    moves: Vec<Move>,
+    at: V,
+}
+
+impl Axes for Recorder {
+    fn position(&self) -> Point {
+        Point { mm: self.at }
+    }
+    fn reference_point(&self) -> Point {
+        Point::from_array_mm(HOME_MM)
+    }
+    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+        self.moves.push(Move {
+            from: self.at,
+            to: motion.to.mm,
+            path: motion.path,
+            is_feed: matches!(motion.rate, Rate::Feed(_)),
+        });
+        self.at = motion.to.mm;
+        Ok(())
+    }
+    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
+        self.travel(motion)?;
+        Ok(Skip {
+            touched: false,
+            stored: motion.to,
+        })
+    }
+    fn dwell(&mut self, _: f64) {}
+    fn change_tool(&mut self, _: u32) -> Result<(), Trip> {
+        Ok(())
+    }
+    fn auxiliary(&mut self, _: u32, _: f64) -> Result<(), Trip> {
+        Ok(())
+    }
+    fn print(&mut self, _: &[u8]) -> Result<(), Trip> {
+        Ok(())
+    }
+    fn input(&self, _: u16) -> bool {
+        false
+    }
+    fn output(&mut self, _: u16, _: bool) {}
+    fn seconds(&self) -> f64 {
+        0.0
+    }
+}
+
+/// What the virtual machine makes of a program.
+pub fn interpreted(dialect: Dialect, program: &str) -> Result<Vec<Move>, String> {
+    let settings = Settings {
+        decimal_point: DecimalPoint::Calculator,
+        increment_mm: 1e-7,
+        feed_mm_min: Some(100.0),
+        limits: Limits {
+            text: 1 << 28,
+            ..Limits::default()
+        },
+        ..Settings::of(dialect)
+    };
+    let mut control = Control::new(settings);
+    let loaded = control.load(program).map_err(|alarm| alarm.to_string())?;
+    let main = loaded.first().copied().unwrap_or_default();
+    control.select(main).map_err(|alarm| alarm.to_string())?;
+    let mut axes = Recorder::default();
+    control.run(&mut axes).map_err(|alarm| alarm.to_string())?;
+    Ok(axes.moves)
+}
+
+/// What images are judged by.
+pub struct Judge {
+    /// In the coordinates of the work offset.
+    pub transform: RigidTransform,
+    pub origin: V,
+    /// Half a step, and what the interpreters print.
+    pub rounding_mm: f64,
+    /// How far a path may lie from its image.
+    pub path_mm: f64,
+}
+
+/// What was compared.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Compared {
+    pub ends: usize,
+    pub largest_end_mm: f64,
+    pub largest_path_mm: f64,
+}
+
+impl Judge {
+    fn image(&self, p: V) -> V {
+        self.transform
+            .apply(Point {
+                mm: p - self.origin,
+            })
+            .mm
+            + self.origin
+    }
+
+    /// Whether axes are where the machine says, not the program: at home, or sent by G53.
+    fn machine(p: &V) -> [bool; 3] {
+        core::array::from_fn(|axis| {
+            (p[axis] - HOME_MM[axis]).abs() < 1e-6 || (axis == 2 && (p.z - AWAY_MM).abs() < 1e-6)
+        })
+    }
+
+    /// How much the axes that the machine has placed may move the others.
+    fn allowance(&self, machine: [bool; 3]) -> f64 {
+        if !machine.contains(&true) {
+            return self.rounding_mm;
+        }
+        let r = &self.transform.rotation;
+        let lean = r
+            .m13
+            .abs()
+            .max(r.m23.abs())
+            .max(r.m31.abs())
+            .max(r.m32.abs());
+        self.rounding_mm + lean * 1000.0
+    }
+
+    /// The distance of a place from the image of an end, over the axes of the program.
+    fn apart(&self, end: &V, place: &V) -> (f64, f64) {
+        let machine = Self::machine(end);
+        let image = self.image(*end);
+        let apart = (0..3)
+            .map(|axis| {
+                let wanted = if machine[axis] {
+                    end[axis]
+                } else {
+                    image[axis]
+                };
+                (place[axis] - wanted).abs()
+            })
+            .fold(0.0, f64::max);
+        (apart, self.allowance(machine))
+    }
+
+    /// Follows both lists of ends: each end of the nominal program has its image, in order.
+    /// Returns how many of the written ends belong to each.
+    pub fn ends(
+        &self,
+        nominal: &[V],
+        written: &[V],
+        is_arc: impl Fn(usize) -> bool,
+    ) -> Result<(Compared, Vec<usize>), String> {
+        let mut compared = Compared::default();
+        let mut counts = Vec::new();
+        let mut next = 0_usize;
+        for (number, end) in nominal.iter().enumerate() {
+            // It may be where it is already.
+            let here = next
+                .checked_sub(1)
+                .and_then(|last| written.get(last))
+                .map(|place| self.apart(end, place));
+            let stays = here.is_some_and(|(apart, allowed)| apart <= allowed)
+                && number > 0
+                && !is_arc(number)
+                && (nominal[number - 1] - end).norm() < 2.0 * self.rounding_mm;
+            let mut count = 0;
+            let mut closest = f64::INFINITY;
+            let found = stays
+                || loop {
+                    let Some(place) = written.get(next + count) else {
+                        break false;
+                    };
+                    count += 1;
+                    let (apart, allowed) = self.apart(end, place);
+                    closest = closest.min(apart);
+                    if apart <= allowed {
+                        if !Self::machine(end).contains(&true) {
+                            compared.ends += 1;
+                            compared.largest_end_mm = compared.largest_end_mm.max(apart);
+                        }
+                        break true;
+                    }
+                };
+            if !found && here.is_none_or(|(apart, allowed)| apart > allowed) {
+                return Err(format!(
+                    "end {number} of {}: {:?}, its image {:?} never comes after {next}, closest \
+                     {closest}",
+                    nominal.len(),
+                    end.as_slice(),
+                    self.image(*end).as_slice()
+                ));
+            }
+            if !found {
+                count = 0;
+            }
+            next += count;
+            counts.push(count);
+        }
+        // Behind the last end only what comes back to it: a whole circle has one end.
+        let comes_back = written
+            .last()
+            .zip(nominal.last())
+            .is_none_or(|(place, end)| {
+                let (apart, allowed) = self.apart(end, place);
+                apart <= allowed
+            });
+        if !comes_back {
+            return Err(format!("{} motions more", written.len() - next));
+        }
+        Ok((compared, counts))
+    }
+
+    /// Ends and ways: what is cut lies within the tolerance of the image, all the way.
+    pub fn moves(&self, nominal: &[Move], written: &[Move]) -> Result<Compared, String> {
+        let ends = |moves: &[Move]| -> Vec<V> { moves.iter().map(|m| m.to).collect() };
+        let (mut compared, counts) = self.ends(&ends(nominal), &ends(written), |number| {
+            matches!(nominal[number].path, Path::Arc { .. })
+        })?;
+        let more = written.len() - counts.iter().sum::<usize>();
+        let is_still = |m: &Move| (m.to - m.from).norm() < 3.0 * self.rounding_mm;
+        if !written[written.len() - more..].iter().all(is_still) {
+            return Err(format!("{more} motions more"));
+        }
+        let mut next = 0_usize;
+        for (number, (wanted, count)) in nominal.iter().zip(counts).enumerate() {
+            let made = &written[next..next + count];
+            next += count;
+            let machine = [wanted.from, wanted.to]
+                .iter()
+                .any(|p| Self::machine(p).contains(&true));
+            if machine || number == 0 {
+                continue;
+            }
+            for part in made {
+                if matches!(part.path, Path::Line) && is_still(part) {
+                    continue;
+                }
+                if part.is_feed != wanted.is_feed {
+                    return Err(format!("motion {number} is a feed in one program only"));
+                }
+                for step in 0..=16 {
+                    let place = part.at(f64::from(step) / 16.0);
+                    let apart = self.off_way(wanted, &place);
+                    compared.largest_path_mm = compared.largest_path_mm.max(apart);
+                    if apart > self.path_mm {
+                        return Err(format!("motion {number} is {apart} mm off its way"));
+                    }
+                }
+            }
+            // And it goes all the way: no half circle is left out.
+            if matches!(wanted.path, Path::Arc { .. }) && count > 0 {
+                for step in 0..=64 {
+                    let image = self.image(wanted.at(f64::from(step) / 64.0));
+                    let apart = made
+                        .iter()
+                        .map(|part| distance(part, &image))
+                        .fold(f64::INFINITY, f64::min);
+                    if apart > self.path_mm {
+                        return Err(format!("motion {number} leaves out {apart} mm"));
+                    }
+                }
+            }
+        }
+        Ok(compared)
+    }
+
+    /// The distance of a place from the image of a way.
+    fn off_way(&self, wanted: &Move, place: &V) -> f64 {
+        let inverse = self.transform.inverse();
+        let back = inverse
+            .apply(Point {
+                mm: place - self.origin,
+            })
+            .mm
+            + self.origin;
+        distance(wanted, &back)
+    }
+}
+
+/// The distance of a place from a way: the nearest of many places on it, then by halving.
+fn distance(way: &Move, place: &V) -> f64 {
+    let off = |part: f64| (way.at(part) - place).norm();
+    let steps = if matches!(way.path, Path::Line) {
+        8
+    } else {
+        128
+    };
+    let best = (0..=steps)
+        .min_by(|a, b| {
+            let at = |n: &u32| off(f64::from(*n) / f64::from(steps));
+            at(a).total_cmp(&at(b))
+        })
+        .unwrap_or(0);
+    let (mut low, mut high) = (
+        (f64::from(best) - 1.0).max(0.0) / f64::from(steps),
+        (f64::from(best) + 1.0).min(f64::from(steps)) / f64::from(steps),
+    );
+    for _ in 0..50 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if off(a) < off(b) {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    off(f64::midpoint(low, high))
+}
