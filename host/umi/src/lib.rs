@@ -19,6 +19,7 @@ pub mod pull;
 pub mod report;
 pub mod results;
 pub mod style;
+pub mod toolpath;
 pub mod watch;
 pub mod wiring;
 pub mod words;

@@ -7,6 +7,7 @@ mod info;
 mod job;
 mod log;
 mod machine;
+mod nc;
 mod register;
 mod replay;
 mod virtual_board;
@@ -29,6 +30,7 @@ pub enum Command {
     Events(events::Events),
     Watch(watch::Watch),
     Machine(machine::Machine),
+    Nc(nc::Nc),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
 }
@@ -47,6 +49,7 @@ impl Command {
             Self::Events(command) => command.run(),
             Self::Watch(command) => command.run(),
             Self::Machine(command) => command.run(),
+            Self::Nc(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
     }
@@ -64,6 +67,7 @@ impl Command {
             Self::Events(command) => command.format.json,
             Self::Watch(command) => command.format.json,
             Self::Machine(command) => command.json(),
+            Self::Nc(command) => command.json(),
             Self::Virtual(command) => command.format.json,
         }
     }

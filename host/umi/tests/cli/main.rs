@@ -9,5 +9,6 @@ mod help;
 mod input;
 mod job;
 mod machine;
+mod nc;
 mod run;
 mod watch;

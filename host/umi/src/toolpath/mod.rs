@@ -1,0 +1,136 @@
+//! Rewriting part programs on the host: files in, files out.
+
+mod source;
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read as _};
+use std::path::{Path, PathBuf};
+
+use umi_core::nc::rewrite::{BadSettings, Check, Identity, Refusal, Rewriter, Settings, Summary};
+
+use crate::failure::Failure;
+
+pub use source::{Source, transform, verdict};
+
+/// Bytes that are read at a time.
+const PIECE: usize = 1 << 16;
+
+/// Reasons that are listed, at most.
+const MOST_LISTED: usize = 100;
+
+/// What a program is, and what stands against rewriting it.
+#[derive(Clone, Debug)]
+pub struct Examined {
+    /// Check value and length.
+    pub identity: Identity,
+    /// What would be done.
+    pub summary: Summary,
+    /// The first reasons against it.
+    pub refusals: Vec<Refusal>,
+    /// How many more there are.
+    pub more: u64,
+}
+
+/// Looks at a program without writing anything.
+///
+/// # Errors
+/// The file cannot be read, or the settings cannot be used.
+pub fn examine(path: &Path, settings: &Settings<'_>) -> Result<Examined, Failure> {
+    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    let mut check = Check::default();
+    let mut refusals = Vec::new();
+    let mut more = 0;
+    let mut note = |rewriter: &mut Rewriter<'_>, refusal: Refusal| {
+        if refusals.len() < MOST_LISTED {
+            refusals.push(refusal);
+        } else {
+            more += 1;
+        }
+        rewriter.go_on();
+    };
+    pieces(path, |bytes| {
+        check.update(bytes);
+        // Line by line, so that the next one is seen behind a refusal.
+        for line in bytes.split_inclusive(|byte| matches!(byte, b'\n' | b'\r')) {
+            if let Err(refusal) = rewriter.push(line, &mut |_| ()) {
+                note(&mut rewriter, refusal);
+            }
+        }
+        Ok(())
+    })?;
+    if let Err(refusal) = rewriter.finish(&mut |_| ()) {
+        note(&mut rewriter, refusal);
+    }
+    Ok(Examined {
+        identity: check.finish(),
+        summary: rewriter.summary(),
+        refusals,
+        more,
+    })
+}
+
+/// Rewrites a program that has been examined. The file appears whole or not at all; `-`
+/// is standard output.
+///
+/// # Errors
+/// A file cannot be read or written, or the program has changed since it was examined.
+pub fn rewrite(from: &Path, to: &Path, settings: &Settings<'_>) -> Result<Summary, Failure> {
+    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    if to == Path::new("-") {
+        let mut out = io::stdout().lock();
+        return run(&mut rewriter, from, to, &mut out);
+    }
+    let part = PathBuf::from(format!("{}.part", to.display()));
+    let file = File::create(&part).map_err(|error| Failure::file("write", &part, &error))?;
+    let mut out = BufWriter::with_capacity(PIECE, file);
+    let done = run(&mut rewriter, from, &part, &mut out).and_then(|summary| {
+        std::fs::rename(&part, to).map_err(|error| Failure::file("write", to, &error))?;
+        Ok(summary)
+    });
+    if done.is_err() {
+        // What is half written is of no use to anybody.
+        let _ = std::fs::remove_file(&part);
+    }
+    done
+}
+
+fn run(
+    rewriter: &mut Rewriter<'_>,
+    from: &Path,
+    to: &Path,
+    out: &mut impl io::Write,
+) -> Result<Summary, Failure> {
+    let mut written: io::Result<()> = Ok(());
+    let mut sink = |bytes: &[u8]| {
+        if written.is_ok() {
+            written = out.write_all(bytes);
+        }
+    };
+    let changed = |refusal: Refusal| Failure::refused("cannot_rewrite", refusal);
+    pieces(from, |bytes| {
+        rewriter.push(bytes, &mut sink).map_err(changed)
+    })?;
+    let summary = rewriter.finish(&mut sink).map_err(changed)?;
+    written
+        .and_then(|()| out.flush())
+        .map_err(|error| Failure::file("write", to, &error))?;
+    Ok(summary)
+}
+
+/// Reads a file piece by piece: the memory is that of one piece.
+fn pieces(path: &Path, mut take: impl FnMut(&[u8]) -> Result<(), Failure>) -> Result<(), Failure> {
+    let fail = |error: io::Error| Failure::file("read", path, &error);
+    let mut file = File::open(path).map_err(fail)?;
+    let mut buffer = vec![0; PIECE];
+    loop {
+        let length = file.read(&mut buffer).map_err(fail)?;
+        if length == 0 {
+            return Ok(());
+        }
+        take(buffer.get(..length).unwrap_or_default())?;
+    }
+}
+
+fn bad_settings(bad: &BadSettings) -> Failure {
+    Failure::trouble("settings", bad)
+}

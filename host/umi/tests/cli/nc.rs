@@ -1,0 +1,144 @@
+//! `umi nc`: a tool path is checked and rewritten, or refused before anything is written.
+
+use crate::run::{Folder, project, umi};
+
+const PROGRAM: &str =
+    "%\r\nO7 (PART)\r\nG21 G90 G54\r\nG0 X10. Y0. Z5.\r\nG1 X20. F100\r\nM30\r\n%\r\n";
+
+const QUARTER: &str =
+    r#"{"rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "translation_mm": [1, 0, 0]}"#;
+
+/// The transform of a file; the header says where the program comes from.
+#[test]
+fn a_path_is_rewritten() {
+    let folder = Folder::new();
+    let (program, transform) = (folder.file("p.nc", PROGRAM), folder.file("t.json", QUARTER));
+    let out = folder.path("out.nc");
+    let args = [
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        &out,
+        "--transform",
+        &transform,
+    ];
+    let ran = umi(&args).exits(0);
+    assert!(ran.out.contains("1 rapid, 1 line, 0 arcs"), "{}", ran.out);
+    let made = std::fs::read_to_string(&out).unwrap();
+    assert!(
+        made.starts_with("%\r\nO7 (PART)\r\n(UMI REWRITTEN FROM CRC32 "),
+        "{made}"
+    );
+    assert!(made.contains("(TRANSFORM T)\r\n"), "{made}");
+    assert!(
+        made.ends_with("G21 G90 G54\r\nG0 X1. Y10. Z5.\r\nG1 X1. Y20. F100\r\nM30\r\n%\r\n"),
+        "{made}"
+    );
+    let json = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
+    assert_eq!(json["feeds"], 1);
+    assert_eq!(json["written_max_mm"][1], 20.0);
+    // Standard output gets the program, and nothing else.
+    let shown = umi(&[
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        "-",
+        "--transform",
+        &transform,
+    ]);
+    assert_eq!(shown.exits(0).out, made);
+}
+
+/// The identity changes no byte.
+#[test]
+fn the_identity_changes_nothing() {
+    let folder = Folder::new();
+    let program = folder.file("p.nc", PROGRAM);
+    let same = r#"{"rotation": [[1,0,0],[0,1,0],[0,0,1]], "translation_mm": [0,0,0]}"#;
+    let (same, out) = (folder.file("same.json", same), folder.path("out.nc"));
+    umi(&["nc", "rewrite", &program, "-o", &out, "--transform", &same]).exits(0);
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), PROGRAM);
+}
+
+/// What cannot be transformed is refused by line, and no file appears.
+#[test]
+fn a_refused_path_is_not_written() {
+    let folder = Folder::new();
+    let bad = folder.file("bad.nc", PROGRAM.replace("G1 X20.", "G1 X#101"));
+    let (transform, out) = (folder.file("t.json", QUARTER), folder.path("out.nc"));
+    let args = ["nc", "rewrite", &bad, "-o", &out, "--transform", &transform];
+    umi(&args)
+        .exits(2)
+        .says("line 5, column 4: X has a value that only the control knows");
+    assert!(!std::path::Path::new(&out).exists());
+    let error = umi(&[&args[..], &["--json"]].concat()).exits(2).json();
+    assert_eq!(error["error"]["line"], 5);
+    umi(&["nc", "rewrite", &bad, "-o", &out])
+        .exits(1)
+        .says("--verdict");
+    let skewed = folder.file("s.json", QUARTER.replace("-1", "-1.01"));
+    umi(&["nc", "rewrite", &bad, "-o", &out, "--transform", &skewed])
+        .exits(1)
+        .says("orthogonal");
+}
+
+/// The last verdict of a replay moves the path; one that is NG moves nothing.
+#[test]
+fn a_verdict_moves_the_path() {
+    let folder = Folder::new();
+    let program = folder.file("p.nc", PROGRAM);
+    let session = project("tests/reference/sessions/session_a.txt");
+    let job = project("examples/three-spheres.toml");
+    let replay = umi(&["replay", &session, "--job", &job, "--json"]).out;
+    let verdicts = folder.file("v.jsonl", &replay);
+    let out = folder.path("out.nc");
+    let ran = umi(&[
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        &out,
+        "--verdict",
+        &verdicts,
+    ])
+    .exits(0);
+    assert!(ran.out.contains("1 line"), "{}", ran.out);
+    let made = std::fs::read_to_string(&out).unwrap();
+    assert!(made.contains("(VERDICT OK - V - PLATE 4)"), "{made}");
+    let bad = folder.file("bad.jsonl", replay.replace("\"OK\"", "\"NG\""));
+    umi(&["nc", "rewrite", &program, "-o", &out, "--verdict", &bad])
+        .exits(2)
+        .says("NG");
+}
+
+/// A check lists every reason, and tells what only a leaning part brings.
+#[test]
+fn a_check_lists_all_reasons() {
+    let folder = Folder::new();
+    let good = folder.file("p.nc", PROGRAM);
+    let ran = umi(&["nc", "check", &good]).exits(0);
+    assert!(
+        ran.out
+            .contains("0 reasons against rewriting it, also where the part leans")
+    );
+    let bad = "G21 G90 G0 X0. Y0. Z0.\nG41 D1 G1 X1. F9\nG40 X0.\nG68 R5.\nG1 X#1\n";
+    let bad = folder.file("bad.nc", bad);
+    let ran = umi(&["nc", "check", &bad]).exits(2);
+    for says in [
+        "line 4, column 1: G68",
+        "line 5, column 4: X",
+        "line 2, column 1: the transform tilts",
+        "2 reasons",
+        "1 only where the part leans",
+    ] {
+        assert!(ran.out.contains(says), "{says}: {}", ran.out);
+    }
+    let lines = umi(&["nc", "check", &bad, "--json"]).exits(2).json_lines();
+    let end = lines.last().unwrap();
+    assert_eq!(
+        (&end["refusals"], &end["refusals_only_leaning"]),
+        (&2.into(), &1.into())
+    );
+}
