@@ -31,6 +31,7 @@
 #![no_main]
 
 mod clock;
+mod flash_line;
 mod guard;
 mod kept;
 mod latch;

@@ -10,13 +10,15 @@ use core::convert::Infallible;
 
 use embassy_rp::gpio::{Level, Output};
 use embassy_rp::peripherals::{PIN_4, PIN_5, PIN_6, PIN_7, SPI0};
-use embassy_rp::spi::{Blocking, Config, Spi};
+use embassy_rp::spi::{Config, Spi};
 use embassy_rp::{Peri, spi};
 use embassy_time::Delay;
 use embedded_hal_bus::spi::{DeviceError, ExclusiveDevice};
 use static_cell::StaticCell;
 use umi_core::journal::{Flash, Geometry};
 use umi_drivers::spi_nor::{self, Fault, SectorSize, SpiNor, Wanted};
+
+use crate::flash_line::FlashLine;
 
 /// Clock of the line: any W25Q reads so fast with its slow command.
 const SPI_HZ: u32 = 32_000_000;
@@ -33,7 +35,7 @@ const SETTINGS: Wanted = Wanted {
     size: SectorSize::KiB32,
 };
 
-type Device = ExclusiveDevice<Spi<'static, SPI0, Blocking>, Output<'static>, Delay>;
+type Device = ExclusiveDevice<FlashLine, Output<'static>, Delay>;
 /// What can be wrong with the flash.
 pub type Failure = Fault<DeviceError<spi::Error, Infallible>>;
 
@@ -101,6 +103,7 @@ fn areas(
     let mut config = Config::default();
     config.frequency = SPI_HZ;
     let line = Spi::new_blocking(parts.spi, parts.clock, parts.mosi, parts.miso, config);
+    let line = FlashLine(line);
     let select = Output::new(parts.select, Level::High);
     let device = match ExclusiveDevice::new(line, select, Delay) {
         Ok(device) => device,
