@@ -6,7 +6,8 @@ mod virtual_board;
 
 use std::env;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
 
 use umi::link::Transport;
 use umi_app::board::Lights;
@@ -15,15 +16,25 @@ pub use pico::PicoRig;
 pub use qemu::QemuRig;
 pub use virtual_board::VirtualRig;
 
+/// Where time on the wall is counted from.
+static BEGUN: LazyLock<Instant> = LazyLock::new(Instant::now);
+
 /// A board with all that stands around it on a machine: the control, a host, encoders,
 /// a probe, a scanner, and the power switch.
 pub trait Rig {
     /// The kind of board, as it calls itself.
     fn name(&self) -> &'static str;
 
-    /// How much longer things take than on a real board: a test that waits a second of
-    /// the board's time waits this many seconds, at most.
+    /// How much longer things may take than on a real board: who waits a second for it
+    /// by a clock on the wall, waits this many seconds at most.
     fn slowness(&self) -> u32;
+
+    /// The board's time since some instant. Where time is emulated it is that time: what
+    /// waits by it gives the board the same chance on any machine. It stands still while
+    /// an emulated board has no power.
+    fn time(&mut self) -> Duration {
+        BEGUN.elapsed() / self.slowness()
+    }
 
     /// Plugs the host's cable in. What was plugged in before is not any more.
     fn connect(&mut self) -> Box<dyn Transport>;
@@ -40,7 +51,7 @@ pub trait Rig {
         true
     }
 
-    /// The next byte for the control; none if there is none in this time.
+    /// The next byte for the control; none if there is none in this time of the board's.
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
 
     /// Moves the axes until their encoders have counted to here, faster than any

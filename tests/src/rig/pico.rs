@@ -8,8 +8,8 @@
 //! asks later where it truly was.
 //!
 //! # Limitations
-//! Emulated time falls behind that of the wall when the board has much to do: see
-//! [`Rig::slowness`].
+//! Emulated time falls behind that of the wall: what can, waits by [`Rig::time`]. The
+//! host's library waits by the wall, and has [`Rig::slowness`].
 
 mod bridge;
 mod emulator;
@@ -112,7 +112,13 @@ impl Rig for PicoRig {
     }
 
     fn slowness(&self) -> u32 {
-        10
+        // A second is six of an idle machine's.
+        60
+    }
+
+    fn time(&mut self) -> Duration {
+        let us = self.emulator.state().cycle / CYCLES_PER_US;
+        Duration::from_micros(us)
     }
 
     fn connect(&mut self) -> Box<dyn Transport> {
@@ -132,14 +138,20 @@ impl Rig for PicoRig {
     }
 
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {
-        let patience = patience.max(Duration::from_millis(1));
-        self.control.set_read_timeout(Some(patience)).ok()?;
-        let mut byte = [0];
-        match self.control.read(&mut byte) {
-            Ok(1) => Some(byte[0]),
-            Ok(_) => None,
-            Err(error) if is_patience(&error) => None,
-            Err(error) => panic!("the emulator's control port: {error}"),
+        let end = self.time() + patience;
+        let begun = Instant::now();
+        self.control.set_read_timeout(Some(TURN)).ok()?;
+        loop {
+            // What comes until then has been sent when the emulator tells the time.
+            let is_last = self.time() > end || begun.elapsed() > PATIENCE;
+            let mut byte = [0];
+            match self.control.read(&mut byte) {
+                Ok(1) => return Some(byte[0]),
+                Ok(_) => return None,
+                Err(error) if is_patience(&error) && is_last => return None,
+                Err(error) if is_patience(&error) => {}
+                Err(error) => panic!("the emulator's control port: {error}"),
+            }
         }
     }
 

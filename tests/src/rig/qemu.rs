@@ -341,6 +341,7 @@ impl Rig for QemuRig {
     }
 
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {
+        let patience = patience * self.slowness();
         let control = &mut self.machine().control;
         let mut byte = [0];
         // Zero would mean for ever.
