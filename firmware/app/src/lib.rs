@@ -20,9 +20,11 @@
 //! | [`measure`] | what the board knows and decides; no waiting |
 //! | `cnc` | the control's port: receive, flow control, send a correction |
 //! | `link`, `answer` | the host's port: frames, requests |
+//! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
 //! | `events` | what waits to be told to the host |
 //! | `scan` | triggers: counted, streamed, summed up |
+//! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
@@ -45,21 +47,23 @@ pub mod board;
 mod cnc;
 mod events;
 mod intake;
+mod latch;
 mod link;
 pub mod measure;
 pub mod replay;
 mod scan;
 mod settings;
+mod shared;
+#[cfg(test)]
+mod test_board;
 
 use embassy_futures::join::{join, join5};
-use embassy_futures::select::{Either, Either3, select, select3};
+use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
-use umi_protocol::latch::LatchCause;
 
 use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
 use measure::{Boot, Input, Measure, Opened};
@@ -71,7 +75,7 @@ pub const FEED_INTERVAL_US: u64 = 250_000;
 
 /// The application's state, shared by its tasks.
 pub struct App<F: Flash> {
-    measure: Mutex<CriticalSectionRawMutex, Measure<F>>,
+    measure: shared::Shared<Measure<F>>,
     intake: intake::Intake,
     flow: cnc::Flow,
     scans: scan::Scans,
@@ -106,7 +110,7 @@ impl<F: Flash> App<F> {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            measure: Mutex::new(Measure::new()),
+            measure: shared::Shared::new(Measure::new()),
             intake: intake::Intake::new(),
             flow: cnc::Flow::new(),
             scans: scan::Scans::new(),
@@ -222,33 +226,9 @@ impl<F: Flash> App<F> {
         }
     }
 
-    /// Takes in captures of the axes, for ever. Waits for nothing else: those of the
-    /// probe take their turn in the queue, so that each stays before the line that the
-    /// control prints about it.
+    /// Takes in captures of the axes, for ever. Waits for nothing else.
     pub async fn latch(&self, latches: &mut impl LatchSource, clock: &impl Clock) {
-        let mut lost: u32 = 0;
-        loop {
-            let quiet = clock.wait_until(self.scans.deadline().unwrap_or(Micros(u64::MAX)));
-            match select(latches.next(), quiet).await {
-                Either::First(latch) if is_of_a_scan(latch.cause) => {
-                    self.scans.take(latch);
-                }
-                Either::First(mut latch) => {
-                    latch.missed = latch.missed.saturating_add(lost);
-                    self.scans.count(&latch);
-                    lost = match self.intake.put(clock.now(), Input::Latch(latch)) {
-                        Ok(()) => 0,
-                        Err(_) => lost.saturating_add(1),
-                    };
-                }
-                Either::Second(()) => {
-                    if let Some(scan) = self.scans.over(clock.now()) {
-                        // Behind a long fit its record is lost, its counters are not.
-                        let _ = self.intake.put(clock.now(), Input::Scan(scan));
-                    }
-                }
-            }
-        }
+        latch::take(self, latches, clock).await;
     }
 
     /// Feeds the watchdog as long as measuring answers, for ever. It belongs to the
@@ -273,7 +253,45 @@ impl<F: Flash> Default for App<F> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Running;
 
-/// Whether latches of this cause come by the thousand.
-const fn is_of_a_scan(cause: LatchCause) -> bool {
-    matches!(cause, LatchCause::Trigger | LatchCause::Output)
+#[cfg(test)]
+mod tests {
+    use core::pin::pin;
+    use embassy_futures::{block_on, poll_once};
+
+    use super::*;
+    use crate::test_board::{Hand, NoFlash};
+
+    /// Counts how often it was fed.
+    struct Dog(u32);
+
+    impl Watchdog for &mut Dog {
+        fn feed(&mut self) {
+            self.0 += 1;
+        }
+    }
+
+    /// The watchdog is fed as often as promised while measuring answers, not at all while
+    /// it does not, and again when it does.
+    #[test]
+    fn the_watchdog_starves_while_measuring_hangs() {
+        let (app, clock) = (App::<NoFlash>::new(), Hand::default());
+        let mut dog = Dog(0);
+        let fed = {
+            let mut feeder = &mut dog;
+            let mut run = pin!(app.supervise(&mut feeder, &clock));
+            for turn in 0..10 {
+                clock.set(turn * FEED_INTERVAL_US);
+                assert!(poll_once(run.as_mut()).is_pending());
+            }
+            let hangs = block_on(app.measure.lock());
+            for turn in 10..20 {
+                clock.set(turn * FEED_INTERVAL_US);
+                assert!(poll_once(run.as_mut()).is_pending());
+            }
+            drop(hangs);
+            assert!(poll_once(run.as_mut()).is_pending());
+            10 + 1
+        };
+        assert_eq!(dog.0, fed);
+    }
 }

@@ -9,8 +9,6 @@
 use core::convert::Infallible;
 
 use embassy_futures::select::{Either, Either3, select, select3};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::mutex::MutexGuard;
 use umi_core::journal::Flash;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode};
@@ -22,6 +20,7 @@ use crate::App;
 use crate::answer::{Surroundings, answer};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
 use crate::measure::Measure;
+use crate::shared::Guard;
 
 /// Bytes taken from the link at once: a full-speed USB packet.
 const PACKET: usize = 64;
@@ -101,7 +100,7 @@ async fn lock<'a, F: Flash>(
     app: &'a App<F>,
     tx: &mut impl LinkTx,
     out: &mut [u8; MAX_BOARD_FRAME],
-) -> Result<MutexGuard<'a, CriticalSectionRawMutex, Measure<F>>, Broken> {
+) -> Result<Guard<'a, Measure<F>>, Broken> {
     loop {
         match select(app.measure.lock(), app.scans.came()).await {
             Either::First(measure) => return Ok(measure),

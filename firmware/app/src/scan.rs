@@ -217,3 +217,156 @@ fn step(last: &(u32, u64, Vec<i64, MAX_AXES>), next: &LatchReport) -> Option<Lat
     let dt_ns = u32::try_from(next.t_ns.checked_sub(*t_ns)?).ok()?;
     Some(LatchStep { dt_ns, dcounts })
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec as StdVec;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::test_board::{report, trigger};
+
+    /// All that waits for the host, unfolded; and in how many messages.
+    fn told(scans: &Scans) -> (StdVec<LatchReport>, usize) {
+        let batches: StdVec<_> = core::iter::from_fn(|| scans.batch()).collect();
+        let reports = batches.iter().flat_map(LatchBatch::reports).collect();
+        (reports, batches.len())
+    }
+
+    fn listening() -> Scans {
+        let scans = Scans::new();
+        scans.switch(true);
+        scans
+    }
+
+    /// Latches as no board would give them: any numbers, times, counts of any axes, two
+    /// causes; mostly such that one follows the other.
+    fn latches() -> impl Strategy<Value = StdVec<LatchReport>> {
+        let count = prop_oneof![8 => -5_i64..5, 1 => any::<i64>()];
+        let one = (
+            prop_oneof![8 => Just(1), 1 => any::<u32>()],
+            prop_oneof![8 => Just(LatchCause::Trigger), 1 => Just(LatchCause::Output)],
+            prop_oneof![
+                8 => proptest::collection::vec(count.clone(), 3),
+                1 => proptest::collection::vec(count, 0..=MAX_AXES),
+            ],
+            prop_oneof![8 => 0..200_000_u64, 1 => any::<u64>()],
+            prop_oneof![8 => Just(0), 1 => any::<u32>()],
+        );
+        let first = prop_oneof![Just(0), Just(u32::MAX - 3), any::<u32>()];
+        let all = proptest::collection::vec(one, 0..WAITING);
+        (first, all).prop_map(|(first, all)| {
+            let (mut number, mut t_ns) = (first, 0_u64);
+            let mut at = [0_i64; MAX_AXES];
+            let latch = |(onward, cause, moved, dt_ns, missed): (u32, _, StdVec<i64>, _, _)| {
+                number = number.wrapping_add(onward);
+                t_ns = t_ns.wrapping_add(dt_ns);
+                for (at, moved) in at.iter_mut().zip(&moved) {
+                    *at = at.wrapping_add(*moved);
+                }
+                LatchReport {
+                    number,
+                    cause,
+                    counts: at.into_iter().take(moved.len()).collect(),
+                    t_ns,
+                    missed,
+                }
+            };
+            all.into_iter().map(latch).collect()
+        })
+    }
+
+    proptest! {
+        /// Whatever goes in for a host that listens, comes out of the batches: all of it,
+        /// in order, to the last bit.
+        #[test]
+        fn batches_unfold_to_what_went_in(latches in latches()) {
+            let scans = listening();
+            latches.iter().for_each(|latch| scans.take(latch.clone()));
+            prop_assert_eq!(told(&scans).0, latches);
+            prop_assert_eq!(scans.counters().untold, 0);
+        }
+    }
+
+    /// A steady scan needs one message for sixteen triggers, also where the numbers begin
+    /// anew.
+    #[test]
+    fn steady_triggers_share_messages() {
+        let scans = listening();
+        let mut given: StdVec<_> = (0..64).map(trigger).collect();
+        for latch in &mut given {
+            latch.number = latch.number.wrapping_sub(20);
+            scans.take(latch.clone());
+        }
+        assert_eq!(told(&scans), (given, 4));
+    }
+
+    /// What the host does not take in time is counted as untold, and as captured; the
+    /// host sees the gap in the numbers. Without a host nothing is untold.
+    #[test]
+    fn what_finds_no_room_is_untold() {
+        let scans = Scans::new();
+        scans.take(trigger(0));
+        assert_eq!(told(&scans).0, []);
+        scans.switch(true);
+        let last = 1 + WAITING as u32 + 7;
+        (1..last).map(trigger).for_each(|latch| scans.take(latch));
+        let counters = scans.counters();
+        assert_eq!((counters.triggers, counters.untold), (last, 7));
+        let (reports, _) = told(&scans);
+        assert!(reports.into_iter().eq((1..=WAITING as u32).map(trigger)));
+        scans.take(trigger(last));
+        assert_eq!(told(&scans).0, [trigger(last)]);
+        let scan = scans.over(Micros(10_000_000)).unwrap();
+        assert_eq!((scan.captured, scan.untold), (last + 1, 7));
+    }
+
+    /// A report without counts tells what was missed, and captures nothing.
+    #[test]
+    fn a_report_without_counts_is_no_capture() {
+        let scans = listening();
+        let gone = LatchReport {
+            counts: Vec::new(),
+            missed: 9,
+            ..trigger(1)
+        };
+        let all = [trigger(0), gone, trigger(1)];
+        all.iter().for_each(|latch| scans.take(latch.clone()));
+        assert_eq!(told(&scans), (all.to_vec(), 3));
+        let counters = scans.counters();
+        assert_eq!((counters.triggers, counters.missed), (2, 9));
+        let scan = scans.over(Micros(10_000_000)).unwrap();
+        assert_eq!((scan.captured, scan.missed), (2, 9));
+    }
+
+    /// Triggers and pulses at once are two scans: each is summed up a second after its
+    /// own last one, once.
+    #[test]
+    fn two_scans_at_once_are_told_apart() {
+        let scans = listening();
+        for n in 0..100 {
+            scans.take(trigger(n));
+            if n < 50 {
+                scans.take(report(LatchCause::Output, n));
+            }
+        }
+        let ends = |n: u64| Micros(100 * n + 1_000_000);
+        assert_eq!(scans.over(Micros(ends(49).0 - 1)), None);
+        assert_eq!(scans.deadline(), Some(Micros(ends(49).0 + 1)));
+        let pulses = scans.over(ends(49)).unwrap();
+        assert_eq!((pulses.cause, pulses.captured), (LatchCause::Output, 50));
+        assert_eq!((pulses.from_ns, pulses.to_ns), (0, 4_900_000));
+        assert_eq!(scans.over(Micros(ends(99).0 - 1)), None);
+        let triggers = scans.over(ends(99)).unwrap();
+        assert_eq!(
+            (triggers.cause, triggers.captured),
+            (LatchCause::Trigger, 100)
+        );
+        assert_eq!(scans.over(ends(1000)), None);
+        assert_eq!(scans.deadline(), None);
+        scans.take(trigger(100));
+        assert_eq!(scans.over(ends(1000)).unwrap().first, 100);
+    }
+}

@@ -1,0 +1,195 @@
+//! Captures of the axes: those of a scan to the host, the others into the queue, in
+//! which each stays before the line that the control prints about it.
+//!
+//! # Design
+//!
+//! A capture waits for nothing. One that finds no room in the queue is a missed edge
+//! from then on, told by the next one, or by a report without counts if there is room
+//! before there is a next.
+
+use embassy_futures::select::{Either, select};
+use heapless::Vec;
+use umi_core::journal::Flash;
+use umi_core::units::Micros;
+use umi_protocol::latch::{LatchCause, LatchReport};
+
+use crate::App;
+use crate::board::{Clock, LatchSource};
+use crate::measure::Input;
+
+/// How soon it is tried again to tell what was missed.
+const TELL_AGAIN_US: u64 = 10_000;
+
+/// Takes in captures for ever.
+pub(crate) async fn take<F: Flash>(
+    app: &App<F>,
+    latches: &mut impl LatchSource,
+    clock: &impl Clock,
+) -> ! {
+    // What found no room.
+    let mut missed: Option<LatchReport> = None;
+    loop {
+        let mut due = app.scans.deadline().unwrap_or(Micros(u64::MAX));
+        if missed.is_some() {
+            due = due.min(Micros(clock.now().0.saturating_add(TELL_AGAIN_US)));
+        }
+        match select(latches.next(), clock.wait_until(due)).await {
+            Either::First(latch) if is_of_a_scan(latch.cause) => app.scans.take(latch),
+            Either::First(latch) => queue(app, clock.now(), latch, &mut missed),
+            Either::Second(()) => {
+                let now = clock.now();
+                if let Some(latch) = missed.take()
+                    && app.intake.put(now, Input::Latch(latch.clone())).is_err()
+                {
+                    missed = Some(latch);
+                }
+                if let Some(scan) = app.scans.over(now) {
+                    // Behind a long fit its record is lost, its counters are not.
+                    let _ = app.intake.put(now, Input::Scan(scan));
+                }
+            }
+        }
+    }
+}
+
+/// Puts a capture into the queue, with what was missed before it; or it is missed, too.
+fn queue<F: Flash>(
+    app: &App<F>,
+    now: Micros,
+    mut latch: LatchReport,
+    missed: &mut Option<LatchReport>,
+) {
+    let before = missed.as_ref().map_or(0, |missed| missed.missed);
+    let mut told = latch.clone();
+    told.missed = told.missed.saturating_add(before);
+    if app.intake.put(now, Input::Latch(told)).is_ok() {
+        app.scans.count(&latch);
+        *missed = None;
+        return;
+    }
+    if !latch.counts.is_empty() {
+        latch.counts = Vec::new();
+        latch.number = latch.number.wrapping_add(1);
+        latch.missed = latch.missed.saturating_add(1);
+    }
+    app.scans.count(&latch);
+    latch.missed = latch.missed.saturating_add(before);
+    *missed = Some(latch);
+}
+
+/// Whether latches of this cause come by the thousand.
+const fn is_of_a_scan(cause: LatchCause) -> bool {
+    matches!(cause, LatchCause::Trigger | LatchCause::Output)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    use core::pin::pin;
+    use embassy_futures::{block_on, poll_once};
+
+    use super::*;
+    use crate::intake::PLACES;
+    use crate::test_board::{Hand, NoFlash, skip, trigger};
+
+    /// Captures one after the other, then none.
+    struct Given(VecDeque<LatchReport>);
+
+    impl LatchSource for Given {
+        async fn next(&mut self) -> LatchReport {
+            match self.0.pop_front() {
+                Some(latch) => latch,
+                None => core::future::pending().await,
+            }
+        }
+    }
+
+    fn skips(numbers: core::ops::Range<u32>) -> Given {
+        Given(numbers.map(skip).collect())
+    }
+
+    /// What is in the queue.
+    fn queued(app: &App<NoFlash>, count: usize) -> Vec<Input> {
+        (0..count).map(|_| block_on(app.intake.next()).1).collect()
+    }
+
+    fn latches(inputs: &[Input]) -> Vec<(u32, bool, u32)> {
+        let latches = inputs.iter().map(|input| match input {
+            Input::Latch(latch) => (latch.number, latch.counts.is_empty(), latch.missed),
+            other => panic!("{other:?}"),
+        });
+        latches.collect()
+    }
+
+    /// Captures behind a full queue are missed edges: counted as such and not as
+    /// captures, together with what each had missed itself, and told by the next one.
+    #[test]
+    fn the_next_one_tells_what_found_no_room() {
+        let app = App::<NoFlash>::new();
+        let full = PLACES as u32;
+        let mut missed = None;
+        for number in 0..full + 3 {
+            let mut latch = skip(number);
+            latch.missed = if number == full + 1 { 5 } else { 0 };
+            queue(&app, Micros(1), latch, &mut missed);
+        }
+        let counters = app.scans.counters();
+        assert_eq!((counters.skips, counters.missed), (full, 3 + 5));
+        let first = latches(&queued(&app, PLACES));
+        assert!(first.into_iter().eq((0..full).map(|n| (n, false, 0))));
+        for number in [full + 3, full + 4] {
+            queue(&app, Micros(2), skip(number), &mut missed);
+        }
+        let next = [(full + 3, false, 3 + 5), (full + 4, false, 0)];
+        assert_eq!(latches(&queued(&app, 2)), next);
+        let counters = app.scans.counters();
+        assert_eq!((counters.skips, counters.missed), (full + 2, 3 + 5));
+    }
+
+    /// If no other comes, what was missed is told as soon as there is room.
+    #[test]
+    fn what_found_no_room_is_told_without_a_next_one() {
+        let (app, clock) = (App::<NoFlash>::new(), Hand::default());
+        let full = PLACES as u32;
+        let mut given = skips(0..full + 3);
+        let mut run = pin!(take(&app, &mut given, &clock));
+        for now in [0, TELL_AGAIN_US, 2 * TELL_AGAIN_US] {
+            clock.set(now);
+            assert!(poll_once(run.as_mut()).is_pending());
+        }
+        queued(&app, PLACES);
+        clock.set(3 * TELL_AGAIN_US);
+        assert!(poll_once(run.as_mut()).is_pending());
+        assert_eq!(latches(&queued(&app, 1)), [(full + 3, true, 3)]);
+        // Once.
+        clock.set(9 * TELL_AGAIN_US);
+        assert!(poll_once(run.as_mut()).is_pending());
+        assert!(poll_once(app.intake.next()).is_pending());
+        assert_eq!(app.scans.counters().missed, 3);
+    }
+
+    /// Triggers take no room in the queue but for one record, when they have been over
+    /// for a second.
+    #[test]
+    fn a_scan_is_summed_up_after_a_quiet_second() {
+        let (app, clock) = (App::<NoFlash>::new(), Hand::default());
+        let mut given = Given((0..1000).map(trigger).collect());
+        let mut run = pin!(take(&app, &mut given, &clock));
+        let last_us = trigger(999).t_ns / 1000;
+        for now in [0, last_us, last_us + 999_999] {
+            clock.set(now);
+            assert!(poll_once(run.as_mut()).is_pending());
+            assert!(poll_once(app.intake.next()).is_pending());
+        }
+        clock.set(last_us + 1_000_001);
+        assert!(poll_once(run.as_mut()).is_pending());
+        let Input::Scan(scan) = block_on(app.intake.next()).1 else {
+            panic!("only a scan was");
+        };
+        assert_eq!((scan.captured, scan.missed, scan.first), (1000, 0, 0));
+        assert_eq!((scan.from_ns, scan.to_ns), (0, last_us * 1000));
+    }
+}
