@@ -65,6 +65,7 @@ conformance! {
     stops_within_ten_characters
     refuses_a_damaged_plate
     latches_skips_and_triggers_with_their_positions
+    sums_up_a_scan_after_a_quiet_second
     sends_pulses_along_an_axis
     switches_the_laser_off_with_its_host
     keeps_job_reference_and_journal_without_power
@@ -380,6 +381,39 @@ fn latches_skips_and_triggers_with_their_positions(rig: &mut dyn Rig) {
         assert_eq!(latch.cause, LatchCause::Skip);
         assert_eq!(latch.counts[..3], place);
     }
+}
+
+/// A scan whose triggers stay away for a second is one record in the journal, which has
+/// counted them all.
+fn sums_up_a_scan_after_a_quiet_second(rig: &mut dyn Rig) {
+    const TRIGGERS: u32 = 5;
+    let mut client = connect(rig);
+    for _ in 0..TRIGGERS {
+        rig.trigger();
+    }
+    let told = client.positions().unwrap().t_ns;
+    let scans = until(rig, "the scan's record", |_| {
+        // Nothing else is journaled but the start. One scan, unless this machine was so
+        // busy that a second passed between two triggers.
+        let _ = Some(client.journal_info().unwrap()).filter(|info| info.next_seq > 1)?;
+        let (records, _) = journal(&mut client);
+        let scans = records.into_iter().filter_map(|record| match record {
+            Record::Scan(scan) => Some(scan),
+            _ => None,
+        });
+        let scans: Vec<_> = scans.collect();
+        let captured: u32 = scans.iter().map(|scan| scan.captured).sum();
+        (captured >= TRIGGERS).then_some(scans)
+    });
+    let (mut next, mut t_ns) = (0, 0);
+    for scan in scans {
+        assert_eq!((scan.cause, scan.first), (LatchCause::Trigger, next));
+        assert_eq!((scan.missed, scan.untold), (0, 0), "nobody listened");
+        assert!(t_ns < scan.from_ns && scan.from_ns <= scan.to_ns);
+        (next, t_ns) = (next + scan.captured, scan.to_ns);
+    }
+    assert!(next == TRIGGERS && t_ns <= told);
+    assert!(client.positions().unwrap().t_ns >= t_ns + 1_000_000_000);
 }
 
 /// Pulses along an axis are latched where the axis crosses the lines, up and down; none

@@ -30,12 +30,17 @@ const QEMU: &str = "qemu-system-arm";
 /// The PSRAM of the machine, in which the board has its flash.
 const FLASH_BYTES: u64 = 16 << 20;
 
-/// Bytes that the control sends at once, and how long its line takes for them at 115200 baud.
+/// Bytes that the control sends at once, and how long its line takes for one at 115200 baud.
 const PIECE: usize = 64;
-const PIECE_TAKES: Duration = Duration::from_micros(PIECE as u64 * 1_000_000 / 11_520);
+const BYTE_NS: u64 = 1_000_000_000 / 11_520;
+
+/// An instruction takes 2 to the power of this many nanoseconds: 31 million in a second,
+/// about as many as the machine's 25 MHz allow for. So the board's time is that of its
+/// work, and does not run away from it while the host's processors do something else.
+const NS_PER_INSTRUCTION_LOG2: u32 = 5;
 
 /// A machine that is busy with other things may let QEMU wait as long.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// How long the axes move, in the board's time.
 const MOVE_NS: u64 = 2_000_000;
@@ -156,6 +161,8 @@ impl Machine {
         }
         let qemu = Command::new(QEMU)
             .args(["-M", "mps2-an500,memory-backend=psram", "-object", &flash])
+            .arg("-icount")
+            .arg(format!("shift={NS_PER_INSTRUCTION_LOG2}"))
             .args(["-display", "none", "-nodefaults", "-kernel"])
             .arg(image)
             .args(["-serial", &socket("control"), "-serial", &socket("host")])
@@ -248,6 +255,13 @@ impl Machine {
         self.stimulate(&Stimulus::Look).t_ns
     }
 
+    /// Waits until it is so late for the board; returns how late it is.
+    fn wait_until(&mut self, until_ns: u64) -> u64 {
+        self.send(&Stimulus::Wait { until_ns });
+        self.wait_for("the time has come", |state, _| state.t_ns >= until_ns);
+        self.state.t_ns
+    }
+
     /// An edge while the axes stand.
     fn edge(&mut self, cause: LatchCause) {
         let t_ns = self.now_ns();
@@ -324,14 +338,17 @@ impl Rig for QemuRig {
 
     fn control_sends(&mut self, bytes: &[u8]) {
         let machine = self.machine();
+        let mut t_ns = machine.now_ns();
         for piece in bytes.chunks(PIECE) {
             let begun = Instant::now();
             machine.control.write_all(piece).expect("QEMU runs");
             machine.from_control += piece.len() as u32;
-            while machine.stimulate(&Stimulus::Look).from_control != machine.from_control {
+            // The line's rate is one in the board's time.
+            t_ns = machine.wait_until(t_ns + piece.len() as u64 * BYTE_NS);
+            while machine.state.from_control != machine.from_control {
                 assert!(begun.elapsed() < PATIENCE, "the board does not receive");
+                t_ns = machine.now_ns();
             }
-            thread::sleep(PIECE_TAKES.saturating_sub(begun.elapsed()));
         }
     }
 
@@ -364,7 +381,7 @@ impl Rig for QemuRig {
             counts: counts.iter().copied().collect(),
         });
         assert_eq!(state.refused, 0, "the path is one");
-        while machine.now_ns() < to_ns {}
+        machine.wait_until(to_ns);
     }
 
     fn skip(&mut self) {

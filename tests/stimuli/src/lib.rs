@@ -36,6 +36,11 @@ pub type Decoder = CobsAccumulator<MAX_FRAME>;
 pub enum Stimulus {
     /// Nothing: the answer tells the state.
     Look,
+    /// Nothing, but the state is told once more when this time has come.
+    Wait {
+        /// The board's clock then.
+        until_ns: u64,
+    },
     /// The axes stand, then move evenly, then stand. Paths follow each other in time.
     Path {
         /// The board's clock when they begin to move.

@@ -3,8 +3,10 @@
 use core::cell::RefCell;
 
 use critical_section::Mutex;
+use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use embassy_time::{Instant, Timer};
 use umi_app::board::{Axes, Lights, Outputs, Scanner, Unsupported};
 use umi_protocol::latch::{Positions, TriggerOut};
 use umi_protocol::message::ResetReason;
@@ -18,6 +20,8 @@ struct Inner {
     decoder: Decoder,
     path: Path,
     state: State,
+    /// When the bench wants to be told the state in any case.
+    due_ns: Option<u64>,
 }
 
 static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
@@ -36,6 +40,7 @@ static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
         from_control: 0,
         overruns: 0,
     },
+    due_ns: None,
 }));
 
 /// The state has changed.
@@ -70,6 +75,7 @@ impl Inner {
     fn take(&mut self, stimulus: &Stimulus) {
         match stimulus {
             Stimulus::Look => {}
+            Stimulus::Wait { until_ns } => self.due_ns = Some(*until_ns),
             Stimulus::Path {
                 from_ns,
                 to_ns,
@@ -106,12 +112,19 @@ pub async fn tell() {
     // Ends the frame that a reset has cut.
     BENCH.write(0).await;
     loop {
-        CHANGED.wait().await;
-        let state = with(|inner| State {
-            t_ns: clock::now_ns(),
-            from_control: CONTROL.received(),
-            overruns: CONTROL.overruns(),
-            ..inner.state
+        let due = with(|inner| inner.due_ns);
+        // Not before it.
+        let due = due.map_or(Instant::MAX, |ns| Instant::from_micros(ns.div_ceil(1000)));
+        select(CHANGED.wait(), Timer::at(due)).await;
+        let state = with(|inner| {
+            let t_ns = clock::now_ns();
+            inner.due_ns = inner.due_ns.filter(|due| *due > t_ns);
+            State {
+                t_ns,
+                from_control: CONTROL.received(),
+                overruns: CONTROL.overruns(),
+                ..inner.state
+            }
         });
         for byte in encode(&state, &mut buffer).unwrap_or_default() {
             BENCH.write(*byte).await;
