@@ -414,7 +414,7 @@ fn an_xoff_stops_the_board_within_ten_characters() {
             .ask(&json!({ "do": "send", "bytes": format!("{DC1:02x}") }));
         let begun = heard(&mut rig);
         while heard(&mut rig) < begun + stop {
-            rig.emulator().run(20 * CYCLES_PER_US);
+            rig.emulator().run(80 * CYCLES_PER_US);
         }
         let sent = rig.emulator().state().cycle;
         rig.emulator()
