@@ -22,12 +22,14 @@ use crate::quadrature::{Counts, Quadrature};
 
 /// The shortest interval: 20 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 50 * CYCLES_PER_US;
-/// What is foreseen: until the next tick.
-const HORIZON_CYCLES: u32 = TICK_US * CYCLES_PER_US;
+/// What is foreseen: until the next tick, however late it comes. No line is foreseen while
+/// the pulse of the one before still waits, as they are a tick apart at least.
+const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;
 /// Speed is measured over most of a ring.
 const BASE_CYCLES: u32 = (CADENCE.lap_cycles() / 10 * 9) as u32;
 
-const _: () = assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES);
+const _: () =
+    assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
 
 /// When pulses are sent.
 pub enum Pulses {
