@@ -2,7 +2,8 @@
 //!
 //! # Design
 //!
-//! A host is there while a program has the port open, which the host tells by DTR. A
+//! A host is there while a program has the port open, which the host tells by DTR, and
+//! the bus is awake. A
 //! program that ends takes its connection along, even with a packet on its way: the
 //! application must know, as it then switches off what it has switched on.
 //!
@@ -14,12 +15,14 @@
 //!
 //! Controllers are not `Send`: start it in the task that serves the host. One port in an image. There is no model of a USB host here: this is tested on boards.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::{self, Watch};
 use embassy_usb::class::cdc_acm::{self, CdcAcmClass, ControlChanged};
 use embassy_usb::driver::Driver;
-use embassy_usb::{Builder, Config, UsbDevice};
+use embassy_usb::{Builder, Config, Handler, UsbDevice};
 use static_cell::StaticCell;
 use umi_app::board::{Broken, LinkRx, LinkTx};
 
@@ -58,6 +61,7 @@ pub fn start<D: Driver<'static>>(
     static BOS: StaticCell<[u8; 32]> = StaticCell::new();
     static CONTROL: StaticCell<[u8; 64]> = StaticCell::new();
     static STATE: StaticCell<cdc_acm::State<'static>> = StaticCell::new();
+    static BUS: StaticCell<Bus> = StaticCell::new();
 
     let mut config = Config::new(MAKER, PRODUCT);
     config.manufacturer = Some("openumi");
@@ -73,6 +77,7 @@ pub fn start<D: Driver<'static>>(
         &mut [],
         CONTROL.try_init([0; 64])?,
     );
+    builder.handler(BUS.try_init(Bus)?);
     let state = STATE.try_init(cdc_acm::State::new())?;
     let class = CdcAcmClass::new(&mut builder, state, PACKET as u16);
     let (sender, receiver, line) = class.split_with_control();
@@ -93,12 +98,55 @@ pub fn start<D: Driver<'static>>(
     })
 }
 
+/// What the host said last: a program has the port open.
+static ASKED: AtomicBool = AtomicBool::new(false);
+/// The bus is there: configured and not suspended.
+static AWAKE: AtomicBool = AtomicBool::new(false);
+
+fn tell() {
+    OPEN.sender()
+        .send(ASKED.load(Ordering::Relaxed) && AWAKE.load(Ordering::Relaxed));
+}
+
 /// Follows what the host says about the line, for ever.
 pub async fn follow(line: ControlChanged<'static>) -> ! {
-    let open = OPEN.sender();
     loop {
         line.control_changed().await;
-        open.send(line.dtr());
+        ASKED.store(line.dtr(), Ordering::Relaxed);
+        tell();
+    }
+}
+
+/// Follows the bus. A cable that is pulled takes DTR along without a word: a board with a
+/// supply of its own only sees that the bus sleeps.
+struct Bus;
+
+impl Bus {
+    fn is(&mut self, awake: bool) {
+        AWAKE.store(awake, Ordering::Relaxed);
+        tell();
+    }
+}
+
+impl Handler for Bus {
+    fn enabled(&mut self, enabled: bool) {
+        if !enabled {
+            self.is(false);
+        }
+    }
+
+    fn reset(&mut self) {
+        // A program opens the port anew behind it.
+        ASKED.store(false, Ordering::Relaxed);
+        self.is(false);
+    }
+
+    fn configured(&mut self, configured: bool) {
+        self.is(configured);
+    }
+
+    fn suspended(&mut self, suspended: bool) {
+        self.is(!suspended);
     }
 }
 

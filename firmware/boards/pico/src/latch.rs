@@ -25,7 +25,9 @@ use umi_app::board::{Axes, Scanner, Unsupported};
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
 
 use crate::pins::{AXES, INDEX, INDEXED, TRIGGER_OUT, WATCHED};
-use crate::plan::{CAPTURE, Cycles, EXTEND_US, SKIP_MACHINE, TICK_US, TRIGGER_MACHINE};
+use crate::plan::{
+    CAPTURE, Cycles, EXTEND_US, PERIOD_CYCLES, SKIP_MACHINE, TICK_US, TRIGGER_MACHINE,
+};
 use crate::quadrature::Quadrature;
 use crate::stamps::Stamps;
 use crate::trigger_out::Pulses;
@@ -34,6 +36,11 @@ use crate::{clock, machines, rings, tick};
 
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();
+
+/// Stamps taken in one interrupt, of each line: what a FIFO holds.
+const STAMPS_AT_ONCE: usize = 8;
+/// In which the FIFO of a decoder that nobody reads is full: eight words, and two more.
+const FULL_CYCLES: u32 = 10 * PERIOD_CYCLES.get();
 
 struct Latches {
     axes: Quadrature,
@@ -86,6 +93,10 @@ pub fn ticked() -> u32 {
 impl Latches {
     /// Starts all machines, for the first time or after a loss.
     fn start(&mut self) {
+        // Without transfers the FIFOs fill, and each decoder stands still at its next push:
+        // there what it has counted is whole. Anywhere else it may be half an increment.
+        rings::abort();
+        cortex_m::asm::delay(FULL_CYCLES);
         machines::stop();
         rings::arm();
         let start = machines::start();
@@ -97,13 +108,21 @@ impl Latches {
 
     /// Takes in what the machines have stamped.
     fn capture(&mut self) {
-        let now = clock::now_cycles();
-        while let Some(edge) = self.skip.take(now) {
+        for _ in 0..STAMPS_AT_ONCE {
+            let Some(edge) = self.skip.take() else {
+                break;
+            };
             self.edge(LatchCause::Skip, edge.at_cycles, edge.missed);
         }
-        while let Some(edge) = self.trigger.take(now) {
+        for _ in 0..STAMPS_AT_ONCE {
+            let Some(edge) = self.trigger.take() else {
+                break;
+            };
             self.edge(LatchCause::Trigger, edge.at_cycles, edge.missed);
         }
+        // A line that goes on must not keep the processor: it waits for the next tick, and
+        // its machine counts what finds no room.
+        machines::leave_busy_stamps();
         match self.watched.look() {
             Ok(rises) => {
                 for rise in rises.iter().rev() {
@@ -149,6 +168,7 @@ impl Latches {
     }
 
     fn look(&mut self) {
+        machines::listen();
         self.watched.advance(clock::now_cycles());
         if !self.axes.look() {
             self.start();

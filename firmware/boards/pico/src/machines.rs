@@ -86,15 +86,34 @@ pub fn prepare() {
     }
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_OUT);
-    // An interrupt for each stamp and each event.
+    listen();
+}
+
+/// From now on an interrupt for each stamp and each event.
+pub fn listen() {
+    interrupt_for(true, true);
+}
+
+/// No interrupts for stamps of a line that still has some, though all there were have
+/// just been taken.
+pub fn leave_busy_stamps() {
+    let empty = pac::PIO1.fstat().read().rxempty();
+    let is_empty = |machine: usize| empty & 1 << machine != 0;
+    if !(is_empty(SKIP_MACHINE) && is_empty(TRIGGER_MACHINE)) {
+        interrupt_for(is_empty(SKIP_MACHINE), is_empty(TRIGGER_MACHINE));
+    }
+}
+
+fn interrupt_for(skip: bool, trigger: bool) {
     pac::PIO1.irqs(0).inte().write(|w| {
-        w.set_sm0_rxnempty(true);
-        w.set_sm1_rxnempty(true);
+        w.set_sm0_rxnempty(skip);
+        w.set_sm1_rxnempty(trigger);
         w.set_sm0(true);
     });
 }
 
-/// Stops all machines but keeps what they have counted.
+/// Stops all machines but keeps what they have counted, if the decoders stand still at
+/// a full FIFO.
 pub fn stop() {
     pac::PIO0.ctrl().write(|w| w.set_sm_enable(0));
     pac::PIO1.ctrl().write(|w| w.set_sm_enable(0));

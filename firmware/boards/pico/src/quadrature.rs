@@ -66,7 +66,8 @@ impl Quadrature {
         for (axis, position) in counts.iter_mut().enumerate() {
             *position = nearest::<POSITION_BITS>(*position, rings::read(axis, sample.slot));
         }
-        if surely_past() < sample.good_until_cycles {
+        // A sample that was lost moves all behind it: the next look starts anew.
+        if surely_past() < sample.good_until_cycles && !machines::stalled() {
             Ok(counts)
         } else {
             Err(Gone)

@@ -54,12 +54,23 @@ pub fn write_slot(ring: usize) -> u32 {
     address % RING_BYTES as u32 / 4
 }
 
-/// Stops all transfers and sets the channels up for a start at slot 0. They wait for
-/// the first word of their machine.
-pub fn arm() {
+/// Turns of waiting for transfers on their way: a few are needed.
+const ABORT_TURNS: u32 = 1000;
+
+/// Stops all transfers.
+pub fn abort() {
     let all = (1_u16 << (RINGS * 2)) - 1;
     pac::DMA.chan_abort().write(|w| w.set_chan_abort(all));
-    while pac::DMA.chan_abort().read().chan_abort() != 0 {}
+    for _ in 0..ABORT_TURNS {
+        if pac::DMA.chan_abort().read().chan_abort() == 0 {
+            break;
+        }
+    }
+}
+
+/// Sets the channels up for a start at slot 0, when all are stopped. They wait for the
+/// first word of their machine.
+pub fn arm() {
     for (ring, memory) in MEMORY.iter().enumerate() {
         let (pio, machine) = machine_of(ring);
         for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {

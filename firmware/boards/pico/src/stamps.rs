@@ -2,6 +2,7 @@
 
 use umi_core::encoder::stamp::Stamper;
 
+use crate::clock;
 use crate::machines;
 use crate::machines::{PIO_LAG_CYCLES, Started};
 use crate::plan::CYCLES_PER_US;
@@ -56,8 +57,10 @@ impl Stamps {
 
     /// The next edge that waits.
     #[inline(always)]
-    pub fn take(&mut self, now_cycles: u64) -> Option<Edge> {
+    pub fn take(&mut self) -> Option<Edge> {
         let word = machines::stamp(self.machine)?;
+        // After it: an edge may come while another is at work, and none is in the future.
+        let now_cycles = clock::now_cycles();
         let number = !(word >> TIME_BITS) as u8;
         let missed = u32::from(number.wrapping_sub(self.next));
         self.next = number.wrapping_add(1);

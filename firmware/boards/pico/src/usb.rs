@@ -2,7 +2,8 @@
 //!
 //! # Design
 //!
-//! A host is there while a program has the port open, which the host tells by DTR. A
+//! A host is there while a program has the port open, which the host tells by DTR, and
+//! the bus is awake. A
 //! program that ends takes its connection along, even if a packet is on its way: the
 //! application must know, as it then switches off what it has switched on.
 //!
@@ -11,13 +12,15 @@
 //! one of its own. `umi` finds boards by the maker's name, not by numbers, and tells
 //! them apart by their serial number: the unique number of the journal's memory.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use embassy_futures::select::{Either, select};
 use embassy_rp::peripherals::USB;
 use embassy_rp::usb::Driver;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::{self, Watch};
 use embassy_usb::class::cdc_acm::{self, CdcAcmClass, ControlChanged};
-use embassy_usb::{Builder, Config, UsbDevice};
+use embassy_usb::{Builder, Config, Handler, UsbDevice};
 use static_cell::StaticCell;
 use umi_app::board::{Broken, LinkRx, LinkTx};
 
@@ -26,7 +29,7 @@ const PRODUCT: u16 = 0x0001;
 /// A full-speed packet.
 const PACKET: usize = 64;
 
-type Bus = Driver<'static, USB>;
+type Controller = Driver<'static, USB>;
 
 /// Whether a program has the port open, for both directions and who waits for one.
 static OPEN: Watch<CriticalSectionRawMutex, bool, 2> = Watch::new();
@@ -37,7 +40,7 @@ type Open = watch::Receiver<'static, CriticalSectionRawMutex, bool, 2>;
 /// What must run beside the ports.
 pub struct Parts {
     /// The device itself.
-    pub device: UsbDevice<'static, Bus>,
+    pub device: UsbDevice<'static, Controller>,
     /// What the host says about the line.
     pub line: ControlChanged<'static>,
     /// From the host.
@@ -47,11 +50,12 @@ pub struct Parts {
 }
 
 /// A device with this serial number. None: it has been made before.
-pub fn start(driver: Bus, serial: &'static str) -> Option<Parts> {
+pub fn start(driver: Controller, serial: &'static str) -> Option<Parts> {
     static CONFIGURATION: StaticCell<[u8; 128]> = StaticCell::new();
     static BOS: StaticCell<[u8; 32]> = StaticCell::new();
     static CONTROL: StaticCell<[u8; 64]> = StaticCell::new();
     static STATE: StaticCell<cdc_acm::State<'static>> = StaticCell::new();
+    static BUS: StaticCell<Bus> = StaticCell::new();
 
     let mut config = Config::new(MAKER, PRODUCT);
     config.manufacturer = Some("openumi");
@@ -67,6 +71,7 @@ pub fn start(driver: Bus, serial: &'static str) -> Option<Parts> {
         &mut [],
         CONTROL.init([0; 64]),
     );
+    builder.handler(BUS.init(Bus));
     let class = CdcAcmClass::new(
         &mut builder,
         STATE.init(cdc_acm::State::new()),
@@ -90,18 +95,61 @@ pub fn start(driver: Bus, serial: &'static str) -> Option<Parts> {
     })
 }
 
+/// What the host said last: a program has the port open.
+static ASKED: AtomicBool = AtomicBool::new(false);
+/// The bus is there: configured and not suspended.
+static AWAKE: AtomicBool = AtomicBool::new(false);
+
+fn tell() {
+    OPEN.sender()
+        .send(ASKED.load(Ordering::Relaxed) && AWAKE.load(Ordering::Relaxed));
+}
+
 /// Follows what the host says about the line, for ever.
 pub async fn follow(line: ControlChanged<'static>) -> ! {
-    let open = OPEN.sender();
     loop {
         line.control_changed().await;
-        open.send(line.dtr());
+        ASKED.store(line.dtr(), Ordering::Relaxed);
+        tell();
+    }
+}
+
+/// Follows the bus. A cable that is pulled takes DTR along without a word: a board with a
+/// supply of its own only sees that the bus sleeps.
+struct Bus;
+
+impl Bus {
+    fn is(&mut self, awake: bool) {
+        AWAKE.store(awake, Ordering::Relaxed);
+        tell();
+    }
+}
+
+impl Handler for Bus {
+    fn enabled(&mut self, enabled: bool) {
+        if !enabled {
+            self.is(false);
+        }
+    }
+
+    fn reset(&mut self) {
+        // A program opens the port anew behind it.
+        ASKED.store(false, Ordering::Relaxed);
+        self.is(false);
+    }
+
+    fn configured(&mut self, configured: bool) {
+        self.is(configured);
+    }
+
+    fn suspended(&mut self, suspended: bool) {
+        self.is(!suspended);
     }
 }
 
 /// From the host.
 pub struct Receiver {
-    port: cdc_acm::Receiver<'static, Bus>,
+    port: cdc_acm::Receiver<'static, Controller>,
     open: Open,
     packet: [u8; PACKET],
     /// What of the packet has not been asked for yet.
@@ -142,7 +190,7 @@ impl LinkRx for Receiver {
 
 /// To the host.
 pub struct Transmitter {
-    port: cdc_acm::Sender<'static, Bus>,
+    port: cdc_acm::Sender<'static, Controller>,
     open: Open,
 }
 
