@@ -16,6 +16,7 @@ fn main() -> io::Result<()> {
     // Without it the linker pads segments to pages, which flash has not.
     println!("cargo::rustc-link-arg-bins=--nmagic");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
-    println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    // The application logs; the figures do not.
+    println!("cargo::rustc-link-arg-bin=umi-pico=-Tdefmt.x");
     Ok(())
 }

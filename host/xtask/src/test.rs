@@ -198,7 +198,8 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             .env("UMI_EMULATORS", "1")
             .env("UMI_MPS2_IMAGE", image("mps2-an500"))
             .env("UMI_MPS2_FIGURES", image("mps2-an500-figures"))
-            .env("UMI_PICO_IMAGE", image("pico"));
+            .env("UMI_PICO_IMAGE", image("pico"))
+            .env("UMI_PICO_FIGURES", image("pico-figures"));
         let mut npm = run.house.command("npm");
         execute(npm.arg("test").current_dir(emulators::folder(run.house)))?;
     }

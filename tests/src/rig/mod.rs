@@ -45,14 +45,20 @@ pub trait Rig {
     /// The control sends bytes, as fast as its line takes them.
     fn control_sends(&mut self, bytes: &[u8]);
 
-    /// Whether a byte takes its time on the control's line: only then it can be said how
-    /// many come after something.
+    /// Whether what is read from the control's line is what is on it now: only then it can
+    /// be said how many bytes come after something.
     fn line_takes_time(&self) -> bool {
         true
     }
 
     /// The next byte for the control; none if there is none in this time of the board's.
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
+
+    /// How far behind its line a trigger pulse may come while the axes move as fast as
+    /// [`Rig::move_to`] moves them.
+    fn pulse_lag_counts(&self) -> i64 {
+        20
+    }
 
     /// Moves the axes until their encoders have counted to here, faster than any
     /// machine but no faster than the board promises to follow.

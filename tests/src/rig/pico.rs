@@ -116,6 +116,17 @@ impl Rig for PicoRig {
         60
     }
 
+    fn line_takes_time(&self) -> bool {
+        // The board runs on while the test looks: `tests/pico.rs` says XOFF at the right
+        // moment, with the board standing still.
+        false
+    }
+
+    fn pulse_lag_counts(&self) -> i64 {
+        // 80 us at 6.25 million counts a second: its README promises no better.
+        500
+    }
+
     fn time(&mut self) -> Duration {
         let us = self.emulator.state().cycle / CYCLES_PER_US;
         Duration::from_micros(us)

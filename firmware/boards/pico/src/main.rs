@@ -95,8 +95,35 @@ type Serial = String<16>;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static SERIAL: StaticCell<Serial> = StaticCell::new();
     static TASKS: StaticCell<Executor> = StaticCell::new();
+
+    let parts = boot();
+    let app = &APP;
+    let control = CONTROL_TASKS.start(interrupt::SWI_IRQ_0);
+    control.spawn(first(receive(app)));
+    control.spawn(first(transmit(app)));
+    control.spawn(first(latch_on(app)));
+    let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
+    host.spawn(first(serve(app, parts.usb, parts.serial, parts.station)));
+    TASKS.init(Executor::new()).run(|here| {
+        here.spawn(first(measure_on(app, parts.lamps)));
+        here.spawn(first(supervise(app, parts.dog)));
+    })
+}
+
+/// What the tasks begin with.
+struct Parts {
+    usb: Peri<'static, USB>,
+    serial: &'static str,
+    station: Station,
+    lamps: Lamps,
+    dog: Dog,
+}
+
+/// Starts everything but the tasks. What it needs of the stack is free again afterwards.
+#[inline(never)]
+fn boot() -> Parts {
+    static SERIAL: StaticCell<Serial> = StaticCell::new();
 
     let chip = embassy_rp::init(Default::default());
     let watchdog = Watchdog::new(chip.WATCHDOG);
@@ -133,8 +160,7 @@ fn main() -> ! {
         },
         reset,
     };
-    let app = &APP;
-    match app.start(boot, storage.journal, storage.settings, BoardClock.now()) {
+    match APP.start(boot, storage.journal, storage.settings, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be used: nothing is kept");
@@ -146,16 +172,13 @@ fn main() -> ! {
 
     uart::start();
     set_priorities();
-    let control = CONTROL_TASKS.start(interrupt::SWI_IRQ_0);
-    control.spawn(first(receive(app)));
-    control.spawn(first(transmit(app)));
-    control.spawn(first(latch_on(app)));
-    let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
-    host.spawn(first(serve(app, chip.USB, serial, station)));
-    TASKS.init(Executor::new()).run(|here| {
-        here.spawn(first(measure_on(app, lamps)));
-        here.spawn(first(supervise(app, dog)));
-    })
+    Parts {
+        usb: chip.USB,
+        serial,
+        station,
+        lamps,
+        dog,
+    }
 }
 
 /// Of what the drivers and executors do not set themselves.

@@ -280,6 +280,8 @@ impl Function {
         while let Some((does, length)) = thumb::decode(code, address) {
             match does {
                 Does::Jumps(to) if (start..end).contains(&to) => {}
+                // The Cortex-M0+ has no other jump that reaches as far.
+                Does::Calls(to) if start < to && to < end => {}
                 Does::Calls(to) | Does::Jumps(to) => self.calls.extend(around(places, to)),
                 Does::GoesSomewhere => self.indirect += 1,
                 Does::Pushes(bytes) => self.frame += bytes,

@@ -1,0 +1,74 @@
+//! The reference fits on the Pico's arithmetic: on the RP2040 that is the compiler's
+//! software.
+//!
+//! Prints every number of every fit bit for bit at the control's port, 921600 baud, and says
+//! when that was all:
+//!
+//! ```text
+//! fit sphere_five_1um radius 402966660b0a3c27
+//! end
+//! ```
+#![no_std]
+#![no_main]
+
+use core::fmt::{self, Write};
+use core::panic::PanicInfo;
+
+use embassy_rp::peripherals::{PIN_0, UART0};
+use embassy_rp::uart::{Blocking, Config, UartTx};
+
+const BAUD: u32 = 921_600;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let chip = embassy_rp::init(Default::default());
+    let mut line = Line {
+        port: UartTx::new_blocking(chip.UART0, chip.PIN_0, config()),
+        is_new: true,
+    };
+    // The port takes everything.
+    let _ = umi_figures::fits::print(&mut line);
+    let _ = line.port.blocking_write(b"end\n");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    // SAFETY: who had them does not go on.
+    let (port, pin) = unsafe { (UART0::steal(), PIN_0::steal()) };
+    let mut line = Line {
+        port: UartTx::new_blocking(port, pin, config()),
+        is_new: false,
+    };
+    let _ = writeln!(line, "\n{info}");
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+fn config() -> Config {
+    let mut config = Config::default();
+    config.baudrate = BAUD;
+    config
+}
+
+/// Lines of fits.
+struct Line {
+    port: UartTx<'static, Blocking>,
+    is_new: bool,
+}
+
+impl Write for Line {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            if core::mem::take(&mut self.is_new) {
+                self.port.blocking_write(b"fit ").map_err(|_| fmt::Error)?;
+            }
+            self.port.blocking_write(&[byte]).map_err(|_| fmt::Error)?;
+            self.is_new = byte == b'\n';
+        }
+        Ok(())
+    }
+}
