@@ -3,16 +3,19 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embedded_hal::delay::DelayNs;
-use embedded_hal::spi::SpiDevice;
+use embedded_hal::spi::{ErrorType, SpiDevice};
 use umi_core::journal::{Flash, Geometry};
 
 use super::Fault;
 use super::chip::{LARGEST, PAGE, SectorSize, SpiNor};
 
+/// The chip, or why there is none.
+type Known<Spi, Delay> = Result<SpiNor<Spi, Delay>, Fault<<Spi as ErrorType>::Error>>;
+
 /// A chip that several areas use in turn, or why there is none.
 #[derive(Debug)]
 pub struct Shared<Spi: SpiDevice, Delay> {
-    chip: Mutex<CriticalSectionRawMutex, Result<SpiNor<Spi, Delay>, Fault<Spi::Error>>>,
+    chip: Mutex<CriticalSectionRawMutex, Known<Spi, Delay>>,
     capacity_bytes: u32,
 }
 
