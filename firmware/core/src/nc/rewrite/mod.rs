@@ -20,7 +20,7 @@
 //!   offset of `G52` and `G92` is followed; under another work offset a rotation needs
 //!   to know how the two origins lie ([`Settings::origins_mm`], or `G10 L2` of both in
 //!   the program); a translation does not.
-//! * **Lengths are whole picometres** ([`length`]): nominal sums are exact, in mm and in
+//! * **Lengths are whole picometres** (`length`): nominal sums are exact, in mm and in
 //!   inches. An image is computed from the nominal place, never from the image before, and
 //!   is rounded to the control's step. A word in `G91` is the difference of the rounded
 //!   image and of what was written before, so rounding never adds up: after any number of
