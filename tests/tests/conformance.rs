@@ -419,6 +419,10 @@ fn sums_up_a_scan_after_a_quiet_second(rig: &mut dyn Rig) {
 /// Pulses along an axis are latched where the axis crosses the lines, up and down; none
 /// come after their end. A board without that output says so, and sends none.
 fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
+    let Some(lag) = rig.pulse_lag_counts() else {
+        println!("skipped: this board keeps no limit for its pulses");
+        return;
+    };
     let mut client = connect(rig);
     client.live(true).unwrap();
     let along_x = TriggerOut::Distance {
@@ -433,7 +437,6 @@ fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
             assert_eq!((latch.cause, latch.missed), (LatchCause::Output, 0));
             let off = latch.counts[0] - 1000 * line;
             // It takes its time to begin the pulse, and the axis is fast.
-            let lag = rig.pulse_lag_counts();
             assert!(off.abs() <= lag, "{off} counts from line {line}");
         }
         assert!(client.trigger_out(TriggerOut::Off).unwrap());

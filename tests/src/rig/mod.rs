@@ -55,9 +55,9 @@ pub trait Rig {
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
 
     /// How far behind its line a trigger pulse may come while the axes move as fast as
-    /// [`Rig::move_to`] moves them.
-    fn pulse_lag_counts(&self) -> i64 {
-        20
+    /// [`Rig::move_to`] moves them. None: it keeps no limit yet.
+    fn pulse_lag_counts(&self) -> Option<i64> {
+        Some(20)
     }
 
     /// Moves the axes until their encoders have counted to here, faster than any

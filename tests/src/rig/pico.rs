@@ -121,9 +121,9 @@ impl Rig for PicoRig {
         false
     }
 
-    fn pulse_lag_counts(&self) -> i64 {
-        // 80 us at 6.25 million counts a second: its README promises no better.
-        500
+    fn pulse_lag_counts(&self) -> Option<i64> {
+        // Its ticks come too late for that speed: its README says so.
+        None
     }
 
     fn time(&mut self) -> Duration {
