@@ -119,7 +119,7 @@ impl Live {
 
     fn tell(&self, at_us: u64) {
         if let Some(counts) = self.counts {
-            self.board.move_to(Positions {
+            self.board.passes(Positions {
                 counts: counts.into_iter().collect(),
                 t_ns: at_us * 1000,
                 illegal: counts.iter().map(|_| 0).collect(),

@@ -271,7 +271,17 @@ impl VirtualBoard {
     /// The axes are here from now on. Trigger pulses that were asked for and are due on
     /// the way are sent and latched.
     pub fn move_to(&self, positions: Positions) {
-        for pulse in self.station.move_to(positions) {
+        self.moved(positions, false);
+    }
+
+    /// As [`Self::move_to`], of axes that do not stand there: they were there at the
+    /// positions' own instant, and until more is told that is all that is known.
+    pub fn passes(&self, positions: Positions) {
+        self.moved(positions, true);
+    }
+
+    fn moved(&self, positions: Positions, passing: bool) {
+        for pulse in self.station.move_to(positions, passing) {
             self.latch(pulse);
         }
     }

@@ -193,6 +193,8 @@ pub(crate) struct Station {
 #[derive(Debug, Default)]
 struct StationState {
     positions: Positions,
+    /// The axes were only seen at the positions, on their way.
+    passing: bool,
     pulses: Pulses,
     laser: bool,
 }
@@ -207,11 +209,13 @@ impl Station {
         work(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The axes are here from now on. The trigger pulses on the way, as latches.
-    pub fn move_to(&self, positions: Positions) -> Vec<LatchReport> {
+    /// The axes are here: from now on, or only at this instant of their way. The trigger
+    /// pulses on the way to here, as latches.
+    pub fn move_to(&self, positions: Positions, passing: bool) -> Vec<LatchReport> {
         self.with(|state| {
             let pulses = state.pulses.between(&state.positions, &positions);
             state.positions = positions;
+            state.passing = passing;
             pulses
         })
     }
@@ -223,8 +227,11 @@ impl Station {
 
 impl Axes for Station {
     fn positions(&mut self) -> Positions {
-        let mut positions = self.with(|state| state.positions.clone());
-        // Since it was told they stand.
+        let (mut positions, passing) = self.with(|s| (s.positions.clone(), s.passing));
+        if passing {
+            // Counts belong to their own instant: at any other, a feed would be wrong.
+            return positions;
+        }
         let now_ns = self.clock.now().0.saturating_mul(1000);
         positions.t_ns = positions.t_ns.max(now_ns);
         positions
