@@ -1,7 +1,7 @@
 //! The board's image on an emulated Pico, with real waveforms at its pins: what it
 //! promises beyond what all boards have in common.
 //!
-//! The long form is run by `cargo test -p umi-tests --test pico -- --ignored --nocapture`.
+//! The long forms are run by `cargo test -p umi-tests --test pico -- --ignored --nocapture`.
 
 use std::io::{Read as _, Write as _};
 use std::thread;
@@ -491,4 +491,102 @@ fn a_power_cut_in_a_page() {
     assert!(torn > 0);
     assert!(client.journal_info().unwrap().next_seq > before);
     assert!(client.job().unwrap().job.is_some());
+}
+
+/// A scanner's triggers while all axes move at a million counts a second: what comes of
+/// them at the host, and the truth about them.
+fn triggers(rig: &mut PicoRig, client: &mut Client, count: u64, period: u64) -> Vec<LatchReport> {
+    client.live(true).unwrap();
+    move_all(rig, (count + 100) * period, 125.0);
+    let before = rig.emulator().state();
+    rig.emulator().pulses(&Pulses {
+        pin: TRIGGER_PIN,
+        count,
+        period,
+        jitter: period / 8,
+        width: period / 10,
+        after: period,
+        is_recorded: true,
+    });
+    // The last ones wait a few milliseconds for others.
+    let end = before.cycle + (count + 2) * period + 20_000 * CYCLES_PER_US;
+    let mut found = Vec::new();
+    loop {
+        let is_over = rig.emulator().state().cycle > end;
+        match client.next_event(Duration::from_secs(1)).unwrap() {
+            Some(Event::Latches(batch)) => found.extend(batch.reports()),
+            Some(Event::Dropped { count }) => panic!("{count} events dropped"),
+            None if is_over => break,
+            _ => {}
+        }
+        if found.len() as u64 == count {
+            break;
+        }
+    }
+    let after = rig.emulator().state();
+    let slept = (after.slept_cycles - before.slept_cycles) as f64;
+    let passed = (after.cycle - before.cycle) as f64;
+    println!(
+        "{count} triggers, one each {} us: {} came, the core slept for {:.0} % of the time",
+        period / CYCLES_PER_US,
+        found.len(),
+        100.0 * slept / passed,
+    );
+    found
+}
+
+fn ten_thousand_triggers_a_second(count: u64) {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    let found = triggers(&mut rig, &mut client, count, 100 * CYCLES_PER_US);
+    let counters = client.status().unwrap().latches;
+    assert_eq!(found.len() as u64, count, "{counters:?}");
+    assert!(
+        (0..)
+            .zip(&found)
+            .all(|(number, latch)| number == latch.number)
+    );
+    let distances = compare(&found, &rig.emulator().truth());
+    let spread = distances.report("trigger");
+    assert!(spread <= STAMP_NS, "{spread} ns");
+    assert!(distances.worst_counts <= 1);
+    assert_eq!(u64::from(counters.triggers), count);
+    assert_eq!((counters.missed, counters.untold), (0, 0));
+}
+
+/// Ten thousand triggers a second while all axes move: every one is captured, paired with
+/// its position and told to the host.
+#[test]
+fn ten_thousand_triggers_a_second_are_paired_and_told() {
+    ten_thousand_triggers_a_second(2_000);
+}
+
+/// A hundred thousand of them.
+#[test]
+#[ignore = "minutes of emulation"]
+fn ten_thousand_triggers_a_second_are_paired_and_told_long() {
+    ten_thousand_triggers_a_second(100_000);
+}
+
+/// Triggers come faster than the board can take them: each is either captured or counted as
+/// missed, and each that was captured is either told or counted as untold.
+#[test]
+fn triggers_that_come_too_fast_are_counted() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    let count = 6_000;
+    let found = triggers(&mut rig, &mut client, count, 10 * CYCLES_PER_US);
+    let counters = client.status().unwrap().latches;
+    println!("{counters:?}");
+    assert_eq!(u64::from(counters.triggers + counters.missed), count);
+    let captured = found.iter().filter(|latch| !latch.counts.is_empty());
+    assert_eq!(
+        captured.count() as u64,
+        u64::from(counters.triggers - counters.untold)
+    );
+    assert!(counters.missed + counters.untold > 0, "not too fast");
 }

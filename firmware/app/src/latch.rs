@@ -8,6 +8,7 @@
 //! before there is a next.
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use heapless::Vec;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
@@ -16,9 +17,12 @@ use umi_protocol::latch::{LatchCause, LatchReport};
 use crate::App;
 use crate::board::{Clock, LatchSource};
 use crate::measure::Input;
+use crate::scan;
 
 /// How soon it is tried again to tell what was missed.
 const TELL_AGAIN_US: u64 = 10_000;
+/// Captures taken in before others of the same priority have a turn: the control's bytes.
+const AT_ONCE: usize = 8;
 
 /// Takes in captures for ever.
 pub(crate) async fn take<F: Flash>(
@@ -26,30 +30,64 @@ pub(crate) async fn take<F: Flash>(
     latches: &mut impl LatchSource,
     clock: &impl Clock,
 ) -> ! {
+    const NEVER: Micros = Micros(u64::MAX);
     // What found no room.
     let mut missed: Option<LatchReport> = None;
+    // The next look at what waits: too many captures come for one at each.
+    let mut look = NEVER;
+    let mut taken = 0;
     loop {
-        let mut due = app.scans.deadline().unwrap_or(Micros(u64::MAX));
-        if missed.is_some() {
-            due = due.min(Micros(clock.now().0.saturating_add(TELL_AGAIN_US)));
-        }
-        match select(latches.next(), clock.wait_until(due)).await {
-            Either::First(latch) if is_of_a_scan(latch.cause) => app.scans.take(latch),
-            Either::First(latch) => queue(app, clock.now(), latch, &mut missed),
-            Either::Second(()) => {
-                let now = clock.now();
-                if let Some(latch) = missed.take()
-                    && app.intake.put(now, Input::Latch(latch.clone())).is_err()
-                {
-                    missed = Some(latch);
+        match select(latches.next(), clock.wait_until(look)).await {
+            Either::First(latch) => {
+                if is_of_a_scan(latch.cause) {
+                    if app.scans.take(latch) {
+                        look = look.min(after(clock, scan::PATIENCE_US));
+                    }
+                } else {
+                    queue(app, clock.now(), latch, &mut missed);
+                    if missed.is_some() {
+                        look = look.min(after(clock, TELL_AGAIN_US));
+                    }
                 }
-                if let Some(scan) = app.scans.over(now) {
-                    // Behind a long fit its record is lost, its counters are not.
-                    let _ = app.intake.put(now, Input::Scan(scan));
+                taken += 1;
+                if taken == AT_ONCE {
+                    taken = 0;
+                    yield_now().await;
                 }
             }
+            Either::Second(()) => look = tell_what_waits(app, clock, &mut missed),
         }
     }
+}
+
+/// Tells what has waited for long enough. Returns when the next look is due.
+fn tell_what_waits<F: Flash>(
+    app: &App<F>,
+    clock: &impl Clock,
+    missed: &mut Option<LatchReport>,
+) -> Micros {
+    let now = clock.now();
+    if let Some(latch) = missed.take()
+        && app.intake.put(now, Input::Latch(latch.clone())).is_err()
+    {
+        *missed = Some(latch);
+    }
+    if let Some(scan) = app.scans.over(now) {
+        // Behind a long fit its record is lost, its counters are not.
+        let _ = app.intake.put(now, Input::Scan(scan));
+    }
+    let mut look = app.scans.deadline().unwrap_or(Micros(u64::MAX));
+    if app.scans.due() {
+        look = look.min(after(clock, scan::PATIENCE_US));
+    }
+    if missed.is_some() {
+        look = look.min(after(clock, TELL_AGAIN_US));
+    }
+    look
+}
+
+fn after(clock: &impl Clock, us: u64) -> Micros {
+    Micros(clock.now().0.saturating_add(us))
 }
 
 /// Puts a capture into the queue, with what was missed before it; or it is missed, too.
@@ -111,6 +149,13 @@ mod tests {
         Given(numbers.map(skip).collect())
     }
 
+    /// Runs until nothing is left to do: others have had their turns in between.
+    fn settle(mut run: core::pin::Pin<&mut impl Future>) {
+        for _ in 0..1000 {
+            assert!(poll_once(run.as_mut()).is_pending());
+        }
+    }
+
     /// What is in the queue.
     fn queued(app: &App<NoFlash>, count: usize) -> Vec<Input> {
         (0..count).map(|_| block_on(app.intake.next()).1).collect()
@@ -158,15 +203,15 @@ mod tests {
         let mut run = pin!(take(&app, &mut given, &clock));
         for now in [0, TELL_AGAIN_US, 2 * TELL_AGAIN_US] {
             clock.set(now);
-            assert!(poll_once(run.as_mut()).is_pending());
+            settle(run.as_mut());
         }
         queued(&app, PLACES);
         clock.set(3 * TELL_AGAIN_US);
-        assert!(poll_once(run.as_mut()).is_pending());
+        settle(run.as_mut());
         assert_eq!(latches(&queued(&app, 1)), [(full + 3, true, 3)]);
         // Once.
         clock.set(9 * TELL_AGAIN_US);
-        assert!(poll_once(run.as_mut()).is_pending());
+        settle(run.as_mut());
         assert!(poll_once(app.intake.next()).is_pending());
         assert_eq!(app.scans.counters().missed, 3);
     }
@@ -181,11 +226,11 @@ mod tests {
         let last_us = trigger(999).t_ns / 1000;
         for now in [0, last_us, last_us + 999_999] {
             clock.set(now);
-            assert!(poll_once(run.as_mut()).is_pending());
+            settle(run.as_mut());
             assert!(poll_once(app.intake.next()).is_pending());
         }
         clock.set(last_us + 1_000_001);
-        assert!(poll_once(run.as_mut()).is_pending());
+        settle(run.as_mut());
         let Input::Scan(scan) = block_on(app.intake.next()).1 else {
             panic!("only a scan was");
         };

@@ -5,8 +5,9 @@
 //!
 //! Ten thousand in a second are too many for a journal in NOR flash and for a lock
 //! that a fit may hold. So they have a queue of their own, a lock of a few
-//! instructions, and go to the host in batches. The journal gets one record for each
-//! scan: how many there were, and what was lost.
+//! instructions, and go to the host in batches: full ones if they come fast, what there
+//! is after [`PATIENCE_US`] if not. A message for each would cost more than to capture it.
+//! The journal gets one record for each scan: how many there were, and what was lost.
 
 use core::cell::RefCell;
 
@@ -17,11 +18,17 @@ use heapless::{Deque, Vec};
 use umi_core::place::Place;
 use umi_core::units::Micros;
 use umi_protocol::latch::{
-    LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, MAX_AXES, Scan,
+    LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, MAX_AXES, MAX_STEPS, Scan,
 };
 
 /// Latches that can wait for the host: 25 ms at 10 kHz.
 const WAITING: usize = 256;
+
+/// Latches that fill a message.
+const FULL: usize = 1 + MAX_STEPS;
+
+/// A latch waits for others to fill its message for so long.
+pub(crate) const PATIENCE_US: u64 = 5_000;
 
 /// A scan is over when nothing came for this long.
 const QUIET_NS: u64 = 1_000_000_000;
@@ -37,6 +44,8 @@ struct State {
     /// The host listens.
     on: bool,
     waiting: Deque<LatchReport, WAITING>,
+    /// So many of them have waited for long enough.
+    due: usize,
     counters: LatchCounters,
     /// The scans under way: by triggers, by pulses of the board's own.
     under_way: [Place<Scan>; 2],
@@ -48,6 +57,7 @@ impl Scans {
         let state = State {
             on: false,
             waiting: Deque::new(),
+            due: 0,
             counters: LatchCounters {
                 skips: 0,
                 triggers: 0,
@@ -73,6 +83,7 @@ impl Scans {
         self.with(|state| {
             state.on = on;
             state.waiting.clear();
+            state.due = 0;
         });
     }
 
@@ -86,34 +97,33 @@ impl Scans {
         self.with(|state| state.count(latch));
     }
 
-    /// Takes in the latch of a scan. Never waits.
-    pub fn take(&self, latch: LatchReport) {
-        self.with(|state| {
+    /// Takes in the latch of a scan. Never waits. True: it is the first of a scan or of a
+    /// message, and [`Self::due`] is to be called within [`PATIENCE_US`].
+    pub fn take(&self, latch: LatchReport) -> bool {
+        let (first, full) = self.with(|state| {
             state.count(&latch);
-            let untold = state.tell(&latch);
-            let Some(place) = state.under_way.get_mut(place(latch.cause)) else {
-                return;
-            };
-            if !place.is_some() {
-                place.put(Scan {
-                    cause: latch.cause,
-                    captured: 0,
-                    missed: 0,
-                    untold: 0,
-                    first: latch.number,
-                    from_ns: latch.t_ns,
-                    to_ns: latch.t_ns,
-                });
-            }
-            if let Some(scan) = place.get_mut() {
-                let captured = u32::from(!latch.counts.is_empty());
-                scan.captured = scan.captured.saturating_add(captured);
-                scan.missed = scan.missed.saturating_add(latch.missed);
-                scan.untold = scan.untold.saturating_add(u32::from(untold));
-                scan.to_ns = latch.t_ns;
-            }
+            let began = state.note(&latch);
+            let waited = !state.waiting.is_empty();
+            state.tell(latch);
+            (began || !waited, state.waiting.len() >= FULL)
         });
-        self.came.signal(());
+        if full {
+            self.came.signal(());
+        }
+        first
+    }
+
+    /// What waits is told although it does not fill a message. True if there is something:
+    /// more may come before it is gone, and this is to be called again.
+    pub fn due(&self) -> bool {
+        let waits = self.with(|state| {
+            state.due = state.waiting.len();
+            state.due > 0
+        });
+        if waits {
+            self.came.signal(());
+        }
+        waits
     }
 
     /// Waits until there is something to tell the host.
@@ -140,29 +150,29 @@ impl Scans {
         })
     }
 
-    /// The oldest latches that wait, as many as go into one message.
+    /// The oldest latches that wait, as many as go into one message; none if they are
+    /// to wait for more.
     pub fn batch(&self) -> Option<LatchBatch> {
-        let first = self.with(|state| state.waiting.pop_front())?;
-        let mut last = (first.number, first.t_ns, first.counts.clone());
-        let cause = first.cause;
+        let first = self.with(State::first_due)?;
+        let (cause, mut number, mut t_ns) = (first.cause, first.number, first.t_ns);
+        let mut counts = first.counts.clone();
         let mut batch = LatchBatch {
             first,
             steps: Vec::new(),
         };
         // One lock for each: nothing else waits longer than for one.
         while !batch.steps.is_full() {
-            let next = self.with(|state| {
-                let step = state
-                    .waiting
-                    .front()
-                    .filter(|next| next.cause == cause)
-                    .and_then(|next| step(&last, next))?;
-                Some((step, state.waiting.pop_front()?))
+            let step = self.with(|state| {
+                let next = state.waiting.front().filter(|next| next.cause == cause)?;
+                let step = step((number, t_ns, &counts), next)?;
+                (number, t_ns) = (next.number, next.t_ns);
+                counts.clone_from(&next.counts);
+                state.pop();
+                Some(step)
             });
-            let Some((step, next)) = next else {
+            let Some(step) = step else {
                 break;
             };
-            last = (next.number, next.t_ns, next.counts);
             // There is room: just looked.
             let _ = batch.steps.push(step);
         }
@@ -183,11 +193,49 @@ impl State {
         counters.missed = counters.missed.saturating_add(latch.missed);
     }
 
-    /// Keeps a latch for the host. True if it listens and there was no room.
-    fn tell(&mut self, latch: &LatchReport) -> bool {
-        let untold = self.on && self.waiting.push_back(latch.clone()).is_err();
+    /// Sums a latch up in its scan. True if it is the first of one.
+    fn note(&mut self, latch: &LatchReport) -> bool {
+        let untold = self.on && self.waiting.is_full();
+        let Some(place) = self.under_way.get_mut(place(latch.cause)) else {
+            return false;
+        };
+        let began = !place.is_some();
+        if began {
+            place.put(Scan {
+                cause: latch.cause,
+                captured: 0,
+                missed: 0,
+                untold: 0,
+                first: latch.number,
+                from_ns: latch.t_ns,
+                to_ns: latch.t_ns,
+            });
+        }
+        if let Some(scan) = place.get_mut() {
+            let captured = u32::from(!latch.counts.is_empty());
+            scan.captured = scan.captured.saturating_add(captured);
+            scan.missed = scan.missed.saturating_add(latch.missed);
+            scan.untold = scan.untold.saturating_add(u32::from(untold));
+            scan.to_ns = latch.t_ns;
+        }
+        began
+    }
+
+    /// Keeps a latch for the host, if it listens and there is room.
+    fn tell(&mut self, latch: LatchReport) {
+        let untold = self.on && self.waiting.push_back(latch).is_err();
         self.counters.untold = self.counters.untold.saturating_add(u32::from(untold));
-        untold
+    }
+
+    /// The oldest latch that waits, if it is to be told now.
+    fn first_due(&mut self) -> Option<LatchReport> {
+        let told = self.due > 0 || self.waiting.len() >= FULL;
+        told.then(|| self.pop()).flatten()
+    }
+
+    fn pop(&mut self) -> Option<LatchReport> {
+        self.due = self.due.saturating_sub(1);
+        self.waiting.pop_front()
     }
 }
 
@@ -201,8 +249,10 @@ const fn place(cause: LatchCause) -> usize {
 
 /// One latch as its difference from the one before; none if it does not follow it
 /// directly or is too far away.
-fn step(last: &(u32, u64, Vec<i64, MAX_AXES>), next: &LatchReport) -> Option<LatchStep> {
-    let (number, t_ns, counts) = last;
+fn step(
+    (number, t_ns, counts): (u32, u64, &Vec<i64, MAX_AXES>),
+    next: &LatchReport,
+) -> Option<LatchStep> {
     if next.missed > 0 || next.number != number.wrapping_add(1) {
         return None;
     }
@@ -214,7 +264,7 @@ fn step(last: &(u32, u64, Vec<i64, MAX_AXES>), next: &LatchReport) -> Option<Lat
         let difference = i32::try_from(to.checked_sub(*from)?).ok()?;
         dcounts.push(difference).ok()?;
     }
-    let dt_ns = u32::try_from(next.t_ns.checked_sub(*t_ns)?).ok()?;
+    let dt_ns = u32::try_from(next.t_ns.checked_sub(t_ns)?).ok()?;
     Some(LatchStep { dt_ns, dcounts })
 }
 
@@ -230,6 +280,12 @@ mod tests {
 
     /// All that waits for the host, unfolded; and in how many messages.
     fn told(scans: &Scans) -> (StdVec<LatchReport>, usize) {
+        scans.due();
+        told_now(scans)
+    }
+
+    /// What is to be told without waiting any longer.
+    fn told_now(scans: &Scans) -> (StdVec<LatchReport>, usize) {
         let batches: StdVec<_> = core::iter::from_fn(|| scans.batch()).collect();
         let reports = batches.iter().flat_map(LatchBatch::reports).collect();
         (reports, batches.len())
@@ -284,7 +340,9 @@ mod tests {
         #[test]
         fn batches_unfold_to_what_went_in(latches in latches()) {
             let scans = listening();
-            latches.iter().for_each(|latch| scans.take(latch.clone()));
+            for latch in &latches {
+                scans.take(latch.clone());
+            }
             prop_assert_eq!(told(&scans).0, latches);
             prop_assert_eq!(scans.counters().untold, 0);
         }
@@ -303,6 +361,25 @@ mod tests {
         assert_eq!(told(&scans), (given, 4));
     }
 
+    /// A message goes when it is full; what does not fill one goes when it is due, and who
+    /// takes latches in is told when to see to that.
+    #[test]
+    fn messages_are_full_or_due() {
+        let scans = listening();
+        assert!(scans.take(trigger(0)), "the first of a message");
+        for number in 1..20 {
+            assert!(!scans.take(trigger(number)));
+        }
+        let full = FULL as u32;
+        assert!(told_now(&scans).0.into_iter().eq((0..full).map(trigger)));
+        assert_eq!(told_now(&scans).0, [], "four do not fill a message");
+        assert!(scans.due());
+        assert!(told_now(&scans).0.into_iter().eq((full..20).map(trigger)));
+        assert!(!scans.due());
+        assert!(scans.take(trigger(20)), "the first again");
+        assert_eq!(told_now(&scans).0, [], "it waits for others");
+    }
+
     /// What the host does not take in time is counted as untold, and as captured; the
     /// host sees the gap in the numbers. Without a host nothing is untold.
     #[test]
@@ -312,7 +389,9 @@ mod tests {
         assert_eq!(told(&scans).0, []);
         scans.switch(true);
         let last = 1 + WAITING as u32 + 7;
-        (1..last).map(trigger).for_each(|latch| scans.take(latch));
+        for latch in (1..last).map(trigger) {
+            scans.take(latch);
+        }
         let counters = scans.counters();
         assert_eq!((counters.triggers, counters.untold), (last, 7));
         let (reports, _) = told(&scans);
@@ -333,7 +412,9 @@ mod tests {
             ..trigger(1)
         };
         let all = [trigger(0), gone, trigger(1)];
-        all.iter().for_each(|latch| scans.take(latch.clone()));
+        for latch in &all {
+            scans.take(latch.clone());
+        }
         assert_eq!(told(&scans), (all.to_vec(), 3));
         let counters = scans.counters();
         assert_eq!((counters.triggers, counters.missed), (2, 9));

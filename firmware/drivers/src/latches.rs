@@ -8,12 +8,10 @@
 
 use core::cell::RefCell;
 
-use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use heapless::Vec;
+use heapless::{Deque, Vec};
 use umi_app::board::LatchSource;
 use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 
@@ -32,6 +30,7 @@ struct Count {
 }
 
 struct State {
+    queue: Deque<LatchReport, WAITING>,
     counts: [Count; CAUSES],
     /// The clock at the latest event.
     latest_ns: u64,
@@ -39,9 +38,9 @@ struct State {
 
 /// Captures between an interrupt and the application.
 pub struct Latches {
-    queue: Channel<CriticalSectionRawMutex, LatchReport, WAITING>,
     state: Mutex<CriticalSectionRawMutex, RefCell<State>>,
-    lost: Signal<CriticalSectionRawMutex, ()>,
+    /// There is something to take.
+    came: Signal<CriticalSectionRawMutex, ()>,
 }
 
 impl Default for Latches {
@@ -59,12 +58,12 @@ impl Latches {
             missed: 0,
         };
         Self {
-            queue: Channel::new(),
             state: Mutex::new(RefCell::new(State {
+                queue: Deque::new(),
                 counts: [none; CAUSES],
                 latest_ns: 0,
             })),
-            lost: Signal::new(),
+            came: Signal::new(),
         }
     }
 
@@ -83,12 +82,12 @@ impl Latches {
                 t_ns,
                 missed: count.missed.saturating_add(missed),
             };
-            match self.queue.try_send(latch) {
+            match state.queue.push_back(latch) {
                 Ok(()) => {
                     count.captured = count.captured.wrapping_add(1);
                     count.missed = 0;
                 }
-                // What is in the queue keeps the application awake.
+                // It is told behind what is in the queue.
                 Err(_) => count.missed = count.missed.saturating_add(missed).saturating_add(1),
             }
         });
@@ -102,7 +101,6 @@ impl Latches {
                 count.missed = count.missed.saturating_add(missed);
             }
         });
-        self.lost.signal(());
     }
 
     fn with(&self, cause: LatchCause, change: impl FnOnce(&mut State, usize)) {
@@ -115,30 +113,37 @@ impl Latches {
         self.state.lock(|state| {
             change(&mut state.borrow_mut(), index);
         });
+        self.came.signal(());
     }
 
-    /// What was lost and has not been told, as a report without counts.
-    fn untold(&self) -> Option<LatchReport> {
+    /// The oldest capture, or if there is none, what was lost.
+    fn take(&self) -> Option<LatchReport> {
         self.state.lock(|state| {
             let mut state = state.borrow_mut();
-            let t_ns = state.latest_ns;
-            let mut all = state.counts.iter_mut().enumerate();
-            let (index, count) = all.find(|(_, count)| count.missed > 0)?;
-            Some(LatchReport {
-                number: count.captured,
-                cause: match index {
-                    0 => LatchCause::Skip,
-                    1 => LatchCause::Trigger,
-                    2 => LatchCause::Output,
-                    // There are no more than MAX_AXES.
-                    axis => LatchCause::Index {
-                        axis: (axis - 3) as u8,
-                    },
+            state.queue.pop_front().or_else(|| state.untold())
+        })
+    }
+}
+
+impl State {
+    /// What was lost and has not been told, as a report without counts.
+    fn untold(&mut self) -> Option<LatchReport> {
+        let mut all = self.counts.iter_mut().enumerate();
+        let (index, count) = all.find(|(_, count)| count.missed > 0)?;
+        Some(LatchReport {
+            number: count.captured,
+            cause: match index {
+                0 => LatchCause::Skip,
+                1 => LatchCause::Trigger,
+                2 => LatchCause::Output,
+                // There are no more than MAX_AXES.
+                axis => LatchCause::Index {
+                    axis: (axis - 3) as u8,
                 },
-                counts: Vec::new(),
-                t_ns,
-                missed: core::mem::take(&mut count.missed),
-            })
+            },
+            counts: Vec::new(),
+            t_ns: self.latest_ns,
+            missed: core::mem::take(&mut count.missed),
         })
     }
 }
@@ -146,13 +151,10 @@ impl Latches {
 impl LatchSource for &Latches {
     async fn next(&mut self) -> LatchReport {
         loop {
-            if let Ok(latch) = self.queue.try_receive() {
+            if let Some(latch) = self.take() {
                 return latch;
             }
-            if let Some(latch) = self.untold() {
-                return latch;
-            }
-            select(self.queue.ready_to_receive(), self.lost.wait()).await;
+            self.came.wait().await;
         }
     }
 }
