@@ -42,7 +42,8 @@ pub fn open(address: &str) -> Result<Box<dyn Transport>, LinkError> {
         Some(_) => Err(LinkError::BadAddress {
             address: address.into(),
         }),
-        None if address.is_empty() => Err(LinkError::BadAddress {
+        // No port is called so: two strokes are missing.
+        None if address.is_empty() || address.starts_with("tcp:") => Err(LinkError::BadAddress {
             address: address.into(),
         }),
         None => serial::open(address),

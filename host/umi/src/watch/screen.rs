@@ -1,8 +1,8 @@
 //! How a board looks on a terminal of any size.
 //!
-//! From top to bottom: who it is, positions as large as there is room, what was lost
-//! beside the link and the board, the verdict, the hits. What finds no room is left out
-//! from below.
+//! From top to bottom: who it is, positions as large as there is room, the latest verdict
+//! and hit in a line each, what was lost beside the link and the board, then all of the
+//! verdict and the hits before. What finds no room is left out from below.
 
 use std::time::Duration;
 
@@ -12,6 +12,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Widget};
 use umi_protocol::hello::VERSION;
+use umi_protocol::line::HitReport;
 use umi_protocol::message::ResetReason;
 
 use super::digits::Size;
@@ -29,15 +30,15 @@ const CAUTION: Style = PLAIN.fg(Color::Yellow);
 /// Columns of a small panel.
 const PANEL: u16 = 38;
 
-/// Lines of head, feed and what was lost.
-const NEEDED: usize = 13;
+/// Lines of head, feed, the latest verdict and hit, and what was lost.
+const NEEDED: usize = 15;
 
-/// Lines of what else is worth more than the largest digits: verdict and hits.
-const WANTED: usize = 12;
+/// Lines of what else is worth more than the largest digits: all of the verdict, and hits.
+const WANTED: usize = 10;
 
 /// Draws a board.
 pub fn draw(view: &View, area: Rect, buffer: &mut Buffer) {
-    draw_with(view, area, buffer, size(view, area));
+    draw_with(view, area, buffer, size(view, area), "   q ends this");
 }
 
 /// A board as plain text for a file or a script.
@@ -46,7 +47,7 @@ pub fn text(view: &View, width: u16) -> String {
     const MOST_LINES: u16 = 80;
     let area = Rect::new(0, 0, width.max(20), MOST_LINES);
     let mut buffer = Buffer::empty(area);
-    draw_with(view, area, &mut buffer, Size::Text);
+    draw_with(view, area, &mut buffer, Size::Text, "");
     let line = |y| {
         let cells = (0..area.width).filter_map(|x| buffer.cell((x, y)));
         let line: String = cells.map(|cell| cell.symbol()).collect();
@@ -56,16 +57,23 @@ pub fn text(view: &View, width: u16) -> String {
     lines.trim_end().to_owned() + "\n"
 }
 
-fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size) {
+fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size, keys: &str) {
     let mut page = Page { area, buffer };
-    page.put(head(view));
+    page.put(head(view, keys));
     page.gap();
     page.put(positions(view, size));
+    let mut verdict = verdict(view).into_iter();
+    let mut hits = hits(view).into_iter();
+    let latest = verdict.by_ref().take(1).chain(hits.by_ref().take(1));
+    page.put(latest.collect());
     page.gap();
     page.beside([losses(view), link(view), board(view)]);
-    page.put(verdict(view));
-    page.gap();
-    page.put(hits(view));
+    for (name, rest) in [
+        ("verdict", verdict.collect()),
+        ("hits before", hits.collect()),
+    ] {
+        page.section(name, rest);
+    }
 }
 
 /// What is left of the area is below what was put there.
@@ -83,6 +91,15 @@ impl Page<'_> {
 
     fn gap(&mut self) {
         self.skip(1);
+    }
+
+    /// Lines under a title; nothing without lines.
+    fn section(&mut self, name: &'static str, lines: Vec<Line<'_>>) {
+        if !lines.is_empty() {
+            self.put(vec![title(name)]);
+            self.put(lines);
+            self.gap();
+        }
     }
 
     fn skip(&mut self, lines: u16) {
@@ -114,7 +131,7 @@ impl Page<'_> {
 }
 
 /// Who it is and whether it is there.
-fn head(view: &View) -> Vec<Line<'static>> {
+fn head(view: &View, keys: &str) -> Vec<Line<'static>> {
     let identity = &view.identity;
     let who = format!(
         "board {} {}, firmware {}",
@@ -124,13 +141,10 @@ fn head(view: &View) -> Vec<Line<'static>> {
     head.push(match &view.link.gone {
         None => Line::from(vec![
             Span::styled("connected", GOOD),
-            Span::styled("   q ends this", FAINT),
+            Span::styled(keys.to_owned(), FAINT),
         ]),
         Some((why, since)) => Line::styled(
-            format!(
-                "GONE for {:.0} s, looking for it: {why}",
-                since.as_secs_f64()
-            ),
+            format!("GONE for {:.0} s: {why}", since.as_secs_f64()),
             BAD.add_modifier(Modifier::REVERSED),
         ),
     });
@@ -331,40 +345,44 @@ fn board(view: &View) -> Vec<Line<'static>> {
     ]
 }
 
-/// The latest verdict: text in colours as elsewhere, but the colours of a terminal are
-/// not those of ratatui.
+/// The latest verdict in a line, then what else is to be said of it. Text in colours as
+/// elsewhere, but the colours of a terminal are not those of ratatui.
 fn verdict(view: &View) -> Vec<Line<'static>> {
-    let mut lines = vec![title("latest verdict")];
     let Some(verdict) = &view.verdict else {
-        lines.push(Line::styled("none yet", FAINT));
-        return lines;
+        return vec![latest("verdict", Span::styled("none yet", FAINT))];
     };
     let said = anstream::adapter::strip_str(&words::verdict(verdict)).to_string();
+    let mut said = said.lines().map(str::to_owned);
     let style = if verdict.ok { GOOD } else { BAD };
-    for (number, line) in said.lines().enumerate() {
-        let style = if number == 0 { style } else { PLAIN };
-        lines.push(Line::styled(line.to_owned(), style));
-    }
-    lines
+    let first = Span::styled(said.next().unwrap_or_default(), style);
+    let first = latest("verdict", first);
+    [first].into_iter().chain(said.map(Line::raw)).collect()
 }
 
+/// The hits since this began, the newest first and named as such.
 fn hits(view: &View) -> Vec<Line<'static>> {
-    let mut lines = vec![title("latest hits")];
-    if view.hits.is_empty() {
-        lines.push(Line::styled("none since this began", FAINT));
-    }
-    for hit in &view.hits {
-        let [x, y, z] = hit.position_mm;
-        let feature = hit.feature.as_deref().unwrap_or("?");
-        let approach = hit.approach.map_or("", words::approach);
-        let feed = hit
-            .feed_mm_per_min
-            .map_or(String::new(), |feed| format!("F{feed:.0}"));
-        lines.push(Line::raw(format!(
-            "{feature:<10} {x:>11.4} {y:>11.4} {z:>11.4} mm  {approach:<3} {feed}"
-        )));
-    }
-    lines
+    let mut hits = view.hits.iter().map(hit);
+    let newest = match hits.next() {
+        Some(hit) => Span::raw(hit),
+        None => Span::styled("none since this began", FAINT),
+    };
+    let newest = latest("hit", newest);
+    [newest].into_iter().chain(hits.map(Line::raw)).collect()
+}
+
+fn latest(name: &str, said: Span<'static>) -> Line<'static> {
+    let name = Span::styled(format!("latest {name:<9}"), FAINT);
+    Line::from(vec![name, said])
+}
+
+fn hit(hit: &HitReport) -> String {
+    let [x, y, z] = hit.position_mm;
+    let feature = hit.feature.as_deref().unwrap_or("?");
+    let approach = hit.approach.map_or("", words::approach);
+    let feed = hit
+        .feed_mm_per_min
+        .map_or(String::new(), |feed| format!("F{feed:.0}"));
+    format!("{feature:<10} {x:>11.4} {y:>11.4} {z:>11.4} mm  {approach:<3} {feed}")
 }
 
 #[cfg(test)]

@@ -41,6 +41,10 @@ fn hit() -> Event {
 
 /// A board that tells of these, in a job with a scale of 10 counts per millimetre.
 fn telling(events: Vec<Event>) -> String {
+    board(events).serve()
+}
+
+fn board(events: Vec<Event>) -> Board {
     let text = std::fs::read_to_string(project("examples/three-spheres-witnessed.toml")).unwrap();
     let text = text.replace(
         "counts_per_mm = [10000.0, 10000.0, 10000.0]",
@@ -49,7 +53,24 @@ fn telling(events: Vec<Event>) -> String {
     let mut board = Board::new(0);
     board.job = Some(umi::jobfile::parse(&text).unwrap());
     board.events = events;
-    board.serve()
+    board
+}
+
+/// A connection that is lost ends the list with what had come until then, as not complete.
+#[test]
+fn a_lost_connection_ends_the_list() {
+    let mut board = board(vec![hit()]);
+    // Job, status, live; it is gone when it is asked for its status at the end.
+    board.hangs_up_after = Some(4);
+    let lines = umi(&["events", "--port", &board.serve(), "--for", "0.3", "--json"])
+        .exits(1)
+        .json_lines();
+    let end = lines.iter().find(|line| line["type"] == "end").unwrap();
+    assert_eq!(
+        (&end["complete"], &end["shown"]),
+        (&false.into(), &1.into()),
+        "{end}"
+    );
 }
 
 /// Nothing lost: every latch of every batch, with its position, and status 0.

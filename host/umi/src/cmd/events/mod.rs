@@ -157,6 +157,9 @@ impl Events {
             None => self.tell_board(&mut sink, &mut follower),
         };
         let kept = sink.close();
+        if self.format.json {
+            self.end(&sink, &follower.tally, ended.is_ok())?;
+        }
         ended.map_err(|failure| sink.kept(failure))?;
         kept?;
         self.sum_up(&sink, &follower.tally)
@@ -233,19 +236,22 @@ impl Events {
         })
     }
 
+    /// The last line for machines, also where the connection was lost.
+    fn end(&self, sink: &Sink, tally: &Tally, complete: bool) -> Result<(), Failure> {
+        print_json(&json!({
+            "type": "end",
+            "complete": complete,
+            "shown": sink.shown,
+            "latches": tally.latches,
+            "latches_lost": tally.latches_lost,
+            "events_lost": tally.events_lost,
+            "bytes_lost": tally.bytes_lost,
+            "file": self.output.as_ref().map(|path| path.display().to_string()),
+        }))
+    }
+
     fn sum_up(&self, sink: &Sink, tally: &Tally) -> Result<(), Failure> {
-        if self.format.json {
-            let end = json!({
-                "type": "end",
-                "shown": sink.shown,
-                "latches": tally.latches,
-                "latches_lost": tally.latches_lost,
-                "events_lost": tally.events_lost,
-                "bytes_lost": tally.bytes_lost,
-                "file": self.output.as_ref().map(|path| path.display().to_string()),
-            });
-            print_json(&end)?;
-        } else {
+        if !self.format.json {
             let text = format!("{}{}\n", said(sink.shown, tally), sink.where_to());
             if self.csv && self.output.is_none() {
                 // Not among the rows.
@@ -300,6 +306,11 @@ impl Scan {
                             .into(),
                     ));
                 };
+                if !(mm.is_finite() && mm > 0.0) {
+                    return Err(usage(format!(
+                        "{mm} mm is no interval: give one above 0, as 0.1"
+                    )));
+                }
                 let counts = (mm * per_mm.abs()).round();
                 if !(1.0..=f64::from(u32::MAX)).contains(&counts) {
                     return Err(usage(format!(

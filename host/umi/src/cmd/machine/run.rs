@@ -53,7 +53,7 @@ pub struct Run {
     job: Option<PathBuf>,
     /// Open the virtual board's host port, `pty` or `tcp:PORT` (0: any free one), for
     /// `umi watch` and `umi events`; it runs as slow as the machine would be
-    #[arg(long, value_name = "PLACE", requires = "job", value_parser = place)]
+    #[arg(long, value_name = "PLACE", requires_all = ["board", "job"], value_parser = place)]
     usb: Option<Place>,
     /// READ after each program: the board's correction program is loaded, if there is one
     #[arg(long, requires = "board")]
@@ -202,7 +202,7 @@ impl Run {
 
     fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<Gather>), Failure> {
         match self.board.as_deref() {
-            Some(board) if self.usb.is_some() && board != "virtual" => Err(Failure::trouble(
+            board if self.usb.is_some() && board != Some("virtual") => Err(Failure::trouble(
                 "usage",
                 "--usb opens a port of the virtual board: it needs --board virtual",
             )),

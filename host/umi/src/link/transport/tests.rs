@@ -93,7 +93,13 @@ fn what_cannot_be_opened_is_named() {
         Ok(_) => panic!("{address} was opened"),
         Err(error) => (format!("{error:?}"), error.to_string()),
     };
-    for address in ["", "udp://here:1", "tcp://here", "tcp://here:port"] {
+    for address in [
+        "",
+        "udp://here:1",
+        "tcp:7001",
+        "tcp://here",
+        "tcp://here:port",
+    ] {
         let (kind, says) = message(address);
         assert!(kind.starts_with("BadAddress"), "{address}: {kind}");
         assert!(says.contains("tcp://host:port"), "{says}");

@@ -130,7 +130,9 @@ fn every_size_can_be_drawn() {
     for (width, height) in [(40, 24), (80, 24), (120, 50), (200, 70)] {
         let shown = shown(width, height);
         assert!(shown.contains("missed latches      77"), "{width}x{height}");
-        assert!(shown.contains("GONE for 3 s"));
+        assert!(shown.contains("GONE for 3 s: unplugged"));
+        assert!(shown.contains("latest verdict  none yet"));
+        assert!(shown.contains("latest hit      SPHERE1"));
     }
     assert_eq!(size(&view, Rect::new(0, 0, 80, 24)), Size::Text);
     assert_eq!(size(&view, Rect::new(0, 0, 80, 30)), Size::Middle);
