@@ -28,13 +28,13 @@ pub(crate) struct Surroundings<'a, Station> {
 pub(crate) fn answer<F: Flash>(
     measure: &mut Measure<F>,
     around: Surroundings<'_, impl Axes + Scanner>,
-    request: Request,
+    request: &Request,
 ) -> Response {
     match request {
         Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
         Request::StatusGet => Response::Status(status(measure, &around)),
         Request::JobGet => job(measure.brain().run()),
-        Request::JobCheck(job) => match umi_core::job::check(&job) {
+        Request::JobCheck(job) => match umi_core::job::check(job) {
             Ok(()) => Response::Done,
             Err(error) => Response::JobRefused(error),
         },
@@ -44,21 +44,21 @@ pub(crate) fn answer<F: Flash>(
             Err(SetJobError::Storage) => Response::StorageFailed,
         },
         Request::LiveSet { on } => {
-            measure.book.events.switch(on);
-            around.scans.switch(on);
+            measure.book.events.switch(*on);
+            around.scans.switch(*on);
             Response::Done
         }
-        Request::FeatureGet { feature: place } => feature(measure.brain().run(), place),
+        Request::FeatureGet { feature: place } => feature(measure.brain().run(), *place),
         Request::VerdictGet => verdict(measure.brain().run()),
         Request::JournalInfo | Request::JournalRead { .. } | Request::JournalChain { .. } => {
             match measure.book.journal.get_mut() {
-                Some(journal) => about_journal(journal, &request),
+                Some(journal) => about_journal(journal, request),
                 None => Response::StorageFailed,
             }
         }
         Request::PositionsGet => Response::Positions(around.station.positions()),
-        Request::TriggerOutSet(when) => done(around.station.trigger_out(when)),
-        Request::LaserSet { on } => done(around.station.laser(on)),
+        Request::TriggerOutSet(when) => done(around.station.trigger_out(*when)),
+        Request::LaserSet { on } => done(around.station.laser(*on)),
     }
 }
 

@@ -36,7 +36,7 @@ use umi_protocol::pattern::Coding;
 
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
-use crate::measure::{Correction, Input};
+use crate::measure::{Correction, Input, Sent};
 
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
@@ -60,6 +60,10 @@ pub(crate) struct Flow {
     resumed: Signal<CriticalSectionRawMutex, ()>,
     /// A correction is to go out now.
     pub go: Signal<CriticalSectionRawMutex, SendWhen>,
+    /// What became of a correction, for the journal.
+    pub sent: Signal<CriticalSectionRawMutex, Sent>,
+    /// It is in the journal, and a correction that went out is not armed any more.
+    pub noted: Signal<CriticalSectionRawMutex, ()>,
 }
 
 impl Flow {
@@ -70,6 +74,8 @@ impl Flow {
             eia: AtomicBool::new(false),
             resumed: Signal::new(),
             go: Signal::new(),
+            sent: Signal::new(),
+            noted: Signal::new(),
         }
     }
 
@@ -138,44 +144,50 @@ pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock:
             app.flow.stopped.store(false, Ordering::Relaxed);
         }
         app.flow.resumed.reset();
-        let (bytes, complete) = send(app, tx, clock, &correction).await;
+        let bytes = send(app, tx, clock, &correction).await;
         app.flow.sending.store(false, Ordering::Relaxed);
-        let mut measure = app.measure.lock().await;
-        measure.sent(clock.now(), &correction, bytes, complete);
-        app.told.signal(());
+        // The journal is written where it takes least from others. A READ that comes
+        // meanwhile waits: the correction may be gone.
+        app.flow.sent.signal(Sent {
+            plate: correction.plate,
+            arming: correction.arming,
+            bytes,
+            length: correction.text.len() as u32,
+        });
+        app.flow.noted.wait().await;
     }
 }
 
-/// Sends one program; how many bytes went out, and whether that was all.
+/// Sends one program; how many bytes went out.
 async fn send<F: Flash>(
     app: &App<F>,
     tx: &mut impl CncTx,
     clock: &impl Clock,
     correction: &Correction,
-) -> (u32, bool) {
+) -> u32 {
     let mut sent = 0;
     for ascii in correction.text.bytes() {
         let Some(byte) = encode(correction.coding, ascii) else {
-            return (sent, false);
+            return sent;
         };
         while app.flow.stopped.load(Ordering::Relaxed) {
             let waited = select(app.flow.resumed.wait(), patience(clock)).await;
             if matches!(waited, Either::Second(())) {
-                return (sent, false);
+                return sent;
             }
         }
         // A new measurement, job or verdict takes the program back, even now.
         if !app.measure.lock().await.is_armed(correction.arming) {
-            return (sent, false);
+            return sent;
         }
         // CTS may hold the driver as XOFF holds us.
         let written = select(tx.write(byte), patience(clock)).await;
         if !matches!(written, Either::First(Ok(()))) {
-            return (sent, false);
+            return sent;
         }
         sent += 1;
     }
-    (sent, true)
+    sent
 }
 
 /// Waits as long as a control may hold the line.

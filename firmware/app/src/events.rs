@@ -64,10 +64,7 @@ impl Events {
             return;
         }
         if self.untold > 0 {
-            let told = Event::Dropped { count: self.untold };
-            if self.try_push(&told) {
-                self.untold = 0;
-            }
+            self.tell_dropped();
         }
         if self.untold > 0 || !self.try_push(event) {
             self.untold = self.untold.saturating_add(1);
@@ -76,6 +73,15 @@ impl Events {
         }
     }
 
+    /// An event is five kilobytes: this one is on the stack only here.
+    #[inline(never)]
+    fn tell_dropped(&mut self) {
+        if self.try_push(&Event::Dropped { count: self.untold }) {
+            self.untold = 0;
+        }
+    }
+
+    #[inline(never)]
     fn try_push(&mut self, event: &Event) -> bool {
         let Ok(frame) = frame::encode(self.sequence, event, &mut self.scratch) else {
             return false;

@@ -58,7 +58,7 @@ mod shared;
 mod test_board;
 
 use embassy_futures::join::{join, join5};
-use embassy_futures::select::{Either3, select3};
+use embassy_futures::select::{Either4, select4};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
@@ -201,19 +201,29 @@ impl<F: Flash> App<F> {
             let deadline = self.measure.lock().await.deadline();
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
-            let came = select3(self.intake.next(), due, self.changed.wait()).await;
+            let came = select4(
+                self.flow.sent.wait(),
+                self.intake.next(),
+                due,
+                self.changed.wait(),
+            )
+            .await;
             let mut measure = self.measure.lock().await;
             let before = measure.arming();
             match came {
-                Either3::First((time, input)) => {
+                Either4::First(sent) => {
+                    measure.sent(clock.now(), &sent);
+                    self.flow.noted.signal(());
+                }
+                Either4::Second((time, input)) => {
                     measure.input(time, &input);
                     if let Input::Bytes(bytes) = &input {
                         self.flow.look_for_read(bytes);
                     }
                 }
-                Either3::Second(()) => measure.on_time(clock.now()),
+                Either4::Third(()) => measure.on_time(clock.now()),
                 // The host has set a job.
-                Either3::Third(()) => {}
+                Either4::Fourth(()) => {}
             }
             self.flow.note_coding(measure.coding());
             outputs.show(measure.lights());

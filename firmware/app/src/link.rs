@@ -136,25 +136,50 @@ fn respond<'b, F: Flash>(
     frame: &Frame<'_>,
     out: &'b mut [u8; MAX_BOARD_FRAME],
 ) -> &'b [u8] {
-    let encoded = match (frame.kind, frame.open::<Request>()) {
-        (Kind::Request, Ok(request)) => {
-            let response = answer(measure, around, request);
-            encode(frame.sequence, &response, out)
+    let length = match frame.kind {
+        Kind::Response | Kind::Event => 0,
+        Kind::Request => {
+            request(measure, around, frame, out).unwrap_or_else(|| hello(measure, frame, out))
         }
-        (Kind::Response | Kind::Event, _) => return &[],
-        (kind, _) => {
-            let hello = Hello::new(&measure.book.sender());
-            if kind == Kind::Hello {
-                if frame.open::<Hello>().as_ref() == Ok(&hello) {
-                    return &[];
-                }
-                // A host that begins has not asked for events yet.
-                measure.book.events.switch(false);
-                around.scans.switch(false);
+        Kind::Other(_) => hello(measure, frame, out),
+        Kind::Hello => {
+            let ours = Hello::new(&measure.book.sender());
+            if frame.open::<Hello>().as_ref() == Ok(&ours) {
+                return &[];
             }
-            encode(frame.sequence, &hello, out)
+            // A host that begins has not asked for events yet.
+            measure.book.events.switch(false);
+            around.scans.switch(false);
+            hello(measure, frame, out)
         }
     };
+    out.get(..length).unwrap_or_default()
+}
+
+/// Who we are: the length of the frame.
+#[inline(never)]
+fn hello<F: Flash>(
+    measure: &Measure<F>,
+    frame: &Frame<'_>,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> usize {
+    let hello = Hello::new(&measure.book.sender());
     // The buffer holds the longest frame.
-    encoded.unwrap_or_default()
+    encode(frame.sequence, &hello, out).map_or(0, <[u8]>::len)
+}
+
+/// The answer to a request: the length of its frame; none if it cannot be opened.
+#[inline(never)]
+fn request<F: Flash>(
+    measure: &mut Measure<F>,
+    around: Surroundings<'_, impl Axes + Scanner>,
+    frame: &Frame<'_>,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> Option<usize> {
+    let Ok(request) = &frame.open::<Request>() else {
+        return None;
+    };
+    let response = answer(measure, around, request);
+    // The buffer holds the longest frame.
+    Some(encode(frame.sequence, &response, out).map_or(0, <[u8]>::len))
 }

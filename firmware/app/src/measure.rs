@@ -24,14 +24,16 @@ use heapless::{String, Vec};
 use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::place::Place;
-use umi_core::units::Micros;
+use umi_core::units::{Micros, Point};
+use umi_protocol::fault::Fault;
+use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Name, SendWhen};
 use umi_protocol::latch::{LatchReport, Scan};
-use umi_protocol::line::LineStatus;
+use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
 use umi_protocol::pattern::Coding;
 use umi_protocol::refusal::JobError;
-use umi_protocol::verdict::MAX_CORRECTION;
+use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use crate::board::Lights;
 use crate::events::Events;
@@ -81,6 +83,28 @@ pub struct Correction {
     pub text: String<MAX_CORRECTION>,
     /// The code in which the control writes.
     pub coding: Coding,
+}
+
+/// What became of a correction. Plain numbers: with a bool in it, nothing having been sent
+/// would not be all zeros, and the whole state would stand in flash (see `place`).
+#[derive(Clone, Copy, Debug)]
+pub struct Sent {
+    /// The plate that it corrects.
+    pub plate: u32,
+    /// Which arming it was.
+    pub arming: u32,
+    /// Bytes that went out.
+    pub bytes: u32,
+    /// Bytes that it has.
+    pub length: u32,
+}
+
+impl Sent {
+    /// Whether all of it went out.
+    #[must_use]
+    pub const fn is_complete(&self) -> bool {
+        self.bytes == self.length
+    }
 }
 
 /// What the board knows.
@@ -208,49 +232,39 @@ impl<F: Flash> Measure<F> {
             return;
         };
         // A job that this firmware would not take any more is no job.
-        if self.brain.begin(job.clone()).is_err() {
+        if begin(&mut self.brain, &job).is_err() {
             return;
         }
         self.book.patience_us = patience_us(&job);
-        self.book.record(now, Record::JobSet(job));
+        self.book.job_set(now, &job);
         if let Some(positions_mm) = taught {
-            self.brain.restore_reference(&points(&positions_mm));
-            let record = Record::ReferenceRestored { positions_mm };
-            self.book.record(now, record);
+            let positions = points(&positions_mm);
+            self.brain.restore_reference(&positions);
+            self.book.reference_restored(now, &positions);
         }
     }
 
     /// Something came in. Without a job it is journaled and that is all.
     pub fn input(&mut self, now: Micros, input: &Input) {
         let Self { brain, book, .. } = self;
-        book.record(
-            now,
-            match input {
-                Input::Bytes(raw) => Record::Bytes {
-                    raw: raw.iter().copied().collect(),
-                },
-                Input::Lost(count) => Record::BytesLost { count: *count },
-                Input::End => Record::InputEnd,
-                Input::Latch(latch) => Record::Latch(latch.clone()),
-                Input::Scan(scan) => Record::Scan(scan.clone()),
-            },
-        );
+        book.came(now, input);
         if brain.job().is_none() {
             return;
         }
         if matches!(input, Input::Lost(_)) {
             book.forget();
         }
-        let out = &mut |output: Output<'_>| book.take(now, output);
+        let mut out = book.listen(now);
         match input {
-            Input::Bytes(raw) => brain.bytes(now, raw, out),
-            Input::Lost(count) => brain.bytes_lost(now, *count, out),
-            Input::End => brain.input_ended(now, out),
+            Input::Bytes(raw) => brain.bytes(now, raw, &mut out),
+            Input::Lost(count) => brain.bytes_lost(now, *count, &mut out),
+            Input::End => brain.input_ended(now, &mut out),
             // Into the brain whether or not it found room in the journal: then no
             // correction is armed anyway.
             Input::Latch(latch) => brain.latched(latch),
             Input::Scan(_) => {}
         }
+        drop(out);
         self.keep_taught(now);
         self.make_room();
     }
@@ -286,8 +300,8 @@ impl<F: Flash> Measure<F> {
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }
-        book.record(now, Record::Time);
-        brain.on_time(now, &mut |output| book.take(now, output));
+        book.time_passed(now);
+        brain.on_time(now, &mut book.listen(now));
         self.keep_taught(now);
     }
 
@@ -298,8 +312,8 @@ impl<F: Flash> Measure<F> {
     /// What is wrong with it, or that it could not be kept: then the job that was
     /// in force still is.
     #[inline(never)]
-    pub fn set_job(&mut self, now: Micros, job: Job) -> Result<(), SetJobError> {
-        umi_core::job::check(&job).map_err(SetJobError::Job)?;
+    pub fn set_job(&mut self, now: Micros, job: &Job) -> Result<(), SetJobError> {
+        umi_core::job::check(job).map_err(SetJobError::Job)?;
         let Self {
             brain,
             settings,
@@ -311,13 +325,13 @@ impl<F: Flash> Measure<F> {
         }
         let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
         settings
-            .save(now, &job, None, &mut book.scratch)
+            .save(now, job, None, &mut book.scratch)
             .map_err(|_| SetJobError::Storage)?;
         book.forget();
         book.unaudited = false;
-        book.patience_us = patience_us(&job);
-        brain.begin(job.clone()).map_err(SetJobError::Job)?;
-        book.record(now, Record::JobSet(job));
+        book.patience_us = patience_us(job);
+        begin(brain, job)?;
+        book.job_set(now, job);
         Ok(())
     }
 
@@ -365,14 +379,15 @@ impl<F: Flash> Measure<F> {
     }
 
     /// A correction went out, or broke off.
-    pub fn sent(&mut self, now: Micros, correction: &Correction, bytes: u32, complete: bool) {
+    #[inline(never)]
+    pub fn sent(&mut self, now: Micros, sent: &Sent) {
         let record = Record::CorrectionSent {
-            plate: correction.plate,
-            bytes,
-            complete,
+            plate: sent.plate,
+            bytes: sent.bytes,
+            complete: sent.is_complete(),
         };
         self.book.record(now, record);
-        if complete && self.is_armed(correction.arming) {
+        if sent.is_complete() && self.is_armed(sent.arming) {
             self.book.disarm();
         }
     }
@@ -424,6 +439,12 @@ impl<F: Flash> Default for Measure<F> {
     }
 }
 
+/// A job has kilobytes: this copy is off the stack when the job is recorded.
+#[inline(never)]
+fn begin(brain: &mut Brain, job: &Job) -> Result<(), SetJobError> {
+    brain.begin(job.clone()).map_err(SetJobError::Job)
+}
+
 /// How long a correction stays armed, and a plate open.
 fn patience_us(job: &Job) -> u64 {
     u64::from(job.plate_timeout_s).saturating_mul(1_000_000)
@@ -449,17 +470,31 @@ pub enum SetJobError {
 
 impl<F: Flash> Book<F> {
     /// Journals a record and tells the host. True if it is in the journal.
+    ///
+    /// A record has kilobytes. It is made as the event that it will be, so that the stack
+    /// never holds it twice.
+    #[inline(always)]
     fn record(&mut self, now: Micros, record: Record) -> bool {
-        let appended = postcard::to_slice(&record, &mut self.scratch)
+        let (seq, t_us) = (0, now.0);
+        self.enter(&mut Event::Record { seq, t_us, record })
+    }
+
+    /// Journals the record of an event, numbers it, and tells the host. True if it is in
+    /// the journal.
+    #[inline(never)]
+    fn enter(&mut self, event: &mut Event) -> bool {
+        let Event::Record { seq, t_us, record } = &mut *event else {
+            return false;
+        };
+        let now = Micros(*t_us);
+        let appended = postcard::to_slice(record, &mut self.scratch)
             .ok()
             .zip(self.journal.get_mut())
             .and_then(|(payload, journal)| journal.append(record.kind(), now, payload).ok());
         match appended {
-            Some(seq) => {
-                if self.events.is_on() {
-                    let t_us = now.0;
-                    self.events.push(&Event::Record { seq, t_us, record });
-                }
+            Some(number) => {
+                *seq = number;
+                self.events.push(event);
                 true
             }
             None => {
@@ -469,6 +504,69 @@ impl<F: Flash> Book<F> {
         }
     }
 
+    #[inline(never)]
+    fn came(&mut self, now: Micros, input: &Input) {
+        self.record(
+            now,
+            match input {
+                Input::Bytes(raw) => Record::Bytes {
+                    raw: raw.iter().copied().collect(),
+                },
+                Input::Lost(count) => Record::BytesLost { count: *count },
+                Input::End => Record::InputEnd,
+                Input::Latch(latch) => Record::Latch(latch.clone()),
+                Input::Scan(scan) => Record::Scan(scan.clone()),
+            },
+        );
+    }
+
+    #[inline(never)]
+    fn time_passed(&mut self, now: Micros) {
+        self.record(now, Record::Time);
+    }
+
+    #[inline(never)]
+    fn job_set(&mut self, now: Micros, job: &Job) {
+        self.record(now, Record::JobSet(job.clone()));
+    }
+
+    #[inline(never)]
+    fn faulty(&mut self, now: Micros, fault: &Fault) {
+        self.record(now, Record::Fault(fault.clone()));
+    }
+
+    #[inline(never)]
+    fn fitted(&mut self, now: Micros, feature: &FeatureResult) {
+        self.record(now, Record::Feature(feature.clone()));
+    }
+
+    #[inline(never)]
+    fn reference_taught(&mut self, now: Micros, positions: &[Point]) {
+        let positions_mm = positions_mm(positions);
+        self.record(now, Record::Taught { positions_mm });
+    }
+
+    #[inline(never)]
+    fn reference_restored(&mut self, now: Micros, positions: &[Point]) {
+        let positions_mm = positions_mm(positions);
+        self.record(now, Record::ReferenceRestored { positions_mm });
+    }
+
+    #[inline(never)]
+    fn judged(&mut self, now: Micros, verdict: &Verdict) -> bool {
+        self.record(now, Record::Verdict(verdict.clone()))
+    }
+
+    #[inline(never)]
+    fn tell_line(&mut self, line: &LineReport) {
+        self.events.push(&Event::Line(line.clone()));
+    }
+
+    #[inline(never)]
+    fn tell_hit(&mut self, hit: &HitReport) {
+        self.events.push(&Event::Hit(hit.clone()));
+    }
+
     /// The storage has refused something: no correction rests on what follows.
     fn refused(&mut self) {
         self.failures = self.failures.saturating_add(1);
@@ -476,7 +574,13 @@ impl<F: Flash> Book<F> {
         self.disarm();
     }
 
-    /// Something that the brain says.
+    /// Takes what the brain says: one closure, so that the brain is compiled once for it.
+    fn listen(&mut self, now: Micros) -> impl FnMut(Output<'_>) {
+        move |output| self.take(now, output)
+    }
+
+    /// Something that the brain says. Each kind of it has a function of its own, so that
+    /// the stack holds one record at a time.
     fn take(&mut self, now: Micros, output: Output<'_>) {
         match output {
             Output::Line(line) => {
@@ -485,31 +589,26 @@ impl<F: Flash> Book<F> {
                     self.forget();
                 }
                 if self.events.is_on() {
-                    self.events.push(&Event::Line(line.clone()));
+                    self.tell_line(line);
                 }
             }
             Output::Hit(hit) => {
                 if self.events.is_on() {
-                    self.events.push(&Event::Hit(hit.clone()));
+                    self.tell_hit(hit);
                 }
             }
-            Output::Fault(fault) => {
-                self.record(now, Record::Fault(fault.clone()));
-            }
-            Output::Feature(feature) => {
-                self.record(now, Record::Feature(feature.clone()));
-            }
+            Output::Fault(fault) => self.faulty(now, fault),
+            Output::Feature(feature) => self.fitted(now, feature),
             Output::Taught(positions) => {
                 self.taught = true;
-                let positions_mm = positions_mm(positions);
-                self.record(now, Record::Taught { positions_mm });
+                self.reference_taught(now, positions);
             }
             Output::Verdict(verdict) => {
                 self.verdicts = self.verdicts.saturating_add(1);
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
                 self.disarm();
-                let kept = self.record(now, Record::Verdict(verdict.clone()));
+                let kept = self.judged(now, verdict);
                 if let Some(correction) = &verdict.correction
                     && verdict.ok
                     && kept

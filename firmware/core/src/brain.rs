@@ -108,21 +108,21 @@ impl Brain {
     }
 
     /// Bytes came from the control; `now` is when the last of them came.
-    pub fn bytes(&mut self, now: Micros, bytes: &[u8], out: &mut dyn FnMut(Output<'_>)) {
+    pub fn bytes(&mut self, now: Micros, bytes: &[u8], out: &mut impl FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
         let Some(receiver) = receiver.get_mut() else {
             return;
         };
-        receiver.receive(bytes, now, &mut |item| pass(run, &item, now, out));
+        receiver.receive(bytes, now, &mut items(run, now, out));
     }
 
     /// Bytes from the control were lost before they could be given to [`Self::bytes`].
-    pub fn bytes_lost(&mut self, now: Micros, count: u32, out: &mut dyn FnMut(Output<'_>)) {
+    pub fn bytes_lost(&mut self, now: Micros, count: u32, out: &mut impl FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
         let Some(receiver) = receiver.get_mut() else {
             return;
         };
-        receiver.lost(count, now, &mut |item| pass(run, &item, now, out));
+        receiver.lost(count, now, &mut items(run, now, out));
     }
 
     /// The probe's skip line rose and the axes were latched.
@@ -141,41 +141,64 @@ impl Brain {
     }
 
     /// Time passed: gives up what has waited too long.
-    pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+    pub fn on_time(&mut self, now: Micros, out: &mut impl FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
         if let Some(receiver) = receiver.get_mut() {
-            receiver.on_time(now, &mut |item| pass(run, &item, now, out));
+            receiver.on_time(now, &mut items(run, now, out));
         }
-        run.on_time(now, &mut |decision| out(decision.into()));
+        run.on_time(now, &mut decisions(out));
     }
 
     /// The input ended (a captured file; never on a machine).
-    pub fn input_ended(&mut self, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+    pub fn input_ended(&mut self, now: Micros, out: &mut impl FnMut(Output<'_>)) {
         let Self { receiver, run } = self;
         if let Some(receiver) = receiver.get_mut() {
-            receiver.finish(now, &mut |item| pass(run, &item, now, out));
+            receiver.finish(now, &mut items(run, now, out));
         }
-        run.input_ended(&mut |decision| out(decision.into()));
+        run.input_ended(&mut decisions(out));
     }
 }
 
+// One function makes each kind of closure, so that it is one type, and receiver and job are
+// compiled once for it. No calls through pointers: so the worst stack can be told.
+
+fn items(run: &mut Run, now: Micros, out: &mut impl FnMut(Output<'_>)) -> impl FnMut(Item<'_>) {
+    move |item| pass(run, &item, now, out)
+}
+
+fn decisions(out: &mut impl FnMut(Output<'_>)) -> impl FnMut(Decision<'_>) {
+    |decision| out(decision.into())
+}
+
 /// One item of the receiver: shown, and given to the job.
-fn pass(run: &mut Run, item: &Item<'_>, now: Micros, out: &mut dyn FnMut(Output<'_>)) {
+fn pass(run: &mut Run, item: &Item<'_>, now: Micros, out: &mut impl FnMut(Output<'_>)) {
     match item {
-        Item::Line(line) => out(Output::Line(&line_report(line))),
+        Item::Line(line) => show_line(line, out),
         Item::Hit(hit) => {
-            out(Output::Hit(&hit_report(hit)));
-            run.hit(hit, now, &mut |decision| out(decision.into()));
+            show_hit(hit, out);
+            run.hit(hit, now, &mut decisions(out));
         }
         Item::BlockStart(start) => {
-            run.block_start(&start.name, now, &mut |decision| out(decision.into()));
+            run.block_start(&start.name, now, &mut decisions(out));
         }
-        Item::BlockEnd(end) => run.block_end(end, now, &mut |decision| out(decision.into())),
+        Item::BlockEnd(end) => run.block_end(end, now, &mut decisions(out)),
         Item::Fault(fault) => {
             out(Output::Fault(fault));
-            run.fault(&fault.kind, &mut |decision| out(decision.into()));
+            run.fault(&fault.kind, &mut decisions(out));
         }
     }
+}
+
+// Reports are on the stack while they are shown, and not under what the job then does.
+
+#[inline(never)]
+fn show_line(line: &Line<'_>, out: &mut impl FnMut(Output<'_>)) {
+    out(Output::Line(&line_report(line)));
+}
+
+#[inline(never)]
+fn show_hit(hit: &ReportedHit, out: &mut impl FnMut(Output<'_>)) {
+    out(Output::Hit(&hit_report(hit)));
 }
 
 impl<'a> From<Decision<'a>> for Output<'a> {

@@ -239,7 +239,7 @@ impl Run {
     }
 
     /// Time passed.
-    pub fn on_time(&mut self, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+    pub fn on_time(&mut self, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         if self.deadline().is_some_and(|deadline| now >= deadline) {
             if self.is_under_way() {
                 let timeout_s = self.job.get().map_or(0, |job| job.plate_timeout_s);
@@ -251,12 +251,12 @@ impl Run {
     }
 
     /// The input ended (a captured file).
-    pub fn input_ended(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+    pub fn input_ended(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         self.give_up(Reason::InputEnded, out);
     }
 
     /// The receiver found a fault that concerns more than a line of a block.
-    pub fn fault(&mut self, kind: &FaultKind, out: &mut dyn FnMut(Decision<'_>)) {
+    pub fn fault(&mut self, kind: &FaultKind, out: &mut impl FnMut(Decision<'_>)) {
         match kind {
             FaultKind::Gap { .. } => self.hold_against(Reason::SequenceGap),
             FaultKind::ConflictingRepeat { .. } => self.hold_against(Reason::ConflictingRepeat),
@@ -305,7 +305,7 @@ impl Run {
 
     /// Something contradicts a plate that may have been judged: then its verdict
     /// is NG, under the same number.
-    fn revoke(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
+    fn revoke(&mut self, reason: Reason, out: &mut impl FnMut(Decision<'_>)) {
         if self.progress == Progress::Judged && !self.collecting.is_some() {
             self.progress = Progress::UnderWay;
             self.hold_against(reason);
@@ -323,7 +323,8 @@ impl Run {
     }
 
     /// A block of hits begins.
-    pub fn block_start(&mut self, name: &str, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+    #[inline(never)]
+    pub fn block_start(&mut self, name: &str, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         self.finish_unfinished(out);
         self.last_hit = now;
         match self.place_of(|feature| feature.name == name) {
@@ -333,7 +334,8 @@ impl Run {
     }
 
     /// A hit arrived.
-    pub fn hit(&mut self, hit: &ReportedHit, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+    #[inline(never)]
+    pub fn hit(&mut self, hit: &ReportedHit, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         self.last_hit = now;
         if hit.run.is_some() && hit.run != self.run {
             if self.run.is_some() {
@@ -377,7 +379,8 @@ impl Run {
     }
 
     /// A block of hits ended.
-    pub fn block_end(&mut self, end: &BlockEnd, now: Micros, out: &mut dyn FnMut(Decision<'_>)) {
+    #[inline(never)]
+    pub fn block_end(&mut self, end: &BlockEnd, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         self.last_hit = now;
         let Some(collecting) = self.collecting.get_mut() else {
             return;
@@ -394,7 +397,7 @@ impl Run {
     // --- features
 
     /// A feature that is still being collected when something else begins.
-    fn finish_unfinished(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+    fn finish_unfinished(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         if self.collecting.is_some() {
             self.finish(out);
         }
@@ -402,7 +405,7 @@ impl Run {
 
     /// Fits what was collected, puts it into its plate and reports it; judges the plate
     /// if that was its last feature.
-    fn finish(&mut self, out: &mut dyn FnMut(Decision<'_>)) {
+    fn finish(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         let place = self.finish_feature(out);
         if place.is_some_and(|place| place + 1 == self.features().len()) {
             self.close(None, out);
@@ -413,41 +416,10 @@ impl Run {
     /// place, unless it was dropped as a repeat. On its own, so that its stack is free
     /// again when the plate is judged.
     #[inline(never)]
-    fn finish_feature(&mut self, out: &mut dyn FnMut(Decision<'_>)) -> Option<usize> {
+    fn finish_feature(&mut self, out: &mut impl FnMut(Decision<'_>)) -> Option<usize> {
         let collecting = self.collecting.take()?;
         let place = collecting.feature;
-        let (job, spec) = (self.job.get()?, spec_of(&self.job, place)?);
-        let Collecting {
-            hits,
-            mut reasons,
-            excess,
-            ..
-        } = collecting;
-        let got = u16::try_from(hits.len()).unwrap_or(u16::MAX);
-        let expected = spec.hits;
-        if got < expected && reasons.is_empty() {
-            feature::add(&mut reasons, Reason::MissingPoints { got, expected });
-        } else if got > expected || excess > 0 {
-            let got = got.saturating_add(excess);
-            feature::add(&mut reasons, Reason::WrongCount { got, expected });
-        }
-        feature::find_duplicates(&hits, &mut reasons);
-        let points = feature::contact_points(job.compensation, &hits, &mut reasons);
-        // What is known to be wrong is not fitted: its figures would only mislead.
-        let fit = if reasons.is_empty() {
-            feature::judge(spec, &job.limits, &points, &hits, &mut reasons)
-        } else {
-            None
-        };
-        let mut result = FeatureResult {
-            index: 0,
-            plate: 0,
-            name: spec.name.clone(),
-            kind: spec.kind,
-            reasons,
-            points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
-            fit,
-        };
+        let mut result = self.fitted(&collecting)?;
         let belongs = self.belongs(place, &result);
         let replaces = matches!(belongs, Belongs::Replaces);
         match belongs {
@@ -469,7 +441,7 @@ impl Run {
             }
         }
         if let Some(witness) = self.witness.get_mut() {
-            witness.take(&hits, replaces);
+            witness.take(&collecting.hits, replaces);
         }
         result.index = self.features_seen;
         result.plate = self.plate;
@@ -487,6 +459,41 @@ impl Run {
             self.hold_against(reason);
         }
         Some(place)
+    }
+
+    /// The feature from its hits, fitted if nothing is against it.
+    ///
+    /// Not inlined: what it needs of the stack is free again when a plate is judged.
+    #[inline(never)]
+    fn fitted(&self, collecting: &Collecting) -> Option<FeatureResult> {
+        let (job, spec) = (self.job.get()?, spec_of(&self.job, collecting.feature)?);
+        let Collecting { hits, excess, .. } = collecting;
+        let mut reasons = collecting.reasons.clone();
+        let got = u16::try_from(hits.len()).unwrap_or(u16::MAX);
+        let expected = spec.hits;
+        if got < expected && reasons.is_empty() {
+            feature::add(&mut reasons, Reason::MissingPoints { got, expected });
+        } else if got > expected || *excess > 0 {
+            let got = got.saturating_add(*excess);
+            feature::add(&mut reasons, Reason::WrongCount { got, expected });
+        }
+        feature::find_duplicates(hits, &mut reasons);
+        let points = feature::contact_points(job.compensation, hits, &mut reasons);
+        // What is known to be wrong is not fitted: its figures would only mislead.
+        let fit = if reasons.is_empty() {
+            feature::judge(spec, &job.limits, &points, hits, &mut reasons)
+        } else {
+            None
+        };
+        Some(FeatureResult {
+            index: 0,
+            plate: 0,
+            name: spec.name.clone(),
+            kind: spec.kind,
+            reasons,
+            points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
+            fit,
+        })
     }
 
     /// Where a finished feature belongs.
@@ -534,7 +541,7 @@ impl Run {
     // --- plates
 
     /// Judges what is there; without anything there is nothing to judge.
-    fn give_up(&mut self, reason: Reason, out: &mut dyn FnMut(Decision<'_>)) {
+    fn give_up(&mut self, reason: Reason, out: &mut impl FnMut(Decision<'_>)) {
         let at_stake = self.is_under_way();
         self.finish_unfinished(out);
         if at_stake {
@@ -547,13 +554,13 @@ impl Run {
 
     /// Judges the plate under way.
     #[inline(never)]
-    fn close(&mut self, reason: Option<Reason>, out: &mut dyn FnMut(Decision<'_>)) {
+    fn close(&mut self, reason: Option<Reason>, out: &mut impl FnMut(Decision<'_>)) {
         if self.progress != Progress::UnderWay {
             return;
         }
-        let Some(job) = self.job.get() else {
+        if self.job.get().is_none() {
             return;
-        };
+        }
         // Of a plate that is judged again, not what was said when it was OK.
         self.remarks.retain(|remark| {
             !matches!(
@@ -562,73 +569,9 @@ impl Run {
             )
         });
         let mut verdict = plate::blank(self.plate);
-        for reason in self.against.iter().chain(&reason) {
-            plate::add(&mut verdict, reason.clone());
-        }
-        let all_repeated = self
-            .slots
-            .iter()
-            .all(|slot| slot.in_this_plate && slot.repeated);
-        if all_repeated {
-            plate::add(&mut verdict, Reason::RepeatedPlate);
-        }
         let mut measured = Positions::new();
-        for (place, spec) in job.features.iter().enumerate() {
-            match self.in_this_plate(place) {
-                None => plate::add(
-                    &mut verdict,
-                    Reason::MissingFeature {
-                        name: spec.name.clone(),
-                    },
-                ),
-                Some(result) => {
-                    for reason in &result.reasons {
-                        plate::add_about(&mut verdict, Some(&spec.name), reason.clone());
-                    }
-                    let position = result.fit.as_ref().and_then(|f| f.shape.position_mm());
-                    if let Some(position) = position.filter(|_| spec.datum) {
-                        // Bounded: the job check limits the datums.
-                        let _ = measured.push(Point::from_array_mm(position));
-                    }
-                }
-            }
-        }
-        if let Some(witness) = self.witness.get() {
-            witness.judge(&mut |reason| plate::add(&mut verdict, reason));
-        }
-        let mut taught = false;
-        let complete = measured.len() == datums(job).count();
-        match &self.reference {
-            // A plate with a reason against it is not judged further: figures
-            // from wrong hits would only mislead.
-            _ if !verdict.reasons.is_empty() || !complete => {}
-            Some(reference) => plate::judge(&mut verdict, job, reference, &measured),
-            None => {
-                plate::judge_taught(&mut verdict, job, &measured);
-                // A job without datum features has nothing to teach.
-                taught = verdict.ok && !measured.is_empty();
-            }
-        }
-        if !verdict.ok && self.reference.is_none() && job.correction.is_some() {
-            plate::add(&mut verdict, Reason::NoReference);
-        }
-        if taught {
-            self.remark(Reason::Taught);
-        }
-        if verdict.ok
-            && let Some(witness) = self.witness.get_mut()
-        {
-            for remark in witness.conclude().into_iter().flatten() {
-                let _ = self.remarks.push(remark);
-            }
-        }
-        for reason in self.remarks.iter().cloned() {
-            // Remarks beyond the room are dropped: they change nothing.
-            let _ = verdict.remarks.push(PlateReason {
-                feature: None,
-                reason,
-            });
-        }
+        let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
+        self.add_remarks(taught, &mut verdict);
         if taught {
             out(Decision::Taught(&measured));
             self.reference = Some(measured);
@@ -646,6 +589,94 @@ impl Run {
         out(Decision::Verdict(&verdict));
         self.verdict.put(verdict);
         self.progress = Progress::Judged;
+    }
+
+    /// Judges what is there of the plate; whether it becomes the reference.
+    ///
+    /// Not inlined, as [`Self::add_remarks`]: what it needs of the stack is free again when
+    /// the verdict is told.
+    #[inline(never)]
+    fn weigh(
+        &self,
+        reason: Option<&Reason>,
+        verdict: &mut Verdict,
+        measured: &mut Positions,
+    ) -> bool {
+        let Some(job) = self.job.get() else {
+            return false;
+        };
+        for reason in self.against.iter().chain(reason) {
+            plate::add(verdict, reason.clone());
+        }
+        let all_repeated = self
+            .slots
+            .iter()
+            .all(|slot| slot.in_this_plate && slot.repeated);
+        if all_repeated {
+            plate::add(verdict, Reason::RepeatedPlate);
+        }
+        for (place, spec) in job.features.iter().enumerate() {
+            match self.in_this_plate(place) {
+                None => plate::add(
+                    verdict,
+                    Reason::MissingFeature {
+                        name: spec.name.clone(),
+                    },
+                ),
+                Some(result) => {
+                    for reason in &result.reasons {
+                        plate::add_about(verdict, Some(&spec.name), reason.clone());
+                    }
+                    let position = result.fit.as_ref().and_then(|f| f.shape.position_mm());
+                    if let Some(position) = position.filter(|_| spec.datum) {
+                        // Bounded: the job check limits the datums.
+                        let _ = measured.push(Point::from_array_mm(position));
+                    }
+                }
+            }
+        }
+        if let Some(witness) = self.witness.get() {
+            witness.judge(&mut |reason| plate::add(verdict, reason));
+        }
+        let mut taught = false;
+        let complete = measured.len() == datums(job).count();
+        match &self.reference {
+            // A plate with a reason against it is not judged further: figures
+            // from wrong hits would only mislead.
+            _ if !verdict.reasons.is_empty() || !complete => {}
+            Some(reference) => plate::judge(verdict, job, reference, measured),
+            None => {
+                plate::judge_taught(verdict, job, measured);
+                // A job without datum features has nothing to teach.
+                taught = verdict.ok && !measured.is_empty();
+            }
+        }
+        if !verdict.ok && self.reference.is_none() && job.correction.is_some() {
+            plate::add(verdict, Reason::NoReference);
+        }
+        taught
+    }
+
+    /// What was noticed and does not change the verdict.
+    #[inline(never)]
+    fn add_remarks(&mut self, taught: bool, verdict: &mut Verdict) {
+        if taught {
+            self.remark(Reason::Taught);
+        }
+        if verdict.ok
+            && let Some(witness) = self.witness.get_mut()
+        {
+            for remark in witness.conclude().into_iter().flatten() {
+                let _ = self.remarks.push(remark);
+            }
+        }
+        for reason in self.remarks.iter().cloned() {
+            // Remarks beyond the room are dropped: they change nothing.
+            let _ = verdict.remarks.push(PlateReason {
+                feature: None,
+                reason,
+            });
+        }
     }
 
     fn next_plate(&mut self) {

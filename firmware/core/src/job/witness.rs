@@ -162,7 +162,7 @@ impl Witness {
     }
 
     /// Says what contradicts.
-    pub fn judge(&self, against: &mut dyn FnMut(Reason)) {
+    pub fn judge(&self, against: &mut impl FnMut(Reason)) {
         let Plate { axes, feed } = &self.plate;
         if let (Some((hit, feed_mm_per_min)), Some(expected_mm_per_min)) =
             (feed.changed, feed.mm_per_min)
