@@ -18,6 +18,7 @@
 //!   points; cones from twelve). Six points, which lie on several cones, are
 //!   nearly always refused as ambiguous, but one in 150 was not: a hint helps.
 
+use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::FitError;
@@ -152,21 +153,21 @@ where
     where
         S: Axial<K>,
     {
-        let direction = |node: &Node| {
-            let [i, j, k] = node.steps.map(f64::from);
+        let direction = |steps: [i8; 3]| {
+            let [i, j, k] = steps.map(f64::from);
             unit(&(a1 * i + a2 * j + a3 * k))
         };
-        let mut nodes = [Node {
-            steps: [0; 3],
-            score: f64::INFINITY,
-        }; NODES];
-        for (node, steps) in nodes.iter_mut().zip(half_lattice()) {
-            node.steps = steps;
-            let guess = direction(node).and_then(|d| S::guess(&d, self.points));
-            node.score = guess.map_or(f64::INFINITY, |(_, sum)| sum);
+        // Best first, so that a node is locally best if no earlier one is near. Each is put
+        // in its place as it comes: the library's sorting wants 19 KB of stack.
+        let mut nodes = Vec::<Node, NODES>::new();
+        for steps in half_lattice() {
+            let guess = direction(steps).and_then(|d| S::guess(&d, self.points));
+            let score = guess.map_or(f64::INFINITY, |(_, sum)| sum);
+            let node = Node { steps, score };
+            let place = nodes.partition_point(|other| other.is_better(&node));
+            // The table has room for all of them.
+            let _ = nodes.insert(place, node);
         }
-        // Best first, so that a node is locally best if no earlier one is near.
-        nodes.sort_unstable_by(|a, b| a.score.total_cmp(&b.score).then(a.steps.cmp(&b.steps)));
         let most = STARTS.max(WORK / self.points.clone().count().max(1));
         let mut starts = 0;
         for (rank, node) in nodes.iter().enumerate() {
@@ -174,7 +175,7 @@ where
                 break;
             }
             let beaten = nodes.iter().take(rank).any(|better| node.near(better));
-            if let Some(direction) = direction(node).filter(|_| !beaten) {
+            if let Some(direction) = direction(node.steps).filter(|_| !beaten) {
                 self.start(&direction);
                 starts += 1;
             }
@@ -284,6 +285,13 @@ struct Node {
 }
 
 impl Node {
+    /// Of two that are as good, the one with the smaller steps: so the order is the same
+    /// everywhere.
+    fn is_better(&self, other: &Self) -> bool {
+        let by_score = self.score.total_cmp(&other.score);
+        by_score.then(self.steps.cmp(&other.steps)).is_lt()
+    }
+
     /// Whether two nodes are neighbours, in the coordinates of the lattice.
     fn near(&self, other: &Self) -> bool {
         let (a, b) = (self.vector(), other.vector());
