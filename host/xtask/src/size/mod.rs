@@ -57,10 +57,6 @@ struct Budget {
     static_bytes: u64,
     stack_bytes: u64,
     panic_calls: u64,
-    /// Why the bound of the stack may exceed the room that there is for it: said with the
-    /// figures, never silently.
-    #[serde(default)]
-    stack_beyond_room: Option<String>,
 }
 
 /// Builds the images that the arguments name, and holds their budgets.
@@ -77,7 +73,6 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
         .map(String::from),
     ];
     let mut json = Vec::new();
-    let mut notes = Vec::new();
     for image in &images {
         let (budget, levels) = promised(&packages, image)?;
         let bytes = firmware::read(&image.elf)?;
@@ -109,12 +104,6 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
             figures.own_panic_calls().to_string(),
             budget.panic_calls.to_string(),
         ]);
-        if let Some(why) = &budget.stack_beyond_room {
-            notes.push(format!(
-                "{}: the bound of the stack is beyond its room: {why}",
-                image.name
-            ));
-        }
         json.push(serde_json::json!({
             "image": image.name,
             "flash_bytes": figures.flash_bytes,
@@ -128,9 +117,6 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
         println!("{}", serde_json::to_string_pretty(&json)?);
     } else {
         console::rows(&rows);
-        for note in &notes {
-            console::progress(note);
-        }
     }
     if !over.is_empty() {
         bail!(
@@ -166,8 +152,7 @@ impl Budget {
         let over = held
             .into_iter()
             .filter(|(_, figure, budget)| figure > budget);
-        let no_room = stack > figures.room_bytes && self.stack_beyond_room.is_none();
-        let has_room = stack <= figures.room_bytes && self.stack_beyond_room.is_some();
+        let no_room = stack > figures.room_bytes;
         over.map(|(what, figure, budget)| format!("{figure} {what}, budget {budget}"))
             .chain(no_room.then(|| {
                 format!(
@@ -175,11 +160,6 @@ impl Budget {
                     figures.room_bytes
                 )
             }))
-            .chain(
-                has_room.then(|| {
-                    "the stack has room: take stack_beyond_room out of the budget".to_owned()
-                }),
-            )
             .chain(figures.unbounded.iter().map(|name| {
                 format!(
                     "the stack of `{name}` is not known: it moves the stack pointer by a register"

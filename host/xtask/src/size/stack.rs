@@ -9,8 +9,9 @@
 //! Where a pointer is called, the code does not say what is: then it is whichever function of
 //! its kind needs most, of all to which there are pointers. There are three kinds:
 //!
-//! - tasks of the executor (`TaskStorage::poll`): called from outside of tasks only, and only
-//!   from the level that [`Level`] says;
+//! - tasks of the executor (`TaskStorage::poll`): called from outside of tasks only, from the
+//!   level that [`Level`] says, and there by the executor only: by its functions, or by the
+//!   handler or `main` itself, into which they may have been inlined;
 //! - formatting (`core::fmt` and what implements its traits): called by formatting only;
 //! - all others: called from anywhere but formatting, in the levels whose code knows the
 //!   pointer: it or the data it points to has it, or start-up has, or a variable. Besides these
@@ -38,13 +39,9 @@ use super::program::{Function, Program};
 
 /// Recursions in the code itself, by how the names begin, and how often each can be on the
 /// stack at once.
-const RECURSIONS: [(&str, u32); 3] = [
+const RECURSIONS: [(&str, u32); 1] = [
     // Once more where the number is subnormal: then it has been scaled up.
     ("libm::math::frexp::frexp", 2),
-    // Sorting of up to 1024 elements (the lattice of `umi_core::fit` has 145): the library
-    // allows twice the logarithm of the length, and an eighth at a time down to eight.
-    ("core::slice::sort::unstable::quicksort::quicksort", 21),
-    ("core::slice::sort::shared::pivot::median3_rec", 3),
 ];
 
 /// What runs at one level of priority: its handlers never interrupt each other.
@@ -99,7 +96,7 @@ pub fn needs(program: &Program, levels: &[Level], has_fpu: bool) -> Result<Vec<N
         } else {
             known(program, &start, &always)
         };
-        let graph = Graph::new(program, tasks, &known)?;
+        let graph = Graph::new(program, handlers, tasks, &known)?;
         let worst = handlers
             .iter()
             .map(|handler| graph.worst(program, graph.start(*handler)));
@@ -190,6 +187,14 @@ fn is_task(function: &Function) -> bool {
     name.starts_with("<embassy_executor::raw::TaskStorage<") && name.ends_with(">>::poll")
 }
 
+/// Whether it is the executor's, or the board's `main`, which may hold it.
+fn runs_tasks(function: &Function) -> bool {
+    let name = function.name();
+    name.starts_with("embassy_executor::")
+        || name.starts_with("<embassy_executor::")
+        || name.ends_with("::__cortex_m_rt_main")
+}
+
 /// The functions to which code knows pointers that begins with these functions, or with what
 /// it calls through them.
 fn known(program: &Program, start: &[usize], always: &BTreeSet<usize>) -> BTreeSet<usize> {
@@ -252,7 +257,12 @@ struct Graph {
 }
 
 impl Graph {
-    fn new(program: &Program, tasks: &[usize], known: &BTreeSet<usize>) -> Result<Self> {
+    fn new(
+        program: &Program,
+        handlers: &[usize],
+        tasks: &[usize],
+        known: &BTreeSet<usize>,
+    ) -> Result<Self> {
         let functions = &program.functions;
         let count = functions.len();
         let calls = calls(functions);
@@ -275,7 +285,10 @@ impl Graph {
                 next[count + index].push(formatting);
             } else if function.indirect > 0 {
                 next[index].push(others);
-                next[count + index].extend([others, polls]);
+                next[count + index].push(others);
+                if handlers.contains(&index) || runs_tasks(function) {
+                    next[count + index].push(polls);
+                }
             }
         }
         let pointed = program.pointed();
@@ -286,11 +299,35 @@ impl Graph {
         );
         next[others].extend(known.iter().filter(|index| is_other(program, **index)));
         next[polls].extend(tasks);
-        Ok(Self {
+        let graph = Self {
             next,
             weights,
             functions: count,
-        })
+        };
+        let mut starts = handlers.iter().map(|handler| graph.start(*handler));
+        ensure!(
+            tasks.is_empty() || starts.any(|start| graph.leads(start, polls)),
+            "nothing that runs tasks is called by `{}`, whose level has some",
+            handlers
+                .first()
+                .map_or("no handler", |handler| functions[*handler].name())
+        );
+        Ok(graph)
+    }
+
+    /// Whether there is a way from one node to another.
+    fn leads(&self, from: usize, to: usize) -> bool {
+        let mut reached = vec![false; self.next.len()];
+        let mut open = vec![from];
+        while let Some(node) = open.pop() {
+            if node == to {
+                return true;
+            }
+            if !std::mem::replace(&mut reached[node], true) {
+                open.extend(&self.next[node]);
+            }
+        }
+        false
     }
 
     /// The node of a function with which a level starts: outside of tasks, if it has any.
@@ -508,6 +545,28 @@ mod tests {
             ..other
         };
         assert_eq!(bytes(&program, &levels)[1], 36 + 64 + 200 + 7000);
+    }
+
+    /// What start-up calls through pointers runs no tasks: its stack and theirs exclude each
+    /// other. A level whose tasks nobody runs is an error, so that none is left out unseen.
+    #[test]
+    fn only_the_executor_runs_tasks() {
+        let mut program = program();
+        let boot = Function {
+            names: vec!["umi::boot".to_owned()],
+            frame: 600,
+            indirect: 1,
+            ..program.functions[LEAF].clone()
+        };
+        program.functions.push(boot);
+        program.functions[START].calls.push(FORMAT + 1);
+        let levels = [level("main", &["fit"]), level("driver", &["link"])];
+        assert_eq!(bytes(&program, &levels)[0], 8 + 16 + 1000 + 40);
+        program.functions[FORMAT + 1].frame = 2000;
+        assert_eq!(bytes(&program, &levels)[0], 8 + 2000 + 4);
+        program.functions[START].calls = vec![FORMAT + 1];
+        let said = needs(&program, &levels, false).unwrap_err().to_string();
+        assert!(said.contains("`Reset`"), "{said}");
     }
 
     /// A board that says nothing gets the worst of all: any task at any level.
