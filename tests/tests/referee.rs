@@ -10,7 +10,7 @@ use umi_core::brain::{Brain, Output};
 use umi_core::units::{Micros, Point};
 use umi_protocol::job::Job;
 use umi_tests::referee::{Before, Referee};
-use umi_virtual::nc::{Axes, Control, DecimalPoint, Dialect, Motion, Settings, Skip, Trip};
+use umi_virtual::nc::{Control, DecimalPoint, Dialect, Recorder, Settings};
 
 const TMP: &str = env!("CARGO_TARGET_TMPDIR");
 /// Both interpreters must agree within this; the referee prints steps of 0.0001.
@@ -169,50 +169,6 @@ fn corrections_do_what_they_say() {
     }
 }
 
-/// Axes that go wherever they are sent and remember where that was.
-#[derive(Default)]
-struct Recorder {
-    reference_point_mm: [f64; 3],
-    ends: Vec<[f64; 3]>,
-}
-
-impl Axes for Recorder {
-    fn position(&self) -> Point {
-        Point::from_array_mm(self.ends.last().copied().unwrap_or_default())
-    }
-    fn reference_point(&self) -> Point {
-        Point::from_array_mm(self.reference_point_mm)
-    }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
-        self.ends.push(motion.to.to_array_mm());
-        Ok(())
-    }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
-        self.travel(motion)?;
-        Ok(Skip {
-            touched: false,
-            stored: motion.to,
-        })
-    }
-    fn dwell(&mut self, _: f64) {}
-    fn change_tool(&mut self, _: u32) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn auxiliary(&mut self, _: u32, _: f64) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn print(&mut self, _: &[u8]) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn input(&self, _: u16) -> bool {
-        false
-    }
-    fn output(&mut self, _: u16, _: bool) {}
-    fn seconds(&self) -> f64 {
-        0.0
-    }
-}
-
 /// Where the motions of a program end by our interpreter. The last text is the main
 /// program.
 fn ours(dialect: Dialect, before: &Before, texts: &[&str]) -> Result<Vec<[f64; 3]>, String> {
@@ -230,12 +186,11 @@ fn ours(dialect: Dialect, before: &Before, texts: &[&str]) -> Result<Vec<[f64; 3
         main = loaded.first().copied().unwrap_or(main);
     }
     control.select(main).map_err(|alarm| alarm.to_string())?;
-    let mut axes = Recorder {
-        reference_point_mm: before.reference_point_mm,
-        ..Recorder::default()
-    };
+    let reference_point = Point::from_array_mm(before.reference_point_mm);
+    let mut axes = Recorder::new(Point::from_mm(0.0, 0.0, 0.0), reference_point);
     control.run(&mut axes).map_err(|alarm| alarm.to_string())?;
-    Ok(axes.ends)
+    let ends = axes.motions.iter();
+    Ok(ends.map(|(_, motion)| motion.to.to_array_mm()).collect())
 }
 
 /// The finishing path under each correction as it was sent, run as the shop would run it:

@@ -4,9 +4,7 @@
 use nalgebra::Vector3;
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
-use umi_virtual::nc::{
-    Axes, Control, DecimalPoint, Dialect, Limits, Motion, Path, Rate, Settings, Skip, Trip,
-};
+use umi_virtual::nc::{Control, DecimalPoint, Dialect, Limits, Path, Rate, Recorder, Settings};
 
 pub type V = Vector3<f64>;
 
@@ -51,55 +49,6 @@ impl Move {
     }
 }
 
-#[derive(Default)]
-struct Recorder {
-    moves: Vec<Move>,
-    at: V,
-}
-
-impl Axes for Recorder {
-    fn position(&self) -> Point {
-        Point { mm: self.at }
-    }
-    fn reference_point(&self) -> Point {
-        Point::from_array_mm(HOME_MM)
-    }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
-        self.moves.push(Move {
-            from: self.at,
-            to: motion.to.mm,
-            path: motion.path,
-            is_feed: matches!(motion.rate, Rate::Feed(_)),
-        });
-        self.at = motion.to.mm;
-        Ok(())
-    }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
-        self.travel(motion)?;
-        Ok(Skip {
-            touched: false,
-            stored: motion.to,
-        })
-    }
-    fn dwell(&mut self, _: f64) {}
-    fn change_tool(&mut self, _: u32) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn auxiliary(&mut self, _: u32, _: f64) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn print(&mut self, _: &[u8]) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn input(&self, _: u16) -> bool {
-        false
-    }
-    fn output(&mut self, _: u16, _: bool) {}
-    fn seconds(&self) -> f64 {
-        0.0
-    }
-}
-
 /// What the virtual machine makes of a program.
 pub fn interpreted(dialect: Dialect, program: &str) -> Result<Vec<Move>, String> {
     let settings = Settings {
@@ -116,9 +65,15 @@ pub fn interpreted(dialect: Dialect, program: &str) -> Result<Vec<Move>, String>
     let loaded = control.load(program).map_err(|alarm| alarm.to_string())?;
     let main = loaded.first().copied().unwrap_or_default();
     control.select(main).map_err(|alarm| alarm.to_string())?;
-    let mut axes = Recorder::default();
+    let mut axes = Recorder::new(Point::from_mm(0.0, 0.0, 0.0), Point::from_array_mm(HOME_MM));
     control.run(&mut axes).map_err(|alarm| alarm.to_string())?;
-    Ok(axes.moves)
+    let moves = axes.motions.iter().map(|(from, motion)| Move {
+        from: from.mm,
+        to: motion.to.mm,
+        path: motion.path,
+        is_feed: matches!(motion.rate, Rate::Feed(_)),
+    });
+    Ok(moves.collect())
 }
 
 /// What images are judged by.

@@ -5,60 +5,17 @@ use umi_core::registration::RigidTransform;
 use umi_core::units::{Point, Rad};
 
 use super::*;
-use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
+use crate::nc::{Axes as _, Motion, Path, Rate, Recorder};
 
 mod truth;
-
-/// Axes that go where they are sent.
-#[derive(Debug)]
-struct Still {
-    at: Point,
-}
-
-impl Axes for Still {
-    fn position(&self) -> Point {
-        self.at
-    }
-    fn reference_point(&self) -> Point {
-        Point::from_mm(0.0, 0.0, 500.0)
-    }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
-        self.at = motion.to;
-        Ok(())
-    }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
-        self.at = motion.to;
-        Ok(Skip {
-            touched: false,
-            stored: motion.to,
-        })
-    }
-    fn dwell(&mut self, _: f64) {}
-    fn change_tool(&mut self, _: u32) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn auxiliary(&mut self, _: u32, _: f64) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn print(&mut self, _: &[u8]) -> Result<(), Trip> {
-        Ok(())
-    }
-    fn input(&self, _: u16) -> bool {
-        false
-    }
-    fn output(&mut self, _: u16, _: bool) {}
-    fn seconds(&self) -> f64 {
-        0.0
-    }
-}
 
 const RADIUS: f64 = 4.0;
 const LENGTH: f64 = 120.0;
 const TOOL: u32 = 7;
 
-fn machine(workpiece: Workpiece) -> Cutter<Still> {
+fn machine(workpiece: Workpiece) -> Cutter<Recorder> {
     let at = Point::from_mm(0.0, 0.0, 400.0);
-    let mut cutter = Cutter::new(Still { at }, workpiece).with_tool(
+    let mut cutter = Cutter::new(Recorder::new(at, at), workpiece).with_tool(
         TOOL,
         BallNose {
             length_mm: LENGTH,
@@ -71,7 +28,7 @@ fn machine(workpiece: Workpiece) -> Cutter<Still> {
 }
 
 /// The tool's tip goes there.
-fn go(cutter: &mut Cutter<Still>, tip: Vector3<f64>, rate: Rate) {
+fn go(cutter: &mut Cutter<Recorder>, tip: Vector3<f64>, rate: Rate) {
     let to = Point {
         mm: tip + Vector3::new(0.0, 0.0, LENGTH),
     };
@@ -79,7 +36,7 @@ fn go(cutter: &mut Cutter<Still>, tip: Vector3<f64>, rate: Rate) {
     cutter.travel(&Motion { to, path, rate }).unwrap();
 }
 
-fn lace(cutter: &mut Cutter<Still>, from: Vector3<f64>, to: Vector3<f64>) {
+fn lace(cutter: &mut Cutter<Recorder>, from: Vector3<f64>, to: Vector3<f64>) {
     let safe = |p: Vector3<f64>| Vector3::new(p.x, p.y, 200.0);
     go(cutter, safe(from), Rate::Rapid);
     go(cutter, from, Rate::Feed(1000.0));
