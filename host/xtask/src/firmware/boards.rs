@@ -19,9 +19,9 @@ pub struct Board {
     pub cpu: Option<&'static str>,
     /// How an image gets into it.
     pub flashing: Flashing,
-    /// Its firmware is known to build. One that is not is built when it is named only, and
-    /// has no budget.
-    pub is_proven: bool,
+    /// It is built when no board is named. A second chip with the sources of the first
+    /// would make every build and check minutes longer.
+    pub is_usual: bool,
 }
 
 impl Board {
@@ -59,7 +59,7 @@ pub const BOARDS: &[Board] = &[
         target: "thumbv7em-none-eabihf",
         cpu: Some("cortex-m7"),
         flashing: Flashing::Emulator,
-        is_proven: true,
+        is_usual: true,
     },
     Board {
         name: "pico",
@@ -71,7 +71,7 @@ pub const BOARDS: &[Board] = &[
             chip: "RP2040",
             family: uf2::Family::Rp2040,
         },
-        is_proven: true,
+        is_usual: true,
     },
     Board {
         name: "pico2",
@@ -83,7 +83,7 @@ pub const BOARDS: &[Board] = &[
             chip: "RP235x",
             family: uf2::Family::Rp2350,
         },
-        is_proven: false,
+        is_usual: false,
     },
     Board {
         name: "nucleo-h743",
@@ -94,13 +94,13 @@ pub const BOARDS: &[Board] = &[
         flashing: Flashing::Probe {
             chip: "STM32H743ZITx",
         },
-        is_proven: true,
+        is_usual: true,
     },
 ];
 
-/// The boards whose firmware is known to build.
-pub fn proven() -> impl Iterator<Item = &'static Board> {
-    BOARDS.iter().filter(|board| board.is_proven)
+/// The boards that are built when none is named.
+pub fn usual() -> impl Iterator<Item = &'static Board> {
+    BOARDS.iter().filter(|board| board.is_usual)
 }
 
 /// The board of this name, or what names there are.
@@ -114,10 +114,10 @@ pub fn find(name: &str) -> Result<&'static Board> {
         })
 }
 
-/// The boards of these names; all that are proven if none is named.
+/// The boards of these names; all usual ones if none is named.
 pub fn select(names: &[String]) -> Result<Vec<&'static Board>> {
     if names.is_empty() {
-        return Ok(proven().collect());
+        return Ok(usual().collect());
     }
     names.iter().map(|name| find(name)).collect()
 }
@@ -136,7 +136,7 @@ mod tests {
         }
     }
 
-    /// A wrong name is answered with the right ones; no name means all that are proven.
+    /// A wrong name is answered with the right ones; no name means all usual ones.
     #[test]
     fn names() {
         let error = select(&["pico3".into()]).unwrap_err().to_string();

@@ -123,8 +123,9 @@ impl Toolchain {
                 .arg("-Zbuild-std=core");
             flags.push(format!("-Clinker={DEBIAN_LINKER}"));
         }
-        // Not by the environment, whose names cannot have the dot that a target has.
-        let flags = format!("target.'{target}'.rustflags={flags:?}");
+        // Without quotes: cargo looks for a target with a dot in two steps. Not by the
+        // environment, whose names cannot have the dot.
+        let flags = format!("target.{target}.rustflags={flags:?}");
         command
             // Building the core library is unstable in cargo, but Debian has no other way to
             // have it for a target; the stack sizes are unstable everywhere.

@@ -33,7 +33,7 @@ use crate::house::House;
     after_help = "Examples:\n  cargo xtask size\n  cargo xtask size pico --stack    # which calls need the stack\n  cargo xtask size --json > sizes.json"
 )]
 pub struct Arguments {
-    /// The boards; all of them if none is named.
+    /// The boards; all of them but the pico2 if none is named.
     boards: Vec<String>,
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
