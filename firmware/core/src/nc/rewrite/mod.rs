@@ -92,6 +92,7 @@
 
 mod arc;
 mod block;
+mod curve;
 mod cycle;
 mod emit;
 mod follow;
@@ -99,6 +100,7 @@ mod header;
 mod length;
 mod motion;
 mod refusal;
+mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -109,114 +111,20 @@ use core::fmt::Write as _;
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::registration::RigidTransform;
-use crate::units::Mm;
-
 pub use header::Check;
 pub use length::Unit;
 pub use refusal::{Reason, Refusal, Why};
+pub use settings::{BadSettings, Identity, Integers, Settings};
 
 use emit::{Edit, Out};
 use length::{PM_PER_MM, Step};
 use motion::More;
+use settings::checked;
 use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
 use words::{At, Kind, Words};
 
 /// Characters of a line, at most, without its end: four times what controls take.
 pub const MAX_LINE: usize = 512;
-
-/// What a length without a decimal point means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Integers {
-    /// `X100` is 100 mm or inches (Fanuc 3401#0 DPI = 1, LinuxCNC, GRBL).
-    Units,
-    /// `X100` is 100 steps (Fanuc DPI = 0).
-    Steps,
-}
-
-/// By what a program is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
-    /// CRC-32 (ISO-HDLC) of all bytes.
-    pub crc32: u32,
-    /// How many there are.
-    pub bytes: u64,
-}
-
-/// What to do with a program.
-#[derive(Clone, Debug)]
-pub struct Settings<'a> {
-    /// Nominal to measured, in the coordinates of the work offset.
-    pub transform: RigidTransform,
-    /// Decimals of a length in mm that the control takes, 1 to 6: 3 is 0.001 mm, IS-B.
-    /// Inches have one more.
-    pub decimals_mm: u8,
-    /// How far an arc may come to lie from its image, rounding included.
-    pub chord: Mm,
-    /// What a length without a decimal point means; none refuses it.
-    pub integers: Option<Integers>,
-    /// The unit before the program says G20 or G21; none refuses motions.
-    pub unit: Option<Unit>,
-    /// Origins of G54 to G59 in machine coordinates, where they are known, mm.
-    pub origins_mm: [Option<[f64; 3]>; 6],
-    /// How far pecks retract where a cycle is written out (Fanuc 5114, 5115).
-    pub clearance: Mm,
-    /// Check value of the original, for the header.
-    pub original: Option<Identity>,
-    /// Where the transform comes from, for the header: a verdict's job and plate.
-    pub source: &'a str,
-}
-
-impl Settings<'_> {
-    /// A control of 0.001 mm, arcs within 0.01 mm, nothing known beyond the transform.
-    #[must_use]
-    pub const fn new(transform: RigidTransform) -> Self {
-        Self {
-            transform,
-            decimals_mm: 3,
-            chord: Mm(0.01),
-            integers: None,
-            unit: None,
-            origins_mm: [None; 6],
-            clearance: Mm(1.0),
-            original: None,
-            source: "",
-        }
-    }
-}
-
-/// Settings that cannot be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum BadSettings {
-    /// R is not a rotation to 1e-6, or a number is not finite or beyond 10 m.
-    Transform,
-    /// Decimals are 1 to 6.
-    Decimals,
-    /// A chord's tolerance from 3 steps to 10 mm.
-    Chord,
-    /// A clearance from 0 to 100 mm.
-    Clearance,
-    /// An origin beyond 10 m.
-    Origin,
-}
-
-impl core::fmt::Display for BadSettings {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Transform => {
-                "this is no rotation and translation: rows of R must be orthogonal unit vectors to \
-                 1e-6 (write nine decimals), the determinant +1, lengths below 10 m"
-            }
-            Self::Decimals => "the increment is 0.1 to 0.000001 mm, a power of ten",
-            Self::Chord => "the tolerance of arcs is at least 3 increments, at most 10 mm",
-            Self::Clearance => "the clearance of pecks is 0 to 100 mm",
-            Self::Origin => "an origin is a place within 10 m",
-        })
-    }
-}
-
-impl core::error::Error for BadSettings {}
 
 /// What was done to a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -691,31 +599,6 @@ const fn modes(unit: Option<Unit>) -> Modes {
             known: true,
         },
     }
-}
-
-/// A transform that is one: rotation to 1e-6, made exact.
-fn checked(transform: &RigidTransform) -> Option<RigidTransform> {
-    let r = &transform.rotation;
-    let error = (r.transpose() * r - Matrix3::identity()).abs().max();
-    let far = transform.translation_mm.abs().max();
-    let finite = r
-        .iter()
-        .chain(transform.translation_mm.iter())
-        .all(|x| x.is_finite());
-    let fits = finite && error <= 2e-6 && far <= 10_000.0 && r.determinant() > 0.0;
-    if !fits {
-        return None;
-    }
-    // A rotation of ones and zeros, or about an axis of the machine, stays what it is.
-    let exact = error <= 4.0 * f64::EPSILON;
-    Some(if exact {
-        *transform
-    } else {
-        RigidTransform {
-            rotation: crate::registration::transform::Quaternion::from_rotation(r).to_rotation(),
-            ..*transform
-        }
-    })
 }
 
 /// An item of three.
