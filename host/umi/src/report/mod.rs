@@ -12,7 +12,7 @@
 //! | `figures`, `program` | derived figures; what a correction program does |
 //! | `number`, `text`, `markup` | digits and units; text that comes from a control; elements that always close |
 //! | `svg`, `scale`, `labels` | drawing: primitives, scales and scale bars, labels that do not overlap |
-//! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart` | the pictures |
+//! | `sphere`, `unfitted`, `residuals`, `plate`, `part`, `chart`, `paths` | the pictures |
 //! | `head`, `tables`, `registration`, `clamping`, `page` | the parts of the page |
 //! | `experiment`, `thesis_tables`, `map`, `polar` | the thesis' tables and the surface that was cut |
 //! | `terminal` | the table for a terminal |
@@ -29,6 +29,7 @@ mod model;
 mod number;
 mod page;
 mod part;
+pub mod paths;
 mod plate;
 mod polar;
 pub mod program;

@@ -1,5 +1,6 @@
 //! Rewriting part programs on the host: files in, files out.
 
+pub mod diff;
 mod source;
 
 use std::fs::File;

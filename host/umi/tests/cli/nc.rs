@@ -142,3 +142,58 @@ fn a_check_lists_all_reasons() {
         (&2.into(), &1.into())
     );
 }
+
+/// A rewritten program has every motion's image, chords of arcs included; one number that is
+/// off is found, with its lines and by how much; the page shows it.
+#[test]
+fn a_difference_is_found() {
+    let folder = Folder::new();
+    let program = project("tests/nc/06-arcs-three-planes.nc");
+    let lean =
+        r#"{"rotation": [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]], "translation_mm": [1, 2, 3]}"#;
+    let (transform, out, page) = (
+        folder.file("t.json", lean),
+        folder.path("out.nc"),
+        folder.path("diff.html"),
+    );
+    let rewrite = ["nc", "rewrite", &program, "-o", &out];
+    umi(&[&rewrite[..], &["--transform", &transform]].concat()).exits(0);
+    let diff = ["nc", "diff", &program, &out, "--transform", &transform];
+    let same = umi(&[&diff[..], &["--json"]].concat()).exits(0).json();
+    assert_eq!(same["complete"], true);
+    assert_eq!(same["matched"], same["moves_a"]);
+    assert!(same["moves_b"].as_u64() > same["moves_a"].as_u64());
+    let mm =
+        |value: &serde_json::Value, which: &str| value[which]["deviation_mm"].as_f64().unwrap();
+    assert!(mm(&same, "largest_end") < 0.0009 && mm(&same, "largest_way") < 0.0101);
+
+    // The end of the last motion, 0.02 mm off: near enough to be meant.
+    let made = std::fs::read_to_string(&out).unwrap();
+    let last = made
+        .lines()
+        .filter(|line| line.contains('X'))
+        .next_back()
+        .unwrap();
+    let number = last
+        .split('X')
+        .nth(1)
+        .unwrap()
+        .split([' ', 'Y', 'Z'])
+        .next()
+        .unwrap();
+    let moved = format!("X{:.3}", number.parse::<f64>().unwrap() + 0.02);
+    let wrong = last.replacen(&format!("X{number}"), &moved, 1);
+    std::fs::write(&out, made.replace(last, &wrong)).unwrap();
+    let off = umi(&[&diff[..], &["--json", "-o", &page]].concat())
+        .exits(0)
+        .json();
+    assert!((mm(&off, "largest_end") - 0.02).abs() < 0.0011, "{off}");
+    let line = 1 + made.lines().position(|line| line == last).unwrap();
+    assert_eq!(off["largest_end"]["line_b"], line);
+    assert!(std::fs::read_to_string(&page).unwrap().contains("<svg"));
+
+    // Another place is no image; one motion less is missed.
+    std::fs::write(&out, made.replace(&format!("{last}\n"), "")).unwrap();
+    let ran = umi(&diff).exits(2);
+    assert!(ran.out.contains("not found"), "{}", ran.out);
+}
