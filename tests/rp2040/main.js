@@ -25,7 +25,8 @@
 // | reset      |                                        | the RUN pin                                    |
 // | usb        | plugged                                | the USB plug                                   |
 // | descriptors |                                       | what the host has read: device and configuration (hex), manufacturer, product, serial |
-// | uart       | baud                                   | the control's own baud rate (null: the board's) |
+// | uart       | baud, rts_cts = false                  | the control's own baud rate (null: the board's); whether it sends only while RTS lets it |
+// | packets    |                                        | of the link since asked last: [cycle, bytes from the board, or below zero to it] |
 // | stamps     |                                        | cycles at which the last characters to the control ended |
 // | send       | bytes (hex)                            | the control sends, without the TCP port in between |
 // | nor_read   | address, length                        | contents (hex)                                 |
@@ -44,6 +45,7 @@ const STRETCH_MS = 8;
 const CYCLES_PER_MS = 125_000;
 /** More than this unsent to the host's program: it does not take more. */
 const HOST_BACKLOG = 1 << 18;
+const USAGE = 'usage: node main.js IMAGE [--paused] [--unique-id HEX]';
 const NAMES = { 21: 'laser_enable', 22: 'trigger_out', 25: 'led', 26: 'ok', 27: 'ng', 28: 'busy' };
 
 function options(args) {
@@ -51,13 +53,33 @@ function options(args) {
   for (let i = 0; i < args.length; i++) {
     if (args[i] === '--paused') found.isPaused = true;
     else if (args[i] === '--unique-id') found.uniqueId = args[++i];
+    else if (args[i].startsWith('-')) fail(`there is no option ${args[i]}; ${USAGE}`);
     else found.image = args[i];
   }
-  if (found.image === null) {
-    console.error('usage: node main.js IMAGE [--paused] [--unique-id HEX]');
-    process.exit(2);
-  }
+  if (found.image === null) fail(USAGE);
+  if (!/^[0-9a-f]{16}$/i.test(found.uniqueId ?? '')) fail('--unique-id takes 16 hexadecimal digits');
   return found;
+}
+
+/** One line that says what is wrong. */
+function fail(why) {
+  console.error(why);
+  process.exit(2);
+}
+
+/** What an image loads, and where. */
+function load(image) {
+  let bytes;
+  try {
+    bytes = readFileSync(image);
+  } catch (error) {
+    fail(`the image ${image} cannot be read: ${error.message}; \`cargo xtask firmware pico\` makes one`);
+  }
+  try {
+    return segments(bytes);
+  } catch (error) {
+    fail(`${image} is no image for this board: ${error.message}`);
+  }
 }
 
 class Bench {
@@ -145,6 +167,9 @@ class Bench {
         this.isFree = false;
         return this.state();
       case 'axis':
+        if (stimuli.axes[request.axis] === undefined) {
+          throw new Error(`there is no axis ${request.axis}: they are 0 to ${stimuli.axes.length - 1}`);
+        }
         return { start: stimuli.startAxis(request.axis, request, request.after ?? 0) };
       case 'pulses':
         return { start: stimuli.startPulses(request, request.after ?? 0) };
@@ -191,7 +216,14 @@ class Bench {
       }
       case 'uart':
         control.baud = request.baud ?? null;
+        control.minds = request.rts_cts ?? false;
+        control.uart?.poke();
         return {};
+      case 'packets': {
+        const { packets } = usb;
+        usb.packets = [];
+        return { packets };
+      }
       case 'stamps': {
         const { stamps } = control;
         control.stamps = [];
@@ -346,7 +378,7 @@ function serveBench(bench) {
 }
 
 const { image, isPaused, uniqueId } = options(process.argv.slice(2));
-const board = new Board(segments(readFileSync(image)), Buffer.from(uniqueId, 'hex'));
+const board = new Board(load(image), Buffer.from(uniqueId, 'hex'));
 const bench = new Bench(board, isPaused);
 const [control, host, benchPort] = await Promise.all([
   serveControl(board, bench),

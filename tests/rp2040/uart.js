@@ -11,12 +11,13 @@ const DR = 0x00, RSR = 0x04, FR = 0x18, IBRD = 0x24, FBRD = 0x28, LCR_H = 0x2c, 
 const IFLS = 0x34, IMSC = 0x38, RIS = 0x3c, MIS = 0x40, ICR = 0x44, DMACR = 0x48;
 const FR_CTS = 1 << 0, FR_BUSY = 1 << 3, FR_RXFE = 1 << 4, FR_TXFF = 1 << 5, FR_RXFF = 1 << 6, FR_TXFE = 1 << 7;
 const INT_RX = 1 << 4, INT_TX = 1 << 5, INT_RT = 1 << 6, INT_OE = 1 << 10;
-const CR_EN = 1, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_CTSEN = 1 << 15;
+const CR_EN = 1, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_RTS = 1 << 11, CR_CTSEN = 1 << 15;
 const DR_OE = 1 << 11;
 const FEN = 1 << 4;
 const FIFO_DEPTH = 32;
 const ID = [0x11, 0x10, 0x34, 0x00, 0x0d, 0xf0, 0x05, 0xb1];
-const CTS_PIN = 2;
+const CTS_PIN = 2, RTS_PIN = 3;
+const UART_FUNCTION = 2;
 
 export class Uart extends BasePeripheral {
   /** `control` is the other end: `take(byte, cycle)` and `give()`. */
@@ -74,6 +75,12 @@ export class Uart extends BasePeripheral {
   /** The control's RTS at our CTS pin: asserted when low. */
   get clearToSend() {
     return !((this.chip.pins.read(this.chip.now) >>> CTS_PIN) & 1);
+  }
+
+  /** Our RTS at the control's CTS: low, as the board drives it. */
+  get requestsToSend() {
+    const isConnected = this.chip.rp.gpio[RTS_PIN].functionSelect === UART_FUNCTION;
+    return isConnected && (this.registers.cr & CR_RTS) !== 0;
   }
 
   // --- Transmitter ---
@@ -221,6 +228,8 @@ export class Control {
     this.queue = [];
     this.head = 0;
     this.baud = null;
+    /** It sends only while the board's RTS lets it. */
+    this.minds = false;
     this.overruns = 0;
     this.unheard = 0;
     this.sent = 0;
@@ -243,6 +252,7 @@ export class Control {
 
   give() {
     if (this.head >= this.queue.length || !this.uart.registers.ibrd) return null;
+    if (this.minds && !this.uart.requestsToSend) return null;
     const byte = this.queue[this.head++];
     if (this.head === this.queue.length) {
       this.queue.length = 0;

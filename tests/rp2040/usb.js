@@ -16,6 +16,7 @@ const MS = 1000 * CYCLES_PER_MICRO;
 const IDLE = 'idle';
 const GET = 0x80, SET = 0x00, CLASS = 0x21;
 const DEVICE = 1, CONFIGURATION = 2, STRING = 3, INTERFACE = 4, ENDPOINT = 5;
+const PACKETS_KEPT = 1 << 16;
 const CDC_COMMUNICATION = 2, CDC_DATA = 10, BULK = 2;
 
 export class UsbHost {
@@ -30,6 +31,8 @@ export class UsbHost {
     this.onGone = null;
     /** Whether the program takes bytes now. */
     this.takes = () => true;
+    /** Packets with bytes: cycle, and how many came from the board or, below zero, went to it. */
+    this.packets = [];
     this.received = 0;
     this.delivered = 0;
     this.toggleErrors = 0;
@@ -288,6 +291,7 @@ export class UsbHost {
       }
       this.expected ^= 1;
       this.received += packet.length;
+      this.note(packet.length);
       if (packet.length > 0) this.onData?.(packet);
       return packet.length;
     }
@@ -303,10 +307,17 @@ export class UsbHost {
         this.head = 0;
       }
       this.delivered += packet.length;
+      this.note(-packet.length);
       this.give(this.outEndpoint, packet);
       return packet.length;
     }
     return null;
+  }
+
+  note(length) {
+    if (length === 0) return;
+    this.packets.push([this.chip.epoch + this.chip.cycle, length]);
+    if (this.packets.length > PACKETS_KEPT) this.packets.splice(0, PACKETS_KEPT / 2);
   }
 
   /** An IN transaction. */

@@ -3,19 +3,16 @@
 //!
 //! The long forms are run by `cargo test -p umi-tests --test pico -- --ignored --nocapture`.
 
-use std::io::{Read as _, Write as _};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
 use umi::link::{Client, Patience};
-use umi::pull::{self, Step};
-use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::message::{Event, Record};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{
-    AXES, CYCLES_PER_US, PicoRig, Pulses, SKIP_PIN, Segment, TRIGGER_PIN, Truth, pty,
+    AXES, CYCLES_PER_US, PicoRig, Pulses, SKIP_PIN, Segment, TRIGGER_PIN, Truth,
 };
 
 /// The rate that the board claims: 10 million counts a second.
@@ -29,26 +26,12 @@ const NEAR_CYCLES: u64 = 12;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
-const DC1: u8 = 0x11;
-const XOFF: u8 = 0x13;
-
 fn client(rig: &mut PicoRig) -> Client {
     let patience = Patience {
         answer: Duration::from_secs(60),
         tries: 3,
     };
     Client::with_patience(rig.connect(), patience).unwrap()
-}
-
-fn job() -> Job {
-    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
-}
-
-/// The text of one clamping.
-fn clamping(case: usize) -> String {
-    let lines = SESSION.split_inclusive('\n');
-    lines.skip(27 * case).take(27).collect()
 }
 
 fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
@@ -295,202 +278,6 @@ fn a_skip_edge_is_latched_where_and_when_it_was() {
     assert!(spread <= STAMP_NS, "{spread} ns");
     assert!(distances.worst_counts <= 1);
     assert_eq!(client.status().unwrap().latches.missed, 0);
-}
-
-/// The raw bytes that the journal has from the control.
-fn bytes_from_control(client: &mut Client) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    pull::pull(client, None, |step| {
-        if let Step::Entry(entry, _) = step {
-            match pull::record(&entry).unwrap() {
-                Record::Bytes { raw } => bytes.extend_from_slice(&raw),
-                Record::BytesLost { count } => panic!("{count} bytes lost"),
-                _ => {}
-            }
-        }
-        Ok(())
-    })
-    .unwrap();
-    bytes
-}
-
-/// A thousand triggers a second with all axes moving: the work that must not cost a byte.
-fn keep_busy(rig: &mut PicoRig, milliseconds: u64) {
-    let cycles = milliseconds * 1000 * CYCLES_PER_US;
-    move_all(rig, cycles, 125.0);
-    rig.emulator().pulses(&Pulses {
-        pin: TRIGGER_PIN,
-        count: milliseconds,
-        period: 1000 * CYCLES_PER_US,
-        width: 10 * CYCLES_PER_US,
-        ..Pulses::default()
-    });
-}
-
-fn wait_for_control(rig: &mut PicoRig) {
-    wait_until("the control's text", || {
-        rig.emulator().state().control_waiting == 0
-    });
-    let end = rig.emulator().state().cycle + 3_000_000 * CYCLES_PER_US / 10;
-    wait_until("the board", || rig.emulator().state().cycle > end);
-}
-
-/// A session at 115200 baud without a pause, triggers running, nobody at the USB port:
-/// the journal has every byte.
-#[test]
-fn a_session_without_a_host_loses_no_byte() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    client(&mut rig).set_job(&job()).unwrap().unwrap();
-    rig.unplug();
-    keep_busy(&mut rig, 600);
-    rig.control_sends(SESSION.as_bytes());
-    wait_for_control(&mut rig);
-    let mut client = client(&mut rig);
-    let sent = SESSION.len() as u64;
-    wait_until("the measurements", || {
-        client.status().unwrap().counters.bytes >= sent
-    });
-    let status = client.status().unwrap();
-    assert_eq!(status.counters.bytes_lost, 0);
-    assert_eq!(status.latches.missed, 0);
-    let state = rig.emulator().state();
-    let baud = state.json["uart"]["baud"].as_f64().unwrap();
-    assert!((baud / 115_200.0 - 1.0).abs() < 0.001, "{baud}");
-    assert_eq!(state.overruns, 0, "characters that found no room");
-    assert!(bytes_from_control(&mut client) == SESSION.as_bytes());
-}
-
-/// The same while the host floods the link with requests.
-#[test]
-fn a_session_under_a_flood_loses_no_byte() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = client(&mut rig);
-    client.set_job(&job()).unwrap().unwrap();
-    keep_busy(&mut rig, 600);
-    rig.control_sends(SESSION.as_bytes());
-    let mut requests = 0;
-    let end = rig.emulator().state().cycle + 600_000 * CYCLES_PER_US;
-    while rig.emulator().state().cycle < end {
-        for _ in 0..20 {
-            client.status().unwrap();
-            requests += 1;
-        }
-    }
-    wait_for_control(&mut rig);
-    let status = client.status().unwrap();
-    assert_eq!(status.counters.bytes_lost, 0);
-    assert_eq!(status.link_damaged, 0);
-    let state = rig.emulator().state();
-    assert_eq!((state.overruns, state.toggle_errors), (0, 0));
-    assert!(bytes_from_control(&mut client) == SESSION.as_bytes());
-    println!("{requests} requests answered");
-}
-
-/// After an XOFF has come in at most ten characters still go out: two are in the UART.
-/// Wherever in the program it comes, and after XON the rest follows.
-#[test]
-#[ignore = "does not come to its end in minutes: the steps of the standing emulator take seconds each"]
-fn an_xoff_stops_the_board_within_ten_characters() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = client(&mut rig);
-    client.set_job(&job()).unwrap().unwrap();
-    let mut worst = 0;
-    rig.control_sends(clamping(0).as_bytes());
-    wait_until("the reference", || client.status().unwrap().verdicts == 1);
-    let mut control = rig.emulator().control().unwrap();
-    for (round, stop) in [1, 40, 177].into_iter().enumerate() {
-        control.write_all(clamping(1).as_bytes()).unwrap();
-        wait_until("a verdict", || client.status().unwrap().correction_waiting);
-        let text = client.verdict().unwrap().unwrap().correction.unwrap().text;
-        rig.emulator().ask(&json!({ "do": "stamps" }));
-        // In steps, so that it is known when the XOFF was sent: a character is 87 us.
-        rig.emulator().run(1000 * CYCLES_PER_US);
-        rig.emulator()
-            .ask(&json!({ "do": "send", "bytes": format!("{DC1:02x}") }));
-        let begun = heard(&mut rig);
-        while heard(&mut rig) < begun + stop {
-            rig.emulator().run(80 * CYCLES_PER_US);
-        }
-        let sent = rig.emulator().state().cycle;
-        rig.emulator()
-            .ask(&json!({ "do": "send", "bytes": format!("{XOFF:02x}") }));
-        rig.emulator().run(50_000 * CYCLES_PER_US);
-        let stamps = rig.emulator().ask(&json!({ "do": "stamps" }));
-        let come = sent + 87 * CYCLES_PER_US;
-        let after = stamps["stamps"].as_array().unwrap().iter();
-        let after = after.filter(|stamp| stamp.as_u64().unwrap() > come).count();
-        worst = worst.max(after);
-        rig.emulator()
-            .ask(&json!({ "do": "send", "bytes": format!("{DC1:02x}") }));
-        rig.emulator().ask(&json!({ "do": "free" }));
-        let mut got = vec![0; text.len()];
-        control.set_read_timeout(Some(PATIENCE)).unwrap();
-        control.read_exact(&mut got).unwrap();
-        assert_eq!(
-            String::from_utf8_lossy(&got),
-            text.as_str(),
-            "round {round}"
-        );
-    }
-    assert!(worst <= 10, "{worst} characters after an XOFF");
-    println!("at most {worst} characters after an XOFF");
-}
-
-fn heard(rig: &mut PicoRig) -> u64 {
-    let state = rig.emulator().state();
-    state.json["uart"]["heard"].as_u64().unwrap()
-}
-
-/// What opens a serial device finds the board behind a pseudo-terminal, and the board
-/// calls itself by the serial number that its USB descriptor has.
-#[test]
-fn umi_talks_to_it_through_a_serial_device() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    drop(rig.connect());
-    let path = pty(rig.emulator()).unwrap();
-    let mut client = Client::open(&path).unwrap();
-    let identity = client.identity().unwrap();
-    let descriptors = rig.emulator().ask(&json!({ "do": "descriptors" }));
-    assert_eq!(descriptors["serial"], identity.serial.as_str());
-    assert!(!identity.serial.is_empty());
-}
-
-/// The power goes in the middle of what the journal writes: what was there before is there
-/// after, and the board says what it gave up.
-#[test]
-fn a_power_cut_in_a_page() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = client(&mut rig);
-    client.set_job(&job()).unwrap().unwrap();
-    let before = client.journal_info().unwrap().next_seq;
-    rig.emulator().ask(&json!({ "do": "nor_cut", "after": 17 }));
-    rig.control_sends(b"X1 Y2 Z3\r\n");
-    wait_until("the cut", || rig.emulator().state().json["is_on"] == false);
-    rig.power_cycle();
-    let mut client = self::client(&mut rig);
-    let mut torn = 0;
-    pull::pull(&mut client, None, |step| {
-        if let Step::Entry(entry, _) = step
-            && let Record::Recovered { torn_bytes, .. } = pull::record(&entry).unwrap()
-        {
-            torn += torn_bytes;
-        }
-        Ok(())
-    })
-    .unwrap();
-    assert!(torn > 0);
-    assert!(client.journal_info().unwrap().next_seq > before);
-    assert!(client.job().unwrap().job.is_some());
 }
 
 /// A scanner's triggers while all axes move at a million counts a second: what comes of

@@ -21,9 +21,9 @@ use umi_core::units::Micros;
 
 use crate::measure::{Bytes, Input};
 
-/// Places: 2 KB of bytes, which is 0.18 s at 115200 baud. A fit takes a fraction of that
-/// on the slowest board.
-pub const PLACES: usize = 32;
+/// Places: 6 KB of bytes, which is 0.5 s at 115200 baud without a pause. The longest fit
+/// that a job can ask for takes a fraction of that on the slowest board.
+pub const PLACES: usize = 96;
 
 /// Inputs that wait to be measured.
 pub(crate) struct Intake {

@@ -57,6 +57,24 @@ impl<const N: usize> Received<N> {
         self.lost = self.lost.saturating_add(count);
     }
 
+    /// Bytes that wait.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// Nothing waits: neither a byte nor a loss.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.bytes.is_empty() && self.lost == 0
+    }
+
+    /// A loss waits to be told.
+    #[must_use]
+    pub const fn has_lost(&self) -> bool {
+        self.lost > 0
+    }
+
     /// What comes next: bytes, copied into `buffer`, or a loss. `None`: nothing.
     pub fn give(&mut self, buffer: &mut [u8]) -> Option<CncInput> {
         let ready = match self.lost {

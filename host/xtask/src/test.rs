@@ -201,7 +201,10 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             .env("UMI_PICO_IMAGE", image("pico"))
             .env("UMI_PICO_FIGURES", image("pico-figures"));
         let mut npm = run.house.command("npm");
-        execute(npm.arg("test").current_dir(emulators::folder(run.house)))?;
+        npm.env("UMI_PICO_IMAGE", image("pico"))
+            .arg("test")
+            .current_dir(emulators::folder(run.house));
+        execute(&mut npm)?;
     }
     execute(&mut command)?;
     Ok(Outcome::Passed)

@@ -20,7 +20,7 @@
 //! | [`stamps`], [`watched`] | edges to instants |
 //! | [`latch`], [`tick`] | captures |
 //! | [`trigger_out`] | pulses to a scanner |
-//! | [`uart`], [`usb`] | the control's and the host's port |
+//! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal and settings |
 //! | [`guard`], [`kept`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
 //!
@@ -48,7 +48,6 @@ mod storage;
 mod tick;
 mod trigger_out;
 mod uart;
-mod usb;
 mod watched;
 
 use core::fmt::Write as _;
@@ -70,6 +69,7 @@ use portable_atomic as _;
 use static_cell::StaticCell;
 use umi_app::measure::{Boot, name};
 use umi_app::{App, Running};
+use umi_drivers::usb_serial;
 use umi_protocol::message::{Identity, ResetReason};
 
 use clock::BoardClock;
@@ -246,19 +246,19 @@ async fn serve(
     serial: &'static str,
     mut station: Station,
 ) {
-    let Some(parts) = usb::start(Driver::new(usb, Interrupts), serial) else {
+    let driver = Driver::new(usb, Interrupts);
+    let Some(mut link) = usb_serial::start(driver, "openumi Pico", serial) else {
         return;
     };
-    let usb::Parts {
-        mut device,
-        line,
-        mut receiver,
-        mut transmitter,
-    } = parts;
     join3(
-        device.run(),
-        usb::follow(line),
-        app.serve(&mut receiver, &mut transmitter, &mut station, &BoardClock),
+        link.device.run(),
+        usb_serial::follow(link.line),
+        app.serve(
+            &mut link.receiver,
+            &mut link.transmitter,
+            &mut station,
+            &BoardClock,
+        ),
     )
     .await;
 }

@@ -36,11 +36,9 @@ pub fn connect() {
     for pin in [CNC_TX, CNC_RX] {
         connected(pin, UART, Idle::High);
     }
-    if cfg!(feature = "rts-cts") {
-        for pin in [CNC_CTS, CNC_RTS] {
-            connected(pin, UART, Idle::High);
-        }
-    }
+    // Low is ready: a control without that line always is.
+    connected(CNC_CTS, UART, Idle::Low);
+    connected(CNC_RTS, UART, Idle::High);
 }
 
 /// Gives a pin its function; its input stays on.

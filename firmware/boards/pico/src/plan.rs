@@ -112,7 +112,8 @@ const _: () = {
 };
 
 #[allow(clippy::panic, reason = "by the compiler: a zero does not compile")]
-const fn nonzero(number: u32) -> NonZeroU32 {
+/// By the compiler.
+pub const fn nonzero(number: u32) -> NonZeroU32 {
     match NonZeroU32::new(number) {
         Some(number) => number,
         None => panic!("zero"),

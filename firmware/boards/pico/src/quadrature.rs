@@ -9,12 +9,16 @@
 //! The position of an edge is that of the sample nearest to it: at most half a period
 //! away, 40 ns.
 
+use core::num::NonZeroU32;
+
 use umi_core::encoder::extend::{Tally, nearest};
 use umi_core::encoder::samples::SampleRing;
 
 use crate::machines::{FIRST_SAMPLE_CYCLES, Started};
 use crate::pins::AXES;
-use crate::plan::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
+use crate::plan::{
+    CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS, nonzero,
+};
 use crate::{clock, machines, rings};
 
 /// Positions of the axes at one instant.
@@ -31,9 +35,39 @@ pub struct Quadrature {
     illegal: [Tally<ILLEGAL_BITS>; AXES],
     ring: SampleRing,
     grid: Grid,
+    /// A whole ring has been written since the machines were started.
+    is_full: bool,
     /// Times at which samples were lost.
     lost: u32,
 }
+
+/// What one axis does, for who foresees it.
+pub struct Course {
+    /// At the latest sample.
+    pub position: i64,
+    /// What it has moved until then, in [`BASE_CYCLES`].
+    pub moved: i32,
+    /// Where that sample is.
+    slot: u32,
+}
+
+impl Course {
+    /// Cycles since that sample was taken, less than a ring's.
+    #[inline(always)]
+    pub fn age_cycles(&self) -> u32 {
+        let samples = latest_slot().wrapping_sub(self.slot) % SLOTS as u32;
+        samples * PERIOD_CYCLES.get() + LATEST_AGE_CYCLES
+    }
+}
+
+/// Samples over which a speed is measured: nearly a ring. The rest of it is the time until
+/// both of its ends have been read.
+const BASE_SAMPLES: u32 = SLOTS as u32 / 8 * 7;
+/// The same in cycles.
+pub const BASE_CYCLES: NonZeroU32 = PERIOD_CYCLES.saturating_mul(nonzero(BASE_SAMPLES));
+/// From the pins to what [`latest_slot`] finds: two cycles of the synchroniser, two samples
+/// and a half, and the way to the memory.
+const LATEST_AGE_CYCLES: u32 = 28;
 
 impl Quadrature {
     /// All axes at 0, not started.
@@ -43,6 +77,7 @@ impl Quadrature {
             illegal: [Tally::new(0); AXES],
             ring: SampleRing::new(CADENCE, 0),
             grid: Grid::new(0),
+            is_full: false,
             lost: 0,
         }
     }
@@ -52,6 +87,7 @@ impl Quadrature {
         let first = start.at_cycles.saturating_sub(FIRST_SAMPLE_CYCLES);
         self.ring.restart(first, 0);
         self.grid = Grid::new(first);
+        self.is_full = false;
     }
 
     /// The axes at an instant that is past.
@@ -85,10 +121,21 @@ impl Quadrature {
         (counts, taken)
     }
 
-    /// Cycles that have passed since a sample was taken, less than a ring's.
-    pub fn since(&self, taken_cycles: u64) -> u32 {
-        let now = self.grid.instant(latest_slot(), clock::now_cycles());
-        now.saturating_sub(taken_cycles) as u32
+    /// What an axis does. It takes two words from the ring, one after the other: the older
+    /// one will be overwritten soon.
+    pub fn course(&self, axis: usize) -> Course {
+        let slot = latest_slot();
+        let before = rings::read(axis, slot.wrapping_sub(BASE_SAMPLES));
+        let word = rings::read(axis, slot);
+        let unused = u32::BITS - POSITION_BITS;
+        let moved = (word.wrapping_sub(before) << unused).cast_signed() >> unused;
+        let known = self.positions.get(axis).copied().unwrap_or_default();
+        Course {
+            position: nearest::<POSITION_BITS>(known, word),
+            // What a ring held before a start says nothing about a speed.
+            moved: if self.is_full { moved } else { 0 },
+            slot,
+        }
     }
 
     /// Extends the positions, and holds the rings against the clock. False: samples
@@ -109,6 +156,7 @@ impl Quadrature {
         if !in_step {
             self.lost = self.lost.saturating_add(1);
         }
+        self.is_full = in_step;
         in_step
     }
 

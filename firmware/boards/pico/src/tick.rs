@@ -34,6 +34,9 @@ pub fn soon() {
     set(TICK_US);
 }
 
+/// What a tick leaves to everybody else before the next, at least, however late it is.
+const LEAST_US: u32 = 20;
+
 /// An alarm whose time is already over when it is set would come in an hour; this one is
 /// so far ahead that nothing of our priority or above takes as long.
 fn set(in_us: u32) {
@@ -43,9 +46,16 @@ fn set(in_us: u32) {
     });
 }
 
+/// The next tick counts from when this one was due, not from when it was served: so they
+/// keep their period whatever delays one of them.
 fn ticked() {
     TIMER.intr().write(|w| w.set_alarm(NUMBER, true));
-    set(latch::ticked());
+    let due = TIMER.alarm(NUMBER).read();
+    let in_us = latch::ticked();
+    critical_section::with(|_| {
+        let late = TIMER.timerawl().read().wrapping_sub(due);
+        set(in_us.saturating_sub(late).max(LEAST_US));
+    });
 }
 
 #[cfg(not(feature = "rp2350"))]

@@ -12,21 +12,18 @@ use umi_app::board::Unsupported;
 use umi_core::encoder::interval::{Lines, Motion, Plan, pulse_period};
 use umi_protocol::latch::TriggerOut;
 
-use core::num::NonZeroU32;
-
 use crate::machines;
-use crate::pins::AXES;
-use crate::plan::{CADENCE, CLOCK_HZ, CYCLES_PER_US, TICK_US};
+use crate::plan::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
 use crate::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
-use crate::quadrature::{Counts, Quadrature};
+use crate::quadrature::{BASE_CYCLES, Counts, Quadrature};
 
 /// The shortest interval: 20 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 50 * CYCLES_PER_US;
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
 /// the pulse of the one before still waits, as they are a tick apart at least.
 const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;
-/// Speed is measured over most of a ring.
-const BASE_CYCLES: u32 = (CADENCE.lap_cycles() / 10 * 9) as u32;
+/// From the look at the ring to the write into the queue: instructions, in the emulator.
+const QUEUE_CYCLES: u32 = 0;
 
 const _: () =
     assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
@@ -99,29 +96,18 @@ impl Pulses {
 }
 
 fn distance(axis: usize, lines: &mut Lines, axes: &Quadrature) -> u32 {
-    debug_assert!(axis < AXES);
-    let (counts, taken_cycles) = axes.latest();
-    let earlier_cycles = taken_cycles.saturating_sub(BASE_CYCLES.into());
-    let (Some(position), Some(in_cycles)) =
-        (counts.get(axis).copied(), NonZeroU32::new(BASE_CYCLES))
-    else {
-        return 0;
-    };
-    // Too soon after a start there is no speed yet: it is taken for none.
-    let before = axes.at(earlier_cycles).ok();
-    let before = before.and_then(|counts| counts.get(axis).copied());
-    let moved = position.wrapping_sub(before.unwrap_or(position)) as i32;
+    let course = axes.course(axis);
     let motion = Motion {
-        position,
-        moved,
-        in_cycles,
+        position: course.position,
+        moved: course.moved,
+        in_cycles: BASE_CYCLES,
     };
     match lines.plan(motion) {
         Plan::Wait => 0,
         Plan::Fire {
             in_cycles, skipped, ..
         } => {
-            let passed = axes.since(taken_cycles) + PULSE_LEAD_CYCLES;
+            let passed = course.age_cycles() + QUEUE_CYCLES + PULSE_LEAD_CYCLES;
             if machines::queue_pulse(in_cycles.saturating_sub(passed)) {
                 skipped
             } else {

@@ -12,7 +12,14 @@
 //! entry of the journal: at the end of a line, at a code that the control means at once
 //! (XON, XOFF), when there are many, or when no more have come for a while.
 //!
+//! CTS holds the transmitter between two characters; the one that waits behind the line
+//! waits on. RTS says that the board is there, from now until it is reset: it takes
+//! every byte at any time and never holds the control. What is not wired says "ready".
+//!
 //! # Limitations
+//!
+//! A control that takes CTS away and does not give it back before the correction is given up
+//! gets the character behind the line when it does.
 //!
 //! The line's speed is fixed: [`CNC_BAUD`], 8 data bits, no parity, one stop bit, which
 //! takes 7 data bits with parity too. A byte with a framing error is a lost one.
@@ -29,8 +36,8 @@ use embassy_rp::pac;
 use embassy_rp::pac::uart::Uart;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
-use heapless::Deque;
 use umi_app::board::{Broken, CncInput, CncRx, CncTx};
+use umi_drivers::received::Received;
 
 use crate::plan::{CNC_BAUD, CNC_RING, SERIAL};
 
@@ -41,23 +48,17 @@ const PIECE: usize = umi_app::measure::PIECE;
 /// No byte for so long: two characters at 4800 baud.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// What has come in: bytes, and losses in their place.
-struct Received {
-    bytes: Deque<u8, CNC_RING>,
-    /// Bytes in the ring that came before the loss.
-    before_loss: usize,
-    /// Lost after those.
-    lost: u32,
+/// What has come in.
+struct Line {
+    received: Received<CNC_RING>,
     /// What is there is to be handed on now.
     urgent: bool,
     /// Counts bytes: whether one has come meanwhile.
     came: u32,
 }
 
-static RECEIVED: Mutex<RefCell<Received>> = Mutex::new(RefCell::new(Received {
-    bytes: Deque::new(),
-    before_loss: 0,
-    lost: 0,
+static LINE: Mutex<RefCell<Line>> = Mutex::new(RefCell::new(Line {
+    received: Received::new(),
     urgent: false,
     came: 0,
 }));
@@ -88,8 +89,8 @@ pub fn start() {
         w.set_uarten(true);
         w.set_txe(true);
         w.set_rxe(true);
-        w.set_ctsen(cfg!(feature = "rts-cts"));
-        w.set_rtsen(cfg!(feature = "rts-cts"));
+        w.set_ctsen(true);
+        w.set_rts(true);
     });
     UART.uartimsc().write(|w| w.set_rxim(true));
     interrupt::UART0_IRQ.set_priority(SERIAL);
@@ -118,17 +119,17 @@ fn receive() {
             break;
         }
         let word = UART.uartdr().read();
-        with(|received| {
-            wake |= received.bytes.is_empty();
+        with(|line| {
+            wake |= line.received.is_empty();
             if word.oe() {
-                received.lose();
+                line.lose();
             }
             if word.fe() || word.be() {
-                received.lose();
+                line.lose();
             } else {
-                received.take(word.data());
+                line.take(word.data());
             }
-            wake |= received.urgent;
+            wake |= line.urgent;
         });
     }
     if wake {
@@ -142,42 +143,26 @@ const fn is_urgent(byte: u8) -> bool {
     matches!(byte & 0x7F, b'\n' | b'\r' | 0x11..=0x14) || byte == 0x80
 }
 
-impl Received {
+impl Line {
     fn take(&mut self, byte: u8) {
         self.came = self.came.wrapping_add(1);
-        if self.bytes.push_back(byte).is_err() {
-            self.lose();
-        }
-        self.urgent |= is_urgent(byte) || self.bytes.len() >= PIECE;
+        self.received.take(byte);
+        self.urgent |= is_urgent(byte) || self.is_long();
     }
 
-    /// A byte was lost here. Of two losses the later one is told in the place of the
-    /// first: between them there are bytes that nothing can rest on.
     fn lose(&mut self) {
-        if self.lost == 0 {
-            self.before_loss = self.bytes.len();
-        }
-        self.lost = self.lost.saturating_add(1);
+        self.received.lose(1);
         self.urgent = true;
     }
 
     fn give(&mut self, buffer: &mut [u8]) -> Option<CncInput> {
-        if self.lost > 0 && self.before_loss == 0 {
-            return Some(CncInput::Lost(core::mem::take(&mut self.lost)));
-        }
-        let most = if self.lost > 0 {
-            self.before_loss
-        } else {
-            self.bytes.len()
-        };
-        let mut count = 0;
-        for place in buffer.iter_mut().take(most) {
-            *place = self.bytes.pop_front()?;
-            count += 1;
-        }
-        self.before_loss = self.before_loss.saturating_sub(count);
-        self.urgent = self.lost > 0 || self.bytes.len() >= PIECE;
-        (count > 0).then_some(CncInput::Bytes(count))
+        let given = self.received.give(buffer);
+        self.urgent = self.is_long();
+        given
+    }
+
+    fn is_long(&self) -> bool {
+        self.received.has_lost() || self.received.len() >= PIECE
     }
 }
 
@@ -190,34 +175,34 @@ impl CncRx for Receiver {
         loop {
             let more = poll_fn(|context| {
                 CAME.register(context.waker());
-                match with(|received| received.urgent) {
+                match with(|line| line.urgent) {
                     Some(true) => Poll::Ready(()),
                     _ => Poll::Pending,
                 }
             });
             let first = poll_fn(|context| {
                 CAME.register(context.waker());
-                match with(|received| received.bytes.is_empty() && received.lost == 0) {
+                match with(|line| line.received.is_empty()) {
                     Some(false) => Poll::Ready(()),
                     _ => Poll::Pending,
                 }
             });
             first.await;
             let waited = select(more, Timer::after(PAUSE)).await;
-            let came = with(|received| received.came);
+            let came = with(|line| line.came);
             let is_over = matches!(waited, Either::First(())) || before == came;
             before = came;
-            if is_over && let Some(input) = with(|received| received.give(buffer)).flatten() {
+            if is_over && let Some(input) = with(|line| line.give(buffer)).flatten() {
                 return input;
             }
         }
     }
 }
 
-fn with<R>(work: impl FnOnce(&mut Received) -> R) -> Option<R> {
+fn with<R>(work: impl FnOnce(&mut Line) -> R) -> Option<R> {
     critical_section::with(|section| {
-        let mut received = RECEIVED.borrow(section).try_borrow_mut().ok()?;
-        Some(work(&mut received))
+        let mut line = LINE.borrow(section).try_borrow_mut().ok()?;
+        Some(work(&mut line))
     })
 }
 

@@ -132,7 +132,7 @@ fn latches(latches: LatchCounters) -> String {
     for (name, n) in [
         ("probe", latches.skips),
         ("trigger", latches.triggers),
-        ("trigger pulses sent", latches.outputs),
+        ("trigger pulses captured", latches.outputs),
         ("index marks", latches.indices),
     ] {
         table.row([name.to_owned(), n.to_string()]);
