@@ -67,16 +67,16 @@ function fail(why) {
   process.exit(2);
 }
 
-/** What an image loads, and where. */
-function load(image) {
+/** A board with an image in its flash. */
+function boardWith(image, uniqueId) {
   let bytes;
   try {
     bytes = readFileSync(image);
   } catch (error) {
-    fail(`the image ${image} cannot be read: ${error.message}; \`cargo xtask firmware pico\` makes one`);
+    fail(`the image cannot be read: ${error.message}; \`cargo xtask firmware pico\` makes one`);
   }
   try {
-    return segments(bytes);
+    return new Board(segments(bytes), Buffer.from(uniqueId, 'hex'));
   } catch (error) {
     fail(`${image} is no image for this board: ${error.message}`);
   }
@@ -378,7 +378,7 @@ function serveBench(bench) {
 }
 
 const { image, isPaused, uniqueId } = options(process.argv.slice(2));
-const board = new Board(load(image), Buffer.from(uniqueId, 'hex'));
+const board = boardWith(image, uniqueId);
 const bench = new Bench(board, isPaused);
 const [control, host, benchPort] = await Promise.all([
   serveControl(board, bench),

@@ -553,8 +553,9 @@ fn understands_what_follows_garbage(rig: &mut dyn Rig) {
     assert_eq!(findings.differences, []);
 }
 
-/// No host, one that asks without a pause, and one that floods, wants events and never
-/// reads: the journal has every byte of the control all the same.
+/// No host, one that asks without a pause, and one that floods, wants events, never reads
+/// and loses its cable in the middle, with triggers running: the journal has every byte of
+/// the control all the same, no trigger is lost and the verdicts are right.
 fn loses_no_byte_whatever_the_host_does(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&job()).unwrap().unwrap();
@@ -571,20 +572,36 @@ fn loses_no_byte_whatever_the_host_does(rig: &mut dyn Rig) {
     asking.live(true).unwrap();
     drop(asking);
 
+    let text = clamping(2);
+    let (before, after) = text.split_at(text.len() / 2);
     let mut flood = rig.connect();
-    for piece in clamping(2).as_bytes().chunks(64) {
-        let written = flood.write(&[0x55; 100]);
+    let (mut flooded, mut triggers) = (0, 0);
+    for piece in before.as_bytes().chunks(64) {
         // A board that cannot get rid of its events may stop to listen.
-        let _ = written;
+        flooded += flood.write(&[0x55; 100]).map_or(0, |()| 100);
         rig.control_sends(piece);
+        rig.trigger();
+        triggers += 1;
     }
+    assert!(flooded > 0, "nothing of the flood came through");
+    rig.unplug();
     drop(flood);
+    for piece in after.as_bytes().chunks(64) {
+        rig.control_sends(piece);
+        rig.trigger();
+        triggers += 1;
+    }
 
     let mut client = connect(rig);
     let text: String = (0..3).map(clamping).collect();
     let (records, findings) = journal_with(rig, &mut client, text.len());
     assert_eq!(raw_bytes(&records), text.as_bytes());
-    assert_eq!(client.status().unwrap().counters.bytes_lost, 0);
-    judged(rig, &mut client, 3);
+    let status = judged(rig, &mut client, 3);
+    assert_eq!((status.verdicts, status.verdicts_ok), (3, 3));
+    assert_eq!(status.counters.bytes_lost, 0);
+    assert_eq!(
+        (status.latches.triggers, status.latches.missed),
+        (triggers, 0)
+    );
     assert_eq!(findings.differences, []);
 }
