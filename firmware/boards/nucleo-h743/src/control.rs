@@ -51,22 +51,24 @@ pub fn start() {
 #[interrupt]
 fn USART2() {
     let status = USART2.isr().read();
-    if status.rxne() {
-        // An overrun has lost the byte behind this one.
-        let byte = USART2.rdr().read().dr() as u8;
+    // An overrun interrupts without a byte too, if it came after the status was read for it.
+    if status.rxne() || status.ore() {
+        let byte = status.rxne().then(|| USART2.rdr().read().dr() as u8);
         let broken = status.fe() || status.ne();
+        // Only what has been seen: what comes in between is there at the next interrupt.
         USART2.icr().write(|w| {
-            w.set_fe(true);
-            w.set_ne(true);
-            w.set_ore(true);
+            w.set_fe(status.fe());
+            w.set_ne(status.ne());
+            w.set_ore(status.ore());
         });
         critical_section::with(|section| {
             let mut received = RECEIVED.borrow(section).borrow_mut();
-            if broken {
-                received.lose(1);
-            } else {
-                received.take(byte);
+            match byte {
+                Some(_) if broken => received.lose(1),
+                Some(byte) => received.take(byte),
+                None => {}
             }
+            // It has lost the byte behind this one.
             if status.ore() {
                 received.lose(1);
             }

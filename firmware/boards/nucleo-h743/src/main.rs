@@ -88,6 +88,16 @@ fn main() -> ! {
 
     let reset = reset::reason();
     let p = embassy_stm32::init(configuration());
+    // Before anything that takes time: nothing moves and nothing shines meanwhile.
+    let station = axes::Station {
+        laser: Output::new(p.PG0, Level::Low, Speed::Low),
+    };
+    let lamps = Lamps {
+        ok: Output::new(p.PF13, Level::Low, Speed::Low),
+        ng: Output::new(p.PF14, Level::Low, Speed::Low),
+        busy: Output::new(p.PF15, Level::Low, Speed::Low),
+        trouble: Output::new(p.PB14, Level::Low, Speed::Low),
+    };
     if let Some(mut core) = cortex_m::Peripherals::take() {
         // Only this one: the debugger does not see what is in the cache of the data, and
         // a reset forgets it, so neither the log nor the note of a panic would be there.
@@ -135,15 +145,6 @@ fn main() -> ! {
         Err(Running) => stop("the application runs already"),
     }
 
-    let station = axes::Station {
-        laser: Output::new(p.PG0, Level::Low, Speed::Low),
-    };
-    let lamps = Lamps {
-        ok: Output::new(p.PF13, Level::Low, Speed::Low),
-        ng: Output::new(p.PF14, Level::Low, Speed::Low),
-        busy: Output::new(p.PF15, Level::Low, Speed::Low),
-        trouble: Output::new(p.PB14, Level::Low, Speed::Low),
-    };
     let mut dog = IndependentWatchdog::new(p.IWDG1, plan::WATCHDOG_US);
     dog.unleash();
 

@@ -99,6 +99,27 @@ pub const PLAIN: [(char, u8); 6] = [
     ('B', 14),
 ];
 
+/// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a
+/// solder bridge, and what (README.md, "Wiring").
+pub const BRIDGED: [((char, u8), &str); 2] = [
+    (('A', 2), "the Ethernet PHY's MDIO"),
+    (('B', 0), "the green LED LD1"),
+];
+
+/// They are pins of the plan: else the note is out of date.
+const _: () = {
+    let mut index = 0;
+    while index < BRIDGED.len() {
+        let (pin, _) = BRIDGED[index];
+        let mut at = 0;
+        while SIGNALS[at].pin.0 as u32 != pin.0 as u32 || SIGNALS[at].pin.1 != pin.1 {
+            // Past the end it does not compile.
+            at += 1;
+        }
+        index += 1;
+    }
+};
+
 /// What the Nucleo-144 has on pins that it does not let go of: the debugger's two, its
 /// crystal or its debugger's clock, and the slow crystal (UM1974, UM2407). Not checked
 /// against the boards' schematics.
