@@ -76,15 +76,44 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
         probe_rs: find_program("probe-rs"),
         drive,
     };
-    let steps = plan(house, board, &ways, arguments.run)?;
     if arguments.dry_run {
-        for step in &steps {
-            println!("{}", step.as_line());
+        for line in rehearse(house, board, &ways, arguments.run)? {
+            println!("{line}");
         }
         return Ok(());
     }
+    let steps = plan(house, board, &ways, arguments.run)?;
     firmware::build(house, &[board], None)?;
     steps.into_iter().try_for_each(Step::take)
+}
+
+/// What would be done, as one would type it; if nothing can be yet, every way that there
+/// could be, and what is missing.
+fn rehearse(house: &House, board: &Board, ways: &Ways, run: bool) -> Result<Vec<String>> {
+    let lines = |ways: &Ways| -> Result<Vec<String>> {
+        let steps = plan(house, board, ways, run)?;
+        Ok(steps.iter().map(Step::as_line).collect())
+    };
+    let missing = match (lines(ways), &board.flashing) {
+        (Err(missing), Flashing::Probe { .. } | Flashing::ProbeOrDrive { .. }) => missing,
+        (lines, _) => return lines,
+    };
+    let mut all = vec![format!("# {missing}")];
+    if let Flashing::ProbeOrDrive { family, .. } = &board.flashing
+        && !run
+    {
+        all.push("# with its drive mounted:".to_owned());
+        all.extend(lines(&Ways {
+            drive: Some(family.board_id().into()),
+            probe_rs: None,
+        })?);
+    }
+    all.push("# with a debug probe:".to_owned());
+    all.extend(lines(&Ways {
+        drive: None,
+        probe_rs: Some("probe-rs".into()),
+    })?);
+    Ok(all)
 }
 
 /// How the image gets into the board, or what to do so that it can.
@@ -298,6 +327,39 @@ mod tests {
             );
         }
         assert!(remedy("mps2-an500", false).contains("qemu-system-arm"));
+    }
+
+    /// A rehearsal needs neither board nor tool: it says what is missing, and what would be
+    /// done with it. Of what is there it shows that only; a board of QEMU's has no way.
+    #[test]
+    fn rehearsals() {
+        let house = House {
+            root: "/".into(),
+            target: "/target".into(),
+        };
+        let rehearsed = |board, ways: &Ways, run| {
+            rehearse(&house, boards::find(board).unwrap(), ways, run).map(|lines| lines.join("\n"))
+        };
+        let download = "probe-rs download --chip RP2040 /target/firmware/pico.elf";
+        let pico = rehearsed("pico", &Ways::default(), false).unwrap();
+        assert!(pico.starts_with("# no way into the pico"), "{pico}");
+        assert!(
+            pico.contains("\ncp /target/firmware/pico.uf2 RPI-RP2\n"),
+            "{pico}"
+        );
+        assert!(pico.contains(download), "{pico}");
+        let nucleo = rehearsed("nucleo-h743", &Ways::default(), true).unwrap();
+        assert!(
+            nucleo.starts_with("# no probe-rs") && nucleo.contains("\nprobe-rs run"),
+            "{nucleo}"
+        );
+        let probe = Ways {
+            probe_rs: Some("probe-rs".into()),
+            drive: None,
+        };
+        let pico = rehearsed("pico", &probe, false).unwrap();
+        assert!(pico.starts_with(download), "{pico}");
+        assert!(rehearsed("mps2-an500", &Ways::default(), false).is_err());
     }
 
     /// A boot loader's drive is known by what it says, not by its name, and only for its

@@ -72,6 +72,11 @@ pub fn has_nightly(house: &House) -> bool {
     .is_ok()
 }
 
+/// The fuzz targets' workspace.
+pub fn manifest(house: &House) -> PathBuf {
+    folder(house).join("Cargo.toml")
+}
+
 /// The names of the targets, in order.
 fn targets(house: &House) -> Result<Vec<String>> {
     let folder = folder(house).join("fuzz_targets");

@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result, ensure};
 
 use crate::emulators;
 use crate::firmware;
+use crate::fuzz;
 use crate::house::{House, metadata};
 
 /// Licences that ask for no more than a notice.
@@ -21,15 +22,22 @@ const ALLOWED: [&str; 8] = [
 ];
 
 /// Packages with a licence of their own, each with the reason why that is acceptable.
-const EXCEPTIONS: [(&str, &str); 1] = [
+const EXCEPTIONS: [(&str, &str); 2] = [
     // Copyleft by file: its own files stay MPL-2.0, and only the host tool links them.
     ("serialport", "MPL-2.0"),
+    // As lax as BSD-3-Clause, and only the fuzz targets, which nobody ships, link it.
+    ("libfuzzer-sys", "NCSA"),
 ];
 
 /// Holds that every package of the lock files has a licence that is allowed.
 pub fn check(house: &House) -> Result<()> {
     let mut refused = Vec::new();
-    for manifest in [house.root.join("Cargo.toml"), firmware::manifest(house)] {
+    let manifests = [
+        house.root.join("Cargo.toml"),
+        firmware::manifest(house),
+        fuzz::manifest(house),
+    ];
+    for manifest in manifests {
         let mut command = house.cargo();
         refused.extend(of_cargo(&metadata(
             command.args(["metadata", "--manifest-path"]).arg(manifest),
@@ -132,5 +140,6 @@ mod tests {
         assert!(is_allowed("serialport", "MPL-2.0"));
         assert!(!is_allowed("other", "MPL-2.0"));
         assert!(!is_allowed("serialport", "GPL-3.0-only"));
+        assert!(is_allowed("libfuzzer-sys", "(MIT OR Apache-2.0) AND NCSA"));
     }
 }
