@@ -98,7 +98,8 @@ export class Board {
     this.resets.push({ why, cycle: this.cycle });
     const reason = { 'watchdog timer': 1, watchdog: 2 }[why] ?? 0;
     const scratch = chip.scratch.slice();
+    const memory = chip.memory.slice();
     this.usb.lose();
-    this.start({ powerOn: false, reason, scratch });
+    this.start({ powerOn: false, reason, scratch, memory });
   }
 }

@@ -19,14 +19,21 @@ const FLASH_SIZE = 16 * 1024 * 1024;
 const CHIP_RESET = 0x8;
 const HAD_POR = 1 << 8;
 const FIRST_REACH = 64;
+/** What stands in every byte of the RAM after power-up: on silicon it is anything. */
+const UNTOUCHED = 0xa5;
 
 export class Chip {
   /**
    * A chip out of reset, with `segments` in its flash. `world` makes the changes of the pins:
-   * `levels` and `fill(base, pins)`. `reason` is what the watchdog's registers say, and
-   * `scratch` what they keep.
+   * `levels` and `fill(base, pins)`. `reason` is what the watchdog's registers say,
+   * `scratch` what they keep, and `memory` what the reset left in RAM; after power-up all of it
+   * is UNTOUCHED.
    */
-  constructor(segments, world, { epoch = 0, reason = 0, powerOn = true, scratch = null } = {}) {
+  constructor(
+    segments,
+    world,
+    { epoch = 0, reason = 0, powerOn = true, scratch = null, memory = null } = {},
+  ) {
     this.world = world;
     /** The board's cycle at which this chip came out of reset. */
     this.epoch = epoch;
@@ -53,6 +60,8 @@ export class Chip {
       }
       this.rp.flash.set(bytes, address - FLASH);
     }
+    if (memory) this.rp.sram.set(memory);
+    else this.rp.sram.fill(UNTOUCHED);
     this.pins = new Pins(this, world.levels);
     pio.install(this);
     this.core = new Core(this);
@@ -63,6 +72,8 @@ export class Chip {
     watchdog.reason = reason;
     if (scratch) watchdog.scratchData.set(scratch);
     watchdog.onWatchdogTrigger = () => {
+      // It has run out: its alarm would be due again in this cycle, without end.
+      watchdog.timer.enable = false;
       this.resetRequested = watchdog.reason === 1 ? 'watchdog timer' : 'watchdog';
       this.limit = 0;
     };
@@ -76,6 +87,10 @@ export class Chip {
   /** Cycles since the reset: the chip's own time. */
   get cycle() {
     return this.base + this.now;
+  }
+
+  get memory() {
+    return this.rp.sram;
   }
 
   get scratch() {

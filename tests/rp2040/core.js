@@ -119,6 +119,8 @@ export class Core {
     this.instructions = 0;
     /** Why the board stopped for good, if it did. */
     this.fault = null;
+    /** Where the handler of faults began. */
+    this.handler = 0;
     // Interrupt lines, apart from what software has pended.
     core.lines = 0;
     core.pended = 0;
@@ -219,7 +221,32 @@ export class Core {
   hardFault(what) {
     const at = (this.core.PC - 2) >>> 0;
     this.fault ??= `${what} at ${at.toString(16)}`;
-    this.core.exceptionEntry(HARD_FAULT);
+    if (this.core.IPSR !== HARD_FAULT) {
+      this.core.exceptionEntry(HARD_FAULT);
+      this.handler = this.registers[15];
+    } else if (this.registers[15] !== this.handler) this.lockUp();
+    // Else it is the same instruction, which has faulted already.
+  }
+
+  /** A fault in the handler of faults: nothing more until a reset (Armv6-M, B1.5.14). */
+  lockUp() {
+    this.core.waiting = true;
+    this.core.PM = true;
+    this.core.sleepsUntilInterrupt = false;
+  }
+
+  /**
+   * Leaves so many bytes of the stack: what is on it is copied down, and its pointer follows.
+   * False if the core does not wait outside of interrupts: then its registers may point there.
+   */
+  sinkStack(top, bottom, free) {
+    const { core: c, registers: r } = this;
+    if (!c.waiting || c.IPSR !== 0) return false;
+    const to = bottom + free;
+    const length = top - r[13];
+    this.sram8.copyWithin(to - 0x20000000, r[13] - 0x20000000, r[13] - 0x20000000 + length);
+    r[13] = to;
+    return true;
   }
 
   /** Runs until `chip.limit` or until the core sleeps. */
@@ -695,6 +722,11 @@ function storeCycles(address) {
 function patchExceptions(taker, core, ppb) {
   const enter = core.exceptionEntry;
   core.exceptionEntry = (number) => {
+    // Without a stack no other handler is entered, and that of faults gets no further.
+    if ((core.registers[13] - 32 - 0x20000000) >>> 0 >= SRAM_SIZE) {
+      taker.fault ??= `no memory for the stack: ${(core.registers[13] >>> 0).toString(16)}`;
+      number = HARD_FAULT;
+    }
     enter.call(core, number);
     taker.penalty += ENTRY_CYCLES;
     if (number >= 16) {

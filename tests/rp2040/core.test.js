@@ -13,7 +13,9 @@ const BLX_LR = 0x47f0;
 const world = { levels: 0, fill() {} };
 
 function chip() {
-  return new Chip([{ address: 0x10000100, bytes: vectors() }], world);
+  // Memory as rp2040js's begins.
+  const memory = new Uint8Array(264 * 1024);
+  return new Chip([{ address: 0x10000100, bytes: vectors() }], world, { memory });
 }
 
 /** A stack and an entry. */

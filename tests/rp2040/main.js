@@ -33,6 +33,8 @@
 // | nor_write  | address, bytes (hex)                   | puts contents                                  |
 // | nor_cut    | after                                  | cuts the power at this programmed byte (null: not) |
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
+// | memory_set | address, value                         | writes a word, as the core does                |
+// | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
 
 import { readFileSync } from 'node:fs';
 import { createServer } from 'node:net';
@@ -246,6 +248,13 @@ class Bench {
           words: Array.from({ length: request.words }, (_, i) =>
             chip.core.read32(request.address + 4 * i) >>> 0),
         };
+      case 'memory_set':
+        if (chip === null) throw new Error('the board has no power');
+        chip.core.write32(request.address, request.value);
+        return {};
+      case 'sink_stack':
+        if (chip === null) throw new Error('the board has no power');
+        return { done: chip.core.sinkStack(request.top, request.bottom, request.free) };
       default:
         throw new Error(`no request is called ${request.do}`);
     }

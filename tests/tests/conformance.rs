@@ -226,7 +226,7 @@ fn takes_checks_and_refuses_jobs(rig: &mut dyn Rig) {
 
 /// The reference session: every figure and verdict the same to the last bit as on the
 /// host, the correction once for each OK verdict, the outputs, and a journal that has
-/// every byte and replays to itself.
+/// every byte and replays to itself; within the board's budget of stack.
 fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&job()).unwrap().unwrap();
@@ -272,6 +272,12 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
     let heard = heard.iter().filter(|byte| **byte != DC1[0]);
     assert!(heard.eq(SESSION.as_bytes()), "every byte");
     assert_eq!(findings.differences, []);
+    if let Some((needed, budget)) = rig.stack_bytes() {
+        println!("{}: {needed} bytes of stack", rig.name());
+        assert!(needed <= budget, "{needed} bytes of stack, not {budget}");
+        let least = budget / 4 * 3;
+        assert!(needed >= least, "{needed} bytes of stack: lower the budget");
+    }
 }
 
 /// XOFF stops the program within ten characters, wherever it is said; after XON the rest

@@ -78,6 +78,12 @@ pub trait Rig {
 
     /// Takes the power away and gives it back. What is in flash stays.
     fn power_cycle(&mut self);
+
+    /// How many bytes of its stack the board has needed since its power came, and how many
+    /// it may need; none where that cannot be seen.
+    fn stack_bytes(&mut self) -> Option<(u32, u32)> {
+        None
+    }
 }
 
 /// The image of a board: the file that `variable` names, or else the one that `cargo xtask

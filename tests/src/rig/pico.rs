@@ -43,6 +43,8 @@ const CYCLES_PER_COUNT: f64 = 20.0;
 const PULSE_CYCLES: u64 = 100 * CYCLES_PER_US;
 /// How long the rig waits for what takes emulated time, before it says what is wrong.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// What the golden session may need of the stack: a tenth more than it does.
+const STACK_BYTES: u32 = 36_000;
 /// How often it looks.
 const TURN: Duration = Duration::from_millis(2);
 
@@ -207,6 +209,10 @@ impl Rig for PicoRig {
     fn power_cycle(&mut self) {
         self.emulator.power(false);
         self.emulator.power(true);
+    }
+
+    fn stack_bytes(&mut self) -> Option<(u32, u32)> {
+        Some((self.emulator.stack_bytes(), STACK_BYTES))
     }
 }
 

@@ -11,6 +11,13 @@ use umi_app::board::Lights;
 use super::AXES;
 use crate::rig::image;
 
+/// Where the RAM begins.
+const RAM: u32 = 0x2000_0000;
+/// Where the image does: with the address at which its stack begins.
+const VECTORS: u32 = 0x1000_0100;
+/// What stands in RAM that nothing has been written to.
+const UNTOUCHED: u32 = 0xA5A5_A5A5;
+
 /// Whether the board's time goes on by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
@@ -330,6 +337,41 @@ impl Emulator {
                 cycle: number(&change[2]),
             })
             .collect()
+    }
+
+    /// Words of the chip's memory.
+    pub fn memory(&mut self, address: u32, words: u32) -> Vec<u32> {
+        let request = json!({ "do": "memory", "address": address, "words": words });
+        let answer = self.ask(&request);
+        let words = answer["words"].as_array().expect("words");
+        let word = |word| u32::try_from(number(word)).expect("a word");
+        words.iter().map(word).collect()
+    }
+
+    /// Writes a word of the chip's memory or registers, as the core does.
+    pub fn set_memory(&mut self, address: u32, value: u32) {
+        self.ask(&json!({ "do": "memory_set", "address": address, "value": value }));
+    }
+
+    /// Where the stack begins: above its highest word. It ends with the memory, at [`RAM`].
+    pub fn stack_top(&mut self) -> u32 {
+        self.memory(VECTORS, 1)[0]
+    }
+
+    /// How many bytes of the stack have been written since the power came.
+    pub fn stack_bytes(&mut self) -> u32 {
+        let room = self.stack_top() - RAM;
+        let words = self.memory(RAM, room / 4);
+        let untouched = words.iter().take_while(|word| **word == UNTOUCHED).count();
+        room - 4 * u32::try_from(untouched).expect("fewer than there are")
+    }
+
+    /// Leaves so many bytes of the stack: what is on it is copied down. Not while the core
+    /// works, as it has addresses of the stack in its registers: then false.
+    pub fn sink_stack(&mut self, free: u32) -> bool {
+        let top = self.stack_top();
+        let request = json!({ "do": "sink_stack", "top": top, "bottom": RAM, "free": free });
+        self.ask(&request)["done"] == true
     }
 
     /// Takes the power away or gives it.
