@@ -16,7 +16,7 @@ use umi_core::brain::{self, Brain};
 use umi_core::units::Micros;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
-use umi_protocol::job::Job;
+use umi_protocol::job::{Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, PicoRig, Pulses, Segment, TRIGGER_PIN, pty};
@@ -28,6 +28,9 @@ const AFTER_XOFF: usize = 2;
 const AFTER_CTS: usize = 1;
 /// A character at 115200 baud.
 const CHARACTER_CYCLES: u64 = 87 * CYCLES_PER_US;
+/// How long an answer may take while the board fits a sphere to [`MAX_HITS`] hits: it has
+/// no floating point.
+const ANSWER_CYCLES: u64 = 300_000 * CYCLES_PER_US;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 
@@ -305,6 +308,92 @@ fn decisions(text: &str) -> Vec<Record> {
         _ => {}
     });
     decisions
+}
+
+// --- the link beside a fit
+
+/// Three spheres of as many hits as a job can have.
+fn long_job() -> Job {
+    let mut job = job();
+    // The hits lie all around, and nothing shall be sent.
+    job.correction = None;
+    job.limits.approach_deg = None;
+    job.limits.lone_hit_mm = None;
+    for feature in &mut job.features {
+        feature.hits = MAX_HITS as u16;
+        feature.approach.clear();
+    }
+    job
+}
+
+/// Its hits, as the control prints them.
+fn long_text() -> String {
+    let mut text = String::new();
+    let centres: [[f64; 3]; 3] = [
+        [-135.0, -136.6, 120.0],
+        [138.0, -134.7, 110.0],
+        [-136.7, 136.4, 120.0],
+    ];
+    for (place, [x, y, z]) in centres.into_iter().enumerate() {
+        text += &format!("SPHERE{}\n***\n{MAX_HITS}\n", place + 1);
+        for hit in 0..MAX_HITS {
+            // Round and round, from the equator up.
+            let turn = hit as f64 * 2.4;
+            let height = hit as f64 / MAX_HITS as f64 * 0.95;
+            let ring = (1.0 - height * height).sqrt();
+            let point = [
+                x + 12.7 * ring * turn.cos(),
+                y + 12.7 * ring * turn.sin(),
+                z + 12.7 * height,
+            ];
+            let words = point.map(|mm| format!("*{mm:.4}"));
+            text += &(words.concat() + "\n");
+        }
+        text += "***\n";
+    }
+    text
+}
+
+/// Spheres of as many hits as a job can have, with the next lines coming in at 115200 baud:
+/// no byte is lost, and a host that asks all the while has each answer within the time of
+/// one fit.
+#[test]
+fn the_link_answers_and_the_line_is_taken_while_fits_run() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    client.set_job(&long_job()).unwrap().unwrap();
+    rig.emulator().ask(&json!({ "do": "packets" }));
+    rig.control_sends(long_text().as_bytes());
+    let mut asked = 0;
+    wait_until("the verdict", || {
+        asked += 1;
+        client.status().unwrap().verdicts == 1
+    });
+    let answer = rig.emulator().ask(&json!({ "do": "packets" }));
+    let packets: Vec<(u64, i64)> = serde_json::from_value(answer["packets"].clone()).unwrap();
+    // One request at a time: the first packet of an answer is the next that comes back.
+    let delays = packets.windows(2).filter_map(|pair| match pair {
+        [(at, to_it), (then, from_it)] if *to_it < 0 && *from_it > 0 => Some(then - at),
+        _ => None,
+    });
+    let mut delays: Vec<u64> = delays.collect();
+    delays.sort_unstable();
+    let us = |share: usize| delays[(delays.len() - 1) * share / 100] / CYCLES_PER_US;
+    println!(
+        "{asked} requests while it measured: answers after {} us, 95 % within {}, all within {}",
+        us(50),
+        us(95),
+        us(100)
+    );
+    assert!(delays.len() >= asked);
+    assert!(*delays.last().unwrap() <= ANSWER_CYCLES);
+    let status = client.status().unwrap();
+    assert_eq!(status.counters.bytes_lost, 0);
+    assert_eq!(status.verdicts_ok, 1, "{:?}", client.verdict());
+    assert_eq!(rig.emulator().state().overruns, 0);
+    assert!(bytes_of_control(&records(&mut client)) == long_text().as_bytes());
 }
 
 // --- the program, on a serial device
