@@ -166,8 +166,17 @@ async fn send<F: Flash>(
     correction: &Correction,
 ) -> u32 {
     let mut sent = 0;
+    // EIA has no # and no brackets: better nothing than the beginning.
+    let coding = correction.coding;
+    if correction
+        .text
+        .bytes()
+        .any(|ascii| encode(coding, ascii).is_none())
+    {
+        return sent;
+    }
     for ascii in correction.text.bytes() {
-        let Some(byte) = encode(correction.coding, ascii) else {
+        let Some(byte) = encode(coding, ascii) else {
             return sent;
         };
         while app.flow.stopped.load(Ordering::Relaxed) {
