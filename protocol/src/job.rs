@@ -5,6 +5,8 @@
 //! the link and kept in the journal; [`crate::pattern::ReceiverConfig`] says
 //! how the control's lines look.
 
+use core::fmt;
+
 use heapless::{String, Vec};
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
@@ -271,7 +273,11 @@ pub struct CorrectionSpec {
     pub probed_origin_mm: [f64; 3],
     /// The work offset that the correction writes.
     pub write_to: WorkOffset,
-    /// O-number of the correction program, 1 to 9999.
+    /// What else it writes: the set of `G54.4`, the row of the preset table, the first
+    /// common variable. Absent: 1, 1, 150. Other dialects take none.
+    #[serde(default)]
+    pub set: Option<u16>,
+    /// O-number of the correction program, 1 to 9999; part of its name where programs have one.
     pub program_number: u16,
     /// How the correction program ends.
     pub ends_with: ProgramEnd,
@@ -286,26 +292,87 @@ pub struct CorrectionSpec {
     pub send: SendWhen,
 }
 
-/// The words that a control understands.
+/// The words that a control understands. What each can express, its number format and
+/// where that is from, is in `umi_core::nc::dialect` and in `umi dialects`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
-#[serde(rename_all = "kebab-case")]
 pub enum Dialect {
-    /// `G10 L2 P` for the offset and `G68 X Y R` for the rotation in the plane.
+    /// `G10 L2 P` (`L20 P`) for the offset and `G68 X Y R` for the rotation in the plane.
+    #[serde(rename = "g10-g68")]
     G10G68,
+    /// `G10` for the offset and the three-dimensional conversion `G68 X Y Z I J K R`.
+    #[serde(rename = "g68-3d")]
+    G68ThreeD,
+    /// Fanuc's workpiece setting error `G54.4 P`, written through its variables.
+    #[serde(rename = "fanuc-g54.4")]
+    FanucSettingError,
+    /// Mazak's workpiece setup error `G54.4 P`, keyed in by the operator.
+    #[serde(rename = "mazak-g54.4")]
+    MazakSettingError,
+    /// Mitsubishi's workpiece installation error `G54.4 P`, keyed in by the operator.
+    #[serde(rename = "mitsubishi-g54.4")]
+    MitsubishiSettingError,
+    /// `#5221` and its like for the offset, common variables for the rotation, read back.
+    #[serde(rename = "variables")]
+    Variables,
+    /// Haas: `G10` and `G68`, with `G154 P` beyond G59.
+    #[serde(rename = "haas")]
+    Haas,
+    /// Haas: macro variables by `E` commands, for the macro O8830 to check and to apply.
+    #[serde(rename = "haas-e")]
+    HaasVariables,
+    /// Siemens: a settable frame, `$P_UIFR`.
+    #[serde(rename = "siemens")]
+    Siemens,
+    /// Heidenhain: a row of the preset table.
+    #[serde(rename = "heidenhain")]
+    Heidenhain,
+    /// LinuxCNC: `G10 L2 P R`.
+    #[serde(rename = "linuxcnc")]
+    LinuxCnc,
+    /// GRBL: `G10 L2 P`.
+    #[serde(rename = "grbl")]
+    Grbl,
 }
 
 impl Dialect {
+    /// All of them.
+    pub const ALL: [Self; 12] = [
+        Self::G10G68,
+        Self::G68ThreeD,
+        Self::FanucSettingError,
+        Self::MazakSettingError,
+        Self::MitsubishiSettingError,
+        Self::Variables,
+        Self::Haas,
+        Self::HaasVariables,
+        Self::Siemens,
+        Self::Heidenhain,
+        Self::LinuxCnc,
+        Self::Grbl,
+    ];
+
     /// The name used in files and on screens.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::G10G68 => "g10-g68",
+            Self::G68ThreeD => "g68-3d",
+            Self::FanucSettingError => "fanuc-g54.4",
+            Self::MazakSettingError => "mazak-g54.4",
+            Self::MitsubishiSettingError => "mitsubishi-g54.4",
+            Self::Variables => "variables",
+            Self::Haas => "haas",
+            Self::HaasVariables => "haas-e",
+            Self::Siemens => "siemens",
+            Self::Heidenhain => "heidenhain",
+            Self::LinuxCnc => "linuxcnc",
+            Self::Grbl => "grbl",
         }
     }
 }
 
-/// A work offset G54 to G59.
+/// A work offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub enum WorkOffset {
@@ -321,12 +388,16 @@ pub enum WorkOffset {
     G58,
     /// `G10 L2 P6`
     G59,
+    /// One of the further ones by its number, in a file `{ extended = 7 }`: G54.1 P7,
+    /// G154 P7 (Haas), G507 (Siemens).
+    #[serde(rename = "extended")]
+    Extended(u16),
 }
 
 impl WorkOffset {
-    /// The P number of `G10 L2`, 1 for G54.
+    /// The P number of `G10 L2`, 1 for G54; of `G10 L20` for a further one.
     #[must_use]
-    pub const fn p_number(self) -> u8 {
+    pub const fn p_number(self) -> u16 {
         match self {
             Self::G54 => 1,
             Self::G55 => 2,
@@ -334,6 +405,16 @@ impl WorkOffset {
             Self::G57 => 4,
             Self::G58 => 5,
             Self::G59 => 6,
+            Self::Extended(number) => number,
+        }
+    }
+}
+
+impl fmt::Display for WorkOffset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Extended(number) => write!(f, "G54.1 P{number}"),
+            _ => write!(f, "G{}", 53 + self.p_number()),
         }
     }
 }

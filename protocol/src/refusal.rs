@@ -119,6 +119,8 @@ pub enum Field {
     FeedMmPerMin,
     DelayMs,
     ToleranceMm,
+    WriteTo,
+    Set,
 }
 
 impl Field {
@@ -153,6 +155,8 @@ impl Field {
             Self::FeedMmPerMin => "witness.feed_mm_per_min",
             Self::DelayMs => "witness.delay_ms",
             Self::ToleranceMm => "witness.tolerance_mm",
+            Self::WriteTo => "correction.write_to",
+            Self::Set => "correction.set",
         }
     }
 }

@@ -142,6 +142,8 @@ const fn allowed(field: Field) -> &'static str {
         Field::OriginCounts => "give three finite numbers, in counts",
         Field::FeedMmPerMin => "give mm/min above 0",
         Field::DelayMs => "give milliseconds above 0",
+        Field::WriteTo => "give an offset that the dialect has; `umi dialects` lists them",
+        Field::Set => "give one that the dialect has, or none; `umi dialects` lists them",
         Field::RadiusMm
         | Field::TipRadiusMm
         | Field::RadiusErrorMm

@@ -2,7 +2,7 @@
 
 use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Job, Limits, ProgramEnd, Reference, SendWhen,
-    WitnessSpec, WorkOffset,
+    WitnessSpec,
 };
 use umi_protocol::pattern::{FieldFormat, LinePattern, Overflow, ReceiverConfig};
 
@@ -235,17 +235,13 @@ fn correction(spec: &CorrectionSpec) -> Table {
     for (name, value) in [
         (
             "probed in",
-            format!(
-                "{} at {} mm",
-                work_offset(spec.probed_in),
-                triple(spec.probed_origin_mm)
-            ),
+            format!("{} at {} mm", spec.probed_in, triple(spec.probed_origin_mm)),
         ),
         (
             "writes",
             format!(
                 "{} as program O{:04}, {end}",
-                work_offset(spec.write_to),
+                written(spec),
                 spec.program_number
             ),
         ),
@@ -265,14 +261,12 @@ fn correction(spec: &CorrectionSpec) -> Table {
     table
 }
 
-const fn work_offset(offset: WorkOffset) -> &'static str {
-    match offset {
-        WorkOffset::G54 => "G54",
-        WorkOffset::G55 => "G55",
-        WorkOffset::G56 => "G56",
-        WorkOffset::G57 => "G57",
-        WorkOffset::G58 => "G58",
-        WorkOffset::G59 => "G59",
+/// The work offset, and what else the dialect writes.
+fn written(spec: &CorrectionSpec) -> String {
+    let form = umi_core::nc::dialect::form(spec.dialect);
+    match form.set {
+        Some(_) => format!("{} and set {}", spec.write_to, form.set(spec)),
+        None => spec.write_to.to_string(),
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod audit;
 pub mod axes;
 pub mod capture;
+pub mod correction;
 pub mod experiment;
 pub mod failure;
 pub mod gather;

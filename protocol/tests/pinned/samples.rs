@@ -272,6 +272,7 @@ fn job() -> Job {
             probed_in: WorkOffset::G54,
             probed_origin_mm: [-300.0, -200.0, -100.0],
             write_to: WorkOffset::G59,
+            set: None,
             program_number: 9001,
             ends_with: ProgramEnd::M99,
             part_min_mm: [0.0, 0.0, -20.0],

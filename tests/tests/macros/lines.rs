@@ -55,7 +55,9 @@ fn families_differ_in_settings_only() {
     let fanuc = Family::Fanuc.programs();
     assert!(fanuc.len() >= 15);
     for family in [Family::Haas, Family::MitsubishiMazak] {
-        let programs = family.programs();
+        let mut programs = family.programs();
+        // What comes by E commands, which only Haas has.
+        programs.retain(|(name, _)| name != "O8830-correction.nc");
         assert_eq!(fanuc.len(), programs.len(), "{family:?}");
         for ((name, text), (other_name, other)) in fanuc.iter().zip(&programs) {
             assert_eq!(name, other_name);

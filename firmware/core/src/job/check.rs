@@ -8,6 +8,7 @@ use umi_protocol::job::{
 use umi_protocol::pattern::LinePattern;
 use umi_protocol::refusal::{Field, JobError};
 
+use crate::nc;
 use crate::registration;
 use crate::units::Point;
 
@@ -250,6 +251,13 @@ fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
     if spec.write_to == spec.probed_in {
         return Err(JobError::SameOffset);
     }
+    nc::dialect::check(spec).map_err(|field| {
+        let value = match field {
+            Field::Set => spec.set.unwrap_or_default(),
+            _ => spec.write_to.p_number(),
+        };
+        bad(field, None, value.into())
+    })?;
     all_finite(spec.probed_origin_mm, Field::ProbedOriginMm, None)?;
     if !(1..=9999).contains(&spec.program_number) {
         let value = f64::from(spec.program_number);

@@ -166,18 +166,15 @@ struct Pose {
 
 impl Pose {
     fn new(registration: Registration, reference: &[Point], measured: &[Point]) -> Self {
-        let r = &registration.transform.rotation;
-        let turn = libm::atan2(r.m21 - r.m12, r.m11 + r.m22);
-        // atan2 and not acos(R33): acos loses half the digits of a small tilt.
-        let tilt = libm::atan2(libm::sqrt(r.m13 * r.m13 + r.m23 * r.m23), r.m33);
+        let (turn_deg, tilt_deg) = registration.transform.turn_and_tilt_deg();
         let count = f64::from(u8::try_from(reference.len()).unwrap_or(u8::MAX));
         let mut shift = Vector3::zeros();
         for (from, to) in reference.iter().zip(measured) {
             shift += to.mm - from.mm;
         }
         Self {
-            turn_deg: turn.to_degrees(),
-            tilt_deg: tilt.to_degrees(),
+            turn_deg,
+            tilt_deg,
             shift_mm: shift / count,
             registration,
         }

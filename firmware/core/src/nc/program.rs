@@ -1,17 +1,18 @@
-//! The correction program as text.
+//! The correction program as text: a dialect's program with its keys filled in.
 
-use core::fmt::{self, Write};
+use core::fmt::{self, Display, Write};
 
 use heapless::String;
-use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd};
-use umi_protocol::verdict::MAX_CORRECTION;
+use umi_protocol::job::{CorrectionSpec, ProgramEnd, WorkOffset};
+use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
-use super::{DECIMALS, NotExpressible, Plan};
+use super::dialect::{self, Form};
+use super::{NotExpressible, Plan};
 
 /// Leave to correct: exists only for a plate with no reason against it.
 ///
 /// Nothing else in the crate can make one, and [`write()`] asks for it, so no
-/// program text comes into being without an OK verdict.
+/// program that calls itself cleared comes into being without an OK verdict.
 #[derive(Debug)]
 pub struct Cleared(());
 
@@ -19,6 +20,13 @@ impl Cleared {
     /// Leave to correct, if there is no reason against it.
     pub(crate) fn if_no_reasons(reasons: usize) -> Option<Self> {
         (reasons == 0).then_some(Self(()))
+    }
+
+    /// Leave to correct once more by a verdict that was OK.
+    #[must_use]
+    pub fn by(verdict: &Verdict) -> Option<Self> {
+        let reasons = verdict.reasons.len() + usize::from(verdict.reasons_dropped);
+        Self::if_no_reasons(reasons).filter(|_| verdict.ok)
     }
 }
 
@@ -39,10 +47,10 @@ pub struct Figures<'a> {
 
 /// The complete program, lines ended by LF.
 ///
-/// `G69` comes first, so that a rotation that is still active does not turn
-/// the offset. `G17 G21 G90` stay active, as do the offset and, with `M99`, the
-/// rotation: the caller sets its own modes after the call, and a comment says so.
-/// No word in it moves an axis.
+/// In the manner of Fanuc `G69` comes first, so that a rotation that is still
+/// active does not turn the offset. `G17 G21 G90` stay active, as do the offset and,
+/// with `M99`, the rotation: the caller sets its own modes after the call, and a
+/// comment says so. No word in any of them moves an axis.
 ///
 /// # Errors
 /// [`NotExpressible`] if the text outgrows its buffer (a job name and figures
@@ -53,79 +61,203 @@ pub fn write(
     plan: &Plan,
     figures: &Figures<'_>,
 ) -> Result<String<MAX_CORRECTION>, NotExpressible> {
-    let mut text = String::new();
-    match spec.dialect {
-        Dialect::G10G68 => g10_g68(&mut text, spec, plan, figures),
-    }
-    .map_err(|fmt::Error| NotExpressible)?;
-    Ok(text)
+    fill(spec, plan, &Origin::Verdict(figures))
 }
 
-fn g10_g68(
-    out: &mut String<MAX_CORRECTION>,
+/// The same from what somebody gives, which it says in its comments. A board never does this.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_given(
     spec: &CorrectionSpec,
     plan: &Plan,
-    figures: &Figures<'_>,
-) -> fmt::Result {
-    let [x, y, z] = plan.origin_um;
-    let [center_x, center_y] = plan.center_um;
-    let offset = spec.write_to;
-    let end = match spec.ends_with {
-        ProgramEnd::M99 => "M99",
-        ProgramEnd::M30 => "M30",
-    };
+    source: &str,
+) -> Result<String<MAX_CORRECTION>, NotExpressible> {
+    fill(spec, plan, &Origin::Given(source))
+}
 
-    out.write_str("%\n")?;
-    writeln!(
-        out,
-        "O{:04}(UMI CORRECTION {offset:?})",
-        spec.program_number
-    )?;
-    writeln!(out, "(VERDICT OK - PLATE {})", figures.plate)?;
-    out.write_str("(JOB ")?;
-    comment(out, figures.job)?;
-    out.write_str(")\n")?;
-    writeln!(out, "(REGISTRATION RMS {:.4} MM)", figures.rms_mm)?;
-    writeln!(
-        out,
-        "(TURN {:.4} DEG - TILT {:.4} DEG)",
-        figures.turn_deg, figures.tilt_deg
-    )?;
-    writeln!(
-        out,
-        "(LEFT AT PART {:.4} MM - LIMIT {:.4} MM)",
-        plan.leftover.0, spec.leftover_mm
-    )?;
-    let [from_x, from_y, from_z] = spec.probed_origin_mm;
-    writeln!(
-        out,
-        "({:?} WAS X{from_x:.3} Y{from_y:.3} Z{from_z:.3} - RUN WITH {offset:?})",
-        spec.probed_in
-    )?;
-    out.write_str(match spec.ends_with {
-        ProgramEnd::M99 => "(LEAVES G17 G21 G90 G68 ACTIVE - CALLER MUST NOT G69)\n",
-        ProgramEnd::M30 => "(OFFSET ONLY)\n",
-    })?;
-    out.write_str("G17 G21 G90\nG69\n")?;
-    writeln!(
-        out,
-        "G10 L2 P{} X{} Y{} Z{}",
-        offset.p_number(),
-        Decimal(x),
-        Decimal(y),
-        Decimal(z)
-    )?;
-    writeln!(out, "{offset:?}")?;
-    if spec.ends_with == ProgramEnd::M99 {
-        writeln!(
-            out,
-            "G68 X{} Y{} R{}",
-            Decimal(center_x),
-            Decimal(center_y),
-            Decimal(plan.angle_mdeg)
-        )?;
+/// What a program rests on.
+enum Origin<'a> {
+    Verdict(&'a Figures<'a>),
+    Given(&'a str),
+}
+
+#[inline(never)]
+fn fill(
+    spec: &CorrectionSpec,
+    plan: &Plan,
+    origin: &Origin<'_>,
+) -> Result<String<MAX_CORRECTION>, NotExpressible> {
+    let mut writer = Writer {
+        out: String::new(),
+        form: dialect::form(spec.dialect),
+        spec,
+        plan,
+        origin,
+    };
+    writer.program().map_err(|fmt::Error| NotExpressible)?;
+    Ok(writer.out)
+}
+
+struct Writer<'a> {
+    out: String<MAX_CORRECTION>,
+    form: Form,
+    spec: &'a CorrectionSpec,
+    plan: &'a Plan,
+    origin: &'a Origin<'a>,
+}
+
+impl Writer<'_> {
+    fn program(&mut self) -> fmt::Result {
+        let returns = self.spec.ends_with == ProgramEnd::M99;
+        let mut characters = self.form.program.chars();
+        // Within `^…|…^`: whether this half is for the program's end.
+        let mut half = None;
+        while let Some(c) = characters.next() {
+            match (c, half) {
+                ('^', None) => half = Some(returns),
+                ('^', Some(_)) => half = None,
+                ('|', Some(shown)) => half = Some(!shown),
+                ('{', _) => {
+                    let key = characters.next().unwrap_or_default();
+                    characters.next();
+                    if half != Some(false) {
+                        self.key(key)?;
+                    }
+                }
+                (_, Some(false)) => {}
+                _ => self.out.write_char(c)?,
+            }
+        }
+        Ok(())
     }
-    writeln!(out, "{end}\n%")
+
+    fn key(&mut self, key: char) -> fmt::Result {
+        let plan = self.plan;
+        let ([x, y, z], [o, p, q]) = (plan.shift, plan.probed);
+        let ([u, v], [i, j, k], [a, b, c]) = (plan.point, plan.axis, plan.angles);
+        let (mm, deg) = (self.form.decimals_mm, self.form.decimals_deg);
+        let (steps, decimals) = match key {
+            'x' => (x, mm),
+            'y' => (y, mm),
+            'z' => (z, mm),
+            'o' => (o, mm),
+            'p' => (p, mm),
+            'q' => (q, mm),
+            'u' => (u, mm),
+            'v' => (v, mm),
+            'i' => (i, mm),
+            'j' => (j, mm),
+            'k' => (k, mm),
+            'a' => (a, deg),
+            'b' => (b, deg),
+            'c' => (c, deg),
+            'h' => (self.check_value(), mm),
+            'H' => {
+                let unit = i64::from(10u32.pow(mm.into()));
+                (self.check_value() + 7 * i64::from(self.number()) * unit, mm)
+            }
+            _ => return self.word(key),
+        };
+        write!(self.out, "{}", Decimal { steps, decimals })
+    }
+
+    /// The keys that are not measured.
+    fn word(&mut self, key: char) -> fmt::Result {
+        let spec = self.spec;
+        let offset = spec.write_to;
+        let number = offset.p_number();
+        let (l, first) = match offset {
+            WorkOffset::Extended(_) => (20, 7001),
+            _ => (2, 5221),
+        };
+        let variable = |axis| first + number.saturating_sub(1).saturating_mul(20) + axis;
+        let set = self.form.set(spec);
+        let with_further = self.number();
+        let out = &mut self.out;
+        match key {
+            'w' => self.offset(offset),
+            'f' => self.offset(spec.probed_in),
+            'g' => write!(out, "G10 L{l} P{number}"),
+            'n' => write!(out, "{number}"),
+            'N' => write!(out, "{with_further}"),
+            'X' => write!(out, "{}", variable(0)),
+            'Y' => write!(out, "{}", variable(1)),
+            'Z' => write!(out, "{}", variable(2)),
+            's' => write!(out, "{set}"),
+            'm' => write!(out, "{:04}", spec.program_number),
+            'e' => out.write_str(match spec.ends_with {
+                ProgramEnd::M99 => "M99",
+                ProgramEnd::M30 => "M30",
+            }),
+            '#' => self.comments(),
+            _ => match key.to_digit(10) {
+                Some(digit) => write!(out, "{}", u32::from(set) + digit),
+                None => Err(fmt::Error),
+            },
+        }
+    }
+
+    /// What the macro on a Haas takes for the work offset: 100 more beyond G59.
+    fn number(&self) -> u16 {
+        let number = self.spec.write_to.p_number();
+        match self.spec.write_to {
+            WorkOffset::Extended(_) => number.saturating_add(100),
+            _ => number,
+        }
+    }
+
+    fn check_value(&self) -> i64 {
+        (1..)
+            .zip(self.plan.checked(&self.form))
+            .map(|(weight, steps)| weight * steps)
+            .sum()
+    }
+
+    fn offset(&mut self, offset: WorkOffset) -> fmt::Result {
+        match (offset, self.form.further) {
+            (WorkOffset::Extended(number), Some((name, digits, ..))) => {
+                write!(self.out, "{name}{number:00$}", usize::from(digits))
+            }
+            _ => write!(self.out, "{offset}"),
+        }
+    }
+
+    fn comments(&mut self) -> fmt::Result {
+        let (begin, end) = self.form.comment;
+        let out = &mut self.out;
+        match self.origin {
+            Origin::Given(source) => {
+                write!(
+                    out,
+                    "{begin}MADE BY UMI AND NOT BY A BOARD{end}{begin}FROM "
+                )?;
+                comment(out, source)?;
+                out.write_str(end)?;
+            }
+            Origin::Verdict(figures) => {
+                write!(
+                    out,
+                    "{begin}VERDICT OK - PLATE {}{end}{begin}JOB ",
+                    figures.plate
+                )?;
+                comment(out, figures.job)?;
+                write!(
+                    out,
+                    "{end}{begin}REGISTRATION RMS {:.4} MM{end}{begin}TURN {:.4} DEG - TILT {:.4} DEG{end}",
+                    figures.rms_mm, figures.turn_deg, figures.tilt_deg
+                )?;
+            }
+        }
+        // Rounded up: what is stated is never less than what is left.
+        let tenths_um = libm::fabs(libm::ceil(self.plan.leftover.0 * 1e4 - 1e-6));
+        write!(
+            out,
+            "{begin}LEFT AT PART {:.4} MM - LIMIT {:.4} MM{end}",
+            tenths_um * 1e-4,
+            self.spec.leftover_mm
+        )
+    }
 }
 
 /// Upper case and only what every control takes inside a comment.
@@ -139,19 +271,18 @@ fn comment(out: &mut String<MAX_CORRECTION>, text: &str) -> fmt::Result {
     Ok(())
 }
 
-/// Thousandths with a decimal point, always: `X100` would be 0.1 mm.
-struct Decimal(i64);
+/// Steps with a decimal point, always: `X100` would be 0.1 mm.
+struct Decimal {
+    steps: i64,
+    decimals: u8,
+}
 
-impl fmt::Display for Decimal {
+impl Display for Decimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let unit = 10u64.pow(DECIMALS);
-        let magnitude = self.0.unsigned_abs();
-        let sign = if self.0 < 0 { "-" } else { "" };
-        let (whole, thousandths) = (magnitude / unit, magnitude % unit);
-        if thousandths == 0 {
-            write!(f, "{sign}{whole}.")
-        } else {
-            write!(f, "{sign}{whole}.{thousandths:03}")
-        }
+        let unit = 10u64.pow(self.decimals.into());
+        let magnitude = self.steps.unsigned_abs();
+        let sign = if self.steps < 0 { "-" } else { "" };
+        let (whole, rest) = (magnitude / unit, magnitude % unit);
+        write!(f, "{sign}{whole}.{rest:00$}", usize::from(self.decimals))
     }
 }

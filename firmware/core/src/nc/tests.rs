@@ -2,6 +2,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::vec::Vec;
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, SendWhen, WorkOffset};
 
+use umi_protocol::refusal::Field;
+
 use super::*;
 
 fn spec() -> CorrectionSpec {
@@ -10,6 +12,7 @@ fn spec() -> CorrectionSpec {
         probed_in: WorkOffset::G54,
         probed_origin_mm: [-400.0, -250.5, -310.123],
         write_to: WorkOffset::G55,
+        set: None,
         program_number: 9010,
         ends_with: ProgramEnd::M99,
         part_min_mm: [-26.0, -36.0, 0.0],
@@ -118,14 +121,12 @@ fn program_text() {
             "(LEAVES G17 G21 G90 G68 ACTIVE - CALLER MUST NOT G69)",
             "G17 G21 G90",
             "G69",
-            "G10 L2 P2 X-399. Y-250.5 Z-310.123",
+            "G10 L2 P2 X-399.000 Y-250.500 Z-310.123",
             "G55",
-            "G68 X0. Y0. R1.",
+            "G68 X0.000 Y0.000 R1.000",
             "M99",
             "%",
         ]
-        .map(|l| l.replace("X-399. Y-250.5 ", "X-399. Y-250.500 "))
-        .to_vec()
     );
 }
 
@@ -133,22 +134,22 @@ fn program_text() {
 #[test]
 fn too_large_or_not_finite_is_refused() {
     let identity = Matrix3::identity();
-    for x in [1.1e5, -1e6, 1e300, f64::INFINITY, f64::NAN] {
-        assert_eq!(
-            plan(&spec(), &rigid(&identity, &Vector3::new(x, 0.0, 0.0))),
-            Err(NotExpressible)
-        );
+    for dialect in Dialect::ALL {
+        let spec = CorrectionSpec { dialect, ..spec() };
+        let at = |x| plan(&spec, &rigid(&identity, &Vector3::new(x, 0.0, 0.0)));
+        assert!(at(50.0).is_ok());
+        for x in [1.1e5, -1e6, 1e300, f64::INFINITY, f64::NAN] {
+            assert_eq!(at(x), Err(NotExpressible), "{dialect:?}");
+        }
+        let limit = dialect::form(dialect).limit_mm;
+        assert_eq!(at(limit + 400.1), Err(NotExpressible), "{dialect:?}");
     }
 }
 
-/// The longest name and largest figures still fit the buffer.
+/// The longest name and largest figures still fit the buffer, in every dialect, and no
+/// program has a key that the writer does not know.
 #[test]
 fn the_longest_program_fits() {
-    let spec = spec();
-    let mut plan = plan(&spec, &RigidTransform::identity()).unwrap();
-    plan.origin_um = [-99_999_999; 3];
-    plan.center_um = [-99_999_999; 2];
-    plan.angle_mdeg = -359_999;
     let figures = Figures {
         job: "SIXTEEN-CHARS-16",
         plate: u32::MAX,
@@ -156,7 +157,160 @@ fn the_longest_program_fits() {
         turn_deg: -180.0,
         tilt_deg: 180.0,
     };
-    assert!(write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).is_ok());
+    for dialect in Dialect::ALL {
+        for ends_with in [ProgramEnd::M99, ProgramEnd::M30] {
+            let mut spec = spec();
+            (spec.dialect, spec.ends_with) = (dialect, ends_with);
+            spec.leftover_mm = 1e4;
+            let form = dialect::form(dialect);
+            if let Some((_, _, _, last)) = form.further {
+                (spec.write_to, spec.probed_in) =
+                    (WorkOffset::Extended(last), WorkOffset::Extended(last));
+            }
+            spec.set = form.set.map(|(_, last, _)| last);
+            assert_eq!(dialect::check(&spec), Ok(()), "{dialect:?}");
+            spec.probed_origin_mm = [-form.limit_mm; 3];
+            let mut plan = plan(&spec, &RigidTransform::identity()).unwrap();
+            let largest = -99_999 * 10i64.pow(form.decimals_mm.into()) - 999;
+            plan.shift = [largest; 3];
+            plan.point = [largest; 2];
+            plan.axis = [largest; 3];
+            plan.angles = [-180 * 10i64.pow(form.decimals_deg.into()); 3];
+            plan.leftover = Mm(9999.0);
+            let text = write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures);
+            let text = text.unwrap_or_else(|_| panic!("{dialect:?}"));
+            assert!(!text.contains(['{', '}', '^', '|']), "{text}");
+        }
+    }
+}
+
+/// What is stated is never less than what is left, by any digit of it.
+#[test]
+fn what_is_left_is_stated_rounded_up() {
+    let mut plan = plan(&spec(), &RigidTransform::identity()).unwrap();
+    for (left, stated) in [
+        (0.0, "0.0000"),
+        (0.000_1, "0.0001"),
+        (0.000_101, "0.0002"),
+        (0.012_300_01, "0.0124"),
+        (0.03, "0.0300"),
+    ] {
+        plan.leftover = Mm(left);
+        let text = write_given(&spec(), &plan, "here").unwrap();
+        let line = std::format!("(LEFT AT PART {stated} MM - LIMIT 0.0300 MM)");
+        assert!(text.lines().any(|l| l == line), "{left} {text}");
+        assert!(text.contains("NOT BY A BOARD)\n(FROM HERE)\n") && !text.contains("VERDICT"));
+    }
+}
+
+/// A place that a dialect does not have is refused by the name of its field.
+#[test]
+fn places_that_a_dialect_does_not_have() {
+    let with = |dialect, write_to, set| {
+        let mut spec = spec();
+        (spec.dialect, spec.write_to, spec.set) = (dialect, write_to, set);
+        dialect::check(&spec)
+    };
+    let extended = WorkOffset::Extended;
+    for (dialect, offset, set, expected) in [
+        (Dialect::G10G68, extended(300), None, Ok(())),
+        (Dialect::G10G68, extended(0), None, Err(Field::WriteTo)),
+        (Dialect::G10G68, extended(301), None, Err(Field::WriteTo)),
+        (Dialect::G10G68, WorkOffset::G55, Some(1), Err(Field::Set)),
+        (Dialect::Variables, extended(20), Some(996), Ok(())),
+        (Dialect::Variables, extended(21), None, Err(Field::WriteTo)),
+        (
+            Dialect::Variables,
+            WorkOffset::G59,
+            Some(997),
+            Err(Field::Set),
+        ),
+        (Dialect::Haas, extended(99), None, Ok(())),
+        (Dialect::Haas, extended(100), None, Err(Field::WriteTo)),
+        (Dialect::FanucSettingError, WorkOffset::G55, Some(7), Ok(())),
+        (
+            Dialect::FanucSettingError,
+            WorkOffset::G55,
+            Some(8),
+            Err(Field::Set),
+        ),
+        (
+            Dialect::MazakSettingError,
+            WorkOffset::G55,
+            Some(0),
+            Err(Field::Set),
+        ),
+        (Dialect::Siemens, WorkOffset::G57, None, Ok(())),
+        (Dialect::Siemens, WorkOffset::G58, None, Err(Field::WriteTo)),
+        (Dialect::Siemens, extended(4), None, Err(Field::WriteTo)),
+        (Dialect::Siemens, extended(99), None, Ok(())),
+        (Dialect::LinuxCnc, extended(7), None, Err(Field::WriteTo)),
+        (Dialect::Grbl, WorkOffset::G59, None, Ok(())),
+        (Dialect::Heidenhain, WorkOffset::G55, Some(9999), Ok(())),
+    ] {
+        assert_eq!(
+            with(dialect, offset, set),
+            expected,
+            "{dialect:?} {offset:?} {set:?}"
+        );
+    }
+}
+
+/// What a control cannot express stays at the part and is said: tilt where it turns about
+/// Z only, the turn where it does not turn.
+#[test]
+fn what_a_control_cannot_do_is_left() {
+    let left = |dialect, ends_with, axis: Vector3<f64>| {
+        let mut spec = spec();
+        (spec.dialect, spec.ends_with) = (dialect, ends_with);
+        let rotation = Rotation3::new(axis).into_inner();
+        plan(&spec, &rigid(&rotation, &Vector3::new(1.0, 2.0, 3.0)))
+            .unwrap()
+            .leftover
+            .0
+    };
+    let (tilt, turn) = (Vector3::new(0.0, 1e-3, 0.0), Vector3::new(0.0, 0.0, 1e-3));
+    let (tilted, turned) = (1e-3 * f64::hypot(26.0, 13.0), 1e-3 * f64::hypot(26.0, 36.0));
+    for dialect in Dialect::ALL {
+        let kind = dialect::form(dialect).turn;
+        let kept = !dialect::form(dialect).turn_ends_with_program;
+        let full = matches!(kind, Turn::Axis | Turn::Angles);
+        for (ends_with, stays) in [(ProgramEnd::M99, true), (ProgramEnd::M30, kept)] {
+            for (axis, alone, can) in [
+                (tilt, tilted, full && stays),
+                (turn, turned, kind != Turn::No && stays),
+            ] {
+                let left = left(dialect, ends_with, axis);
+                let expected = if can { 0.0 } else { alone };
+                assert!(
+                    (left - expected).abs() < 2e-3,
+                    "{dialect:?} {left} {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// Three angles near 90 degrees of the middle one are not unique: refused.
+#[test]
+fn angles_that_are_not_unique_are_refused() {
+    for dialect in Dialect::ALL {
+        let mut spec = spec();
+        spec.dialect = dialect;
+        let plan_at = |degrees: f64| {
+            let rotation = Rotation3::new(Vector3::y() * degrees.to_radians()).into_inner();
+            plan(&spec, &rigid(&rotation, &Vector3::zeros()))
+        };
+        let by_angles = dialect::form(dialect).turn == Turn::Angles;
+        for degrees in [89.99, 90.0, -90.0, 90.05] {
+            assert_eq!(
+                plan_at(degrees).is_err(),
+                by_angles,
+                "{dialect:?} {degrees}"
+            );
+        }
+        assert!(plan_at(89.9).is_ok());
+    }
 }
 
 /// A main program's end resets `G68`: with `M30` only the offset is sent, and what

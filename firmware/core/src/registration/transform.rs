@@ -48,6 +48,17 @@ impl RigidTransform {
         }
     }
 
+    /// The rotation about Z that is nearest to R in the least-squares sense, and the angle
+    /// between the two Z axes, degrees: what a machinist sees.
+    #[must_use]
+    pub fn turn_and_tilt_deg(&self) -> (f64, f64) {
+        let r = &self.rotation;
+        let turn = libm::atan2(r.m21 - r.m12, r.m11 + r.m22);
+        // atan2 and not acos(R33): acos loses half the digits of a small tilt.
+        let tilt = libm::atan2(libm::sqrt(r.m13 * r.m13 + r.m23 * r.m23), r.m33);
+        (turn.to_degrees(), tilt.to_degrees())
+    }
+
     /// Angle of rotation, 0 to π, and its axis (right-handed). The axis is None
     /// if the angle is nothing but rounding.
     #[must_use]

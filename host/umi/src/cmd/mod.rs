@@ -1,6 +1,8 @@
 //! The commands: one file each, with options, help and what is done.
 
+mod correction;
 mod demo;
+mod dialects;
 mod events;
 mod fit;
 mod info;
@@ -31,6 +33,8 @@ pub enum Command {
     Watch(watch::Watch),
     Machine(machine::Machine),
     Nc(nc::Nc),
+    Correction(correction::Correction),
+    Dialects(dialects::Dialects),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
 }
@@ -50,6 +54,8 @@ impl Command {
             Self::Watch(command) => command.run(),
             Self::Machine(command) => command.run(),
             Self::Nc(command) => command.run(),
+            Self::Correction(command) => command.run(),
+            Self::Dialects(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
     }
@@ -68,6 +74,8 @@ impl Command {
             Self::Watch(command) => command.format.json,
             Self::Machine(command) => command.json(),
             Self::Nc(command) => command.json(),
+            Self::Correction(command) => command.format.json,
+            Self::Dialects(command) => command.format.json,
             Self::Virtual(command) => command.format.json,
         }
     }

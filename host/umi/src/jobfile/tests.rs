@@ -47,6 +47,38 @@ fn a_job_survives_being_written() {
     assert_eq!(parse(&write(&job).unwrap()).unwrap(), job);
 }
 
+/// Every dialect by its name, a further offset and a set, there and back; what the dialect
+/// does not have is shown where it stands.
+#[test]
+fn every_dialect_in_a_job() {
+    use umi_protocol::job::{Dialect, WorkOffset};
+    let text = example();
+    for dialect in Dialect::ALL {
+        let text = text.replace("\"g10-g68\"", &format!("\"{}\"", dialect.name()));
+        let job = parse(&text).unwrap();
+        assert_eq!(job.correction.unwrap().dialect, dialect);
+        assert_eq!(parse(&write(&job).unwrap()).unwrap(), job);
+    }
+    let further = "write_to = { extended = 7 }\nset = 3";
+    let siemens = text.replace("\"g10-g68\"", "\"siemens\"");
+    let variables = text
+        .replace("\"g10-g68\"", "\"fanuc-g54.4\"")
+        .replace("write_to = \"G55\"", further);
+    let job = parse(&variables).unwrap();
+    let spec = job.correction.unwrap();
+    assert_eq!(
+        (spec.write_to, spec.set),
+        (WorkOffset::Extended(7), Some(3))
+    );
+    assert_eq!(parse(&write(&job).unwrap()).unwrap(), job);
+    let no_set = fault(&siemens.replace("write_to = \"G55\"", further));
+    assert_eq!(no_set.code, "bad_value");
+    assert_at(&no_set, "set = 3");
+    let no_place = fault(&siemens.replace("\"G55\"", "\"G58\""));
+    assert_at(&no_place, "write_to = \"G58\"");
+    assert!(no_place.message.contains("umi dialects"));
+}
+
 /// A misspelt field is shown where it stands, with the names that are allowed.
 #[test]
 fn an_unknown_field_is_shown_with_those_allowed() {

@@ -221,7 +221,7 @@ fn correction(session: &Session, plate: &Plate) -> Element {
     if let (Some(motion), Some(spec)) = (motion(session, plate), &session.job.correction) {
         let [x, y, z] = motion.offset_mm.map(|c| signed(c, 3));
         words = format!(
-            "Dialect {}. Work offset {:?} = {:?} displaced by X {x}, Y {y}, Z {z} mm; rotation by {}\u{b0} \
+            "Dialect {}. Work offset {} = {} displaced by X {x}, Y {y}, Z {z} mm; rotation by {}\u{b0} \
              about X {}, Y {} mm. Largest displacement of a point of the part: {} mm.",
             correction.dialect.name(),
             spec.write_to,

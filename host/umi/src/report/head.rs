@@ -53,7 +53,7 @@ fn facts(session: &Session) -> Element {
         lines.push((
             "Correction".into(),
             format!(
-                "dialect {}, probed in {:?}, writes {:?}, program O{:04}",
+                "dialect {}, probed in {}, writes {}, program O{:04}",
                 spec.dialect.name(),
                 spec.probed_in,
                 spec.write_to,

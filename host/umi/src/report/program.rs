@@ -24,6 +24,8 @@ impl Motion {
         let origin = only(&blocks, 10.0)?;
         let turn = only(&blocks, 68.0)?;
         (word(origin, 'L')? == 2.0).then_some(())?;
+        // About an axis that leans it is another motion.
+        word(turn, 'I').is_none().then_some(())?;
         let new_origin = [word(origin, 'X')?, word(origin, 'Y')?, word(origin, 'Z')?];
         Some(Self {
             offset_mm: std::array::from_fn(|i| new_origin[i] - probed_origin_mm[i]),
@@ -115,6 +117,7 @@ mod tests {
             ("G68 X10. Y0. R90.", "G68 X10. Y0."),
             ("G10 L2 P2 X100.5 ", "G10 L2 P2 "),
             ("G10 L2", "G10 L20"),
+            ("G68 X10. Y0.", "G68 X10. Y0. Z0. I0. J0. K1."),
             ("M99", "G68 X0. Y0. R1.\nM99"),
         ] {
             assert_eq!(Motion::read(&PROGRAM.replace(from, to), [0.0; 3]), None);

@@ -54,6 +54,7 @@ pub fn job() -> Job {
             probed_in: WorkOffset::G54,
             probed_origin_mm: [0.0; 3],
             write_to: WorkOffset::G55,
+            set: None,
             program_number: 9010,
             ends_with: ProgramEnd::M99,
             part_min_mm: [-26.0, -36.0, 0.0],

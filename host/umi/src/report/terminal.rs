@@ -276,7 +276,7 @@ fn correction(out: &mut String, session: &Session, plate: &Plate) {
     if let (Some(motion), Some(spec)) = (motion(session, plate), &session.job.correction) {
         let [x, y, z] = motion.offset_mm.map(|c| signed(c, 3));
         text = format!(
-            "{:?} = {:?} {x} {y} {z} mm, rotation {}\u{b0}",
+            "{} = {} {x} {y} {z} mm, rotation {}\u{b0}",
             spec.write_to,
             spec.probed_in,
             signed(motion.angle_deg, 3)

@@ -79,7 +79,39 @@ fn the_demo_shows_the_experiment() {
     ];
     assert!(umi(&again).exits(0).out.contains("the reference"));
     // The journal replays by itself.
-    umi(&["replay", &folder.path("demo/journal.umij")]).exits(0);
+    let journal = folder.path("demo/journal.umij");
+    umi(&["replay", &journal]).exits(0);
+    // The correction that the board made, from its journal, to the letter; and in the words
+    // of a control that can express the tilt.
+    for plate in [1, 4] {
+        let number = plate.to_string();
+        let made = umi(&["correction", "--verdict", &journal, "--plate", &number])
+            .exits(0)
+            .out;
+        let verdicts = umi(&["replay", &journal, "--json"]).exits(0).out;
+        let sent = verdicts
+            .lines()
+            .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap())
+            .rfind(|v| v["type"] == "verdict" && v["plate"] == plate)
+            .unwrap();
+        assert_eq!(sent["correction"]["text"], made);
+        let args = [
+            "correction",
+            "--verdict",
+            &journal,
+            "--plate",
+            &number,
+            "--json",
+        ];
+        let better = umi(&[&args[..], &["--dialect", "g68-3d"]].concat())
+            .exits(0)
+            .json();
+        let left = |value: &serde_json::Value| value["leftover_mm"].as_f64().unwrap();
+        assert!(left(&better) < left(&sent["correction"]) && left(&better) < 0.002);
+    }
+    umi(&["correction", "--verdict", &journal, "--plate", "0"])
+        .exits(2)
+        .says("taught");
 }
 
 /// For machines: each decision, each surface, and where the report is.

@@ -45,6 +45,8 @@ fn every_command_shows_examples() {
         "watch",
         "machine run",
         "machine check",
+        "correction",
+        "dialects",
     ] {
         assert!(
             commands.iter().any(|(path, _)| path == name),

@@ -2,6 +2,7 @@
 
 mod board;
 mod connected;
+mod correction;
 mod demo;
 mod events;
 mod fits;

@@ -86,6 +86,15 @@ fn offset_of(number: u32, dialect: Dialect) -> Option<(WorkOffset, usize)> {
     Some((WorkOffset::Extended(u16::try_from(n).ok()? + 1), axis))
 }
 
+/// The set of `G54.4` and the place in it (dx, dy, dz, da, db, dc) of a variable: #26010
+/// is dx of set 1, the sets are ten apart. Public post processors for Fanuc write them so.
+/// Set 0, which a control adds to all others, stays zero here.
+fn setting_error_of(number: u32, dialect: Dialect) -> Option<(u8, usize)> {
+    let place = number.checked_sub(26_000).filter(|place| *place < 80)?;
+    let value = usize::try_from(place % 10).ok().filter(|v| *v < 6)?;
+    (dialect == Dialect::Fanuc).then_some((u8::try_from(place / 10).ok()?, value))
+}
+
 /// The tool length offset of a variable.
 fn length_of(number: u32, dialect: Dialect) -> Option<u32> {
     match (dialect, number) {
@@ -122,6 +131,11 @@ impl Control {
         let unit = self.modal.unit_mm();
         if let Some((offset, axis)) = offset_of(number, dialect) {
             return Ok(component(&self.offsets.work(offset), axis, unit));
+        }
+        if let Some((set, value)) = setting_error_of(number, dialect) {
+            let error = self.offsets.setting_error(set);
+            let unit = if value < 3 { unit } else { 1.0 };
+            return Ok(error.get(value).map(|value| value / unit));
         }
         if dialect == Dialect::LinuxCnc {
             return self
@@ -278,6 +292,18 @@ impl Control {
                 *slot = length;
             }
             self.offsets.set_work(offset, origin);
+            return Ok(Written::Done);
+        }
+        if let Some((set @ 1.., value)) = setting_error_of(number, dialect) {
+            let mut error = self.offsets.setting_error(set);
+            let rounded = self.settings.rounded(number_set, false);
+            if let Some(slot) = error.get_mut(value) {
+                *slot = if value < 3 { length } else { rounded };
+            }
+            if !(-1e6..=1e6).contains(&number_set) {
+                return Err(Fault::ps(32, "the setting error is too large"));
+            }
+            self.offsets.set_setting_error(set, error);
             return Ok(Written::Done);
         }
         if let Some(h) = length_of(number, dialect) {

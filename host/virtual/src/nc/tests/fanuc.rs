@@ -148,6 +148,31 @@ fn offsets() {
     assert_eq!(control.variable(102), Some(25.4));
 }
 
+/// The sets of G54.4 by their variables: #26010 to #26015 are set 1, rounded to the
+/// control's increments; set 0 cannot be written.
+#[test]
+fn setting_errors_by_variables() {
+    let (control, mock) = run(
+        "#26020=1.00049\n#26021=2.\n#26022=3.\n#26025=90.\n#100=#26020\n#101=#26010\n\
+         G54.4P2\nG0X10.Y0Z0",
+    );
+    assert_eq!(
+        control.offsets().setting_error(2),
+        [1.0, 2.0, 3.0, 0.0, 0.0, 90.0]
+    );
+    assert_eq!(mock.ends()[0], [1.0, 12.0, 3.0, 0.0]);
+    assert_eq!(
+        [100, 101].map(|n| control.variable(n)),
+        [Some(1.0), Some(0.0)]
+    );
+    let (control, _) = run("G20\n#26010=1.\n#100=#26010\nG21");
+    assert_eq!(control.offsets().setting_error(1)[0], 25.4);
+    assert_eq!(control.variable(100), Some(1.0));
+    for text in ["#26000=1.", "#26016=1.", "#26080=1.", "#26010=1e9"] {
+        assert!(!alarm(text).message.is_empty(), "{text}");
+    }
+}
+
 /// G68 in the plane and in space, G54.4, and where the variables of position stand.
 #[test]
 fn rotations() {
