@@ -169,11 +169,7 @@ fn a_difference_is_found() {
 
     // The end of the last motion, 0.02 mm off: near enough to be meant.
     let made = std::fs::read_to_string(&out).unwrap();
-    let last = made
-        .lines()
-        .filter(|line| line.contains('X'))
-        .next_back()
-        .unwrap();
+    let last = made.lines().rfind(|line| line.contains('X')).unwrap();
     let number = last
         .split('X')
         .nth(1)
