@@ -1,16 +1,18 @@
 //! The thesis' experiment, whole: misplace, probe, correct, cut, measure.
 
 use umi::experiment::cases::{self, Case};
-use umi::experiment::outcome::{Outcome, Setting};
+use umi::experiment::outcome::{Outcome, Remedy, Setting};
 use umi::experiment::path::Laces;
 use umi::experiment::run;
 use umi::experiment::thesis;
+use umi_protocol::job::Dialect;
 
 const SETTING: Setting = Setting {
     seed: 1,
     ideal: false,
     stepover_mm: 0.2,
     pitch_mm: [2.0, 0.0437],
+    remedy: Remedy::Program(Dialect::G10G68),
 };
 
 fn run_with(setting: Setting, cases: &[Case]) -> Outcome {
@@ -224,4 +226,49 @@ fn beyond_the_limits_nothing_is_cut() {
     );
     let page = umi::report::html_of_experiment(&outcome, &[outcome.summary()]);
     assert!(page.contains("NG") && !page.contains("NaN"));
+}
+
+/// Every dialect that this shop's control knows, and the rewritten path, without error
+/// sources, in the clampings as the thesis prints them, tilts included: the surface is off
+/// by what each leaves. What can express the tilt, or needs no control to, leaves cusps and
+/// thousandths; rotation in the plane leaves the tilt too, as its programs state.
+#[test]
+fn every_remedy_on_one_surface() {
+    let mut rows = Vec::new();
+    for (remedy, name, takes_tilt) in [
+        (Remedy::Program(Dialect::G10G68), "g10-g68", false),
+        (Remedy::Program(Dialect::Variables), "variables", false),
+        (Remedy::Program(Dialect::G68ThreeD), "g68-3d", true),
+        (
+            Remedy::Program(Dialect::FanucSettingError),
+            "fanuc-g54.4",
+            true,
+        ),
+        (Remedy::Rewritten, "rewritten", true),
+    ] {
+        let setting = Setting {
+            ideal: true,
+            remedy,
+            ..SETTING
+        };
+        let outcome = run_with(setting, &cases::printed());
+        let whole = outcome.corrected.whole;
+        let stated = outcome.session.plates.iter().filter_map(|plate| {
+            let correction = plate.verdict.correction.as_ref()?;
+            Some(correction.leftover_mm)
+        });
+        let stated = stated.fold(0.0, f64::max);
+        rows.push(format!(
+            "{name:12} mean {:+.4} std {:.4} min {:+.4} max {:+.4}, programs state {stated:.4} mm",
+            whole.mean_mm, whole.std_mm, whole.min_mm, whole.max_mm
+        ));
+        assert_eq!((whole.uncut, outcome.corrected.crashes), (0, 0));
+        let reach = whole.max_mm.max(-whole.min_mm);
+        if takes_tilt {
+            assert!(reach < 0.0025, "{rows:?}");
+        } else {
+            assert!((0.0025..0.002 + stated).contains(&reach), "{rows:?}");
+        }
+    }
+    println!("{}", rows.join("\n"));
 }

@@ -29,7 +29,9 @@
 //!
 //! A three-axis machine's tool does not lean with the part: a flat end mill of
 //! radius r leaves a heel of r times the tilt, whichever way the path is corrected.
-//! That is for the job's limit on the tilt.
+//! That is for the job's limit on the tilt. Where a control can lean the coordinates, a move
+//! in X and Y moves Z too: a part program that calls the correction with Z at the top of its
+//! travel must come down first (`G53 G0 Z…`).
 
 pub mod dialect;
 mod program;

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use umi::audit::{Audit, Findings};
 use umi::capture::Bench;
 use umi::experiment::cases::{self, Case};
-use umi::experiment::outcome::{Outcome, Setting, Summary, Surface, spread};
+use umi::experiment::outcome::{Outcome, Remedy, Setting, Summary, Surface, spread};
 use umi::experiment::path::Laces;
 use umi::experiment::run::{self, Progress};
 use umi::experiment::thesis;
@@ -17,6 +17,7 @@ use umi::jobfile;
 use umi::pull::{self, Step};
 use umi::report::{self, Fact, terminal};
 use umi::style::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
+use umi_protocol::job::Dialect;
 use umi_virtual::cutting::Statistics;
 
 use super::Format;
@@ -129,6 +130,7 @@ impl Demo {
             ideal: self.ideal,
             stepover_mm: self.stepover_mm,
             pitch_mm: PITCH_MM,
+            remedy: Remedy::Program(Dialect::G10G68),
         };
         run::run(&setting, cases, |progress| {
             match progress {

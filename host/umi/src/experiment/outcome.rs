@@ -4,9 +4,20 @@ use umi_core::fit;
 use umi_core::units::Point;
 use umi_virtual::cutting::{CylinderArc, Deviations, Statistics, Workpiece};
 
+use umi_protocol::job::Dialect;
+
 use super::part::{NOMINAL, SECTIONS};
 use super::path::Laces;
 use crate::report::Session;
+
+/// By what a clamping is corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remedy {
+    /// The board's program, in words that this shop's control knows.
+    Program(Dialect),
+    /// The finishing program, rewritten by the verdict's registration.
+    Rewritten,
+}
 
 /// How an experiment is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +31,8 @@ pub struct Setting {
     pub stepover_mm: f64,
     /// Pitch of the grid on which the surface is measured, X and Y, mm.
     pub pitch_mm: [f64; 2],
+    /// By what the clampings are corrected.
+    pub remedy: Remedy,
 }
 
 /// The finished surface, measured.

@@ -1,9 +1,12 @@
 //! One run of the experiment.
 
 use nalgebra::Vector3;
+use umi_core::nc::dialect::{Turn, form};
+use umi_core::nc::rewrite;
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
 use umi_protocol::job::Job;
+use umi_protocol::verdict::RegistrationReport;
 use umi_virtual::cutting::{BallNose, Cutter, Wander, Workpiece};
 use umi_virtual::machine::Machine;
 use umi_virtual::nc::Control;
@@ -11,7 +14,7 @@ use umi_virtual::scene::Scene;
 
 use super::cases::Case;
 use super::ear::Ear;
-use super::outcome::{Calibration, Outcome, Plane, Setting, Surface};
+use super::outcome::{Calibration, Outcome, Plane, Remedy, Setting, Surface};
 use super::part::{self, BALL_RADIUS_MM, SEAT_MM, SECTIONS};
 use super::path::{self, Laces};
 use crate::capture::{Bench, Decision};
@@ -181,7 +184,10 @@ pub fn run(
     let trouble = |error: &dyn std::fmt::Display| Failure::trouble("experiment", error);
     let laces = Laces::new(setting.stepover_mm).map_err(|error| trouble(&error))?;
     let blank = part::blank(setting.pitch_mm).map_err(|error| trouble(&error))?;
-    let job = job()?;
+    let mut job = job()?;
+    if let (Some(correction), Remedy::Program(dialect)) = (&mut job.correction, setting.remedy) {
+        correction.dialect = dialect;
+    }
     let bench = Bench::new(&job)?;
     let mut gather = Gather::new(
         "The thesis\u{2019} experiment: five clampings, one surface",
@@ -248,6 +254,7 @@ pub fn run(
             .as_ref()
             .map(|c| c.text.to_string());
         let ok = plate.verdict.ok;
+        let registration = plate.verdict.registration.clone();
         progress(Progress::Judged(&gather.session, place))?;
 
         let mut step = |what| progress(Progress::Step { case: number, what });
@@ -273,12 +280,27 @@ pub fn run(
         step("cutting")?;
         let section = number.min(SECTIONS - 1);
         let number = u32::try_from(section).unwrap_or_default();
-        let offset = match &correction {
-            Some(_) => Some("M98 P9010 (CORRECTION - G55 AND G68)"),
+        let program = match (&correction, setting.remedy, registration) {
             // The reference clamping is cut as it stands.
-            None => ok.then_some("G54"),
+            (None, ..) => ok.then(|| laces.program(FINISH + number, section, "G54")),
+            (Some(_), Remedy::Program(dialect), _) => {
+                // Where Z leans, X and Y move it: at the top of its travel there is no room.
+                let leans = matches!(form(dialect).turn, Turn::Axis | Turn::Angles);
+                let down = if leans { BELOW_THE_TOP } else { "" };
+                let call = format!("{down}M98 P9010 (CORRECTION)");
+                let program = laces.program(FINISH + number, section, &call);
+                // A setting error is not ended by G69.
+                let ends = form(dialect).in_set;
+                let end = if ends { " G69\nG54.4 P0\n" } else { " G69\n" };
+                Some(program.replacen(" G69\n", end, 1))
+            }
+            (Some(_), Remedy::Rewritten, Some(registration)) => {
+                let call = format!("{BELOW_THE_TOP}G54");
+                let nominal = laces.program(FINISH + number, section, &call);
+                Some(rewritten(&nominal, &registration)?)
+            }
+            (Some(_), Remedy::Rewritten, None) => None,
         };
-        let program = offset.map(|offset| laces.program(FINISH + number, section, offset));
         if let Some(program) = &program {
             shop.cut(program, FINISH + number, 0)?;
         }
@@ -325,6 +347,28 @@ pub fn run(
         machine_s,
     };
     Ok((outcome, bench))
+}
+
+/// A block that leaves Z room to lean.
+const BELOW_THE_TOP: &str = "G53 G0 Z390.\n";
+
+/// The finishing program where the part stands.
+fn rewritten(nominal: &str, registration: &RegistrationReport) -> Result<String, Failure> {
+    let [a, b, c] = registration.rotation;
+    let settings = rewrite::Settings::new(RigidTransform {
+        rotation: nalgebra::Matrix3::from_rows(&[a.into(), b.into(), c.into()]),
+        translation_mm: registration.translation_mm.into(),
+    });
+    let mut text = Vec::new();
+    let mut sink = |bytes: &[u8]| text.extend_from_slice(bytes);
+    let refused = |refusal| Failure::refused("cannot_rewrite", refusal);
+    let mut rewriter =
+        rewrite::Rewriter::new(&settings).map_err(|bad| Failure::trouble("experiment", bad))?;
+    rewriter
+        .push(nominal.as_bytes(), &mut sink)
+        .map_err(refused)?;
+    rewriter.finish(&mut sink).map_err(refused)?;
+    String::from_utf8(text).map_err(|error| Failure::trouble("experiment", error))
 }
 
 const ABOUT: &str = "A plate with three spheres and a workpiece with a cylindrical surface, clamped five times \
