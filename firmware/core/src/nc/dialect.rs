@@ -3,7 +3,7 @@
 //! # One table, one writer
 //!
 //! A dialect is one [`Form`]: how it turns, the steps of its numbers, where it can write, and
-//! its program as a text with keys, which [`super::program`] fills in.
+//! its program as a text with keys, which [`super::write()`] fills in.
 //!
 //! | key | is replaced by |
 //! | --- | --- |
