@@ -40,7 +40,7 @@ pub fn take() -> Option<String<TEXT>> {
     let place = KEPT.0.get().cast::<Kept>();
     // SAFETY: the place is in RAM and aligned, and any bits are a Kept.
     let found = unsafe { place.read_volatile() };
-    write([0; 2], "");
+    write([0; 2], b"");
     if found.ours != OURS {
         return None;
     }
@@ -59,20 +59,26 @@ pub fn note_panic(info: &PanicInfo<'_>) {
         let file = file.get(from..).unwrap_or(file);
         let _ = write!(text, "{file}:{}", location.line());
     }
-    write(OURS, &text);
+    write(OURS, text.as_bytes());
 }
 
-/// Notes where the core could not go on.
+/// Notes where the core could not go on. Without the library's formatting: it would want
+/// five kilobytes of stack, and of a fault there may be little left.
 pub fn note_fault(address: u32) {
-    let mut text = String::<TEXT>::new();
-    let _ = write!(text, "hard fault at {address:#010x}");
+    let mut text = *b"hard fault at 0x00000000";
+    for (place, shift) in text.iter_mut().rev().zip((0..32).step_by(4)) {
+        *place = match (address >> shift) as u8 & 15 {
+            digit @ 0..10 => b'0' + digit,
+            digit => b'a' - 10 + digit,
+        };
+    }
     write(OURS, &text);
 }
 
-fn write(ours: [u32; 2], said: &str) {
+fn write(ours: [u32; 2], said: &[u8]) {
     let mut text = [0; TEXT];
-    for (place, byte) in text.iter_mut().zip(said.bytes()) {
-        *place = byte;
+    for (place, byte) in text.iter_mut().zip(said) {
+        *place = *byte;
     }
     let kept = Kept {
         ours,

@@ -3,6 +3,7 @@
 pub mod image;
 mod memory;
 mod program;
+mod report;
 mod stack;
 mod thumb;
 
@@ -30,7 +31,7 @@ use crate::house::House;
 /// pointers is not seen.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask size\n  cargo xtask size pico --stack    # which calls need the stack\n  cargo xtask size --json > sizes.json"
+    after_help = "Examples:\n  cargo xtask size\n  cargo xtask size pico --stack    # which calls need the stack\n  cargo xtask size --json > sizes.json\n  cargo xtask size mps2-an500 pico pico2 nucleo-h743 --write   # tests/bench/SIZES.md"
 )]
 pub struct Arguments {
     /// The boards; all of them but the pico2 if none is named.
@@ -47,6 +48,9 @@ pub struct Arguments {
     /// Prints the figures as JSON.
     #[arg(long)]
     json: bool,
+    /// Writes the table to tests/bench/SIZES.md too.
+    #[arg(long)]
+    write: bool,
 }
 
 /// What an image may take at most.
@@ -117,6 +121,11 @@ pub fn run(house: &House, arguments: &Arguments) -> Result<()> {
         println!("{}", serde_json::to_string_pretty(&json)?);
     } else {
         console::rows(&rows);
+    }
+    if arguments.write {
+        let file = house.root.join("tests/bench/SIZES.md");
+        std::fs::write(&file, report::markdown(&rows))
+            .with_context(|| format!("cannot write {}", file.display()))?;
     }
     if !over.is_empty() {
         bail!(
