@@ -24,6 +24,7 @@ pub mod latch;
 pub mod line;
 pub mod message;
 pub mod pattern;
+pub mod program;
 pub mod reason;
 pub mod refusal;
 pub mod schema;

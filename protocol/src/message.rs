@@ -18,6 +18,15 @@
 //! | `PositionsGet` | `Positions` | where the axes are now, and what they counted wrong |
 //! | `TriggerOutSet` | `Done` or `NotOnThisBoard` | begins or ends trigger pulses for a scanner |
 //! | `LaserSet` | `Done` or `NotOnThisBoard` | enables a scanner's laser |
+//! | `ProgramList` | `Programs` | the part programs in the board's flash |
+//! | `ProgramBegin` | `ProgramAt` | begins an upload, or goes on with one that broke off |
+//! | `ProgramPiece` | `ProgramAt` | bytes of it; those that stand elsewhere are not taken |
+//! | `ProgramEnd` | `Done` | it counts from now on, in place of the old one, if its check value is right |
+//! | `ProgramRead` | `ProgramBytes` | bytes of a program |
+//! | `ProgramDelete` | `Done` | deletes one |
+//!
+//! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
+//! does what it does once.
 //!
 //! Trigger pulses and laser belong to the host that switched them on: the board
 //! switches them off when that host is gone.
@@ -31,6 +40,7 @@ use crate::feature::FeatureResult;
 use crate::job::{Job, MAX_DATUMS, Name};
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
+use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use crate::refusal::JobError;
 use crate::schema::max_len;
 use crate::verdict::Verdict;
@@ -89,6 +99,39 @@ pub enum Request {
         /// True: enable.
         on: bool,
     },
+    /// Which part programs are there?
+    ProgramList {
+        /// Programs to pass over: those that were listed already.
+        skip: u16,
+    },
+    /// An upload begins.
+    ProgramBegin(ProgramInfo),
+    /// Bytes of the upload.
+    ProgramPiece {
+        /// Where they stand in the program.
+        offset: u32,
+        /// The bytes.
+        bytes: Piece,
+    },
+    /// The upload is complete.
+    ProgramEnd {
+        /// The program's number.
+        number: u32,
+        /// The CRC-32 of its bytes.
+        crc32: u32,
+    },
+    /// Bytes of a program.
+    ProgramRead {
+        /// Its number.
+        number: u32,
+        /// Where they stand.
+        offset: u32,
+    },
+    /// Delete a program.
+    ProgramDelete {
+        /// Its number.
+        number: u32,
+    },
 }
 
 /// What the board answers.
@@ -140,6 +183,27 @@ pub enum Response {
     Positions(Positions),
     /// The board has no output for that, or cannot keep that interval.
     NotOnThisBoard,
+    /// To `ProgramList`.
+    Programs {
+        /// How much room there is.
+        room: ProgramRoom,
+        /// The next programs; none: that was all.
+        programs: Vec<ProgramInfo, MAX_LISTED>,
+    },
+    /// To `ProgramBegin` and `ProgramPiece`.
+    ProgramAt {
+        /// Where the byte stands that is wanted next.
+        offset: u32,
+    },
+    /// To `ProgramRead`.
+    ProgramBytes {
+        /// Where they stand.
+        offset: u32,
+        /// The bytes; none: the program ends before.
+        bytes: Piece,
+    },
+    /// That cannot be done with a program.
+    ProgramRefused(ProgramRefusal),
 }
 
 /// Bytes of one stored journal entry, at most: a record and its frame.
@@ -250,6 +314,22 @@ pub enum Record {
     Latch(LatchReport),
     /// Triggers or trigger pulses came, and then none for a second.
     Scan(Scan),
+    /// A part program was uploaded.
+    ProgramKept(ProgramInfo),
+    /// A part program was deleted.
+    ProgramDeleted {
+        /// Its number.
+        number: u32,
+        /// The CRC-32 of its bytes.
+        crc32: u32,
+    },
+    /// A READ without an OK verdict: a program went out that raises an alarm.
+    AlarmSent {
+        /// Bytes sent.
+        bytes: u32,
+        /// False: the control stopped it or the line broke before its end.
+        complete: bool,
+    },
 }
 
 impl Record {
@@ -272,6 +352,9 @@ impl Record {
             Self::CorrectionSent { .. } => 12,
             Self::Latch(_) => 13,
             Self::Scan(_) => 14,
+            Self::ProgramKept(_) => 15,
+            Self::ProgramDeleted { .. } => 16,
+            Self::AlarmSent { .. } => 17,
         }
     }
 }

@@ -12,6 +12,7 @@ use umi_core::units::Micros;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::message::{Event, Record};
+use umi_protocol::pattern::Coding;
 use umi_protocol::verdict::Verdict;
 use umi_virtual::{Config, VirtualBoard};
 
@@ -70,6 +71,14 @@ fn raw_bytes(records: &[Record]) -> Vec<u8> {
     raw.flatten().copied().collect()
 }
 
+/// What READ gets without an OK verdict.
+fn alarm(job: &Job) -> String {
+    umi_core::nc::alarm(&job.correction.unwrap(), Coding::Ascii)
+        .unwrap()
+        .as_str()
+        .to_owned()
+}
+
 fn receive_all(board: &VirtualBoard) -> String {
     let mut text = String::new();
     while let Some(byte) = board.control_receives(SOON) {
@@ -100,11 +109,11 @@ fn a_session_through_both_ports() {
         assert!(verdicts[0].ok, "{verdicts:?}");
         let program = bench.read_program().unwrap();
         match &verdicts[0].correction {
-            None => assert_eq!((case, program), (0, None)),
+            None => assert_eq!((case, program), (0, Some(alarm(&job())))),
             Some(correction) => {
                 assert_eq!(program.as_deref(), Some(correction.text.as_str()));
                 // Once: the next clamping must not get it without probing.
-                assert_eq!(bench.read_program().unwrap(), None);
+                assert_eq!(bench.read_program().unwrap(), Some(alarm(&job())));
             }
         }
     }
@@ -136,16 +145,17 @@ fn two_runs_give_the_same_journal() {
     assert_eq!(run(), run());
 }
 
-/// Nothing leaves the board without an OK verdict: not before one, not after an
-/// NG, not once a new measurement has begun, not after a new job.
+/// Without an OK verdict READ gets an alarm: before one, after an NG, once a new
+/// measurement has begun, after a new job.
 #[test]
 fn no_program_without_an_ok_verdict() {
     let mut bench = Bench::new(&job()).unwrap();
-    assert_eq!(bench.read_program().unwrap(), None);
+    let alarm = Some(alarm(&job()));
+    assert_eq!(bench.read_program().unwrap(), alarm);
     verdicts_of(&mut bench, &clamping(0));
     assert_eq!(
         bench.read_program().unwrap(),
-        None,
+        alarm,
         "the taught plate has no correction"
     );
     assert!(verdicts_of(&mut bench, &clamping(1))[0].ok);
@@ -158,24 +168,44 @@ fn no_program_without_an_ok_verdict() {
     verdicts_of(&mut bench, "X1 Q7\n");
     assert_eq!(
         bench.read_program().unwrap(),
-        None,
+        alarm,
         "the control printed again"
     );
     assert_eq!(bench.board().lights(), umi_app::board::Lights::default());
     verdicts_of(&mut bench, &lines[..4].concat());
     assert_eq!(
         bench.read_program().unwrap(),
-        None,
+        alarm,
         "a new measurement has begun"
     );
     let spoilt = lines[4..].concat().replacen("*", "*1", 1);
 
     assert!(!verdicts_of(&mut bench, &spoilt)[0].ok);
-    assert_eq!(bench.read_program().unwrap(), None, "the verdict is NG");
+    assert_eq!(bench.read_program().unwrap(), alarm, "the verdict is NG");
     assert!(verdicts_of(&mut bench, &clamping(3))[0].ok);
     assert!(bench.client().status().unwrap().correction_waiting);
     bench.client().set_job(&job()).unwrap().unwrap();
-    assert_eq!(bench.read_program().unwrap(), None, "the job is a new one");
+    assert_eq!(bench.read_program().unwrap(), alarm, "the job is a new one");
+}
+
+/// A job that sends nothing answers no READ. An XON that comes after all was sent, soon
+/// after an XOFF, is no READ either; later it is one.
+#[test]
+fn what_is_no_read_gets_no_alarm() {
+    let mut silent = job();
+    silent.correction.as_mut().unwrap().send = umi_protocol::job::SendWhen::Never;
+    let mut bench = Bench::new(&silent).unwrap();
+    assert_eq!(bench.read_program().unwrap(), None);
+
+    let mut bench = Bench::new(&job()).unwrap();
+    assert_eq!(bench.read_program().unwrap(), Some(alarm(&job())));
+    bench.board().control_sends(XOFF);
+    bench.board().control_sends(DC1);
+    assert_eq!(receive_all(bench.board()), "");
+    bench.play(XOFF, |_| Ok(())).unwrap();
+    bench.advance(Micros(6_000_000));
+    bench.board().control_sends(DC1);
+    assert_eq!(receive_all(bench.board()), alarm(&job()));
 }
 
 /// After XOFF at most ten characters still come (two, with a UART that holds one),

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use umi::audit::{Audit, Findings};
 use umi::link::{Client, Patience};
+use umi::programs;
 use umi::pull::{self, Step};
 use umi_core::brain::{Brain, Output};
 use umi_core::units::Micros;
@@ -16,6 +17,8 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
 use umi_protocol::message::{Event, Record, Request, ResetReason, Status};
+use umi_protocol::pattern::Coding;
+use umi_protocol::program::{ProgramInfo, ProgramRefusal};
 use umi_protocol::verdict::Verdict;
 use umi_tests::rig::{PicoRig, QemuRig, Rig, VirtualRig};
 
@@ -72,6 +75,7 @@ conformance! {
     serves_whoever_comes_after_a_broken_frame
     understands_what_follows_garbage
     loses_no_byte_whatever_the_host_does
+    keeps_programs_whole_whatever_happens_to_an_upload
 }
 
 // --- what the cases share
@@ -164,6 +168,14 @@ fn receive_all(rig: &mut dyn Rig) -> String {
     text
 }
 
+/// What READ gets without an OK verdict: it raises an alarm.
+fn alarm() -> String {
+    umi_core::nc::alarm(&job().correction.unwrap(), Coding::Ascii)
+        .unwrap()
+        .as_str()
+        .to_owned()
+}
+
 /// So many characters for the control.
 fn receive(rig: &mut dyn Rig, count: usize) -> String {
     let soon = Duration::from_secs(2);
@@ -246,8 +258,9 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
         });
         let verdict = client.verdict().unwrap().unwrap();
         rig.control_sends(DC1);
-        let program = verdict.correction.map(|c| c.text).unwrap_or_default();
-        assert_eq!(receive(rig, program.len()), program.as_str());
+        let program = verdict.correction.map(|c| c.text.as_str().to_owned());
+        let program = program.unwrap_or_else(alarm);
+        assert_eq!(receive(rig, program.len()), program);
         bytes += text.len() + 1;
     }
     until(rig, "the end of the program", |_| {
@@ -255,7 +268,7 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
         (!status.correction_waiting).then_some(())
     });
     rig.control_sends(DC1);
-    assert_eq!(receive_all(rig), "", "a READ gets a program once");
+    assert_eq!(receive_all(rig), alarm(), "a correction goes out once");
     let (records, findings) = journal_with(rig, &mut client, bytes + 1);
     let decided = records
         .iter()
@@ -314,7 +327,7 @@ fn stops_within_ten_characters(rig: &mut dyn Rig) {
     assert_eq!(receive_all(rig), "");
 }
 
-/// A line of a plate is damaged: NG with its reason, and READ gets nothing.
+/// A line of a plate is damaged: NG with its reason, and READ gets an alarm.
 fn refuses_a_damaged_plate(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&job()).unwrap().unwrap();
@@ -331,7 +344,7 @@ fn refuses_a_damaged_plate(rig: &mut dyn Rig) {
         (lights.ng && !lights.ok && !lights.busy).then_some(())
     });
     rig.control_sends(DC1);
-    assert_eq!(receive_all(rig), "");
+    assert_eq!(receive_all(rig), alarm());
 }
 
 /// The next latches that the host is told of, one by one.
@@ -609,5 +622,77 @@ fn loses_no_byte_whatever_the_host_does(rig: &mut dyn Rig) {
         (status.latches.triggers, status.latches.missed),
         (triggers, 0)
     );
+    assert_eq!(findings.differences, []);
+}
+
+/// A program of so many bytes for the board's flash.
+fn program(number: u32, bytes: usize) -> (ProgramInfo, Vec<u8>) {
+    let mut text = format!("%\nO{number:04}(PART)\nG21 G90\n");
+    for line in 0_u32.. {
+        text += &format!("N{line} G1 X{}. Y-{}.5 F500\n", line % 97, line % 89);
+        if text.len() >= bytes {
+            break;
+        }
+    }
+    text += "M30\n%\n";
+    let info = ProgramInfo {
+        number,
+        name: "PART".parse().unwrap(),
+        bytes: u32::try_from(text.len()).unwrap(),
+        crc32: programs::check_value(text.as_bytes()),
+    };
+    (info, text.into_bytes())
+}
+
+/// An upload that the power ends leaves the old program, and goes on where it was; while a
+/// plate is measured there is none. What is there comes back byte for byte.
+fn keeps_programs_whole_whatever_happens_to_an_upload(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let (old, old_bytes) = program(1234, 700);
+    programs::put(&mut client, &old, &old_bytes, |_| {}).unwrap();
+    let (new, new_bytes) = program(1234, 10_000);
+    let mut at = client.program_begin(&new).unwrap().unwrap();
+    while at < 9000 {
+        let piece = &new_bytes[at as usize..][..500];
+        let piece = piece.iter().copied().collect();
+        at = client.program_piece(at, piece).unwrap().unwrap();
+    }
+    drop(client);
+    rig.power_cycle();
+
+    let mut client = connect(rig);
+    let (room, kept) = programs::list(&mut client).unwrap();
+    assert_eq!((room.programs, kept.as_slice()), (1, &[old.clone()][..]));
+    let got = programs::get(&mut client, &old, |_| {}).unwrap();
+    assert_eq!(got, old_bytes);
+    client.set_job(&job()).unwrap().unwrap();
+    rig.control_sends(&clamping(0).as_bytes()[..200]);
+    until(rig, "busy", |rig| rig.lights().busy.then_some(()));
+    let busy = client.program_begin(&new).unwrap();
+    assert_eq!(busy, Err(ProgramRefusal::Busy));
+    rig.control_sends(&clamping(0).as_bytes()[200..]);
+    judged(rig, &mut client, 1);
+
+    let mut went_on_at = None;
+    programs::put(&mut client, &new, &new_bytes, |at| {
+        went_on_at.get_or_insert(at);
+    })
+    .unwrap();
+    assert!(went_on_at.is_some_and(|at| at > 4000), "{went_on_at:?}");
+    let got = programs::get(&mut client, &new, |_| {}).unwrap();
+    assert_eq!(got, new_bytes);
+    programs::delete(&mut client, 1234).unwrap();
+    let (room, kept) = programs::list(&mut client).unwrap();
+    assert_eq!((room.programs, kept), (0, vec![]));
+    let gone = client.program_read(1234, 0).unwrap();
+    assert_eq!(gone, Err(ProgramRefusal::NotThere));
+    let (records, findings) = journal(&mut client);
+    let kept = records.iter().filter_map(|record| match record {
+        Record::ProgramKept(program) => Some(program),
+        _ => None,
+    });
+    assert!(kept.eq([&old, &new]));
+    let (number, crc32) = (new.number, new.crc32);
+    assert!(records.contains(&Record::ProgramDeleted { number, crc32 }));
     assert_eq!(findings.differences, []);
 }

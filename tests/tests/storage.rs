@@ -7,6 +7,7 @@ use umi::link::{Client, LinkError};
 use umi_core::journal::Flash as _;
 use umi_protocol::job::Job;
 use umi_protocol::message::Status;
+use umi_protocol::pattern::Coding;
 use umi_virtual::board::{JOURNAL, SETTINGS};
 use umi_virtual::{Config, VirtualBoard, VirtualFlash};
 
@@ -46,7 +47,7 @@ fn after_verdicts(client: &mut Client, verdicts: u32) -> Status {
 }
 
 /// Without a journal: measured and judged by the job that was kept before, but every
-/// entry is counted as refused, no job is taken, and READ gets nothing.
+/// entry is counted as refused, no job is taken, and READ gets an alarm.
 #[test]
 fn without_a_journal_nothing_is_sent() {
     let config = Config::default();
@@ -69,6 +70,10 @@ fn without_a_journal_nothing_is_sent() {
     assert!(!after.correction_waiting);
     assert!(board.lights().trouble);
     board.control_sends(&[0x11]);
+    let alarm = umi_core::nc::alarm(&job().correction.unwrap(), Coding::Ascii).unwrap();
+    let patience = Duration::from_secs(5);
+    let program = alarm.bytes().map(|_| board.control_receives(patience));
+    assert!(program.eq(alarm.bytes().map(Some)));
     assert_eq!(board.control_receives(Duration::from_millis(100)), None);
 
     for refused in [

@@ -11,6 +11,7 @@ use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
 use crate::measure::{Measure, SetJobError};
+use crate::programs;
 use crate::scan::Scans;
 use crate::settings::positions_mm;
 
@@ -59,6 +60,12 @@ pub(crate) fn answer<F: Flash>(
         Request::PositionsGet => Response::Positions(around.station.positions()),
         Request::TriggerOutSet(when) => done(around.station.trigger_out(*when)),
         Request::LaserSet { on } => done(around.station.laser(*on)),
+        Request::ProgramList { .. }
+        | Request::ProgramBegin(_)
+        | Request::ProgramPiece { .. }
+        | Request::ProgramEnd { .. }
+        | Request::ProgramRead { .. }
+        | Request::ProgramDelete { .. } => programs::answer(measure, around.now, request),
     }
 }
 

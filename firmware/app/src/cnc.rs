@@ -1,4 +1,4 @@
-//! The control's port: receiving, and sending the correction.
+//! The control's port: receiving, and sending the correction, or what stands for it.
 //!
 //! # Design
 //!
@@ -11,20 +11,29 @@
 //! said XOFF. A control takes ten characters after its XOFF at most; here at most
 //! the byte at the driver and the one behind it still go out.
 //!
-//! DC1 (XON) means two things: "go on" while a correction is being sent, and
+//! DC1 (XON) means two things: "go on" while a program is being sent, and
 //! "send me the program" (READ) otherwise. "Go on" is obeyed at once; a READ takes
 //! its turn in the queue, behind what the control said before it.
+//!
+//! A READ always gets a program, if the job sends any and its control knows macros (see
+//! [`umi_core::nc::alarm`]): the correction of the latest OK
+//! verdict, or one under the same number that raises an alarm. So an old correction that
+//! stands in the control's memory is replaced before it can run for another clamping. An
+//! XON soon after an XOFF may be a "go on" that came when all was sent: that gets the
+//! correction if there is one, and no alarm.
 //!
 //! # Limitations
 //!
 //! In EIA 0x13 is the digit 3, and only 0x93 is XOFF. Until EIA has been detected,
 //! 0x13 counts as XOFF: it stops nothing but a correction that is being sent.
 //!
-//! A READ that comes before its verdict gets nothing; the control asks again.
+//! A READ that comes before its verdict gets the alarm; the control reads again.
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use umi_core::dprnt::encode;
@@ -48,6 +57,17 @@ const PARITY: u8 = 0x80;
 /// program from its beginning, never the rest of an old one.
 pub const XOFF_PATIENCE_US: u64 = 5_000_000;
 
+/// Why a program is to go out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ask {
+    /// A verdict has armed a correction that goes out by itself.
+    Verdict,
+    /// The control reads.
+    Read,
+    /// The control reads, or goes on with what was sent already.
+    Again,
+}
+
 /// The state of the line between receiving and sending.
 pub(crate) struct Flow {
     /// The control said XOFF.
@@ -58,8 +78,11 @@ pub(crate) struct Flow {
     eia: AtomicBool,
     /// The control said XON while it was stopped.
     resumed: Signal<CriticalSectionRawMutex, ()>,
-    /// A correction is to go out now.
-    pub go: Signal<CriticalSectionRawMutex, SendWhen>,
+    /// When the control said XOFF and not XON since, as it comes out of the queue. Zero:
+    /// it did not.
+    held: Mutex<CriticalSectionRawMutex, Cell<u64>>,
+    /// A program is to go out now.
+    pub go: Signal<CriticalSectionRawMutex, Ask>,
     /// What became of a correction, for the journal.
     pub sent: Signal<CriticalSectionRawMutex, Sent>,
     /// It is in the journal, and a correction that went out is not armed any more.
@@ -73,6 +96,7 @@ impl Flow {
             sending: AtomicBool::new(false),
             eia: AtomicBool::new(false),
             resumed: Signal::new(),
+            held: Mutex::new(Cell::new(0)),
             go: Signal::new(),
             sent: Signal::new(),
             noted: Signal::new(),
@@ -84,10 +108,14 @@ impl Flow {
         self.eia.store(coding == Coding::Eia, Ordering::Relaxed);
     }
 
+    fn is_xoff(&self, byte: u8) -> bool {
+        let digit = byte == XOFF && self.eia.load(Ordering::Relaxed);
+        byte & !PARITY == XOFF && !digit
+    }
+
     /// Looks at a byte from the control.
     fn see(&self, byte: u8) {
-        let digit = byte == XOFF && self.eia.load(Ordering::Relaxed);
-        if byte & !PARITY == XOFF && !digit {
+        if self.is_xoff(byte) {
             self.stopped.store(true, Ordering::Relaxed);
         } else if byte & !PARITY == XON {
             self.stopped.store(false, Ordering::Relaxed);
@@ -96,11 +124,18 @@ impl Flow {
     }
 
     /// Looks for a READ in bytes that have been measured: what they say comes
-    /// before it.
-    pub fn look_for_read(&self, bytes: &[u8]) {
-        let read = bytes.iter().any(|byte| byte & !PARITY == XON);
-        if read && !self.sending.load(Ordering::Relaxed) {
-            self.go.signal(SendWhen::OnRequest);
+    /// before it. The last of them came at this time.
+    pub fn look_for_read(&self, time: Micros, bytes: &[u8]) {
+        for byte in bytes {
+            if self.is_xoff(*byte) {
+                self.held.lock(|held| held.set(time.0.max(1)));
+            } else if byte & !PARITY == XON {
+                let since = self.held.lock(|held| held.replace(0));
+                let soon = since > 0 && time.0.saturating_sub(since) < XOFF_PATIENCE_US;
+                if !self.sending.load(Ordering::Relaxed) {
+                    self.go.signal(if soon { Ask::Again } else { Ask::Read });
+                }
+            }
         }
     }
 }
@@ -131,15 +166,18 @@ pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock:
         let asked = app.flow.go.wait().await;
         let correction = {
             let measure = app.measure.lock().await;
-            // What goes out by itself may also be asked for; not the reverse.
-            let allowed = asked == SendWhen::OnRequest || measure.waiting() == Some(asked);
-            measure.correction().filter(|_| allowed)
+            match asked {
+                // What goes out by itself may also be asked for; not the reverse.
+                Ask::Verdict if measure.waiting() != Some(SendWhen::OnVerdict) => None,
+                Ask::Verdict | Ask::Again => measure.correction(),
+                Ask::Read => measure.correction().or_else(|| measure.alarm()),
+            }
         };
         let Some(correction) = correction else {
             continue;
         };
         app.flow.sending.store(true, Ordering::Relaxed);
-        if asked == SendWhen::OnRequest {
+        if asked != Ask::Verdict {
             // Who asks can take it; an XOFF from before was for nobody.
             app.flow.stopped.store(false, Ordering::Relaxed);
         }

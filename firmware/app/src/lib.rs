@@ -26,6 +26,7 @@
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
+//! | `programs` | part programs: uploaded, listed, deleted by the host |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
 #![cfg_attr(
@@ -50,6 +51,7 @@ mod intake;
 mod latch;
 mod link;
 pub mod measure;
+mod programs;
 pub mod replay;
 mod scan;
 mod settings;
@@ -130,10 +132,11 @@ impl<F: Flash> App<F> {
         boot: Boot,
         journal: F,
         settings: F,
+        programs: F,
         now: Micros,
     ) -> Result<Opened<F::Error>, Running> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
-        Ok(measure.start(boot, journal, settings, now))
+        Ok(measure.start(boot, journal, settings, programs, now))
     }
 
     /// Runs everything, for ever, on one executor.
@@ -218,7 +221,7 @@ impl<F: Flash> App<F> {
                 Either4::Second((time, input)) => {
                     measure.input(time, &input);
                     if let Input::Bytes(bytes) = &input {
-                        self.flow.look_for_read(bytes);
+                        self.flow.look_for_read(time, bytes);
                     }
                 }
                 Either4::Third(()) => measure.on_time(clock.now()),
@@ -230,7 +233,7 @@ impl<F: Flash> App<F> {
             let armed = measure.arming();
             if armed.is_some() && armed != before && measure.waiting() == Some(SendWhen::OnVerdict)
             {
-                self.flow.go.signal(SendWhen::OnVerdict);
+                self.flow.go.signal(cnc::Ask::Verdict);
             }
             self.told.signal(());
         }

@@ -24,6 +24,7 @@ use heapless::{String, Vec};
 use umi_core::brain::{Brain, Output};
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::place::Place;
+use umi_core::programs::{self, Store};
 use umi_core::units::{Micros, Point};
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
@@ -72,12 +73,15 @@ pub struct Boot {
 /// Room in the journal that a plate may need: its bytes, features and verdict.
 const ROOM: u32 = 4 * MAX_RECORD as u32;
 
-/// A correction program on its way to the control.
+/// The arming of what needs none: the program that raises an alarm.
+pub const ALARM: u32 = 0;
+
+/// A correction program on its way to the control, or what stands for it.
 #[derive(Clone, Debug)]
 pub struct Correction {
     /// The plate that it corrects.
     pub plate: u32,
-    /// Which arming it is: plates of two jobs may have one number.
+    /// Which arming it is: plates of two jobs may have one number. Or [`ALARM`].
     pub arming: u32,
     /// The program, lines ended by LF.
     pub text: String<MAX_CORRECTION>,
@@ -111,6 +115,8 @@ impl Sent {
 pub struct Measure<F: Flash> {
     brain: Brain,
     settings: Place<Settings<F>>,
+    /// Part programs.
+    pub(crate) programs: Place<Store<F>>,
     pub(crate) book: Book<F>,
 }
 
@@ -153,6 +159,7 @@ impl<F: Flash> Measure<F> {
         Self {
             brain: Brain::idle(),
             settings: Place::empty(),
+            programs: Place::empty(),
             book: Book {
                 identity: Identity {
                     board: Name::new(),
@@ -181,8 +188,16 @@ impl<F: Flash> Measure<F> {
     ///
     /// A storage area that cannot be opened stops nothing: the board runs and answers,
     /// counts every entry that it cannot keep, shows trouble, sends no correction, and
-    /// takes no job. What was wrong is returned for a log.
-    pub fn start(&mut self, boot: Boot, journal: F, settings: F, now: Micros) -> Opened<F::Error> {
+    /// takes no job. Without the area of the programs, there are none. What was wrong is
+    /// returned for a log.
+    pub fn start(
+        &mut self,
+        boot: Boot,
+        journal: F,
+        settings: F,
+        programs: F,
+        now: Micros,
+    ) -> Opened<F::Error> {
         self.book.identity = boot.identity.clone();
         self.book.reset = boot.reset;
         let Boot { identity, reset } = boot;
@@ -190,6 +205,7 @@ impl<F: Flash> Measure<F> {
         let opened = Opened {
             journal: self.open_journal(now, boot, journal),
             settings: Settings::open(settings).map(|settings| self.settings.put(settings)),
+            programs: Store::open(programs).map(|programs| self.programs.put(programs)),
         };
         if opened.settings.is_err() {
             self.book.refused();
@@ -318,6 +334,7 @@ impl<F: Flash> Measure<F> {
             brain,
             settings,
             book,
+            ..
         } = self;
         if !book.journal.is_some() {
             // Nothing of it could be audited.
@@ -363,9 +380,28 @@ impl<F: Flash> Measure<F> {
         })
     }
 
+    /// The program that raises an alarm, in the place of a correction; none if the job
+    /// sends none to the control.
+    #[must_use]
+    pub fn alarm(&self) -> Option<Correction> {
+        let spec = self.brain.job()?.correction?;
+        let coding = self.coding();
+        let text = umi_core::nc::alarm(&spec, coding)?;
+        (spec.send != SendWhen::Never).then_some(Correction {
+            plate: 0,
+            arming: ALARM,
+            text,
+            coding,
+        })
+    }
+
     /// Whether this arming still holds.
     #[must_use]
     pub fn is_armed(&self, arming: u32) -> bool {
+        if arming == ALARM {
+            // It stops a machine: nothing takes that back.
+            return true;
+        }
         self.book
             .armed
             .as_ref()
@@ -381,13 +417,18 @@ impl<F: Flash> Measure<F> {
     /// A correction went out, or broke off.
     #[inline(never)]
     pub fn sent(&mut self, now: Micros, sent: &Sent) {
+        let (plate, bytes, complete) = (sent.plate, sent.bytes, sent.is_complete());
+        if sent.arming == ALARM {
+            self.book.record(now, Record::AlarmSent { bytes, complete });
+            return;
+        }
         let record = Record::CorrectionSent {
-            plate: sent.plate,
-            bytes: sent.bytes,
-            complete: sent.is_complete(),
+            plate,
+            bytes,
+            complete,
         };
         self.book.record(now, record);
-        if sent.is_complete() && self.is_armed(sent.arming) {
+        if complete && self.is_armed(sent.arming) {
             self.book.disarm();
         }
     }
@@ -416,6 +457,7 @@ impl<F: Flash> Measure<F> {
             brain,
             settings,
             book,
+            ..
         } = self;
         if !core::mem::take(&mut book.taught) {
             return;
@@ -457,6 +499,8 @@ pub struct Opened<E> {
     pub journal: Result<(), Error<E>>,
     /// The settings'.
     pub settings: Result<(), Error<E>>,
+    /// The programs'.
+    pub programs: Result<(), programs::Error<E>>,
 }
 
 /// Why a job was not set.
@@ -474,7 +518,7 @@ impl<F: Flash> Book<F> {
     /// A record has kilobytes. It is made as the event that it will be, so that the stack
     /// never holds it twice.
     #[inline(always)]
-    fn record(&mut self, now: Micros, record: Record) -> bool {
+    pub fn record(&mut self, now: Micros, record: Record) -> bool {
         let (seq, t_us) = (0, now.0);
         self.enter(&mut Event::Record { seq, t_us, record })
     }
@@ -614,7 +658,7 @@ impl<F: Flash> Book<F> {
                     && kept
                     && !self.unaudited
                 {
-                    self.armings = self.armings.wrapping_add(1);
+                    self.armings = self.armings.wrapping_add(1).max(ALARM + 1);
                     self.armed = Some(Armed {
                         plate: verdict.plate,
                         arming: self.armings,

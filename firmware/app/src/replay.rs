@@ -89,7 +89,11 @@ impl Replay {
             Record::Fault(_) | Record::Feature(_) | Record::Verdict(_) | Record::Taught { .. } => {
                 self.compare(record, scratch)
             }
-            Record::Recovered { .. } | Record::CorrectionSent { .. } => Ok(()),
+            Record::Recovered { .. }
+            | Record::CorrectionSent { .. }
+            | Record::ProgramKept(_)
+            | Record::ProgramDeleted { .. }
+            | Record::AlarmSent { .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {

@@ -25,5 +25,6 @@ pub mod job;
 pub mod journal;
 pub mod nc;
 pub mod place;
+pub mod programs;
 pub mod registration;
 pub mod units;

@@ -191,7 +191,7 @@ impl Bench {
     }
 
     /// The control's READ: asks with DC1 and takes the program up to its closing
-    /// `%`. None if the board has none to give.
+    /// `%`: the correction, or what raises an alarm. None if the job sends nothing.
     ///
     /// # Errors
     /// The link's.
@@ -203,7 +203,12 @@ impl Bench {
         let is_last: fn(&Record) -> bool = if program.is_none() {
             |record| matches!(record, Record::Bytes { .. })
         } else {
-            |record| matches!(record, Record::CorrectionSent { .. })
+            |record| {
+                matches!(
+                    record,
+                    Record::CorrectionSent { .. } | Record::AlarmSent { .. }
+                )
+            }
         };
         self.follow(is_last, &mut |_| Ok(()))?;
         Ok(program)

@@ -392,6 +392,17 @@ fn record(record: &Record) -> Value {
             object.insert("type".into(), "scan".into());
             Value::Object(object)
         }
+        Record::ProgramKept(program) => {
+            let mut object = object(program);
+            object.insert("type".into(), "program_kept".into());
+            Value::Object(object)
+        }
+        Record::AlarmSent { bytes, complete } => {
+            json!({"type": "alarm_sent", "bytes": bytes, "complete": complete})
+        }
+        Record::ProgramDeleted { number, crc32 } => {
+            json!({"type": "program_deleted", "number": number, "crc32": crc32})
+        }
     }
 }
 

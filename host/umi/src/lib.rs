@@ -16,6 +16,7 @@ pub mod link;
 pub mod live;
 pub mod points;
 pub mod port;
+pub mod programs;
 pub mod pull;
 pub mod report;
 pub mod results;

@@ -6,6 +6,7 @@ use umi_protocol::job::Approach;
 use umi_protocol::latch::{LatchCause, LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Record, ResetReason};
+use umi_protocol::program::ProgramInfo;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -107,7 +108,27 @@ pub fn record(record: &Record) -> String {
         ),
         Record::Latch(of) => latch(of, &Scale::default()),
         Record::Scan(of) => scan(of),
+        Record::ProgramKept(of) => format!("program {} kept", program(of)),
+        Record::AlarmSent { bytes, complete } => paint(
+            CAUTION,
+            format_args!(
+                "READ without an OK verdict: alarm program {}, {bytes} bytes",
+                if *complete { "sent" } else { "broke off" }
+            ),
+        ),
+        Record::ProgramDeleted { number, crc32 } => {
+            format!("program O{number:04} deleted, check value {crc32:08X}")
+        }
     }
+}
+
+/// A part program.
+#[must_use]
+pub fn program(of: &ProgramInfo) -> String {
+    format!(
+        "O{:04} {}, {} bytes, check value {:08X}",
+        of.number, of.name, of.bytes, of.crc32
+    )
 }
 
 /// Why a board started, as an addition to "started".

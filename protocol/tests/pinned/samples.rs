@@ -20,6 +20,7 @@ use umi_protocol::message::{
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, LinePattern, ReceiverConfig, Travel,
 };
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::reason::Reason;
 use umi_protocol::refusal::{Field, JobError};
 use umi_protocol::verdict::{
@@ -45,7 +46,22 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             interval_counts: 1000,
         }),
         Some(Request::TriggerOutSet(_)) => Request::LaserSet { on: true },
-        Some(Request::LaserSet { .. }) => return None,
+        Some(Request::LaserSet { .. }) => Request::ProgramList { skip: 8 },
+        Some(Request::ProgramList { .. }) => Request::ProgramBegin(program()),
+        Some(Request::ProgramBegin(_)) => Request::ProgramPiece {
+            offset: 70_000,
+            bytes: list(*b"G1 X0\n"),
+        },
+        Some(Request::ProgramPiece { .. }) => Request::ProgramEnd {
+            number: 1234,
+            crc32: 0xCBF4_3926,
+        },
+        Some(Request::ProgramEnd { .. }) => Request::ProgramRead {
+            number: 1234,
+            offset: 70_000,
+        },
+        Some(Request::ProgramRead { .. }) => Request::ProgramDelete { number: 1234 },
+        Some(Request::ProgramDelete { .. }) => return None,
     })
 }
 
@@ -87,7 +103,27 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             lost_samples: 1,
         }),
         Some(Response::Positions(_)) => Response::NotOnThisBoard,
-        Some(Response::NotOnThisBoard) => return None,
+        Some(Response::NotOnThisBoard) => Response::Programs {
+            room: ProgramRoom {
+                programs: 2,
+                most_programs: 32,
+                longest_bytes: 70_000,
+                free_bytes: 140_000,
+                total_bytes: 4_194_304,
+            },
+            programs: list([program()]),
+        },
+        Some(Response::Programs { .. }) => Response::ProgramAt { offset: 70_000 },
+        Some(Response::ProgramAt { .. }) => Response::ProgramBytes {
+            offset: 70_000,
+            bytes: list(*b"M30\n%"),
+        },
+        Some(Response::ProgramBytes { .. }) => Response::ProgramRefused(ProgramRefusal::Full {
+            needed_bytes: 80_000,
+            longest_bytes: 70_000,
+            free_bytes: 140_000,
+        }),
+        Some(Response::ProgramRefused(_)) => return None,
     })
 }
 
@@ -177,8 +213,26 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             from_ns: 1_000_000_000,
             to_ns: 11_000_000_000,
         }),
-        Some(Record::Scan(_)) => return None,
+        Some(Record::Scan(_)) => Record::ProgramKept(program()),
+        Some(Record::ProgramKept(_)) => Record::ProgramDeleted {
+            number: 1234,
+            crc32: 0xCBF4_3926,
+        },
+        Some(Record::ProgramDeleted { .. }) => Record::AlarmSent {
+            bytes: 119,
+            complete: true,
+        },
+        Some(Record::AlarmSent { .. }) => return None,
     })
+}
+
+fn program() -> ProgramInfo {
+    ProgramInfo {
+        number: 1234,
+        name: text("POCKET"),
+        bytes: 123_456,
+        crc32: 0xCBF4_3926,
+    }
 }
 
 /// The greetings of a host and of a board of some versions. The layout is

@@ -84,7 +84,7 @@ fn main() -> ! {
     };
     clock::start();
     // SAFETY: here and nowhere else.
-    let (journal, settings) = unsafe { storage::open() };
+    let [journal, settings, programs] = unsafe { storage::open() };
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),
@@ -94,10 +94,13 @@ fn main() -> ! {
         reset,
     };
     let app = &APP;
-    match app.start(boot, journal, settings, Micros(0)) {
+    match app.start(boot, journal, settings, programs, Micros(0)) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 CONSOLE.print("the storage holds something else: nothing is kept\n");
+            }
+            if opened.programs.is_err() {
+                CONSOLE.print("no programs can be kept\n");
             }
         }
         Err(Running) => stop("the application runs already"),

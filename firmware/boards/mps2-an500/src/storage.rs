@@ -33,12 +33,21 @@ const SETTINGS: Geometry = Geometry {
     page_size: 256,
 };
 
+/// Part programs: 4 MiB in the 4 KiB sectors of a serial NOR flash.
+const PROGRAMS: Geometry = Geometry {
+    sectors: 1024,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
 /// Says that the memory behind it has been erased once, as flash comes from its maker.
 const FLASH: u32 = 0x464C_5348;
 
 const JOURNAL_AT: usize = 0x1000;
 const SETTINGS_AT: usize = JOURNAL_AT + size(JOURNAL);
-const END: usize = SETTINGS_AT + size(SETTINGS);
+const PROGRAMS_AT: usize = SETTINGS_AT + size(SETTINGS);
+const END: usize = PROGRAMS_AT + size(PROGRAMS);
 const _: () = assert!(END <= 16 * 1024 * 1024, "the PSRAM has 16 MB");
 
 const fn size(geometry: Geometry) -> usize {
@@ -69,11 +78,11 @@ pub enum Refusal {
     NotErased,
 }
 
-/// Journal and settings.
+/// Journal, settings and programs.
 ///
 /// # Safety
 /// To be called once: the regions are the only ones that reach the PSRAM.
-pub unsafe fn open() -> (Region, Region) {
+pub unsafe fn open() -> [Region; 3] {
     let psram = &raw const PSRAM as *mut u8;
     let mark = psram.cast::<u32>();
     // SAFETY: the PSRAM is there, aligned, and nobody else's.
@@ -87,7 +96,11 @@ pub unsafe fn open() -> (Region, Region) {
             start: psram.add(at),
             geometry,
         };
-        (region(JOURNAL_AT, JOURNAL), region(SETTINGS_AT, SETTINGS))
+        [
+            region(JOURNAL_AT, JOURNAL),
+            region(SETTINGS_AT, SETTINGS),
+            region(PROGRAMS_AT, PROGRAMS),
+        ]
     }
 }
 

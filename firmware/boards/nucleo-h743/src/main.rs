@@ -72,10 +72,15 @@ static APP: Application = App::new();
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
 static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-/// The settings' part of the flash; the journal has the rest.
+/// The settings' part of the flash, and that of the part programs; the journal has the rest.
 const SETTINGS: Wanted = Wanted {
     sectors: 8,
     size: SectorSize::KiB32,
+};
+/// 4 MB. Small sectors: one of them is erased in the time in which a host waits for an answer.
+const PROGRAMS: Wanted = Wanted {
+    sectors: 1024,
+    size: SectorSize::KiB4,
 };
 const JOURNAL_SECTOR: SectorSize = SectorSize::KiB64;
 // The longest record finds room in a sector of either.
@@ -123,7 +128,8 @@ fn main() -> ! {
             Shared::missing(fault)
         }
     });
-    let [settings, journal] = match flash.areas([SETTINGS, journal_of(flash.capacity_bytes())]) {
+    let wanted = [SETTINGS, PROGRAMS, journal_of(flash.capacity_bytes())];
+    let [settings, programs, journal] = match flash.areas(wanted) {
         Ok(areas) => areas,
         Err(fault) => stop(fault.code()),
     };
@@ -136,10 +142,13 @@ fn main() -> ! {
         reset,
     };
     let app = &APP;
-    match app.start(boot, journal, settings, BoardClock.now()) {
+    match app.start(boot, journal, settings, programs, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be opened");
+            }
+            if opened.programs.is_err() {
+                defmt::error!("no programs can be kept");
             }
         }
         Err(Running) => stop("the application runs already"),
@@ -231,10 +240,11 @@ fn UART5() {
     unsafe { LINK_TASKS.on_interrupt() }
 }
 
-/// What the settings leave of the flash.
+/// What settings and programs leave of the flash.
 fn journal_of(capacity_bytes: u32) -> Wanted {
-    let settings = u32::from(SETTINGS.sectors) * SETTINGS.size.bytes();
-    let sectors = capacity_bytes.saturating_sub(settings) / JOURNAL_SECTOR.bytes();
+    let bytes = |wanted: Wanted| u32::from(wanted.sectors) * wanted.size.bytes();
+    let others = bytes(SETTINGS) + bytes(PROGRAMS);
+    let sectors = capacity_bytes.saturating_sub(others) / JOURNAL_SECTOR.bytes();
     Wanted {
         sectors: u16::try_from(sectors).unwrap_or(u16::MAX),
         size: JOURNAL_SECTOR,

@@ -21,7 +21,7 @@
 //! | [`latch`], [`tick`] | captures |
 //! | [`trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
-//! | [`storage`] | journal and settings |
+//! | [`storage`] | journal, settings and part programs |
 //! | [`guard`], [`kept`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
@@ -76,7 +76,7 @@ use clock::BoardClock;
 use guard::Dog;
 use latch::Station;
 use lights::Lamps;
-use storage::Part;
+use storage::{Part, Storage};
 use umi_app::board::Clock as _;
 
 bind_interrupts!(struct Interrupts {
@@ -160,10 +160,19 @@ fn boot() -> Parts {
         },
         reset,
     };
-    match APP.start(boot, storage.journal, storage.settings, BoardClock.now()) {
+    let Storage {
+        journal,
+        settings,
+        programs,
+        ..
+    } = storage;
+    match APP.start(boot, journal, settings, programs, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be used: nothing is kept");
+            }
+            if opened.programs.is_err() {
+                defmt::error!("no programs can be kept");
             }
         }
         Err(Running) => stop(&mut light, "the application runs already"),

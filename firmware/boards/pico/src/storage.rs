@@ -1,4 +1,4 @@
-//! Journal and settings: two areas of a serial NOR flash of their own.
+//! Journal, settings and part programs: three areas of a serial NOR flash of their own.
 //!
 //! # Design
 //!
@@ -35,6 +35,13 @@ const SETTINGS: Wanted = Wanted {
     size: SectorSize::KiB32,
 };
 
+/// 4 MB of part programs. Small sectors: one of them is erased in the time in which a host
+/// waits for an answer.
+const PROGRAMS: Wanted = Wanted {
+    sectors: 1024,
+    size: SectorSize::KiB4,
+};
+
 type Device = ExclusiveDevice<FlashLine, Output<'static>, Delay>;
 /// What can be wrong with the flash.
 pub type Failure = Fault<DeviceError<spi::Error, Infallible>>;
@@ -55,6 +62,8 @@ pub struct Storage {
     pub journal: Part,
     /// For the settings.
     pub settings: Part,
+    /// For part programs.
+    pub programs: Part,
     /// The chip's own number; zeros if it has none.
     pub unique_id: [u8; 8],
 }
@@ -78,9 +87,10 @@ pub struct Parts {
 pub fn open(parts: Parts) -> Storage {
     let mut unique_id = [0; 8];
     match areas(parts, &mut unique_id) {
-        Ok([journal, settings]) => Storage {
+        Ok([journal, settings, programs]) => Storage {
             journal: Part::There(journal),
             settings: Part::There(settings),
+            programs: Part::There(programs),
             unique_id,
         },
         Err(fault) => {
@@ -88,6 +98,7 @@ pub fn open(parts: Parts) -> Storage {
             Storage {
                 journal: Part::Missing(fault, JOURNAL),
                 settings: Part::Missing(fault, SETTINGS),
+                programs: Part::Missing(fault, PROGRAMS),
                 unique_id,
             }
         }
@@ -97,7 +108,7 @@ pub fn open(parts: Parts) -> Storage {
 fn areas(
     parts: Parts,
     unique_id: &mut [u8; 8],
-) -> Result<[spi_nor::Area<'static, Device, Delay>; 2], Failure> {
+) -> Result<[spi_nor::Area<'static, Device, Delay>; 3], Failure> {
     static SHARED: StaticCell<Shared> = StaticCell::new();
 
     let mut config = Config::default();
@@ -116,7 +127,7 @@ fn areas(
     }
     SHARED
         .init_with(|| Shared::new(chip))
-        .areas([JOURNAL, SETTINGS])
+        .areas([JOURNAL, SETTINGS, PROGRAMS])
 }
 
 impl Flash for Part {

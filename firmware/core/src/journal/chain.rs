@@ -4,7 +4,7 @@ use core::fmt;
 use sha2::{Digest, Sha256};
 
 /// CRC-32 as in IEEE 802.3 (zlib's `crc32`), with a 1 KiB table.
-pub(super) static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+pub(crate) static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// How many bytes of the chain value each entry carries.
 pub const TAG_SIZE: usize = 8;

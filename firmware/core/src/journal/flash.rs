@@ -125,7 +125,7 @@ pub struct Geometry {
 }
 
 /// The largest `write_size`, and the most that one program writes.
-pub(super) const LARGEST_WRITE: usize = 256;
+pub(crate) const LARGEST_WRITE: usize = 256;
 
 /// Far above any board, and no sum of addresses overflows.
 const LARGEST_REGION: u64 = 1 << 31;

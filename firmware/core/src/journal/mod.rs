@@ -86,23 +86,23 @@
 //!   sector joins sectors: its driver erases two for one, which may be cut between.
 //! * Erased flash must read 0xFF. Sectors must all have one size.
 
-mod chain;
+pub(crate) mod chain;
 mod entry;
 mod error;
 mod export;
-mod flash;
+pub(crate) mod flash;
 mod open;
 mod read;
-mod sector;
+pub(crate) mod sector;
 mod walk;
-mod write;
+pub(crate) mod write;
 
 #[cfg(test)]
 #[allow(
     dead_code,
     reason = "what cuts power is used by tests/tests/journal_power_cut.rs"
 )]
-mod mock;
+pub(crate) mod mock;
 #[cfg(test)]
 mod tests;
 

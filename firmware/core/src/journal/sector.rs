@@ -102,7 +102,7 @@ impl Header {
 }
 
 /// Writes `field` at the start of `rest` and moves on behind it.
-pub(super) fn put(rest: &mut &mut [u8], field: &[u8]) {
+pub(crate) fn put(rest: &mut &mut [u8], field: &[u8]) {
     if let Some((place, behind)) = core::mem::take(rest).split_at_mut_checked(field.len()) {
         place.copy_from_slice(field);
         *rest = behind;
@@ -110,21 +110,21 @@ pub(super) fn put(rest: &mut &mut [u8], field: &[u8]) {
 }
 
 /// Takes a field of `N` bytes from the start of `rest`.
-pub(super) fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
+pub(crate) fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     let (field, behind) = rest.split_first_chunk()?;
     *rest = behind;
     Some(*field)
 }
 
 /// Puts the CRC of what is before them into the last four bytes.
-pub(super) fn seal<const N: usize>(bytes: &mut [u8; N]) {
+pub(crate) fn seal<const N: usize>(bytes: &mut [u8; N]) {
     if let Some((content, crc)) = bytes.split_last_chunk_mut::<4>() {
         *crc = CRC32.checksum(content).to_le_bytes();
     }
 }
 
 /// The bytes before the CRC, if it is right.
-pub(super) fn unseal<const N: usize>(bytes: &[u8; N]) -> Option<&[u8]> {
+pub(crate) fn unseal<const N: usize>(bytes: &[u8; N]) -> Option<&[u8]> {
     let (content, crc) = bytes.split_last_chunk::<4>()?;
     (CRC32.checksum(content) == u32::from_le_bytes(*crc)).then_some(content)
 }

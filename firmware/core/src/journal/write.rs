@@ -5,7 +5,7 @@ use super::flash::{ERASED, Flash, LARGEST_WRITE};
 
 /// The buffer that programs go through: most entries need one program.
 #[repr(C, align(4))]
-pub(super) struct Buffer(pub [u8; LARGEST_WRITE]);
+pub(crate) struct Buffer(pub [u8; LARGEST_WRITE]);
 
 /// Collects pieces and programs them in aligned units, in order.
 pub(super) struct Stage<'f, F: Flash> {
@@ -70,7 +70,7 @@ impl<'f, F: Flash> Stage<'f, F> {
 
 /// Programs and reads back. The driver's word is not enough for a record that is
 /// acknowledged: worn cells fail without a report.
-pub(super) fn program_kept<F: Flash>(
+pub(crate) fn program_kept<F: Flash>(
     flash: &mut F,
     addr: u32,
     bytes: &[u8],

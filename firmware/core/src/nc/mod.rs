@@ -33,6 +33,7 @@
 //! in X and Y moves Z too: a part program that calls the correction with Z at the top of its
 //! travel must come down first (`G53 G0 Z…`).
 
+mod alarm;
 pub mod dialect;
 mod program;
 pub mod rewrite;
@@ -44,6 +45,7 @@ use crate::registration::RigidTransform;
 use crate::units::Mm;
 use dialect::{Form, Turn};
 
+pub use alarm::alarm;
 pub use program::{Cleared, Figures, write, write_given};
 
 /// A correction in the control's steps.

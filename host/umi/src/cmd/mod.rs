@@ -10,6 +10,7 @@ mod job;
 mod log;
 mod machine;
 mod nc;
+mod program;
 mod register;
 mod replay;
 mod virtual_board;
@@ -35,6 +36,7 @@ pub enum Command {
     Nc(nc::Nc),
     Correction(correction::Correction),
     Dialects(dialects::Dialects),
+    Program(program::Program),
     #[command(name = "virtual")]
     Virtual(virtual_board::Virtual),
 }
@@ -56,6 +58,7 @@ impl Command {
             Self::Nc(command) => command.run(),
             Self::Correction(command) => command.run(),
             Self::Dialects(command) => command.run(),
+            Self::Program(command) => command.run(),
             Self::Virtual(command) => command.run(),
         }
     }
@@ -76,6 +79,7 @@ impl Command {
             Self::Nc(command) => command.json(),
             Self::Correction(command) => command.format.json,
             Self::Dialects(command) => command.format.json,
+            Self::Program(command) => command.json(),
             Self::Virtual(command) => command.format.json,
         }
     }

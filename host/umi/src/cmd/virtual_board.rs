@@ -9,7 +9,7 @@ use serde_json::json;
 use umi::failure::Failure;
 use umi::style::{TITLE, paint, print, print_json};
 use umi_virtual::serve::{Place, Port};
-use umi_virtual::{Config, JOURNAL, SETTINGS, Time, VirtualBoard, VirtualFlash};
+use umi_virtual::{Config, JOURNAL, PROGRAMS, SETTINGS, Time, VirtualBoard, VirtualFlash};
 
 use super::Format;
 
@@ -27,7 +27,7 @@ pub struct Virtual {
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
     baud: u32,
-    /// Keep the board's flash (job, reference, journal) in this folder; without it
+    /// Keep the board's flash (job, reference, journal, programs) in this folder; without it
     /// every start is a new board
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -78,6 +78,8 @@ impl Virtual {
                 VirtualFlash::in_file(JOURNAL, &state.join("journal.flash")).map_err(failed)?;
             config.settings =
                 VirtualFlash::in_file(SETTINGS, &state.join("settings.flash")).map_err(failed)?;
+            config.programs =
+                VirtualFlash::in_file(PROGRAMS, &state.join("programs.flash")).map_err(failed)?;
         }
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;

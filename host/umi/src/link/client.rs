@@ -11,6 +11,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{Positions, TriggerOut};
 use umi_protocol::message::{Event, Identity, JournalInfo, Request, Response, Status};
+use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
@@ -85,6 +86,9 @@ pub struct Client {
     /// Sequence number of the latest event.
     last_event: Option<u16>,
 }
+
+/// How much room there is for programs and some of them; or why there are none.
+pub type Programs = Result<(ProgramRoom, Vec<ProgramInfo>), ProgramRefusal>;
 
 /// One message from the board.
 enum Incoming {
@@ -315,6 +319,99 @@ impl Client {
             }
             Response::JournalNoEntry(info) => Ok(JournalChain::None(info)),
             _ => Err(wrong_answer(&request)),
+        }
+    }
+
+    /// How much room there is for programs, and the programs behind the first `skip`: as
+    /// many as an answer holds, none at the end.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn programs(&mut self, skip: u16) -> Result<Programs, LinkError> {
+        let request = Request::ProgramList { skip };
+        match self.call(&request)? {
+            Response::Programs { room, programs } => Ok(Ok((room, programs.to_vec()))),
+            Response::ProgramRefused(refusal) => Ok(Err(refusal)),
+            _ => Err(wrong_answer(&request)),
+        }
+    }
+
+    /// Begins an upload, or goes on with one that broke off: where the byte stands that is
+    /// wanted next. The inner error is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_begin(
+        &mut self,
+        program: &ProgramInfo,
+    ) -> Result<Result<u32, ProgramRefusal>, LinkError> {
+        self.upload_call(&Request::ProgramBegin(program.clone()))
+    }
+
+    /// Sends bytes of an upload: where the byte stands that is wanted next. The inner error
+    /// is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_piece(
+        &mut self,
+        offset: u32,
+        bytes: Piece,
+    ) -> Result<Result<u32, ProgramRefusal>, LinkError> {
+        self.upload_call(&Request::ProgramPiece { offset, bytes })
+    }
+
+    /// Ends an upload: after this the program is on the board, whole. The inner error is the
+    /// board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_end(
+        &mut self,
+        number: u32,
+        crc32: u32,
+    ) -> Result<Result<(), ProgramRefusal>, LinkError> {
+        self.program_call(&Request::ProgramEnd { number, crc32 })
+    }
+
+    /// Bytes of a program; none behind its end. The inner error is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_read(
+        &mut self,
+        number: u32,
+        offset: u32,
+    ) -> Result<Result<Vec<u8>, ProgramRefusal>, LinkError> {
+        let request = Request::ProgramRead { number, offset };
+        match self.call(&request)? {
+            Response::ProgramBytes { offset: at, bytes } if at == offset => Ok(Ok(bytes.to_vec())),
+            Response::ProgramRefused(refusal) => Ok(Err(refusal)),
+            _ => Err(wrong_answer(&request)),
+        }
+    }
+
+    /// Deletes a program. The inner error is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_delete(&mut self, number: u32) -> Result<Result<(), ProgramRefusal>, LinkError> {
+        self.program_call(&Request::ProgramDelete { number })
+    }
+
+    fn upload_call(&mut self, request: &Request) -> Result<Result<u32, ProgramRefusal>, LinkError> {
+        match self.call(request)? {
+            Response::ProgramAt { offset } => Ok(Ok(offset)),
+            Response::ProgramRefused(refusal) => Ok(Err(refusal)),
+            _ => Err(wrong_answer(request)),
+        }
+    }
+
+    fn program_call(&mut self, request: &Request) -> Result<Result<(), ProgramRefusal>, LinkError> {
+        match self.call(request)? {
+            Response::Done => Ok(Ok(())),
+            Response::ProgramRefused(refusal) => Ok(Err(refusal)),
+            _ => Err(wrong_answer(request)),
         }
     }
 
@@ -568,6 +665,12 @@ const fn name(request: &Request) -> &'static str {
         Request::PositionsGet => "positions",
         Request::TriggerOutSet(_) => "trigger out",
         Request::LaserSet { .. } => "laser",
+        Request::ProgramList { .. } => "program list",
+        Request::ProgramBegin(_) => "program upload",
+        Request::ProgramPiece { .. } => "program piece",
+        Request::ProgramEnd { .. } => "program end",
+        Request::ProgramRead { .. } => "program read",
+        Request::ProgramDelete { .. } => "program delete",
     }
 }
 

@@ -23,6 +23,6 @@ mod client;
 mod error;
 mod transport;
 
-pub use client::{Client, JobInForce, JournalChain, JournalEntry, Patience};
+pub use client::{Client, JobInForce, JournalChain, JournalEntry, Patience, Programs};
 pub use error::LinkError;
 pub use transport::{Pipe, Transport, open, pipe};

@@ -127,9 +127,11 @@ fn a_plate_is_probed_into_a_verdict() {
     let lines = umi(&args).exits(0).json_lines();
     let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
     assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 2));
-    // The plate that is taught needs no correction.
+    // The plate that is taught has no correction: an old one must not run.
     let reads: Vec<_> = lines.iter().filter(|l| l["type"] == "read").collect();
-    assert!(reads[0]["text"].is_null() && reads[1]["programs"][0] == 9010);
+    assert!(reads.iter().all(|read| read["programs"][0] == 9010));
+    let is_alarm = |read: &serde_json::Value| read["text"].as_str().unwrap().contains("#3000");
+    assert!(is_alarm(reads[0]) && !is_alarm(reads[1]));
     assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
 }
 
@@ -159,8 +161,8 @@ fn run(args: &[String]) -> crate::run::Ran {
     umi(&args)
 }
 
-/// After a verdict NG the next program does not run: it would run with the correction
-/// of the clamping before, which is still in the control.
+/// After a verdict NG the control gets an alarm in place of the correction of the clamping
+/// before, and a program that calls it stops there.
 #[test]
 fn nothing_is_cut_with_an_old_correction() {
     let folder = Folder::new();
@@ -181,9 +183,9 @@ fn nothing_is_cut_with_an_old_correction() {
     );
     args.extend(["--load".into(), sub]);
     let ran = run(&args).exits(2);
-    assert_eq!(ran.out.matches("READ O9010").count(), 1, "{}", ran.out);
-    assert!(ran.out.contains("the next program does not run"));
-    assert!(!ran.out.contains("cut.nc"), "{}", ran.out);
+    assert_eq!(ran.out.matches("READ O9010").count(), 3, "{}", ran.out);
+    let (_, cut) = ran.out.split_once("cut.nc").unwrap();
+    assert!(cut.contains("UMI NO OK VERDICT"), "{cut}");
 }
 
 /// A board that was to judge and did not is no success.

@@ -11,5 +11,6 @@ mod input;
 mod job;
 mod machine;
 mod nc;
+mod program;
 mod run;
 mod watch;

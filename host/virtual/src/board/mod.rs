@@ -63,6 +63,14 @@ pub const SETTINGS: Geometry = Geometry {
     page_size: 256,
 };
 
+/// Part programs.
+pub const PROGRAMS: Geometry = Geometry {
+    sectors: 1024,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
 /// How time passes on a virtual board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
@@ -81,6 +89,8 @@ pub struct Config {
     pub journal: VirtualFlash,
     /// Flash of the settings.
     pub settings: VirtualFlash,
+    /// Flash of the part programs.
+    pub programs: VirtualFlash,
     /// How time passes.
     pub time: Time,
     /// Time that a character takes on the control's line; zero: none.
@@ -94,6 +104,7 @@ impl Default for Config {
             serial: "VIRTUAL".into(),
             journal: VirtualFlash::in_memory(JOURNAL),
             settings: VirtualFlash::in_memory(SETTINGS),
+            programs: VirtualFlash::in_memory(PROGRAMS),
             time: Time::Steered,
             character: Duration::ZERO,
         }
@@ -143,6 +154,7 @@ impl VirtualBoard {
                 serial,
                 journal,
                 settings,
+                programs,
                 time: _,
                 character,
             } = config;
@@ -163,7 +175,7 @@ impl VirtualBoard {
             };
             let app = Box::new(App::new());
             // Storage that cannot be opened shows as on a real board: in its answers.
-            let _ = app.start(boot, journal, settings, Micros(0));
+            let _ = app.start(boot, journal, settings, programs, Micros(0));
             let to_host = Rc::new(RefCell::new(None));
             let drivers = Drivers {
                 cnc_rx: ControlRx {

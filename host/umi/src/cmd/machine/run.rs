@@ -55,7 +55,7 @@ pub struct Run {
     /// `umi watch` and `umi events`; it runs as slow as the machine would be
     #[arg(long, value_name = "PLACE", requires_all = ["board", "job"], value_parser = place)]
     usb: Option<Place>,
-    /// READ after each program: the board's correction program is loaded, if there is one
+    /// READ after each program: the board's program is loaded, the correction or an alarm
     #[arg(long, requires = "board")]
     read: bool,
     /// Seed of the machine's noise
@@ -75,7 +75,8 @@ const HELP: &str = "\
 Hits, serial traffic and the board's decisions are printed as they come; on a terminal
 the last line shows the block, position and feed. Programs that call macros need --load.
 A body of the scene with `cuttable = true` is cut by ball-nose tools and measured at the end.
-With --read the next program runs only after an OK verdict. Exit status 2: an alarm, a
+With --read, what the control gets after each program is the board's correction, or, without
+an OK verdict, a program under the same number that raises an alarm. Exit status 2: an alarm, a
 verdict NG or none; verdicts of a board on a port, and of one that others watch (--usb),
 are not seen (ask it with umi info).
 
@@ -250,8 +251,6 @@ struct View<'a> {
     serial: Vec<u8>,
     ng: bool,
     verdicts: u64,
-    /// The latest verdict since the last READ.
-    verdict: Option<bool>,
 }
 
 impl<'a> View<'a> {
@@ -274,7 +273,6 @@ impl<'a> View<'a> {
             serial: Vec::new(),
             ng: false,
             verdicts: 0,
-            verdict: None,
         }
     }
 
@@ -374,7 +372,6 @@ impl<'a> View<'a> {
         }
         if let Decision::Verdict(verdict) = &decision {
             self.ng |= !verdict.ok;
-            self.verdict = Some(verdict.ok);
             self.verdicts += 1;
         }
         let Some(gather) = &mut self.gather else {
@@ -412,26 +409,22 @@ impl<'a> View<'a> {
         )))
     }
 
-    /// The control's READ. False: the next program must not run, because it would run
-    /// with a correction that is not for this clamping.
+    /// The control's READ: what comes is loaded, the correction or what raises an alarm.
+    /// False: nothing came, so that an old correction may still be there.
     fn read<M: Floor>(&mut self, cell: &mut Cell<M>, last: bool) -> Result<bool, Failure> {
-        let judged = self.verdict.take();
         let Some(program) = cell.machine.machine().wires_mut().read_program()? else {
-            // The plate that is taught needs none.
-            let taught = judged == Some(true) || self.gather.is_none();
-            let go_on = taught || last;
             if self.options.format.json {
                 print_json(&json!({ "type": "read", "programs": [], "text": null }))?;
             }
             self.say(&format!("{} nothing came", paint(CAUTION, "READ")))?;
-            if !go_on {
+            if !last {
                 self.say(&format!(
-                    "{} there is no OK verdict: the next program does not run",
+                    "{} the control waits for a program: the next one does not run",
                     paint(BAD, "stop")
                 ))?;
                 self.ng = true;
             }
-            return Ok(go_on);
+            return Ok(last);
         };
         let loaded = cell.control.load(&program).map_err(|alarm| {
             Failure::refused("program", format_args!("the board's program: {alarm}"))

@@ -1,0 +1,183 @@
+//! What stands before a program in its first sector.
+//!
+//! ```text
+//! offset      size   what
+//! 0              a   mark: anything but erased says that the program is none any more
+//! a             64   header, see below
+//! +64, aligned   a   mark: anything but erased says that the program is complete
+//! +a             a   mark as the first
+//! next 256           the program's bytes, on into the following sectors
+//! ```
+//!
+//! `a` is the alignment, `write_size` and at least 4. Two marks enclose the header: an
+//! erase that a power cut stops may clear either, but not both and leave the header.
+//!
+//! ```text
+//! offset  size  field of the header (little endian)
+//!      0     4  magic "UMP" A7
+//!      4     1  format version, 1
+//!      5     1  log2 of the alignment
+//!      6     2  the sector that it stands in
+//!      8     4  size of a sector
+//!     12     1  length of the name
+//!     13     3  zero
+//!     16     4  number
+//!     20     4  bytes
+//!     24     4  CRC-32 of these bytes
+//!     28     4  generation: later ones are larger
+//!     32    16  name
+//!     48    12  zero
+//!     60     4  CRC-32 of everything before it
+//! ```
+
+use umi_protocol::job::Name;
+use umi_protocol::program::ProgramInfo;
+
+use crate::journal::sector::{put, seal, take, unseal};
+use crate::journal::{Geometry, GeometryFault};
+
+/// Size of a header.
+pub(super) const SIZE: usize = 64;
+/// Bytes of one program of the flash, and what the first byte of a program is aligned to.
+pub(super) const PAGE: u32 = 256;
+
+const MAGIC: [u8; 4] = *b"UMP\xA7";
+const VERSION: u8 = 1;
+
+/// Where things are: derived once from the geometry, which it has checked.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pub sectors: u32,
+    pub sector_size: u32,
+    pub align: u32,
+}
+
+impl Layout {
+    pub fn new(geometry: Geometry) -> Result<Self, GeometryFault> {
+        let Geometry {
+            sectors,
+            sector_size,
+            write_size,
+            page_size: _,
+        } = geometry;
+        if sectors < 2 {
+            return Err(GeometryFault::TooFewSectors);
+        }
+        if !write_size.is_power_of_two() || write_size > PAGE {
+            return Err(GeometryFault::WriteSize);
+        }
+        let layout = Self {
+            sectors: sectors.into(),
+            sector_size,
+            align: write_size.max(4),
+        };
+        if !sector_size.is_multiple_of(PAGE) {
+            return Err(GeometryFault::SectorNotWholePages);
+        }
+        if u64::from(sectors) * u64::from(sector_size) > 1 << 31 {
+            return Err(GeometryFault::TooLarge);
+        }
+        if sector_size <= layout.data() {
+            return Err(GeometryFault::SectorTooSmall);
+        }
+        Ok(layout)
+    }
+
+    /// Offset of the header.
+    pub const fn header(&self) -> u32 {
+        self.align
+    }
+
+    /// Offset of the mark of a complete program.
+    pub const fn complete(&self) -> u32 {
+        self.align + (SIZE as u32).next_multiple_of(self.align)
+    }
+
+    /// Offsets of the two marks of what is no program any more.
+    pub const fn void(&self) -> [u32; 2] {
+        [0, self.complete() + self.align]
+    }
+
+    /// Offset of the first byte of a program.
+    pub const fn data(&self) -> u32 {
+        (self.complete() + 2 * self.align).next_multiple_of(PAGE)
+    }
+
+    /// Where a sector begins.
+    pub const fn start(&self, sector: u32) -> u32 {
+        sector * self.sector_size
+    }
+
+    /// The sectors that a program of so many bytes takes.
+    pub fn sectors_for(&self, bytes: u32) -> u32 {
+        let all = u64::from(self.data()) + u64::from(bytes);
+        // A u32 divided by 512 at least.
+        all.div_ceil(self.sector_size.into()) as u32
+    }
+
+    /// The longest program in so many sectors.
+    pub fn capacity(&self, sectors: u32) -> u32 {
+        (sectors * self.sector_size).saturating_sub(self.data())
+    }
+}
+
+/// What a header says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Header {
+    pub program: ProgramInfo,
+    pub generation: u32,
+}
+
+impl Header {
+    pub fn encode(&self, layout: &Layout, sector: u32) -> [u8; SIZE] {
+        let ProgramInfo {
+            number,
+            name,
+            bytes,
+            crc32,
+        } = &self.program;
+        let mut header = [0; SIZE];
+        let mut rest = header.as_mut_slice();
+        put(&mut rest, &MAGIC);
+        put(&mut rest, &[VERSION, layout.align.trailing_zeros() as u8]);
+        put(&mut rest, &(sector as u16).to_le_bytes());
+        put(&mut rest, &layout.sector_size.to_le_bytes());
+        put(&mut rest, &[name.len() as u8, 0, 0, 0]);
+        put(&mut rest, &number.to_le_bytes());
+        put(&mut rest, &bytes.to_le_bytes());
+        put(&mut rest, &crc32.to_le_bytes());
+        put(&mut rest, &self.generation.to_le_bytes());
+        put(&mut rest, name.as_bytes());
+        seal(&mut header);
+        header
+    }
+
+    /// What stands there, if it is a header of this layout in this sector.
+    pub fn decode(header: &[u8; SIZE], layout: &Layout, sector: u32) -> Option<Self> {
+        let mut rest = unseal(header)?;
+        let ours = take(&mut rest)? == MAGIC
+            && take(&mut rest)? == [VERSION, layout.align.trailing_zeros() as u8]
+            && take(&mut rest)? == (sector as u16).to_le_bytes()
+            && take(&mut rest)? == layout.sector_size.to_le_bytes();
+        if !ours {
+            return None;
+        }
+        let [name_len, _, _, _] = take(&mut rest)?;
+        let number = u32::from_le_bytes(take(&mut rest)?);
+        let bytes = u32::from_le_bytes(take(&mut rest)?);
+        let crc32 = u32::from_le_bytes(take(&mut rest)?);
+        let generation = u32::from_le_bytes(take(&mut rest)?);
+        let text = rest.get(..usize::from(name_len))?;
+        let name = Name::try_from(core::str::from_utf8(text).ok()?).ok()?;
+        let fits = sector + layout.sectors_for(bytes) <= layout.sectors;
+        fits.then_some(Self {
+            program: ProgramInfo {
+                number,
+                name,
+                bytes,
+                crc32,
+            },
+            generation,
+        })
+    }
+}

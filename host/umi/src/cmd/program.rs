@@ -1,0 +1,298 @@
+//! `umi program`
+
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use umi::failure::Failure;
+use umi::programs;
+use umi::style::{FAINT, GOOD, TITLE, paint, print, print_json};
+use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal};
+
+use super::{Board, Format};
+
+/// List, put, get and delete the part programs in a board's flash
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Program {
+    #[command(subcommand)]
+    action: Action,
+}
+
+const HELP: &str = "\
+Examples:
+  umi program list
+  umi program put pocket.nc --port /dev/ttyACM0
+  umi program get 1234 -o pocket.nc
+  umi program delete 1234";
+
+#[derive(Subcommand)]
+enum Action {
+    List(List),
+    Put(Put),
+    Get(Get),
+    Delete(Delete),
+}
+
+/// List the programs of a board, and the room that is left
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi program list
+  umi program list --port tcp://localhost:5053 --json | jq '.programs[].number'")]
+struct List {
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Put a program into a board's flash, in place of the one with its number
+#[derive(Args)]
+#[command(after_help = "\
+An upload that breaks off leaves the old program; the same command goes on where it was.
+While the board measures a plate it takes no program: umi waits for up to a minute.
+
+Examples:
+  umi program put pocket.nc             its number is that of its O line
+  umi program put pocket.nc --number 1234
+  umi program put long.nc --json        one line at its end
+
+Exit status: 0 it is there, whole; 1 file, usage or connection; 2 the board refuses.")]
+struct Put {
+    /// The program
+    #[arg(value_name = "PROGRAM.nc")]
+    file: PathBuf,
+    /// Its number on the board, instead of that of its O line
+    #[arg(long, value_name = "O", value_parser = number)]
+    number: Option<u32>,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Get a program from a board's flash
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi program get 1234 -o pocket.nc
+  umi program get O1234 -o - | less     to standard output")]
+struct Get {
+    /// Its number
+    #[arg(value_name = "O", value_parser = number)]
+    number: u32,
+    /// Write to this file; `-` is standard output
+    #[arg(short, long, value_name = "PROGRAM.nc")]
+    output: PathBuf,
+    /// Replace the file if it is there
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    board: Board,
+}
+
+/// Delete a program from a board's flash
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi program delete 1234")]
+struct Delete {
+    /// Its number
+    #[arg(value_name = "O", value_parser = number)]
+    number: u32,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// `1234` or `O1234`.
+fn number(text: &str) -> Result<u32, String> {
+    let digits = text.trim_start_matches(['O', 'o']);
+    match digits.parse() {
+        Ok(number) if (1..=MAX_NUMBER).contains(&number) => Ok(number),
+        _ => Err(format!(
+            "`{text}` is no program number: give 1 to {MAX_NUMBER}"
+        )),
+    }
+}
+
+impl Program {
+    pub fn run(self) -> Result<(), Failure> {
+        match self.action {
+            Action::List(action) => action.run(),
+            Action::Put(action) => action.run(),
+            Action::Get(action) => action.run(),
+            Action::Delete(action) => action.run(),
+        }
+    }
+
+    pub const fn json(&self) -> bool {
+        match &self.action {
+            Action::List(action) => action.format.json,
+            Action::Put(action) => action.format.json,
+            Action::Get(_) => false,
+            Action::Delete(action) => action.format.json,
+        }
+    }
+}
+
+impl List {
+    fn run(self) -> Result<(), Failure> {
+        let (room, programs) = programs::list(&mut self.board.connect()?)?;
+        if self.format.json {
+            return print_json(&json!({ "room": room, "programs": programs }));
+        }
+        let mut text = String::new();
+        if !programs.is_empty() {
+            let head = format!(
+                "{:<9}  {:<16}  {:>9}  {:<8}",
+                "number", "name", "bytes", "check"
+            );
+            text += &format!("{}\n", paint(TITLE, head));
+        }
+        for program in &programs {
+            let ProgramInfo {
+                number,
+                name,
+                bytes,
+                crc32,
+            } = program;
+            text += &format!(
+                "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}\n",
+                format!("O{number:04}"),
+            );
+        }
+        let left = format!(
+            "{} of {} programs; {} of {} KB free, a program of {} KB finds room",
+            room.programs,
+            room.most_programs,
+            room.free_bytes / 1024,
+            room.total_bytes / 1024,
+            room.longest_bytes / 1024,
+        );
+        print(&format!("{text}{}\n", paint(FAINT, left)))
+    }
+}
+
+impl Put {
+    fn run(self) -> Result<(), Failure> {
+        let path = &self.file;
+        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
+        let number = self.number.or_else(|| programs::number_in(&bytes));
+        let number = number.ok_or_else(|| {
+            Failure::trouble(
+                "program_number",
+                format_args!(
+                    "{} does not begin with an O-number: give one with --number",
+                    path.display()
+                ),
+            )
+        })?;
+        let program = ProgramInfo {
+            number,
+            name: name(path),
+            bytes: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
+            crc32: programs::check_value(&bytes),
+        };
+        let mut board = self.board.connect()?;
+        let (_, kept) = programs::list(&mut board)?;
+        let there = kept.contains(&program);
+        let mut resumed = None;
+        if !there {
+            let bar = bar(program.bytes);
+            let done = programs::put(&mut board, &program, &bytes, |offset| {
+                resumed.get_or_insert(offset);
+                bar.set_position(offset.into());
+            });
+            bar.finish_and_clear();
+            done?;
+        }
+        let resumed = resumed.unwrap_or(0);
+        if self.format.json {
+            return print_json(&json!({
+                "status": "ok",
+                "program": program,
+                "was_there": there,
+                "resumed_at": resumed,
+            }));
+        }
+        let how = match (there, resumed) {
+            (true, _) => "was there already".to_owned(),
+            (false, 0) => "is there".to_owned(),
+            (false, at) => format!("is there (gone on at byte {at})"),
+        };
+        let done = format!("{} {how}", umi::words::program(&program));
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Get {
+    fn run(self) -> Result<(), Failure> {
+        let path = &self.output;
+        let to_output = path == Path::new("-");
+        if !to_output && path.exists() && !self.force {
+            return Err(Failure::trouble(
+                "file",
+                format_args!(
+                    "{} is there already: give another name, or --force to replace it",
+                    path.display()
+                ),
+            ));
+        }
+        let mut board = self.board.connect()?;
+        let (_, kept) = programs::list(&mut board)?;
+        let program = kept.into_iter().find(|p| p.number == self.number);
+        let program = program.ok_or_else(|| programs::refusal(&ProgramRefusal::NotThere))?;
+        let bar = bar(program.bytes);
+        let bytes = programs::get(&mut board, &program, |came| bar.set_position(came.into()));
+        bar.finish_and_clear();
+        let bytes = bytes?;
+        if to_output {
+            let done = io::stdout().lock().write_all(&bytes);
+            return match done {
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                    Err(Failure::OutputClosed)
+                }
+                done => done.map_err(|error| Failure::file("write", path, &error)),
+            };
+        }
+        std::fs::write(path, bytes).map_err(|error| Failure::file("write", path, &error))?;
+        let done = format!("{} is in {}", umi::words::program(&program), path.display());
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Delete {
+    fn run(self) -> Result<(), Failure> {
+        let mut board = self.board.connect()?;
+        let (_, kept) = programs::list(&mut board)?;
+        let program = kept.into_iter().find(|p| p.number == self.number);
+        let program = program.ok_or_else(|| programs::refusal(&ProgramRefusal::NotThere))?;
+        // That it is not there any more is also the answer to a request that came twice.
+        match programs::delete(&mut board, self.number) {
+            Err(Failure::Refused(of)) if of.code == ProgramRefusal::NotThere.code() => {}
+            done => done?,
+        }
+        if self.format.json {
+            return print_json(&json!({ "status": "ok", "deleted": program }));
+        }
+        let done = format!("{} is deleted", umi::words::program(&program));
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+/// A name from a file's: what fits of it.
+fn name(path: &Path) -> umi_protocol::job::Name {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    umi_app::measure::name(&stem)
+}
+
+fn bar(bytes: u32) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bytes:>10} of {total_bytes} {wide_bar} {eta}");
+    ProgressBar::new(bytes.into())
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}

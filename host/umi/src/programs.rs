@@ -1,0 +1,173 @@
+//! Part programs to a board and back: in pieces, with what a line may lose asked for again,
+//! and check values at the end.
+
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use umi_core::nc::rewrite::Check;
+use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
+
+use crate::failure::{Explained, Failure};
+use crate::link::{Client, LinkError};
+
+/// How long a board may be busy with a plate before an upload gives up. It can be taken up
+/// again where it was.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// How often a busy board is asked.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// The check value of a program's bytes.
+#[must_use]
+pub fn check_value(bytes: &[u8]) -> u32 {
+    let mut check = Check::default();
+    check.update(bytes);
+    check.finish().crc32
+}
+
+/// The O-number that a program says of itself, on its first line with words.
+#[must_use]
+pub fn number_in(program: &[u8]) -> Option<u32> {
+    let text = program
+        .split(|byte| matches!(byte, b'\n' | b'\r'))
+        .map(<[u8]>::trim_ascii)
+        .find(|line| !matches!(line.first(), None | Some(b'%' | b'(')))?;
+    let digits = match text.split_first()? {
+        (b'O' | b'o' | b':', rest) => rest,
+        _ => return None,
+    };
+    let end = digits
+        .iter()
+        .position(|byte| !byte.is_ascii_digit())
+        .unwrap_or(digits.len());
+    std::str::from_utf8(digits.get(..end)?).ok()?.parse().ok()
+}
+
+/// All programs on a board, by number, and how much room there is.
+///
+/// # Errors
+/// The link's; the board's refusal.
+pub fn list(board: &mut Client) -> Result<(ProgramRoom, Vec<ProgramInfo>), Failure> {
+    let mut all = Vec::new();
+    loop {
+        let skip = u16::try_from(all.len()).unwrap_or(u16::MAX);
+        let (room, some) = board.programs(skip)?.map_err(|of| refusal(&of))?;
+        if some.is_empty() {
+            all.sort_by_key(|program: &ProgramInfo| program.number);
+            return Ok((room, all));
+        }
+        all.extend(some);
+    }
+}
+
+/// Uploads a program; `progress` is told how many bytes are there, first how many were
+/// already. The old program of the number stays until all is there.
+///
+/// # Errors
+/// The link's; the board's refusal. Either way it can be called again and goes on.
+pub fn put(
+    board: &mut Client,
+    program: &ProgramInfo,
+    bytes: &[u8],
+    mut progress: impl FnMut(u32),
+) -> Result<(), Failure> {
+    let mut offset = patiently(board, |board| board.program_begin(program))?;
+    progress(offset);
+    while offset < program.bytes {
+        let rest = bytes.get(offset as usize..).unwrap_or_default();
+        let piece: Piece = rest.iter().copied().take(MAX_PIECE).collect();
+        offset = patiently(board, |board| board.program_piece(offset, piece.clone()))?;
+        progress(offset);
+    }
+    patiently(board, |board| {
+        board.program_end(program.number, program.crc32)
+    })
+}
+
+/// Reads a program; `progress` is told how many bytes came. Its check value is right.
+///
+/// # Errors
+/// The link's; the board's refusal; `program_damaged`.
+pub fn get(
+    board: &mut Client,
+    program: &ProgramInfo,
+    mut progress: impl FnMut(u32),
+) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    while bytes.len() < program.bytes as usize {
+        let offset = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        let piece = board.program_read(program.number, offset)?;
+        let piece = piece.map_err(|of| refusal(&of))?;
+        if piece.is_empty() {
+            break;
+        }
+        bytes.extend(piece);
+        progress(u32::try_from(bytes.len()).unwrap_or(u32::MAX));
+    }
+    let crc32 = check_value(&bytes);
+    if crc32 != program.crc32 {
+        return Err(refusal(&ProgramRefusal::Damaged { crc32 }));
+    }
+    Ok(bytes)
+}
+
+/// Deletes a program.
+///
+/// # Errors
+/// The link's; the board's refusal.
+pub fn delete(board: &mut Client, number: u32) -> Result<(), Failure> {
+    patiently(board, |board| board.program_delete(number))
+}
+
+/// Asks again as long as the board is busy.
+fn patiently<T>(
+    board: &mut Client,
+    mut ask: impl FnMut(&mut Client) -> Result<Result<T, ProgramRefusal>, LinkError>,
+) -> Result<T, Failure> {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        match ask(board)? {
+            Ok(answer) => return Ok(answer),
+            Err(ProgramRefusal::Busy) if Instant::now() < give_up => sleep(AGAIN),
+            Err(of) => return Err(refusal(&of)),
+        }
+    }
+}
+
+/// A refusal, with its figures for machines.
+#[must_use]
+pub fn refusal(of: &ProgramRefusal) -> Failure {
+    let explained = Explained::new(of.code(), of);
+    Failure::Refused(match *of {
+        ProgramRefusal::Full {
+            needed_bytes,
+            longest_bytes,
+            free_bytes,
+        } => explained
+            .with("needed_bytes", needed_bytes)
+            .with("longest_bytes", longest_bytes)
+            .with("free_bytes", free_bytes),
+        ProgramRefusal::TooMany { most } => explained.with("most", most),
+        ProgramRefusal::Incomplete { offset } => explained.with("offset", offset),
+        ProgramRefusal::Damaged { crc32 } => explained.with("crc32", crc32),
+        _ => explained,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number_in;
+
+    #[test]
+    fn a_program_says_its_number() {
+        for (text, number) in [
+            ("%\nO1234(POCKET)\nG21\n", Some(1234)),
+            ("\r\n%\r\n (BY CAM)\r\no0007\r\n", Some(7)),
+            ("%\n:0042\nG21\n", Some(42)),
+            ("G21\nO1234\n", None),
+            ("O\n", None),
+            ("", None),
+        ] {
+            assert_eq!(number_in(text.as_bytes()), number, "{text:?}");
+        }
+    }
+}
