@@ -17,13 +17,13 @@ use crate::plan::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
 use crate::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
 use crate::quadrature::{BASE_CYCLES, Counts, Quadrature};
 
-/// The shortest interval: 20 kHz, what captures can be told of.
-const LEAST_CYCLES: u32 = 50 * CYCLES_PER_US;
+/// The shortest interval: 10 kHz, what captures can be told of.
+const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
 /// the pulse of the one before still waits, as they are a tick apart at least.
 const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;
 /// From the look at the ring to the write into the queue: instructions, in the emulator.
-const QUEUE_CYCLES: u32 = 0;
+const QUEUE_CYCLES: u32 = 18;
 
 const _: () =
     assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
