@@ -18,8 +18,18 @@ pub struct Positions {
     /// Transitions of each axis in which both signals changed at once: each may be a
     /// wrong count.
     pub illegal: Vec<u32, MAX_AXES>,
-    /// Times at which the board itself could not keep up with its encoders.
+    /// Times at which the board itself could not keep up with its encoders. What moved
+    /// meanwhile is in none of the counts.
     pub lost_samples: u32,
+}
+
+impl Positions {
+    /// No motion has been lost since the board started. If some has, the counts are valid
+    /// again when the board has been started anew, with the axes at their reference.
+    #[must_use]
+    pub const fn are_valid(&self) -> bool {
+        self.lost_samples == 0
+    }
 }
 
 /// Axes and clock captured at one edge.

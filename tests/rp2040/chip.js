@@ -51,6 +51,8 @@ export class Chip {
     this.slept = 0;
     this.watchLow = FAR;
     this.watchHigh = 0;
+    /** Nobody but the core gets the bus. */
+    this.areTransfersHeld = false;
     this.rp = new RP2040(new Clock(this));
     this.clock = this.rp.clock;
     this.rp.logger = new Quiet();
@@ -173,6 +175,23 @@ export class Chip {
       }
     }
     this.disturb();
+  }
+
+  /** From now on no DMA channel gets a transfer, for so many cycles. */
+  holdTransfers(cycles) {
+    this.synchronise();
+    this.areTransfersHeld = true;
+    const { machines } = this;
+    this.clock.createAlarm(() => {
+      this.synchronise();
+      this.areTransfersHeld = false;
+      for (const machine of machines) machine.updateDMARx();
+    }).at(this.cycle + cycles);
+    this.disturb();
+  }
+
+  get machines() {
+    return this.rp.pio.flatMap((block) => block.machines);
   }
 
   /** Memory that a channel fills: whoever reads it sees the present. */

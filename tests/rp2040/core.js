@@ -117,6 +117,8 @@ export class Core {
     /** Cycles of exceptions taken or left, not yet counted. */
     this.penalty = 0;
     this.instructions = 0;
+    /** Per interrupt: requested, entered (both cycles; -1: not), how many, longest wait and run. */
+    this.interrupts = Array.from({ length: 32 }, () => [-1, -1, 0, 0, 0]);
     /** Why the board stopped for good, if it did. */
     this.fault = null;
     /** Where the handler of faults began. */
@@ -247,6 +249,13 @@ export class Core {
     this.sram8.copyWithin(to - 0x20000000, r[13] - 0x20000000, r[13] - 0x20000000 + length);
     r[13] = to;
     return true;
+  }
+
+  /** Rows of number, how many, longest wait and longest run since this was asked last. */
+  takeInterruptTimes() {
+    const rows = this.interrupts.map((times, irq) => [irq, ...times.slice(2)]);
+    for (const times of this.interrupts) times.fill(0, 2);
+    return rows.filter(([, count]) => count > 0);
   }
 
   /** Runs until `chip.limit` or until the core sleeps. */
@@ -732,10 +741,24 @@ function patchExceptions(taker, core, ppb) {
     if (number >= 16) {
       core.pended &= ~(1 << (number - 16));
       core.pendingInterrupts = core.lines | core.pended;
+      const times = taker.interrupts[number - 16];
+      const { cycle } = taker.chip;
+      times[1] = cycle;
+      times[2]++;
+      if (times[0] >= 0) times[3] = Math.max(times[3], cycle - times[0]);
+      times[0] = -1;
     }
   };
   const leave = core.exceptionReturn;
   core.exceptionReturn = (value) => {
+    const irq = core.IPSR - 16;
+    if (irq >= 0) {
+      const times = taker.interrupts[irq];
+      const { cycle } = taker.chip;
+      times[4] = Math.max(times[4], cycle - times[1]);
+      // A request that is there still, or again, waits from now on.
+      if (core.lines & (1 << irq)) times[0] = cycle;
+    }
     leave.call(core, value);
     taker.penalty += RETURN_CYCLES;
   };
@@ -746,6 +769,7 @@ function patchExceptions(taker, core, ppb) {
       core.pendingInterrupts = core.lines | core.pended;
     } else if (!(core.lines & bit)) {
       core.lines |= bit;
+      taker.interrupts[irq][0] = taker.chip.cycle;
       core.pendingInterrupts = core.lines | core.pended;
       core.interruptsUpdated = true;
       wake(core);

@@ -35,6 +35,9 @@
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
 // | memory_set | address, value                         | writes a word, as the core does                |
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
+// | time       |                                        | cycle, and at it timer_us, the chip's own microsecond timer; began: the cycle at which the chip came out of reset, and with it that timer |
+// | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, in cycles |
+// | dma_hold   | cycles                                 | the bus is taken: no channel gets a transfer for so long |
 
 import { readFileSync } from 'node:fs';
 import { createServer } from 'node:net';
@@ -45,6 +48,7 @@ import { segments } from './elf.js';
 const STRETCH = 125_000;
 const STRETCH_MS = 8;
 const CYCLES_PER_MS = 125_000;
+const TIMER = 0x40054000;
 /** More than this unsent to the host's program: it does not take more. */
 const HOST_BACKLOG = 1 << 18;
 const USAGE = 'usage: node main.js IMAGE [--paused] [--unique-id HEX]';
@@ -255,6 +259,20 @@ class Bench {
       case 'sink_stack':
         if (chip === null) throw new Error('the board has no power');
         return { done: chip.core.sinkStack(request.top, request.bottom, request.free) };
+      case 'time':
+        if (chip === null) throw new Error('the board has no power');
+        return {
+          cycle: board.cycle,
+          began: chip.epoch,
+          timer_us: 2 ** 32 * (chip.core.read32(TIMER + 0x24) >>> 0) + (chip.core.read32(TIMER + 0x28) >>> 0),
+        };
+      case 'interrupts':
+        if (chip === null) throw new Error('the board has no power');
+        return { rows: chip.core.takeInterruptTimes() };
+      case 'dma_hold':
+        if (chip === null) throw new Error('the board has no power');
+        chip.holdTransfers(request.cycles);
+        return { cycle: board.cycle };
       default:
         throw new Error(`no request is called ${request.do}`);
     }

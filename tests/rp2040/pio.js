@@ -94,7 +94,7 @@ export class Machine {
 
   updateDMARx() {
     const { dma } = this.chip.rp;
-    if (this.rxFIFO.empty) dma.clearDREQ(this.dreqRx);
+    if (this.rxFIFO.empty || this.chip.areTransfersHeld) dma.clearDREQ(this.dreqRx);
     else dma.setDREQ(this.dreqRx);
   }
 
@@ -136,9 +136,16 @@ export class Machine {
     this.isr = 0;
     this.irqWait = false;
     if (this.stalled !== NO) {
-      this.stalled = NO;
+      this.goOn();
       this.t = this.chip.now + 1;
     }
+  }
+
+  /** Whatever it waited for, it does not any more. */
+  goOn() {
+    this.stalled = NO;
+    this.pio.rxStall &= ~(RXSTALL << this.index);
+    this.pio.txStall &= ~(TXSTALL << this.index);
   }
 
   clkDivRestart() {}
@@ -213,7 +220,7 @@ export class Machine {
     this.t = now;
     this.once(op)(this, now + 1, false);
     if (this.t === FAR) throw new Error(`an instruction written to SM${this.index}_INSTR stalls`);
-    if (this.stalled !== NO && this.pc !== pc) this.stalled = NO;
+    if (this.stalled !== NO && this.pc !== pc) this.goOn();
     else if (t === FAR || !this.enabled) {
       this.t = t;
       return;
@@ -301,6 +308,7 @@ export class Machine {
     const { channel } = this;
     if (
       channel !== null &&
+      !this.chip.areTransfersHeld &&
       this.rxFIFO.used === 0 &&
       (channel.ctrl & (DMA_BUSY | DMA_EN)) === (DMA_BUSY | DMA_EN) &&
       channel.treqValue === this.dreqRx

@@ -130,7 +130,7 @@ mod tests {
     use embassy_futures::{block_on, poll_once};
 
     use super::*;
-    use crate::intake::PLACES;
+    use crate::intake::OTHER_PLACES;
     use crate::test_board::{Hand, NoFlash, skip, trigger};
 
     /// Captures one after the other, then none.
@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn the_next_one_tells_what_found_no_room() {
         let app = App::<NoFlash>::new();
-        let full = PLACES as u32;
+        let full = OTHER_PLACES as u32;
         let mut missed = None;
         for number in 0..full + 3 {
             let mut latch = skip(number);
@@ -183,7 +183,7 @@ mod tests {
         }
         let counters = app.scans.counters();
         assert_eq!((counters.skips, counters.missed), (full, 3 + 5));
-        let first = latches(&queued(&app, PLACES));
+        let first = latches(&queued(&app, OTHER_PLACES));
         assert!(first.into_iter().eq((0..full).map(|n| (n, false, 0))));
         for number in [full + 3, full + 4] {
             queue(&app, Micros(2), skip(number), &mut missed);
@@ -198,14 +198,14 @@ mod tests {
     #[test]
     fn what_found_no_room_is_told_without_a_next_one() {
         let (app, clock) = (App::<NoFlash>::new(), Hand::default());
-        let full = PLACES as u32;
+        let full = OTHER_PLACES as u32;
         let mut given = skips(0..full + 3);
         let mut run = pin!(take(&app, &mut given, &clock));
         for now in [0, TELL_AGAIN_US, 2 * TELL_AGAIN_US] {
             clock.set(now);
             settle(run.as_mut());
         }
-        queued(&app, PLACES);
+        queued(&app, OTHER_PLACES);
         clock.set(3 * TELL_AGAIN_US);
         settle(run.as_mut());
         assert_eq!(latches(&queued(&app, 1)), [(full + 3, true, 3)]);

@@ -195,7 +195,8 @@ impl State {
 
     /// Sums a latch up in its scan. True if it is the first of one.
     fn note(&mut self, latch: &LatchReport) -> bool {
-        let untold = self.on && self.waiting.is_full();
+        let captured = !latch.counts.is_empty();
+        let untold = captured && self.on && self.waiting.is_full();
         let Some(place) = self.under_way.get_mut(place(latch.cause)) else {
             return false;
         };
@@ -212,8 +213,7 @@ impl State {
             });
         }
         if let Some(scan) = place.get_mut() {
-            let captured = u32::from(!latch.counts.is_empty());
-            scan.captured = scan.captured.saturating_add(captured);
+            scan.captured = scan.captured.saturating_add(u32::from(captured));
             scan.missed = scan.missed.saturating_add(latch.missed);
             scan.untold = scan.untold.saturating_add(u32::from(untold));
             scan.to_ns = latch.t_ns;
@@ -223,7 +223,8 @@ impl State {
 
     /// Keeps a latch for the host, if it listens and there is room.
     fn tell(&mut self, latch: LatchReport) {
-        let untold = self.on && self.waiting.push_back(latch).is_err();
+        let captured = !latch.counts.is_empty();
+        let untold = self.on && self.waiting.push_back(latch).is_err() && captured;
         self.counters.untold = self.counters.untold.saturating_add(u32::from(untold));
     }
 
@@ -398,8 +399,19 @@ mod tests {
         assert!(reports.into_iter().eq((1..=WAITING as u32).map(trigger)));
         scans.take(trigger(last));
         assert_eq!(told(&scans).0, [trigger(last)]);
+        // A report that captures nothing is no capture that is not told.
+        for latch in (last + 1..last + 1 + WAITING as u32).map(trigger) {
+            scans.take(latch);
+        }
+        scans.take(LatchReport {
+            counts: Vec::new(),
+            missed: 3,
+            ..trigger(0)
+        });
+        let counters = scans.counters();
+        assert_eq!((counters.missed, counters.untold), (3, 7));
         let scan = scans.over(Micros(10_000_000)).unwrap();
-        assert_eq!((scan.captured, scan.untold), (last + 1, 7));
+        assert_eq!((scan.captured, scan.untold), (counters.triggers, 7));
     }
 
     /// A report without counts tells what was missed, and captures nothing.

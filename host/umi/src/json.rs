@@ -322,6 +322,7 @@ pub fn positions(positions: &Positions, scale: &Scale) -> Value {
     let mut object = object(positions);
     let mm = scale.position_mm(&positions.counts);
     object.insert("position_mm".into(), some(mm));
+    object.insert("valid".into(), positions.are_valid().into());
     object.insert("origin_known".into(), scale.has_origin().into());
     Value::Object(object)
 }

@@ -20,13 +20,13 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use umi::link::{self, Transport};
+use umi::link::{self, Client, Patience, Transport};
 use umi_app::board::Lights;
 
 use super::{Rig, skip_without};
 
 pub use bridge::pty;
-pub use emulator::{Axis, Emulator, Output, Pulses, Segment, Start, State, Truth};
+pub use emulator::{Axis, Emulator, Interrupt, Output, Pulses, Segment, Start, State, Time, Truth};
 
 /// The probe's line to the control, which the board listens to.
 pub const SKIP_PIN: u8 = 16;
@@ -82,6 +82,35 @@ impl PicoRig {
     /// What is beyond a rig.
     pub const fn emulator(&mut self) -> &mut Emulator {
         &mut self.emulator
+    }
+
+    /// A host that has the board's patience.
+    ///
+    /// # Panics
+    /// If the board does not answer.
+    pub fn client(&mut self) -> Client {
+        let patience = Patience {
+            answer: Duration::from_secs(60),
+            tries: 3,
+        };
+        Client::with_patience(self.connect(), patience).expect("the board answers")
+    }
+
+    /// Moves all axes for so long, odd ones down, none in step with another or with the
+    /// board's samples.
+    pub fn move_all(&mut self, cycles: u64, cycles_per_count: f64) {
+        for axis in 0..AXES {
+            let pace = cycles_per_count * (1.0 + 0.0037 * axis as f64);
+            let counts = (cycles as f64 / pace) as i64;
+            let way = if axis % 2 == 0 { counts } else { -counts };
+            self.emulator
+                .start_axis(axis, &[Segment::steady(way, pace)], &json!({}));
+        }
+    }
+
+    /// Waits until this cycle is over.
+    pub fn wait_for_cycle(&mut self, cycle: u64) {
+        self.wait_until("its time", |emulator| emulator.state().cycle > cycle);
     }
 
     fn wait_until(&mut self, what: &str, mut done: impl FnMut(&mut Emulator) -> bool) {

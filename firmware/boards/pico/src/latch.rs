@@ -1,52 +1,113 @@
 //! Captures: the axes at the instant of an edge.
 //!
 //! ```text
-//! edge ──► PIO: stamp ──► interrupt ──► instant ──► slot of the rings ──► capture ──► task
-//!                              └─ may be 80 us late: the samples of the edge are still there
+//! edge ──► PIO: stamp ──► interrupt ──► instant ──► slot of the rings ──► lower interrupt ──► task
+//!                              └─ may be 75 us late: the samples of the edge are still there
 //! ```
 //!
 //! # Design
 //!
 //! One state, in one critical section at a time: the two interrupts of the highest
-//! priority have it nearly always, tasks for a moment. Captures wait in the queue that
-//! all boards have ([`umi_drivers::latches`]), which also counts what was missed.
+//! priority have it nearly always, others for a moment. Captures read positions and no more,
+//! a few at a time, between which the control's UART has its turn. A lower interrupt puts
+//! them into the queue that all boards have ([`umi_drivers::latches`]), which also counts
+//! what was missed.
 //!
 //! # Tradeoffs
 //!
 //! Whoever holds a critical section delays captures, but none is lost by it as long as
-//! it is shorter than a ring: 80 us. Nothing here holds one for longer than a few.
+//! it is shorter than a ring, 82 us. Nothing here holds one for longer than a few.
+//!
+//! A start after a loss counts an edge that comes in the very microsecond of the stop, or of
+//! the start, once too often rather than not at all.
 
 use core::cell::RefCell;
 
 use critical_section::Mutex;
 use embassy_rp::interrupt;
-use embassy_rp::interrupt::InterruptExt;
+use embassy_rp::interrupt::{Interrupt, InterruptExt};
+use heapless::Deque;
 use umi_app::board::{Axes, Scanner, Unsupported};
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
 
-use crate::pins::{AXES, INDEX, INDEXED, TRIGGER_OUT, WATCHED};
+use crate::allowance::Allowance;
+use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::plan::{
-    CAPTURE, Cycles, EXTEND_US, PERIOD_CYCLES, SKIP_MACHINE, TICK_US, TRIGGER_MACHINE,
+    CAPTURE, CONTROL_TASKS, Cycles, EXTEND_US, PERIOD_CYCLES, SCANS_PER_S, SERIAL, SKIP_MACHINE,
+    SKIPS_PER_S, TICK_US, TRIGGER_MACHINE,
 };
-use crate::quadrature::Quadrature;
+use crate::quadrature::{Counts, Quadrature};
 use crate::stamps::Stamps;
 use crate::trigger_out::Pulses;
 use crate::watched::Watched;
-use crate::{clock, machines, rings, tick};
+use crate::{clock, machines, rings, stamps, tick};
 
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();
 
-/// Stamps taken in one interrupt, of each line: what a FIFO holds.
-const STAMPS_AT_ONCE: usize = 8;
+/// Stamps taken in one interrupt, and two more: with more of them, a character from the control
+/// would be too late out of the UART.
+const AT_ONCE: usize = 2;
+/// Edges that wait to be told.
+const WAITING: usize = 32;
+/// Its interrupt lets captures go on when the UART has had its turn.
+const RESUME: Interrupt = Interrupt::SWI_IRQ_2;
+/// Its interrupt puts captures into the queue.
+const TELL: Interrupt = Interrupt::SWI_IRQ_3;
+/// Pins whose edges are captured, but not those of our own pulses.
+#[allow(
+    clippy::indexing_slicing,
+    reason = "by the compiler: an index out of bounds does not compile"
+)]
+const INPUTS: [u8; 2 + INDEXED] = {
+    let mut pins = [0; 2 + INDEXED];
+    let mut index = 0;
+    while index < INDEXED {
+        pins[index] = INDEX + index as u8;
+        index += 1;
+    }
+    pins[INDEXED] = SKIP;
+    pins[INDEXED + 1] = TRIGGER_IN;
+    pins
+};
 /// In which the FIFO of a decoder that nobody reads is full: eight words, and two more.
 const FULL_CYCLES: u32 = 10 * PERIOD_CYCLES.get();
+
+/// An edge that was captured.
+struct Edge {
+    cause: LatchCause,
+    at_cycles: u64,
+    counts: Counts,
+    /// Before it.
+    missed: u32,
+}
+
+impl Edge {
+    fn of(cause: LatchCause, edge: stamps::Edge) -> Self {
+        let stamps::Edge {
+            at_cycles,
+            counts,
+            missed,
+        } = edge;
+        Self {
+            cause,
+            at_cycles,
+            counts,
+            missed,
+        }
+    }
+}
 
 struct Latches {
     axes: Quadrature,
     skip: Stamps,
     trigger: Stamps,
     watched: Watched,
+    /// With their positions.
+    edges: Deque<Edge, WAITING>,
+    /// Captures of the probe that may still be made, and of a scanner's or of index marks.
+    skips: Allowance<SKIPS_PER_S>,
+    scans: Allowance<SCANS_PER_S>,
     pulses: Pulses,
     /// Ticks until the positions are looked at.
     until_look: u32,
@@ -57,6 +118,9 @@ static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
     skip: Stamps::new(SKIP_MACHINE),
     trigger: Stamps::new(TRIGGER_MACHINE),
     watched: Watched::new(),
+    edges: Deque::new(),
+    skips: Allowance::new(),
+    scans: Allowance::new(),
     pulses: Pulses::Off,
     until_look: 0,
 }));
@@ -67,8 +131,14 @@ pub fn start() {
     with(Latches::start);
     tick::start();
     interrupt::PIO1_IRQ_0.set_priority(CAPTURE);
-    // SAFETY: its handler is below; no critical section depends on it being off.
-    unsafe { interrupt::PIO1_IRQ_0.enable() };
+    RESUME.set_priority(SERIAL);
+    TELL.set_priority(CONTROL_TASKS);
+    // SAFETY: their handlers are below; no critical section depends on them being off.
+    unsafe {
+        RESUME.enable();
+        TELL.enable();
+        interrupt::PIO1_IRQ_0.enable();
+    }
 }
 
 /// The state, if nobody has it: nobody can, in a critical section.
@@ -85,19 +155,32 @@ fn PIO1_IRQ_0() {
     with(Latches::capture);
 }
 
+/// There were more stamps than one interrupt may take.
+#[interrupt]
+fn SWI_IRQ_2() {
+    with(|latches| latches.listen());
+}
+
+/// Edges have been taken in: they go to the application one by one.
+#[interrupt]
+fn SWI_IRQ_3() {
+    while let Some(edge) = with(|latches| latches.edges.pop_front()).flatten() {
+        let t_ns = Cycles::ns(edge.at_cycles);
+        let counts = edge.counts.iter().copied().collect();
+        CAPTURES.captured(edge.cause, t_ns, counts, edge.missed);
+    }
+}
+
 /// To be called each time the tick's timer is over. Returns when it should be again.
 pub fn ticked() -> u32 {
     with(Latches::tick).unwrap_or(EXTEND_US)
 }
 
 impl Latches {
-    /// Starts all machines, for the first time or after a loss.
+    /// Starts all machines.
     fn start(&mut self) {
-        // Without transfers the FIFOs fill, and each decoder stands still at its next push:
-        // there what it has counted is whole. Anywhere else it may be half an increment.
-        rings::abort();
-        cortex_m::asm::delay(FULL_CYCLES);
-        machines::stop();
+        machines::halt();
+        machines::reset();
         rings::arm();
         let start = machines::start();
         self.axes.started(start);
@@ -106,44 +189,105 @@ impl Latches {
         self.watched.started(start);
     }
 
-    /// Takes in what the machines have stamped.
-    fn capture(&mut self) {
-        for _ in 0..STAMPS_AT_ONCE {
-            let Some(edge) = self.skip.take() else {
-                break;
-            };
-            self.edge(LatchCause::Skip, edge.at_cycles, edge.missed);
+    /// Starts all machines again after a loss. Every edge meanwhile is missed: where the
+    /// axes were at it is not known.
+    fn start_again(&mut self) {
+        // Without transfers the FIFOs fill, and each decoder stands still at its next push:
+        // there what it has counted is whole. Anywhere else it may be half an increment.
+        rings::abort();
+        cortex_m::asm::delay(FULL_CYCLES);
+        machines::edges(INPUTS.into_iter());
+        machines::halt();
+        missed(LatchCause::Skip, self.skip.give_up());
+        missed(LatchCause::Trigger, self.trigger.give_up());
+        self.watched.give_up(watched_missed);
+        if self.pulses.is_on() {
+            missed(LatchCause::Output, 1);
         }
-        for _ in 0..STAMPS_AT_ONCE {
-            let Some(edge) = self.trigger.take() else {
-                break;
-            };
-            self.edge(LatchCause::Trigger, edge.at_cycles, edge.missed);
-        }
-        // A line that goes on must not keep the processor: it waits for the next tick, and
-        // its machine counts what finds no room.
-        machines::leave_busy_stamps();
-        match self.watched.look() {
-            Ok(rises) => {
-                for rise in rises.iter().rev() {
-                    if let Some(cause) = cause_of(rise.pin) {
-                        self.edge(cause, Some(rise.at_cycles), 0);
-                    }
-                }
+        self.start();
+        let edges = machines::edges(INPUTS.into_iter());
+        for pin in INPUTS.into_iter().filter(|pin| edges & 1 << pin != 0) {
+            match pin {
+                SKIP => missed(LatchCause::Skip, 1),
+                TRIGGER_IN => missed(LatchCause::Trigger, 1),
+                _ => watched_missed(pin - WATCHED),
             }
-            Err(_) => self.axes.too_late(),
         }
     }
 
-    /// An edge; `missed` others came before it.
+    /// Takes in what the machines have stamped, a few at a time.
+    fn capture(&mut self) {
+        let mut taken = 0;
+        let mut is_over = false;
+        while taken < AT_ONCE && !is_over {
+            let more = self.take();
+            is_over = more == 0;
+            taken += more;
+        }
+        missed(LatchCause::Skip, self.skip.gone());
+        missed(LatchCause::Trigger, self.trigger.gone());
+        if is_over {
+            self.listen();
+        } else {
+            machines::listen(false, false);
+            RESUME.pend();
+        }
+        TELL.pend();
+    }
+
+    /// What is beyond the allowance waits for the next look.
+    fn listen(&self) {
+        machines::listen(self.skips.is_left(), self.scans.is_left());
+    }
+
+    /// The next stamp of each machine, with the positions at it. How many there were.
     #[inline(always)]
-    fn edge(&self, cause: LatchCause, at_cycles: Option<u64>, missed: u32) {
-        let t_ns = Cycles::ns(at_cycles.unwrap_or_else(clock::now_cycles));
-        match at_cycles.map(|at| self.axes.at(at)) {
-            Some(Ok(counts)) => {
-                CAPTURES.captured(cause, t_ns, counts.into_iter().collect(), missed);
+    fn take(&mut self) -> usize {
+        let mut taken = 0;
+        if self.skips.is_left()
+            && let Some(edge) = self.skip.take(&self.axes)
+        {
+            taken += 1;
+            self.skips.spend();
+            if let Ok(edge) = edge {
+                self.put(Edge::of(LatchCause::Skip, edge));
             }
-            _ => CAPTURES.lost(cause, t_ns, missed.saturating_add(1)),
+        }
+        if self.scans.is_left()
+            && let Some(edge) = self.trigger.take(&self.axes)
+        {
+            taken += 1;
+            self.scans.spend();
+            if let Ok(edge) = edge {
+                self.put(Edge::of(LatchCause::Trigger, edge));
+            }
+        }
+        if self.scans.is_left()
+            && let Some(rises) = self.watched.take(&self.axes)
+        {
+            taken += 1;
+            for cause in rises.pins().filter_map(cause_of) {
+                self.scans.spend();
+                match rises.at {
+                    Some((at_cycles, counts)) => {
+                        self.put(Edge {
+                            cause,
+                            at_cycles,
+                            counts,
+                            missed: 0,
+                        });
+                    }
+                    None => missed(cause, 1),
+                }
+            }
+        }
+        taken
+    }
+
+    /// An edge waits to be told.
+    fn put(&mut self, edge: Edge) {
+        if let Err(edge) = self.edges.push_back(edge) {
+            missed(edge.cause, edge.missed.saturating_add(1));
         }
     }
 
@@ -168,13 +312,27 @@ impl Latches {
     }
 
     fn look(&mut self) {
-        machines::listen();
-        self.watched.advance(clock::now_cycles());
+        let now_cycles = clock::now_cycles();
+        missed(LatchCause::Skip, self.skip.look(now_cycles));
+        missed(LatchCause::Trigger, self.trigger.look(now_cycles));
+        let dropped = self.watched.look(now_cycles);
+        dropped.pins().for_each(watched_missed);
         if !self.axes.look() {
-            self.start();
+            self.start_again();
         }
-        missed(LatchCause::Skip, self.skip.untold());
-        missed(LatchCause::Trigger, self.trigger.untold());
+        // What has waited since the last look, nobody knows the positions of.
+        if !self.skips.is_left() {
+            self.skip.drop_all();
+            missed(LatchCause::Skip, self.skip.gone());
+        }
+        if !self.scans.is_left() {
+            self.trigger.drop_all();
+            missed(LatchCause::Trigger, self.trigger.gone());
+            self.watched.give_up(watched_missed);
+        }
+        self.skips.refill();
+        self.scans.refill();
+        self.listen();
     }
 
     fn set_pulses(&mut self, spec: TriggerOut) -> Result<(), Unsupported> {
@@ -201,6 +359,13 @@ impl Latches {
 fn missed(cause: LatchCause, edges: u32) {
     if edges > 0 {
         CAPTURES.lost(cause, Cycles::ns(clock::now_cycles()), edges);
+    }
+}
+
+/// A rise of a watched pin, at least one, came without a capture.
+fn watched_missed(pin: u8) {
+    if let Some(cause) = cause_of(pin) {
+        missed(cause, 1);
     }
 }
 

@@ -7,7 +7,8 @@
 //! states, with interrupts off, just after the microsecond timer has ticked. So the
 //! instant of every sample is known from then on.
 //!
-//! Positions and errors live in the machines' registers. A restart leaves them alone.
+//! Positions and errors live in the machines' registers. A restart leaves them alone, if the
+//! machines stand still at a full FIFO.
 
 use embassy_rp::pac;
 use embassy_rp::pac::pio::Pio;
@@ -30,10 +31,14 @@ const START_LAG_CYCLES: u64 = 10;
 /// pushed at the beginning of the first loop belongs to the sample before.
 pub const FIRST_SAMPLE_CYCLES: u64 = PERIOD_CYCLES.get() as u64 - 3;
 
+/// Two flip-flops make an input safe to read (RP2040 datasheet, 3.5.6.3): what a machine
+/// reads was at the pin so many cycles before.
+const SYNC_CYCLES: u64 = 2;
+
 /// When PIO 0 was started, in cycles of the clock.
 #[derive(Clone, Copy)]
 pub struct Started {
-    /// The first cycle.
+    /// When what it reads in its first cycle was at the pins.
     pub at_cycles: u64,
 }
 
@@ -86,37 +91,52 @@ pub fn prepare() {
     }
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_OUT);
-    listen();
+    listen(true, true);
 }
 
-/// From now on an interrupt for each stamp and each event.
-pub fn listen() {
-    interrupt_for(true, true);
-}
-
-/// No interrupts for stamps of a line that still has some, though all there were have
-/// just been taken.
-pub fn leave_busy_stamps() {
-    let empty = pac::PIO1.fstat().read().rxempty();
-    let is_empty = |machine: usize| empty & 1 << machine != 0;
-    if !(is_empty(SKIP_MACHINE) && is_empty(TRIGGER_MACHINE)) {
-        interrupt_for(is_empty(SKIP_MACHINE), is_empty(TRIGGER_MACHINE));
-    }
-}
-
-fn interrupt_for(skip: bool, trigger: bool) {
+/// From now on an interrupt for each stamp of a skip edge; of any other.
+pub fn listen(skips: bool, scans: bool) {
+    const _: () = assert!(SKIP_MACHINE == 0 && TRIGGER_MACHINE == 1 && EVENTS_MACHINE == 2);
     pac::PIO1.irqs(0).inte().write(|w| {
-        w.set_sm0_rxnempty(skip);
-        w.set_sm1_rxnempty(trigger);
-        w.set_sm0(true);
+        w.set_sm0_rxnempty(skips);
+        w.set_sm1_rxnempty(scans);
+        w.set_sm2_rxnempty(scans);
     });
 }
 
-/// Stops all machines but keeps what they have counted, if the decoders stand still at
-/// a full FIFO.
-pub fn stop() {
+/// Pins by GPIO number, one bit each, at which an edge has come since this was last asked:
+/// what their own detectors know, which never stand still.
+pub fn edges(pins: impl Iterator<Item = u8>) -> u32 {
+    let mut found = 0;
+    for pin in pins {
+        // Eight pins a register.
+        let register = pac::IO_BANK0.intr(usize::from(pin / 8));
+        let pin_in_it = usize::from(pin % 8);
+        if register.read().edge_high(pin_in_it) {
+            register.write(|w| w.set_edge_high(pin_in_it, true));
+            found |= 1 << pin;
+        }
+    }
+    found
+}
+
+/// Stops all machines. What the decoders have counted is whole if they stand still at a
+/// full FIFO.
+pub fn halt() {
     pac::PIO0.ctrl().write(|w| w.set_sm_enable(0));
     pac::PIO1.ctrl().write(|w| w.set_sm_enable(0));
+}
+
+/// Edges that a machine has counted since it was started. It stands still, and its stamps
+/// have been taken.
+pub fn edges_counted(machine: usize) -> u32 {
+    execute(pac::PIO1, machine, setup::ISR_NOT_Y);
+    execute(pac::PIO1, machine, setup::PUSH);
+    stamp(machine).unwrap_or_default()
+}
+
+/// Gets machines that stand still ready for a start; what the decoders have counted stays.
+pub fn reset() {
     stop_pulses();
     let quadrature = programs::quadrature();
     let captures = programs::captures();
@@ -129,7 +149,7 @@ pub fn stop() {
         clear(pac::PIO1, machine);
         execute(pac::PIO1, machine, setup::jump(place.entry));
     }
-    for machine in [SKIP_MACHINE, TRIGGER_MACHINE] {
+    for machine in [SKIP_MACHINE, TRIGGER_MACHINE, EVENTS_MACHINE] {
         execute(pac::PIO1, machine, setup::X_ALL_ONES);
         execute(pac::PIO1, machine, setup::Y_ALL_ONES);
     }
@@ -146,17 +166,15 @@ pub fn stop() {
 pub fn start() -> Started {
     let tick = start_at_tick();
     Started {
-        at_cycles: u64::from(CYCLES_PER_US) * tick + START_LAG_CYCLES,
+        at_cycles: u64::from(CYCLES_PER_US) * tick + START_LAG_CYCLES - SYNC_CYCLES,
     }
 }
 
-/// Axes of which a sample was lost since this was last asked: a machine that found no
-/// room stood still. One bit each; the bit above is the events'.
+/// Whether a sample of an axis was lost since the start: a machine that found no room
+/// stood still.
 #[inline(always)]
 pub fn stalled() -> bool {
-    let axes = pac::PIO0.fdebug().read().rxstall();
-    let events = pac::PIO1.fdebug().read().rxstall() & 1 << EVENTS_MACHINE;
-    axes != 0 || events != 0
+    pac::PIO0.fdebug().read().rxstall() != 0
 }
 
 /// Whether a stamp found no room since this was last asked.
@@ -174,16 +192,6 @@ pub fn stamps_dropped(machine: usize) -> bool {
 pub fn stamp(machine: usize) -> Option<u32> {
     let empty = pac::PIO1.fstat().read().rxempty() & 1 << machine != 0;
     (!empty).then(|| pac::PIO1.rxf(machine).read())
-}
-
-/// Whether one of the watched pins has changed since this was last asked.
-#[inline(always)]
-pub fn changed() -> bool {
-    let changed = pac::PIO1.irq().read().irq() & 1 != 0;
-    if changed {
-        pac::PIO1.irq().write(|w| w.set_irq(1));
-    }
-    changed
 }
 
 /// Queues a pulse that comes `wait_cycles` and the program's own after the one before.

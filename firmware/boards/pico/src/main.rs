@@ -3,8 +3,7 @@
 //!
 //! ```text
 //! encoders ──► PIO 0: four decoders ──► DMA ──► rings of 82 us ─┐
-//! skip, trigger ──► PIO 1: two stamps ──► interrupt ────────────┴─► captures ──► latch
-//! index, pulses ──► PIO 1: samples ──► DMA ──► ring ──┘
+//! skip, trigger, index, pulses ──► PIO 1: stamps ──► interrupt ─┴─► captures ──► latch
 //! trigger out ◄── PIO 1: pulses ◄── tick
 //! control ◄──► UART 0 ◄──► receive, transmit
 //! host ◄──► USB ◄──► serve
@@ -19,6 +18,7 @@
 //! | [`quadrature`] | 64-bit positions at an instant |
 //! | [`stamps`], [`watched`] | edges to instants |
 //! | [`latch`], [`tick`] | captures |
+//! | [`allowance`] | no line keeps the processor |
 //! | [`trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, settings and part programs |
@@ -30,6 +30,7 @@
 #![no_std]
 #![no_main]
 
+mod allowance;
 mod clock;
 mod flash_line;
 mod guard;

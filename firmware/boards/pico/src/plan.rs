@@ -10,8 +10,8 @@
 //! | priority | who |
 //! | --- | --- |
 //! | 0 | captures and the tick that extends positions |
-//! | 1 | the control's UART, the timer of the tasks |
-//! | 2 | tasks: receive, transmit, latch |
+//! | 1 | the control's UART, the timer of the tasks; captures go on |
+//! | 2 | tasks: receive, transmit, latch; captures to their queue |
 //! | 3 | USB, the task that serves the host |
 //! | thread | measure, supervise |
 //!
@@ -64,17 +64,23 @@ pub const TICK_US: u32 = 50;
 pub const SKIP_MACHINE: usize = 0;
 /// Stamps a scanner's triggers.
 pub const TRIGGER_MACHINE: usize = 1;
-/// Samples index marks and the trigger output.
+/// Stamps changes of index marks and of the trigger output.
 pub const EVENTS_MACHINE: usize = 2;
 /// Sends trigger pulses.
 pub const PULSE_MACHINE: usize = 3;
 
-/// Rings: the axes', and that of the events.
-pub const RINGS: usize = crate::pins::AXES + 1;
-/// The ring of the events.
-pub const EVENTS_RING: usize = crate::pins::AXES;
+/// Rings: one for each axis.
+pub const RINGS: usize = crate::pins::AXES;
 /// Transfers until a DMA channel hands over to its partner.
 pub const TRANSFERS: u32 = 1 << 20;
+
+/// Captures a second at triggers, trigger pulses and index marks, together and on average.
+/// With more, nothing else would get a turn.
+pub const SCANS_PER_S: u32 = 12_000;
+/// The same at skip edges: no probe is that quick, and each takes room in the journal.
+pub const SKIPS_PER_S: u32 = 250;
+/// Captures of either kind that may come at once.
+pub const BURST: u32 = 16;
 
 /// Bits per second on the control's line.
 pub const CNC_BAUD: u32 = 115_200;

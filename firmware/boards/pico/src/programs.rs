@@ -31,9 +31,11 @@
 //! # Stamp (PIO 1, two machines)
 //!
 //! X counts down once each two cycles, on every path, for ever: it is the time. The pin
-//! is looked at each two cycles. A rising edge pushes 8 bits of the number of edges above
-//! 24 bits of time (both inverted) if there is room, and counts in Y anyway: so what
-//! found no room is known from the next that did.
+//! is looked at each two cycles. A rising edge pushes 13 bits of the number of edges above
+//! 19 bits of time (both inverted) if there is room, and counts in Y anyway: so what
+//! found no room is known from the next that did. The time comes round after 8.4 ms. The
+//! number cannot before somebody looks: at one edge in twelve cycles, it has counted 5209
+//! of its 8192 after half a millisecond.
 //!
 //! | path | cycles | decrements of X |
 //! | --- | --- | --- |
@@ -46,9 +48,15 @@
 //!
 //! # Events (PIO 1, one machine)
 //!
-//! Pushes all pins on the grid of the quadrature, and tells the processor when one of
-//! the watched ones has changed: ten cycles on both paths. The processor then looks
-//! into the ring when that was.
+//! Looks at five pins in the very cycles in which the decoders look at theirs. X counts
+//! those looks down, on both paths, and when a pin has changed, the five levels are pushed
+//! above 27 bits of the count (inverted), if there is room. Y has the levels of the look
+//! before; at a start it has others than pins can have, so that the first look is pushed.
+//!
+//! | path | cycles |
+//! | --- | --- |
+//! | as before | 5 + 3 for the jump over the push, 2 to count |
+//! | changed | 5 + 3 to push, 2 to count |
 //!
 //! # Pulse (PIO 1, one machine)
 //!
@@ -143,8 +151,8 @@ pub fn captures() -> Programs<4> {
     let assembled = pio_asm!(
         ".origin 0",
         "edge:",
-        "in y, 8",
-        "in x, 24",
+        "in y, 13",
+        "in x, 19",
         "push noblock",
         "jmp y-- counted",
         "counted:",
@@ -165,16 +173,20 @@ pub fn captures() -> Programs<4> {
         "public below:",
         "jmp x-- low",
         "public events:",
-        "mov isr, pins",
-        "mov osr, isr",
-        "push block",
-        "out x, 5",
+        "mov isr, null",
+        "in pins, 5",
+        "mov osr, x",
+        "mov x, isr",
         "jmp x!=y changed",
-        "jmp events [4]",
+        "jmp count [2]",
         "changed:",
         "mov y, x",
+        "in osr, 27",
+        "push noblock",
+        "count:",
+        "mov x, osr",
         "public events_end:",
-        "irq nowait 0 [3]",
+        "jmp x-- events",
         "public pulse:",
         "pull block",
         "mov x, osr",
@@ -234,6 +246,13 @@ pub mod setup {
     pub const Y_ALL_ONES: u16 = mov(MovDestination::Y, MovOperation::Invert, MovSource::NULL);
     /// `mov y, null`
     pub const Y_ZERO: u16 = mov(MovDestination::Y, MovOperation::None, MovSource::NULL);
+    /// `mov isr, ~y`
+    pub const ISR_NOT_Y: u16 = mov(MovDestination::ISR, MovOperation::Invert, MovSource::Y);
+    /// `push noblock`
+    pub const PUSH: u16 = encoded(InstructionOperands::PUSH {
+        if_full: false,
+        block: false,
+    });
     /// `mov osr, pins`: the two lowest bits are the pins of the axis.
     pub const OSR_PINS: u16 = mov(MovDestination::OSR, MovOperation::None, MovSource::PINS);
     /// `set pins, 0`

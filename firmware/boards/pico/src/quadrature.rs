@@ -90,20 +90,20 @@ impl Quadrature {
         self.is_full = false;
     }
 
-    /// The axes at an instant that is past.
-    pub fn at(&self, instant_cycles: u64) -> Result<Counts, Gone> {
+    /// The axes at an instant that is past at `now_cycles`.
+    pub fn at(&self, instant_cycles: u64, now_cycles: u64) -> Result<Counts, Gone> {
         let half = u64::from(PERIOD_CYCLES.get() / 2);
-        // The timer is behind by up to a microsecond: ahead of it we are surely.
         let sample = self
             .ring
-            .sample_at(instant_cycles.saturating_add(half), surely_past())
+            .sample_at(instant_cycles.saturating_add(half), surely_past(now_cycles))
             .map_err(|_| Gone)?;
         let mut counts = self.positions;
         for (axis, position) in counts.iter_mut().enumerate() {
             *position = nearest::<POSITION_BITS>(*position, rings::read(axis, sample.slot));
         }
         // A sample that was lost moves all behind it: the next look starts anew.
-        if surely_past() < sample.good_until_cycles && !machines::stalled() {
+        let is_there = surely_past(clock::now_cycles()) < sample.good_until_cycles;
+        if is_there && !machines::stalled() {
             Ok(counts)
         } else {
             Err(Gone)
@@ -143,7 +143,7 @@ impl Quadrature {
     pub fn look(&mut self) -> bool {
         let before = clock::now_cycles();
         let slot = rings::write_slot(AXES - 1);
-        let after = surely_past();
+        let after = surely_past(clock::now_cycles());
         let in_step = self.ring.check(before, slot, after).is_ok() && !machines::stalled();
         let slot = latest_slot();
         let axes = self.positions.iter_mut().zip(&mut self.illegal);
@@ -169,16 +169,11 @@ impl Quadrature {
     pub const fn lost(&self) -> u32 {
         self.lost
     }
-
-    /// Something came too late to be found in the rings.
-    pub fn too_late(&mut self) {
-        self.lost = self.lost.saturating_add(1);
-    }
 }
 
-/// An instant that is not before now.
-fn surely_past() -> u64 {
-    clock::now_cycles().saturating_add(CYCLES_PER_US.into())
+/// An instant that is not before now: the timer is behind by up to a microsecond.
+fn surely_past(now_cycles: u64) -> u64 {
+    now_cycles.saturating_add(CYCLES_PER_US.into())
 }
 
 /// Of the ring that is served last, and one more is left alone: its word may be on its

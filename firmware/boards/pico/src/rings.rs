@@ -9,8 +9,8 @@
 //!
 //! # Limitations
 //!
-//! At 125 MHz the five rings take 62.5 million transfers per second, half of what the
-//! DMA can do. A machine whose FIFO runs full tells it: see [`crate::machines::stalled`].
+//! At 125 MHz the four rings take 50 million transfers per second, less than half of what
+//! the DMA can do. A machine whose FIFO runs full tells it: see [`crate::machines::stalled`].
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -18,7 +18,7 @@ use embassy_rp::pac;
 use embassy_rp::pac::dma::regs::CtrlTrig;
 use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
 
-use crate::plan::{EVENTS_MACHINE, EVENTS_RING, RINGS, SLOTS, TRANSFERS};
+use crate::plan::{RINGS, SLOTS, TRANSFERS};
 
 const RING_BYTES: usize = SLOTS * 4;
 
@@ -72,11 +72,10 @@ pub fn abort() {
 /// first word of their machine.
 pub fn arm() {
     for (ring, memory) in MEMORY.iter().enumerate() {
-        let (pio, machine) = machine_of(ring);
         for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {
             let dma = pac::DMA.ch(channel);
             dma.read_addr()
-                .write_value(pio.rxf(machine).as_ptr() as u32);
+                .write_value(pac::PIO0.rxf(ring).as_ptr() as u32);
             dma.write_addr().write_value(memory.0.as_ptr() as u32);
             #[cfg(not(feature = "rp2350"))]
             dma.trans_count().write_value(TRANSFERS);
@@ -101,20 +100,7 @@ pub fn arm() {
     }
 }
 
-fn machine_of(ring: usize) -> (pac::pio::Pio, usize) {
-    if ring == EVENTS_RING {
-        (pac::PIO1, EVENTS_MACHINE)
-    } else {
-        (pac::PIO0, ring)
-    }
-}
-
 fn request_of(ring: usize) -> TreqSel {
     const PIO0_RX0: u8 = TreqSel::PIO0_RX0 as u8;
-    const PIO1_RX0: u8 = TreqSel::PIO1_RX0 as u8;
-    if ring == EVENTS_RING {
-        TreqSel::from_bits(PIO1_RX0 + EVENTS_MACHINE as u8)
-    } else {
-        TreqSel::from_bits(PIO0_RX0 + ring as u8)
-    }
+    TreqSel::from_bits(PIO0_RX0 + ring as u8)
 }

@@ -1,106 +1,120 @@
-//! Index marks and trigger pulses, found in the samples of their pins.
+//! Index marks and trigger pulses: changes of their pins, stamped.
 //!
 //! # Design
 //!
-//! The machine that samples says that something has changed; when, stands in its ring. A
-//! look goes back from the latest sample to the one before which nothing has changed for
-//! a while, or which has been looked at.
+//! A machine looks at the pins when the decoders look at theirs, and stamps each change.
+//! The position of a rise is that of the sample in which it was seen: half a period from
+//! the edge, at most.
+//!
+//! The first look after a start is stamped, too, and says what the levels are.
 
-use heapless::Vec;
+use umi_core::encoder::stamp::Stamper;
 
+use crate::clock;
+use crate::machines;
 use crate::machines::{PIO_LAG_CYCLES, Started};
 use crate::pins::WATCHED_COUNT;
-use crate::plan::{EVENTS_RING, PERIOD_CYCLES, SLOTS};
-use crate::quadrature::Grid;
-use crate::{clock, machines, rings};
+use crate::plan::{CYCLES_PER_US, EVENTS_MACHINE, PERIOD_CYCLES};
+use crate::quadrature::{Counts, Quadrature};
 
-/// Samples without a change after which nothing older is looked for: 5 us.
-const QUIET: u32 = 64;
-/// Samples that are surely not overwritten meanwhile.
-const OLDEST: u32 = SLOTS as u32 - 64;
-/// Edges found in one look, at most.
-pub const EDGES: usize = 8;
+/// Bits of time in a stamp.
+const TIME_BITS: u32 = 27;
+/// From the machine's first cycle to its first look.
+const FIRST_LOOK_CYCLES: u64 = 1;
 
-/// A rising edge.
-#[derive(Clone, Copy)]
-pub struct Rise {
-    /// Of this pin, counted from the first that is watched.
-    pub pin: u8,
-    /// Half a period from what is known of it, at most.
-    pub at_cycles: u64,
+/// Words that the machine's FIFO holds.
+const FIFO: usize = 8;
+
+/// Pins that rose at once.
+pub struct Rises {
+    /// One bit each, from the first pin that is watched.
+    pins: u32,
+    /// When, half a period from what is known of it at most, and where the axes were. None:
+    /// it is gone.
+    pub at: Option<(u64, Counts)>,
 }
 
-/// What has been looked at.
+impl Rises {
+    /// The pins, counted from the first that is watched.
+    pub fn pins(&self) -> impl Iterator<Item = u8> + use<> {
+        let pins = self.pins;
+        (0..WATCHED_COUNT).filter(move |pin| pins & 1 << pin != 0)
+    }
+}
+
+/// What the machine has stamped.
 pub struct Watched {
-    grid: Grid,
-    /// Everything up to this instant.
-    seen_cycles: u64,
+    stamper: Stamper<TIME_BITS, { PERIOD_CYCLES.get() }>,
+    /// The pins' levels at the latest stamp since the start.
+    levels: Option<u32>,
+    /// Pins that have changed lately.
+    busy: u32,
 }
 
 impl Watched {
     /// Not started.
     pub const fn new() -> Self {
         Self {
-            grid: Grid::new(0),
-            seen_cycles: 0,
+            stamper: Stamper::new(0, 2 * CYCLES_PER_US),
+            levels: None,
+            busy: 0,
         }
     }
 
     /// The machines were started, for the first time or again.
     pub fn started(&mut self, start: Started) {
-        let first = start.at_cycles + PIO_LAG_CYCLES;
-        self.grid = Grid::new(first);
-        self.seen_cycles = first;
+        // An edge is on average half a period before the look that finds it.
+        let half = u64::from(PERIOD_CYCLES.get() / 2);
+        let first = start.at_cycles + PIO_LAG_CYCLES + FIRST_LOOK_CYCLES - half;
+        self.stamper = Stamper::new(first, 2 * CYCLES_PER_US);
+        self.levels = None;
+        self.busy = 0;
     }
 
-    /// Keeps differences small. To be called now and then.
-    pub fn advance(&mut self, now_cycles: u64) {
-        self.grid.advance(now_cycles);
+    /// The next change that waits; if pins fell, none rises.
+    #[inline(always)]
+    pub fn take(&mut self, axes: &Quadrature) -> Option<Rises> {
+        let word = machines::stamp(EVENTS_MACHINE)?;
+        let now_cycles = clock::now_cycles();
+        let pins = self.risen(word);
+        let mut at = None;
+        if pins != 0 {
+            let time = !word & ((1 << TIME_BITS) - 1);
+            at = self.stamper.instant(time, now_cycles);
+        }
+        let at = at.and_then(|at| Some((at, axes.at(at, now_cycles).ok()?)));
+        Some(Rises { pins, at })
     }
 
-    /// Rising edges since the latest look, the latest first. Err: something has
-    /// changed, but so long ago that its samples are overwritten, or too often.
-    pub fn look(&mut self) -> Result<Vec<Rise, EDGES>, TooLate> {
-        let mut rises = Vec::new();
-        if !machines::changed() {
-            return Ok(rises);
+    /// Pins that have risen by this stamp.
+    fn risen(&mut self, word: u32) -> u32 {
+        let levels = word >> TIME_BITS;
+        let before = self.levels.replace(levels).unwrap_or(levels);
+        self.busy |= levels ^ before;
+        levels & !before
+    }
+
+    /// Gives up every rise that waits, pin by pin.
+    pub fn give_up(&mut self, gone: impl Fn(u8)) {
+        for _ in 0..FIFO {
+            let Some(word) = machines::stamp(EVENTS_MACHINE) else {
+                break;
+            };
+            let pins = self.risen(word);
+            Rises { pins, at: None }.pins().for_each(&gone);
         }
-        let newest = rings::write_slot(EVENTS_RING).wrapping_sub(1);
-        let newest_cycles = self
-            .grid
-            .instant(newest % SLOTS as u32, clock::now_cycles());
-        let unseen = newest_cycles.saturating_sub(self.seen_cycles) as u32 / PERIOD_CYCLES;
-        let mut later = rings::read(EVENTS_RING, newest);
-        let mut found = false;
-        let mut quiet = 0;
-        for back in 0..unseen.min(OLDEST) {
-            let earlier = rings::read(EVENTS_RING, newest.wrapping_sub(back + 1));
-            let changed = (earlier ^ later) & ((1 << WATCHED_COUNT) - 1);
-            if changed != 0 {
-                found = true;
-                quiet = 0;
-                let half = u64::from(PERIOD_CYCLES.get() / 2);
-                let taken = u64::from(back * PERIOD_CYCLES.get());
-                let at_cycles = newest_cycles.saturating_sub(taken + half);
-                for pin in 0..WATCHED_COUNT {
-                    if changed & later & 1 << pin != 0 {
-                        rises.push(Rise { pin, at_cycles }).map_err(|_| TooLate)?;
-                    }
-                }
-            } else {
-                quiet += 1;
-                if found && quiet >= QUIET {
-                    break;
-                }
-            }
-            later = earlier;
+    }
+
+    /// To be called each [`crate::plan::EXTEND_US`]. If changes found no room meanwhile,
+    /// returns the pins that have changed: each may have risen again, and nobody knows how
+    /// often.
+    pub fn look(&mut self, now_cycles: u64) -> Rises {
+        self.stamper.advance(now_cycles);
+        let busy = core::mem::take(&mut self.busy);
+        let dropped = machines::stamps_dropped(EVENTS_MACHINE);
+        Rises {
+            pins: if dropped { busy } else { 0 },
+            at: None,
         }
-        let late = !found && unseen > OLDEST;
-        self.seen_cycles = newest_cycles;
-        if late { Err(TooLate) } else { Ok(rises) }
     }
 }
-
-/// Nobody looked in time.
-#[derive(Clone, Copy, Debug)]
-pub struct TooLate;

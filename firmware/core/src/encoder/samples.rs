@@ -12,7 +12,7 @@
 //! comparing where it writes with where it should. From then on no position is
 //! given out until [`SampleRing::restart`]: a wrong position would be silent.
 
-use core::num::{NonZeroU32, NonZeroU64};
+use core::num::NonZeroU32;
 
 /// How samples are taken and stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,6 +95,8 @@ pub enum OutOfStep {
 #[derive(Clone, Copy, Debug)]
 pub struct SampleRing {
     cadence: Cadence,
+    period: Divisor,
+    slots: Divisor,
     /// When the first sample was taken.
     first_cycles: u64,
     /// When the sample of some slot 0 was taken or would have been: at the start
@@ -111,6 +113,8 @@ impl SampleRing {
     pub const fn new(cadence: Cadence, start_cycles: u64) -> Self {
         Self {
             cadence,
+            period: Divisor::new(cadence.period_cycles),
+            slots: Divisor::new(cadence.slots),
             first_cycles: start_cycles,
             lap_cycles: start_cycles,
             in_step: true,
@@ -146,8 +150,8 @@ impl SampleRing {
         if instant_cycles < self.first_cycles || since.cast_signed() < 0 {
             return Err(NotThere::TooOld);
         }
-        let number = divide(since, self.cadence.period_cycles);
-        let taken_cycles = self.taken(number);
+        let (number, over) = self.period.divide(since);
+        let taken_cycles = instant_cycles.saturating_sub(over.into());
         let ready_cycles = taken_cycles.saturating_add(self.cadence.delay_cycles.into());
         if now_cycles < ready_cycles {
             return Err(NotThere::NotYet { ready_cycles });
@@ -182,18 +186,20 @@ impl SampleRing {
         after_cycles: u64,
     ) -> Result<(), OutOfStep> {
         let Cadence {
-            period_cycles,
             slots,
             delay_cycles,
+            ..
         } = self.cadence;
         let surely = before_cycles.saturating_sub(delay_cycles.into());
         if surely < self.first_cycles {
             return Ok(());
         }
         // One more than the number of the latest sample is how many there are.
-        let least = divide(surely.wrapping_sub(self.lap_cycles), period_cycles).wrapping_add(1);
-        let most =
-            divide(after_cycles.wrapping_sub(self.lap_cycles), period_cycles).wrapping_add(1);
+        let written_at = |instant: u64| {
+            let (number, _) = self.period.divide(instant.wrapping_sub(self.lap_cycles));
+            number.wrapping_add(1)
+        };
+        let (least, most) = (written_at(surely), written_at(after_cycles));
         let may_be_ahead = u32::try_from(most.saturating_sub(least)).unwrap_or(u32::MAX);
         let ring = slots.get();
         let is = write_slot % slots;
@@ -227,36 +233,64 @@ impl SampleRing {
     /// Moves the lap up to the one before that of `instant_cycles`, which leaves
     /// every sample that the ring still holds behind it.
     fn advance(&mut self, instant_cycles: u64) {
-        let Cadence {
-            period_cycles,
-            slots,
-            ..
-        } = self.cadence;
-        let since = instant_cycles.wrapping_sub(self.lap_cycles);
-        let laps = divide(divide(since, period_cycles), slots).saturating_sub(1);
+        let (samples, _) = self
+            .period
+            .divide(instant_cycles.wrapping_sub(self.lap_cycles));
+        let laps = self.slots.divide(samples).0.saturating_sub(1);
         let cycles = laps.wrapping_mul(self.cadence.lap_cycles());
         self.lap_cycles = self.lap_cycles.wrapping_add(cycles);
     }
 
-    fn taken(&self, number: u64) -> u64 {
-        let cycles = number.wrapping_mul(self.cadence.period_cycles.get().into());
-        self.lap_cycles.wrapping_add(cycles)
-    }
-
     fn slot(&self, number: u64) -> u32 {
-        match u32::try_from(number) {
-            Ok(number) => number % self.cadence.slots,
-            // The remainder is below 32 bits.
-            Err(_) => (number % NonZeroU64::from(self.cadence.slots)) as u32,
-        }
+        self.slots.divide(number).1
     }
 }
 
-/// Short where the number is short: a Cortex-M0+ takes ten times longer for 64 bits.
-fn divide(cycles: u64, by: NonZeroU32) -> u64 {
-    match u32::try_from(cycles) {
-        Ok(cycles) => (cycles / by).into(),
-        Err(_) => cycles / NonZeroU64::from(by),
+/// A divisor. Short quotients are a multiplication, or a shift: a Cortex-M0+ has no
+/// instruction to divide, and takes a hundred cycles for 32 bits and a thousand for 64.
+#[derive(Clone, Copy, Debug)]
+struct Divisor {
+    by: NonZeroU32,
+    /// 2³² / `by`, rounded up: by less than 1, so that quotients of what is below 2³² /
+    /// `by` are right.
+    reciprocal: u32,
+    /// Of a power of two.
+    shift: Option<u32>,
+}
+
+impl Divisor {
+    const fn new(by: NonZeroU32) -> Self {
+        // 2³² for a divisor of 1, which is a power of two.
+        let reciprocal = (1_u64 << 32).div_ceil(by.get() as u64);
+        Self {
+            by,
+            reciprocal: reciprocal as u32,
+            shift: if by.is_power_of_two() {
+                Some(by.trailing_zeros())
+            } else {
+                None
+            },
+        }
+    }
+
+    /// The quotient of `number` and the remainder.
+    fn divide(self, number: u64) -> (u64, u32) {
+        let by = self.by.get();
+        match u32::try_from(number) {
+            Ok(short) => {
+                let quotient = match self.shift {
+                    Some(shift) => short >> shift,
+                    None if short < self.reciprocal => {
+                        (u64::from(short).wrapping_mul(self.reciprocal.into()) >> 32) as u32
+                    }
+                    None => short / by,
+                };
+                let over = short.wrapping_sub(quotient.wrapping_mul(by));
+                (quotient.into(), over)
+            }
+            // The remainder is below 32 bits.
+            Err(_) => (number / u64::from(by), (number % u64::from(by)) as u32),
+        }
     }
 }
 
@@ -334,6 +368,21 @@ mod tests {
     }
 
     proptest! {
+        /// Quotient and remainder are those of a division, at every size of both.
+        #[test]
+        fn divisions_are_exact(
+            number in prop_oneof![any::<u64>(), any::<u32>().prop_map(u64::from), 0..5000_u64],
+            by in prop_oneof![1..2000_u32, 1..=u32::MAX],
+            near in 0..4_u64,
+        ) {
+            let divisor = Divisor::new(NonZeroU32::new(by).unwrap());
+            let limit = u64::from(divisor.reciprocal);
+            for number in [number, (limit + near).saturating_sub(2)] {
+                let exact = (number / u64::from(by), (number % u64::from(by)) as u32);
+                prop_assert_eq!(divisor.divide(number), exact);
+            }
+        }
+
         /// For any instant, asked at any time: what is given out is the sample of
         /// that instant for as long as is said, and what is refused was rightly
         /// refused. Checks in between change nothing.

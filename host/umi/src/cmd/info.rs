@@ -122,7 +122,15 @@ fn axes(positions: &Positions, scale: &Scale) -> String {
         ]);
     }
     let lost = positions.lost_samples;
-    let samples = format!("  times at which the board could not keep up: {lost}");
+    let samples = if positions.are_valid() {
+        "  times at which the board could not keep up: 0".into()
+    } else {
+        format!(
+            "  positions NOT VALID: the board could not keep up {}, and what moved then is \
+             not counted; start it anew with the axes at their reference",
+            count(lost.into(), "time")
+        )
+    };
     format!("\n{table}{}\n", paint(loss_style(lost), samples))
 }
 

@@ -235,9 +235,14 @@ fn positions(view: &View, size: Size) -> Vec<Line<'static>> {
         (true, true) => "coordinates of the control",
         (true, false) => "from where the counters show 0",
     };
+    let (origin, style) = if view.positions.are_valid() {
+        (origin, FAINT)
+    } else {
+        ("positions NOT VALID: motion was lost", BAD)
+    };
     lines.push(Line::from(vec![
         Span::styled(format!("{feed:<22}"), TITLE),
-        Span::styled(origin, FAINT),
+        Span::styled(origin, style),
     ]));
     lines
 }

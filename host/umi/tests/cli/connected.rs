@@ -57,11 +57,12 @@ fn info_shows_the_health_of_the_axes() {
     assert_eq!(line("X "), "1234567 ? 0");
     assert_eq!(line("Y "), "-5 ? 17");
     assert_eq!(line("probe"), "41");
-    assert!(line("times at which").ends_with("could not keep up: 3"));
+    assert!(line("positions NOT VALID").contains("could not keep up 3 times"));
     assert!(line("captured").ends_with(" 29"));
     assert!(line("running for").contains("by its watchdog: the firmware hung"));
     let value = umi(&["info", "--port", &port, "--json"]).exits(0).json();
     assert_eq!(value["positions"]["illegal"][1], 17);
+    assert_eq!(value["positions"]["valid"], false);
     assert_eq!(value["status"]["reset"], "watchdog");
     assert_eq!(value["status"]["latches"]["untold"], 29);
 }

@@ -62,6 +62,7 @@ fn one_picture() {
         "1234567 counts",
         "illegal transitions 17",
         "lost samples        3",
+        "positions NOT VALID",
         "2 OK, 1 NG",
         "started by          power",
     ] {

@@ -103,6 +103,30 @@ impl Default for Pulses {
     }
 }
 
+/// One instant in the emulator's time and in the board's.
+#[derive(Clone, Copy, Debug)]
+pub struct Time {
+    /// The emulator's.
+    pub cycle: u64,
+    /// The cycle at which the chip, and its microsecond timer, began.
+    pub began: u64,
+    /// What that timer says, read by its registers.
+    pub timer_us: u64,
+}
+
+/// What an interrupt took, in cycles.
+#[derive(Clone, Copy, Debug)]
+pub struct Interrupt {
+    /// Its number.
+    pub number: u64,
+    /// How often it came.
+    pub count: u64,
+    /// The longest time from its request to its first instruction.
+    pub wait_cycles: u64,
+    /// The longest time from there to its return.
+    pub run_cycles: u64,
+}
+
 /// What the world knows of an axis.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
@@ -290,6 +314,42 @@ impl Emulator {
                 "record": pulses.is_recorded,
             }))["start"],
         )
+    }
+
+    /// Pulses of a width at these cycles after the first that is free; that cycle.
+    pub fn pulses_at(&mut self, pin: u8, at: &[u64], width: u64) -> u64 {
+        let request =
+            json!({ "do": "pulses", "pin": pin, "at": at, "width": width, "record": true });
+        number(&self.ask(&request)["start"])
+    }
+
+    /// The time by the world's clock and by the board's.
+    pub fn time(&mut self) -> Time {
+        let answer = self.ask(&json!({ "do": "time" }));
+        Time {
+            cycle: number(&answer["cycle"]),
+            began: number(&answer["began"]),
+            timer_us: number(&answer["timer_us"]),
+        }
+    }
+
+    /// What each interrupt took since this was asked last, at its worst.
+    pub fn interrupts(&mut self) -> Vec<Interrupt> {
+        let answer = self.ask(&json!({ "do": "interrupts" }));
+        let rows = answer["rows"].as_array().expect("rows");
+        rows.iter()
+            .map(|row| Interrupt {
+                number: number(&row[0]),
+                count: number(&row[1]),
+                wait_cycles: number(&row[2]),
+                run_cycles: number(&row[3]),
+            })
+            .collect()
+    }
+
+    /// Takes the bus away from the DMA for so long.
+    pub fn hold_transfers(&mut self, cycles: u64) {
+        self.ask(&json!({ "do": "dma_hold", "cycles": cycles }));
     }
 
     /// Where the axes are.
