@@ -54,12 +54,6 @@ pub trait Rig {
     /// The next byte for the control; none if there is none in this time of the board's.
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
 
-    /// How far behind its line a trigger pulse may come while the axes move as fast as
-    /// [`Rig::move_to`] moves them. None: it keeps no limit yet.
-    fn pulse_lag_counts(&self) -> Option<i64> {
-        Some(20)
-    }
-
     /// Moves the axes until their encoders have counted to here, faster than any
     /// machine but no faster than the board promises to follow.
     fn move_to(&mut self, counts: &[i64]);

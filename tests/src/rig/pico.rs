@@ -152,11 +152,6 @@ impl Rig for PicoRig {
         false
     }
 
-    fn pulse_lag_counts(&self) -> Option<i64> {
-        // Its ticks come too late for that speed: its README says so.
-        None
-    }
-
     fn time(&mut self) -> Duration {
         let us = self.emulator.state().cycle / CYCLES_PER_US;
         Duration::from_micros(us)
