@@ -1,4 +1,11 @@
 //! Watchdog, and why the board started.
+//!
+//! Two are watched. The highest interrupt feeds the chip's watchdog, whose counter holds no
+//! more than eight seconds; a fit may take longer where there is no floating-point unit.
+//! So it feeds only while the tasks of the lowest priority, which wait for the measuring,
+//! have themselves been heard within [`MEASURING_S`].
+
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_rp::gpio::Output;
 use embassy_rp::pac;
@@ -7,7 +14,27 @@ use embassy_time::Duration;
 use umi_protocol::message::ResetReason;
 
 use crate::lights;
-use crate::plan::WATCHDOG_MS;
+use crate::plan::{MEASURING_S, WATCHDOG_MS};
+use crate::tick;
+
+/// When the measuring answered last: the low word of the microseconds' timer.
+static HEARD_US: AtomicU32 = AtomicU32::new(0);
+
+/// What the counter begins with: a fault of the RP2040 (E1) makes it count two each
+/// microsecond.
+#[cfg(not(feature = "rp2350"))]
+const LOAD: u32 = 2000 * WATCHDOG_MS as u32;
+#[cfg(feature = "rp2350")]
+const LOAD: u32 = 1000 * WATCHDOG_MS as u32;
+const _: () = assert!(LOAD < 1 << 24);
+
+/// To be called each tick of the highest interrupt, with the low word of the
+/// microseconds' timer.
+pub fn ticked(now_us: u32) {
+    if now_us.wrapping_sub(HEARD_US.load(Ordering::Relaxed)) < MEASURING_S * 1_000_000 {
+        pac::WATCHDOG.load().write(|w| w.set_load(LOAD));
+    }
+}
 
 const PATIENCE: Duration = Duration::from_millis(WATCHDOG_MS);
 
@@ -58,9 +85,8 @@ pub fn reset_now() -> ! {
     }
 }
 
-/// The watchdog, and the light that shows that it is fed.
+/// The watchdog's second part, and the light that shows that it is fed.
 pub struct Dog {
-    watchdog: Watchdog,
     light: Output<'static>,
     fed: u8,
 }
@@ -69,18 +95,15 @@ impl Dog {
     /// Begins to watch.
     pub fn start(mut watchdog: Watchdog, light: Output<'static>) -> Self {
         watchdog.pause_on_debug(true);
+        HEARD_US.store(tick::now_us(), Ordering::Relaxed);
         watchdog.start(PATIENCE);
-        Self {
-            watchdog,
-            light,
-            fed: 0,
-        }
+        Self { light, fed: 0 }
     }
 }
 
 impl umi_app::board::Watchdog for Dog {
     fn feed(&mut self) {
-        self.watchdog.feed(PATIENCE);
+        HEARD_US.store(tick::now_us(), Ordering::Relaxed);
         self.fed = self.fed.wrapping_add(1);
         // On with a short gap each two seconds: all is well. Blinking: it is not.
         let off = if lights::trouble() {

@@ -96,9 +96,11 @@ pub const CONTROL_TASKS: Priority = Priority::P2;
 /// Of the host's port.
 pub const HOST_TASKS: Priority = Priority::P3;
 
-/// The watchdog's patience: a sector of the memory may take 0.4 s to be erased, and a
-/// fit of many points takes seconds on a processor without a floating-point unit.
+/// The watchdog's patience with the highest interrupt: nearly all that its counter holds.
 pub const WATCHDOG_MS: u64 = 8_000;
+/// Patience with the measuring, seconds: a sector of the memory may take 0.4 s to be erased,
+/// and a cylinder of many points tens of seconds without a floating-point unit.
+pub const MEASURING_S: u32 = 120;
 
 const _: () = {
     assert!(SLOTS.is_power_of_two() && (TRANSFERS as usize).is_multiple_of(SLOTS));

@@ -6,6 +6,7 @@ use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
 use embassy_rp::pac;
 
+use crate::guard;
 use crate::latch;
 use crate::plan::{CAPTURE, EXTEND_US, TICK_US};
 
@@ -34,6 +35,11 @@ pub fn soon() {
     set(TICK_US);
 }
 
+/// The low word of the timer.
+pub fn now_us() -> u32 {
+    TIMER.timerawl().read()
+}
+
 /// What a tick leaves to everybody else before the next, at least, however late it is.
 const LEAST_US: u32 = 20;
 
@@ -51,6 +57,7 @@ fn set(in_us: u32) {
 fn ticked() {
     TIMER.intr().write(|w| w.set_alarm(NUMBER, true));
     let due = TIMER.alarm(NUMBER).read();
+    guard::ticked(now_us());
     let in_us = latch::ticked();
     critical_section::with(|_| {
         let late = TIMER.timerawl().read().wrapping_sub(due);

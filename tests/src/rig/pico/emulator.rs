@@ -413,7 +413,7 @@ impl Emulator {
         self.ask(&json!({ "do": "memory_set", "address": address, "value": value }));
     }
 
-    /// Where the stack begins: above its highest word. It ends with the memory, at [`RAM`].
+    /// Where the stack begins: above its highest word. It ends with the memory, at `RAM`.
     pub fn stack_top(&mut self) -> u32 {
         self.memory(VECTORS, 1)[0]
     }
