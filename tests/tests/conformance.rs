@@ -185,6 +185,12 @@ fn receive(rig: &mut dyn Rig, count: usize) -> String {
     (0..count).map(next).map(char::from).collect()
 }
 
+/// This text for the control, whenever it comes, and nothing behind it.
+fn receive_text(rig: &mut dyn Rig, text: &str) {
+    assert_eq!(receive(rig, text.len()), text);
+    assert_eq!(receive_all(rig), "");
+}
+
 /// Decisions of this text, as the same code comes to them on the host.
 fn decisions(text: &str) -> Vec<Record> {
     let mut brain = Brain::new(job()).unwrap();
@@ -270,7 +276,8 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
         (!status.correction_waiting).then_some(())
     });
     rig.control_sends(DC1);
-    assert_eq!(receive_all(rig), alarm(), "a correction goes out once");
+    // A correction goes out once.
+    receive_text(rig, &alarm());
     let (records, findings) = journal_with(rig, &mut client, bytes + 1);
     let decided = records
         .iter()
@@ -346,7 +353,7 @@ fn refuses_a_damaged_plate(rig: &mut dyn Rig) {
         (lights.ng && !lights.ok && !lights.busy).then_some(())
     });
     rig.control_sends(DC1);
-    assert_eq!(receive_all(rig), alarm());
+    receive_text(rig, &alarm());
 }
 
 /// The next latches that the host is told of, one by one.
@@ -447,6 +454,7 @@ fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
         interval_counts: 2000,
     };
     let can = client.trigger_out(along_x).unwrap();
+    assert_eq!(can, rig.name() != "mps2-an500");
     rig.move_to(&[11_000, 0, 0]);
     if can {
         let latches = told(rig, &mut client, 5);

@@ -21,8 +21,8 @@ use umi_core::units::Micros;
 
 use crate::measure::{Bytes, Input};
 
-/// Places: 6 KB of bytes, which is 0.5 s at 115200 baud without a pause. The longest fit
-/// that a job can ask for takes a fraction of that on the slowest board.
+/// Places: 6 KB of bytes, which is 0.5 s at 115200 baud without a pause. Fits take a fraction
+/// of that, but for cylinders and cones on a processor without a floating-point unit.
 pub const PLACES: usize = 96;
 
 /// Places that only bytes may take: 0.27 s. A line of the probe's that is nothing but noise

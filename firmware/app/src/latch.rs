@@ -12,7 +12,7 @@ use embassy_futures::yield_now;
 use heapless::Vec;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
-use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 
 use crate::App;
 use crate::board::{Clock, LatchSource};
@@ -24,6 +24,9 @@ const TELL_AGAIN_US: u64 = 10_000;
 /// Captures taken in before others of the same priority have a turn: the control's bytes.
 const AT_ONCE: usize = 8;
 
+/// What found no room, of skips and of each axis' index marks.
+type Missed = [Option<LatchReport>; 1 + MAX_AXES];
+
 /// Takes in captures for ever.
 pub(crate) async fn take<F: Flash>(
     app: &App<F>,
@@ -31,8 +34,7 @@ pub(crate) async fn take<F: Flash>(
     clock: &impl Clock,
 ) -> ! {
     const NEVER: Micros = Micros(u64::MAX);
-    // What found no room.
-    let mut missed: Option<LatchReport> = None;
+    let mut missed: Missed = [const { None }; _];
     // The next look at what waits: too many captures come for one at each.
     let mut look = NEVER;
     let mut taken = 0;
@@ -45,7 +47,7 @@ pub(crate) async fn take<F: Flash>(
                     }
                 } else {
                     queue(app, clock.now(), latch, &mut missed);
-                    if missed.is_some() {
+                    if missed.iter().any(Option::is_some) {
                         look = look.min(after(clock, TELL_AGAIN_US));
                     }
                 }
@@ -61,16 +63,14 @@ pub(crate) async fn take<F: Flash>(
 }
 
 /// Tells what has waited for long enough. Returns when the next look is due.
-fn tell_what_waits<F: Flash>(
-    app: &App<F>,
-    clock: &impl Clock,
-    missed: &mut Option<LatchReport>,
-) -> Micros {
+fn tell_what_waits<F: Flash>(app: &App<F>, clock: &impl Clock, missed: &mut Missed) -> Micros {
     let now = clock.now();
-    if let Some(latch) = missed.take()
-        && app.intake.put(now, Input::Latch(latch.clone())).is_err()
-    {
-        *missed = Some(latch);
+    for missed in missed.iter_mut() {
+        if let Some(latch) = missed
+            && app.intake.put(now, Input::Latch(latch.clone())).is_ok()
+        {
+            *missed = None;
+        }
     }
     if let Some(scan) = app.scans.over(now) {
         // Behind a long fit its record is lost, its counters are not.
@@ -80,7 +80,7 @@ fn tell_what_waits<F: Flash>(
     if app.scans.due() {
         look = look.min(after(clock, scan::PATIENCE_US));
     }
-    if missed.is_some() {
+    if missed.iter().any(Option::is_some) {
         look = look.min(after(clock, TELL_AGAIN_US));
     }
     look
@@ -91,12 +91,15 @@ fn after(clock: &impl Clock, us: u64) -> Micros {
 }
 
 /// Puts a capture into the queue, with what was missed before it; or it is missed, too.
-fn queue<F: Flash>(
-    app: &App<F>,
-    now: Micros,
-    mut latch: LatchReport,
-    missed: &mut Option<LatchReport>,
-) {
+fn queue<F: Flash>(app: &App<F>, now: Micros, mut latch: LatchReport, missed: &mut Missed) {
+    let place = match latch.cause {
+        LatchCause::Index { axis } => 1 + usize::from(axis),
+        LatchCause::Skip | LatchCause::Trigger | LatchCause::Output => 0,
+    };
+    // A board has no axis beyond.
+    let Some(missed) = missed.get_mut(place) else {
+        return;
+    };
     let before = missed.as_ref().map_or(0, |missed| missed.missed);
     let mut told = latch.clone();
     told.missed = told.missed.saturating_add(before);
@@ -175,7 +178,7 @@ mod tests {
     fn the_next_one_tells_what_found_no_room() {
         let app = App::<NoFlash>::new();
         let full = OTHER_PLACES as u32;
-        let mut missed = None;
+        let mut missed: Missed = Default::default();
         for number in 0..full + 3 {
             let mut latch = skip(number);
             latch.missed = if number == full + 1 { 5 } else { 0 };
@@ -192,6 +195,32 @@ mod tests {
         assert_eq!(latches(&queued(&app, 2)), next);
         let counters = app.scans.counters();
         assert_eq!((counters.skips, counters.missed), (full + 2, 3 + 5));
+    }
+
+    /// What was missed of one cause is not told by another.
+    #[test]
+    fn each_cause_tells_its_own() {
+        let (app, clock) = (App::<NoFlash>::new(), Hand::default());
+        let full = OTHER_PLACES as u32;
+        let mark = |number| LatchReport {
+            cause: LatchCause::Index { axis: 2 },
+            ..skip(number)
+        };
+        let mut missed: Missed = Default::default();
+        for number in 0..full + 2 {
+            queue(&app, Micros(1), skip(number), &mut missed);
+        }
+        queue(&app, Micros(1), mark(0), &mut missed);
+        queued(&app, OTHER_PLACES);
+        queue(&app, Micros(2), mark(1), &mut missed);
+        tell_what_waits(&app, &clock, &mut missed);
+        let told = queued(&app, 2).into_iter().map(|input| match input {
+            Input::Latch(latch) => (latch.cause, latch.number, latch.missed),
+            other => panic!("{other:?}"),
+        });
+        let index = LatchCause::Index { axis: 2 };
+        let expected = [(index, 1, 1), (LatchCause::Skip, full + 2, 2)];
+        assert!(told.eq(expected));
     }
 
     /// If no other comes, what was missed is told as soon as there is room.

@@ -3,7 +3,7 @@
 //! Latches of each cause are numbered. A gap says how many were captured and did not
 //! arrive; edges that were not even captured are told by the board.
 
-use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
+use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES, Positions};
 use umi_protocol::line::{HitReport, LineReport};
 use umi_protocol::message::{Event, Record, Status};
 
@@ -54,6 +54,11 @@ pub enum Lost {
     Events,
     /// Bytes from the control.
     Bytes,
+    /// Motion that the board could not follow, so many times since it started: its positions
+    /// are not valid, before or after.
+    Motion,
+    /// Transitions of an encoder that it cannot have made: counts are wrong from there on.
+    Transitions,
 }
 
 impl Lost {
@@ -66,6 +71,8 @@ impl Lost {
             Self::Counted => "counted",
             Self::Events => "events",
             Self::Bytes => "bytes",
+            Self::Motion => "motion",
+            Self::Transitions => "transitions",
         }
     }
 }
@@ -90,13 +97,15 @@ pub struct Tally {
     pub events_lost: u64,
     /// Bytes from the control that were lost.
     pub bytes_lost: u64,
+    /// Losses of motion and illegal transitions: positions are wrong.
+    pub positions_lost: u64,
 }
 
 impl Tally {
     /// Whether anything was lost.
     #[must_use]
     pub const fn lost(&self) -> bool {
-        self.latches_lost + self.events_lost + self.bytes_lost > 0
+        self.latches_lost + self.events_lost + self.bytes_lost + self.positions_lost > 0
     }
 
     fn count(&mut self, loss: Loss) -> Happening {
@@ -105,6 +114,7 @@ impl Tally {
             Lost::Edges(_) | Lost::Latches(..) | Lost::Counted => self.latches_lost += count,
             Lost::Events => self.events_lost += count,
             Lost::Bytes => self.bytes_lost += count,
+            Lost::Motion | Lost::Transitions => self.positions_lost += count,
         }
         Happening::Loss(loss)
     }
@@ -198,6 +208,34 @@ impl Follower {
                     what,
                     count: untold,
                     t_ns: None,
+                }));
+            }
+        }
+    }
+
+    /// What the encoders say between two looks: positions that are not valid, and
+    /// transitions that came in between.
+    pub fn moved(
+        &mut self,
+        before: &Positions,
+        after: &Positions,
+        mut tell: impl FnMut(Happening),
+    ) {
+        let illegal = |positions: &Positions| {
+            let all = positions.illegal.iter();
+            all.fold(0_u32, |sum, n| sum.saturating_add(*n))
+        };
+        // What was counted before a new start does not count any more.
+        let new = illegal(after).checked_sub(illegal(before));
+        for (what, count) in [
+            (Lost::Motion, after.lost_samples),
+            (Lost::Transitions, new.unwrap_or_else(|| illegal(after))),
+        ] {
+            if count > 0 {
+                tell(self.tally.count(Loss {
+                    what,
+                    count,
+                    t_ns: Some(after.t_ns),
                 }));
             }
         }
@@ -333,6 +371,34 @@ mod tests {
         ]);
         assert_eq!(numbers, [7, 8]);
         assert_eq!(losses, [(Lost::Edges(LatchCause::Trigger), 4)]);
+    }
+
+    /// Positions that are not valid are a loss, whenever it was; illegal transitions are one
+    /// if they came meanwhile.
+    #[test]
+    fn wrong_positions_are_a_loss() {
+        let positions = |lost_samples, illegal: [u32; 2]| Positions {
+            counts: [1, 2].into_iter().collect(),
+            t_ns: 7,
+            illegal: illegal.into_iter().collect(),
+            lost_samples,
+        };
+        let follow = |before, after| {
+            let (mut follower, mut losses) = (Follower::default(), Vec::new());
+            follower.moved(&before, &after, |happening| match happening {
+                Happening::Loss(loss) => losses.push((loss.what, loss.count)),
+                other => panic!("{other:?}"),
+            });
+            assert_eq!(follower.tally.lost(), !losses.is_empty());
+            losses
+        };
+        assert!(follow(positions(0, [3, 4]), positions(0, [3, 4])).is_empty());
+        let both = [(Lost::Motion, 2), (Lost::Transitions, 5)];
+        assert_eq!(follow(positions(2, [3, 4]), positions(2, [3, 9])), both);
+        assert_eq!(
+            follow(positions(0, [3, 4]), positions(0, [0, 1])),
+            [(Lost::Transitions, 1)]
+        );
     }
 
     /// A board that starts again begins with 0: no loss of four thousand million.

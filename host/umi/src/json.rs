@@ -303,7 +303,9 @@ pub fn loss(loss: &Loss) -> Value {
     let (of, first) = match loss.what {
         Lost::Edges(of) => (Some(of), None),
         Lost::Latches(of, first) => (Some(of), Some(first)),
-        Lost::Counted | Lost::Events | Lost::Bytes => (None, None),
+        Lost::Counted | Lost::Events | Lost::Bytes | Lost::Motion | Lost::Transitions => {
+            (None, None)
+        }
     };
     json!({
         "type": "loss",

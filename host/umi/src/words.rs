@@ -270,6 +270,15 @@ pub fn loss(loss: &Loss) -> String {
             count(n, "event")
         ),
         Lost::Bytes => format!("{} from the control", count(n, "byte")),
+        Lost::Motion => format!(
+            "motion, {} since the board started: its positions are not valid until it is started \
+             anew with the axes at their reference",
+            count(n, "time")
+        ),
+        Lost::Transitions => format!(
+            "{}: positions are wrong from there on; look at the encoder and its cable",
+            count(n, "illegal transition")
+        ),
     };
     format!("{} {what}", paint(BAD, "lost:"))
 }

@@ -10,7 +10,7 @@ pub type V = Vector3<f64>;
 
 /// Where axes at home are: no program goes there otherwise.
 pub const HOME_MM: [f64; 3] = [1.111, 2.222, 777.777];
-/// Where the corpus goes by G53.
+/// Where the corpus goes by G53, in mm or in inches.
 pub const AWAY_MM: f64 = 666.666;
 
 /// A motion, machine coordinates, mm.
@@ -108,7 +108,9 @@ impl Judge {
     /// Whether axes are where the machine says, not the program: at home, or sent by G53.
     fn machine(p: &V) -> [bool; 3] {
         core::array::from_fn(|axis| {
-            (p[axis] - HOME_MM[axis]).abs() < 1e-6 || (axis == 2 && (p.z - AWAY_MM).abs() < 1e-6)
+            let by_g53 = [AWAY_MM, AWAY_MM * 25.4];
+            (p[axis] - HOME_MM[axis]).abs() < 1e-6
+                || (axis == 2 && by_g53.iter().any(|away| (p.z - away).abs() < 1e-6))
         })
     }
 
@@ -124,7 +126,7 @@ impl Judge {
             .max(r.m23.abs())
             .max(r.m31.abs())
             .max(r.m32.abs());
-        self.rounding_mm + lean * 1000.0
+        self.rounding_mm + lean * 20_000.0
     }
 
     /// The distance of a place from the image of an end, over the axes of the program.
@@ -138,7 +140,13 @@ impl Judge {
                 } else {
                     image[axis]
                 };
-                (place[axis] - wanted).abs()
+                let off = (place[axis] - wanted).abs();
+                // What the machine has placed, it has placed exactly.
+                if machine[axis] && off > self.rounding_mm {
+                    f64::INFINITY
+                } else {
+                    off
+                }
             })
             .fold(0.0, f64::max);
         (apart, self.allowance(machine))

@@ -187,7 +187,7 @@ impl Events {
         }
         sink.scale = Scale::of(board.job()?.job.as_ref());
         let pulses = self.scan.pulses(&sink.scale)?;
-        let before = board.status()?;
+        let (before, from) = (board.status()?, board.positions()?);
         board.live(true)?;
         self.scan.begin(&mut board, pulses)?;
         let deadline = self.lasting.map(|lasting| Instant::now() + lasting);
@@ -204,7 +204,7 @@ impl Events {
             }
         }
         self.scan.end(&mut board, pulses)?;
-        let after = board.status()?;
+        let (after, to) = (board.status()?, board.positions()?);
         let deadline = Instant::now() + LONGEST_END;
         while !sink.full() && Instant::now() < deadline {
             let Some(event) = board.next_event(QUIET)? else {
@@ -212,7 +212,10 @@ impl Events {
             };
             sink.take(|tell| follower.event(event, tell))?;
         }
-        sink.take(|tell| follower.settle(&before, &after, tell))
+        sink.take(|mut tell| {
+            follower.settle(&before, &after, &mut tell);
+            follower.moved(&from, &to, tell);
+        })
     }
 
     /// An entry of a journal.
@@ -246,6 +249,7 @@ impl Events {
             "latches_lost": tally.latches_lost,
             "events_lost": tally.events_lost,
             "bytes_lost": tally.bytes_lost,
+            "positions_lost": tally.positions_lost,
             "file": self.output.as_ref().map(|path| path.display().to_string()),
         }))
     }
@@ -273,6 +277,7 @@ fn said(shown: u64, tally: &Tally) -> String {
         (tally.latches_lost, "edges and latches"),
         (tally.events_lost, "events"),
         (tally.bytes_lost, "bytes from the control"),
+        (tally.positions_lost, "times the axes: positions are wrong"),
     ]
     .into_iter()
     .filter(|(n, _)| *n > 0)

@@ -269,7 +269,7 @@ fn row(happening: &Happening, scale: &Scale) -> String {
             let (number, cause) = match what {
                 Lost::Edges(cause) => (None, Some(*cause)),
                 Lost::Latches(cause, first) => (Some(*first), Some(*cause)),
-                Lost::Counted | Lost::Events => (None, None),
+                Lost::Counted | Lost::Events | Lost::Motion | Lost::Transitions => (None, None),
                 // Not of a table of latches.
                 Lost::Bytes => return String::new(),
             };
