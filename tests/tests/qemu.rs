@@ -1,7 +1,7 @@
 //! The board in QEMU, beyond what all boards have in common: resets of every kind, edges on
 //! moving axes, and more edges than it can take.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use umi::link::Client;
 use umi_protocol::latch::{LatchBatch, LatchCause};
@@ -58,6 +58,15 @@ fn every_reset_is_told() {
     assert_eq!(starts(&mut client), reasons);
 }
 
+/// The board gets there, however busy the machine is with other things.
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !holds() {
+        assert!(Instant::now() < deadline, "{what} never comes");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// The latches that the journal has.
 fn latches(client: &mut Client) -> Vec<umi_protocol::latch::LatchReport> {
     let mut latches = Vec::new();
@@ -101,11 +110,9 @@ fn edges_on_moving_axes_have_their_own_positions() {
     ]);
     let mut client = client(&mut rig);
     // Measuring has the lowest priority: it journals them when it comes to them.
-    let settled = (0..1000).any(|_| {
-        std::thread::sleep(Duration::from_millis(5));
+    wait_until("five entries", || {
         client.journal_info().unwrap().next_seq == 5
     });
-    assert!(settled);
     let latches: Vec<_> = latches(&mut client)
         .into_iter()
         .map(|latch| {
@@ -159,7 +166,7 @@ fn no_edge_is_lost_uncounted() {
     };
     rig.stimulate(&skip(begun));
     let mut client = client(&mut rig);
-    std::thread::sleep(Duration::from_millis(500));
+    wait_until("the loss", || !latches(&mut client).is_empty());
     let counted = client.status().unwrap().latches;
     assert_eq!((counted.skips, counted.missed), (0, 1));
     let told = latches(&mut client);
@@ -168,15 +175,13 @@ fn no_edge_is_lost_uncounted() {
 
     let now = begun + 1_000_000;
     rig.stimulate_all(&(0..2000).map(|k| skip(now + k)).collect::<Vec<_>>());
-    std::thread::sleep(Duration::from_millis(500));
-    let told = latches(&mut client);
-    let captured = told.iter().filter(|latch| !latch.counts.is_empty()).count();
-    let missed: u32 = told.iter().map(|latch| latch.missed).sum();
-    assert_eq!(
-        captured as u32 + missed,
-        2001,
-        "{captured} captured, {missed} missed"
-    );
+    wait_until("every edge", || {
+        let told = latches(&mut client);
+        let captured = told.iter().filter(|latch| !latch.counts.is_empty()).count();
+        let missed: u32 = told.iter().map(|latch| latch.missed).sum();
+        assert!(captured as u32 + missed <= 2001, "{captured} and {missed}");
+        captured as u32 + missed == 2001
+    });
 }
 
 /// A scan of 5000 triggers on a moving axis: each comes to the host, in order, with the
