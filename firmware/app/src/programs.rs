@@ -4,7 +4,8 @@
 //!
 //! Flash that is written keeps the whole state locked, for up to half a second where a
 //! sector is erased. So nothing is written while a plate is being measured: the host is
-//! told to ask again. Reading takes a fraction of a millisecond.
+//! told to ask again. Reading a piece takes a fraction of a millisecond; the end of an upload
+//! reads the whole program back, by the speed of the flash.
 //!
 //! Each answer is made by a function of its own that is not inlined: see `answer`.
 
