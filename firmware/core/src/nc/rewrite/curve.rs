@@ -27,6 +27,8 @@ pub(super) struct Chords {
     heights: [Pm; 2],
     end: [Pm; 3],
     pub(super) count: u32,
+    /// The one that is written next.
+    pub(super) next: u32,
     /// F of each, where it is inverse time.
     pub(super) feed: Option<Number>,
 }
@@ -375,6 +377,7 @@ impl Rewriter<'_> {
             heights: [at(&ends.start, normal), at(&ends.end, normal)],
             end: ends.end,
             count,
+            next: 2,
             feed,
         };
         for letter in *b"IJKR" {

@@ -17,6 +17,7 @@ const MAX_PECKS: Pm = 10_000;
 /// Further holes of a cycle that stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Repeat {
+    /// So many are left.
     count: u32,
     /// From hole to hole.
     by: [Pm; 3],
@@ -30,6 +31,26 @@ pub(super) struct Holes {
     cycle: Cycle,
     normal: usize,
     to_r: bool,
+    /// The one that is written, from 0, and what of it comes next.
+    hole: u32,
+    phase: Phase,
+    /// Where it is.
+    over: [Pm; 3],
+    /// How deep the tool has been.
+    depth: Pm,
+}
+
+/// What is written of a hole, in this order; of pecks, from `Near` to `Back` again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Over,
+    Approach,
+    Near,
+    Feed,
+    Back,
+    Dwell,
+    Out,
+    Top,
 }
 
 impl Rewriter<'_> {
@@ -330,83 +351,119 @@ impl Rewriter<'_> {
             cycle: *cycle,
             normal,
             to_r: self.modes.returns_to_r,
+            hole: 0,
+            phase: Phase::Over,
+            over: [0; 3],
+            depth: 0,
         }))
     }
 
-    /// Writes the further holes of a cycle that stays.
-    pub(super) fn repeat<S: FnMut(&[u8])>(&mut self, repeat: &Repeat, out: &mut Out<'_, S>) {
-        for _ in 0..repeat.count {
-            let Some(next) = moved(&self.place.nominal, &repeat.by) else {
-                return;
-            };
-            let motion = self.out_motion.unwrap_or(Motion::Rapid);
-            self.point(motion, next, None, out);
-        }
+    /// Writes the next hole of a cycle that stays; whether there are others.
+    pub(super) fn repeat<S: FnMut(&[u8])>(
+        &mut self,
+        repeat: &mut Repeat,
+        out: &mut Out<'_, S>,
+    ) -> bool {
+        let Some(next) = moved(&self.place.nominal, &repeat.by) else {
+            return false;
+        };
+        let motion = self.out_motion.unwrap_or(Motion::Rapid);
+        self.point(motion, next, None, out);
+        repeat.count -= 1;
+        repeat.count > 0
     }
 
-    /// Writes holes in G0 and G1.
-    pub(super) fn holes<S: FnMut(&[u8])>(&mut self, holes: &Holes, out: &mut Out<'_, S>) {
-        let Holes {
-            cycle,
-            normal,
-            to_r,
+    /// Writes the next motion of holes in G0 and G1; whether there are others.
+    pub(super) fn hole<S: FnMut(&[u8])>(
+        &mut self,
+        holes: &mut Holes,
+        out: &mut Out<'_, S>,
+    ) -> bool {
+        let Cycle {
+            code,
+            initial: Some(initial),
+            r: Some(r),
+            bottom: Some(bottom),
+            peck,
+            dwell,
             ..
-        } = *holes;
-        let (Some(initial), Some(r), Some(bottom)) = (cycle.initial, cycle.r, cycle.bottom) else {
-            return;
+        } = holes.cycle
+        else {
+            return false;
         };
+        // Not zero: see `write_out`.
+        let peck = peck.filter(|_| matches!(code, 730 | 830));
         let clearance = pm(self.settings.clearance.0);
-        for hole in 0..holes.count {
-            let by = if hole == 0 { [0; 3] } else { holes.by };
-            let Some(over) = moved(&self.place.nominal, &by) else {
-                return;
-            };
-            let at_height = |height: Pm| {
-                let mut place = over;
-                if let Some(slot) = place.get_mut(normal) {
-                    *slot = height;
+        let mut to = |rewriter: &mut Self, motion: Motion, height: Pm| {
+            let mut place = holes.over;
+            if let Some(slot) = place.get_mut(holes.normal) {
+                *slot = height;
+            }
+            rewriter.point(motion, place, None, out);
+        };
+        holes.phase = match holes.phase {
+            Phase::Over => {
+                let by = if holes.hole == 0 { [0; 3] } else { holes.by };
+                let Some(over) = moved(&self.place.nominal, &by) else {
+                    return false;
+                };
+                if holes.hole > 0 {
+                    self.point(Motion::Rapid, over, None, out);
                 }
-                place
-            };
-            if hole > 0 {
-                self.point(Motion::Rapid, over, None, out);
+                holes.over = over;
+                holes.depth = r;
+                Phase::Approach
             }
-            self.point(Motion::Rapid, at_height(r), None, out);
-            match (cycle.code, cycle.peck) {
-                (730 | 830, Some(peck)) if peck > 0 => {
-                    let mut depth = r;
-                    while depth > bottom {
-                        if cycle.code == 830 && depth < r {
-                            let short = (depth + clearance).min(r);
-                            self.point(Motion::Rapid, at_height(short), None, out);
-                        }
-                        depth = (depth - peck).max(bottom);
-                        self.point(Motion::Line, at_height(depth), None, out);
-                        if depth > bottom {
-                            let back = if cycle.code == 830 {
-                                r
-                            } else {
-                                (depth + clearance).min(r)
-                            };
-                            self.point(Motion::Rapid, at_height(back), None, out);
-                        }
-                    }
+            Phase::Approach => {
+                to(self, Motion::Rapid, r);
+                Phase::Near
+            }
+            Phase::Near => {
+                if code == 830 && holes.depth < r {
+                    to(self, Motion::Rapid, (holes.depth + clearance).min(r));
                 }
-                _ => self.point(Motion::Line, at_height(bottom), None, out),
+                Phase::Feed
             }
-            if matches!(cycle.code, 820 | 890)
-                && let Some(dwell) = cycle.dwell
-            {
-                out.put(&self.line_end());
-                out.put(if self.spaced { b"G4 P" } else { b"G4P" });
-                emit::number(dwell, out);
+            Phase::Feed => {
+                let depth = peck.map_or(bottom, |peck| (holes.depth - peck).max(bottom));
+                to(self, Motion::Line, depth);
+                holes.depth = depth;
+                if depth > bottom {
+                    Phase::Back
+                } else {
+                    Phase::Dwell
+                }
             }
-            if matches!(cycle.code, 850 | 890) {
-                self.point(Motion::Line, at_height(r), None, out);
+            Phase::Back => {
+                let back = if code == 830 {
+                    r
+                } else {
+                    (holes.depth + clearance).min(r)
+                };
+                to(self, Motion::Rapid, back);
+                Phase::Near
             }
-            let top = if to_r { r } else { initial };
-            self.point(Motion::Rapid, at_height(top), None, out);
-        }
+            Phase::Dwell => {
+                if let (820 | 890, Some(dwell)) = (code, dwell) {
+                    out.put(&self.line_end());
+                    out.put(if self.spaced { b"G4 P" } else { b"G4P" });
+                    emit::number(dwell, out);
+                }
+                Phase::Out
+            }
+            Phase::Out => {
+                if matches!(code, 850 | 890) {
+                    to(self, Motion::Line, r);
+                }
+                Phase::Top
+            }
+            Phase::Top => {
+                to(self, Motion::Rapid, if holes.to_r { r } else { initial });
+                holes.hole += 1;
+                Phase::Over
+            }
+        };
+        holes.phase != Phase::Over || holes.hole < holes.count
     }
 }
 

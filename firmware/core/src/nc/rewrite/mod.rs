@@ -126,6 +126,10 @@ use words::{At, Kind, Words};
 /// Characters of a line, at most, without its end: four times what controls take.
 pub const MAX_LINE: usize = 512;
 
+/// Bytes that come out of one call of [`Rewriter::push_line`], at most: a line with all
+/// its words replaced, and the header before it (with a source of 100 characters).
+pub const MAX_AT_ONCE: usize = 2 * MAX_LINE;
+
 /// What was done to a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
@@ -153,6 +157,16 @@ pub struct Summary {
     pub nominal_mm: Option<[[f64; 3]; 2]>,
     /// The same as it is written.
     pub written_mm: Option<[[f64; 3]; 2]>,
+}
+
+/// What [`Rewriter::push_line`] did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Bytes of the program that it took.
+    pub taken: usize,
+    /// More comes out of what was taken already: call it again before there is more of
+    /// the program, or with what is left.
+    pub has_more: bool,
 }
 
 /// How an axis depends on another.
@@ -196,6 +210,9 @@ pub struct Rewriter<'a> {
     has_header: bool,
     spaced: bool,
     refusal: Option<Refusal>,
+    /// Lines that follow the block before, and how that one ended.
+    more: More,
+    terminator: Option<u8>,
 
     modes: Modes,
     motion: Option<Motion>,
@@ -289,6 +306,8 @@ impl<'a> Rewriter<'a> {
             has_header: false,
             spaced: true,
             refusal: None,
+            more: More::Nothing,
+            terminator: None,
             modes: modes(unit),
             motion: None,
             out_motion: None,
@@ -316,9 +335,33 @@ impl<'a> Rewriter<'a> {
             return Err(refusal);
         }
         let mut out = Out::new(sink);
-        let done = self.take(bytes, &mut out);
+        let done = self.take(bytes, false, &mut out);
         out.flush();
-        done
+        done.map(|_| ())
+    }
+
+    /// As [`Self::push`], for a sink with little room: stops when a line has come out, with
+    /// [`MAX_AT_ONCE`] bytes at most, and says how far it came. An arc may become thousands
+    /// of lines.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn push_line(
+        &mut self,
+        bytes: &[u8],
+        sink: &mut impl FnMut(&[u8]),
+    ) -> Result<Progress, Refusal> {
+        if let Some(refusal) = self.refusal {
+            return Err(refusal);
+        }
+        let mut out = Out::new(sink);
+        let done = self.take(bytes, true, &mut out);
+        out.flush();
+        let left = done?;
+        Ok(Progress {
+            taken: bytes.len() - left,
+            has_more: self.more != More::Nothing,
+        })
     }
 
     /// Ends the program: what was left without an end of line comes out.
@@ -337,6 +380,7 @@ impl<'a> Rewriter<'a> {
             self.line += 1;
             self.one_line(&held, &mut out)
         };
+        while self.go_further(&mut out) {}
         out.flush();
         done.map(|()| self.summary())
     }
@@ -382,15 +426,26 @@ impl<'a> Rewriter<'a> {
         out.flush();
     }
 
+    /// Takes bytes, of one line only if that is asked for; how many are left.
     fn take<S: FnMut(&[u8])>(
         &mut self,
         mut bytes: &[u8],
+        one: bool,
         out: &mut Out<'_, S>,
-    ) -> Result<(), Refusal> {
-        while let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) {
+    ) -> Result<usize, Refusal> {
+        loop {
+            if self.go_further(out) {
+                if one {
+                    return Ok(bytes.len());
+                }
+                continue;
+            }
+            let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) else {
+                break;
+            };
             let (text, rest) = bytes.split_at_checked(end).unwrap_or_default();
             let Some((&terminator, rest)) = rest.split_first() else {
-                return Ok(());
+                break;
             };
             bytes = rest;
             self.learn(terminator, text.is_empty() && self.held.is_empty());
@@ -408,15 +463,37 @@ impl<'a> Rewriter<'a> {
                 let held = core::mem::take(&mut self.held);
                 self.one_line(&held, out)?;
             }
-            out.put(&[terminator]);
             self.previous = terminator;
+            if self.more == More::Nothing {
+                out.put(&[terminator]);
+            } else {
+                self.terminator = Some(terminator);
+            }
+            if one {
+                return Ok(bytes.len());
+            }
         }
         self.hold(bytes);
         if let Some(last) = bytes.last() {
             self.previous = *last;
             self.learns_eol = false;
         }
-        Ok(())
+        Ok(0)
+    }
+
+    /// Writes the next of the lines that follow a block, or its end; false if there is
+    /// nothing.
+    fn go_further<S: FnMut(&[u8])>(&mut self, out: &mut Out<'_, S>) -> bool {
+        if self.more == More::Nothing {
+            return false;
+        }
+        let mut more = core::mem::replace(&mut self.more, More::Nothing);
+        if self.next_line(&mut more, out) {
+            self.more = more;
+        } else if let Some(terminator) = self.terminator.take() {
+            out.put(&[terminator]);
+        }
+        true
     }
 
     fn hold(&mut self, bytes: &[u8]) {
@@ -523,7 +600,7 @@ impl<'a> Rewriter<'a> {
                     let (edit, more) = self.block(&words, optional)?;
                     self.begin(out);
                     emit::block(line, &words, &edit, self.spaced, out);
-                    self.more(&more, out);
+                    self.more = more;
                 } else {
                     self.tape = Tape::Program;
                     out.put(line);

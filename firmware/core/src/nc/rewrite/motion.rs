@@ -292,17 +292,21 @@ impl Rewriter<'_> {
         self.out_motion = Some(motion);
     }
 
-    /// Writes the lines that follow a block.
-    pub(super) fn more<S: FnMut(&[u8])>(&mut self, more: &More, out: &mut Out<'_, S>) {
+    /// Writes the next of the lines that follow a block; whether there are others.
+    pub(super) fn next_line<S: FnMut(&[u8])>(
+        &mut self,
+        more: &mut More,
+        out: &mut Out<'_, S>,
+    ) -> bool {
         match more {
-            More::Nothing => {}
+            More::Nothing => false,
             More::Chords(chords) => {
-                for number in 2..=chords.count {
-                    self.point(Motion::Line, chords.place(number), chords.feed, out);
-                }
+                self.point(Motion::Line, chords.place(chords.next), chords.feed, out);
+                chords.next += 1;
+                chords.next <= chords.count
             }
             More::Repeat(repeat) => self.repeat(repeat, out),
-            More::Holes(holes) => self.holes(holes, out),
+            More::Holes(holes) => self.hole(holes, out),
         }
     }
 

@@ -7,7 +7,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::super::refusal::Reason;
-use super::super::{Check, MAX_LINE, Refusal, Rewriter, Settings};
+use super::super::{Check, MAX_AT_ONCE, MAX_LINE, Refusal, Rewriter, Settings};
 use super::{level, rewritten, settings, turned};
 
 /// The bytes that come out when the program comes in pieces of these lengths.
@@ -32,8 +32,49 @@ fn in_pieces(
     (out, done.err())
 }
 
+/// The bytes that come out line by line, in pieces of the most that one call may give.
+fn line_by_line(settings: &Settings<'_>, program: &[u8]) -> (Vec<u8>, Option<Refusal>) {
+    let mut out = Vec::new();
+    let mut rewriter = Rewriter::new(settings).unwrap();
+    let mut rest = program;
+    let done = loop {
+        let before = out.len();
+        let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
+        match rewriter.push_line(rest, &mut sink) {
+            Err(refusal) => break Err(refusal),
+            Ok(progress) => {
+                rest = &rest[progress.taken..];
+                if rest.is_empty() && !progress.has_more {
+                    break rewriter.finish(&mut sink).map(|_| ());
+                }
+            }
+        }
+        assert!(out.len() - before <= MAX_AT_ONCE);
+    };
+    (out, done.err())
+}
+
 const PROGRAM: &str = "%\nO1\nG21 G90 G17\nG0 X10. Y0. Z5.\nG3 X0. Y10. I-10. J0. F100\n\nG81 X5. Y5. \
     Z-5. R2.\nX7.\nG80\n(LONG COMMENT HERE) G91 G1 X-1. Y-2.\nG90 G28 X0\n";
+
+/// One call gives a line and no more, of what becomes thousands of lines as well: chords,
+/// pecks, counted holes; and of the longest line with the header before it.
+#[test]
+fn little_comes_out_at_once() {
+    let comment = "C".repeat(MAX_LINE - 60);
+    let program = std::format!(
+        "G21 G90 G17 G94 F100 X1. Y2. Z3. G0 M8 S1234 T1 ({comment})\nG0 X0. Y0. Z5.\n\
+         G2 X0. Y0. I400. J0.\nG91 G83 X1. Y1. Z-90. R-1. Q0.1 K5\nG80\n"
+    );
+    let mut settings = settings(turned([3.0, 2.0, 12.0], [1.0, 2.0, 3.0]));
+    settings.original = Some(Check::default().finish());
+    settings.source = "A JOB OF THIRTY-TWO LETTERS HERE, PLATE 4294967295";
+    let whole = in_pieces(&settings, program.as_bytes(), &[usize::MAX]);
+    assert_eq!(whole.1, None);
+    let lines = whole.0.iter().filter(|byte| **byte == b'\n').count();
+    assert!(lines > 2000, "{lines}");
+    assert!(whole == line_by_line(&settings, program.as_bytes()));
+}
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
@@ -62,7 +103,8 @@ proptest! {
         }
         let whole = in_pieces(&settings, program.as_bytes(), &[usize::MAX]);
         let cut = in_pieces(&settings, program.as_bytes(), &pieces);
-        prop_assert_eq!(whole, cut);
+        prop_assert_eq!(&whole, &cut);
+        prop_assert_eq!(&whole, &line_by_line(&settings, program.as_bytes()));
     }
 
     /// Any bytes at all: no panic, and the identity changes none.
