@@ -397,6 +397,96 @@ fn an_index_mark_is_latched_where_it_was() {
     assert_eq!(counters(&mut rig, &mut client).missed, 0);
 }
 
+/// Noise at a megahertz on the index line of X, without a pause and in bursts, overruns the
+/// machine that stamps the marks of all axes. Each mark of Y is where and when it was, or told as
+/// missed before the next; of those without noise none is missed.
+#[test]
+fn noise_on_an_index_line_falsifies_no_other() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = rig.client();
+    let zero = clock_zero(&mut rig);
+    client.live(true).unwrap();
+    // In turn: quiet, noise, quiet, bursts around the marks, quiet.
+    let (noisy, bursty) = (10..30_usize, 40..80_usize);
+    let (count, period) = (90, 4 * CYCLES_PER_MS);
+    // In step neither with the board's looks nor with the noise.
+    let at = |nth: usize| nth as u64 * period + nth as u64 * 7919 % 60_000;
+    let marks: Vec<u64> = (0..count).map(at).collect();
+    let mut noise: Vec<u64> = (at(noisy.start) - 500..at(noisy.end - 1) + 6_000)
+        .step_by(CYCLES_PER_US as usize)
+        .collect();
+    for nth in bursty.clone() {
+        let from = at(nth) - nth as u64 % 10 * CYCLES_PER_US - nth as u64 % 7;
+        noise.extend((0..10).map(|edge| from + edge * CYCLES_PER_US));
+    }
+    rig.move_all((count as u64 + 40) * period, FAST);
+    rig.emulator().ask(&json!({ "do": "pause" }));
+    let start = rig
+        .emulator()
+        .pulses_at(INDEX_PINS[1], &marks, 50 * CYCLES_PER_US);
+    rig.emulator()
+        .pulses_at(INDEX_PINS[0], &noise, CYCLES_PER_US / 3);
+    rig.emulator().ask(&json!({ "do": "free", "speed": 0 }));
+    let end = start + (count as u64 + 20) * period;
+    let found = listen(&mut rig, &mut client, end, |_| false);
+
+    let truth = at_pin(&rig.emulator().truth(), INDEX_PINS[1]);
+    assert_eq!(truth.len(), count);
+    let mut is_right = vec![false; count];
+    // The first mark that is neither right nor counted, and what was told as missed from there.
+    let (mut next, mut missed) = (0, 0);
+    for latch in of_cause(&found, LatchCause::Index { axis: 1 }) {
+        missed += latch.missed as usize;
+        if latch.counts.is_empty() {
+            continue;
+        }
+        let after_ns = |place: usize| {
+            let edge_ns = (truth[place].cycle - zero).cast_signed() * NS_PER_CYCLE;
+            latch.t_ns.cast_signed() - edge_ns
+        };
+        let place = (next..count).min_by_key(|place| after_ns(*place).abs());
+        let place = place.expect("no more than came");
+        let (truth, after_ns) = (&truth[place], after_ns(place));
+        assert!(
+            (SEEN_NS[0]..=SEEN_NS[1]).contains(&after_ns),
+            "{after_ns} ns after mark {place}, which is the nearest"
+        );
+        for axis in 0..AXES {
+            let off = (latch.counts[axis] - truth.positions[axis]).abs();
+            let near = truth.since[axis].min(truth.until[axis].unwrap_or(u64::MAX));
+            assert!(
+                off == 0 || off == 1 && near <= NEAR_CYCLES,
+                "{off} counts off"
+            );
+        }
+        assert!(
+            missed >= place - next,
+            "{missed} of marks {next}..{place} told as missed"
+        );
+        is_right[place] = true;
+        (next, missed) = (place + 1, 0);
+    }
+    assert_eq!(next, count, "the last ones came in a quiet time");
+    let right = |range: std::ops::Range<usize>| is_right[range].iter().filter(|is| **is).count();
+    let (in_noise, in_bursts) = (right(noisy.clone()), right(bursty.clone()));
+    println!(
+        "marks of Y that are captured: {in_noise} of {} in noise, {in_bursts} of {} in bursts",
+        noisy.len(),
+        bursty.len()
+    );
+    assert!(
+        in_noise < noisy.len() && in_bursts < bursty.len(),
+        "no noise"
+    );
+    assert_eq!(
+        right(0..count) - in_noise - in_bursts,
+        count - noisy.len() - bursty.len(),
+        "all but those in noise"
+    );
+}
+
 /// Every pulse that leaves the board has the position and the time at which it did.
 #[test]
 fn a_trigger_pulse_is_latched_where_it_was() {

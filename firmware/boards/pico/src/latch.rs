@@ -109,6 +109,8 @@ struct Latches {
     skips: Allowance<SKIPS_PER_S>,
     scans: Allowance<SCANS_PER_S>,
     pulses: Pulses,
+    /// There may have been pulses since the latest look.
+    pulsed: bool,
     /// Ticks until the positions are looked at.
     until_look: u32,
 }
@@ -122,6 +124,7 @@ static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
     skips: Allowance::new(),
     scans: Allowance::new(),
     pulses: Pulses::Off,
+    pulsed: false,
     until_look: 0,
 }));
 
@@ -201,6 +204,8 @@ impl Latches {
         missed(LatchCause::Skip, self.skip.give_up());
         missed(LatchCause::Trigger, self.trigger.give_up());
         self.watched.give_up(watched_missed);
+        let lost = self.watched.lost_before_start();
+        lost.pins().for_each(watched_missed);
         if self.pulses.is_on() {
             missed(LatchCause::Output, 1);
         }
@@ -315,8 +320,7 @@ impl Latches {
         let now_cycles = clock::now_cycles();
         missed(LatchCause::Skip, self.skip.look(now_cycles));
         missed(LatchCause::Trigger, self.trigger.look(now_cycles));
-        let dropped = self.watched.look(now_cycles);
-        dropped.pins().for_each(watched_missed);
+        self.look_for_dropped(now_cycles);
         if !self.axes.look() {
             self.start_again();
         }
@@ -335,10 +339,21 @@ impl Latches {
         self.listen();
     }
 
+    /// What may have been among the stamps that the machine of index marks and pulses dropped
+    /// is missed, at least once.
+    fn look_for_dropped(&mut self, now_cycles: u64) {
+        let pulsed = core::mem::replace(&mut self.pulsed, self.pulses.is_on());
+        if let Some(marks) = self.watched.look(now_cycles) {
+            marks.pins().for_each(watched_missed);
+            missed(LatchCause::Output, pulsed.into());
+        }
+    }
+
     fn set_pulses(&mut self, spec: TriggerOut) -> Result<(), Unsupported> {
         let (counts, _) = self.axes.latest();
         let pulses = Pulses::new(spec, &counts)?;
         machines::stop_pulses();
+        self.pulsed |= pulses.is_on();
         self.pulses = pulses;
         self.until_look = 0;
         Ok(())

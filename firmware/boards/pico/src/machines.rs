@@ -149,8 +149,12 @@ pub fn reset() {
         clear(pac::PIO1, machine);
         execute(pac::PIO1, machine, setup::jump(place.entry));
     }
-    for machine in [SKIP_MACHINE, TRIGGER_MACHINE, EVENTS_MACHINE] {
-        execute(pac::PIO1, machine, setup::X_ALL_ONES);
+    for (machine, x) in [
+        (SKIP_MACHINE, setup::X_ALL_ONES),
+        (TRIGGER_MACHINE, setup::X_ALL_ONES),
+        (EVENTS_MACHINE, setup::X_ZERO),
+    ] {
+        execute(pac::PIO1, machine, x);
         execute(pac::PIO1, machine, setup::Y_ALL_ONES);
     }
     // Restarts clear what is half shifted in.

@@ -50,13 +50,18 @@
 //!
 //! Looks at five pins in the very cycles in which the decoders look at theirs. X counts
 //! those looks down, on both paths, and when a pin has changed, the five levels are pushed
-//! above 27 bits of the count (inverted), if there is room. Y has the levels of the look
-//! before; at a start it has others than pins can have, so that the first look is pushed.
+//! above those of the look before and 22 bits of the count (inverted), if there is room. So
+//! what a word says is true whatever was pushed before it, or found no room. The time comes
+//! round after a third of a second. Y has the levels of the look before; at a start it has
+//! others than pins can have, so that the first look is pushed.
 //!
 //! | path | cycles |
 //! | --- | --- |
-//! | as before | 5 + 3 for the jump over the push, 2 to count |
-//! | changed | 5 + 3 to push, 2 to count |
+//! | as before | 4, and 1 + 3 to empty ISR and jump over the push, 2 to count |
+//! | changed | 4, and 4 to push, which empties ISR, 2 to count |
+//!
+//! It begins with the last of these, one cycle before its first look, and a zero in X: that is
+//! no jump, but the program goes on at its beginning all the same.
 //!
 //! # Pulse (PIO 1, one machine)
 //!
@@ -173,15 +178,16 @@ pub fn captures() -> Programs<4> {
         "public below:",
         "jmp x-- low",
         "public events:",
-        "mov isr, null",
         "in pins, 5",
         "mov osr, x",
         "mov x, isr",
         "jmp x!=y changed",
+        "mov isr, null",
         "jmp count [2]",
         "changed:",
+        "in y, 5",
         "mov y, x",
-        "in osr, 27",
+        "in osr, 22",
         "push noblock",
         "count:",
         "mov x, osr",
@@ -206,7 +212,7 @@ pub fn captures() -> Programs<4> {
         wrap_source: labels.below as u8,
     };
     let events = Place {
-        entry: labels.events as u8,
+        entry: labels.events_end as u8,
         wrap_target: labels.events as u8,
         wrap_source: labels.events_end as u8,
     };
@@ -242,6 +248,8 @@ pub mod setup {
 
     /// `mov x, ~null`
     pub const X_ALL_ONES: u16 = mov(MovDestination::X, MovOperation::Invert, MovSource::NULL);
+    /// `mov x, null`
+    pub const X_ZERO: u16 = mov(MovDestination::X, MovOperation::None, MovSource::NULL);
     /// `mov y, ~null`
     pub const Y_ALL_ONES: u16 = mov(MovDestination::Y, MovOperation::Invert, MovSource::NULL);
     /// `mov y, null`

@@ -6,19 +6,23 @@
 //! The position of a rise is that of the sample in which it was seen: half a period from
 //! the edge, at most.
 //!
-//! The first look after a start is stamped, too, and says what the levels are.
+//! Noise on one pin can overrun the machine, which then drops stamps of all. A stamp says
+//! itself what has risen, so one behind a gap is as true as any other; that there was a gap
+//! its flag says, and which index marks may have been in it the pins' own detectors.
 
 use umi_core::encoder::stamp::Stamper;
 
 use crate::clock;
 use crate::machines;
 use crate::machines::{PIO_LAG_CYCLES, Started};
-use crate::pins::WATCHED_COUNT;
+use crate::pins::{INDEX, INDEXED, WATCHED, WATCHED_COUNT};
 use crate::plan::{CYCLES_PER_US, EVENTS_MACHINE, PERIOD_CYCLES};
 use crate::quadrature::{Counts, Quadrature};
 
-/// Bits of time in a stamp.
-const TIME_BITS: u32 = 27;
+/// Bits of time in a stamp; above them are the levels of the look before, and of this one.
+const TIME_BITS: u32 = 22;
+const LEVELS: u32 = u32::MAX >> (u32::BITS - WATCHED_COUNT as u32);
+const _: () = assert!(TIME_BITS + 2 * WATCHED_COUNT as u32 == u32::BITS);
 /// From the machine's first cycle to its first look.
 const FIRST_LOOK_CYCLES: u64 = 1;
 
@@ -45,10 +49,8 @@ impl Rises {
 /// What the machine has stamped.
 pub struct Watched {
     stamper: Stamper<TIME_BITS, { PERIOD_CYCLES.get() }>,
-    /// The pins' levels at the latest stamp since the start.
-    levels: Option<u32>,
-    /// Pins that have changed lately.
-    busy: u32,
+    /// Index marks that came before the latest look, and after the one before that.
+    marks: u32,
 }
 
 impl Watched {
@@ -56,8 +58,7 @@ impl Watched {
     pub const fn new() -> Self {
         Self {
             stamper: Stamper::new(0, 2 * CYCLES_PER_US),
-            levels: None,
-            busy: 0,
+            marks: 0,
         }
     }
 
@@ -67,16 +68,14 @@ impl Watched {
         let half = u64::from(PERIOD_CYCLES.get() / 2);
         let first = start.at_cycles + PIO_LAG_CYCLES + FIRST_LOOK_CYCLES - half;
         self.stamper = Stamper::new(first, 2 * CYCLES_PER_US);
-        self.levels = None;
-        self.busy = 0;
     }
 
     /// The next change that waits; if pins fell, none rises.
     #[inline(always)]
-    pub fn take(&mut self, axes: &Quadrature) -> Option<Rises> {
+    pub fn take(&self, axes: &Quadrature) -> Option<Rises> {
         let word = machines::stamp(EVENTS_MACHINE)?;
         let now_cycles = clock::now_cycles();
-        let pins = self.risen(word);
+        let pins = risen(word);
         let mut at = None;
         if pins != 0 {
             let time = !word & ((1 << TIME_BITS) - 1);
@@ -86,35 +85,49 @@ impl Watched {
         Some(Rises { pins, at })
     }
 
-    /// Pins that have risen by this stamp.
-    fn risen(&mut self, word: u32) -> u32 {
-        let levels = word >> TIME_BITS;
-        let before = self.levels.replace(levels).unwrap_or(levels);
-        self.busy |= levels ^ before;
-        levels & !before
-    }
-
     /// Gives up every rise that waits, pin by pin.
-    pub fn give_up(&mut self, gone: impl Fn(u8)) {
+    pub fn give_up(&self, gone: impl Fn(u8)) {
         for _ in 0..FIFO {
             let Some(word) = machines::stamp(EVENTS_MACHINE) else {
                 break;
             };
-            let pins = self.risen(word);
+            let pins = risen(word);
             Rises { pins, at: None }.pins().for_each(&gone);
         }
     }
 
-    /// To be called each [`crate::plan::EXTEND_US`]. If changes found no room meanwhile,
-    /// returns the pins that have changed: each may have risen again, and nobody knows how
-    /// often.
-    pub fn look(&mut self, now_cycles: u64) -> Rises {
+    /// To be called each [`crate::plan::EXTEND_US`]. If stamps found no room meanwhile,
+    /// returns the index marks that came: each may have been among them, and nobody knows
+    /// how often.
+    pub fn look(&mut self, now_cycles: u64) -> Option<Rises> {
         self.stamper.advance(now_cycles);
-        let busy = core::mem::take(&mut self.busy);
+        // In this order: of a stamp that was dropped before now, the edge is found.
+        let dropped = machines::stamps_dropped(EVENTS_MACHINE);
+        let pins = (INDEX..).take(INDEXED);
+        let marks = machines::edges(pins) >> WATCHED;
+        // A stamp is dropped some cycles after its edge, which may lie before a look.
+        let before = core::mem::replace(&mut self.marks, marks);
+        dropped.then_some(Rises {
+            pins: marks | before,
+            at: None,
+        })
+    }
+
+    /// Before a start, when the machine stands still: index marks that may have found no
+    /// room since the latest look.
+    pub fn lost_before_start(&self) -> Rises {
+        let all = u32::MAX >> (u32::BITS - INDEXED as u32) << (INDEX - WATCHED);
         let dropped = machines::stamps_dropped(EVENTS_MACHINE);
         Rises {
-            pins: if dropped { busy } else { 0 },
+            pins: if dropped { all } else { 0 },
             at: None,
         }
     }
+}
+
+/// Pins that have risen by this stamp.
+const fn risen(word: u32) -> u32 {
+    let now = word >> (TIME_BITS + WATCHED_COUNT as u32);
+    let before = word >> TIME_BITS & LEVELS;
+    now & !before
 }
