@@ -28,3 +28,4 @@ pub mod place;
 pub mod programs;
 pub mod registration;
 pub mod units;
+pub mod xmodem;
