@@ -89,6 +89,12 @@ pub enum ProgramRefusal {
     },
     /// A plate is being measured or a program is being sent: ask again.
     Busy,
+    /// There is a program of this number with other bytes, and what a control punches
+    /// replaces none.
+    OtherThere {
+        /// The check value of the program that is there.
+        crc32: u32,
+    },
 }
 
 impl ProgramRefusal {
@@ -106,6 +112,7 @@ impl ProgramRefusal {
             Self::Incomplete { .. } => "program_incomplete",
             Self::Damaged { .. } => "program_damaged",
             Self::Busy => "program_busy",
+            Self::OtherThere { .. } => "program_other_there",
         }
     }
 }
@@ -143,6 +150,10 @@ impl fmt::Display for ProgramRefusal {
             ),
             Self::Busy => f.write_str(
                 "the board measures a plate or sends a program: ask again when it is over",
+            ),
+            Self::OtherThere { crc32 } => write!(
+                f,
+                "the board has another program of this number, with check value {crc32:08X}: delete that one, or punch this one under another number"
             ),
         }
     }

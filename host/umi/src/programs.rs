@@ -148,7 +148,9 @@ pub fn refusal(of: &ProgramRefusal) -> Failure {
             .with("free_bytes", free_bytes),
         ProgramRefusal::TooMany { most } => explained.with("most", most),
         ProgramRefusal::Incomplete { offset } => explained.with("offset", offset),
-        ProgramRefusal::Damaged { crc32 } => explained.with("crc32", crc32),
+        ProgramRefusal::Damaged { crc32 } | ProgramRefusal::OtherThere { crc32 } => {
+            explained.with("crc32", crc32)
+        }
         _ => explained,
     })
 }

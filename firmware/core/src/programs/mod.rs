@@ -21,6 +21,8 @@
 //!   and check value are the same. Which sector that is can be seen from the flash alone:
 //!   before the first byte goes into a sector, the next one is erased.
 //! * **Opening reads** the first bytes of every sector; nothing is kept beside the programs.
+//! * **Punched** by a control, a program has no length before its end, and goes on coming
+//!   while a sector is erased: see `punched.rs`.
 //! * **First fit**; nothing is moved to make room. A store without room in one piece
 //!   refuses with figures.
 //! * **A word is programmed once between erases**, as in the journal; only marks may be
@@ -34,6 +36,7 @@
 //! 100 000 erases.
 
 mod header;
+mod punched;
 #[cfg(test)]
 mod tests;
 
@@ -45,6 +48,7 @@ use crate::journal::flash::LARGEST_WRITE;
 use crate::journal::write::{Buffer, program_kept};
 use crate::journal::{self, ERASED, Flash, GeometryFault};
 use header::{Header, Layout, PAGE};
+use punched::Sum;
 
 /// Programs that are kept, at most.
 pub const MAX_PROGRAMS: usize = 32;
@@ -121,6 +125,8 @@ struct Upload {
     page: Vec<u8, { PAGE as usize }>,
     /// Bytes may come: it was begun since the start, and the flash has done all it was told.
     open: bool,
+    /// Of what was taken, if the length is not known: then `program` is the room that it has.
+    punched: Option<Sum>,
 }
 
 impl Upload {
@@ -131,6 +137,7 @@ impl Upload {
             taken,
             page,
             open,
+            punched: None,
         }
     }
 }
@@ -249,13 +256,17 @@ impl<F: Flash> Store<F> {
     /// that is wanted first. Another upload that was not finished is given up.
     ///
     /// # Errors
-    /// [`Error::Refused`] with the reason; [`Error::Flash`], [`Error::NotKept`].
+    /// [`Error::Refused`] with the reason, [`ProgramRefusal::Busy`] while a control punches;
+    /// [`Error::Flash`], [`Error::NotKept`].
     pub fn begin(&mut self, program: &ProgramInfo) -> Result<u32, Error<F::Error>> {
         if !(1..=MAX_NUMBER).contains(&program.number) {
             return Err(ProgramRefusal::BadNumber.into());
         }
         if program.bytes == 0 {
             return Err(ProgramRefusal::Empty.into());
+        }
+        if self.is_punched() {
+            return Err(ProgramRefusal::Busy.into());
         }
         if let Some(upload) = self.upload.take() {
             let begun = upload.program;
@@ -275,16 +286,27 @@ impl<F: Flash> Store<F> {
 
     /// Writes the header of an upload; what was in its sector is gone.
     fn write_header(&mut self, program: &ProgramInfo, sector: u32) -> Result<u32, Error<F::Error>> {
+        self.erase(sector)?;
+        // The place of a resumption is found by this: see `begun`.
+        if self.layout.sectors_for(program.bytes) > 1 {
+            self.erase(sector + 1)?;
+        }
+        let program = self.program_header(program, sector)?;
+        self.upload = Some(Upload::new(program, 0, true));
+        Ok(0)
+    }
+
+    /// Programs a header into a sector whose beginning is erased.
+    fn program_header(
+        &mut self,
+        program: &ProgramInfo,
+        sector: u32,
+    ) -> Result<Program, Error<F::Error>> {
         let layout = self.layout;
         let header = Header {
             program: program.clone(),
             generation: self.generation,
         };
-        self.erase(sector)?;
-        // The place of a resumption is found by this: see `begun`.
-        if layout.sectors_for(program.bytes) > 1 {
-            self.erase(sector + 1)?;
-        }
         let mut words = Buffer([ERASED; LARGEST_WRITE]);
         let len = (layout.complete() - layout.header()) as usize;
         let encoded = header.encode(&layout, sector);
@@ -294,8 +316,7 @@ impl<F: Flash> Store<F> {
         let at = layout.start(sector) + layout.header();
         program_kept(&mut self.flash, at, words.0.get(..len).unwrap_or(&words.0))?;
         self.generation = self.generation.saturating_add(1);
-        self.upload = Some(Upload::new(Program::new(&header, sector), 0, true));
-        Ok(0)
+        Ok(Program::new(&header, sector))
     }
 
     /// Goes on with an upload at the start of the sector that was written last.
@@ -349,7 +370,9 @@ impl<F: Flash> Store<F> {
         &mut self,
         work: impl FnOnce(&mut Self, &mut Upload) -> Result<T, Error<F::Error>>,
     ) -> Result<T, Error<F::Error>> {
-        let open = self.upload.take_if(|upload| upload.open);
+        let open = self
+            .upload
+            .take_if(|upload| upload.open && upload.punched.is_none());
         let mut upload = open.ok_or(ProgramRefusal::NotBegun)?;
         let done = work(self, &mut upload);
         upload.open = done.is_ok();
@@ -379,6 +402,7 @@ impl<F: Flash> Store<F> {
             taken,
             page,
             open: _,
+            punched,
         } = upload;
         if page.is_empty() {
             return Ok(());
@@ -389,8 +413,13 @@ impl<F: Flash> Store<F> {
         let sector = at / layout.sector_size;
         let end = program.sector + layout.sectors_for(program.bytes);
         // Not before the first page of the first sector: the header came with it.
-        if at.is_multiple_of(layout.sector_size) && sector + 1 < end {
-            self.erase(sector + 1)?;
+        if at.is_multiple_of(layout.sector_size) {
+            // The next one, by which a resumption is found: see `begun`. What is punched
+            // cannot be resumed.
+            let erased = sector + u32::from(punched.is_none());
+            if erased < end {
+                self.erase(erased)?;
+            }
         }
         let mut words = Buffer([ERASED; LARGEST_WRITE]);
         for (word, byte) in words.0.iter_mut().zip(page.iter()) {
@@ -417,7 +446,7 @@ impl<F: Flash> Store<F> {
                 crc32: value,
                 ..
             } = upload.program;
-            upload.open && (of, value) == (number, crc32)
+            upload.open && upload.punched.is_none() && (of, value) == (number, crc32)
         });
         let Some(upload) = open else {
             let again = known.map(|_| None);

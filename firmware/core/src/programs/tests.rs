@@ -1,6 +1,7 @@
 //! The store on a flash that works, and on one whose power is cut everywhere.
 
 mod cuts;
+mod punched;
 
 use std::vec::Vec;
 
