@@ -3,7 +3,10 @@
 use std::vec;
 use std::vec::Vec;
 
+use proptest::prelude::*;
+
 use super::*;
+use crate::journal::mock::Random;
 use crate::xmodem::sender::{Action, At, Outcome, Sender};
 
 /// Sends a program to a control that answers what this says to the n-th transmission; its
@@ -236,4 +239,57 @@ fn a_source_that_fails() {
     ended.data(b"", true);
     ended.stop();
     assert_eq!(ended.next(now), Action::Send(&[EOT]));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Whatever the control says, and whenever: the blocks go out in their order, each as
+    /// often as it may, the end only behind the last one; and it ends.
+    #[test]
+    fn anything(length in 0usize..600, seed in any::<u64>(), acks in 0u64..5) {
+        let mut random = Random(seed);
+        let program: Vec<u8> = (0..length).map(|_| random.byte()).collect();
+        let mut blocks: Vec<Vec<u8>> = (1..).zip(program.chunks(BLOCK)).map(|(n, data)| frame(n, data)).collect();
+        blocks.push(vec![EOT]);
+        let mut rest = program.as_slice();
+        let mut sender = Sender::new(Micros(0));
+        let (mut now, mut at, mut times) = (0, 0, 0);
+        loop {
+            match sender.next(Micros(now)) {
+                Action::NeedData { room } => {
+                    let length = (random.below(room as u64) as usize + 1).min(rest.len());
+                    let (piece, later) = rest.split_at(length);
+                    prop_assert_eq!(sender.data(piece, later.is_empty()), length);
+                    rest = later;
+                }
+                Action::Send(bytes) if bytes == CANCEL => sender.sent(Micros(now)),
+                Action::Send(bytes) => {
+                    if bytes != blocks[at] {
+                        (at, times) = (at + 1, 0);
+                    }
+                    prop_assert_eq!(Some(bytes), blocks.get(at).map(Vec::as_slice));
+                    times += 1;
+                    prop_assert!(times <= REPEATS + 1);
+                    sender.sent(Micros(now));
+                }
+                Action::WaitUntil(then) if random.below(3) == 0 => now = then.0,
+                Action::WaitUntil(_) => now += random.below(1_000_000),
+                Action::Done(outcome) => {
+                    let whole = matches!(outcome, Outcome::Complete | Outcome::CompleteByCancel);
+                    prop_assert!(!whole || at + 1 == blocks.len());
+                    break;
+                }
+            }
+            match random.below(8) {
+                n if n < acks => sender.received(ACK, Micros(now)),
+                3 | 4 => sender.received(NAK, Micros(now)),
+                5 => sender.received(random.byte(), Micros(now)),
+                6 => sender.received(CAN, Micros(now)),
+                _ => {}
+            }
+            let longest = (blocks.len() as u64) * (u64::from(REPEATS) + 1) * (ANSWER_US + SETTLE_US);
+            prop_assert!(now <= START_US + longest);
+        }
+    }
 }
