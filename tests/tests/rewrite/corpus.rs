@@ -249,7 +249,7 @@ fn the_referee_agrees() {
                 rounding_mm: rounding(&program, 2.0 * printed),
                 path_mm: CHORD_MM,
             };
-            match ends(&made).and_then(|written| judge.ends(&nominal, &written, |_| false)) {
+            match ends(&made).and_then(|written| judge.ends(&nominal, &written, |_, _| true)) {
                 Ok(_) => ran += 1,
                 Err(why) => failures.push(format!("{}, {name}: {why}\n{made}", program.name)),
             }

@@ -153,12 +153,13 @@ impl Judge {
     }
 
     /// Follows both lists of ends: each end of the nominal program has its image, in order.
-    /// Returns how many of the written ends belong to each.
+    /// `may_end` says of a nominal motion whether it may end with this written one, or without
+    /// any. Returns how many of the written ends belong to each.
     pub fn ends(
         &self,
         nominal: &[V],
         written: &[V],
-        is_arc: impl Fn(usize) -> bool,
+        may_end: impl Fn(usize, Option<usize>) -> bool,
     ) -> Result<(Compared, Vec<usize>), String> {
         let mut compared = Compared::default();
         let mut counts = Vec::new();
@@ -171,7 +172,7 @@ impl Judge {
                 .map(|place| self.apart(end, place));
             let stays = here.is_some_and(|(apart, allowed)| apart <= allowed)
                 && number > 0
-                && !is_arc(number)
+                && may_end(number, None)
                 && (nominal[number - 1] - end).norm() < 2.0 * self.rounding_mm;
             let mut count = 0;
             let mut closest = f64::INFINITY;
@@ -183,7 +184,7 @@ impl Judge {
                     count += 1;
                     let (apart, allowed) = self.apart(end, place);
                     closest = closest.min(apart);
-                    if apart <= allowed {
+                    if apart <= allowed && may_end(number, Some(next + count - 1)) {
                         if !Self::machine(end).contains(&true) {
                             compared.ends += 1;
                             compared.largest_end_mm = compared.largest_end_mm.max(apart);
@@ -223,11 +224,21 @@ impl Judge {
     /// Ends and ways: what is cut lies within the tolerance of the image, all the way.
     pub fn moves(&self, nominal: &[Move], written: &[Move]) -> Result<Compared, String> {
         let ends = |moves: &[Move]| -> Vec<V> { moves.iter().map(|m| m.to).collect() };
-        let (mut compared, counts) = self.ends(&ends(nominal), &ends(written), |number| {
-            matches!(nominal[number].path, Path::Arc { .. })
-        })?;
-        let more = written.len() - counts.iter().sum::<usize>();
         let is_still = |m: &Move| (m.to - m.from).norm() < 3.0 * self.rounding_mm;
+        let (mut compared, counts) =
+            self.ends(&ends(nominal), &ends(written), |number, last| {
+                let Path::Arc { center, .. } = nominal[number].path else {
+                    return true;
+                };
+                // A circle ends where it begins: what has not moved has not gone round.
+                let is_closed = is_still(&nominal[number])
+                    && (nominal[number].from - center.mm).norm() > 20.0 * self.rounding_mm;
+                last.is_some_and(|last| {
+                    let is_line = matches!(written[last].path, Path::Line);
+                    !(is_closed && is_line && is_still(&written[last]))
+                })
+            })?;
+        let more = written.len() - counts.iter().sum::<usize>();
         if !written[written.len() - more..].iter().all(is_still) {
             return Err(format!("{more} motions more"));
         }
@@ -295,23 +306,26 @@ fn distance(way: &Move, place: &V) -> f64 {
     } else {
         128
     };
+    let part = |n: u32| f64::from(n) / f64::from(steps);
     let best = (0..=steps)
-        .min_by(|a, b| {
-            let at = |n: &u32| off(f64::from(*n) / f64::from(steps));
-            at(a).total_cmp(&at(b))
-        })
+        .min_by(|a, b| off(part(*a)).total_cmp(&off(part(*b))))
         .unwrap_or(0);
-    let (mut low, mut high) = (
-        (f64::from(best) - 1.0).max(0.0) / f64::from(steps),
-        (f64::from(best) + 1.0).min(f64::from(steps)) / f64::from(steps),
-    );
-    for _ in 0..50 {
-        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-        if off(a) < off(b) {
-            high = b;
-        } else {
-            low = a;
+    let nearest = |best: u32| {
+        let (mut low, mut high) = (part(best.saturating_sub(1)), part((best + 1).min(steps)));
+        for _ in 0..50 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if off(a) < off(b) {
+                high = b;
+            } else {
+                low = a;
+            }
         }
+        off(f64::midpoint(low, high))
+    };
+    // Where a whole circle begins, it ends too.
+    if best == 0 || best == steps {
+        nearest(0).min(nearest(steps))
+    } else {
+        nearest(best)
     }
-    off(f64::midpoint(low, high))
 }

@@ -210,9 +210,13 @@ impl Rewriter<'_> {
                     at(&self.modes.shift.out, axis)
                 };
                 let steps = (out - base) / step.pm;
+                // A place written in the other unit may have no word in this one.
+                if word.is_some() && steps * step.pm != out - base {
+                    return None;
+                }
                 Rounded {
                     out,
-                    steps: (word.is_some() && steps * step.pm == out - base).then_some(steps),
+                    steps: word.map(|_| steps),
                 }
             } else {
                 self.round(

@@ -10,7 +10,7 @@ use super::state::{Cycle, Motion};
 use super::words::{At, Words};
 use super::{Rewriter, at, pm};
 
-/// Holes of one block, and pecks of one hole, at most.
+/// Holes of one block, at most, and pecks of all of them: what one block may become.
 const MAX_HOLES: u32 = 1000;
 const MAX_PECKS: Pm = 10_000;
 
@@ -67,6 +67,10 @@ impl Rewriter<'_> {
         allow(words, b"RQPKLIJ")?;
         let normal = self.modes.plane.normal();
         let letter = at(&AXES, normal);
+        // Both count holes, for one control or another.
+        if let (Some(_), Some(l)) = (given.find(b'K'), given.find(b'L')) {
+            return Err((given.column(l), Reason::Meaningless('L')));
+        }
         let count = match given.whole(b'K')? {
             Some(count) => count,
             None => given.whole(b'L')?.unwrap_or(1),
@@ -308,7 +312,7 @@ impl Rewriter<'_> {
         if pecks {
             match cycle.peck {
                 None | Some(0) => return Err((column, Reason::CycleLacks('Q'))),
-                Some(q) if (r - bottom) / q > MAX_PECKS => {
+                Some(q) if (r - bottom) / q > MAX_PECKS / Pm::from(count.max(1)) => {
                     return Err((column, Reason::CycleDepth));
                 }
                 Some(_) => {}
@@ -445,7 +449,7 @@ impl Rewriter<'_> {
             }
             Phase::Dwell => {
                 if let (820 | 890, Some(dwell)) = (code, dwell) {
-                    out.put(&self.line_end());
+                    out.put(&self.line_ends.added());
                     out.put(if self.spaced { b"G4 P" } else { b"G4P" });
                     emit::number(dwell, out);
                 }

@@ -71,10 +71,10 @@ impl Rewriter<'_> {
             if has_axes || is_arc || wanted.cycle.is_some() {
                 self.move_block(words, &given, &wanted, edit)?
             } else {
-                if let Some((word, motion)) = wanted.motion {
+                if let Some((_, motion)) = wanted.motion {
                     self.out_motion = Some(motion);
-                    self.stray(&given, word)?;
                 }
+                self.stray(words, &given, &wanted)?;
                 More::Nothing
             }
         };
@@ -82,11 +82,21 @@ impl Rewriter<'_> {
         Ok(more)
     }
 
-    /// Letters that a block without a motion must not have behind its motion code.
-    fn stray(&self, given: &Given<'_>, _word: usize) -> At<()> {
-        for letter in *b"IJKR" {
-            if let Some(index) = given.find(letter) {
-                return Err((given.column(index), Reason::Meaningless(letter as char)));
+    /// Letters that a block without a motion must not have: behind a motion code, and where
+    /// one control takes them into the cycle in force, another drills, another gives an alarm.
+    fn stray(&self, words: &Words, given: &Given<'_>, wanted: &Wanted) -> At<()> {
+        let letters: &[u8] = match (self.modes.cycle, wanted.motion) {
+            (Some(_), _) => b"IJKLPQR",
+            (None, Some(_)) => b"IJKR",
+            (None, None) => b"",
+        };
+        let is_of_others = |letter: u8| {
+            matches!(letter, b'L' | b'P')
+                && (wanted.extended || words.iter().any(|word| word.letter == b'M'))
+        };
+        for letter in letters.iter().filter(|letter| !is_of_others(**letter)) {
+            if let Some(index) = given.find(*letter) {
+                return Err((given.column(index), Reason::Meaningless(*letter as char)));
             }
         }
         Ok(())

@@ -98,6 +98,7 @@ mod emit;
 mod follow;
 mod header;
 mod length;
+mod line_ends;
 mod motion;
 mod refusal;
 mod settings;
@@ -118,6 +119,7 @@ pub use settings::{BadSettings, Identity, Integers, Settings};
 
 use emit::{Edit, Out};
 use length::{PM_PER_MM, Step};
+use line_ends::LineEnds;
 use motion::More;
 use settings::checked;
 use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
@@ -203,9 +205,7 @@ pub struct Rewriter<'a> {
     held: Vec<u8, MAX_LINE>,
     too_long: bool,
     line: u64,
-    previous: u8,
-    eol: Vec<u8, 3>,
-    learns_eol: bool,
+    line_ends: LineEnds,
     tape: Tape,
     has_header: bool,
     spaced: bool,
@@ -299,9 +299,7 @@ impl<'a> Rewriter<'a> {
             held: Vec::new(),
             too_long: false,
             line: 0,
-            previous: 0,
-            eol: Vec::new(),
-            learns_eol: false,
+            line_ends: LineEnds::default(),
             tape: Tape::Leader,
             has_header: false,
             spaced: true,
@@ -417,7 +415,7 @@ impl<'a> Rewriter<'a> {
     pub fn safe_stop(&self, sink: &mut impl FnMut(&[u8])) {
         let Some(refusal) = self.refusal else { return };
         let mut out = Out::new(sink);
-        let eol = self.line_end();
+        let eol = self.line_ends.added();
         // `Out` takes everything.
         let _ = write!(out, "(UMI STOPPED AT LINE {})", refusal.line);
         out.put(&eol);
@@ -448,9 +446,12 @@ impl<'a> Rewriter<'a> {
                 break;
             };
             bytes = rest;
-            self.learn(terminator, text.is_empty() && self.held.is_empty());
-            if self.held.is_empty() && !self.too_long {
-                if !(text.is_empty() && self.continues(terminator)) {
+            let is_held = !self.held.is_empty() || self.too_long;
+            let continues = self
+                .line_ends
+                .terminator(terminator, is_held || !text.is_empty());
+            if !is_held {
+                if !continues {
                     self.line += 1;
                 }
                 if text.len() > MAX_LINE {
@@ -463,7 +464,6 @@ impl<'a> Rewriter<'a> {
                 let held = core::mem::take(&mut self.held);
                 self.one_line(&held, out)?;
             }
-            self.previous = terminator;
             if self.more == More::Nothing {
                 out.put(&[terminator]);
             } else {
@@ -475,8 +475,7 @@ impl<'a> Rewriter<'a> {
         }
         self.hold(bytes);
         if let Some(last) = bytes.last() {
-            self.previous = *last;
-            self.learns_eol = false;
+            self.line_ends.rest(*last);
         }
         Ok(0)
     }
@@ -502,52 +501,6 @@ impl<'a> Rewriter<'a> {
         }
     }
 
-    /// Whether a byte is part of the line end before it.
-    fn continues(&self, terminator: u8) -> bool {
-        let first = self.eol.first().copied();
-        match terminator {
-            b'\n' => self.previous == b'\r' && first == Some(b'\r'),
-            _ if first != Some(b'\n') => false,
-            _ => {
-                (self.previous == b'\n' && self.eol.len() > 1)
-                    || (self.previous == b'\r' && self.eol.len() > 2)
-            }
-        }
-    }
-
-    /// Learns from the first line how lines end here: LF, CR LF, CR, LF CR, LF CR CR.
-    fn learn(&mut self, terminator: u8, empty: bool) {
-        if self.eol.is_empty() {
-            let _ = self.eol.push(terminator);
-            self.learns_eol = true;
-        } else if self.learns_eol {
-            let goes_on = empty
-                && match (self.eol.first(), self.eol.len()) {
-                    (Some(b'\r'), 1) => terminator == b'\n',
-                    (Some(b'\n'), 1 | 2) => terminator == b'\r',
-                    _ => false,
-                };
-            if goes_on {
-                let _ = self.eol.push(terminator);
-            } else {
-                self.learns_eol = false;
-            }
-        }
-    }
-
-    /// How a line that is added ends.
-    fn line_end(&self) -> Vec<u8, 3> {
-        if self.eol.is_empty() {
-            return Vec::from_slice(b"\n").unwrap_or_default();
-        }
-        let mut eol = self.eol.clone();
-        if self.learns_eol && eol.as_slice() == b"\r" {
-            // The first line ends just now: who writes CR writes LF too.
-            let _ = eol.push(b'\n');
-        }
-        eol
-    }
-
     fn one_line<S: FnMut(&[u8])>(
         &mut self,
         line: &[u8],
@@ -558,6 +511,8 @@ impl<'a> Rewriter<'a> {
         } else if self.is_identity || self.tape == Tape::End {
             out.put(line);
             Ok(())
+        } else if self.line_ends.are_mixed() {
+            Err((0, Reason::LineEnds))
         } else {
             self.understand(line, out)
         };
@@ -616,7 +571,7 @@ impl<'a> Rewriter<'a> {
         self.has_begun = true;
         if !self.has_header {
             self.has_header = true;
-            header::write(&self.settings, &self.line_end(), out);
+            header::write(&self.settings, &self.line_ends.added(), out);
         }
     }
 

@@ -342,7 +342,7 @@ impl Rewriter<'_> {
                     }
                 } else {
                     begun = true;
-                    out.put(&self.line_end());
+                    out.put(&self.line_ends.added());
                     if self.out_motion != Some(motion) {
                         self.out_motion = Some(motion);
                         out.put(motion.code());

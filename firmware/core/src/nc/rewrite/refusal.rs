@@ -32,6 +32,8 @@ impl core::error::Error for Refusal {}
 pub enum Reason {
     /// A line longer than [`super::MAX_LINE`].
     LineTooLong,
+    /// CR alone ends a line, and LF another.
+    LineEnds,
     /// A block of more words than are taken.
     TooManyWords,
     /// `(` without `)`.
@@ -124,6 +126,10 @@ impl fmt::Display for Reason {
                 f,
                 "more than {} characters in a line: break it up",
                 super::MAX_LINE
+            ),
+            Self::LineEnds => f.write_str(
+                "one line ends with CR alone and another with LF: a control may read both as one; \
+                 end all alike",
             ),
             Self::TooManyWords => f.write_str("too many words in one block: make it two"),
             Self::UnclosedComment => f.write_str("a comment that does not end: close it with `)`"),

@@ -221,3 +221,19 @@ fn compensation() {
     let refused = rewritten(&settings(turned([0.01, 0.0, 0.0], [0.0; 3])), program).unwrap_err();
     assert_eq!((refused.line, refused.reason), (2, Reason::Tilted('Z')));
 }
+
+/// Back to a place that was written in millimetres and has no word in inches: the circle is
+/// cut in chords, not begun at one place and ended at the nominal one.
+#[test]
+fn a_circle_in_inches_about_a_place_in_millimetres() {
+    let shift = level(0.0, [1.25, -0.5, 0.125]);
+    let program = |end: &str| std::format!("G21 G90 G0 X10. Y0. Z0.\nG20 G3 {end}I-1. J0. F4.\n");
+    let (made, summary) = rewritten(&settings(shift), &program("Y0. ")).unwrap();
+    assert_eq!((summary.arcs, summary.chorded), (0, 1), "{made}");
+    assert!(made.ends_with("X0.4429 Y-0.0197\n"), "{made}");
+    // Without the word the circle closes by itself.
+    assert_eq!(
+        text(shift, &program("")),
+        "G21 G90 G0 X11.25 Y-0.5 Z0.125\nG20 G3 I-1. J0. F4.\n"
+    );
+}

@@ -59,3 +59,34 @@ fn leaning_cycles_are_written_out() {
         (2, Reason::TiltedCycle(840))
     );
 }
+
+/// A word of the cycle in a block that names no place: controls differ in what they do.
+#[test]
+fn words_of_a_cycle_alone_are_refused() {
+    for (line, letter) in [("Q3.", 'Q'), ("R5.", 'R'), ("P10", 'P'), ("K2", 'K')] {
+        for transform in [level(20.0, [0.0; 3]), turned([0.5, 0.0, 0.0], [0.0; 3])] {
+            let program = std::format!(
+                "G21 G90 G0 X0. Y0. Z10.\nG99 G83 X1. Z-5. R1. Q4. F50\n{line}\nG80\n"
+            );
+            let refused = rewritten(&settings(transform), &program).unwrap_err();
+            assert_eq!(
+                (refused.line, refused.column, refused.reason),
+                (3, 1, Reason::Meaningless(letter)),
+            );
+        }
+    }
+}
+
+/// What one block becomes has an end: pecks count over all its holes.
+#[test]
+fn pecks_of_many_holes_are_bounded() {
+    let lean = settings(turned([0.0, 0.1, 0.0], [0.0; 3]));
+    let program = |holes: u32| {
+        std::format!("G21 G90 G0 X0. Y0. Z10.\nG91 G83 X1. Z-50. R0. Q0.1 K{holes} F50\nG80\n")
+    };
+    // 500 pecks each.
+    let (made, _) = rewritten(&lean, &program(20)).unwrap();
+    assert!(made.lines().count() > 20_000, "{}", made.lines().count());
+    let refused = rewritten(&lean, &program(21)).unwrap_err();
+    assert_eq!((refused.line, refused.reason), (2, Reason::CycleDepth));
+}

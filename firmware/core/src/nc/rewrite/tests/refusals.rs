@@ -46,6 +46,7 @@ const REFUSED: &[(&str, usize, Reason)] = &[
     ("G2 X10. Y0. I3. J0. F9", 4, Reason::Arc),
     ("G2 X10. Y0. I5. K0. F9", 17, Reason::Meaningless('K')),
     ("G81 X1. Z-1. R1. K2000 F9", 5, Reason::OutOfRange),
+    ("G81 X1. Z-1. R1. K2 L3 F9", 21, Reason::Meaningless('L')),
     ("G0 X1000000000.", 4, Reason::OutOfRange),
     ("G0 X1. (no end", 8, Reason::UnclosedComment),
     ("G0 X1. =", 8, Reason::NotAWord),

@@ -217,3 +217,34 @@ fn check_value() {
     let identity = check.finish();
     assert_eq!((identity.crc32, identity.bytes), (0xCBF4_3926, 9));
 }
+
+/// Two lines for one control are one for another, where CR and LF both end some: refused
+/// before a control could run a line that was read otherwise here.
+#[test]
+fn mixed_line_ends_are_refused() {
+    let settings = settings(level(90.0, [0.0; 3]));
+    for (program, line) in [
+        ("G21 G90 G0 X0. Y0.\nG2 \rG1 X5. F9\n", 3),
+        ("G21 G90 G0 X0. Y0.\r\nG2 \rG1 X5. F9\r\n", 3),
+        ("G21 G90 G0 X0. Y0.\rG1 X5. F9\nX6.\n", 2),
+    ] {
+        for pieces in [&[usize::MAX][..], &[1], &[3, 20]] {
+            let refusal = in_pieces(&settings, program.as_bytes(), pieces).1.unwrap();
+            assert_eq!((refusal.line, refusal.reason), (line, Reason::LineEnds));
+        }
+    }
+    for fine in [
+        "G21 G90 G0 X0. Y0.\nX5.\r\nX6.\n",
+        "G21 G90 G0 X0. Y0.\r\nX5.\nX6.\r\n",
+        "G21 G90 G0 X0. Y0.\n\rX5.\n\rX6.",
+        "G21 G90 G0 X0. Y0.\n\r\rX5.\n\r\rX6.",
+        "G21 G90 G0 X0. Y0.\rX5.\r\rX6.\r",
+        "\r\n\r\nG21 G90 G0 X0. Y0.\r\r\nX5.\r\r\n",
+    ] {
+        assert_eq!(
+            in_pieces(&settings, fine.as_bytes(), &[2]).1,
+            None,
+            "{fine:?}"
+        );
+    }
+}
