@@ -19,6 +19,8 @@ pub struct Data {
     pub pairs_3: Vec<[f64; 6]>,
     /// Fifty pairs far from the origin.
     pub pairs_50: Vec<[f64; 6]>,
+    /// A finishing path, about 1 MB.
+    pub path: String,
 }
 
 impl Data {
@@ -32,6 +34,7 @@ impl Data {
             sphere_500: half_sphere(500, 1).map(Point::to_array_mm).collect(),
             pairs_3: read("registration_thesis_table_4_2_case1.csv")?,
             pairs_50: read("registration_far_n50_0p1mm.csv")?,
+            path: laces(0, 6000),
         })
     }
 
@@ -44,6 +47,29 @@ impl Data {
         write(folder, "pairs-3", &self.pairs_3)?;
         write(folder, "pairs-50", &self.pairs_50)
     }
+}
+
+/// Laces of a finishing path as CAM software writes them (the style of Sawula 2013, appendix
+/// E): an arc of 109 mm radius in lines along X; every block names all axes.
+pub fn laces(first: u32, count: u32) -> String {
+    let mut text = String::new();
+    if first == 0 {
+        text.push_str("G21 G90\nG0 X0.0 Y0.0 Z100.0\n");
+    }
+    for lace in first..first + count {
+        let y = 35.004 - 70.0 * f64::from(lace % 28_000) / 28_000.0;
+        let z = (109.0_f64.powi(2) - y * y).sqrt() - 109.0 + 24.265;
+        let above = z + 5.0;
+        // Writing to a String cannot fail.
+        let _ = write!(
+            text,
+            "N{n}0 G0 X-25.399 Y{y:.3} Z50.0\nN{n}1 G0 X-25.399 Y{y:.3} Z{above:.3}\n\
+             N{n}2 G1 X-25.399 Y{y:.3} Z{z:.3} F1000.0\nN{n}3 G1 X25.391 Y{y:.3} Z{z:.3}\n\
+             N{n}4 G0 X25.391 Y{y:.3} Z50.0\n",
+            n = lace % 10_000
+        );
+    }
+    text
 }
 
 fn reference() -> PathBuf {

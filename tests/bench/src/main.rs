@@ -3,11 +3,13 @@
 //! `umi-bench write FOLDER` writes the data of every task, for peers in other languages.
 //! `umi-bench time` prints how long each contender takes, one JSON object a line.
 //! `umi-bench repeat TASK CONTENDER N` does one of them N times, to be counted.
+//! `umi-bench stream MEGABYTES` rewrites a path of that size, and says what memory it took.
 
 mod data;
 mod fit;
 mod receiver;
 mod registration;
+mod rewrite;
 mod timing;
 
 use std::hint::black_box;
@@ -36,6 +38,7 @@ fn contenders(data: &Data) -> Vec<Contender> {
     let mut all = Vec::from(receiver::contenders(data));
     all.extend(fit::contenders(data));
     all.extend(registration::contenders(data));
+    all.extend(rewrite::contenders(data));
     all
 }
 
@@ -67,7 +70,12 @@ fn main() -> Result<()> {
             }
             Ok(())
         }
-        _ => bail!("write FOLDER, time, or repeat TASK CONTENDER N"),
+        ["stream", megabytes] => {
+            let stream = rewrite::stream(megabytes.parse().context("MEGABYTES is a number")?)?;
+            println!("{stream}");
+            Ok(())
+        }
+        _ => bail!("write FOLDER, time, repeat TASK CONTENDER N, or stream MEGABYTES"),
     }
 }
 

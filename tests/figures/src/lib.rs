@@ -62,7 +62,7 @@ mod tests {
         }
         let mut runs = Runs(Vec::new());
         assert_eq!(work::all(&mut runs), Ok(()));
-        assert_eq!(runs.0.len(), 9);
+        assert_eq!(runs.0.len(), 11);
     }
 
     /// Every case of the index gives numbers, or a refusal where one is right.

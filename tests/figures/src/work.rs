@@ -8,7 +8,8 @@ use umi_core::brain::{Brain, Output};
 use umi_core::dprnt::{Item, Receiver, ReceiverConfig};
 use umi_core::fit::sphere;
 use umi_core::journal::{ERASED, Flash, Geometry, Journal};
-use umi_core::registration::register;
+use umi_core::nc::rewrite::{Integers, Rewriter, Settings};
+use umi_core::registration::{RigidTransform, register};
 use umi_core::units::{Micros, Point};
 use umi_protocol::job::Job;
 use umi_protocol::pattern::{BlockPattern, LinePattern};
@@ -16,6 +17,10 @@ use umi_protocol::pattern::{BlockPattern, LinePattern};
 use crate::half_sphere::half_sphere;
 use crate::{CASES, Case};
 
+/// Lines of a finishing path, as CAM software writes them (Sawula 2013, appendix E).
+const LACES: &[u8] = include_bytes!("../../reference/toolpath/appendix_e.nc");
+/// Arcs in three planes: where the part leans, they become chords.
+const ARCS: &[u8] = include_bytes!("../../nc/06-arcs-three-planes.nc");
 /// Five clampings of the three-sphere plate, as a control prints them.
 const SESSION: &[u8] = include_bytes!("../../reference/sessions/session_a.txt");
 /// Lines of a clamping.
@@ -48,7 +53,8 @@ pub fn all(meter: &mut impl Meter) -> Result<(), Failed> {
     dprnt(meter)?;
     fits(meter)?;
     journal(meter)?;
-    plate(meter)
+    plate(meter)?;
+    rewriting(meter)
 }
 
 /// Does something a few times and counts it; `what` says whether it worked.
@@ -85,6 +91,10 @@ pub mod names {
     pub const APPEND: &str = "journal entry of 64 bytes";
     /// From the last hit's line to the correction.
     pub const VERDICT: &str = "last hit of a plate: its sphere, registration, verdict, correction";
+    /// A tool path on its way to a control: what it was.
+    pub const LACES: &str = "tool path of lines rewritten, a byte read";
+    /// A tool path on its way to a control: what it becomes.
+    pub const CHORDS: &str = "tool path of arcs rewritten as chords, a byte written";
     /// All of it.
     pub const PLATE: &str = "plate of 15 hits, from its first byte to its correction";
 }
@@ -191,6 +201,49 @@ fn plate(meter: &mut impl Meter) -> Result<(), Failed> {
     });
     let all_ok = (taught, ok, last) == (1, 1, 1);
     all_ok.then_some(()).ok_or(Failed(names::PLATE))
+}
+
+/// A plate that was turned by a degree and leans by a hair (table 4.2, case 1), and one that
+/// leans so much that no arc stays one.
+fn rewriting(meter: &mut impl Meter) -> Result<(), Failed> {
+    let plate = case("registration_thesis_table_4_2_case1")?;
+    let moved = register(&plate.points(0), &plate.points(3)).map_err(|_| Failed(names::LACES))?;
+    let hair = moved.transform;
+    let [read, _] = rewritten(names::LACES, &hair, LACES)?;
+    meter.measure(names::LACES, read, &mut || {
+        let _ = black_box(rewritten(names::LACES, black_box(&hair), LACES));
+    });
+    let mut lean = RigidTransform::identity();
+    let (sin, cos) = libm::sincos(0.05);
+    (lean.rotation.m11, lean.rotation.m33) = (cos, cos);
+    (lean.rotation.m13, lean.rotation.m31) = (sin, -sin);
+    let [_, written] = rewritten(names::CHORDS, &lean, ARCS)?;
+    meter.measure(names::CHORDS, written, &mut || {
+        let _ = black_box(rewritten(names::CHORDS, black_box(&lean), ARCS));
+    });
+    Ok(())
+}
+
+/// Rewrites a program, from its first byte to its last; how many were read and written.
+fn rewritten(
+    work: &'static str,
+    transform: &RigidTransform,
+    program: &[u8],
+) -> Result<[u32; 2], Failed> {
+    let settings = Settings {
+        integers: Some(Integers::Units),
+        ..Settings::new(*transform)
+    };
+    let mut written = 0;
+    let mut sink = |bytes: &[u8]| written += black_box(bytes).len() as u32;
+    let mut rewriter = Rewriter::new(&settings).map_err(|_| Failed(work))?;
+    let done = rewriter
+        .push(program, &mut sink)
+        .and_then(|()| rewriter.finish(&mut sink));
+    match done {
+        Ok(summary) if summary.feeds + summary.chorded > 0 => Ok([program.len() as u32, written]),
+        _ => Err(Failed(work)),
+    }
 }
 
 const SECTOR: usize = 4096;

@@ -98,8 +98,9 @@ impl<'a, S: FnMut(&[u8])> Out<'a, S> {
     }
 
     pub fn length(&mut self, letter: u8, steps: i64, decimals: u8) {
-        self.put(&[letter]);
-        self.put(Decimal::new(steps, decimals).bytes());
+        let mut text = Decimal::new(steps, decimals);
+        text.put(letter);
+        self.put(text.bytes());
     }
 }
 
@@ -150,11 +151,22 @@ pub(super) fn block<S: FnMut(&[u8])>(
     // the latest.
     let anchor = words.iter().rposition(|word| of_motion(word.letter));
     let mut code = edit.code;
-    let mut added = edit.added.clone();
-    let mut copied = 0;
+    let mut added = Added {
+        all: &edit.added,
+        written: 0,
+    };
+    // What stands before `copied` has been written, up to `before` it may stay as it is.
+    let (mut copied, mut before) = (0, 0);
     for (number, word) in words.iter().enumerate() {
         let action = edit.actions.get(number).copied().unwrap_or(Action::Keep);
-        let gap = line.get(copied..word.start).unwrap_or_default();
+        let is_joined =
+            anchor == Some(number) || (of_motion(word.letter) && (code.is_some() || added.wait()));
+        if action == Action::Keep && !is_joined {
+            before = word.end;
+            continue;
+        }
+        out.put(line.get(copied..before).unwrap_or_default());
+        let gap = line.get(before..word.start).unwrap_or_default();
         if action == Action::Drop && code.is_none() {
             // The blanks before it go with it, a comment stays.
             let kept = gap
@@ -177,14 +189,10 @@ pub(super) fn block<S: FnMut(&[u8])>(
                 separate(out);
                 out.put(code);
             }
-            added.retain(|(letter, steps, decimals)| {
-                let waits = !is_before(*letter, word.letter);
-                if !waits {
-                    separate(out);
-                    out.length(*letter, *steps, *decimals);
-                }
-                waits
-            });
+            while let Some((letter, steps, decimals)) = added.before(word.letter) {
+                separate(out);
+                out.length(letter, steps, decimals);
+            }
             if action != Action::Drop {
                 separate(out);
             }
@@ -196,16 +204,49 @@ pub(super) fn block<S: FnMut(&[u8])>(
             Action::Drop => {}
         }
         if anchor == Some(number) {
-            for (letter, steps, decimals) in &added {
+            for (letter, steps, decimals) in added.rest() {
                 if spaced {
                     out.put(b" ");
                 }
                 out.length(*letter, *steps, *decimals);
             }
         }
-        copied = word.end;
+        (copied, before) = (word.end, word.end);
     }
     out.put(line.get(copied..).unwrap_or_default());
+}
+
+/// The words that are added, while they are written.
+struct Added<'a> {
+    all: &'a [(u8, i64, u8)],
+    /// A bit for each that has been.
+    written: u8,
+}
+
+impl Added<'_> {
+    /// The next that stands before a word of this letter.
+    fn before(&mut self, there: u8) -> Option<(u8, i64, u8)> {
+        let (number, word) = self.all.iter().enumerate().find(|(number, (letter, ..))| {
+            self.written >> number & 1 == 0 && is_before(*letter, there)
+        })?;
+        self.written |= 1 << number;
+        Some(*word)
+    }
+
+    /// Whether there are such that have not been written yet.
+    const fn wait(&self) -> bool {
+        (self.written.count_ones() as usize) < self.all.len()
+    }
+
+    /// Those that wait still.
+    fn rest(&self) -> impl Iterator<Item = &(u8, i64, u8)> {
+        let written = self.written;
+        self.all
+            .iter()
+            .enumerate()
+            .filter(move |(number, _)| written >> number & 1 == 0)
+            .map(|(_, word)| word)
+    }
 }
 
 /// The letter of a word as it is written.

@@ -134,7 +134,8 @@ impl Decimal {
         made
     }
 
-    fn put(&mut self, byte: u8) {
+    /// Puts a character before what is there.
+    pub fn put(&mut self, byte: u8) {
         let Some(at) = self.start.checked_sub(1) else {
             return;
         };

@@ -552,7 +552,8 @@ impl<'a> Rewriter<'a> {
                     && words.iter().any(|word| word.letter == b'O');
                 if !is_name || self.has_begun {
                     self.summary.blocks += 1;
-                    let (edit, more) = self.block(&words, optional)?;
+                    let mut edit = Edit::new(&words);
+                    let more = self.block(&words, optional, &mut edit)?;
                     self.begin(out);
                     emit::block(line, &words, &edit, self.spaced, out);
                     self.more = more;
@@ -576,30 +577,30 @@ impl<'a> Rewriter<'a> {
     }
 
     /// What becomes of a block.
-    fn block(&mut self, words: &Words, optional: bool) -> At<(Edit, More)> {
-        let before = (self.modes, self.motion, self.out_motion, self.place);
-        let mut edit = Edit::new(words);
-        let more = self.follow(words, &mut edit)?;
-        if optional {
-            let (modes, motion, out_motion, place) = before;
-            if modes != self.modes {
-                return Err((0, Reason::OptionalMode));
-            }
-            if more != More::Nothing {
-                return Err((0, Reason::OptionalLines));
-            }
-            if (motion, out_motion) != (self.motion, self.out_motion) {
-                (self.motion, self.out_motion) = (None, None);
-            }
-            for axis in 0..3 {
-                if at(&place.nominal, axis) != at(&self.place.nominal, axis)
-                    || at(&place.out, axis) != at(&self.place.out, axis)
-                {
-                    self.place.forget(axis);
-                }
+    fn block(&mut self, words: &Words, optional: bool, edit: &mut Edit) -> At<More> {
+        if !optional {
+            return self.follow(words, edit);
+        }
+        let (modes, motion, out_motion, place) =
+            (self.modes, self.motion, self.out_motion, self.place);
+        let more = self.follow(words, edit)?;
+        if modes != self.modes {
+            return Err((0, Reason::OptionalMode));
+        }
+        if more != More::Nothing {
+            return Err((0, Reason::OptionalLines));
+        }
+        if (motion, out_motion) != (self.motion, self.out_motion) {
+            (self.motion, self.out_motion) = (None, None);
+        }
+        for axis in 0..3 {
+            if at(&place.nominal, axis) != at(&self.place.nominal, axis)
+                || at(&place.out, axis) != at(&self.place.out, axis)
+            {
+                self.place.forget(axis);
             }
         }
-        Ok((edit, more))
+        Ok(more)
     }
 
     /// The step of the unit in force.

@@ -374,17 +374,19 @@ pub(super) struct Rounded {
 
 /// Refuses words that a motion does not take.
 pub(super) fn allow(words: &Words, letters: &[u8]) -> At<()> {
-    let calls = words.iter().any(|word| word.letter == b'M');
-    let has_work = words.iter().any(|word| word.letter == b'G');
+    let has = |letter: u8| words.iter().any(|word| word.letter == letter);
     for word in words {
-        let letter = word.letter;
-        let is_known = b"XYZABCNOGMFSTHD,".contains(&letter)
-            || letters.contains(&letter)
+        let is_known = match word.letter {
+            b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'N' | b'O' | b'G' | b'M' | b'F' | b'S'
+            | b'T' | b'H' | b'D' | b',' => true,
+            letter if letters.contains(&letter) => true,
             // Of M98, or of G54.1.
-            || (calls && matches!(letter, b'P' | b'L'))
-            || (has_work && letter == b'P');
+            b'P' => has(b'M') || has(b'G'),
+            b'L' => has(b'M'),
+            _ => false,
+        };
         if !is_known {
-            return Err((word.start, Reason::Meaningless(letter as char)));
+            return Err((word.start, Reason::Meaningless(word.letter as char)));
         }
     }
     Ok(())

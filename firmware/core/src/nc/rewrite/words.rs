@@ -156,37 +156,38 @@ fn word(line: &[u8], start: usize, at: usize, words: &mut Words) -> At<usize> {
 }
 
 /// Digits and a point.
-fn number(line: &[u8], mut at: usize, negative: bool) -> Result<(Number, usize), Reason> {
-    let begin = at;
+fn number(line: &[u8], begin: usize, negative: bool) -> Result<(Number, usize), Reason> {
     let mut digits: i64 = 0;
-    let mut decimals: u8 = 0;
-    let mut has_point = false;
-    while let Some(&byte) = line.get(at) {
-        match byte {
-            b'0'..=b'9' => {
-                // 17 digits and one more still fit.
-                if digits > 99_999_999_999_999_999 {
-                    return Err(Reason::OutOfRange);
-                }
-                digits = digits * 10 + i64::from(byte - b'0');
-                decimals += u8::from(has_point);
+    let mut point = None;
+    let mut at = begin;
+    for byte in line.get(begin..).unwrap_or_default() {
+        let digit = byte.wrapping_sub(b'0');
+        if digit < 10 {
+            // 17 digits and one more still fit.
+            if digits > 99_999_999_999_999_999 {
+                return Err(Reason::OutOfRange);
             }
-            b'.' if !has_point => has_point = true,
-            _ => break,
-        }
-        // A run of zeros is no larger number, but a longer one.
-        if decimals > 18 {
-            return Err(Reason::OutOfRange);
+            digits = digits.wrapping_mul(10).wrapping_add(i64::from(digit));
+        } else if *byte == b'.' && point.is_none() {
+            point = Some(at);
+        } else {
+            break;
         }
         at += 1;
     }
+    let has_point = point.is_some();
     if at == begin + usize::from(has_point) {
         return Err(Reason::NotAWord);
     }
-    let digits = if negative { -digits } else { digits };
+    // A run of zeros is no larger number, but a longer one.
+    let decimals = point.map_or(0, |point| at - point - 1);
+    let decimals = u8::try_from(decimals).unwrap_or(u8::MAX);
+    if decimals > 18 {
+        return Err(Reason::OutOfRange);
+    }
     Ok((
         Number {
-            digits,
+            digits: if negative { -digits } else { digits },
             decimals,
             has_point,
         },
