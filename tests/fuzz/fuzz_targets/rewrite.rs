@@ -14,7 +14,7 @@ mod follow;
 use follow::{Judge, V, interpreted};
 use libfuzzer_sys::fuzz_target;
 use nalgebra::{Rotation3, Vector3};
-use umi_core::nc::rewrite::{Integers, Refusal, Rewriter, Settings, Summary, Unit};
+use umi_core::nc::rewrite::{Integers, MAX_AT_ONCE, Refusal, Rewriter, Settings, Summary, Unit};
 use umi_core::registration::RigidTransform;
 use umi_virtual::nc::Dialect;
 
@@ -44,6 +44,8 @@ fuzz_target!(|data: &[u8]| {
     let whole = run(&settings, text, text.len());
     let pieces = run(&settings, text, usize::from(how >> 2) % 17 + 1);
     assert!(whole == pieces, "cut otherwise, it comes out otherwise");
+    let lines = line_by_line(&settings, text, usize::from(how >> 2) % 17 + 1);
+    assert!(whole == lines, "line by line, it comes out otherwise");
     let lines = text
         .iter()
         .filter(|byte| matches!(byte, b'\n' | b'\r'))
@@ -75,6 +77,33 @@ fn run(settings: &Settings<'_>, text: &[u8], piece: usize) -> (Vec<u8>, Result<S
         .chunks(piece.max(1))
         .try_for_each(|bytes| rewriter.push(bytes, &mut sink))
         .and_then(|()| rewriter.finish(&mut sink));
+    (out, done)
+}
+
+/// The same, one line at a time: never more comes out than there is room for.
+fn line_by_line(
+    settings: &Settings<'_>,
+    text: &[u8],
+    piece: usize,
+) -> (Vec<u8>, Result<Summary, Refusal>) {
+    let mut out = Vec::new();
+    let mut rewriter = Rewriter::new(settings).expect("good settings");
+    for mut bytes in text.chunks(piece) {
+        loop {
+            let before = out.len();
+            let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
+            let progress = match rewriter.push_line(bytes, &mut sink) {
+                Ok(progress) => progress,
+                Err(refusal) => return (out, Err(refusal)),
+            };
+            assert!(out.len() - before <= MAX_AT_ONCE);
+            bytes = &bytes[progress.taken..];
+            if bytes.is_empty() && !progress.has_more {
+                break;
+            }
+        }
+    }
+    let done = rewriter.finish(&mut |bytes: &[u8]| out.extend_from_slice(bytes));
     (out, done)
 }
 

@@ -7,7 +7,7 @@ use umi_virtual::nc::{Alarm, Control, Recorder, Settings, State};
 
 use crate::V;
 
-const O8830: &str = include_str!("../../../hw/control/haas/O8830-correction.nc");
+pub const O8830: &str = include_str!("../../../hw/control/haas/O8830-correction.nc");
 
 /// The interpreter for a dialect.
 pub const fn language(dialect: Dialect) -> Language {
@@ -54,6 +54,13 @@ fn ends(axes: &Recorder) -> Vec<V> {
     axes.motions
         .iter()
         .map(|(_, motion)| motion.to.mm)
+        .collect()
+}
+
+/// What a Haas does with E lines.
+pub fn assignments(text: &str) -> String {
+    text.lines()
+        .map(|line| line.replacen('E', "#", 1).replacen(' ', "=", 1) + "\n")
         .collect()
 }
 
@@ -105,11 +112,7 @@ pub fn corrected(
         (Dialect::Grbl, _) => format!("{text}{path}M30\n"),
         (Dialect::HaasVariables, _) => {
             control.load(O8830)?;
-            // What the control does with E lines.
-            let set = text
-                .lines()
-                .map(|line| line.replacen('E', "#", 1).replacen(' ', "=", 1));
-            let set: String = set.map(|line| line + "\n").collect();
+            let set = assignments(text);
             format!("%\nO0001\n{set}M98 P8830\n{path}M30\n%\n")
         }
         (dialect, ends_with) => {

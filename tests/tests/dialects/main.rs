@@ -6,6 +6,7 @@
 //! their operators would. Siemens and Heidenhain have no interpreter here: [`by_hand`] turns
 //! points axis by axis as their manuals say it, without a matrix.
 
+mod alarms;
 mod board;
 mod by_hand;
 mod control;
