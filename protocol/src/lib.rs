@@ -13,6 +13,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod at_once;
 mod cobs;
 pub mod decoder;
 pub mod fault;

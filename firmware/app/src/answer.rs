@@ -7,6 +7,7 @@ use heapless::Vec;
 use umi_core::job::Run;
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::units::Micros;
+use umi_protocol::at_once::AtOnce;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
@@ -16,19 +17,18 @@ use crate::scan::Scans;
 use crate::settings::positions_mm;
 
 /// What an answer needs besides what the board has measured.
-pub(crate) struct Surroundings<'a, Station> {
+pub(crate) struct Surroundings<'a> {
     pub now: Micros,
     /// Frames from this host that were damaged.
     pub link_damaged: u32,
     pub scans: &'a Scans,
-    pub station: &'a mut Station,
 }
 
 /// Does what the host asks and says what came of it.
 #[inline(never)]
 pub(crate) fn answer<F: Flash>(
     measure: &mut Measure<F>,
-    around: Surroundings<'_, impl Axes + Scanner>,
+    around: Surroundings<'_>,
     request: &Request,
 ) -> Response {
     match request {
@@ -57,15 +57,26 @@ pub(crate) fn answer<F: Flash>(
                 None => Response::StorageFailed,
             }
         }
-        Request::PositionsGet => Response::Positions(around.station.positions()),
-        Request::TriggerOutSet(when) => done(around.station.trigger_out(*when)),
-        Request::LaserSet { on } => done(around.station.laser(*on)),
+        // Answered before, without the state: see `at_once`.
+        Request::PositionsGet | Request::TriggerOutSet(_) | Request::LaserSet { .. } => {
+            Response::NotOnThisBoard
+        }
         Request::ProgramList { .. }
         | Request::ProgramBegin(_)
         | Request::ProgramPiece { .. }
         | Request::ProgramEnd { .. }
         | Request::ProgramRead { .. }
         | Request::ProgramDelete { .. } => programs::answer(measure, around.now, request),
+    }
+}
+
+/// The answer to what needs nothing that was measured.
+#[inline(never)]
+pub(crate) fn at_once(station: &mut (impl Axes + Scanner), request: AtOnce) -> Response {
+    match request {
+        AtOnce::Positions => Response::Positions(station.positions()),
+        AtOnce::TriggerOut(when) => done(station.trigger_out(when)),
+        AtOnce::Laser(on) => done(station.laser(on)),
     }
 }
 
@@ -113,7 +124,7 @@ fn done(result: Result<(), Unsupported>) -> Response {
 }
 
 #[inline(never)]
-fn status<F: Flash, Station>(measure: &Measure<F>, around: &Surroundings<'_, Station>) -> Status {
+fn status<F: Flash>(measure: &Measure<F>, around: &Surroundings<'_>) -> Status {
     let brain = measure.brain();
     let book = &measure.book;
     Status {

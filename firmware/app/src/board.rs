@@ -54,6 +54,9 @@ pub trait LinkRx {
     /// # Errors
     /// [`Broken`]: the host is gone.
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Broken>;
+
+    /// Waits until the host is gone. What it has sent before is kept for [`Self::read`].
+    async fn gone(&mut self);
 }
 
 /// Sends to the host.

@@ -5,19 +5,29 @@
 //! A host that does not read stops this task and nothing else: the state is
 //! locked only while an answer is made, never while it is sent. A connection
 //! that comes back starts anew, without events until they are asked for.
+//!
+//! A fit may hold the state for seconds. Where the axes are, trigger pulses and the laser need
+//! nothing of it: such a request is answered meanwhile, and what the host has switched on goes
+//! off as soon as the host is gone, whatever it waits for.
+//!
+//! # Limitations
+//!
+//! Requests are answered in their order: one behind another that waits for a fit waits, too.
 
 use core::convert::Infallible;
+use core::future::pending;
 
-use embassy_futures::select::{Either, Either3, select, select3};
+use embassy_futures::select::{Either3, Either4, select3, select4};
 use umi_core::journal::Flash;
+use umi_protocol::at_once::AtOnce;
 use umi_protocol::decoder::Decoder;
-use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode};
+use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::{Event, Request};
 
 use crate::App;
-use crate::answer::{Surroundings, answer};
+use crate::answer::{Surroundings, answer, at_once};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
 use crate::measure::Measure;
 use crate::shared::Guard;
@@ -57,54 +67,79 @@ async fn connection<F: Flash>(
 ) -> Result<Infallible, Broken> {
     // What the last connection left unfinished is no part of this one.
     let mut decoder = Decoder::<MAX_HOST_FRAME>::new();
+    // There may be events.
+    let mut events = true;
     loop {
         let mut packet = [0; PACKET];
-        let came = select3(rx.read(&mut packet), app.told.wait(), app.scans.came()).await;
-        if let Either3::First(count) = came {
-            let mut bytes = packet.get(..count?).unwrap_or_default();
-            loop {
-                let link_damaged = decoder.counters().damaged();
-                let Some(frame) = decoder.next_frame(&mut bytes) else {
-                    break;
-                };
-                let answer = {
-                    let mut measure = lock(app, tx, out).await?;
-                    let around = Surroundings {
-                        now: clock.now(),
-                        link_damaged,
-                        scans: &app.scans,
-                        station,
-                    };
-                    respond(&mut measure, around, &frame, out)
-                };
-                app.changed.signal(());
-                if !answer.is_empty() {
-                    tx.write(answer).await?;
+        let free = async {
+            match events {
+                true => app.measure.lock().await,
+                false => pending().await,
+            }
+        };
+        match select4(
+            free,
+            rx.read(&mut packet),
+            app.told.wait(),
+            app.scans.came(),
+        )
+        .await
+        {
+            Either4::First(mut measure) => {
+                let event = measure.book.events.pop(out);
+                // Measuring never waits for a host.
+                drop(measure);
+                match event {
+                    Some(frame) => tx.write(frame).await?,
+                    None => events = false,
                 }
             }
+            Either4::Second(count) => {
+                let mut bytes = packet.get(..count?).unwrap_or_default();
+                loop {
+                    let link_damaged = decoder.counters().damaged();
+                    let Some(frame) = decoder.next_frame(&mut bytes) else {
+                        break;
+                    };
+                    let length = match respond_at_once(station, &frame, out) {
+                        Some(length) => length,
+                        None => {
+                            events = true;
+                            let mut measure = lock(app, rx, tx, out).await?;
+                            let around = Surroundings {
+                                now: clock.now(),
+                                link_damaged,
+                                scans: &app.scans,
+                            };
+                            app.changed.signal(());
+                            respond(&mut measure, around, &frame, out)
+                        }
+                    };
+                    if length > 0 {
+                        tx.write(out.get(..length).unwrap_or_default()).await?;
+                    }
+                }
+            }
+            Either4::Third(()) => events = true,
+            Either4::Fourth(()) => {}
         }
         tell_scans(app, tx, out).await?;
-        loop {
-            // The lock ends with this statement: measuring never waits for a host.
-            let popped = lock(app, tx, out).await?.book.events.pop(out);
-            let Some(frame) = popped else {
-                break;
-            };
-            tx.write(frame).await?;
-        }
     }
 }
 
-/// Locks the state. A fit may hold it for long: triggers go on to the host meanwhile.
+/// Locks the state. A fit may hold it for long: meanwhile triggers go on to the host, and it is
+/// seen if that has gone.
 async fn lock<'a, F: Flash>(
     app: &'a App<F>,
+    rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Guard<'a, Measure<F>>, Broken> {
     loop {
-        match select(app.measure.lock(), app.scans.came()).await {
-            Either::First(measure) => return Ok(measure),
-            Either::Second(()) => tell_scans(app, tx, out).await?,
+        match select3(app.measure.lock(), app.scans.came(), rx.gone()).await {
+            Either3::First(measure) => return Ok(measure),
+            Either3::Second(()) => tell_scans(app, tx, out).await?,
+            Either3::Third(()) => return Err(Broken),
         }
     }
 }
@@ -124,19 +159,31 @@ async fn tell_scans<F: Flash>(
     Ok(())
 }
 
-/// The answer to a frame. What cannot be opened is answered with a Hello: it says
-/// who we are and which messages we know. What only a board sends is our own,
+/// The answer to a request that needs nothing of the state: the length of its frame; none to
+/// all else.
+#[inline(never)]
+fn respond_at_once(
+    station: &mut (impl Axes + Scanner),
+    frame: &Frame<'_>,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> Option<usize> {
+    let request = AtOnce::of(frame)?;
+    Some(encoded(frame, &at_once(station, request), out))
+}
+
+/// The answer to a frame: its length, or 0. What cannot be opened is answered with a Hello: it
+/// says who we are and which messages we know. What only a board sends is our own,
 /// echoed by the line, and is not answered: the echo would go round for ever.
 ///
 /// Messages are large: here they are on the stack only while one is answered.
 #[inline(never)]
-fn respond<'b, F: Flash>(
+fn respond<F: Flash>(
     measure: &mut Measure<F>,
-    around: Surroundings<'_, impl Axes + Scanner>,
+    around: Surroundings<'_>,
     frame: &Frame<'_>,
-    out: &'b mut [u8; MAX_BOARD_FRAME],
-) -> &'b [u8] {
-    let length = match frame.kind {
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> usize {
+    match frame.kind {
         Kind::Response | Kind::Event => 0,
         Kind::Request => {
             request(measure, around, frame, out).unwrap_or_else(|| hello(measure, frame, out))
@@ -145,15 +192,14 @@ fn respond<'b, F: Flash>(
         Kind::Hello => {
             let ours = Hello::new(&measure.book.sender());
             if frame.open::<Hello>().as_ref() == Ok(&ours) {
-                return &[];
+                return 0;
             }
             // A host that begins has not asked for events yet.
             measure.book.events.switch(false);
             around.scans.switch(false);
             hello(measure, frame, out)
         }
-    };
-    out.get(..length).unwrap_or_default()
+    }
 }
 
 /// Who we are: the length of the frame.
@@ -163,16 +209,14 @@ fn hello<F: Flash>(
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
-    let hello = Hello::new(&measure.book.sender());
-    // The buffer holds the longest frame.
-    encode(frame.sequence, &hello, out).map_or(0, <[u8]>::len)
+    encoded(frame, &Hello::new(&measure.book.sender()), out)
 }
 
 /// The answer to a request: the length of its frame; none if it cannot be opened.
 #[inline(never)]
 fn request<F: Flash>(
     measure: &mut Measure<F>,
-    around: Surroundings<'_, impl Axes + Scanner>,
+    around: Surroundings<'_>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
@@ -180,6 +224,170 @@ fn request<F: Flash>(
         return None;
     };
     let response = answer(measure, around, request);
+    Some(encoded(frame, &response, out))
+}
+
+/// Puts the answer to a frame into the buffer: its length.
+fn encoded(frame: &Frame<'_>, answer: &impl Message, out: &mut [u8; MAX_BOARD_FRAME]) -> usize {
     // The buffer holds the longest frame.
-    Some(encode(frame.sequence, &response, out).map_or(0, <[u8]>::len))
+    encode(frame.sequence, answer, out).map_or(0, <[u8]>::len)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::cell::{Cell, RefCell};
+    use std::collections::VecDeque;
+    use std::vec::Vec;
+
+    use core::future::poll_fn;
+    use core::pin::{Pin, pin};
+    use core::task::Poll;
+    use embassy_futures::{block_on, poll_once};
+    use umi_protocol::latch::Positions;
+    use umi_protocol::message::Response;
+
+    use super::*;
+    use crate::board::Unsupported;
+    use crate::test_board::{Hand, NoFlash};
+
+    /// A host, its cable, and what it switches on the board.
+    #[derive(Default)]
+    struct Host {
+        plugged: Cell<bool>,
+        says: RefCell<VecDeque<u8>>,
+        heard: RefCell<Vec<u8>>,
+        laser: Cell<bool>,
+        pulses: Cell<bool>,
+    }
+
+    impl Host {
+        fn asks(&self, request: &Request) {
+            let mut out = [0; MAX_HOST_FRAME];
+            let frame = encode(1, request, &mut out).unwrap();
+            self.says.borrow_mut().extend(frame.iter());
+        }
+
+        /// What it was answered since it last looked.
+        fn answers(&self) -> Vec<Response> {
+            let heard = self.heard.take();
+            let mut bytes = heard.as_slice();
+            let mut decoder = Decoder::<MAX_BOARD_FRAME>::new();
+            let mut answers = Vec::new();
+            while let Some(frame) = decoder.next_frame(&mut bytes) {
+                answers.push(frame.open().unwrap());
+            }
+            answers
+        }
+    }
+
+    impl LinkRx for &Host {
+        async fn connected(&mut self) {
+            poll_fn(|_| match self.plugged.get() {
+                true => Poll::Ready(()),
+                false => Poll::Pending,
+            })
+            .await;
+        }
+
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Broken> {
+            poll_fn(|_| {
+                let mut says = self.says.borrow_mut();
+                if !self.plugged.get() {
+                    return Poll::Ready(Err(Broken));
+                }
+                let count = says.len().min(buffer.len());
+                for (place, byte) in buffer.iter_mut().zip(says.drain(..count)) {
+                    *place = byte;
+                }
+                match count {
+                    0 => Poll::Pending,
+                    count => Poll::Ready(Ok(count)),
+                }
+            })
+            .await
+        }
+
+        async fn gone(&mut self) {
+            poll_fn(|_| match self.plugged.get() {
+                true => Poll::Pending,
+                false => Poll::Ready(()),
+            })
+            .await;
+        }
+    }
+
+    impl LinkTx for &Host {
+        async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+            self.heard.borrow_mut().extend(bytes);
+            Ok(())
+        }
+    }
+
+    impl Axes for &Host {
+        fn positions(&mut self) -> Positions {
+            Positions::default()
+        }
+    }
+
+    impl Scanner for &Host {
+        fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+            self.pulses.set(when != TriggerOut::Off);
+            Ok(())
+        }
+
+        fn laser(&mut self, on: bool) -> Result<(), Unsupported> {
+            self.laser.set(on);
+            Ok(())
+        }
+    }
+
+    const EVERY_MS: TriggerOut = TriggerOut::Time { interval_us: 1000 };
+
+    /// Runs until nothing is left to do.
+    fn settle(mut run: Pin<&mut impl Future>) {
+        for _ in 0..100 {
+            assert!(poll_once(run.as_mut()).is_pending());
+        }
+    }
+
+    /// A fit holds the state: laser and trigger pulses are switched all the same, and
+    /// positions told. While another request waits for the fit, the cable is pulled: both are
+    /// off at once, and the next host is answered when the fit is over.
+    #[test]
+    fn a_fit_keeps_no_laser_on() {
+        let (app, clock, host) = (App::<NoFlash>::new(), Hand::default(), Host::default());
+        let (mut rx, mut tx, mut station) = (&host, &host, &host);
+        let mut run = pin!(serve(&app, &mut rx, &mut tx, &mut station, &clock));
+        host.plugged.set(true);
+        let fit = block_on(app.measure.lock());
+        for on in [false, true] {
+            host.asks(&Request::LaserSet { on });
+        }
+        host.asks(&Request::TriggerOutSet(EVERY_MS));
+        host.asks(&Request::PositionsGet);
+        settle(run.as_mut());
+        assert!(host.laser.get() && host.pulses.get());
+        let expected = [
+            Response::Done,
+            Response::Done,
+            Response::Done,
+            Response::Positions(Positions::default()),
+        ];
+        assert_eq!(host.answers(), expected);
+        host.asks(&Request::StatusGet);
+        settle(run.as_mut());
+        assert!(host.answers().is_empty() && host.laser.get());
+        host.plugged.set(false);
+        settle(run.as_mut());
+        assert!(!host.laser.get() && !host.pulses.get());
+        drop(fit);
+        settle(run.as_mut());
+        assert!(host.answers().is_empty(), "nobody is there");
+        host.plugged.set(true);
+        host.asks(&Request::StatusGet);
+        settle(run.as_mut());
+        assert!(matches!(host.answers().as_slice(), [Response::Status(_)]));
+        assert!(!host.laser.get() && !host.pulses.get());
+    }
 }

@@ -189,6 +189,10 @@ impl<D: Driver<'static>> LinkRx for Receiver<D> {
         self.next += count;
         Ok(count)
     }
+
+    async fn gone(&mut self) {
+        closed(&mut self.open).await;
+    }
 }
 
 /// To the host.

@@ -21,6 +21,7 @@ use std::path::Path;
 
 use serde::{Serialize, de::DeserializeOwned};
 use umi_protocol::Schema;
+use umi_protocol::at_once::AtOnce;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{MAX_BOARD_FRAME, Message, encode};
 use umi_protocol::hello::KEY;
@@ -92,6 +93,36 @@ where
 #[test]
 fn requests_keep_their_bytes() {
     hold_samples::<Request>("request.hex", samples::request_after);
+}
+
+/// The short way of three requests reads the same as the long one, and none but them.
+#[test]
+fn requests_that_are_answered_at_once_are_read_the_same() {
+    let mut sample = samples::request_after(None);
+    let mut decoder = Decoder::<MAX_BOARD_FRAME>::new();
+    let mut count = 0;
+    while let Some(request) = sample {
+        let expected = match &request {
+            Request::PositionsGet => Some(AtOnce::Positions),
+            Request::TriggerOutSet(when) => Some(AtOnce::TriggerOut(*when)),
+            Request::LaserSet { on } => Some(AtOnce::Laser(*on)),
+            _ => None,
+        };
+        let mut buffer = [0; MAX_BOARD_FRAME];
+        let mut bytes = encode(1, &request, &mut buffer).unwrap();
+        let mut frame = decoder.next_frame(&mut bytes).unwrap();
+        assert_eq!(AtOnce::of(&frame), expected, "{request:?}");
+        count += u32::from(expected.is_some());
+        // Neither with a byte more, nor of another schema.
+        let longer = [frame.payload, &[0]].concat();
+        frame.payload = &longer;
+        assert_eq!(AtOnce::of(&frame), None);
+        frame.payload = &longer[..longer.len() - 1];
+        frame.key ^= 1;
+        assert_eq!(AtOnce::of(&frame), None);
+        sample = samples::request_after(Some(&request));
+    }
+    assert_eq!(count, 3);
 }
 
 #[test]

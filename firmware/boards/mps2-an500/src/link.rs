@@ -82,6 +82,10 @@ impl LinkRx for Receiver {
             Either::Second(CncInput::Lost(_) | CncInput::End) => Err(Broken),
         }
     }
+
+    async fn gone(&mut self) {
+        LINK.broken().await;
+    }
 }
 
 /// To the host.

@@ -107,24 +107,38 @@ impl LinkRx for HostRx {
 
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Broken> {
         while self.rest.is_empty() {
-            match self.incoming.recv().await {
-                Some(FromHost::Bytes(bytes)) => self.rest = bytes,
-                Some(FromHost::Connected(host)) => {
-                    *self.to_host.borrow_mut() = Some(host);
-                    return Err(Broken);
-                }
-                Some(FromHost::Gone) => {
-                    *self.to_host.borrow_mut() = None;
-                    return Err(Broken);
-                }
-                None => std::future::pending().await,
-            }
+            self.more().await?;
         }
         let count = self.rest.len().min(buffer.len());
         for (place, byte) in buffer.iter_mut().zip(self.rest.drain(..count)) {
             *place = byte;
         }
         Ok(count)
+    }
+
+    async fn gone(&mut self) {
+        while self.more().await.is_ok() {}
+    }
+}
+
+impl HostRx {
+    /// Waits for bytes from the host of this connection.
+    async fn more(&mut self) -> Result<(), Broken> {
+        match self.incoming.recv().await {
+            Some(FromHost::Bytes(bytes)) => {
+                self.rest.extend(bytes);
+                Ok(())
+            }
+            Some(FromHost::Connected(host)) => {
+                *self.to_host.borrow_mut() = Some(host);
+                Err(Broken)
+            }
+            Some(FromHost::Gone) => {
+                *self.to_host.borrow_mut() = None;
+                Err(Broken)
+            }
+            None => std::future::pending().await,
+        }
     }
 }
 
