@@ -38,7 +38,8 @@ const NEAR_CYCLES: u64 = 12;
 const SCANS_PER_S: u64 = 12_000;
 /// From an edge until its positions are read may take so long.
 const LATENESS_CYCLES: u64 = 75 * CYCLES_PER_US;
-/// What the interrupt of captures takes at once: less than a character from the control.
+/// What the interrupts of captures and of the tick take at once: less than a character from the
+/// control.
 const CAPTURE_CYCLES: u64 = 6_000;
 const CAPTURE_INTERRUPT: u64 = 9;
 const LOOK_INTERRUPT: u64 = 1;
@@ -283,6 +284,8 @@ fn ten_thousand_triggers_a_second(count: u64) {
 /// Positions are read long before they are overwritten, and the interrupts that do it leave
 /// the control's characters their time.
 fn is_in_time(rig: &mut PicoRig) {
+    // One may follow the other.
+    let mut at_once = 0;
     for times in rig.emulator().interrupts() {
         let (wait, run) = (times.wait_cycles, times.run_cycles);
         if [CAPTURE_INTERRUPT, LOOK_INTERRUPT].contains(&times.number) {
@@ -290,12 +293,13 @@ fn is_in_time(rig: &mut PicoRig) {
                 "interrupt {}: waits {wait} and runs {run} cycles at most",
                 times.number
             );
-            assert!(run <= CAPTURE_CYCLES, "{times:?}");
+            at_once += run;
         }
         if times.number == CAPTURE_INTERRUPT {
             assert!(wait + run <= LATENESS_CYCLES, "{times:?}");
         }
     }
+    assert!(at_once <= CAPTURE_CYCLES, "{at_once}");
 }
 
 /// Ten thousand triggers a second while all axes move: every one is captured, paired with
@@ -607,6 +611,8 @@ fn edges_that_come_close_together_are_told_apart() {
 #[test]
 fn lost_samples_are_told_and_no_edge_vanishes() {
     const HOLDS: u64 = 30;
+    /// Not counted while all machines are started anew, at most.
+    const START_COUNTS: u64 = 150;
     let Some(mut rig) = PicoRig::start_or_skip() else {
         return;
     };
@@ -651,10 +657,13 @@ fn lost_samples_are_told_and_no_edge_vanishes() {
     assert!((HOLDS + 1..=2 * HOLDS + 1).contains(&lost), "{lost}");
     assert!(!positions.are_valid());
     for (axis, truth) in axes.iter().enumerate() {
-        // Half a millisecond and what a start takes, each time, at a million counts a second.
+        // What a start takes, at a million counts a second.
         let off = (positions.counts[axis] - truth.position).unsigned_abs();
         println!("axis {axis}: {off} counts lost in {HOLDS} starts");
-        assert!(off < HOLDS * 700, "axis {axis} is {off} counts off");
+        assert!(
+            off <= lost * START_COUNTS,
+            "axis {axis} is {off} counts off"
+        );
     }
     let counters = counters(&mut rig, &mut client);
     println!("{counters:?}");

@@ -31,6 +31,8 @@ const CHARACTER_CYCLES: u64 = 87 * CYCLES_PER_US;
 /// How long an answer may take while the board fits a sphere to [`MAX_HITS`] hits: it has
 /// no floating point.
 const ANSWER_CYCLES: u64 = 300_000 * CYCLES_PER_US;
+/// How long half of them take, at most.
+const HALF_OF_ANSWERS_CYCLES: u64 = 2_000 * CYCLES_PER_US;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 
@@ -389,6 +391,7 @@ fn the_link_answers_and_the_line_is_taken_while_fits_run() {
     );
     assert!(delays.len() >= asked);
     assert!(*delays.last().unwrap() <= ANSWER_CYCLES);
+    assert!(delays[delays.len() / 2] <= HALF_OF_ANSWERS_CYCLES);
     let status = client.status().unwrap();
     assert_eq!(status.counters.bytes_lost, 0);
     assert_eq!(status.verdicts_ok, 1, "{:?}", client.verdict());

@@ -6,6 +6,7 @@
 //!
 //! | file | idea |
 //! | --- | --- |
+//! | [`heard`] | who must be heard so that the watchdog is fed |
 //! | [`latches`] | captures between an interrupt and the application |
 //! | [`received`] | bytes between an interrupt and the application, losses in their place |
 //! | [`spi_nor`] | serial NOR flash for the journal and the settings |
@@ -24,6 +25,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod heard;
 pub mod latches;
 pub mod received;
 pub mod spi_nor;

@@ -44,7 +44,7 @@ const PULSE_CYCLES: u64 = 100 * CYCLES_PER_US;
 /// How long the rig waits for what takes emulated time, before it says what is wrong.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// What the golden session may need of the stack: a tenth more than it does.
-const STACK_BYTES: u32 = 36_000;
+const STACK_BYTES: u32 = 41_000;
 /// How often it looks.
 const TURN: Duration = Duration::from_millis(2);
 

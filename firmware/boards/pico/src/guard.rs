@@ -1,24 +1,26 @@
 //! Watchdog, and why the board started.
 //!
-//! Two are watched. The highest interrupt feeds the chip's watchdog, whose counter holds no
-//! more than eight seconds; a fit may take longer where there is no floating-point unit.
-//! So it feeds only while the tasks of the lowest priority, which wait for the measuring,
-//! have themselves been heard within [`MEASURING_S`].
-
-use core::sync::atomic::{AtomicU32, Ordering};
+//! The highest interrupt feeds the chip's watchdog, whose counter holds no more than eight
+//! seconds; a fit may take longer where there is no floating-point unit. So each level of
+//! priority has a patience of its own ([`umi_drivers::heard`]): the tasks of the lowest, which
+//! wait for the measuring, [`MEASURING_S`]; the host's, above which nothing takes long,
+//! [`HOST_S`], so that a task that spins there or above is seen as soon as the counter is over.
 
 use embassy_rp::gpio::Output;
 use embassy_rp::pac;
 use embassy_rp::watchdog::{ResetReason as ByWatchdog, Watchdog};
-use embassy_time::Duration;
+use embassy_time::{Duration, Timer};
+use umi_drivers::heard::Level;
 use umi_protocol::message::ResetReason;
 
 use crate::lights;
-use crate::plan::{MEASURING_S, WATCHDOG_MS};
+use crate::plan::{HOST_S, MEASURING_S, WATCHDOG_MS};
 use crate::tick;
 
-/// When the measuring answered last: the low word of the microseconds' timer.
-static HEARD_US: AtomicU32 = AtomicU32::new(0);
+/// The lowest level: it answers when the measuring does.
+static MEASURING: Level = Level::new(MEASURING_S * 1_000_000);
+/// The level of the host's tasks.
+static HOST: Level = Level::new(HOST_S * 1_000_000);
 
 /// What the counter begins with: a fault of the RP2040 (E1) makes it count two each
 /// microsecond.
@@ -31,8 +33,16 @@ const _: () = assert!(LOAD < 1 << 24);
 /// To be called each tick of the highest interrupt, with the low word of the
 /// microseconds' timer.
 pub fn ticked(now_us: u32) {
-    if now_us.wrapping_sub(HEARD_US.load(Ordering::Relaxed)) < MEASURING_S * 1_000_000 {
+    if HOST.is_alive(now_us) && MEASURING.is_alive(now_us) {
         pac::WATCHDOG.load().write(|w| w.set_load(LOAD));
+    }
+}
+
+/// Is heard, for ever: a task of the host's level.
+pub async fn host_level() -> ! {
+    loop {
+        HOST.hear(tick::now_us());
+        Timer::after(Duration::from_secs(HOST_S.into()) / 4).await;
     }
 }
 
@@ -95,7 +105,9 @@ impl Dog {
     /// Begins to watch.
     pub fn start(mut watchdog: Watchdog, light: Output<'static>) -> Self {
         watchdog.pause_on_debug(true);
-        HEARD_US.store(tick::now_us(), Ordering::Relaxed);
+        let now_us = tick::now_us();
+        MEASURING.hear(now_us);
+        HOST.hear(now_us);
         watchdog.start(PATIENCE);
         Self { light, fed: 0 }
     }
@@ -103,7 +115,7 @@ impl Dog {
 
 impl umi_app::board::Watchdog for Dog {
     fn feed(&mut self) {
-        HEARD_US.store(tick::now_us(), Ordering::Relaxed);
+        MEASURING.hear(tick::now_us());
         self.fed = self.fed.wrapping_add(1);
         // On with a short gap each two seconds: all is well. Blinking: it is not.
         let off = if lights::trouble() {

@@ -106,6 +106,7 @@ fn main() -> ! {
     control.spawn(first(latch_on(app)));
     let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
     host.spawn(first(serve(app, parts.usb, parts.serial, parts.station)));
+    host.spawn(first(heard()));
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app, parts.lamps)));
         here.spawn(first(supervise(app, parts.dog)));
@@ -271,6 +272,11 @@ async fn serve(
         ),
     )
     .await;
+}
+
+#[embassy_executor::task]
+async fn heard() {
+    guard::host_level().await;
 }
 
 #[embassy_executor::task]

@@ -98,6 +98,9 @@ pub const HOST_TASKS: Priority = Priority::P3;
 
 /// The watchdog's patience with the highest interrupt: nearly all that its counter holds.
 pub const WATCHDOG_MS: u64 = 8_000;
+/// Patience with the host's tasks and all above, seconds, before the counter runs: what writes
+/// to the memory there may take a good part of the counter, too.
+pub const HOST_S: u32 = 1;
 /// Patience with the measuring, seconds: a sector of the memory may take 0.4 s to be erased,
 /// and a cylinder of many points tens of seconds without a floating-point unit.
 pub const MEASURING_S: u32 = 120;
