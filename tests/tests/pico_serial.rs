@@ -1,5 +1,8 @@
 //! The ports of the board's image on an emulated Pico, at their worst: the control's line
 //! at its full rate, the host's link flooded, pulled and waited for, the power cut.
+//!
+//! The long form is run by
+//! `cargo test -p umi-tests --test pico_serial -- --ignored --nocapture`.
 
 use std::env;
 use std::io::{Read as _, Write as _};
@@ -16,7 +19,7 @@ use umi_core::brain::{self, Brain};
 use umi_core::units::Micros;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
-use umi_protocol::job::{Job, MAX_HITS};
+use umi_protocol::job::{FeatureKind, Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, PicoRig, Pulses, Segment, TRIGGER_PIN, pty};
@@ -397,6 +400,88 @@ fn the_link_answers_and_the_line_is_taken_while_fits_run() {
     assert_eq!(status.verdicts_ok, 1, "{:?}", client.verdict());
     assert_eq!(rig.emulator().state().overruns, 0);
     assert!(bytes_of_control(&records(&mut client)) == long_text().as_bytes());
+}
+
+/// A bore before the spheres: a cylinder, whose fit takes seconds without floating point.
+const BORE: &str = "SPHERE4";
+
+fn bore_job(hits: usize) -> Job {
+    let mut job = long_job();
+    let mut bore = job.features[0].clone();
+    bore.name = BORE.try_into().unwrap();
+    bore.kind = FeatureKind::Cylinder;
+    bore.hits = hits as u16;
+    bore.radius_mm = Some(20.0);
+    bore.datum = false;
+    job.features.insert(0, bore).unwrap();
+    job
+}
+
+/// The hits of the bore, which leans a little, then those of the spheres: 5.8 KB.
+fn bore_text(hits: usize) -> String {
+    let mut text = format!("{BORE}\n***\n{hits}\n");
+    for hit in 0..hits {
+        let (turn, depth) = (hit as f64 * 2.4, hit as f64 / hits as f64 * 30.0);
+        let point = [
+            20.0 * turn.cos() + 0.01 * depth,
+            20.0 * turn.sin(),
+            100.0 - depth,
+        ];
+        let words = point.map(|mm| format!("*{mm:.4}"));
+        text += &(words.concat() + "\n");
+    }
+    text + "***\n" + &long_text()
+}
+
+/// While the board fits a cylinder, the control sends all that may wait, and the host has the
+/// laser switched on. The host's cable is pulled: the laser is off long before the fit is
+/// over. Nothing of the control is lost, and the watchdog waits.
+fn a_long_fit(hits: usize) {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut desk = client(&mut rig);
+    desk.set_job(&bore_job(hits)).unwrap().unwrap();
+    let text = bore_text(hits);
+    rig.control_sends(text.as_bytes());
+    wait_for_control(&mut rig);
+    let sent = rig.emulator().state().cycle;
+    assert!(desk.laser(true).unwrap());
+    desk.positions().unwrap();
+    assert!(rig.laser_is_on());
+    rig.unplug();
+    wait_until("darkness", || !rig.laser_is_on());
+    let dark = rig.emulator().state().cycle;
+    drop(desk);
+    let mut desk = client(&mut rig);
+    let fitted = rig.emulator().state().cycle;
+    let ms = |from: u64, to: u64| (to - from) / CYCLES_PER_US / 1000;
+    println!(
+        "{hits} hits: dark {} ms after the text, {} ms before the host is answered",
+        ms(sent, dark),
+        ms(dark, fitted)
+    );
+    assert!(ms(dark, fitted) > 1000, "the fit was over");
+    wait_until("the verdict", || desk.status().unwrap().verdicts == 1);
+    let status = desk.status().unwrap();
+    assert_eq!(status.counters.bytes_lost, 0);
+    assert_eq!(status.verdicts_ok, 1, "{:?}", desk.verdict());
+    let state = rig.emulator().state();
+    assert_eq!((state.overruns, state.resets), (0, 0));
+    assert!(bytes_of_control(&records(&mut desk)) == text.as_bytes());
+}
+
+/// See [`a_long_fit`]: four seconds.
+#[test]
+fn a_cylinder_keeps_neither_the_line_nor_the_laser() {
+    a_long_fit(8);
+}
+
+/// As many hits as a job can have: longer than the watchdog's counter.
+#[test]
+#[ignore = "minutes of emulation"]
+fn a_cylinder_keeps_neither_the_line_nor_the_laser_long() {
+    a_long_fit(MAX_HITS);
 }
 
 // --- the program, on a serial device
