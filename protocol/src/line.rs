@@ -40,6 +40,8 @@ pub enum LineStatus {
     NotUnderstood,
     /// Parity, length or check value are wrong: its values are not used.
     Damaged,
+    /// It asks for a program: `READ O1234`.
+    Request,
 }
 
 /// A hit as the control reported it.

@@ -24,12 +24,16 @@
 //! | `ProgramEnd` | `Done` | it counts from now on, in place of the old one, if its check value is right |
 //! | `ProgramRead` | `ProgramBytes` | bytes of a program |
 //! | `ProgramDelete` | `Done` | deletes one |
+//! | `ProgramOffer` | `Done` | the control's next READ gets this one, as if it had asked for it |
+//! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
+//! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
 //! does what it does once.
 //!
 //! Trigger pulses and laser belong to the host that switched them on: the board
-//! switches them off when that host is gone.
+//! switches them off when that host is gone. A program that it passes through ends there,
+//! without an end that a control would take.
 
 use heapless::Vec;
 use postcard_derive::Schema;
@@ -40,7 +44,7 @@ use crate::feature::FeatureResult;
 use crate::job::{Job, MAX_DATUMS, Name};
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
-use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
+use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom, Withheld};
 use crate::refusal::JobError;
 use crate::schema::max_len;
 use crate::verdict::Verdict;
@@ -129,6 +133,21 @@ pub enum Request {
     },
     /// Delete a program.
     ProgramDelete {
+        /// Its number.
+        number: u32,
+    },
+    /// The control's next READ gets what this host will pass through, as if it had asked for
+    /// it by its number.
+    ProgramPass(ProgramInfo),
+    /// Bytes of what is passed through.
+    ProgramPassed {
+        /// Where they stand.
+        offset: u32,
+        /// The bytes.
+        bytes: Piece,
+    },
+    /// The control's next READ gets this program, as if it had asked for it by its number.
+    ProgramOffer {
         /// Its number.
         number: u32,
     },
@@ -323,8 +342,25 @@ pub enum Record {
         /// The CRC-32 of its bytes.
         crc32: u32,
     },
-    /// A READ without an OK verdict: a program went out that raises an alarm.
+    /// A READ for which there is no program: one went out that raises an alarm.
     AlarmSent {
+        /// The number that the control asked for, or the correction's.
+        number: u32,
+        /// Why there is none.
+        why: Withheld,
+        /// Bytes sent.
+        bytes: u32,
+        /// False: the control stopped it or the line broke before its end.
+        complete: bool,
+    },
+    /// A part program went out to the control that asked for it.
+    ProgramSent {
+        /// Its number.
+        number: u32,
+        /// The CRC-32 of its bytes.
+        crc32: u32,
+        /// By the registration of which plate it was rewritten; none: it went out as it is.
+        rewritten_for: Option<u32>,
         /// Bytes sent.
         bytes: u32,
         /// False: the control stopped it or the line broke before its end.
@@ -355,6 +391,7 @@ impl Record {
             Self::ProgramKept(_) => 15,
             Self::ProgramDeleted { .. } => 16,
             Self::AlarmSent { .. } => 17,
+            Self::ProgramSent { .. } => 18,
         }
     }
 }

@@ -30,6 +30,182 @@ pub struct ProgramInfo {
     pub bytes: u32,
     /// CRC-32 (ISO-HDLC, that of zip) of all of them.
     pub crc32: u32,
+    /// When it goes out to the control, and how.
+    pub release: Release,
+    /// How long the control may hold the line while the program is sent, seconds: 5 for one
+    /// that the control stores, longer than its longest motion for one that it carries out
+    /// as it comes. One that was held for longer begins anew.
+    pub hold_s: u16,
+}
+
+/// When a program goes out to a control that asks for it.
+///
+/// "After an OK verdict" means: begun within the job's plate time-out, before anything is
+/// measured again or lost and before another job, and once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Release {
+    /// As it is, after an OK verdict.
+    AfterVerdict,
+    /// After an OK verdict, every motion carried by that verdict's registration. Not with a
+    /// job that sends a correction: it would correct twice.
+    Rewritten(RewriteSpec),
+    /// As it is, whenever it is asked for: a program that probes.
+    Always,
+    /// Not at all: as the control has punched it.
+    Never,
+}
+
+/// How a program is rewritten for its control: see `umi nc rewrite`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct RewriteSpec {
+    /// Decimals of a length in mm that the control takes, 1 to 6; inches have one more.
+    pub decimals_mm: u8,
+    /// How far an arc may lie from its image, rounding included.
+    pub chord_um: u16,
+    /// How far pecks retract where a canned cycle is written out.
+    pub clearance_um: u16,
+    /// What a length without a decimal point means.
+    pub integers: IntegerRule,
+    /// The unit before the program says `G20` or `G21`.
+    pub unit: UnitRule,
+}
+
+/// What a length without a decimal point means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum IntegerRule {
+    /// Nobody has said: refused.
+    Refused,
+    /// Millimetres or inches.
+    Units,
+    /// Increments of the control.
+    Increments,
+}
+
+/// The unit before a program says any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum UnitRule {
+    /// The program has to say: motions before are refused.
+    Said,
+    /// Millimetres.
+    Mm,
+    /// Inches.
+    Inch,
+}
+
+/// Why a control that asked for a program got one that raises an alarm.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Withheld {
+    /// There is no OK verdict, it holds no more, or what it gives has gone out.
+    NoVerdict,
+    /// There is no such program.
+    NotThere,
+    /// It went out after this verdict already.
+    GoneOut,
+    /// It was punched by the control; nobody has said that it may go out.
+    NotReleased,
+    /// The job sends a correction: the rewritten program would correct twice.
+    CorrectedTwice,
+    /// The verdict has no registration to rewrite it by.
+    NoRegistration,
+    /// Its settings cannot be used.
+    BadSettings,
+    /// It cannot be rewritten truly.
+    NotRewritable {
+        /// Line of the program, from 1.
+        line: u32,
+        /// Character of the line, from 1.
+        column: u16,
+    },
+    /// What is in the flash is not what was put there.
+    Damaged,
+    /// The code in which the control writes lacks a character of it.
+    NotInCode {
+        /// The character.
+        byte: u8,
+    },
+}
+
+impl Withheld {
+    /// A stable name for machines.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::NoVerdict => "no_verdict",
+            Self::NotThere => "program_not_there",
+            Self::GoneOut => "program_gone_out",
+            Self::NotReleased => "program_not_released",
+            Self::CorrectedTwice => "corrected_twice",
+            Self::NoRegistration => "no_registration",
+            Self::BadSettings => "bad_settings",
+            Self::NotRewritable { .. } => "not_rewritable",
+            Self::Damaged => "program_damaged",
+            Self::NotInCode { .. } => "not_in_code",
+        }
+    }
+
+    /// What an alarm says on the control's screen: capitals, 28 at most.
+    #[must_use]
+    pub const fn alarm(&self) -> &'static str {
+        match self {
+            Self::NoVerdict => "NO OK VERDICT",
+            Self::NotThere => "NO SUCH PROGRAM",
+            Self::GoneOut => "PROGRAM HAS GONE OUT - PROBE",
+            Self::NotReleased => "PROGRAM NOT RELEASED",
+            Self::CorrectedTwice => "JOB CORRECTS ALREADY",
+            Self::NoRegistration => "VERDICT WITHOUT REGISTRATION",
+            Self::BadSettings => "SETTINGS OF PROGRAM",
+            Self::NotRewritable { .. } => "PROGRAM NOT REWRITABLE",
+            Self::Damaged => "PROGRAM DAMAGED",
+            Self::NotInCode { .. } => "CHARACTER NOT IN CODE",
+        }
+    }
+}
+
+impl fmt::Display for Withheld {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoVerdict => f.write_str(
+                "there is no OK verdict that holds, or its correction has gone out: probe the part",
+            ),
+            Self::NotThere => f.write_str("there is no such program on the board: umi program put"),
+            Self::GoneOut => {
+                f.write_str("it went out after this verdict already: probe the part again")
+            }
+            Self::NotReleased => f.write_str(
+                "the control has punched it and nobody has released it: umi program get it, look at it, and put it with --release",
+            ),
+            Self::CorrectedTwice => f.write_str(
+                "the job sends a correction, and the rewritten program would correct once more: take [correction] out of the job, or put the program with --release after-verdict",
+            ),
+            Self::NoRegistration => {
+                f.write_str("the verdict has no registration to rewrite it by")
+            }
+            Self::BadSettings => {
+                f.write_str("increment, chord or clearance that it was put with cannot be used")
+            }
+            Self::NotRewritable { line, column } => write!(
+                f,
+                "line {line}, column {column} cannot be rewritten truly: umi nc check says why"
+            ),
+            Self::Damaged => f.write_str(
+                "what is in the board's flash is not what was put there: put it again, and replace the board if it stays",
+            ),
+            Self::NotInCode { byte } => write!(
+                f,
+                "the code in which the control writes has no {:?}",
+                char::from(*byte)
+            ),
+        }
+    }
 }
 
 /// How much room there is for programs.

@@ -4,66 +4,22 @@
 //! A case takes a board with empty flash that was just switched on. What is beyond a rig
 //! (waveforms at rate, resets, steered time) has tests of its own for each board.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use umi::audit::{Audit, Findings};
-use umi::link::{Client, Patience};
+use umi::link::Client;
 use umi::programs;
-use umi::pull::{self, Step};
-use umi_core::brain::{Brain, Output};
-use umi_core::units::Micros;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
-use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
-use umi_protocol::message::{Event, Record, Request, ResetReason, Status};
-use umi_protocol::pattern::Coding;
-use umi_protocol::program::{ProgramInfo, ProgramRefusal};
-use umi_protocol::verdict::Verdict;
-use umi_tests::rig::{PicoRig, QemuRig, Rig, VirtualRig};
+use umi_protocol::message::{Event, Record, Request, ResetReason};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
+use umi_tests::cases::*;
+use umi_tests::rig::Rig;
 
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
-const DC1: &[u8] = &[0x11];
-const XOFF: &[u8] = &[0x13];
-/// Characters that a control takes after it has said XOFF.
-const TEN: usize = 10;
 /// How far from its line a trigger pulse may begin, at the speed of a rig's moves.
 const LAG_COUNTS: i64 = 20;
-/// Nothing takes so long on the wall, on any machine.
-const HANGS: Duration = Duration::from_secs(900);
 
-/// Every case on every board.
-macro_rules! conformance {
-    ($($case:ident)*) => {
-        mod on_the_virtual_board {
-            use super::*;
-            $(#[test]
-            fn $case() {
-                super::$case(&mut VirtualRig::start().unwrap());
-            })*
-        }
-        mod on_qemu {
-            use super::*;
-            $(#[test]
-            fn $case() {
-                if let Some(mut rig) = QemuRig::start_or_skip() {
-                    super::$case(&mut rig);
-                }
-            })*
-        }
-        mod on_the_emulated_pico {
-            use super::*;
-            $(#[test]
-            fn $case() {
-                if let Some(mut rig) = PicoRig::start_or_skip() {
-                    super::$case(&mut rig);
-                }
-            })*
-        }
-    };
-}
-
-conformance! {
+umi_tests::on_every_board! {
     tells_who_it_is
     takes_checks_and_refuses_jobs
     judges_the_golden_session_bit_for_bit
@@ -79,139 +35,6 @@ conformance! {
     loses_no_byte_whatever_the_host_does
     keeps_programs_whole_whatever_happens_to_an_upload
 }
-
-// --- what the cases share
-
-fn job() -> Job {
-    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
-}
-
-/// The text of one clamping of the session.
-fn clamping(case: usize) -> String {
-    let lines = SESSION.split_inclusive('\n');
-    lines.skip(27 * case).take(27).collect()
-}
-
-/// A time of the board's, in this world's.
-fn patience(rig: &dyn Rig, board: Duration) -> Duration {
-    board * rig.slowness()
-}
-
-fn connect(rig: &mut dyn Rig) -> Client {
-    let answer = patience(rig, Duration::from_secs(2));
-    let patience = Patience { answer, tries: 3 };
-    Client::with_patience(rig.connect(), patience).unwrap()
-}
-
-/// Asks until it is so.
-fn until<T>(rig: &mut dyn Rig, what: &str, mut ask: impl FnMut(&mut dyn Rig) -> Option<T>) -> T {
-    let (begun, wall) = (rig.time(), Instant::now());
-    loop {
-        if let Some(answer) = ask(rig) {
-            return answer;
-        }
-        let waited = rig.time().saturating_sub(begun);
-        assert!(
-            waited < Duration::from_secs(10) && wall.elapsed() < HANGS,
-            "{}: {what} has not come in {waited:?}",
-            rig.name()
-        );
-        std::thread::sleep(Duration::from_millis(2));
-    }
-}
-
-/// Waits until the board has judged so often.
-fn judged(rig: &mut dyn Rig, client: &mut Client, verdicts: u32) -> Status {
-    until(rig, "a verdict", |_| {
-        Some(client.status().unwrap()).filter(|status| status.verdicts >= verdicts)
-    })
-}
-
-/// The whole journal: every record, and what its audit finds.
-fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
-    let mut audit = Audit::default();
-    let mut records = Vec::new();
-    let stretch = pull::pull(client, None, |step| {
-        if let Step::Entry(entry, _) = step {
-            let record = pull::record(&entry).unwrap();
-            audit.take(&entry, &record);
-            records.push(record);
-        }
-        Ok(())
-    });
-    (records, audit.finish(stretch.unwrap().next))
-}
-
-/// Every byte of the control that a journal holds.
-fn raw_bytes(records: &[Record]) -> Vec<u8> {
-    let raw = records.iter().filter_map(|record| match record {
-        Record::Bytes { raw } => Some(raw.as_slice()),
-        _ => None,
-    });
-    raw.flatten().copied().collect()
-}
-
-/// Waits until the journal holds as many bytes of the control, then pulls it.
-fn journal_with(rig: &mut dyn Rig, client: &mut Client, bytes: usize) -> (Vec<Record>, Findings) {
-    until(rig, "the last byte", |_| {
-        let counters = client.status().unwrap().counters;
-        (counters.bytes >= bytes as u64).then_some(())
-    });
-    journal(client)
-}
-
-/// What goes to the control until it is quiet.
-fn receive_all(rig: &mut dyn Rig) -> String {
-    let quiet = Duration::from_millis(50);
-    let mut text = String::new();
-    while let Some(byte) = rig.control_receives(quiet) {
-        text.push(char::from(byte));
-    }
-    text
-}
-
-/// What READ gets without an OK verdict: it raises an alarm.
-fn alarm() -> String {
-    umi_core::nc::alarm(&job().correction.unwrap(), Coding::Ascii)
-        .unwrap()
-        .as_str()
-        .to_owned()
-}
-
-/// So many characters for the control.
-fn receive(rig: &mut dyn Rig, count: usize) -> String {
-    let soon = Duration::from_secs(2);
-    let next = |_| rig.control_receives(soon).expect("the program goes on");
-    (0..count).map(next).map(char::from).collect()
-}
-
-/// This text for the control, whenever it comes, and nothing behind it.
-fn receive_text(rig: &mut dyn Rig, text: &str) {
-    assert_eq!(receive(rig, text.len()), text);
-    assert_eq!(receive_all(rig), "");
-}
-
-/// Decisions of this text, as the same code comes to them on the host.
-fn decisions(text: &str) -> Vec<Record> {
-    let mut brain = Brain::new(job()).unwrap();
-    let mut decisions = Vec::new();
-    brain.bytes(Micros(1), text.as_bytes(), &mut |output| match output {
-        Output::Feature(feature) => decisions.push(Record::Feature(feature.clone())),
-        Output::Verdict(verdict) => decisions.push(Record::Verdict(verdict.clone())),
-        _ => {}
-    });
-    decisions
-}
-
-/// Teaches the reference with the first clamping and measures the second.
-fn measure_two(rig: &mut dyn Rig, client: &mut Client) -> Verdict {
-    client.set_job(&job()).unwrap().unwrap();
-    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
-    judged(rig, client, 2);
-    client.verdict().unwrap().unwrap()
-}
-
-// --- the cases
 
 /// It says which board it is, and begins with nothing but the fact that it was switched on.
 fn tells_who_it_is(rig: &mut dyn Rig) {
@@ -313,16 +136,7 @@ fn stops_within_ten_characters(rig: &mut dyn Rig) {
         &[1, 57, 100, 201]
     };
     for (round, stop) in (3..).zip(stops) {
-        rig.control_sends(DC1);
-        let mut got = receive(rig, *stop);
-        rig.control_sends(XOFF);
-        let after = receive_all(rig);
-        assert!(
-            after.len() <= TEN || !rig.line_takes_time(),
-            "{} after XOFF at {stop}",
-            after.len()
-        );
-        got.push_str(&after);
+        let mut got = stopped(rig, DC1, *stop);
         rig.control_sends(DC1);
         got += &receive(rig, text.len() - got.len());
         assert_eq!(got, text.as_str(), "stopped at {stop}");
@@ -646,6 +460,8 @@ fn program(number: u32, bytes: usize) -> (ProgramInfo, Vec<u8>) {
         name: "PART".parse().unwrap(),
         bytes: u32::try_from(text.len()).unwrap(),
         crc32: programs::check_value(text.as_bytes()),
+        release: Release::Always,
+        hold_s: 5,
     };
     (info, text.into_bytes())
 }

@@ -66,7 +66,10 @@ pub(crate) fn answer<F: Flash>(
         | Request::ProgramPiece { .. }
         | Request::ProgramEnd { .. }
         | Request::ProgramRead { .. }
-        | Request::ProgramDelete { .. } => programs::answer(measure, around.now, request),
+        | Request::ProgramDelete { .. }
+        | Request::ProgramOffer { .. }
+        | Request::ProgramPass(_)
+        | Request::ProgramPassed { .. } => programs::answer(measure, around.now, request),
     }
 }
 

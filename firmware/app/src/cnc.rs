@@ -36,25 +36,29 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use umi_core::dprnt::encode;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
-use umi_protocol::job::SendWhen;
 use umi_protocol::message::MAX_BYTES;
 use umi_protocol::pattern::Coding;
 
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
-use crate::measure::{Correction, Input, Sent};
+use crate::delivery::{Next, Sent};
+use crate::measure::Input;
 
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
 /// Set by parity in DC codes: in XOFF by even, in XON by odd parity.
 const PARITY: u8 = 0x80;
+/// What a Fanuc remote buffer says behind XOFF when it has an alarm or is reset: it will not
+/// go on. In EIA these are digits.
+const NAK: u8 = 0x15;
+const SYN: u8 = 0x16;
 
 /// A control that does not say XON again for this long has given up: a program of
 /// a few hundred bytes fits its buffer. The next DC1 is then a new READ and gets the
-/// program from its beginning, never the rest of an old one.
+/// program from its beginning, never the rest of an old one. A stored program says for
+/// itself how much longer it may be held.
 pub const XOFF_PATIENCE_US: u64 = 5_000_000;
 
 /// Why a program is to go out.
@@ -81,12 +85,20 @@ pub(crate) struct Flow {
     /// When the control said XOFF and not XON since, as it comes out of the queue. Zero:
     /// it did not.
     held: Mutex<CriticalSectionRawMutex, Cell<u64>>,
+    /// The control said while it was stopped that it will not go on.
+    is_given_up: AtomicBool,
+    /// How long a control may hold the line of what was sent last.
+    hold_us: Mutex<CriticalSectionRawMutex, Cell<u64>>,
+    /// There is room for more of what is being sent.
+    pub hungry: Signal<CriticalSectionRawMutex, ()>,
+    /// There is more of it, or it was worked on.
+    pub filled: Signal<CriticalSectionRawMutex, ()>,
     /// A program is to go out now.
     pub go: Signal<CriticalSectionRawMutex, Ask>,
     /// What became of a correction, for the journal.
     pub sent: Signal<CriticalSectionRawMutex, Sent>,
-    /// It is in the journal, and a correction that went out is not armed any more.
-    pub noted: Signal<CriticalSectionRawMutex, ()>,
+    /// A program begins; how long the control may hold the line of it.
+    begun: Signal<CriticalSectionRawMutex, u64>,
 }
 
 impl Flow {
@@ -97,9 +109,13 @@ impl Flow {
             eia: AtomicBool::new(false),
             resumed: Signal::new(),
             held: Mutex::new(Cell::new(0)),
+            is_given_up: AtomicBool::new(false),
+            hold_us: Mutex::new(Cell::new(0)),
+            hungry: Signal::new(),
+            filled: Signal::new(),
             go: Signal::new(),
             sent: Signal::new(),
-            noted: Signal::new(),
+            begun: Signal::new(),
         }
     }
 
@@ -113,9 +129,43 @@ impl Flow {
         byte & !PARITY == XOFF && !digit
     }
 
+    /// A program is to go out now, and none is on its way.
+    pub async fn next(&self) -> Ask {
+        if self.sending.load(Ordering::Relaxed) {
+            // Woken by the end of that one.
+            core::future::pending::<()>().await;
+        }
+        self.go.wait().await
+    }
+
+    /// A program begins to go out. Who asks for it can take it; an XOFF from before was
+    /// for nobody.
+    pub fn begin(&self, hold_us: u64, is_asked_for: bool) {
+        self.hold_us.lock(|hold| hold.set(hold_us));
+        self.is_given_up.store(false, Ordering::Relaxed);
+        self.sending.store(true, Ordering::Relaxed);
+        if is_asked_for {
+            self.stopped.store(false, Ordering::Relaxed);
+        }
+        self.resumed.reset();
+        self.filled.reset();
+        self.begun.signal(hold_us);
+    }
+
+    /// It is in the journal: the next may begin.
+    pub fn end(&self) {
+        self.sending.store(false, Ordering::Relaxed);
+    }
+
     /// Looks at a byte from the control.
     fn see(&self, byte: u8) {
-        if self.is_xoff(byte) {
+        let is_stopped = self.stopped.load(Ordering::Relaxed);
+        let is_eia = self.eia.load(Ordering::Relaxed);
+        if is_stopped && !is_eia && matches!(byte & !PARITY, NAK | SYN) {
+            self.is_given_up.store(true, Ordering::Relaxed);
+            self.stopped.store(false, Ordering::Relaxed);
+            self.resumed.signal(());
+        } else if self.is_xoff(byte) {
             self.stopped.store(true, Ordering::Relaxed);
         } else if byte & !PARITY == XON {
             self.stopped.store(false, Ordering::Relaxed);
@@ -131,7 +181,8 @@ impl Flow {
                 self.held.lock(|held| held.set(time.0.max(1)));
             } else if byte & !PARITY == XON {
                 let since = self.held.lock(|held| held.replace(0));
-                let soon = since > 0 && time.0.saturating_sub(since) < XOFF_PATIENCE_US;
+                let hold_us = self.hold_us.lock(Cell::get).max(XOFF_PATIENCE_US);
+                let soon = since > 0 && time.0.saturating_sub(since) < hold_us;
                 if !self.sending.load(Ordering::Relaxed) {
                     self.go.signal(if soon { Ask::Again } else { Ask::Read });
                 }
@@ -160,85 +211,72 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
     }
 }
 
-/// Sends corrections for ever.
+/// Sends what the control may have, for ever.
 pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
-        let asked = app.flow.go.wait().await;
-        let correction = {
-            let measure = app.measure.lock().await;
-            match asked {
-                // What goes out by itself may also be asked for; not the reverse.
-                Ask::Verdict if measure.waiting() != Some(SendWhen::OnVerdict) => None,
-                Ask::Verdict | Ask::Again => measure.correction(),
-                Ask::Read => measure.correction().or_else(|| measure.alarm()),
-            }
-        };
-        let Some(correction) = correction else {
-            continue;
-        };
-        app.flow.sending.store(true, Ordering::Relaxed);
-        if asked != Ask::Verdict {
-            // Who asks can take it; an XOFF from before was for nobody.
-            app.flow.stopped.store(false, Ordering::Relaxed);
-        }
-        app.flow.resumed.reset();
-        let bytes = send(app, tx, clock, &correction).await;
-        app.flow.sending.store(false, Ordering::Relaxed);
+        let hold_us = app.flow.begun.wait().await;
+        let sent = send(app, tx, clock, hold_us).await;
         // The journal is written where it takes least from others. A READ that comes
         // meanwhile waits: the correction may be gone.
-        app.flow.sent.signal(Sent {
-            plate: correction.plate,
-            arming: correction.arming,
-            bytes,
-            length: correction.text.len() as u32,
-        });
-        app.flow.noted.wait().await;
+        app.flow.sent.signal(sent);
     }
 }
 
-/// Sends one program; how many bytes went out.
+/// Sends what has begun, to its end or as far as it may and can.
 async fn send<F: Flash>(
     app: &App<F>,
     tx: &mut impl CncTx,
     clock: &impl Clock,
-    correction: &Correction,
-) -> u32 {
-    let mut sent = 0;
-    // EIA has no # and no brackets: better nothing than the beginning.
-    let coding = correction.coding;
-    if correction
-        .text
-        .bytes()
-        .any(|ascii| encode(coding, ascii).is_none())
-    {
-        return sent;
-    }
-    for ascii in correction.text.bytes() {
-        let Some(byte) = encode(coding, ascii) else {
-            return sent;
-        };
-        while app.flow.stopped.load(Ordering::Relaxed) {
-            let waited = select(app.flow.resumed.wait(), patience(clock)).await;
+    hold_us: u64,
+) -> Sent {
+    let mut bytes = 0;
+    let whole = loop {
+        if app.flow.stopped.load(Ordering::Relaxed) {
+            let waited = select(app.flow.resumed.wait(), patience(clock, hold_us)).await;
             if matches!(waited, Either::Second(())) {
-                return sent;
+                break false;
+            }
+            continue;
+        }
+        if app.flow.is_given_up.load(Ordering::Relaxed) {
+            break false;
+        }
+        let (next, is_hungry) = {
+            let mut measure = app.measure.lock().await;
+            if app.flow.stopped.load(Ordering::Relaxed) {
+                continue;
+            }
+            (measure.next_byte(), measure.is_hungry())
+        };
+        if is_hungry {
+            app.flow.hungry.signal(());
+        }
+        match next {
+            Next::End { whole } => break whole,
+            Next::Wait => {
+                let waited = select(app.flow.filled.wait(), patience(clock, hold_us)).await;
+                if matches!(waited, Either::Second(())) {
+                    break false;
+                }
+            }
+            Next::Byte(byte) => {
+                // CTS may hold the driver as XOFF holds us.
+                let written = select(tx.write(byte), patience(clock, hold_us)).await;
+                if !matches!(written, Either::First(Ok(()))) {
+                    break false;
+                }
+                bytes += 1;
             }
         }
-        // A new measurement, job or verdict takes the program back, even now.
-        if !app.measure.lock().await.is_armed(correction.arming) {
-            return sent;
-        }
-        // CTS may hold the driver as XOFF holds us.
-        let written = select(tx.write(byte), patience(clock)).await;
-        if !matches!(written, Either::First(Ok(()))) {
-            return sent;
-        }
-        sent += 1;
+    };
+    Sent {
+        bytes,
+        whole: whole.into(),
     }
-    sent
 }
 
 /// Waits as long as a control may hold the line.
-async fn patience(clock: &impl Clock) {
-    let give_up = clock.now().0.saturating_add(XOFF_PATIENCE_US);
+async fn patience(clock: &impl Clock, hold_us: u64) {
+    let give_up = clock.now().0.saturating_add(hold_us);
     clock.wait_until(Micros(give_up)).await;
 }

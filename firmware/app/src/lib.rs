@@ -46,6 +46,7 @@
 mod answer;
 pub mod board;
 mod cnc;
+mod delivery;
 mod events;
 mod intake;
 mod latch;
@@ -60,7 +61,8 @@ mod shared;
 mod test_board;
 
 use embassy_futures::join::{join, join5};
-use embassy_futures::select::{Either4, select4};
+use embassy_futures::select::{Either6, select6};
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
@@ -204,29 +206,48 @@ impl<F: Flash> App<F> {
             let deadline = self.measure.lock().await.deadline();
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
-            let came = select4(
+            let came = select6(
                 self.flow.sent.wait(),
                 self.intake.next(),
                 due,
                 self.changed.wait(),
+                self.flow.hungry.wait(),
+                self.flow.next(),
             )
             .await;
             let mut measure = self.measure.lock().await;
             let before = measure.arming();
             match came {
-                Either4::First(sent) => {
+                Either6::First(sent) => {
                     measure.sent(clock.now(), &sent);
-                    self.flow.noted.signal(());
+                    self.flow.end();
                 }
-                Either4::Second((time, input)) => {
+                Either6::Second((time, input)) => {
                     measure.input(time, &input);
                     if let Input::Bytes(bytes) = &input {
                         self.flow.look_for_read(time, bytes);
                     }
                 }
-                Either4::Third(()) => measure.on_time(clock.now()),
-                // The host has set a job.
-                Either4::Fourth(()) => {}
+                Either6::Third(()) => measure.on_time(clock.now()),
+                // The host has set a job, or has passed on more of a program.
+                Either6::Fourth(()) if measure.is_hungry() => self.flow.hungry.signal(()),
+                Either6::Fourth(()) => {}
+                Either6::Sixth(asked) => {
+                    if let Some(hold_us) = measure.begin(clock.now(), asked) {
+                        self.flow.begin(hold_us, asked != cnc::Ask::Verdict);
+                    }
+                }
+                Either6::Fifth(()) => {
+                    let more = measure.fill();
+                    drop(measure);
+                    self.flow.filled.signal(());
+                    if more {
+                        self.flow.hungry.signal(());
+                        // It may go on for long: others are of this priority, too.
+                        yield_now().await;
+                    }
+                    continue;
+                }
             }
             self.flow.note_coding(measure.coding());
             outputs.show(measure.lights());

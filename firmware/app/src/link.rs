@@ -52,7 +52,9 @@ pub(crate) async fn serve<F: Flash>(
         let _ = station.trigger_out(TriggerOut::Off);
         let _ = station.laser(false);
         app.scans.switch(false);
-        app.measure.lock().await.book.events.switch(false);
+        let mut measure = app.measure.lock().await;
+        measure.book.events.switch(false);
+        measure.host_gone();
     }
 }
 

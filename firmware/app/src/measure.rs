@@ -22,21 +22,25 @@
 
 use heapless::{String, Vec};
 use umi_core::brain::{Brain, Output};
+use umi_core::dprnt::program_asked_for;
 use umi_core::journal::{Error, Flash, Journal};
 use umi_core::place::Place;
 use umi_core::programs::{self, Store};
+use umi_core::registration::RigidTransform;
 use umi_core::units::{Micros, Point};
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{Job, Name, SendWhen};
+use umi_protocol::job::{Job, Name};
 use umi_protocol::latch::{LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
 use umi_protocol::pattern::Coding;
+use umi_protocol::program::ProgramInfo;
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use crate::board::Lights;
+use crate::delivery::{Delivery, Passed, Released, transform};
 use crate::events::Events;
 use crate::settings::{Settings, points, positions_mm};
 
@@ -73,50 +77,14 @@ pub struct Boot {
 /// Room in the journal that a plate may need: its bytes, features and verdict.
 const ROOM: u32 = 4 * MAX_RECORD as u32;
 
-/// The arming of what needs none: the program that raises an alarm.
-pub const ALARM: u32 = 0;
-
-/// A correction program on its way to the control, or what stands for it.
-#[derive(Clone, Debug)]
-pub struct Correction {
-    /// The plate that it corrects.
-    pub plate: u32,
-    /// Which arming it is: plates of two jobs may have one number. Or [`ALARM`].
-    pub arming: u32,
-    /// The program, lines ended by LF.
-    pub text: String<MAX_CORRECTION>,
-    /// The code in which the control writes.
-    pub coding: Coding,
-}
-
-/// What became of a correction. Plain numbers: with a bool in it, nothing having been sent
-/// would not be all zeros, and the whole state would stand in flash (see `place`).
-#[derive(Clone, Copy, Debug)]
-pub struct Sent {
-    /// The plate that it corrects.
-    pub plate: u32,
-    /// Which arming it was.
-    pub arming: u32,
-    /// Bytes that went out.
-    pub bytes: u32,
-    /// Bytes that it has.
-    pub length: u32,
-}
-
-impl Sent {
-    /// Whether all of it went out.
-    #[must_use]
-    pub const fn is_complete(&self) -> bool {
-        self.bytes == self.length
-    }
-}
-
 /// What the board knows.
 pub struct Measure<F: Flash> {
     brain: Brain,
     settings: Place<Settings<F>>,
     /// Part programs.
     pub(crate) programs: Place<Store<F>>,
+    /// What is being sent to the control.
+    pub(crate) delivery: Place<Delivery>,
     pub(crate) book: Book<F>,
 }
 
@@ -132,6 +100,12 @@ pub(crate) struct Book<F: Flash> {
     /// An input or a decision since the job began is not in the journal.
     unaudited: bool,
     armed: Option<Armed>,
+    /// What the latest verdict releases, while it holds.
+    pub released: Place<Released>,
+    /// The number of the program that the control has asked for, or 0.
+    pub wanted: u32,
+    /// What the host passes through.
+    pub passed: Place<Passed>,
     /// Counts armings.
     armings: u32,
     /// How long a correction stays armed.
@@ -160,6 +134,7 @@ impl<F: Flash> Measure<F> {
             brain: Brain::idle(),
             settings: Place::empty(),
             programs: Place::empty(),
+            delivery: Place::empty(),
             book: Book {
                 identity: Identity {
                     board: Name::new(),
@@ -173,6 +148,9 @@ impl<F: Flash> Measure<F> {
                 failures: 0,
                 unaudited: false,
                 armed: None,
+                released: Place::empty(),
+                wanted: 0,
+                passed: Place::empty(),
                 armings: 0,
                 patience_us: 0,
                 taught: false,
@@ -311,7 +289,9 @@ impl<F: Flash> Measure<F> {
     pub fn on_time(&mut self, now: Micros) {
         let Self { brain, book, .. } = self;
         if book.armed.as_ref().is_some_and(|armed| now >= armed.until) {
-            book.forget();
+            // A program that has begun goes on; none begins any more.
+            book.disarm();
+            book.last_ok.clear();
         }
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
@@ -358,79 +338,10 @@ impl<F: Flash> Measure<F> {
         &self.brain
     }
 
-    /// Whether a correction waits for the control, and whether it goes out by
-    /// itself.
-    #[must_use]
-    pub fn waiting(&self) -> Option<SendWhen> {
-        self.book.armed.as_ref()?;
-        let spec = self.brain.job()?.correction?;
-        (spec.send != SendWhen::Never).then_some(spec.send)
-    }
-
-    /// The correction that the control may have now.
-    #[must_use]
-    pub fn correction(&self) -> Option<Correction> {
-        self.waiting()?;
-        let armed = self.book.armed.as_ref()?;
-        Some(Correction {
-            plate: armed.plate,
-            arming: armed.arming,
-            text: armed.text.clone(),
-            coding: self.coding(),
-        })
-    }
-
-    /// The program that raises an alarm, in the place of a correction; none if the job
-    /// sends none to the control.
-    #[must_use]
-    pub fn alarm(&self) -> Option<Correction> {
-        let spec = self.brain.job()?.correction?;
-        let coding = self.coding();
-        let text = umi_core::nc::alarm(&spec, coding)?;
-        (spec.send != SendWhen::Never).then_some(Correction {
-            plate: 0,
-            arming: ALARM,
-            text,
-            coding,
-        })
-    }
-
-    /// Whether this arming still holds.
-    #[must_use]
-    pub fn is_armed(&self, arming: u32) -> bool {
-        if arming == ALARM {
-            // It stops a machine: nothing takes that back.
-            return true;
-        }
-        self.book
-            .armed
-            .as_ref()
-            .is_some_and(|armed| armed.arming == arming)
-    }
-
     /// The arming that holds, if one does.
     #[must_use]
     pub fn arming(&self) -> Option<u32> {
         self.book.armed.as_ref().map(|armed| armed.arming)
-    }
-
-    /// A correction went out, or broke off.
-    #[inline(never)]
-    pub fn sent(&mut self, now: Micros, sent: &Sent) {
-        let (plate, bytes, complete) = (sent.plate, sent.bytes, sent.is_complete());
-        if sent.arming == ALARM {
-            self.book.record(now, Record::AlarmSent { bytes, complete });
-            return;
-        }
-        let record = Record::CorrectionSent {
-            plate,
-            bytes,
-            complete,
-        };
-        self.book.record(now, record);
-        if complete && self.is_armed(sent.arming) {
-            self.book.disarm();
-        }
     }
 
     /// The code in which the control writes, as far as it is known.
@@ -616,6 +527,7 @@ impl<F: Flash> Book<F> {
         self.failures = self.failures.saturating_add(1);
         self.unaudited = true;
         self.disarm();
+        self.released.clear();
     }
 
     /// Takes what the brain says: one closure, so that the brain is compiled once for it.
@@ -628,7 +540,10 @@ impl<F: Flash> Book<F> {
     fn take(&mut self, now: Micros, output: Output<'_>) {
         match output {
             Output::Line(line) => {
-                if line.status != LineStatus::Separator {
+                if line.status == LineStatus::Request {
+                    let number = program_asked_for(line.text.as_bytes());
+                    self.wanted = number.unwrap_or(0);
+                } else if line.status != LineStatus::Separator {
                     // The control prints again: what was measured before is history.
                     self.forget();
                 }
@@ -652,31 +567,69 @@ impl<F: Flash> Book<F> {
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
                 self.disarm();
-                let kept = self.judged(now, verdict);
-                if let Some(correction) = &verdict.correction
-                    && verdict.ok
-                    && kept
-                    && !self.unaudited
-                {
-                    self.armings = self.armings.wrapping_add(1).max(ALARM + 1);
-                    self.armed = Some(Armed {
-                        plate: verdict.plate,
-                        arming: self.armings,
-                        until: Micros(now.0.saturating_add(self.patience_us)),
-                        text: correction.text.clone(),
-                    });
+                self.released.clear();
+                if self.judged(now, verdict) && verdict.ok && !self.unaudited {
+                    self.release(now, verdict);
                 }
             }
         }
     }
 
-    fn disarm(&mut self) {
+    /// A verdict is OK and in the journal.
+    #[inline(never)]
+    fn release(&mut self, now: Micros, verdict: &Verdict) {
+        self.armings = self.armings.wrapping_add(1).max(1);
+        let (plate, arming) = (verdict.plate, self.armings);
+        let until = Micros(now.0.saturating_add(self.patience_us));
+        // The clamping that is the reference is where the program wants it.
+        let taught = self.taught.then(RigidTransform::identity);
+        self.released.put(Released {
+            plate,
+            arming,
+            until,
+            transform: verdict.registration.as_ref().map(transform).or(taught),
+            gone: Vec::new(),
+        });
+        self.armed = verdict.correction.as_ref().map(|correction| Armed {
+            plate,
+            arming,
+            until,
+            text: correction.text.clone(),
+        });
+    }
+
+    /// The correction that is armed: its plate, its arming, its program.
+    pub fn armed(&self) -> Option<(u32, u32, &String<MAX_CORRECTION>)> {
+        let armed = self.armed.as_ref()?;
+        Some((armed.plate, armed.arming, &armed.text))
+    }
+
+    /// What the host passes through under this number.
+    pub fn passed(&self, number: u32) -> Option<&ProgramInfo> {
+        let passed = self.passed.get()?;
+        (passed.info.number == number && !passed.is_sent).then_some(&passed.info)
+    }
+
+    /// Whether the correction of this arming still holds.
+    pub fn armed_as(&self, arming: u32) -> bool {
+        self.armed.as_ref().is_some_and(|of| of.arming == arming)
+    }
+
+    /// Whether what this arming has released still holds.
+    pub fn released_as(&self, arming: u32) -> bool {
+        self.released.get().is_some_and(|of| of.arming == arming)
+    }
+
+    pub fn disarm(&mut self) {
         self.armed = None;
     }
 
     /// What was measured does not hold any more: no correction, no OK at the output.
     fn forget(&mut self) {
         self.disarm();
+        self.released.clear();
+        self.wanted = 0;
+        self.passed.clear();
         self.last_ok.clear();
     }
 

@@ -24,12 +24,32 @@ pub(crate) fn answer<F: Flash>(
     now: Micros,
     request: &Request,
 ) -> Response {
-    let writes = !matches!(
+    let writes = matches!(
         request,
-        Request::ProgramList { .. } | Request::ProgramRead { .. }
+        Request::ProgramBegin(_)
+            | Request::ProgramPiece { .. }
+            | Request::ProgramEnd { .. }
+            | Request::ProgramDelete { .. }
     );
     if writes && measure.brain().run().is_under_way() {
         return Response::ProgramRefused(ProgramRefusal::Busy);
+    }
+    if let Request::ProgramEnd { number, .. } | Request::ProgramDelete { number } = request
+        && measure.is_sending(*number)
+    {
+        return Response::ProgramRefused(ProgramRefusal::Busy);
+    }
+    match request {
+        // What is being sent is neither replaced nor deleted.
+        Request::ProgramEnd { number, .. } | Request::ProgramDelete { number }
+            if measure.is_sending(*number) =>
+        {
+            return Response::ProgramRefused(ProgramRefusal::Busy);
+        }
+        Request::ProgramPass(_) | Request::ProgramPassed { .. } => {
+            return passed(measure, request);
+        }
+        _ => {}
     }
     let Some(store) = measure.programs.get_mut() else {
         return Response::ProgramRefused(ProgramRefusal::NoRoomAtAll);
@@ -40,6 +60,7 @@ pub(crate) fn answer<F: Flash>(
         Request::ProgramRead { number, offset } => read(store, *number, *offset),
         Request::ProgramEnd { number, crc32 } => end(measure, now, *number, *crc32),
         Request::ProgramDelete { number } => delete(measure, now, *number),
+        Request::ProgramOffer { number } => offer(measure, *number),
         Request::ProgramList { skip } => list(store, *skip),
         // Nothing else comes here.
         _ => Err(ProgramRefusal::NotThere.into()),
@@ -48,6 +69,31 @@ pub(crate) fn answer<F: Flash>(
         Error::Refused(refusal) => Response::ProgramRefused(refusal),
         Error::Flash(_) | Error::NotKept { .. } | Error::Geometry(_) => Response::StorageFailed,
     })
+}
+
+/// What the host passes through.
+#[inline(never)]
+fn passed<F: Flash>(measure: &mut Measure<F>, request: &Request) -> Response {
+    let next = match request {
+        Request::ProgramPass(info) => measure.pass(info).map(|()| Some(0)),
+        Request::ProgramPassed { offset, bytes } => measure.passed(*offset, bytes),
+        // Nothing else comes here.
+        _ => Err(ProgramRefusal::NotBegun),
+    };
+    match next {
+        Ok(Some(offset)) => at(offset),
+        Ok(None) => Response::Done,
+        Err(refusal) => Response::ProgramRefused(refusal),
+    }
+}
+
+/// The control's next READ gets this one.
+#[inline(never)]
+fn offer<F: Flash>(measure: &mut Measure<F>, number: u32) -> Result<Response, Error<F::Error>> {
+    let store = measure.programs.get().ok_or(ProgramRefusal::NoRoomAtAll)?;
+    store.find(number).ok_or(ProgramRefusal::NotThere)?;
+    measure.book.wanted = number;
+    Ok(Response::Done)
 }
 
 const fn at(offset: u32) -> Response {

@@ -93,7 +93,8 @@ impl Replay {
             | Record::CorrectionSent { .. }
             | Record::ProgramKept(_)
             | Record::ProgramDeleted { .. }
-            | Record::AlarmSent { .. } => Ok(()),
+            | Record::AlarmSent { .. }
+            | Record::ProgramSent { .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {

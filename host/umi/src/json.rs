@@ -400,9 +400,33 @@ fn record(record: &Record) -> Value {
             object.insert("type".into(), "program_kept".into());
             Value::Object(object)
         }
-        Record::AlarmSent { bytes, complete } => {
-            json!({"type": "alarm_sent", "bytes": bytes, "complete": complete})
-        }
+        Record::AlarmSent {
+            number,
+            why,
+            bytes,
+            complete,
+        } => json!({
+            "type": "alarm_sent",
+            "number": number,
+            "code": why.code(),
+            "message": why.to_string(),
+            "bytes": bytes,
+            "complete": complete,
+        }),
+        Record::ProgramSent {
+            number,
+            crc32,
+            rewritten_for,
+            bytes,
+            complete,
+        } => json!({
+            "type": "program_sent",
+            "number": number,
+            "crc32": crc32,
+            "rewritten_for_plate": rewritten_for,
+            "bytes": bytes,
+            "complete": complete,
+        }),
         Record::ProgramDeleted { number, crc32 } => {
             json!({"type": "program_deleted", "number": number, "crc32": crc32})
         }

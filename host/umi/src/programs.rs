@@ -15,6 +15,8 @@ use crate::link::{Client, LinkError};
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How often a busy board is asked.
 const AGAIN: Duration = Duration::from_millis(200);
+/// What 115200 baud take to make room for more: half of what the board holds.
+const LINE: Duration = Duration::from_millis(10);
 
 /// The check value of a program's bytes.
 #[must_use]
@@ -116,6 +118,42 @@ pub fn get(
 /// The link's; the board's refusal.
 pub fn delete(board: &mut Client, number: u32) -> Result<(), Failure> {
     patiently(board, |board| board.program_delete(number))
+}
+
+/// Passes a program through to the control: its next READ gets it, as the bytes come.
+/// `progress` is told how many bytes the board has taken; what breaks off begins anew.
+///
+/// # Errors
+/// The link's; the board's refusal. When this process ends, so does what the control gets.
+pub fn pass(
+    board: &mut Client,
+    program: &ProgramInfo,
+    bytes: &[u8],
+    mut progress: impl FnMut(u32),
+) -> Result<(), Failure> {
+    let mut offset = patiently(board, |board| board.program_pass(program))?;
+    loop {
+        progress(offset);
+        let rest = bytes.get(offset as usize..).unwrap_or_default();
+        let piece: Piece = rest.iter().copied().take(MAX_PIECE).collect();
+        let taken = board.program_passed(offset, piece)?;
+        let Some(next) = taken.map_err(|of| refusal(&of))? else {
+            return Ok(());
+        };
+        if next == offset {
+            // The control has not read yet, or the line is slower than we are.
+            sleep(LINE);
+        }
+        offset = next;
+    }
+}
+
+/// Makes a program what the control's next READ gets.
+///
+/// # Errors
+/// The link's; the board's refusal.
+pub fn offer(board: &mut Client, number: u32) -> Result<(), Failure> {
+    patiently(board, |board| board.program_offer(number))
 }
 
 /// Asks again as long as the board is busy.

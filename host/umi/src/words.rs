@@ -6,7 +6,7 @@ use umi_protocol::job::Approach;
 use umi_protocol::latch::{LatchCause, LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Record, ResetReason};
-use umi_protocol::program::ProgramInfo;
+use umi_protocol::program::{ProgramInfo, Release};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -109,11 +109,37 @@ pub fn record(record: &Record) -> String {
         Record::Latch(of) => latch(of, &Scale::default()),
         Record::Scan(of) => scan(of),
         Record::ProgramKept(of) => format!("program {} kept", program(of)),
-        Record::AlarmSent { bytes, complete } => paint(
+        Record::AlarmSent {
+            number,
+            why,
+            bytes,
+            complete,
+        } => paint(
             CAUTION,
             format_args!(
-                "READ without an OK verdict: alarm program {}, {bytes} bytes",
+                "READ of O{number:04}: {why}; alarm {}, {bytes} bytes",
                 if *complete { "sent" } else { "broke off" }
+            ),
+        ),
+        Record::ProgramSent {
+            number,
+            crc32,
+            rewritten_for,
+            bytes,
+            complete,
+        } => paint(
+            if *complete { GOOD } else { BAD },
+            format_args!(
+                "program O{number:04}{} {} {bytes} bytes, check value of the original {crc32:08X}",
+                match rewritten_for {
+                    Some(plate) => format!(" rewritten for plate {plate}"),
+                    None => String::new(),
+                },
+                if *complete {
+                    "sent,"
+                } else {
+                    "broke off after"
+                }
             ),
         ),
         Record::ProgramDeleted { number, crc32 } => {
@@ -126,9 +152,24 @@ pub fn record(record: &Record) -> String {
 #[must_use]
 pub fn program(of: &ProgramInfo) -> String {
     format!(
-        "O{:04} {}, {} bytes, check value {:08X}",
-        of.number, of.name, of.bytes, of.crc32
+        "O{:04} {}, {} bytes, check value {:08X}, {}",
+        of.number,
+        of.name,
+        of.bytes,
+        of.crc32,
+        release(&of.release)
     )
+}
+
+/// When a program goes out to the control.
+#[must_use]
+pub const fn release(release: &Release) -> &'static str {
+    match release {
+        Release::AfterVerdict => "after an OK verdict",
+        Release::Rewritten(_) => "rewritten after an OK verdict",
+        Release::Always => "whenever asked for",
+        Release::Never => "not released",
+    }
 }
 
 /// Why a board started, as an addition to "started".
@@ -206,6 +247,7 @@ pub fn line(line: &LineReport) -> String {
         LineStatus::Program => (FAINT, "of a program"),
         LineStatus::NotUnderstood => (CAUTION, "not understood"),
         LineStatus::Damaged => (BAD, "damaged"),
+        LineStatus::Request => (GOOD, "asks for a program"),
     };
     format!(
         "line {} {}: \"{}\"",

@@ -20,7 +20,9 @@ use umi_protocol::message::{
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, LinePattern, ReceiverConfig, Travel,
 };
-use umi_protocol::program::{ProgramInfo, ProgramRefusal, ProgramRoom};
+use umi_protocol::program::{
+    IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, UnitRule, Withheld,
+};
 use umi_protocol::reason::Reason;
 use umi_protocol::refusal::{Field, JobError};
 use umi_protocol::verdict::{
@@ -61,7 +63,13 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             offset: 70_000,
         },
         Some(Request::ProgramRead { .. }) => Request::ProgramDelete { number: 1234 },
-        Some(Request::ProgramDelete { .. }) => return None,
+        Some(Request::ProgramDelete { .. }) => Request::ProgramPass(program()),
+        Some(Request::ProgramPass(_)) => Request::ProgramPassed {
+            offset: 70_000,
+            bytes: b"G1 X1.\n".iter().copied().collect(),
+        },
+        Some(Request::ProgramPassed { .. }) => Request::ProgramOffer { number: 1234 },
+        Some(Request::ProgramOffer { .. }) => return None,
     })
 }
 
@@ -219,10 +227,22 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             crc32: 0xCBF4_3926,
         },
         Some(Record::ProgramDeleted { .. }) => Record::AlarmSent {
+            number: 9010,
+            why: Withheld::NotRewritable {
+                line: 12,
+                column: 5,
+            },
             bytes: 119,
             complete: true,
         },
-        Some(Record::AlarmSent { .. }) => return None,
+        Some(Record::AlarmSent { .. }) => Record::ProgramSent {
+            number: 1234,
+            crc32: 0xCBF4_3926,
+            rewritten_for: Some(3),
+            bytes: 123_456,
+            complete: true,
+        },
+        Some(Record::ProgramSent { .. }) => return None,
     })
 }
 
@@ -232,6 +252,14 @@ fn program() -> ProgramInfo {
         name: text("POCKET"),
         bytes: 123_456,
         crc32: 0xCBF4_3926,
+        release: Release::Rewritten(RewriteSpec {
+            decimals_mm: 3,
+            chord_um: 10,
+            clearance_um: 1000,
+            integers: IntegerRule::Units,
+            unit: UnitRule::Said,
+        }),
+        hold_s: 600,
     }
 }
 

@@ -136,7 +136,7 @@ fn by_gcode(path: &str) -> Work {
     })
 }
 
-fn settings() -> Settings<'static> {
+fn settings() -> Settings {
     // The brain has a nalgebra of its own: both take plain numbers.
     let mut transform = RigidTransform::identity();
     for (row, values) in ROTATION.iter().enumerate() {
@@ -168,7 +168,7 @@ pub fn stream(megabytes: u64) -> Result<serde_json::Value> {
         "written_bytes": written,
         "seconds": time.as_secs_f64(),
         "megabytes_a_second": read as f64 / 1e6 / time.as_secs_f64(),
-        "state_bytes": size_of::<Rewriter<'_>>(),
+        "state_bytes": size_of::<Rewriter>(),
         "peak_memory_kb": peak_kb()?,
     }))
 }

@@ -69,7 +69,7 @@ fuzz_target!(|data: &[u8]| {
 });
 
 /// What a program becomes, and what was done to it.
-fn run(settings: &Settings<'_>, text: &[u8], piece: usize) -> (Vec<u8>, Result<Summary, Refusal>) {
+fn run(settings: &Settings, text: &[u8], piece: usize) -> (Vec<u8>, Result<Summary, Refusal>) {
     let mut out = Vec::new();
     let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
     let mut rewriter = Rewriter::new(settings).expect("good settings");
@@ -82,7 +82,7 @@ fn run(settings: &Settings<'_>, text: &[u8], piece: usize) -> (Vec<u8>, Result<S
 
 /// The same, one line at a time: never more comes out than there is room for.
 fn line_by_line(
-    settings: &Settings<'_>,
+    settings: &Settings,
     text: &[u8],
     piece: usize,
 ) -> (Vec<u8>, Result<Summary, Refusal>) {
@@ -108,7 +108,7 @@ fn line_by_line(
 }
 
 /// Each motion of the text against its image.
-fn compare(settings: &Settings<'_>, text: &str, is_haas: bool) {
+fn compare(settings: &Settings, text: &str, is_haas: bool) {
     let dialect = if is_haas {
         Dialect::Haas
     } else {

@@ -51,6 +51,13 @@ pub trait Rig {
         true
     }
 
+    /// The control takes so many more characters and then holds the board by CTS; none: it
+    /// takes what comes. False: it has no such line here, and takes what comes.
+    fn control_takes(&mut self, characters: Option<u32>) -> bool {
+        let _ = characters;
+        false
+    }
+
     /// The next byte for the control; none if there is none in this time of the board's.
     fn control_receives(&mut self, patience: Duration) -> Option<u8>;
 

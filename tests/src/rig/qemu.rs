@@ -357,6 +357,11 @@ impl Rig for QemuRig {
         false
     }
 
+    fn control_takes(&mut self, characters: Option<u32>) -> bool {
+        self.machine().stimulate(&Stimulus::Clear { characters });
+        true
+    }
+
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {
         let patience = patience * self.slowness();
         let control = &mut self.machine().control;

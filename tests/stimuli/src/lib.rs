@@ -62,10 +62,10 @@ pub enum Stimulus {
         /// Plugged in.
         connected: bool,
     },
-    /// The control holds the board with its CTS line, or lets it go on.
-    Hold {
-        /// Nothing may be sent.
-        on: bool,
+    /// The control lets the board send by its CTS line.
+    Clear {
+        /// So many characters and no more; none: as many as come.
+        characters: Option<u32>,
     },
     /// The firmware panics.
     Panic,

@@ -40,7 +40,7 @@ fn table_4_2(case: usize) -> RigidTransform {
     }
 }
 
-fn settings(transform: RigidTransform, clearance_mm: f64) -> Settings<'static> {
+fn settings(transform: RigidTransform, clearance_mm: f64) -> Settings {
     Settings {
         integers: Some(Integers::Units),
         clearance: Mm(clearance_mm),
@@ -49,7 +49,7 @@ fn settings(transform: RigidTransform, clearance_mm: f64) -> Settings<'static> {
 }
 
 /// The program that comes out.
-fn rewritten(settings: &Settings<'_>, program: &str) -> Result<(String, Summary), Refusal> {
+fn rewritten(settings: &Settings, program: &str) -> Result<(String, Summary), Refusal> {
     let mut text = Vec::new();
     let mut sink = |bytes: &[u8]| text.extend_from_slice(bytes);
     let mut rewriter = Rewriter::new(settings).unwrap();

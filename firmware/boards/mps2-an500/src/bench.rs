@@ -92,7 +92,7 @@ impl Inner {
                 None => LATCHES.lost(*cause, *t_ns, 1),
             },
             Stimulus::Host { connected } => LINK.plug(*connected),
-            Stimulus::Hold { on } => crate::control::hold(*on),
+            Stimulus::Clear { characters } => crate::control::clear(*characters),
             #[allow(clippy::panic, reason = "it is what the bench asks for")]
             Stimulus::Panic => panic!("asked for by the bench"),
             Stimulus::Hang => HANG.signal(()),

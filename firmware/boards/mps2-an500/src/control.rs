@@ -1,6 +1,6 @@
 //! The control's port.
 
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
@@ -8,16 +8,16 @@ use umi_app::board::{Broken, CncInput, CncRx, CncTx};
 
 use crate::CONTROL;
 
-/// The control holds the board with its CTS line.
-static HELD: AtomicBool = AtomicBool::new(false);
-static RELEASED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+/// As many characters as come.
+const ALL: u32 = u32::MAX;
+/// So many characters does the control take yet, by its CTS line.
+static CLEAR: AtomicU32 = AtomicU32::new(ALL);
+static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// The CTS line has changed.
-pub fn hold(on: bool) {
-    HELD.store(on, Ordering::Relaxed);
-    if !on {
-        RELEASED.signal(());
-    }
+/// The CTS line is clear for so many characters; none: as many as come.
+pub fn clear(characters: Option<u32>) {
+    CLEAR.store(characters.unwrap_or(ALL), Ordering::Relaxed);
+    CHANGED.signal(());
 }
 
 /// From the control.
@@ -34,10 +34,14 @@ pub struct Transmitter;
 
 impl CncTx for Transmitter {
     async fn write(&mut self, byte: u8) -> Result<(), Broken> {
-        while HELD.load(Ordering::Relaxed) {
-            RELEASED.wait().await;
+        while CLEAR.load(Ordering::Relaxed) == 0 {
+            CHANGED.wait().await;
         }
         CONTROL.write(byte).await;
+        let left = CLEAR.load(Ordering::Relaxed);
+        if left != ALL {
+            CLEAR.store(left.saturating_sub(1), Ordering::Relaxed);
+        }
         Ok(())
     }
 }

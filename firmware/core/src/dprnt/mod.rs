@@ -50,6 +50,7 @@ mod pattern;
 mod program;
 mod reader;
 mod receiver;
+mod request;
 mod sequence;
 mod template;
 #[cfg(test)]
@@ -63,6 +64,7 @@ use crate::units::{Micros, Point};
 pub use config::{ConfigError, TemplateIssue, check_config};
 pub use encode::encode;
 pub use receiver::{MAX_LINE, Receiver};
+pub use request::program_asked_for;
 pub use umi_protocol::fault::Counters;
 pub use umi_protocol::line::LineStatus;
 pub use umi_protocol::pattern::{Coding, ReceiverConfig};

@@ -35,7 +35,7 @@ impl<S: FnMut(Item<'_>)> Out<'_, S> {
         let counters = &mut *self.counters;
         let count = match line.status {
             LineStatus::Matched => &mut counters.lines_matched,
-            LineStatus::Separator => &mut counters.lines_separator,
+            LineStatus::Separator | LineStatus::Request => &mut counters.lines_separator,
             LineStatus::Program => &mut counters.lines_program,
             LineStatus::NotUnderstood => &mut counters.lines_not_understood,
             LineStatus::Damaged => &mut counters.lines_damaged,

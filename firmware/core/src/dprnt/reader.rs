@@ -12,6 +12,7 @@ use super::number::{Issue, is_blank};
 use super::out::Out;
 use super::pattern::{self, Fields, Outcome};
 use super::program::{self, Program};
+use super::request::program_asked_for;
 use super::sequence::{Arrival, Sequence};
 use super::{BlockStart, Item, Line};
 use crate::units::Micros;
@@ -114,6 +115,9 @@ impl Reader {
         }
         if line.text.iter().all(|b| is_blank(*b)) {
             return out.line(line.report(LineStatus::Separator, None));
+        }
+        if line.ended && program_asked_for(line.text).is_some() {
+            return out.line(line.report(LineStatus::Request, None));
         }
         let (number, found) = self.find(line);
         let matched = |out: &mut Out<'_, S>| out.line(line.report(LineStatus::Matched, number));

@@ -37,6 +37,7 @@ mod alarm;
 pub mod dialect;
 mod program;
 pub mod rewrite;
+mod withheld;
 
 use nalgebra::{Matrix3, Vector3};
 use umi_protocol::job::{CorrectionSpec, ProgramEnd};
@@ -47,6 +48,7 @@ use dialect::{Form, Turn};
 
 pub use alarm::alarm;
 pub use program::{Cleared, Figures, write, write_given};
+pub use withheld::{broken_off, withheld};
 
 /// A correction in the control's steps.
 #[derive(Clone, Copy, Debug, PartialEq)]

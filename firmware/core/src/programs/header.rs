@@ -20,18 +20,25 @@
 //!      6     2  the sector that it stands in
 //!      8     4  size of a sector
 //!     12     1  length of the name
-//!     13     3  zero
+//!     13     1  release: 0 after a verdict, 1 rewritten, 2 always, 3 never
+//!     14     2  how long the control may hold the line, seconds; 0 is 5
 //!     16     4  number
 //!     20     4  bytes
 //!     24     4  CRC-32 of these bytes
 //!     28     4  generation: later ones are larger
 //!     32    16  name
-//!     48    12  zero
+//!     48     1  of a rewritten one: decimals of a length in mm
+//!     49     1  integers: 0 refused, 1 units, 2 increments
+//!     50     1  unit: 0 said, 1 mm, 2 inch
+//!     51     1  zero
+//!     52     2  chord, micrometres
+//!     54     2  clearance, micrometres
+//!     56     4  zero
 //!     60     4  CRC-32 of everything before it
 //! ```
 
 use umi_protocol::job::Name;
-use umi_protocol::program::ProgramInfo;
+use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, UnitRule};
 
 use crate::journal::sector::{put, seal, take, unseal};
 use crate::journal::{Geometry, GeometryFault};
@@ -40,6 +47,9 @@ use crate::journal::{Geometry, GeometryFault};
 pub(super) const SIZE: usize = 64;
 /// Bytes of one program of the flash, and what the first byte of a program is aligned to.
 pub(super) const PAGE: u32 = 256;
+
+/// Of a header that does not say: see [`ProgramInfo::hold_s`].
+pub(super) const DEFAULT_HOLD_S: u16 = 5;
 
 const MAGIC: [u8; 4] = *b"UMP\xA7";
 const VERSION: u8 = 1;
@@ -135,6 +145,8 @@ impl Header {
             name,
             bytes,
             crc32,
+            release,
+            hold_s,
         } = &self.program;
         let mut header = [0; SIZE];
         let mut rest = header.as_mut_slice();
@@ -142,12 +154,19 @@ impl Header {
         put(&mut rest, &[VERSION, layout.align.trailing_zeros() as u8]);
         put(&mut rest, &(sector as u16).to_le_bytes());
         put(&mut rest, &layout.sector_size.to_le_bytes());
-        put(&mut rest, &[name.len() as u8, 0, 0, 0]);
+        let (kind, how) = release_bytes(*release);
+        put(&mut rest, &[name.len() as u8, kind]);
+        put(&mut rest, &hold_s.to_le_bytes());
         put(&mut rest, &number.to_le_bytes());
         put(&mut rest, &bytes.to_le_bytes());
         put(&mut rest, &crc32.to_le_bytes());
         put(&mut rest, &self.generation.to_le_bytes());
-        put(&mut rest, name.as_bytes());
+        let mut padded = [0; 16];
+        for (slot, byte) in padded.iter_mut().zip(name.bytes()) {
+            *slot = byte;
+        }
+        put(&mut rest, &padded);
+        put(&mut rest, &how);
         seal(&mut header);
         header
     }
@@ -162,12 +181,15 @@ impl Header {
         if !ours {
             return None;
         }
-        let [name_len, _, _, _] = take(&mut rest)?;
+        let [name_len, kind] = take(&mut rest)?;
+        let hold_s = u16::from_le_bytes(take(&mut rest)?);
         let number = u32::from_le_bytes(take(&mut rest)?);
         let bytes = u32::from_le_bytes(take(&mut rest)?);
         let crc32 = u32::from_le_bytes(take(&mut rest)?);
         let generation = u32::from_le_bytes(take(&mut rest)?);
-        let text = rest.get(..usize::from(name_len))?;
+        let padded: [u8; 16] = take(&mut rest)?;
+        let release = release(kind, take(&mut rest)?)?;
+        let text = padded.get(..usize::from(name_len))?;
         let name = Name::try_from(core::str::from_utf8(text).ok()?).ok()?;
         let fits = sector + layout.sectors_for(bytes) <= layout.sectors;
         fits.then_some(Self {
@@ -176,8 +198,62 @@ impl Header {
                 name,
                 bytes,
                 crc32,
+                release,
+                hold_s: if hold_s == 0 { DEFAULT_HOLD_S } else { hold_s },
             },
             generation,
         })
     }
+}
+
+fn release_bytes(release: Release) -> (u8, [u8; 8]) {
+    let kind = match release {
+        Release::AfterVerdict => 0,
+        Release::Rewritten(_) => 1,
+        Release::Always => 2,
+        Release::Never => 3,
+    };
+    let Release::Rewritten(spec) = release else {
+        return (kind, [0; 8]);
+    };
+    let integers = match spec.integers {
+        IntegerRule::Refused => 0,
+        IntegerRule::Units => 1,
+        IntegerRule::Increments => 2,
+    };
+    let unit = match spec.unit {
+        UnitRule::Said => 0,
+        UnitRule::Mm => 1,
+        UnitRule::Inch => 2,
+    };
+    let [c0, c1] = spec.chord_um.to_le_bytes();
+    let [d0, d1] = spec.clearance_um.to_le_bytes();
+    (kind, [spec.decimals_mm, integers, unit, 0, c0, c1, d0, d1])
+}
+
+fn release(kind: u8, how: [u8; 8]) -> Option<Release> {
+    let [decimals_mm, integers, unit, _, c0, c1, d0, d1] = how;
+    Some(match kind {
+        0 => Release::AfterVerdict,
+        1 => Release::Rewritten(RewriteSpec {
+            decimals_mm,
+            chord_um: u16::from_le_bytes([c0, c1]),
+            clearance_um: u16::from_le_bytes([d0, d1]),
+            integers: match integers {
+                0 => IntegerRule::Refused,
+                1 => IntegerRule::Units,
+                2 => IntegerRule::Increments,
+                _ => return None,
+            },
+            unit: match unit {
+                0 => UnitRule::Said,
+                1 => UnitRule::Mm,
+                2 => UnitRule::Inch,
+                _ => return None,
+            },
+        }),
+        2 => Release::Always,
+        3 => Release::Never,
+        _ => return None,
+    })
 }

@@ -19,8 +19,9 @@ use core::fmt;
 
 use crc::Digest;
 use umi_protocol::job::Name;
-use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal};
+use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
 
+use super::header::DEFAULT_HOLD_S;
 use super::{Error, MAX_PROGRAMS, Program, Store, Upload};
 use crate::journal::Flash;
 use crate::journal::chain::CRC32;
@@ -137,6 +138,9 @@ impl<F: Flash> Store<F> {
             name,
             bytes,
             crc32,
+            // Nobody has looked at it yet.
+            release: Release::Never,
+            hold_s: DEFAULT_HOLD_S,
         };
         let program = self.program_header(&info, sector)?;
         if let Err(failed) = self.mark(sector, self.layout.complete()) {

@@ -6,6 +6,7 @@ mod punched;
 use std::vec::Vec;
 
 use umi_protocol::job::Name;
+use umi_protocol::program::{IntegerRule, Release, RewriteSpec, UnitRule};
 
 use super::*;
 use crate::journal::Geometry;
@@ -40,6 +41,14 @@ fn info(number: u32, text: &[u8]) -> ProgramInfo {
         name: Name::try_from("PART").unwrap(),
         bytes: text.len() as u32,
         crc32: CRC32.checksum(text),
+        release: Release::Rewritten(RewriteSpec {
+            decimals_mm: 4,
+            chord_um: 0x1234,
+            clearance_um: 0x5678,
+            integers: IntegerRule::Increments,
+            unit: UnitRule::Inch,
+        }),
+        hold_s: 600,
     }
 }
 

@@ -24,6 +24,16 @@ impl RigidTransform {
         }
     }
 
+    /// From R by rows, as messages and files have it.
+    #[must_use]
+    pub fn from_rows(rotation: [[f64; 3]; 3], translation_mm: [f64; 3]) -> Self {
+        let [x, y, z] = rotation;
+        Self {
+            rotation: Matrix3::from_rows(&[x.into(), y.into(), z.into()]),
+            translation_mm: translation_mm.into(),
+        }
+    }
+
     /// The image `R p + t` of a point.
     #[must_use]
     pub fn apply(&self, p: Point) -> Point {

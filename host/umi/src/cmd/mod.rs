@@ -1,5 +1,6 @@
 //! The commands: one file each, with options, help and what is done.
 
+mod control;
 mod correction;
 mod demo;
 mod dialects;

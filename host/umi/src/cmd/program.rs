@@ -3,14 +3,15 @@
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use umi::failure::Failure;
 use umi::programs;
 use umi::style::{FAINT, GOOD, TITLE, paint, print, print_json};
-use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal};
+use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
 
+use super::control::Control;
 use super::{Board, Format};
 
 /// List, put, get and delete the part programs in a board's flash
@@ -25,6 +26,9 @@ const HELP: &str = "\
 Examples:
   umi program list
   umi program put pocket.nc --port /dev/ttyACM0
+  umi program put pocket.nc --release rewritten --increment-mm 0.001
+  umi program offer 1234
+  umi program pass long.nc --hold-s 600
   umi program get 1234 -o pocket.nc
   umi program delete 1234";
 
@@ -34,6 +38,66 @@ enum Action {
     Put(Put),
     Get(Get),
     Delete(Delete),
+    Offer(Offer),
+    Pass(Pass),
+}
+
+/// When the program goes out to the control, and how.
+#[derive(Args)]
+struct Rule {
+    /// When it goes out to a control that asks for it
+    #[arg(long, value_enum, default_value_t = When::AfterVerdict)]
+    release: When,
+    /// How long the control may hold the line (XOFF) while it is sent: longer than the
+    /// longest motion, where it carries out what comes
+    #[arg(long, value_name = "S", default_value_t = 5)]
+    hold_s: u16,
+    #[command(flatten)]
+    control: Control,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum When {
+    /// As it is, after an OK verdict, once
+    AfterVerdict,
+    /// Every motion carried by the verdict's registration, after an OK verdict, once
+    Rewritten,
+    /// As it is, whenever it is asked for: a program that probes
+    Always,
+}
+
+impl Rule {
+    fn release(&self) -> Result<Release, Failure> {
+        Ok(match self.release {
+            When::AfterVerdict => Release::AfterVerdict,
+            When::Rewritten => Release::Rewritten(self.control.spec()?),
+            When::Always => Release::Always,
+        })
+    }
+
+    /// What a board is told of a program, and its bytes.
+    fn read(&self, path: &Path, number: Option<u32>) -> Result<(ProgramInfo, Vec<u8>), Failure> {
+        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
+        let number = number.or_else(|| programs::number_in(&bytes));
+        let number = number.ok_or_else(|| {
+            Failure::trouble(
+                "program_number",
+                format_args!(
+                    "{} does not begin with an O-number: give one with --number",
+                    path.display()
+                ),
+            )
+        })?;
+        let program = ProgramInfo {
+            number,
+            name: name(path),
+            bytes: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
+            crc32: programs::check_value(&bytes),
+            release: self.release()?,
+            hold_s: self.hold_s,
+        };
+        Ok((program, bytes))
+    }
 }
 
 /// List the programs of a board, and the room that is left
@@ -54,10 +118,14 @@ struct List {
 #[command(after_help = "\
 An upload that breaks off leaves the old program; the same command goes on where it was.
 While the board measures a plate it takes no program: umi waits for up to a minute.
+A control gets it when it prints READ O1234 (DPRNT[READ*O1234]) and then reads, or after
+umi program offer; `umi nc check` says beforehand what cannot be rewritten.
 
 Examples:
   umi program put pocket.nc             its number is that of its O line
   umi program put pocket.nc --number 1234
+  umi program put probing.nc --release always
+  umi program put pocket.nc --release rewritten --chord-mm 0.005
   umi program put long.nc --json        one line at its end
 
 Exit status: 0 it is there, whole; 1 file, usage or connection; 2 the board refuses.")]
@@ -68,6 +136,8 @@ struct Put {
     /// Its number on the board, instead of that of its O line
     #[arg(long, value_name = "O", value_parser = number)]
     number: Option<u32>,
+    #[command(flatten)]
+    rule: Rule,
     #[command(flatten)]
     board: Board,
     #[command(flatten)]
@@ -109,6 +179,52 @@ struct Delete {
     format: Format,
 }
 
+/// Make a program what the control's next READ gets
+#[derive(Args)]
+#[command(after_help = "\
+A control can ask by itself, where it prints: DPRNT[READ*O1234]. What it prints else, and a
+new job, take this back.
+
+Examples:
+  umi program offer 1234")]
+struct Offer {
+    /// Its number
+    #[arg(value_name = "O", value_parser = number)]
+    number: u32,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Pass a program of any length through to the control, which reads it
+#[derive(Args)]
+#[command(after_help = "\
+Nothing of it is kept on the board. With --release rewritten a line that cannot be
+rewritten stops the machine there (M0): umi nc check says so beforehand. If umi ends or
+the cable is pulled, the control gets no end.
+
+Examples:
+  umi program pass long.nc --release always
+  umi program pass long.nc --release rewritten --hold-s 600
+
+Exit status: 0 all of it went out; 1 file, usage or connection; 2 the board refuses, or
+something was measured meanwhile.")]
+struct Pass {
+    /// The program
+    #[arg(value_name = "PROGRAM.nc")]
+    file: PathBuf,
+    /// The number under which the control asks for it, instead of that of its O line
+    #[arg(long, value_name = "O", value_parser = number)]
+    number: Option<u32>,
+    #[command(flatten)]
+    rule: Rule,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
 /// `1234` or `O1234`.
 fn number(text: &str) -> Result<u32, String> {
     let digits = text.trim_start_matches(['O', 'o']);
@@ -127,6 +243,8 @@ impl Program {
             Action::Put(action) => action.run(),
             Action::Get(action) => action.run(),
             Action::Delete(action) => action.run(),
+            Action::Offer(action) => action.run(),
+            Action::Pass(action) => action.run(),
         }
     }
 
@@ -136,6 +254,8 @@ impl Program {
             Action::Put(action) => action.format.json,
             Action::Get(_) => false,
             Action::Delete(action) => action.format.json,
+            Action::Offer(action) => action.format.json,
+            Action::Pass(action) => action.format.json,
         }
     }
 }
@@ -149,8 +269,8 @@ impl List {
         let mut text = String::new();
         if !programs.is_empty() {
             let head = format!(
-                "{:<9}  {:<16}  {:>9}  {:<8}",
-                "number", "name", "bytes", "check"
+                "{:<9}  {:<16}  {:>9}  {:<8}  {:>6}  goes out",
+                "number", "name", "bytes", "check", "hold"
             );
             text += &format!("{}\n", paint(TITLE, head));
         }
@@ -160,10 +280,13 @@ impl List {
                 name,
                 bytes,
                 crc32,
+                release,
+                hold_s,
             } = program;
             text += &format!(
-                "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}\n",
+                "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}  {hold_s:>4} s  {}\n",
                 format!("O{number:04}"),
+                umi::words::release(release),
             );
         }
         let left = format!(
@@ -180,24 +303,7 @@ impl List {
 
 impl Put {
     fn run(self) -> Result<(), Failure> {
-        let path = &self.file;
-        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
-        let number = self.number.or_else(|| programs::number_in(&bytes));
-        let number = number.ok_or_else(|| {
-            Failure::trouble(
-                "program_number",
-                format_args!(
-                    "{} does not begin with an O-number: give one with --number",
-                    path.display()
-                ),
-            )
-        })?;
-        let program = ProgramInfo {
-            number,
-            name: name(path),
-            bytes: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
-            crc32: programs::check_value(&bytes),
-        };
+        let (program, bytes) = self.rule.read(&self.file, self.number)?;
         let mut board = self.board.connect()?;
         let (_, kept) = programs::list(&mut board)?;
         let there = kept.contains(&program);
@@ -262,6 +368,36 @@ impl Get {
         }
         std::fs::write(path, bytes).map_err(|error| Failure::file("write", path, &error))?;
         let done = format!("{} is in {}", umi::words::program(&program), path.display());
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Offer {
+    fn run(self) -> Result<(), Failure> {
+        programs::offer(&mut self.board.connect()?, self.number)?;
+        let number = self.number;
+        if self.format.json {
+            return print_json(&json!({ "status": "ok", "offered": number }));
+        }
+        let done = format!("the control's next READ gets O{number:04}");
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Pass {
+    fn run(self) -> Result<(), Failure> {
+        let (program, bytes) = self.rule.read(&self.file, self.number)?;
+        let mut board = self.board.connect()?;
+        let bar = bar(program.bytes);
+        let done = programs::pass(&mut board, &program, &bytes, |taken| {
+            bar.set_position(taken.into());
+        });
+        bar.finish_and_clear();
+        done?;
+        if self.format.json {
+            return print_json(&json!({ "status": "ok", "program": program }));
+        }
+        let done = format!("{} went out", umi::words::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }

@@ -399,6 +399,46 @@ impl Client {
         self.program_call(&Request::ProgramDelete { number })
     }
 
+    /// Makes a program what the control's next READ gets. The inner error is the board's
+    /// refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_offer(&mut self, number: u32) -> Result<Result<(), ProgramRefusal>, LinkError> {
+        self.program_call(&Request::ProgramOffer { number })
+    }
+
+    /// Makes what will be passed through what the control's next READ gets. The inner error
+    /// is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_pass(
+        &mut self,
+        program: &ProgramInfo,
+    ) -> Result<Result<u32, ProgramRefusal>, LinkError> {
+        self.upload_call(&Request::ProgramPass(program.clone()))
+    }
+
+    /// Passes bytes through: where the byte stands that is wanted next; none when all has
+    /// gone out. The inner error is the board's refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_passed(
+        &mut self,
+        offset: u32,
+        bytes: Piece,
+    ) -> Result<Result<Option<u32>, ProgramRefusal>, LinkError> {
+        let request = Request::ProgramPassed { offset, bytes };
+        match self.call(&request)? {
+            Response::ProgramAt { offset } => Ok(Ok(Some(offset))),
+            Response::Done => Ok(Ok(None)),
+            Response::ProgramRefused(refusal) => Ok(Err(refusal)),
+            _ => Err(wrong_answer(&request)),
+        }
+    }
+
     fn upload_call(&mut self, request: &Request) -> Result<Result<u32, ProgramRefusal>, LinkError> {
         match self.call(request)? {
             Response::ProgramAt { offset } => Ok(Ok(offset)),
@@ -671,6 +711,9 @@ const fn name(request: &Request) -> &'static str {
         Request::ProgramEnd { .. } => "program end",
         Request::ProgramRead { .. } => "program read",
         Request::ProgramDelete { .. } => "program delete",
+        Request::ProgramOffer { .. } => "program offer",
+        Request::ProgramPass(_) => "program pass",
+        Request::ProgramPassed { .. } => "passed bytes",
     }
 }
 

@@ -36,12 +36,12 @@ pub struct Examined {
 ///
 /// # Errors
 /// The file cannot be read, or the settings cannot be used.
-pub fn examine(path: &Path, settings: &Settings<'_>) -> Result<Examined, Failure> {
+pub fn examine(path: &Path, settings: &Settings) -> Result<Examined, Failure> {
     let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
     let mut check = Check::default();
     let mut refusals = Vec::new();
     let mut more = 0;
-    let mut note = |rewriter: &mut Rewriter<'_>, refusal: Refusal| {
+    let mut note = |rewriter: &mut Rewriter, refusal: Refusal| {
         if refusals.len() < MOST_LISTED {
             refusals.push(refusal);
         } else {
@@ -75,7 +75,7 @@ pub fn examine(path: &Path, settings: &Settings<'_>) -> Result<Examined, Failure
 ///
 /// # Errors
 /// A file cannot be read or written, or the program has changed since it was examined.
-pub fn rewrite(from: &Path, to: &Path, settings: &Settings<'_>) -> Result<Summary, Failure> {
+pub fn rewrite(from: &Path, to: &Path, settings: &Settings) -> Result<Summary, Failure> {
     let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
     if to == Path::new("-") {
         let mut out = io::stdout().lock();
@@ -96,7 +96,7 @@ pub fn rewrite(from: &Path, to: &Path, settings: &Settings<'_>) -> Result<Summar
 }
 
 fn run(
-    rewriter: &mut Rewriter<'_>,
+    rewriter: &mut Rewriter,
     from: &Path,
     to: &Path,
     out: &mut impl io::Write,

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use serde_json::Value;
 use umi_core::registration::RigidTransform;
@@ -28,11 +27,7 @@ struct Written {
 
 impl Written {
     fn transform(&self) -> RigidTransform {
-        let [a, b, c] = self.rotation;
-        RigidTransform {
-            rotation: Matrix3::from_rows(&[a.into(), b.into(), c.into()]),
-            translation_mm: Vector3::from(self.translation_mm),
-        }
+        RigidTransform::from_rows(self.rotation, self.translation_mm)
     }
 }
 

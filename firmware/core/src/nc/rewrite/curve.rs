@@ -75,7 +75,7 @@ impl Chords {
     }
 }
 
-impl Rewriter<'_> {
+impl Rewriter {
     #[allow(clippy::too_many_arguments, reason = "one call, one block")]
     pub(super) fn arc(
         &mut self,

@@ -53,7 +53,7 @@ enum Phase {
     Top,
 }
 
-impl Rewriter<'_> {
+impl Rewriter {
     /// A block that begins or goes on with a canned cycle.
     pub(super) fn cycle(
         &mut self,

@@ -24,7 +24,7 @@ pub(super) struct Wanted {
     lookahead: Option<usize>,
 }
 
-impl Rewriter<'_> {
+impl Rewriter {
     /// Carries out a block: its modes, its offsets, its motion.
     pub(super) fn follow(&mut self, words: &Words, edit: &mut Edit) -> At<More> {
         let given = Given::new(words)?;

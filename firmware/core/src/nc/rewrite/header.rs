@@ -41,16 +41,12 @@ impl Check {
 }
 
 /// Writes the header, each line ended as the program's are.
-pub(super) fn write<S: FnMut(&[u8])>(settings: &Settings<'_>, eol: &[u8], out: &mut Out<'_, S>) {
+pub(super) fn write<S: FnMut(&[u8])>(settings: &Settings, eol: &[u8], out: &mut Out<'_, S>) {
     // `Out` takes everything.
     let _ = lines(settings, eol, out);
 }
 
-fn lines<S: FnMut(&[u8])>(
-    settings: &Settings<'_>,
-    eol: &[u8],
-    out: &mut Out<'_, S>,
-) -> fmt::Result {
+fn lines<S: FnMut(&[u8])>(settings: &Settings, eol: &[u8], out: &mut Out<'_, S>) -> fmt::Result {
     let end = |out: &mut Out<'_, S>| {
         out.put(b")");
         out.put(eol);

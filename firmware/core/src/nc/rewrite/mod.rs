@@ -115,7 +115,7 @@ use nalgebra::{Matrix3, Vector3};
 pub use header::Check;
 pub use length::Unit;
 pub use refusal::{Reason, Refusal, Why};
-pub use settings::{BadSettings, Identity, Integers, Settings};
+pub use settings::{BadSettings, Identity, Integers, Settings, Source};
 
 use emit::{Edit, Out};
 use length::{PM_PER_MM, Step};
@@ -129,7 +129,7 @@ use words::{At, Kind, Words};
 pub const MAX_LINE: usize = 512;
 
 /// Bytes that come out of one call of [`Rewriter::push_line`], at most: a line with all
-/// its words replaced, and the header before it (with a source of 100 characters).
+/// its words replaced, and the header before it.
 pub const MAX_AT_ONCE: usize = 2 * MAX_LINE;
 
 /// What was done to a program.
@@ -191,8 +191,8 @@ enum Tape {
 
 /// Rewrites a program byte by byte.
 #[derive(Clone, Debug)]
-pub struct Rewriter<'a> {
-    settings: Settings<'a>,
+pub struct Rewriter {
+    settings: Settings,
     rotation: [[f64; 3]; 3],
     translation_pm: [f64; 3],
     coupling: [[Coupling; 3]; 3],
@@ -229,12 +229,12 @@ pub struct Rewriter<'a> {
     summary: Summary,
 }
 
-impl<'a> Rewriter<'a> {
+impl Rewriter {
     /// Ready for the first byte.
     ///
     /// # Errors
     /// [`BadSettings`], each with its bounds.
-    pub fn new(settings: &Settings<'a>) -> Result<Self, BadSettings> {
+    pub fn new(settings: &Settings) -> Result<Self, BadSettings> {
         let transform = checked(&settings.transform).ok_or(BadSettings::Transform)?;
         if !(1..=6).contains(&settings.decimals_mm) {
             return Err(BadSettings::Decimals);

@@ -28,7 +28,7 @@ pub(super) enum More {
 /// Where a motion goes to.
 pub(super) type Target = [Option<Pm>; 3];
 
-impl Rewriter<'_> {
+impl Rewriter {
     /// A block that moves.
     pub(super) fn move_block(
         &mut self,

@@ -1,5 +1,6 @@
 //! What to do with a program, and by what.
 
+use heapless::String;
 use nalgebra::Matrix3;
 
 use super::length::Unit;
@@ -25,9 +26,12 @@ pub struct Identity {
     pub bytes: u64,
 }
 
+/// Where a transform comes from, for people.
+pub type Source = String<96>;
+
 /// What to do with a program.
 #[derive(Clone, Debug)]
-pub struct Settings<'a> {
+pub struct Settings {
     /// Nominal to measured, in the coordinates of the work offset.
     pub transform: RigidTransform,
     /// Decimals of a length in mm that the control takes, 1 to 6: 3 is 0.001 mm, IS-B.
@@ -46,10 +50,10 @@ pub struct Settings<'a> {
     /// Check value of the original, for the header.
     pub original: Option<Identity>,
     /// Where the transform comes from, for the header: a verdict's job and plate.
-    pub source: &'a str,
+    pub source: Source,
 }
 
-impl Settings<'_> {
+impl Settings {
     /// A control of 0.001 mm, arcs within 0.01 mm, nothing known beyond the transform.
     #[must_use]
     pub const fn new(transform: RigidTransform) -> Self {
@@ -62,7 +66,7 @@ impl Settings<'_> {
             origins_mm: [None; 6],
             clearance: Mm(1.0),
             original: None,
-            source: "",
+            source: Source::new(),
         }
     }
 }

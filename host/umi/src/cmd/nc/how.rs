@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use umi::failure::Failure;
 use umi::toolpath::{self, Source};
-use umi_core::nc::rewrite::{Integers, Settings, Unit};
+use umi_core::nc::rewrite::Settings;
 use umi_core::registration::RigidTransform;
-use umi_core::units::Mm;
+
+use crate::cmd::control::Control;
 
 /// Which transform.
 #[derive(Args)]
@@ -31,44 +32,15 @@ impl Which {
     }
 }
 
-/// What the control takes.
+/// What the control takes, and what is known of its work offsets.
 #[derive(Args)]
 pub struct How {
-    /// The control's smallest step, a power of ten; a tenth of the number in inches
-    #[arg(long, value_name = "MM", default_value_t = 0.001)]
-    increment_mm: f64,
-    /// How far an arc may lie from its image, rounding included
-    #[arg(long, value_name = "MM", default_value_t = 0.01)]
-    chord_mm: f64,
-    /// What a length without a decimal point counts; without this it is refused
-    #[arg(long, value_enum)]
-    integers: Option<Count>,
-    /// The unit where the program says neither G20 nor G21
-    #[arg(long, value_enum)]
-    unit: Option<Length>,
+    #[command(flatten)]
+    control: Control,
     /// The origin of a work offset in machine coordinates, as G55=250,0,-40 (repeatable):
     /// a program with two of them and a rotation needs both
     #[arg(long, value_name = "G54=X,Y,Z", value_parser = origin)]
     origin: Vec<(usize, [f64; 3])>,
-    /// How far pecks retract where a canned cycle is written out
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
-    clearance_mm: f64,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Count {
-    /// X100 is 100 mm (or inches)
-    Units,
-    /// X100 is 100 increments
-    Increments,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Length {
-    /// Millimetres
-    Mm,
-    /// Inches
-    Inch,
 }
 
 fn origin(text: &str) -> Result<(usize, [f64; 3]), String> {
@@ -84,41 +56,16 @@ fn origin(text: &str) -> Result<(usize, [f64; 3]), String> {
 
 impl How {
     /// The settings for a transform.
-    pub fn settings(&self, transform: RigidTransform) -> Result<Settings<'static>, Failure> {
-        let decimals = -self.increment_mm.log10();
-        let is_power =
-            (decimals - decimals.round()).abs() < 1e-9 && (1.0..=6.0).contains(&decimals.round());
-        if !is_power {
-            return Err(Failure::trouble(
-                "usage",
-                "--increment-mm is 0.1, 0.01 … 0.000001",
-            ));
-        }
+    pub fn settings(&self, transform: RigidTransform) -> Result<Settings, Failure> {
         let mut origins_mm = [None; 6];
         for (index, place) in &self.origin {
             if let Some(slot) = origins_mm.get_mut(*index) {
                 *slot = Some(*place);
             }
         }
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "1 to 6"
-        )]
         Ok(Settings {
-            decimals_mm: decimals.round() as u8,
-            chord: Mm(self.chord_mm),
-            integers: self.integers.map(|count| match count {
-                Count::Units => Integers::Units,
-                Count::Increments => Integers::Steps,
-            }),
-            unit: self.unit.map(|unit| match unit {
-                Length::Mm => Unit::Millimetre,
-                Length::Inch => Unit::Inch,
-            }),
             origins_mm,
-            clearance: Mm(self.clearance_mm),
-            ..Settings::new(transform)
+            ..self.control.settings(transform)?
         })
     }
 }

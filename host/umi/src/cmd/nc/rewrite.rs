@@ -75,7 +75,7 @@ impl Rewrite {
         }
         let settings = Settings {
             original: Some(examined.identity),
-            source: &source.name,
+            source: source.name.chars().take(96).collect(),
             ..settings
         };
         let summary = toolpath::rewrite(&self.program, &self.output, &settings)?;

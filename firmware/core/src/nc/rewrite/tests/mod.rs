@@ -36,7 +36,7 @@ pub(super) fn turned(degrees: [f64; 3], shift_mm: [f64; 3]) -> RigidTransform {
     }
 }
 
-pub(super) fn settings(transform: RigidTransform) -> Settings<'static> {
+pub(super) fn settings(transform: RigidTransform) -> Settings {
     Settings {
         integers: Some(Integers::Units),
         unit: Some(Unit::Millimetre),
@@ -45,10 +45,7 @@ pub(super) fn settings(transform: RigidTransform) -> Settings<'static> {
 }
 
 /// The rewritten program without its header, and what was done.
-pub(super) fn rewritten(
-    settings: &Settings<'_>,
-    program: &str,
-) -> Result<(String, Summary), Refusal> {
+pub(super) fn rewritten(settings: &Settings, program: &str) -> Result<(String, Summary), Refusal> {
     let mut text = Vec::new();
     let mut sink = |bytes: &[u8]| text.extend_from_slice(bytes);
     let mut rewriter = Rewriter::new(settings).unwrap();

@@ -187,7 +187,7 @@ fn settings_are_checked() {
     use super::super::BadSettings;
     use crate::units::Mm;
     let good = settings(level(1.0, [0.0; 3]));
-    let refused = |settings: Settings<'_>| Rewriter::new(&settings).err();
+    let refused = |settings: Settings| Rewriter::new(&settings).err();
     assert_eq!(refused(good.clone()), None);
     let mut scaled = good.transform;
     scaled.rotation *= 1.00001;

@@ -11,11 +11,7 @@ use super::super::{Check, MAX_AT_ONCE, MAX_LINE, Refusal, Rewriter, Settings};
 use super::{level, rewritten, settings, turned};
 
 /// The bytes that come out when the program comes in pieces of these lengths.
-fn in_pieces(
-    settings: &Settings<'_>,
-    program: &[u8],
-    pieces: &[usize],
-) -> (Vec<u8>, Option<Refusal>) {
+fn in_pieces(settings: &Settings, program: &[u8], pieces: &[usize]) -> (Vec<u8>, Option<Refusal>) {
     let mut out = Vec::new();
     let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
     let mut rewriter = Rewriter::new(settings).unwrap();
@@ -33,7 +29,7 @@ fn in_pieces(
 }
 
 /// The bytes that come out line by line, in pieces of the most that one call may give.
-fn line_by_line(settings: &Settings<'_>, program: &[u8]) -> (Vec<u8>, Option<Refusal>) {
+fn line_by_line(settings: &Settings, program: &[u8]) -> (Vec<u8>, Option<Refusal>) {
     let mut out = Vec::new();
     let mut rewriter = Rewriter::new(settings).unwrap();
     let mut rest = program;
@@ -68,7 +64,7 @@ fn little_comes_out_at_once() {
     );
     let mut settings = settings(turned([3.0, 2.0, 12.0], [1.0, 2.0, 3.0]));
     settings.original = Some(Check::default().finish());
-    settings.source = "A JOB OF THIRTY-TWO LETTERS HERE, PLATE 4294967295";
+    settings.source = "S".repeat(96).parse().unwrap();
     let whole = in_pieces(&settings, program.as_bytes(), &[usize::MAX]);
     assert_eq!(whole.1, None);
     let lines = whole.0.iter().filter(|byte| **byte == b'\n').count();

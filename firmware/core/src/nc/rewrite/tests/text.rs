@@ -214,7 +214,7 @@ fn header() {
             crc32: 0xCBF4_3926,
             bytes: 9,
         }),
-        source: "Job test_1 - plate 3",
+        source: "Job test_1 - plate 3".parse().unwrap(),
         unit: Some(Unit::Millimetre),
         ..settings(level(90.0, [1.0, -2.0, 0.5]))
     };

@@ -1,0 +1,741 @@
+//! What the control gets when it reads, and how that comes out, byte by byte.
+//!
+//! ```text
+//! READ ─► begin ─► Correction, alarm ───────────────────────────────┐
+//!                ─► stored program ─► looked through ─► (rewritten) ─► queue ─► next_byte ─► line
+//!                ─► passed through by the host ───────► (rewritten) ─┘
+//! ```
+//!
+//! # Design
+//!
+//! **Who may have it.** A correction goes out once, after a verdict OK that is in the journal.
+//! A program goes out as its [`Release`] says; after a verdict, too, each goes out once, and
+//! begins within the job's plate time-out. Whatever is measured again takes both back, also
+//! in the middle. Who asks for what it may not have gets an alarm under the number that
+//! it asked for.
+//!
+//! **In two passes.** A stored program is read once before its first byte goes out: its
+//! check value, whether the control's code has all its characters, and whether it can be
+//! rewritten truly. The alarm names the line that cannot. One that the host passes through
+//! is seen once: what cannot be rewritten stops the machine at that line.
+//!
+//! **Where the work is done.** Rewriting takes longest and belongs to the lowest priority:
+//! [`Measure::fill`] does one line at a time into a queue, and sending takes bytes out of
+//! it. So memory does not depend on the program, and nothing waits for more than a line.
+//!
+//! # Tradeoffs
+//!
+//! A program that broke off stays asked for and begins anew at the next READ. What a control
+//! has of it has no end (`%`), so one that stores it has no program. One that carries it out
+//! as it comes stands still where it broke off, at the latest behind the last whole line; who
+//! begins it anew has to be where a machine can begin.
+//!
+//! # Limitations
+//!
+//! A control that calls the same program twice after one verdict gets an alarm the second
+//! time, unless the program's release is [`Release::Always`].
+
+use core::fmt::Write as _;
+
+use heapless::{Deque, String, Vec};
+use umi_core::dprnt::encode;
+use umi_core::journal::Flash;
+use umi_core::nc::rewrite::{
+    Check, Identity, Integers, MAX_AT_ONCE, Rewriter, Settings, Source, Unit,
+};
+use umi_core::nc::{broken_off, withheld};
+use umi_core::place::Place;
+use umi_core::programs::{MAX_PROGRAMS, Program, Store};
+use umi_core::registration::RigidTransform;
+use umi_core::units::{Micros, Mm};
+use umi_protocol::job::SendWhen;
+use umi_protocol::message::Record;
+use umi_protocol::pattern::Coding;
+use umi_protocol::program::{
+    IntegerRule, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
+};
+use umi_protocol::verdict::{MAX_CORRECTION, RegistrationReport};
+
+use crate::cnc::{Ask, XOFF_PATIENCE_US};
+use crate::measure::Measure;
+
+/// Bytes of a program that wait to be rewritten: some lines.
+const HELD: usize = 256;
+/// Bytes that wait to be sent: the most that one line gives, and what covers the time until
+/// the next is there, at 115200 baud 40 ms.
+const QUEUE: usize = MAX_AT_ONCE + 512;
+
+/// What becomes of a program, said by who sends it. Plain numbers: see `place`.
+#[derive(Clone, Copy, Debug)]
+pub struct Sent {
+    /// Bytes that went out.
+    pub bytes: u32,
+    /// 1 if that is all of it.
+    pub whole: u32,
+}
+
+/// What there is to send.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// This byte, in the control's code.
+    Byte(u8),
+    /// Nothing yet: [`Measure::fill`].
+    Wait,
+    /// Nothing any more, and whether that is all of it.
+    End {
+        /// Everything went out.
+        whole: bool,
+    },
+}
+
+/// What an OK verdict releases besides its correction.
+#[derive(Clone, Debug)]
+pub(crate) struct Released {
+    pub plate: u32,
+    pub arming: u32,
+    /// No program begins later.
+    pub until: Micros,
+    /// Nominal to measured.
+    pub transform: Option<RigidTransform>,
+    /// Programs that have gone out.
+    pub gone: Vec<u32, MAX_PROGRAMS>,
+}
+
+/// A program that the host passes through.
+#[derive(Clone, Debug)]
+pub(crate) struct Passed {
+    pub info: ProgramInfo,
+    /// All of it has gone out.
+    pub is_sent: bool,
+}
+
+/// A program on its way.
+struct Part {
+    number: u32,
+    bytes: u32,
+    crc32: u32,
+    /// Where it is; none: the host passes it through.
+    stored: Option<Program>,
+    /// How it is rewritten.
+    how: Option<Settings>,
+    /// The plate that released it; none: any.
+    plate: Option<u32>,
+    /// How long the control may hold the line.
+    hold_us: u64,
+}
+
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+enum What {
+    Correction { plate: u32 },
+    Alarm { number: u32, why: Withheld },
+    Program(Part),
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Read for the first time.
+    Looking,
+    Sending,
+    /// All that will go out is in the queue.
+    Ended,
+}
+
+/// What is being sent.
+pub(crate) struct Delivery {
+    what: What,
+    coding: Coding,
+    /// The arming that it needs; 0: none.
+    arming: u32,
+    stage: Stage,
+    /// At the end of the queue is the end of the program.
+    whole: bool,
+    rewriter: Place<Rewriter>,
+    /// More comes out of what the rewriter has.
+    has_more: bool,
+    check: Check,
+    /// Bytes of the program read.
+    offset: u32,
+    held: Vec<u8, HELD>,
+    queue: Deque<u8, QUEUE>,
+    /// The byte that was read last, and the one that went into the queue last.
+    last_read: u8,
+    last_put: u8,
+}
+
+impl Delivery {
+    fn new(what: What, coding: Coding, arming: u32) -> Self {
+        Self {
+            what,
+            coding,
+            arming,
+            stage: Stage::Ended,
+            whole: false,
+            rewriter: Place::empty(),
+            has_more: false,
+            check: Check::default(),
+            offset: 0,
+            held: Vec::new(),
+            queue: Deque::new(),
+            last_read: b'\n',
+            last_put: b'\n',
+        }
+    }
+
+    /// A text that is there: all of it or, if the code lacks a character, nothing. EIA has
+    /// no # and no brackets.
+    fn set(&mut self, text: &str) {
+        let coding = self.coding;
+        self.whole = text.bytes().all(|ascii| encode(coding, ascii).is_some());
+        if self.whole {
+            self.put(text);
+        }
+    }
+
+    fn put(&mut self, text: &str) {
+        for byte in text.bytes() {
+            // A text finds room in an empty queue, a stop in what a line leaves.
+            let _ = self.queue.push_back(byte);
+        }
+    }
+
+    /// The program that raises an alarm, in place of this one.
+    #[inline(never)]
+    fn withhold(&mut self, why: Withheld) {
+        let What::Program(Part { number, .. }) = &self.what else {
+            return;
+        };
+        let number = *number;
+        let text = withheld(number, &why, self.coding);
+        self.what = What::Alarm { number, why };
+        self.arming = 0;
+        self.stage = Stage::Ended;
+        self.rewriter.clear();
+        self.has_more = false;
+        self.held.clear();
+        self.queue.clear();
+        self.set(&text);
+    }
+
+    /// Nothing goes out behind what is in the queue but a stop, if a line ends there.
+    fn break_off(&mut self) {
+        if self.last_put == b'\n' {
+            self.put(broken_off(self.coding));
+        }
+        self.stage = Stage::Ended;
+        self.rewriter.clear();
+    }
+
+    /// Begins to read, from the first byte.
+    #[inline(never)]
+    fn rewind(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.offset = 0;
+        self.check = Check::default();
+        self.held.clear();
+        self.has_more = false;
+        self.rewriter.clear();
+        let What::Program(part) = &self.what else {
+            return;
+        };
+        let Some(how) = &part.how else { return };
+        match Rewriter::new(how) {
+            Ok(rewriter) => self.rewriter.put(rewriter),
+            Err(_) => self.withhold(Withheld::BadSettings),
+        }
+    }
+
+    /// Does one line; whether there may be more to do at once.
+    fn fill<F: Flash>(&mut self, store: Option<&mut Store<F>>) -> bool {
+        let room = self.queue.capacity() - self.queue.len();
+        if self.stage == Stage::Ended || room < MAX_AT_ONCE {
+            return false;
+        }
+        if self.held.is_empty() && !self.has_more {
+            return self.read(store);
+        }
+        if self.rewriter.is_some() {
+            self.rewrite();
+        } else {
+            self.copy();
+        }
+        true
+    }
+
+    /// Reads on in the flash; from the host come bytes by themselves. At the end of the
+    /// program: goes to the next stage.
+    #[inline(never)]
+    fn read<F: Flash>(&mut self, store: Option<&mut Store<F>>) -> bool {
+        let What::Program(part) = &self.what else {
+            return false;
+        };
+        if self.offset < part.bytes {
+            let Some(program) = part.stored else {
+                return false;
+            };
+            let _ = self.held.resize_default(HELD);
+            let read = store.and_then(|store| {
+                let read = store.read(&program, self.offset, &mut self.held);
+                read.ok().map(<[u8]>::len)
+            });
+            self.held.truncate(read.unwrap_or(0));
+            self.came();
+            if self.held.is_empty() {
+                self.fails();
+            }
+            return true;
+        }
+        if self.rewriter.is_some() && !matches!(self.last_read, b'\n' | b'\r') {
+            // It holds the last line until it ends.
+            let _ = self.held.push(b'\n');
+            self.last_read = b'\n';
+            return true;
+        }
+        let (crc32, is_looking) = (part.crc32, self.stage == Stage::Looking);
+        let check = core::mem::take(&mut self.check);
+        if check.finish().crc32 != crc32 {
+            self.fails();
+        } else if is_looking {
+            self.rewind(Stage::Sending);
+        } else {
+            self.whole = true;
+            self.stage = Stage::Ended;
+        }
+        true
+    }
+
+    /// Bytes have come into an empty `held`.
+    fn came(&mut self) {
+        self.check.update(&self.held);
+        self.offset += self.held.len() as u32;
+        if let Some(last) = self.held.last() {
+            self.last_read = *last;
+        }
+    }
+
+    /// The program is not what it should be.
+    fn fails(&mut self) {
+        match self.stage {
+            Stage::Looking => self.withhold(Withheld::Damaged),
+            _ => self.break_off(),
+        }
+    }
+
+    /// What is held goes on as it is.
+    fn copy(&mut self) {
+        let held = core::mem::take(&mut self.held);
+        if let Some(byte) = self.put_on(&held) {
+            self.not_in_code(byte);
+        }
+    }
+
+    /// One line of what is held goes on, rewritten.
+    #[inline(never)]
+    fn rewrite(&mut self) {
+        let Some(mut rewriter) = self.rewriter.take() else {
+            return;
+        };
+        let held = core::mem::take(&mut self.held);
+        let is_looking = self.stage == Stage::Looking;
+        let mut lacks = None;
+        let mut sink = |bytes: &[u8]| lacks = lacks.or(self.put_on(bytes));
+        match rewriter.push_line(&held, &mut sink) {
+            Ok(progress) => {
+                self.held.extend(held.iter().skip(progress.taken).copied());
+                self.has_more = progress.has_more;
+                self.rewriter.put(rewriter);
+                if let Some(byte) = lacks {
+                    self.not_in_code(byte);
+                }
+            }
+            Err(refusal) if is_looking => {
+                self.withhold(Withheld::NotRewritable {
+                    line: u32::try_from(refusal.line).unwrap_or(u32::MAX),
+                    column: u16::try_from(refusal.column).unwrap_or(u16::MAX),
+                });
+            }
+            Err(_) => {
+                rewriter.safe_stop(&mut sink);
+                self.stage = Stage::Ended;
+            }
+        }
+    }
+
+    /// Bytes go into the queue, or are only looked at; one that the code lacks, if there is.
+    fn put_on(&mut self, bytes: &[u8]) -> Option<u8> {
+        for byte in bytes.iter().filter(|byte| is_text(self.coding, **byte)) {
+            if encode(self.coding, *byte).is_none() {
+                return Some(*byte);
+            }
+            if self.stage == Stage::Sending {
+                // A line found room before it was begun.
+                let _ = self.queue.push_back(*byte);
+                self.last_put = *byte;
+            }
+        }
+        None
+    }
+
+    fn not_in_code(&mut self, byte: u8) {
+        match self.stage {
+            Stage::Looking => self.withhold(Withheld::NotInCode { byte }),
+            _ => self.break_off(),
+        }
+    }
+
+    fn next_byte(&mut self) -> Next {
+        match self.queue.pop_front() {
+            // Looked at when it was put there.
+            Some(ascii) => {
+                encode(self.coding, ascii).map_or(Next::End { whole: false }, Next::Byte)
+            }
+            None if self.stage == Stage::Ended => Next::End { whole: self.whole },
+            None => Next::Wait,
+        }
+    }
+}
+
+/// Whether a byte of a program goes out. What is no text would be taken for flow control.
+fn is_text(coding: Coding, byte: u8) -> bool {
+    let layout = matches!(byte, b'\r' | b'\t') && coding != Coding::Eia;
+    matches!(byte, b' '..=b'~' | b'\n') || layout
+}
+
+impl<F: Flash> Measure<F> {
+    /// Decides what the control gets; how long it may hold the line meanwhile. None: it gets
+    /// nothing.
+    #[inline(never)]
+    pub(crate) fn begin(&mut self, now: Micros, asked: Ask) -> Option<u64> {
+        let has_begun = match asked {
+            // What goes out by itself may also be asked for; not the reverse.
+            Ask::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
+            Ask::Verdict => self.correction(),
+            Ask::Again => self.program(now) || self.correction(),
+            Ask::Read => self.program(now) || self.correction() || self.alarm(),
+        };
+        let delivery = self.delivery.get().filter(|_| has_begun)?;
+        Some(match &delivery.what {
+            What::Program(part) => part.hold_us,
+            What::Correction { .. } | What::Alarm { .. } => XOFF_PATIENCE_US,
+        })
+    }
+
+    /// Something new to send, all of it there.
+    #[inline(never)]
+    fn open(&mut self, what: What, arming: u32, text: &str) {
+        self.delivery
+            .put(Delivery::new(what, self.coding(), arming));
+        if let Some(delivery) = self.delivery.get_mut() {
+            delivery.set(text);
+        }
+    }
+
+    /// Does a part of the work on what is being sent; whether there may be more at once.
+    pub(crate) fn fill(&mut self) -> bool {
+        let delivery = self.delivery.get_mut();
+        delivery.is_some_and(|delivery| delivery.fill(self.programs.get_mut()))
+    }
+
+    /// Whether [`Self::fill`] has room to work.
+    pub(crate) fn is_hungry(&self) -> bool {
+        self.delivery.get().is_some_and(|delivery| {
+            let room = delivery.queue.capacity() - delivery.queue.len();
+            delivery.stage != Stage::Ended && room >= MAX_AT_ONCE
+        })
+    }
+
+    /// The next byte of what is being sent. A new measurement, job or verdict takes it back,
+    /// even now; nothing takes back what raises an alarm.
+    pub(crate) fn next_byte(&mut self) -> Next {
+        let Some(delivery) = self.delivery.get_mut() else {
+            return Next::End { whole: false };
+        };
+        let holds = match &delivery.what {
+            What::Correction { .. } => self.book.armed_as(delivery.arming),
+            What::Program(_) if delivery.arming > 0 => self.book.released_as(delivery.arming),
+            What::Program(_) | What::Alarm { .. } => true,
+        };
+        if holds {
+            delivery.next_byte()
+        } else {
+            Next::End { whole: false }
+        }
+    }
+
+    /// It went out, or broke off.
+    #[inline(never)]
+    pub(crate) fn sent(&mut self, now: Micros, sent: &Sent) {
+        let Some(delivery) = self.delivery.take() else {
+            return;
+        };
+        let (bytes, complete) = (sent.bytes, sent.whole > 0);
+        let record = match delivery.what {
+            What::Correction { plate } => Record::CorrectionSent {
+                plate,
+                bytes,
+                complete,
+            },
+            What::Alarm { number, why } => Record::AlarmSent {
+                number,
+                why,
+                bytes,
+                complete,
+            },
+            What::Program(part) => {
+                if let Some(passed) = self.book.passed.get_mut()
+                    && part.stored.is_none()
+                {
+                    passed.is_sent = complete;
+                }
+                if let Some(released) = self.book.released.get_mut()
+                    && released.arming == delivery.arming
+                    && complete
+                {
+                    // There is room for as many as there are programs; what is passed
+                    // through has a number as well, and waits for the next verdict.
+                    let _ = released.gone.push(part.number);
+                }
+                Record::ProgramSent {
+                    number: part.number,
+                    crc32: part.crc32,
+                    rewritten_for: part.plate.filter(|_| part.how.is_some()),
+                    bytes,
+                    complete,
+                }
+            }
+        };
+        if complete {
+            match &record {
+                Record::CorrectionSent { .. } if self.book.armed_as(delivery.arming) => {
+                    self.book.disarm();
+                }
+                Record::ProgramSent { .. } | Record::AlarmSent { .. } => self.book.wanted = 0,
+                _ => {}
+            }
+        }
+        self.book.record(now, record);
+    }
+
+    /// Whether a correction waits for the control, and whether it goes out by
+    /// itself.
+    #[must_use]
+    pub fn waiting(&self) -> Option<SendWhen> {
+        self.arming()?;
+        let spec = self.brain().job()?.correction?;
+        (spec.send != SendWhen::Never).then_some(spec.send)
+    }
+
+    /// Begins with the correction that the control may have now; false if there is none.
+    #[inline(never)]
+    fn correction(&mut self) -> bool {
+        if self.waiting().is_none() {
+            return false;
+        }
+        let Some((plate, arming, text)) = self.book.armed() else {
+            return false;
+        };
+        let text: String<MAX_CORRECTION> = text.clone();
+        self.open(What::Correction { plate }, arming, &text);
+        true
+    }
+
+    /// Begins with the program that raises an alarm, in the place of a correction; false if
+    /// the job sends none to the control.
+    #[inline(never)]
+    fn alarm(&mut self) -> bool {
+        let spec = self.brain().job().and_then(|job| job.correction);
+        let Some(spec) = spec.filter(|spec| spec.send != SendWhen::Never) else {
+            return false;
+        };
+        let Some(text) = umi_core::nc::alarm(&spec, self.coding()) else {
+            return false;
+        };
+        let (number, why) = (spec.program_number.into(), Withheld::NoVerdict);
+        self.open(What::Alarm { number, why }, 0, &text);
+        true
+    }
+
+    /// Begins with the program that the control has asked for, or with what it gets instead;
+    /// false if it has asked for none.
+    #[inline(never)]
+    fn program(&mut self, now: Micros) -> bool {
+        let number = self.book.wanted;
+        if number == 0 {
+            return false;
+        }
+        match self.part(now, number) {
+            Ok(part) => self.open_program(part),
+            Err(why) => {
+                let text = withheld(number, &why, self.coding());
+                self.open(What::Alarm { number, why }, 0, &text);
+            }
+        }
+        true
+    }
+
+    #[inline(never)]
+    fn open_program(&mut self, part: Part) {
+        let released = self.book.released.get().filter(|_| part.plate.is_some());
+        let arming = released.map_or(0, |of| of.arming);
+        let stage = match part.stored {
+            Some(_) => Stage::Looking,
+            None => Stage::Sending,
+        };
+        let delivery = Delivery::new(What::Program(part), self.coding(), arming);
+        self.delivery.put(delivery);
+        if let Some(delivery) = self.delivery.get_mut() {
+            delivery.rewind(stage);
+        }
+    }
+
+    /// What is to be sent of a program, if it may be.
+    #[inline(never)]
+    fn part(&mut self, now: Micros, number: u32) -> Result<Part, Withheld> {
+        let (info, stored) = match self.book.passed(number) {
+            Some(info) => (info.clone(), None),
+            None => {
+                let store = self.programs.get_mut().ok_or(Withheld::NotThere)?;
+                let program = store.find(number).ok_or(Withheld::NotThere)?;
+                let info = store.info(&program).map_err(|_| Withheld::Damaged)?;
+                (info, Some(program))
+            }
+        };
+        let mut part = Part {
+            number,
+            bytes: info.bytes,
+            crc32: info.crc32,
+            stored,
+            how: None,
+            plate: None,
+            hold_us: u64::from(info.hold_s).saturating_mul(1_000_000),
+        };
+        let spec = match info.release {
+            Release::Always => return Ok(part),
+            Release::Never => return Err(Withheld::NotReleased),
+            Release::AfterVerdict => None,
+            Release::Rewritten(spec) => Some(spec),
+        };
+        let released = self.book.released.get().filter(|of| now < of.until);
+        let released = released.ok_or(Withheld::NoVerdict)?;
+        if released.gone.contains(&number) || released.gone.is_full() {
+            return Err(Withheld::GoneOut);
+        }
+        part.plate = Some(released.plate);
+        let Some(spec) = spec else { return Ok(part) };
+        let job = self.brain().job().ok_or(Withheld::NoVerdict)?;
+        if job.correction.is_some_and(|of| of.send != SendWhen::Never) {
+            return Err(Withheld::CorrectedTwice);
+        }
+        let transform = released.transform.ok_or(Withheld::NoRegistration)?;
+        let mut source = Source::new();
+        // The name of a job is short.
+        let _ = write!(
+            source,
+            "VERDICT OK - {} - PLATE {}",
+            job.name, released.plate
+        );
+        part.how = Some(settings(&spec, transform, &info, source));
+        Ok(part)
+    }
+
+    /// Whether this program is on its way to the control.
+    #[must_use]
+    pub(crate) fn is_sending(&self, number: u32) -> bool {
+        self.delivery
+            .get()
+            .is_some_and(|of| matches!(&of.what, What::Program(part) if part.number == number))
+    }
+
+    /// The control's next READ gets what the host will pass through.
+    pub(crate) fn pass(&mut self, info: &ProgramInfo) -> Result<(), ProgramRefusal> {
+        if self.delivery.is_some() {
+            return Err(ProgramRefusal::Busy);
+        }
+        self.book.wanted = info.number;
+        self.book.passed.put(Passed {
+            info: info.clone(),
+            is_sent: false,
+        });
+        Ok(())
+    }
+
+    /// Bytes that the host passes through; the offset of the byte that is wanted next. What
+    /// finds no room, or stands elsewhere, is not taken. None: all of it has gone out.
+    pub(crate) fn passed(
+        &mut self,
+        offset: u32,
+        bytes: &[u8],
+    ) -> Result<Option<u32>, ProgramRefusal> {
+        let passed = self.book.passed.get().ok_or(ProgramRefusal::NotBegun)?;
+        if passed.is_sent {
+            return Ok(None);
+        }
+        let Some(delivery) = self.delivery.get_mut().filter(|of| of.is_passed()) else {
+            // The control has not read yet, or what it had broke off.
+            return Ok(Some(0));
+        };
+        if offset == delivery.offset && delivery.held.is_empty() && !delivery.has_more {
+            let room = delivery.held.capacity().min(bytes.len());
+            delivery.held.extend(bytes.iter().take(room).copied());
+            delivery.came();
+        }
+        Ok(Some(delivery.offset))
+    }
+
+    /// The host is gone: what it passed through has no end.
+    pub(crate) fn host_gone(&mut self) {
+        if let Some(delivery) = self.delivery.get_mut()
+            && delivery.is_passed()
+            && delivery.stage != Stage::Ended
+        {
+            delivery.break_off();
+        }
+        if let Some(passed) = self.book.passed.take()
+            && passed.info.number == self.book.wanted
+        {
+            self.book.wanted = 0;
+        }
+    }
+}
+
+impl Delivery {
+    /// Whether the host passes it through.
+    fn is_passed(&self) -> bool {
+        matches!(&self.what, What::Program(part) if part.stored.is_none())
+    }
+}
+
+/// How a program is rewritten.
+fn settings(
+    spec: &RewriteSpec,
+    transform: RigidTransform,
+    info: &ProgramInfo,
+    source: Source,
+) -> Settings {
+    let micrometres = |um: u16| Mm(f64::from(um) / 1000.0);
+    Settings {
+        decimals_mm: spec.decimals_mm,
+        chord: micrometres(spec.chord_um),
+        clearance: micrometres(spec.clearance_um),
+        integers: match spec.integers {
+            IntegerRule::Refused => None,
+            IntegerRule::Units => Some(Integers::Units),
+            IntegerRule::Increments => Some(Integers::Steps),
+        },
+        unit: match spec.unit {
+            UnitRule::Said => None,
+            UnitRule::Mm => Some(Unit::Millimetre),
+            UnitRule::Inch => Some(Unit::Inch),
+        },
+        original: Some(Identity {
+            crc32: info.crc32,
+            bytes: info.bytes.into(),
+        }),
+        source,
+        ..Settings::new(transform)
+    }
+}
+
+/// A verdict's registration.
+pub(crate) fn transform(report: &RegistrationReport) -> RigidTransform {
+    RigidTransform::from_rows(report.rotation, report.translation_mm)
+}

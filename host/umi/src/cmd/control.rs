@@ -1,0 +1,117 @@
+//! What a control takes: options of all that rewrites a program for it.
+
+use clap::{Args, ValueEnum};
+use umi::failure::Failure;
+use umi_core::nc::rewrite::{Integers, Settings, Unit};
+use umi_core::registration::RigidTransform;
+use umi_core::units::Mm;
+use umi_protocol::program::{IntegerRule, RewriteSpec, UnitRule};
+
+/// What the control takes.
+#[derive(Args)]
+pub struct Control {
+    /// The control's smallest step, a power of ten; a tenth of the number in inches
+    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    increment_mm: f64,
+    /// How far an arc may lie from its image, rounding included
+    #[arg(long, value_name = "MM", default_value_t = 0.01)]
+    chord_mm: f64,
+    /// What a length without a decimal point counts; without this it is refused
+    #[arg(long, value_enum)]
+    integers: Option<Count>,
+    /// The unit where the program says neither G20 nor G21
+    #[arg(long, value_enum)]
+    unit: Option<Length>,
+    /// How far pecks retract where a canned cycle is written out
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    clearance_mm: f64,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Count {
+    /// X100 is 100 mm (or inches)
+    Units,
+    /// X100 is 100 increments
+    Increments,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Length {
+    /// Millimetres
+    Mm,
+    /// Inches
+    Inch,
+}
+
+impl Control {
+    fn decimals(&self) -> Result<u8, Failure> {
+        let decimals = -self.increment_mm.log10();
+        let whole = decimals.round();
+        if (decimals - whole).abs() > 1e-9 || !(1.0..=6.0).contains(&whole) {
+            return Err(Failure::trouble(
+                "usage",
+                "--increment-mm is 0.1, 0.01 … 0.000001",
+            ));
+        }
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 6"
+        )]
+        Ok(whole as u8)
+    }
+
+    /// The settings for a transform.
+    pub fn settings(&self, transform: RigidTransform) -> Result<Settings, Failure> {
+        Ok(Settings {
+            decimals_mm: self.decimals()?,
+            chord: Mm(self.chord_mm),
+            integers: self.integers.map(|count| match count {
+                Count::Units => Integers::Units,
+                Count::Increments => Integers::Steps,
+            }),
+            unit: self.unit.map(|unit| match unit {
+                Length::Mm => Unit::Millimetre,
+                Length::Inch => Unit::Inch,
+            }),
+            clearance: Mm(self.clearance_mm),
+            ..Settings::new(transform)
+        })
+    }
+
+    /// What a board keeps with a program that it rewrites.
+    pub fn spec(&self) -> Result<RewriteSpec, Failure> {
+        Ok(RewriteSpec {
+            decimals_mm: self.decimals()?,
+            chord_um: micrometres("--chord-mm", self.chord_mm)?,
+            clearance_um: micrometres("--clearance-mm", self.clearance_mm)?,
+            integers: match self.integers {
+                None => IntegerRule::Refused,
+                Some(Count::Units) => IntegerRule::Units,
+                Some(Count::Increments) => IntegerRule::Increments,
+            },
+            unit: match self.unit {
+                None => UnitRule::Said,
+                Some(Length::Mm) => UnitRule::Mm,
+                Some(Length::Inch) => UnitRule::Inch,
+            },
+        })
+    }
+}
+
+/// Whole micrometres, as a board keeps them.
+fn micrometres(option: &str, mm: f64) -> Result<u16, Failure> {
+    let um = (mm * 1000.0).round();
+    if (um - mm * 1000.0).abs() > 1e-6 || !(0.0..=65_535.0).contains(&um) {
+        return Err(Failure::trouble(
+            "usage",
+            format_args!("{option} is whole micrometres up to 65 mm where a board rewrites"),
+        ));
+    }
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to 65535"
+    )]
+    Ok(um as u16)
+}

@@ -1,0 +1,324 @@
+//! Programs on their way to the control, on every board: what a READ gets and what it does
+//! not, rewritten to the bit as on the host, held, broken off, begun anew.
+
+use umi::programs;
+use umi_core::nc::rewrite::{Identity, Rewriter, Settings};
+use umi_core::nc::withheld;
+use umi_core::registration::RigidTransform;
+use umi_core::units::Mm;
+use umi_protocol::job::Job;
+use umi_protocol::message::Record;
+use umi_protocol::pattern::Coding;
+use umi_protocol::program::{
+    IntegerRule, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
+};
+use umi_protocol::verdict::{RegistrationReport, Verdict};
+use umi_tests::cases::*;
+use umi_tests::rig::Rig;
+
+umi_tests::on_every_board! {
+    reads_programs_by_their_number
+    rewrites_a_program_by_the_verdict
+    refuses_what_cannot_be_rewritten_before_its_first_byte
+    begins_anew_what_the_control_broke_off
+    sends_nothing_runnable_after_a_reset
+    passes_a_program_through
+}
+
+/// A pocket: straight lines, arcs, a canned cycle.
+const POCKET: &str = "%\nO1234(POCKET)\nG21 G90 G17 G94\nG0 X0. Y0. Z50.\nG1 Z-2. F300\n\
+    G1 X40. F800\nG3 X50. Y10. I0. J10.\nG1 Y30.\nX0.\nY0.\nG0 Z50.\nG81 X5. Y5. Z-4. R2.\n\
+    X15.\nG80\nM30\n%\n";
+
+/// The pocket and many lines more: longer than what goes out while somebody looks.
+fn long() -> String {
+    let lines: String = (0..120)
+        .map(|line| format!("G1 X{line}.5 Y-{line}.25\n"))
+        .collect();
+    POCKET.replace("M30", &(lines + "M30"))
+}
+
+const SPEC: RewriteSpec = RewriteSpec {
+    decimals_mm: 3,
+    chord_um: 20,
+    clearance_um: 1000,
+    integers: IntegerRule::Refused,
+    unit: UnitRule::Said,
+};
+
+fn info(number: u32, text: &str, release: Release) -> ProgramInfo {
+    ProgramInfo {
+        number,
+        name: "PART".parse().unwrap(),
+        bytes: u32::try_from(text.len()).unwrap(),
+        crc32: programs::check_value(text.as_bytes()),
+        release,
+        hold_s: 5,
+    }
+}
+
+/// The session's job, without a correction of its own.
+fn plain_job() -> Job {
+    Job {
+        correction: None,
+        ..job()
+    }
+}
+
+/// What the control gets that asks for this number and then reads.
+fn read(rig: &mut dyn Rig, number: u32) {
+    rig.control_sends(format!("READ O{number}\r\n").as_bytes());
+    rig.control_sends(DC1);
+}
+
+fn alarm_of(number: u32, why: &Withheld) -> String {
+    let text = withheld(number, why, Coding::Ascii);
+    text.as_str().to_owned()
+}
+
+/// The same program, rewritten by the same code on the host.
+fn rewritten(text: &str, job: &Job, verdict: &Verdict) -> String {
+    let RegistrationReport {
+        rotation,
+        translation_mm,
+        ..
+    } = verdict.registration.clone().unwrap();
+    let transform = RigidTransform::from_rows(rotation, translation_mm);
+    let settings = Settings {
+        chord: Mm(0.02),
+        original: Some(Identity {
+            crc32: programs::check_value(text.as_bytes()),
+            bytes: text.len() as u64,
+        }),
+        source: format!("VERDICT OK - {} - PLATE {}", job.name, verdict.plate)
+            .parse()
+            .unwrap(),
+        ..Settings::new(transform)
+    };
+    let mut out = Vec::new();
+    let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
+    let mut rewriter = Rewriter::new(&settings).unwrap();
+    rewriter.push(text.as_bytes(), &mut sink).unwrap();
+    rewriter.finish(&mut sink).unwrap();
+    String::from_utf8(out).unwrap()
+}
+
+/// One that probes whenever it is asked for; one that needs a verdict, once; one that is not
+/// there; and none that was not asked for. A request measures nothing, and what is measured
+/// takes it back.
+fn reads_programs_by_their_number(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let probing = POCKET.replace("O1234", "O0009");
+    for (number, text, release) in [
+        (1234, POCKET, Release::AfterVerdict),
+        (9, probing.as_str(), Release::Always),
+        (77, POCKET, Release::Never),
+    ] {
+        let info = info(number, text, release);
+        programs::put(&mut client, &info, text.as_bytes(), |_| {}).unwrap();
+    }
+    read(rig, 9);
+    receive_text(rig, &probing);
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::NoVerdict));
+    read(rig, 77);
+    receive_text(rig, &alarm_of(77, &Withheld::NotReleased));
+    read(rig, 78);
+    receive_text(rig, &alarm_of(78, &Withheld::NotThere));
+
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, &mut client, 1);
+    read(rig, 1234);
+    receive_text(rig, POCKET);
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::GoneOut));
+    // A READ alone: the job has no correction, and nothing is asked for.
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(clamping(1).as_bytes());
+    judged(rig, &mut client, 2);
+    // Asked for, then something is printed.
+    rig.control_sends(b"READ O1234\r\nX1. Q7\r\n");
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+    client.program_offer(1234).unwrap().unwrap();
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm_of(1234, &Withheld::NoVerdict));
+
+    let (records, findings) = journal(&mut client);
+    let sent: Vec<_> = records
+        .iter()
+        .filter_map(|record| match record {
+            Record::ProgramSent {
+                number,
+                rewritten_for,
+                complete,
+                ..
+            } => Some((*number, *rewritten_for, *complete)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(sent, [(9, None, true), (1234, None, true)]);
+    assert_eq!(findings.differences, []);
+}
+
+/// Byte for byte what the host's rewriter makes by the verdict's registration, stopped by
+/// XOFF in the middle of a line on the way; once; and not where the job corrects already.
+fn rewrites_a_program_by_the_verdict(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let job = plain_job();
+    client.set_job(&job).unwrap().unwrap();
+    let program = info(1234, POCKET, Release::Rewritten(SPEC));
+    programs::put(&mut client, &program, POCKET.as_bytes(), |_| {}).unwrap();
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, &mut client, 2);
+    let verdict = client.verdict().unwrap().unwrap();
+    let expected = rewritten(POCKET, &job, &verdict);
+    assert!(expected.len() > POCKET.len() + 200, "{expected}");
+
+    let stop = expected.find(" F800").unwrap() - 2;
+    let mut got = stopped(rig, b"READ O1234\r\n\x11", stop);
+    rig.control_sends(DC1);
+    got += &receive(rig, expected.len() - got.len());
+    assert_eq!(got, expected);
+    assert_eq!(receive_all(rig), "");
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::GoneOut));
+    let (records, _) = journal(&mut client);
+    assert!(records.contains(&Record::ProgramSent {
+        number: 1234,
+        crc32: program.crc32,
+        rewritten_for: Some(1),
+        bytes: u32::try_from(expected.len()).unwrap(),
+        complete: true,
+    }));
+
+    client.set_job(&umi_tests::cases::job()).unwrap().unwrap();
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, &mut client, 4);
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::CorrectedTwice));
+}
+
+/// The alarm names the line, and not a byte of the program goes out.
+fn refuses_what_cannot_be_rewritten_before_its_first_byte(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let text = POCKET.replace("M30", "G1 X#500\nM30");
+    let program = info(1234, &text, Release::Rewritten(SPEC));
+    programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, &mut client, 2);
+    read(rig, 1234);
+    let line = text.lines().position(|line| line.contains('#')).unwrap() + 1;
+    let why = Withheld::NotRewritable {
+        line: u32::try_from(line).unwrap(),
+        column: 4,
+    };
+    receive_text(rig, &alarm_of(1234, &why));
+}
+
+/// A control that says that it will not go on has a part without an end; its next READ gets
+/// the program from its beginning. Meanwhile it is not deleted, and the host's cable matters
+/// to none of this.
+fn begins_anew_what_the_control_broke_off(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let text = long();
+    let program = info(1234, &text, Release::Always);
+    programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let got = stopped(rig, b"READ O1234\r\n\x11", 60);
+    let refused = client.program_delete(1234).unwrap();
+    assert_eq!(refused, Err(ProgramRefusal::Busy));
+    // NAK: it has an alarm.
+    rig.control_sends(&[0x15]);
+    assert_eq!(receive_all(rig), "", "no tail");
+    assert!(text.starts_with(&got) && got.len() < text.len());
+    drop(client);
+    rig.unplug();
+    rig.control_sends(DC1);
+    receive_text(rig, &text);
+    let mut client = connect(rig);
+    let (records, _) = journal(&mut client);
+    let sent = records.iter().filter_map(|record| match record {
+        Record::ProgramSent {
+            bytes, complete, ..
+        } => Some((*bytes as usize, *complete)),
+        _ => None,
+    });
+    assert!(sent.eq([(got.len(), false), (text.len(), true)]));
+    client.program_delete(1234).unwrap().unwrap();
+}
+
+/// The power fails in the middle: what went out has no end, nothing comes by itself, and
+/// without its verdict the board has none for it any more.
+fn sends_nothing_runnable_after_a_reset(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let text = long();
+    let program = info(1234, &text, Release::AfterVerdict);
+    programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, &mut client, 1);
+    read(rig, 1234);
+    let got = receive(rig, 100);
+    drop(client);
+    rig.power_cycle();
+    let rest = receive_all(rig);
+    assert!(!(got + &rest).ends_with("%\n"));
+    let mut client = connect(rig);
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::NoVerdict));
+    let (room, _) = programs::list(&mut client).unwrap();
+    assert_eq!(room.programs, 1);
+}
+
+/// What the host passes through comes as it is, at the speed of the line. When the host is
+/// gone before its end, the control gets a stop behind a whole line, and no end.
+fn passes_a_program_through(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let mut text = POCKET.replace("M30\n%\n", "");
+    for line in 0..40 {
+        text += &format!("G1 X{line}.5 Y-{line}.25\n");
+    }
+    text += "M30\n%\n";
+    let program = info(55, &text, Release::Always);
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    let mut got = String::new();
+    let mut offset = 0;
+    let ends = until(rig, "all of it", |rig| {
+        let rest = &text.as_bytes()[offset as usize..];
+        let piece = rest.iter().copied().take(200).collect();
+        let next = client.program_passed(offset, piece).unwrap().unwrap();
+        got += &receive_all(rig);
+        offset = next.unwrap_or(offset);
+        next.is_none().then_some(true)
+    });
+    assert!(ends);
+    got += &receive_all(rig);
+    assert_eq!(got, text);
+    let done = client.program_passed(0, [0x20].into_iter().collect());
+    assert_eq!(done.unwrap(), Ok(None));
+
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    let lines = text.find("G1 X3.5").unwrap();
+    let mut offset = 0;
+    let mut got = until(rig, "a part of it", |rig| {
+        let rest = &text.as_bytes()[offset as usize..lines];
+        let piece = rest.iter().copied().take(200).collect();
+        let next = client.program_passed(offset, piece).unwrap().unwrap();
+        offset = next.unwrap();
+        (offset as usize == lines).then(|| receive_all(rig))
+    });
+    drop(client);
+    rig.unplug();
+    got += &receive_all(rig);
+    assert!(got.ends_with("#3000=3(UMI STOPPED)\nM30\n"), "{got}");
+    assert!(text.starts_with(got.strip_suffix("#3000=3(UMI STOPPED)\nM30\n").unwrap()));
+}
