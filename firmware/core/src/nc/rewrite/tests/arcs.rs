@@ -237,3 +237,20 @@ fn a_circle_in_inches_about_a_place_in_millimetres() {
         "G21 G90 G0 X11.25 Y-0.5 Z0.125\nG20 G3 I-1. J0. F4.\n"
     );
 }
+
+/// A quarter to the left is one in every plane, from its first axis to its second: Z to X in
+/// G18. Three quarters would have three times the chords.
+#[test]
+fn left_is_left_in_every_plane() {
+    let lean = settings(turned([3.0, 3.0, 3.0], [0.0; 3]));
+    for (plane, start, arc) in [
+        (17, "X10. Y0. Z0.", "X0. Y10. I-10. J0."),
+        (18, "X0. Y0. Z10.", "X10. Z0. I0. K-10."),
+        (19, "X0. Y10. Z0.", "Y0. Z10. J-10. K0."),
+    ] {
+        let program = std::format!("G21 G90 G{plane} G0 {start}\nG3 {arc} F9\n");
+        let (made, summary) = rewritten(&lean, &program).unwrap();
+        // 10 mm of radius within 0.0091 mm: 0.0855 radians each.
+        assert_eq!((summary.chorded, summary.chords), (1, 19), "{made}");
+    }
+}

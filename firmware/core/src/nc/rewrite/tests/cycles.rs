@@ -1,5 +1,7 @@
 //! Canned cycles: kept, repeated, written out.
 
+use std::vec::Vec;
+
 use super::super::refusal::Reason;
 use super::{level, rewritten, settings, text, turned};
 
@@ -89,4 +91,16 @@ fn pecks_of_many_holes_are_bounded() {
     assert!(made.lines().count() > 20_000, "{}", made.lines().count());
     let refused = rewritten(&lean, &program(21)).unwrap_err();
     assert_eq!((refused.line, refused.reason), (2, Reason::CycleDepth));
+}
+
+/// Holes that are written out end in G0: what goes on without a code gets its own again.
+#[test]
+fn a_motion_goes_on_behind_written_out_holes() {
+    let made = text(
+        turned([0.0, 0.1, 0.0], [0.0; 3]),
+        "G21 G90 G0 X0. Y0. Z10.\nG1 X1. F50\nG81 X2. Z-5. R1.\nG80\nX9. Z10.\nX8.\n",
+    );
+    let behind: Vec<&str> = made.lines().skip_while(|line| *line != "G80").collect();
+    assert!(behind[1].starts_with("G1 X9."), "{made}");
+    assert!(behind[2].starts_with("X8."), "{made}");
 }

@@ -109,6 +109,12 @@ fn what_was_not_said_is_refused() {
         ),
         (
             &with_unit,
+            "G90 G0 X1. Y1. Z1.\nG43 H1\nG1 X2. F9",
+            3,
+            Reason::UnknownPlace('Z'),
+        ),
+        (
+            &with_unit,
             "G90 G0 X1. Y1. Z1.\n/X9.\nG1 Y2. F9",
             3,
             Reason::UnknownPlace('X'),
