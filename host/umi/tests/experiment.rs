@@ -228,42 +228,65 @@ fn beyond_the_limits_nothing_is_cut() {
     assert!(page.contains("NG") && !page.contains("NaN"));
 }
 
-/// Every dialect that this shop's control knows, and the rewritten path, without error
-/// sources, in the clampings as the thesis prints them, tilts included: the surface is off
-/// by what each leaves. What can express the tilt, or needs no control to, leaves cusps and
-/// thousandths; rotation in the plane leaves the tilt too, as its programs state.
+/// Every dialect that an interpreter knows, and the rewritten path, without error sources, in
+/// the clampings as the thesis prints them, tilts included: the surface is off by what each
+/// leaves. What can express the tilt, or needs no control to, leaves cusps and thousandths;
+/// rotation in the plane leaves the tilt too, as its programs state. GRBL cannot turn: its
+/// verdicts are NG, and nothing is cut but the reference.
 #[test]
 fn every_remedy_on_one_surface() {
     let mut rows = Vec::new();
-    for (remedy, name, takes_tilt) in [
-        (Remedy::Program(Dialect::G10G68), "g10-g68", false),
-        (Remedy::Program(Dialect::Variables), "variables", false),
-        (Remedy::Program(Dialect::G68ThreeD), "g68-3d", true),
-        (
-            Remedy::Program(Dialect::FanucSettingError),
-            "fanuc-g54.4",
-            true,
-        ),
-        (Remedy::Rewritten, "rewritten", true),
-    ] {
+    for remedy in Remedy::ALL {
         let setting = Setting {
             ideal: true,
             remedy,
             ..SETTING
         };
-        let outcome = run_with(setting, &cases::printed());
-        let whole = outcome.corrected.whole;
-        let stated = outcome.session.plates.iter().filter_map(|plate| {
+        let (outcome, _) = run::run(&setting, &cases::printed(), |_| Ok(())).expect("it runs");
+        assert_eq!(outcome.session.faults, []);
+        let corrected = &outcome.corrected;
+        assert_eq!(corrected.crashes, 0);
+        let plates = &outcome.session.plates;
+        if remedy == Remedy::Program(Dialect::Grbl) {
+            let reasons = plates[1..].iter().map(|plate| {
+                let reasons = &plate.verdict.reasons;
+                (reasons.len(), reasons[0].reason.code())
+            });
+            assert!(reasons.eq([(1, "leftover"); 4]));
+            assert!(outcome.corrections.iter().all(Option::is_none));
+            let first = &corrected.sections[0];
+            assert!(first.uncut == 0 && first.max_mm < 0.002, "{first:?}");
+            assert!(
+                corrected.sections[1..]
+                    .iter()
+                    .all(|section| section.uncut > section.nodes / 2)
+            );
+            rows.push(format!("{:12} NG: it cannot turn", remedy.name()));
+            continue;
+        }
+        assert!(plates.iter().all(|plate| plate.verdict.ok));
+        let whole = corrected.whole;
+        let stated = plates.iter().filter_map(|plate| {
             let correction = plate.verdict.correction.as_ref()?;
             Some(correction.leftover_mm)
         });
         let stated = stated.fold(0.0, f64::max);
         rows.push(format!(
-            "{name:12} mean {:+.4} std {:.4} min {:+.4} max {:+.4}, programs state {stated:.4} mm",
-            whole.mean_mm, whole.std_mm, whole.min_mm, whole.max_mm
+            "{:12} mean {:+.4} std {:.4} min {:+.4} max {:+.4}, programs state {stated:.4} mm",
+            remedy.name(),
+            whole.mean_mm,
+            whole.std_mm,
+            whole.min_mm,
+            whole.max_mm
         ));
-        assert_eq!((whole.uncut, outcome.corrected.crashes), (0, 0));
+        assert_eq!(whole.uncut, 0);
         let reach = whole.max_mm.max(-whole.min_mm);
+        let takes_tilt = match remedy {
+            Remedy::Program(dialect) => {
+                matches!(dialect, Dialect::G68ThreeD | Dialect::FanucSettingError)
+            }
+            Remedy::Rewritten => true,
+        };
         if takes_tilt {
             assert!(reach < 0.0025, "{rows:?}");
         } else {
@@ -271,4 +294,25 @@ fn every_remedy_on_one_surface() {
         }
     }
     println!("{}", rows.join("\n"));
+}
+
+/// Where a part is only shifted, GRBL's correction suffices.
+#[test]
+fn grbl_corrects_a_shift() {
+    let mut two: Vec<Case> = cases::stated().into_iter().take(2).collect();
+    two[1].pose = two[0].pose;
+    two[1].pose.translation_mm.x += 3.25;
+    two[1].pose.translation_mm.y -= 1.5;
+    let setting = Setting {
+        ideal: true,
+        remedy: Remedy::Program(Dialect::Grbl),
+        ..SETTING
+    };
+    let outcome = run_with(setting, &two);
+    assert!(outcome.corrections[1].is_some());
+    for section in &outcome.corrected.sections[..2] {
+        let is_good = section.uncut == 0 && section.max_mm < 0.003 && section.min_mm > -0.003;
+        assert!(is_good, "{section:?}");
+    }
+    assert!(outcome.uncorrected.sections[1].max_mm > 0.1);
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi::audit::{Audit, Findings};
@@ -17,7 +18,6 @@ use umi::jobfile;
 use umi::pull::{self, Step};
 use umi::report::{self, Fact, terminal};
 use umi::style::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
-use umi_protocol::job::Dialect;
 use umi_virtual::cutting::Statistics;
 
 use super::Format;
@@ -44,8 +44,17 @@ pub struct Demo {
     /// Clamp as the thesis' registrations say (table 4.2), not as its text says
     #[arg(long)]
     printed_poses: bool,
+    /// By what the clampings are corrected: a dialect that an interpreter here knows, or the
+    /// finishing program itself rewritten
+    #[arg(long, value_name = "REMEDY", default_value = "g10-g68", value_parser = remedies())]
+    remedy: String,
     #[command(flatten)]
     pub format: Format,
+}
+
+/// The names of the remedies.
+fn remedies() -> PossibleValuesParser {
+    Remedy::ALL.map(Remedy::name).into()
 }
 
 /// Cusps of 1.2 µm: small against the 2 µm that are to be shown.
@@ -71,6 +80,7 @@ Examples:
   umi demo --ideal --out /tmp/ideal
   umi demo --seeds 10
   umi demo --stepover-mm 0.541 --printed-poses
+  umi demo --ideal --printed-poses --remedy rewritten
   umi demo --json | jq 'select(.type==\"surface\")'";
 
 impl Demo {
@@ -117,6 +127,12 @@ impl Demo {
         }
     }
 
+    /// The one with the name; the parser lets no other name through.
+    fn remedy(&self) -> Remedy {
+        let named = Remedy::ALL.into_iter().find(|r| r.name() == self.remedy);
+        named.unwrap_or(Remedy::ALL[0])
+    }
+
     /// One run; the first one is shown as it goes.
     fn one(
         &self,
@@ -130,7 +146,7 @@ impl Demo {
             ideal: self.ideal,
             stepover_mm: self.stepover_mm,
             pitch_mm: PITCH_MM,
-            remedy: Remedy::Program(Dialect::G10G68),
+            remedy: self.remedy(),
         };
         run::run(&setting, cases, |progress| {
             match progress {

@@ -19,6 +19,29 @@ pub enum Remedy {
     Rewritten,
 }
 
+impl Remedy {
+    /// All that there is an interpreter for.
+    pub const ALL: [Self; 8] = [
+        Self::Program(Dialect::G10G68),
+        Self::Program(Dialect::Variables),
+        Self::Program(Dialect::G68ThreeD),
+        Self::Program(Dialect::FanucSettingError),
+        Self::Program(Dialect::Haas),
+        Self::Program(Dialect::LinuxCnc),
+        Self::Program(Dialect::Grbl),
+        Self::Rewritten,
+    ];
+
+    /// Its name in commands and tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Program(dialect) => dialect.name(),
+            Self::Rewritten => "rewritten",
+        }
+    }
+}
+
 /// How an experiment is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {

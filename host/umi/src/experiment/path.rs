@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use umi_virtual::nc::Dialect as Language;
+
 use super::part::{BALL_RADIUS_MM, LACE_X_MM, NOMINAL, OUTERMOST_SINE, SEAT_MM, SECTIONS};
 
 /// Number of the tool and of its length offset.
@@ -193,6 +195,32 @@ impl Laces {
     }
 }
 
+/// A finishing program as another control takes it: LinuxCNC and GRBL have no O number and
+/// no `G69`, GRBL neither tool changes nor lengths by number.
+#[must_use]
+pub fn in_language(program: &str, language: Language) -> String {
+    if language.is_macro_b() {
+        return program.to_owned();
+    }
+    let is_grbl = language == Language::Grbl;
+    let mut made = String::new();
+    for line in program.lines() {
+        let is_name = line.starts_with('O') || line == "%";
+        if is_name || line.ends_with(" G69") || (is_grbl && line.contains(" M06")) {
+            continue;
+        }
+        let mut line = line.replace(" G69", "");
+        if is_grbl {
+            line = line
+                .replace(" G43", " G0")
+                .replace(&format!(" H{TOOL:02}"), "");
+        }
+        made += &line;
+        made.push('\n');
+    }
+    made
+}
+
 /// Numbered blocks.
 #[derive(Default)]
 struct Blocks {
@@ -310,6 +338,27 @@ mod tests {
     fn words_have_a_point() {
         let words = [50.0, -25.399, 34.48, -0.0001, 0.0, 1000.0].map(|n| Word(n).to_string());
         assert_eq!(words, ["50.0", "-25.399", "34.48", "0.0", "0.0", "1000.0"]);
+    }
+
+    /// What is left for a control without O numbers, rotations, tools is the same motions.
+    #[test]
+    fn another_language_is_the_same_path() {
+        let program = Laces::new(1.0).unwrap().program(2, 3, "G54");
+        assert_eq!(in_language(&program, Language::Haas), program);
+        for language in [Language::LinuxCnc, Language::Grbl] {
+            let made = in_language(&program, language);
+            let words = |text: &str| -> Vec<String> {
+                motions(text)
+                    .iter()
+                    .filter(|block| block.contains('X'))
+                    .cloned()
+                    .collect()
+            };
+            assert_eq!(words(&made), words(&program));
+            assert!(!made.contains("G69") && !made.contains('%') && !made.contains("O0"));
+            let is_grbl = language == Language::Grbl;
+            assert_eq!(made.contains("M06") || made.contains('H'), !is_grbl);
+        }
     }
 
     /// The offset is called after everything that a rotation would disturb.

@@ -5,11 +5,11 @@ use umi_core::nc::dialect::{Turn, form};
 use umi_core::nc::rewrite;
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
-use umi_protocol::job::Job;
+use umi_protocol::job::{Dialect, Job};
 use umi_protocol::verdict::RegistrationReport;
 use umi_virtual::cutting::{BallNose, Cutter, Wander, Workpiece};
 use umi_virtual::machine::Machine;
-use umi_virtual::nc::Control;
+use umi_virtual::nc::{Axes, Control, Dialect as Language};
 use umi_virtual::scene::Scene;
 
 use super::cases::Case;
@@ -120,9 +120,12 @@ const LONE_HIT_MM: f64 = 0.012;
 /// (table 4.2), 0.0115 degrees. What it leaves at the part has a limit of its own.
 const TILT_DEG: f64 = 0.015;
 
-/// The shop: a machine with its control, a board on its wires, a workpiece.
+/// The shop: a machine with its control, a board on its wires, a workpiece. The probing
+/// programs are in Fanuc's language; a remedy in another one is finished by a second control
+/// on the same axes.
 struct Shop {
     control: Control,
+    finisher: Option<Control>,
     cutter: Cutter<Machine<Ear>>,
     /// The workpiece that is cut without corrections, while it is not in the machine.
     spare: Workpiece,
@@ -132,23 +135,26 @@ struct Shop {
 
 impl Shop {
     fn run(&mut self, program: u32) -> Result<(), Failure> {
-        let alarm = |alarm| Failure::refused("alarm", alarm);
         self.control.select(program).map_err(alarm)?;
         self.control.run(&mut self.cutter).map_err(alarm)?;
         Ok(())
     }
 
     fn load(&mut self, text: &str) -> Result<(), Failure> {
-        self.control
-            .load(text)
-            .map_err(|alarm| Failure::refused("alarm", alarm))?;
+        self.control.load(text).map_err(alarm)?;
         Ok(())
+    }
+
+    /// The control that finishes.
+    fn finishing(&mut self) -> (&mut Control, &mut Cutter<Machine<Ear>>) {
+        let control = self.finisher.as_mut().unwrap_or(&mut self.control);
+        (control, &mut self.cutter)
     }
 
     fn set(&mut self, variable: u32, value: f64) -> Result<(), Failure> {
         self.control
             .set_variable(variable, Some(value))
-            .map_err(|alarm| Failure::refused("alarm", alarm))
+            .map_err(alarm)
     }
 
     fn ear(&mut self) -> &mut Ear {
@@ -161,13 +167,42 @@ impl Shop {
     }
 
     /// Cuts and counts the crashes.
-    fn cut(&mut self, text: &str, number: u32, workpiece: usize) -> Result<(), Failure> {
+    fn cut(&mut self, text: &str, workpiece: usize) -> Result<(), Failure> {
         let before = self.cutter.crashes().len();
-        self.load(text)?;
-        self.run(number)?;
+        let (control, axes) = self.finishing();
+        let language = control.settings().dialect;
+        if language == Language::Grbl {
+            // It has no M6: by hand.
+            Axes::change_tool(axes, path::TOOL)
+                .map_err(|trip| Failure::refused("trip", trip.message))?;
+        }
+        let loaded = control
+            .load(&path::in_language(text, language))
+            .map_err(alarm)?;
+        control
+            .select(loaded.first().copied().unwrap_or_default())
+            .map_err(alarm)?;
+        control.run(axes).map_err(alarm)?;
         self.crashes[workpiece] += self.cutter.crashes().len() - before;
         Ok(())
     }
+}
+
+fn alarm(alarm: umi_virtual::nc::Alarm) -> Failure {
+    Failure::refused("alarm", alarm)
+}
+
+/// The control that understands a remedy, where it is not the one that probes.
+fn finisher(remedy: Remedy) -> Option<Control> {
+    let language = match remedy {
+        Remedy::Program(Dialect::Haas) => Language::Haas,
+        Remedy::Program(Dialect::LinuxCnc) => Language::LinuxCnc,
+        Remedy::Program(Dialect::Grbl) => Language::Grbl,
+        // The others are in the words of the control that probes, or of none that is here:
+        // see `Remedy::ALL`.
+        Remedy::Program(_) | Remedy::Rewritten => return None,
+    };
+    Some(Control::new(umi_virtual::nc::Settings::of(language)))
 }
 
 /// Runs the experiment.
@@ -212,6 +247,7 @@ pub fn run(
     };
     let mut shop = Shop {
         control: Control::new(umi_virtual::nc::Settings::default()),
+        finisher: finisher(setting.remedy),
         cutter: Cutter::new(machine, blank.clone())
             .with_tool(path::TOOL, tool)
             .with_wander(Wander::new(sigma_mm, setting.seed)),
@@ -270,7 +306,13 @@ pub fn run(
                     ),
                 ));
             };
-            shop.load(&program)?;
+            // GRBL and LinuxCNC get it in one file with what it corrects.
+            if !matches!(
+                setting.remedy,
+                Remedy::Program(Dialect::LinuxCnc | Dialect::Grbl)
+            ) {
+                shop.finishing().0.load(&program).map_err(alarm)?;
+            }
         }
         shop.ear().listen();
         shop.run(SURFACE)?;
@@ -283,6 +325,16 @@ pub fn run(
         let program = match (&correction, setting.remedy, registration) {
             // The reference clamping is cut as it stands.
             (None, ..) => ok.then(|| laces.program(FINISH + number, section, "G54")),
+            (Some(text), Remedy::Program(Dialect::LinuxCnc), _) => {
+                let call = "G54\no<umi_correction> call";
+                let main = laces.program(FINISH + number, section, call);
+                let subroutine = text.strip_suffix("M2\n").unwrap_or(text);
+                Some(format!("{subroutine}{main}"))
+            }
+            (Some(text), Remedy::Program(Dialect::Grbl), _) => {
+                let sent = format!("G54\n{}", text.trim_end());
+                Some(laces.program(FINISH + number, section, &sent))
+            }
             (Some(_), Remedy::Program(dialect), _) => {
                 // Where Z leans, X and Y move it: at the top of its travel there is no room.
                 let leans = matches!(form(dialect).turn, Turn::Axis | Turn::Angles);
@@ -302,13 +354,13 @@ pub fn run(
             (Some(_), Remedy::Rewritten, None) => None,
         };
         if let Some(program) = &program {
-            shop.cut(program, FINISH + number, 0)?;
+            shop.cut(program, 0)?;
         }
         programs.push(program);
         step("cutting uncorrected")?;
         shop.exchange();
         let program = laces.program(FINISH_UNCORRECTED + number, section, "G54");
-        let cut = shop.cut(&program, FINISH_UNCORRECTED + number, 1);
+        let cut = shop.cut(&program, 1);
         shop.exchange();
         cut?;
         corrections.push(correction);
@@ -324,7 +376,7 @@ pub fn run(
     };
     let corrected = measure(shop.cutter.workpiece(), shop.crashes[0])?;
     let uncorrected = measure(&shop.spare, shop.crashes[1])?;
-    let machine_s = umi_virtual::nc::Axes::seconds(&shop.cutter);
+    let machine_s = Axes::seconds(&shop.cutter);
     let printed_bytes = shop.ear().printed_bytes;
     let (machine, _, _) = shop.cutter.into_parts();
     let Some(bench) = machine.into_wires().board.into_bench() else {
