@@ -9,7 +9,7 @@ use super::figures::Figures;
 const NOTES: &str = "\
 Times are medians of 21 rounds of at least 20 ms, with the fastest and the slowest round; \
 contenders in Rust take turns. \
-Reading is given in bytes: those of the session's text. \
+Reading and rewriting are given in bytes: those of the session's or the program's text. \
 Instructions are those of one call, counted by valgrind: the same binary gives the same count, which seconds never do. \
 A ratio is that of the contender to umi-core: above 1 umi-core needs less. All contenders of a \
 task came to the same answer, or there would be no table.
@@ -21,6 +21,8 @@ registration carries the covariance of its six parameters.
 - **regex**, in Rust and in Python (`re`), are our own short scripts on those libraries: lines of \
 three numbers, and nothing else. They know no parity, blocks, programs or doubts, and drop without \
 a word what does not match.
+- **gcode** is our own short script on the parser crate of that name: it carries G0 and G1 with X, Y, \
+Z and knows no modes, arcs, offsets or refusals.
 - **levenberg-marquardt** is the Rust crate of that name, a translation of MINPACK, from the same \
 linear start; the covariance is `sigma² inv(JᵀJ)`.
 - **nalgebra SVD** is the textbook's closed form on nalgebra's decomposition: no covariance, no \
