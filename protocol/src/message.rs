@@ -366,6 +366,13 @@ pub enum Record {
         /// False: the control stopped it or the line broke before its end.
         complete: bool,
     },
+    /// A program that the control punched is not kept.
+    ProgramNotKept {
+        /// Its number.
+        number: u32,
+        /// Why.
+        why: ProgramRefusal,
+    },
 }
 
 impl Record {
@@ -392,6 +399,7 @@ impl Record {
             Self::ProgramDeleted { .. } => 16,
             Self::AlarmSent { .. } => 17,
             Self::ProgramSent { .. } => 18,
+            Self::ProgramNotKept { .. } => 19,
         }
     }
 }

@@ -23,6 +23,7 @@ umi_tests::on_every_board! {
     begins_anew_what_the_control_broke_off
     sends_nothing_runnable_after_a_reset
     passes_a_program_through
+    keeps_what_the_control_punches
 }
 
 /// A pocket: straight lines, arcs, a canned cycle.
@@ -321,4 +322,62 @@ fn passes_a_program_through(rig: &mut dyn Rig) {
     got += &receive_all(rig);
     assert!(got.ends_with("#3000=3(UMI STOPPED)\nM30\n"), "{got}");
     assert!(text.starts_with(got.strip_suffix("#3000=3(UMI STOPPED)\nM30\n").unwrap()));
+}
+
+/// From `%` to `%`, whatever code and line ends it comes in; not in place of another, not
+/// without its end, and nothing of it goes out before somebody has released it.
+fn keeps_what_the_control_punches(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let text = long().replace("O1234(POCKET)", "O4321(BRACKET)");
+    let punched = |text: &str| {
+        let even = |byte: u8| byte | u8::from(byte.count_ones() % 2 == 1) << 7;
+        let mut bytes = vec![0x12, 0, 0];
+        bytes.extend(text.replace('\n', "\n\r\r").bytes().map(even));
+        bytes.extend([0, 0, 0x14]);
+        bytes
+    };
+    // The power goes in the middle of the first.
+    let bytes = punched(&text);
+    rig.control_sends(&bytes[..1000]);
+    until(rig, "the first bytes", |_| {
+        (client.status().unwrap().counters.bytes >= 1000).then_some(())
+    });
+    drop(client);
+    rig.power_cycle();
+    let mut client = connect(rig);
+    assert_eq!(programs::list(&mut client).unwrap().1, []);
+
+    rig.control_sends(&bytes);
+    let listed = until(rig, "the program", |_| {
+        let (_, listed) = programs::list(&mut client).unwrap();
+        (!listed.is_empty()).then_some(listed)
+    });
+    let info = ProgramInfo {
+        name: "BRACKET".parse().unwrap(),
+        ..self::info(4321, &text, Release::Never)
+    };
+    assert_eq!(listed, [info.clone()]);
+    let got = programs::get(&mut client, &info, |_| {}).unwrap();
+    assert_eq!(String::from_utf8(got).unwrap(), text);
+    rig.control_sends(&punched(&text.replace("X3.5", "X3.6")));
+    let records = until(rig, "the refusal", |_| {
+        let (records, _) = journal(&mut client);
+        let is = |record: &Record| matches!(record, Record::ProgramNotKept { .. });
+        records.iter().any(is).then_some(records)
+    });
+    assert!(records.contains(&Record::ProgramNotKept {
+        number: 4321,
+        why: ProgramRefusal::OtherThere { crc32: info.crc32 },
+    }));
+    assert_eq!(programs::list(&mut client).unwrap().1, [info]);
+    // It asks in the code in which it punches.
+    let even = |byte: u8| byte | u8::from(byte.count_ones() % 2 == 1) << 7;
+    let asks: Vec<u8> = b"READ O4321\r\n".iter().map(|byte| even(*byte)).collect();
+    rig.control_sends(&asks);
+    rig.control_sends(DC1);
+    let alarm = withheld(4321, &Withheld::NotReleased, Coding::IsoEven);
+    let got = receive_all(rig);
+    let plain: String = got.chars().map(|c| char::from(c as u8 & 0x7F)).collect();
+    assert_eq!(plain, alarm.as_str());
 }

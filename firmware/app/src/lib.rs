@@ -26,7 +26,9 @@
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
-//! | `programs` | part programs: uploaded, listed, deleted by the host |
+//! | `delivery` | what the control gets when it reads: who may have it, looked through, rewritten |
+//! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
+//! | `punch` | part programs that the control punches |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
 #![cfg_attr(
@@ -53,6 +55,7 @@ mod latch;
 mod link;
 pub mod measure;
 mod programs;
+mod punch;
 pub mod replay;
 mod scan;
 mod settings;

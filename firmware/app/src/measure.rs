@@ -35,13 +35,14 @@ use umi_protocol::latch::{LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::ProgramInfo;
+use umi_protocol::program::{ProgramInfo, ProgramRefusal};
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use crate::board::Lights;
 use crate::delivery::{Delivery, Passed, Released, transform};
 use crate::events::Events;
+use crate::punch::{Ended, Punch};
 use crate::settings::{Settings, points, positions_mm};
 
 /// Bytes of one input, at most: small, so that many short lines can wait.
@@ -104,6 +105,8 @@ pub(crate) struct Book<F: Flash> {
     pub released: Place<Released>,
     /// The number of the program that the control has asked for, or 0.
     pub wanted: u32,
+    /// What the control punches.
+    punch: Punch,
     /// What the host passes through.
     pub passed: Place<Passed>,
     /// Counts armings.
@@ -150,6 +153,7 @@ impl<F: Flash> Measure<F> {
                 armed: None,
                 released: Place::empty(),
                 wanted: 0,
+                punch: Punch::new(),
                 passed: Place::empty(),
                 armings: 0,
                 patience_us: 0,
@@ -247,6 +251,7 @@ impl<F: Flash> Measure<F> {
         }
         if matches!(input, Input::Lost(_)) {
             book.forget();
+            book.punch.breaks();
         }
         let mut out = book.listen(now);
         match input {
@@ -259,6 +264,7 @@ impl<F: Flash> Measure<F> {
             Input::Scan(_) => {}
         }
         drop(out);
+        self.keep_punched(now);
         self.keep_taught(now);
         self.make_room();
     }
@@ -298,6 +304,7 @@ impl<F: Flash> Measure<F> {
         }
         book.time_passed(now);
         brain.on_time(now, &mut book.listen(now));
+        self.keep_punched(now);
         self.keep_taught(now);
     }
 
@@ -359,6 +366,19 @@ impl<F: Flash> Measure<F> {
             ok: !busy && self.book.last_ok.get() == Some(&true),
             ng: !busy && self.book.last_ok.get() == Some(&false),
             trouble: self.book.unaudited,
+        }
+    }
+
+    /// Keeps what the control punches.
+    fn keep_punched(&mut self, now: Micros) {
+        let Self { programs, book, .. } = self;
+        if !book.punch.waits() {
+            return;
+        }
+        match book.punch.store(programs.get_mut()) {
+            None => {}
+            Some(Ended::Kept(info)) => book.kept(now, info),
+            Some(Ended::Refused(number, why)) => book.not_kept(now, number, why),
         }
     }
 
@@ -486,6 +506,16 @@ impl<F: Flash> Book<F> {
     }
 
     #[inline(never)]
+    fn kept(&mut self, now: Micros, info: ProgramInfo) {
+        self.record(now, Record::ProgramKept(info));
+    }
+
+    #[inline(never)]
+    fn not_kept(&mut self, now: Micros, number: u32, why: ProgramRefusal) {
+        self.record(now, Record::ProgramNotKept { number, why });
+    }
+
+    #[inline(never)]
     fn faulty(&mut self, now: Micros, fault: &Fault) {
         self.record(now, Record::Fault(fault.clone()));
     }
@@ -547,6 +577,7 @@ impl<F: Flash> Book<F> {
                     // The control prints again: what was measured before is history.
                     self.forget();
                 }
+                self.punch.line(line);
                 if self.events.is_on() {
                     self.tell_line(line);
                 }
@@ -556,7 +587,10 @@ impl<F: Flash> Book<F> {
                     self.tell_hit(hit);
                 }
             }
-            Output::Fault(fault) => self.faulty(now, fault),
+            Output::Fault(fault) => {
+                self.punch.fault(&fault.kind);
+                self.faulty(now, fault);
+            }
             Output::Feature(feature) => self.fitted(now, feature),
             Output::Taught(positions) => {
                 self.taught = true;

@@ -94,7 +94,8 @@ impl Replay {
             | Record::ProgramKept(_)
             | Record::ProgramDeleted { .. }
             | Record::AlarmSent { .. }
-            | Record::ProgramSent { .. } => Ok(()),
+            | Record::ProgramSent { .. }
+            | Record::ProgramNotKept { .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {

@@ -427,6 +427,12 @@ fn record(record: &Record) -> Value {
             "bytes": bytes,
             "complete": complete,
         }),
+        Record::ProgramNotKept { number, why } => json!({
+            "type": "program_not_kept",
+            "number": number,
+            "code": why.code(),
+            "message": why.to_string(),
+        }),
         Record::ProgramDeleted { number, crc32 } => {
             json!({"type": "program_deleted", "number": number, "crc32": crc32})
         }

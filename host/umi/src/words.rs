@@ -142,6 +142,10 @@ pub fn record(record: &Record) -> String {
                 }
             ),
         ),
+        Record::ProgramNotKept { number, why } => paint(
+            CAUTION,
+            format_args!("punched program O{number:04} is not kept: {why}"),
+        ),
         Record::ProgramDeleted { number, crc32 } => {
             format!("program O{number:04} deleted, check value {crc32:08X}")
         }

@@ -242,7 +242,11 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             bytes: 123_456,
             complete: true,
         },
-        Some(Record::ProgramSent { .. }) => return None,
+        Some(Record::ProgramSent { .. }) => Record::ProgramNotKept {
+            number: 1234,
+            why: ProgramRefusal::OtherThere { crc32: 0xCBF4_3926 },
+        },
+        Some(Record::ProgramNotKept { .. }) => return None,
     })
 }
 

@@ -1,0 +1,222 @@
+//! Programs that the control punches, on their way into the flash.
+//!
+//! # Design
+//!
+//! The receiver tells a program's lines from printed ones; what of it comes with one input is
+//! collected here and then written at once, while nothing else is. Flash that is erased for
+//! half a second keeps the state locked: what the control sends meanwhile waits in the intake.
+//!
+//! It is kept as the receiver understands it: without parity, blanks of the tape and control
+//! codes, lines ended by LF, from `%` to `%`. So its check value is the same whatever code
+//! the control punches in. One character that is damaged or lost, and nothing of it is kept:
+//! the control still has it.
+//!
+//! # Limitations
+//!
+//! Programs with a number only (`O1234`, `:1234`); of others the journal has the bytes. Several
+//! between one pair of `%` are kept as one, under the first number. One that begins in the
+//! same 64 bytes in which another ends is not kept.
+//! Without a job nothing is kept: no receiver reads the lines.
+
+use heapless::Vec;
+use umi_core::journal::Flash;
+use umi_core::programs::{Error, Store};
+use umi_protocol::fault::FaultKind;
+use umi_protocol::job::Name;
+use umi_protocol::line::{LineReport, LineStatus};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal};
+
+use crate::measure::name;
+
+/// What one input completes: a line that waited, and as many as its own bytes make.
+const TEXT: usize = 512;
+
+/// What became of a program.
+pub(crate) enum Ended {
+    /// It is kept, or was there already.
+    Kept(ProgramInfo),
+    /// It is not.
+    Refused(u32, ProgramRefusal),
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum State {
+    None,
+    /// Its first line has come.
+    Begins,
+    /// The flash has what came before.
+    Goes,
+    /// It is whole.
+    Ends,
+    /// It is not kept; more of it may come.
+    Breaks,
+}
+
+/// A program that is being punched.
+pub(crate) struct Punch {
+    state: State,
+    number: u32,
+    name: Name,
+    text: Vec<u8, TEXT>,
+}
+
+impl Punch {
+    /// None.
+    pub const fn new() -> Self {
+        Self {
+            state: State::None,
+            number: 0,
+            name: Name::new(),
+            text: Vec::new(),
+        }
+    }
+
+    /// A line has come.
+    pub fn line(&mut self, line: &LineReport) {
+        match (line.status, self.state) {
+            (LineStatus::Program, State::None) => {
+                let (number, title) = number_and_title(&line.text);
+                self.state = match number {
+                    0 => State::Breaks,
+                    _ => State::Begins,
+                };
+                self.number = number;
+                self.name = name(title);
+                self.text.clear();
+                self.put("%");
+                self.put(&line.text);
+            }
+            (LineStatus::Program, State::Begins | State::Goes) => self.put(&line.text),
+            (LineStatus::Damaged, State::Begins | State::Goes) => self.breaks(),
+            _ => {}
+        }
+    }
+
+    /// Something was noticed.
+    pub fn fault(&mut self, kind: &FaultKind) {
+        match (kind, self.state) {
+            (_, State::None) => {}
+            (FaultKind::ProgramReceived { .. }, State::Begins | State::Goes) => {
+                self.state = State::Ends;
+            }
+            (FaultKind::ProgramReceived { .. } | FaultKind::ProgramUnterminated { .. }, _) => {
+                // It is over; if it was kept in part, that is given up by `store`.
+                self.state = State::Breaks;
+                self.number = 0;
+            }
+            _ => {}
+        }
+    }
+
+    /// Bytes are missing.
+    pub fn breaks(&mut self) {
+        if self.state != State::None {
+            self.state = State::Breaks;
+        }
+    }
+
+    fn put(&mut self, line: &str) {
+        let whole = self.text.extend_from_slice(line.as_bytes()).is_ok();
+        if !(whole && self.text.push(b'\n').is_ok()) {
+            self.breaks();
+        }
+    }
+
+    /// Whether there is something to do.
+    pub fn waits(&self) -> bool {
+        self.state != State::None
+    }
+
+    /// Writes what has come; what became of the program, if it has ended.
+    pub fn store<F: Flash>(&mut self, store: Option<&mut Store<F>>) -> Option<Ended> {
+        let number = self.number;
+        let Some(store) = store else {
+            let was = core::mem::replace(&mut self.state, State::None);
+            let refused = Ended::Refused(number, ProgramRefusal::NoRoomAtAll);
+            return (was == State::Begins).then_some(refused);
+        };
+        if self.state == State::Breaks {
+            store.give_up_open();
+            if number == 0 {
+                self.state = State::None;
+            }
+            return None;
+        }
+        let done = self.write(store);
+        self.text.clear();
+        match done {
+            Ok(None) => None,
+            Ok(Some(info)) => {
+                self.state = State::None;
+                Some(Ended::Kept(info))
+            }
+            Err(error) => {
+                store.give_up_open();
+                let goes_on = self.state != State::Ends;
+                self.state = if goes_on { State::Breaks } else { State::None };
+                Some(Ended::Refused(number, refusal(&error)))
+            }
+        }
+    }
+
+    /// The program, when it is there.
+    fn write<F: Flash>(
+        &mut self,
+        store: &mut Store<F>,
+    ) -> Result<Option<ProgramInfo>, Error<F::Error>> {
+        if !store.is_punched() {
+            store.begin_open()?;
+        }
+        store.append(&self.text)?;
+        if self.state != State::Ends {
+            self.state = State::Goes;
+            return Ok(None);
+        }
+        store.end_open(self.number, self.name.clone())?;
+        let program = store.find(self.number).ok_or(ProgramRefusal::NotThere)?;
+        store.info(&program).map(Some)
+    }
+}
+
+fn refusal<E>(error: &Error<E>) -> ProgramRefusal {
+    match error {
+        Error::Refused(refusal) => *refusal,
+        // Its memory does not answer.
+        Error::Flash(_) | Error::NotKept { .. } | Error::Geometry(_) => ProgramRefusal::NoRoomAtAll,
+    }
+}
+
+/// The number of `O1234(NAME)` and what stands behind it; 0 if it has none.
+fn number_and_title(line: &str) -> (u32, &str) {
+    let text = line.trim();
+    let Some(digits) = text.strip_prefix(['O', ':']) else {
+        return (0, "");
+    };
+    let end = digits
+        .bytes()
+        .position(|byte| !byte.is_ascii_digit())
+        .unwrap_or(digits.len());
+    let (digits, title) = digits.split_at_checked(end).unwrap_or((digits, ""));
+    let title = title.trim().trim_start_matches('(').trim_end_matches(')');
+    (digits.parse().unwrap_or(0), title.trim())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number_and_title;
+
+    /// Numbers and titles of first lines.
+    #[test]
+    fn first_lines() {
+        for (line, number, title) in [
+            ("O1234", 1234, ""),
+            ("O0007(POCKET)", 7, "POCKET"),
+            (" :0001 (A B) ", 1, "A B"),
+            ("%1234", 0, ""),
+            ("O", 0, ""),
+            ("N10 G0 X1.", 0, ""),
+        ] {
+            assert_eq!(number_and_title(line), (number, title), "{line}");
+        }
+    }
+}
