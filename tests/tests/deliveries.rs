@@ -24,6 +24,7 @@ umi_tests::on_every_board! {
     sends_nothing_runnable_after_a_reset
     passes_a_program_through
     keeps_what_the_control_punches
+    sends_by_xmodem_to_a_control_that_asks_so
 }
 
 /// A pocket: straight lines, arcs, a canned cycle.
@@ -380,4 +381,62 @@ fn keeps_what_the_control_punches(rig: &mut dyn Rig) {
     let got = receive_all(rig);
     let plain: String = got.chars().map(|c| char::from(c as u8 & 0x7F)).collect();
     assert_eq!(plain, alarm.as_str());
+}
+
+/// A control that reads by XMODEM and answers each block, one of them with NAK: the program,
+/// padded, each block of it once but for that one. A NAK without anything to send is
+/// nothing.
+fn sends_by_xmodem_to_a_control_that_asks_so(rig: &mut dyn Rig) {
+    const NAK: &[u8] = &[0x15];
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let program = info(1234, POCKET, Release::Always);
+    programs::put(&mut client, &program, POCKET.as_bytes(), |_| {}).unwrap();
+    rig.control_sends(NAK);
+    assert_eq!(receive_all(rig), "");
+    client.program_offer(1234).unwrap().unwrap();
+    rig.control_sends(NAK);
+    // Haas controls ask more than once.
+    rig.control_sends(NAK);
+    let mut came = Vec::new();
+    let mut is_refused = false;
+    loop {
+        let first = receive(rig, 1);
+        if first == "\u{4}" {
+            break;
+        }
+        assert_eq!(first, "\u{1}");
+        let frame: Vec<u8> = receive(rig, 131).chars().map(|c| c as u8).collect();
+        let number = frame[0];
+        assert_eq!(usize::from(number), came.len() / 128 + 1);
+        assert_eq!(frame[1], !number);
+        let sum = frame[2..130]
+            .iter()
+            .fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+        assert_eq!(frame[130], sum);
+        if number == 2 && !is_refused {
+            is_refused = true;
+            rig.control_sends(NAK);
+            continue;
+        }
+        came.extend(&frame[2..130]);
+        rig.control_sends(&[0x06]);
+    }
+    rig.control_sends(&[0x06]);
+    let (text, padding) = came.split_at(POCKET.len());
+    assert_eq!(String::from_utf8_lossy(text), POCKET);
+    assert!(padding.len() < 128 && padding.iter().all(|byte| *byte == 0x1A));
+    assert!(is_refused);
+    let sent = until(rig, "its record", |_| {
+        let (records, _) = journal(&mut client);
+        records.into_iter().find_map(|record| match record {
+            Record::ProgramSent {
+                bytes, complete, ..
+            } => Some((bytes as usize, complete)),
+            _ => None,
+        })
+    });
+    assert_eq!(sent, (POCKET.len(), true));
+    rig.control_sends(NAK);
+    assert_eq!(receive_all(rig), "");
 }

@@ -22,6 +22,10 @@
 //! XON soon after an XOFF may be a "go on" that came when all was sent: that gets the
 //! correction if there is one, and no alarm.
 //!
+//! A NAK where nothing is being sent asks for the program by XMODEM (`xmodem`): it gets the
+//! program that was asked for by its number, or the correction, and nothing if there is
+//! neither.
+//!
 //! # Limitations
 //!
 //! In EIA 0x13 is the digit 3, and only 0x93 is XOFF. Until EIA has been detected,
@@ -35,6 +39,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
@@ -45,6 +50,7 @@ use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
 use crate::delivery::{Next, Sent};
 use crate::measure::Input;
+use crate::xmodem;
 
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
@@ -54,6 +60,8 @@ const PARITY: u8 = 0x80;
 /// go on. In EIA these are digits.
 const NAK: u8 = 0x15;
 const SYN: u8 = 0x16;
+/// Answers to a block that wait, at most: a control gives one, or three to cancel.
+const ANSWERS: usize = 8;
 
 /// A control that does not say XON again for this long has given up: a program of
 /// a few hundred bytes fits its buffer. The next DC1 is then a new READ and gets the
@@ -70,6 +78,8 @@ pub(crate) enum Ask {
     Read,
     /// The control reads, or goes on with what was sent already.
     Again,
+    /// The control reads by XMODEM.
+    Xmodem,
 }
 
 /// The state of the line between receiving and sending.
@@ -87,6 +97,8 @@ pub(crate) struct Flow {
     held: Mutex<CriticalSectionRawMutex, Cell<u64>>,
     /// The control said while it was stopped that it will not go on.
     is_given_up: AtomicBool,
+    /// When the last program ended.
+    ended: Mutex<CriticalSectionRawMutex, Cell<u64>>,
     /// How long a control may hold the line of what was sent last.
     hold_us: Mutex<CriticalSectionRawMutex, Cell<u64>>,
     /// There is room for more of what is being sent.
@@ -99,6 +111,10 @@ pub(crate) struct Flow {
     pub sent: Signal<CriticalSectionRawMutex, Sent>,
     /// A program begins; how long the control may hold the line of it.
     begun: Signal<CriticalSectionRawMutex, u64>,
+    /// What comes from the control answers blocks of XMODEM: it is neither text nor flow
+    /// control.
+    is_xmodem: AtomicBool,
+    pub answers: Channel<CriticalSectionRawMutex, u8, ANSWERS>,
 }
 
 impl Flow {
@@ -110,12 +126,15 @@ impl Flow {
             resumed: Signal::new(),
             held: Mutex::new(Cell::new(0)),
             is_given_up: AtomicBool::new(false),
+            ended: Mutex::new(Cell::new(0)),
             hold_us: Mutex::new(Cell::new(0)),
             hungry: Signal::new(),
             filled: Signal::new(),
             go: Signal::new(),
             sent: Signal::new(),
             begun: Signal::new(),
+            is_xmodem: AtomicBool::new(false),
+            answers: Channel::new(),
         }
     }
 
@@ -140,11 +159,14 @@ impl Flow {
 
     /// A program begins to go out. Who asks for it can take it; an XOFF from before was
     /// for nobody.
-    pub fn begin(&self, hold_us: u64, is_asked_for: bool) {
+    pub fn begin(&self, hold_us: u64, asked: Ask) {
+        self.answers.clear();
+        self.is_xmodem
+            .store(asked == Ask::Xmodem, Ordering::Relaxed);
         self.hold_us.lock(|hold| hold.set(hold_us));
         self.is_given_up.store(false, Ordering::Relaxed);
         self.sending.store(true, Ordering::Relaxed);
-        if is_asked_for {
+        if asked != Ask::Verdict {
             self.stopped.store(false, Ordering::Relaxed);
         }
         self.resumed.reset();
@@ -153,7 +175,9 @@ impl Flow {
     }
 
     /// It is in the journal: the next may begin.
-    pub fn end(&self) {
+    pub fn end(&self, now: Micros) {
+        self.ended.lock(|ended| ended.set(now.0));
+        self.is_xmodem.store(false, Ordering::Relaxed);
         self.sending.store(false, Ordering::Relaxed);
     }
 
@@ -177,7 +201,14 @@ impl Flow {
     /// before it. The last of them came at this time.
     pub fn look_for_read(&self, time: Micros, bytes: &[u8]) {
         for byte in bytes {
-            if self.is_xoff(*byte) {
+            if *byte == NAK && !self.eia.load(Ordering::Relaxed) {
+                // Behind XOFF, and until what it was said of has ended, it gives up.
+                let gives_up =
+                    self.held.lock(Cell::get) > 0 || self.ended.lock(Cell::get) >= time.0;
+                if !gives_up && !self.sending.load(Ordering::Relaxed) {
+                    self.go.signal(Ask::Xmodem);
+                }
+            } else if self.is_xoff(*byte) {
                 self.held.lock(|held| held.set(time.0.max(1)));
             } else if byte & !PARITY == XON {
                 let since = self.held.lock(|held| held.replace(0));
@@ -198,6 +229,13 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
         match rx.read(&mut buffer).await {
             CncInput::Bytes(count) => {
                 let bytes = buffer.get(..count).unwrap_or_default();
+                if app.flow.is_xmodem.load(Ordering::Relaxed) {
+                    // More than there is room for is more than was asked.
+                    for byte in bytes {
+                        let _ = app.flow.answers.try_send(*byte);
+                    }
+                    continue;
+                }
                 bytes.iter().for_each(|byte| app.flow.see(*byte));
                 app.intake.bytes(clock.now(), bytes);
             }
@@ -215,7 +253,11 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
 pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
         let hold_us = app.flow.begun.wait().await;
-        let sent = send(app, tx, clock, hold_us).await;
+        let sent = if app.flow.is_xmodem.load(Ordering::Relaxed) {
+            xmodem::send(app, tx, clock).await
+        } else {
+            send(app, tx, clock, hold_us).await
+        };
         // The journal is written where it takes least from others. A READ that comes
         // meanwhile waits: the correction may be gone.
         app.flow.sent.signal(sent);
@@ -276,7 +318,7 @@ async fn send<F: Flash>(
 }
 
 /// Waits as long as a control may hold the line.
-async fn patience(clock: &impl Clock, hold_us: u64) {
+pub(crate) async fn patience(clock: &impl Clock, hold_us: u64) {
     let give_up = clock.now().0.saturating_add(hold_us);
     clock.wait_until(Micros(give_up)).await;
 }

@@ -410,9 +410,15 @@ impl<F: Flash> Measure<F> {
             Ask::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
             Ask::Verdict => self.correction(),
             Ask::Again => self.program(now) || self.correction(),
+            // It is what a control says in many other states: no alarm for it.
+            Ask::Xmodem => self.program(now) || self.correction(),
             Ask::Read => self.program(now) || self.correction() || self.alarm(),
         };
-        let delivery = self.delivery.get().filter(|_| has_begun)?;
+        let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
+        if asked == Ask::Xmodem {
+            // Blocks have eight bits, and the control's parity is for lines.
+            delivery.coding = Coding::Ascii;
+        }
         Some(match &delivery.what {
             What::Program(part) => part.hold_us,
             What::Correction { .. } | What::Alarm { .. } => XOFF_PATIENCE_US,

@@ -27,6 +27,7 @@
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
 //! | `delivery` | what the control gets when it reads: who may have it, looked through, rewritten |
+//! | `xmodem` | how it goes out to a control that reads by XMODEM |
 //! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
 //! | `punch` | part programs that the control punches |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
@@ -62,6 +63,7 @@ mod settings;
 mod shared;
 #[cfg(test)]
 mod test_board;
+mod xmodem;
 
 use embassy_futures::join::{join, join5};
 use embassy_futures::select::{Either6, select6};
@@ -223,7 +225,7 @@ impl<F: Flash> App<F> {
             match came {
                 Either6::First(sent) => {
                     measure.sent(clock.now(), &sent);
-                    self.flow.end();
+                    self.flow.end(clock.now());
                 }
                 Either6::Second((time, input)) => {
                     measure.input(time, &input);
@@ -237,7 +239,7 @@ impl<F: Flash> App<F> {
                 Either6::Fourth(()) => {}
                 Either6::Sixth(asked) => {
                     if let Some(hold_us) = measure.begin(clock.now(), asked) {
-                        self.flow.begin(hold_us, asked != cnc::Ask::Verdict);
+                        self.flow.begin(hold_us, asked);
                     }
                 }
                 Either6::Fifth(()) => {
