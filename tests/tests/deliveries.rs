@@ -358,7 +358,7 @@ fn keeps_what_the_control_punches(rig: &mut dyn Rig) {
         name: "BRACKET".parse().unwrap(),
         ..self::info(4321, &text, Release::Never)
     };
-    assert_eq!(listed, [info.clone()]);
+    assert_eq!(listed, std::slice::from_ref(&info));
     let got = programs::get(&mut client, &info, |_| {}).unwrap();
     assert_eq!(String::from_utf8(got).unwrap(), text);
     rig.control_sends(&punched(&text.replace("X3.5", "X3.6")));
