@@ -100,7 +100,7 @@ pub enum UnitRule {
 }
 
 /// Why a control that asked for a program got one that raises an alarm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum Withheld {
@@ -110,6 +110,13 @@ pub enum Withheld {
     NotThere,
     /// It went out after this verdict already.
     GoneOut,
+    /// The verdict's correction has not gone out yet, and it needs that.
+    NotCorrected,
+    /// It broke off because the control held the line for too long: nobody knows where the
+    /// machine stands in it.
+    HeldTooLong,
+    /// It does not begin with `%`: what a control has of an older one would run on into it.
+    NoPercent,
     /// It was punched by the control; nobody has said that it may go out.
     NotReleased,
     /// The job sends a correction: the rewritten program would correct twice.
@@ -142,6 +149,9 @@ impl Withheld {
             Self::NoVerdict => "no_verdict",
             Self::NotThere => "program_not_there",
             Self::GoneOut => "program_gone_out",
+            Self::NotCorrected => "not_corrected",
+            Self::HeldTooLong => "held_too_long",
+            Self::NoPercent => "no_percent",
             Self::NotReleased => "program_not_released",
             Self::CorrectedTwice => "corrected_twice",
             Self::NoRegistration => "no_registration",
@@ -159,6 +169,9 @@ impl Withheld {
             Self::NoVerdict => "NO OK VERDICT",
             Self::NotThere => "NO SUCH PROGRAM",
             Self::GoneOut => "PROGRAM HAS GONE OUT - PROBE",
+            Self::NotCorrected => "READ THE CORRECTION FIRST",
+            Self::HeldTooLong => "HELD TOO LONG - ASK AGAIN",
+            Self::NoPercent => "PROGRAM BEGINS WITHOUT %",
             Self::NotReleased => "PROGRAM NOT RELEASED",
             Self::CorrectedTwice => "JOB CORRECTS ALREADY",
             Self::NoRegistration => "VERDICT WITHOUT REGISTRATION",
@@ -180,6 +193,15 @@ impl fmt::Display for Withheld {
             Self::GoneOut => {
                 f.write_str("it went out after this verdict already: probe the part again")
             }
+            Self::NotCorrected => f.write_str(
+                "the control has not read the verdict's correction yet, and the program as it is needs it: read that first",
+            ),
+            Self::HeldTooLong => f.write_str(
+                "it broke off because the control held the line for longer than --hold-s, and nobody knows where the machine stands in it: ask for it again",
+            ),
+            Self::NoPercent => f.write_str(
+                "it does not begin with %, and what a control still has of an older program would run on into it: put % on its first line",
+            ),
             Self::NotReleased => f.write_str(
                 "the control has punched it and nobody has released it: umi program get it, look at it, and put it with --release",
             ),
@@ -265,6 +287,8 @@ pub enum ProgramRefusal {
     },
     /// A plate is being measured or a program is being sent: ask again.
     Busy,
+    /// What was to be passed through may not go out, or not on: the control has an alarm.
+    Withheld(Withheld),
     /// There is a program of this number with other bytes, and what a control punches
     /// replaces none.
     OtherThere {
@@ -288,6 +312,7 @@ impl ProgramRefusal {
             Self::Incomplete { .. } => "program_incomplete",
             Self::Damaged { .. } => "program_damaged",
             Self::Busy => "program_busy",
+            Self::Withheld(why) => why.code(),
             Self::OtherThere { .. } => "program_other_there",
         }
     }
@@ -324,6 +349,7 @@ impl fmt::Display for ProgramRefusal {
                 f,
                 "what is in the board's flash has check value {crc32:08X}, not the program's: put it again, and replace the board if it stays"
             ),
+            Self::Withheld(why) => write!(f, "the control has got an alarm instead: {why}"),
             Self::Busy => f.write_str(
                 "the board measures a plate or sends a program: ask again when it is over",
             ),

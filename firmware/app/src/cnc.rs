@@ -97,6 +97,8 @@ pub(crate) struct Flow {
     held: Mutex<CriticalSectionRawMutex, Cell<u64>>,
     /// The control said while it was stopped that it will not go on.
     is_given_up: AtomicBool,
+    /// What is on its way was taken back.
+    is_taken_back: AtomicBool,
     /// When the last program ended.
     ended: Mutex<CriticalSectionRawMutex, Cell<u64>>,
     /// How long a control may hold the line of what was sent last.
@@ -126,6 +128,7 @@ impl Flow {
             resumed: Signal::new(),
             held: Mutex::new(Cell::new(0)),
             is_given_up: AtomicBool::new(false),
+            is_taken_back: AtomicBool::new(false),
             ended: Mutex::new(Cell::new(0)),
             hold_us: Mutex::new(Cell::new(0)),
             hungry: Signal::new(),
@@ -175,7 +178,12 @@ impl Flow {
     }
 
     /// It is in the journal: the next may begin.
-    pub fn end(&self, now: Micros) {
+    pub fn end(&self, now: Micros, whole: bool) {
+        if whole {
+            // What was held to its end is not held any more.
+            self.hold_us.lock(|hold| hold.set(0));
+        }
+        self.is_taken_back.store(false, Ordering::Relaxed);
         self.ended.lock(|ended| ended.set(now.0));
         self.is_xmodem.store(false, Ordering::Relaxed);
         self.sending.store(false, Ordering::Relaxed);
@@ -197,15 +205,29 @@ impl Flow {
         }
     }
 
+    /// What is on its way was taken back by a line: a DC1 behind that is a READ.
+    pub fn take_back(&self) {
+        self.is_taken_back.store(true, Ordering::Relaxed);
+        self.held.lock(|held| held.set(0));
+    }
+
+    /// Whether what comes is for something that is on its way.
+    fn is_busy(&self) -> bool {
+        let is_over =
+            self.is_taken_back.load(Ordering::Relaxed) || self.is_given_up.load(Ordering::Relaxed);
+        self.sending.load(Ordering::Relaxed) && !is_over
+    }
+
     /// Looks for a READ in bytes that have been measured: what they say comes
     /// before it. The last of them came at this time.
     pub fn look_for_read(&self, time: Micros, bytes: &[u8]) {
         for byte in bytes {
-            if *byte == NAK && !self.eia.load(Ordering::Relaxed) {
+            let is_eia = self.eia.load(Ordering::Relaxed);
+            if matches!(*byte & !PARITY, NAK | SYN) && !is_eia {
                 // Behind XOFF, and until what it was said of has ended, it gives up.
-                let gives_up =
-                    self.held.lock(Cell::get) > 0 || self.ended.lock(Cell::get) >= time.0;
-                if !gives_up && !self.sending.load(Ordering::Relaxed) {
+                let gives_up = self.held.lock(|held| held.replace(0)) > 0
+                    || self.ended.lock(Cell::get) >= time.0;
+                if *byte == NAK && !gives_up && !self.is_busy() {
                     self.go.signal(Ask::Xmodem);
                 }
             } else if self.is_xoff(*byte) {
@@ -214,7 +236,7 @@ impl Flow {
                 let since = self.held.lock(|held| held.replace(0));
                 let hold_us = self.hold_us.lock(Cell::get).max(XOFF_PATIENCE_US);
                 let soon = since > 0 && time.0.saturating_sub(since) < hold_us;
-                if !self.sending.load(Ordering::Relaxed) {
+                if !self.is_busy() {
                     self.go.signal(if soon { Ask::Again } else { Ask::Read });
                 }
             }
@@ -271,17 +293,23 @@ async fn send<F: Flash>(
     clock: &impl Clock,
     hold_us: u64,
 ) -> Sent {
-    let mut bytes = 0;
-    let whole = loop {
+    let mut sent = Sent {
+        bytes: 0,
+        whole: 0,
+        is_held: 0,
+    };
+    let mut give_up = after(clock, hold_us);
+    loop {
         if app.flow.stopped.load(Ordering::Relaxed) {
             let waited = select(app.flow.resumed.wait(), patience(clock, hold_us)).await;
             if matches!(waited, Either::Second(())) {
-                break false;
+                sent.is_held = 1;
+                break;
             }
             continue;
         }
         if app.flow.is_given_up.load(Ordering::Relaxed) {
-            break false;
+            break;
         }
         let (next, is_hungry) = {
             let mut measure = app.measure.lock().await;
@@ -294,31 +322,40 @@ async fn send<F: Flash>(
             app.flow.hungry.signal(());
         }
         match next {
-            Next::End { whole } => break whole,
-            Next::Wait => {
-                let waited = select(app.flow.filled.wait(), patience(clock, hold_us)).await;
+            Next::End { whole } => {
+                sent.whole = whole.into();
+                break;
+            }
+            Next::Wait | Next::WaitForHost => {
+                if next == Next::Wait {
+                    // The board is at work itself.
+                    give_up = after(clock, hold_us);
+                }
+                let waited = select(app.flow.filled.wait(), clock.wait_until(give_up)).await;
                 if matches!(waited, Either::Second(())) {
-                    break false;
+                    break;
                 }
             }
             Next::Byte(byte) => {
                 // CTS may hold the driver as XOFF holds us.
                 let written = select(tx.write(byte), patience(clock, hold_us)).await;
                 if !matches!(written, Either::First(Ok(()))) {
-                    break false;
+                    sent.is_held = 1;
+                    break;
                 }
-                bytes += 1;
+                sent.bytes += 1;
+                give_up = after(clock, hold_us);
             }
         }
-    };
-    Sent {
-        bytes,
-        whole: whole.into(),
     }
+    sent
+}
+
+fn after(clock: &impl Clock, us: u64) -> Micros {
+    Micros(clock.now().0.saturating_add(us))
 }
 
 /// Waits as long as a control may hold the line.
 pub(crate) async fn patience(clock: &impl Clock, hold_us: u64) {
-    let give_up = clock.now().0.saturating_add(hold_us);
-    clock.wait_until(Micros(give_up)).await;
+    clock.wait_until(after(clock, hold_us)).await;
 }

@@ -14,6 +14,11 @@
 //! in the middle. Who asks for what it may not have gets an alarm under the number that
 //! it asked for.
 //!
+//! **Asked for once.** A new request takes back what is on its way: the control has begun
+//! something else, and never gets the tail of an old program. One that was held for longer
+//! than it may be gets an alarm until it is asked for anew: nobody knows where the machine
+//! stands in it. What it already has is ended by the `%` with which everything begins here.
+//!
 //! **In two passes.** A stored program is read once before its first byte goes out: its
 //! check value, whether the control's code has all its characters, and whether it can be
 //! rewritten truly. The alarm names the line that cannot. One that the host passes through
@@ -25,7 +30,8 @@
 //!
 //! # Tradeoffs
 //!
-//! A program that broke off stays asked for and begins anew at the next READ. What a control
+//! A program that the control broke off (NAK) stays asked for and begins anew at the next
+//! READ. What a control
 //! has of it has no end (`%`), so one that stores it has no program. One that carries it out
 //! as it comes stands still where it broke off, at the latest behind the last whole line; who
 //! begins it anew has to be where a machine can begin.
@@ -34,6 +40,11 @@
 //!
 //! A control that calls the same program twice after one verdict gets an alarm the second
 //! time, unless the program's release is [`Release::Always`].
+//!
+//! What a program prints while it is carried out as it comes is a measurement like any other:
+//! one that needs a verdict breaks off there.
+//!
+//! The journal learns of a program when it has ended, not when it begins.
 
 use core::fmt::Write as _;
 
@@ -52,7 +63,7 @@ use umi_protocol::job::SendWhen;
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
-    IntegerRule, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
+    IntegerRule, MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
 };
 use umi_protocol::verdict::{MAX_CORRECTION, RegistrationReport};
 
@@ -72,6 +83,8 @@ pub struct Sent {
     pub bytes: u32,
     /// 1 if that is all of it.
     pub whole: u32,
+    /// 1 if the control held the line for too long.
+    pub is_held: u32,
 }
 
 /// What there is to send.
@@ -81,6 +94,8 @@ pub enum Next {
     Byte(u8),
     /// Nothing yet: [`Measure::fill`].
     Wait,
+    /// Nothing yet: the host has not passed it on.
+    WaitForHost,
     /// Nothing any more, and whether that is all of it.
     End {
         /// Everything went out.
@@ -105,8 +120,50 @@ pub(crate) struct Released {
 #[derive(Clone, Debug)]
 pub(crate) struct Passed {
     pub info: ProgramInfo,
-    /// All of it has gone out.
-    pub is_sent: bool,
+    /// All of it has gone out, or will not.
+    pub end: Option<Result<(), Withheld>>,
+}
+
+/// The program that the control is to get.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wanted {
+    /// Its number, or 0: none.
+    pub number: u32,
+    /// The control has asked, not the host.
+    pub by_control: bool,
+    /// It began to go out since.
+    has_begun: bool,
+    /// It was held for too long.
+    is_stale: bool,
+    /// Counts what was asked for.
+    pub count: u32,
+}
+
+impl Wanted {
+    /// Nothing.
+    pub const NONE: Self = Self {
+        number: 0,
+        by_control: false,
+        has_begun: false,
+        is_stale: false,
+        count: 0,
+    };
+
+    /// It went out, as far as it did; one that was held for too long gets an alarm.
+    const fn has_ended(&self) -> bool {
+        self.has_begun && !self.is_stale
+    }
+
+    /// This one from now on; 0: none.
+    pub fn set(&mut self, number: u32, by_control: bool) {
+        let count = self.count.wrapping_add(1);
+        *self = Self {
+            number,
+            by_control,
+            count,
+            ..Self::NONE
+        };
+    }
 }
 
 /// A program on its way.
@@ -122,6 +179,8 @@ struct Part {
     plate: Option<u32>,
     /// How long the control may hold the line.
     hold_us: u64,
+    /// Which request it answers.
+    request: u32,
 }
 
 #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
@@ -157,9 +216,14 @@ pub(crate) struct Delivery {
     offset: u32,
     held: Vec<u8, HELD>,
     queue: Deque<u8, QUEUE>,
-    /// The byte that was read last, and the one that went into the queue last.
+    /// The byte that was read last, the line end before, and what went into the queue last.
     last_read: u8,
+    line_end: u8,
     last_put: u8,
+    /// In a comment of the program as it is.
+    in_comment: bool,
+    /// Why what the host passes through does not go on.
+    refused: Option<Withheld>,
 }
 
 impl Delivery {
@@ -177,7 +241,10 @@ impl Delivery {
             held: Vec::new(),
             queue: Deque::new(),
             last_read: b'\n',
+            line_end: b'\n',
             last_put: b'\n',
+            in_comment: false,
+            refused: None,
         }
     }
 
@@ -218,6 +285,8 @@ impl Delivery {
 
     /// Nothing goes out behind what is in the queue but a stop, if a line ends there.
     fn break_off(&mut self) {
+        self.held.clear();
+        self.has_more = false;
         if self.last_put == b'\n' {
             self.put(broken_off(self.coding));
         }
@@ -277,24 +346,22 @@ impl Delivery {
                 let read = store.read(&program, self.offset, &mut self.held);
                 read.ok().map(<[u8]>::len)
             });
-            self.held.truncate(read.unwrap_or(0));
-            self.came();
-            if self.held.is_empty() {
+            let length = read.unwrap_or(0);
+            self.held.truncate(length);
+            if length > 0 {
+                self.came();
+            } else {
                 self.fails();
             }
             return true;
         }
         if self.rewriter.is_some() && !matches!(self.last_read, b'\n' | b'\r') {
             // It holds the last line until it ends.
-            let _ = self.held.push(b'\n');
-            self.last_read = b'\n';
+            let _ = self.held.push(self.line_end);
+            self.last_read = self.line_end;
             return true;
         }
-        let (crc32, is_looking) = (part.crc32, self.stage == Stage::Looking);
-        let check = core::mem::take(&mut self.check);
-        if check.finish().crc32 != crc32 {
-            self.fails();
-        } else if is_looking {
+        if self.stage == Stage::Looking {
             self.rewind(Stage::Sending);
         } else {
             self.whole = true;
@@ -303,20 +370,45 @@ impl Delivery {
         true
     }
 
-    /// Bytes have come into an empty `held`.
+    /// Bytes have come into an empty `held`. The last ones go nowhere if the check value is
+    /// not right.
     fn came(&mut self) {
+        let What::Program(part) = &self.what else {
+            return;
+        };
+        let is_first = self.offset == 0;
         self.check.update(&self.held);
         self.offset += self.held.len() as u32;
         if let Some(last) = self.held.last() {
             self.last_read = *last;
         }
+        let ends = |byte: &&u8| matches!(**byte, b'\n' | b'\r');
+        if let Some(end) = self.held.iter().rfind(ends) {
+            self.line_end = *end;
+        }
+        let is_wrong = self.offset == part.bytes && self.check.clone().finish().crc32 != part.crc32;
+        let blank = |byte: &&u8| !matches!(**byte, 0 | b' ' | b'\t' | b'\r' | b'\n');
+        let begins = self.held.iter().find(blank);
+        if is_wrong {
+            self.fails();
+        } else if is_first && begins.is_none_or(|byte| *byte != b'%') {
+            self.withhold(Withheld::NoPercent);
+        }
     }
 
     /// The program is not what it should be.
     fn fails(&mut self) {
+        self.refuse(Withheld::Damaged);
+    }
+
+    /// It does not go out, or not on.
+    fn refuse(&mut self, why: Withheld) {
         match self.stage {
-            Stage::Looking => self.withhold(Withheld::Damaged),
-            _ => self.break_off(),
+            Stage::Looking => self.withhold(why),
+            _ => {
+                self.refused = Some(why);
+                self.break_off();
+            }
         }
     }
 
@@ -324,7 +416,7 @@ impl Delivery {
     fn copy(&mut self) {
         let held = core::mem::take(&mut self.held);
         if let Some(byte) = self.put_on(&held) {
-            self.not_in_code(byte);
+            self.refuse(Withheld::NotInCode { byte });
         }
     }
 
@@ -335,51 +427,61 @@ impl Delivery {
             return;
         };
         let held = core::mem::take(&mut self.held);
-        let is_looking = self.stage == Stage::Looking;
         let mut lacks = None;
-        let mut sink = |bytes: &[u8]| lacks = lacks.or(self.put_on(bytes));
+        let mut sink = |bytes: &[u8]| {
+            if lacks.is_none() {
+                lacks = self.put_on(bytes);
+            }
+        };
         match rewriter.push_line(&held, &mut sink) {
             Ok(progress) => {
                 self.held.extend(held.iter().skip(progress.taken).copied());
                 self.has_more = progress.has_more;
                 self.rewriter.put(rewriter);
                 if let Some(byte) = lacks {
-                    self.not_in_code(byte);
+                    self.refuse(Withheld::NotInCode { byte });
                 }
             }
-            Err(refusal) if is_looking => {
-                self.withhold(Withheld::NotRewritable {
-                    line: u32::try_from(refusal.line).unwrap_or(u32::MAX),
-                    column: u16::try_from(refusal.column).unwrap_or(u16::MAX),
-                });
-            }
-            Err(_) => {
-                rewriter.safe_stop(&mut sink);
-                self.stage = Stage::Ended;
-            }
+            Err(refusal) => self.refuse(Withheld::NotRewritable {
+                line: u32::try_from(refusal.line).unwrap_or(u32::MAX),
+                column: u16::try_from(refusal.column).unwrap_or(u16::MAX),
+            }),
         }
     }
 
     /// Bytes go into the queue, or are only looked at; one that the code lacks, if there is.
     fn put_on(&mut self, bytes: &[u8]) -> Option<u8> {
-        for byte in bytes.iter().filter(|byte| is_text(self.coding, **byte)) {
-            if encode(self.coding, *byte).is_none() {
-                return Some(*byte);
+        for byte in bytes {
+            let before = core::mem::replace(&mut self.last_put, *byte);
+            let byte = match (byte, before) {
+                // The blank tape of a program that was punched once.
+                (0 | 0x7F, _) => {
+                    self.last_put = before;
+                    continue;
+                }
+                // EIA has one end of block.
+                (b'\r', b'\n') | (b'\n', b'\r') if self.coding == Coding::Eia => continue,
+                (b'\r', _) if self.coding == Coding::Eia => b'\n',
+                (byte, _) => *byte,
+            };
+            match byte {
+                b'(' => self.in_comment = true,
+                b')' | b'\n' | b'\r' => self.in_comment = false,
+                _ => {}
+            }
+            if !is_text(byte) && self.in_comment {
+                // What is no text would be taken for flow control.
+                continue;
+            }
+            if !is_text(byte) || encode(self.coding, byte).is_none() {
+                return Some(byte);
             }
             if self.stage == Stage::Sending {
                 // A line found room before it was begun.
-                let _ = self.queue.push_back(*byte);
-                self.last_put = *byte;
+                let _ = self.queue.push_back(byte);
             }
         }
         None
-    }
-
-    fn not_in_code(&mut self, byte: u8) {
-        match self.stage {
-            Stage::Looking => self.withhold(Withheld::NotInCode { byte }),
-            _ => self.break_off(),
-        }
     }
 
     fn next_byte(&mut self) -> Next {
@@ -389,15 +491,15 @@ impl Delivery {
                 encode(self.coding, ascii).map_or(Next::End { whole: false }, Next::Byte)
             }
             None if self.stage == Stage::Ended => Next::End { whole: self.whole },
+            None if self.is_passed() => Next::WaitForHost,
             None => Next::Wait,
         }
     }
 }
 
-/// Whether a byte of a program goes out. What is no text would be taken for flow control.
-fn is_text(coding: Coding, byte: u8) -> bool {
-    let layout = matches!(byte, b'\r' | b'\t') && coding != Coding::Eia;
-    matches!(byte, b' '..=b'~' | b'\n') || layout
+/// Whether a byte of a program is one.
+const fn is_text(byte: u8) -> bool {
+    matches!(byte, b' '..=b'~' | b'\n' | b'\r' | b'\t')
 }
 
 impl<F: Flash> Measure<F> {
@@ -409,6 +511,8 @@ impl<F: Flash> Measure<F> {
             // What goes out by itself may also be asked for; not the reverse.
             Ask::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
             Ask::Verdict => self.correction(),
+            // It may be a "go on" of what has ended: nothing begins anew by it.
+            Ask::Again if self.book.wanted.has_ended() => self.correction(),
             Ask::Again => self.program(now) || self.correction(),
             // It is what a control says in many other states: no alarm for it.
             Ask::Xmodem => self.program(now) || self.correction(),
@@ -457,6 +561,7 @@ impl<F: Flash> Measure<F> {
         };
         let holds = match &delivery.what {
             What::Correction { .. } => self.book.armed_as(delivery.arming),
+            What::Program(part) if part.request != self.book.wanted.count => false,
             What::Program(_) if delivery.arming > 0 => self.book.released_as(delivery.arming),
             What::Program(_) | What::Alarm { .. } => true,
         };
@@ -465,6 +570,15 @@ impl<F: Flash> Measure<F> {
         } else {
             Next::End { whole: false }
         }
+    }
+
+    /// Whether something is on its way that has been taken back: the next READ is for
+    /// something else.
+    pub(crate) fn is_taken_back(&self) -> bool {
+        self.delivery.get().is_some_and(|of| match &of.what {
+            What::Program(part) => part.request != self.book.wanted.count,
+            What::Correction { .. } | What::Alarm { .. } => false,
+        })
     }
 
     /// It went out, or broke off.
@@ -487,10 +601,22 @@ impl<F: Flash> Measure<F> {
                 complete,
             },
             What::Program(part) => {
+                let end = match delivery.refused {
+                    Some(why) => Some(Err(why)),
+                    None => complete.then_some(Ok(())),
+                };
                 if let Some(passed) = self.book.passed.get_mut()
                     && part.stored.is_none()
+                    && end.is_some()
                 {
-                    passed.is_sent = complete;
+                    passed.end = end;
+                }
+                let wanted = &mut self.book.wanted;
+                if part.request == wanted.count {
+                    wanted.is_stale = sent.is_held > 0;
+                    if end.is_some() {
+                        wanted.set(0, false);
+                    }
                 }
                 if let Some(released) = self.book.released.get_mut()
                     && released.arming == delivery.arming
@@ -514,7 +640,15 @@ impl<F: Flash> Measure<F> {
                 Record::CorrectionSent { .. } if self.book.armed_as(delivery.arming) => {
                     self.book.disarm();
                 }
-                Record::ProgramSent { .. } | Record::AlarmSent { .. } => self.book.wanted = 0,
+                Record::AlarmSent { number, why, .. } if *number == self.book.wanted.number => {
+                    if let Some(passed) = self.book.passed.get_mut()
+                        && passed.info.number == *number
+                        && passed.end.is_none()
+                    {
+                        passed.end = Some(Err(*why));
+                    }
+                    self.book.wanted.set(0, false);
+                }
                 _ => {}
             }
         }
@@ -564,10 +698,11 @@ impl<F: Flash> Measure<F> {
     /// false if it has asked for none.
     #[inline(never)]
     fn program(&mut self, now: Micros) -> bool {
-        let number = self.book.wanted;
+        let number = self.book.wanted.number;
         if number == 0 {
             return false;
         }
+        self.book.wanted.has_begun = true;
         match self.part(now, number) {
             Ok(part) => self.open_program(part),
             Err(why) => {
@@ -596,6 +731,9 @@ impl<F: Flash> Measure<F> {
     /// What is to be sent of a program, if it may be.
     #[inline(never)]
     fn part(&mut self, now: Micros, number: u32) -> Result<Part, Withheld> {
+        if self.book.wanted.is_stale {
+            return Err(Withheld::HeldTooLong);
+        }
         let (info, stored) = match self.book.passed(number) {
             Some(info) => (info.clone(), None),
             None => {
@@ -612,11 +750,15 @@ impl<F: Flash> Measure<F> {
             stored,
             how: None,
             plate: None,
-            hold_us: u64::from(info.hold_s).saturating_mul(1_000_000),
+            hold_us: u64::from(info.hold_s.max(1)) * 1_000_000,
+            request: self.book.wanted.count,
         };
         let spec = match info.release {
             Release::Always => return Ok(part),
             Release::Never => return Err(Withheld::NotReleased),
+            Release::AfterVerdict if self.waiting().is_some() => {
+                return Err(Withheld::NotCorrected);
+            }
             Release::AfterVerdict => None,
             Release::Rewritten(spec) => Some(spec),
         };
@@ -643,24 +785,29 @@ impl<F: Flash> Measure<F> {
         Ok(part)
     }
 
-    /// Whether this program is on its way to the control.
-    #[must_use]
-    pub(crate) fn is_sending(&self, number: u32) -> bool {
-        self.delivery
-            .get()
-            .is_some_and(|of| matches!(&of.what, What::Program(part) if part.number == number))
-    }
-
     /// The control's next READ gets what the host will pass through.
     pub(crate) fn pass(&mut self, info: &ProgramInfo) -> Result<(), ProgramRefusal> {
-        if self.delivery.is_some() {
-            return Err(ProgramRefusal::Busy);
+        if !(1..=MAX_NUMBER).contains(&info.number) {
+            return Err(ProgramRefusal::BadNumber);
         }
-        self.book.wanted = info.number;
+        if info.bytes == 0 {
+            return Err(ProgramRefusal::Empty);
+        }
+        self.offer(info.number)?;
         self.book.passed.put(Passed {
             info: info.clone(),
-            is_sent: false,
+            end: None,
         });
+        Ok(())
+    }
+
+    /// The control's next READ gets this one, unless it has asked for one itself.
+    pub(crate) fn offer(&mut self, number: u32) -> Result<(), ProgramRefusal> {
+        let asks = self.book.wanted.number > 0 && self.book.wanted.by_control;
+        if self.delivery.is_some() || asks {
+            return Err(ProgramRefusal::Busy);
+        }
+        self.book.wanted.set(number, false);
         Ok(())
     }
 
@@ -672,17 +819,21 @@ impl<F: Flash> Measure<F> {
         bytes: &[u8],
     ) -> Result<Option<u32>, ProgramRefusal> {
         let passed = self.book.passed.get().ok_or(ProgramRefusal::NotBegun)?;
-        if passed.is_sent {
-            return Ok(None);
+        match passed.end {
+            Some(Ok(())) => return Ok(None),
+            Some(Err(why)) => return Err(ProgramRefusal::Withheld(why)),
+            None => {}
         }
         let Some(delivery) = self.delivery.get_mut().filter(|of| of.is_passed()) else {
             // The control has not read yet, or what it had broke off.
             return Ok(Some(0));
         };
         if offset == delivery.offset && delivery.held.is_empty() && !delivery.has_more {
-            let room = delivery.held.capacity().min(bytes.len());
+            let room = delivery.held.capacity().min(delivery.left());
             delivery.held.extend(bytes.iter().take(room).copied());
-            delivery.came();
+            if !delivery.held.is_empty() {
+                delivery.came();
+            }
         }
         Ok(Some(delivery.offset))
     }
@@ -696,14 +847,23 @@ impl<F: Flash> Measure<F> {
             delivery.break_off();
         }
         if let Some(passed) = self.book.passed.take()
-            && passed.info.number == self.book.wanted
+            && passed.end.is_none()
+            && passed.info.number == self.book.wanted.number
         {
-            self.book.wanted = 0;
+            self.book.wanted.number = 0;
         }
     }
 }
 
 impl Delivery {
+    /// Bytes of the program that have not been read.
+    fn left(&self) -> usize {
+        match &self.what {
+            What::Program(part) => (part.bytes - self.offset) as usize,
+            What::Correction { .. } | What::Alarm { .. } => 0,
+        }
+    }
+
     /// Whether the host passes it through.
     fn is_passed(&self) -> bool {
         matches!(&self.what, What::Program(part) if part.stored.is_none())

@@ -1,7 +1,7 @@
 //! The openumi application: what runs on every board, and in the virtual one.
 //!
 //! ```text
-//! CncRx ─► receive ─► queue ─► measure ─► Book: journal, events, armed correction
+//! CncRx ─► receive ─► queue ─► measure ─► Book: journal, events, armed correction, delivery
 //!             │ XON/XOFF/READ │   │ Brain       │                  │
 //!             └────────► Flow ┼───┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
 //! LatchSource ─► latch ───────┘   └─► Outputs                          │ │
@@ -18,7 +18,7 @@
 //! | --- | --- |
 //! | [`board`] | what a board provides |
 //! | [`measure`] | what the board knows and decides; no waiting |
-//! | `cnc` | the control's port: receive, flow control, send a correction |
+//! | `cnc` | the control's port: receive, flow control, send |
 //! | `link`, `answer` | the host's port: frames, requests |
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
@@ -225,10 +225,13 @@ impl<F: Flash> App<F> {
             match came {
                 Either6::First(sent) => {
                     measure.sent(clock.now(), &sent);
-                    self.flow.end(clock.now());
+                    self.flow.end(clock.now(), sent.whole > 0);
                 }
                 Either6::Second((time, input)) => {
                     measure.input(time, &input);
+                    if measure.is_taken_back() {
+                        self.flow.take_back();
+                    }
                     if let Input::Bytes(bytes) = &input {
                         self.flow.look_for_read(time, bytes);
                     }

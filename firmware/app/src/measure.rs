@@ -9,10 +9,11 @@
 //!
 //! A correction is armed by a verdict OK that *is in the journal*, and by
 //! nothing else. It is disarmed by whatever may mean that the part is measured
-//! again or has changed: any line from the control that is not a separator, a
-//! loss, another verdict, a new job, the job's plate time-out. It also goes out
+//! again or has changed: any line from the control that is neither a separator nor asks for
+//! a program, a loss, another verdict, a new job, the job's plate time-out. It also goes out
 //! once only: the next clamping must not get it by a READ without probing. One
-//! that broke off may be read again.
+//! that broke off may be read again. The same verdict releases the part programs that need
+//! one (`delivery`).
 //!
 //! # Tradeoffs
 //!
@@ -35,12 +36,12 @@ use umi_protocol::latch::{LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{ProgramInfo, ProgramRefusal};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use crate::board::Lights;
-use crate::delivery::{Delivery, Passed, Released, transform};
+use crate::delivery::{Delivery, Passed, Released, Wanted, transform};
 use crate::events::Events;
 use crate::punch::{Ended, Punch};
 use crate::settings::{Settings, points, positions_mm};
@@ -100,11 +101,12 @@ pub(crate) struct Book<F: Flash> {
     pub failures: u32,
     /// An input or a decision since the job began is not in the journal.
     unaudited: bool,
+    /// Released by the verdict as long as it is not too old.
     armed: Option<Armed>,
     /// What the latest verdict releases, while it holds.
     pub released: Place<Released>,
-    /// The number of the program that the control has asked for, or 0.
-    pub wanted: u32,
+    /// The program that the control is to get.
+    pub wanted: Wanted,
     /// What the control punches.
     punch: Punch,
     /// What the host passes through.
@@ -123,8 +125,6 @@ pub(crate) struct Book<F: Flash> {
 struct Armed {
     plate: u32,
     arming: u32,
-    /// From then on it is too old.
-    until: Micros,
     text: String<MAX_CORRECTION>,
 }
 
@@ -152,7 +152,7 @@ impl<F: Flash> Measure<F> {
                 unaudited: false,
                 armed: None,
                 released: Place::empty(),
-                wanted: 0,
+                wanted: Wanted::NONE,
                 punch: Punch::new(),
                 passed: Place::empty(),
                 armings: 0,
@@ -284,8 +284,7 @@ impl<F: Flash> Measure<F> {
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
         let brain = self.brain.deadline();
-        let armed = self.book.armed.as_ref().map(|armed| armed.until);
-        match (brain, armed) {
+        match (brain, self.book.too_old()) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
         }
@@ -294,7 +293,7 @@ impl<F: Flash> Measure<F> {
     /// Time passed.
     pub fn on_time(&mut self, now: Micros) {
         let Self { brain, book, .. } = self;
-        if book.armed.as_ref().is_some_and(|armed| now >= armed.until) {
+        if book.too_old().is_some_and(|until| now >= until) {
             // A program that has begun goes on; none begins any more.
             book.disarm();
             book.last_ok.clear();
@@ -572,7 +571,7 @@ impl<F: Flash> Book<F> {
             Output::Line(line) => {
                 if line.status == LineStatus::Request {
                     let number = program_asked_for(line.text.as_bytes());
-                    self.wanted = number.unwrap_or(0);
+                    self.wanted.set(number.unwrap_or(0), true);
                 } else if line.status != LineStatus::Separator {
                     // The control prints again: what was measured before is history.
                     self.forget();
@@ -627,9 +626,15 @@ impl<F: Flash> Book<F> {
         self.armed = verdict.correction.as_ref().map(|correction| Armed {
             plate,
             arming,
-            until,
             text: correction.text.clone(),
         });
+    }
+
+    /// When an OK verdict is too old for what it has not released yet.
+    fn too_old(&self) -> Option<Micros> {
+        let is_ok = self.last_ok.get() == Some(&true);
+        let released = self.released.get().filter(|_| is_ok);
+        released.map(|released| released.until)
     }
 
     /// The correction that is armed: its plate, its arming, its program.
@@ -641,7 +646,7 @@ impl<F: Flash> Book<F> {
     /// What the host passes through under this number.
     pub fn passed(&self, number: u32) -> Option<&ProgramInfo> {
         let passed = self.passed.get()?;
-        (passed.info.number == number && !passed.is_sent).then_some(&passed.info)
+        (passed.info.number == number && passed.end.is_none()).then_some(&passed.info)
     }
 
     /// Whether the correction of this arming still holds.
@@ -662,8 +667,14 @@ impl<F: Flash> Book<F> {
     fn forget(&mut self) {
         self.disarm();
         self.released.clear();
-        self.wanted = 0;
-        self.passed.clear();
+        // A program that goes out whenever it is asked for goes on: it may be what prints.
+        let passed = self.passed.get();
+        if passed.is_none_or(|of| of.info.release != Release::Always) {
+            self.wanted.number = 0;
+            if passed.is_some_and(|of| of.end.is_none()) {
+                self.passed.clear();
+            }
+        }
         self.last_ok.clear();
     }
 

@@ -31,21 +31,12 @@ pub(crate) fn answer<F: Flash>(
             | Request::ProgramEnd { .. }
             | Request::ProgramDelete { .. }
     );
-    if writes && measure.brain().run().is_under_way() {
-        return Response::ProgramRefused(ProgramRefusal::Busy);
-    }
-    if let Request::ProgramEnd { number, .. } | Request::ProgramDelete { number } = request
-        && measure.is_sending(*number)
-    {
+    // Flash that is erased would be felt in what is being cut.
+    let is_busy = measure.brain().run().is_under_way() || measure.delivery.is_some();
+    if writes && is_busy {
         return Response::ProgramRefused(ProgramRefusal::Busy);
     }
     match request {
-        // What is being sent is neither replaced nor deleted.
-        Request::ProgramEnd { number, .. } | Request::ProgramDelete { number }
-            if measure.is_sending(*number) =>
-        {
-            return Response::ProgramRefused(ProgramRefusal::Busy);
-        }
         Request::ProgramPass(_) | Request::ProgramPassed { .. } => {
             return passed(measure, request);
         }
@@ -92,7 +83,7 @@ fn passed<F: Flash>(measure: &mut Measure<F>, request: &Request) -> Response {
 fn offer<F: Flash>(measure: &mut Measure<F>, number: u32) -> Result<Response, Error<F::Error>> {
     let store = measure.programs.get().ok_or(ProgramRefusal::NoRoomAtAll)?;
     store.find(number).ok_or(ProgramRefusal::NotThere)?;
-    measure.book.wanted = number;
+    measure.offer(number)?;
     Ok(Response::Done)
 }
 

@@ -48,7 +48,7 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
                     Next::Byte(byte) => bytes += sender.data(&[byte], false) as u32,
                     Next::End { whole: true } => drop(sender.data(&[], true)),
                     Next::End { whole: false } => sender.stop(),
-                    Next::Wait => {
+                    Next::Wait | Next::WaitForHost => {
                         let patience = patience(clock, XOFF_PATIENCE_US);
                         let waited = select(app.flow.filled.wait(), patience).await;
                         if matches!(waited, Either::Second(())) {
@@ -81,5 +81,6 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
     Sent {
         bytes,
         whole: whole.into(),
+        is_held: 0,
     }
 }

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use umi::failure::Failure;
-use umi_core::nc::rewrite::{Integers, Settings, Unit};
+use umi_core::nc::rewrite::{Integers, Rewriter, Settings, Unit};
 use umi_core::registration::RigidTransform;
 use umi_core::units::Mm;
 use umi_protocol::program::{IntegerRule, RewriteSpec, UnitRule};
@@ -81,6 +81,8 @@ impl Control {
 
     /// What a board keeps with a program that it rewrites.
     pub fn spec(&self) -> Result<RewriteSpec, Failure> {
+        let settings = self.settings(RigidTransform::identity())?;
+        Rewriter::new(&settings).map_err(|error| Failure::trouble("usage", error))?;
         Ok(RewriteSpec {
             decimals_mm: self.decimals()?,
             chord_um: micrometres("--chord-mm", self.chord_mm)?,

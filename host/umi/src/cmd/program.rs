@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use umi::failure::Failure;
 use umi::programs;
-use umi::style::{FAINT, GOOD, TITLE, paint, print, print_json};
+use umi::style::{FAINT, GOOD, TITLE, paint, print, print_error, print_json};
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
 
 use super::control::Control;
@@ -50,7 +50,7 @@ struct Rule {
     release: When,
     /// How long the control may hold the line (XOFF) while it is sent: longer than the
     /// longest motion, where it carries out what comes
-    #[arg(long, value_name = "S", default_value_t = 5)]
+    #[arg(long, value_name = "S", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
     hold_s: u16,
     #[command(flatten)]
     control: Control,
@@ -58,9 +58,11 @@ struct Rule {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum When {
-    /// As it is, after an OK verdict, once
+    /// As it is, after an OK verdict, once; if the job sends a correction, when that has gone
+    /// out
     AfterVerdict,
-    /// Every motion carried by the verdict's registration, after an OK verdict, once
+    /// Every motion carried by the verdict's registration, after an OK verdict, once; not with
+    /// a job that sends a correction
     Rewritten,
     /// As it is, whenever it is asked for: a program that probes
     Always,
@@ -182,8 +184,8 @@ struct Delete {
 /// Make a program what the control's next READ gets
 #[derive(Args)]
 #[command(after_help = "\
-A control can ask by itself, where it prints: DPRNT[READ*O1234]. What it prints else, and a
-new job, take this back.
+A control can ask by itself, where it prints: DPRNT[READ*O1234]; that comes first. What it
+prints else, and a new job, take this back. What may not go out now is an alarm.
 
 Examples:
   umi program offer 1234")]
@@ -201,8 +203,9 @@ struct Offer {
 #[derive(Args)]
 #[command(after_help = "\
 Nothing of it is kept on the board. With --release rewritten a line that cannot be
-rewritten stops the machine there (M0): umi nc check says so beforehand. If umi ends or
-the cable is pulled, the control gets no end.
+rewritten raises an alarm there: umi nc check says so beforehand. If umi ends or the cable
+is pulled, the control gets no end. What it prints while it runs takes it back, unless its
+release is always.
 
 Examples:
   umi program pass long.nc --release always
@@ -388,6 +391,9 @@ impl Pass {
     fn run(self) -> Result<(), Failure> {
         let (program, bytes) = self.rule.read(&self.file, self.number)?;
         let mut board = self.board.connect()?;
+        if !self.format.json {
+            print_error("the control's next READ gets it\n");
+        }
         let bar = bar(program.bytes);
         let done = programs::pass(&mut board, &program, &bytes, |taken| {
             bar.set_position(taken.into());

@@ -1,20 +1,18 @@
 //! Programs on their way to the control, on every board: what a READ gets and what it does
 //! not, rewritten to the bit as on the host, held, broken off, begun anew.
 
+mod common;
+mod refusals;
+
 use umi::programs;
-use umi_core::nc::rewrite::{Identity, Rewriter, Settings};
 use umi_core::nc::withheld;
-use umi_core::registration::RigidTransform;
-use umi_core::units::Mm;
-use umi_protocol::job::Job;
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{
-    IntegerRule, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
-};
-use umi_protocol::verdict::{RegistrationReport, Verdict};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Withheld};
 use umi_tests::cases::*;
 use umi_tests::rig::Rig;
+
+use common::*;
 
 umi_tests::on_every_board! {
     reads_programs_by_their_number
@@ -25,84 +23,6 @@ umi_tests::on_every_board! {
     passes_a_program_through
     keeps_what_the_control_punches
     sends_by_xmodem_to_a_control_that_asks_so
-}
-
-/// A pocket: straight lines, arcs, a canned cycle.
-const POCKET: &str = "%\nO1234(POCKET)\nG21 G90 G17 G94\nG0 X0. Y0. Z50.\nG1 Z-2. F300\n\
-    G1 X40. F800\nG3 X50. Y10. I0. J10.\nG1 Y30.\nX0.\nY0.\nG0 Z50.\nG81 X5. Y5. Z-4. R2.\n\
-    X15.\nG80\nM30\n%\n";
-
-/// The pocket and many lines more: longer than what goes out while somebody looks.
-fn long() -> String {
-    let lines: String = (0..120)
-        .map(|line| format!("G1 X{line}.5 Y-{line}.25\n"))
-        .collect();
-    POCKET.replace("M30", &(lines + "M30"))
-}
-
-const SPEC: RewriteSpec = RewriteSpec {
-    decimals_mm: 3,
-    chord_um: 20,
-    clearance_um: 1000,
-    integers: IntegerRule::Refused,
-    unit: UnitRule::Said,
-};
-
-fn info(number: u32, text: &str, release: Release) -> ProgramInfo {
-    ProgramInfo {
-        number,
-        name: "PART".parse().unwrap(),
-        bytes: u32::try_from(text.len()).unwrap(),
-        crc32: programs::check_value(text.as_bytes()),
-        release,
-        hold_s: 5,
-    }
-}
-
-/// The session's job, without a correction of its own.
-fn plain_job() -> Job {
-    Job {
-        correction: None,
-        ..job()
-    }
-}
-
-/// What the control gets that asks for this number and then reads.
-fn read(rig: &mut dyn Rig, number: u32) {
-    rig.control_sends(format!("READ O{number}\r\n").as_bytes());
-    rig.control_sends(DC1);
-}
-
-fn alarm_of(number: u32, why: &Withheld) -> String {
-    let text = withheld(number, why, Coding::Ascii);
-    text.as_str().to_owned()
-}
-
-/// The same program, rewritten by the same code on the host.
-fn rewritten(text: &str, job: &Job, verdict: &Verdict) -> String {
-    let RegistrationReport {
-        rotation,
-        translation_mm,
-        ..
-    } = verdict.registration.clone().unwrap();
-    let transform = RigidTransform::from_rows(rotation, translation_mm);
-    let settings = Settings {
-        chord: Mm(0.02),
-        original: Some(Identity {
-            crc32: programs::check_value(text.as_bytes()),
-            bytes: text.len() as u64,
-        }),
-        source: format!("VERDICT OK - {} - PLATE {}", job.name, verdict.plate)
-            .parse()
-            .unwrap(),
-        ..Settings::new(transform)
-    };
-    let mut out = Vec::new();
-    let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
-    let mut rewriter = Rewriter::new(&settings).unwrap();
-    rewriter.push(text.as_bytes(), &mut sink).unwrap();
-    rewriter.finish(&mut sink).unwrap();
-    String::from_utf8(out).unwrap()
 }
 
 /// One that probes whenever it is asked for; one that needs a verdict, once; one that is not
