@@ -25,6 +25,7 @@
 //! | `ProgramRead` | `ProgramBytes` | bytes of a program |
 //! | `ProgramDelete` | `Done` | deletes one |
 //! | `ProgramOffer` | `Done` | the control's next READ gets this one, as if it had asked for it |
+//! | `ProgramReceive` | `Done` | asks the control for a program by XMODEM; `ProgramKept` or `ProgramNotKept` is journaled |
 //! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //!
@@ -136,6 +137,9 @@ pub enum Request {
         /// Its number.
         number: u32,
     },
+    /// Ask the control for a program by XMODEM, for a minute and a half: somebody lets it
+    /// send. What becomes of it is journaled.
+    ProgramReceive,
     /// The control's next READ gets what this host will pass through, as if it had asked for
     /// it by its number.
     ProgramPass(ProgramInfo),

@@ -287,6 +287,8 @@ pub enum ProgramRefusal {
     },
     /// A plate is being measured or a program is being sent: ask again.
     Busy,
+    /// The control has not sent it, or not all of it.
+    BrokeOff,
     /// What was to be passed through may not go out, or not on: the control has an alarm.
     Withheld(Withheld),
     /// There is a program of this number with other bytes, and what a control punches
@@ -312,6 +314,7 @@ impl ProgramRefusal {
             Self::Incomplete { .. } => "program_incomplete",
             Self::Damaged { .. } => "program_damaged",
             Self::Busy => "program_busy",
+            Self::BrokeOff => "program_broke_off",
             Self::Withheld(why) => why.code(),
             Self::OtherThere { .. } => "program_other_there",
         }
@@ -348,6 +351,9 @@ impl fmt::Display for ProgramRefusal {
             Self::Damaged { crc32 } => write!(
                 f,
                 "what is in the board's flash has check value {crc32:08X}, not the program's: put it again, and replace the board if it stays"
+            ),
+            Self::BrokeOff => f.write_str(
+                "the control has not sent it, or not to its end: let it send again",
             ),
             Self::Withheld(why) => write!(f, "the control has got an alarm instead: {why}"),
             Self::Busy => f.write_str(

@@ -68,6 +68,7 @@ pub(crate) fn answer<F: Flash>(
         | Request::ProgramRead { .. }
         | Request::ProgramDelete { .. }
         | Request::ProgramOffer { .. }
+        | Request::ProgramReceive
         | Request::ProgramPass(_)
         | Request::ProgramPassed { .. } => programs::answer(measure, around.now, request),
     }

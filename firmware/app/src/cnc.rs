@@ -60,8 +60,8 @@ const PARITY: u8 = 0x80;
 /// go on. In EIA these are digits.
 const NAK: u8 = 0x15;
 const SYN: u8 = 0x16;
-/// Answers to a block that wait, at most: a control gives one, or three to cancel.
-const ANSWERS: usize = 8;
+/// Bytes of XMODEM that wait, at most: a block, while the one before is written.
+const ANSWERS: usize = 160;
 
 /// A control that does not say XON again for this long has given up: a program of
 /// a few hundred bytes fits its buffer. The next DC1 is then a new READ and gets the
@@ -80,6 +80,8 @@ pub(crate) enum Ask {
     Again,
     /// The control reads by XMODEM.
     Xmodem,
+    /// The host wants what the control sends by XMODEM.
+    Receive,
 }
 
 /// The state of the line between receiving and sending.
@@ -116,6 +118,7 @@ pub(crate) struct Flow {
     /// What comes from the control answers blocks of XMODEM: it is neither text nor flow
     /// control.
     is_xmodem: AtomicBool,
+    is_receiving: AtomicBool,
     pub answers: Channel<CriticalSectionRawMutex, u8, ANSWERS>,
 }
 
@@ -137,6 +140,7 @@ impl Flow {
             sent: Signal::new(),
             begun: Signal::new(),
             is_xmodem: AtomicBool::new(false),
+            is_receiving: AtomicBool::new(false),
             answers: Channel::new(),
         }
     }
@@ -164,8 +168,10 @@ impl Flow {
     /// for nobody.
     pub fn begin(&self, hold_us: u64, asked: Ask) {
         self.answers.clear();
+        let is_receiving = asked == Ask::Receive;
+        self.is_receiving.store(is_receiving, Ordering::Relaxed);
         self.is_xmodem
-            .store(asked == Ask::Xmodem, Ordering::Relaxed);
+            .store(is_receiving || asked == Ask::Xmodem, Ordering::Relaxed);
         self.hold_us.lock(|hold| hold.set(hold_us));
         self.is_given_up.store(false, Ordering::Relaxed);
         self.sending.store(true, Ordering::Relaxed);
@@ -209,6 +215,11 @@ impl Flow {
     pub fn take_back(&self) {
         self.is_taken_back.store(true, Ordering::Relaxed);
         self.held.lock(|held| held.set(0));
+    }
+
+    /// Whether nothing is on its way, and nothing has asked.
+    pub fn is_free(&self) -> bool {
+        !self.sending.load(Ordering::Relaxed) && !self.go.signaled()
     }
 
     /// Whether what comes is for something that is on its way.
@@ -275,7 +286,9 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
 pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
         let hold_us = app.flow.begun.wait().await;
-        let sent = if app.flow.is_xmodem.load(Ordering::Relaxed) {
+        let sent = if app.flow.is_receiving.load(Ordering::Relaxed) {
+            xmodem::receive(app, tx, clock).await
+        } else if app.flow.is_xmodem.load(Ordering::Relaxed) {
             xmodem::send(app, tx, clock).await
         } else {
             send(app, tx, clock, hold_us).await

@@ -179,8 +179,6 @@ struct Part {
     plate: Option<u32>,
     /// How long the control may hold the line.
     hold_us: u64,
-    /// Which request it answers.
-    request: u32,
 }
 
 #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
@@ -205,6 +203,8 @@ pub(crate) struct Delivery {
     coding: Coding,
     /// The arming that it needs; 0: none.
     arming: u32,
+    /// What was asked for when it began: what is asked for later takes it back.
+    request: u32,
     stage: Stage,
     /// At the end of the queue is the end of the program.
     whole: bool,
@@ -227,11 +227,12 @@ pub(crate) struct Delivery {
 }
 
 impl Delivery {
-    fn new(what: What, coding: Coding, arming: u32) -> Self {
+    fn new(what: What, coding: Coding, arming: u32, request: u32) -> Self {
         Self {
             what,
             coding,
             arming,
+            request,
             stage: Stage::Ended,
             whole: false,
             rewriter: Place::empty(),
@@ -516,6 +517,8 @@ impl<F: Flash> Measure<F> {
             Ask::Again => self.program(now) || self.correction(),
             // It is what a control says in many other states: no alarm for it.
             Ask::Xmodem => self.program(now) || self.correction(),
+            // Nothing goes out.
+            Ask::Receive => false,
             Ask::Read => self.program(now) || self.correction() || self.alarm(),
         };
         let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
@@ -532,8 +535,9 @@ impl<F: Flash> Measure<F> {
     /// Something new to send, all of it there.
     #[inline(never)]
     fn open(&mut self, what: What, arming: u32, text: &str) {
+        let (coding, request) = (self.coding(), self.book.wanted.count);
         self.delivery
-            .put(Delivery::new(what, self.coding(), arming));
+            .put(Delivery::new(what, coding, arming, request));
         if let Some(delivery) = self.delivery.get_mut() {
             delivery.set(text);
         }
@@ -554,14 +558,14 @@ impl<F: Flash> Measure<F> {
     }
 
     /// The next byte of what is being sent. A new measurement, job or verdict takes it back,
-    /// even now; nothing takes back what raises an alarm.
+    /// even now, and so does another request.
     pub(crate) fn next_byte(&mut self) -> Next {
         let Some(delivery) = self.delivery.get_mut() else {
             return Next::End { whole: false };
         };
         let holds = match &delivery.what {
+            _ if delivery.request != self.book.wanted.count => false,
             What::Correction { .. } => self.book.armed_as(delivery.arming),
-            What::Program(part) if part.request != self.book.wanted.count => false,
             What::Program(_) if delivery.arming > 0 => self.book.released_as(delivery.arming),
             What::Program(_) | What::Alarm { .. } => true,
         };
@@ -575,17 +579,15 @@ impl<F: Flash> Measure<F> {
     /// Whether something is on its way that has been taken back: the next READ is for
     /// something else.
     pub(crate) fn is_taken_back(&self) -> bool {
-        self.delivery.get().is_some_and(|of| match &of.what {
-            What::Program(part) => part.request != self.book.wanted.count,
-            What::Correction { .. } | What::Alarm { .. } => false,
-        })
+        let delivery = self.delivery.get();
+        delivery.is_some_and(|of| of.request != self.book.wanted.count)
     }
 
     /// It went out, or broke off.
     #[inline(never)]
     pub(crate) fn sent(&mut self, now: Micros, sent: &Sent) {
         let Some(delivery) = self.delivery.take() else {
-            return;
+            return self.received(now, sent.whole > 0);
         };
         let (bytes, complete) = (sent.bytes, sent.whole > 0);
         let record = match delivery.what {
@@ -612,7 +614,7 @@ impl<F: Flash> Measure<F> {
                     passed.end = end;
                 }
                 let wanted = &mut self.book.wanted;
-                if part.request == wanted.count {
+                if delivery.request == wanted.count {
                     wanted.is_stale = sent.is_held > 0;
                     if end.is_some() {
                         wanted.set(0, false);
@@ -721,7 +723,8 @@ impl<F: Flash> Measure<F> {
             Some(_) => Stage::Looking,
             None => Stage::Sending,
         };
-        let delivery = Delivery::new(What::Program(part), self.coding(), arming);
+        let (coding, request) = (self.coding(), self.book.wanted.count);
+        let delivery = Delivery::new(What::Program(part), coding, arming, request);
         self.delivery.put(delivery);
         if let Some(delivery) = self.delivery.get_mut() {
             delivery.rewind(stage);
@@ -751,7 +754,6 @@ impl<F: Flash> Measure<F> {
             how: None,
             plate: None,
             hold_us: u64::from(info.hold_s.max(1)) * 1_000_000,
-            request: self.book.wanted.count,
         };
         let spec = match info.release {
             Release::Always => return Ok(part),

@@ -237,7 +237,10 @@ impl<F: Flash> App<F> {
                     }
                 }
                 Either6::Third(()) => measure.on_time(clock.now()),
-                // The host has set a job, or has passed on more of a program.
+                // The host has set a job, wants a program, or has passed on more of one.
+                Either6::Fourth(()) if self.flow.is_free() && measure.book.punch.asked() => {
+                    self.flow.begin(0, cnc::Ask::Receive);
+                }
                 Either6::Fourth(()) if measure.is_hungry() => self.flow.hungry.signal(()),
                 Either6::Fourth(()) => {}
                 Either6::Sixth(asked) => {
@@ -246,6 +249,9 @@ impl<F: Flash> App<F> {
                     }
                 }
                 Either6::Fifth(()) => {
+                    if measure.book.punch.has_block() {
+                        measure.keep_block(clock.now());
+                    }
                     let more = measure.fill();
                     drop(measure);
                     self.flow.filled.signal(());

@@ -108,7 +108,7 @@ pub(crate) struct Book<F: Flash> {
     /// The program that the control is to get.
     pub wanted: Wanted,
     /// What the control punches.
-    punch: Punch,
+    pub punch: Punch,
     /// What the host passes through.
     pub passed: Place<Passed>,
     /// Counts armings.
@@ -381,6 +381,24 @@ impl<F: Flash> Measure<F> {
         }
     }
 
+    /// Keeps a block of what comes by XMODEM.
+    pub(crate) fn keep_block(&mut self, now: Micros) {
+        let Self { programs, book, .. } = self;
+        match book.punch.store_block(programs.get_mut()) {
+            None => {}
+            Some(Ended::Kept(info)) => book.kept(now, info),
+            Some(Ended::Refused(number, why)) => book.not_kept(now, number, why),
+        }
+    }
+
+    /// XMODEM from the control has ended.
+    pub(crate) fn received(&mut self, now: Micros, is_whole: bool) {
+        let Self { programs, book, .. } = self;
+        if let Some(number) = book.punch.end_blocks(programs.get_mut(), is_whole) {
+            book.not_kept(now, number, ProgramRefusal::BrokeOff);
+        }
+    }
+
     /// Keeps a reference that was just taught, with its job.
     fn keep_taught(&mut self, now: Micros) {
         let Self {
@@ -505,12 +523,12 @@ impl<F: Flash> Book<F> {
     }
 
     #[inline(never)]
-    fn kept(&mut self, now: Micros, info: ProgramInfo) {
+    pub fn kept(&mut self, now: Micros, info: ProgramInfo) {
         self.record(now, Record::ProgramKept(info));
     }
 
     #[inline(never)]
-    fn not_kept(&mut self, now: Micros, number: u32, why: ProgramRefusal) {
+    pub fn not_kept(&mut self, now: Micros, number: u32, why: ProgramRefusal) {
         self.record(now, Record::ProgramNotKept { number, why });
     }
 

@@ -30,6 +30,7 @@ pub(crate) fn answer<F: Flash>(
             | Request::ProgramPiece { .. }
             | Request::ProgramEnd { .. }
             | Request::ProgramDelete { .. }
+            | Request::ProgramReceive
     );
     // Flash that is erased would be felt in what is being cut.
     let is_busy = measure.brain().run().is_under_way() || measure.delivery.is_some();
@@ -52,6 +53,11 @@ pub(crate) fn answer<F: Flash>(
         Request::ProgramEnd { number, crc32 } => end(measure, now, *number, *crc32),
         Request::ProgramDelete { number } => delete(measure, now, *number),
         Request::ProgramOffer { number } => offer(measure, *number),
+        Request::ProgramReceive if store.is_punched() => Err(ProgramRefusal::Busy.into()),
+        Request::ProgramReceive => {
+            measure.book.punch.ask();
+            Ok(Response::Done)
+        }
         Request::ProgramList { skip } => list(store, *skip),
         // Nothing else comes here.
         _ => Err(ProgramRefusal::NotThere.into()),

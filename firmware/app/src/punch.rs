@@ -9,7 +9,8 @@
 //! It is kept as the receiver understands it: without parity, blanks of the tape and control
 //! codes, lines ended by LF, from `%` to `%`. So its check value is the same whatever code
 //! the control punches in. One character that is damaged or lost, and nothing of it is kept:
-//! the control still has it.
+//! the control still has it. What comes by XMODEM is kept byte for byte, if it ends with `%`:
+//! a character of noise may mean "end" there.
 //!
 //! # Limitations
 //!
@@ -58,6 +59,23 @@ pub(crate) struct Punch {
     number: u32,
     name: Name,
     text: Vec<u8, TEXT>,
+    /// The host wants one by XMODEM.
+    is_asked: bool,
+    block: Block,
+    /// It begins a program.
+    begins: bool,
+    /// The byte of it that is no blank and came last.
+    last: u8,
+}
+
+/// A block of XMODEM on its way into the flash.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Block {
+    None,
+    Waits,
+    WaitsAsLast,
+    Stored,
+    Refused,
 }
 
 impl Punch {
@@ -68,7 +86,117 @@ impl Punch {
             number: 0,
             name: Name::new(),
             text: Vec::new(),
+            is_asked: false,
+            block: Block::None,
+            begins: false,
+            last: 0,
         }
+    }
+
+    /// The host wants a program by XMODEM.
+    pub fn ask(&mut self) {
+        self.is_asked = true;
+        self.number = 0;
+    }
+
+    /// Whether it does; once.
+    pub fn asked(&mut self) -> bool {
+        core::mem::take(&mut self.is_asked)
+    }
+
+    /// The next bytes by XMODEM; the first ones begin a program.
+    pub fn block(&mut self, bytes: &[u8], is_first: bool, is_last: bool) {
+        if is_first {
+            let text = core::str::from_utf8(bytes).unwrap_or_default();
+            let named = |line: &&str| !matches!(line.bytes().next(), None | Some(b'%' | b'('));
+            let line = text.split(['\r', '\n']).find(named).unwrap_or_default();
+            let (number, title) = number_and_title(line);
+            self.number = number;
+            self.name = name(title);
+            self.last = 0;
+        }
+        self.begins = is_first;
+        self.text.clear();
+        // A block has as many bytes as there is room for, and fewer.
+        let _ = self.text.extend_from_slice(bytes);
+        if let Some(last) = bytes.iter().rfind(|byte| !byte.is_ascii_whitespace()) {
+            self.last = *last;
+        }
+        self.block = match is_last {
+            true => Block::WaitsAsLast,
+            false => Block::Waits,
+        };
+    }
+
+    /// Whether a block waits.
+    pub fn has_block(&self) -> bool {
+        matches!(self.block, Block::Waits | Block::WaitsAsLast)
+    }
+
+    /// Whether the block is in the flash; none: it waits yet.
+    pub fn stored(&mut self) -> Option<bool> {
+        match self.block {
+            Block::Waits | Block::WaitsAsLast => None,
+            block => Some(block == Block::Stored),
+        }
+    }
+
+    /// Writes a block; what became of the program, if it has ended.
+    pub fn store_block<F: Flash>(&mut self, store: Option<&mut Store<F>>) -> Option<Ended> {
+        let (number, is_last) = (self.number, self.block == Block::WaitsAsLast);
+        let done = match store {
+            None => Err(ProgramRefusal::NoRoomAtAll),
+            Some(store) => self.write_block(store, is_last).map_err(|error| {
+                store.give_up_open();
+                refusal(&error)
+            }),
+        };
+        self.text.clear();
+        self.block = match done {
+            Ok(_) => Block::Stored,
+            Err(_) => Block::Refused,
+        };
+        match done {
+            Ok(info) => info.map(Ended::Kept),
+            Err(why) => Some(Ended::Refused(number, why)),
+        }
+    }
+
+    fn write_block<F: Flash>(
+        &mut self,
+        store: &mut Store<F>,
+        is_last: bool,
+    ) -> Result<Option<ProgramInfo>, Error<F::Error>> {
+        if self.begins {
+            store.begin_open()?;
+        }
+        if !self.text.is_empty() {
+            store.append(&self.text)?;
+        }
+        if !is_last {
+            return Ok(None);
+        }
+        if self.last != b'%' {
+            return Err(ProgramRefusal::BrokeOff.into());
+        }
+        self.end(store).map(Some)
+    }
+
+    /// Receiving by XMODEM has ended; the number of what is not kept, if there was no end.
+    pub fn end_blocks<F: Flash>(
+        &mut self,
+        store: Option<&mut Store<F>>,
+        is_whole: bool,
+    ) -> Option<u32> {
+        let said = self.block == Block::Refused;
+        self.block = Block::None;
+        if is_whole || said {
+            return None;
+        }
+        if let Some(store) = store {
+            store.give_up_open();
+        }
+        Some(core::mem::take(&mut self.number))
     }
 
     /// A line has come.
@@ -172,9 +300,13 @@ impl Punch {
             self.state = State::Goes;
             return Ok(None);
         }
+        self.end(store).map(Some)
+    }
+
+    fn end<F: Flash>(&self, store: &mut Store<F>) -> Result<ProgramInfo, Error<F::Error>> {
         store.end_open(self.number, self.name.clone())?;
         let program = store.find(self.number).ok_or(ProgramRefusal::NotThere)?;
-        store.info(&program).map(Some)
+        store.info(&program)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A program to a control that reads by XMODEM, as Haas controls can.
+//! Programs to and from a control by XMODEM, as Haas controls can.
 //!
 //! # Design
 //!
@@ -14,8 +14,9 @@
 
 use embassy_futures::select::{Either, select};
 use umi_core::journal::Flash;
+use umi_core::xmodem::receiver::{self, Receiver};
 use umi_core::xmodem::sender::{Action, Outcome, Sender};
-use umi_core::xmodem::{FRAME, NAK};
+use umi_core::xmodem::{BLOCK, FRAME, NAK};
 
 use crate::App;
 use crate::board::{Clock, CncTx};
@@ -61,15 +62,7 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
                 let mut block = heapless::Vec::<u8, FRAME>::new();
                 // A frame has as many.
                 let _ = block.extend_from_slice(frame);
-                let mut is_broken = false;
-                for byte in block {
-                    let patience = patience(clock, XOFF_PATIENCE_US);
-                    let written = select(tx.write(byte), patience).await;
-                    is_broken |= !matches!(written, Either::First(Ok(())));
-                    if is_broken {
-                        break;
-                    }
-                }
+                let is_broken = !write(tx, clock, &block).await;
                 sender.sent(clock.now());
                 if is_broken {
                     sender.stop();
@@ -83,4 +76,76 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
         whole: whole.into(),
         is_held: 0,
     }
+}
+
+/// Asks the control for a program, and keeps what comes.
+pub(crate) async fn receive<F: Flash>(
+    app: &App<F>,
+    tx: &mut impl CncTx,
+    clock: &impl Clock,
+) -> Sent {
+    let mut receiver = Receiver::new();
+    let mut bytes = 0;
+    let outcome = loop {
+        match receiver.next(clock.now()) {
+            receiver::Action::Done(outcome) => break outcome,
+            receiver::Action::WaitUntil(until) => {
+                let came = select(app.flow.answers.receive(), clock.wait_until(until)).await;
+                if let Either::First(byte) = came {
+                    receiver.received(byte, clock.now());
+                }
+            }
+            receiver::Action::Send(answer) => {
+                let mut block = heapless::Vec::<u8, FRAME>::new();
+                // An answer is shorter than a frame.
+                let _ = block.extend_from_slice(answer);
+                let is_broken = !write(tx, clock, &block).await;
+                receiver.sent(clock.now());
+                if is_broken {
+                    receiver.stop();
+                }
+            }
+            receiver::Action::Data { bytes: came, last } => {
+                let mut block = heapless::Vec::<u8, BLOCK>::new();
+                // A block has no more.
+                let _ = block.extend_from_slice(came);
+                let is_first = bytes == 0;
+                bytes += block.len() as u32;
+                let mut measure = app.measure.lock().await;
+                measure.book.punch.block(&block, is_first, last);
+                drop(measure);
+                // Flash is written where it takes least from others.
+                app.flow.hungry.signal(());
+                let is_stored = loop {
+                    app.flow.filled.wait().await;
+                    if let Some(stored) = app.measure.lock().await.book.punch.stored() {
+                        break stored;
+                    }
+                };
+                if is_stored {
+                    receiver.taken();
+                } else {
+                    receiver.refuse();
+                }
+            }
+        }
+    };
+    let whole = outcome == receiver::Outcome::Complete;
+    Sent {
+        bytes,
+        whole: whole.into(),
+        is_held: 0,
+    }
+}
+
+/// Writes bytes. False: the line is broken.
+async fn write(tx: &mut impl CncTx, clock: &impl Clock, bytes: &[u8]) -> bool {
+    for byte in bytes {
+        let patience = patience(clock, XOFF_PATIENCE_US);
+        let written = select(tx.write(*byte), patience).await;
+        if !matches!(written, Either::First(Ok(()))) {
+            return false;
+        }
+    }
+    true
 }

@@ -5,16 +5,20 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use umi_core::nc::rewrite::Check;
+use umi_protocol::message::Record;
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 
 use crate::failure::{Explained, Failure};
 use crate::link::{Client, LinkError};
+use crate::pull::{self, Step};
 
 /// How long a board may be busy with a plate before an upload gives up. It can be taken up
 /// again where it was.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How often a busy board is asked.
 const AGAIN: Duration = Duration::from_millis(200);
+/// How long a control may take to send a program: an hour at 4800 baud is 1.7 MB.
+const RECEIVING: Duration = Duration::from_secs(3600);
 /// What 115200 baud take to make room for more: half of what the board holds.
 const LINE: Duration = Duration::from_millis(10);
 
@@ -146,6 +150,36 @@ pub fn pass(
         }
         offset = next;
     }
+}
+
+/// Lets the board ask the control for a program by XMODEM, and waits for what becomes of it.
+///
+/// # Errors
+/// The link's; the board's refusal, `program_broke_off` among them.
+pub fn receive(board: &mut Client) -> Result<ProgramInfo, Failure> {
+    let mut next = board.journal_info()?.next_seq;
+    patiently(board, Client::program_receive)?;
+    let give_up = Instant::now() + RECEIVING;
+    while Instant::now() < give_up {
+        let mut end = None;
+        let stretch = pull::pull(board, Some(next), |step| {
+            if let Step::Entry(entry, _) = step {
+                match pull::record(&entry) {
+                    Ok(Record::ProgramKept(program)) => end = Some(Ok(program)),
+                    Ok(Record::ProgramNotKept { why, .. }) => end = Some(Err(refusal(&why))),
+                    // It says nothing of this.
+                    _ => {}
+                }
+            }
+            Ok(())
+        })?;
+        if let Some(end) = end {
+            return end;
+        }
+        next = stretch.next;
+        sleep(AGAIN);
+    }
+    Err(refusal(&ProgramRefusal::BrokeOff))
 }
 
 /// Makes a program what the control's next READ gets.

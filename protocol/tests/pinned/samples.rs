@@ -63,7 +63,8 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             offset: 70_000,
         },
         Some(Request::ProgramRead { .. }) => Request::ProgramDelete { number: 1234 },
-        Some(Request::ProgramDelete { .. }) => Request::ProgramPass(program()),
+        Some(Request::ProgramDelete { .. }) => Request::ProgramReceive,
+        Some(Request::ProgramReceive) => Request::ProgramPass(program()),
         Some(Request::ProgramPass(_)) => Request::ProgramPassed {
             offset: 70_000,
             bytes: b"G1 X1.\n".iter().copied().collect(),

@@ -23,6 +23,7 @@ umi_tests::on_every_board! {
     passes_a_program_through
     keeps_what_the_control_punches
     sends_by_xmodem_to_a_control_that_asks_so
+    receives_by_xmodem_when_the_host_says_so
 }
 
 /// One that probes whenever it is asked for; one that needs a verdict, once; one that is not
@@ -359,4 +360,77 @@ fn sends_by_xmodem_to_a_control_that_asks_so(rig: &mut dyn Rig) {
     assert_eq!(sent, (POCKET.len(), true));
     rig.control_sends(NAK);
     assert_eq!(receive_all(rig), "");
+}
+
+/// A control that sends by XMODEM, one block of it damaged and one twice: it is kept byte for
+/// byte, under its number. One without its end is not, nor is one that never comes to an end;
+/// and afterwards the control prints as before.
+fn receives_by_xmodem_when_the_host_says_so(rig: &mut dyn Rig) {
+    const NAK: &str = "\u{15}";
+    const ACK: &str = "\u{6}";
+    let mut client = connect(rig);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    let text = format!("\n{}", POCKET.replace("O1234", "O5555"));
+    let block = |number: u8, piece: &[u8]| {
+        let mut block = vec![1, number, !number];
+        block.extend(piece);
+        block.resize(131, 0x1A);
+        block.push(
+            block[3..]
+                .iter()
+                .fold(0_u8, |sum, byte| sum.wrapping_add(*byte)),
+        );
+        block
+    };
+    let blocks: Vec<_> = (1..)
+        .zip(text.as_bytes().chunks(128))
+        .map(|(number, piece)| block(number, piece))
+        .collect();
+    assert!(blocks.len() > 1);
+
+    client.program_receive().unwrap().unwrap();
+    assert_eq!(receive(rig, 1), NAK);
+    let mut damaged = blocks[0].clone();
+    damaged[50] ^= 1;
+    rig.control_sends(&damaged);
+    assert_eq!(receive(rig, 1), NAK);
+    for block in blocks.iter().chain(blocks.last()) {
+        rig.control_sends(block);
+        assert_eq!(receive(rig, 1), ACK);
+    }
+    rig.control_sends(&[4]);
+    assert_eq!(receive(rig, 1), ACK);
+    let listed = until(rig, "the program", |_| {
+        let (_, listed) = programs::list(&mut client).unwrap();
+        (!listed.is_empty()).then_some(listed)
+    });
+    let program = ProgramInfo {
+        name: "POCKET".parse().unwrap(),
+        ..info(5555, &text, Release::Never)
+    };
+    assert_eq!(listed, std::slice::from_ref(&program));
+    let got = programs::get(&mut client, &program, |_| {}).unwrap();
+    assert_eq!(String::from_utf8(got).unwrap(), text);
+
+    // Without its last block.
+    client.program_receive().unwrap().unwrap();
+    assert_eq!(receive(rig, 1), NAK);
+    rig.control_sends(&blocks[0]);
+    assert_eq!(receive(rig, 1), ACK);
+    rig.control_sends(&[4]);
+    // An end counts when nothing follows it.
+    assert_eq!(receive(rig, 1), "\u{18}");
+    receive_all(rig);
+    let records = until(rig, "the refusal", |_| {
+        let (records, _) = journal(&mut client);
+        let is = |record: &Record| matches!(record, Record::ProgramNotKept { .. });
+        records.iter().any(is).then_some(records)
+    });
+    assert!(records.contains(&Record::ProgramNotKept {
+        number: 5555,
+        why: ProgramRefusal::BrokeOff,
+    }));
+    assert_eq!(programs::list(&mut client).unwrap().1, [program]);
+    rig.control_sends(clamping(0).as_bytes());
+    assert_eq!(judged(rig, &mut client, 1).verdicts_ok, 1);
 }

@@ -108,6 +108,21 @@ fn a_new_request_ends_what_is_held() {
     );
 }
 
+/// Nor does one that was reset while it read a correction; which may be read again.
+#[test]
+fn a_request_ends_a_correction_that_is_held() {
+    let (rig, client) = &mut start(&umi_tests::cases::job());
+    put(client, 9, NINE, Release::Always, 5);
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    let correction = client.verdict().unwrap().unwrap().correction.unwrap().text;
+    let _ = stopped(rig, DC1, 100);
+    read(rig, 9);
+    receive_text(rig, NINE);
+    rig.control_sends(DC1);
+    receive_text(rig, &correction);
+}
+
 /// Nor does one that asks for another.
 #[test]
 fn another_request_ends_what_is_held() {

@@ -29,6 +29,7 @@ Examples:
   umi program put pocket.nc --release rewritten --increment-mm 0.001
   umi program offer 1234
   umi program pass long.nc --hold-s 600
+  umi program receive
   umi program get 1234 -o pocket.nc
   umi program delete 1234";
 
@@ -40,6 +41,7 @@ enum Action {
     Delete(Delete),
     Offer(Offer),
     Pass(Pass),
+    Receive(Receive),
 }
 
 /// When the program goes out to the control, and how.
@@ -228,6 +230,24 @@ struct Pass {
     format: Format,
 }
 
+/// Receive a program from the control by XMODEM, into the board's flash
+#[derive(Args)]
+#[command(after_help = "\
+The board asks the control every ten seconds; let it send (Haas: XMODEM, EOB `LF ONLY`, SEND).
+It is kept under its O-number, never in place of another, and not released to go out. What a
+control punches without XMODEM is kept by itself, where a job is set.
+
+Examples:
+  umi program receive
+
+Exit status: 0 it is there, whole; 1 connection; 2 it is not kept.")]
+struct Receive {
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
 /// `1234` or `O1234`.
 fn number(text: &str) -> Result<u32, String> {
     let digits = text.trim_start_matches(['O', 'o']);
@@ -248,6 +268,7 @@ impl Program {
             Action::Delete(action) => action.run(),
             Action::Offer(action) => action.run(),
             Action::Pass(action) => action.run(),
+            Action::Receive(action) => action.run(),
         }
     }
 
@@ -259,6 +280,7 @@ impl Program {
             Action::Delete(action) => action.format.json,
             Action::Offer(action) => action.format.json,
             Action::Pass(action) => action.format.json,
+            Action::Receive(action) => action.format.json,
         }
     }
 }
@@ -404,6 +426,21 @@ impl Pass {
             return print_json(&json!({ "status": "ok", "program": program }));
         }
         let done = format!("{} went out", umi::words::program(&program));
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Receive {
+    fn run(self) -> Result<(), Failure> {
+        let mut board = self.board.connect()?;
+        if !self.format.json {
+            print_error("let the control send\n");
+        }
+        let program = programs::receive(&mut board)?;
+        if self.format.json {
+            return print_json(&json!({ "status": "ok", "program": program }));
+        }
+        let done = format!("{} is there", umi::words::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }

@@ -408,6 +408,15 @@ impl Client {
         self.program_call(&Request::ProgramOffer { number })
     }
 
+    /// Lets the board ask the control for a program by XMODEM. The inner error is the board's
+    /// refusal.
+    ///
+    /// # Errors
+    /// [`LinkError`], as all calls.
+    pub fn program_receive(&mut self) -> Result<Result<(), ProgramRefusal>, LinkError> {
+        self.program_call(&Request::ProgramReceive)
+    }
+
     /// Makes what will be passed through what the control's next READ gets. The inner error
     /// is the board's refusal.
     ///
@@ -712,6 +721,7 @@ const fn name(request: &Request) -> &'static str {
         Request::ProgramRead { .. } => "program read",
         Request::ProgramDelete { .. } => "program delete",
         Request::ProgramOffer { .. } => "program offer",
+        Request::ProgramReceive => "program receive",
         Request::ProgramPass(_) => "program pass",
         Request::ProgramPassed { .. } => "passed bytes",
     }
