@@ -34,7 +34,7 @@
 //! A READ that comes before its verdict gets the alarm; the control reads again.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
@@ -43,6 +43,7 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
+use umi_core::xmodem::{ACK, CAN, NAK};
 use umi_protocol::message::MAX_BYTES;
 use umi_protocol::pattern::Coding;
 
@@ -56,9 +57,8 @@ const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
 /// Set by parity in DC codes: in XOFF by even, in XON by odd parity.
 const PARITY: u8 = 0x80;
-/// What a Fanuc remote buffer says behind XOFF when it has an alarm or is reset: it will not
-/// go on. In EIA these are digits.
-const NAK: u8 = 0x15;
+/// What a Fanuc remote buffer says behind XOFF when it is reset, as it says NAK when it has an
+/// alarm: it will not go on. In EIA both are digits.
 const SYN: u8 = 0x16;
 /// Bytes of XMODEM that wait, at most: a block, while the one before is written.
 const ANSWERS: usize = 160;
@@ -88,7 +88,7 @@ pub(crate) enum Ask {
 pub(crate) struct Flow {
     /// The control said XOFF.
     stopped: AtomicBool,
-    /// A correction is being sent.
+    /// Something is being sent, or received by XMODEM.
     sending: AtomicBool,
     /// The control writes EIA, where 0x13 is a digit.
     eia: AtomicBool,
@@ -111,7 +111,7 @@ pub(crate) struct Flow {
     pub filled: Signal<CriticalSectionRawMutex, ()>,
     /// A program is to go out now.
     pub go: Signal<CriticalSectionRawMutex, Ask>,
-    /// What became of a correction, for the journal.
+    /// What became of it, for the journal.
     pub sent: Signal<CriticalSectionRawMutex, Sent>,
     /// A program begins; how long the control may hold the line of it.
     begun: Signal<CriticalSectionRawMutex, u64>,
@@ -119,6 +119,8 @@ pub(crate) struct Flow {
     /// control.
     is_xmodem: AtomicBool,
     is_receiving: AtomicBool,
+    /// Bytes that came meanwhile and may have been something else.
+    pub diverted: AtomicU32,
     pub answers: Channel<CriticalSectionRawMutex, u8, ANSWERS>,
 }
 
@@ -141,6 +143,7 @@ impl Flow {
             begun: Signal::new(),
             is_xmodem: AtomicBool::new(false),
             is_receiving: AtomicBool::new(false),
+            diverted: AtomicU32::new(0),
             answers: Channel::new(),
         }
     }
@@ -168,6 +171,7 @@ impl Flow {
     /// for nobody.
     pub fn begin(&self, hold_us: u64, asked: Ask) {
         self.answers.clear();
+        self.diverted.store(0, Ordering::Relaxed);
         let is_receiving = asked == Ask::Receive;
         self.is_receiving.store(is_receiving, Ordering::Relaxed);
         self.is_xmodem
@@ -263,6 +267,12 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
             CncInput::Bytes(count) => {
                 let bytes = buffer.get(..count).unwrap_or_default();
                 if app.flow.is_xmodem.load(Ordering::Relaxed) {
+                    let is_receiving = app.flow.is_receiving.load(Ordering::Relaxed);
+                    let other = |byte: &&u8| is_receiving || !matches!(**byte, ACK | NAK | CAN);
+                    let others = bytes.iter().filter(other).count() as u32;
+                    let before = app.flow.diverted.load(Ordering::Relaxed);
+                    let diverted = before.saturating_add(others);
+                    app.flow.diverted.store(diverted, Ordering::Relaxed);
                     // More than there is room for is more than was asked.
                     for byte in bytes {
                         let _ = app.flow.answers.try_send(*byte);
@@ -293,6 +303,13 @@ pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock:
         } else {
             send(app, tx, clock, hold_us).await
         };
+        if app.flow.is_xmodem.load(Ordering::Relaxed) && sent.whole == 0 {
+            // They may have been lines: what was measured before does not hold any more.
+            let diverted = app.flow.diverted.load(Ordering::Relaxed);
+            if diverted > 0 {
+                app.intake.lost(clock.now(), diverted);
+            }
+        }
         // The journal is written where it takes least from others. A READ that comes
         // meanwhile waits: the correction may be gone.
         app.flow.sent.signal(sent);
@@ -346,6 +363,8 @@ async fn send<F: Flash>(
                 }
                 let waited = select(app.flow.filled.wait(), clock.wait_until(give_up)).await;
                 if matches!(waited, Either::Second(())) {
+                    // The host hangs; the machine stands somewhere in what it has got.
+                    sent.is_held = 1;
                     break;
                 }
             }

@@ -10,7 +10,10 @@
 //! # Limitations
 //!
 //! The line is 8N: parity that the control uses in its text is not for blocks. What it says
-//! while blocks go out is not in the journal.
+//! while blocks go out or come in is not in the journal: where that does not come to its
+//! end, it is journaled as lost, and no verdict holds any more.
+
+use core::sync::atomic::Ordering;
 
 use embassy_futures::select::{Either, select};
 use umi_core::journal::Flash;
@@ -130,6 +133,10 @@ pub(crate) async fn receive<F: Flash>(
             }
         }
     };
+    if outcome == receiver::Outcome::Refused {
+        // It was a program, only not one to be kept.
+        app.flow.diverted.store(0, Ordering::Relaxed);
+    }
     let whole = outcome == receiver::Outcome::Complete;
     Sent {
         bytes,

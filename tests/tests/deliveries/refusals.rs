@@ -7,6 +7,7 @@ use std::time::Duration;
 use umi::link::Client;
 use umi::programs;
 use umi_protocol::job::Job;
+use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{Piece, ProgramInfo, Release, Withheld};
 use umi_tests::cases::*;
@@ -467,6 +468,9 @@ fn a_host_that_hangs_does_not_hold_the_line() {
         sleep(Duration::from_millis(200));
         client.status().unwrap();
     }
+    // Where the machine stands in it nobody knows.
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm_of(55, &Withheld::HeldTooLong));
     let busy = client.program_pass(&p).unwrap();
     assert!(
         busy.is_ok(),
@@ -495,4 +499,34 @@ fn what_has_gone_out_is_said_to_have() {
         .program_passed(text.len() as u32, [].into_iter().collect())
         .unwrap();
     assert_eq!(done, Ok(None));
+}
+
+/// What a control prints while the board waits for blocks of XMODEM is no block: it is
+/// lost, that is journaled, and the verdict before it does not hold any more.
+#[test]
+fn lines_that_come_for_blocks_are_a_loss() {
+    let (rig, client) = &mut start(&plain_job());
+    put(client, 1234, POCKET, Release::AfterVerdict, 5);
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, client, 1);
+    client.program_receive().unwrap().unwrap();
+    assert_eq!(receive(rig, 1), "\u{15}");
+    rig.control_sends(clamping(1).as_bytes());
+    rig.control_sends(&[0x18, 0x18]);
+    let lost = until(rig, "the loss", |_| {
+        let (records, _) = journal(client);
+        records.iter().find_map(|record| match record {
+            Record::BytesLost { count } => Some(*count),
+            _ => None,
+        })
+    });
+    assert_eq!(lost as usize, clamping(1).len() + 2);
+    // Behind a loss a line counts from where one begins for sure.
+    rig.control_sends(b"\r\n");
+    read(rig, 1234);
+    let got = receive_all(rig);
+    assert!(
+        got.ends_with(&alarm_of(1234, &Withheld::NoVerdict)),
+        "{got}"
+    );
 }

@@ -97,10 +97,12 @@ pub const SETTLE_US: u64 = 500_000;
 
 const SOH: u8 = 0x01;
 const EOT: u8 = 0x04;
-const ACK: u8 = 0x06;
+/// Acknowledged.
+pub const ACK: u8 = 0x06;
 /// Not acknowledged: what a receiver begins with.
 pub const NAK: u8 = 0x15;
-const CAN: u8 = 0x18;
+/// Cancelled.
+pub const CAN: u8 = 0x18;
 const SUB: u8 = 0x1A;
 
 /// Says that it is over. Two are needed, and one may be lost.
