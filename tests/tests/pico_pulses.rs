@@ -129,7 +129,7 @@ fn pulses_along_an_axis_begin_at_its_lines() {
     client.live(true).unwrap();
     // 9.9, 6.2, 1 and 0.04 million counts a second. Where the axis stops and starts, the next
     // line is farther than what is foreseen, and than the speed takes to be known.
-    let rides = [(12.6, 4000), (20.3, 3000), (123.7, 1000), (3001.1, 50)];
+    let rides = [(12.6, 5400), (20.3, 3400), (123.7, 1000), (3001.1, 50)];
     for (cycles_per_count, interval_counts) in rides {
         let ride = Ride {
             cycles_per_count,

@@ -9,16 +9,12 @@
 //! The position of an edge is that of the sample nearest to it: at most half a period
 //! away, 40 ns.
 
-use core::num::NonZeroU32;
-
 use umi_core::encoder::extend::{Tally, nearest};
 use umi_core::encoder::samples::SampleRing;
 
 use crate::machines::{FIRST_SAMPLE_CYCLES, Started};
 use crate::pins::AXES;
-use crate::plan::{
-    CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS, nonzero,
-};
+use crate::plan::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
 use crate::{clock, machines, rings};
 
 /// Positions of the axes at one instant.
@@ -41,17 +37,18 @@ pub struct Quadrature {
     lost: u32,
 }
 
-/// What one axis does, for who foresees it.
-pub struct Course {
+/// Where one axis was seen, for who foresees it.
+#[derive(Clone, Copy)]
+pub struct Seen {
     /// At the latest sample.
     pub position: i64,
-    /// What it has moved until then, in [`BASE_CYCLES`].
-    pub moved: i32,
-    /// Where that sample is.
+    /// When that was taken.
+    pub at_cycles: u64,
+    /// Where it is.
     slot: u32,
 }
 
-impl Course {
+impl Seen {
     /// Cycles since that sample was taken, less than a ring's.
     #[inline(always)]
     pub fn age_cycles(&self) -> u32 {
@@ -60,11 +57,6 @@ impl Course {
     }
 }
 
-/// Samples over which a speed is measured: nearly a ring. The rest of it is the time until
-/// both of its ends have been read.
-const BASE_SAMPLES: u32 = SLOTS as u32 / 8 * 7;
-/// The same in cycles.
-pub const BASE_CYCLES: NonZeroU32 = PERIOD_CYCLES.saturating_mul(nonzero(BASE_SAMPLES));
 /// From the pins to what [`latest_slot`] finds: two cycles of the synchroniser, two samples
 /// and a half, and the way to the memory.
 const LATEST_AGE_CYCLES: u32 = 28;
@@ -121,21 +113,15 @@ impl Quadrature {
         (counts, taken)
     }
 
-    /// What an axis does. It takes two words from the ring, one after the other: the older
-    /// one will be overwritten soon.
-    pub fn course(&self, axis: usize) -> Course {
+    /// Where an axis is. None: not yet known since the machines were started.
+    pub fn seen(&self, axis: usize) -> Option<Seen> {
         let slot = latest_slot();
-        let before = rings::read(axis, slot.wrapping_sub(BASE_SAMPLES));
-        let word = rings::read(axis, slot);
-        let unused = u32::BITS - POSITION_BITS;
-        let moved = (word.wrapping_sub(before) << unused).cast_signed() >> unused;
-        let known = self.positions.get(axis).copied().unwrap_or_default();
-        Course {
-            position: nearest::<POSITION_BITS>(known, word),
-            // What a ring held before a start says nothing about a speed.
-            moved: if self.is_full { moved } else { 0 },
+        let known = self.positions.get(axis).filter(|_| self.is_full)?;
+        Some(Seen {
+            position: nearest::<POSITION_BITS>(*known, rings::read(axis, slot)),
+            at_cycles: self.grid.instant(slot, clock::now_cycles()),
             slot,
-        }
+        })
     }
 
     /// Extends the positions, and holds the rings against the clock. False: samples

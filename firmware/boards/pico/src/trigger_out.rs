@@ -4,9 +4,18 @@
 //!
 //! At a time interval the queue of the machine that sends pulses is kept full: it counts
 //! the cycles, whatever interrupts do. At a distance interval a tick foresees the
-//! crossing of the next line from the speed in the last ring of samples, and the machine
+//! crossing of the next line from the speed over the last few ticks, and the machine
 //! sends the pulse in the cycle where the line should be. The pulse itself is captured
 //! like any edge: the host is told where the axes really were.
+//!
+//! # Tradeoffs
+//!
+//! A position is known to half a count, and what the axis has moved to one. So a pulse
+//! that is foreseen by h is off by up to 1/2 + h/s counts, where s is the time over which
+//! the speed is taken: 1.2 with 0.1 ms and [`TRAIL_TICKS`]. Half a count more comes from the
+//! samples' own grid at the highest speed. A longer s would follow accelerations later.
+
+use core::num::NonZeroU32;
 
 use umi_app::board::Unsupported;
 use umi_core::encoder::interval::{Lines, Motion, Plan, pulse_period};
@@ -15,7 +24,7 @@ use umi_protocol::latch::TriggerOut;
 use crate::machines;
 use crate::plan::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
 use crate::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
-use crate::quadrature::{BASE_CYCLES, Counts, Quadrature};
+use crate::quadrature::{Counts, Quadrature, Seen};
 
 /// The shortest interval: 10 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
@@ -43,6 +52,8 @@ pub enum Pulses {
         axis: usize,
         /// The lines.
         lines: Lines,
+        /// Where the axis was lately.
+        trail: Trail,
     },
 }
 
@@ -66,7 +77,8 @@ impl Pulses {
                 let origin = *counts.get(axis).ok_or(Unsupported)?;
                 let lines =
                     Lines::new(origin, interval_counts, HORIZON_CYCLES).map_err(|_| Unsupported)?;
-                Ok(Self::Distance { axis, lines })
+                let trail = Trail::default();
+                Ok(Self::Distance { axis, lines, trail })
             }
         }
     }
@@ -90,29 +102,60 @@ impl Pulses {
                 }
                 0
             }
-            Self::Distance { axis, lines } => distance(*axis, lines, axes),
+            Self::Distance { axis, lines, trail } => match axes.seen(*axis) {
+                Some(seen) => fire(lines, seen, trail.motion(seen)),
+                None => {
+                    *trail = Trail::default();
+                    0
+                }
+            },
         }
     }
 }
 
-fn distance(axis: usize, lines: &mut Lines, axes: &Quadrature) -> u32 {
-    let course = axes.course(axis);
-    let motion = Motion {
-        position: course.position,
-        moved: course.moved,
-        in_cycles: BASE_CYCLES,
-    };
+fn fire(lines: &mut Lines, seen: Seen, motion: Motion) -> u32 {
     match lines.plan(motion) {
         Plan::Wait => 0,
         Plan::Fire {
             in_cycles, skipped, ..
         } => {
-            let passed = course.age_cycles() + QUEUE_CYCLES + PULSE_LEAD_CYCLES;
+            let passed = seen.age_cycles() + QUEUE_CYCLES + PULSE_LEAD_CYCLES;
             if machines::queue_pulse(in_cycles.saturating_sub(passed)) {
                 skipped
             } else {
                 skipped.saturating_add(1)
             }
         }
+    }
+}
+
+/// Ticks over which a speed is taken.
+const TRAIL_TICKS: usize = 3;
+
+/// Where an axis was at the last ticks, the latest first.
+#[derive(Default)]
+pub struct Trail([Option<Seen>; TRAIL_TICKS]);
+
+impl Trail {
+    /// What the axis does, seen from as far back as is known.
+    fn motion(&mut self, seen: Seen) -> Motion {
+        let first = self.0.iter().rev().find_map(|before| *before);
+        self.0.rotate_right(1);
+        if let Some(latest) = self.0.first_mut() {
+            *latest = Some(seen);
+        }
+        let still = Motion {
+            position: seen.position,
+            moved: 0,
+            in_cycles: NonZeroU32::MIN,
+        };
+        first.map_or(still, |first| {
+            let cycles = seen.at_cycles.wrapping_sub(first.at_cycles) as u32;
+            NonZeroU32::new(cycles).map_or(still, |in_cycles| Motion {
+                moved: seen.position.wrapping_sub(first.position) as i32,
+                in_cycles,
+                ..still
+            })
+        })
     }
 }
