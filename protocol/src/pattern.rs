@@ -54,6 +54,9 @@ pub struct ReceiverConfig {
     /// seconds. Longer than the slowest probing move between two prints.
     #[serde(default = "default_idle_timeout_s")]
     pub idle_timeout_s: u16,
+    /// How the control can be held when the board cannot take more.
+    #[serde(default)]
+    pub handshake: Handshake,
 }
 
 const fn default_idle_timeout_s() -> u16 {
@@ -61,15 +64,29 @@ const fn default_idle_timeout_s() -> u16 {
 }
 
 impl Default for ReceiverConfig {
-    /// Code detected, no patterns, travel not known, 120 s.
+    /// Code detected, no patterns, travel not known, 120 s, never held.
     fn default() -> Self {
         Self {
             coding: Coding::Auto,
             patterns: Vec::new(),
             travel_mm: None,
             idle_timeout_s: default_idle_timeout_s(),
+            handshake: Handshake::None,
         }
     }
+}
+
+/// How a control that prints can be held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Handshake {
+    /// Not at all: what the board cannot take is lost, told, and no verdict is OK.
+    #[default]
+    None,
+    /// It stops within ten characters after DC3 (XOFF) and goes on after DC1 (XON). Its
+    /// program waits meanwhile.
+    XonXoff,
 }
 
 /// The code of the characters on the line. The port itself always receives

@@ -25,7 +25,7 @@
 // | reset      |                                        | the RUN pin                                    |
 // | usb        | plugged                                | the USB plug                                   |
 // | descriptors |                                       | what the host has read: device and configuration (hex), manufacturer, product, serial |
-// | uart       | baud, rts_cts = false                  | the control's own baud rate (null: the board's); whether it sends only while RTS lets it |
+// | uart       | baud, rts_cts = false, after_xoff      | the control's own baud rate (null: the board's); whether it sends only while RTS lets it; how many characters it still sends after an XOFF (null: it does not obey) |
 // | packets    |                                        | of the link since asked last: [cycle, bytes from the board, or below zero to it] |
 // | stamps     |                                        | cycles at which the last characters to the control ended |
 // | send       | bytes (hex)                            | the control sends, without the TCP port in between |
@@ -223,6 +223,7 @@ class Bench {
       case 'uart':
         control.baud = request.baud ?? null;
         control.minds = request.rts_cts ?? false;
+        control.afterXoff = request.after_xoff ?? null;
         control.uart?.poke();
         return {};
       case 'packets': {
@@ -305,6 +306,7 @@ class Bench {
         waiting: control.waiting,
         overruns: control.overruns,
         unheard: control.unheard,
+        held: control.held,
       },
       usb: {
         plugged: usb.plugged,

@@ -230,6 +230,12 @@ export class Control {
     this.baud = null;
     /** It sends only while the board's RTS lets it. */
     this.minds = false;
+    /** So many characters it sends after an XOFF, until an XON; null: whatever it is told. */
+    this.afterXoff = null;
+    /** What it may send before the next XON. */
+    this.allowed = Infinity;
+    /** XOFFs it has obeyed. */
+    this.held = 0;
     this.overruns = 0;
     this.unheard = 0;
     this.sent = 0;
@@ -253,6 +259,8 @@ export class Control {
   give() {
     if (this.head >= this.queue.length || !this.uart.registers.ibrd) return null;
     if (this.minds && !this.uart.requestsToSend) return null;
+    if (this.allowed === 0) return null;
+    this.allowed--;
     const byte = this.queue[this.head++];
     if (this.head === this.queue.length) {
       this.queue.length = 0;
@@ -267,6 +275,13 @@ export class Control {
     this.heard++;
     this.stamps.push(cycle);
     if (this.stamps.length > 4096) this.stamps.splice(0, 2048);
+    if (this.afterXoff !== null && (byte & 0x7f) === 0x13) {
+      this.allowed = this.afterXoff;
+      this.held++;
+    } else if ((byte & 0x7f) === 0x11) {
+      this.allowed = Infinity;
+      this.uart.poke();
+    }
     this.onByte?.(byte);
   }
 }

@@ -21,6 +21,7 @@ use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::job::{FeatureKind, Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
+use umi_protocol::pattern::Handshake;
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, PicoRig, Pulses, Segment, TRIGGER_PIN, pty};
 
@@ -402,6 +403,9 @@ fn the_link_answers_and_the_line_is_taken_while_fits_run() {
     assert!(bytes_of_control(&records(&mut client)) == long_text().as_bytes());
 }
 
+/// Feed that a control punches before its text: twice what may wait.
+const LEADER: usize = 12_000;
+
 /// A bore before the spheres: a cylinder, whose fit takes seconds without floating point.
 const BORE: &str = "SPHERE4";
 
@@ -433,18 +437,29 @@ fn bore_text(hits: usize) -> String {
     text + "***\n" + &long_text()
 }
 
-/// While the board fits a cylinder, the control sends all that may wait, and the host has the
-/// laser switched on. The host's cable is pulled: the laser is off long before the fit is
-/// over. Nothing of the control is lost, and the watchdog waits.
-fn a_long_fit(hits: usize) {
+/// While the board fits a cylinder, the control sends all that may wait, or more if it can be
+/// held: then it still sends ten characters after each XOFF. The host has the laser switched
+/// on, and its cable is pulled: the laser is off long before the fit is over. Nothing of the
+/// control is lost, and the watchdog waits.
+fn a_long_fit(hits: usize, handshake: Handshake) {
     let Some(mut rig) = PicoRig::start_or_skip() else {
         return;
     };
     let mut desk = client(&mut rig);
-    desk.set_job(&bore_job(hits)).unwrap().unwrap();
-    let text = bore_text(hits);
-    rig.control_sends(text.as_bytes());
-    wait_for_control(&mut rig);
+    let mut job = bore_job(hits);
+    job.receiver.handshake = handshake;
+    desk.set_job(&job).unwrap().unwrap();
+    let mut text = bore_text(hits);
+    if handshake == Handshake::XonXoff {
+        rig.emulator()
+            .ask(&json!({ "do": "uart", "after_xoff": 10 }));
+        text.insert_str(text.len() - long_text().len(), &"\0".repeat(LEADER));
+        rig.control_sends(text.as_bytes());
+        wait_until("XOFF", || rig.emulator().state().control_held > 0);
+    } else {
+        rig.control_sends(text.as_bytes());
+        wait_for_control(&mut rig);
+    }
     let sent = rig.emulator().state().cycle;
     assert!(desk.laser(true).unwrap());
     desk.positions().unwrap();
@@ -474,14 +489,14 @@ fn a_long_fit(hits: usize) {
 /// See [`a_long_fit`]: four seconds.
 #[test]
 fn a_cylinder_keeps_neither_the_line_nor_the_laser() {
-    a_long_fit(8);
+    a_long_fit(8, Handshake::XonXoff);
 }
 
 /// As many hits as a job can have: longer than the watchdog's counter.
 #[test]
 #[ignore = "minutes of emulation"]
 fn a_cylinder_keeps_neither_the_line_nor_the_laser_long() {
-    a_long_fit(MAX_HITS);
+    a_long_fit(MAX_HITS, Handshake::None);
 }
 
 // --- the program, on a serial device

@@ -23,7 +23,7 @@ pub enum CncInput {
 /// Receives from the control.
 ///
 /// The port is set to 8 data bits, no parity, 1 stop bit, which takes 7E1, 7E2 and
-/// 7O1 as well. The driver must always drain it and never hold the control.
+/// 7O1 as well. The driver must always drain it; only the application holds the control.
 pub trait CncRx {
     /// Waits for input.
     async fn read(&mut self, buffer: &mut [u8]) -> CncInput;

@@ -4,8 +4,7 @@
 //!
 //! Receiving waits for nothing: bytes are stamped and put into a bounded queue;
 //! what finds no room is counted, and the count takes the lost bytes' place in
-//! the queue. A control is never held (no XOFF is ever sent): a receiver that
-//! does not drain stops a machine.
+//! the queue. A control that obeys XON and XOFF is held before that (`hold`); no other is.
 //!
 //! Sending goes byte by byte, and before each byte looks whether the control
 //! said XOFF. A control takes ten characters after its XOFF at most; here at most
@@ -50,13 +49,14 @@ use umi_protocol::pattern::Coding;
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
 use crate::delivery::{Next, Sent};
+use crate::hold::{Hold, meanwhile, say};
 use crate::measure::Input;
 use crate::xmodem;
 
-const XON: u8 = 0x11;
-const XOFF: u8 = 0x13;
+pub(crate) const XON: u8 = 0x11;
+pub(crate) const XOFF: u8 = 0x13;
 /// Set by parity in DC codes: in XOFF by even, in XON by odd parity.
-const PARITY: u8 = 0x80;
+pub(crate) const PARITY: u8 = 0x80;
 /// What a Fanuc remote buffer says behind XOFF when it is reset, as it says NAK when it has an
 /// alarm: it will not go on. In EIA both are digits.
 const SYN: u8 = 0x16;
@@ -92,6 +92,8 @@ pub(crate) struct Flow {
     sending: AtomicBool,
     /// The control writes EIA, where 0x13 is a digit.
     eia: AtomicBool,
+    /// What holds the control.
+    pub hold: Hold,
     /// The control said XON while it was stopped.
     resumed: Signal<CriticalSectionRawMutex, ()>,
     /// When the control said XOFF and not XON since, as it comes out of the queue. Zero:
@@ -130,6 +132,7 @@ impl Flow {
             stopped: AtomicBool::new(false),
             sending: AtomicBool::new(false),
             eia: AtomicBool::new(false),
+            hold: Hold::new(),
             resumed: Signal::new(),
             held: Mutex::new(Cell::new(0)),
             is_given_up: AtomicBool::new(false),
@@ -151,6 +154,7 @@ impl Flow {
     /// Notes the code in which the control writes.
     pub fn note_coding(&self, coding: Coding) {
         self.eia.store(coding == Coding::Eia, Ordering::Relaxed);
+        self.hold.note_coding(coding);
     }
 
     fn is_xoff(&self, byte: u8) -> bool {
@@ -295,7 +299,7 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
 /// Sends what the control may have, for ever.
 pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
-        let hold_us = app.flow.begun.wait().await;
+        let hold_us = meanwhile(app, tx, app.flow.begun.wait()).await;
         let sent = if app.flow.is_receiving.load(Ordering::Relaxed) {
             xmodem::receive(app, tx, clock).await
         } else if app.flow.is_xmodem.load(Ordering::Relaxed) {
@@ -331,7 +335,8 @@ async fn send<F: Flash>(
     let mut give_up = after(clock, hold_us);
     loop {
         if app.flow.stopped.load(Ordering::Relaxed) {
-            let waited = select(app.flow.resumed.wait(), patience(clock, hold_us)).await;
+            let resumed = select(app.flow.resumed.wait(), patience(clock, hold_us));
+            let waited = meanwhile(app, tx, resumed).await;
             if matches!(waited, Either::Second(())) {
                 sent.is_held = 1;
                 break;
@@ -361,7 +366,8 @@ async fn send<F: Flash>(
                     // The board is at work itself.
                     give_up = after(clock, hold_us);
                 }
-                let waited = select(app.flow.filled.wait(), clock.wait_until(give_up)).await;
+                let filled = select(app.flow.filled.wait(), clock.wait_until(give_up));
+                let waited = meanwhile(app, tx, filled).await;
                 if matches!(waited, Either::Second(())) {
                     // The host hangs; the machine stands somewhere in what it has got.
                     sent.is_held = 1;
@@ -369,6 +375,7 @@ async fn send<F: Flash>(
                 }
             }
             Next::Byte(byte) => {
+                say(app, tx).await;
                 // CTS may hold the driver as XOFF holds us.
                 let written = select(tx.write(byte), patience(clock, hold_us)).await;
                 if !matches!(written, Either::First(Ok(()))) {

@@ -10,6 +10,9 @@
 //!
 //! What finds no room is counted, and the count takes the lost bytes' place: nothing
 //! goes in behind a loss before it.
+//!
+//! When three quarters of the places are taken the intake is pressed, and until no more than
+//! one quarter is: a control that can be held is held so long ([`crate::hold`]).
 
 use core::cell::RefCell;
 
@@ -31,11 +34,17 @@ const FOR_BYTES: usize = PLACES / 2;
 /// Places that anything else may take.
 pub const OTHER_PLACES: usize = PLACES - FOR_BYTES;
 
+/// Places taken from which on the intake is pressed, and down to which it stays so.
+const PRESSED: usize = PLACES / 4 * 3;
+const RELIEVED: usize = PLACES / 4;
+
 /// Inputs that wait to be measured.
 pub(crate) struct Intake {
     state: Mutex<CriticalSectionRawMutex, RefCell<State>>,
     came: Signal<CriticalSectionRawMutex, ()>,
     left: Signal<CriticalSectionRawMutex, ()>,
+    /// It is pressed, or is no more.
+    turned: Signal<CriticalSectionRawMutex, ()>,
 }
 
 struct State {
@@ -43,6 +52,7 @@ struct State {
     /// Bytes that found no room, and since when.
     lost: u32,
     lost_at: Micros,
+    is_pressed: bool,
 }
 
 /// There is no room.
@@ -57,14 +67,38 @@ impl Intake {
                 waiting: Deque::new(),
                 lost: 0,
                 lost_at: Micros(0),
+                is_pressed: false,
             })),
             came: Signal::new(),
             left: Signal::new(),
+            turned: Signal::new(),
         }
     }
 
     fn with<T>(&self, work: impl FnOnce(&mut State) -> T) -> T {
-        self.state.lock(|state| work(&mut state.borrow_mut()))
+        let (done, has_turned) = self.state.lock(|state| {
+            let state = &mut *state.borrow_mut();
+            (work(state), state.press())
+        });
+        if has_turned {
+            self.turned.signal(());
+        }
+        done
+    }
+
+    /// More has come than is measured.
+    pub fn is_pressed(&self) -> bool {
+        self.with(|state| state.is_pressed)
+    }
+
+    /// Waits until it may have become pressed, or may be no more.
+    pub async fn turned(&self) {
+        self.turned.wait().await;
+    }
+
+    /// Whether the control is to be held is to be looked at.
+    pub fn turn(&self) {
+        self.turned.signal(());
     }
 
     /// Bytes from the control, the last of them now.
@@ -143,6 +177,14 @@ impl State {
             }
         }
         self.lose(now, u32::try_from(rest.len()).unwrap_or(u32::MAX));
+    }
+
+    /// Whether it is pressed now and was not, or the reverse.
+    fn press(&mut self) -> bool {
+        let before = self.is_pressed;
+        let least = if before { RELIEVED + 1 } else { PRESSED };
+        self.is_pressed = self.waiting.len() >= least;
+        self.is_pressed != before
     }
 
     fn lose(&mut self, now: Micros, count: u32) {

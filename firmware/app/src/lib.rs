@@ -19,6 +19,7 @@
 //! | [`board`] | what a board provides |
 //! | [`measure`] | what the board knows and decides; no waiting |
 //! | `cnc` | the control's port: receive, flow control, send |
+//! | `hold` | XOFF and XON to a control that obeys them |
 //! | `link`, `answer` | the host's port: frames, requests |
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
@@ -51,6 +52,7 @@ pub mod board;
 mod cnc;
 mod delivery;
 mod events;
+mod hold;
 mod intake;
 mod latch;
 mod link;
@@ -264,6 +266,9 @@ impl<F: Flash> App<F> {
                 }
             }
             self.flow.note_coding(measure.coding());
+            if self.flow.hold.note(measure.handshake()) {
+                self.intake.turn();
+            }
             outputs.show(measure.lights());
             let armed = measure.arming();
             if armed.is_some() && armed != before && measure.waiting() == Some(SendWhen::OnVerdict)

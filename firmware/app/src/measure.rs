@@ -35,7 +35,7 @@ use umi_protocol::job::{Job, Name};
 use umi_protocol::latch::{LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
-use umi_protocol::pattern::Coding;
+use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
 use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
@@ -354,6 +354,13 @@ impl<F: Flash> Measure<F> {
     #[must_use]
     pub fn coding(&self) -> Coding {
         self.brain.coding()
+    }
+
+    /// Whether the control may be held.
+    #[must_use]
+    pub(crate) fn handshake(&self) -> Handshake {
+        let job = self.brain.job();
+        job.map_or_else(Handshake::default, |job| job.receiver.handshake)
     }
 
     /// What the outputs show.

@@ -4,7 +4,7 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Job, Limits, ProgramEnd, Reference, SendWhen,
     WitnessSpec,
 };
-use umi_protocol::pattern::{FieldFormat, LinePattern, Overflow, ReceiverConfig};
+use umi_protocol::pattern::{FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig};
 
 use crate::style::{FAINT, TITLE, Table, count, paint};
 
@@ -81,6 +81,11 @@ fn receiver(table: &mut Table, receiver: &ReceiverConfig) {
         "line given up after",
         &format!("{} s of silence", receiver.idle_timeout_s),
     ]);
+    let handshake = match receiver.handshake {
+        Handshake::None => "never",
+        Handshake::XonXoff => "by XOFF, until XON",
+    };
+    table.row(["control held", handshake]);
 }
 
 fn pattern(pattern: &LinePattern) -> String {

@@ -18,7 +18,8 @@ use umi_protocol::message::{
     Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
 use umi_protocol::pattern::{
-    BlockPattern, CheckedPattern, Coding, FieldFormat, LinePattern, ReceiverConfig, Travel,
+    BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
+    Travel,
 };
 use umi_protocol::program::{
     IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, UnitRule, Withheld,
@@ -321,6 +322,7 @@ fn job() -> Job {
                 z: [-1.5, 1.5],
             }),
             idle_timeout_s: 120,
+            handshake: Handshake::XonXoff,
         },
         features: list([FeatureSpec {
             name: text("SPHERE1"),

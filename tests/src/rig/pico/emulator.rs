@@ -183,6 +183,8 @@ pub struct State {
     pub is_configured: bool,
     /// Bytes for the board that the control has not sent yet.
     pub control_waiting: u64,
+    /// XOFFs that the control has obeyed.
+    pub control_held: u64,
     /// Characters that came to the board while it had no room for them.
     pub overruns: u64,
     /// Packets that came to the host out of turn.
@@ -506,6 +508,7 @@ fn state(json: Value) -> State {
         laser_is_on: is("laser_enable"),
         is_configured: json["usb"]["configured"] == true,
         control_waiting: number(&json["uart"]["waiting"]),
+        control_held: number(&json["uart"]["held"]),
         overruns: number(&json["uart"]["overruns"]),
         toggle_errors: number(&json["usb"]["toggle_errors"]),
         slept_cycles: number(&json["core"]["slept_cycles"]),
