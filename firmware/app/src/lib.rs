@@ -27,7 +27,7 @@
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
-//! | `delivery` | what the control gets when it reads: who may have it, looked through, rewritten |
+//! | `delivery` | what the control gets when it reads: who may have it; `stream`: looked through, rewritten |
 //! | `xmodem` | how it goes out to a control that reads by XMODEM |
 //! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
 //! | `punch` | part programs that the control punches |
