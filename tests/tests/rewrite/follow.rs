@@ -1,6 +1,8 @@
 //! Motions of a program by the virtual machine's interpreter, and whether one program's are
 //! the images of another's.
 
+use core::f64::consts::PI;
+
 use nalgebra::Vector3;
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
@@ -19,10 +21,27 @@ pub struct Move {
     pub from: V,
     pub to: V,
     pub path: Path,
-    pub is_feed: bool,
+    /// Along the path, mm/min; none: rapid.
+    pub feed_mm_min: Option<f64>,
 }
 
 impl Move {
+    fn length_mm(&self) -> f64 {
+        let way = self.to - self.from;
+        match self.path {
+            Path::Line => way.norm(),
+            Path::Arc {
+                center,
+                axis,
+                sweep,
+            } => {
+                let arm = self.from - center.mm;
+                let radius = (arm - axis * axis.dot(&arm)).norm();
+                (radius * sweep.0).hypot(axis.dot(&way))
+            }
+        }
+    }
+
     /// The place after this part of the way.
     pub fn at(&self, part: f64) -> V {
         match self.path {
@@ -71,7 +90,10 @@ pub fn interpreted(dialect: Dialect, program: &str) -> Result<Vec<Move>, String>
         from: from.mm,
         to: motion.to.mm,
         path: motion.path,
-        is_feed: matches!(motion.rate, Rate::Feed(_)),
+        feed_mm_min: match motion.rate {
+            Rate::Rapid => None,
+            Rate::Feed(feed) => Some(feed),
+        },
     });
     Ok(moves.collect())
 }
@@ -224,19 +246,18 @@ impl Judge {
     /// Ends and ways: what is cut lies within the tolerance of the image, all the way.
     pub fn moves(&self, nominal: &[Move], written: &[Move]) -> Result<Compared, String> {
         let ends = |moves: &[Move]| -> Vec<V> { moves.iter().map(|m| m.to).collect() };
-        let is_still = |m: &Move| (m.to - m.from).norm() < 3.0 * self.rounding_mm;
+        let is_still = |m: &Move| m.length_mm() < 3.0 * self.rounding_mm;
         let (mut compared, counts) =
             self.ends(&ends(nominal), &ends(written), |number, last| {
-                let Path::Arc { center, .. } = nominal[number].path else {
+                let Path::Arc { center, sweep, .. } = nominal[number].path else {
                     return true;
                 };
                 // A circle ends where it begins: what has not moved has not gone round.
-                let is_closed = is_still(&nominal[number])
-                    && (nominal[number].from - center.mm).norm() > 20.0 * self.rounding_mm;
-                last.is_some_and(|last| {
-                    let is_line = matches!(written[last].path, Path::Line);
-                    !(is_closed && is_line && is_still(&written[last]))
-                })
+                let wanted = &nominal[number];
+                let is_closed = (wanted.to - wanted.from).norm() < 3.0 * self.rounding_mm
+                    && sweep.0.abs() > PI
+                    && (wanted.from - center.mm).norm() > 3.0 * self.rounding_mm;
+                last.is_some_and(|last| !(is_closed && is_still(&written[last])))
             })?;
         let more = written.len() - counts.iter().sum::<usize>();
         if !written[written.len() - more..].iter().all(is_still) {
@@ -253,10 +274,10 @@ impl Judge {
                 continue;
             }
             for part in made {
-                if matches!(part.path, Path::Line) && is_still(part) {
+                if is_still(part) {
                     continue;
                 }
-                if part.is_feed != wanted.is_feed {
+                if part.feed_mm_min.is_some() != wanted.feed_mm_min.is_some() {
                     return Err(format!("motion {number} is a feed in one program only"));
                 }
                 for step in 0..=16 {
@@ -267,6 +288,14 @@ impl Judge {
                         return Err(format!("motion {number} is {apart} mm off its way"));
                     }
                 }
+            }
+            // Hardly a way may be another motion's.
+            let moved = made.iter().filter(|part| !is_still(part));
+            let same_feed = moved
+                .clone()
+                .all(|part| part.feed_mm_min == wanted.feed_mm_min);
+            if !same_feed && !same_time(wanted, made.iter()) && !same_time(wanted, moved) {
+                return Err(format!("motion {number} has another feed"));
             }
             // And it goes all the way: no half circle is left out.
             if matches!(wanted.path, Path::Arc { .. }) && count > 0 {
@@ -298,34 +327,49 @@ impl Judge {
     }
 }
 
-/// The distance of a place from a way: the nearest of many places on it, then by halving.
+/// Whether a way takes as long in its parts as in one: inverse time.
+fn same_time<'a>(wanted: &Move, made: impl Iterator<Item = &'a Move>) -> bool {
+    let minutes = |m: &Move| m.feed_mm_min.map_or(0.0, |feed| m.length_mm() / feed);
+    let all: f64 = made.map(minutes).sum();
+    (all - minutes(wanted)).abs() <= 1e-6 * all
+}
+
+/// The distance of a place from a way.
 fn distance(way: &Move, place: &V) -> f64 {
     let off = |part: f64| (way.at(part) - place).norm();
-    let steps = if matches!(way.path, Path::Line) {
-        8
-    } else {
-        128
+    let forth = way.to - way.from;
+    let Path::Arc {
+        center,
+        axis,
+        sweep,
+    } = way.path
+    else {
+        let part = forth.dot(&(place - way.from)) / forth.norm_squared().max(1e-18);
+        return off(part.clamp(0.0, 1.0));
     };
+    let ends = off(0.0).min(off(1.0));
+    if axis.dot(&forth).abs() < 1e-9 {
+        // Of a flat arc the nearest is at the angle of the place.
+        let ahead = way.from - center.mm;
+        let arm = place - center.mm;
+        let angle = axis.cross(&ahead).dot(&arm).atan2(ahead.dot(&arm));
+        let part = (angle * sweep.0.signum()).rem_euclid(2.0 * PI) / sweep.0.abs();
+        return off(part.min(1.0)).min(ends);
+    }
+    // Of a helix: the nearest of many, then by thirds.
+    let steps = 128;
     let part = |n: u32| f64::from(n) / f64::from(steps);
     let best = (0..=steps)
         .min_by(|a, b| off(part(*a)).total_cmp(&off(part(*b))))
         .unwrap_or(0);
-    let nearest = |best: u32| {
-        let (mut low, mut high) = (part(best.saturating_sub(1)), part((best + 1).min(steps)));
-        for _ in 0..50 {
-            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-            if off(a) < off(b) {
-                high = b;
-            } else {
-                low = a;
-            }
+    let (mut low, mut high) = (part(best.saturating_sub(1)), part((best + 1).min(steps)));
+    for _ in 0..40 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if off(a) < off(b) {
+            high = b;
+        } else {
+            low = a;
         }
-        off(f64::midpoint(low, high))
-    };
-    // Where a whole circle begins, it ends too.
-    if best == 0 || best == steps {
-        nearest(0).min(nearest(steps))
-    } else {
-        nearest(best)
     }
+    off(f64::midpoint(low, high)).min(ends)
 }

@@ -1,6 +1,7 @@
 //! Rewritten programs against nominal ones: by the virtual machine's interpreter, by
 //! LinuxCNC's, and the thesis' own path against an independent script.
 
+mod back;
 mod corpus;
 mod follow;
 mod long;

@@ -13,8 +13,9 @@ use super::words::Words;
 
 impl Control {
     /// Moves on an arc in the selected plane; travel along its normal makes a helix.
-    /// I, J and K lead from the start to the centre. The angle follows from the start's
-    /// and the end's directions; both ends on one spot are a full circle.
+    /// I, J and K lead from the start to the centre, or are its coordinates (`G90.1`). The
+    /// angle follows from the start's and the end's directions; both ends on one spot are a
+    /// full circle.
     pub(crate) fn arc(
         &mut self,
         words: &Words,
@@ -22,7 +23,6 @@ impl Control {
         to: Vector3<f64>,
         axes: &mut dyn Axes,
     ) -> Checked<()> {
-        let rate = self.feed()?;
         let [first, second, normal] = self.modal.plane.axes();
         let flat = |v: &Vector3<f64>| -> [f64; 2] {
             [first, second].map(|axis| v.get(axis).copied().unwrap_or(0.0))
@@ -50,7 +50,13 @@ impl Control {
             }
             (Some(radius), _) => by_radius([x0, y0], [x1, y1], radius, is_left, tolerance)?,
             (None, [i, j]) => {
-                let (cx, cy) = (x0 + i.unwrap_or(0.0), y0 + j.unwrap_or(0.0));
+                let (cx, cy) = match (self.modal.has_absolute_centres, i, j) {
+                    (false, i, j) => (x0 + i.unwrap_or(0.0), y0 + j.unwrap_or(0.0)),
+                    (true, Some(i), Some(j)) => (i, j),
+                    (true, ..) => {
+                        return Err(Fault::new("G90.1 needs both coordinates of the centre"));
+                    }
+                };
                 let start = (x0 - cx).hypot(y0 - cy);
                 let end = (x1 - cx).hypot(y1 - cy);
                 if start < 1e-9 {
@@ -70,6 +76,9 @@ impl Control {
                 (cx, cy, turn)
             }
         };
+        let rise = (to - from).get(normal).copied().unwrap_or(0.0);
+        let around = (x0 - cx).hypot(y0 - cy) * sweep;
+        let rate = self.feed_along(words, around.hypot(rise))?;
         let mut center = from;
         let mut axis = Vector3::zeros();
         for (slot, value) in [(first, cx), (second, cy)] {

@@ -102,6 +102,13 @@ impl Control {
                 200 => modal.is_inch = true,
                 210 => modal.is_inch = false,
                 900 => modal.is_incremental = false,
+                901 => modal.has_absolute_centres = true,
+                911 => modal.has_absolute_centres = false,
+                // Neither feed is one in the other mode.
+                930 | 940 if modal.is_inverse_time != (*code == 930) => {
+                    modal.is_inverse_time = *code == 930;
+                    modal.feed = None;
+                }
                 910 => modal.is_incremental = true,
                 980 => modal.returns_to_r = false,
                 990 => modal.returns_to_r = true,
@@ -114,11 +121,10 @@ impl Control {
                     )
                     .at(*at));
                 }
-                930 | 950 => {
-                    return Err(Fault::new(
-                        "inverse-time and per-revolution feed (G93, G95) are not interpreted: G94",
-                    )
-                    .at(*at));
+                950 => {
+                    return Err(
+                        Fault::new("feed per revolution (G95) is not interpreted: G94").at(*at),
+                    );
                 }
                 _ => {}
             }
@@ -132,7 +138,10 @@ impl Control {
             if f < 0.0 {
                 return Err(Fault::new(format!("F{f}: a feed is above zero")));
             }
-            self.modal.feed = Some(f * self.modal.unit_mm()).filter(|f| *f > 0.0);
+            // In inverse time it is the block's alone.
+            if !self.modal.is_inverse_time {
+                self.modal.feed = Some(f * self.modal.unit_mm()).filter(|f| *f > 0.0);
+            }
         }
         if let Some(s) = words.number(b'S') {
             if s < 0.0 {
@@ -196,6 +205,10 @@ impl Control {
         if !self.settings.dialect.is_macro_b() {
             self.modal.plane = Plane::Xy;
             self.modal.is_incremental = false;
+            if self.modal.is_inverse_time {
+                self.modal.is_inverse_time = false;
+                self.modal.feed = None;
+            }
             self.modal.motion = 10;
             self.modal.work = super::offsets::WorkOffset::Standard(1);
         }
@@ -208,10 +221,25 @@ impl Control {
 
     /// The feed in force.
     pub(crate) fn feed(&self) -> Checked<Rate> {
-        self.modal
-            .feed
-            .map(Rate::Feed)
-            .ok_or_else(|| Fault::ps(11, "no feed: give F in this block or before it"))
+        self.modal.feed.map(Rate::Feed).ok_or_else(|| {
+            let what = if self.modal.is_inverse_time {
+                "G93 goes with G1, G2 and G3: G94 before this"
+            } else {
+                "no feed: give F in this block or before it"
+            };
+            Fault::ps(11, what)
+        })
+    }
+
+    /// The feed of a block whose path has this length.
+    pub(crate) fn feed_along(&self, words: &Words, length_mm: f64) -> Checked<Rate> {
+        if !self.modal.is_inverse_time {
+            return self.feed();
+        }
+        let f = words.number(b'F').filter(|f| *f > 0.0);
+        let f = f.ok_or_else(|| Fault::ps(11, "G93 needs F in every block that cuts"))?;
+        // A way of no length is not rapid.
+        Ok(Rate::Feed(f * length_mm.max(1e-9)))
     }
 
     /// Moves straight to a point of the program.
@@ -298,7 +326,7 @@ impl Control {
         match self.modal.motion {
             0 => self.line(to, Rate::Rapid, axes)?,
             10 => {
-                let rate = self.feed()?;
+                let rate = self.feed_along(words, (to - from).norm())?;
                 self.line(to, rate, axes)?;
             }
             20 | 30 => self.arc(words, from, to, axes)?,

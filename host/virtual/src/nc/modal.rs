@@ -59,6 +59,10 @@ pub(crate) struct Modal {
     pub motion: u16,
     pub plane: Plane,
     pub is_incremental: bool,
+    /// I, J and K are coordinates (`G90.1`), not ways from the start.
+    pub has_absolute_centres: bool,
+    /// F is one over the time of its block in minutes (`G93`).
+    pub is_inverse_time: bool,
     pub is_inch: bool,
     /// Return of cycles to R (`G99`), not to the initial height.
     pub returns_to_r: bool,
@@ -96,6 +100,8 @@ impl Modal {
             motion: 0,
             plane: Plane::Xy,
             is_incremental: false,
+            has_absolute_centres: false,
+            is_inverse_time: false,
             is_inch: false,
             returns_to_r: false,
             is_exact_stop: false,
@@ -141,7 +147,7 @@ impl Modal {
             self.motion,
             self.plane.code(),
             if self.is_incremental { 910 } else { 900 },
-            940,
+            if self.is_inverse_time { 930 } else { 940 },
             if self.is_inch { 200 } else { 210 },
             400,
             self.length,

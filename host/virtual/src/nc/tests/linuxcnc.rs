@@ -45,6 +45,40 @@ M2
     assert_eq!(values, [12.0, 4.0, 3.0, 42.5, 0.0].map(Some));
 }
 
+/// G90.1: a centre by its coordinates, both of them.
+#[test]
+fn absolute_centres() {
+    let text = "G90.1 G0 X10 Y5\nG3 X5 Y10 I5 J5 F100\nM2\n";
+    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    assert_eq!(mock.arc(), ([5.0, 5.0, 0.0], [0.0, 0.0, 1.0], 90.0));
+    let text = "G90.1 G0 X10 Y5\nG91.1\nG3 X5 Y10 I-5 F100\nM2\n";
+    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    assert_eq!(mock.arc(), ([5.0, 5.0, 0.0], [0.0, 0.0, 1.0], 90.0));
+    let mut mock = Mock::default();
+    let text = "G90.1 G0 X10 Y5\nG3 X5 Y10 I5 F100\nM2\n";
+    let (_, end) = run_with(Settings::of(Dialect::LinuxCnc), &mut mock, text);
+    assert!(end.is_err());
+}
+
+/// G93: F is one over the minutes of its block, lines and arcs alike, and of no other.
+#[test]
+fn inverse_time() {
+    let text = "G0 X10 Y0\nG93 G1 X20 F6\nG3 X10 Y10 I-10 F3\nG94 G1 X0 F50\nM2\n";
+    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    let feeds: Vec<f64> = mock.ends().iter().map(|[.., feed]| *feed).collect();
+    let quarter = core::f64::consts::PI * 5.0;
+    assert_eq!(feeds, [0.0, 60.0, quarter * 3.0, 50.0]);
+    for text in [
+        "G93 G1 X20 F6\nX30\nM2\n",
+        "F50\nG93 G1 X20\nM2\n",
+        "G93 G1 X20 F6\nG94 X30\nM2\n",
+        "G93 G81 X1 Z-1 R1 F6\nM2\n",
+    ] {
+        let (_, end) = run_with(Settings::of(Dialect::LinuxCnc), &mut Mock::default(), text);
+        assert!(end.is_err(), "{text}");
+    }
+}
+
 /// Endless constructs end at the limits; what is not closed is an alarm.
 #[test]
 fn refused() {
