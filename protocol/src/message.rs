@@ -33,7 +33,8 @@
 //! does what it does once.
 //!
 //! Trigger pulses and laser belong to the host that switched them on: the board
-//! switches them off when that host is gone. A program that it passes through ends there,
+//! switches them off when that host is gone, and when nothing was heard of it for five
+//! seconds: ask `PositionsGet` meanwhile. A program that it passes through ends there,
 //! without an end that a control would take.
 
 use heapless::Vec;

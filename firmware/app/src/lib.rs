@@ -80,6 +80,7 @@ use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Sca
 use measure::{Boot, Input, Measure, Opened};
 
 pub use cnc::XOFF_PATIENCE_US;
+pub use link::SILENCE_US;
 
 /// How often the watchdog is fed while measuring answers.
 pub const FEED_INTERVAL_US: u64 = 250_000;

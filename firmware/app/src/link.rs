@@ -8,17 +8,21 @@
 //!
 //! A fit may hold the state for seconds. Where the axes are, trigger pulses and the laser need
 //! nothing of it: such a request is answered meanwhile, and what the host has switched on goes
-//! off as soon as the host is gone, whatever it waits for.
+//! off as soon as the host is gone, whatever it waits for. It goes off, too, when a host that
+//! is still there says nothing for [`SILENCE_US`]: it hangs. Time in which the board keeps it
+//! waiting does not count.
 //!
 //! # Limitations
 //!
 //! Requests are answered in their order: one behind another that waits for a fit waits, too.
 
+use core::cell::Cell;
 use core::convert::Infallible;
 use core::future::pending;
 
-use embassy_futures::select::{Either3, Either4, select3, select4};
+use embassy_futures::select::{Either, Either3, Either4, select, select3, select4};
 use umi_core::journal::Flash;
+use umi_core::units::Micros;
 use umi_protocol::at_once::AtOnce;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
@@ -35,6 +39,41 @@ use crate::shared::Guard;
 /// Bytes taken from the link at once: a full-speed USB packet.
 const PACKET: usize = 64;
 
+/// A host that has switched laser or trigger pulses on and says nothing for so long hangs.
+pub const SILENCE_US: u64 = 5_000_000;
+
+/// What is heard of a host.
+#[derive(Default)]
+struct Heard {
+    at_us: Cell<u64>,
+    /// It has switched something on.
+    is_lit: Cell<bool>,
+    /// The board keeps it waiting.
+    waits: Cell<bool>,
+}
+
+impl Heard {
+    fn now(&self, clock: &impl Clock) {
+        self.at_us.set(clock.now().0);
+    }
+
+    fn due(&self) -> Micros {
+        Micros(self.at_us.get().saturating_add(SILENCE_US))
+    }
+
+    /// Waits until the host hangs.
+    async fn nothing(&self, clock: &impl Clock) {
+        loop {
+            clock.wait_until(self.due()).await;
+            if self.waits.get() || !self.is_lit.get() {
+                self.now(clock);
+            } else if clock.now() >= self.due() {
+                return;
+            }
+        }
+    }
+}
+
 /// Serves hosts for ever.
 pub(crate) async fn serve<F: Flash>(
     app: &App<F>,
@@ -46,11 +85,18 @@ pub(crate) async fn serve<F: Flash>(
     let mut out = [0; MAX_BOARD_FRAME];
     loop {
         rx.connected().await;
-        let Err(Broken) = connection(app, rx, tx, station, clock, &mut out).await;
+        let heard = Heard::default();
+        heard.now(clock);
+        let connected = connection(app, rx, tx, station, clock, &heard, &mut out);
+        let ended = select(connected, heard.nothing(clock)).await;
         // What the host has switched on goes with it. A board without these outputs has
         // nothing to switch off.
         let _ = station.trigger_out(TriggerOut::Off);
         let _ = station.laser(false);
+        if let Either::Second(()) = ended {
+            // It is told what happens if it wakes.
+            continue;
+        }
         app.scans.switch(false);
         let mut measure = app.measure.lock().await;
         measure.book.events.switch(false);
@@ -65,6 +111,7 @@ async fn connection<F: Flash>(
     tx: &mut impl LinkTx,
     station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
+    heard: &Heard,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Infallible, Broken> {
     // What the last connection left unfinished is no part of this one.
@@ -103,11 +150,13 @@ async fn connection<F: Flash>(
                     let Some(frame) = decoder.next_frame(&mut bytes) else {
                         break;
                     };
-                    let length = match respond_at_once(station, &frame, out) {
+                    heard.now(clock);
+                    let length = match respond_at_once(station, heard, &frame, out) {
                         Some(length) => length,
                         None => {
                             events = true;
-                            let mut measure = lock(app, rx, tx, out).await?;
+                            let mut measure = lock(app, rx, tx, heard, out).await?;
+                            heard.now(clock);
                             let around = Surroundings {
                                 now: clock.now(),
                                 link_damaged,
@@ -135,10 +184,14 @@ async fn lock<'a, F: Flash>(
     app: &'a App<F>,
     rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
+    heard: &Heard,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Guard<'a, Measure<F>>, Broken> {
     loop {
-        match select3(app.measure.lock(), app.scans.came(), rx.gone()).await {
+        heard.waits.set(true);
+        let came = select3(app.measure.lock(), app.scans.came(), rx.gone()).await;
+        heard.waits.set(false);
+        match came {
             Either3::First(measure) => return Ok(measure),
             Either3::Second(()) => tell_scans(app, tx, out).await?,
             Either3::Third(()) => return Err(Broken),
@@ -166,10 +219,17 @@ async fn tell_scans<F: Flash>(
 #[inline(never)]
 fn respond_at_once(
     station: &mut (impl Axes + Scanner),
+    heard: &Heard,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
     let request = AtOnce::of(frame)?;
+    let lights = match request {
+        AtOnce::Positions => false,
+        AtOnce::TriggerOut(when) => when != TriggerOut::Off,
+        AtOnce::Laser(on) => on,
+    };
+    heard.is_lit.set(lights || heard.is_lit.get());
     Some(encoded(frame, &at_once(station, request), out))
 }
 
@@ -259,6 +319,8 @@ mod tests {
         plugged: Cell<bool>,
         says: RefCell<VecDeque<u8>>,
         heard: RefCell<Vec<u8>>,
+        /// It does not read.
+        is_deaf: Cell<bool>,
         laser: Cell<bool>,
         pulses: Cell<bool>,
     }
@@ -321,6 +383,11 @@ mod tests {
 
     impl LinkTx for &Host {
         async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+            poll_fn(|_| match self.is_deaf.get() {
+                true => Poll::Pending,
+                false => Poll::Ready(()),
+            })
+            .await;
             self.heard.borrow_mut().extend(bytes);
             Ok(())
         }
@@ -391,5 +458,64 @@ mod tests {
         settle(run.as_mut());
         assert!(matches!(host.answers().as_slice(), [Response::Status(_)]));
         assert!(!host.laser.get() && !host.pulses.get());
+    }
+
+    /// A host that hangs with its cable in leaves neither laser nor pulses on for longer than
+    /// it may be silent. One that asks for anything keeps them, and so does one that the
+    /// board itself keeps waiting. When it wakes, it is answered as before.
+    #[test]
+    fn a_host_that_hangs_keeps_no_laser_on() {
+        let (app, clock, host) = (App::<NoFlash>::new(), Hand::default(), Host::default());
+        let (mut rx, mut tx, mut station) = (&host, &host, &host);
+        let mut run = pin!(serve(&app, &mut rx, &mut tx, &mut station, &clock));
+        let is_lit = || (host.laser.get(), host.pulses.get());
+        host.plugged.set(true);
+        // Silence before does not count.
+        clock.set(3 * SILENCE_US);
+        settle(run.as_mut());
+        let mut now = 4 * SILENCE_US;
+        clock.set(now);
+        host.asks(&Request::LaserSet { on: true });
+        host.asks(&Request::TriggerOutSet(EVERY_MS));
+        settle(run.as_mut());
+        for _ in 0..3 {
+            now += SILENCE_US - 1;
+            clock.set(now);
+            settle(run.as_mut());
+            assert_eq!(is_lit(), (true, true));
+            host.asks(&Request::PositionsGet);
+            settle(run.as_mut());
+        }
+        let fit = block_on(app.measure.lock());
+        host.asks(&Request::StatusGet);
+        for _ in 0..3 {
+            settle(run.as_mut());
+            now += SILENCE_US;
+            clock.set(now);
+        }
+        settle(run.as_mut());
+        assert_eq!(is_lit(), (true, true));
+        drop(fit);
+        settle(run.as_mut());
+        now += SILENCE_US - 1;
+        clock.set(now);
+        settle(run.as_mut());
+        assert_eq!(is_lit(), (true, true));
+        clock.set(now + 1);
+        settle(run.as_mut());
+        assert_eq!(is_lit(), (false, false));
+        host.answers();
+        host.asks(&Request::LaserSet { on: true });
+        settle(run.as_mut());
+        assert_eq!(host.answers(), [Response::Done]);
+        assert_eq!(is_lit(), (true, false));
+        // Nor does one that asks and does not read what it is answered.
+        host.is_deaf.set(true);
+        host.asks(&Request::PositionsGet);
+        settle(run.as_mut());
+        host.asks(&Request::PositionsGet);
+        clock.set(now + 2 * SILENCE_US);
+        settle(run.as_mut());
+        assert_eq!(is_lit(), (false, false));
     }
 }

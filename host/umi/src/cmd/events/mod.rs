@@ -105,7 +105,7 @@ enum Kind {
 const HELP: &str = "\
 What was lost stands where it is missing, and is counted at the end. Ctrl-C ends it
 properly. Trigger pulses and laser last as long as the connection: the board switches
-them off when this command ends, however it ends.
+them off when this command ends, however it ends, or stands still for five seconds.
 
 Columns of --csv: event (latch or loss), number (of its cause), cause (skip, trigger,
 output, index), t_ns (board's clock), x_counts, y_counts, z_counts, w_counts,
@@ -147,6 +147,10 @@ const QUIET: Duration = Duration::from_millis(150);
 const LONGEST_END: Duration = Duration::from_secs(2);
 /// How often it is looked whether to stop.
 const TURN: Duration = Duration::from_millis(100);
+/// How often the board hears of us while it sends pulses or a laser is on; after five seconds
+/// without, it switches them off.
+const BEAT: Duration = Duration::from_secs(1);
+const LONGEST_BEAT: Duration = Duration::from_secs(4);
 
 impl Events {
     pub fn run(self) -> Result<(), Failure> {
@@ -191,8 +195,25 @@ impl Events {
         board.live(true)?;
         self.scan.begin(&mut board, pulses)?;
         let deadline = self.lasting.map(|lasting| Instant::now() + lasting);
+        let is_lit = self.scan.laser || pulses.is_some();
+        let mut beat = Instant::now();
         interrupt::watch();
         while !sink.full() && !interrupt::came() {
+            let silent = beat.elapsed();
+            if is_lit && silent >= LONGEST_BEAT {
+                return Err(Failure::trouble(
+                    "stood_still",
+                    format!(
+                        "this program stood still for {:.0} s, and the board switches laser and \
+                     trigger pulses off then: begin the scan again",
+                        silent.as_secs_f64()
+                    ),
+                ));
+            }
+            if is_lit && silent >= BEAT {
+                board.positions()?;
+                beat = Instant::now();
+            }
             let left = deadline.map_or(TURN, |at| at.saturating_duration_since(Instant::now()));
             if left.is_zero() {
                 break;
