@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use umi::audit::{Audit, Findings};
+use umi::audit::Audit;
 use umi::capture::{Bench, Decision};
 use umi::link::{Client, JournalEntry};
 use umi::pull::{self, Step};
@@ -14,26 +14,13 @@ use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::message::{Event, Record};
 use umi_protocol::pattern::Coding;
 use umi_protocol::verdict::Verdict;
+use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes};
 use umi_virtual::{Config, VirtualBoard};
 
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
 const DC1: &[u8] = &[0x11];
 const XOFF: &[u8] = &[0x13];
 /// Long enough for a board in this process to do what it will do.
 const SOON: Duration = Duration::from_millis(40);
-
-fn job() -> Job {
-    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
-}
-
-/// The text of one clamping.
-fn clamping(case: usize) -> String {
-    SESSION
-        .split_inclusive('\n')
-        .skip(27 * case)
-        .take(27)
-        .collect()
-}
 
 fn verdicts_of(bench: &mut Bench, text: &str) -> Vec<Verdict> {
     let mut verdicts = Vec::new();
@@ -45,30 +32,6 @@ fn verdicts_of(bench: &mut Bench, text: &str) -> Vec<Verdict> {
     };
     bench.play(text.as_bytes(), keep).unwrap();
     verdicts
-}
-
-/// The whole journal: every record, and what its audit finds.
-fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
-    let mut audit = Audit::default();
-    let mut records = Vec::new();
-    let stretch = pull::pull(client, None, |step| {
-        if let Step::Entry(entry, _) = step {
-            let record = pull::record(&entry).unwrap();
-            audit.take(&entry, &record);
-            records.push(record);
-        }
-        Ok(())
-    })
-    .unwrap();
-    (records, audit.finish(stretch.next))
-}
-
-fn raw_bytes(records: &[Record]) -> Vec<u8> {
-    let raw = records.iter().filter_map(|record| match record {
-        Record::Bytes { raw } => Some(raw.as_slice()),
-        _ => None,
-    });
-    raw.flatten().copied().collect()
 }
 
 /// What READ gets without an OK verdict.

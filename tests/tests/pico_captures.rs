@@ -10,6 +10,7 @@ use serde_json::json;
 use umi::link::Client;
 use umi_protocol::latch::{LatchCause, LatchCounters, LatchReport, TriggerOut};
 use umi_protocol::message::{Event, Record};
+use umi_tests::cases::SESSION;
 use umi_tests::rig::Rig as _;
 use umi_tests::rig::pico::{
     AXES, CYCLES_PER_US, PicoRig, Pulses, SKIP_PIN, Segment, TRIGGER_PIN, Truth,
@@ -43,8 +44,6 @@ const LATENESS_CYCLES: u64 = 75 * CYCLES_PER_US;
 const CAPTURE_CYCLES: u64 = 6_000;
 const CAPTURE_INTERRUPT: u64 = 9;
 const LOOK_INTERRUPT: u64 = 1;
-
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
 
 /// The emulator's cycle at which the board's clock was 0. The chip says what its microsecond
 /// timer is at instants that the emulator knows to the cycle, at many places within the

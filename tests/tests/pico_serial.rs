@@ -22,6 +22,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::{FeatureKind, Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
 use umi_protocol::pattern::Handshake;
+use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, PicoRig, Pulses, Segment, TRIGGER_PIN, pty};
 
@@ -40,7 +41,6 @@ const HALF_OF_ANSWERS_CYCLES: u64 = 2_000 * CYCLES_PER_US;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
 const CTS_PIN: u8 = 2;
 const DC1: u8 = 0x11;
 const XOFF: u8 = 0x13;
@@ -51,16 +51,6 @@ fn client(rig: &mut PicoRig) -> Client {
         tries: 3,
     };
     Client::with_patience(rig.connect(), patience).unwrap()
-}
-
-fn job() -> Job {
-    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
-}
-
-/// The text of one clamping.
-fn clamping(case: usize) -> String {
-    let lines = SESSION.split_inclusive('\n');
-    lines.skip(27 * case).take(27).collect()
 }
 
 fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
@@ -75,26 +65,6 @@ fn wait_for_control(rig: &mut PicoRig) {
     wait_until("the control's text", || {
         rig.emulator().state().control_waiting == 0
     });
-}
-
-fn records(client: &mut Client) -> Vec<Record> {
-    let mut records = Vec::new();
-    pull::pull(client, None, |step| {
-        if let Step::Entry(entry, _) = step {
-            records.push(pull::record(&entry).unwrap());
-        }
-        Ok(())
-    })
-    .unwrap();
-    records
-}
-
-fn bytes_of_control(records: &[Record]) -> Vec<u8> {
-    let raw = records.iter().filter_map(|record| match record {
-        Record::Bytes { raw } => Some(raw.as_slice()),
-        _ => None,
-    });
-    raw.flatten().copied().collect()
 }
 
 // --- the control's line
@@ -287,8 +257,8 @@ fn nothing_is_lost_when_everything_comes_at_once() {
     let truly: Vec<i64> = axes.iter().map(|axis| axis.position).collect();
     assert_eq!(positions.counts.as_slice(), truly);
 
-    let records = records(&mut client);
-    assert!(bytes_of_control(&records) == SESSION.as_bytes());
+    let records = journal(&mut client).0;
+    assert!(raw_bytes(&records) == SESSION.as_bytes());
     let decided = records
         .into_iter()
         .filter(|record| matches!(record, Record::Feature(_) | Record::Verdict(_)));
@@ -400,7 +370,7 @@ fn the_link_answers_and_the_line_is_taken_while_fits_run() {
     assert_eq!(status.counters.bytes_lost, 0);
     assert_eq!(status.verdicts_ok, 1, "{:?}", client.verdict());
     assert_eq!(rig.emulator().state().overruns, 0);
-    assert!(bytes_of_control(&records(&mut client)) == long_text().as_bytes());
+    assert!(raw_bytes(&journal(&mut client).0) == long_text().as_bytes());
 }
 
 /// Feed that a control punches before its text: twice what may wait.
@@ -483,7 +453,7 @@ fn a_long_fit(hits: usize, handshake: Handshake) {
     assert_eq!(status.verdicts_ok, 1, "{:?}", desk.verdict());
     let state = rig.emulator().state();
     assert_eq!((state.overruns, state.resets), (0, 0));
-    assert!(bytes_of_control(&records(&mut desk)) == text.as_bytes());
+    assert!(raw_bytes(&journal(&mut desk).0) == text.as_bytes());
 }
 
 /// See [`a_long_fit`]: four seconds.

@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use umi::link::{Client, Patience};
 use umi_protocol::job::Job;
 use umi_protocol::message::ResetReason;
+use umi_tests::cases::SESSION;
 use umi_tests::rig::{PicoRig, Rig};
 
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
 /// The watchdog's counter (RP2040 datasheet, 4.7.6).
 const WATCHDOG_LOAD: u32 = 0x4005_8004;
 /// Enough for an idle board's interrupts, and not for bytes of the control.

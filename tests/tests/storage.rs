@@ -5,17 +5,11 @@ use std::time::{Duration, Instant};
 
 use umi::link::{Client, LinkError};
 use umi_core::journal::Flash as _;
-use umi_protocol::job::Job;
 use umi_protocol::message::Status;
 use umi_protocol::pattern::Coding;
+use umi_tests::cases::{SESSION, job};
 use umi_virtual::board::{JOURNAL, SETTINGS};
 use umi_virtual::{Config, VirtualBoard, VirtualFlash};
-
-const SESSION: &str = include_str!("../reference/sessions/session_a.txt");
-
-fn job() -> Job {
-    toml::from_str(include_str!("../../examples/three-spheres.toml")).unwrap()
-}
 
 /// Flash that holds something which is not a journal.
 fn foreign(geometry: umi_core::journal::Geometry) -> VirtualFlash {
