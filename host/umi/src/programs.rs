@@ -48,6 +48,13 @@ pub fn number_in(program: &[u8]) -> Option<u32> {
     std::str::from_utf8(digits.get(..end)?).ok()?.parse().ok()
 }
 
+/// Whether a program begins as a board wants it: with `%`, behind blank tape.
+#[must_use]
+pub fn begins_with_percent(program: &[u8]) -> bool {
+    let is_blank = |byte: &u8| matches!(byte, 0 | b' ' | b'\t' | b'\r' | b'\n');
+    program.iter().find(|byte| !is_blank(byte)) == Some(&b'%')
+}
+
 /// All programs on a board, by number, and how much room there is.
 ///
 /// # Errors

@@ -673,6 +673,16 @@ fn there_and_back(
         .map_err(|refusal| format!("there: {refusal}"))?;
     let (back, second) = rewritten(&settings(transform.inverse(), clearance), &there)
         .map_err(|refusal| format!("back: {refusal}\n{there}"))?;
+    // Two passes that err alike would find back.
+    let image = Judge {
+        transform,
+        origin: nalgebra::Vector3::from(ORIGINS[0].map(|nm| nm as f64 / 1e6)),
+        rounding_mm: program.step_mm / 2.0 + 1e-6,
+        path_mm: CHORD_MM + program.step_mm,
+    };
+    interpreted(dialect, &there)
+        .and_then(|written| image.moves(&nominal, &written))
+        .map_err(|why| format!("there: {why}\n{there}"))?;
     let chorded = first.chorded + second.chorded;
     let rounding_mm = program.step_mm / 2.0 * (1.0 + 3f64.sqrt()) + 1e-6;
     let r = transform.rotation;

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi::failure::Failure;
+use umi::failure::{Explained, Failure};
 use umi::programs;
 use umi::style::{FAINT, GOOD, TITLE, paint, print, print_error, print_json};
-use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
+use umi::toolpath;
+use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, Withheld};
 
 use super::control::Control;
 use super::{Board, Format};
@@ -82,16 +83,8 @@ impl Rule {
     /// What a board is told of a program, and its bytes.
     fn read(&self, path: &Path, number: Option<u32>) -> Result<(ProgramInfo, Vec<u8>), Failure> {
         let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
-        let number = number.or_else(|| programs::number_in(&bytes));
-        let number = number.ok_or_else(|| {
-            Failure::trouble(
-                "program_number",
-                format_args!(
-                    "{} does not begin with an O-number: give one with --number",
-                    path.display()
-                ),
-            )
-        })?;
+        let number = numbered(path, number, programs::number_in(&bytes))?;
+        self.try_out(path, &bytes)?;
         let program = ProgramInfo {
             number,
             name: name(path),
@@ -101,6 +94,57 @@ impl Rule {
             hold_s: self.hold_s,
         };
         Ok((program, bytes))
+    }
+
+    /// Refuses what a board would never let out: better here, by line and reason, than by an
+    /// alarm at the machine.
+    fn try_out(&self, path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+        if !programs::begins_with_percent(bytes) {
+            let why = Withheld::NoPercent;
+            return Err(Failure::refused(
+                why.code(),
+                format_args!("{}: {why}", path.display()),
+            ));
+        }
+        let When::Rewritten = self.release else {
+            return Ok(());
+        };
+        let settings = self.control.settings(toolpath::LEANING.transform())?;
+        let Some(refusal) = toolpath::refusal(bytes, &settings)? else {
+            return Ok(());
+        };
+        let explained = Explained::new(
+            "not_rewritable",
+            format_args!(
+                "{} {refusal}; no verdict could send it (umi nc check lists every such line)",
+                path.display()
+            ),
+        );
+        Err(Failure::Refused(
+            explained
+                .with("line", refusal.line)
+                .with("column", refusal.column),
+        ))
+    }
+}
+
+/// The number of a program: its own, which one that is given must not contradict.
+fn numbered(path: &Path, given: Option<u32>, own: Option<u32>) -> Result<u32, Failure> {
+    let path = path.display();
+    match (given, own) {
+        (Some(given), Some(own)) if given != own => Err(Failure::trouble(
+            "program_number",
+            format_args!(
+                "{path} is O{own:04} by its own O line, not O{given:04}: a control that asks for \
+                 O{given:04} would get O{own:04}, and may keep it in place of another; leave \
+                 --number out, or change the O line"
+            ),
+        )),
+        (Some(number), _) | (None, Some(number)) => Ok(number),
+        (None, None) => Err(Failure::trouble(
+            "program_number",
+            format_args!("{path} does not begin with an O-number: give one with --number"),
+        )),
     }
 }
 
@@ -123,21 +167,23 @@ struct List {
 An upload that breaks off leaves the old program; the same command goes on where it was.
 While the board measures a plate it takes no program: umi waits for up to a minute.
 A control gets it when it prints READ O1234 (DPRNT[READ*O1234]) and then reads, or after
-umi program offer; `umi nc check` says beforehand what cannot be rewritten.
+umi program offer. With --release rewritten it is tried here first, with a part that leans:
+a line that cannot be rewritten is named, and nothing is put.
 
 Examples:
   umi program put pocket.nc             its number is that of its O line
-  umi program put pocket.nc --number 1234
+  umi program put bare.nc --number 1234   it has no O line
   umi program put probing.nc --release always
   umi program put pocket.nc --release rewritten --chord-mm 0.005
   umi program put long.nc --json        one line at its end
 
-Exit status: 0 it is there, whole; 1 file, usage or connection; 2 the board refuses.")]
+Exit status: 0 it is there, whole; 1 file, usage or connection; 2 the board refuses, or
+would never let it out.")]
 struct Put {
     /// The program
     #[arg(value_name = "PROGRAM.nc")]
     file: PathBuf,
-    /// Its number on the board, instead of that of its O line
+    /// Its number on the board, where it has no O line
     #[arg(long, value_name = "O", value_parser = number)]
     number: Option<u32>,
     #[command(flatten)]
@@ -204,9 +250,9 @@ struct Offer {
 /// Pass a program of any length through to the control, which reads it
 #[derive(Args)]
 #[command(after_help = "\
-Nothing of it is kept on the board. With --release rewritten a line that cannot be
-rewritten raises an alarm there: umi nc check says so beforehand. If umi ends or the cable
-is pulled, the control gets no end. What it prints while it runs takes it back, unless its
+Nothing of it is kept on the board. With --release rewritten it is tried here first, with a
+part that leans: a line that cannot be rewritten is named, and nothing begins. If umi ends
+or the cable is pulled, the control gets no end. What it prints while it runs takes it back, unless its
 release is always.
 
 Examples:
@@ -219,7 +265,7 @@ struct Pass {
     /// The program
     #[arg(value_name = "PROGRAM.nc")]
     file: PathBuf,
-    /// The number under which the control asks for it, instead of that of its O line
+    /// The number under which the control asks for it, where it has no O line
     #[arg(long, value_name = "O", value_parser = number)]
     number: Option<u32>,
     #[command(flatten)]

@@ -7,7 +7,9 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read as _};
 use std::path::{Path, PathBuf};
 
+use nalgebra::{Rotation3, Vector3};
 use umi_core::nc::rewrite::{BadSettings, Check, Identity, Refusal, Rewriter, Settings, Summary};
+use umi_core::registration::RigidTransform;
 
 use crate::failure::Failure;
 
@@ -18,6 +20,33 @@ const PIECE: usize = 1 << 16;
 
 /// Reasons that are listed, at most.
 const MOST_LISTED: usize = 100;
+
+/// A part as a program is tried with before there is a verdict.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    lean_deg: f64,
+}
+
+/// It lies askew by a degree.
+pub const LEVEL: Trial = Trial { lean_deg: 0.0 };
+
+/// It leans, too, as every measured one does: by hardly anything. What is refused does not
+/// depend on how much up to a slope of 1 in 50, where no part is clamped.
+pub const LEANING: Trial = Trial { lean_deg: 0.05 };
+
+impl Trial {
+    /// Nominal to measured.
+    #[must_use]
+    pub fn transform(self) -> RigidTransform {
+        let turn = |axis, degrees: f64| Rotation3::from_axis_angle(&axis, degrees.to_radians());
+        let height = if self.lean_deg == 0.0 { 0.0 } else { 0.1 };
+        RigidTransform {
+            rotation: (turn(Vector3::x_axis(), self.lean_deg) * turn(Vector3::z_axis(), 1.0))
+                .into_inner(),
+            translation_mm: Vector3::new(1.0, 2.0, height),
+        }
+    }
+}
 
 /// What a program is, and what stands against rewriting it.
 #[derive(Clone, Debug)]
@@ -68,6 +97,18 @@ pub fn examine(path: &Path, settings: &Settings) -> Result<Examined, Failure> {
         refusals,
         more,
     })
+}
+
+/// The first reason against rewriting a program that is in memory.
+///
+/// # Errors
+/// The settings cannot be used.
+pub fn refusal(program: &[u8], settings: &Settings) -> Result<Option<Refusal>, Failure> {
+    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    let done = rewriter
+        .push(program, &mut |_| ())
+        .and_then(|()| rewriter.finish(&mut |_| ()));
+    Ok(done.err())
 }
 
 /// Rewrites a program that has been examined. The file appears whole or not at all; `-`

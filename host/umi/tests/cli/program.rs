@@ -47,23 +47,84 @@ fn a_program_comes_back_as_it_was() {
         .says("there is no such program");
 }
 
-/// A number may be given; without one and without an O line there is none, and a program
-/// that finds no room is refused with figures.
+/// A program without an O line needs a number, one with it none but its own; one that finds
+/// no room is refused with figures.
 #[test]
 fn what_cannot_be_put_is_named() {
     let (folder, port) = (Folder::new(), board());
     let port = port.as_str();
-    let file = folder.file("nameless.nc", "G21\nM30\n");
+    let file = folder.file("nameless.nc", "%\nG21\nM30\n%\n");
     umi(&["program", "put", &file, "--port", port])
         .exits(1)
         .says("--number");
     umi(&["program", "put", &file, "--number", "O7", "--port", port]).exits(0);
-    let long = folder.file("long.nc", "G1 X1.\n".repeat(700_000));
+    let other = folder.file("other.nc", "%\nO0042\nM30\n%\n");
+    let refused = umi(&["program", "put", &other, "--number", "7", "--port", port]).exits(1);
+    refused.says("O0042 by its own O line, not O0007");
+    umi(&["program", "pass", &other, "--number", "7", "--port", port]).exits(1);
+    umi(&["program", "put", &other, "--number", "42", "--port", port]).exits(0);
+    let long = folder.file("long.nc", "%\n".to_owned() + &"G1 X1.\n".repeat(700_000));
     let refused = umi(&[
         "program", "put", &long, "--number", "8", "--json", "--port", port,
     ]);
     let error = refused.exits(2).json()["error"].clone();
     assert_eq!(error["code"], "program_store_full");
-    assert_eq!(error["needed_bytes"], 4_900_000);
+    assert_eq!(error["needed_bytes"], 4_900_002);
     assert!(error["longest_bytes"].as_u64().unwrap() < 4 << 20);
+}
+
+/// What a board would never let out is not put: without % before it, or with a line that
+/// cannot be rewritten, which is named. As it is, that one may go out.
+#[test]
+fn what_would_never_go_out_is_not_put() {
+    let (folder, port) = (Folder::new(), board());
+    let port = port.as_str();
+    let bare = folder.file("bare.nc", "O0042\nM30\n");
+    let refused = umi(&["program", "put", &bare, "--json", "--port", port]);
+    assert_eq!(refused.exits(2).json()["error"]["code"], "no_percent");
+    // Only where the part leans: cutter compensation would leave its plane.
+    let text = "%\nO0043\nG21 G90 G17\nG0 X0. Y0. Z5.\nG41 D1 G1 X9. F100.\nG40 X0.\nM30\n%\n";
+    let file = folder.file("offset.nc", text);
+    for action in ["put", "pass"] {
+        let arguments = [
+            "program",
+            action,
+            &file,
+            "--release",
+            "rewritten",
+            "--json",
+            "--port",
+            port,
+        ];
+        let error = umi(&arguments).exits(2).json()["error"].clone();
+        assert_eq!(error["code"], "not_rewritable");
+        assert_eq!(
+            (&error["line"], &error["column"]),
+            (&5.into(), &1.into()),
+            "{error}"
+        );
+        let message = error["message"].as_str().unwrap();
+        assert!(message.contains("line 5"), "{message}");
+    }
+    // What integers count is a setting of the control, not of the program.
+    let file_of_integers = folder.file("whole.nc", "%\nO0044\nG21 G90 G0 X10 Y0 Z5\nM30\n%\n");
+    let put = |more: &[&str]| {
+        let all = [
+            "program",
+            "put",
+            &file_of_integers,
+            "--release",
+            "rewritten",
+            "--port",
+            port,
+        ];
+        umi(&[&all, more].concat())
+    };
+    put(&[]).exits(2).says("line 3");
+    put(&["--integers", "units"]).exits(0);
+    let list = umi(&["program", "list", "--json", "--port", port])
+        .exits(0)
+        .json();
+    assert_eq!(list["programs"].as_array().unwrap().len(), 1);
+    umi(&["program", "put", &file, "--port", port]).exits(0);
 }

@@ -3,14 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use nalgebra::{Rotation3, Vector3};
 use serde_json::json;
 use umi::failure::Failure;
 use umi::points::name;
 use umi::style::{BAD, CAUTION, GOOD, count, paint, print, print_json};
 use umi::toolpath::{self, Examined};
 use umi_core::nc::rewrite::Refusal;
-use umi_core::registration::RigidTransform;
 
 use super::how::{How, Which};
 use super::rewrite::{machine, table};
@@ -42,15 +40,6 @@ Examples:
 
 Exit status: 0 it can, 1 file or usage, 2 there are reasons against it.";
 
-/// A part that lies askew by a degree, and leans as a measured one does, or not.
-fn trial(lean_deg: f64) -> RigidTransform {
-    let turn = |axis, degrees: f64| Rotation3::from_axis_angle(&axis, degrees.to_radians());
-    RigidTransform {
-        rotation: (turn(Vector3::x_axis(), lean_deg) * turn(Vector3::z_axis(), 1.0)).into_inner(),
-        translation_mm: Vector3::new(1.0, 2.0, if lean_deg == 0.0 { 0.0 } else { 0.1 }),
-    }
-}
-
 impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let examine = |transform| {
@@ -58,8 +47,8 @@ impl Check {
             toolpath::examine(&self.program, &settings)
         };
         let Some(source) = self.which.read()? else {
-            let level = examine(trial(0.0))?;
-            let leaning = examine(trial(0.05))?;
+            let level = examine(toolpath::LEVEL.transform())?;
+            let leaning = examine(toolpath::LEANING.transform())?;
             return self.tell(&level, Some(&leaning));
         };
         self.tell(&examine(source.transform)?, None)
