@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use umi::audit::Audit;
 use umi::link::{Client, Patience};
+use umi::programs;
 use umi::pull::{self, Step};
 use umi_core::brain::{self, Brain};
 use umi_core::units::Micros;
@@ -22,6 +23,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::{FeatureKind, Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
 use umi_protocol::pattern::Handshake;
+use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, UnitRule};
 use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, PicoRig, Pulses, Segment, TRIGGER_PIN, pty};
@@ -38,6 +40,8 @@ const CHARACTER_CYCLES: u64 = 87 * CYCLES_PER_US;
 const ANSWER_CYCLES: u64 = 300_000 * CYCLES_PER_US;
 /// How long half of them take, at most.
 const HALF_OF_ANSWERS_CYCLES: u64 = 2_000 * CYCLES_PER_US;
+/// Cycles for a byte of a program that is rewritten, before its first byte goes out.
+const LOOK_CYCLES: f64 = 5_000.0;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 
@@ -467,6 +471,54 @@ fn a_cylinder_keeps_neither_the_line_nor_the_laser() {
 #[ignore = "minutes of emulation"]
 fn a_cylinder_keeps_neither_the_line_nor_the_laser_long() {
     a_long_fit(MAX_HITS, Handshake::None);
+}
+
+/// A program that is rewritten by the verdict is looked through before its first byte: the
+/// control that reads it waits for so long.
+#[test]
+fn a_long_program_begins_before_a_control_gives_up() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    let mut plain = job();
+    plain.correction = None;
+    client.set_job(&plain).unwrap().unwrap();
+    let lines: String = (0..1000)
+        .map(|line| format!("X{}.{:03} Y-{line}.25 Z-1.5\n", line % 90, line % 1000))
+        .collect();
+    let text = format!("%\nO77\nG21 G90 G17 G94\nG1 F800\n{lines}M30\n%\n");
+    let program = ProgramInfo {
+        number: 77,
+        name: "LONG".parse().unwrap(),
+        bytes: u32::try_from(text.len()).unwrap(),
+        crc32: programs::check_value(text.as_bytes()),
+        release: Release::Rewritten(RewriteSpec {
+            decimals_mm: 3,
+            chord_um: 20,
+            clearance_um: 1000,
+            integers: IntegerRule::Refused,
+            unit: UnitRule::Said,
+        }),
+        hold_s: 60,
+    };
+    programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    wait_until("two verdicts", || client.status().unwrap().verdicts == 2);
+    stamps(&mut rig);
+    let begun = heard(&mut rig);
+    rig.control_sends(b"READ O77\r\n\x11");
+    wait_for_control(&mut rig);
+    let asked = rig.emulator().state().cycle;
+    wait_until("its first byte", || heard(&mut rig) > begun);
+    let waited = stamps(&mut rig)[0] - asked;
+    let per_byte = waited as f64 / text.len() as f64;
+    println!(
+        "{} bytes: {} ms, {per_byte:.0} cycles a byte",
+        text.len(),
+        waited / CYCLES_PER_US / 1000
+    );
+    assert!(per_byte <= LOOK_CYCLES);
 }
 
 // --- the program, on a serial device
