@@ -17,7 +17,7 @@ use crate::schema::key as schema_key;
 /// The major number is raised when a host must be rebuilt for more than new
 /// data, the minor one otherwise. To the link both are the same: only equal
 /// versions with equal keys talk, so that no message is ever half understood.
-pub const VERSION: Version = Version { major: 2, minor: 3 };
+pub const VERSION: Version = Version { major: 2, minor: 4 };
 
 /// The schema key of all messages of the link.
 pub const KEY: u64 = schema_key::<(Request, Response, Event)>();

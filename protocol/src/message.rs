@@ -378,6 +378,23 @@ pub enum Record {
         /// Why.
         why: ProgramRefusal,
     },
+    /// A correction program is about to go out: this is in the journal before its first
+    /// byte, or that does not go out. Without a [`Self::CorrectionSent`] behind it the power
+    /// went while it was on its way, and the control has as much of it as it has.
+    CorrectionBegun {
+        /// Of this plate.
+        plate: u32,
+    },
+    /// A part program is about to go out, as [`Self::CorrectionBegun`]; a
+    /// [`Self::ProgramSent`] of the same number follows.
+    ProgramBegun {
+        /// Its number.
+        number: u32,
+        /// The CRC-32 of its bytes.
+        crc32: u32,
+        /// By the registration of which plate it is rewritten; none: it goes out as it is.
+        rewritten_for: Option<u32>,
+    },
 }
 
 impl Record {
@@ -405,6 +422,8 @@ impl Record {
             Self::AlarmSent { .. } => 17,
             Self::ProgramSent { .. } => 18,
             Self::ProgramNotKept { .. } => 19,
+            Self::CorrectionBegun { .. } => 20,
+            Self::ProgramBegun { .. } => 21,
         }
     }
 }

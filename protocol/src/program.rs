@@ -139,6 +139,8 @@ pub enum Withheld {
         /// The character.
         byte: u8,
     },
+    /// The journal does not keep that it goes out.
+    NotJournaled,
 }
 
 impl Withheld {
@@ -159,6 +161,7 @@ impl Withheld {
             Self::NotRewritable { .. } => "not_rewritable",
             Self::Damaged => "program_damaged",
             Self::NotInCode { .. } => "not_in_code",
+            Self::NotJournaled => "not_journaled",
         }
     }
 
@@ -179,6 +182,7 @@ impl Withheld {
             Self::NotRewritable { .. } => "PROGRAM NOT REWRITABLE",
             Self::Damaged => "PROGRAM DAMAGED",
             Self::NotInCode { .. } => "CHARACTER NOT IN CODE",
+            Self::NotJournaled => "JOURNAL NOT WRITTEN",
         }
     }
 }
@@ -225,6 +229,9 @@ impl fmt::Display for Withheld {
                 f,
                 "the code in which the control writes has no {:?}",
                 char::from(*byte)
+            ),
+            Self::NotJournaled => f.write_str(
+                "the board's journal does not keep that it goes out, and what is not in it does not move metal: look at the board (umi info)",
             ),
         }
     }

@@ -308,7 +308,8 @@ fn switches_the_laser_off_with_its_host(rig: &mut dyn Rig) {
 }
 
 /// Power off and on: job, taught reference and journal are there, and the next clamping
-/// is registered as if nothing had been. The audit spans the power cut.
+/// is registered as if nothing had been. The audit spans the power cut. Another one, while the
+/// correction is on its way: the journal says that it had begun, and no more of it.
 fn keeps_job_reference_and_journal_without_power(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&job()).unwrap().unwrap();
@@ -333,6 +334,22 @@ fn keeps_job_reference_and_journal_without_power(rig: &mut dyn Rig) {
     assert_eq!(findings.identical, 2 * 4 + 1);
     let boots = records.iter().filter(|r| matches!(r, Record::Boot { .. }));
     assert_eq!(boots.count(), 2);
+
+    let _ = stopped(rig, DC1, 100);
+    drop(client);
+    rig.power_cycle();
+    let (records, findings) = journal(&mut connect(rig));
+    assert_eq!(findings.differences, []);
+    let sent = records.iter().filter(|of| {
+        matches!(
+            of,
+            Record::CorrectionBegun { .. } | Record::CorrectionSent { .. }
+        )
+    });
+    let begun = Record::CorrectionBegun {
+        plate: verdict.plate,
+    };
+    assert!(sent.eq([&begun]));
 }
 
 /// A host that goes in the middle of a frame leaves nothing behind: the next one is

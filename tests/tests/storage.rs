@@ -4,9 +4,11 @@
 use std::time::{Duration, Instant};
 
 use umi::link::{Client, LinkError};
+use umi::programs;
 use umi_core::journal::Flash as _;
 use umi_protocol::message::Status;
 use umi_protocol::pattern::Coding;
+use umi_protocol::program::{ProgramInfo, Release, Withheld};
 use umi_tests::cases::{SESSION, job};
 use umi_virtual::board::{JOURNAL, SETTINGS};
 use umi_virtual::{Config, VirtualBoard, VirtualFlash};
@@ -41,12 +43,23 @@ fn after_verdicts(client: &mut Client, verdicts: u32) -> Status {
 }
 
 /// Without a journal: measured and judged by the job that was kept before, but every
-/// entry is counted as refused, no job is taken, and READ gets an alarm.
+/// entry is counted as refused, no job is taken, and READ gets an alarm; a program that needs
+/// no verdict does not go out, either.
 #[test]
 fn without_a_journal_nothing_is_sent() {
     let config = Config::default();
     let (board, mut client) = start(&config);
     client.set_job(&job()).unwrap().unwrap();
+    let text = "%\nO0009\nM30\n%\n";
+    let program = ProgramInfo {
+        number: 9,
+        name: "PROBE".parse().unwrap(),
+        bytes: u32::try_from(text.len()).unwrap(),
+        crc32: programs::check_value(text.as_bytes()),
+        release: Release::Always,
+        hold_s: 5,
+    };
+    programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
     drop((board, client));
 
     let config = Config {
@@ -68,6 +81,11 @@ fn without_a_journal_nothing_is_sent() {
     let patience = Duration::from_secs(5);
     let program = alarm.bytes().map(|_| board.control_receives(patience));
     assert!(program.eq(alarm.bytes().map(Some)));
+    assert_eq!(board.control_receives(Duration::from_millis(100)), None);
+    board.control_sends(b"READ O9\r\n\x11");
+    let alarm = umi_core::nc::withheld(9, &Withheld::NotJournaled, Coding::Ascii);
+    let came = alarm.bytes().map(|_| board.control_receives(patience));
+    assert!(came.eq(alarm.bytes().map(Some)));
     assert_eq!(board.control_receives(Duration::from_millis(100)), None);
 
     for refused in [

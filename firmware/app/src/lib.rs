@@ -255,7 +255,7 @@ impl<F: Flash> App<F> {
                     if measure.book.punch.has_block() {
                         measure.keep_block(clock.now());
                     }
-                    let more = measure.fill();
+                    let more = measure.fill(clock.now());
                     drop(measure);
                     self.flow.filled.signal(());
                     if more {

@@ -95,7 +95,9 @@ impl Replay {
             | Record::ProgramDeleted { .. }
             | Record::AlarmSent { .. }
             | Record::ProgramSent { .. }
-            | Record::ProgramNotKept { .. } => Ok(()),
+            | Record::ProgramNotKept { .. }
+            | Record::CorrectionBegun { .. }
+            | Record::ProgramBegun { .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {

@@ -427,6 +427,17 @@ fn record(record: &Record) -> Value {
             "bytes": bytes,
             "complete": complete,
         }),
+        Record::CorrectionBegun { plate } => json!({"type": "correction_begun", "plate": plate}),
+        Record::ProgramBegun {
+            number,
+            crc32,
+            rewritten_for,
+        } => json!({
+            "type": "program_begun",
+            "number": number,
+            "crc32": crc32,
+            "rewritten_for_plate": rewritten_for,
+        }),
         Record::ProgramNotKept { number, why } => json!({
             "type": "program_not_kept",
             "number": number,

@@ -131,16 +131,22 @@ pub fn record(record: &Record) -> String {
             if *complete { GOOD } else { BAD },
             format_args!(
                 "program O{number:04}{} {} {bytes} bytes, check value of the original {crc32:08X}",
-                match rewritten_for {
-                    Some(plate) => format!(" rewritten for plate {plate}"),
-                    None => String::new(),
-                },
+                rewritten(*rewritten_for),
                 if *complete {
                     "sent,"
                 } else {
                     "broke off after"
                 }
             ),
+        ),
+        Record::CorrectionBegun { plate } => format!("correction of plate {plate} begins"),
+        Record::ProgramBegun {
+            number,
+            crc32,
+            rewritten_for,
+        } => format!(
+            "program O{number:04}{} begins, check value of the original {crc32:08X}",
+            rewritten(*rewritten_for)
         ),
         Record::ProgramNotKept { number, why } => paint(
             CAUTION,
@@ -150,6 +156,10 @@ pub fn record(record: &Record) -> String {
             format!("program O{number:04} deleted, check value {crc32:08X}")
         }
     }
+}
+
+fn rewritten(rewritten_for: Option<u32>) -> String {
+    rewritten_for.map_or_else(String::new, |plate| format!(" rewritten for plate {plate}"))
 }
 
 /// A part program.

@@ -248,7 +248,13 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             number: 1234,
             why: ProgramRefusal::OtherThere { crc32: 0xCBF4_3926 },
         },
-        Some(Record::ProgramNotKept { .. }) => return None,
+        Some(Record::ProgramNotKept { .. }) => Record::CorrectionBegun { plate: 1 },
+        Some(Record::CorrectionBegun { .. }) => Record::ProgramBegun {
+            number: 1234,
+            crc32: 0xCBF4_3926,
+            rewritten_for: Some(3),
+        },
+        Some(Record::ProgramBegun { .. }) => return None,
     })
 }
 

@@ -73,6 +73,12 @@ fn reads_programs_by_their_number(rig: &mut dyn Rig) {
     let sent: Vec<_> = records
         .iter()
         .filter_map(|record| match record {
+            // What gets an alarm instead has not begun.
+            Record::ProgramBegun {
+                number,
+                rewritten_for,
+                ..
+            } => Some((*number, *rewritten_for, false)),
             Record::ProgramSent {
                 number,
                 rewritten_for,
@@ -82,7 +88,8 @@ fn reads_programs_by_their_number(rig: &mut dyn Rig) {
             _ => None,
         })
         .collect();
-    assert_eq!(sent, [(9, None, true), (1234, None, true)]);
+    let both = |number| [(number, None, false), (number, None, true)];
+    assert_eq!(sent, [both(9), both(1234)].concat());
     assert_eq!(findings.differences, []);
 }
 
@@ -109,6 +116,11 @@ fn rewrites_a_program_by_the_verdict(rig: &mut dyn Rig) {
     read(rig, 1234);
     receive_text(rig, &alarm_of(1234, &Withheld::GoneOut));
     let (records, _) = journal(&mut client);
+    assert!(records.contains(&Record::ProgramBegun {
+        number: 1234,
+        crc32: program.crc32,
+        rewritten_for: Some(1),
+    }));
     assert!(records.contains(&Record::ProgramSent {
         number: 1234,
         crc32: program.crc32,
@@ -175,7 +187,8 @@ fn begins_anew_what_the_control_broke_off(rig: &mut dyn Rig) {
 }
 
 /// The power fails in the middle: what went out has no end, nothing comes by itself, and
-/// without its verdict the board has none for it any more.
+/// without its verdict the board has none for it any more. The journal says that it had begun,
+/// and no more of it.
 fn sends_nothing_runnable_after_a_reset(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&plain_job()).unwrap().unwrap();
@@ -197,6 +210,17 @@ fn sends_nothing_runnable_after_a_reset(rig: &mut dyn Rig) {
     receive_text(rig, &alarm_of(1234, &Withheld::NoVerdict));
     let (room, _) = programs::list(&mut client).unwrap();
     assert_eq!(room.programs, 1);
+    let (records, findings) = journal(&mut client);
+    assert_eq!(findings.differences, []);
+    let begun = Record::ProgramBegun {
+        number: 1234,
+        crc32: program.crc32,
+        rewritten_for: None,
+    };
+    let programs = records
+        .iter()
+        .filter(|of| matches!(of, Record::ProgramBegun { .. } | Record::ProgramSent { .. }));
+    assert!(programs.eq([&begun]));
 }
 
 /// What the host passes through comes as it is, at the speed of the line. When the host is

@@ -720,9 +720,10 @@ struct Seen {
     chorded: u64,
 }
 
-/// Random programs under random transforms, 256 or `PROPTEST_CASES`.
+/// Random programs under random transforms, 128 or half of `PROPTEST_CASES`.
 fn every_program_comes_back(dialect: Dialect, leans: bool) -> Seen {
     let config = ProptestConfig {
+        cases: ProptestConfig::default().cases / 2,
         failure_persistence: None,
         ..ProptestConfig::default()
     };

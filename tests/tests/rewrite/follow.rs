@@ -357,7 +357,7 @@ fn distance(way: &Move, place: &V) -> f64 {
         return off(part.min(1.0)).min(ends);
     }
     // Of a helix: the nearest of many, then by thirds.
-    let steps = 128;
+    let steps = 32;
     let part = |n: u32| f64::from(n) / f64::from(steps);
     let best = (0..=steps)
         .min_by(|a, b| off(part(*a)).total_cmp(&off(part(*b))))

@@ -21,6 +21,10 @@
 //!
 //! **How it comes out** is the business of [`stream`].
 //!
+//! **In the journal first.** That a program or a correction begins is in the journal before its
+//! first byte goes out, and what became of it when it has ended: a power cut in between leaves
+//! the first alone. What the journal does not take does not go out.
+//!
 //! # Tradeoffs
 //!
 //! A program that the control broke off (NAK) stays asked for and begins anew at the next
@@ -36,8 +40,6 @@
 //!
 //! What a program prints while it is carried out as it comes is a measurement like any other:
 //! one that needs a verdict breaks off there.
-//!
-//! The journal learns of a program when it has ended, not when it begins.
 
 mod stream;
 
@@ -146,15 +148,15 @@ impl<F: Flash> Measure<F> {
         let has_begun = match asked {
             // What goes out by itself may also be asked for; not the reverse.
             Ask::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
-            Ask::Verdict => self.correction(),
+            Ask::Verdict => self.correction(now),
             // It may be a "go on" of what has ended: nothing begins anew by it.
-            Ask::Again if self.book.wanted.has_ended() => self.correction(),
-            Ask::Again => self.program(now) || self.correction(),
+            Ask::Again if self.book.wanted.has_ended() => self.correction(now),
+            Ask::Again => self.program(now) || self.correction(now),
             // It is what a control says in many other states: no alarm for it.
-            Ask::Xmodem => self.program(now) || self.correction(),
+            Ask::Xmodem => self.program(now) || self.correction(now),
             // Nothing goes out.
             Ask::Receive => false,
-            Ask::Read => self.program(now) || self.correction() || self.alarm(),
+            Ask::Read => self.program(now) || self.correction(now) || self.alarm(),
         };
         let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
         if asked == Ask::Xmodem {
@@ -179,9 +181,53 @@ impl<F: Flash> Measure<F> {
     }
 
     /// Does a part of the work on what is being sent; whether there may be more at once.
-    pub(crate) fn fill(&mut self) -> bool {
+    pub(crate) fn fill(&mut self, now: Micros) -> bool {
         let delivery = self.delivery.get_mut();
-        delivery.is_some_and(|delivery| delivery.fill(self.programs.get_mut()))
+        let more = delivery.is_some_and(|delivery| delivery.fill(self.programs.get_mut()));
+        self.note_beginning(now);
+        more
+    }
+
+    /// Where a program is about to go out: it is in the journal before its first byte, or an
+    /// alarm goes out in its place.
+    fn note_beginning(&mut self, now: Micros) {
+        let Some(delivery) = self.delivery.get_mut() else {
+            return;
+        };
+        if delivery.begins()
+            && let What::Program(part) = &delivery.what
+        {
+            let (number, crc32) = (part.number, part.crc32);
+            let rewritten_for = part.rewritten_for();
+            if !self.program_begins(now, number, crc32, rewritten_for)
+                && let Some(delivery) = self.delivery.get_mut()
+            {
+                delivery.withhold(Withheld::NotJournaled);
+            }
+        }
+    }
+
+    /// In a function of its own, as a record is large on the stack.
+    #[inline(never)]
+    fn program_begins(
+        &mut self,
+        now: Micros,
+        number: u32,
+        crc32: u32,
+        rewritten_for: Option<u32>,
+    ) -> bool {
+        let record = Record::ProgramBegun {
+            number,
+            crc32,
+            rewritten_for,
+        };
+        self.book.record(now, record)
+    }
+
+    /// As [`Self::program_begins`].
+    #[inline(never)]
+    fn correction_begins(&mut self, now: Micros, plate: u32) -> bool {
+        self.book.record(now, Record::CorrectionBegun { plate })
     }
 
     /// Whether [`Self::fill`] has room to work.
@@ -263,7 +309,7 @@ impl<F: Flash> Measure<F> {
                 Record::ProgramSent {
                     number: part.number,
                     crc32: part.crc32,
-                    rewritten_for: part.plate.filter(|_| part.how.is_some()),
+                    rewritten_for: part.rewritten_for(),
                     bytes,
                     complete,
                 }
@@ -300,8 +346,15 @@ impl<F: Flash> Measure<F> {
 
     /// Begins with the correction that the control may have now; false if there is none.
     #[inline(never)]
-    fn correction(&mut self) -> bool {
+    fn correction(&mut self, now: Micros) -> bool {
         if self.waiting().is_none() {
+            return false;
+        }
+        let Some((plate, ..)) = self.book.armed() else {
+            return false;
+        };
+        // What the journal refuses disarms it.
+        if !self.correction_begins(now, plate) {
             return false;
         }
         let Some((plate, arming, text)) = self.book.armed() else {
@@ -338,7 +391,7 @@ impl<F: Flash> Measure<F> {
         }
         self.book.wanted.has_begun = true;
         match self.part(now, number) {
-            Ok(part) => self.open_program(part),
+            Ok(part) => self.open_program(now, part),
             Err(why) => {
                 let text = withheld(number, &why, self.coding());
                 self.open(What::Alarm { number, why }, 0, &text);
@@ -348,7 +401,7 @@ impl<F: Flash> Measure<F> {
     }
 
     #[inline(never)]
-    fn open_program(&mut self, part: Part) {
+    fn open_program(&mut self, now: Micros, part: Part) {
         let released = self.book.released.get().filter(|_| part.plate.is_some());
         let arming = released.map_or(0, |of| of.arming);
         let stage = match part.stored {
@@ -361,6 +414,7 @@ impl<F: Flash> Measure<F> {
         if let Some(delivery) = self.delivery.get_mut() {
             delivery.rewind(stage);
         }
+        self.note_beginning(now);
     }
 
     /// What is to be sent of a program, if it may be.

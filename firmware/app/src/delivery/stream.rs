@@ -58,6 +58,13 @@ pub(super) struct Part {
     pub hold_us: u64,
 }
 
+impl Part {
+    /// The plate by whose registration it is rewritten.
+    pub fn rewritten_for(&self) -> Option<u32> {
+        self.plate.filter(|_| self.how.is_some())
+    }
+}
+
 #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
 pub(super) enum What {
     Correction { plate: u32 },
@@ -83,6 +90,8 @@ pub(crate) struct Delivery {
     /// What was asked for when it began: what is asked for later takes it back.
     pub(super) request: u32,
     stage: Stage,
+    /// That it begins to go out has been said.
+    has_begun: bool,
     /// At the end of the queue is the end of the program.
     whole: bool,
     rewriter: Place<Rewriter>,
@@ -111,6 +120,7 @@ impl Delivery {
             arming,
             request,
             stage: Stage::Ended,
+            has_begun: false,
             whole: false,
             rewriter: Place::empty(),
             has_more: false,
@@ -145,7 +155,7 @@ impl Delivery {
 
     /// The program that raises an alarm, in place of this one.
     #[inline(never)]
-    fn withhold(&mut self, why: Withheld) {
+    pub(super) fn withhold(&mut self, why: Withheld) {
         let What::Program(Part { number, .. }) = &self.what else {
             return;
         };
@@ -189,6 +199,13 @@ impl Delivery {
             Ok(rewriter) => self.rewriter.put(rewriter),
             Err(_) => self.withhold(Withheld::BadSettings),
         }
+    }
+
+    /// Whether a program is about to go out now, nothing of it in the queue yet. Says so once.
+    pub(super) fn begins(&mut self) -> bool {
+        let begins = self.stage == Stage::Sending && !self.has_begun;
+        self.has_begun |= begins;
+        begins
     }
 
     /// All that will go out is in the queue.

@@ -62,6 +62,7 @@ mod tests {
             },
             Withheld::Damaged,
             Withheld::NotInCode { byte: b'#' },
+            Withheld::NotJournaled,
         ];
         for coding in [
             Coding::Auto,
