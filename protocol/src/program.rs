@@ -115,7 +115,8 @@ pub enum Withheld {
     /// It broke off because the control held the line for too long: nobody knows where the
     /// machine stands in it.
     HeldTooLong,
-    /// It does not begin with `%`: what a control has of an older one would run on into it.
+    /// It does not begin with `%`: what a control has of an older one would run on into it; or
+    /// it does not end with `%`, and nobody knows whether it is all of it.
     NoPercent,
     /// It was punched by the control; nobody has said that it may go out.
     NotReleased,
@@ -165,7 +166,8 @@ impl Withheld {
         }
     }
 
-    /// What an alarm says on the control's screen: capitals, 28 at most.
+    /// What an alarm says on the control's screen: capitals, 28 at most, and no `%`, which
+    /// ends a program wherever it stands.
     #[must_use]
     pub const fn alarm(&self) -> &'static str {
         match self {
@@ -174,7 +176,7 @@ impl Withheld {
             Self::GoneOut => "PROGRAM HAS GONE OUT - PROBE",
             Self::NotCorrected => "READ THE CORRECTION FIRST",
             Self::HeldTooLong => "HELD TOO LONG - ASK AGAIN",
-            Self::NoPercent => "PROGRAM BEGINS WITHOUT %",
+            Self::NoPercent => "NO PERCENT AT BEGIN OR END",
             Self::NotReleased => "PROGRAM NOT RELEASED",
             Self::CorrectedTwice => "JOB CORRECTS ALREADY",
             Self::NoRegistration => "VERDICT WITHOUT REGISTRATION",
@@ -204,7 +206,7 @@ impl fmt::Display for Withheld {
                 "it broke off because the control held the line for longer than --hold-s, and nobody knows where the machine stands in it: ask for it again",
             ),
             Self::NoPercent => f.write_str(
-                "it does not begin with %, and what a control still has of an older program would run on into it: put % on its first line",
+                "it does not begin with %, and what a control still has of an older program would run on into it; or it does not end with %, and may be cut off: put % on its first and last line",
             ),
             Self::NotReleased => f.write_str(
                 "the control has punched it and nobody has released it: umi program get it, look at it, and put it with --release",

@@ -23,7 +23,8 @@
 //!
 //! A NAK where nothing is being sent asks for the program by XMODEM (`xmodem`): it gets the
 //! program that was asked for by its number, or the correction, and nothing if there is
-//! neither.
+//! neither. Noise and alarms of other controls are NAKs, too: until the first block has been
+//! acknowledged, what comes is text as ever, and whatever else it says ends the blocks.
 //!
 //! # Limitations
 //!
@@ -121,6 +122,8 @@ pub(crate) struct Flow {
     /// control.
     is_xmodem: AtomicBool,
     is_receiving: AtomicBool,
+    /// The control has acknowledged a block: it does know them.
+    is_acknowledged: AtomicBool,
     /// Bytes that came meanwhile and may have been something else.
     pub diverted: AtomicU32,
     pub answers: Channel<CriticalSectionRawMutex, u8, ANSWERS>,
@@ -146,6 +149,7 @@ impl Flow {
             begun: Signal::new(),
             is_xmodem: AtomicBool::new(false),
             is_receiving: AtomicBool::new(false),
+            is_acknowledged: AtomicBool::new(false),
             diverted: AtomicU32::new(0),
             answers: Channel::new(),
         }
@@ -178,6 +182,7 @@ impl Flow {
         self.diverted.store(0, Ordering::Relaxed);
         let is_receiving = asked == Ask::Receive;
         self.is_receiving.store(is_receiving, Ordering::Relaxed);
+        self.is_acknowledged.store(false, Ordering::Relaxed);
         self.is_xmodem
             .store(is_receiving || asked == Ask::Xmodem, Ordering::Relaxed);
         self.hold_us.lock(|hold| hold.set(hold_us));
@@ -216,6 +221,40 @@ impl Flow {
         } else if byte & !PARITY == XON {
             self.stopped.store(false, Ordering::Relaxed);
             self.resumed.signal(());
+        }
+    }
+
+    /// Looks at a byte while blocks go out or come in. Whether it is also what it would be
+    /// otherwise.
+    fn divert(&self, byte: u8) -> bool {
+        let is_receiving = self.is_receiving.load(Ordering::Relaxed);
+        let is_answer = matches!(byte, ACK | NAK | CAN);
+        if !is_receiving && byte == ACK {
+            self.is_acknowledged.store(true, Ordering::Relaxed);
+        }
+        let is_known = is_receiving || self.is_acknowledged.load(Ordering::Relaxed);
+        if is_known && (is_receiving || !is_answer) {
+            let diverted = self.diverted.load(Ordering::Relaxed);
+            self.diverted
+                .store(diverted.saturating_add(1), Ordering::Relaxed);
+        }
+        if is_known || is_answer {
+            // More than there is room for is more than was asked.
+            let _ = self.answers.try_send(byte);
+        } else {
+            // No control that waits for blocks says this.
+            self.is_xmodem.store(false, Ordering::Relaxed);
+            self.is_given_up.store(true, Ordering::Relaxed);
+            self.cancel();
+        }
+        // CAN is a character in no code.
+        !is_known && byte != CAN
+    }
+
+    /// Ends the blocks, as if the control had.
+    pub fn cancel(&self) {
+        for _ in 0..2 {
+            let _ = self.answers.try_send(CAN);
         }
     }
 
@@ -271,15 +310,12 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
             CncInput::Bytes(count) => {
                 let bytes = buffer.get(..count).unwrap_or_default();
                 if app.flow.is_xmodem.load(Ordering::Relaxed) {
-                    let is_receiving = app.flow.is_receiving.load(Ordering::Relaxed);
-                    let other = |byte: &&u8| is_receiving || !matches!(**byte, ACK | NAK | CAN);
-                    let others = bytes.iter().filter(other).count() as u32;
-                    let before = app.flow.diverted.load(Ordering::Relaxed);
-                    let diverted = before.saturating_add(others);
-                    app.flow.diverted.store(diverted, Ordering::Relaxed);
-                    // More than there is room for is more than was asked.
                     for byte in bytes {
-                        let _ = app.flow.answers.try_send(*byte);
+                        let is_xmodem = app.flow.is_xmodem.load(Ordering::Relaxed);
+                        if !is_xmodem || app.flow.divert(*byte) {
+                            app.flow.see(*byte);
+                            app.intake.bytes(clock.now(), &[*byte]);
+                        }
                     }
                     continue;
                 }
@@ -336,9 +372,13 @@ async fn send<F: Flash>(
     loop {
         if app.flow.stopped.load(Ordering::Relaxed) {
             let resumed = select(app.flow.resumed.wait(), patience(clock, hold_us));
-            let waited = meanwhile(app, tx, resumed).await;
-            if matches!(waited, Either::Second(())) {
-                sent.is_held = 1;
+            // Controls say XOFF behind the last %.
+            let is_over = app.measure.lock().await.is_all_out()
+                || matches!(meanwhile(app, tx, resumed).await, Either::Second(()));
+            if is_over {
+                let is_all_out = app.measure.lock().await.is_all_out();
+                sent.whole = is_all_out.into();
+                sent.is_held = (!is_all_out).into();
                 break;
             }
             continue;

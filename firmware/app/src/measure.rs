@@ -693,10 +693,10 @@ impl<F: Flash> Book<F> {
         self.disarm();
         self.released.clear();
         // A program that goes out whenever it is asked for goes on: it may be what prints.
-        let passed = self.passed.get();
+        let passed = self.passed.get().filter(|of| of.end.is_none());
         if passed.is_none_or(|of| of.info.release != Release::Always) {
             self.wanted.number = 0;
-            if passed.is_some_and(|of| of.end.is_none()) {
+            if passed.is_some() {
                 self.passed.clear();
             }
         }

@@ -66,6 +66,10 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
                 // A frame has as many.
                 let _ = block.extend_from_slice(frame);
                 let is_broken = !write(tx, clock, &block).await;
+                // What came before its last byte does not answer it.
+                while let Ok(byte) = app.flow.answers.try_receive() {
+                    sender.received(byte, clock.now());
+                }
                 sender.sent(clock.now());
                 if is_broken {
                     sender.stop();

@@ -48,11 +48,13 @@ pub fn number_in(program: &[u8]) -> Option<u32> {
     std::str::from_utf8(digits.get(..end)?).ok()?.parse().ok()
 }
 
-/// Whether a program begins as a board wants it: with `%`, behind blank tape.
+/// Whether a program stands between two `%`, as a board wants it, blank tape around them. One
+/// that was cut off does not.
 #[must_use]
-pub fn begins_with_percent(program: &[u8]) -> bool {
+pub fn is_closed(program: &[u8]) -> bool {
     let is_blank = |byte: &u8| matches!(byte, 0 | b' ' | b'\t' | b'\r' | b'\n');
-    program.iter().find(|byte| !is_blank(byte)) == Some(&b'%')
+    let text = || program.iter().filter(|byte| !is_blank(byte));
+    [text().next(), text().next_back()] == [Some(&b'%'); 2] && text().count() > 1
 }
 
 /// All programs on a board, by number, and how much room there is.
@@ -236,7 +238,22 @@ pub fn refusal(of: &ProgramRefusal) -> Failure {
 
 #[cfg(test)]
 mod tests {
-    use super::number_in;
+    use super::{is_closed, number_in};
+
+    #[test]
+    fn a_program_stands_between_percents() {
+        for (text, closed) in [
+            ("%\nO1\nM30\n%\n", true),
+            ("\r\n%O1\r\nM30\r\n%\r\n\0\0", true),
+            ("%\nO1\nM30\n", false),
+            ("O1\nM30\n%", false),
+            ("\u{feff}%\nO1\n%", false),
+            ("%\n", false),
+            ("", false),
+        ] {
+            assert_eq!(is_closed(text.as_bytes()), closed, "{text:?}");
+        }
+    }
 
     #[test]
     fn a_program_says_its_number() {

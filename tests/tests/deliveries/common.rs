@@ -1,5 +1,6 @@
 //! Programs, jobs, and what the control should get.
 
+use umi::link::Client;
 use umi::programs;
 use umi_core::nc::rewrite::{Identity, Rewriter, Settings};
 use umi_core::nc::withheld;
@@ -7,10 +8,12 @@ use umi_core::registration::RigidTransform;
 use umi_core::units::Mm;
 use umi_protocol::job::Job;
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, UnitRule, Withheld};
+use umi_protocol::program::{
+    IntegerRule, Piece, ProgramInfo, Release, RewriteSpec, UnitRule, Withheld,
+};
 use umi_protocol::verdict::{RegistrationReport, Verdict};
 use umi_tests::cases::*;
-use umi_tests::rig::Rig;
+use umi_tests::rig::{Rig, VirtualRig};
 
 /// A pocket: straight lines, arcs, a canned cycle.
 pub const POCKET: &str = "%\nO1234(POCKET)\nG21 G90 G17 G94\nG0 X0. Y0. Z50.\nG1 Z-2. F300\n\
@@ -42,6 +45,49 @@ pub fn info(number: u32, text: &str, release: Release) -> ProgramInfo {
         release,
         hold_s: 5,
     }
+}
+
+/// One that does nothing.
+pub const NINE: &str = "%\nO0009\nM30\n%\n";
+
+/// A virtual board with this job.
+pub fn start(job: &Job) -> (VirtualRig, Client) {
+    let mut rig = VirtualRig::start().unwrap();
+    let mut client = connect(&mut rig);
+    client.set_job(job).unwrap().unwrap();
+    (rig, client)
+}
+
+pub fn put(client: &mut Client, number: u32, text: &str, release: Release, hold_s: u16) {
+    let program = ProgramInfo {
+        hold_s,
+        ..info(number, text, release)
+    };
+    programs::put(client, &program, text.as_bytes(), |_| {}).unwrap();
+}
+
+/// Bytes of a text, as one message takes them.
+pub fn piece(text: &str, offset: u32) -> Piece {
+    text.bytes().skip(offset as usize).take(200).collect()
+}
+
+/// Lets the board ask the control for a program, as soon as it has done with the one before;
+/// it does.
+pub fn asks_for_blocks(rig: &mut dyn Rig, client: &mut Client) {
+    until(rig, "the end of the one before", |_| {
+        client.program_receive().unwrap().ok()
+    });
+    assert_eq!(receive(rig, 1), "\u{15}");
+}
+
+/// A block of XMODEM.
+pub fn block(number: u8, piece: &[u8]) -> Vec<u8> {
+    let mut block = vec![1, number, !number];
+    block.extend(piece);
+    block.resize(131, 0x1A);
+    let sum = |sum: u8, byte: &u8| sum.wrapping_add(*byte);
+    block.push(block[3..].iter().fold(0, sum));
+    block
 }
 
 /// The session's job, without a correction of its own.

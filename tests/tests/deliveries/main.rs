@@ -395,25 +395,13 @@ fn receives_by_xmodem_when_the_host_says_so(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     client.set_job(&plain_job()).unwrap().unwrap();
     let text = format!("\n{}", POCKET.replace("O1234", "O5555"));
-    let block = |number: u8, piece: &[u8]| {
-        let mut block = vec![1, number, !number];
-        block.extend(piece);
-        block.resize(131, 0x1A);
-        block.push(
-            block[3..]
-                .iter()
-                .fold(0_u8, |sum, byte| sum.wrapping_add(*byte)),
-        );
-        block
-    };
     let blocks: Vec<_> = (1..)
         .zip(text.as_bytes().chunks(128))
         .map(|(number, piece)| block(number, piece))
         .collect();
     assert!(blocks.len() > 1);
 
-    client.program_receive().unwrap().unwrap();
-    assert_eq!(receive(rig, 1), NAK);
+    asks_for_blocks(rig, &mut client);
     let mut damaged = blocks[0].clone();
     damaged[50] ^= 1;
     rig.control_sends(&damaged);
@@ -437,8 +425,7 @@ fn receives_by_xmodem_when_the_host_says_so(rig: &mut dyn Rig) {
     assert_eq!(String::from_utf8(got).unwrap(), text);
 
     // Without its last block.
-    client.program_receive().unwrap().unwrap();
-    assert_eq!(receive(rig, 1), NAK);
+    asks_for_blocks(rig, &mut client);
     rig.control_sends(&blocks[0]);
     assert_eq!(receive(rig, 1), ACK);
     rig.control_sends(&[4]);

@@ -4,38 +4,13 @@
 use std::thread::sleep;
 use std::time::Duration;
 
-use umi::link::Client;
-use umi::programs;
-use umi_protocol::job::Job;
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{Piece, ProgramInfo, Release, Withheld};
+use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, Release, Withheld};
 use umi_tests::cases::*;
-use umi_tests::rig::{Rig, VirtualRig};
+use umi_tests::rig::Rig;
 
 use super::common::*;
-
-const NINE: &str = "%\nO0009\nM30\n%\n";
-
-fn start(job: &Job) -> (VirtualRig, Client) {
-    let mut rig = VirtualRig::start().unwrap();
-    let mut client = connect(&mut rig);
-    client.set_job(job).unwrap().unwrap();
-    (rig, client)
-}
-
-fn put(client: &mut Client, number: u32, text: &str, release: Release, hold_s: u16) {
-    let program = ProgramInfo {
-        hold_s,
-        ..info(number, text, release)
-    };
-    programs::put(client, &program, text.as_bytes(), |_| {}).unwrap();
-}
-
-/// Bytes of a text, as one message takes them.
-fn piece(text: &str, offset: u32) -> Piece {
-    text.bytes().skip(offset as usize).take(200).collect()
-}
 
 /// Held for longer than it may be: an alarm behind the `%` that ends what the control has,
 /// and the program only when it is asked for anew. One that does not begin with `%` never
@@ -509,8 +484,7 @@ fn lines_that_come_for_blocks_are_a_loss() {
     put(client, 1234, POCKET, Release::AfterVerdict, 5);
     rig.control_sends(clamping(0).as_bytes());
     judged(rig, client, 1);
-    client.program_receive().unwrap().unwrap();
-    assert_eq!(receive(rig, 1), "\u{15}");
+    asks_for_blocks(rig, client);
     rig.control_sends(clamping(1).as_bytes());
     rig.control_sends(&[0x18, 0x18]);
     let lost = until(rig, "the loss", |_| {
@@ -529,4 +503,401 @@ fn lines_that_come_for_blocks_are_a_loss() {
         got.ends_with(&alarm_of(1234, &Withheld::NoVerdict)),
         "{got}"
     );
+}
+
+/// A control that says XOFF behind the last `%` has all of it, whatever line ends were to
+/// follow: neither a program nor a correction goes out again by the same verdict, and the
+/// line is free at once.
+#[test]
+fn xoff_behind_the_last_percent_is_an_end() {
+    let (rig, client) = &mut start(&plain_job());
+    let text = POCKET.to_owned() + &"\n".repeat(60);
+    put(client, 1234, &text, Release::AfterVerdict, 600);
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, client, 1);
+    let got = stopped(rig, b"READ O1234\r\n\x11", POCKET.len());
+    assert!(got.starts_with(POCKET) && got.len() < text.len());
+    read(rig, 1234);
+    receive_text(rig, &alarm_of(1234, &Withheld::GoneOut));
+
+    let (rig, client) = &mut start(&umi_tests::cases::job());
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    let correction = client.verdict().unwrap().unwrap().correction.unwrap().text;
+    let got = stopped(rig, DC1, correction.len() - 1);
+    assert!(correction.starts_with(&got));
+    let (records, _) = journal(client);
+    let is_whole =
+        |record: &Record| matches!(record, Record::CorrectionSent { complete: true, .. });
+    assert!(records.iter().any(is_whole));
+    // A "go on" of what has ended is none for an alarm; a READ is.
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
+}
+
+/// Nobody knows whether it is all of a program: not its first byte goes out.
+#[test]
+fn what_does_not_end_with_percent_is_no_program() {
+    let (rig, client) = &mut start(&plain_job());
+    for text in [POCKET.trim_end_matches("%\n"), &long()[..1000]] {
+        put(client, 1234, text, Release::Always, 5);
+        read(rig, 1234);
+        receive_text(rig, &alarm_of(1234, &Withheld::NoPercent));
+    }
+    put(
+        client,
+        1234,
+        &(POCKET.to_owned() + "\0\r\n"),
+        Release::Always,
+        5,
+    );
+    read(rig, 1234);
+    assert!(receive_all(rig).starts_with(POCKET));
+}
+
+/// What was passed through and has ended keeps no offer from being taken back.
+#[test]
+fn what_is_printed_takes_an_offer_back() {
+    let (rig, client) = &mut start(&plain_job());
+    put(client, 1234, POCKET, Release::Always, 5);
+    let program = info(9, NINE, Release::Always);
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    let mut got = String::new();
+    until(rig, "its end", |rig| {
+        let next = client.program_passed(0, piece(NINE, 0)).unwrap().unwrap();
+        got += &receive_all(rig);
+        next.is_none().then_some(())
+    });
+    assert_eq!(got, NINE);
+    client.program_offer(1234).unwrap().unwrap();
+    rig.control_sends(b"X1. Q7\r\n\x11");
+    assert_eq!(receive_all(rig), "");
+}
+
+/// A NAK is also an alarm of controls that know no blocks, or noise. Until a block is
+/// acknowledged, what the control says is heard: it reads and prints as ever.
+#[test]
+fn blocks_end_where_the_control_says_something_else() {
+    let mut job = umi_tests::cases::job();
+    job.receiver.idle_timeout_s = 1;
+    let (rig, client) = &mut start(&job);
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    let correction = client.verdict().unwrap().unwrap().correction.unwrap().text;
+    rig.control_sends(&[0x15]);
+    assert_eq!(receive(rig, 1), "\u{1}");
+    assert_eq!(receive_all(rig).chars().count(), 131);
+    rig.control_sends(DC1);
+    receive_text(rig, &correction);
+    // Until then a NAK is part of the line behind it.
+    let line = Duration::from_millis(1500);
+    sleep(line);
+    rig.control_sends(clamping(2).as_bytes());
+    assert_eq!(judged(rig, client, 3).verdicts_ok, 3);
+    rig.control_sends(&[0x15]);
+    assert_eq!(receive(rig, 1), "\u{1}");
+    sleep(line);
+    rig.control_sends(clamping(3).as_bytes());
+    assert_eq!(judged(rig, client, 4).verdicts_ok, 4);
+}
+
+/// What began on a plain line and broke off there: a NAK is an alarm of that control.
+#[test]
+fn what_began_on_a_plain_line_does_not_go_on_in_blocks() {
+    let (rig, client) = &mut start(&plain_job());
+    put(client, 1234, &long(), Release::Always, 5);
+    let _ = stopped(rig, b"READ O1234\r\n\x11", 200);
+    for _ in 0..2 {
+        rig.control_sends(&[0x15]);
+        sleep(Duration::from_millis(700));
+        assert_eq!(receive_all(rig), "");
+    }
+    rig.control_sends(DC1);
+    receive_text(rig, &long());
+}
+
+/// What a control says while a block goes out answers nothing: neither is the block sent
+/// twice nor the next one begun before it is acknowledged.
+#[test]
+fn what_comes_in_the_middle_of_a_block_is_no_answer_to_it() {
+    for answer in [0x15, 0x06] {
+        let (rig, client) = &mut start(&plain_job());
+        put(client, 1234, POCKET, Release::Always, 5);
+        client.program_offer(1234).unwrap().unwrap();
+        rig.control_sends(&[0x15]);
+        let first = receive(rig, 60);
+        rig.control_sends(&[answer]);
+        let rest = receive(rig, 72);
+        assert_eq!(receive_all(rig), "", "{answer}");
+        let sent: Vec<u8> = (first + &rest).chars().map(|c| c as u8).collect();
+        assert_eq!(sent, block(1, &POCKET.as_bytes()[..128]));
+        rig.control_sends(&[0x06]);
+        assert_eq!(receive(rig, 2), "\u{1}\u{2}");
+    }
+}
+
+/// The NAK that asked for it is no line that was printed: a program that needs a verdict
+/// may take longer than a line may.
+#[test]
+fn blocks_may_take_longer_than_a_line() {
+    let mut job = plain_job();
+    job.receiver.idle_timeout_s = 1;
+    let (rig, client) = &mut start(&job);
+    put(client, 1234, POCKET, Release::AfterVerdict, 5);
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, client, 1);
+    rig.control_sends(b"READ O1234\r\n\x15");
+    receive(rig, 132);
+    sleep(Duration::from_millis(1500));
+    rig.control_sends(&[0x06]);
+    assert_eq!(receive(rig, 2), "\u{1}\u{2}");
+}
+
+/// Without a verdict a control that reads by XMODEM gets nothing, and no alarm: NAK is what
+/// it says in many states.
+#[test]
+fn a_nak_gets_no_alarm() {
+    let (rig, _client) = &mut start(&umi_tests::cases::job());
+    rig.control_sends(&[0x15]);
+    sleep(Duration::from_millis(700));
+    assert_eq!(receive_all(rig), "");
+}
+
+/// Blocks have eight bits, whatever parity the control prints with.
+#[test]
+fn blocks_have_no_parity() {
+    let mut job = plain_job();
+    job.receiver.coding = Coding::IsoEven;
+    let (rig, client) = &mut start(&job);
+    put(client, 9, NINE, Release::Always, 5);
+    client.program_offer(9).unwrap().unwrap();
+    rig.control_sends(&[0x15]);
+    let sent: Vec<u8> = receive(rig, 132).chars().map(|c| c as u8).collect();
+    assert_eq!(sent, block(1, NINE.as_bytes()));
+}
+
+/// A correction is taken back in the middle by what is printed, and does not go on.
+#[test]
+fn what_is_measured_again_takes_a_correction_back() {
+    let (rig, client) = &mut start(&umi_tests::cases::job());
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    let _ = stopped(rig, DC1, 100);
+    rig.control_sends(b"X1. Q7\r\n");
+    sleep(Duration::from_millis(200));
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
+}
+
+/// Once by a verdict, and not when that has grown too old.
+#[test]
+fn a_correction_goes_out_once() {
+    let mut job = umi_tests::cases::job();
+    job.plate_timeout_s = 2;
+    job.receiver.idle_timeout_s = 1;
+    let (rig, client) = &mut start(&job);
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, client, 2);
+    let correction = client.verdict().unwrap().unwrap().correction.unwrap().text;
+    rig.control_sends(DC1);
+    receive_text(rig, &correction);
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
+    rig.control_sends(clamping(2).as_bytes());
+    judged(rig, client, 3);
+    sleep(Duration::from_millis(2500));
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
+}
+
+/// XON of a control that was held, whatever was taken back before, is no READ when all is
+/// out.
+#[test]
+fn a_go_on_is_no_read() {
+    let (rig, client) = &mut start(&umi_tests::cases::job());
+    put(client, 1234, &long(), Release::Always, 5);
+    put(client, 9, NINE, Release::Always, 5);
+    let _ = stopped(rig, b"READ O1234\r\n\x11", 200);
+    read(rig, 9);
+    receive_text(rig, NINE);
+    let got = stopped(rig, b"READ O1234\r\n\x11", 200);
+    rig.control_sends(b"\x11\x11");
+    receive_text(rig, &long()[got.len()..]);
+}
+
+/// A "go on" that comes when all was over begins nothing: the program broke off by a NAK,
+/// then XOFF and XON.
+#[test]
+fn a_go_on_begins_nothing_anew() {
+    let (rig, client) = &mut start(&plain_job());
+    put(client, 1234, &long(), Release::Always, 5);
+    let _ = stopped(rig, b"READ O1234\r\n\x11", 200);
+    rig.control_sends(&[0x15]);
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(b"\x13\x11");
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(DC1);
+    receive_text(rig, &long());
+}
+
+/// Blank tape in a program is not sent, nor a `%` in a comment: controls end a program at
+/// any. Other control codes are named beforehand: a
+/// control would take them for flow control.
+#[test]
+fn control_codes_of_a_program() {
+    let (rig, client) = &mut start(&plain_job());
+    let text = NINE.replace("M30", "\0\0\x7FM30(AT 50% FEED)");
+    put(client, 9, &text, Release::Always, 5);
+    read(rig, 9);
+    receive_text(rig, &NINE.replace("M30", "M30(AT 50 FEED)"));
+    put(
+        client,
+        9,
+        &NINE.replace("M30", "\x13M30"),
+        Release::Always,
+        5,
+    );
+    read(rig, 9);
+    receive_text(rig, &alarm_of(9, &Withheld::NotInCode { byte: 0x13 }));
+}
+
+/// Behind half a line no stop goes out: it would be a part of that line.
+#[test]
+fn no_stop_behind_half_a_line() {
+    let (rig, client) = &mut start(&plain_job());
+    let text = long();
+    let program = info(55, &text, Release::Always);
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    let half = text.find("X3.5").unwrap();
+    let mut offset = 0;
+    until(rig, "a part of it", |_| {
+        let rest = text.as_bytes()[offset as usize..half].iter().copied();
+        let next = client.program_passed(offset, rest.take(200).collect());
+        offset = next.unwrap().unwrap().unwrap();
+        (offset as usize == half).then_some(())
+    });
+    let mut got = receive_all(rig);
+    rig.unplug();
+    got += &receive_all(rig);
+    assert_eq!(got, text[..half]);
+}
+
+/// Bytes of the host that stand elsewhere are not taken: what comes twice goes out once.
+#[test]
+fn what_is_passed_twice_goes_out_once() {
+    let (rig, client) = &mut start(&plain_job());
+    let text = long();
+    let program = info(55, &text, Release::Always);
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    until(rig, "the first bytes", |_| {
+        let next = client.program_passed(0, piece(&text, 0)).unwrap().unwrap();
+        (next > Some(0)).then_some(())
+    });
+    let mut got = receive_all(rig);
+    for _ in 0..3 {
+        let next = client.program_passed(0, piece(&text, 0)).unwrap();
+        assert_eq!(next, Ok(Some(200)));
+        got += &receive_all(rig);
+    }
+    assert_eq!(got, text[..200]);
+}
+
+/// While one goes out the host can neither offer nor pass another; and what it had offered
+/// to pass is gone with it.
+#[test]
+fn a_host_waits_for_what_goes_out() {
+    let (rig, client) = &mut start(&plain_job());
+    put(client, 1234, &long(), Release::Always, 600);
+    put(client, 9, NINE, Release::Always, 5);
+    let got = stopped(rig, b"READ O1234\r\n\x11", 200);
+    let busy = Err(ProgramRefusal::Busy);
+    assert_eq!(client.program_offer(9).unwrap(), busy);
+    let not_there = Err(ProgramRefusal::NotThere);
+    let program = info(55, POCKET, Release::Always);
+    assert_eq!(client.program_pass(&program).unwrap().map(drop), busy);
+    rig.control_sends(DC1);
+    receive_text(rig, &long()[got.len()..]);
+    assert_eq!(client.program_offer(77).unwrap(), not_there);
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.unplug();
+    // The board sees it when it looks.
+    sleep(Duration::from_millis(200));
+    rig.control_sends(DC1);
+    assert_eq!(receive_all(rig), "");
+}
+
+/// The flash is not written while a plate is measured, nor is the control asked for blocks.
+#[test]
+fn a_host_waits_for_a_plate() {
+    let (rig, client) = &mut start(&plain_job());
+    let half = clamping(0).len() / 2;
+    rig.control_sends(&clamping(0).as_bytes()[..half]);
+    until(rig, "half a plate", |_| {
+        (client.status().unwrap().counters.bytes >= half as u64).then_some(())
+    });
+    let busy = Err(ProgramRefusal::Busy);
+    let program = info(9, NINE, Release::Always);
+    assert_eq!(client.program_begin(&program).unwrap(), busy);
+    assert_eq!(client.program_receive().unwrap().map(|()| 0), busy);
+    rig.control_sends(&clamping(0).as_bytes()[half..]);
+    judged(rig, client, 1);
+    assert_eq!(client.program_begin(&program).unwrap(), Ok(0));
+}
+
+/// The host is told what the control got in place of what it wanted to pass, and when it is
+/// taken back.
+#[test]
+fn a_host_is_told_why_nothing_is_passed() {
+    let (rig, client) = &mut start(&plain_job());
+    let program = info(55, POCKET, Release::Rewritten(SPEC));
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm_of(55, &Withheld::NoVerdict));
+    let why = ProgramRefusal::Withheld(Withheld::NoVerdict);
+    assert_eq!(
+        client.program_passed(0, piece(POCKET, 0)).unwrap(),
+        Err(why)
+    );
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(b"X1. Q7\r\n");
+    let taken_back = until(rig, "the line", |_| {
+        client.program_passed(0, piece(POCKET, 0)).unwrap().err()
+    });
+    assert_eq!(taken_back, ProgramRefusal::NotBegun);
+}
+
+/// What is taken back is cancelled, and what the control cancels has not gone out: it may
+/// have it once more.
+#[test]
+fn blocks_that_break_off() {
+    let mut job = plain_job();
+    job.receiver.idle_timeout_s = 1;
+    let (rig, client) = &mut start(&job);
+    put(client, 1234, POCKET, Release::AfterVerdict, 5);
+    rig.control_sends(clamping(0).as_bytes());
+    judged(rig, client, 1);
+    rig.control_sends(b"READ O1234\r\n\x15");
+    receive(rig, 132);
+    rig.control_sends(&[0x18, 0x18]);
+    // The NAK is part of a line for so long.
+    sleep(Duration::from_millis(1500));
+    assert_eq!(receive_all(rig), "");
+    rig.control_sends(b"READ O1234\r\n\x15");
+    receive(rig, 132);
+    client.set_job(&plain_job()).unwrap().unwrap();
+    rig.control_sends(&[0x06]);
+    assert_eq!(receive_all(rig), "\u{18}\u{18}\u{18}");
+    let (records, _) = journal(client);
+    let is_whole = |record: &Record| match record {
+        Record::ProgramSent { complete, .. } => Some(*complete),
+        _ => None,
+    };
+    assert!(records.iter().filter_map(is_whole).eq([false, false]));
 }

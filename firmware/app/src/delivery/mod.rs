@@ -109,6 +109,8 @@ pub(crate) struct Wanted {
     has_begun: bool,
     /// It was held for too long.
     is_stale: bool,
+    /// It began on a plain line: a NAK there is an alarm.
+    is_plain: bool,
     /// Counts what was asked for.
     pub count: u32,
 }
@@ -120,6 +122,7 @@ impl Wanted {
         by_control: false,
         has_begun: false,
         is_stale: false,
+        is_plain: false,
         count: 0,
     };
 
@@ -153,11 +156,13 @@ impl<F: Flash> Measure<F> {
             Ask::Again if self.book.wanted.has_ended() => self.correction(now),
             Ask::Again => self.program(now) || self.correction(now),
             // It is what a control says in many other states: no alarm for it.
+            Ask::Xmodem if self.book.wanted.is_plain => self.correction(now),
             Ask::Xmodem => self.program(now) || self.correction(now),
             // Nothing goes out.
             Ask::Receive => false,
             Ask::Read => self.program(now) || self.correction(now) || self.alarm(),
         };
+        self.book.wanted.is_plain |= has_begun && asked != Ask::Xmodem;
         let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
         if asked == Ask::Xmodem {
             // Blocks have eight bits, and the control's parity is for lines.
@@ -238,20 +243,28 @@ impl<F: Flash> Measure<F> {
     /// The next byte of what is being sent. A new measurement, job or verdict takes it back,
     /// even now, and so does another request.
     pub(crate) fn next_byte(&mut self) -> Next {
-        let Some(delivery) = self.delivery.get_mut() else {
-            return Next::End { whole: false };
-        };
-        let holds = match &delivery.what {
-            _ if delivery.request != self.book.wanted.count => false,
-            What::Correction { .. } => self.book.armed_as(delivery.arming),
-            What::Program(_) if delivery.arming > 0 => self.book.released_as(delivery.arming),
-            What::Program(_) | What::Alarm { .. } => true,
-        };
-        if holds {
-            delivery.next_byte()
-        } else {
-            Next::End { whole: false }
+        let holds = self.holds();
+        match self.delivery.get_mut() {
+            Some(delivery) if holds => delivery.next_byte(),
+            _ => Next::End { whole: false },
         }
+    }
+
+    /// Whether the control has all of what is being sent, but for the ends of lines behind
+    /// the last `%`.
+    pub(crate) fn is_all_out(&self) -> bool {
+        let delivery = self.delivery.get().filter(|_| self.holds());
+        delivery.is_some_and(Delivery::is_all_out)
+    }
+
+    /// Whether what is being sent may go on.
+    fn holds(&self) -> bool {
+        self.delivery.get().is_some_and(|of| match &of.what {
+            _ if of.request != self.book.wanted.count => false,
+            What::Correction { .. } => self.book.armed_as(of.arming),
+            What::Program(_) if of.arming > 0 => self.book.released_as(of.arming),
+            What::Program(_) | What::Alarm { .. } => true,
+        })
     }
 
     /// Whether something is on its way that has been taken back: the next READ is for

@@ -3,8 +3,8 @@
 //! # Design
 //!
 //! **In two passes.** A stored program is read once before its first byte goes out: its
-//! check value, whether the control's code has all its characters, and whether it can be
-//! rewritten truly. The alarm names the line that cannot. One that the host passes through
+//! check value, whether it ends with `%`, whether the control's code has all its characters,
+//! and whether it can be rewritten truly. The alarm names the line that cannot. One that the host passes through
 //! is seen once: what cannot be rewritten stops the machine at that line.
 //!
 //! **A line at a time.** Rewriting takes longest: [`Delivery::fill`] does one line into a
@@ -106,8 +106,12 @@ pub(crate) struct Delivery {
     last_read: u8,
     line_end: u8,
     last_put: u8,
+    /// The byte that was read last and is no blank.
+    last_text: u8,
     /// In a comment of the program as it is.
     in_comment: bool,
+    /// The byte that went out last and is no line end.
+    last_sent: u8,
     /// Why what the host passes through does not go on.
     pub(super) refused: Option<Withheld>,
 }
@@ -131,7 +135,9 @@ impl Delivery {
             last_read: b'\n',
             line_end: b'\n',
             last_put: b'\n',
+            last_text: 0,
             in_comment: false,
+            last_sent: 0,
             refused: None,
         }
     }
@@ -310,11 +316,18 @@ impl Delivery {
         }
         let is_wrong = self.offset == part.bytes && self.check.clone().finish().crc32 != part.crc32;
         let blank = |byte: &&u8| !matches!(**byte, 0 | b' ' | b'\t' | b'\r' | b'\n');
+        if let Some(last) = self.held.iter().rfind(blank) {
+            self.last_text = *last;
+        }
         let begins = self.held.iter().find(blank);
+        // The host looks itself at the end of what it passes through.
+        let is_cut = part.stored.is_some() && self.offset == part.bytes && self.last_text != b'%';
         if is_wrong {
             self.fails();
         } else if is_first && begins.is_none_or(|byte| *byte != b'%') {
             self.withhold(Withheld::NoPercent);
+        } else if is_cut {
+            self.refuse(Withheld::NoPercent);
         }
     }
 
@@ -391,8 +404,8 @@ impl Delivery {
                 b')' | b'\n' | b'\r' => self.in_comment = false,
                 _ => {}
             }
-            if !is_text(byte) && self.in_comment {
-                // What is no text would be taken for flow control.
+            if self.in_comment && (!is_text(byte) || byte == b'%') {
+                // What is no text would be taken for flow control, and % for the end.
                 continue;
             }
             if !is_text(byte) || encode(self.coding, byte).is_none() {
@@ -410,6 +423,9 @@ impl Delivery {
         match self.queue.pop_front() {
             // Looked at when it was put there.
             Some(ascii) => {
+                if !is_line_end(ascii) {
+                    self.last_sent = ascii;
+                }
                 encode(self.coding, ascii).map_or(Next::End { whole: false }, Next::Byte)
             }
             None if self.stage == Stage::Ended => Next::End { whole: self.whole },
@@ -426,10 +442,21 @@ impl Delivery {
         }
     }
 
+    /// Whether what is left carries nothing.
+    pub(super) fn is_all_out(&self) -> bool {
+        let is_closed = self.queue.is_empty() || self.last_sent == b'%';
+        let is_ended = self.stage == Stage::Ended && self.whole;
+        is_ended && is_closed && self.queue.iter().all(|byte| is_line_end(*byte))
+    }
+
     /// Whether the host passes it through.
     pub(super) fn is_passed(&self) -> bool {
         matches!(&self.what, What::Program(part) if part.stored.is_none())
     }
+}
+
+const fn is_line_end(byte: u8) -> bool {
+    matches!(byte, b'\n' | b'\r')
 }
 
 /// Whether a byte of a program is one.

@@ -31,6 +31,8 @@ pub(super) const PUNCH_ON_ODD: u8 = 0x92;
 pub(super) const PUNCH_OFF_ODD: u8 = 0x94;
 pub(super) const ETX: u8 = 0x03;
 const EOT: u8 = 0x04;
+pub(super) const NAK: u8 = 0x15;
+pub(super) const SYN: u8 = 0x16;
 const EIA_EOB: u8 = 0x80;
 
 /// What a byte stands for.

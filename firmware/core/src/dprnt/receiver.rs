@@ -4,7 +4,9 @@ use umi_protocol::fault::{Counters, FaultKind};
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
 use super::Item;
-use super::code_table::{PUNCH_OFF, PUNCH_OFF_ODD, PUNCH_ON, PUNCH_ON_ODD, XON};
+use super::code_table::{
+    NAK, PUNCH_OFF, PUNCH_OFF_ODD, PUNCH_ON, PUNCH_ON_ODD, SYN, XOFF, XOFF_EVEN, XON,
+};
 use super::coding::{self, Detector};
 use super::out::Out;
 use super::reader::{RawLine, Reader};
@@ -58,6 +60,14 @@ impl Partial {
     /// Whether it is a `%` and nothing else, in any code.
     fn is_percent(&self) -> bool {
         self.length == 1 && matches!(self.last_byte(), Some(0x25 | 0xA5 | 0x0B))
+    }
+
+    /// Whether it is what a control says to whoever sends to it, and nothing else; in EIA
+    /// these are digits.
+    fn is_talk(&self) -> bool {
+        let bytes = self.bytes.get(..self.length).unwrap_or_default();
+        let is_talk = |byte: &u8| matches!(*byte, NAK | SYN | XON | XOFF | XOFF_EVEN);
+        !self.lost && !self.too_long && bytes.iter().all(is_talk)
     }
 
     fn last_byte(&self) -> Option<u8> {
@@ -216,6 +226,17 @@ impl Receiver {
             counters,
             last,
         } = self;
+        if end.is_none() && partial.is_talk() && detector.coding() != Coding::Eia {
+            // It asks for a program, or has an alarm; no line.
+            let count = partial.length as u64;
+            counters.bytes_text = counters.bytes_text.saturating_sub(count);
+            counters.bytes_control += count;
+            *partial = Partial {
+                bytes: partial.bytes,
+                ..Partial::EMPTY
+            };
+            return false;
+        }
         let (coding, before) = detector.conclude(end);
         let bytes = partial.bytes.get_mut(..partial.length).unwrap_or_default();
         let cleaned = coding::clean(bytes, coding, end.is_some());

@@ -52,6 +52,9 @@ mod tests {
             Withheld::NoVerdict,
             Withheld::NotThere,
             Withheld::GoneOut,
+            Withheld::NotCorrected,
+            Withheld::HeldTooLong,
+            Withheld::NoPercent,
             Withheld::NotReleased,
             Withheld::CorrectedTwice,
             Withheld::NoRegistration,
@@ -75,6 +78,7 @@ mod tests {
                 assert!(why.alarm().len() <= 28, "{}", why.alarm());
                 let text = withheld(77, why, coding);
                 assert!(text.starts_with("%\nO0077(UMI ") && text.ends_with(")\nM30\n%\n"));
+                assert_eq!(text.matches('%').count(), 2, "% ends it wherever it stands");
                 let stop = text.lines().find(|line| !line.starts_with(['%', 'O', '(']));
                 let expected = if coding == Coding::Eia {
                     "M00(UMI "

@@ -99,7 +99,7 @@ impl Rule {
     /// Refuses what a board would never let out: better here, by line and reason, than by an
     /// alarm at the machine.
     fn try_out(&self, path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-        if !programs::begins_with_percent(bytes) {
+        if !programs::is_closed(bytes) {
             let why = Withheld::NoPercent;
             return Err(Failure::refused(
                 why.code(),

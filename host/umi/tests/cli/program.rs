@@ -63,25 +63,30 @@ fn what_cannot_be_put_is_named() {
     refused.says("O0042 by its own O line, not O0007");
     umi(&["program", "pass", &other, "--number", "7", "--port", port]).exits(1);
     umi(&["program", "put", &other, "--number", "42", "--port", port]).exits(0);
-    let long = folder.file("long.nc", "%\n".to_owned() + &"G1 X1.\n".repeat(700_000));
+    let long = folder.file(
+        "long.nc",
+        "%\n".to_owned() + &"G1 X1.\n".repeat(700_000) + "%\n",
+    );
     let refused = umi(&[
         "program", "put", &long, "--number", "8", "--json", "--port", port,
     ]);
     let error = refused.exits(2).json()["error"].clone();
     assert_eq!(error["code"], "program_store_full");
-    assert_eq!(error["needed_bytes"], 4_900_002);
+    assert_eq!(error["needed_bytes"], 4_900_004);
     assert!(error["longest_bytes"].as_u64().unwrap() < 4 << 20);
 }
 
-/// What a board would never let out is not put: without % before it, or with a line that
+/// What a board would never let out is not put: without % at either end, or with a line that
 /// cannot be rewritten, which is named. As it is, that one may go out.
 #[test]
 fn what_would_never_go_out_is_not_put() {
     let (folder, port) = (Folder::new(), board());
     let port = port.as_str();
-    let bare = folder.file("bare.nc", "O0042\nM30\n");
-    let refused = umi(&["program", "put", &bare, "--json", "--port", port]);
-    assert_eq!(refused.exits(2).json()["error"]["code"], "no_percent");
+    for text in ["O0042\nM30\n%\n", "%\nO0042\nG0 X1.\nG1 Z-"] {
+        let bare = folder.file("bare.nc", text);
+        let refused = umi(&["program", "put", &bare, "--json", "--port", port]);
+        assert_eq!(refused.exits(2).json()["error"]["code"], "no_percent");
+    }
     // Only where the part leans: cutter compensation would leave its plane.
     let text = "%\nO0043\nG21 G90 G17\nG0 X0. Y0. Z5.\nG41 D1 G1 X9. F100.\nG40 X0.\nM30\n%\n";
     let file = folder.file("offset.nc", text);

@@ -80,6 +80,24 @@ fn control_codes_are_dropped_anywhere() {
     }
 }
 
+/// What a control says to whoever sends to it (NAK and SYN behind XOFF, NAK for XMODEM) is no
+/// line when nothing follows it; before text it is damage; and in EIA these are digits.
+#[test]
+fn talk_alone_is_no_line() {
+    let talk: [&[u8]; 4] = [b"\x15", b"\x15\x15\x11", b"\x13\x15", b"\x93\x16"];
+    for talk in talk {
+        let line = joined(&[POINT, b"\n"]);
+        let seen = run_pieces(&config(&[point_line()]), &[(0, talk), (120_000, &line)]);
+        assert_eq!((seen.statuses(), seen.codes()), (vec![Matched], vec![]));
+        let seen = run(&config(&[point_line()]), &joined(&[talk, &line]));
+        assert_eq!((seen.statuses(), seen.points()), (vec![Damaged], vec![]));
+    }
+    let mut eia = config(&[point_line()]);
+    eia.coding = Coding::Eia;
+    let seen = run_pieces(&eia, &[(0, b"\x15"), (120_000, b"")]);
+    assert_ne!(seen.statuses(), []);
+}
+
 /// Noise before DC2 is a damaged line of its own; the first line is whole.
 #[test]
 fn noise_before_a_session() {
