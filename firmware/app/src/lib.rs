@@ -241,7 +241,11 @@ impl<F: Flash> App<F> {
                 }
                 Either6::Third(()) => measure.on_time(clock.now()),
                 // The host has set a job, wants a program, or has passed on more of one.
-                Either6::Fourth(()) if self.flow.is_free() && measure.book.punch.asked() => {
+                Either6::Fourth(())
+                    if self.flow.is_free()
+                        && !measure.brain().run().is_under_way()
+                        && measure.book.punch.asked() =>
+                {
                     self.flow.begin(0, cnc::Ask::Receive);
                 }
                 Either6::Fourth(()) if measure.is_hungry() => self.flow.hungry.signal(()),

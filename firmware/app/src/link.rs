@@ -101,6 +101,9 @@ pub(crate) async fn serve<F: Flash>(
         let mut measure = app.measure.lock().await;
         measure.book.events.switch(false);
         measure.host_gone();
+        if measure.book.punch.host_gone() {
+            app.flow.cancel();
+        }
     }
 }
 

@@ -253,20 +253,33 @@ impl<F: Flash> Measure<F> {
             book.forget();
             book.punch.breaks();
         }
-        let mut out = book.listen(now);
         match input {
-            Input::Bytes(raw) => brain.bytes(now, raw, &mut out),
-            Input::Lost(count) => brain.bytes_lost(now, *count, &mut out),
-            Input::End => brain.input_ended(now, &mut out),
+            Input::Bytes(raw) => self.bytes(now, raw),
+            Input::Lost(count) => brain.bytes_lost(now, *count, &mut book.listen(now)),
+            Input::End => brain.input_ended(now, &mut book.listen(now)),
             // Into the brain whether or not it found room in the journal: then no
             // correction is armed anyway.
             Input::Latch(latch) => brain.latched(latch),
             Input::Scan(_) => {}
         }
-        drop(out);
         self.keep_punched(now);
         self.keep_taught(now);
         self.make_room();
+    }
+
+    /// Bytes from the control. What they end of a punched program is kept before the next
+    /// can begin.
+    fn bytes(&mut self, now: Micros, raw: &[u8]) {
+        // Where a line or a program may end, in any code: what the brain makes of them does
+        // not depend on how they are cut.
+        let ends = |byte: &u8| matches!(byte & 0x7F, 0 | b'\n' | b'\r' | 0x12 | 0x14);
+        for piece in raw.split_inclusive(ends) {
+            let Self { brain, book, .. } = self;
+            brain.bytes(now, piece, &mut book.listen(now));
+            if self.book.punch.is_over() {
+                self.keep_punched(now);
+            }
+        }
     }
 
     /// Erases ahead while nothing is at stake, so that no erase falls into a plate.
@@ -335,6 +348,9 @@ impl<F: Flash> Measure<F> {
         book.patience_us = patience_us(job);
         begin(brain, job)?;
         book.job_set(now, job);
+        // Who reads the lines now knows of no program that has begun.
+        book.punch.over(false);
+        self.keep_punched(now);
         Ok(())
     }
 

@@ -53,7 +53,7 @@ pub(crate) fn answer<F: Flash>(
         Request::ProgramEnd { number, crc32 } => end(measure, now, *number, *crc32),
         Request::ProgramDelete { number } => delete(measure, now, *number),
         Request::ProgramOffer { number } => offer(measure, *number),
-        Request::ProgramReceive if store.is_punched() => Err(ProgramRefusal::Busy.into()),
+        Request::ProgramReceive if measure.book.punch.is_busy() => Err(ProgramRefusal::Busy.into()),
         Request::ProgramReceive => {
             measure.book.punch.ask();
             Ok(Response::Done)

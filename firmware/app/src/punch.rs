@@ -8,15 +8,16 @@
 //!
 //! It is kept as the receiver understands it: without parity, blanks of the tape and control
 //! codes, lines ended by LF, from `%` to `%`. So its check value is the same whatever code
-//! the control punches in. One character that is damaged or lost, and nothing of it is kept:
-//! the control still has it. What comes by XMODEM is kept byte for byte, if it ends with `%`:
-//! a character of noise may mean "end" there.
+//! the control punches in. One character that is damaged or lost, or a port that is closed
+//! before the last `%`, and nothing of it is kept, which is told: the control still has it.
+//! What comes by XMODEM is kept byte for byte, if it ends with `%`: a character of noise may
+//! mean "end" there.
 //!
 //! # Limitations
 //!
-//! Programs with a number only (`O1234`, `:1234`); of others the journal has the bytes. Several
-//! between one pair of `%` are kept as one, under the first number. One that begins in the
-//! same 64 bytes in which another ends is not kept.
+//! Programs with a number only (`O1234`, `:1234`), on their first line that is no comment; of
+//! others the journal has the bytes. Several between one pair of `%` are kept as one, under the
+//! first number. By XMODEM that line has to end within the first block.
 //! Without a job nothing is kept: no receiver reads the lines.
 
 use heapless::Vec;
@@ -51,6 +52,22 @@ enum State {
     Ends,
     /// It is not kept; more of it may come.
     Breaks,
+    /// It is not kept, and it is over.
+    Broken,
+    /// It is not kept, and that has been told; more of it may come.
+    Told,
+}
+
+/// Whether the host wants a program by XMODEM.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wants {
+    Nothing,
+    /// The control has not been asked yet.
+    Asked,
+    /// It has.
+    Waits,
+    /// It sends.
+    Comes,
 }
 
 /// A program that is being punched.
@@ -59,8 +76,9 @@ pub(crate) struct Punch {
     number: u32,
     name: Name,
     text: Vec<u8, TEXT>,
-    /// The host wants one by XMODEM.
-    is_asked: bool,
+    /// Its line that came last begins with `%`.
+    is_closed: bool,
+    wants: Wants,
     block: Block,
     /// It begins a program.
     begins: bool,
@@ -75,6 +93,8 @@ enum Block {
     Waits,
     WaitsAsLast,
     Stored,
+    /// The last one, and the program counts.
+    Kept,
     Refused,
 }
 
@@ -86,7 +106,8 @@ impl Punch {
             number: 0,
             name: Name::new(),
             text: Vec::new(),
-            is_asked: false,
+            is_closed: false,
+            wants: Wants::Nothing,
             block: Block::None,
             begins: false,
             last: 0,
@@ -95,31 +116,54 @@ impl Punch {
 
     /// The host wants a program by XMODEM.
     pub fn ask(&mut self) {
-        self.is_asked = true;
+        self.wants = Wants::Asked;
         self.number = 0;
     }
 
     /// Whether it does; once.
     pub fn asked(&mut self) -> bool {
-        core::mem::take(&mut self.is_asked)
+        let is_asked = self.wants == Wants::Asked;
+        if is_asked {
+            self.wants = Wants::Waits;
+        }
+        is_asked
+    }
+
+    /// Whether a program is under way, or waited for.
+    pub fn is_busy(&self) -> bool {
+        self.state != State::None || self.wants != Wants::Nothing
+    }
+
+    /// The host is gone. Whether the control is asked for what nobody waits for: what has
+    /// begun to come is kept all the same.
+    pub fn host_gone(&mut self) -> bool {
+        if self.wants == Wants::Asked {
+            self.wants = Wants::Nothing;
+        }
+        self.wants == Wants::Waits
     }
 
     /// The next bytes by XMODEM; the first ones begin a program.
     pub fn block(&mut self, bytes: &[u8], is_first: bool, is_last: bool) {
         if is_first {
-            let text = core::str::from_utf8(bytes).unwrap_or_default();
-            let named = |line: &&str| !matches!(line.bytes().next(), None | Some(b'%' | b'('));
-            let line = text.split(['\r', '\n']).find(named).unwrap_or_default();
-            let (number, title) = number_and_title(line);
-            self.number = number;
+            let lines = bytes.split_inclusive(|byte| matches!(byte, b'\r' | b'\n'));
+            let mut lines = lines.map(|line| (line, text(line)));
+            let found = lines.find(|(_, text)| says_number(text));
+            let (line, text) = found.unwrap_or_default();
+            // A line that goes on in the next block may have more digits.
+            let is_whole = matches!(line.last(), Some(b'\r' | b'\n')) || is_last;
+            let (number, title) = number_and_title(text);
+            self.number = if is_whole { number } else { 0 };
             self.name = name(title);
             self.last = 0;
+            self.wants = Wants::Comes;
         }
         self.begins = is_first;
         self.text.clear();
         // A block has as many bytes as there is room for, and fewer.
         let _ = self.text.extend_from_slice(bytes);
-        if let Some(last) = bytes.iter().rfind(|byte| !byte.is_ascii_whitespace()) {
+        let blank = |byte: &u8| *byte == 0 || byte.is_ascii_whitespace();
+        if let Some(last) = bytes.iter().rfind(|byte| !blank(byte)) {
             self.last = *last;
         }
         self.block = match is_last {
@@ -137,7 +181,7 @@ impl Punch {
     pub fn stored(&mut self) -> Option<bool> {
         match self.block {
             Block::Waits | Block::WaitsAsLast => None,
-            block => Some(block == Block::Stored),
+            block => Some(block != Block::Refused),
         }
     }
 
@@ -153,7 +197,8 @@ impl Punch {
         };
         self.text.clear();
         self.block = match done {
-            Ok(_) => Block::Stored,
+            Ok(Some(_)) => Block::Kept,
+            Ok(None) => Block::Stored,
             Err(_) => Block::Refused,
         };
         match done {
@@ -188,8 +233,9 @@ impl Punch {
         store: Option<&mut Store<F>>,
         is_whole: bool,
     ) -> Option<u32> {
-        let said = self.block == Block::Refused;
+        let said = matches!(self.block, Block::Kept | Block::Refused);
         self.block = Block::None;
+        self.wants = Wants::Nothing;
         if is_whole || said {
             return None;
         }
@@ -203,18 +249,14 @@ impl Punch {
     pub fn line(&mut self, line: &LineReport) {
         match (line.status, self.state) {
             (LineStatus::Program, State::None) => {
-                let (number, title) = number_and_title(&line.text);
-                self.state = match number {
-                    0 => State::Breaks,
-                    _ => State::Begins,
-                };
-                self.number = number;
-                self.name = name(title);
+                self.state = State::Begins;
+                self.number = 0;
+                self.name = Name::new();
                 self.text.clear();
                 self.put("%");
-                self.put(&line.text);
+                self.add(&line.text);
             }
-            (LineStatus::Program, State::Begins | State::Goes) => self.put(&line.text),
+            (LineStatus::Program, State::Begins | State::Goes) => self.add(&line.text),
             (LineStatus::Damaged, State::Begins | State::Goes) => self.breaks(),
             _ => {}
         }
@@ -222,25 +264,42 @@ impl Punch {
 
     /// Something was noticed.
     pub fn fault(&mut self, kind: &FaultKind) {
-        match (kind, self.state) {
-            (_, State::None) => {}
-            (FaultKind::ProgramReceived { .. }, State::Begins | State::Goes) => {
-                self.state = State::Ends;
-            }
-            (FaultKind::ProgramReceived { .. } | FaultKind::ProgramUnterminated { .. }, _) => {
-                // It is over; if it was kept in part, that is given up by `store`.
-                self.state = State::Breaks;
-                self.number = 0;
+        match kind {
+            FaultKind::ProgramReceived { .. } if self.is_closed => self.over(true),
+            FaultKind::ProgramReceived { .. } | FaultKind::ProgramUnterminated { .. } => {
+                self.over(false);
             }
             _ => {}
         }
     }
 
+    /// No more of it comes, or what comes is not known as a part of it.
+    pub fn over(&mut self, is_whole: bool) {
+        self.state = match self.state {
+            State::None | State::Told => State::None,
+            State::Begins | State::Goes if is_whole => State::Ends,
+            _ => State::Broken,
+        };
+    }
+
     /// Bytes are missing.
     pub fn breaks(&mut self) {
-        if self.state != State::None {
+        if matches!(self.state, State::Begins | State::Goes) {
             self.state = State::Breaks;
         }
+    }
+
+    fn add(&mut self, line: &str) {
+        if self.number == 0 && says_number(line) {
+            let (number, title) = number_and_title(line);
+            self.number = number;
+            self.name = name(title);
+            if number == 0 {
+                self.breaks();
+            }
+        }
+        self.is_closed = line.trim_start().starts_with('%');
+        self.put(line);
     }
 
     fn put(&mut self, line: &str) {
@@ -252,23 +311,36 @@ impl Punch {
 
     /// Whether there is something to do.
     pub fn waits(&self) -> bool {
-        self.state != State::None
+        !matches!(self.state, State::None | State::Told)
+    }
+
+    /// Whether there is, before anything else is looked at: another may begin.
+    pub fn is_over(&self) -> bool {
+        matches!(self.state, State::Ends | State::Broken)
     }
 
     /// Writes what has come; what became of the program, if it has ended.
     pub fn store<F: Flash>(&mut self, store: Option<&mut Store<F>>) -> Option<Ended> {
         let number = self.number;
         let Some(store) = store else {
-            let was = core::mem::replace(&mut self.state, State::None);
-            let refused = Ended::Refused(number, ProgramRefusal::NoRoomAtAll);
-            return (was == State::Begins).then_some(refused);
+            self.told();
+            return Some(Ended::Refused(number, ProgramRefusal::NoRoomAtAll));
         };
-        if self.state == State::Breaks {
-            store.give_up_open();
-            if number == 0 {
-                self.state = State::None;
+        match self.state {
+            State::Breaks => {
+                store.give_up_open();
+                return None;
             }
-            return None;
+            State::Broken => {
+                store.give_up_open();
+                self.told();
+                let why = match number {
+                    0 => ProgramRefusal::BadNumber,
+                    _ => ProgramRefusal::BrokeOff,
+                };
+                return Some(Ended::Refused(number, why));
+            }
+            _ => {}
         }
         let done = self.write(store);
         self.text.clear();
@@ -280,11 +352,17 @@ impl Punch {
             }
             Err(error) => {
                 store.give_up_open();
-                let goes_on = self.state != State::Ends;
-                self.state = if goes_on { State::Breaks } else { State::None };
+                self.told();
                 Some(Ended::Refused(number, refusal(&error)))
             }
         }
+    }
+
+    fn told(&mut self) {
+        self.state = match self.is_over() {
+            true => State::None,
+            false => State::Told,
+        };
     }
 
     /// The program, when it is there.
@@ -316,6 +394,16 @@ fn refusal<E>(error: &Error<E>) -> ProgramRefusal {
         // Its memory does not answer.
         Error::Flash(_) | Error::NotKept { .. } | Error::Geometry(_) => ProgramRefusal::NoRoomAtAll,
     }
+}
+
+/// What can be read of a line: comments may be in any code.
+fn text(line: &[u8]) -> &str {
+    line.utf8_chunks().next().map_or("", |chunk| chunk.valid())
+}
+
+/// Whether a program's number has to be on this line: it is no comment.
+fn says_number(line: &str) -> bool {
+    !matches!(line.trim_start().bytes().next(), None | Some(b'%' | b'('))
 }
 
 /// The number of `O1234(NAME)` and what stands behind it; 0 if it has none.

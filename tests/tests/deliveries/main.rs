@@ -2,6 +2,7 @@
 //! not, rewritten to the bit as on the host, held, broken off, begun anew.
 
 mod common;
+mod kept;
 mod refusals;
 
 use umi::programs;
