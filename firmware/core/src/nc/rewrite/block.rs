@@ -9,6 +9,60 @@ pub(super) const AXES: [u8; 3] = *b"XYZ";
 /// Letters of centres in order.
 pub(super) const CENTRES: [u8; 3] = *b"IJK";
 
+/// A set of letters, a bit for each: a block is asked for many letters that it does not have,
+/// and this way for all of them at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Letters(u32);
+
+impl Letters {
+    /// What axis words and centres are.
+    pub const AXES: Self = Self::of(&AXES);
+    pub const CENTRES: Self = Self::of(&CENTRES);
+
+    /// Upper case letters.
+    pub const fn of(mut letters: &[u8]) -> Self {
+        let mut set = Self(0);
+        while let [letter, rest @ ..] = letters {
+            set = set.with(*letter);
+            letters = rest;
+        }
+        set
+    }
+
+    /// With another letter; what is none changes nothing.
+    pub const fn with(self, letter: u8) -> Self {
+        Self(self.0 | Self::bit(letter))
+    }
+
+    pub const fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    pub const fn less(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    pub const fn has(self, letter: u8) -> bool {
+        self.0 & Self::bit(letter) != 0
+    }
+
+    pub const fn has_any(self, others: Self) -> bool {
+        self.0 & others.0 != 0
+    }
+
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    const fn bit(letter: u8) -> u32 {
+        if letter.is_ascii_uppercase() {
+            1 << (letter - b'A')
+        } else {
+            0
+        }
+    }
+}
+
 /// What uses the axis words of a block for itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taker {
@@ -132,8 +186,10 @@ pub(super) const fn code(tenths: u16) -> Code {
 /// Where each letter stands in a block.
 pub(super) struct Given<'a> {
     words: &'a Words,
-    /// Index of the word and one; 0 is none.
-    letters: [u8; 26],
+    /// Index of the word and one; 0 is none. Those of G and M are not told.
+    indices: [u8; 26],
+    /// All that there are.
+    pub letters: Letters,
     /// `,R` or `,C`.
     pub corner: Option<usize>,
 }
@@ -143,16 +199,18 @@ impl<'a> Given<'a> {
     pub fn new(words: &'a Words) -> At<Self> {
         let mut given = Self {
             words,
-            letters: [0; 26],
+            indices: [0; 26],
+            letters: Letters::default(),
             corner: None,
         };
         for (index, word) in words.iter().enumerate() {
+            given.letters = given.letters.with(word.letter);
             match word.letter {
                 b',' => given.corner = Some(index),
                 b'G' | b'M' => {}
                 letter => {
                     let slot = given
-                        .letters
+                        .indices
                         .get_mut(usize::from(letter.wrapping_sub(b'A')));
                     if let Some(slot) = slot {
                         if *slot != 0 {
@@ -169,13 +227,17 @@ impl<'a> Given<'a> {
 
     /// The word with this letter.
     pub fn find(&self, letter: u8) -> Option<usize> {
-        let slot = self.letters.get(usize::from(letter.wrapping_sub(b'A')))?;
+        let slot = self.indices.get(usize::from(letter.wrapping_sub(b'A')))?;
         usize::from(*slot).checked_sub(1)
     }
 
     /// Whether there is a word with this letter.
-    pub fn has(&self, letter: u8) -> bool {
-        self.find(letter).is_some()
+    pub const fn has(&self, letter: u8) -> bool {
+        self.letters.has(letter)
+    }
+
+    pub fn words(&self) -> impl Iterator<Item = &'a Word> {
+        self.words.iter()
     }
 
     pub fn word(&self, index: usize) -> Option<&'a Word> {
@@ -221,6 +283,10 @@ impl<'a> Given<'a> {
 
 /// A code such as `G54.1` in tenths.
 pub(super) fn tenths(number: Number) -> Option<u16> {
+    if number.decimals == 0 {
+        // Nearly all: two long divisions less.
+        return u16::try_from(number.digits.checked_mul(10)?).ok();
+    }
     let scale = super::length::power(number.decimals);
     let tenths = number.digits.checked_mul(10)?;
     if tenths % scale != 0 {

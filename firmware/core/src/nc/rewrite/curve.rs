@@ -86,7 +86,7 @@ impl Rewriter {
         target: Target,
         incremental: bool,
         column: usize,
-    ) -> At<More> {
+    ) -> At<()> {
         let all = |places: &Target| -> At<[Pm; 3]> {
             let mut known = [0; 3];
             for (axis, slot) in known.iter_mut().enumerate() {
@@ -151,8 +151,8 @@ impl Rewriter {
                 Motion::Clockwise
             };
             self.write_motion(wanted, said, edit);
-            self.summary.arcs += 1;
-            return Ok(More::Nothing);
+            self.counts.arcs.add(1);
+            return Ok(());
         }
         if self.modes.compensated {
             return Err((column, Reason::Tilted(plane.letter())));
@@ -223,7 +223,7 @@ impl Rewriter {
                     axis,
                     at(&image, axis),
                     at(&ends.end, axis),
-                    word,
+                    word.is_some(),
                     incremental,
                     &step,
                 )?
@@ -346,7 +346,7 @@ impl Rewriter {
         ends: &Ends,
         incremental: bool,
         column: usize,
-    ) -> At<More> {
+    ) -> At<()> {
         let step = self.step();
         // Rounding takes its part: half the diagonal of a step.
         let rounding = step.pm as f64 / PM_PER_MM * sqrt(3.0) / 2.0;
@@ -403,13 +403,12 @@ impl Rewriter {
         }
         self.write_chord(&axes, &target, &image, incremental, edit, count > 1);
         self.write_motion(wanted, Motion::Line, edit);
-        self.summary.chorded += 1;
-        self.summary.chords += u64::from(count);
-        Ok(if count > 1 {
-            More::Chords(chords)
-        } else {
-            More::Nothing
-        })
+        self.counts.chorded.add(1);
+        self.counts.chords.add(count);
+        if count > 1 {
+            self.more = More::Chords(chords);
+        }
+        Ok(())
     }
 
     /// The first chord in the words of the arc: a word never stays as it was by chance.
@@ -429,7 +428,9 @@ impl Rewriter {
             };
             let word = at(axes, axis);
             if !is_part || word.is_none() {
-                if let Some(rounded) = self.round(axis, image, nominal, word, incremental, &step) {
+                if let Some(rounded) =
+                    self.round(axis, image, nominal, word.is_some(), incremental, &step)
+                {
                     match (rounded.steps, word) {
                         (None, _) => {}
                         (Some(steps), Some(word)) => {

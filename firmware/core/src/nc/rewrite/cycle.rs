@@ -1,18 +1,21 @@
 //! Canned cycles: kept where the tool's direction stays, written out where it tilts.
 
-use super::block::{AXES, Given};
+use super::block::{AXES, Given, Letters};
 use super::emit::{self, Action, Edit, Out};
 use super::follow::Wanted;
 use super::length::{LIMIT_PM, Pm, Step};
 use super::motion::{More, allow};
 use super::refusal::Reason;
 use super::state::{Cycle, Motion};
-use super::words::{At, Words};
+use super::words::At;
 use super::{Rewriter, at, pm};
 
 /// Holes of one block, at most, and pecks of all of them: what one block may become.
 const MAX_HOLES: u32 = 1000;
 const MAX_PECKS: Pm = 10_000;
+
+/// What cycles take beside what every motion does.
+const OF_CYCLES: Letters = Letters::of(b"RQPKLIJ");
 
 /// Further holes of a cycle that stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,14 +60,13 @@ impl Rewriter {
     /// A block that begins or goes on with a canned cycle.
     pub(super) fn cycle(
         &mut self,
-        words: &Words,
         given: &Given<'_>,
         wanted: &Wanted,
         edit: &mut Edit,
         incremental: bool,
         column: usize,
-    ) -> At<More> {
-        allow(words, b"RQPKLIJ")?;
+    ) -> At<()> {
+        allow(given, OF_CYCLES)?;
         let normal = self.modes.plane.normal();
         let letter = at(&AXES, normal);
         // Both count holes, for one control or another.
@@ -139,10 +141,10 @@ impl Rewriter {
         }
         self.stand(normal, height, &cycle, count > 0);
         self.modes.cycle = Some(cycle);
-        self.summary.holes += u64::from(count);
+        self.counts.holes.add(count);
         let by = by(&before.nominal, &target, normal);
         if count < 2 || !incremental || by == [0; 3] {
-            return Ok(More::Nothing);
+            return Ok(());
         }
         if let Some(unknown) = (0..3).find(|axis| at(&self.place.nominal, *axis).is_none()) {
             return Err((column, Reason::UnknownPlace(at(&AXES, unknown) as char)));
@@ -150,10 +152,11 @@ impl Rewriter {
         if let Some(word) = given.find(b'K').or(given.find(b'L')) {
             edit.set(word, Action::Drop);
         }
-        Ok(More::Repeat(Repeat {
+        self.more = More::Repeat(Repeat {
             count: count - 1,
             by,
-        }))
+        });
+        Ok(())
     }
 
     /// Where the tool stands after a hole.
@@ -291,7 +294,7 @@ impl Rewriter {
         count: u32,
         before: &super::Place,
         target: [Option<Pm>; 3],
-    ) -> At<More> {
+    ) -> At<()> {
         let normal = self.modes.plane.normal();
         let letter = at(&AXES, normal) as char;
         for axis in 0..3 {
@@ -331,7 +334,7 @@ impl Rewriter {
         self.out_motion = Some(Motion::Rapid);
         self.modes.cycle = Some(*cycle);
         if count == 0 {
-            return Ok(More::Nothing);
+            return Ok(());
         }
         // The first block goes over the hole, at the height where the tool is.
         let axes = given.axes();
@@ -344,8 +347,8 @@ impl Rewriter {
         });
         let image = self.carry(&target, true, column)?;
         self.write_axes(&plane_axes, &target, &image, incremental, edit, column)?;
-        self.summary.written_out += u64::from(count);
-        Ok(More::Holes(Holes {
+        self.counts.written_out.add(count);
+        self.more = More::Holes(Holes {
             count,
             by: if incremental {
                 by(&before.nominal, &target, normal)
@@ -359,7 +362,8 @@ impl Rewriter {
             phase: Phase::Over,
             over: [0; 3],
             depth: 0,
-        }))
+        });
+        Ok(())
     }
 
     /// Writes the next hole of a cycle that stays; whether there are others.

@@ -2,8 +2,12 @@
 
 use heapless::Vec;
 
-use super::length::Decimal;
-use super::words::{MAX_WORDS, Number, Word, Words};
+use super::length::{DECIMAL, decimal};
+use super::words::{Number, Word, Words};
+
+/// Words of a block that change, at most: each letter that has a place or a way stands there
+/// once, and a motion or a cycle, and F.
+const MAX_CHANGED: usize = 16;
 
 /// What becomes of a word.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,8 +23,10 @@ pub(super) enum Action {
 /// What becomes of a block.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Edit {
-    /// One for each word; a word without one is kept.
-    actions: Vec<Action, MAX_WORDS>,
+    /// The words that change, by their index; all others are kept.
+    changed: Vec<(u8, Action), MAX_CHANGED>,
+    /// A bit for each word that is in there.
+    is_changed: u64,
     /// Words that were not there: letter, steps, decimals.
     added: Vec<(u8, i64, u8), 8>,
     /// A G code before the first word that a motion takes.
@@ -28,16 +34,16 @@ pub(super) struct Edit {
 }
 
 impl Edit {
-    pub fn new(words: &Words) -> Self {
-        let mut edit = Self::default();
-        // As many as there are words: it cannot be too many.
-        let _ = edit.actions.resize(words.len(), Action::Keep);
-        edit
-    }
-
     pub fn set(&mut self, word: usize, action: Action) {
-        if let Some(slot) = self.actions.get_mut(word) {
-            *slot = action;
+        // At most MAX_WORDS.
+        let index = word as u8;
+        if self.changes(word) {
+            let slot = self.changed.iter_mut().find(|(other, _)| *other == index);
+            if let Some((_, slot)) = slot {
+                *slot = action;
+            }
+        } else if self.changed.push((index, action)).is_ok() {
+            self.is_changed |= bit(word);
         }
     }
 
@@ -50,11 +56,24 @@ impl Edit {
         self.code = Some(code);
     }
 
-    fn changes(&self) -> bool {
-        self.code.is_some()
-            || !self.added.is_empty()
-            || self.actions.iter().any(|action| *action != Action::Keep)
+    const fn changes(&self, word: usize) -> bool {
+        self.is_changed & bit(word) != 0
     }
+
+    fn action(&self, word: usize) -> Action {
+        if !self.changes(word) {
+            return Action::Keep;
+        }
+        let index = word as u8;
+        let mut changed = self.changed.iter();
+        let found = changed.find(|(other, _)| *other == index);
+        found.map_or(Action::Keep, |(_, action)| *action)
+    }
+}
+
+/// The bit of a word: there are 48 at most.
+const fn bit(word: usize) -> u64 {
+    1_u64.wrapping_shl(word as u32)
 }
 
 /// Collects output and hands it on in pieces.
@@ -75,7 +94,7 @@ impl<'a, S: FnMut(&[u8])> Out<'a, S> {
 
     #[inline]
     pub fn put(&mut self, bytes: &[u8]) {
-        let end = self.length + bytes.len();
+        let end = self.length.saturating_add(bytes.len());
         if let Some(room) = self.held.get_mut(self.length..end) {
             room.copy_from_slice(bytes);
             self.length = end;
@@ -97,10 +116,16 @@ impl<'a, S: FnMut(&[u8])> Out<'a, S> {
         }
     }
 
+    /// Writes a word, without a copy of it.
     pub fn length(&mut self, letter: u8, steps: i64, decimals: u8) {
-        let mut text = Decimal::new(steps, decimals);
-        text.put(letter);
-        self.put(text.bytes());
+        if self.length > self.held.len() - DECIMAL {
+            self.flush();
+        }
+        let room = self.held.get_mut(self.length..);
+        if let Some(room) = room.and_then(<[u8]>::first_chunk_mut) {
+            let written = decimal(room, Some(letter), steps, decimals);
+            self.length = self.length.saturating_add(written);
+        }
     }
 }
 
@@ -143,41 +168,45 @@ pub(super) fn block<S: FnMut(&[u8])>(
     spaced: bool,
     out: &mut Out<'_, S>,
 ) {
-    if !edit.changes() {
-        out.put(line);
-        return;
-    }
+    // Words that stay, with nothing to stand beside them, are not looked at: they are copied
+    // with what lies between the others.
+    let mut looked_at = edit.is_changed;
     // What is added stands in the order of letters, behind the last word of the motion at
     // the latest.
-    let anchor = words.iter().rposition(|word| of_motion(word.letter));
+    let mut anchor = None;
+    if edit.code.is_some() || !edit.added.is_empty() {
+        for (number, word) in words.iter().enumerate() {
+            if of_motion(word.letter) {
+                looked_at |= bit(number);
+                anchor = Some(number);
+            }
+        }
+    }
     let mut code = edit.code;
     let mut added = Added {
         all: &edit.added,
         written: 0,
     };
-    // What stands before `copied` has been written, up to `before` it may stay as it is.
-    let (mut copied, mut before) = (0, 0);
-    for (number, word) in words.iter().enumerate() {
-        let action = edit.actions.get(number).copied().unwrap_or(Action::Keep);
-        let is_joined =
-            anchor == Some(number) || (of_motion(word.letter) && (code.is_some() || added.wait()));
-        if action == Action::Keep && !is_joined {
-            before = word.end;
-            continue;
-        }
-        out.put(line.get(copied..before).unwrap_or_default());
-        let gap = line.get(before..word.start).unwrap_or_default();
-        if action == Action::Drop && code.is_none() {
+    // What stands before has been written.
+    let mut copied = 0;
+    while looked_at != 0 {
+        let number = looked_at.trailing_zeros() as usize;
+        looked_at &= !bit(number);
+        let Some(word) = words.get(number) else { break };
+        let action = edit.action(number);
+        let is_joined = (code.is_some() || added.wait()) && of_motion(word.letter);
+        let end = if action == Action::Drop && code.is_none() {
             // The blanks before it go with it, a comment stays.
-            let kept = gap
-                .iter()
-                .rposition(|byte| *byte == b')')
-                .map_or(0, |at| at + 1);
-            out.put(gap.get(..kept).unwrap_or_default());
+            let previous = number.checked_sub(1).and_then(|number| words.get(number));
+            let before = previous.map_or(0, |word| word.end);
+            let gap = line.get(before..word.start).unwrap_or_default();
+            let comment = gap.iter().rposition(|byte| *byte == b')');
+            comment.map_or(before, |at| before + at + 1)
         } else {
-            out.put(gap);
-        }
-        if of_motion(word.letter) {
+            word.start
+        };
+        out.put(line.get(copied..end).unwrap_or_default());
+        if is_joined {
             let mut first = action != Action::Drop || code.is_some();
             let mut separate = |out: &mut Out<'_, S>| {
                 // The gap has gone before the first.
@@ -203,7 +232,7 @@ pub(super) fn block<S: FnMut(&[u8])>(
             Action::Text(text) => out.put(text),
             Action::Drop => {}
         }
-        if anchor == Some(number) {
+        if is_joined && anchor == Some(number) {
             for (letter, steps, decimals) in added.rest() {
                 if spaced {
                     out.put(b" ");
@@ -211,7 +240,7 @@ pub(super) fn block<S: FnMut(&[u8])>(
                 out.length(*letter, *steps, *decimals);
             }
         }
-        (copied, before) = (word.end, word.end);
+        copied = word.end;
     }
     out.put(line.get(copied..).unwrap_or_default());
 }
@@ -256,8 +285,9 @@ fn letter(line: &[u8], word: &Word) -> u8 {
 
 /// A number as it was written, without its sign if that was a plus.
 pub(super) fn number<S: FnMut(&[u8])>(number: Number, out: &mut Out<'_, S>) {
-    let text = Decimal::new(number.digits, number.decimals);
-    let bytes = text.bytes();
+    let mut text = [0; DECIMAL];
+    let length = decimal(&mut text, None, number.digits, number.decimals);
+    let bytes = text.get(..length).unwrap_or_default();
     // Without a point it may count something else.
     match bytes.split_last() {
         Some((b'.', whole)) if !number.has_point => out.put(whole),

@@ -1,6 +1,6 @@
 //! Following a program: modes, offsets, subprograms, and where the axes are.
 
-use super::block::{AXES, CENTRES, Code, Given, Taker, code, tenths};
+use super::block::{AXES, Code, Given, Letters, Taker, code, tenths};
 use super::emit::Edit;
 use super::length::{LIMIT_PM, Pm, Unit, length};
 use super::motion::More;
@@ -8,6 +8,9 @@ use super::refusal::{Reason, Why};
 use super::state::{Feed, Motion, Place, Plane, Shift, Subprogram};
 use super::words::{At, Number, Value, Words};
 use super::{Integers, Rewriter, at};
+
+const SECONDARY: Letters = Letters::of(b"UVW");
+const ROTARY: Letters = Letters::of(b"ABC");
 
 /// What the G words of a block ask for.
 #[derive(Default)]
@@ -26,24 +29,25 @@ pub(super) struct Wanted {
 
 impl Rewriter {
     /// Carries out a block: its modes, its offsets, its motion.
-    pub(super) fn follow(&mut self, words: &Words, edit: &mut Edit) -> At<More> {
+    pub(super) fn follow(&mut self, words: &Words, edit: &mut Edit) -> At<()> {
         let given = Given::new(words)?;
         if let Some(o) = given.find(b'O') {
             let number = given.whole(b'O')?.unwrap_or_default();
             self.begin_program(number, given.column(o))?;
         }
         let wanted = self.g_words(words, &given)?;
-        let axes = given.axes();
-        let has_axes = axes.iter().any(Option::is_some);
-        for letter in *b"UVW" {
-            if let Some(word) = given.find(letter)
-                && !matches!(wanted.taker, Some((_, Taker::Nothing | Taker::Data)))
-            {
-                return Err((given.column(word), Reason::SecondaryAxis(letter as char)));
+        let has_axes = given.letters.has_any(Letters::AXES);
+        if given.letters.has_any(SECONDARY)
+            && !matches!(wanted.taker, Some((_, Taker::Nothing | Taker::Data)))
+        {
+            for letter in *b"UVW" {
+                if let Some(word) = given.find(letter) {
+                    return Err((given.column(word), Reason::SecondaryAxis(letter as char)));
+                }
             }
         }
         if let Some(word) = wanted.lookahead
-            && (has_axes || CENTRES.iter().any(|letter| given.has(*letter)))
+            && (has_axes || given.letters.has_any(Letters::CENTRES))
         {
             return Err((given.column(word), Reason::Code(51, Why::Motion)));
         }
@@ -54,7 +58,7 @@ impl Rewriter {
             self.motion = Some(motion);
             self.modes.cycle = None;
         }
-        let more = if let Some((word, taker)) = wanted.taker {
+        if let Some((word, taker)) = wanted.taker {
             if wanted.cycle.is_some() {
                 return Err((given.column(word), Reason::TwoMotions));
             }
@@ -63,37 +67,35 @@ impl Rewriter {
                 self.out_motion = self.motion;
             }
             self.taken(taker, word, &given)?;
-            More::Nothing
         } else {
             self.rotary(&given)?;
             let is_arc = matches!(self.motion, Some(Motion::Clockwise | Motion::Counter))
-                && (CENTRES.iter().any(|letter| given.has(*letter)) || given.has(b'R'));
+                && given.letters.has_any(Letters::CENTRES.with(b'R'));
             if has_axes || is_arc || wanted.cycle.is_some() {
-                self.move_block(words, &given, &wanted, edit)?
+                self.move_block(&given, &wanted, edit)?;
             } else {
                 if let Some((_, motion)) = wanted.motion {
                     self.out_motion = Some(motion);
                 }
-                self.stray(words, &given, &wanted)?;
-                More::Nothing
+                self.stray(&given, &wanted)?;
             }
-        };
-        self.m_words(words, &given, &more)?;
-        Ok(more)
+        }
+        if given.has(b'M') {
+            self.m_words(words, &given)?;
+        }
+        Ok(())
     }
 
     /// Letters that a block without a motion must not have: behind a motion code, and where
     /// one control takes them into the cycle in force, another drills, another gives an alarm.
-    fn stray(&self, words: &Words, given: &Given<'_>, wanted: &Wanted) -> At<()> {
+    fn stray(&self, given: &Given<'_>, wanted: &Wanted) -> At<()> {
         let letters: &[u8] = match (self.modes.cycle, wanted.motion) {
             (Some(_), _) => b"IJKLPQR",
             (None, Some(_)) => b"IJKR",
             (None, None) => b"",
         };
-        let is_of_others = |letter: u8| {
-            matches!(letter, b'L' | b'P')
-                && (wanted.extended || words.iter().any(|word| word.letter == b'M'))
-        };
+        let is_of_others =
+            |letter: u8| matches!(letter, b'L' | b'P') && (wanted.extended || given.has(b'M'));
         for letter in letters.iter().filter(|letter| !is_of_others(**letter)) {
             if let Some(index) = given.find(*letter) {
                 return Err((given.column(index), Reason::Meaningless(*letter as char)));
@@ -215,6 +217,9 @@ impl Rewriter {
 
     /// A, B, C at zero only: the part turns with them.
     fn rotary(&self, given: &Given<'_>) -> At<()> {
+        if !given.letters.has_any(ROTARY) {
+            return Ok(());
+        }
         for letter in *b"ABC" {
             if let Some(number) = given.number(letter)?
                 && number.digits != 0
@@ -231,12 +236,18 @@ impl Rewriter {
         let Some(word) = given.word(index) else {
             return Ok(0);
         };
-        let refuse = |reason| Err((word.start, reason));
-        let Value::Number(number) = word.value else {
-            return refuse(Reason::Expression(word.letter as char));
+        let done = match word.value {
+            Value::Number(number) => self.length_of_number(number, word.letter),
+            Value::Expression => Err(Reason::Expression(word.letter as char)),
         };
+        done.map_err(|reason| (word.start, reason))
+    }
+
+    /// What a number is behind a letter that stands for a length.
+    #[inline]
+    pub(super) fn length_of_number(&self, number: Number, letter: u8) -> Result<Pm, Reason> {
         let Some(unit) = self.modes.unit else {
-            return refuse(Reason::NoUnit);
+            return Err(Reason::NoUnit);
         };
         if !number.has_point && number.digits != 0 {
             match self.settings.integers {
@@ -245,12 +256,12 @@ impl Rewriter {
                     let pm = number.digits.checked_mul(self.step().pm);
                     return pm
                         .filter(|pm| pm.unsigned_abs() <= LIMIT_PM.unsigned_abs())
-                        .ok_or((word.start, Reason::OutOfRange));
+                        .ok_or(Reason::OutOfRange);
                 }
-                None => return refuse(Reason::NoPoint(word.letter as char)),
+                None => return Err(Reason::NoPoint(letter as char)),
             }
         }
-        length(number, unit).map_err(|reason| (word.start, reason))
+        length(number, unit)
     }
 
     /// A length word by its letter.
@@ -433,7 +444,7 @@ impl Rewriter {
         }
     }
 
-    fn m_words(&mut self, words: &Words, given: &Given<'_>, more: &More) -> At<()> {
+    fn m_words(&mut self, words: &Words, given: &Given<'_>) -> At<()> {
         for word in words.iter().filter(|word| word.letter == b'M') {
             let Value::Number(number) = word.value else {
                 return Err((word.start, Reason::Expression('M')));
@@ -441,7 +452,7 @@ impl Rewriter {
             // M codes have no decimals that matter here.
             let m = number.digits / super::length::power(number.decimals);
             let is_late = matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 60 | 97 | 98 | 99);
-            if is_late && *more != More::Nothing {
+            if is_late && self.more != More::Nothing {
                 return Err((word.start, Reason::LateCode('M')));
             }
             match m {

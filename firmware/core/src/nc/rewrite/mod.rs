@@ -4,7 +4,8 @@
 //! ```text
 //! bytes ─► line ─► words ─► modes, offsets ─► motion ─► R p + t ─► rounded ─► text
 //!                  (words)  (follow, state)   (motion,             (length,   (emit)
-//!                                              arc, cycle)          motion)
+//!                    │                         arc, cycle)          motion)
+//!                    └─► nothing but a straight line (plain) ─► ...
 //! ```
 //!
 //! For controls that cannot turn coordinates in space, and for what a rotation about Z
@@ -100,6 +101,7 @@ mod header;
 mod length;
 mod line_ends;
 mod motion;
+mod plain;
 mod refusal;
 mod settings;
 mod state;
@@ -120,7 +122,7 @@ pub use settings::{BadSettings, Identity, Integers, Settings, Source};
 use emit::{Edit, Out};
 use length::{PM_PER_MM, Step};
 use line_ends::LineEnds;
-use motion::More;
+use motion::{Extent, More};
 use settings::checked;
 use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
 use words::{At, Kind, Words};
@@ -159,6 +161,29 @@ pub struct Summary {
     pub nominal_mm: Option<[[f64; 3]; 2]>,
     /// The same as it is written.
     pub written_mm: Option<[[f64; 3]; 2]>,
+}
+
+/// What of it is counted on the way.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counts {
+    blocks: Count,
+    rapids: Count,
+    feeds: Count,
+    arcs: Count,
+    chorded: Count,
+    chords: Count,
+    holes: Count,
+    written_out: Count,
+}
+
+/// A counter of what no program has 2⁶⁴ of.
+#[derive(Clone, Copy, Debug, Default)]
+struct Count(u64);
+
+impl Count {
+    fn add(&mut self, count: u32) {
+        self.0 = self.0.wrapping_add(u64::from(count));
+    }
 }
 
 /// What [`Rewriter::push_line`] did.
@@ -226,7 +251,9 @@ pub struct Rewriter {
     has_begun: bool,
     subprograms: Subprograms,
     current: Option<usize>,
-    summary: Summary,
+    counts: Counts,
+    nominal_extent: Extent,
+    written_extent: Extent,
 }
 
 impl Rewriter {
@@ -318,7 +345,9 @@ impl Rewriter {
             has_begun: false,
             subprograms: Vec::new(),
             current: None,
-            summary: Summary::default(),
+            counts: Counts::default(),
+            nominal_extent: Extent::NOTHING,
+            written_extent: Extent::NOTHING,
         })
     }
 
@@ -386,9 +415,19 @@ impl Rewriter {
     /// What was done so far.
     #[must_use]
     pub fn summary(&self) -> Summary {
+        let counts = &self.counts;
         Summary {
             lines: self.line,
-            ..self.summary
+            blocks: counts.blocks.0,
+            rapids: counts.rapids.0,
+            feeds: counts.feeds.0,
+            arcs: counts.arcs.0,
+            chorded: counts.chorded.0,
+            chords: counts.chords.0,
+            holes: counts.holes.0,
+            written_out: counts.written_out.0,
+            nominal_mm: self.nominal_extent.mm(),
+            written_mm: self.written_extent.mm(),
         }
     }
 
@@ -438,7 +477,7 @@ impl Rewriter {
                 }
                 continue;
             }
-            let Some(end) = bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) else {
+            let Some(end) = memchr::memchr2(b'\n', b'\r', bytes) else {
                 break;
             };
             let (text, rest) = bytes.split_at_checked(end).unwrap_or_default();
@@ -513,6 +552,8 @@ impl Rewriter {
             Ok(())
         } else if self.line_ends.are_mixed() {
             Err((0, Reason::LineEnds))
+        } else if self.plain(line, out) {
+            Ok(())
         } else {
             self.understand(line, out)
         };
@@ -522,6 +563,7 @@ impl Rewriter {
                 column: column + 1,
                 reason,
             };
+            self.more = More::Nothing;
             self.refusal = Some(refusal);
             refusal
         })
@@ -551,12 +593,11 @@ impl Rewriter {
                 let is_name = words.iter().all(|word| matches!(word.letter, b'O' | b'N'))
                     && words.iter().any(|word| word.letter == b'O');
                 if !is_name || self.has_begun {
-                    self.summary.blocks += 1;
-                    let mut edit = Edit::new(&words);
-                    let more = self.block(&words, optional, &mut edit)?;
+                    self.counts.blocks.add(1);
+                    let mut edit = Edit::default();
+                    self.block(&words, optional, &mut edit)?;
                     self.begin(out);
                     emit::block(line, &words, &edit, self.spaced, out);
-                    self.more = more;
                 } else {
                     self.tape = Tape::Program;
                     out.put(line);
@@ -577,17 +618,17 @@ impl Rewriter {
     }
 
     /// What becomes of a block.
-    fn block(&mut self, words: &Words, optional: bool, edit: &mut Edit) -> At<More> {
+    fn block(&mut self, words: &Words, optional: bool, edit: &mut Edit) -> At<()> {
         if !optional {
             return self.follow(words, edit);
         }
         let (modes, motion, out_motion, place) =
             (self.modes, self.motion, self.out_motion, self.place);
-        let more = self.follow(words, edit)?;
+        self.follow(words, edit)?;
         if modes != self.modes {
             return Err((0, Reason::OptionalMode));
         }
-        if more != More::Nothing {
+        if self.more != More::Nothing {
             return Err((0, Reason::OptionalLines));
         }
         if (motion, out_motion) != (self.motion, self.out_motion) {
@@ -600,7 +641,7 @@ impl Rewriter {
                 self.place.forget(axis);
             }
         }
-        Ok(more)
+        Ok(())
     }
 
     /// The step of the unit in force.
@@ -637,8 +678,9 @@ const fn modes(unit: Option<Unit>) -> Modes {
 /// An item of three.
 #[inline]
 fn at<T: Copy>(of: &[T; 3], axis: usize) -> T {
-    let [x, y, z] = *of;
-    match axis {
+    // By reference: not all three are copied for one.
+    let [x, y, z] = of;
+    *match axis {
         0 => x,
         1 => y,
         _ => z,

@@ -1,8 +1,6 @@
 //! Motions, carried and rounded.
 
-use libm::fabs;
-
-use super::block::{AXES, Given};
+use super::block::{AXES, Given, Letters};
 use super::curve::Chords;
 use super::cycle::{Holes, Repeat};
 use super::emit::{Action, Edit, Out};
@@ -10,7 +8,7 @@ use super::follow::Wanted;
 use super::length::{LIMIT_PM, PM_PER_MM, Pm, Step};
 use super::refusal::Reason;
 use super::state::{Feed, Motion};
-use super::words::{At, Number, Words};
+use super::words::{At, Number};
 use super::{Coupling, Rewriter, at};
 
 /// An image nearer than this to what was written is what was written, pm.
@@ -32,11 +30,10 @@ impl Rewriter {
     /// A block that moves.
     pub(super) fn move_block(
         &mut self,
-        words: &Words,
         given: &Given<'_>,
         wanted: &Wanted,
         edit: &mut Edit,
-    ) -> At<More> {
+    ) -> At<()> {
         let axes = given.axes();
         let column = axes
             .iter()
@@ -53,13 +50,13 @@ impl Rewriter {
             return Err((column, Reason::WorkOffset));
         }
         if wanted.cycle.is_some() || self.modes.cycle.is_some() {
-            return self.cycle(words, given, wanted, edit, incremental, column);
+            return self.cycle(given, wanted, edit, incremental, column);
         }
         let Some(motion) = self.motion else {
             return Err((column, Reason::NoMotion));
         };
         let is_arc = matches!(motion, Motion::Clockwise | Motion::Counter);
-        allow(words, if is_arc { b"IJKR" } else { b"" })?;
+        allow(given, if is_arc { OF_ARCS } else { Letters::default() })?;
         let target = self.target(given, incremental)?;
         if is_arc {
             return self.arc(given, wanted, edit, motion, target, incremental, column);
@@ -71,12 +68,17 @@ impl Rewriter {
         let image = self.carry(&target, is_feed, column)?;
         self.write_axes(&axes, &target, &image, incremental, edit, column)?;
         self.write_motion(wanted, motion, edit);
-        if is_feed {
-            self.summary.feeds += 1;
+        self.count_straight(motion);
+        Ok(())
+    }
+
+    /// A motion that is no arc has been carried out.
+    pub(super) fn count_straight(&mut self, motion: Motion) {
+        if motion == Motion::Line {
+            self.counts.feeds.add(1);
         } else {
-            self.summary.rapids += 1;
+            self.counts.rapids.add(1);
         }
-        Ok(More::Nothing)
     }
 
     /// Where the axis words lead, in the frame of the transform.
@@ -198,7 +200,8 @@ impl Rewriter {
             let (Some(image), Some(nominal)) = (at(image, axis), at(target, axis)) else {
                 continue;
             };
-            let rounded = self.round(axis, image, nominal, at(axes, axis), incremental, &step);
+            let is_named = at(axes, axis).is_some();
+            let rounded = self.round(axis, image, nominal, is_named, incremental, &step);
             let Some(rounded) = rounded else {
                 return Err((column, Reason::UnknownPlace(at(&AXES, axis) as char)));
             };
@@ -226,8 +229,8 @@ impl Rewriter {
             *slot = nominal;
         }
         if !self.place.relative {
-            reach(&mut self.summary.nominal_mm, axis, nominal);
-            reach(&mut self.summary.written_mm, axis, out);
+            self.nominal_extent.reach(axis, nominal);
+            self.written_extent.reach(axis, out);
         }
     }
 
@@ -242,14 +245,14 @@ impl Rewriter {
         axis: usize,
         image: f64,
         nominal: Pm,
-        word: Option<usize>,
+        is_named: bool,
         incremental: bool,
         step: &Step,
     ) -> Option<Rounded> {
         let before = at(&self.place.out, axis);
-        if word.is_none()
+        if !is_named
             && let Some(before) = before
-            && fabs(image - before as f64) <= step.pm as f64 / 2.0
+            && (image - before as f64).abs() <= step.half_pm
         {
             return Some(Rounded {
                 out: before,
@@ -266,9 +269,9 @@ impl Rewriter {
         };
         let value = image - base as f64;
         let steps = step.count(value);
-        if word.is_some() {
+        if is_named {
             let written = nominal - base_nominal;
-            if fabs(value - written as f64) < SAME_PM || steps * step.pm == written {
+            if (value - written as f64).abs() < SAME_PM || steps * step.pm == written {
                 return Some(Rounded {
                     out: base + written,
                     steps: None,
@@ -329,7 +332,7 @@ impl Rewriter {
                 axis,
                 at(&image, axis),
                 at(&nominal, axis),
-                None,
+                false,
                 incremental,
                 &step,
             ) else {
@@ -372,34 +375,57 @@ pub(super) struct Rounded {
     pub steps: Option<i64>,
 }
 
-/// Refuses words that a motion does not take.
-pub(super) fn allow(words: &Words, letters: &[u8]) -> At<()> {
-    let has = |letter: u8| words.iter().any(|word| word.letter == letter);
-    for word in words {
-        let is_known = match word.letter {
-            b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'N' | b'O' | b'G' | b'M' | b'F' | b'S'
-            | b'T' | b'H' | b'D' | b',' => true,
-            letter if letters.contains(&letter) => true,
-            // Of M98, or of G54.1.
-            b'P' => has(b'M') || has(b'G'),
-            b'L' => has(b'M'),
-            _ => false,
-        };
-        if !is_known {
-            return Err((word.start, Reason::Meaningless(word.letter as char)));
-        }
+/// What every motion takes, and what arcs take beside.
+const OF_MOTIONS: Letters = Letters::of(b"XYZABCNOGMFSTHD");
+const OF_ARCS: Letters = Letters::of(b"IJKR");
+
+/// Refuses words that a motion does not take, less the letters that this one does.
+pub(super) fn allow(given: &Given<'_>, letters: Letters) -> At<()> {
+    let mut known = OF_MOTIONS.or(letters);
+    // Of M98, or of G54.1.
+    if given.has(b'M') {
+        known = known.with(b'P').with(b'L');
+    } else if given.has(b'G') {
+        known = known.with(b'P');
     }
-    Ok(())
+    let unknown = given.letters.less(known);
+    if unknown.is_empty() {
+        return Ok(());
+    }
+    match given.words().find(|word| unknown.has(word.letter)) {
+        Some(word) => Err((word.start, Reason::Meaningless(word.letter as char))),
+        None => Ok(()),
+    }
 }
 
-/// Extends what a program reaches; the box is there once all axes are known.
-fn reach(extent: &mut Option<[[f64; 3]; 2]>, axis: usize, pm: Pm) {
-    let mm = pm as f64 / PM_PER_MM;
-    let [low, high] = extent.get_or_insert([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]]);
-    if let Some(slot) = low.get_mut(axis) {
-        *slot = slot.min(mm);
+/// What a program reaches. In whole picometres: two comparisons of integers for each word,
+/// and no division before somebody asks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    low: [Pm; 3],
+    high: [Pm; 3],
+}
+
+impl Extent {
+    pub const NOTHING: Self = Self {
+        low: [Pm::MAX; 3],
+        high: [Pm::MIN; 3],
+    };
+
+    fn reach(&mut self, axis: usize, pm: Pm) {
+        if let (Some(low), Some(high)) = (self.low.get_mut(axis), self.high.get_mut(axis)) {
+            *low = pm.min(*low);
+            *high = pm.max(*high);
+        }
     }
-    if let Some(slot) = high.get_mut(axis) {
-        *slot = slot.max(mm);
+
+    /// The box in mm, from the first motion on; infinite along axes that no word has named.
+    pub fn mm(&self) -> Option<[[f64; 3]; 2]> {
+        let mm = |pm: Pm| match pm {
+            Pm::MAX => f64::INFINITY,
+            Pm::MIN => f64::NEG_INFINITY,
+            pm => pm as f64 / PM_PER_MM,
+        };
+        (self.low != Self::NOTHING.low).then(|| [self.low.map(mm), self.high.map(mm)])
     }
 }

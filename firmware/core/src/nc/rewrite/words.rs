@@ -60,14 +60,33 @@ pub(super) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
     let mut at = 0;
     let mut optional = false;
     while let Some(&byte) = line.get(at) {
-        match byte {
-            _ if is_blank(byte) => at += 1,
+        // The letter of a word, and where its value may begin: words are read in one place.
+        let (letter, value) = match byte {
+            b'A'..=b'Z' | b'a'..=b'z' => {
+                if line.get(at + 1).is_some_and(u8::is_ascii_alphabetic) {
+                    return keyword(line, at, words);
+                }
+                (byte.to_ascii_uppercase(), at + 1)
+            }
+            _ if is_blank(byte) => {
+                at += 1;
+                continue;
+            }
+            b':' => (b'O', at + 1),
+            b',' => {
+                let letter = skip_blanks(line, at + 1);
+                if !line.get(letter).is_some_and(u8::is_ascii_alphabetic) {
+                    return Err((at, Reason::NotAWord));
+                }
+                (b',', letter + 1)
+            }
             b'(' => {
                 let rest = line.get(at..).unwrap_or_default();
                 let Some(end) = rest.iter().position(|b| *b == b')') else {
                     return Err((at, Reason::UnclosedComment));
                 };
                 at += end + 1;
+                continue;
             }
             b';' => break,
             b'%' if words.is_empty() && !optional => return Ok(Kind::Percent),
@@ -78,20 +97,15 @@ pub(super) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
                 if line.get(at).is_some_and(u8::is_ascii_digit) {
                     at += 1;
                 }
+                continue;
             }
             b'#' if is_first(words) => {
                 assignment(line, at)?;
                 return Ok(Kind::Macro);
             }
-            b':' | b',' => at = word(line, at, at + 1, words)?,
-            _ if byte.is_ascii_alphabetic() => {
-                if line.get(at + 1).is_some_and(u8::is_ascii_alphabetic) {
-                    return keyword(line, at, words);
-                }
-                at = word(line, at, at + 1, words)?;
-            }
             _ => return Err((at, Reason::NotAWord)),
-        }
+        };
+        at = word(line, at, letter, value, words)?;
     }
     Ok(if words.is_empty() {
         Kind::Nothing
@@ -117,19 +131,7 @@ fn skip_blanks(line: &[u8], mut at: usize) -> usize {
 }
 
 /// One word from `start`, whose value begins at or after `at`.
-fn word(line: &[u8], start: usize, at: usize, words: &mut Words) -> At<usize> {
-    let first = line.get(start).copied().unwrap_or_default();
-    let (letter, at) = match first {
-        b':' => (b'O', at),
-        b',' => {
-            let at = skip_blanks(line, at);
-            if !line.get(at).is_some_and(u8::is_ascii_alphabetic) {
-                return Err((start, Reason::NotAWord));
-            }
-            (b',', at + 1)
-        }
-        other => (other.to_ascii_uppercase(), at),
-    };
+fn word(line: &[u8], start: usize, letter: u8, at: usize, words: &mut Words) -> At<usize> {
     let mut at = skip_blanks(line, at);
     let mut negative = false;
     if let Some(sign @ (b'+' | b'-')) = line.get(at) {
@@ -156,43 +158,74 @@ fn word(line: &[u8], start: usize, at: usize, words: &mut Words) -> At<usize> {
 }
 
 /// Digits and a point.
-fn number(line: &[u8], begin: usize, negative: bool) -> Result<(Number, usize), Reason> {
-    let mut digits: i64 = 0;
-    let mut point = None;
-    let mut at = begin;
-    for byte in line.get(begin..).unwrap_or_default() {
-        let digit = byte.wrapping_sub(b'0');
-        if digit < 10 {
-            // 17 digits and one more still fit.
-            if digits > 99_999_999_999_999_999 {
-                return Err(Reason::OutOfRange);
-            }
-            digits = digits.wrapping_mul(10).wrapping_add(i64::from(digit));
-        } else if *byte == b'.' && point.is_none() {
-            point = Some(at);
-        } else {
-            break;
-        }
-        at += 1;
-    }
-    let has_point = point.is_some();
-    if at == begin + usize::from(has_point) {
+#[inline]
+pub(super) fn number(line: &[u8], begin: usize, negative: bool) -> Result<(Number, usize), Reason> {
+    let mut digits = 0;
+    let point = behind_digits(line, begin, &mut digits);
+    let has_point = line.get(point) == Some(&b'.');
+    let (end, decimals) = if has_point {
+        let end = behind_digits(line, point + 1, &mut digits);
+        (end, end.saturating_sub(point + 1))
+    } else {
+        (point, 0)
+    };
+    let length = end.saturating_sub(begin);
+    if length == usize::from(has_point) {
         return Err(Reason::NotAWord);
     }
+    if length > MAX_DIGITS {
+        digits = many_digits(line.get(begin..end).unwrap_or_default())?;
+    }
     // A run of zeros is no larger number, but a longer one.
-    let decimals = point.map_or(0, |point| at - point - 1);
-    let decimals = u8::try_from(decimals).unwrap_or(u8::MAX);
-    if decimals > 18 {
+    if decimals > MAX_DIGITS {
         return Err(Reason::OutOfRange);
     }
     Ok((
         Number {
-            digits: if negative { -digits } else { digits },
-            decimals,
+            digits: if negative {
+                digits.wrapping_neg()
+            } else {
+                digits
+            },
+            decimals: decimals as u8,
             has_point,
         },
-        at,
+        end,
     ))
+}
+
+/// So many digits are a number in any case.
+const MAX_DIGITS: usize = 18;
+
+/// Takes the digits from `at` on behind those that were read; where they end. Whether it was
+/// too many is looked at behind the last, not at each.
+#[inline]
+fn behind_digits(line: &[u8], mut at: usize, digits: &mut i64) -> usize {
+    while let Some(byte) = line.get(at) {
+        let digit = byte.wrapping_sub(b'0');
+        if digit > 9 {
+            break;
+        }
+        *digits = digits.wrapping_mul(10).wrapping_add(i64::from(digit));
+        at += 1;
+    }
+    at
+}
+
+/// A number of many digits: zeros in front of it do not count.
+#[cold]
+fn many_digits(text: &[u8]) -> Result<i64, Reason> {
+    let mut digits: i64 = 0;
+    for digit in text.iter().filter(|byte| **byte != b'.') {
+        // 17 digits and one more still fit.
+        if digits > 99_999_999_999_999_999 {
+            return Err(Reason::OutOfRange);
+        }
+        digits = digits
+            .wrapping_mul(10)
+            .wrapping_add(i64::from(digit.wrapping_sub(b'0')));
+    }
+    Ok(digits)
 }
 
 /// The end of `#12`, `#[...]` or `[...]`.

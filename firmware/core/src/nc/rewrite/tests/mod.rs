@@ -3,6 +3,7 @@
 
 mod arcs;
 mod cycles;
+mod plain;
 mod refusals;
 mod stream;
 mod text;
