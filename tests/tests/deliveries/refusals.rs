@@ -816,7 +816,8 @@ fn a_host_waits_for_what_goes_out() {
     let (rig, client) = &mut start(&plain_job());
     put(client, 1234, &long(), Release::Always, 600);
     put(client, 9, NINE, Release::Always, 5);
-    let got = stopped(rig, b"READ O1234\r\n\x11", 200);
+    client.program_offer(1234).unwrap().unwrap();
+    let got = stopped(rig, DC1, 200);
     let busy = Err(ProgramRefusal::Busy);
     assert_eq!(client.program_offer(9).unwrap(), busy);
     let not_there = Err(ProgramRefusal::NotThere);
