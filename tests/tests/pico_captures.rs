@@ -153,8 +153,10 @@ fn listen(
     until: u64,
     mut done: impl FnMut(&[LatchReport]) -> bool,
 ) -> Vec<LatchReport> {
-    // Messages after the end that are still taken: more may come for ever.
-    let mut left = 400;
+    // Messages after the end that are still taken: a busy machine is behind by some for each
+    // millisecond, and more may come for ever.
+    let listens = until.saturating_sub(rig.emulator().state().cycle);
+    let mut left = 400 + listens / CYCLES_PER_MS;
     let mut found = Vec::new();
     loop {
         let is_over = rig.emulator().state().cycle > until;

@@ -41,7 +41,7 @@ const ANSWER_CYCLES: u64 = 300_000 * CYCLES_PER_US;
 /// How long half of them take, at most.
 const HALF_OF_ANSWERS_CYCLES: u64 = 2_000 * CYCLES_PER_US;
 /// Cycles for a byte of a program that is rewritten, before its first byte goes out.
-const LOOK_CYCLES: f64 = 5_000.0;
+const LOOK_CYCLES: f64 = 3_500.0;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 

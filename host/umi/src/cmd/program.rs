@@ -389,12 +389,17 @@ impl Put {
             done?;
         }
         let resumed = resumed.unwrap_or(0);
+        // As things stand on this board: another job may come.
+        let rewrites = matches!(program.release, Release::Rewritten(_));
+        let corrects = rewrites && board.job()?.job.is_some_and(|job| job.correction.is_some());
+        let withheld = corrects.then_some(Withheld::CorrectedTwice);
         if self.format.json {
             return print_json(&json!({
                 "status": "ok",
                 "program": program,
                 "was_there": there,
                 "resumed_at": resumed,
+                "withheld": withheld.map(|why| why.code()),
             }));
         }
         let how = match (there, resumed) {
@@ -403,7 +408,11 @@ impl Put {
             (false, at) => format!("is there (gone on at byte {at})"),
         };
         let done = format!("{} {how}", umi::words::program(&program));
-        print(&format!("{}\n", paint(GOOD, done)))
+        print(&format!("{}\n", paint(GOOD, done)))?;
+        match withheld {
+            Some(why) => print(&format!("but as things stand it does not go out: {why}\n")),
+            None => Ok(()),
+        }
     }
 }
 

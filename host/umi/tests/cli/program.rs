@@ -133,3 +133,45 @@ fn what_would_never_go_out_is_not_put() {
     assert_eq!(list["programs"].as_array().unwrap().len(), 1);
     umi(&["program", "put", &file, "--port", port]).exits(0);
 }
+
+/// A board whose job corrects already does not rewrite, and `put` says so at once.
+#[test]
+fn what_would_correct_twice_is_said() {
+    let (folder, port) = (Folder::new(), board());
+    let port = port.as_str();
+    let file = folder.file(
+        "part.nc",
+        "%\nO42\nG21 G90 G17 G94\nG0 X0. Y0. Z0.\nM30\n%\n",
+    );
+    let put = |release: &str| {
+        let put = [
+            "program",
+            "put",
+            &file,
+            "--release",
+            release,
+            "--port",
+            port,
+            "--json",
+        ];
+        umi(&put).exits(0).json()["withheld"].clone()
+    };
+    assert!(put("rewritten").is_null());
+    let job = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/three-spheres.toml"
+    );
+    umi(&["job", "set", job, "--port", port]).exits(0);
+    assert_eq!(put("rewritten"), "corrected_twice");
+    let put = [
+        "program",
+        "put",
+        &file,
+        "--release",
+        "rewritten",
+        "--port",
+        port,
+    ];
+    let said = umi(&put).exits(0).out;
+    assert!(said.contains("take [correction] out of the job"), "{said}");
+}
