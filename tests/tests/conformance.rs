@@ -12,6 +12,7 @@ use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
 use umi_protocol::message::{Event, Record, Request, ResetReason};
+use umi_protocol::pattern::Handshake;
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
 use umi_tests::cases::*;
 use umi_tests::rig::Rig;
@@ -34,6 +35,7 @@ umi_tests::on_every_board! {
     understands_what_follows_garbage
     loses_no_byte_whatever_the_host_does
     keeps_programs_whole_whatever_happens_to_an_upload
+    lets_the_control_go_after_a_reset
 }
 
 /// It says which board it is, and begins with nothing but the fact that it was switched on.
@@ -534,4 +536,20 @@ fn keeps_programs_whole_whatever_happens_to_an_upload(rig: &mut dyn Rig) {
     let (number, crc32) = (new.number, new.crc32);
     assert!(records.contains(&Record::ProgramDeleted { number, crc32 }));
     assert_eq!(findings.differences, []);
+}
+
+/// A control may stand held when the board is reset. It is let go by the board alone: no host
+/// is there, and the control cannot say anything.
+fn lets_the_control_go_after_a_reset(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let mut job = job();
+    job.receiver.handshake = Handshake::XonXoff;
+    client.set_job(&job).unwrap().unwrap();
+    assert_eq!(receive(rig, 1), "\x11");
+    drop(client);
+    rig.power_cycle();
+    let soon = Duration::from_millis(100);
+    let said = until(rig, "XON", |rig| rig.control_receives(soon));
+    assert_eq!(said, 0x11);
+    assert_eq!(receive_all(rig), "");
 }

@@ -373,10 +373,10 @@ async fn send<F: Flash>(
         if app.flow.stopped.load(Ordering::Relaxed) {
             let resumed = select(app.flow.resumed.wait(), patience(clock, hold_us));
             // Controls say XOFF behind the last %.
-            let is_over = app.measure.lock().await.is_all_out()
+            let is_over = meanwhile(app, tx, app.measure.lock()).await.is_all_out()
                 || matches!(meanwhile(app, tx, resumed).await, Either::Second(()));
             if is_over {
-                let is_all_out = app.measure.lock().await.is_all_out();
+                let is_all_out = meanwhile(app, tx, app.measure.lock()).await.is_all_out();
                 sent.whole = is_all_out.into();
                 sent.is_held = (!is_all_out).into();
                 break;
@@ -387,7 +387,7 @@ async fn send<F: Flash>(
             break;
         }
         let (next, is_hungry) = {
-            let mut measure = app.measure.lock().await;
+            let mut measure = meanwhile(app, tx, app.measure.lock()).await;
             if app.flow.stopped.load(Ordering::Relaxed) {
                 continue;
             }
@@ -415,9 +415,12 @@ async fn send<F: Flash>(
                 }
             }
             Next::Byte(byte) => {
-                say(app, tx).await;
                 // CTS may hold the driver as XOFF holds us.
-                let written = select(tx.write(byte), patience(clock, hold_us)).await;
+                let write = async {
+                    say(app, tx).await;
+                    tx.write(byte).await
+                };
+                let written = select(write, patience(clock, hold_us)).await;
                 if !matches!(written, Either::First(Ok(()))) {
                     sent.is_held = 1;
                     break;

@@ -2,9 +2,12 @@
 //!
 //! # Design
 //!
-//! XOFF goes out while a quarter of the intake's places is still free, XON when a quarter is
-//! taken: 1.5 KB, where a control may send ten characters more after XOFF. XON is also said
-//! when the job is taken up: the board may have been reset after it had said XOFF.
+//! XOFF goes out while a quarter of the intake's places is still free, XON when no more than
+//! half is taken: 1.5 KB, where a control may send ten characters more after XOFF. XON is also
+//! said when the job is taken up: the board may have been reset after it had said XOFF.
+//!
+//! Nothing waits for a control that does not take the code, as its CTS is gone: a code counts as
+//! said when it has left, and one that has not is tried again.
 //!
 //! Only for a job whose control obeys ([`Handshake::XonXoff`]): for the others the codes would
 //! be text. What finds no room is told as lost, with and without.
@@ -13,6 +16,10 @@
 //!
 //! While blocks of XMODEM are on their way nothing is said: they have no code for it, and wait
 //! for each other.
+//!
+//! XON is said once: a control to which it does not come stays held until its operator resets
+//! it. One that was held when the board was reset, with odd parity that the job does not name,
+//! gets it without.
 
 use core::future::Future;
 use core::pin::pin;
@@ -75,16 +82,17 @@ impl Hold {
         self.in_xoff.store(in_xoff, Ordering::Relaxed);
     }
 
-    /// What is to be said now, if anything. It counts as said.
-    fn word(&self, is_pressed: bool) -> Option<u8> {
-        let idle = self.idle.load(Ordering::Relaxed);
-        let want = match idle {
+    /// What the control should have been told.
+    fn wanted(&self, is_pressed: bool) -> u8 {
+        match self.idle.load(Ordering::Relaxed) {
             FREE if is_pressed => HELD,
-            _ => idle,
-        };
-        let said = self.said.load(Ordering::Relaxed);
-        self.said.store(want, Ordering::Relaxed);
-        match (said, want) {
+            idle => idle,
+        }
+    }
+
+    /// The code that says so, if it has not been said.
+    fn word(&self, want: u8) -> Option<u8> {
+        match (self.said.load(Ordering::Relaxed), want) {
             (SILENT | FREE, HELD) => Some(XOFF | self.in_xoff.load(Ordering::Relaxed)),
             (SILENT | HELD, FREE) | (HELD, SILENT) => {
                 Some(XON | self.in_xon.load(Ordering::Relaxed))
@@ -102,19 +110,27 @@ pub(crate) async fn meanwhile<F: Flash, T>(
 ) -> T {
     let mut work = pin!(work);
     loop {
-        match select(&mut work, app.intake.turned()).await {
-            Either::First(done) => return done,
-            Either::Second(()) => say(app, tx).await,
+        let word = async {
+            app.intake.turned().await;
+            say(app, tx).await;
+        };
+        if let Either::Second(done) = select(word, &mut work).await {
+            // A word that was on its way is tried again.
+            app.intake.turn();
+            return done;
         }
     }
 }
 
 /// Says what is to be said.
 pub(crate) async fn say<F: Flash>(app: &App<F>, tx: &mut impl CncTx) {
-    if let Some(word) = app.flow.hold.word(app.intake.is_pressed()) {
-        // A control whose CTS is gone does not send either.
+    let hold = &app.flow.hold;
+    let want = hold.wanted(app.intake.is_pressed());
+    if let Some(word) = hold.word(want) {
+        // On a broken line there is nobody to be told.
         let _ = tx.write(word).await;
     }
+    hold.said.store(want, Ordering::Relaxed);
 }
 
 #[cfg(test)]
@@ -224,7 +240,7 @@ mod tests {
             let hold = Hold::new();
             hold.note(Handshake::XonXoff);
             hold.note_coding(coding);
-            [false, true, false].map(|is_pressed| hold.word(is_pressed).unwrap())
+            [false, true, false].map(|is_pressed| told(&hold, is_pressed).unwrap())
         });
         let even = [0x11, 0x93, 0x11];
         assert_eq!(told, [[0x11, 0x13, 0x11], even, [0x91, 0x13, 0x91], even]);
@@ -235,10 +251,62 @@ mod tests {
     fn another_job_lets_go() {
         let hold = Hold::new();
         assert!(hold.note(Handshake::XonXoff));
-        assert_eq!(hold.word(true), Some(XOFF));
-        assert_eq!(hold.word(true), None);
+        assert_eq!(told(&hold, true), Some(XOFF));
+        assert_eq!(told(&hold, true), None);
         assert!(hold.note(Handshake::None));
-        assert_eq!(hold.word(true), Some(XON));
-        assert_eq!(hold.word(true), None);
+        assert_eq!(told(&hold, true), Some(XON));
+        assert_eq!(told(&hold, true), None);
+    }
+
+    /// What it is told, when that leaves at once.
+    fn told(hold: &Hold, is_pressed: bool) -> Option<u8> {
+        let want = hold.wanted(is_pressed);
+        let word = hold.word(want);
+        hold.said.store(want, Ordering::Relaxed);
+        word
+    }
+
+    /// A control whose CTS is gone keeps nothing else waiting, and is told when it is back.
+    #[test]
+    fn a_word_that_cannot_leave_is_tried_again() {
+        struct Stuck<'a>(&'a std::cell::Cell<bool>, Vec<u8>);
+        impl CncTx for Stuck<'_> {
+            async fn write(&mut self, byte: u8) -> Result<(), Broken> {
+                core::future::poll_fn(|_| match self.0.get() {
+                    true => core::task::Poll::Pending,
+                    false => core::task::Poll::Ready(()),
+                })
+                .await;
+                self.1.push(byte);
+                Ok(())
+            }
+        }
+        let app = App::<NoFlash>::new();
+        let is_stuck = std::cell::Cell::new(true);
+        let mut line = Stuck(&is_stuck, Vec::new());
+        assert!(app.flow.hold.note(Handshake::XonXoff));
+        app.intake.turn();
+        let (calls, done) = (std::cell::Cell::new(0), std::cell::Cell::new(false));
+        {
+            let work = core::future::poll_fn(|_| {
+                calls.set(calls.get() + 1);
+                match done.get() {
+                    true => core::task::Poll::Ready(()),
+                    false => core::task::Poll::Pending,
+                }
+            });
+            let mut both = pin!(meanwhile(&app, &mut line, work));
+            for _ in 0..3 {
+                assert!(poll_once(both.as_mut()).is_pending());
+            }
+            assert_eq!(calls.get(), 3, "the work goes on");
+            done.set(true);
+            assert!(poll_once(both.as_mut()).is_ready());
+        }
+        assert!(line.1.is_empty());
+        is_stuck.set(false);
+        let never = core::future::pending::<()>();
+        assert!(poll_once(pin!(meanwhile(&app, &mut line, never))).is_pending());
+        assert_eq!(line.1, [XON]);
     }
 }

@@ -12,7 +12,8 @@
 //! goes in behind a loss before it.
 //!
 //! When three quarters of the places are taken the intake is pressed, and until no more than
-//! one quarter is: a control that can be held is held so long ([`crate::hold`]).
+//! half is, which is what latches may take: a control that can be held is held so long
+//! ([`crate::hold`]).
 
 use core::cell::RefCell;
 
@@ -36,7 +37,7 @@ pub const OTHER_PLACES: usize = PLACES - FOR_BYTES;
 
 /// Places taken from which on the intake is pressed, and down to which it stays so.
 const PRESSED: usize = PLACES / 4 * 3;
-const RELIEVED: usize = PLACES / 4;
+const RELIEVED: usize = OTHER_PLACES;
 
 /// Inputs that wait to be measured.
 pub(crate) struct Intake {

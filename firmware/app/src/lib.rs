@@ -210,6 +210,10 @@ impl<F: Flash> App<F> {
 
     /// Measures, for ever.
     pub async fn measure(&self, outputs: &mut impl Outputs, clock: &impl Clock) {
+        // The job that was in force before a reset says it, too.
+        let measure = self.measure.lock().await;
+        self.note(&measure);
+        drop(measure);
         loop {
             let deadline = self.measure.lock().await.deadline();
             // Without a deadline the clock's future never comes.
@@ -270,10 +274,7 @@ impl<F: Flash> App<F> {
                     continue;
                 }
             }
-            self.flow.note_coding(measure.coding());
-            if self.flow.hold.note(measure.handshake()) {
-                self.intake.turn();
-            }
+            self.note(&measure);
             outputs.show(measure.lights());
             let armed = measure.arming();
             if armed.is_some() && armed != before && measure.waiting() == Some(SendWhen::OnVerdict)
@@ -281,6 +282,14 @@ impl<F: Flash> App<F> {
                 self.flow.go.signal(cnc::Ask::Verdict);
             }
             self.told.signal(());
+        }
+    }
+
+    /// Notes what receiving and sending must know of the control.
+    fn note(&self, measure: &Measure<F>) {
+        self.flow.note_coding(measure.coding());
+        if self.flow.hold.note(measure.handshake()) {
+            self.intake.turn();
         }
     }
 

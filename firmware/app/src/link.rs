@@ -28,7 +28,7 @@ use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
 use umi_protocol::hello::Hello;
 use umi_protocol::latch::TriggerOut;
-use umi_protocol::message::{Event, Request};
+use umi_protocol::message::{Event, Request, Response};
 
 use crate::App;
 use crate::answer::{Surroundings, answer, at_once};
@@ -46,8 +46,9 @@ pub const SILENCE_US: u64 = 5_000_000;
 #[derive(Default)]
 struct Heard {
     at_us: Cell<u64>,
-    /// It has switched something on.
-    is_lit: Cell<bool>,
+    /// What it has switched on.
+    laser: Cell<bool>,
+    pulses: Cell<bool>,
     /// The board keeps it waiting.
     waits: Cell<bool>,
 }
@@ -65,7 +66,7 @@ impl Heard {
     async fn nothing(&self, clock: &impl Clock) {
         loop {
             clock.wait_until(self.due()).await;
-            if self.waits.get() || !self.is_lit.get() {
+            if self.waits.get() || !(self.laser.get() || self.pulses.get()) {
                 self.now(clock);
             } else if clock.now() >= self.due() {
                 return;
@@ -153,13 +154,14 @@ async fn connection<F: Flash>(
                     let Some(frame) = decoder.next_frame(&mut bytes) else {
                         break;
                     };
-                    heard.now(clock);
+                    if matches!(frame.kind, Kind::Request | Kind::Hello) {
+                        heard.now(clock);
+                    }
                     let length = match respond_at_once(station, heard, &frame, out) {
                         Some(length) => length,
                         None => {
                             events = true;
-                            let mut measure = lock(app, rx, tx, heard, out).await?;
-                            heard.now(clock);
+                            let mut measure = lock(app, rx, tx, clock, heard, out).await?;
                             let around = Surroundings {
                                 now: clock.now(),
                                 link_damaged,
@@ -187,6 +189,7 @@ async fn lock<'a, F: Flash>(
     app: &'a App<F>,
     rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
+    clock: &impl Clock,
     heard: &Heard,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Guard<'a, Measure<F>>, Broken> {
@@ -194,6 +197,7 @@ async fn lock<'a, F: Flash>(
         heard.waits.set(true);
         let came = select3(app.measure.lock(), app.scans.came(), rx.gone()).await;
         heard.waits.set(false);
+        heard.now(clock);
         match came {
             Either3::First(measure) => return Ok(measure),
             Either3::Second(()) => tell_scans(app, tx, out).await?,
@@ -227,13 +231,15 @@ fn respond_at_once(
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
     let request = AtOnce::of(frame)?;
-    let lights = match request {
-        AtOnce::Positions => false,
-        AtOnce::TriggerOut(when) => when != TriggerOut::Off,
-        AtOnce::Laser(on) => on,
-    };
-    heard.is_lit.set(lights || heard.is_lit.get());
-    Some(encoded(frame, &at_once(station, request), out))
+    let answer = at_once(station, request);
+    match request {
+        AtOnce::TriggerOut(when) if matches!(answer, Response::Done) => {
+            heard.pulses.set(when != TriggerOut::Off);
+        }
+        AtOnce::Laser(on) if matches!(answer, Response::Done) => heard.laser.set(on),
+        _ => {}
+    }
+    Some(encoded(frame, &answer, out))
 }
 
 /// The answer to a frame: its length, or 0. What cannot be opened is answered with a Hello: it
@@ -310,7 +316,6 @@ mod tests {
     use core::task::Poll;
     use embassy_futures::{block_on, poll_once};
     use umi_protocol::latch::Positions;
-    use umi_protocol::message::Response;
 
     use super::*;
     use crate::board::Unsupported;

@@ -193,10 +193,11 @@ impl Events {
         let pulses = self.scan.pulses(&sink.scale)?;
         let (before, from) = (board.status()?, board.positions()?);
         board.live(true)?;
+        // From when the board may have heard us: before it is asked.
+        let mut beat = Instant::now();
         self.scan.begin(&mut board, pulses)?;
         let deadline = self.lasting.map(|lasting| Instant::now() + lasting);
         let is_lit = self.scan.laser || pulses.is_some();
-        let mut beat = Instant::now();
         interrupt::watch();
         while !sink.full() && !interrupt::came() {
             let silent = beat.elapsed();
@@ -211,8 +212,9 @@ impl Events {
                 ));
             }
             if is_lit && silent >= BEAT {
+                let now = Instant::now();
                 board.positions()?;
-                beat = Instant::now();
+                beat = now;
             }
             let left = deadline.map_or(TURN, |at| at.saturating_duration_since(Instant::now()));
             if left.is_zero() {
