@@ -53,6 +53,13 @@ impl<'b> Stuffer<'b> {
         Ok(())
     }
 
+    /// Takes the byte that stands at `from` of the buffer, which stuffing must not have reached.
+    pub(crate) fn push_from(&mut self, from: usize) -> Result<(), Full> {
+        debug_assert!(self.at <= from, "written over before it was read");
+        let byte = *self.out.get(from).ok_or(Full)?;
+        self.push(byte)
+    }
+
     /// Ends the last block. Returns the buffer and where the next byte would go.
     pub(crate) fn finish(mut self) -> Result<(&'b mut [u8], usize), Full> {
         self.close_block()?;

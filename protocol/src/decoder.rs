@@ -1,4 +1,4 @@
-//! Frames out of a stream of bytes, whatever else is in the stream.
+//! Decoder: frames out of a stream of bytes, whatever else is in it.
 
 use crate::cobs::Unstuffer;
 use crate::frame::{DELIMITER, Frame};
@@ -16,12 +16,12 @@ pub struct Decoder<const N: usize> {
     unstuffer: Unstuffer,
     /// Bytes since the last delimiter.
     taken: u32,
-    counters: Counters,
+    counters: FrameCounters,
 }
 
 /// What a decoder has seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct FrameCounters {
     /// Intact frames.
     pub frames: u32,
     /// Stretches between delimiters that are no stuffed bytes or too short for a
@@ -35,7 +35,7 @@ pub struct Counters {
     pub bytes_discarded: u32,
 }
 
-impl Counters {
+impl FrameCounters {
     /// Stretches that were discarded.
     #[must_use]
     pub const fn damaged(&self) -> u32 {
@@ -66,7 +66,7 @@ impl<const N: usize> Decoder<N> {
             len: 0,
             unstuffer: Unstuffer::new(),
             taken: 0,
-            counters: Counters {
+            counters: FrameCounters {
                 frames: 0,
                 garbage: 0,
                 crc_errors: 0,
@@ -78,7 +78,7 @@ impl<const N: usize> Decoder<N> {
 
     /// What it has seen.
     #[must_use]
-    pub const fn counters(&self) -> Counters {
+    pub const fn counters(&self) -> FrameCounters {
         self.counters
     }
 

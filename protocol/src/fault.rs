@@ -1,13 +1,16 @@
-//! What can go wrong between the control's port and a hit: every fault by
-//! name, with where, when and what to do.
+//! Faults between the control's port and a hit: each by name, with place, time and
+//! remedy.
 
 use core::fmt;
 
 use heapless::String;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
+use strum::{Display, EnumCount, IntoStaticStr, VariantArray};
+use thiserror::Error;
 
 use crate::pattern::Coding;
+use crate::reason::axis_name;
 
 /// Characters of a line that a fault quotes, at most.
 pub const MAX_EXCERPT: usize = 40;
@@ -55,10 +58,13 @@ impl fmt::Display for Fault {
 }
 
 /// What is wrong, with its figures. Positions count characters from 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema, Error)]
 #[postcard(crate = crate)]
 pub enum FaultKind {
     /// Characters with wrong parity.
+    #[error(
+        "wrong parity, first at character {first}, {count} in all: the line is not used; check cable, screen and baud rate"
+    )]
     BadParity {
         /// How many.
         count: u16,
@@ -66,6 +72,9 @@ pub enum FaultKind {
         first: u16,
     },
     /// Characters that the code does not have, or that no text contains.
+    #[error(
+        "byte {byte:#04x} at character {first}, which no text has, {count} such in all: the line is not used; check code, baud rate and what else sends on this port"
+    )]
     UnknownCharacter {
         /// How many.
         count: u16,
@@ -75,15 +84,23 @@ pub enum FaultKind {
         byte: u8,
     },
     /// The line is longer than the receiver keeps; its head is kept.
+    #[error(
+        "the line is longer than {kept} bytes: it is not used; print fewer fields, and check that the control sends line ends"
+    )]
     LineTooLong {
         /// Bytes kept.
         kept: u16,
     },
     /// The line broke off: the port was closed or fell silent before its end.
+    #[error(
+        "the line broke off before its end: it is not used; put PCLOS after the last DPRNT, and do not reset while the control sends"
+    )]
     LineUnterminated,
     /// The line fits none of the job's patterns.
+    #[error("the line fits none of the job's patterns")]
     NotUnderstood,
     /// A number is not as the format says.
+    #[error("number at {position}: {issue}")]
     NumberFormat {
         /// What is wrong with it.
         issue: NumberIssue,
@@ -91,6 +108,7 @@ pub enum FaultKind {
         position: u16,
     },
     /// The check value of a checked line is not that of its fields.
+    #[error("check value {}.{:04} where the fields give {}.{:04}: a digit, sign or field is wrong; the line is not used", .printed / 10_000, .printed % 10_000, .computed / 10_000, .computed % 10_000)]
     BadCheckValue {
         /// As printed, in units of 0.0001.
         printed: u32,
@@ -98,6 +116,9 @@ pub enum FaultKind {
         computed: u32,
     },
     /// Checked lines are missing.
+    #[error(
+        "lines {from} to {to} of run {run} are missing: measure again, and check handshake and cable"
+    )]
     Gap {
         /// The run.
         run: u32,
@@ -107,6 +128,7 @@ pub enum FaultKind {
         to: u32,
     },
     /// A checked line came again with the same content; the second is dropped.
+    #[error("line {sequence} of run {run} came again with the same content: the second is dropped")]
     Repeat {
         /// The run.
         run: u32,
@@ -115,6 +137,7 @@ pub enum FaultKind {
     },
     /// A checked line came again, but not with the same content (or it is too
     /// old to be compared); the second is dropped.
+    #[error("line {sequence} of run {run} came again{}", repeated(*.compared))]
     ConflictingRepeat {
         /// The run.
         run: u32,
@@ -124,6 +147,7 @@ pub enum FaultKind {
         compared: bool,
     },
     /// The value may have lost its high digits.
+    #[error("{} may have lost digits above {integer_digits}: print more integer digits, or state the machine's travel in the job", axis_name(*.axis))]
     OverflowSuspect {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -131,15 +155,23 @@ pub enum FaultKind {
         integer_digits: u8,
     },
     /// The value is outside the stated travel.
+    #[error("{} is outside the travel that the job states: wrong unit, wrong work offset or wrong travel", axis_name(*.axis))]
     OutsideTravel {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
     },
     /// All coordinates are exactly zero.
+    #[error(
+        "all coordinates are zero: a missed measurement prints as zero; check that the probe touched"
+    )]
     NullPoint,
     /// The line says that the probe did not touch; there is no hit.
+    #[error(
+        "the line says that the probe did not touch: there is no hit; check the target and the probe"
+    )]
     NotTouched,
     /// A block ended before its points were complete.
+    #[error(fmt = incomplete)]
     BlockIncomplete {
         /// Points announced; none if the count line did not come or was damaged.
         expected: Option<u16>,
@@ -151,6 +183,9 @@ pub enum FaultKind {
         ended_by: BlockEndCause,
     },
     /// More points came than the count line says.
+    #[error(
+        "point {got} of a block of {expected}: the count line and the points do not agree; correct the macro"
+    )]
     BlockCountMismatch {
         /// Points announced.
         expected: u16,
@@ -158,18 +193,28 @@ pub enum FaultKind {
         got: u16,
     },
     /// Raw binary in the stream, as BPRNT sends it.
+    #[error("raw binary (BPRNT) on the line: it cannot be received safely; use DPRNT in the macro")]
     BinaryData,
     /// A part program was punched on this port; none of its lines were used.
+    #[error(
+        "a part program of {lines} lines was punched on this port: none of it is used as points"
+    )]
     ProgramReceived {
         /// Lines of the program.
         lines: u32,
     },
     /// A part program on this port has no end.
+    #[error(
+        "a part program of {lines} lines without an end (% or DC4): none of it is used as points; what followed it may be lost"
+    )]
     ProgramUnterminated {
         /// Lines of the program.
         lines: u32,
     },
     /// Rows of a table are missing.
+    #[error(
+        "rows {from} to {to} of the table are missing: measure again, and check handshake and cable"
+    )]
     RowGap {
         /// First missing row.
         from: u16,
@@ -177,16 +222,23 @@ pub enum FaultKind {
         to: u16,
     },
     /// A row of a table came again.
+    #[error("row {row} of the table came again: the table is not used; measure again")]
     RowRepeated {
         /// The row.
         row: u16,
     },
     /// Bytes were lost before the receiver saw them.
+    #[error(
+        "at least {lost} bytes were lost before the receiver: the line is not used; check the handshake"
+    )]
     BufferOverrun {
         /// How many, at least.
         lost: u32,
     },
     /// The control's character code changed.
+    #[error(
+        "the control now sends {to}, before it was {from}: set the code in the job if this is not intended"
+    )]
     CodingChanged {
         /// Before.
         from: Coding,
@@ -196,10 +248,13 @@ pub enum FaultKind {
 }
 
 /// What is wrong with a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error)]
 #[postcard(crate = crate)]
 pub enum NumberIssue {
     /// Another number of decimals than the format prints: digits were lost.
+    #[error(
+        "{got} decimals where the format prints {expected}: digits were lost, or the job's format is not that of the macro"
+    )]
     Decimals {
         /// As the format says.
         expected: u8,
@@ -208,6 +263,9 @@ pub enum NumberIssue {
     },
     /// More integer digits than the format prints: the format in the job is not
     /// that of the macro, or fields ran together.
+    #[error(
+        "{got} integer digits where the format prints {expected}: fields ran together, or the job's format is not that of the macro"
+    )]
     IntegerDigits {
         /// As the format says.
         expected: u8,
@@ -215,54 +273,69 @@ pub enum NumberIssue {
         got: u8,
     },
     /// No digit where a number is due.
+    #[error("no number where one is due: it was lost, or the control could not print it")]
     Missing,
     /// A second number where the line has room for one: a digit was lost inside
     /// a number, or a field is too many.
+    #[error(
+        "a number too many: a digit inside a number was lost, or the macro prints more fields than the pattern has"
+    )]
     Surplus,
     /// A whole number is due.
+    #[error("a whole number is due here: use a format without decimals")]
     NotWhole,
     /// The number is larger than the field allows.
+    #[error("the number is larger than this field allows")]
     TooLarge,
 }
 
 /// What ended a block of points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error)]
 #[postcard(crate = crate)]
 pub enum BlockEndCause {
     /// As many points came as were announced.
+    #[error("its count")]
     Count,
     /// The header of another block.
+    #[error("the header of another block")]
     NewHeader,
     /// Silence.
+    #[error("silence")]
     Timeout,
     /// The control closed the port (DC4, ETX, EOT).
+    #[error("the control closing the port")]
     PortClosed,
     /// The control opened the port anew (DC2).
+    #[error("the control opening the port anew")]
     PortOpened,
     /// A part program began.
+    #[error("a part program")]
     Program,
     /// The input ended.
+    #[error("the end of the input")]
     EndOfInput,
 }
 
-impl fmt::Display for BlockEndCause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Count => "its count",
-            Self::NewHeader => "the header of another block",
-            Self::Timeout => "silence",
-            Self::PortClosed => "the control closing the port",
-            Self::PortOpened => "the control opening the port anew",
-            Self::Program => "a part program",
-            Self::EndOfInput => "the end of the input",
-        })
-    }
-}
-
 /// The name of a fault, the same in every version.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    Schema,
+    Display,
+    EnumCount,
+    IntoStaticStr,
+    VariantArray,
+)]
 #[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum FaultCode {
     /// [`FaultKind::BadParity`]
     BadParity,
@@ -310,65 +383,15 @@ pub enum FaultCode {
 
 impl FaultCode {
     /// How many there are.
-    pub const COUNT: usize = 21;
+    pub const COUNT: usize = <Self as strum::EnumCount>::COUNT;
 
     /// All of them, in the order of [`Counters::faults`].
-    pub const ALL: [Self; Self::COUNT] = [
-        Self::BadParity,
-        Self::UnknownCharacter,
-        Self::LineTooLong,
-        Self::LineUnterminated,
-        Self::NotUnderstood,
-        Self::NumberFormat,
-        Self::BadCheckValue,
-        Self::Gap,
-        Self::Repeat,
-        Self::ConflictingRepeat,
-        Self::OverflowSuspect,
-        Self::OutsideTravel,
-        Self::NullPoint,
-        Self::NotTouched,
-        Self::BlockIncomplete,
-        Self::BlockCountMismatch,
-        Self::BinaryData,
-        Self::ProgramReceived,
-        Self::ProgramUnterminated,
-        Self::BufferOverrun,
-        Self::CodingChanged,
-    ];
+    pub const ALL: &[Self] = <Self as strum::VariantArray>::VARIANTS;
 
     /// The name in files, journals and `--json`.
     #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::BadParity => "bad_parity",
-            Self::UnknownCharacter => "unknown_character",
-            Self::LineTooLong => "line_too_long",
-            Self::LineUnterminated => "line_unterminated",
-            Self::NotUnderstood => "not_understood",
-            Self::NumberFormat => "number_format",
-            Self::BadCheckValue => "bad_check_value",
-            Self::Gap => "gap",
-            Self::Repeat => "repeat",
-            Self::ConflictingRepeat => "conflicting_repeat",
-            Self::OverflowSuspect => "overflow_suspect",
-            Self::OutsideTravel => "outside_travel",
-            Self::NullPoint => "null_point",
-            Self::NotTouched => "not_touched",
-            Self::BlockIncomplete => "block_incomplete",
-            Self::BlockCountMismatch => "block_count_mismatch",
-            Self::BinaryData => "binary_data",
-            Self::ProgramReceived => "program_received",
-            Self::ProgramUnterminated => "program_unterminated",
-            Self::BufferOverrun => "buffer_overrun",
-            Self::CodingChanged => "coding_changed",
-        }
-    }
-}
-
-impl fmt::Display for FaultCode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
+    pub fn as_str(self) -> &'static str {
+        self.into()
     }
 }
 
@@ -404,135 +427,30 @@ impl FaultKind {
     }
 }
 
-/// The letter of an axis number.
-const fn axis_letter(axis: u8) -> char {
-    match axis {
-        0 => 'X',
-        1 => 'Y',
-        _ => 'Z',
+/// What a repeat of other content, or of nobody knows which, comes to.
+const fn repeated(compared: bool) -> &'static str {
+    if compared {
+        " with other content: the second is dropped; the macro must take a new run number at each start"
+    } else {
+        ", too late to be compared: the second is dropped"
     }
 }
 
-impl fmt::Display for NumberIssue {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Decimals { expected, got } => write!(
-                f,
-                "{got} decimals where the format prints {expected}: digits were lost, or the job's format is not that of the macro"
-            ),
-            Self::IntegerDigits { expected, got } => write!(
-                f,
-                "{got} integer digits where the format prints {expected}: fields ran together, or the job's format is not that of the macro"
-            ),
-            Self::Missing => f.write_str("no number where one is due: it was lost, or the control could not print it"),
-            Self::Surplus => f.write_str("a number too many: a digit inside a number was lost, or the macro prints more fields than the pattern has"),
-            Self::NotWhole => f.write_str("a whole number is due here: use a format without decimals"),
-            Self::TooLarge => f.write_str("the number is larger than this field allows"),
-        }
+fn incomplete(
+    expected: &Option<u16>,
+    got: &u16,
+    damaged: &u16,
+    ended_by: &BlockEndCause,
+    f: &mut fmt::Formatter<'_>,
+) -> fmt::Result {
+    match expected {
+        Some(expected) => write!(f, "block with {got} good points of {expected}")?,
+        None => write!(f, "block without a good count line, with {got} points")?,
     }
-}
-
-impl fmt::Display for FaultKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::BadParity { count, first } => write!(
-                f,
-                "wrong parity, first at character {first}, {count} in all: the line is not used; check cable, screen and baud rate"
-            ),
-            Self::UnknownCharacter { count, first, byte } => write!(
-                f,
-                "byte {byte:#04x} at character {first}, which no text has, {count} such in all: the line is not used; check code, baud rate and what else sends on this port"
-            ),
-            Self::LineTooLong { kept } => write!(
-                f,
-                "the line is longer than {kept} bytes: it is not used; print fewer fields, and check that the control sends line ends"
-            ),
-            Self::LineUnterminated => f.write_str(
-                "the line broke off before its end: it is not used; put PCLOS after the last DPRNT, and do not reset while the control sends",
-            ),
-            Self::NotUnderstood => f.write_str("the line fits none of the job's patterns"),
-            Self::NumberFormat { issue, position } => write!(f, "number at {position}: {issue}"),
-            Self::BadCheckValue { printed, computed } => write!(
-                f,
-                "check value {}.{:04} where the fields give {}.{:04}: a digit, sign or field is wrong; the line is not used",
-                printed / 10_000,
-                printed % 10_000,
-                computed / 10_000,
-                computed % 10_000
-            ),
-            Self::Gap { run, from, to } => write!(
-                f,
-                "lines {from} to {to} of run {run} are missing: measure again, and check handshake and cable"
-            ),
-            Self::Repeat { run, sequence } => write!(
-                f,
-                "line {sequence} of run {run} came again with the same content: the second is dropped"
-            ),
-            Self::ConflictingRepeat { run, sequence, compared: true } => write!(
-                f,
-                "line {sequence} of run {run} came again with other content: the second is dropped; the macro must take a new run number at each start"
-            ),
-            Self::ConflictingRepeat { run, sequence, compared: false } => write!(
-                f,
-                "line {sequence} of run {run} came again, too late to be compared: the second is dropped"
-            ),
-            Self::OverflowSuspect { axis, integer_digits } => write!(
-                f,
-                "{} may have lost digits above {integer_digits}: print more integer digits, or state the machine's travel in the job",
-                axis_letter(*axis)
-            ),
-            Self::OutsideTravel { axis } => write!(
-                f,
-                "{} is outside the travel that the job states: wrong unit, wrong work offset or wrong travel",
-                axis_letter(*axis)
-            ),
-            Self::NullPoint => f.write_str(
-                "all coordinates are zero: a missed measurement prints as zero; check that the probe touched",
-            ),
-            Self::NotTouched => f.write_str(
-                "the line says that the probe did not touch: there is no hit; check the target and the probe",
-            ),
-            Self::BlockIncomplete { expected: Some(expected), got, damaged, ended_by } => write!(
-                f,
-                "block with {got} good points of {expected} and {damaged} bad lines, ended by {ended_by}: measure again"
-            ),
-            Self::BlockIncomplete { expected: None, got, damaged, ended_by } => write!(
-                f,
-                "block without a good count line, with {got} points and {damaged} bad lines, ended by {ended_by}: measure again"
-            ),
-            Self::BlockCountMismatch { expected, got } => write!(
-                f,
-                "point {got} of a block of {expected}: the count line and the points do not agree; correct the macro"
-            ),
-            Self::BinaryData => f.write_str(
-                "raw binary (BPRNT) on the line: it cannot be received safely; use DPRNT in the macro",
-            ),
-            Self::ProgramReceived { lines } => write!(
-                f,
-                "a part program of {lines} lines was punched on this port: none of it is used as points"
-            ),
-            Self::ProgramUnterminated { lines } => write!(
-                f,
-                "a part program of {lines} lines without an end (% or DC4): none of it is used as points; what followed it may be lost"
-            ),
-            Self::RowGap { from, to } => write!(
-                f,
-                "rows {from} to {to} of the table are missing: measure again, and check handshake and cable"
-            ),
-            Self::RowRepeated { row } => write!(
-                f,
-                "row {row} of the table came again: the table is not used; measure again"
-            ),
-            Self::BufferOverrun { lost } => write!(
-                f,
-                "at least {lost} bytes were lost before the receiver: the line is not used; check the handshake"
-            ),
-            Self::CodingChanged { from, to } => write!(
-                f,
-                "the control now sends {to}, before it was {from}: set the code in the job if this is not intended"
-            ),
-        }
-    }
+    write!(
+        f,
+        " and {damaged} bad lines, ended by {ended_by}: measure again"
+    )
 }
 
 /// Everything that the receiver counts since it was started. Counters stop at
@@ -592,7 +510,7 @@ mod tests {
     /// The counters' order is that of the table, so a code's count is its own.
     #[test]
     fn codes_stand_in_the_table_at_their_own_place() {
-        for (place, code) in FaultCode::ALL.into_iter().enumerate() {
+        for (place, code) in FaultCode::ALL.iter().copied().enumerate() {
             assert_eq!(code as usize, place, "{code}");
         }
     }

@@ -1,4 +1,4 @@
-//! What was fitted: one feature's hits, geometry and statistics.
+//! A fitted feature: its hits, geometry and statistics.
 //!
 //! The definitions of residual, rms, sigma and covariances are those of
 //! `tests/reference/fits/README.md`.
@@ -19,8 +19,8 @@ pub const MAX_FEATURE_REASONS: usize = 12;
 pub struct FeatureResult {
     /// Counts every feature that arrived since the job was set, from 0.
     pub index: u32,
-    /// The plate (clamping) to which it belongs, from 0.
-    pub plate: u32,
+    /// The setup (clamping) to which it belongs, from 0.
+    pub setup: u32,
     /// Name as in the job.
     pub name: Name,
     /// The geometry that was to be fitted.

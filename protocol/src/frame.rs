@@ -1,4 +1,4 @@
-//! How a message becomes bytes on a byte pipe: USB CDC, UART, TCP, pseudo-terminal.
+//! Frames: a message as bytes on a pipe, be it USB CDC, UART, TCP or a pseudo-terminal.
 //!
 //! ```text
 //! 00 | stuffed: kind  sequence  key     payload       crc      | 00
@@ -12,7 +12,7 @@
 //! * **Sequence**: of a request, chosen by the host; its answer repeats it. Of an
 //!   event, the board's count of events, sent or dropped, so that a lost one leaves a gap;
 //!   [`Event::Dropped`] follows directly on the gap of those that it tells of.
-//! * **Key**: the low 32 bits of the sender's schema key ([`crate::hello::KEY`]).
+//! * **Key**: the low 32 bits of the sender's schema key ([`crate::envelope::KEY`]).
 //!   A frame with another key is recognised and never opened.
 //! * **Payload**: the message in postcard's wire format 1.0; the whole payload,
 //!   not one byte more.
@@ -32,7 +32,7 @@
 //!   payload that does not fit the types) it answers with a Hello of the same
 //!   sequence. So the host never waits in vain for a board of another version.
 //! * A damaged frame is discarded up to the next delimiter and counted
-//!   ([`crate::decoder::Counters`]). Nobody answers it; the host asks again.
+//!   ([`crate::decoder::FrameCounters`]). Nobody answers it; the host asks again.
 //!
 //! # Why not postcard-rpc
 //!
@@ -43,13 +43,16 @@
 //! replaced; what then remains of it is a dispatch table, which one `match` on
 //! [`crate::message::Request`] does. From its family we use postcard and the schema derive.
 
-use crc::{CRC_32_ISO_HDLC, Crc, Digest};
-use serde::{Serialize, de::DeserializeOwned};
+use core::ops::Range;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
 
 use crate::cobs::{Full, Stuffer, max_overhead};
-use crate::hello::{Hello, KEY};
+use crate::envelope::KEY;
+use crate::hello::Hello;
 use crate::message::{Event, Request, Response};
-use crate::schema::{Schema, max_len};
+
+pub use crate::envelope::{Kind, Message};
 
 /// The byte between frames.
 pub const DELIMITER: u8 = 0;
@@ -81,66 +84,6 @@ pub const MAX_BOARD_FRAME: usize = frame_len(longest(
     longest(Response::MAX_LEN, Event::MAX_LEN),
 ));
 
-/// What a frame carries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Who speaks, and in which version: [`Hello`].
-    Hello,
-    /// From the host: [`Request`].
-    Request,
-    /// The answer: [`Response`].
-    Response,
-    /// Unasked: [`Event`].
-    Event,
-    /// Something of a later version.
-    Other(u8),
-}
-
-impl Kind {
-    const fn number(self) -> u8 {
-        match self {
-            Self::Hello => 1,
-            Self::Request => 2,
-            Self::Response => 3,
-            Self::Event => 4,
-            Self::Other(number) => number,
-        }
-    }
-
-    const fn from_number(number: u8) -> Self {
-        match number {
-            1 => Self::Hello,
-            2 => Self::Request,
-            3 => Self::Response,
-            4 => Self::Event,
-            other => Self::Other(other),
-        }
-    }
-}
-
-/// A message that travels in frames.
-pub trait Message: Serialize + DeserializeOwned + Schema {
-    /// The kind of its frames.
-    const KIND: Kind;
-    /// Bytes of the longest payload.
-    const MAX_LEN: usize = max_len::<Self>();
-    /// Whether it can be opened whatever the key, and with bytes after it that a later
-    /// version added. Only for the frozen [`Hello`].
-    const FROZEN: bool = false;
-}
-
-impl Message for Request {
-    const KIND: Kind = Kind::Request;
-}
-
-impl Message for Response {
-    const KIND: Kind = Kind::Response;
-}
-
-impl Message for Event {
-    const KIND: Kind = Kind::Event;
-}
-
 /// The caller's buffer is too small for the frame; [`frame_len`] says how long
 /// it can be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,62 +107,36 @@ pub fn encode<'b, M: Message>(
     message: &M,
     out: &'b mut [u8],
 ) -> Result<&'b [u8], BufferTooSmall> {
-    let writer = Writer::new(M::KIND, sequence, KEY as u32, out).map_err(|Full| BufferTooSmall)?;
+    // All in one buffer, and all messages by one serialiser, that of the journal too: each kind
+    // of it costs a board 20 KB. Stuffing goes from the front and never overtakes what it reads.
+    let start = 2 + HEADER + max_overhead(out.len());
+    let free = out.get_mut(start..).ok_or(BufferTooSmall)?;
     // A message has no reason to fail but a full buffer: all its lengths are known.
-    postcard::serialize_with_flavor(message, writer).map_err(|_| BufferTooSmall)
+    let payload = postcard::to_slice(message, free).map_err(|_| BufferTooSmall)?;
+    let end = start + payload.len();
+    frame(M::KIND, sequence, out, start..end).map_err(|Full| BufferTooSmall)
 }
 
-/// Stuffs a frame's bytes and computes its check value as they come.
-struct Writer<'b> {
-    stuffer: Stuffer<'b>,
-    digest: Digest<'static, u32>,
-}
+/// Stuffs header, payload and check value into a frame; the payload stands in `out` already.
+fn frame(kind: Kind, sequence: u16, out: &mut [u8], payload: Range<usize>) -> Result<&[u8], Full> {
+    let [s0, s1] = sequence.to_le_bytes();
+    let [k0, k1, k2, k3] = (KEY as u32).to_le_bytes();
+    let header: [u8; HEADER] = [kind.number(), s0, s1, k0, k1, k2, k3];
+    let mut digest = CRC.digest();
+    digest.update(&header);
+    digest.update(out.get(payload.clone()).ok_or(Full)?);
+    let crc = digest.finalize().to_le_bytes();
 
-impl<'b> Writer<'b> {
-    fn new(kind: Kind, sequence: u16, key: u32, out: &'b mut [u8]) -> Result<Self, Full> {
-        *out.first_mut().ok_or(Full)? = DELIMITER;
-        let mut writer = Self {
-            stuffer: Stuffer::new(out, 1),
-            digest: CRC.digest(),
-        };
-        writer.put(&[kind.number()])?;
-        writer.put(&sequence.to_le_bytes())?;
-        writer.put(&key.to_le_bytes())?;
-        Ok(writer)
+    *out.first_mut().ok_or(Full)? = DELIMITER;
+    let mut stuffer = Stuffer::new(out, 1);
+    header.iter().try_for_each(|byte| stuffer.push(*byte))?;
+    for at in payload {
+        stuffer.push_from(at)?;
     }
-
-    fn put(&mut self, bytes: &[u8]) -> Result<(), Full> {
-        self.digest.update(bytes);
-        bytes.iter().try_for_each(|byte| self.stuffer.push(*byte))
-    }
-
-    fn finish(mut self) -> Result<&'b [u8], Full> {
-        let crc = self.digest.finalize();
-        for byte in crc.to_le_bytes() {
-            self.stuffer.push(byte)?;
-        }
-        let (out, end) = self.stuffer.finish()?;
-        *out.get_mut(end).ok_or(Full)? = DELIMITER;
-        out.get(..=end).ok_or(Full)
-    }
-}
-
-impl<'b> postcard::ser_flavors::Flavor for Writer<'b> {
-    type Output = &'b [u8];
-
-    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        self.try_extend(&[byte])
-    }
-
-    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        self.put(bytes)
-            .map_err(|Full| postcard::Error::SerializeBufferFull)
-    }
-
-    fn finalize(self) -> postcard::Result<&'b [u8]> {
-        self.finish()
-            .map_err(|Full| postcard::Error::SerializeBufferFull)
-    }
+    crc.iter().try_for_each(|byte| stuffer.push(*byte))?;
+    let (out, end) = stuffer.finish()?;
+    *out.get_mut(end).ok_or(Full)? = DELIMITER;
+    out.get(..=end).ok_or(Full)
 }
 
 /// An intact frame, still unopened.

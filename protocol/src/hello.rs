@@ -1,4 +1,4 @@
-//! Who speaks, and in which version: the one message that any two versions of
+//! Hello: the speaker and its version, the one message that any two versions of
 //! board and host understand.
 
 use core::fmt;
@@ -7,9 +7,9 @@ use heapless::String;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::frame::{Kind, Message};
-use crate::message::{Event, Request, Response};
-use crate::schema::key as schema_key;
+use crate::envelope::{Kind, Message};
+
+pub use crate::envelope::KEY;
 
 /// The version of the protocol: raised by hand with every change of a message
 /// or of its meaning, so that two sides that differ know which one is older.
@@ -17,10 +17,7 @@ use crate::schema::key as schema_key;
 /// The major number is raised when a host must be rebuilt for more than new
 /// data, the minor one otherwise. To the link both are the same: only equal
 /// versions with equal keys talk, so that no message is ever half understood.
-pub const VERSION: Version = Version { major: 2, minor: 4 };
-
-/// The schema key of all messages of the link.
-pub const KEY: u64 = schema_key::<(Request, Response, Event)>();
+pub const VERSION: Version = Version { major: 2, minor: 8 };
 
 /// First bytes of every Hello.
 pub const MAGIC: [u8; 4] = *b"oUMI";

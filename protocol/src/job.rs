@@ -25,6 +25,18 @@ pub const MAX_NAME: usize = 16;
 /// The name of a job or of a feature, as the control prints it.
 pub type Name = String<MAX_NAME, u8>;
 
+/// A name from a text, cut where it is too long.
+#[must_use]
+pub fn name(text: &str) -> Name {
+    let mut name = Name::new();
+    for c in text.chars() {
+        if name.push(c).is_err() {
+            break;
+        }
+    }
+    name
+}
+
 /// What is probed, how it is judged and what is sent back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
@@ -34,7 +46,7 @@ pub struct Job {
     pub name: Name,
     /// Where the nominal positions come from.
     pub reference: Reference,
-    /// An unfinished plate is given up (NG) after this long without a hit, seconds.
+    /// An unfinished setup is given up (NG) after this long without a hit, seconds.
     pub plate_timeout_s: u32,
     /// How the control's bytes become hits.
     pub receiver: ReceiverConfig,
@@ -50,7 +62,17 @@ pub struct Job {
     /// the control's word is taken.
     #[serde(default)]
     pub witness: Option<WitnessSpec>,
+    /// What makes a setup the reference.
+    #[serde(default)]
+    pub teach: Teach,
+    /// What guards against errors that one setup alone cannot show.
+    #[serde(default)]
+    pub guards: Guards,
 }
+
+// What a job has beyond its first version stands behind all else and is zero where it is
+// absent, so that a record of an earlier firmware, which ends before it, is read as a job
+// without it.
 
 /// Where the nominal positions come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -59,9 +81,123 @@ pub struct Job {
 pub enum Reference {
     /// From the job: every datum feature has a `position_mm`.
     Given,
-    /// The first plate that keeps all limits becomes the reference for those
+    /// The first setup that keeps all limits becomes the reference for those
     /// that follow, as case 0 of the thesis (Sawula 2013, section 4.3).
     Taught,
+}
+
+/// What makes a setup the reference, where it is taught.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum Teach {
+    /// The first setup that keeps all limits, as in the thesis (Sawula 2013, section 4.3).
+    /// An older setup that stood in a buffer, or a later one after the first was refused,
+    /// then becomes the reference without a word.
+    #[default]
+    FirstOk,
+    /// The setup that comes next after somebody asked for it: the host, or a checked line.
+    /// If that one is refused, nothing is taught until it is asked for again.
+    Asked,
+}
+
+/// Features that repeat another one, at most.
+pub const MAX_CLOSING: usize = 2;
+/// Features that stay on the table, at most.
+pub const MAX_FIXED: usize = 2;
+
+/// Guards against errors that leave no trace in one setup. Each is off where it is absent.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields, default)]
+pub struct Guards {
+    /// Features that are another feature, probed once more: what moved between the two shows.
+    pub closing: Vec<Closing, MAX_CLOSING, u8>,
+    /// Features that stay on the table while parts change: a longer probe, a bent stylus or
+    /// a machine that drifts shows. Their places are learned with the reference.
+    pub fixed: Vec<Name, MAX_FIXED, u8>,
+    /// How far a feature on the table may be from where it was when the reference was taught.
+    pub fixed_mm: Option<f64>,
+    /// How far distances between datum features may be from those of their `position_mm`,
+    /// in every setup, also in the one that is taught.
+    pub nominal_distance_mm: Option<f64>,
+    /// How far a feature may be from how it was in the taught setup.
+    pub learned: Option<LearnedLimits>,
+    /// What one hit scatters: then the expected error rests on it and on all residuals, and
+    /// is honest with few hits.
+    pub probing: Option<ProbingSpec>,
+    /// Warmer or colder than taught: told, and up to a limit no reason against a setup.
+    pub warmth: Option<WarmthSpec>,
+    /// The control's variable that counts the runs: the correction compares it with the run
+    /// that was measured and raises an alarm where they differ.
+    pub run_variable: Option<u32>,
+    /// Every run must say in which work offset, with which values, it is probed, that no
+    /// rotation is active, and what else moves its coordinates.
+    pub frame: bool,
+    /// The external offset (`#5201`; G52 on a Haas, G92 on LinuxCNC) that a run must have.
+    pub external_mm: [f64; 3],
+    /// The tool length in force that a run must have; absent: any.
+    pub tool_length_mm: Option<f64>,
+}
+
+/// A feature that is another one, probed once more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct Closing {
+    /// The feature that repeats.
+    pub feature: Name,
+    /// The feature that it repeats.
+    pub repeats: Name,
+    /// How far apart the two may be.
+    pub within_mm: f64,
+}
+
+/// How far a feature may be from how it was in the taught setup.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedLimits {
+    /// Its radius, to either side.
+    pub radius_mm: f64,
+    /// The rms of its residuals, upwards.
+    pub rms_mm: f64,
+    /// How far beside the centre the hits were approached, upwards.
+    pub centring_mm: f64,
+}
+
+/// What one hit scatters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct ProbingSpec {
+    /// Standard deviation of one hit along its approach, from a calibration.
+    pub sigma_mm: f64,
+    /// Degrees of freedom of that calibration: repeated hits less one.
+    pub dof: u16,
+}
+
+/// The expansion of plate and part.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct WarmthSpec {
+    /// Expansion of the plate, millionths per kelvin: steel 11.5, aluminium 23.
+    pub expansion_ppm_per_k: f64,
+    /// How much warmer or colder than taught it may be.
+    pub at_most_k: f64,
+}
+
+/// How a feature was in the taught setup.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Learned {
+    /// Fitted radius; 0 where it has none.
+    pub radius_mm: f64,
+    /// Rms of the residuals.
+    pub rms_mm: f64,
+    /// How far beside the centre the hits were approached, at most; 0 where not known.
+    pub centring_mm: f64,
 }
 
 /// One feature of the part.
@@ -211,8 +347,8 @@ pub struct WitnessSpec {
     /// when the control's coordinate grows.
     pub counts_per_mm: [f64; 3],
     /// Counts at the origin of the coordinates that the control prints. Absent: the
-    /// first plate that is OK after a start or a new job says where it is, and every
-    /// later plate must agree.
+    /// first setup that is OK after a start or a new job says where it is, and every
+    /// later setup must agree.
     #[serde(default)]
     pub origin_counts: Option<[f64; 3]>,
     /// Gauging feed, where the lines do not carry it.
@@ -293,7 +429,7 @@ pub struct CorrectionSpec {
 }
 
 /// The words that a control understands. What each can express, its number format and
-/// where that is from, is in `umi_core::nc::dialect` and in `umi dialects`.
+/// where that is from, is in `umi_core::correction::dialect` and in `umi dialects`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub enum Dialect {

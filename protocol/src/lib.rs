@@ -13,21 +13,22 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod at_once;
 mod cobs;
 pub mod decoder;
+pub mod envelope;
 pub mod fault;
 pub mod feature;
 pub mod frame;
 pub mod hello;
+pub mod immediate;
 pub mod job;
+pub mod job_error;
 pub mod latch;
 pub mod line;
 pub mod message;
 pub mod pattern;
 pub mod program;
 pub mod reason;
-pub mod refusal;
 pub mod schema;
 pub mod verdict;
 

@@ -42,6 +42,8 @@ pub enum LineStatus {
     Damaged,
     /// It asks for a program: `READ O1234`.
     Request,
+    /// A checked line that has come before, to the last digit: it says nothing new.
+    Repeated,
 }
 
 /// A hit as the control reported it.

@@ -27,6 +27,7 @@
 //! | `ProgramOffer` | `Done` | the control's next READ gets this one, as if it had asked for it |
 //! | `ProgramReceive` | `Done` | asks the control for a program by XMODEM; `ProgramKept` or `ProgramNotKept` is journaled |
 //! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
+//! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to be the reference |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
@@ -40,14 +41,16 @@
 use heapless::Vec;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
+use thiserror::Error;
 
 use crate::fault::{Counters, Fault};
 use crate::feature::FeatureResult;
-use crate::job::{Job, MAX_DATUMS, Name};
+use crate::job::{Job, Learned, MAX_DATUMS, MAX_FEATURES, Name};
+use crate::job_error::JobError;
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
 use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom, Withheld};
-use crate::refusal::JobError;
 use crate::schema::max_len;
 use crate::verdict::Verdict;
 
@@ -56,106 +59,186 @@ pub const MAX_BYTES: usize = 256;
 /// Bytes of one encoded [`Record`], at most.
 pub const MAX_RECORD: usize = max_len::<Record>();
 
-/// What the host may ask.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
-#[postcard(crate = crate)]
-#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
-pub enum Request {
-    /// Who are you?
-    IdentityGet,
-    /// What are you doing?
-    StatusGet,
-    /// Which job is in force?
-    JobGet,
-    /// Would you take this job?
-    JobCheck(Job),
-    /// Take this job.
-    JobSet(Job),
-    /// Report events unasked, or stop.
-    LiveSet {
-        /// True: report.
-        on: bool,
-    },
-    /// The latest result of a feature.
-    FeatureGet {
-        /// Its place in the job, from 0.
-        feature: u8,
-    },
-    /// The latest verdict.
-    VerdictGet,
-    /// What the journal holds.
-    JournalInfo,
-    /// One entry of the journal.
-    JournalRead {
-        /// Its sequence number.
-        seq: u64,
-    },
-    /// The chain value before an entry; before the next one to come: that of the
-    /// whole journal.
-    JournalChain {
-        /// The entry's sequence number.
-        seq: u64,
-    },
-    /// Where are the axes?
-    PositionsGet,
-    /// Send trigger pulses to a scanner, or stop.
-    TriggerOutSet(TriggerOut),
-    /// Enable a scanner's laser, or not.
-    LaserSet {
-        /// True: enable.
-        on: bool,
-    },
-    /// Which part programs are there?
-    ProgramList {
-        /// Programs to pass over: those that were listed already.
-        skip: u16,
-    },
-    /// An upload begins.
-    ProgramBegin(ProgramInfo),
-    /// Bytes of the upload.
-    ProgramPiece {
-        /// Where they stand in the program.
-        offset: u32,
-        /// The bytes.
-        bytes: Piece,
-    },
-    /// The upload is complete.
-    ProgramEnd {
-        /// The program's number.
-        number: u32,
-        /// The CRC-32 of its bytes.
-        crc32: u32,
-    },
-    /// Bytes of a program.
-    ProgramRead {
-        /// Its number.
-        number: u32,
-        /// Where they stand.
-        offset: u32,
-    },
-    /// Delete a program.
-    ProgramDelete {
-        /// Its number.
-        number: u32,
-    },
-    /// Ask the control for a program by XMODEM, for a minute and a half: somebody lets it
-    /// send. What becomes of it is journaled.
-    ProgramReceive,
-    /// The control's next READ gets what this host will pass through, as if it had asked for
-    /// it by its number.
-    ProgramPass(ProgramInfo),
-    /// Bytes of what is passed through.
-    ProgramPassed {
-        /// Where they stand.
-        offset: u32,
-        /// The bytes.
-        bytes: Piece,
-    },
-    /// The control's next READ gets this program, as if it had asked for it by its number.
-    ProgramOffer {
-        /// Its number.
-        number: u32,
-    },
+/// What a request needs to be answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestClass {
+    /// Nothing that was measured: it is answered also while a fit holds all of that.
+    Immediate,
+    /// What the board knows.
+    State,
+}
+
+/// What a host needs to be allowed for a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Permission {
+    /// It changes nothing that outlives the connection.
+    Look,
+    /// It moves something now: pulses, laser, a program on its way.
+    Work,
+    /// It changes what is in force from now on: job, programs.
+    Change,
+}
+
+/// Declares the requests: each one's class, permission and possible answers stand beside it.
+macro_rules! requests {
+    (
+        $(#[$meta:meta])*
+        pub enum $name:ident {
+            $(
+                $(#[$doc:meta])*
+                $variant:ident $( ( $inner:ty ) )? $( {
+                    $( $(#[$field_doc:meta])* $field:ident : $type:ty, )*
+                } )?
+                => $class:ident, $permission:ident, $($answer:ident)|+;
+            )*
+        }
+    ) => {
+        $(#[$meta])*
+        pub enum $name {
+            $(
+                $(#[$doc])*
+                $variant $( ( $inner ) )? $( { $( $(#[$field_doc])* $field : $type, )* } )?,
+            )*
+        }
+
+        impl $name {
+            /// What it needs to be answered.
+            #[must_use]
+            pub const fn class(&self) -> RequestClass {
+                match self {
+                    $( Self::$variant { .. } => RequestClass::$class, )*
+                }
+            }
+
+            /// What its host needs to be allowed.
+            #[must_use]
+            pub const fn permission(&self) -> Permission {
+                match self {
+                    $( Self::$variant { .. } => Permission::$permission, )*
+                }
+            }
+
+            /// Whether this can be an answer to it.
+            #[must_use]
+            pub const fn is_answered_by(&self, response: &Response) -> bool {
+                match self {
+                    $( Self::$variant { .. } => matches!(
+                        response,
+                        $( Response::$answer { .. } )|+
+                    ), )*
+                }
+            }
+        }
+    };
+}
+
+requests! {
+    /// What the host may ask.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+    #[postcard(crate = crate)]
+    #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+    pub enum Request {
+        /// Who are you?
+        IdentityGet => State, Look, Identity;
+        /// What are you doing?
+        StatusGet => State, Look, Status;
+        /// Which job is in force?
+        JobGet => State, Look, Job;
+        /// Would you take this job?
+        JobCheck(Job) => State, Look, Done | JobRefused;
+        /// Take this job.
+        JobSet(Job) => State, Change, Done | JobRefused | StorageFailed;
+        /// Report events unasked, or stop.
+        LiveSet {
+            /// True: report.
+            on: bool,
+        } => State, Look, Done;
+        /// The latest result of a feature.
+        FeatureGet {
+            /// Its place in the job, from 0.
+            feature: u8,
+        } => State, Look, Feature;
+        /// The latest verdict.
+        VerdictGet => State, Look, Verdict;
+        /// What the journal holds.
+        JournalInfo => State, Look, JournalInfo | StorageFailed;
+        /// One entry of the journal.
+        JournalRead {
+            /// Its sequence number.
+            seq: u64,
+        } => State, Look, JournalEntry | JournalNoEntry | StorageFailed;
+        /// The chain value before an entry; before the next one to come: that of the
+        /// whole journal.
+        JournalChain {
+            /// The entry's sequence number.
+            seq: u64,
+        } => State, Look, JournalChain | JournalNoEntry | StorageFailed;
+        /// Where are the axes?
+        PositionsGet => Immediate, Look, Positions;
+        /// Send trigger pulses to a scanner, or stop.
+        TriggerOutSet(TriggerOut) => Immediate, Work, Done | NotOnThisBoard;
+        /// Enable a scanner's laser, or not.
+        LaserSet {
+            /// True: enable.
+            on: bool,
+        } => Immediate, Work, Done | NotOnThisBoard;
+        /// Which part programs are there?
+        ProgramList {
+            /// Programs to pass over: those that were listed already.
+            skip: u16,
+        } => State, Look, Programs | ProgramRefused | StorageFailed;
+        /// An upload begins.
+        ProgramBegin(ProgramInfo) => State, Change, ProgramAt | ProgramRefused | StorageFailed;
+        /// Bytes of the upload.
+        ProgramPiece {
+            /// Where they stand in the program.
+            offset: u32,
+            /// The bytes.
+            bytes: Piece,
+        } => State, Change, ProgramAt | ProgramRefused | StorageFailed;
+        /// The upload is complete.
+        ProgramEnd {
+            /// The program's number.
+            number: u32,
+            /// The CRC-32 of its bytes.
+            crc32: u32,
+        } => State, Change, Done | ProgramRefused | StorageFailed;
+        /// Bytes of a program.
+        ProgramRead {
+            /// Its number.
+            number: u32,
+            /// Where they stand.
+            offset: u32,
+        } => State, Look, ProgramBytes | ProgramRefused | StorageFailed;
+        /// Delete a program.
+        ProgramDelete {
+            /// Its number.
+            number: u32,
+        } => State, Change, Done | ProgramRefused | StorageFailed;
+        /// Ask the control for a program by XMODEM, for a minute and a half: somebody lets it
+        /// send. What becomes of it is journaled.
+        ProgramReceive => State, Work, Done | ProgramRefused | StorageFailed;
+        /// The control's next READ gets what this host will pass through, as if it had asked for
+        /// it by its number.
+        ProgramPass(ProgramInfo) => State, Work, ProgramAt | ProgramRefused;
+        /// Bytes of what is passed through.
+        ProgramPassed {
+            /// Where they stand.
+            offset: u32,
+            /// The bytes.
+            bytes: Piece,
+        } => State, Work, ProgramAt | Done | ProgramRefused;
+        /// The control's next READ gets this program, as if it had asked for it by its number.
+        ProgramOffer {
+            /// Its number.
+            number: u32,
+        } => State, Work, Done | ProgramRefused | StorageFailed;
+        /// The setup that comes next is to be the reference.
+        Teach {
+            /// True: in place of the one that there is.
+            again: bool,
+        } => State, Work, Done | TeachRefused;
+    }
 }
 
 /// What the board answers.
@@ -228,6 +311,39 @@ pub enum Response {
     },
     /// That cannot be done with a program.
     ProgramRefused(ProgramRefusal),
+    /// To `Teach`: nothing is to be taught.
+    TeachRefused(TeachRefusal),
+}
+
+/// Why nothing is to be taught.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum TeachRefusal {
+    /// There is no job.
+    #[error("the board has no job: `umi job set` gives it one")]
+    NoJob,
+    /// The job gives its positions.
+    #[strum(serialize = "reference_given")]
+    #[error("the job gives its positions (`reference = \"given\"`): there is nothing to teach")]
+    Given,
+    /// There is a reference, and nobody said that it is to be replaced.
+    #[error("there is a reference already: ask again with --again to replace it")]
+    AlreadyTaught,
+    /// A setup is being measured: ask before it begins.
+    #[error("a clamping is being measured: ask before it begins")]
+    UnderWay,
+}
+
+impl TeachRefusal {
+    /// The stable code.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// Bytes of one stored journal entry, at most: a record and its frame.
@@ -292,8 +408,10 @@ pub enum Record {
     JobSet(Job),
     /// A reference was restored at start.
     ReferenceRestored {
-        /// Datum positions in the order of the job's datum features.
+        /// Places of the job's datum features, in its order, then of those on the table.
         positions_mm: Vec<[f64; 3], MAX_DATUMS>,
+        /// How each feature of the job was when it was taught. Older records have none.
+        learned: Vec<Learned, MAX_FEATURES>,
     },
     /// Bytes from the control.
     Bytes {
@@ -315,20 +433,22 @@ pub enum Record {
     Fault(Fault),
     /// A feature was fitted or refused.
     Feature(FeatureResult),
-    /// A plate was judged.
+    /// A setup was judged.
     Verdict(Verdict),
-    /// A plate became the reference, or is none any more because it is NG after all.
+    /// A setup became the reference, or is none any more because it is NG after all.
     Taught {
-        /// Datum positions in the order of the job's datum features; empty: there is no
-        /// reference any more.
+        /// Places of the job's datum features, in its order, then of those on the table;
+        /// empty: there is no reference any more.
         positions_mm: Vec<[f64; 3], MAX_DATUMS>,
+        /// How each feature of the job was when it was taught. Older records have none.
+        learned: Vec<Learned, MAX_FEATURES>,
     },
 
     // --- deeds
     /// A correction program went out to the control.
     CorrectionSent {
-        /// Of this plate.
-        plate: u32,
+        /// Of this setup.
+        setup: u32,
         /// Bytes sent.
         bytes: u32,
         /// False: the control stopped it or the line broke before its end.
@@ -364,7 +484,7 @@ pub enum Record {
         number: u32,
         /// The CRC-32 of its bytes.
         crc32: u32,
-        /// By the registration of which plate it was rewritten; none: it went out as it is.
+        /// By the registration of which setup it was rewritten; none: it went out as it is.
         rewritten_for: Option<u32>,
         /// Bytes sent.
         bytes: u32,
@@ -382,8 +502,8 @@ pub enum Record {
     /// byte, or that does not go out. Without a [`Self::CorrectionSent`] behind it the power
     /// went while it was on its way, and the control has as much of it as it has.
     CorrectionBegun {
-        /// Of this plate.
-        plate: u32,
+        /// Of this setup.
+        setup: u32,
     },
     /// A part program is about to go out, as [`Self::CorrectionBegun`]; a
     /// [`Self::ProgramSent`] of the same number follows.
@@ -392,8 +512,16 @@ pub enum Record {
         number: u32,
         /// The CRC-32 of its bytes.
         crc32: u32,
-        /// By the registration of which plate it is rewritten; none: it goes out as it is.
+        /// By the registration of which setup it is rewritten; none: it goes out as it is.
         rewritten_for: Option<u32>,
+    },
+    /// A host asked that the setup that comes next becomes the reference. An input too.
+    TeachAsked,
+    /// No job could be restored at start, and why: the board measures nothing before one is
+    /// set. Not on a board whose journal is new.
+    JobLost {
+        /// Why.
+        why: JobLoss,
     },
 }
 
@@ -424,6 +552,8 @@ impl Record {
             Self::ProgramNotKept { .. } => 19,
             Self::CorrectionBegun { .. } => 20,
             Self::ProgramBegun { .. } => 21,
+            Self::TeachAsked => 22,
+            Self::JobLost { .. } => 23,
         }
     }
 }
@@ -450,16 +580,21 @@ pub struct Status {
     pub reset: ResetReason,
     /// The job in force.
     pub job: Option<Name>,
+    /// Why there was none to restore at start, until one is set.
+    pub job_lost: Option<JobLoss>,
     /// Whether a reference has been taught or given.
     pub has_reference: bool,
     /// Verdicts reached.
     pub verdicts: u32,
     /// Of these, OK.
     pub verdicts_ok: u32,
-    /// The latest verdict's plate and result.
+    /// The latest verdict's setup and result.
     pub last_verdict_ok: Option<bool>,
     /// A correction waits for the control to ask for it.
     pub correction_waiting: bool,
+    /// Lines of a program that the control seems to punch, where its end has not come for
+    /// ten seconds: nothing is measured before it.
+    pub punched_lines: Option<u32>,
     /// The receiver's counters.
     pub counters: Counters,
     /// Events dropped because the host did not read them.
@@ -491,6 +626,45 @@ pub enum ResetReason {
     Software,
     /// The firmware met what it cannot go on from.
     Panic,
+}
+
+/// Why no job could be restored at start.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum JobLoss {
+    /// None has ever been kept.
+    #[error("no job has been kept on this board: set one")]
+    Absent,
+    /// The settings are those of a firmware with other messages.
+    #[error(
+        "the job was kept by a firmware with other messages, which this one does not read: set it again"
+    )]
+    OtherSchema,
+    /// The settings were kept and cannot be read.
+    #[error("the job was kept and cannot be read any more: set it again")]
+    Damaged,
+    /// This firmware does not take the job that was kept.
+    #[error(
+        "this firmware does not take the job that was kept: check it with `umi job check`, and set it again"
+    )]
+    Refused,
+    /// The settings' storage does not answer or has another shape.
+    #[error(
+        "the storage of the settings does not answer or has another shape: the board takes no job before it is mended"
+    )]
+    Storage,
+}
+
+impl JobLoss {
+    /// Its name for programs.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// What the journal holds.

@@ -1,5 +1,5 @@
-//! How the control's bytes become hits: line code, line patterns, number
-//! formats. This is the `receiver` part of a job.
+//! Receiver settings: line code, line patterns and number formats, by which bytes
+//! become hits. This is the `receiver` part of a job.
 //!
 //! ```toml
 //! [receiver]

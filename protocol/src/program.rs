@@ -1,10 +1,10 @@
 //! Part programs that a board keeps: what is known of one, and why one is refused.
 
-use core::fmt;
-
 use heapless::Vec;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
+use thiserror::Error;
 
 use crate::job::Name;
 
@@ -40,7 +40,7 @@ pub struct ProgramInfo {
 
 /// When a program goes out to a control that asks for it.
 ///
-/// "After an OK verdict" means: begun within the job's plate time-out, before anything is
+/// "After an OK verdict" means: begun within the job's setup time-out, before anything is
 /// measured again or lost and before another job, and once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
@@ -100,33 +100,60 @@ pub enum UnitRule {
 }
 
 /// Why a control that asked for a program got one that raises an alarm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
 #[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum Withheld {
     /// There is no OK verdict, it holds no more, or what it gives has gone out.
+    #[error("there is no OK verdict that holds, or its correction has gone out: probe the part")]
     NoVerdict,
     /// There is no such program.
+    #[strum(serialize = "program_not_there")]
+    #[error("there is no such program on the board: umi program put")]
     NotThere,
     /// It went out after this verdict already.
+    #[strum(serialize = "program_gone_out")]
+    #[error("it went out after this verdict already: probe the part again")]
     GoneOut,
     /// The verdict's correction has not gone out yet, and it needs that.
+    #[error(
+        "the control has not read the verdict's correction yet, and the program as it is needs it: read that first"
+    )]
     NotCorrected,
     /// It broke off because the control held the line for too long: nobody knows where the
     /// machine stands in it.
+    #[error(
+        "it broke off because the control held the line for longer than --hold-s, and nobody knows where the machine stands in it: ask for it again"
+    )]
     HeldTooLong,
     /// It does not begin with `%`: what a control has of an older one would run on into it; or
     /// it does not end with `%`, and nobody knows whether it is all of it.
+    #[error(
+        "it does not begin with %, and what a control still has of an older program would run on into it; or it does not end with %, and may be cut off: put % on its first and last line"
+    )]
     NoPercent,
     /// It was punched by the control; nobody has said that it may go out.
+    #[strum(serialize = "program_not_released")]
+    #[error(
+        "the control has punched it and nobody has released it: umi program get it, look at it, and put it with --release"
+    )]
     NotReleased,
     /// The job sends a correction: the rewritten program would correct twice.
+    #[error(
+        "the job sends a correction, and the rewritten program would correct once more: take [correction] out of the job, or put the program with --release after-verdict"
+    )]
     CorrectedTwice,
     /// The verdict has no registration to rewrite it by.
+    #[error("the verdict has no registration to rewrite it by")]
     NoRegistration,
     /// Its settings cannot be used.
+    #[error("increment, chord or clearance that it was put with cannot be used")]
     BadSettings,
     /// It cannot be rewritten truly.
+    #[error("line {line}, column {column} cannot be rewritten truly: umi nc check says why")]
     NotRewritable {
         /// Line of the program, from 1.
         line: u32,
@@ -134,36 +161,29 @@ pub enum Withheld {
         column: u16,
     },
     /// What is in the flash is not what was put there.
+    #[strum(serialize = "program_damaged")]
+    #[error(
+        "what is in the board's flash is not what was put there: put it again, and replace the board if it stays"
+    )]
     Damaged,
     /// The code in which the control writes lacks a character of it.
+    #[error("the code in which the control writes has no {:?}", char::from(*.byte))]
     NotInCode {
         /// The character.
         byte: u8,
     },
     /// The journal does not keep that it goes out.
+    #[error(
+        "the board's journal does not keep that it goes out, and what is not in it does not move metal: look at the board (umi info)"
+    )]
     NotJournaled,
 }
 
 impl Withheld {
     /// A stable name for machines.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
-        match self {
-            Self::NoVerdict => "no_verdict",
-            Self::NotThere => "program_not_there",
-            Self::GoneOut => "program_gone_out",
-            Self::NotCorrected => "not_corrected",
-            Self::HeldTooLong => "held_too_long",
-            Self::NoPercent => "no_percent",
-            Self::NotReleased => "program_not_released",
-            Self::CorrectedTwice => "corrected_twice",
-            Self::NoRegistration => "no_registration",
-            Self::BadSettings => "bad_settings",
-            Self::NotRewritable { .. } => "not_rewritable",
-            Self::Damaged => "program_damaged",
-            Self::NotInCode { .. } => "not_in_code",
-            Self::NotJournaled => "not_journaled",
-        }
+    pub fn code(&self) -> &'static str {
+        self.into()
     }
 
     /// What an alarm says on the control's screen: capitals, 28 at most, and no `%`, which
@@ -189,56 +209,6 @@ impl Withheld {
     }
 }
 
-impl fmt::Display for Withheld {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoVerdict => f.write_str(
-                "there is no OK verdict that holds, or its correction has gone out: probe the part",
-            ),
-            Self::NotThere => f.write_str("there is no such program on the board: umi program put"),
-            Self::GoneOut => {
-                f.write_str("it went out after this verdict already: probe the part again")
-            }
-            Self::NotCorrected => f.write_str(
-                "the control has not read the verdict's correction yet, and the program as it is needs it: read that first",
-            ),
-            Self::HeldTooLong => f.write_str(
-                "it broke off because the control held the line for longer than --hold-s, and nobody knows where the machine stands in it: ask for it again",
-            ),
-            Self::NoPercent => f.write_str(
-                "it does not begin with %, and what a control still has of an older program would run on into it; or it does not end with %, and may be cut off: put % on its first and last line",
-            ),
-            Self::NotReleased => f.write_str(
-                "the control has punched it and nobody has released it: umi program get it, look at it, and put it with --release",
-            ),
-            Self::CorrectedTwice => f.write_str(
-                "the job sends a correction, and the rewritten program would correct once more: take [correction] out of the job, or put the program with --release after-verdict",
-            ),
-            Self::NoRegistration => {
-                f.write_str("the verdict has no registration to rewrite it by")
-            }
-            Self::BadSettings => {
-                f.write_str("increment, chord or clearance that it was put with cannot be used")
-            }
-            Self::NotRewritable { line, column } => write!(
-                f,
-                "line {line}, column {column} cannot be rewritten truly: umi nc check says why"
-            ),
-            Self::Damaged => f.write_str(
-                "what is in the board's flash is not what was put there: put it again, and replace the board if it stays",
-            ),
-            Self::NotInCode { byte } => write!(
-                f,
-                "the code in which the control writes has no {:?}",
-                char::from(*byte)
-            ),
-            Self::NotJournaled => f.write_str(
-                "the board's journal does not keep that it goes out, and what is not in it does not move metal: look at the board (umi info)",
-            ),
-        }
-    }
-}
-
 /// How much room there is for programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
@@ -256,17 +226,31 @@ pub struct ProgramRoom {
 }
 
 /// Why the board does not do that with a program.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case", prefix = "program_")]
 #[postcard(crate = crate)]
 pub enum ProgramRefusal {
     /// This board has no room for programs, or what has it does not answer.
+    #[strum(serialize = "no_store")]
+    #[error(
+        "the board has no room for programs, or its memory does not answer: umi info says more"
+    )]
     NoRoomAtAll,
     /// The number is not 1 to [`MAX_NUMBER`].
+    #[strum(serialize = "number")]
+    #[error("a program's number is 1 to {}", MAX_NUMBER)]
     BadNumber,
     /// It has no bytes.
+    #[error("the program is empty")]
     Empty,
     /// It finds no room in one piece. A program is replaced only when the new one is
     /// whole, so both need room.
+    #[strum(serialize = "store_full")]
+    #[error(
+        "the program needs {needed_bytes} bytes in one piece, the longest free piece has {longest_bytes} (of {free_bytes} free): delete programs (a program that is replaced stays until the new one is whole)"
+    )]
     Full {
         /// What it needs.
         needed_bytes: u32,
@@ -276,32 +260,45 @@ pub enum ProgramRefusal {
         free_bytes: u32,
     },
     /// As many programs are kept as can be.
+    #[error("the board keeps {most} programs and no more: delete one")]
     TooMany {
         /// So many.
         most: u16,
     },
     /// There is no such program.
+    #[error("there is no such program on the board")]
     NotThere,
     /// No upload of this program has begun.
+    #[error("no upload of this program has begun: begin it again")]
     NotBegun,
     /// Bytes are missing before its end.
+    #[error("the board has only the first {offset} bytes: go on there")]
     Incomplete {
         /// So many are there.
         offset: u32,
     },
     /// What is in the flash has another check value: upload it again.
+    #[error(
+        "what is in the board's flash has check value {crc32:08X}, not the program's: put it again, and replace the board if it stays"
+    )]
     Damaged {
         /// The value of what is there.
         crc32: u32,
     },
-    /// A plate is being measured or a program is being sent: ask again.
+    /// A setup is being measured or a program is being sent: ask again.
+    #[error("the board measures a setup or sends a program: ask again when it is over")]
     Busy,
     /// The control has not sent it, or not all of it.
+    #[error("the control has not sent it, or not to its end: let it send again")]
     BrokeOff,
     /// What was to be passed through may not go out, or not on: the control has an alarm.
+    #[error("the control has got an alarm instead: {0}")]
     Withheld(Withheld),
     /// There is a program of this number with other bytes, and what a control punches
     /// replaces none.
+    #[error(
+        "the board has another program of this number, with check value {crc32:08X}: delete that one, or punch this one under another number"
+    )]
     OtherThere {
         /// The check value of the program that is there.
         crc32: u32,
@@ -311,69 +308,10 @@ pub enum ProgramRefusal {
 impl ProgramRefusal {
     /// A stable name for machines.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub fn code(&self) -> &'static str {
         match self {
-            Self::NoRoomAtAll => "program_no_store",
-            Self::BadNumber => "program_number",
-            Self::Empty => "program_empty",
-            Self::Full { .. } => "program_store_full",
-            Self::TooMany { .. } => "program_too_many",
-            Self::NotThere => "program_not_there",
-            Self::NotBegun => "program_not_begun",
-            Self::Incomplete { .. } => "program_incomplete",
-            Self::Damaged { .. } => "program_damaged",
-            Self::Busy => "program_busy",
-            Self::BrokeOff => "program_broke_off",
             Self::Withheld(why) => why.code(),
-            Self::OtherThere { .. } => "program_other_there",
+            other => other.into(),
         }
     }
 }
-
-impl fmt::Display for ProgramRefusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::NoRoomAtAll => f.write_str(
-                "the board has no room for programs, or its memory does not answer: umi info says more",
-            ),
-            Self::BadNumber => write!(f, "a program's number is 1 to {MAX_NUMBER}"),
-            Self::Empty => f.write_str("the program is empty"),
-            Self::Full {
-                needed_bytes,
-                longest_bytes,
-                free_bytes,
-            } => write!(
-                f,
-                "the program needs {needed_bytes} bytes in one piece, the longest free piece has {longest_bytes} (of {free_bytes} free): delete programs (a program that is replaced stays until the new one is whole)"
-            ),
-            Self::TooMany { most } => {
-                write!(f, "the board keeps {most} programs and no more: delete one")
-            }
-            Self::NotThere => f.write_str("there is no such program on the board"),
-            Self::NotBegun => {
-                f.write_str("no upload of this program has begun: begin it again")
-            }
-            Self::Incomplete { offset } => write!(
-                f,
-                "the board has only the first {offset} bytes: go on there"
-            ),
-            Self::Damaged { crc32 } => write!(
-                f,
-                "what is in the board's flash has check value {crc32:08X}, not the program's: put it again, and replace the board if it stays"
-            ),
-            Self::BrokeOff => f.write_str(
-                "the control has not sent it, or not to its end: let it send again",
-            ),
-            Self::Withheld(why) => write!(f, "the control has got an alarm instead: {why}"),
-            Self::Busy => f.write_str(
-                "the board measures a plate or sends a program: ask again when it is over",
-            ),
-            Self::OtherThere { crc32 } => write!(
-                f,
-                "the board has another program of this number, with check value {crc32:08X}: delete that one, or punch this one under another number"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for ProgramRefusal {}

@@ -1,19 +1,23 @@
-//! Why a feature is refused or a verdict is NG: every reason by name, with its
-//! figures, so that a machinist can act on it and a machine can read it.
+//! Reasons against a feature or a verdict: each by name, with its figures, so that a
+//! machinist can act on it and a machine can read it.
 
 use core::fmt;
 
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
+use thiserror::Error;
 
 use crate::job::Name;
 
 /// One reason. `hit` numbers count from 1, as a machinist counts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema, Error, IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
 #[postcard(crate = crate)]
 pub enum Reason {
     // --- a feature's hits
     /// The hits ended before the feature was complete.
+    #[error("{got} of {expected} hits arrived; probe the feature again")]
     MissingPoints {
         /// Hits that arrived.
         got: u16,
@@ -21,6 +25,7 @@ pub enum Reason {
         expected: u16,
     },
     /// The control announced or sent another number of hits than the job asks for.
+    #[error("the control sent {got} hits, the job asks for {expected}; make macro and job agree")]
     WrongCount {
         /// Hits announced or sent.
         got: u16,
@@ -28,6 +33,9 @@ pub enum Reason {
         expected: u16,
     },
     /// A line was damaged or not understood where a hit was due.
+    #[error(
+        "a line was damaged or not understood ({got} of {expected} hits are intact); probe the feature again and check the cable"
+    )]
     DamagedLine {
         /// Hits that arrived intact.
         got: u16,
@@ -35,6 +43,7 @@ pub enum Reason {
         expected: u16,
     },
     /// The same coordinates were printed for two hits.
+    #[error("hit {hit} repeats the coordinates of hit {first}; a measurement is missing")]
     DuplicatePoint {
         /// The first hit with these coordinates.
         first: u16,
@@ -42,47 +51,65 @@ pub enum Reason {
         hit: u16,
     },
     /// All coordinates are zero: what a control prints for a missed measurement.
+    #[error("hit {hit} is all zeros: what a control prints for a missed measurement")]
     NullPoint {
         /// The hit.
         hit: u16,
     },
     /// The number fills its field and may have lost its leading digits.
+    #[error(
+        "hit {hit} fills its number field and may have lost leading digits; widen the DPRNT format or state the machine's travel"
+    )]
     OverflowSuspect {
         /// The hit.
         hit: u16,
     },
     /// A coordinate is outside the travel that the job states.
+    #[error(
+        "hit {hit} is outside the travel that the job states; check the number and the work offset"
+    )]
     OutsideTravel {
         /// The hit.
         hit: u16,
     },
     /// The macro says that the probe did not touch.
+    #[error("hit {hit}: the probe did not touch")]
     NotTouched {
         /// The hit.
         hit: u16,
     },
     /// No direction of motion is known, so it cannot be compensated.
+    #[error(
+        "hit {hit} has no approach direction; give `approach` in the job or print checked lines"
+    )]
     NoApproach {
         /// The hit.
         hit: u16,
     },
     /// The line's approach differs from the job's.
+    #[error("hit {hit} was approached in another direction than the job says")]
     ApproachMismatch {
         /// The hit.
         hit: u16,
     },
     /// The same hit or feature was sent twice with different content.
+    #[error("sent twice with different coordinates; which one is right is not known: probe again")]
     ConflictingRepeat,
     /// Sequence numbers are missing: lines were lost.
+    #[error("lines are missing in the sequence; probe again")]
     SequenceGap,
 
     // --- a feature's fit
     /// The fit was refused.
+    #[error("not fitted: {code}")]
     FitRefused {
         /// Why, by its stable code.
         code: FitRefusal,
     },
     /// The radius is not the nominal one.
+    #[error(
+        "radius is {error_mm:+.4} mm off nominal, limit {limit_mm:.4} mm; check compensation, ball and hits"
+    )]
     RadiusError {
         /// Fitted less nominal radius.
         error_mm: f64,
@@ -90,6 +117,7 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// The residuals are too large.
+    #[error("residuals {rms_mm:.4} mm rms, limit {limit_mm:.4} mm")]
     Rms {
         /// Rms of the residuals.
         rms_mm: f64,
@@ -97,6 +125,9 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// A hit's surface normal does not match its approach.
+    #[error(
+        "hit {hit} touched {angle_deg:.2} deg off its approach, limit {limit_deg:.2} deg; hits are exchanged or one is wrong"
+    )]
     ApproachAngle {
         /// The hit that is worst.
         hit: u16,
@@ -107,6 +138,7 @@ pub enum Reason {
     },
     /// The only hit along this axis disagrees with the other hits: residuals
     /// cannot show it, it moves the centre.
+    #[error("hit {hit}, the only one along {}, disagrees with the others by {offset_mm:+.4} mm, limit {limit_mm:.4} mm", axis_name(*.axis))]
     LoneHitOffset {
         /// The hit.
         hit: u16,
@@ -119,6 +151,7 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// With the other sign this coordinate would fit: the sign was lost.
+    #[error("hit {hit} would fit with the other sign of {}: a sign was lost", axis_name(*.axis))]
     SuspectSign {
         /// The hit.
         hit: u16,
@@ -126,6 +159,7 @@ pub enum Reason {
         axis: u8,
     },
     /// One hit alone spoils the fit.
+    #[error("hit {hit} alone is off, by {off_mm:.4} mm from what the others describe")]
     SuspectHit {
         /// The hit.
         hit: u16,
@@ -133,13 +167,15 @@ pub enum Reason {
         off_mm: f64,
     },
 
-    // --- a plate
+    // --- a setup
     /// The feature did not arrive.
+    #[error("{name} did not arrive")]
     MissingFeature {
         /// Its name.
         name: Name,
     },
     /// Two datum positions are not at their reference distance.
+    #[error("{a} to {b} is {error_mm:+.4} mm off its reference distance, limit {limit_mm:.4} mm")]
     DistanceError {
         /// One feature.
         a: Name,
@@ -151,20 +187,24 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// The distances would be right with these two features exchanged.
+    #[error("distances and pose would be right with {a} and {b} exchanged")]
     SuspectExchange {
         /// One feature.
         a: Name,
         /// The other.
         b: Name,
     },
-    /// There is no reference yet: no plate has been taught.
+    /// There is no reference yet: no setup has been taught.
+    #[error("no reference setup has been taught; probe the nominal clamping first")]
     NoReference,
     /// The registration was refused.
+    #[error("not registered: {code}")]
     RegistrationRefused {
         /// Why, by its stable code.
         code: FitRefusal,
     },
     /// The registration's residuals are too large.
+    #[error("registration residuals {rms_mm:.4} mm rms, limit {limit_mm:.4} mm")]
     RegistrationRms {
         /// Rms over the datum positions.
         rms_mm: f64,
@@ -172,6 +212,7 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// The part is turned too far about Z.
+    #[error("turned {angle_deg:+.4} deg about Z, limit {limit_deg:.4} deg")]
     Rotation {
         /// Angle about Z.
         angle_deg: f64,
@@ -179,6 +220,9 @@ pub enum Reason {
         limit_deg: f64,
     },
     /// The part is tilted too far: a wrong height, or chips under the plate.
+    #[error(
+        "tilted {angle_deg:.4} deg, limit {limit_deg:.4} deg; look for chips under the part or a wrong Z hit"
+    )]
     Tilt {
         /// Angle between the Z axes.
         angle_deg: f64,
@@ -186,6 +230,7 @@ pub enum Reason {
         limit_deg: f64,
     },
     /// The part stands too far from its reference place: a wrong datum or work offset.
+    #[error("displaced {shift_mm:+.4} mm in {}, limit {limit_mm:.4} mm; check datum and work offset", axis_name(*.axis))]
     Shift {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -195,6 +240,7 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// The registration is too uncertain at the part.
+    #[error("expected error at the part {error_mm:.4} mm, limit {limit_mm:.4} mm")]
     ExpectedError {
         /// One standard deviation at the worst corner.
         error_mm: f64,
@@ -202,49 +248,70 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// What the correction cannot express is too much.
-    Leftover {
+    #[error(
+        "the correction would leave {error_mm:.4} mm at the part's corners, limit {limit_mm:.4} mm; shim the part or use a control with a 3-D correction"
+    )]
+    #[serde(rename = "Leftover")]
+    #[strum(serialize = "leftover")]
+    Uncorrected {
         /// Largest error left at the part's corners.
         error_mm: f64,
         /// The job's limit.
         limit_mm: f64,
     },
     /// The corrected offset does not fit the control's number format.
+    #[error("the corrected offset does not fit the control's number format")]
     NotExpressible,
-    /// Bytes were lost before the receiver while the plate was measured.
+    /// Bytes were lost before the receiver while the setup was measured.
+    #[error("{count} bytes from the control were lost; probe the part again")]
     BytesLost {
         /// How many.
         count: u32,
     },
-    /// The control began another run of the program before the plate was complete.
+    /// The control began another run of the program before the setup was complete.
+    #[error("another run of the program began before the setup was complete; probe it in one run")]
     RunChanged,
-    /// Every point is that of the plate before, to the last digit: printed again,
+    /// Every point is that of the setup before, to the last digit: printed again,
     /// not measured again.
-    RepeatedPlate,
-    /// No hit came for the job's plate time-out.
+    #[strum(serialize = "repeated_plate")]
+    #[error(
+        "every point is that of the setup before, to the last digit: printed again, not measured again; probe the part"
+    )]
+    RepeatedSetup,
+    /// No hit came for the job's setup time-out.
+    #[error("no hit for {timeout_s} s; the setup was given up")]
     TimedOut {
         /// The time-out.
         timeout_s: u32,
     },
     /// The input ended.
+    #[error("the input ended before the setup was complete")]
     InputEnded,
 
     // --- the two witnesses of a hit
     /// The probe's skip edge of this hit was not latched.
+    #[error(
+        "hit {hit} has no second witness: its skip edge was not latched, or its line says no feed; check the skip wire to the board and what the macro prints"
+    )]
     NotLatched {
         /// The hit.
         hit: u16,
     },
     /// Hits at different feeds: the control's delay does not cancel.
+    #[error(
+        "hit {hit} was probed at {feed_mm_per_min} mm/min, others at {expected_mm_per_min}; gauge at one feed"
+    )]
     FeedChanged {
         /// The hit.
         hit: u16,
         /// Its feed.
         feed_mm_per_min: f64,
-        /// The feed of the plate's first hit.
+        /// The feed of the setup's first hit.
         expected_mm_per_min: f64,
     },
     /// The control stored a position later after the skip signal than it may, or
     /// before it.
+    #[error("{}: the control stored a position {delay_ms:.2} ms after the skip edge, limit {limit_ms} ms; check its skip input and the feed", axis_name(*.axis))]
     ControlDelay {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -254,7 +321,8 @@ pub enum Reason {
         limit_ms: f64,
     },
     /// All of the control's positions are shifted against the encoders: the work
-    /// offset or the machine's datum has changed, or counts were lost between plates.
+    /// offset or the machine's datum has changed, or counts were lost between setups.
+    #[error("{}: the control's positions stand {shift_mm:+.4} mm off the encoder, limit {limit_mm:.4} mm; a work offset or the datum has changed, or counts were lost between setups: check both, then set the job again", axis_name(*.axis))]
     WitnessShift {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -264,6 +332,7 @@ pub enum Reason {
         limit_mm: f64,
     },
     /// Control and encoder differ in proportion to the position: a wrong scale.
+    #[error(fmt = wrong_scale)]
     WitnessScale {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -271,6 +340,7 @@ pub enum Reason {
         ppm: f64,
     },
     /// Control and encoder part company between two hits: counts were lost.
+    #[error("{}: the encoder's counter jumped by {counts:+.0} counts between two hits; check its cable and shield", axis_name(*.axis))]
     LostCounts {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -278,6 +348,7 @@ pub enum Reason {
         counts: f64,
     },
     /// Control and encoder differ without a pattern.
+    #[error("{}: control and encoder differ by up to {off_mm:.4} mm without a pattern, limit {limit_mm:.4} mm; check encoder wiring and what the macro prints", axis_name(*.axis))]
     WitnessDisagrees {
         /// 0 X, 1 Y, 2 Z.
         axis: u8,
@@ -290,6 +361,9 @@ pub enum Reason {
     // --- remarks: they do not change the verdict
     /// Both witnesses agree; this is the control's delay between the skip signal and
     /// the position that it stores.
+    #[error(
+        "control and encoders agree; over {hits} hits the control stored positions {least_ms:.2} to {most_ms:.2} ms after the skip edge, mean {mean_ms:.2} (the tolerance is worth {resolution_ms:.1} ms)"
+    )]
     Witnessed {
         /// Hits along an axis.
         hits: u16,
@@ -302,145 +376,263 @@ pub enum Reason {
         /// What the job's tolerance is worth at this feed: smaller delays are not told apart.
         resolution_ms: f64,
     },
-    /// This plate says where the encoders' origin is: what shifted before it, no one
+    /// This setup says where the encoders' origin is: what shifted before it, no one
     /// has seen.
+    #[error("the encoders' origin was taken from this setup; a shift before it is not seen")]
     WitnessLearned,
     /// A block arrived whose name is not in the job.
+    #[error("{name} is not in the job; its hits were not used")]
     UnknownFeature {
         /// The name.
         name: Name,
     },
-    /// This plate became the reference.
+    /// This setup became the reference.
+    #[error("this setup is now the reference")]
     Taught,
     /// A refused feature was sent again and replaced.
+    #[error("{name} was refused, sent again and replaced")]
     Replaced {
         /// Its name.
         name: Name,
     },
     /// Identical repeats of this feature were dropped.
+    #[error("{name} was sent again unchanged; dropped")]
     RepeatDropped {
         /// Its name.
         name: Name,
     },
+
+    // --- later reasons: behind all others, so that older journals are read as they were
+    /// This setup was measured before it was known where a setup begins.
+    #[error(
+        "the control began with {began_with}, so it is not known which features are of one clamping; print checked lines with a run number, probe in the job's order, or read the correction after each clamping"
+    )]
+    OrderUnknown {
+        /// The feature with which the control began.
+        began_with: Name,
+    },
+    /// Another setup is the reference already, and nobody said that this one is to replace it.
+    #[error(
+        "there is a reference already; ask twice (`umi teach --again`, `G65 P8811 T2.`) if this setup is to replace it"
+    )]
+    AlreadyTaught,
+    /// A feature's radius is not that of the taught setup.
+    #[error(
+        "radius is off by {error_mm:+.4} mm against the taught setup, limit {limit_mm:.4} mm; check stylus and balls"
+    )]
+    RadiusSinceTaught {
+        /// Fitted less taught radius.
+        error_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// A feature's residuals are larger than in the taught setup: a worn or loose stylus.
+    #[error(
+        "residuals are {rms_mm:.4} mm rms, {taught_mm:.4} mm when taught, limit {limit_mm:.4} mm more; the stylus may be worn or loose"
+    )]
+    RmsSinceTaught {
+        /// Rms of the residuals.
+        rms_mm: f64,
+        /// Of the taught setup.
+        taught_mm: f64,
+        /// The job's limit on their difference.
+        limit_mm: f64,
+    },
+    /// Hits were approached farther beside the centre than in the taught setup.
+    #[error(
+        "hits were approached {off_mm:.4} mm beside the centre, {taught_mm:.4} mm when taught, limit {limit_mm:.4} mm more; check stylus and balls"
+    )]
+    CentringSinceTaught {
+        /// How far beside the centre.
+        off_mm: f64,
+        /// Of the taught setup.
+        taught_mm: f64,
+        /// The job's limit on their difference.
+        limit_mm: f64,
+    },
+    /// A feature that was probed twice is not where it was the first time.
+    #[error(
+        "it is {name} probed again and is {off_mm:.4} mm away from it, limit {limit_mm:.4} mm; the part moved, the machine drifts, or a hit is wrong"
+    )]
+    NotClosed {
+        /// The feature that it repeats.
+        name: Name,
+        /// How far apart the two are.
+        off_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// A feature on the table is not where it was when the reference was taught.
+    #[error("it stays on the table and is off by X{:+.4} Y{:+.4} Z{:+.4} mm since the reference was taught, limit {limit_mm:.4} mm; check probe length, stylus and work offset, or teach again", .off_mm[0], .off_mm[1], .off_mm[2])]
+    FixedMoved {
+        /// How far from there.
+        off_mm: [f64; 3],
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// Two datum positions are not at the distance that the job states.
+    #[error(
+        "distance {a} to {b} is off by {error_mm:+.4} mm against the job's `position_mm`, limit {limit_mm:.4} mm"
+    )]
+    NominalDistance {
+        /// One feature.
+        a: Name,
+        /// The other.
+        b: Name,
+        /// Measured less stated distance.
+        error_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// The plate is warmer or colder than taught by more than the job allows.
+    #[error(
+        "the plate is {kelvin:+.1} K warmer than taught, limit {limit_k:.1} K; let it come to temperature, or teach again"
+    )]
+    TooWarm {
+        /// Warmer than taught, kelvin.
+        kelvin: f64,
+        /// The job's limit.
+        limit_k: f64,
+    },
+    /// The run did not say in which work offset it is probed.
+    #[error("the run did not say in which work offset it is probed; begin it with `G65 P8811`")]
+    FrameUnknown,
+    /// The run was probed in another work offset than the job states.
+    #[error("probed in work offset {}, the job's `probed_in` is {}", OffsetName(*.got), OffsetName(*.expected))]
+    OtherOffset {
+        /// 1 for G54 to 6 for G59; from 101 on a further one.
+        got: u16,
+        /// The job's, likewise.
+        expected: u16,
+    },
+    /// The work offset has other values than the job states.
+    #[error("{} of the work offset is {got_mm:.4} mm on the control and {expected_mm:.4} mm in the job's `probed_origin_mm`; put it back, or set the job and teach again", axis_name(*.axis))]
+    OffsetChanged {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// The control's value.
+        got_mm: f64,
+        /// The job's `probed_origin_mm`.
+        expected_mm: f64,
+    },
+
+    // --- later remarks
+    /// The plate is warmer (or colder) than taught.
+    #[error(
+        "{kelvin:+.1} K (sigma {sigma_k:.1} K) warmer than taught; the correction is right at the balls' middle and rigid beyond"
+    )]
+    Warmer {
+        /// Kelvin.
+        kelvin: f64,
+        /// One standard deviation of that; 0 where the job states no probing sigma.
+        sigma_k: f64,
+    },
+    /// The program's run that this setup belongs to.
+    #[error("measured in run {run}")]
+    OfRun {
+        /// Its number.
+        run: u32,
+    },
+    /// The stated error at the worst corner of the part: 95 of 100 setups are better.
+    #[strum(serialize = "error_95")]
+    #[error("95 % of such corrections are within {error_mm:.4} mm at the part's worst corner")]
+    Error95 {
+        /// With the taught setup's own share.
+        error_mm: f64,
+    },
+
+    // --- later reasons
+    /// A rotation (G68, or that of LinuxCNC's work offset) was active in the run.
+    #[error("a rotation was active while it was probed; begin with G69")]
+    RotationActive,
+    /// The external offset is another one than the job states.
+    #[error("{} of the external offset is {got_mm:.4} mm on the control and {expected_mm:.4} mm in the job's `external_mm`", axis_name(*.axis))]
+    ExternalOffset {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// The control's value.
+        got_mm: f64,
+        /// The job's `external_mm`.
+        expected_mm: f64,
+    },
+    /// The tool length in force is another one than the job states.
+    #[error(
+        "the tool length in force is {got_mm:.4} mm, the job's `tool_length_mm` {expected_mm:.4} mm; call the probe's own"
+    )]
+    ToolLength {
+        /// The control's value.
+        got_mm: f64,
+        /// The job's `tool_length_mm`.
+        expected_mm: f64,
+    },
+
+    // --- a later remark
+    /// What nothing in this job guards against.
+    #[error(fmt = not_guarded)]
+    NotGuarded {
+        /// Text of another clamping: no run number goes back with the correction.
+        late_text: bool,
+        /// A work offset that was moved: no run says where it is.
+        moved_offset: bool,
+        /// A reference that nobody meant: the first OK setup is taught.
+        first_ok: bool,
+    },
 }
 
 /// Why a fit or a registration was refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
 #[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum FitRefusal {
     /// Fewer points than parameters need.
+    #[error("too few points: probe more")]
     TooFewPoints,
     /// NaN or infinity.
+    #[error("a coordinate is not a number, or beyond any machine")]
     NotFinite,
     /// Coplanar, collinear or coinciding points.
+    #[error("the points coincide or lie on one line or in one plane: probe places that lie apart")]
     Degenerate,
     /// Worse conditioned than the stated limit.
+    #[error(
+        "the points say too little about the shape: spread them wider, or check what was probed"
+    )]
     IllConditioned,
     /// The points cover too little of the surface.
+    #[error("the points cover too little of the surface to say a radius: probe a larger part")]
     CapTooSmall,
     /// The iteration did not reach a proven minimum.
+    #[error("the points do not look like this shape: check the feature and its hits")]
     NoConvergence,
     /// Two lists of different length.
+    #[error("the two lists of points differ in length")]
     LengthMismatch,
 }
 
 impl FitRefusal {
     /// The stable code.
     #[must_use]
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::TooFewPoints => "too_few_points",
-            Self::NotFinite => "not_finite",
-            Self::Degenerate => "degenerate",
-            Self::IllConditioned => "ill_conditioned",
-            Self::CapTooSmall => "cap_too_small",
-            Self::NoConvergence => "no_convergence",
-            Self::LengthMismatch => "length_mismatch",
-        }
-    }
-}
-
-impl fmt::Display for FitRefusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::TooFewPoints => "too few points: probe more",
-            Self::NotFinite => "a coordinate is not a number, or beyond any machine",
-            Self::Degenerate => {
-                "the points coincide or lie on one line or in one plane: probe places that lie apart"
-            }
-            Self::IllConditioned => {
-                "the points say too little about the shape: spread them wider, or check what was probed"
-            }
-            Self::CapTooSmall => {
-                "the points cover too little of the surface to say a radius: probe a larger part"
-            }
-            Self::NoConvergence => {
-                "the points do not look like this shape: check the feature and its hits"
-            }
-            Self::LengthMismatch => "the two lists of points differ in length",
-        })
+    pub fn code(self) -> &'static str {
+        self.into()
     }
 }
 
 impl Reason {
     /// The stable code of the reason.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub fn code(&self) -> &'static str {
         match self {
-            Self::MissingPoints { .. } => "missing_points",
-            Self::WrongCount { .. } => "wrong_count",
-            Self::DamagedLine { .. } => "damaged_line",
-            Self::DuplicatePoint { .. } => "duplicate_point",
-            Self::NullPoint { .. } => "null_point",
-            Self::OverflowSuspect { .. } => "overflow_suspect",
-            Self::OutsideTravel { .. } => "outside_travel",
-            Self::NotTouched { .. } => "not_touched",
-            Self::NoApproach { .. } => "no_approach",
-            Self::ApproachMismatch { .. } => "approach_mismatch",
-            Self::ConflictingRepeat => "conflicting_repeat",
-            Self::SequenceGap => "sequence_gap",
             Self::FitRefused { code } | Self::RegistrationRefused { code } => code.code(),
-            Self::RadiusError { .. } => "radius_error",
-            Self::Rms { .. } => "rms",
-            Self::ApproachAngle { .. } => "approach_angle",
-            Self::LoneHitOffset { .. } => "lone_hit_offset",
-            Self::SuspectSign { .. } => "suspect_sign",
-            Self::SuspectHit { .. } => "suspect_hit",
-            Self::MissingFeature { .. } => "missing_feature",
-            Self::DistanceError { .. } => "distance_error",
-            Self::SuspectExchange { .. } => "suspect_exchange",
-            Self::NoReference => "no_reference",
-            Self::RegistrationRms { .. } => "registration_rms",
-            Self::Rotation { .. } => "rotation",
-            Self::Tilt { .. } => "tilt",
-            Self::Shift { .. } => "shift",
-            Self::ExpectedError { .. } => "expected_error",
-            Self::Leftover { .. } => "leftover",
-            Self::NotExpressible => "not_expressible",
-            Self::BytesLost { .. } => "bytes_lost",
-            Self::RunChanged => "run_changed",
-            Self::RepeatedPlate => "repeated_plate",
-            Self::TimedOut { .. } => "timed_out",
-            Self::InputEnded => "input_ended",
-            Self::NotLatched { .. } => "not_latched",
-            Self::FeedChanged { .. } => "feed_changed",
-            Self::ControlDelay { .. } => "control_delay",
-            Self::WitnessShift { .. } => "witness_shift",
-            Self::WitnessScale { .. } => "witness_scale",
-            Self::LostCounts { .. } => "lost_counts",
-            Self::WitnessDisagrees { .. } => "witness_disagrees",
-            Self::Witnessed { .. } => "witnessed",
-            Self::WitnessLearned => "witness_learned",
-            Self::UnknownFeature { .. } => "unknown_feature",
-            Self::Taught => "taught",
-            Self::Replaced { .. } => "replaced",
-            Self::RepeatDropped { .. } => "repeat_dropped",
+            other => other.into(),
         }
     }
 }
 
-const fn axis_name(axis: u8) -> char {
+/// The letter of an axis number.
+pub(crate) const fn axis_name(axis: u8) -> char {
     match axis {
         0 => 'X',
         1 => 'Y',
@@ -448,231 +640,50 @@ const fn axis_name(axis: u8) -> char {
     }
 }
 
-impl fmt::Display for Reason {
-    #[allow(clippy::too_many_lines, reason = "one arm per reason: a table")]
+/// A work offset by its number: 1 for G54, from 101 on the further ones.
+struct OffsetName(u16);
+
+impl fmt::Display for OffsetName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::MissingPoints { got, expected } => write!(
-                f,
-                "{got} of {expected} hits arrived; probe the feature again"
-            ),
-            Self::WrongCount { got, expected } => write!(
-                f,
-                "the control sent {got} hits, the job asks for {expected}; make macro and job agree"
-            ),
-            Self::DamagedLine { got, expected } => write!(
-                f,
-                "a line was damaged or not understood ({got} of {expected} hits are intact); probe the feature again and check the cable"
-            ),
-            Self::DuplicatePoint { first, hit } => write!(
-                f,
-                "hit {hit} repeats the coordinates of hit {first}; a measurement is missing"
-            ),
-            Self::NullPoint { hit } => write!(
-                f,
-                "hit {hit} is all zeros: what a control prints for a missed measurement"
-            ),
-            Self::OverflowSuspect { hit } => write!(
-                f,
-                "hit {hit} fills its number field and may have lost leading digits; widen the DPRNT format or state the machine's travel"
-            ),
-            Self::OutsideTravel { hit } => write!(
-                f,
-                "hit {hit} is outside the travel that the job states; check the number and the work offset"
-            ),
-            Self::NotTouched { hit } => write!(f, "hit {hit}: the probe did not touch"),
-            Self::NoApproach { hit } => write!(
-                f,
-                "hit {hit} has no approach direction; give `approach` in the job or print checked lines"
-            ),
-            Self::ApproachMismatch { hit } => write!(
-                f,
-                "hit {hit} was approached in another direction than the job says"
-            ),
-            Self::ConflictingRepeat => f.write_str(
-                "sent twice with different coordinates; which one is right is not known: probe again",
-            ),
-            Self::SequenceGap => f.write_str("lines are missing in the sequence; probe again"),
-            Self::FitRefused { code } => write!(f, "not fitted: {code}"),
-            Self::RadiusError { error_mm, limit_mm } => write!(
-                f,
-                "radius is {error_mm:+.4} mm off nominal, limit {limit_mm:.4} mm; check compensation, ball and hits"
-            ),
-            Self::Rms { rms_mm, limit_mm } => {
-                write!(f, "residuals {rms_mm:.4} mm rms, limit {limit_mm:.4} mm")
-            }
-            Self::ApproachAngle {
-                hit,
-                angle_deg,
-                limit_deg,
-            } => write!(
-                f,
-                "hit {hit} touched {angle_deg:.2} deg off its approach, limit {limit_deg:.2} deg; hits are exchanged or one is wrong"
-            ),
-            Self::LoneHitOffset {
-                hit,
-                axis,
-                offset_mm,
-                limit_mm,
-            } => write!(
-                f,
-                "hit {hit}, the only one along {}, disagrees with the others by {offset_mm:+.4} mm, limit {limit_mm:.4} mm",
-                axis_name(*axis)
-            ),
-            Self::SuspectSign { hit, axis } => write!(
-                f,
-                "hit {hit} would fit with the other sign of {}: a sign was lost",
-                axis_name(*axis)
-            ),
-            Self::SuspectHit { hit, off_mm } => write!(
-                f,
-                "hit {hit} alone is off, by {off_mm:.4} mm from what the others describe"
-            ),
-            Self::MissingFeature { name } => write!(f, "{name} did not arrive"),
-            Self::DistanceError {
-                a,
-                b,
-                error_mm,
-                limit_mm,
-            } => write!(
-                f,
-                "{a} to {b} is {error_mm:+.4} mm off its reference distance, limit {limit_mm:.4} mm"
-            ),
-            Self::SuspectExchange { a, b } => {
-                write!(f, "distances and pose would be right with {a} and {b} exchanged")
-            }
-            Self::NoReference => {
-                f.write_str("no reference plate has been taught; probe the nominal clamping first")
-            }
-            Self::RegistrationRefused { code } => {
-                write!(f, "not registered: {code}")
-            }
-            Self::RegistrationRms { rms_mm, limit_mm } => write!(
-                f,
-                "registration residuals {rms_mm:.4} mm rms, limit {limit_mm:.4} mm"
-            ),
-            Self::Rotation {
-                angle_deg,
-                limit_deg,
-            } => write!(
-                f,
-                "turned {angle_deg:+.4} deg about Z, limit {limit_deg:.4} deg"
-            ),
-            Self::Tilt {
-                angle_deg,
-                limit_deg,
-            } => write!(
-                f,
-                "tilted {angle_deg:.4} deg, limit {limit_deg:.4} deg; look for chips under the part or a wrong Z hit"
-            ),
-            Self::Shift {
-                axis,
-                shift_mm,
-                limit_mm,
-            } => write!(
-                f,
-                "displaced {shift_mm:+.4} mm in {}, limit {limit_mm:.4} mm; check datum and work offset",
-                axis_name(*axis)
-            ),
-            Self::ExpectedError { error_mm, limit_mm } => write!(
-                f,
-                "expected error at the part {error_mm:.4} mm, limit {limit_mm:.4} mm"
-            ),
-            Self::Leftover { error_mm, limit_mm } => write!(
-                f,
-                "the correction would leave {error_mm:.4} mm at the part's corners, limit {limit_mm:.4} mm; shim the part or use a control with a 3-D correction"
-            ),
-            Self::NotExpressible => {
-                f.write_str("the corrected offset does not fit the control's number format")
-            }
-            Self::BytesLost { count } => write!(
-                f,
-                "{count} bytes from the control were lost; probe the part again"
-            ),
-            Self::RunChanged => f.write_str(
-                "another run of the program began before the plate was complete; probe it in one run",
-            ),
-            Self::RepeatedPlate => f.write_str(
-                "every point is that of the plate before, to the last digit: printed again, not measured again; probe the part",
-            ),
-            Self::TimedOut { timeout_s } => {
-                write!(f, "no hit for {timeout_s} s; the plate was given up")
-            }
-            Self::InputEnded => f.write_str("the input ended before the plate was complete"),
-            Self::UnknownFeature { name } => write!(
-                f,
-                "{name} is not in the job; its hits were not used"
-            ),
-            Self::NotLatched { hit } => write!(
-                f,
-                "hit {hit} has no second witness: its skip edge was not latched, or its line says no feed; check the skip wire to the board and what the macro prints"
-            ),
-            Self::FeedChanged {
-                hit,
-                feed_mm_per_min,
-                expected_mm_per_min,
-            } => write!(
-                f,
-                "hit {hit} was probed at {feed_mm_per_min} mm/min, others at {expected_mm_per_min}; gauge at one feed"
-            ),
-            Self::ControlDelay {
-                axis,
-                delay_ms,
-                limit_ms,
-            } => write!(
-                f,
-                "{}: the control stored a position {delay_ms:.2} ms after the skip edge, limit {limit_ms} ms; check its skip input and the feed",
-                axis_name(*axis)
-            ),
-            Self::WitnessShift {
-                axis,
-                shift_mm,
-                limit_mm,
-            } => write!(
-                f,
-                "{}: the control's positions stand {shift_mm:+.4} mm off the encoder, limit {limit_mm:.4} mm; a work offset or the datum has changed, or counts were lost between plates: check both, then set the job again",
-                axis_name(*axis)
-            ),
-            Self::WitnessScale { axis, ppm } if *ppm < -1e6 => write!(
-                f,
-                "{}: the encoder counts the other way; change the sign of `counts_per_mm`, or its wires",
-                axis_name(*axis)
-            ),
-            Self::WitnessScale { axis, ppm } => write!(
-                f,
-                "{}: control and encoder differ by {ppm:+.0} ppm; check `counts_per_mm`, inch or mm, the control's scaling",
-                axis_name(*axis)
-            ),
-            Self::LostCounts { axis, counts } => write!(
-                f,
-                "{}: the encoder's counter jumped by {counts:+.0} counts between two hits; check its cable and shield",
-                axis_name(*axis)
-            ),
-            Self::WitnessDisagrees {
-                axis,
-                off_mm,
-                limit_mm,
-            } => write!(
-                f,
-                "{}: control and encoder differ by up to {off_mm:.4} mm without a pattern, limit {limit_mm:.4} mm; check encoder wiring and what the macro prints",
-                axis_name(*axis)
-            ),
-            Self::Witnessed {
-                hits,
-                least_ms,
-                mean_ms,
-                most_ms,
-                resolution_ms,
-            } => write!(
-                f,
-                "control and encoders agree; over {hits} hits the control stored positions {least_ms:.2} to {most_ms:.2} ms after the skip edge, mean {mean_ms:.2} (the tolerance is worth {resolution_ms:.1} ms)"
-            ),
-            Self::WitnessLearned => f.write_str(
-                "the encoders' origin was taken from this plate; a shift before it is not seen",
-            ),
-            Self::Taught => f.write_str("this plate is now the reference"),
-            Self::Replaced { name } => write!(f, "{name} was refused, sent again and replaced"),
-            Self::RepeatDropped { name } => write!(f, "{name} was sent again unchanged; dropped"),
+        match self.0 {
+            number @ 1..=6 => write!(f, "G{}", 53 + number),
+            number => write!(f, "G54.1 P{}", number.saturating_sub(100)),
         }
+    }
+}
+
+fn not_guarded(
+    late_text: &bool,
+    moved_offset: &bool,
+    first_ok: &bool,
+    f: &mut fmt::Formatter<'_>,
+) -> fmt::Result {
+    let mut separator = "not guarded: ";
+    for (is_open, what) in [
+        (*late_text, "text of another clamping"),
+        (*moved_offset, "a moved work offset"),
+        (*first_ok, "a setup taught by chance"),
+    ] {
+        if is_open {
+            write!(f, "{separator}{what}")?;
+            separator = ", ";
+        }
+    }
+    Ok(())
+}
+
+/// Counted the other way is not a matter of parts per million.
+fn wrong_scale(axis: &u8, ppm: &f64, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let axis = axis_name(*axis);
+    if *ppm < -1e6 {
+        write!(
+            f,
+            "{axis}: the encoder counts the other way; change the sign of `counts_per_mm`, or its wires"
+        )
+    } else {
+        write!(
+            f,
+            "{axis}: control and encoder differ by {ppm:+.0} ppm; check `counts_per_mm`, inch or mm, the control's scaling"
+        )
     }
 }

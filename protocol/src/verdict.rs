@@ -1,4 +1,4 @@
-//! The verdict on one plate (one clamping) and the correction that follows.
+//! The verdict on one setup (one clamping) and the correction that follows.
 
 use core::fmt;
 
@@ -19,24 +19,24 @@ pub const MAX_DISTANCES: usize = MAX_DATUMS * (MAX_DATUMS - 1) / 2;
 /// Bytes of a correction program, at most.
 pub const MAX_CORRECTION: usize = 1024;
 
-/// The verdict on one plate.
+/// The verdict on one setup.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub struct Verdict {
-    /// Which plate (clamping) since the job was set, from 0. A verdict on the
-    /// same plate number replaces the earlier one.
-    pub plate: u32,
+    /// Which setup (clamping) since the job was set, from 0. A verdict on the
+    /// same setup number replaces the earlier one.
+    pub setup: u32,
     /// True: every feature came, every limit holds. Only then is there a correction.
     pub ok: bool,
     /// Why it is NG.
-    pub reasons: Vec<PlateReason, MAX_VERDICT_REASONS>,
+    pub reasons: Vec<SetupReason, MAX_VERDICT_REASONS>,
     /// Reasons that found no room.
     pub reasons_dropped: u16,
     /// What was noticed and does not change the verdict.
-    pub remarks: Vec<PlateReason, MAX_REMARKS>,
+    pub remarks: Vec<SetupReason, MAX_REMARKS>,
     /// Distances between datum positions, against the reference.
     pub distances: Vec<DistanceReport, MAX_DISTANCES>,
-    /// Reference to measured positions; none for the plate that was taught.
+    /// Reference to measured positions; none for the setup that was taught.
     pub registration: Option<RegistrationReport>,
     /// What goes to the control.
     pub correction: Option<CorrectionReport>,
@@ -45,14 +45,14 @@ pub struct Verdict {
 /// A reason, and the feature that it is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
-pub struct PlateReason {
-    /// None: about the plate as a whole.
+pub struct SetupReason {
+    /// None: about the setup as a whole.
     pub feature: Option<Name>,
     /// The reason.
     pub reason: Reason,
 }
 
-impl fmt::Display for PlateReason {
+impl fmt::Display for SetupReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(feature) = &self.feature {
             write!(f, "{feature}: ")?;

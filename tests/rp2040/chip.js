@@ -51,6 +51,8 @@ export class Chip {
     this.slept = 0;
     this.watchLow = FAR;
     this.watchHigh = 0;
+    /** Whether machines leave out turns that change nothing (leap.js); tests compare both. */
+    this.leaps = true;
     /** Nobody but the core gets the bus. */
     this.areTransfersHeld = false;
     this.rp = new RP2040(new Clock(this));

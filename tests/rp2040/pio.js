@@ -17,6 +17,7 @@
 // are refused with an error.
 
 import { FIFO } from 'rp2040js';
+import { leap } from './leap.js';
 import { FAR, SYNC_CYCLES } from './pins.js';
 
 const SM_STRIDE = 0x18;
@@ -71,6 +72,10 @@ export class Machine {
     this.dreqTx = pio.dreqTx[index];
     this.channel = null;
     this.program = null;
+    /** For leap.js: where a turn notes what it pushes, the loop known, how often none is looked for. */
+    this.pushed = null;
+    this.loop = null;
+    this.leapless = 0;
     this.updateDMARx();
     this.updateDMATx();
   }
@@ -210,7 +215,9 @@ export class Machine {
    */
   run(until, peek) {
     this.stopped = false;
-    (this.program ??= this.compile())(this, until, peek);
+    const program = (this.program ??= this.compile());
+    if (this.chip.leaps) leap(this, program, until, peek);
+    program(this, until, peek);
   }
 
   /** An instruction written to SMx_INSTR: at once, whatever the machine is at (3.5.7). */
@@ -304,15 +311,41 @@ export class Machine {
     return this.pio.instructions.some((op) => op >>> 13 === 6 || (op & 0xe060) === 0x2040);
   }
 
-  push(value) {
+  /** Whether what is pushed goes straight to memory. */
+  get isFree() {
     const { channel } = this;
-    if (
+    return (
       channel !== null &&
       !this.chip.areTransfersHeld &&
       this.rxFIFO.used === 0 &&
       (channel.ctrl & (DMA_BUSY | DMA_EN)) === (DMA_BUSY | DMA_EN) &&
       channel.treqValue === this.dreqRx
-    ) {
+    );
+  }
+
+  /** Pushes the same words so many times, fewer than the channel takes before it ends. */
+  fill(words, times) {
+    const { channel } = this;
+    const { ringMask } = channel;
+    const isRing = ringMask !== 0 && (channel.ctrl & DMA_RING_WRITE) !== 0;
+    const total = words.length * times;
+    // What the ring's next rounds would write over is not written.
+    const written = isRing ? Math.min(total, (ringMask + 1) >>> 2) : total;
+    const after = (at, count) =>
+      isRing ? (at & ~ringMask) | ((at + 4 * count) & ringMask) : at + 4 * count;
+    let at = after(channel.writeAddr, total - written);
+    for (let n = total - written; n < total; n++) {
+      this.sram32[(at - SRAM) >>> 2] = words[n % words.length];
+      at = after(at, 1);
+    }
+    channel.writeAddr = at;
+    channel.transCount -= total;
+  }
+
+  push(value) {
+    this.pushed?.push(value);
+    const { channel } = this;
+    if (this.isFree) {
       const at = channel.writeAddr;
       this.sram32[(at - SRAM) >>> 2] = value;
       const { ringMask } = channel;

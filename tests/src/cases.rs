@@ -8,9 +8,10 @@
 
 use std::time::{Duration, Instant};
 
-use umi::audit::{Audit, Findings};
-use umi::link::{Client, Patience};
-use umi::pull::{self, Step};
+use umi_client::journal::audit::{Audit, Findings};
+use umi_client::journal::{self, PullStep};
+use umi_client::link::{Client, Patience};
+use umi_client::problem::Problem;
 use umi_core::brain::{Brain, Output};
 use umi_core::units::Micros;
 use umi_protocol::job::Job;
@@ -116,13 +117,13 @@ pub fn judged(rig: &mut dyn Rig, client: &mut Client, verdicts: u32) -> Status {
 pub fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
     let mut audit = Audit::default();
     let mut records = Vec::new();
-    let stretch = pull::pull(client, None, |step| {
-        if let Step::Entry(entry, _) = step {
-            let record = pull::record(&entry).unwrap();
+    let stretch = journal::pull(client, None, |step| {
+        if let PullStep::Entry(entry, _) = step {
+            let record = journal::record(&entry).unwrap();
             audit.take(&entry, &record);
             records.push(record);
         }
-        Ok(())
+        Ok::<_, Problem>(())
     });
     (records, audit.finish(stretch.unwrap().next))
 }
@@ -161,7 +162,7 @@ pub fn receive_all(rig: &mut dyn Rig) -> String {
 
 /// What READ gets without an OK verdict: it raises an alarm.
 pub fn alarm() -> String {
-    umi_core::nc::alarm(&job().correction.unwrap(), Coding::Ascii)
+    umi_core::correction::alarm(&job().correction.unwrap(), Coding::Ascii)
         .unwrap()
         .as_str()
         .to_owned()

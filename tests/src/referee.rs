@@ -8,9 +8,12 @@
 //!
 //! `cargo xtask set-up` brings it.
 
+use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+use nalgebra::Vector3;
 
 /// Millimetres of an inch.
 const INCH_MM: f64 = 25.4;
@@ -31,6 +34,28 @@ pub struct Before {
     pub second_reference_mm: [f64; 3],
     /// Length of tool 1.
     pub tool_length_mm: f64,
+}
+
+/// A motion of a program, machine coordinates, mm.
+#[derive(Clone, Copy, Debug)]
+pub struct RefereeMove {
+    /// Where it ends.
+    pub to_mm: [f64; 3],
+    /// Whether it cuts.
+    pub is_feed: bool,
+    /// Of an arc the centre, the axis that it turns about, right-handed, and the angle.
+    pub arc: Option<([f64; 3], [f64; 3], f64)>,
+}
+
+/// What a program asks of a machine.
+#[derive(Clone, Debug)]
+pub struct RefereeRun {
+    /// Its motions.
+    pub moves: Vec<RefereeMove>,
+    /// The work offset in force at each motion, mm.
+    pub origins_mm: Vec<[f64; 3]>,
+    /// Whether anything was said in inches: it prints four decimals of those.
+    pub has_inches: bool,
 }
 
 impl Referee {
@@ -76,13 +101,22 @@ impl Referee {
         before: &Before,
         program: &str,
     ) -> Result<Vec<[f64; 3]>, String> {
+        let run = self.run(folder, before, program)?;
+        Ok(run.moves.iter().map(|moved| moved.to_mm).collect())
+    }
+
+    /// Runs a program in `folder` and returns what it asks of a machine.
+    ///
+    /// # Errors
+    /// As [`Self::end_points`].
+    pub fn run(&self, folder: &Path, before: &Before, program: &str) -> Result<RefereeRun, String> {
         let said = self.interpret(folder, &[], before, program)?;
         let mut canon = Canon::new();
         for line in said.lines() {
             canon.line(line)?;
         }
         if canon.ended {
-            Ok(canon.points)
+            Ok(canon.run)
         } else {
             Err(format!("the program did not end:\n{said}"))
         }
@@ -174,7 +208,7 @@ struct Canon {
     local_mm: [f64; 3],
     tool_mm: [f64; 3],
     rotation_deg: f64,
-    points: Vec<[f64; 3]>,
+    run: RefereeRun,
     ended: bool,
 }
 
@@ -194,7 +228,11 @@ impl Canon {
             local_mm: [0.0; 3],
             tool_mm: [0.0; 3],
             rotation_deg: 0.0,
-            points: Vec::new(),
+            run: RefereeRun {
+                moves: Vec::new(),
+                origins_mm: Vec::new(),
+                has_inches: false,
+            },
             ended: false,
         }
     }
@@ -222,7 +260,10 @@ impl Canon {
             "USE_LENGTH_UNITS" => {
                 self.unit_mm = match arguments {
                     "CANON_UNITS_MM" => 1.0,
-                    "CANON_UNITS_INCHES" => INCH_MM,
+                    "CANON_UNITS_INCHES" => {
+                        self.run.has_inches = true;
+                        INCH_MM
+                    }
                     _ => return Err(format!("unknown unit: {line}")),
                 }
             }
@@ -240,17 +281,27 @@ impl Canon {
             "SET_XY_ROTATION" => {
                 self.rotation_deg = *numbers.first().ok_or_else(|| format!("no angle: {line}"))?;
             }
-            "STRAIGHT_TRAVERSE" | "STRAIGHT_FEED" | "STRAIGHT_PROBE" => self.moved(triple(0)?),
+            "STRAIGHT_TRAVERSE" | "STRAIGHT_FEED" | "STRAIGHT_PROBE" => {
+                let to_mm = self.machine(triple(0)?);
+                self.moved(to_mm, name != "STRAIGHT_TRAVERSE", None);
+            }
             "ARC_FEED" => {
                 // End in the plane, centre in the plane, turns, end across the plane.
-                let (Ok([first, second, _]), Ok([_, across, _])) = (triple(0), triple(4)) else {
+                let (Ok([first, second, center_first]), Ok([center_second, turns, across])) =
+                    (triple(0), triple(3))
+                else {
                     return Err(format!("too few numbers: {line}"));
                 };
-                self.moved(match self.plane {
+                let in_space = |first: f64, second: f64, across: f64| match self.plane {
                     Plane::Xy => [first, second, across],
                     Plane::Xz => [second, across, first],
                     Plane::Yz => [across, first, second],
-                });
+                };
+                let to_mm = self.machine(in_space(first, second, across));
+                let center_mm = self.machine(in_space(center_first, center_second, across));
+                let axis = in_space(0.0, 0.0, 1.0);
+                let arc = self.arc(to_mm, center_mm, axis, turns);
+                self.moved(to_mm, true, Some(arc));
             }
             "PROGRAM_END" => self.ended = true,
             _ => {}
@@ -264,7 +315,7 @@ impl Canon {
 
     /// Work coordinates to machine coordinates, in LinuxCNC's order: G92, the rotation,
     /// the work offset, the tool.
-    fn moved(&mut self, to: [f64; 3]) {
+    fn machine(&self, to: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.mm(to);
         let [x, y, z] = [
             x + self.local_mm[0],
@@ -273,10 +324,44 @@ impl Canon {
         ];
         let (sin, cos) = self.rotation_deg.to_radians().sin_cos();
         let turned = [x * cos - y * sin, x * sin + y * cos, z];
-        let mut point = [0.0; 3];
-        for (axis, value) in point.iter_mut().enumerate() {
-            *value = turned[axis] + self.work_mm[axis] + self.tool_mm[axis];
-        }
-        self.points.push(point);
+        core::array::from_fn(|axis| turned[axis] + self.work_mm[axis] + self.tool_mm[axis])
+    }
+
+    /// An arc from where the tool is: the first of its turns ends at `to_mm`, further ones are
+    /// whole.
+    fn arc(
+        &self,
+        to_mm: [f64; 3],
+        center_mm: [f64; 3],
+        axis: [f64; 3],
+        turns: f64,
+    ) -> ([f64; 3], [f64; 3], f64) {
+        let from_mm = self.run.moves.last().map_or([0.0; 3], |last| last.to_mm);
+        let axis_of = Vector3::from(axis);
+        let arm = |place: [f64; 3]| {
+            let arm = Vector3::from(place) - Vector3::from(center_mm);
+            arm - axis_of * axis_of.dot(&arm)
+        };
+        let (start, end) = (arm(from_mm), arm(to_mm));
+        let angle = axis_of.dot(&start.cross(&end)).atan2(start.dot(&end));
+        // What is printed of a whole circle is a little off.
+        let closes = angle.abs() * start.norm() < 0.005;
+        let angle = match (turns > 0.0, angle > 0.0) {
+            _ if closes => 2.0 * PI * turns.signum(),
+            (true, false) => angle + 2.0 * PI,
+            (false, true) => angle - 2.0 * PI,
+            _ => angle,
+        };
+        let sweep = angle + 2.0 * PI * (turns.abs() - 1.0) * turns.signum();
+        (center_mm, axis, sweep)
+    }
+
+    fn moved(&mut self, to_mm: [f64; 3], is_feed: bool, arc: Option<([f64; 3], [f64; 3], f64)>) {
+        self.run.origins_mm.push(self.work_mm);
+        self.run.moves.push(RefereeMove {
+            to_mm,
+            is_feed,
+            arc,
+        });
     }
 }

@@ -5,19 +5,19 @@
 
 use heapless::Vec;
 use umi_core::job::Run;
-use umi_core::journal::{Error, Flash, Journal};
+use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::Micros;
-use umi_protocol::at_once::AtOnce;
+use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
-use crate::measure::{Measure, SetJobError};
-use crate::programs;
+use crate::measure::{Instrument, SetJobError};
+use crate::programs::{self, response};
 use crate::scan::Scans;
 use crate::settings::positions_mm;
 
 /// What an answer needs besides what the board has measured.
-pub(crate) struct Surroundings<'a> {
+pub(crate) struct RequestContext<'a> {
     pub now: Micros,
     /// Frames from this host that were damaged.
     pub link_damaged: u32,
@@ -27,12 +27,13 @@ pub(crate) struct Surroundings<'a> {
 /// Does what the host asks and says what came of it.
 #[inline(never)]
 pub(crate) fn answer<F: Flash>(
-    measure: &mut Measure<F>,
-    around: Surroundings<'_>,
+    measure: &mut Instrument<F>,
+    station: &mut (impl Axes + Scanner),
+    around: RequestContext<'_>,
     request: &Request,
 ) -> Response {
     match request {
-        Request::IdentityGet => Response::Identity(measure.book.identity.clone()),
+        Request::IdentityGet => Response::Identity(measure.ledger.identity.clone()),
         Request::StatusGet => Response::Status(status(measure, &around)),
         Request::JobGet => job(measure.brain().run()),
         Request::JobCheck(job) => match umi_core::job::check(job) {
@@ -44,43 +45,56 @@ pub(crate) fn answer<F: Flash>(
             Err(SetJobError::Job(error)) => Response::JobRefused(error),
             Err(SetJobError::Storage) => Response::StorageFailed,
         },
+        Request::Teach { again } => match measure.teach(around.now, *again) {
+            Ok(()) => Response::Done,
+            Err(refusal) => Response::TeachRefused(refusal),
+        },
         Request::LiveSet { on } => {
-            measure.book.events.switch(*on);
+            measure.ledger.events.switch(*on);
             around.scans.switch(*on);
             Response::Done
         }
         Request::FeatureGet { feature: place } => feature(measure.brain().run(), *place),
         Request::VerdictGet => verdict(measure.brain().run()),
-        Request::JournalInfo | Request::JournalRead { .. } | Request::JournalChain { .. } => {
-            match measure.book.journal.get_mut() {
-                Some(journal) => about_journal(journal, request),
-                None => Response::StorageFailed,
-            }
+        Request::JournalInfo => journal(measure, |journal| Response::JournalInfo(info(journal))),
+        Request::JournalRead { seq } => journal(measure, |journal| read(journal, *seq)),
+        Request::JournalChain { seq } => journal(measure, |journal| chain(journal, *seq)),
+        Request::PositionsGet => immediate(station, ImmediateRequest::Positions),
+        Request::TriggerOutSet(when) => immediate(station, ImmediateRequest::TriggerOut(*when)),
+        Request::LaserSet { on } => immediate(station, ImmediateRequest::Laser(*on)),
+        Request::ProgramList { skip } => response(|| programs::list(measure, *skip)),
+        Request::ProgramBegin(program) => response(|| programs::begin(measure, program)),
+        Request::ProgramPiece { offset, bytes } => {
+            response(|| programs::piece(measure, *offset, bytes))
         }
-        // Answered before, without the state: see `at_once`.
-        Request::PositionsGet | Request::TriggerOutSet(_) | Request::LaserSet { .. } => {
-            Response::NotOnThisBoard
+        Request::ProgramEnd { number, crc32 } => {
+            response(|| programs::end(measure, around.now, *number, *crc32))
         }
-        Request::ProgramList { .. }
-        | Request::ProgramBegin(_)
-        | Request::ProgramPiece { .. }
-        | Request::ProgramEnd { .. }
-        | Request::ProgramRead { .. }
-        | Request::ProgramDelete { .. }
-        | Request::ProgramOffer { .. }
-        | Request::ProgramReceive
-        | Request::ProgramPass(_)
-        | Request::ProgramPassed { .. } => programs::answer(measure, around.now, request),
+        Request::ProgramRead { number, offset } => {
+            response(|| programs::read(measure, *number, *offset))
+        }
+        Request::ProgramDelete { number } => {
+            response(|| programs::delete(measure, around.now, *number))
+        }
+        Request::ProgramOffer { number } => response(|| programs::offer(measure, *number)),
+        Request::ProgramReceive => response(|| programs::receive(measure)),
+        Request::ProgramPass(info) => response(|| programs::pass(measure, info)),
+        Request::ProgramPassed { offset, bytes } => {
+            response(|| programs::passed(measure, *offset, bytes))
+        }
     }
 }
 
 /// The answer to what needs nothing that was measured.
 #[inline(never)]
-pub(crate) fn at_once(station: &mut (impl Axes + Scanner), request: AtOnce) -> Response {
+pub(crate) fn immediate(
+    station: &mut (impl Axes + Scanner),
+    request: ImmediateRequest,
+) -> Response {
     match request {
-        AtOnce::Positions => Response::Positions(station.positions()),
-        AtOnce::TriggerOut(when) => done(station.trigger_out(when)),
-        AtOnce::Laser(on) => done(station.laser(on)),
+        ImmediateRequest::Positions => Response::Positions(station.positions()),
+        ImmediateRequest::TriggerOut(when) => done(station.trigger_out(when)),
+        ImmediateRequest::Laser(on) => done(station.laser(on)),
     }
 }
 
@@ -88,7 +102,7 @@ pub(crate) fn at_once(station: &mut (impl Axes + Scanner), request: AtOnce) -> R
 fn job(run: &Run) -> Response {
     Response::Job {
         job: run.job().cloned(),
-        taught_mm: run.taught().map(positions_mm),
+        taught_mm: run.taught().map(|taught| positions_mm(taught.places)),
     }
 }
 
@@ -102,21 +116,27 @@ fn verdict(run: &Run) -> Response {
     Response::Verdict(run.verdict().cloned())
 }
 
-/// What the journal holds.
+/// Answers from the journal, if its storage could be opened.
+fn journal<F: Flash>(
+    measure: &mut Instrument<F>,
+    answer: impl FnOnce(&mut Journal<F>) -> Response,
+) -> Response {
+    match measure.ledger.journal.get_mut() {
+        Some(journal) => answer(journal),
+        None => Response::StorageFailed,
+    }
+}
+
 #[inline(never)]
-fn about_journal<F: Flash>(journal: &mut Journal<F>, request: &Request) -> Response {
-    match *request {
-        Request::JournalRead { seq } => read(journal, seq),
-        Request::JournalChain { seq } => match journal.chain_before(seq) {
-            Ok(chain) => Response::JournalChain {
-                seq,
-                before: Some(chain.0),
-            },
-            Err(Error::Record(_)) => Response::JournalChain { seq, before: None },
-            Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
-            Err(_) => Response::StorageFailed,
+fn chain<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
+    match journal.chain_before(seq) {
+        Ok(chain) => Response::JournalChain {
+            seq,
+            before: Some(chain.0),
         },
-        _ => Response::JournalInfo(info(journal)),
+        Err(JournalError::Record(_)) => Response::JournalChain { seq, before: None },
+        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
+        Err(_) => Response::StorageFailed,
     }
 }
 
@@ -128,21 +148,23 @@ fn done(result: Result<(), Unsupported>) -> Response {
 }
 
 #[inline(never)]
-fn status<F: Flash>(measure: &Measure<F>, around: &Surroundings<'_>) -> Status {
+fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Status {
     let brain = measure.brain();
-    let book = &measure.book;
+    let ledger = &measure.ledger;
     Status {
         uptime_us: around.now.0,
-        reset: book.reset,
+        reset: ledger.reset,
         job: brain.job().map(|job| job.name.clone()),
+        job_lost: ledger.job_lost.get().copied(),
         has_reference: brain.run().reference().is_some(),
-        verdicts: book.verdicts,
-        verdicts_ok: book.verdicts_ok,
-        last_verdict_ok: book.last_ok.get().copied(),
+        verdicts: ledger.verdicts,
+        verdicts_ok: ledger.verdicts_ok,
+        last_verdict_ok: ledger.last_ok.get().copied(),
         correction_waiting: measure.waiting().is_some(),
+        punched_lines: brain.punched_lines(around.now),
         counters: brain.counters(),
-        events_dropped: book.events.dropped(),
-        journal_failures: book.failures,
+        events_dropped: ledger.events.dropped(),
+        journal_failures: ledger.failures,
         link_damaged: around.link_damaged,
         latches: around.scans.counters(),
     }
@@ -155,7 +177,9 @@ fn info<F: Flash>(journal: &Journal<F>) -> JournalInfo {
     }
 }
 
-/// One entry as it is stored: also a damaged one is for the host to judge.
+/// One entry as it is stored: also a damaged one is for the host to judge. It is five kilobytes:
+/// on the stack only here.
+#[inline(never)]
 fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
     let mut raw = Vec::<u8, MAX_ENTRY>::new();
     // There is room for as many.
@@ -165,7 +189,67 @@ fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
             raw.truncate(length);
             Response::JournalEntry { seq, raw }
         }
-        Err(Error::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
+        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
         Err(_) => Response::StorageFailed,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use umi_protocol::latch::{Positions, TriggerOut};
+    use umi_protocol::message::RequestClass;
+
+    use super::*;
+    use crate::test_board::NoFlash;
+
+    /// No axes, no outputs.
+    struct Bare;
+
+    impl Axes for Bare {
+        fn positions(&mut self) -> Positions {
+            Positions::default()
+        }
+    }
+
+    impl Scanner for Bare {
+        fn trigger_out(&mut self, _: TriggerOut) -> Result<(), Unsupported> {
+            Err(Unsupported)
+        }
+
+        fn laser(&mut self, _: bool) -> Result<(), Unsupported> {
+            Err(Unsupported)
+        }
+    }
+
+    /// Every request gets one of the answers that its row in the table names.
+    #[test]
+    fn every_answer_is_in_the_table() {
+        let mut measure = Instrument::<NoFlash>::new();
+        let scans = Scans::new();
+        let mut immediate = 0;
+        let mut requests = 0;
+        // One byte names a request; from 0x80 on it would go on in the next.
+        for tag in 0..0x80_u8 {
+            // Numbers, lists and texts of nothing: every request can be read from zeros.
+            let mut bytes = [0; 512];
+            bytes[0] = tag;
+            let Ok((request, _)) = postcard::take_from_bytes::<Request>(&bytes) else {
+                continue;
+            };
+            let around = RequestContext {
+                now: Micros(0),
+                link_damaged: 0,
+                scans: &scans,
+            };
+            let response = answer(&mut measure, &mut Bare, around, &request);
+            assert!(
+                request.is_answered_by(&response),
+                "{request:?}: {response:?}"
+            );
+            immediate += u32::from(request.class() == RequestClass::Immediate);
+            requests += 1;
+        }
+        assert!(requests >= 24, "read {requests} requests only");
+        assert_eq!(immediate, 3);
     }
 }

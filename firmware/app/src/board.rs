@@ -113,11 +113,11 @@ pub trait Watchdog {
 /// What the board shows at its outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lights {
-    /// A plate is under way.
+    /// A setup is under way.
     pub busy: bool,
-    /// The latest verdict is OK. Off while a plate is under way.
+    /// The latest verdict is OK. Off while a setup is under way.
     pub ok: bool,
-    /// The latest verdict is NG. Off while a plate is under way.
+    /// The latest verdict is NG. Off while a setup is under way.
     pub ng: bool,
     /// The storage has refused something: no correction until it works again. For the
     /// status light.

@@ -13,17 +13,38 @@
 //!
 //! When three quarters of the places are taken the intake is pressed, and until no more than
 //! half is, which is what latches may take: a control that can be held is held so long
-//! ([`crate::hold`]).
+//! (`throttle`).
 
 use core::cell::RefCell;
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use heapless::Deque;
+use heapless::{Deque, Vec};
 use umi_core::units::Micros;
 
-use crate::measure::{Bytes, Input};
+use umi_protocol::latch::{LatchReport, Scan};
+
+/// Bytes of one input, at most: small, so that many short lines can wait.
+pub const PIECE: usize = 64;
+
+/// Raw bytes of one input.
+pub type Bytes = Vec<u8, PIECE>;
+
+/// What comes in on the control's port, with the time of its last byte.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// Bytes.
+    Bytes(Bytes),
+    /// Bytes were lost before they could be handed on.
+    Lost(u32),
+    /// The input ended.
+    End,
+    /// The axes were captured at an edge of the probe or an index mark.
+    Latch(LatchReport),
+    /// A scan is over.
+    Scan(Scan),
+}
 
 /// Places: 6 KB of bytes, which is 0.5 s at 115200 baud without a pause. Fits take a fraction
 /// of that, but for cylinders and cones on a processor without a floating-point unit.
@@ -42,10 +63,10 @@ const RELIEVED: usize = OTHER_PLACES;
 /// Inputs that wait to be measured.
 pub(crate) struct Intake {
     state: Mutex<CriticalSectionRawMutex, RefCell<State>>,
-    came: Signal<CriticalSectionRawMutex, ()>,
-    left: Signal<CriticalSectionRawMutex, ()>,
+    not_empty: Signal<CriticalSectionRawMutex, ()>,
+    not_full: Signal<CriticalSectionRawMutex, ()>,
     /// It is pressed, or is no more.
-    turned: Signal<CriticalSectionRawMutex, ()>,
+    pressure_changed: Signal<CriticalSectionRawMutex, ()>,
 }
 
 struct State {
@@ -70,9 +91,9 @@ impl Intake {
                 lost_at: Micros(0),
                 is_pressed: false,
             })),
-            came: Signal::new(),
-            left: Signal::new(),
-            turned: Signal::new(),
+            not_empty: Signal::new(),
+            not_full: Signal::new(),
+            pressure_changed: Signal::new(),
         }
     }
 
@@ -82,7 +103,7 @@ impl Intake {
             (work(state), state.press())
         });
         if has_turned {
-            self.turned.signal(());
+            self.pressure_changed.signal(());
         }
         done
     }
@@ -93,19 +114,19 @@ impl Intake {
     }
 
     /// Waits until it may have become pressed, or may be no more.
-    pub async fn turned(&self) {
-        self.turned.wait().await;
+    pub async fn pressure_changed(&self) {
+        self.pressure_changed.wait().await;
     }
 
-    /// Whether the control is to be held is to be looked at.
-    pub fn turn(&self) {
-        self.turned.signal(());
+    /// Re-checks the throttle.
+    pub fn recheck_pressure(&self) {
+        self.pressure_changed.signal(());
     }
 
     /// Bytes from the control, the last of them now.
     pub fn bytes(&self, now: Micros, bytes: &[u8]) {
         self.with(|state| state.bytes(now, bytes));
-        self.came.signal(());
+        self.not_empty.signal(());
     }
 
     /// Bytes from the control were lost before they came here.
@@ -114,7 +135,7 @@ impl Intake {
             state.lose(now, count);
             state.tell_lost();
         });
-        self.came.signal(());
+        self.not_empty.signal(());
     }
 
     /// Anything but bytes, for which some room is kept.
@@ -128,14 +149,14 @@ impl Intake {
             }
             state.waiting.push_back((now, input)).map_err(|_| Full)
         });
-        self.came.signal(());
+        self.not_empty.signal(());
         put
     }
 
     /// As [`Self::put`], but waits for room.
     pub async fn put_when_there_is_room(&self, now: Micros, input: Input) {
         while self.put(now, input.clone()).is_err() {
-            self.left.wait().await;
+            self.not_full.wait().await;
         }
     }
 
@@ -148,10 +169,10 @@ impl Intake {
                 next
             });
             if let Some(next) = next {
-                self.left.signal(());
+                self.not_full.signal(());
                 return next;
             }
-            self.came.wait().await;
+            self.not_empty.wait().await;
         }
     }
 }
@@ -213,7 +234,6 @@ mod tests {
     use umi_protocol::latch::{LatchCause, LatchReport};
 
     use super::*;
-    use crate::measure::PIECE;
 
     const LATCH: LatchReport = LatchReport {
         number: 0,

@@ -16,7 +16,7 @@ use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 
 use crate::App;
 use crate::board::{Clock, LatchSource};
-use crate::measure::Input;
+use crate::intake::Input;
 use crate::scan;
 
 /// How soon it is tried again to tell what was missed.

@@ -1,9 +1,9 @@
 //! The openumi application: what runs on every board, and in the virtual one.
 //!
 //! ```text
-//! CncRx ─► receive ─► queue ─► measure ─► Book: journal, events, armed correction, delivery
+//! CncRx ─► receive ─► queue ─► measure ─► Ledger: journal, events, armed correction, delivery
 //!             │ XON/XOFF/READ │   │ Brain       │                  │
-//!             └────────► Flow ┼───┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
+//!             └────────► Line ┼───┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
 //! LatchSource ─► latch ───────┘   └─► Outputs                          │ │
 //!                  └─► Scans: triggers ────────────────────────────────┘ └─► Axes, Scanner
 //! ```
@@ -18,8 +18,9 @@
 //! | --- | --- |
 //! | [`board`] | what a board provides |
 //! | [`measure`] | what the board knows and decides; no waiting |
-//! | `cnc` | the control's port: receive, flow control, send |
-//! | `hold` | XOFF and XON to a control that obeys them |
+//! | `control` | the control's port: receive and send |
+//! | `line` | the conversation with the control ([`umi_core::control`]), and its signals |
+//! | `throttle` | XOFF and XON to a control that obeys them |
 //! | `link`, `answer` | the host's port: frames, requests |
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
@@ -30,7 +31,8 @@
 //! | `delivery` | what the control gets when it reads: who may have it; `stream`: looked through, rewritten |
 //! | `xmodem` | how it goes out to a control that reads by XMODEM |
 //! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
-//! | `punch` | part programs that the control punches |
+//! | `upload` | part programs that the control punches |
+//! | `release` | what a verdict releases, and what the control is to get |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
 #![cfg_attr(
@@ -49,22 +51,24 @@
 
 mod answer;
 pub mod board;
-mod cnc;
+mod control;
 mod delivery;
 mod events;
-mod hold;
-mod intake;
+pub mod intake;
 mod latch;
+mod line;
 mod link;
 pub mod measure;
 mod programs;
-mod punch;
+mod release;
 pub mod replay;
 mod scan;
 mod settings;
 mod shared;
 #[cfg(test)]
 mod test_board;
+mod throttle;
+mod upload;
 mod xmodem;
 
 use embassy_futures::join::{join, join5};
@@ -72,29 +76,31 @@ use embassy_futures::select::{Either6, select6};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use umi_core::control::{Conversation, Exchange};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
 
 use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
-use measure::{Boot, Input, Measure, Opened};
+use intake::Input;
+use measure::{Boot, Instrument, Opened};
 
-pub use cnc::XOFF_PATIENCE_US;
 pub use link::SILENCE_US;
+pub use umi_core::control::XOFF_PATIENCE_US;
 
 /// How often the watchdog is fed while measuring answers.
 pub const FEED_INTERVAL_US: u64 = 250_000;
 
 /// The application's state, shared by its tasks.
 pub struct App<F: Flash> {
-    measure: shared::Shared<Measure<F>>,
+    measure: shared::Shared<Instrument<F>>,
     intake: intake::Intake,
-    flow: cnc::Flow,
+    line: line::Line,
     scans: scan::Scans,
     /// The host has changed something that the outputs and the clock must know.
-    changed: Signal<CriticalSectionRawMutex, ()>,
+    config_changed: Signal<CriticalSectionRawMutex, ()>,
     /// There may be something to tell the host.
-    told: Signal<CriticalSectionRawMutex, ()>,
+    events_pending: Signal<CriticalSectionRawMutex, ()>,
 }
 
 /// A board's drivers.
@@ -122,18 +128,18 @@ impl<F: Flash> App<F> {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            measure: shared::Shared::new(Measure::new()),
+            measure: shared::Shared::new(Instrument::new()),
             intake: intake::Intake::new(),
-            flow: cnc::Flow::new(),
+            line: line::Line::new(),
             scans: scan::Scans::new(),
-            changed: Signal::new(),
-            told: Signal::new(),
+            config_changed: Signal::new(),
+            events_pending: Signal::new(),
         }
     }
 
     /// Opens the storage and takes up what was in force; before any task runs. What of
     /// the storage could not be opened is returned for a log: the board runs all the
-    /// same, see [`Measure::start`].
+    /// same, see [`Instrument::start`].
     ///
     /// # Errors
     /// [`Running`]: a task has begun already.
@@ -189,12 +195,12 @@ impl<F: Flash> App<F> {
 
     /// Receives from the control, for ever.
     pub async fn receive(&self, rx: &mut impl CncRx, clock: &impl Clock) {
-        cnc::receive(self, rx, clock).await;
+        control::receive(self, rx, clock).await;
     }
 
     /// Sends corrections to the control, for ever.
     pub async fn transmit(&self, tx: &mut impl CncTx, clock: &impl Clock) {
-        cnc::transmit(self, tx, clock).await;
+        control::transmit(self, tx, clock).await;
     }
 
     /// Serves the host, for ever.
@@ -219,12 +225,12 @@ impl<F: Flash> App<F> {
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
             let came = select6(
-                self.flow.sent.wait(),
+                self.line.send_done.wait(),
                 self.intake.next(),
                 due,
-                self.changed.wait(),
-                self.flow.hungry.wait(),
-                self.flow.next(),
+                self.config_changed.wait(),
+                self.line.refill_needed.wait(),
+                self.line.next(),
             )
             .await;
             let mut measure = self.measure.lock().await;
@@ -232,42 +238,42 @@ impl<F: Flash> App<F> {
             match came {
                 Either6::First(sent) => {
                     measure.sent(clock.now(), &sent);
-                    self.flow.end(clock.now(), sent.whole > 0);
+                    self.line.with(|talk| talk.end(clock.now(), sent.whole > 0));
                 }
                 Either6::Second((time, input)) => {
                     measure.input(time, &input);
                     if measure.is_taken_back() {
-                        self.flow.take_back();
+                        self.line.with(Conversation::take_back);
                     }
                     if let Input::Bytes(bytes) = &input {
-                        self.flow.look_for_read(time, bytes);
+                        self.line.on_measured(time, bytes);
                     }
                 }
                 Either6::Third(()) => measure.on_time(clock.now()),
                 // The host has set a job, wants a program, or has passed on more of one.
                 Either6::Fourth(())
-                    if self.flow.is_free()
+                    if self.line.is_free()
                         && !measure.brain().run().is_under_way()
-                        && measure.book.punch.asked() =>
+                        && measure.ledger.upload.asked() =>
                 {
-                    self.flow.begin(0, cnc::Ask::Receive);
+                    self.line.begin(0, Exchange::Receive);
                 }
-                Either6::Fourth(()) if measure.is_hungry() => self.flow.hungry.signal(()),
+                Either6::Fourth(()) if measure.is_hungry() => self.line.refill_needed.signal(()),
                 Either6::Fourth(()) => {}
                 Either6::Sixth(asked) => {
                     if let Some(hold_us) = measure.begin(clock.now(), asked) {
-                        self.flow.begin(hold_us, asked);
+                        self.line.begin(hold_us, asked);
                     }
                 }
                 Either6::Fifth(()) => {
-                    if measure.book.punch.has_block() {
+                    if measure.ledger.upload.has_block() {
                         measure.keep_block(clock.now());
                     }
                     let more = measure.fill(clock.now());
                     drop(measure);
-                    self.flow.filled.signal(());
+                    self.line.refilled.signal(());
                     if more {
-                        self.flow.hungry.signal(());
+                        self.line.refill_needed.signal(());
                         // It may go on for long: others are of this priority, too.
                         yield_now().await;
                     }
@@ -279,17 +285,20 @@ impl<F: Flash> App<F> {
             let armed = measure.arming();
             if armed.is_some() && armed != before && measure.waiting() == Some(SendWhen::OnVerdict)
             {
-                self.flow.go.signal(cnc::Ask::Verdict);
+                self.line.requested.signal(Exchange::Verdict);
             }
-            self.told.signal(());
+            self.events_pending.signal(());
         }
     }
 
     /// Notes what receiving and sending must know of the control.
-    fn note(&self, measure: &Measure<F>) {
-        self.flow.note_coding(measure.coding());
-        if self.flow.hold.note(measure.handshake()) {
-            self.intake.turn();
+    fn note(&self, measure: &Instrument<F>) {
+        let is_new = self.line.with(|talk| {
+            talk.note_coding(measure.coding());
+            talk.throttle.note_handshake(measure.handshake())
+        });
+        if is_new {
+            self.intake.recheck_pressure();
         }
     }
 

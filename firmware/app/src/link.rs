@@ -23,17 +23,17 @@ use core::future::pending;
 use embassy_futures::select::{Either, Either3, Either4, select, select3, select4};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
-use umi_protocol::at_once::AtOnce;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
 use umi_protocol::hello::Hello;
+use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::{Event, Request, Response};
 
 use crate::App;
-use crate::answer::{Surroundings, answer, at_once};
+use crate::answer::{RequestContext, answer, immediate};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
-use crate::measure::Measure;
+use crate::measure::Instrument;
 use crate::shared::Guard;
 
 /// Bytes taken from the link at once: a full-speed USB packet.
@@ -44,7 +44,7 @@ pub const SILENCE_US: u64 = 5_000_000;
 
 /// What is heard of a host.
 #[derive(Default)]
-struct Heard {
+struct HostLiveness {
     at_us: Cell<u64>,
     /// What it has switched on.
     laser: Cell<bool>,
@@ -53,7 +53,7 @@ struct Heard {
     waits: Cell<bool>,
 }
 
-impl Heard {
+impl HostLiveness {
     fn now(&self, clock: &impl Clock) {
         self.at_us.set(clock.now().0);
     }
@@ -86,10 +86,10 @@ pub(crate) async fn serve<F: Flash>(
     let mut out = [0; MAX_BOARD_FRAME];
     loop {
         rx.connected().await;
-        let heard = Heard::default();
-        heard.now(clock);
-        let connected = connection(app, rx, tx, station, clock, &heard, &mut out);
-        let ended = select(connected, heard.nothing(clock)).await;
+        let liveness = HostLiveness::default();
+        liveness.now(clock);
+        let connected = connection(app, rx, tx, station, clock, &liveness, &mut out);
+        let ended = select(connected, liveness.nothing(clock)).await;
         // What the host has switched on goes with it. A board without these outputs has
         // nothing to switch off.
         let _ = station.trigger_out(TriggerOut::Off);
@@ -100,10 +100,10 @@ pub(crate) async fn serve<F: Flash>(
         }
         app.scans.switch(false);
         let mut measure = app.measure.lock().await;
-        measure.book.events.switch(false);
+        measure.ledger.events.switch(false);
         measure.host_gone();
-        if measure.book.punch.host_gone() {
-            app.flow.cancel();
+        if measure.ledger.upload.host_gone() {
+            app.line.cancel();
         }
     }
 }
@@ -115,7 +115,7 @@ async fn connection<F: Flash>(
     tx: &mut impl LinkTx,
     station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
-    heard: &Heard,
+    liveness: &HostLiveness,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Infallible, Broken> {
     // What the last connection left unfinished is no part of this one.
@@ -133,13 +133,13 @@ async fn connection<F: Flash>(
         match select4(
             free,
             rx.read(&mut packet),
-            app.told.wait(),
+            app.events_pending.wait(),
             app.scans.came(),
         )
         .await
         {
             Either4::First(mut measure) => {
-                let event = measure.book.events.pop(out);
+                let event = measure.ledger.events.pop(out);
                 // Measuring never waits for a host.
                 drop(measure);
                 match event {
@@ -155,20 +155,20 @@ async fn connection<F: Flash>(
                         break;
                     };
                     if matches!(frame.kind, Kind::Request | Kind::Hello) {
-                        heard.now(clock);
+                        liveness.now(clock);
                     }
-                    let length = match respond_at_once(station, heard, &frame, out) {
+                    let length = match respond_immediately(station, liveness, &frame, out) {
                         Some(length) => length,
                         None => {
                             events = true;
-                            let mut measure = lock(app, rx, tx, clock, heard, out).await?;
-                            let around = Surroundings {
+                            let mut measure = lock(app, rx, tx, clock, liveness, out).await?;
+                            let around = RequestContext {
                                 now: clock.now(),
                                 link_damaged,
                                 scans: &app.scans,
                             };
-                            app.changed.signal(());
-                            respond(&mut measure, around, &frame, out)
+                            app.config_changed.signal(());
+                            respond(&mut measure, station, around, &frame, out)
                         }
                     };
                     if length > 0 {
@@ -190,14 +190,14 @@ async fn lock<'a, F: Flash>(
     rx: &mut impl LinkRx,
     tx: &mut impl LinkTx,
     clock: &impl Clock,
-    heard: &Heard,
+    liveness: &HostLiveness,
     out: &mut [u8; MAX_BOARD_FRAME],
-) -> Result<Guard<'a, Measure<F>>, Broken> {
+) -> Result<Guard<'a, Instrument<F>>, Broken> {
     loop {
-        heard.waits.set(true);
+        liveness.waits.set(true);
         let came = select3(app.measure.lock(), app.scans.came(), rx.gone()).await;
-        heard.waits.set(false);
-        heard.now(clock);
+        liveness.waits.set(false);
+        liveness.now(clock);
         match came {
             Either3::First(measure) => return Ok(measure),
             Either3::Second(()) => tell_scans(app, tx, out).await?,
@@ -224,19 +224,19 @@ async fn tell_scans<F: Flash>(
 /// The answer to a request that needs nothing of the state: the length of its frame; none to
 /// all else.
 #[inline(never)]
-fn respond_at_once(
+fn respond_immediately(
     station: &mut (impl Axes + Scanner),
-    heard: &Heard,
+    liveness: &HostLiveness,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
-    let request = AtOnce::of(frame)?;
-    let answer = at_once(station, request);
+    let request = ImmediateRequest::of(frame)?;
+    let answer = immediate(station, request);
     match request {
-        AtOnce::TriggerOut(when) if matches!(answer, Response::Done) => {
-            heard.pulses.set(when != TriggerOut::Off);
+        ImmediateRequest::TriggerOut(when) if matches!(answer, Response::Done) => {
+            liveness.pulses.set(when != TriggerOut::Off);
         }
-        AtOnce::Laser(on) if matches!(answer, Response::Done) => heard.laser.set(on),
+        ImmediateRequest::Laser(on) if matches!(answer, Response::Done) => liveness.laser.set(on),
         _ => {}
     }
     Some(encoded(frame, &answer, out))
@@ -249,24 +249,24 @@ fn respond_at_once(
 /// Messages are large: here they are on the stack only while one is answered.
 #[inline(never)]
 fn respond<F: Flash>(
-    measure: &mut Measure<F>,
-    around: Surroundings<'_>,
+    measure: &mut Instrument<F>,
+    station: &mut (impl Axes + Scanner),
+    around: RequestContext<'_>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
     match frame.kind {
         Kind::Response | Kind::Event => 0,
-        Kind::Request => {
-            request(measure, around, frame, out).unwrap_or_else(|| hello(measure, frame, out))
-        }
+        Kind::Request => request(measure, station, around, frame, out)
+            .unwrap_or_else(|| hello(measure, frame, out)),
         Kind::Other(_) => hello(measure, frame, out),
         Kind::Hello => {
-            let ours = Hello::new(&measure.book.sender());
+            let ours = Hello::new(&measure.ledger.sender());
             if frame.open::<Hello>().as_ref() == Ok(&ours) {
                 return 0;
             }
             // A host that begins has not asked for events yet.
-            measure.book.events.switch(false);
+            measure.ledger.events.switch(false);
             around.scans.switch(false);
             hello(measure, frame, out)
         }
@@ -276,25 +276,26 @@ fn respond<F: Flash>(
 /// Who we are: the length of the frame.
 #[inline(never)]
 fn hello<F: Flash>(
-    measure: &Measure<F>,
+    measure: &Instrument<F>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
-    encoded(frame, &Hello::new(&measure.book.sender()), out)
+    encoded(frame, &Hello::new(&measure.ledger.sender()), out)
 }
 
 /// The answer to a request: the length of its frame; none if it cannot be opened.
 #[inline(never)]
 fn request<F: Flash>(
-    measure: &mut Measure<F>,
-    around: Surroundings<'_>,
+    measure: &mut Instrument<F>,
+    station: &mut (impl Axes + Scanner),
+    around: RequestContext<'_>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
     let Ok(request) = &frame.open::<Request>() else {
         return None;
     };
-    let response = answer(measure, around, request);
+    let response = answer(measure, station, around, request);
     Some(encoded(frame, &response, out))
 }
 

@@ -9,8 +9,8 @@
 //!
 //! A correction is armed by a verdict OK that *is in the journal*, and by
 //! nothing else. It is disarmed by whatever may mean that the part is measured
-//! again or has changed: any line from the control that is neither a separator nor asks for
-//! a program, a loss, another verdict, a new job, the job's plate time-out. It also goes out
+//! again or has changed: any line from the control that is neither a separator nor a repeated
+//! checked line nor asks for a program, a loss, another verdict, a new job, the job's setup time-out. It also goes out
 //! once only: the next clamping must not get it by a READ without probing. One
 //! that broke off may be read again. The same verdict releases the part programs that need
 //! one (`delivery`).
@@ -18,54 +18,36 @@
 //! # Tradeoffs
 //!
 //! If the journal's storage refuses an input, measuring goes on and says so in
-//! its status, but the plate cannot be audited: no correction is armed until a
+//! its status, but the setup cannot be audited: no correction is armed until a
 //! job is set or the board starts anew, and its storage works again.
 
 use heapless::{String, Vec};
 use umi_core::brain::{Brain, Output};
-use umi_core::dprnt::program_asked_for;
-use umi_core::journal::{Error, Flash, Journal};
-use umi_core::place::Place;
+use umi_core::job::Teaching;
+use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::programs::{self, Store};
 use umi_core::registration::RigidTransform;
-use umi_core::units::{Micros, Point};
+use umi_core::units::Micros;
+use umi_core::zero_option::ZeroOption;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Name};
-use umi_protocol::latch::{LatchReport, Scan};
+use umi_protocol::job_error::JobError;
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
-use umi_protocol::message::{Event, Identity, MAX_RECORD, Record, ResetReason};
+use umi_protocol::message::{
+    Event, Identity, JobLoss, MAX_RECORD, Record, ResetReason, TeachRefusal,
+};
 use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
-use umi_protocol::refusal::JobError;
-use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
+use umi_protocol::verdict::Verdict;
 
 use crate::board::Lights;
-use crate::delivery::{Delivery, Passed, Released, Wanted, transform};
+use crate::delivery::Delivery;
 use crate::events::Events;
-use crate::punch::{Ended, Punch};
-use crate::settings::{Settings, points, positions_mm};
-
-/// Bytes of one input, at most: small, so that many short lines can wait.
-pub const PIECE: usize = 64;
-
-/// Raw bytes of one input.
-pub type Bytes = Vec<u8, PIECE>;
-
-/// What comes in on the control's port, with the time of its last byte.
-#[derive(Clone, Debug)]
-pub enum Input {
-    /// Bytes.
-    Bytes(Bytes),
-    /// Bytes were lost before they could be handed on.
-    Lost(u32),
-    /// The input ended.
-    End,
-    /// The axes were captured at an edge of the probe or an index mark.
-    Latch(LatchReport),
-    /// A scan is over.
-    Scan(Scan),
-}
+use crate::intake::Input;
+use crate::release::{Passed, Released, Wanted, transform};
+use crate::settings::{JobStore, Lessons, PlacesMm, kept, points};
+use crate::upload::{ProgramUpload, UploadEnd};
 
 /// How the board came up.
 #[derive(Clone, Debug)]
@@ -76,91 +58,88 @@ pub struct Boot {
     pub reset: ResetReason,
 }
 
-/// Room in the journal that a plate may need: its bytes, features and verdict.
+/// Room in the journal that a setup may need: its bytes, features and verdict.
 const ROOM: u32 = 4 * MAX_RECORD as u32;
 
 /// What the board knows.
-pub struct Measure<F: Flash> {
+pub struct Instrument<F: Flash> {
     brain: Brain,
-    settings: Place<Settings<F>>,
+    settings: ZeroOption<JobStore<F>>,
     /// Part programs.
-    pub(crate) programs: Place<Store<F>>,
+    pub(crate) programs: ZeroOption<Store<F>>,
     /// What is being sent to the control.
-    pub(crate) delivery: Place<Delivery>,
-    pub(crate) book: Book<F>,
+    pub(crate) delivery: ZeroOption<Delivery>,
+    pub(crate) ledger: Ledger<F>,
 }
 
 /// Where decisions go: everything but the brain, which is busy meanwhile.
-pub(crate) struct Book<F: Flash> {
+pub(crate) struct Ledger<F: Flash> {
     pub identity: Identity,
     pub reset: ResetReason,
-    pub journal: Place<Journal<F>>,
+    pub journal: ZeroOption<Journal<F>>,
     pub events: Events,
     pub scratch: [u8; MAX_RECORD],
     /// Entries that the storage refused.
     pub failures: u32,
     /// An input or a decision since the job began is not in the journal.
     unaudited: bool,
-    /// Released by the verdict as long as it is not too old.
-    armed: Option<Armed>,
     /// What the latest verdict releases, while it holds.
-    pub released: Place<Released>,
+    pub released: ZeroOption<Released>,
     /// The program that the control is to get.
     pub wanted: Wanted,
     /// What the control punches.
-    pub punch: Punch,
+    pub upload: ProgramUpload,
     /// What the host passes through.
-    pub passed: Place<Passed>,
+    pub passed: ZeroOption<Passed>,
     /// Counts armings.
     armings: u32,
     /// How long a correction stays armed.
     patience_us: u64,
     /// A reference was taught and is not in the settings yet.
     taught: bool,
+    /// The journal began with this start.
+    is_new: bool,
+    /// Why no job was restored at start, until one is set.
+    pub job_lost: ZeroOption<JobLoss>,
     pub verdicts: u32,
     pub verdicts_ok: u32,
-    pub last_ok: Place<bool>,
+    pub last_ok: ZeroOption<bool>,
 }
 
-struct Armed {
-    plate: u32,
-    arming: u32,
-    text: String<MAX_CORRECTION>,
-}
-
-impl<F: Flash> Measure<F> {
+impl<F: Flash> Instrument<F> {
     /// Nothing is known yet. All zeros: it can stand in a static without standing in
     /// flash as well.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             brain: Brain::idle(),
-            settings: Place::empty(),
-            programs: Place::empty(),
-            delivery: Place::empty(),
-            book: Book {
+            settings: ZeroOption::empty(),
+            programs: ZeroOption::empty(),
+            delivery: ZeroOption::empty(),
+            ledger: Ledger {
                 identity: Identity {
                     board: Name::new(),
                     serial: Name::new(),
                     firmware: Name::new(),
                 },
                 reset: ResetReason::Unknown,
-                journal: Place::empty(),
+                journal: ZeroOption::empty(),
                 events: Events::new(),
                 scratch: [0; MAX_RECORD],
                 failures: 0,
                 unaudited: false,
-                armed: None,
-                released: Place::empty(),
+                released: ZeroOption::empty(),
                 wanted: Wanted::NONE,
-                punch: Punch::new(),
-                passed: Place::empty(),
+                upload: ProgramUpload::new(),
+                passed: ZeroOption::empty(),
                 armings: 0,
                 patience_us: 0,
                 taught: false,
+                is_new: false,
+                job_lost: ZeroOption::empty(),
                 verdicts: 0,
                 verdicts_ok: 0,
-                last_ok: Place::empty(),
+                last_ok: ZeroOption::empty(),
             },
         }
     }
@@ -180,36 +159,42 @@ impl<F: Flash> Measure<F> {
         programs: F,
         now: Micros,
     ) -> Opened<F::Error> {
-        self.book.identity = boot.identity.clone();
-        self.book.reset = boot.reset;
+        self.ledger.identity = boot.identity.clone();
+        self.ledger.reset = boot.reset;
         let Boot { identity, reset } = boot;
         let boot = Record::Boot { identity, reset };
         let opened = Opened {
             journal: self.open_journal(now, boot, journal),
-            settings: Settings::open(settings).map(|settings| self.settings.put(settings)),
+            settings: JobStore::open(settings).map(|settings| self.settings.put(settings)),
             programs: Store::open(programs).map(|programs| self.programs.put(programs)),
         };
         if opened.settings.is_err() {
-            self.book.refused();
+            self.ledger.refused();
         }
         self.restore(now);
         opened
     }
 
     #[inline(never)]
-    fn open_journal(&mut self, now: Micros, boot: Record, flash: F) -> Result<(), Error<F::Error>> {
+    fn open_journal(
+        &mut self,
+        now: Micros,
+        boot: Record,
+        flash: F,
+    ) -> Result<(), JournalError<F::Error>> {
         let opened = Journal::open(flash).and_then(|(journal, recovery)| {
             let max = journal.max_payload();
             if max < MAX_RECORD {
                 // Its sectors are too small for the longest record.
                 let len = MAX_RECORD;
-                return Err(Error::PayloadTooLong { len, max });
+                return Err(JournalError::PayloadTooLong { len, max });
             }
-            self.book.journal.put(journal);
+            self.ledger.journal.put(journal);
             Ok(recovery)
         });
-        self.book.record(now, boot);
+        self.ledger.record(now, boot);
         let recovery = opened?;
+        self.ledger.is_new = recovery.fresh;
         if !recovery.is_clean() {
             let record = Record::Recovered {
                 torn_bytes: recovery.torn_bytes,
@@ -217,46 +202,51 @@ impl<F: Flash> Measure<F> {
                 damaged_headers: recovery.damaged_headers,
                 chain_restarted: recovery.chain_restarted,
             };
-            self.book.record(now, record);
+            self.ledger.record(now, record);
         }
         Ok(())
     }
 
-    /// Takes up the job and the reference that were in force.
+    /// Takes up the job and the reference that were in force, or tells why there are none.
     #[inline(never)]
     fn restore(&mut self, now: Micros) {
-        let settings = self.settings.get_mut();
-        let Some((job, taught)) = settings.and_then(|s| s.load(&mut self.book.scratch)) else {
-            return;
+        let kept = match self.settings.get_mut() {
+            Some(settings) => settings.load(&mut self.ledger.scratch),
+            None => Err(JobLoss::Storage),
         };
-        // A job that this firmware would not take any more is no job.
+        let (job, taught) = match kept {
+            Ok(kept) => kept,
+            Err(why) => return self.ledger.job_lost(now, why),
+        };
         if begin(&mut self.brain, &job).is_err() {
-            return;
+            return self.ledger.job_lost(now, JobLoss::Refused);
         }
-        self.book.patience_us = patience_us(&job);
-        self.book.job_set(now, &job);
-        if let Some(positions_mm) = taught {
-            let positions = points(&positions_mm);
-            self.brain.restore_reference(&positions);
-            self.book.reference_restored(now, &positions);
+        self.ledger.patience_us = patience_us(&job);
+        self.ledger.job_set(now, &job);
+        if let Some((positions_mm, learned)) = taught {
+            self.brain.restore_reference(Teaching {
+                places: &points(&positions_mm),
+                learned: &learned,
+            });
+            self.ledger.reference_restored(now, positions_mm, learned);
         }
     }
 
     /// Something came in. Without a job it is journaled and that is all.
     pub fn input(&mut self, now: Micros, input: &Input) {
-        let Self { brain, book, .. } = self;
-        book.came(now, input);
+        let Self { brain, ledger, .. } = self;
+        ledger.came(now, input);
         if brain.job().is_none() {
             return;
         }
         if matches!(input, Input::Lost(_)) {
-            book.forget();
-            book.punch.breaks();
+            ledger.forget();
+            ledger.upload.breaks();
         }
         match input {
             Input::Bytes(raw) => self.bytes(now, raw),
-            Input::Lost(count) => brain.bytes_lost(now, *count, &mut book.listen(now)),
-            Input::End => brain.input_ended(now, &mut book.listen(now)),
+            Input::Lost(count) => brain.bytes_lost(now, *count, &mut ledger.listen(now)),
+            Input::End => brain.input_ended(now, &mut ledger.listen(now)),
             // Into the brain whether or not it found room in the journal: then no
             // correction is armed anyway.
             Input::Latch(latch) => brain.latched(latch),
@@ -274,18 +264,18 @@ impl<F: Flash> Measure<F> {
         // not depend on how they are cut.
         let ends = |byte: &u8| matches!(byte & 0x7F, 0 | b'\n' | b'\r' | 0x12 | 0x14);
         for piece in raw.split_inclusive(ends) {
-            let Self { brain, book, .. } = self;
-            brain.bytes(now, piece, &mut book.listen(now));
-            if self.book.punch.is_over() {
+            let Self { brain, ledger, .. } = self;
+            brain.bytes(now, piece, &mut ledger.listen(now));
+            if self.ledger.upload.is_over() {
                 self.keep_punched(now);
             }
         }
     }
 
-    /// Erases ahead while nothing is at stake, so that no erase falls into a plate.
+    /// Erases ahead while nothing is at stake, so that no erase falls into a setup.
     fn make_room(&mut self) {
         let busy = self.brain.run().is_under_way();
-        if let Some(journal) = self.book.journal.get_mut()
+        if let Some(journal) = self.ledger.journal.get_mut()
             && !busy
         {
             // A fault of the storage shows at the next entry, and is counted there.
@@ -297,7 +287,7 @@ impl<F: Flash> Measure<F> {
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
         let brain = self.brain.deadline();
-        match (brain, self.book.too_old()) {
+        match (brain, self.ledger.too_old()) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
         }
@@ -305,17 +295,17 @@ impl<F: Flash> Measure<F> {
 
     /// Time passed.
     pub fn on_time(&mut self, now: Micros) {
-        let Self { brain, book, .. } = self;
-        if book.too_old().is_some_and(|until| now >= until) {
+        let Self { brain, ledger, .. } = self;
+        if ledger.too_old().is_some_and(|until| now >= until) {
             // A program that has begun goes on; none begins any more.
-            book.disarm();
-            book.last_ok.clear();
+            ledger.disarm();
+            ledger.last_ok.clear();
         }
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }
-        book.time_passed(now);
-        brain.on_time(now, &mut book.listen(now));
+        ledger.time_passed(now);
+        brain.on_time(now, &mut ledger.listen(now));
         self.keep_punched(now);
         self.keep_taught(now);
     }
@@ -332,25 +322,41 @@ impl<F: Flash> Measure<F> {
         let Self {
             brain,
             settings,
-            book,
+            ledger,
             ..
         } = self;
-        if !book.journal.is_some() {
+        if !ledger.journal.is_some() {
             // Nothing of it could be audited.
             return Err(SetJobError::Storage);
         }
         let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
         settings
-            .save(now, job, None, &mut book.scratch)
+            .save(now, job, None, &mut ledger.scratch)
             .map_err(|_| SetJobError::Storage)?;
-        book.forget();
-        book.unaudited = false;
-        book.patience_us = patience_us(job);
+        ledger.forget();
+        ledger.unaudited = false;
+        ledger.patience_us = patience_us(job);
         begin(brain, job)?;
-        book.job_set(now, job);
+        ledger.job_lost.clear();
+        ledger.job_set(now, job);
         // Who reads the lines now knows of no program that has begun.
-        book.punch.over(false);
+        ledger.upload.over(false);
         self.keep_punched(now);
+        Ok(())
+    }
+
+    /// The setup that comes next is to be the reference, in place of the one that there is
+    /// only if `again`. What was released before is not any more.
+    ///
+    /// # Errors
+    /// Why there is nothing to teach: nothing has changed.
+    pub fn teach(&mut self, now: Micros, again: bool) -> Result<(), TeachRefusal> {
+        let Self { brain, ledger, .. } = self;
+        brain.run().may_teach(again)?;
+        ledger.forget();
+        ledger.teach_asked(now);
+        brain.teach(again, &mut ledger.listen(now))?;
+        self.keep_taught(now);
         Ok(())
     }
 
@@ -363,7 +369,7 @@ impl<F: Flash> Measure<F> {
     /// The arming that holds, if one does.
     #[must_use]
     pub fn arming(&self) -> Option<u32> {
-        self.book.armed.as_ref().map(|armed| armed.arming)
+        self.ledger.armed().map(|released| released.arming)
     }
 
     /// The code in which the control writes, as far as it is known.
@@ -385,40 +391,46 @@ impl<F: Flash> Measure<F> {
         let busy = self.brain.run().is_under_way();
         Lights {
             busy,
-            ok: !busy && self.book.last_ok.get() == Some(&true),
-            ng: !busy && self.book.last_ok.get() == Some(&false),
-            trouble: self.book.unaudited,
+            ok: !busy && self.ledger.last_ok.get() == Some(&true),
+            ng: !busy && self.ledger.last_ok.get() == Some(&false),
+            trouble: self.ledger.unaudited,
         }
     }
 
     /// Keeps what the control punches.
     fn keep_punched(&mut self, now: Micros) {
-        let Self { programs, book, .. } = self;
-        if !book.punch.waits() {
+        let Self {
+            programs, ledger, ..
+        } = self;
+        if !ledger.upload.waits() {
             return;
         }
-        match book.punch.store(programs.get_mut()) {
+        match ledger.upload.store(programs.get_mut()) {
             None => {}
-            Some(Ended::Kept(info)) => book.kept(now, info),
-            Some(Ended::Refused(number, why)) => book.not_kept(now, number, why),
+            Some(UploadEnd::Kept(info)) => ledger.kept(now, info),
+            Some(UploadEnd::Refused(number, why)) => ledger.not_kept(now, number, why),
         }
     }
 
     /// Keeps a block of what comes by XMODEM.
     pub(crate) fn keep_block(&mut self, now: Micros) {
-        let Self { programs, book, .. } = self;
-        match book.punch.store_block(programs.get_mut()) {
+        let Self {
+            programs, ledger, ..
+        } = self;
+        match ledger.upload.store_block(programs.get_mut()) {
             None => {}
-            Some(Ended::Kept(info)) => book.kept(now, info),
-            Some(Ended::Refused(number, why)) => book.not_kept(now, number, why),
+            Some(UploadEnd::Kept(info)) => ledger.kept(now, info),
+            Some(UploadEnd::Refused(number, why)) => ledger.not_kept(now, number, why),
         }
     }
 
     /// XMODEM from the control has ended.
     pub(crate) fn received(&mut self, now: Micros, is_whole: bool) {
-        let Self { programs, book, .. } = self;
-        if let Some(number) = book.punch.end_blocks(programs.get_mut(), is_whole) {
-            book.not_kept(now, number, ProgramRefusal::BrokeOff);
+        let Self {
+            programs, ledger, ..
+        } = self;
+        if let Some(number) = ledger.upload.end_blocks(programs.get_mut(), is_whole) {
+            ledger.not_kept(now, number, ProgramRefusal::BrokeOff);
         }
     }
 
@@ -427,26 +439,26 @@ impl<F: Flash> Measure<F> {
         let Self {
             brain,
             settings,
-            book,
+            ledger,
             ..
         } = self;
-        if !core::mem::take(&mut book.taught) {
+        if !core::mem::take(&mut ledger.taught) {
             return;
         }
-        let taught = brain.run().taught().map(positions_mm);
-        let kept = settings
-            .get_mut()
-            .zip(brain.job())
-            .is_some_and(|(s, job)| s.save(now, job, taught.as_ref(), &mut book.scratch).is_ok());
+        let taught = brain.run().taught().as_ref().map(kept);
+        let kept = settings.get_mut().zip(brain.job()).is_some_and(|(s, job)| {
+            s.save(now, job, taught.as_ref(), &mut ledger.scratch)
+                .is_ok()
+        });
         if !kept {
             // It is in force until the power goes; the status says so, and what
             // rests on it is not sent.
-            book.refused();
+            ledger.refused();
         }
     }
 }
 
-impl<F: Flash> Default for Measure<F> {
+impl<F: Flash> Default for Instrument<F> {
     fn default() -> Self {
         Self::new()
     }
@@ -458,7 +470,7 @@ fn begin(brain: &mut Brain, job: &Job) -> Result<(), SetJobError> {
     brain.begin(job.clone()).map_err(SetJobError::Job)
 }
 
-/// How long a correction stays armed, and a plate open.
+/// How long a correction stays armed, and a setup open.
 fn patience_us(job: &Job) -> u64 {
     u64::from(job.plate_timeout_s).saturating_mul(1_000_000)
 }
@@ -467,11 +479,11 @@ fn patience_us(job: &Job) -> u64 {
 #[derive(Debug)]
 pub struct Opened<E> {
     /// The journal's.
-    pub journal: Result<(), Error<E>>,
+    pub journal: Result<(), JournalError<E>>,
     /// The settings'.
-    pub settings: Result<(), Error<E>>,
+    pub settings: Result<(), JournalError<E>>,
     /// The programs'.
-    pub programs: Result<(), programs::Error<E>>,
+    pub programs: Result<(), programs::StoreError<E>>,
 }
 
 /// Why a job was not set.
@@ -483,7 +495,7 @@ pub enum SetJobError {
     Storage,
 }
 
-impl<F: Flash> Book<F> {
+impl<F: Flash> Ledger<F> {
     /// Journals a record and tells the host. True if it is in the journal.
     ///
     /// A record has kilobytes. It is made as the event that it will be, so that the stack
@@ -540,6 +552,15 @@ impl<F: Flash> Book<F> {
         self.record(now, Record::Time);
     }
 
+    /// No job was restored. A board that has never been used has lost none.
+    #[inline(never)]
+    fn job_lost(&mut self, now: Micros, why: JobLoss) {
+        self.job_lost.put(why);
+        if why != JobLoss::Absent || !self.is_new {
+            self.record(now, Record::JobLost { why });
+        }
+    }
+
     #[inline(never)]
     fn job_set(&mut self, now: Micros, job: &Job) {
         self.record(now, Record::JobSet(job.clone()));
@@ -566,15 +587,27 @@ impl<F: Flash> Book<F> {
     }
 
     #[inline(never)]
-    fn reference_taught(&mut self, now: Micros, positions: &[Point]) {
-        let positions_mm = positions_mm(positions);
-        self.record(now, Record::Taught { positions_mm });
+    fn reference_taught(&mut self, now: Micros, taught: &Teaching<'_>) {
+        let (positions_mm, learned) = kept(taught);
+        let record = Record::Taught {
+            positions_mm,
+            learned,
+        };
+        self.record(now, record);
     }
 
     #[inline(never)]
-    fn reference_restored(&mut self, now: Micros, positions: &[Point]) {
-        let positions_mm = positions_mm(positions);
-        self.record(now, Record::ReferenceRestored { positions_mm });
+    fn teach_asked(&mut self, now: Micros) {
+        self.record(now, Record::TeachAsked);
+    }
+
+    #[inline(never)]
+    fn reference_restored(&mut self, now: Micros, positions_mm: PlacesMm, learned: Lessons) {
+        let record = Record::ReferenceRestored {
+            positions_mm,
+            learned,
+        };
+        self.record(now, record);
     }
 
     #[inline(never)]
@@ -596,7 +629,6 @@ impl<F: Flash> Book<F> {
     fn refused(&mut self) {
         self.failures = self.failures.saturating_add(1);
         self.unaudited = true;
-        self.disarm();
         self.released.clear();
     }
 
@@ -610,37 +642,38 @@ impl<F: Flash> Book<F> {
     fn take(&mut self, now: Micros, output: Output<'_>) {
         match output {
             Output::Line(line) => {
-                if line.status == LineStatus::Request {
-                    let number = program_asked_for(line.text.as_bytes());
-                    self.wanted.set(number.unwrap_or(0), true);
-                } else if line.status != LineStatus::Separator {
+                let is_silent = matches!(
+                    line.status,
+                    LineStatus::Request | LineStatus::Separator | LineStatus::Repeated
+                );
+                if !is_silent {
                     // The control prints again: what was measured before is history.
                     self.forget();
                 }
-                self.punch.line(line);
+                self.upload.line(line);
                 if self.events.is_on() {
                     self.tell_line(line);
                 }
             }
+            Output::Request(number) => self.wanted.set(number, true),
             Output::Hit(hit) => {
                 if self.events.is_on() {
                     self.tell_hit(hit);
                 }
             }
             Output::Fault(fault) => {
-                self.punch.fault(&fault.kind);
+                self.upload.fault(&fault.kind);
                 self.faulty(now, fault);
             }
             Output::Feature(feature) => self.fitted(now, feature),
-            Output::Taught(positions) => {
+            Output::Taught(taught) => {
                 self.taught = true;
-                self.reference_taught(now, positions);
+                self.reference_taught(now, &taught);
             }
             Output::Verdict(verdict) => {
                 self.verdicts = self.verdicts.saturating_add(1);
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
-                self.disarm();
                 self.released.clear();
                 if self.judged(now, verdict) && verdict.ok && !self.unaudited {
                     self.release(now, verdict);
@@ -653,21 +686,20 @@ impl<F: Flash> Book<F> {
     #[inline(never)]
     fn release(&mut self, now: Micros, verdict: &Verdict) {
         self.armings = self.armings.wrapping_add(1).max(1);
-        let (plate, arming) = (verdict.plate, self.armings);
+        let (setup, arming) = (verdict.setup, self.armings);
         let until = Micros(now.0.saturating_add(self.patience_us));
         // The clamping that is the reference is where the program wants it.
         let taught = self.taught.then(RigidTransform::identity);
         self.released.put(Released {
-            plate,
+            setup,
             arming,
             until,
             transform: verdict.registration.as_ref().map(transform).or(taught),
             gone: Vec::new(),
-        });
-        self.armed = verdict.correction.as_ref().map(|correction| Armed {
-            plate,
-            arming,
-            text: correction.text.clone(),
+            correction: match &verdict.correction {
+                Some(correction) => correction.text.clone(),
+                None => String::new(),
+            },
         });
     }
 
@@ -678,10 +710,9 @@ impl<F: Flash> Book<F> {
         released.map(|released| released.until)
     }
 
-    /// The correction that is armed: its plate, its arming, its program.
-    pub fn armed(&self) -> Option<(u32, u32, &String<MAX_CORRECTION>)> {
-        let armed = self.armed.as_ref()?;
-        Some((armed.plate, armed.arming, &armed.text))
+    /// What the latest verdict releases, if its correction is armed.
+    pub fn armed(&self) -> Option<&Released> {
+        self.released.get().filter(|of| !of.correction.is_empty())
     }
 
     /// What the host passes through under this number.
@@ -692,7 +723,7 @@ impl<F: Flash> Book<F> {
 
     /// Whether the correction of this arming still holds.
     pub fn armed_as(&self, arming: u32) -> bool {
-        self.armed.as_ref().is_some_and(|of| of.arming == arming)
+        self.armed().is_some_and(|of| of.arming == arming)
     }
 
     /// Whether what this arming has released still holds.
@@ -701,12 +732,13 @@ impl<F: Flash> Book<F> {
     }
 
     pub fn disarm(&mut self) {
-        self.armed = None;
+        if let Some(released) = self.released.get_mut() {
+            released.correction.clear();
+        }
     }
 
     /// What was measured does not hold any more: no correction, no OK at the output.
     fn forget(&mut self) {
-        self.disarm();
         self.released.clear();
         // A program that goes out whenever it is asked for goes on: it may be what prints.
         let passed = self.passed.get().filter(|of| of.end.is_none());
@@ -733,16 +765,4 @@ impl<F: Flash> Book<F> {
         }
         text
     }
-}
-
-/// A name from a text, cut where it is too long.
-#[must_use]
-pub fn name(text: &str) -> Name {
-    let mut name = Name::new();
-    for c in text.chars() {
-        if name.push(c).is_err() {
-            break;
-        }
-    }
-    name
 }

@@ -3,91 +3,97 @@
 //! # Design
 //!
 //! Flash that is written keeps the whole state locked, for up to half a second where a
-//! sector is erased. So nothing is written while a plate is being measured: the host is
+//! sector is erased. So nothing is written while a setup is being measured: the host is
 //! told to ask again. Reading a piece takes a fraction of a millisecond; the end of an upload
 //! reads the whole program back, by the speed of the flash.
 //!
 //! Each answer is made by a function of its own that is not inlined: see `answer`.
 
 use umi_core::journal::Flash;
-use umi_core::programs::{Error, Store};
+use umi_core::programs::{Store, StoreError};
 use umi_core::units::Micros;
-use umi_protocol::message::{Record, Request, Response};
+use umi_protocol::message::{Record, Response};
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal};
 
-use crate::measure::Measure;
+use crate::measure::Instrument;
 
-/// The answer to a request about programs.
+/// What came of a request about programs.
+pub(crate) type Answer<F> = Result<Response, StoreError<<F as Flash>::Error>>;
+
+/// The answer that a host gets. What comes of the work is on the stack only here, and not while
+/// a request of another kind is answered.
 #[inline(never)]
-pub(crate) fn answer<F: Flash>(
-    measure: &mut Measure<F>,
-    now: Micros,
-    request: &Request,
-) -> Response {
-    let writes = matches!(
-        request,
-        Request::ProgramBegin(_)
-            | Request::ProgramPiece { .. }
-            | Request::ProgramEnd { .. }
-            | Request::ProgramDelete { .. }
-            | Request::ProgramReceive
-    );
-    // Flash that is erased would be felt in what is being cut.
-    let is_busy = measure.brain().run().is_under_way() || measure.delivery.is_some();
-    if writes && is_busy {
-        return Response::ProgramRefused(ProgramRefusal::Busy);
-    }
-    match request {
-        Request::ProgramPass(_) | Request::ProgramPassed { .. } => {
-            return passed(measure, request);
+pub(crate) fn response<E>(work: impl FnOnce() -> Result<Response, StoreError<E>>) -> Response {
+    work().unwrap_or_else(|error| match error {
+        StoreError::Refused(refusal) => Response::ProgramRefused(refusal),
+        StoreError::Flash(_) | StoreError::NotKept { .. } | StoreError::Geometry(_) => {
+            Response::StorageFailed
         }
-        _ => {}
-    }
-    let Some(store) = measure.programs.get_mut() else {
-        return Response::ProgramRefused(ProgramRefusal::NoRoomAtAll);
-    };
-    let answer = match request {
-        Request::ProgramBegin(program) => store.begin(program).map(at),
-        Request::ProgramPiece { offset, bytes } => store.piece(*offset, bytes).map(at),
-        Request::ProgramRead { number, offset } => read(store, *number, *offset),
-        Request::ProgramEnd { number, crc32 } => end(measure, now, *number, *crc32),
-        Request::ProgramDelete { number } => delete(measure, now, *number),
-        Request::ProgramOffer { number } => offer(measure, *number),
-        Request::ProgramReceive if measure.book.punch.is_busy() => Err(ProgramRefusal::Busy.into()),
-        Request::ProgramReceive => {
-            measure.book.punch.ask();
-            Ok(Response::Done)
-        }
-        Request::ProgramList { skip } => list(store, *skip),
-        // Nothing else comes here.
-        _ => Err(ProgramRefusal::NotThere.into()),
-    };
-    answer.unwrap_or_else(|error| match error {
-        Error::Refused(refusal) => Response::ProgramRefused(refusal),
-        Error::Flash(_) | Error::NotKept { .. } | Error::Geometry(_) => Response::StorageFailed,
     })
+}
+
+/// The programs, to be read.
+fn readable<F: Flash>(measure: &mut Instrument<F>) -> Result<&mut Store<F>, StoreError<F::Error>> {
+    let store = measure.programs.get_mut();
+    store.ok_or(ProgramRefusal::NoRoomAtAll.into())
+}
+
+/// The programs, to be written: not while flash that is erased would be felt in what is being
+/// measured or cut.
+fn writable<F: Flash>(measure: &mut Instrument<F>) -> Result<&mut Store<F>, StoreError<F::Error>> {
+    if measure.brain().run().is_under_way() || measure.delivery.is_some() {
+        return Err(ProgramRefusal::Busy.into());
+    }
+    readable(measure)
+}
+
+#[inline(never)]
+pub(crate) fn begin<F: Flash>(measure: &mut Instrument<F>, program: &ProgramInfo) -> Answer<F> {
+    writable(measure)?.begin(program).map(at)
+}
+
+#[inline(never)]
+pub(crate) fn piece<F: Flash>(
+    measure: &mut Instrument<F>,
+    offset: u32,
+    bytes: &Piece,
+) -> Answer<F> {
+    writable(measure)?.piece(offset, bytes).map(at)
+}
+
+/// Asks the control for a program by XMODEM.
+#[inline(never)]
+pub(crate) fn receive<F: Flash>(measure: &mut Instrument<F>) -> Answer<F> {
+    writable(measure)?;
+    if measure.ledger.upload.is_busy() {
+        return Err(ProgramRefusal::Busy.into());
+    }
+    measure.ledger.upload.ask();
+    Ok(Response::Done)
+}
+
+/// What the host will pass through.
+#[inline(never)]
+pub(crate) fn pass<F: Flash>(measure: &mut Instrument<F>, info: &ProgramInfo) -> Answer<F> {
+    measure.pass(info)?;
+    Ok(at(0))
 }
 
 /// What the host passes through.
 #[inline(never)]
-fn passed<F: Flash>(measure: &mut Measure<F>, request: &Request) -> Response {
-    let next = match request {
-        Request::ProgramPass(info) => measure.pass(info).map(|()| Some(0)),
-        Request::ProgramPassed { offset, bytes } => measure.passed(*offset, bytes),
-        // Nothing else comes here.
-        _ => Err(ProgramRefusal::NotBegun),
-    };
-    match next {
-        Ok(Some(offset)) => at(offset),
-        Ok(None) => Response::Done,
-        Err(refusal) => Response::ProgramRefused(refusal),
-    }
+pub(crate) fn passed<F: Flash>(
+    measure: &mut Instrument<F>,
+    offset: u32,
+    bytes: &Piece,
+) -> Answer<F> {
+    let next = measure.passed(offset, bytes)?;
+    Ok(next.map_or(Response::Done, at))
 }
 
 /// The control's next READ gets this one.
 #[inline(never)]
-fn offer<F: Flash>(measure: &mut Measure<F>, number: u32) -> Result<Response, Error<F::Error>> {
-    let store = measure.programs.get().ok_or(ProgramRefusal::NoRoomAtAll)?;
+pub(crate) fn offer<F: Flash>(measure: &mut Instrument<F>, number: u32) -> Answer<F> {
+    let store = readable(measure)?;
     store.find(number).ok_or(ProgramRefusal::NotThere)?;
     measure.offer(number)?;
     Ok(Response::Done)
@@ -98,7 +104,8 @@ const fn at(offset: u32) -> Response {
 }
 
 #[inline(never)]
-fn list<F: Flash>(store: &mut Store<F>, skip: u16) -> Result<Response, Error<F::Error>> {
+pub(crate) fn list<F: Flash>(measure: &mut Instrument<F>, skip: u16) -> Answer<F> {
+    let store = readable(measure)?;
     let mut programs = heapless::Vec::new();
     let mut place = usize::from(skip);
     while !programs.is_full()
@@ -113,11 +120,8 @@ fn list<F: Flash>(store: &mut Store<F>, skip: u16) -> Result<Response, Error<F::
 }
 
 #[inline(never)]
-fn read<F: Flash>(
-    store: &mut Store<F>,
-    number: u32,
-    offset: u32,
-) -> Result<Response, Error<F::Error>> {
+pub(crate) fn read<F: Flash>(measure: &mut Instrument<F>, number: u32, offset: u32) -> Answer<F> {
+    let store = readable(measure)?;
     let program = store.find(number).ok_or(ProgramRefusal::NotThere)?;
     let mut bytes = Piece::new();
     // There is room for as many.
@@ -128,14 +132,13 @@ fn read<F: Flash>(
 }
 
 #[inline(never)]
-fn end<F: Flash>(
-    measure: &mut Measure<F>,
+pub(crate) fn end<F: Flash>(
+    measure: &mut Instrument<F>,
     now: Micros,
     number: u32,
     crc32: u32,
-) -> Result<Response, Error<F::Error>> {
-    let store = measure.programs.get_mut();
-    let store = store.ok_or(ProgramRefusal::NoRoomAtAll)?;
+) -> Answer<F> {
+    let store = writable(measure)?;
     if let Some(program) = store.end(number, crc32)? {
         let info = store.info(&program)?;
         kept(measure, now, info);
@@ -145,18 +148,13 @@ fn end<F: Flash>(
 
 /// A record has kilobytes: off the stack while the flash is at work.
 #[inline(never)]
-fn kept<F: Flash>(measure: &mut Measure<F>, now: Micros, info: ProgramInfo) {
-    measure.book.record(now, Record::ProgramKept(info));
+fn kept<F: Flash>(measure: &mut Instrument<F>, now: Micros, info: ProgramInfo) {
+    measure.ledger.record(now, Record::ProgramKept(info));
 }
 
 #[inline(never)]
-fn delete<F: Flash>(
-    measure: &mut Measure<F>,
-    now: Micros,
-    number: u32,
-) -> Result<Response, Error<F::Error>> {
-    let store = measure.programs.get_mut();
-    let store = store.ok_or(ProgramRefusal::NoRoomAtAll)?;
+pub(crate) fn delete<F: Flash>(measure: &mut Instrument<F>, now: Micros, number: u32) -> Answer<F> {
+    let store = writable(measure)?;
     let program = store.find(number).ok_or(ProgramRefusal::NotThere)?;
     store.delete(number)?;
     let crc32 = program.crc32;
@@ -165,7 +163,7 @@ fn delete<F: Flash>(
 }
 
 #[inline(never)]
-fn deleted<F: Flash>(measure: &mut Measure<F>, now: Micros, number: u32, crc32: u32) {
+fn deleted<F: Flash>(measure: &mut Instrument<F>, now: Micros, number: u32, crc32: u32) {
     let record = Record::ProgramDeleted { number, crc32 };
-    measure.book.record(now, record);
+    measure.ledger.record(now, record);
 }

@@ -2,10 +2,11 @@
 //! decisions must be those of the journal, bit for bit.
 
 use umi_core::brain::{Brain, Output};
+use umi_core::job::Teaching;
 use umi_core::units::Micros;
 use umi_protocol::message::{MAX_RECORD, Record};
 
-use crate::settings::{points, positions_mm};
+use crate::settings::{kept, points};
 
 /// Replays a journal, record by record in its order.
 pub struct Replay {
@@ -97,7 +98,8 @@ impl Replay {
             | Record::ProgramSent { .. }
             | Record::ProgramNotKept { .. }
             | Record::CorrectionBegun { .. }
-            | Record::ProgramBegun { .. } => Ok(()),
+            | Record::ProgramBegun { .. }
+            | Record::JobLost { .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
@@ -116,13 +118,23 @@ impl Replay {
                 self.brain = Some(Brain::new(job.clone()).map_err(|_| Difference::BadJob)?);
                 complete
             }
-            Record::ReferenceRestored { positions_mm } => {
+            Record::ReferenceRestored {
+                positions_mm,
+                learned,
+            } => {
                 if let Some(brain) = &mut self.brain {
-                    brain.restore_reference(&points(positions_mm));
+                    brain.restore_reference(Teaching {
+                        places: &points(positions_mm),
+                        learned,
+                    });
                 }
                 self.nothing_expected()
             }
-            Record::Bytes { .. } | Record::BytesLost { .. } | Record::Time | Record::InputEnd => {
+            Record::Bytes { .. }
+            | Record::BytesLost { .. }
+            | Record::Time
+            | Record::InputEnd
+            | Record::TeachAsked => {
                 let complete = self.nothing_expected();
                 self.input(now, record, scratch)?;
                 complete
@@ -176,6 +188,8 @@ impl Replay {
             Record::Bytes { raw } => brain.bytes(now, raw, out),
             Record::BytesLost { count } => brain.bytes_lost(now, *count, out),
             Record::Time => brain.on_time(now, out),
+            // It was taken then, so it is now, or the decisions differ.
+            Record::TeachAsked => drop(brain.teach(true, out)),
             _ => brain.input_ended(now, out),
         }
         if fits {
@@ -216,13 +230,17 @@ impl Replay {
 /// What of the brain's output is journaled.
 fn decision(output: Output<'_>) -> Option<Record> {
     Some(match output {
-        Output::Line(_) | Output::Hit(_) => return None,
+        Output::Line(_) | Output::Request(_) | Output::Hit(_) => return None,
         Output::Fault(fault) => Record::Fault(fault.clone()),
         Output::Feature(feature) => Record::Feature(feature.clone()),
         Output::Verdict(verdict) => Record::Verdict(verdict.clone()),
-        Output::Taught(positions) => Record::Taught {
-            positions_mm: positions_mm(positions),
-        },
+        Output::Taught(taught) => {
+            let (positions_mm, learned) = kept(&taught);
+            Record::Taught {
+                positions_mm,
+                learned,
+            }
+        }
     })
 }
 

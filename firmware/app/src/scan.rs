@@ -15,8 +15,8 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::{Deque, Vec};
-use umi_core::place::Place;
 use umi_core::units::Micros;
+use umi_core::zero_option::ZeroOption;
 use umi_protocol::latch::{
     LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, MAX_AXES, MAX_STEPS, Scan,
 };
@@ -48,7 +48,7 @@ struct State {
     due: usize,
     counters: LatchCounters,
     /// The scans under way: by triggers, by pulses of the board's own.
-    under_way: [Place<Scan>; 2],
+    under_way: [ZeroOption<Scan>; 2],
 }
 
 impl Scans {
@@ -66,7 +66,7 @@ impl Scans {
                 missed: 0,
                 untold: 0,
             },
-            under_way: [Place::empty(), Place::empty()],
+            under_way: [ZeroOption::empty(), ZeroOption::empty()],
         };
         Self {
             state: Mutex::new(RefCell::new(state)),
@@ -134,7 +134,7 @@ impl Scans {
     /// When [`Self::over`] is due: none if no scan is under way.
     pub fn deadline(&self) -> Option<Micros> {
         self.with(|state| {
-            let ends = state.under_way.iter().filter_map(Place::get);
+            let ends = state.under_way.iter().filter_map(ZeroOption::get);
             let ends = ends.map(|scan| scan.to_ns.saturating_add(QUIET_NS) / 1000 + 1);
             ends.min().map(Micros)
         })

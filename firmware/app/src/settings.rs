@@ -4,46 +4,81 @@
 //! Both stand in one entry of a small journal of their own, so that they change
 //! together or not at all; the newest entry counts. The schema key stands before
 //! them, so that a layout of another version is never misread.
+//!
+//! A board without a job says why: none was ever kept, another firmware kept it, it is damaged
+//! ([`JobLoss`]). The reason is in the journal and in the status until a job is set.
+//!
+//! # Limitations
+//!
+//! A newest entry that is damaged looks like one that a power cut tore: the settings before it
+//! count again. The journal's entry of the start says which job that is.
 
 use heapless::Vec;
-use umi_core::journal::{Error, Flash, Journal};
+use umi_core::job::Teaching;
+use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::{Micros, Point};
 use umi_protocol::hello::KEY;
-use umi_protocol::job::{Job, MAX_DATUMS};
-use umi_protocol::message::MAX_RECORD;
+use umi_protocol::job::{Job, Learned, MAX_DATUMS, MAX_FEATURES};
+use umi_protocol::message::{JobLoss, MAX_RECORD};
 
 /// Datum positions in the order of the job's datum features.
-pub type Positions = Vec<[f64; 3], MAX_DATUMS>;
+pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
+
+/// How each feature of the job was when the reference was taught.
+pub type Lessons = Vec<Learned, MAX_FEATURES>;
+
+/// What one entry holds: the job and the reference that was taught.
+type Kept = (Job, Option<(PlacesMm, Lessons)>);
 
 /// Kind number of the only entry there is. A later layout gets another.
 const KIND: u8 = 1;
 
 /// The settings ring.
-pub struct Settings<F: Flash> {
+pub struct JobStore<F: Flash> {
     journal: Journal<F>,
+    /// Something that had been kept could not be read when it was opened.
+    has_lost: bool,
 }
 
-impl<F: Flash> Settings<F> {
+impl<F: Flash> JobStore<F> {
     /// Opens the ring.
     ///
     /// # Errors
     /// The journal's.
-    pub fn open(flash: F) -> Result<Self, Error<F::Error>> {
-        let (journal, _) = Journal::open(flash)?;
-        Ok(Self { journal })
+    pub fn open(flash: F) -> Result<Self, JournalError<F::Error>> {
+        let (journal, recovery) = Journal::open(flash)?;
+        let has_lost = !recovery.is_clean();
+        Ok(Self { journal, has_lost })
     }
 
-    /// The newest settings; none if there are none, or none that this firmware
-    /// can read: then there is no job until one is set.
-    pub fn load(&mut self, scratch: &mut [u8; MAX_RECORD]) -> Option<(Job, Option<Positions>)> {
-        let newest = self.journal.next_seq().checked_sub(1)?;
-        let found = self.journal.read(newest, scratch).ok()?;
+    /// The newest settings.
+    ///
+    /// # Errors
+    /// Why there is no job: [`JobLoss`]. A power cut while settings were kept leaves the ones
+    /// before.
+    pub fn load(&mut self, scratch: &mut [u8; MAX_RECORD]) -> Result<Kept, JobLoss> {
+        let newest = self.journal.next_seq().checked_sub(1);
+        let newest = newest.ok_or(match self.has_lost {
+            true => JobLoss::Damaged,
+            false => JobLoss::Absent,
+        })?;
+        let found = self
+            .journal
+            .read(newest, scratch)
+            .map_err(|error| match error {
+                JournalError::Flash(_) => JobLoss::Storage,
+                _ => JobLoss::Damaged,
+            })?;
         if found.entry.kind != KIND {
-            return None;
+            return Err(JobLoss::OtherSchema);
         }
-        match postcard::take_from_bytes(found.entry.payload) {
-            Ok(((KEY, job, taught), [])) => Some((job, taught)),
-            _ => None,
+        // The check value of the entry is right: what does not fit was written by another.
+        match postcard::take_from_bytes::<u64>(found.entry.payload) {
+            Ok((KEY, rest)) => match postcard::take_from_bytes(rest) {
+                Ok((settings, [])) => Ok(settings),
+                _ => Err(JobLoss::Damaged),
+            },
+            _ => Err(JobLoss::OtherSchema),
         }
     }
 
@@ -55,7 +90,7 @@ impl<F: Flash> Settings<F> {
         &mut self,
         now: Micros,
         job: &Job,
-        taught: Option<&Positions>,
+        taught: Option<&(PlacesMm, Lessons)>,
         scratch: &mut [u8; MAX_RECORD],
     ) -> Result<(), NotKept> {
         let payload = postcard::to_slice(&(KEY, job, taught), scratch).map_err(|_| NotKept)?;
@@ -70,8 +105,14 @@ impl<F: Flash> Settings<F> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotKept;
 
+/// What was taught as it is kept.
+pub fn kept(taught: &Teaching<'_>) -> (PlacesMm, Lessons) {
+    let learned = taught.learned.iter().copied().collect();
+    (positions_mm(taught.places), learned)
+}
+
 /// Points as they stand in records.
-pub fn positions_mm(points: &[Point]) -> Positions {
+pub fn positions_mm(points: &[Point]) -> PlacesMm {
     points.iter().map(|p| p.to_array_mm()).collect()
 }
 

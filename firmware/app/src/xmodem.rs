@@ -13,61 +13,63 @@
 //! while blocks go out or come in is not in the journal: where that does not come to its
 //! end, it is journaled as lost, and no verdict holds any more.
 
-use core::sync::atomic::Ordering;
-
 use embassy_futures::select::{Either, select};
+use umi_core::control::XOFF_PATIENCE_US;
 use umi_core::journal::Flash;
-use umi_core::xmodem::receiver::{self, Receiver};
-use umi_core::xmodem::sender::{Action, Outcome, Sender};
+use umi_core::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
+use umi_core::xmodem::sender::{BlockSender, SendOutcome, SendStep};
 use umi_core::xmodem::{BLOCK, FRAME, NAK};
 
 use crate::App;
 use crate::board::{Clock, CncTx};
-use crate::cnc::{XOFF_PATIENCE_US, patience};
-use crate::delivery::{Next, Sent};
+use crate::delivery::Next;
+use crate::line::{Sent, patience};
 
 /// Sends what has begun; the control has asked by a NAK.
 pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> Sent {
-    let mut sender = Sender::new(clock.now());
+    let mut sender = BlockSender::new(clock.now());
     sender.received(NAK, clock.now());
     let mut bytes = 0;
+    // As in text: what the host passes on refills by itself.
+    let mut waits_for_host = false;
     let outcome = loop {
         match sender.next(clock.now()) {
-            Action::Done(outcome) => break outcome,
-            Action::WaitUntil(until) => {
-                let came = select(app.flow.answers.receive(), clock.wait_until(until)).await;
+            SendStep::Done(outcome) => break outcome,
+            SendStep::WaitUntil(until) => {
+                let came = select(app.line.answers.receive(), clock.wait_until(until)).await;
                 if let Either::First(byte) = came {
                     sender.received(byte, clock.now());
                 }
             }
-            Action::NeedData { .. } => {
+            SendStep::NeedData { .. } => {
                 let (next, is_hungry) = {
                     let mut measure = app.measure.lock().await;
                     (measure.next_byte(), measure.is_hungry())
                 };
-                if is_hungry {
-                    app.flow.hungry.signal(());
+                if is_hungry && !waits_for_host {
+                    app.line.refill_needed.signal(());
                 }
+                waits_for_host = next == Next::WaitForHost;
                 match next {
                     Next::Byte(byte) => bytes += sender.data(&[byte], false) as u32,
                     Next::End { whole: true } => drop(sender.data(&[], true)),
                     Next::End { whole: false } => sender.stop(),
                     Next::Wait | Next::WaitForHost => {
                         let patience = patience(clock, XOFF_PATIENCE_US);
-                        let waited = select(app.flow.filled.wait(), patience).await;
+                        let waited = select(app.line.refilled.wait(), patience).await;
                         if matches!(waited, Either::Second(())) {
                             sender.stop();
                         }
                     }
                 }
             }
-            Action::Send(frame) => {
+            SendStep::Send(frame) => {
                 let mut block = heapless::Vec::<u8, FRAME>::new();
                 // A frame has as many.
                 let _ = block.extend_from_slice(frame);
                 let is_broken = !write(tx, clock, &block).await;
                 // What came before its last byte does not answer it.
-                while let Ok(byte) = app.flow.answers.try_receive() {
+                while let Ok(byte) = app.line.answers.try_receive() {
                     sender.received(byte, clock.now());
                 }
                 sender.sent(clock.now());
@@ -77,7 +79,10 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
             }
         }
     };
-    let whole = matches!(outcome, Outcome::Complete | Outcome::CompleteByCancel);
+    let whole = matches!(
+        outcome,
+        SendOutcome::Complete | SendOutcome::CompleteByCancel
+    );
     Sent {
         bytes,
         whole: whole.into(),
@@ -91,18 +96,18 @@ pub(crate) async fn receive<F: Flash>(
     tx: &mut impl CncTx,
     clock: &impl Clock,
 ) -> Sent {
-    let mut receiver = Receiver::new();
+    let mut receiver = BlockReceiver::new();
     let mut bytes = 0;
     let outcome = loop {
         match receiver.next(clock.now()) {
-            receiver::Action::Done(outcome) => break outcome,
-            receiver::Action::WaitUntil(until) => {
-                let came = select(app.flow.answers.receive(), clock.wait_until(until)).await;
+            ReceiveStep::Done(outcome) => break outcome,
+            ReceiveStep::WaitUntil(until) => {
+                let came = select(app.line.answers.receive(), clock.wait_until(until)).await;
                 if let Either::First(byte) = came {
                     receiver.received(byte, clock.now());
                 }
             }
-            receiver::Action::Send(answer) => {
+            ReceiveStep::Send(answer) => {
                 let mut block = heapless::Vec::<u8, FRAME>::new();
                 // An answer is shorter than a frame.
                 let _ = block.extend_from_slice(answer);
@@ -112,20 +117,20 @@ pub(crate) async fn receive<F: Flash>(
                     receiver.stop();
                 }
             }
-            receiver::Action::Data { bytes: came, last } => {
+            ReceiveStep::Data { bytes: came, last } => {
                 let mut block = heapless::Vec::<u8, BLOCK>::new();
                 // A block has no more.
                 let _ = block.extend_from_slice(came);
                 let is_first = bytes == 0;
                 bytes += block.len() as u32;
                 let mut measure = app.measure.lock().await;
-                measure.book.punch.block(&block, is_first, last);
+                measure.ledger.upload.block(&block, is_first, last);
                 drop(measure);
                 // Flash is written where it takes least from others.
-                app.flow.hungry.signal(());
+                app.line.refill_needed.signal(());
                 let is_stored = loop {
-                    app.flow.filled.wait().await;
-                    if let Some(stored) = app.measure.lock().await.book.punch.stored() {
+                    app.line.refilled.wait().await;
+                    if let Some(stored) = app.measure.lock().await.ledger.upload.stored() {
                         break stored;
                     }
                 };
@@ -137,11 +142,11 @@ pub(crate) async fn receive<F: Flash>(
             }
         }
     };
-    if outcome == receiver::Outcome::Refused {
+    if outcome == ReceiveOutcome::Refused {
         // It was a program, only not one to be kept.
-        app.flow.diverted.store(0, Ordering::Relaxed);
+        app.line.with(|talk| talk.was_a_program());
     }
-    let whole = outcome == receiver::Outcome::Complete;
+    let whole = outcome == ReceiveOutcome::Complete;
     Sent {
         bytes,
         whole: whole.into(),

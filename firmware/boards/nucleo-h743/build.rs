@@ -6,26 +6,26 @@ use std::{env, fs, io};
 
 use stm32_metapac::metadata::METADATA;
 
-#[path = "src/plan.rs"]
+#[path = "src/resources.rs"]
 #[allow(
     dead_code,
     clippy::indexing_slicing,
     reason = "the rest is for the firmware; in a constant the compiler finds what is outside"
 )]
-mod plan;
+mod resources;
 
 fn main() -> io::Result<()> {
-    println!("cargo::rerun-if-changed=src/plan.rs");
-    for planned in plan::SIGNALS {
+    println!("cargo::rerun-if-changed=src/resources.rs");
+    for planned in resources::SIGNALS {
         if !exists(&planned) {
-            let plan::Signal {
+            let resources::Signal {
                 pin: (port, number),
                 peripheral,
                 signal,
                 function,
             } = planned;
             println!(
-                "cargo::error=plan.rs: P{port}{number} is not {signal} of {peripheral} \
+                "cargo::error=resources.rs: P{port}{number} is not {signal} of {peripheral} \
                  as alternate function {function}"
             );
         }
@@ -41,7 +41,7 @@ fn main() -> io::Result<()> {
 }
 
 /// Whether the chip has this signal there.
-fn exists(planned: &plan::Signal) -> bool {
+fn exists(planned: &resources::Signal) -> bool {
     let (port, number) = planned.pin;
     let name = format!("P{port}{number}");
     METADATA

@@ -1,7 +1,7 @@
 //! The brain: receiver and job joined. Bytes and time in, records out.
 //!
 //! ```text
-//! bytes ─► dprnt::Receiver ─► lines, hits, blocks, faults ─► job::Run ─► features, verdicts
+//! bytes ─► dprnt::LineSplitter ─► lines, hits, blocks, faults ─► job::Run ─► features, verdicts
 //! ```
 //!
 //! Everything that the brain decides follows from the sequence of calls and
@@ -11,38 +11,41 @@
 use umi_protocol::fault::{Counters, Fault};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Job;
+use umi_protocol::job_error::JobError;
 use umi_protocol::latch::LatchReport;
 use umi_protocol::line::{HitReport, LineReport};
+use umi_protocol::message::TeachRefusal;
 use umi_protocol::pattern::Coding;
-use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
-use crate::dprnt::{Item, Line, Receiver, ReportedHit};
-use crate::job::{self, Decision, Run};
-use crate::place::Place;
-use crate::units::{Micros, Point};
+use crate::dprnt::{Item, Line, LineSplitter, ReportedHit};
+use crate::job::{self, Decision, Run, Teaching};
+use crate::units::Micros;
+use crate::zero_option::ZeroOption;
 
 /// What comes out, in the order in which it happened.
 #[derive(Clone, Copy, Debug)]
 pub enum Output<'a> {
     /// A line from the control.
     Line(&'a LineReport),
+    /// That line asks for the program of this number.
+    Request(u32),
     /// A hit as the control reported it.
     Hit(&'a HitReport),
     /// Something was lost, damaged, doubtful or not understood.
     Fault(&'a Fault),
     /// A feature was fitted or refused.
     Feature(&'a FeatureResult),
-    /// A plate was judged.
+    /// A setup was judged.
     Verdict(&'a Verdict),
-    /// A plate became the reference: positions of the datum features.
-    Taught(&'a [Point]),
+    /// A setup became the reference; without places: there is none any more.
+    Taught(Teaching<'a>),
 }
 
 /// Receiver and job joined, or neither.
 #[derive(Debug)]
 pub struct Brain {
-    receiver: Place<Receiver>,
+    receiver: ZeroOption<LineSplitter>,
     run: Run,
 }
 
@@ -51,7 +54,7 @@ impl Brain {
     #[must_use]
     pub const fn idle() -> Self {
         Self {
-            receiver: Place::empty(),
+            receiver: ZeroOption::empty(),
             run: Run::idle(),
         }
     }
@@ -72,7 +75,7 @@ impl Brain {
     /// Why the job cannot be used: then nothing has changed.
     pub fn begin(&mut self, job: Job) -> Result<(), JobError> {
         job::check(&job)?;
-        self.receiver.put(Receiver::new(&job.receiver));
+        self.receiver.put(LineSplitter::new(&job.receiver));
         self.run.begin(job);
         Ok(())
     }
@@ -90,14 +93,22 @@ impl Brain {
     }
 
     /// Puts back a reference that was taught before a restart.
-    pub fn restore_reference(&mut self, positions: &[Point]) {
-        self.run.restore_reference(positions);
+    pub fn restore_reference(&mut self, taught: Teaching<'_>) {
+        self.run.restore_reference(taught);
     }
 
     /// The code in which the control writes: the job's, or as detected.
     #[must_use]
     pub fn coding(&self) -> Coding {
-        self.receiver.get().map_or(Coding::Auto, Receiver::coding)
+        self.receiver
+            .get()
+            .map_or(Coding::Auto, LineSplitter::coding)
+    }
+
+    /// Lines of a program that seems to be punched, where its end does not come.
+    #[must_use]
+    pub fn punched_lines(&self, now: Micros) -> Option<u32> {
+        self.receiver.get()?.punched_lines(now)
     }
 
     /// What the receiver has counted.
@@ -130,10 +141,23 @@ impl Brain {
         self.run.latched(latch);
     }
 
+    /// The setup that comes next is to be the reference, in place of the one that there is
+    /// only if `again`.
+    ///
+    /// # Errors
+    /// Why there is nothing to teach: nothing has changed.
+    pub fn teach(
+        &mut self,
+        again: bool,
+        out: &mut impl FnMut(Output<'_>),
+    ) -> Result<(), TeachRefusal> {
+        self.run.teach(again, &mut decisions(out))
+    }
+
     /// When [`Self::on_time`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        let receiver = self.receiver.get().and_then(Receiver::deadline);
+        let receiver = self.receiver.get().and_then(LineSplitter::deadline);
         match (receiver, self.run.deadline()) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
@@ -174,6 +198,12 @@ fn decisions(out: &mut impl FnMut(Output<'_>)) -> impl FnMut(Decision<'_>) {
 fn pass(run: &mut Run, item: &Item<'_>, now: Micros, out: &mut impl FnMut(Output<'_>)) {
     match item {
         Item::Line(line) => show_line(line, out),
+        Item::Request(number) => {
+            out(Output::Request(*number));
+            run.control_asks(&mut decisions(out));
+        }
+        Item::Reads => run.control_reads(&mut decisions(out)),
+        Item::Announced(announced) => run.announced(announced, now, &mut decisions(out)),
         Item::Hit(hit) => {
             show_hit(hit, out);
             run.hit(hit, now, &mut decisions(out));
@@ -206,7 +236,7 @@ impl<'a> From<Decision<'a>> for Output<'a> {
         match decision {
             Decision::Feature(feature) => Self::Feature(feature),
             Decision::Verdict(verdict) => Self::Verdict(verdict),
-            Decision::Taught(positions) => Self::Taught(positions),
+            Decision::Taught(taught) => Self::Taught(taught),
         }
     }
 }

@@ -18,14 +18,21 @@
 extern crate std;
 
 pub mod brain;
+pub mod capture;
+pub mod control;
+pub mod correction;
+mod decimal;
 pub mod dprnt;
-pub mod encoder;
 pub mod fit;
 pub mod job;
 pub mod journal;
-pub mod nc;
-pub mod place;
+pub mod point;
 pub mod programs;
 pub mod registration;
+pub mod rewrite;
+#[cfg(test)]
+mod sentences;
+pub mod trigger;
 pub mod units;
 pub mod xmodem;
+pub mod zero_option;

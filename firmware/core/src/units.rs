@@ -32,6 +32,28 @@ impl Rad {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub struct Micros(pub u64);
 
+/// A position along an axis, in counts of its encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Counts(pub i64);
+
+/// An instant on the clock that captures, in its cycles since it was started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Cycles(pub u64);
+
+impl Cycles {
+    /// So many cycles later; the last instant there is at most.
+    #[must_use]
+    pub const fn after(self, cycles: u64) -> Self {
+        Self(self.0.saturating_add(cycles))
+    }
+
+    /// So many cycles before; the start at least.
+    #[must_use]
+    pub const fn before(self, cycles: u64) -> Self {
+        Self(self.0.saturating_sub(cycles))
+    }
+}
+
 /// A position in space, millimetres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {

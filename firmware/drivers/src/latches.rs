@@ -13,6 +13,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::{Deque, Vec};
 use umi_app::board::LatchSource;
+use umi_core::units::Counts;
 use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 
 /// Captures that can wait: the application takes them at a high priority.
@@ -69,7 +70,19 @@ impl Latches {
 
     /// An edge with its instant, and where the axes were at it. `missed` edges of the
     /// same cause before it are lost.
-    pub fn captured(&self, cause: LatchCause, t_ns: u64, counts: Vec<i64, MAX_AXES>, missed: u32) {
+    pub fn captured(
+        &self,
+        cause: LatchCause,
+        t_ns: u64,
+        counts: impl IntoIterator<Item = Counts>,
+        missed: u32,
+    ) {
+        // No board has more axes than a report.
+        let counts = counts
+            .into_iter()
+            .take(MAX_AXES)
+            .map(|axis| axis.0)
+            .collect();
         self.with(cause, |state, index| {
             state.latest_ns = t_ns;
             let Some(count) = state.counts.get_mut(index) else {
@@ -175,7 +188,7 @@ mod tests {
     }
 
     fn capture(latches: &Latches, t_ns: u64, missed: u32) {
-        let counts = Vec::from_slice(&[t_ns as i64, -1]).unwrap();
+        let counts = [t_ns as i64, -1].map(Counts);
         latches.captured(LatchCause::Trigger, t_ns, counts, missed);
     }
 

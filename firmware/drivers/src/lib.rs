@@ -6,7 +6,7 @@
 //!
 //! | file | idea |
 //! | --- | --- |
-//! | [`heard`] | who must be heard so that the watchdog is fed |
+//! | [`task_watchdog`] | every priority level must check in within its own time-out |
 //! | [`latches`] | captures between an interrupt and the application |
 //! | [`received`] | bytes between an interrupt and the application, losses in their place |
 //! | [`spi_nor`] | serial NOR flash for the journal and the settings |
@@ -25,8 +25,8 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod heard;
 pub mod latches;
 pub mod received;
 pub mod spi_nor;
+pub mod task_watchdog;
 pub mod usb_serial;

@@ -1,4 +1,4 @@
-//! What a line has received and nobody has read yet, with what was lost in its place.
+//! Receive buffer of a line: unread bytes, and each loss in its place.
 
 use heapless::Deque;
 use umi_app::board::CncInput;

@@ -40,15 +40,15 @@ type Open = watch::Receiver<'static, CriticalSectionRawMutex, bool, DIRECTIONS>;
 static OPEN: Watch<CriticalSectionRawMutex, bool, DIRECTIONS> = Watch::new();
 
 /// What runs, each in its place.
-pub struct Parts<D: Driver<'static>> {
+pub struct UsbParts<D: Driver<'static>> {
     /// The device itself: to be run for ever.
     pub device: UsbDevice<'static, D>,
     /// What the host says about the line: for [`follow`].
     pub line: ControlChanged<'static>,
     /// From the host.
-    pub receiver: Receiver<D>,
+    pub receiver: UsbReceiver<D>,
     /// To the host.
-    pub transmitter: Transmitter<D>,
+    pub transmitter: UsbTransmitter<D>,
 }
 
 /// A device that calls itself `product`. `None`: it exists already.
@@ -56,7 +56,7 @@ pub fn start<D: Driver<'static>>(
     driver: D,
     product: &'static str,
     serial: &'static str,
-) -> Option<Parts<D>> {
+) -> Option<UsbParts<D>> {
     static CONFIGURATION: StaticCell<[u8; 128]> = StaticCell::new();
     static BOS: StaticCell<[u8; 32]> = StaticCell::new();
     static CONTROL: StaticCell<[u8; 64]> = StaticCell::new();
@@ -81,17 +81,17 @@ pub fn start<D: Driver<'static>>(
     let state = STATE.try_init(cdc_acm::State::new())?;
     let class = CdcAcmClass::new(&mut builder, state, PACKET as u16);
     let (sender, receiver, line) = class.split_with_control();
-    Some(Parts {
+    Some(UsbParts {
         device: builder.build(),
         line,
-        receiver: Receiver {
+        receiver: UsbReceiver {
             port: receiver,
             open: OPEN.receiver()?,
             packet: [0; PACKET],
             next: 0,
             end: 0,
         },
-        transmitter: Transmitter {
+        transmitter: UsbTransmitter {
             port: sender,
             open: OPEN.receiver()?,
         },
@@ -156,7 +156,7 @@ async fn closed(open: &mut Open) {
 }
 
 /// From the host.
-pub struct Receiver<D: Driver<'static>> {
+pub struct UsbReceiver<D: Driver<'static>> {
     port: cdc_acm::Receiver<'static, D>,
     open: Open,
     packet: [u8; PACKET],
@@ -166,7 +166,7 @@ pub struct Receiver<D: Driver<'static>> {
     end: usize,
 }
 
-impl<D: Driver<'static>> LinkRx for Receiver<D> {
+impl<D: Driver<'static>> LinkRx for UsbReceiver<D> {
     async fn connected(&mut self) {
         (self.next, self.end) = (0, 0);
         self.open.get_and(|open| *open).await;
@@ -196,12 +196,12 @@ impl<D: Driver<'static>> LinkRx for Receiver<D> {
 }
 
 /// To the host.
-pub struct Transmitter<D: Driver<'static>> {
+pub struct UsbTransmitter<D: Driver<'static>> {
     port: cdc_acm::Sender<'static, D>,
     open: Open,
 }
 
-impl<D: Driver<'static>> Transmitter<D> {
+impl<D: Driver<'static>> UsbTransmitter<D> {
     async fn packet(&mut self, bytes: &[u8]) -> Result<(), Broken> {
         match select(self.port.write_packet(bytes), closed(&mut self.open)).await {
             Either::First(Ok(())) => Ok(()),
@@ -210,7 +210,7 @@ impl<D: Driver<'static>> Transmitter<D> {
     }
 }
 
-impl<D: Driver<'static>> LinkTx for Transmitter<D> {
+impl<D: Driver<'static>> LinkTx for UsbTransmitter<D> {
     async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
         for piece in bytes.chunks(PACKET) {
             self.packet(piece).await?;

@@ -1,4 +1,4 @@
-//! How a command ends when it does not end well, and the exit status for it.
+//! A command's failure, and its exit status.
 //!
 //! | status | meaning |
 //! | --- | --- |
@@ -9,51 +9,42 @@
 use std::fmt;
 use std::path::Path;
 
-use serde_json::{Map, Value, json};
-
-use crate::link::LinkError;
+use umi_client::problem::{Problem, ProblemKind};
 
 /// Why a command does not end well.
 #[derive(Debug)]
-pub enum Failure {
-    /// It could not be done. Exit status 1.
-    Trouble(Explained),
-    /// It was done and the answer is no. Exit status 2.
-    Refused(Explained),
+pub(crate) enum Failure {
+    /// It could not be done (exit status 1), or the answer is no (exit status 2).
+    Told(Problem),
     /// The answer is no and has been shown already, as a verdict NG. Exit status 2.
     Negative,
     /// Whoever reads our output has had enough, as `head` does. Exit status 0.
     OutputClosed,
 }
 
-/// What is wrong and what to do, for people and for machines.
-#[derive(Debug)]
-pub struct Explained {
-    /// The stable name.
-    pub code: &'static str,
-    /// The sentence.
-    pub message: String,
-    /// Figures and places, for machines only.
-    pub details: Map<String, Value>,
-}
-
 impl Failure {
     /// It could not be done, because of `message`.
     pub fn trouble(code: &'static str, message: impl fmt::Display) -> Self {
-        Self::Trouble(Explained::new(code, message))
+        Self::Told(Problem::trouble(code, message))
     }
 
     /// It was done and the answer is no, because of `message`.
     pub fn refused(code: &'static str, message: impl fmt::Display) -> Self {
-        Self::Refused(Explained::new(code, message))
+        Self::Told(Problem::refused(code, message))
     }
 
     /// A file could not be read or written (`what`: "read", "write").
     pub fn file(what: &str, path: &Path, error: &std::io::Error) -> Self {
-        Self::trouble(
-            "file",
-            format_args!("cannot {what} {}: {error}", path.display()),
-        )
+        Self::Told(Problem::file(what, path, error))
+    }
+
+    /// With something more to say.
+    #[must_use]
+    pub fn noted(mut self, note: &str) -> Self {
+        if let Self::Told(problem) = &mut self {
+            problem.message += note;
+        }
+        self
     }
 
     /// The exit status.
@@ -61,72 +52,26 @@ impl Failure {
     pub const fn status(&self) -> u8 {
         match self {
             Self::OutputClosed => 0,
-            Self::Trouble(_) => 1,
-            Self::Refused(_) | Self::Negative => 2,
+            Self::Told(problem) => match problem.kind {
+                ProblemKind::Trouble => 1,
+                ProblemKind::Refused => 2,
+            },
+            Self::Negative => 2,
         }
     }
 
     /// What to say, if it has not been said.
     #[must_use]
-    pub const fn explained(&self) -> Option<&Explained> {
+    pub const fn problem(&self) -> Option<&Problem> {
         match self {
-            Self::Trouble(explained) | Self::Refused(explained) => Some(explained),
+            Self::Told(problem) => Some(problem),
             Self::Negative | Self::OutputClosed => None,
         }
     }
 }
 
-impl Explained {
-    /// With no details.
-    pub fn new(code: &'static str, message: impl fmt::Display) -> Self {
-        Self {
-            code,
-            message: message.to_string(),
-            details: Map::new(),
-        }
-    }
-
-    /// With one more detail.
-    #[must_use]
-    pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
-        self.details.insert(name.to_owned(), value.into());
-        self
-    }
-
-    /// `{"error":{"code":…,"message":…}}`, with the details behind them.
-    #[must_use]
-    pub fn json(&self) -> Value {
-        let mut error = Map::new();
-        error.insert("code".into(), self.code.into());
-        error.insert("message".into(), self.message.as_str().into());
-        error.extend(self.details.clone());
-        json!({ "error": error })
-    }
-}
-
-impl From<umi_core::fit::FitError> for Failure {
-    fn from(error: umi_core::fit::FitError) -> Self {
-        Self::refused(error.code(), error)
-    }
-}
-
-impl From<LinkError> for Failure {
-    fn from(error: LinkError) -> Self {
-        let code = match &error {
-            LinkError::BadAddress { .. } => "bad_address",
-            LinkError::NoSuchPort { .. } => "no_such_port",
-            LinkError::CannotOpen { .. } => "cannot_open",
-            LinkError::Closed(_) => "connection_closed",
-            LinkError::NobodyAnswers { .. } => "nobody_answers",
-            LinkError::Mismatch { .. } => "version_mismatch",
-            LinkError::BoardChanged => "board_changed",
-            LinkError::NoAnswer { .. } => "no_answer",
-            LinkError::Damaged { .. } => "damaged_answer",
-            LinkError::JobOutcomeUnknown { .. } => "job_outcome_unknown",
-            LinkError::NotUnderstood { .. } => "not_understood",
-            LinkError::WrongAnswer { .. } => "wrong_answer",
-            LinkError::StorageFailed => "storage_failed",
-        };
-        Self::trouble(code, error)
+impl<P: Into<Problem>> From<P> for Failure {
+    fn from(problem: P) -> Self {
+        Self::Told(problem.into())
     }
 }

@@ -1,4 +1,4 @@
-//! Ctrl-C and the system's wish that we end: noticed, so that work ends properly.
+//! Turns SIGINT, SIGTERM and SIGHUP into a flag, for a clean end; a terminal that is gone, too.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,6 +13,58 @@ pub fn watch() {
             std::process::exit(130);
         }
     });
+}
+
+/// The longest that work may take to end after a hang-up.
+#[cfg(unix)]
+const LAST: std::time::Duration = std::time::Duration::from_millis(500);
+
+/// From now on this process ends when the terminal that it reads is gone: who reads keys would
+/// read the end of its input for ever. The signal SIGHUP goes only to a terminal's own session.
+pub fn end_on_hang_up() {
+    #[cfg(unix)]
+    if std::io::IsTerminal::is_terminal(&std::io::stdin()) {
+        std::thread::spawn(|| {
+            if has_hung_up() {
+                CAME.store(true, Ordering::Relaxed);
+                std::thread::sleep(LAST);
+                // What is still at work waits for keys that cannot come.
+                std::process::exit(HUNG_UP);
+            }
+        });
+    }
+}
+
+/// The exit status of a program that a hang-up ends: 128 and SIGHUP.
+#[cfg(unix)]
+const HUNG_UP: i32 = 129;
+
+/// Waits for the terminal's end. False: this system does not tell.
+#[cfg(unix)]
+fn has_hung_up() -> bool {
+    use rustix::event::{PollFd, PollFlags, poll};
+    use rustix::io::Errno;
+    let stdin = std::io::stdin();
+    loop {
+        let mut fds = [PollFd::new(&stdin, PollFlags::empty())];
+        match poll(&mut fds, None) {
+            Ok(_) if fds[0].revents().contains(PollFlags::HUP) => return true,
+            Err(Errno::INTR) => {}
+            _ => return false,
+        }
+    }
+}
+
+/// From now on the end of standard input is noticed as an interrupt is, where it is no
+/// terminal: for a command that nothing else could end.
+pub fn end_with_input() {
+    if !std::io::IsTerminal::is_terminal(&std::io::stdin()) {
+        std::thread::spawn(|| {
+            // A failure is an end, too.
+            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+            CAME.store(true, Ordering::Relaxed);
+        });
+    }
 }
 
 /// Whether one came.

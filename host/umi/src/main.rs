@@ -1,16 +1,26 @@
 //! The openumi host tool.
 
 mod cmd;
+mod failure;
+mod interrupt;
+mod output;
+mod show;
+mod watch;
 
 use std::process::ExitCode;
 
+use crate::show::terminal::{BAD, paint, print_error, print_json};
 use clap::Parser;
-use umi::style::{BAD, paint, print_error, print_json};
 
 /// The host tool of openumi, the board between a machine tool's control and its probe.
 #[derive(Parser)]
 #[command(name = "umi", version, propagate_version = true, after_help = EXIT_STATUS)]
 struct Cli {
+    // Both stand before a command or behind it; each command has its own copy.
+    #[command(flatten)]
+    format: cmd::Format,
+    #[command(flatten)]
+    _board: cmd::Board,
     #[command(subcommand)]
     command: cmd::Command,
 }
@@ -35,16 +45,17 @@ fn main() -> ExitCode {
             return ExitCode::from(u8::from(error.use_stderr()));
         }
     };
-    let json = cli.command.json();
+    let json = cli.format.json;
+    interrupt::end_on_hang_up();
     let Err(failure) = cli.command.run() else {
         return ExitCode::SUCCESS;
     };
-    if let Some(explained) = failure.explained() {
+    if let Some(problem) = failure.problem() {
         if json {
             // If standard output is closed, the status still says it.
-            let _ = print_json(&explained.json());
+            let _ = print_json(&problem.json());
         } else {
-            print_error(&format!("{} {}\n", paint(BAD, "error:"), explained.message));
+            print_error(&format!("{} {}\n", paint(BAD, "error:"), problem.message));
         }
     }
     ExitCode::from(failure.status())

@@ -1,9 +1,9 @@
 //! A control and its machine: programs in, motions and text out.
 
 use crate::cutting::{CylinderArc, Grid, Workpiece};
-use crate::machine::{Machine, Wires};
-use crate::nc::{Alarm, Axes, Control, State, Step};
-use crate::scene::{Scene, SceneError, Shape};
+use crate::machine::{VirtualMachine, Wires};
+use crate::nc::{Alarm, AxisDrives, BlockStep, Control, ProgramState};
+use crate::scene::{Scene, SceneError, SceneShape};
 
 /// A control in front of its machine.
 #[derive(Debug)]
@@ -14,17 +14,17 @@ pub struct Cell<M> {
     pub machine: M,
 }
 
-impl<W: Wires> Cell<Machine<W>> {
+impl<W: Wires> Cell<VirtualMachine<W>> {
     /// Switches both on, with the scene's parameters, offsets and tools.
     pub fn new(scene: Scene, seed: u64, wires: W) -> Self {
         Self {
             control: control(&scene),
-            machine: Machine::new(scene, seed, wires),
+            machine: VirtualMachine::new(scene, seed, wires),
         }
     }
 }
 
-impl<M: Axes> Cell<M> {
+impl<M: AxisDrives> Cell<M> {
     /// Loads a text and runs its first program to its end; `seen` is told of every
     /// block. Stops (M0, M1, `#3006`) go on by themselves once `seen` has seen them.
     ///
@@ -33,7 +33,7 @@ impl<M: Axes> Cell<M> {
     pub fn run<E: From<Alarm>>(
         &mut self,
         program: &str,
-        mut seen: impl FnMut(&mut Self, &Step) -> Result<(), E>,
+        mut seen: impl FnMut(&mut Self, &BlockStep) -> Result<(), E>,
     ) -> Result<(), E> {
         if let Some(first) = self.control.load(program)?.first() {
             self.control.select(*first)?;
@@ -41,7 +41,7 @@ impl<M: Axes> Cell<M> {
         loop {
             let step = self.control.step(&mut self.machine)?;
             seen(self, &step)?;
-            if step.state == State::Ended {
+            if step.state == ProgramState::Ended {
                 return Ok(());
             }
         }
@@ -65,7 +65,7 @@ pub fn workpiece(scene: &Scene) -> Result<Option<(Workpiece, CylinderArc)>, Scen
             body.name, other.name
         ));
     }
-    let Shape::Arc {
+    let SceneShape::Arc {
         radius_mm,
         length_mm,
         width_mm,

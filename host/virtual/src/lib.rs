@@ -1,10 +1,11 @@
-//! What stands in for hardware on a desk.
+//! Stand-ins for hardware on a desk.
 //!
 //! * [`board`]: a virtual openumi board, the application of the firmware images in
 //!   a thread of a host process.
 //! * [`nc`]: a control's NC interpreter: part programs and custom macros in, motions
 //!   and printed text out.
 //! * [`machine`]: the machine tool that carries them out: axes, encoders, probe.
+//! * [`sensor`]: a distance sensor in its spindle.
 //! * [`scene`]: what stands on the machine's table.
 //! * [`cutting`]: what a tool path leaves on a workpiece.
 //! * [`cell`]: a control in front of its machine.
@@ -18,5 +19,6 @@ pub mod cutting;
 pub mod machine;
 pub mod nc;
 pub mod scene;
+pub mod sensor;
 
 pub use board::*;

@@ -1,8 +1,8 @@
 //! The example scenes give what the thesis' tables say of its probe and balls.
 
 use umi_core::units::Point;
-use umi_virtual::machine::{Machine, Unwired};
-use umi_virtual::nc::{Axes, Motion, Path, Rate};
+use umi_virtual::machine::{Unwired, VirtualMachine};
+use umi_virtual::nc::{AxisDrives, AxisMotion, MotionPath, MotionRate};
 use umi_virtual::scene::{Scene, pose};
 
 const THREE_SPHERES: &str = include_str!("../../../examples/scenes/three-spheres.toml");
@@ -10,22 +10,22 @@ const RING_GAUGE: &str = include_str!("../../../examples/scenes/ring-gauge.toml"
 /// What the thesis' routine adds to a hit: tip radius less 0.062 mm.
 const COMPENSATION_MM: f64 = 2.5 - 0.062;
 
-fn to(at: [f64; 3], feed: f64) -> Motion {
-    Motion {
+fn to(at: [f64; 3], feed: f64) -> AxisMotion {
+    AxisMotion {
         to: Point::from_array_mm(at),
-        path: Path::Line,
-        rate: Rate::Feed(feed),
+        path: MotionPath::Line,
+        rate: MotionRate::Feed(feed),
     }
 }
 
-fn skip(machine: &mut Machine<Unwired>, at: [f64; 3], feed: f64) -> Option<[f64; 3]> {
+fn skip(machine: &mut VirtualMachine<Unwired>, at: [f64; 3], feed: f64) -> Option<[f64; 3]> {
     let skip = machine.skip(&to(at, feed), false).expect("no trip");
     skip.touched.then(|| skip.stored.to_array_mm())
 }
 
 /// Opposite hits along an axis, fast and slow, by the moves of the thesis' appendix D:
 /// half the distance of the compensated points.
-fn radius(machine: &mut Machine<Unwired>, center: [f64; 3], axis: usize) -> f64 {
+fn radius(machine: &mut VirtualMachine<Unwired>, center: [f64; 3], axis: usize) -> f64 {
     let mut sides = Vec::new();
     for sign in [1.0, -1.0] {
         let beside = |off: f64, z: f64| {
@@ -62,7 +62,7 @@ fn balls_of_the_plate() {
         let mut scene = Scene::parse(THREE_SPHERES).expect("a valid scene");
         let plate = pose([shift, 0.0, 0.0], [0.0, 0.0, turn], [0.0; 3]);
         assert!(scene.place("PLATE", plate));
-        let mut machine = Machine::new(scene, 1, Unwired);
+        let mut machine = VirtualMachine::new(scene, 1, Unwired);
         for center in [
             [-135.018, -136.624, 135.910],
             [137.989, -134.678, 110.253],
@@ -96,7 +96,7 @@ fn balls_of_the_plate() {
 fn ring_gauge() {
     let scene = Scene::parse(RING_GAUGE).expect("a valid scene");
     let [x, y, z] = scene.machine.start_mm;
-    let mut machine = Machine::new(scene, 1, Unwired);
+    let mut machine = VirtualMachine::new(scene, 1, Unwired);
     let mut pretravel = Vec::new();
     for step in 0..36 {
         let angle = (10.0 * f64::from(step)).to_radians();

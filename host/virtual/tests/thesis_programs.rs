@@ -1,7 +1,9 @@
 //! The programs of the thesis (appendices C to F) run as they are printed.
 
 use umi_core::units::Point;
-use umi_virtual::nc::{Axes, Control, Motion, Settings, Skip, State, Trip, WorkOffset, check};
+use umi_virtual::nc::{
+    AxisDrives, AxisMotion, Control, ControlSettings, OffsetSystem, ProgramState, Skip, Trip, check,
+};
 
 /// What the probe may touch.
 #[derive(Clone, Copy)]
@@ -69,19 +71,19 @@ impl Machine {
     }
 }
 
-impl Axes for Machine {
+impl AxisDrives for Machine {
     fn position(&self) -> Point {
         Point::from_array_mm(self.at)
     }
     fn reference_point(&self) -> Point {
         Point::from_mm(0.0, 0.0, 400.0)
     }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         self.at = motion.to.to_array_mm();
         self.ends.push(self.at);
         Ok(())
     }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, _: bool) -> Result<Skip, Trip> {
         let to = motion.to.to_array_mm();
         let part = self.contact(to);
         let part_or_all = part.unwrap_or(1.0);
@@ -113,20 +115,20 @@ impl Axes for Machine {
 }
 
 /// The control of the thesis: zeros suppressed, as its point lines show.
-fn settings() -> Settings {
-    Settings {
+fn settings() -> ControlSettings {
+    ControlSettings {
         leading_blanks: false,
         feed_mm_min: Some(100.0),
-        ..Settings::default()
+        ..ControlSettings::default()
     }
 }
 
-fn run(settings: Settings, machine: &mut Machine, text: &str) -> Control {
+fn run(settings: ControlSettings, machine: &mut Machine, text: &str) -> Control {
     let mut control = Control::new(settings);
     let numbers = control.load(text).expect("loads");
     control.select(numbers[0]).expect("in memory");
     match control.run(machine) {
-        Ok(step) => assert_eq!(step.state, State::Ended),
+        Ok(step) => assert_eq!(step.state, ProgramState::Ended),
         Err(alarm) => panic!("{alarm}"),
     }
     control
@@ -163,7 +165,7 @@ fn ring_gauge() {
 /// Appendix C on a control just switched on: no feed, alarm 11 at the first G1.
 #[test]
 fn ring_gauge_without_feed() {
-    let mut control = Control::new(Settings {
+    let mut control = Control::new(ControlSettings {
         feed_mm_min: None,
         ..settings()
     });
@@ -218,15 +220,15 @@ fn sphere() {
 fn nominal_path() {
     let mut machine = Machine::new(Thing::Nothing);
     let mut control = Control::new(settings());
-    control.set_offset(WorkOffset::Extended(1), [100.0, 0.0, 0.0]);
-    control.set_offset(WorkOffset::Standard(1), [7.0, 7.0, 7.0]);
+    control.set_offset(OffsetSystem::Extended(1), [100.0, 0.0, 0.0]);
+    control.set_offset(OffsetSystem::Standard(1), [7.0, 7.0, 7.0]);
     assert_eq!(control.load(NOMINAL), Ok(vec![1]));
     control.select(1).expect("O0001");
     let end = control.run(&mut machine);
-    assert_eq!(end.map(|step| step.state), Ok(State::Ended));
+    assert_eq!(end.map(|step| step.state), Ok(ProgramState::Ended));
     assert_eq!(control.offsets().length(1), 85.0);
     assert_eq!(control.offsets().radius(1), 4.0);
-    assert_eq!(control.offset(WorkOffset::Standard(1)), [0.0; 3]);
+    assert_eq!(control.offset(OffsetSystem::Standard(1)), [0.0; 3]);
     assert_eq!(machine.tool, Some(0));
     let last = machine.ends.last().copied().expect("moves");
     for (got, expected) in last.iter().zip([100.0 - 25.399, 31.84, 24.707]) {

@@ -1,7 +1,7 @@
 //! What a person sees: progress lines, notes, errors and the summary table.
 //!
 //! Everything goes to standard error, so that the standard output of the commands
-//! that a chore runs stays theirs. Colour is used on terminals only, and not where
+//! that a task runs stays theirs. Colour is used on terminals only, and not where
 //! `NO_COLOR` is set (<https://no-color.org>).
 
 use std::fmt::Write as _;
@@ -26,7 +26,7 @@ fn paint(colour: &str, text: &str) -> String {
     }
 }
 
-/// The headline of one step of a longer chore.
+/// The headline of one step of a longer task.
 pub fn headline(text: &str) {
     eprintln!("\n{}", paint(BOLD, &format!("== {text}")));
 }
@@ -39,6 +39,11 @@ pub fn progress(text: &str) {
 /// Something left out, and why.
 pub fn skipped(text: &str) {
     eprintln!("   {} {text}", paint(YELLOW, "skipped:"));
+}
+
+/// Something that is not as it should be, and is no failure.
+pub fn warning(text: &str) {
+    eprintln!("   {} {text}", paint(YELLOW, "warning:"));
 }
 
 /// An error with its causes, the outermost first.
@@ -73,9 +78,11 @@ fn aligned<const N: usize>(rows: &[[String; N]]) -> String {
 
 /// How a step ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
+pub(crate) enum Outcome {
     /// It ran and everything held.
     Passed,
+    /// What ran held, but a part could not run here, for this reason.
+    Partly(String),
     /// It could not run here, for this reason, and is not required here.
     Skipped(String),
     /// It ran and something did not hold.
@@ -85,7 +92,7 @@ pub enum Outcome {
 }
 
 /// One line of the summary table.
-pub struct Line {
+pub(crate) struct Line {
     /// The name of the step.
     pub step: &'static str,
     /// How it ended.
@@ -105,6 +112,7 @@ fn table(lines: &[Line], paint: impl Fn(&str, &str) -> String) -> String {
     for line in lines {
         let (colour, result) = match line.outcome {
             Outcome::Passed => (GREEN, "ok"),
+            Outcome::Partly(_) => (YELLOW, "partly"),
             Outcome::Skipped(_) => (YELLOW, "skipped"),
             Outcome::Failed => (RED, "FAILED"),
             Outcome::NotRun => (YELLOW, "not run"),
@@ -113,7 +121,7 @@ fn table(lines: &[Line], paint: impl Fn(&str, &str) -> String) -> String {
         let result = paint(colour, &format!("{result:8}"));
         let seconds = line.took.as_secs_f64();
         let _ = write!(text, "{:width$}  {result}  {seconds:>8.1}", line.step);
-        if let Outcome::Skipped(reason) = &line.outcome {
+        if let Outcome::Skipped(reason) | Outcome::Partly(reason) = &line.outcome {
             let _ = write!(text, "  {reason}");
         }
         text.push('\n');
@@ -143,6 +151,26 @@ mod tests {
         );
     }
 
+    /// What did not run, or not all of it, is yellow: green is only what ran and held.
+    #[test]
+    fn colours() {
+        let colour = |outcome| {
+            let line = Line {
+                step: "step",
+                outcome,
+                took: Duration::ZERO,
+            };
+            let text = table(&[line], |colour, text| format!("<{colour}>{text}"));
+            let start = text.find('<').unwrap();
+            text[start + 1..text.find('>').unwrap()].to_owned()
+        };
+        assert_eq!(colour(Outcome::Passed), GREEN);
+        assert_eq!(colour(Outcome::Failed), RED);
+        assert_eq!(colour(Outcome::Skipped("why".into())), YELLOW);
+        assert_eq!(colour(Outcome::Partly("why".into())), YELLOW);
+        assert_eq!(colour(Outcome::NotRun), YELLOW);
+    }
+
     /// Columns line up, the reason of a skip is on its line, and the total is the sum.
     #[test]
     fn summary_table() {
@@ -155,6 +183,7 @@ mod tests {
             &[
                 line("format", Outcome::Passed, 1.24),
                 line("fuzzing", Outcome::Skipped("no nightly".into()), 0.0),
+                line("set-up", Outcome::Partly("no QEMU".into()), 2.0),
                 line("tests", Outcome::Failed, 100.5),
                 line("demo", Outcome::NotRun, 0.0),
             ],
@@ -165,9 +194,10 @@ mod tests {
             "step     result     seconds\n\
              format   ok             1.2\n\
              fuzzing  skipped        0.0  no nightly\n\
+             set-up   partly         2.0  no QEMU\n\
              tests    FAILED       100.5\n\
              demo     not run        0.0\n\
-             total                 101.7\n"
+             total                 103.7\n"
         );
     }
 }

@@ -1,36 +1,28 @@
-//! The project's own chores, one module each. `cargo xtask help` lists them.
+//! The project's own tasks, one module each. `cargo xtask help` lists them.
 
-mod aside;
-mod bench;
 mod console;
-mod emulators;
-mod firmware;
-mod flash;
-mod fuzz;
-mod house;
-mod licences;
-mod referee;
-mod set_up;
-mod size;
-mod test;
+mod tasks;
+mod tools;
+mod workspace;
 
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 
-use crate::house::House;
+use crate::tasks::{background, bench, firmware, flash, fuzz, set_up, size, test};
+use crate::workspace::Workspace;
 
 /// Sets up, tests and measures openumi.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", version)]
 struct Arguments {
     #[command(subcommand)]
-    command: Chore,
+    command: Task,
 }
 
 #[derive(Subcommand)]
-enum Chore {
+enum Task {
     Test(test::Arguments),
     SetUp(set_up::Arguments),
     Firmware(firmware::Arguments),
@@ -38,9 +30,9 @@ enum Chore {
     Size(size::Arguments),
     Fuzz(fuzz::Arguments),
     Bench(bench::Arguments),
-    /// What `test` runs on the side.
-    #[command(name = aside::CHORE, hide = true)]
-    FirmwareChecks,
+    /// What `test` runs in the background.
+    #[command(name = background::TASK, hide = true)]
+    FirmwareChecks(background::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -54,16 +46,16 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: Arguments) -> Result<()> {
-    let house = House::find()?;
+    let workspace = Workspace::find()?;
     match arguments.command {
-        Chore::Test(arguments) => test::run(&house, &arguments),
-        Chore::SetUp(arguments) => set_up::run(&house, &arguments),
-        Chore::Firmware(arguments) => firmware::run(&house, &arguments),
-        Chore::Flash(arguments) => flash::run(&house, &arguments),
-        Chore::Size(arguments) => size::run(&house, &arguments),
-        Chore::Fuzz(arguments) => fuzz::run(&house, &arguments),
-        Chore::FirmwareChecks => aside::run(&house),
-        Chore::Bench(arguments) => bench::run(&house, &arguments),
+        Task::Test(arguments) => test::run(&workspace, &arguments),
+        Task::SetUp(arguments) => set_up::run(&workspace, &arguments),
+        Task::Firmware(arguments) => firmware::run(&workspace, &arguments),
+        Task::Flash(arguments) => flash::run(&workspace, &arguments),
+        Task::Size(arguments) => size::run(&workspace, &arguments),
+        Task::Fuzz(arguments) => fuzz::run(&workspace, &arguments),
+        Task::FirmwareChecks(arguments) => background::run(&workspace, &arguments),
+        Task::Bench(arguments) => bench::run(&workspace, &arguments),
     }
 }
 

@@ -111,7 +111,7 @@ fn damage_is_counted_by_kind() {
     assert_eq!(found(&mut decoder, &stream).len(), 1);
     assert_eq!(
         decoder.counters(),
-        Counters {
+        FrameCounters {
             frames: 1,
             garbage: 2,
             crc_errors: 1,
@@ -140,7 +140,7 @@ fn the_tail_of_an_overflow_is_not_a_frame() {
 fn delimiters_alone_are_nothing() {
     let mut decoder = Decoder::<64>::new();
     assert_eq!(found(&mut decoder, &[[0; 100]]), []);
-    assert_eq!(decoder.counters(), Counters::default());
+    assert_eq!(decoder.counters(), FrameCounters::default());
 }
 
 /// The counters stop at their end instead of starting again at zero.

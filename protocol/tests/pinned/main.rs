@@ -14,6 +14,8 @@
 
 mod layout;
 mod samples;
+mod schema_and_serde;
+mod sentences;
 
 use std::fmt::{Debug, Write as _};
 use std::fs;
@@ -21,11 +23,11 @@ use std::path::Path;
 
 use serde::{Serialize, de::DeserializeOwned};
 use umi_protocol::Schema;
-use umi_protocol::at_once::AtOnce;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{MAX_BOARD_FRAME, Message, encode};
 use umi_protocol::hello::KEY;
-use umi_protocol::message::{Event, MAX_RECORD, Record, Request, Response};
+use umi_protocol::immediate::ImmediateRequest;
+use umi_protocol::message::{Event, MAX_RECORD, Record, Request, RequestClass, Response};
 use umi_protocol::schema::{DataModelType, key};
 
 /// Compares with a file beside this one, or writes it with `UMI_BLESS=1`.
@@ -103,23 +105,25 @@ fn requests_that_are_answered_at_once_are_read_the_same() {
     let mut count = 0;
     while let Some(request) = sample {
         let expected = match &request {
-            Request::PositionsGet => Some(AtOnce::Positions),
-            Request::TriggerOutSet(when) => Some(AtOnce::TriggerOut(*when)),
-            Request::LaserSet { on } => Some(AtOnce::Laser(*on)),
+            Request::PositionsGet => Some(ImmediateRequest::Positions),
+            Request::TriggerOutSet(when) => Some(ImmediateRequest::TriggerOut(*when)),
+            Request::LaserSet { on } => Some(ImmediateRequest::Laser(*on)),
             _ => None,
         };
         let mut buffer = [0; MAX_BOARD_FRAME];
         let mut bytes = encode(1, &request, &mut buffer).unwrap();
         let mut frame = decoder.next_frame(&mut bytes).unwrap();
-        assert_eq!(AtOnce::of(&frame), expected, "{request:?}");
+        assert_eq!(ImmediateRequest::of(&frame), expected, "{request:?}");
+        let is_immediate = request.class() == RequestClass::Immediate;
+        assert_eq!(expected.is_some(), is_immediate, "{request:?}");
         count += u32::from(expected.is_some());
         // Neither with a byte more, nor of another schema.
         let longer = [frame.payload, &[0]].concat();
         frame.payload = &longer;
-        assert_eq!(AtOnce::of(&frame), None);
+        assert_eq!(ImmediateRequest::of(&frame), None);
         frame.payload = &longer[..longer.len() - 1];
         frame.key ^= 1;
-        assert_eq!(AtOnce::of(&frame), None);
+        assert_eq!(ImmediateRequest::of(&frame), None);
         sample = samples::request_after(Some(&request));
     }
     assert_eq!(count, 3);

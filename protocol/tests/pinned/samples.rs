@@ -7,15 +7,18 @@ use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
 use umi_protocol::feature::{FeatureResult, FitReport, Shape};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
-    ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
+    Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
+    Job, Learned, LearnedLimits, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen, Teach,
+    WarmthSpec, WitnessSpec, WorkOffset,
 };
+use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
     LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, Positions, Scan, TriggerOut,
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
+    Event, Identity, JobLoss, JournalInfo, Record, Request, ResetReason, Response, Status,
+    TeachRefusal,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
@@ -25,9 +28,8 @@ use umi_protocol::program::{
     IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, UnitRule, Withheld,
 };
 use umi_protocol::reason::Reason;
-use umi_protocol::refusal::{Field, JobError};
 use umi_protocol::verdict::{
-    CorrectionReport, DistanceReport, PlateReason, RegistrationReport, Verdict,
+    CorrectionReport, DistanceReport, RegistrationReport, SetupReason, Verdict,
 };
 
 pub fn request_after(sample: Option<&Request>) -> Option<Request> {
@@ -71,7 +73,8 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             bytes: b"G1 X1.\n".iter().copied().collect(),
         },
         Some(Request::ProgramPassed { .. }) => Request::ProgramOffer { number: 1234 },
-        Some(Request::ProgramOffer { .. }) => return None,
+        Some(Request::ProgramOffer { .. }) => Request::Teach { again: true },
+        Some(Request::Teach { .. }) => return None,
     })
 }
 
@@ -133,7 +136,8 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             longest_bytes: 70_000,
             free_bytes: 140_000,
         }),
-        Some(Response::ProgramRefused(_)) => return None,
+        Some(Response::ProgramRefused(_)) => Response::TeachRefused(TeachRefusal::AlreadyTaught),
+        Some(Response::TeachRefused(_)) => return None,
     })
 }
 
@@ -186,6 +190,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Recovered { .. }) => Record::JobSet(job()),
         Some(Record::JobSet(_)) => Record::ReferenceRestored {
             positions_mm: list([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.0]]),
+            learned: list([]),
         },
         Some(Record::ReferenceRestored { .. }) => Record::Bytes {
             raw: list([0x12, 0x0D, 0x8A, 0x00]),
@@ -207,9 +212,14 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Feature(_)) => Record::Verdict(verdict()),
         Some(Record::Verdict(_)) => Record::Taught {
             positions_mm: list([[0.25, -0.5, 1e3]]),
+            learned: list([Learned {
+                radius_mm: 12.7,
+                rms_mm: 0.001,
+                centring_mm: 0.002,
+            }]),
         },
         Some(Record::Taught { .. }) => Record::CorrectionSent {
-            plate: 1,
+            setup: 1,
             bytes: 345,
             complete: true,
         },
@@ -248,13 +258,17 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             number: 1234,
             why: ProgramRefusal::OtherThere { crc32: 0xCBF4_3926 },
         },
-        Some(Record::ProgramNotKept { .. }) => Record::CorrectionBegun { plate: 1 },
+        Some(Record::ProgramNotKept { .. }) => Record::CorrectionBegun { setup: 1 },
         Some(Record::CorrectionBegun { .. }) => Record::ProgramBegun {
             number: 1234,
             crc32: 0xCBF4_3926,
             rewritten_for: Some(3),
         },
-        Some(Record::ProgramBegun { .. }) => return None,
+        Some(Record::ProgramBegun { .. }) => Record::TeachAsked,
+        Some(Record::TeachAsked) => Record::JobLost {
+            why: JobLoss::OtherSchema,
+        },
+        Some(Record::JobLost { .. }) => return None,
     })
 }
 
@@ -382,6 +396,34 @@ fn job() -> Job {
             delay_ms: 4.0,
             tolerance_mm: 0.002,
         }),
+        teach: Teach::Asked,
+        guards: Guards {
+            closing: list([Closing {
+                feature: text("CLOSING"),
+                repeats: text("SPHERE1"),
+                within_mm: 0.004,
+            }]),
+            fixed: list([text("TABLE")]),
+            fixed_mm: Some(0.005),
+            nominal_distance_mm: Some(0.02),
+            learned: Some(LearnedLimits {
+                radius_mm: 0.001,
+                rms_mm: 0.002,
+                centring_mm: 0.003,
+            }),
+            probing: Some(ProbingSpec {
+                sigma_mm: 0.001,
+                dof: 19,
+            }),
+            warmth: Some(WarmthSpec {
+                expansion_ppm_per_k: 11.5,
+                at_most_k: 5.0,
+            }),
+            run_variable: Some(531),
+            frame: true,
+            external_mm: [0.5, 0.0, -0.25],
+            tool_length_mm: Some(81.5),
+        },
     }
 }
 
@@ -407,11 +449,13 @@ fn status() -> Status {
         uptime_us: 86_400_000_000,
         reset: ResetReason::PowerOn,
         job: Some(text("PLATE")),
+        job_lost: Some(JobLoss::Damaged),
         has_reference: true,
         verdicts: 3,
         verdicts_ok: 2,
         last_verdict_ok: Some(false),
         correction_waiting: true,
+        punched_lines: Some(40),
         counters,
         events_dropped: 4,
         journal_failures: 0,
@@ -430,7 +474,7 @@ fn status() -> Status {
 fn feature() -> FeatureResult {
     FeatureResult {
         index: 7,
-        plate: 2,
+        setup: 2,
         name: text("SPHERE1"),
         kind: FeatureKind::Sphere,
         reasons: list([Reason::RadiusError {
@@ -454,9 +498,9 @@ fn feature() -> FeatureResult {
 
 fn verdict() -> Verdict {
     Verdict {
-        plate: 2,
+        setup: 2,
         ok: false,
-        reasons: list([PlateReason {
+        reasons: list([SetupReason {
             feature: None,
             reason: Reason::DistanceError {
                 a: text("SPHERE1"),
@@ -466,7 +510,7 @@ fn verdict() -> Verdict {
             },
         }]),
         reasons_dropped: 1,
-        remarks: list([PlateReason {
+        remarks: list([SetupReason {
             feature: Some(text("SPHERE3")),
             reason: Reason::Taught,
         }]),

@@ -15,7 +15,7 @@ pub struct Data {
     pub sphere_5: Vec<[f64; 3]>,
     /// Half a sphere, densely probed or scanned.
     pub sphere_500: Vec<[f64; 3]>,
-    /// Three sphere centres before and after the plate has moved.
+    /// Three sphere centres before and after the setup has moved.
     pub pairs_3: Vec<[f64; 6]>,
     /// Fifty pairs far from the origin.
     pub pairs_50: Vec<[f64; 6]>,

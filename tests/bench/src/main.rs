@@ -4,6 +4,7 @@
 //! `umi-bench time` prints how long each contender takes, one JSON object a line.
 //! `umi-bench repeat TASK CONTENDER N` does one of them N times, to be counted.
 //! `umi-bench stream MEGABYTES` rewrites a path of that size, and says what memory it took.
+//! `umi-bench path MEGABYTES FOLDER` writes such a path and its transform.
 
 mod data;
 mod fit;
@@ -75,7 +76,13 @@ fn main() -> Result<()> {
             println!("{stream}");
             Ok(())
         }
-        _ => bail!("write FOLDER, time, repeat TASK CONTENDER N, or stream MEGABYTES"),
+        ["path", megabytes, folder] => rewrite::write(
+            megabytes.parse().context("MEGABYTES is a number")?,
+            Path::new(folder),
+        ),
+        _ => bail!(
+            "write FOLDER, time, repeat TASK CONTENDER N, stream MEGABYTES, or path MEGABYTES FOLDER"
+        ),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Reading a session's text: the coordinates of every point in it.
 
 use regex::bytes::Regex;
-use umi_core::dprnt::{Item, Receiver, ReceiverConfig};
+use umi_core::dprnt::{Item, LineSplitter, ReceiverConfig};
 use umi_core::units::Micros;
 use umi_protocol::pattern::{BlockPattern, LinePattern};
 
@@ -36,7 +36,7 @@ fn by_umi(text: &[u8]) -> Work {
                 answer.extend(hit.position.to_array_mm());
             }
         };
-        let mut receiver = Receiver::new(&config);
+        let mut receiver = LineSplitter::new(&config);
         receiver.receive(&text, Micros(0), &mut sink);
         receiver.finish(Micros(0), &mut sink);
     })

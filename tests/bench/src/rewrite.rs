@@ -1,10 +1,13 @@
 //! Rewriting a tool path: every motion carried by a transform.
 
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, anyhow};
-use umi_core::nc::rewrite::{Rewriter, Settings};
 use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{RewriteSettings, Rewriter};
 
 use crate::data::{Data, laces};
 use crate::{Contender, Work};
@@ -22,7 +25,7 @@ pub fn contenders(data: &Data) -> [Contender; 2] {
     [contender("umi-core", by_umi), contender("gcode", by_gcode)]
 }
 
-/// Rotation by rows and translation: a plate turned by a degree and leaning by a hair
+/// Rotation by rows and translation: a setup turned by a degree and leaning by a hair
 /// (Sawula 2013, table 4.2, case 1).
 pub const ROTATION: [[f64; 3]; 3] = [
     [
@@ -136,7 +139,7 @@ fn by_gcode(path: &str) -> Work {
     })
 }
 
-fn settings() -> Settings {
+fn settings() -> RewriteSettings {
     // The brain has a nalgebra of its own: both take plain numbers.
     let mut transform = RigidTransform::identity();
     for (row, values) in ROTATION.iter().enumerate() {
@@ -145,7 +148,7 @@ fn settings() -> Settings {
         }
         transform.translation_mm[row] = TRANSLATION_MM[row];
     }
-    Settings::new(transform)
+    RewriteSettings::new(transform)
 }
 
 /// Rewrites a path that is made on the way; time and memory as JSON. Only the time of the
@@ -171,6 +174,22 @@ pub fn stream(megabytes: u64) -> Result<serde_json::Value> {
         "state_bytes": size_of::<Rewriter>(),
         "peak_memory_kb": peak_kb()?,
     }))
+}
+
+/// Writes such a path as `path.nc`, and its transform as `moved.json`, for a command to be timed.
+pub fn write(megabytes: u64, folder: &Path) -> Result<()> {
+    let mut out = BufWriter::new(File::create(folder.join("path.nc"))?);
+    let (mut written, mut lace) = (0, 0);
+    while written < megabytes * 1_000_000 {
+        let piece = laces(lace, LACES);
+        lace += LACES;
+        out.write_all(piece.as_bytes())?;
+        written += piece.len() as u64;
+    }
+    out.flush()?;
+    let moved = serde_json::json!({ "rotation": ROTATION, "translation_mm": TRANSLATION_MM });
+    std::fs::write(folder.join("moved.json"), moved.to_string())?;
+    Ok(())
 }
 
 /// Laces of a piece of the stream, about 90 KB.

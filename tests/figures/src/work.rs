@@ -5,11 +5,11 @@ use core::hint::black_box;
 
 use heapless::Vec;
 use umi_core::brain::{Brain, Output};
-use umi_core::dprnt::{Item, Receiver, ReceiverConfig};
+use umi_core::dprnt::{Item, LineSplitter, ReceiverConfig};
 use umi_core::fit::sphere;
 use umi_core::journal::{ERASED, Flash, Geometry, Journal};
-use umi_core::nc::rewrite::{Integers, Rewriter, Settings};
 use umi_core::registration::{RigidTransform, register};
+use umi_core::rewrite::{Integers, RewriteSettings, Rewriter};
 use umi_core::units::{Micros, Point};
 use umi_protocol::job::Job;
 use umi_protocol::pattern::{BlockPattern, LinePattern};
@@ -53,7 +53,7 @@ pub fn all(meter: &mut impl Meter) -> Result<(), Failed> {
     dprnt(meter)?;
     fits(meter)?;
     journal(meter)?;
-    plate(meter)?;
+    setup(meter)?;
     rewriting(meter)
 }
 
@@ -90,13 +90,13 @@ pub mod names {
     /// A journal entry.
     pub const APPEND: &str = "journal entry of 64 bytes";
     /// From the last hit's line to the correction.
-    pub const VERDICT: &str = "last hit of a plate: its sphere, registration, verdict, correction";
+    pub const VERDICT: &str = "last hit of a setup: its sphere, registration, verdict, correction";
     /// A tool path on its way to a control: what it was.
     pub const LACES: &str = "tool path of lines rewritten, a byte read";
     /// A tool path on its way to a control: what it becomes.
     pub const CHORDS: &str = "tool path of arcs rewritten as chords, a byte written";
     /// All of it.
-    pub const PLATE: &str = "plate of 15 hits, from its first byte to its correction";
+    pub const SETUP: &str = "setup of 15 hits, from its first byte to its correction";
 }
 
 fn dprnt(meter: &mut impl Meter) -> Result<(), Failed> {
@@ -106,7 +106,7 @@ fn dprnt(meter: &mut impl Meter) -> Result<(), Failed> {
             .collect(),
         ..ReceiverConfig::default()
     };
-    let mut receiver = Receiver::new(&config);
+    let mut receiver = LineSplitter::new(&config);
     let mut hits = 0;
     meter.measure(names::BYTE, SESSION.len() as u32, &mut || {
         receiver.receive(SESSION, Micros(0), &mut |item| {
@@ -126,8 +126,8 @@ fn fits(meter: &mut impl Meter) -> Result<(), Failed> {
         black_box(sphere::fit(black_box(&five))).is_ok()
     })?;
 
-    let plate = case("registration_thesis_table_4_2_case1")?;
-    let (from, to) = (plate.points(0), plate.points(3));
+    let setup = case("registration_thesis_table_4_2_case1")?;
+    let (from, to) = (setup.points(0), setup.points(3));
     repeated(meter, names::REGISTRATION_3, TIMES, || {
         black_box(register(black_box(&from), black_box(&to))).is_ok()
     })?;
@@ -174,9 +174,9 @@ fn feed(brain: &mut Brain, bytes: &[u8]) -> u32 {
     ok
 }
 
-fn plate(meter: &mut impl Meter) -> Result<(), Failed> {
-    let failed = |_| Failed(names::PLATE);
-    let job: Job = postcard::from_bytes(JOB).map_err(|_| Failed(names::PLATE))?;
+fn setup(meter: &mut impl Meter) -> Result<(), Failed> {
+    let failed = |_| Failed(names::SETUP);
+    let job: Job = postcard::from_bytes(JOB).map_err(|_| Failed(names::SETUP))?;
     let mut brain = Brain::new(job).map_err(failed)?;
     let mut lines = SESSION.split_inclusive(|byte| *byte == b'\n');
     let mut taught = 0;
@@ -184,7 +184,7 @@ fn plate(meter: &mut impl Meter) -> Result<(), Failed> {
         taught += feed(&mut brain, line);
     }
     let mut ok = 0;
-    meter.measure(names::PLATE, 1, &mut || {
+    meter.measure(names::SETUP, 1, &mut || {
         for line in lines.by_ref().take(LINES) {
             ok += feed(&mut brain, line);
         }
@@ -200,14 +200,14 @@ fn plate(meter: &mut impl Meter) -> Result<(), Failed> {
         }
     });
     let all_ok = (taught, ok, last) == (1, 1, 1);
-    all_ok.then_some(()).ok_or(Failed(names::PLATE))
+    all_ok.then_some(()).ok_or(Failed(names::SETUP))
 }
 
-/// A plate that was turned by a degree and leans by a hair (table 4.2, case 1), and one that
+/// A setup that was turned by a degree and leans by a hair (table 4.2, case 1), and one that
 /// leans so much that no arc stays one.
 fn rewriting(meter: &mut impl Meter) -> Result<(), Failed> {
-    let plate = case("registration_thesis_table_4_2_case1")?;
-    let moved = register(&plate.points(0), &plate.points(3)).map_err(|_| Failed(names::LACES))?;
+    let setup = case("registration_thesis_table_4_2_case1")?;
+    let moved = register(&setup.points(0), &setup.points(3)).map_err(|_| Failed(names::LACES))?;
     let hair = moved.transform;
     let [read, _] = rewritten(names::LACES, &hair, LACES)?;
     meter.measure(names::LACES, read, &mut || {
@@ -230,9 +230,9 @@ fn rewritten(
     transform: &RigidTransform,
     program: &[u8],
 ) -> Result<[u32; 2], Failed> {
-    let settings = Settings {
+    let settings = RewriteSettings {
         integers: Some(Integers::Units),
-        ..Settings::new(*transform)
+        ..RewriteSettings::new(*transform)
     };
     let mut written = 0;
     let mut sink = |bytes: &[u8]| written += black_box(bytes).len() as u32;

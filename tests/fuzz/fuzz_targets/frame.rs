@@ -10,7 +10,7 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use libfuzzer_sys::fuzz_target;
-use umi_protocol::decoder::{Counters, Decoder};
+use umi_protocol::decoder::{Decoder, FrameCounters};
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, Message, encode, frame_len};
 use umi_protocol::hello::{Hello, KEY};
 use umi_protocol::message::{Event, Request, Response};
@@ -30,7 +30,7 @@ const SMALL: usize = 48;
 type Seen = (Kind, u16, u32, Vec<u8>);
 
 /// All that a decoder finds when the bytes come in chunks.
-fn decoded<const N: usize>(bytes: &[u8], chunk: usize) -> (Vec<Seen>, Counters) {
+fn decoded<const N: usize>(bytes: &[u8], chunk: usize) -> (Vec<Seen>, FrameCounters) {
     let mut decoder = Decoder::<N>::new();
     let mut seen = Vec::new();
     for mut chunk in bytes.chunks(chunk) {

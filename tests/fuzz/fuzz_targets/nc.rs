@@ -8,8 +8,8 @@
 use libfuzzer_sys::fuzz_target;
 use umi_core::units::Point;
 use umi_virtual::nc::{
-    Axes, Control, DecimalPoint, Dialect, Limits, LineEnd, Motion, Path, Settings, Skip, State,
-    Trip, check,
+    AxisDrives, AxisMotion, Control, ControlFamily, ControlSettings, DecimalPoint, ExecutionLimits,
+    LineEnd, MotionPath, ProgramState, Skip, Trip, check,
 };
 
 fuzz_target!(|data: &[u8]| {
@@ -34,7 +34,7 @@ fuzz_target!(|data: &[u8]| {
         // Stops are passed; the limits end the rest.
         loop {
             match control.step(&mut machine) {
-                Ok(step) if step.state == State::Ended => break,
+                Ok(step) if step.state == ProgramState::Ended => break,
                 Ok(step) => assert!(step.line <= lines),
                 Err(alarm) => {
                     assert!(alarm.line <= lines);
@@ -48,15 +48,15 @@ fuzz_target!(|data: &[u8]| {
     }
 });
 
-fn settings(mode: u8) -> Settings {
+fn settings(mode: u8) -> ControlSettings {
     let dialect = match mode % 5 {
-        0 => Dialect::Fanuc,
-        1 => Dialect::Haas,
-        2 => Dialect::Mitsubishi,
-        3 => Dialect::LinuxCnc,
-        _ => Dialect::Grbl,
+        0 => ControlFamily::Fanuc,
+        1 => ControlFamily::Haas,
+        2 => ControlFamily::Mitsubishi,
+        3 => ControlFamily::LinuxCnc,
+        _ => ControlFamily::Grbl,
     };
-    Settings {
+    ControlSettings {
         increment_mm: if mode & 0x80 == 0 { 0.001 } else { 0.0001 },
         decimal_point: if mode & 0x40 == 0 {
             DecimalPoint::Increments
@@ -66,16 +66,16 @@ fn settings(mode: u8) -> Settings {
         line_end: LineEnd::CrLf,
         feed_mm_min: (mode & 0x20 == 0).then_some(100.0),
         second_reference_mm: Some([1.0, 2.0, 3.0]),
-        limits: Limits {
+        limits: ExecutionLimits {
             blocks: 2000,
             loops: 500,
             call_depth: 10,
             text: 1 << 16,
             programs: 50,
             names: 50,
-            ..Limits::default()
+            ..ExecutionLimits::default()
         },
-        ..Settings::of(dialect)
+        ..ControlSettings::of(dialect)
     }
 }
 
@@ -86,9 +86,9 @@ struct Machine {
 }
 
 impl Machine {
-    fn accept(&mut self, motion: &Motion) {
+    fn accept(&mut self, motion: &AxisMotion) {
         assert!(motion.to.is_finite());
-        if let Path::Arc {
+        if let MotionPath::Arc {
             center,
             axis,
             sweep,
@@ -102,18 +102,18 @@ impl Machine {
     }
 }
 
-impl Axes for Machine {
+impl AxisDrives for Machine {
     fn position(&self) -> Point {
         self.at
     }
     fn reference_point(&self) -> Point {
         Point::from_mm(0.0, 0.0, 500.0)
     }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         self.accept(motion);
         Ok(())
     }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, _: bool) -> Result<Skip, Trip> {
         let from = self.at;
         self.accept(motion);
         self.answers = self.answers.rotate_left(1);

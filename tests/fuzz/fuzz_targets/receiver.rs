@@ -17,7 +17,9 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use umi_core::dprnt::{BlockEnd, Counters, Item, LineStatus, Receiver, ReportedHit, check_config};
+use umi_core::dprnt::{
+    BlockEnd, Counters, Item, LineSplitter, LineStatus, ReportedHit, check_config,
+};
 use umi_core::units::Micros;
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, LabelledWordsPattern, LinePattern,
@@ -131,6 +133,9 @@ impl Witness {
                 start.name.hash(&mut self.hash);
             }
             Item::BlockEnd(end) => self.end(end),
+            Item::Request(number) => number.hash(&mut self.hash),
+            Item::Announced(announced) => announced.run.hash(&mut self.hash),
+            Item::Reads => 17_u8.hash(&mut self.hash),
             Item::Fault(fault) => {
                 self.faults += 1;
                 assert!(fault.text.is_ascii());
@@ -189,7 +194,7 @@ impl Witness {
 /// come at the same places in both cases.
 fn run(job: &ReceiverConfig, control: u8, stream: &[u8], one_by_one: bool) -> u64 {
     let piece = usize::from(control & 0x1F) + 1;
-    let mut receiver = Receiver::new(job);
+    let mut receiver = LineSplitter::new(job);
     let mut witness = Witness::default();
     let mut now = Micros(0);
     for (number, bytes) in stream.chunks(piece).enumerate() {

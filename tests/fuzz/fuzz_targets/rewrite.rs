@@ -4,19 +4,21 @@
 //! No panic; however the stream is cut, the same comes out; a refusal names a line of the
 //! text; the identity changes no byte. And of a text that the virtual machine carries out and
 //! that the rewriter does not refuse, each motion is the image of the nominal one: the judge
-//! is the one of `tests/tests/rewrite`, where programs that make sense come from a grammar.
+//! is the one of `tests/tests/send/rewrite`, where programs that make sense come from a grammar.
 #![no_main]
 
 #[allow(dead_code, reason = "the tests use more of it")]
-#[path = "../../tests/rewrite/follow.rs"]
+#[path = "../../tests/send/rewrite/follow.rs"]
 mod follow;
 
 use follow::{Judge, V, interpreted};
 use libfuzzer_sys::fuzz_target;
 use nalgebra::{Rotation3, Vector3};
-use umi_core::nc::rewrite::{Integers, MAX_AT_ONCE, Refusal, Rewriter, Settings, Summary, Unit};
 use umi_core::registration::RigidTransform;
-use umi_virtual::nc::Dialect;
+use umi_core::rewrite::{
+    Integers, MAX_AT_ONCE, RefusedLine, RewriteDialect, RewriteSettings, Rewriter, Summary, Unit,
+};
+use umi_virtual::nc::ControlFamily;
 
 /// From here on every mode and place is known.
 const START: &str = "G21 G90 G17 G94 G98 G0 X0. Y0. Z20.\nG1 F100.\n";
@@ -35,10 +37,11 @@ fuzz_target!(|data: &[u8]| {
     } else {
         turned([a / 40.0, b / 40.0, c])
     };
-    let settings = Settings {
+    let settings = RewriteSettings {
         integers: Some(Integers::Units),
         unit: (how & 1 == 0).then_some(Unit::Millimetre),
-        ..Settings::new(transform)
+        dialect: Some(RewriteDialect::Fanuc),
+        ..RewriteSettings::new(transform)
     };
 
     let whole = run(&settings, text, text.len());
@@ -55,7 +58,7 @@ fuzz_target!(|data: &[u8]| {
         assert!(refusal.line <= lines && refusal.column > 0);
         assert!(!refusal.to_string().is_empty());
     }
-    let (out, done) = run(&Settings::new(RigidTransform::identity()), text, 64);
+    let (out, done) = run(&RewriteSettings::new(RigidTransform::identity()), text, 64);
     assert!(
         done.is_err() || out == text,
         "the identity changed something"
@@ -69,7 +72,11 @@ fuzz_target!(|data: &[u8]| {
 });
 
 /// What a program becomes, and what was done to it.
-fn run(settings: &Settings, text: &[u8], piece: usize) -> (Vec<u8>, Result<Summary, Refusal>) {
+fn run(
+    settings: &RewriteSettings,
+    text: &[u8],
+    piece: usize,
+) -> (Vec<u8>, Result<Summary, RefusedLine>) {
     let mut out = Vec::new();
     let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
     let mut rewriter = Rewriter::new(settings).expect("good settings");
@@ -82,10 +89,10 @@ fn run(settings: &Settings, text: &[u8], piece: usize) -> (Vec<u8>, Result<Summa
 
 /// The same, one line at a time: never more comes out than there is room for.
 fn line_by_line(
-    settings: &Settings,
+    settings: &RewriteSettings,
     text: &[u8],
     piece: usize,
-) -> (Vec<u8>, Result<Summary, Refusal>) {
+) -> (Vec<u8>, Result<Summary, RefusedLine>) {
     let mut out = Vec::new();
     let mut rewriter = Rewriter::new(settings).expect("good settings");
     for mut bytes in text.chunks(piece) {
@@ -108,11 +115,11 @@ fn line_by_line(
 }
 
 /// Each motion of the text against its image.
-fn compare(settings: &Settings, text: &str, is_haas: bool) {
+fn compare(settings: &RewriteSettings, text: &str, is_haas: bool) {
     let dialect = if is_haas {
-        Dialect::Haas
+        ControlFamily::Haas
     } else {
-        Dialect::Fanuc
+        ControlFamily::Fanuc
     };
     let program = format!("{START}{text}\nM2\n");
     let (made, Ok(summary)) = run(settings, program.as_bytes(), program.len()) else {

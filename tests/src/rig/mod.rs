@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use umi::link::Transport;
 use umi_app::board::Lights;
+use umi_client::link::Transport;
 
 pub use pico::PicoRig;
 pub use qemu::QemuRig;

@@ -20,13 +20,16 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use umi::link::{self, Client, Patience, Transport};
 use umi_app::board::Lights;
+use umi_client::link::{self, Client, Patience, Transport};
 
 use super::{Rig, skip_without};
 
 pub use bridge::pty;
-pub use emulator::{Axis, Emulator, Interrupt, Output, Pulses, Segment, Start, State, Time, Truth};
+pub use emulator::{
+    EmulatedAxis, EmulatedInterrupt, EmulatedOutput, EmulatedPulses, Emulator, EmulatorState,
+    EmulatorTruth, Segment, Start, Time,
+};
 
 /// The probe's line to the control, which the board listens to.
 pub const SKIP_PIN: u8 = 16;
@@ -126,11 +129,11 @@ impl PicoRig {
     }
 
     fn pulse(&mut self, pin: u8) {
-        let start = self.emulator.pulses(&Pulses {
+        let start = self.emulator.pulses(&EmulatedPulses {
             pin,
             count: 1,
             width: PULSE_CYCLES,
-            ..Pulses::default()
+            ..EmulatedPulses::default()
         });
         let end = start + 2 * PULSE_CYCLES;
         self.wait_until("a pulse", |emulator| emulator.state().cycle > end);

@@ -17,11 +17,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use umi::link::Transport;
 use umi_app::board::Lights;
+use umi_client::link::Transport;
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::ResetReason;
-use umi_stimuli::{Decoder, MAX_FRAME, State, Stimulus, decode, encode};
+use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
 
 use super::{Rig, image, is_installed, skip_without};
 
@@ -61,9 +61,9 @@ struct Machine {
     monitor: UnixStream,
     /// The host's end of the cable, if one is plugged in.
     host: Option<UnixStream>,
-    decoder: Decoder,
+    decoder: StimulusDecoder,
     /// The latest that the board told.
-    state: State,
+    state: BenchState,
     /// Stimuli sent since it started.
     sent: u32,
     /// Bytes sent by the control since it started.
@@ -116,12 +116,12 @@ impl QemuRig {
     }
 
     /// Does this to the board and waits until it is done. For what [`Rig`] has no word for.
-    pub fn stimulate(&mut self, stimulus: &Stimulus) -> State {
+    pub fn stimulate(&mut self, stimulus: &Stimulus) -> BenchState {
         self.machine().stimulate(stimulus)
     }
 
     /// Does all this to the board and waits only at the end.
-    pub fn stimulate_all(&mut self, stimuli: &[Stimulus]) -> State {
+    pub fn stimulate_all(&mut self, stimuli: &[Stimulus]) -> BenchState {
         let machine = self.machine();
         stimuli.iter().for_each(|stimulus| machine.send(stimulus));
         machine.settle()
@@ -184,8 +184,8 @@ impl Machine {
             bench,
             monitor,
             host: None,
-            decoder: Decoder::new(),
-            state: State::default(),
+            decoder: StimulusDecoder::new(),
+            state: BenchState::default(),
             sent: 0,
             from_control: 0,
         };
@@ -201,13 +201,13 @@ impl Machine {
         self.sent += 1;
     }
 
-    fn stimulate(&mut self, stimulus: &Stimulus) -> State {
+    fn stimulate(&mut self, stimulus: &Stimulus) -> BenchState {
         self.send(stimulus);
         self.settle()
     }
 
     /// Waits until everything that was sent has been taken in.
-    fn settle(&mut self) -> State {
+    fn settle(&mut self) -> BenchState {
         let sent = self.sent;
         self.wait_for("it takes the stimuli in", |state, _| state.taken == sent);
         self.state
@@ -224,7 +224,7 @@ impl Machine {
     }
 
     /// Waits for a state of the board that is as it should be, given the one before it.
-    fn wait_for(&mut self, what: &str, is_so: impl Fn(&State, &State) -> bool) {
+    fn wait_for(&mut self, what: &str, is_so: impl Fn(&BenchState, &BenchState) -> bool) {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let mut bytes = [0; 256];
@@ -235,7 +235,7 @@ impl Machine {
             };
             let (mut held, mut latest) = (false, self.state);
             let came = bytes.get(..count).unwrap_or_default();
-            decode(&mut self.decoder, came, |state: State| {
+            decode(&mut self.decoder, came, |state: BenchState| {
                 held |= is_so(&state, &latest);
                 latest = state;
             });

@@ -3,10 +3,10 @@
 use std::io;
 use std::time::Duration;
 
-use umi::link::Transport;
 use umi_app::board::Lights;
+use umi_client::link::Transport;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
-use umi_virtual::board::Time;
+use umi_virtual::board::BoardTime;
 use umi_virtual::{Config, VirtualBoard};
 
 use super::Rig;
@@ -27,7 +27,7 @@ impl VirtualRig {
     /// As [`VirtualBoard::start`].
     pub fn start() -> io::Result<Self> {
         let config = Config {
-            time: Time::Real,
+            time: BoardTime::Real,
             // 115200 baud.
             character: Duration::from_micros(87),
             ..Config::default()
@@ -70,7 +70,7 @@ impl Rig for VirtualRig {
     }
 
     fn connect(&mut self) -> Box<dyn Transport> {
-        Box::new(self.board().connect())
+        umi_desk::link(self.board())
     }
 
     fn unplug(&mut self) {

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! bench ─► Stimulus, Stimulus, … ─► board
-//!       ◄─ State ◄────────────────
+//!       ◄─ BenchState ◄───────────
 //! ```
 //!
 //! # Design
@@ -29,7 +29,7 @@ pub use postcard::accumulator::{CobsAccumulator, FeedResult};
 pub const MAX_FRAME: usize = 96;
 
 /// Frames as they come in.
-pub type Decoder = CobsAccumulator<MAX_FRAME>;
+pub type StimulusDecoder = CobsAccumulator<MAX_FRAME>;
 
 /// What a bench does to a board.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,7 +75,7 @@ pub enum Stimulus {
 
 /// How a board stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct State {
+pub struct BenchState {
     /// Stimuli taken in since the start.
     pub taken: u32,
     /// Frames that were none, and stimuli that could not be.
@@ -113,7 +113,7 @@ pub fn encode<'b>(
 
 /// Takes bytes in and hands over what they complete; returns how many frames were none.
 pub fn decode<M: DeserializeOwned>(
-    decoder: &mut Decoder,
+    decoder: &mut StimulusDecoder,
     mut bytes: &[u8],
     mut take: impl FnMut(M),
 ) -> u32 {
@@ -142,7 +142,7 @@ mod tests {
     /// between them.
     #[test]
     fn longest_messages_pass() {
-        let mut decoder = Decoder::new();
+        let mut decoder = StimulusDecoder::new();
         let mut buffer = [0; MAX_FRAME];
         let path = Stimulus::Path {
             from_ns: u64::MAX,
@@ -160,18 +160,18 @@ mod tests {
         });
         assert_eq!((damaged, came.as_slice()), (0, &[path][..]));
 
-        let state = State {
+        let state = BenchState {
             taken: u32::MAX,
             refused: u32::MAX,
             t_ns: u64::MAX,
             reset: ResetReason::Panic,
             from_control: u32::MAX,
             overruns: u32::MAX,
-            ..State::default()
+            ..BenchState::default()
         };
         let mut told = None;
         let frame = encode(&state, &mut buffer).unwrap();
-        decode(&mut Decoder::new(), frame, |state: State| {
+        decode(&mut StimulusDecoder::new(), frame, |state: BenchState| {
             told = Some(state)
         });
         assert_eq!(told, Some(state));

@@ -10,7 +10,7 @@
 //!
 //! **Who may have it.** A correction goes out once, after a verdict OK that is in the journal.
 //! A program goes out as its [`Release`] says; after a verdict, too, each goes out once, and
-//! begins within the job's plate time-out. Whatever is measured again takes both back, also
+//! begins within the job's setup time-out. Whatever is measured again takes both back, also
 //! in the middle. Who asks for what it may not have gets an alarm under the number that
 //! it asked for.
 //!
@@ -45,12 +45,11 @@ mod stream;
 
 use core::fmt::Write as _;
 
-use heapless::{String, Vec};
+use umi_core::control::{Exchange, XOFF_PATIENCE_US};
+use umi_core::correction::withheld;
 use umi_core::journal::Flash;
-use umi_core::nc::rewrite::{Identity, Integers, Settings, Source, Unit};
-use umi_core::nc::withheld;
-use umi_core::programs::MAX_PROGRAMS;
 use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{Integers, ProgramIdentity, RewriteSettings, Source, Unit};
 use umi_core::units::{Micros, Mm};
 use umi_protocol::job::SendWhen;
 use umi_protocol::message::Record;
@@ -58,113 +57,36 @@ use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
     IntegerRule, MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
 };
-use umi_protocol::verdict::{MAX_CORRECTION, RegistrationReport};
 
-use crate::cnc::{Ask, XOFF_PATIENCE_US};
-use crate::measure::Measure;
+use crate::line::Sent;
+use crate::measure::Instrument;
+use crate::release::{Passed, Released};
 use stream::{Part, Stage, What};
 
 pub(crate) use stream::{Delivery, Next};
 
-/// What becomes of a program, said by who sends it. Plain numbers: see `place`.
-#[derive(Clone, Copy, Debug)]
-pub struct Sent {
-    /// Bytes that went out.
-    pub bytes: u32,
-    /// 1 if that is all of it.
-    pub whole: u32,
-    /// 1 if the control held the line for too long.
-    pub is_held: u32,
-}
-
-/// What an OK verdict releases besides its correction.
-#[derive(Clone, Debug)]
-pub(crate) struct Released {
-    pub plate: u32,
-    pub arming: u32,
-    /// No program begins later.
-    pub until: Micros,
-    /// Nominal to measured.
-    pub transform: Option<RigidTransform>,
-    /// Programs that have gone out.
-    pub gone: Vec<u32, MAX_PROGRAMS>,
-}
-
-/// A program that the host passes through.
-#[derive(Clone, Debug)]
-pub(crate) struct Passed {
-    pub info: ProgramInfo,
-    /// All of it has gone out, or will not.
-    pub end: Option<Result<(), Withheld>>,
-}
-
-/// The program that the control is to get.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
-    /// Its number, or 0: none.
-    pub number: u32,
-    /// The control has asked, not the host.
-    pub by_control: bool,
-    /// It began to go out since.
-    has_begun: bool,
-    /// It was held for too long.
-    is_stale: bool,
-    /// It began on a plain line: a NAK there is an alarm.
-    is_plain: bool,
-    /// Counts what was asked for.
-    pub count: u32,
-}
-
-impl Wanted {
-    /// Nothing.
-    pub const NONE: Self = Self {
-        number: 0,
-        by_control: false,
-        has_begun: false,
-        is_stale: false,
-        is_plain: false,
-        count: 0,
-    };
-
-    /// It went out, as far as it did; one that was held for too long gets an alarm.
-    const fn has_ended(&self) -> bool {
-        self.has_begun && !self.is_stale
-    }
-
-    /// This one from now on; 0: none.
-    pub fn set(&mut self, number: u32, by_control: bool) {
-        let count = self.count.wrapping_add(1);
-        *self = Self {
-            number,
-            by_control,
-            count,
-            ..Self::NONE
-        };
-    }
-}
-
-impl<F: Flash> Measure<F> {
+impl<F: Flash> Instrument<F> {
     /// Decides what the control gets; how long it may hold the line meanwhile. None: it gets
     /// nothing.
     #[inline(never)]
-    pub(crate) fn begin(&mut self, now: Micros, asked: Ask) -> Option<u64> {
+    pub(crate) fn begin(&mut self, now: Micros, asked: Exchange) -> Option<u64> {
         let has_begun = match asked {
             // What goes out by itself may also be asked for; not the reverse.
-            Ask::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
-            Ask::Verdict => self.correction(now),
+            Exchange::Verdict if self.waiting() != Some(SendWhen::OnVerdict) => false,
+            Exchange::Verdict => self.correction(now),
             // It may be a "go on" of what has ended: nothing begins anew by it.
-            Ask::Again if self.book.wanted.has_ended() => self.correction(now),
-            Ask::Again => self.program(now) || self.correction(now),
+            Exchange::ReadOrResume if self.ledger.wanted.has_ended() => self.correction(now),
+            Exchange::ReadOrResume => self.program(now) || self.correction(now),
             // It is what a control says in many other states: no alarm for it.
-            Ask::Xmodem if self.book.wanted.is_plain => self.correction(now),
-            Ask::Xmodem => self.program(now) || self.correction(now),
+            Exchange::Xmodem if self.ledger.wanted.is_plain => self.correction(now),
+            Exchange::Xmodem => self.program(now) || self.correction(now),
             // Nothing goes out.
-            Ask::Receive => false,
-            Ask::Read => self.program(now) || self.correction(now) || self.alarm(),
+            Exchange::Receive => false,
+            Exchange::Read => self.program(now) || self.correction(now) || self.alarm(),
         };
-        self.book.wanted.is_plain |= has_begun && asked != Ask::Xmodem;
+        self.ledger.wanted.is_plain |= has_begun && asked != Exchange::Xmodem;
         let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
-        if asked == Ask::Xmodem {
+        if asked == Exchange::Xmodem {
             // Blocks have eight bits, and the control's parity is for lines.
             delivery.coding = Coding::Ascii;
         }
@@ -177,7 +99,7 @@ impl<F: Flash> Measure<F> {
     /// Something new to send, all of it there.
     #[inline(never)]
     fn open(&mut self, what: What, arming: u32, text: &str) {
-        let (coding, request) = (self.coding(), self.book.wanted.count);
+        let (coding, request) = (self.coding(), self.ledger.wanted.count);
         self.delivery
             .put(Delivery::new(what, coding, arming, request));
         if let Some(delivery) = self.delivery.get_mut() {
@@ -226,13 +148,13 @@ impl<F: Flash> Measure<F> {
             crc32,
             rewritten_for,
         };
-        self.book.record(now, record)
+        self.ledger.record(now, record)
     }
 
     /// As [`Self::program_begins`].
     #[inline(never)]
-    fn correction_begins(&mut self, now: Micros, plate: u32) -> bool {
-        self.book.record(now, Record::CorrectionBegun { plate })
+    fn correction_begins(&mut self, now: Micros, setup: u32) -> bool {
+        self.ledger.record(now, Record::CorrectionBegun { setup })
     }
 
     /// Whether [`Self::fill`] has room to work.
@@ -260,9 +182,9 @@ impl<F: Flash> Measure<F> {
     /// Whether what is being sent may go on.
     fn holds(&self) -> bool {
         self.delivery.get().is_some_and(|of| match &of.what {
-            _ if of.request != self.book.wanted.count => false,
-            What::Correction { .. } => self.book.armed_as(of.arming),
-            What::Program(_) if of.arming > 0 => self.book.released_as(of.arming),
+            _ if of.request != self.ledger.wanted.count => false,
+            What::Correction { .. } => self.ledger.armed_as(of.arming),
+            What::Program(_) if of.arming > 0 => self.ledger.released_as(of.arming),
             What::Program(_) | What::Alarm { .. } => true,
         })
     }
@@ -271,7 +193,7 @@ impl<F: Flash> Measure<F> {
     /// something else.
     pub(crate) fn is_taken_back(&self) -> bool {
         let delivery = self.delivery.get();
-        delivery.is_some_and(|of| of.request != self.book.wanted.count)
+        delivery.is_some_and(|of| of.request != self.ledger.wanted.count)
     }
 
     /// It went out, or broke off.
@@ -282,8 +204,8 @@ impl<F: Flash> Measure<F> {
         };
         let (bytes, complete) = (sent.bytes, sent.whole > 0);
         let record = match delivery.what {
-            What::Correction { plate } => Record::CorrectionSent {
-                plate,
+            What::Correction { setup } => Record::CorrectionSent {
+                setup,
                 bytes,
                 complete,
             },
@@ -298,20 +220,20 @@ impl<F: Flash> Measure<F> {
                     Some(why) => Some(Err(why)),
                     None => complete.then_some(Ok(())),
                 };
-                if let Some(passed) = self.book.passed.get_mut()
+                if let Some(passed) = self.ledger.passed.get_mut()
                     && part.stored.is_none()
                     && end.is_some()
                 {
                     passed.end = end;
                 }
-                let wanted = &mut self.book.wanted;
+                let wanted = &mut self.ledger.wanted;
                 if delivery.request == wanted.count {
                     wanted.is_stale = sent.is_held > 0;
                     if end.is_some() {
                         wanted.set(0, false);
                     }
                 }
-                if let Some(released) = self.book.released.get_mut()
+                if let Some(released) = self.ledger.released.get_mut()
                     && released.arming == delivery.arming
                     && complete
                 {
@@ -330,22 +252,22 @@ impl<F: Flash> Measure<F> {
         };
         if complete {
             match &record {
-                Record::CorrectionSent { .. } if self.book.armed_as(delivery.arming) => {
-                    self.book.disarm();
+                Record::CorrectionSent { .. } if self.ledger.armed_as(delivery.arming) => {
+                    self.ledger.disarm();
                 }
-                Record::AlarmSent { number, why, .. } if *number == self.book.wanted.number => {
-                    if let Some(passed) = self.book.passed.get_mut()
+                Record::AlarmSent { number, why, .. } if *number == self.ledger.wanted.number => {
+                    if let Some(passed) = self.ledger.passed.get_mut()
                         && passed.info.number == *number
                         && passed.end.is_none()
                     {
                         passed.end = Some(Err(*why));
                     }
-                    self.book.wanted.set(0, false);
+                    self.ledger.wanted.set(0, false);
                 }
                 _ => {}
             }
         }
-        self.book.record(now, record);
+        self.ledger.record(now, record);
     }
 
     /// Whether a correction waits for the control, and whether it goes out by
@@ -363,18 +285,19 @@ impl<F: Flash> Measure<F> {
         if self.waiting().is_none() {
             return false;
         }
-        let Some((plate, ..)) = self.book.armed() else {
+        let Some(Released { setup, arming, .. }) = self.ledger.armed() else {
             return false;
         };
+        let (setup, arming) = (*setup, *arming);
         // What the journal refuses disarms it.
-        if !self.correction_begins(now, plate) {
+        if !self.correction_begins(now, setup) {
             return false;
         }
-        let Some((plate, arming, text)) = self.book.armed() else {
-            return false;
+        let text = match self.ledger.armed() {
+            Some(released) => released.correction.clone(),
+            None => return false,
         };
-        let text: String<MAX_CORRECTION> = text.clone();
-        self.open(What::Correction { plate }, arming, &text);
+        self.open(What::Correction { setup }, arming, &text);
         true
     }
 
@@ -386,7 +309,7 @@ impl<F: Flash> Measure<F> {
         let Some(spec) = spec.filter(|spec| spec.send != SendWhen::Never) else {
             return false;
         };
-        let Some(text) = umi_core::nc::alarm(&spec, self.coding()) else {
+        let Some(text) = umi_core::correction::alarm(&spec, self.coding()) else {
             return false;
         };
         let (number, why) = (spec.program_number.into(), Withheld::NoVerdict);
@@ -398,11 +321,11 @@ impl<F: Flash> Measure<F> {
     /// false if it has asked for none.
     #[inline(never)]
     fn program(&mut self, now: Micros) -> bool {
-        let number = self.book.wanted.number;
+        let number = self.ledger.wanted.number;
         if number == 0 {
             return false;
         }
-        self.book.wanted.has_begun = true;
+        self.ledger.wanted.has_begun = true;
         match self.part(now, number) {
             Ok(part) => self.open_program(now, part),
             Err(why) => {
@@ -415,13 +338,13 @@ impl<F: Flash> Measure<F> {
 
     #[inline(never)]
     fn open_program(&mut self, now: Micros, part: Part) {
-        let released = self.book.released.get().filter(|_| part.plate.is_some());
+        let released = self.ledger.released.get().filter(|_| part.setup.is_some());
         let arming = released.map_or(0, |of| of.arming);
         let stage = match part.stored {
             Some(_) => Stage::Looking,
             None => Stage::Sending,
         };
-        let (coding, request) = (self.coding(), self.book.wanted.count);
+        let (coding, request) = (self.coding(), self.ledger.wanted.count);
         let delivery = Delivery::new(What::Program(part), coding, arming, request);
         self.delivery.put(delivery);
         if let Some(delivery) = self.delivery.get_mut() {
@@ -433,10 +356,10 @@ impl<F: Flash> Measure<F> {
     /// What is to be sent of a program, if it may be.
     #[inline(never)]
     fn part(&mut self, now: Micros, number: u32) -> Result<Part, Withheld> {
-        if self.book.wanted.is_stale {
+        if self.ledger.wanted.is_stale {
             return Err(Withheld::HeldTooLong);
         }
-        let (info, stored) = match self.book.passed(number) {
+        let (info, stored) = match self.ledger.passed(number) {
             Some(info) => (info.clone(), None),
             None => {
                 let store = self.programs.get_mut().ok_or(Withheld::NotThere)?;
@@ -451,7 +374,7 @@ impl<F: Flash> Measure<F> {
             crc32: info.crc32,
             stored,
             how: None,
-            plate: None,
+            setup: None,
             hold_us: u64::from(info.hold_s.max(1)) * 1_000_000,
         };
         let spec = match info.release {
@@ -463,12 +386,12 @@ impl<F: Flash> Measure<F> {
             Release::AfterVerdict => None,
             Release::Rewritten(spec) => Some(spec),
         };
-        let released = self.book.released.get().filter(|of| now < of.until);
+        let released = self.ledger.released.get().filter(|of| now < of.until);
         let released = released.ok_or(Withheld::NoVerdict)?;
         if released.gone.contains(&number) || released.gone.is_full() {
             return Err(Withheld::GoneOut);
         }
-        part.plate = Some(released.plate);
+        part.setup = Some(released.setup);
         let Some(spec) = spec else { return Ok(part) };
         let job = self.brain().job().ok_or(Withheld::NoVerdict)?;
         if job.correction.is_some_and(|of| of.send != SendWhen::Never) {
@@ -479,8 +402,8 @@ impl<F: Flash> Measure<F> {
         // The name of a job is short.
         let _ = write!(
             source,
-            "VERDICT OK - {} - PLATE {}",
-            job.name, released.plate
+            "VERDICT OK - {} - SETUP {}",
+            job.name, released.setup
         );
         part.how = Some(settings(&spec, transform, &info, source));
         Ok(part)
@@ -495,7 +418,7 @@ impl<F: Flash> Measure<F> {
             return Err(ProgramRefusal::Empty);
         }
         self.offer(info.number)?;
-        self.book.passed.put(Passed {
+        self.ledger.passed.put(Passed {
             info: info.clone(),
             end: None,
         });
@@ -504,11 +427,11 @@ impl<F: Flash> Measure<F> {
 
     /// The control's next READ gets this one, unless it has asked for one itself.
     pub(crate) fn offer(&mut self, number: u32) -> Result<(), ProgramRefusal> {
-        let asks = self.book.wanted.number > 0 && self.book.wanted.by_control;
+        let asks = self.ledger.wanted.number > 0 && self.ledger.wanted.by_control;
         if self.delivery.is_some() || asks {
             return Err(ProgramRefusal::Busy);
         }
-        self.book.wanted.set(number, false);
+        self.ledger.wanted.set(number, false);
         Ok(())
     }
 
@@ -519,7 +442,7 @@ impl<F: Flash> Measure<F> {
         offset: u32,
         bytes: &[u8],
     ) -> Result<Option<u32>, ProgramRefusal> {
-        let passed = self.book.passed.get().ok_or(ProgramRefusal::NotBegun)?;
+        let passed = self.ledger.passed.get().ok_or(ProgramRefusal::NotBegun)?;
         match passed.end {
             Some(Ok(())) => return Ok(None),
             Some(Err(why)) => return Err(ProgramRefusal::Withheld(why)),
@@ -541,11 +464,11 @@ impl<F: Flash> Measure<F> {
         {
             delivery.break_off();
         }
-        if let Some(passed) = self.book.passed.take()
+        if let Some(passed) = self.ledger.passed.take()
             && passed.end.is_none()
-            && passed.info.number == self.book.wanted.number
+            && passed.info.number == self.ledger.wanted.number
         {
-            self.book.wanted.number = 0;
+            self.ledger.wanted.number = 0;
         }
     }
 }
@@ -556,9 +479,9 @@ fn settings(
     transform: RigidTransform,
     info: &ProgramInfo,
     source: Source,
-) -> Settings {
+) -> RewriteSettings {
     let micrometres = |um: u16| Mm(f64::from(um) / 1000.0);
-    Settings {
+    RewriteSettings {
         decimals_mm: spec.decimals_mm,
         chord: micrometres(spec.chord_um),
         clearance: micrometres(spec.clearance_um),
@@ -572,16 +495,11 @@ fn settings(
             UnitRule::Mm => Some(Unit::Millimetre),
             UnitRule::Inch => Some(Unit::Inch),
         },
-        original: Some(Identity {
+        original: Some(ProgramIdentity {
             crc32: info.crc32,
             bytes: info.bytes.into(),
         }),
         source,
-        ..Settings::new(transform)
+        ..RewriteSettings::new(transform)
     }
-}
-
-/// A verdict's registration.
-pub(crate) fn transform(report: &RegistrationReport) -> RigidTransform {
-    RigidTransform::from_rows(report.rotation, report.translation_mm)
 }

@@ -12,12 +12,12 @@
 //! nothing waits for more than a line.
 
 use heapless::{Deque, Vec};
+use umi_core::correction::{broken_off, withheld};
 use umi_core::dprnt::encode;
 use umi_core::journal::Flash;
-use umi_core::nc::rewrite::{Check, MAX_AT_ONCE, Rewriter, Settings};
-use umi_core::nc::{broken_off, withheld};
-use umi_core::place::Place;
 use umi_core::programs::{Program, Store};
+use umi_core::rewrite::{Check, MAX_AT_ONCE, RewriteSettings, Rewriter};
+use umi_core::zero_option::ZeroOption;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::Withheld;
 
@@ -51,23 +51,23 @@ pub(super) struct Part {
     /// Where it is; none: the host passes it through.
     pub stored: Option<Program>,
     /// How it is rewritten.
-    pub how: Option<Settings>,
-    /// The plate that released it; none: any.
-    pub plate: Option<u32>,
+    pub how: Option<RewriteSettings>,
+    /// The setup that released it; none: any.
+    pub setup: Option<u32>,
     /// How long the control may hold the line.
     pub hold_us: u64,
 }
 
 impl Part {
-    /// The plate by whose registration it is rewritten.
+    /// The setup by whose registration it is rewritten.
     pub fn rewritten_for(&self) -> Option<u32> {
-        self.plate.filter(|_| self.how.is_some())
+        self.setup.filter(|_| self.how.is_some())
     }
 }
 
 #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
 pub(super) enum What {
-    Correction { plate: u32 },
+    Correction { setup: u32 },
     Alarm { number: u32, why: Withheld },
     Program(Part),
 }
@@ -94,7 +94,7 @@ pub(crate) struct Delivery {
     has_begun: bool,
     /// At the end of the queue is the end of the program.
     whole: bool,
-    rewriter: Place<Rewriter>,
+    rewriter: ZeroOption<Rewriter>,
     /// More comes out of what the rewriter has.
     has_more: bool,
     check: Check,
@@ -126,7 +126,7 @@ impl Delivery {
             stage: Stage::Ended,
             has_begun: false,
             whole: false,
-            rewriter: Place::empty(),
+            rewriter: ZeroOption::empty(),
             has_more: false,
             check: Check::default(),
             offset: 0,

@@ -1,4 +1,4 @@
-//! The bench's port: encoders and inputs come from there, outputs go there.
+//! The bench port: it plays encoders and inputs, and is told the outputs.
 
 use core::cell::RefCell;
 
@@ -10,24 +10,24 @@ use embassy_time::{Instant, Timer};
 use umi_app::board::{Axes, Lights, Outputs, Scanner, Unsupported};
 use umi_protocol::latch::{Positions, TriggerOut};
 use umi_protocol::message::ResetReason;
-use umi_stimuli::{Decoder, MAX_FRAME, State, Stimulus, decode, encode};
+use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
 
 use crate::link::LINK;
 use crate::path::Path;
 use crate::{BENCH, CONTROL, LATCHES, clock};
 
 struct Inner {
-    decoder: Decoder,
+    decoder: StimulusDecoder,
     path: Path,
-    state: State,
+    state: BenchState,
     /// When the bench wants to be told the state in any case.
     due_ns: Option<u64>,
 }
 
 static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
-    decoder: Decoder::new(),
+    decoder: StimulusDecoder::new(),
     path: Path::new(),
-    state: State {
+    state: BenchState {
         taken: 0,
         refused: 0,
         t_ns: 0,
@@ -87,7 +87,7 @@ impl Inner {
             }
             Stimulus::Edge { cause, t_ns } => match self.path.at(*t_ns) {
                 Some(counts) => {
-                    LATCHES.captured(*cause, *t_ns, counts.into_iter().collect(), 0);
+                    LATCHES.captured(*cause, *t_ns, counts, 0);
                 }
                 None => LATCHES.lost(*cause, *t_ns, 1),
             },
@@ -119,7 +119,7 @@ pub async fn tell() {
         let state = with(|inner| {
             let t_ns = clock::now_ns();
             inner.due_ns = inner.due_ns.filter(|due| *due > t_ns);
-            State {
+            BenchState {
                 t_ns,
                 from_control: CONTROL.received(),
                 overruns: CONTROL.overruns(),
@@ -161,7 +161,7 @@ impl Axes for Station {
         // The path always reaches to now.
         let counts = with(|inner| inner.path.at(t_ns)).unwrap_or_default();
         Positions {
-            counts: counts.into_iter().collect(),
+            counts: counts.iter().map(|axis| axis.0).collect(),
             t_ns,
             illegal: counts.iter().map(|_| 0).collect(),
             lost_samples: 0,

@@ -1,4 +1,4 @@
-//! The chip: where its registers are, its interrupts and their priorities.
+//! The chip: addresses of registers, interrupts and their priorities.
 //!
 //! From ARM's "Application Note AN500" and the "Cortex-M System Design Kit" (CMSDK)
 //! manual, as far as QEMU has it.

@@ -64,9 +64,9 @@ const fn is_plugged(count: u32) -> bool {
 }
 
 /// From the host.
-pub struct Receiver;
+pub struct LinkReceiver;
 
-impl LinkRx for Receiver {
+impl LinkRx for LinkReceiver {
     async fn connected(&mut self) {
         LINK.wait(|| is_plugged(LINK.now.load(Ordering::Relaxed)))
             .await;
@@ -89,9 +89,9 @@ impl LinkRx for Receiver {
 }
 
 /// To the host.
-pub struct Transmitter;
+pub struct LinkTransmitter;
 
-impl LinkTx for Transmitter {
+impl LinkTx for LinkTransmitter {
     async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
         let send = async {
             for byte in bytes {

@@ -18,7 +18,7 @@
 //! | [`path`] | where the axes are |
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
-//! | [`kept`] | why the board started, and where it panicked |
+//! | [`crash_note`] | why the board started, and where it panicked |
 //!
 //! # Limitations
 //!
@@ -31,7 +31,7 @@ mod bench;
 mod chip;
 mod clock;
 mod control;
-mod kept;
+mod crash_note;
 mod link;
 mod path;
 mod storage;
@@ -44,18 +44,19 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SCB;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use static_cell::StaticCell;
-use umi_app::measure::{Boot, name};
+use umi_app::measure::Boot;
 use umi_app::{App, Running};
 use umi_core::units::Micros;
 use umi_drivers::latches::Latches;
+use umi_protocol::job::name;
 use umi_protocol::message::{Identity, ResetReason};
 
 use chip::{Interrupt, peripheral};
 use clock::BoardClock;
-use kept::Cause;
+use crash_note::Cause;
 use storage::Region;
 use uart::{Full, Uart};
-use watchdog::Watchdog;
+use watchdog::WatchdogTimer;
 
 /// To the control.
 static CONTROL: Uart = Uart::new(peripheral::UART_0, Full::Counts);
@@ -77,7 +78,7 @@ static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 fn main() -> ! {
     static TASKS: StaticCell<Executor> = StaticCell::new();
 
-    let reset = note_reset(&kept::take_cause());
+    let reset = note_reset(&crash_note::take_cause());
     // The first time it is always there.
     let Some(peripherals) = cortex_m::Peripherals::take() else {
         stop("the core is taken")
@@ -117,7 +118,7 @@ fn main() -> ! {
     let link = LINK_TASKS.start(Interrupt::LinkTasks);
     link.spawn(first(serve(app)));
     link.spawn(first(tell()));
-    let watchdog = Watchdog::start();
+    let watchdog = WatchdogTimer::start();
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app)));
         here.spawn(first(supervise(app, watchdog)));
@@ -156,7 +157,7 @@ async fn latch(app: &'static App<Region>) {
 
 #[embassy_executor::task]
 async fn serve(app: &'static App<Region>) {
-    let (mut rx, mut tx) = (link::Receiver, link::Transmitter);
+    let (mut rx, mut tx) = (link::LinkReceiver, link::LinkTransmitter);
     app.serve(&mut rx, &mut tx, &mut bench::Station, &BoardClock)
         .await;
 }
@@ -172,7 +173,7 @@ async fn measure_on(app: &'static App<Region>) {
 }
 
 #[embassy_executor::task]
-async fn supervise(app: &'static App<Region>, mut watchdog: Watchdog) {
+async fn supervise(app: &'static App<Region>, mut watchdog: WatchdogTimer) {
     app.supervise(&mut watchdog, &BoardClock).await;
 }
 
@@ -210,6 +211,6 @@ fn note_reset(cause: &Cause) -> ResetReason {
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    kept::note_panic(info);
+    crash_note::note_panic(info);
     SCB::sys_reset()
 }

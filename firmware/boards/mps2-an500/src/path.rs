@@ -1,6 +1,7 @@
-//! Where the axes are: the path that the bench has laid.
+//! Axis positions over time, along the path that the bench has laid.
 
 use heapless::Deque;
+use umi_core::units::Counts;
 use umi_protocol::latch::MAX_AXES;
 
 /// Axes of this board.
@@ -8,7 +9,7 @@ pub const AXES: usize = 4;
 const _: () = assert!(AXES <= MAX_AXES);
 
 /// Encoder counts of all axes.
-pub type Counts = [i64; AXES];
+pub type AxisCounts = [Counts; AXES];
 
 /// Corners of the path that are kept: an edge may be told as late as that.
 const CORNERS: usize = 64;
@@ -17,7 +18,7 @@ const CORNERS: usize = 64;
 #[derive(Clone, Copy)]
 struct Corner {
     t_ns: u64,
-    counts: Counts,
+    counts: AxisCounts,
 }
 
 /// The path of the axes over the board's clock.
@@ -39,7 +40,7 @@ impl Path {
             corners: Deque::new(),
             end: Corner {
                 t_ns: 0,
-                counts: [0; AXES],
+                counts: [Counts(0); AXES],
             },
         }
     }
@@ -54,7 +55,7 @@ impl Path {
         self.push(end);
         end.t_ns = to_ns;
         for (place, count) in end.counts.iter_mut().zip(counts) {
-            *place = *count;
+            *place = Counts(*count);
         }
         self.push(end);
         Ok(())
@@ -71,7 +72,7 @@ impl Path {
 
     /// Where the axes are at an instant; none if that is longer ago than the path reaches.
     /// A count is one when it has been passed.
-    pub fn at(&self, t_ns: u64) -> Option<Counts> {
+    pub fn at(&self, t_ns: u64) -> Option<AxisCounts> {
         if t_ns >= self.end.t_ns {
             return Some(self.end.counts);
         }
@@ -87,8 +88,8 @@ impl Path {
 }
 
 /// The count after a part of the way.
-fn between(from: i64, to: i64, part_ns: u64, whole_ns: u64) -> i64 {
+fn between(Counts(from): Counts, Counts(to): Counts, part_ns: u64, whole_ns: u64) -> Counts {
     let way = i128::from(to) - i128::from(from);
     // No further than `to`, so it fits.
-    (i128::from(from) + way * i128::from(part_ns) / i128::from(whole_ns)) as i64
+    Counts((i128::from(from) + way * i128::from(part_ns) / i128::from(whole_ns)) as i64)
 }

@@ -1,4 +1,4 @@
-//! Which function each interrupt runs, and at which priority.
+//! Vector table: the function and the priority of each interrupt.
 
 use core::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
 
 use crate::chip::{Interrupt, Priority};
-use crate::{BENCH, CONTROL, HOST, LINK_TASKS, SERIAL_TASKS, bench, clock, kept};
+use crate::{BENCH, CONTROL, HOST, LINK_TASKS, SERIAL_TASKS, bench, clock, crash_note};
 
 type Vector = unsafe extern "C" fn();
 
@@ -90,7 +90,7 @@ extern "C" fn link_tasks() {
 /// The watchdog has not been fed.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
-    kept::note_watchdog();
+    crash_note::note_watchdog();
     SCB::sys_reset()
 }
 
@@ -99,6 +99,6 @@ unsafe fn NonMaskableInt() -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     let mut place = heapless::String::<32>::new();
     let _ = write!(place, "hard fault at {:#010x}", frame.pc());
-    kept::note_fault(&place);
+    crash_note::note_fault(&place);
     SCB::sys_reset()
 }

@@ -19,9 +19,9 @@ const UNLOCK: u32 = 0x1ACC_E551;
 const ENABLE: u32 = 0b11;
 
 /// The watchdog at work.
-pub struct Watchdog(());
+pub struct WatchdogTimer(());
 
-impl Watchdog {
+impl WatchdogTimer {
     /// Starts it. It cannot be stopped by accident.
     pub fn start() -> Self {
         LOCK.write(UNLOCK);
@@ -32,7 +32,7 @@ impl Watchdog {
     }
 }
 
-impl board::Watchdog for Watchdog {
+impl board::Watchdog for WatchdogTimer {
     fn feed(&mut self) {
         LOCK.write(UNLOCK);
         // Counts down from there anew.

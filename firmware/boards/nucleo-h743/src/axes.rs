@@ -1,11 +1,11 @@
-//! The axes: positions of 64 bits, and captures by an edge.
+//! Axes: positions of 64 bits, and captures at an edge.
 //!
 //! # Design
 //!
 //! Hardware does what must be quick: each encoder has a timer, and one edge captures all
 //! timers and the clock in the same cycle. What is late here is only the reading. Which
 //! captures belong together, and which of the positions with these 16 bits is meant, is
-//! computed in `umi_core::encoder`, where it is tested.
+//! computed in `umi_core::capture`, where it is tested.
 //!
 //! Only the lower 16 bits of TIM2 are used, as of the other axes: one rule for all.
 
@@ -15,14 +15,15 @@ use critical_section::Mutex;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt;
 use umi_app::board::{self, Unsupported};
-use umi_core::encoder::extend::Extender;
-use umi_core::encoder::pair::{Capture, Pairing};
-use umi_core::encoder::stamp::Rate;
+use umi_core::capture::join_timers::{Capture, Pairing};
+use umi_core::capture::stamp::Rate;
+use umi_core::capture::unwrap::Extender;
+use umi_core::units::{Counts, Cycles};
 use umi_drivers::latches::Latches;
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
 
-use crate::plan::{AXES, COUNTS_PER_S, LOOK_US, TIMER_HZ, TIMERS};
-use crate::timers::{self, Line};
+use crate::resources::{AXES, COUNTS_PER_S, LOOK_US, TIMER_HZ, TIMERS};
+use crate::timers::{self, CaptureLine};
 
 /// Captures on their way to the application.
 pub static LATCHES: Latches = Latches::new();
@@ -59,22 +60,22 @@ impl State {
     }
 
     /// Reads what a line has captured.
-    fn read(&mut self, mut line: Line) {
+    fn read(&mut self, mut line: CaptureLine) {
         let cause = match line {
-            Line::Skip => LatchCause::Skip,
-            Line::Trigger => LatchCause::Trigger,
+            CaptureLine::Skip => LatchCause::Skip,
+            CaptureLine::Trigger => LatchCause::Trigger,
         };
         for _ in 0..AT_ONCE {
             let pairing = match line {
-                Line::Skip => &mut self.skip,
-                Line::Trigger => &mut self.trigger,
+                CaptureLine::Skip => &mut self.skip,
+                CaptureLine::Trigger => &mut self.trigger,
             };
             match pairing.read(&mut line) {
                 Capture::Nothing => return,
                 Capture::Captured { values, missed } => {
                     let [.., clock] = values;
                     let counts = self.axes.iter().zip(values);
-                    let counts = counts.map(|(axis, raw)| axis.captured(raw)).collect();
+                    let counts = counts.map(|(axis, raw)| axis.captured(raw));
                     LATCHES.captured(cause, ns(self.clock.captured(clock)), counts, missed);
                 }
                 Capture::Lost { missed, silent } => {
@@ -95,8 +96,9 @@ impl State {
     }
 }
 
-fn ns(cycles: i64) -> u64 {
-    Rate::<TIMER_HZ>::ns(cycles.max(0).cast_unsigned())
+/// The clock's counter goes up once each cycle.
+fn ns(Counts(cycles): Counts) -> u64 {
+    Rate::<TIMER_HZ>::ns(Cycles(cycles.max(0).cast_unsigned()))
 }
 
 fn with<R>(work: impl FnOnce(&mut State) -> R) -> R {
@@ -112,8 +114,8 @@ pub fn now_ns() -> u64 {
 #[interrupt]
 fn TIM5() {
     with(|state| {
-        state.read(Line::Skip);
-        state.read(Line::Trigger);
+        state.read(CaptureLine::Skip);
+        state.read(CaptureLine::Trigger);
     });
 }
 
@@ -123,7 +125,7 @@ fn TIM7() {
     timers::looked();
     with(|state| {
         // What was captured before the look, against the look before.
-        for line in [Line::Skip, Line::Trigger] {
+        for line in [CaptureLine::Skip, CaptureLine::Trigger] {
             state.read(line);
             timers::pause(line, false);
         }
@@ -143,7 +145,7 @@ impl board::Axes for Station {
         with(|state| {
             state.look();
             Positions {
-                counts: state.axes.iter().map(Extender::position).collect(),
+                counts: state.axes.iter().map(|axis| axis.position().0).collect(),
                 t_ns: state.now_ns(),
                 // The timers do not tell illegal transitions.
                 illegal: heapless::Vec::new(),

@@ -20,7 +20,7 @@ use embassy_sync::waitqueue::AtomicWaker;
 use umi_app::board::{Broken, CncInput, CncRx, CncTx};
 use umi_drivers::received::Received;
 
-use crate::plan;
+use crate::resources;
 use crate::timers;
 
 /// Bytes that can wait: 90 ms.
@@ -33,12 +33,14 @@ static WENT: AtomicWaker = AtomicWaker::new();
 /// Starts the line: 8 data bits, no parity, 1 stop bit.
 pub fn start() {
     rcc::enable_and_reset::<peripherals::USART2>();
-    let [transmit, receive] = &plan::CONTROL;
+    let [transmit, receive] = &resources::CONTROL;
     let output = AfType::output(OutputType::PushPull, Speed::Low);
     core::mem::forget(timers::flex(transmit, output));
     // A line that is not connected rests.
     timers::connect(receive, Pull::Up);
-    USART2.brr().write(|w| w.set_brr(plan::BAUD_DIVIDER as u16));
+    USART2
+        .brr()
+        .write(|w| w.set_brr(resources::BAUD_DIVIDER as u16));
     USART2.cr1().write(|w| {
         w.set_fifoen(false);
         w.set_te(true);

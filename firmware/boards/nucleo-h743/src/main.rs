@@ -13,7 +13,7 @@
 //!
 //! | file | idea |
 //! | --- | --- |
-//! | [`plan`] | which pin, timer and clock does what; checked when it is compiled |
+//! | [`resources`] | which pin, timer and clock does what; checked when it is compiled |
 //! | [`timers`] | registers that count and capture |
 //! | [`axes`] | positions and captures |
 //! | [`clock`] | time |
@@ -27,13 +27,13 @@
 mod axes;
 mod clock;
 mod control;
+mod reset;
 #[allow(
     dead_code,
     clippy::indexing_slicing,
     reason = "build.rs reads what is not used here; in a constant the compiler finds what is outside"
 )]
-mod plan;
-mod reset;
+mod resources;
 mod timers;
 
 use defmt_rtt as _;
@@ -51,10 +51,11 @@ use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
 use umi_app::board::{Clock as _, Lights, Outputs, Watchdog};
-use umi_app::measure::{Boot, name};
+use umi_app::measure::Boot;
 use umi_app::{App, Running};
 use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
 use umi_drivers::usb_serial;
+use umi_protocol::job::name;
 use umi_protocol::message::{Identity, MAX_RECORD};
 
 use clock::BoardClock;
@@ -108,7 +109,7 @@ fn main() -> ! {
         // a reset forgets it, so neither the log nor the note of a panic would be there.
         core.SCB.enable_icache();
     }
-    if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(plan::TIMER_HZ) {
+    if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(resources::TIMER_HZ) {
         stop("the timers' clock is not as planned");
     }
     set_priorities();
@@ -118,7 +119,7 @@ fn main() -> ! {
 
     let select = Output::new(p.PE4, Level::High, Speed::VeryHigh);
     let mut speed = spi::Config::default();
-    speed.frequency = Hertz(plan::FLASH_HZ);
+    speed.frequency = Hertz(resources::FLASH_HZ);
     let bus = Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, speed);
     let Ok(bus) = ExclusiveDevice::new(bus, select, Delay);
     let flash = FLASH.init(match SpiNor::open(bus, Delay) {
@@ -154,7 +155,7 @@ fn main() -> ! {
         Err(Running) => stop("the application runs already"),
     }
 
-    let mut dog = IndependentWatchdog::new(p.IWDG1, plan::WATCHDOG_US);
+    let mut dog = IndependentWatchdog::new(p.IWDG1, resources::WATCHDOG_US);
     dog.unleash();
 
     let serial = SERIAL_TASKS.start(interrupt::UART4);
@@ -169,18 +170,18 @@ fn main() -> ! {
     })
 }
 
-/// The clocks of [`plan`].
+/// The clocks of [`resources`].
 fn configuration() -> Config {
     use rcc::{
         AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
     };
     const {
-        assert!(plan::PLL[0] == 1 && plan::PLL[1] == 100 && plan::PLL[2] == 2);
-        assert!(plan::BUS_DIVIDERS[0] == 2 && plan::BUS_DIVIDERS[1] == 2);
+        assert!(resources::PLL[0] == 1 && resources::PLL[1] == 100 && resources::PLL[2] == 2);
+        assert!(resources::BUS_DIVIDERS[0] == 2 && resources::BUS_DIVIDERS[1] == 2);
     }
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
-        freq: Hertz(plan::HSE_HZ),
+        freq: Hertz(resources::HSE_HZ),
         mode: HseMode::Bypass,
     });
     config.rcc.pll1 = Some(Pll {

@@ -1,4 +1,4 @@
-//! Why the board started, and what it does when it cannot go on.
+//! Reset: its cause, and the board's last act when it cannot go on.
 
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};

@@ -9,11 +9,11 @@ use embassy_stm32::pac::timer::TimGp16;
 use embassy_stm32::pac::timer::regs::{CntCore, SrGp16};
 use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue, Sms};
 use embassy_stm32::{pac, peripherals, rcc};
-use umi_core::encoder::pair::Captures;
+use umi_core::capture::join_timers::Captures;
 
-use crate::plan::{self, AXES, Signal, TIMERS};
+use crate::resources::{self, AXES, Signal, TIMERS};
 
-/// The timers in the order of [`plan::SKIP`]: the axes', then the clock's.
+/// The timers in the order of [`resources::SKIP`]: the axes', then the clock's.
 const ALL: [TimGp16; TIMERS] = {
     // SAFETY: these are the addresses of the timers; see above.
     unsafe {
@@ -32,13 +32,13 @@ const ALL: [TimGp16; TIMERS] = {
 const CLOCK: TimGp16 = unsafe { TimGp16::from_ptr(pac::TIM5.as_ptr()) };
 
 const FILTER: FilterValue = {
-    assert!(plan::FILTER_SAMPLES == 4);
+    assert!(resources::FILTER_SAMPLES == 4);
     FilterValue::FCK_INT_N4
 };
 
 /// What captures: a line on one channel of every timer.
 #[derive(Clone, Copy)]
-pub enum Line {
+pub enum CaptureLine {
     /// Channel 3.
     Skip = 2,
     /// Channel 4.
@@ -53,10 +53,10 @@ pub fn start() {
     rcc::enable_and_reset::<peripherals::TIM4>();
     rcc::enable_and_reset::<peripherals::TIM5>();
     rcc::enable_and_reset::<peripherals::TIM8>();
-    for signal in &plan::ENCODERS {
+    for signal in &resources::ENCODERS {
         connect(signal, Pull::Up);
     }
-    for signal in plan::SKIP.iter().chain(&plan::TRIGGER) {
+    for signal in resources::SKIP.iter().chain(&resources::TRIGGER) {
         connect(signal, Pull::Down);
     }
     for (index, timer) in ALL.into_iter().enumerate() {
@@ -81,8 +81,8 @@ pub fn start() {
         timer.arr().write(|w| w.0 = u32::MAX);
     }
     // The clock's captures stand for all: one edge reaches every timer.
-    pause(Line::Skip, false);
-    pause(Line::Trigger, false);
+    pause(CaptureLine::Skip, false);
+    pause(CaptureLine::Trigger, false);
     for timer in ALL {
         timer.cr1().modify(|w| w.set_cen(true));
     }
@@ -121,11 +121,11 @@ fn count(timer: TimGp16) -> u32 {
 }
 
 /// Lets a line interrupt, or not. It captures in any case.
-pub fn pause(line: Line, paused: bool) {
+pub fn pause(line: CaptureLine, paused: bool) {
     CLOCK.dier().modify(|w| w.set_ccie(line as usize, !paused));
 }
 
-impl Captures<TIMERS> for Line {
+impl Captures<TIMERS> for CaptureLine {
     fn is_captured(&mut self, timer: usize) -> bool {
         let channel = *self as usize;
         ALL.get(timer)
@@ -155,13 +155,15 @@ impl Captures<TIMERS> for Line {
     }
 }
 
-/// Starts the interrupt of TIM7, each [`plan::LOOK_US`].
+/// Starts the interrupt of TIM7, each [`resources::LOOK_US`].
 pub fn start_looking() {
     rcc::enable_and_reset::<peripherals::TIM7>();
     let timer = pac::TIM7;
-    const PRESCALER: u32 = plan::TIMER_HZ / 1_000_000;
+    const PRESCALER: u32 = resources::TIMER_HZ / 1_000_000;
     timer.psc().write_value((PRESCALER - 1) as u16);
-    timer.arr().write(|w| w.set_arr(plan::LOOK_US as u16 - 1));
+    timer
+        .arr()
+        .write(|w| w.set_arr(resources::LOOK_US as u16 - 1));
     timer.dier().write(|w| w.set_uie(true));
     timer.cr1().write(|w| w.set_cen(true));
 }

@@ -2,9 +2,9 @@
 
 use embassy_time::{Instant, Timer};
 use umi_app::board::Clock;
-use umi_core::units::Micros;
+use umi_core::units::{Cycles, Micros};
 
-use crate::plan::CYCLES_PER_US;
+use crate::resources::CYCLES_PER_US;
 
 /// Microseconds since the chip started.
 #[inline(always)]
@@ -14,9 +14,9 @@ pub fn now_us() -> u64 {
 
 /// The same in cycles of the system clock: up to a microsecond behind.
 #[inline(always)]
-pub fn now_cycles() -> u64 {
+pub fn now_cycles() -> Cycles {
     // Four thousand years fit in.
-    now_us().wrapping_mul(CYCLES_PER_US.into())
+    Cycles(now_us().wrapping_mul(CYCLES_PER_US.into()))
 }
 
 /// For the application.

@@ -1,8 +1,8 @@
-//! Watchdog, and why the board started.
+//! Watchdog, and the cause of the last reset.
 //!
 //! The highest interrupt feeds the chip's watchdog, whose counter holds no more than eight
 //! seconds; a fit may take longer where there is no floating-point unit. So each level of
-//! priority has a patience of its own ([`umi_drivers::heard`]): the tasks of the lowest, which
+//! priority has a patience of its own ([`umi_drivers::task_watchdog`]): the tasks of the lowest, which
 //! wait for the measuring, [`MEASURING_S`]; the host's, above which nothing takes long,
 //! [`HOST_S`], so that a task that spins there or above is seen as soon as the counter is over.
 
@@ -10,17 +10,17 @@ use embassy_rp::gpio::Output;
 use embassy_rp::pac;
 use embassy_rp::watchdog::{ResetReason as ByWatchdog, Watchdog};
 use embassy_time::{Duration, Timer};
-use umi_drivers::heard::Level;
+use umi_drivers::task_watchdog::TaskWatchdog;
 use umi_protocol::message::ResetReason;
 
 use crate::lights;
-use crate::plan::{HOST_S, MEASURING_S, WATCHDOG_MS};
+use crate::resources::{HOST_S, MEASURING_S, WATCHDOG_MS};
 use crate::tick;
 
 /// The lowest level: it answers when the measuring does.
-static MEASURING: Level = Level::new(MEASURING_S * 1_000_000);
+static MEASURING: TaskWatchdog = TaskWatchdog::new(MEASURING_S * 1_000_000);
 /// The level of the host's tasks.
-static HOST: Level = Level::new(HOST_S * 1_000_000);
+static HOST: TaskWatchdog = TaskWatchdog::new(HOST_S * 1_000_000);
 
 /// What the counter begins with: a fault of the RP2040 (E1) makes it count two each
 /// microsecond.
@@ -38,10 +38,10 @@ pub fn ticked(now_us: u32) {
     }
 }
 
-/// Is heard, for ever: a task of the host's level.
+/// Checks in, for ever: a task of the host's level.
 pub async fn host_level() -> ! {
     loop {
-        HOST.hear(tick::now_us());
+        HOST.check_in(tick::now_us());
         Timer::after(Duration::from_secs(HOST_S.into()) / 4).await;
     }
 }
@@ -106,8 +106,8 @@ impl Dog {
     pub fn start(mut watchdog: Watchdog, light: Output<'static>) -> Self {
         watchdog.pause_on_debug(true);
         let now_us = tick::now_us();
-        MEASURING.hear(now_us);
-        HOST.hear(now_us);
+        MEASURING.check_in(now_us);
+        HOST.check_in(now_us);
         watchdog.start(PATIENCE);
         Self { light, fed: 0 }
     }
@@ -115,7 +115,7 @@ impl Dog {
 
 impl umi_app::board::Watchdog for Dog {
     fn feed(&mut self) {
-        MEASURING.hear(tick::now_us());
+        MEASURING.check_in(tick::now_us());
         self.fed = self.fed.wrapping_add(1);
         // On with a short gap each two seconds: all is well. Blinking: it is not.
         let off = if lights::trouble() {

@@ -28,19 +28,20 @@ use embassy_rp::interrupt;
 use embassy_rp::interrupt::{Interrupt, InterruptExt};
 use heapless::Deque;
 use umi_app::board::{Axes, Scanner, Unsupported};
+use umi_core::units::Cycles;
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
 
-use crate::allowance::Allowance;
+use crate::edge_pins::EdgePins;
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
-use crate::plan::{
-    CAPTURE, CONTROL_TASKS, Cycles, EXTEND_US, PERIOD_CYCLES, SCANS_PER_S, SERIAL, SKIP_MACHINE,
-    SKIPS_PER_S, TICK_US, TRIGGER_MACHINE,
+use crate::quadrature::{AxisCounts, Quadrature};
+use crate::rate_limit::RateLimit;
+use crate::resources::{
+    CAPTURE, CONTROL_TASKS, EXTEND_US, PERIOD_CYCLES, SCANS_PER_S, SERIAL, SKIP_MACHINE,
+    SKIPS_PER_S, SystemClock, TICK_US, TRIGGER_MACHINE,
 };
-use crate::quadrature::{Counts, Quadrature};
 use crate::stamps::Stamps;
 use crate::trigger_out::Pulses;
-use crate::watched::Watched;
-use crate::{clock, machines, rings, stamps, tick};
+use crate::{clock, guard, pio, rings, stamps, tick};
 
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();
@@ -76,22 +77,18 @@ const FULL_CYCLES: u32 = 10 * PERIOD_CYCLES.get();
 /// An edge that was captured.
 struct Edge {
     cause: LatchCause,
-    at_cycles: u64,
-    counts: Counts,
+    at: Cycles,
+    counts: AxisCounts,
     /// Before it.
     missed: u32,
 }
 
 impl Edge {
     fn of(cause: LatchCause, edge: stamps::Edge) -> Self {
-        let stamps::Edge {
-            at_cycles,
-            counts,
-            missed,
-        } = edge;
+        let stamps::Edge { at, counts, missed } = edge;
         Self {
             cause,
-            at_cycles,
+            at,
             counts,
             missed,
         }
@@ -102,12 +99,12 @@ struct Latches {
     axes: Quadrature,
     skip: Stamps,
     trigger: Stamps,
-    watched: Watched,
+    watched: EdgePins,
     /// With their positions.
     edges: Deque<Edge, WAITING>,
     /// Captures of the probe that may still be made, and of a scanner's or of index marks.
-    skips: Allowance<SKIPS_PER_S>,
-    scans: Allowance<SCANS_PER_S>,
+    skips: RateLimit<SKIPS_PER_S>,
+    scans: RateLimit<SCANS_PER_S>,
     pulses: Pulses,
     /// There may have been pulses since the latest look.
     pulsed: bool,
@@ -119,10 +116,10 @@ static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
     axes: Quadrature::new(),
     skip: Stamps::new(SKIP_MACHINE),
     trigger: Stamps::new(TRIGGER_MACHINE),
-    watched: Watched::new(),
+    watched: EdgePins::new(),
     edges: Deque::new(),
-    skips: Allowance::new(),
-    scans: Allowance::new(),
+    skips: RateLimit::new(),
+    scans: RateLimit::new(),
     pulses: Pulses::Off,
     pulsed: false,
     until_look: 0,
@@ -130,7 +127,7 @@ static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
 
 /// Starts counting and capturing. The pins are inputs by now.
 pub fn start() {
-    machines::prepare();
+    pio::prepare();
     with(Latches::start);
     tick::start();
     interrupt::PIO1_IRQ_0.set_priority(CAPTURE);
@@ -168,24 +165,37 @@ fn SWI_IRQ_2() {
 #[interrupt]
 fn SWI_IRQ_3() {
     while let Some(edge) = with(|latches| latches.edges.pop_front()).flatten() {
-        let t_ns = Cycles::ns(edge.at_cycles);
-        let counts = edge.counts.iter().copied().collect();
-        CAPTURES.captured(edge.cause, t_ns, counts, edge.missed);
+        let t_ns = SystemClock::ns(edge.at);
+        CAPTURES.captured(edge.cause, t_ns, edge.counts, edge.missed);
     }
 }
 
-/// To be called each time the tick's timer is over. Returns when it should be again.
-pub fn ticked() -> u32 {
-    with(Latches::tick).unwrap_or(EXTEND_US)
+/// Serves the tick: the guard, then positions and pulses.
+fn ticked() {
+    let due_us = tick::acknowledge();
+    guard::ticked(tick::now_us());
+    tick::again(due_us, with(Latches::tick).unwrap_or(EXTEND_US));
+}
+
+#[cfg(not(feature = "rp2350"))]
+#[interrupt]
+fn TIMER_IRQ_1() {
+    ticked();
+}
+
+#[cfg(feature = "rp2350")]
+#[interrupt]
+fn TIMER0_IRQ_1() {
+    ticked();
 }
 
 impl Latches {
     /// Starts all machines.
     fn start(&mut self) {
-        machines::halt();
-        machines::reset();
+        pio::halt();
+        pio::reset();
         rings::arm();
-        let start = machines::start();
+        let start = pio::start();
         self.axes.started(start);
         self.skip.started(start);
         self.trigger.started(start);
@@ -199,8 +209,8 @@ impl Latches {
         // there what it has counted is whole. Anywhere else it may be half an increment.
         rings::abort();
         cortex_m::asm::delay(FULL_CYCLES);
-        machines::edges(INPUTS.into_iter());
-        machines::halt();
+        pio::edges(INPUTS.into_iter());
+        pio::halt();
         missed(LatchCause::Skip, self.skip.give_up());
         missed(LatchCause::Trigger, self.trigger.give_up());
         self.watched.give_up(watched_missed);
@@ -210,7 +220,7 @@ impl Latches {
             missed(LatchCause::Output, 1);
         }
         self.start();
-        let edges = machines::edges(INPUTS.into_iter());
+        let edges = pio::edges(INPUTS.into_iter());
         for pin in INPUTS.into_iter().filter(|pin| edges & 1 << pin != 0) {
             match pin {
                 SKIP => missed(LatchCause::Skip, 1),
@@ -234,7 +244,7 @@ impl Latches {
         if is_over {
             self.listen();
         } else {
-            machines::listen(false, false);
+            pio::listen(false, false);
             RESUME.pend();
         }
         TELL.pend();
@@ -242,7 +252,7 @@ impl Latches {
 
     /// What is beyond the allowance waits for the next look.
     fn listen(&self) {
-        machines::listen(self.skips.is_left(), self.scans.is_left());
+        pio::listen(self.skips.is_left(), self.scans.is_left());
     }
 
     /// The next stamp of each machine, with the positions at it. How many there were.
@@ -274,10 +284,10 @@ impl Latches {
             for cause in rises.pins().filter_map(cause_of) {
                 self.scans.spend();
                 match rises.at {
-                    Some((at_cycles, counts)) => {
+                    Some((at, counts)) => {
                         self.put(Edge {
                             cause,
-                            at_cycles,
+                            at,
                             counts,
                             missed: 0,
                         });
@@ -317,10 +327,10 @@ impl Latches {
     }
 
     fn look(&mut self) {
-        let now_cycles = clock::now_cycles();
-        missed(LatchCause::Skip, self.skip.look(now_cycles));
-        missed(LatchCause::Trigger, self.trigger.look(now_cycles));
-        self.look_for_dropped(now_cycles);
+        let now = clock::now_cycles();
+        missed(LatchCause::Skip, self.skip.look(now));
+        missed(LatchCause::Trigger, self.trigger.look(now));
+        self.look_for_dropped(now);
         if !self.axes.look() {
             self.start_again();
         }
@@ -341,9 +351,9 @@ impl Latches {
 
     /// What may have been among the stamps that the machine of index marks and pulses dropped
     /// is missed, at least once.
-    fn look_for_dropped(&mut self, now_cycles: u64) {
+    fn look_for_dropped(&mut self, now: Cycles) {
         let pulsed = core::mem::replace(&mut self.pulsed, self.pulses.is_on());
-        if let Some(marks) = self.watched.look(now_cycles) {
+        if let Some(marks) = self.watched.look(now) {
             marks.pins().for_each(watched_missed);
             missed(LatchCause::Output, pulsed.into());
         }
@@ -352,7 +362,7 @@ impl Latches {
     fn set_pulses(&mut self, spec: TriggerOut) -> Result<(), Unsupported> {
         let (counts, _) = self.axes.latest();
         let pulses = Pulses::new(spec, &counts)?;
-        machines::stop_pulses();
+        pio::stop_pulses();
         self.pulsed |= pulses.is_on();
         self.pulses = pulses;
         self.until_look = 0;
@@ -360,10 +370,10 @@ impl Latches {
     }
 
     fn positions(&self) -> Positions {
-        let (counts, taken_cycles) = self.axes.latest();
+        let (counts, taken) = self.axes.latest();
         Positions {
-            counts: counts.into_iter().collect(),
-            t_ns: Cycles::ns(taken_cycles),
+            counts: counts.into_iter().map(|axis| axis.0).collect(),
+            t_ns: SystemClock::ns(taken),
             illegal: self.axes.illegal().into_iter().collect(),
             lost_samples: self.axes.lost(),
         }
@@ -373,7 +383,7 @@ impl Latches {
 /// Edges that came without a capture.
 fn missed(cause: LatchCause, edges: u32) {
     if edges > 0 {
-        CAPTURES.lost(cause, Cycles::ns(clock::now_cycles()), edges);
+        CAPTURES.lost(cause, SystemClock::ns(clock::now_cycles()), edges);
     }
 }
 

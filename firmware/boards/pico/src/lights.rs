@@ -19,7 +19,7 @@ pub struct Lamps {
     pub ok: Output<'static>,
     /// The latest verdict is NG.
     pub ng: Output<'static>,
-    /// A plate is under way.
+    /// A setup is under way.
     pub busy: Output<'static>,
 }
 

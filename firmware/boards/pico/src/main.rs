@@ -11,18 +11,18 @@
 //!
 //! | file | idea |
 //! | --- | --- |
-//! | [`pins`], [`pads`] | which pin is what |
-//! | [`plan`] | clock, machines, channels, priorities |
-//! | [`programs`], [`machines`] | what the state machines run, and how they are started |
+//! | [`pins`], [`pin_mux`] | which pin is what |
+//! | [`resources`] | clock, machines, channels, priorities |
+//! | [`pio`] | what the state machines run, and how they are started |
 //! | [`rings`] | samples in memory |
 //! | [`quadrature`] | 64-bit positions at an instant |
-//! | [`stamps`], [`watched`] | edges to instants |
+//! | [`stamps`], [`edge_pins`] | edges to instants |
 //! | [`latch`], [`tick`] | captures |
-//! | [`allowance`] | no line keeps the processor |
+//! | [`rate_limit`] | no line keeps the processor |
 //! | [`trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, settings and part programs |
-//! | [`guard`], [`kept`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
+//! | [`guard`], [`crash_note`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
 //!
@@ -30,26 +30,25 @@
 #![no_std]
 #![no_main]
 
-mod allowance;
 mod clock;
+mod crash_note;
+mod edge_pins;
 mod flash_line;
 mod guard;
-mod kept;
 mod latch;
 mod lights;
-mod machines;
-mod pads;
+mod pin_mux;
 mod pins;
-mod plan;
-mod programs;
+mod pio;
 mod quadrature;
+mod rate_limit;
+mod resources;
 mod rings;
 mod stamps;
 mod storage;
 mod tick;
 mod trigger_out;
 mod uart;
-mod watched;
 
 use core::fmt::Write as _;
 use core::panic::PanicInfo;
@@ -68,9 +67,10 @@ use embassy_rp::{Peri, bind_interrupts};
 use heapless::String;
 use portable_atomic as _;
 use static_cell::StaticCell;
-use umi_app::measure::{Boot, name};
+use umi_app::measure::Boot;
 use umi_app::{App, Running};
 use umi_drivers::usb_serial;
+use umi_protocol::job::name;
 use umi_protocol::message::{Identity, ResetReason};
 
 use clock::BoardClock;
@@ -106,7 +106,7 @@ fn main() -> ! {
     control.spawn(first(latch_on(app)));
     let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
     host.spawn(first(serve(app, parts.usb, parts.serial, parts.station)));
-    host.spawn(first(heard()));
+    host.spawn(first(check_in()));
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app, parts.lamps)));
         here.spawn(first(supervise(app, parts.dog)));
@@ -137,13 +137,13 @@ fn boot() -> Parts {
         busy: Output::new(chip.PIN_28, Level::Low),
     };
     let station = Station::new(Output::new(chip.PIN_21, Level::Low));
-    if embassy_rp::clocks::clk_sys_freq() != plan::CLOCK_HZ {
+    if embassy_rp::clocks::clk_sys_freq() != resources::CLOCK_HZ {
         stop(&mut light, "the clock is not what the plan says");
     }
-    pads::connect();
+    pin_mux::connect();
     latch::start();
 
-    let storage = storage::open(storage::Parts {
+    let storage = storage::open(storage::StorageParts {
         spi: chip.SPI0,
         miso: chip.PIN_4,
         select: chip.PIN_5,
@@ -195,12 +195,12 @@ fn boot() -> Parts {
 /// Of what the drivers and executors do not set themselves.
 fn set_priorities() {
     #[cfg(not(feature = "rp2350"))]
-    interrupt::TIMER_IRQ_0.set_priority(plan::SERIAL);
+    interrupt::TIMER_IRQ_0.set_priority(resources::SERIAL);
     #[cfg(feature = "rp2350")]
-    interrupt::TIMER0_IRQ_0.set_priority(plan::SERIAL);
-    interrupt::SWI_IRQ_0.set_priority(plan::CONTROL_TASKS);
-    interrupt::SWI_IRQ_1.set_priority(plan::HOST_TASKS);
-    interrupt::USBCTRL_IRQ.set_priority(plan::HOST_TASKS);
+    interrupt::TIMER0_IRQ_0.set_priority(resources::SERIAL);
+    interrupt::SWI_IRQ_0.set_priority(resources::CONTROL_TASKS);
+    interrupt::SWI_IRQ_1.set_priority(resources::HOST_TASKS);
+    interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);
 }
 
 /// A task that is started for the first time has its place.
@@ -219,13 +219,13 @@ fn stop(light: &mut Output<'static>, why: &'static str) -> ! {
     defmt::error!("{=str}", why);
     loop {
         light.toggle();
-        cortex_m::asm::delay(plan::CLOCK_HZ / 20);
+        cortex_m::asm::delay(resources::CLOCK_HZ / 20);
     }
 }
 
 /// Why the board started; where it panicked is told to who looks on.
 fn why_started(watchdog: &Watchdog) -> ResetReason {
-    match kept::take() {
+    match crash_note::take() {
         Some(place) => {
             defmt::error!("started after a panic: {=str}", place.as_str());
             ResetReason::Panic
@@ -275,7 +275,7 @@ async fn serve(
 }
 
 #[embassy_executor::task]
-async fn heard() {
+async fn check_in() {
     guard::host_level().await;
 }
 
@@ -303,13 +303,13 @@ unsafe fn SWI_IRQ_1() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    kept::note_fault(frame.pc());
+    crash_note::note_fault(frame.pc());
     guard::reset_now()
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    kept::note_panic(info);
+    crash_note::note_panic(info);
     guard::reset_now()
 }
 

@@ -1,4 +1,4 @@
-//! Which pin is what. The wiring of the table in this board's README.
+//! Pin numbers, as wired in the table of this board's README.
 //!
 //! # Design
 //!

@@ -1,4 +1,4 @@
-//! Where the axes were at an instant, in 64 bits.
+//! Axis positions at an instant, in 64 bits.
 //!
 //! # Design
 //!
@@ -9,16 +9,17 @@
 //! The position of an edge is that of the sample nearest to it: at most half a period
 //! away, 40 ns.
 
-use umi_core::encoder::extend::{Tally, nearest};
-use umi_core::encoder::samples::SampleRing;
+use umi_core::capture::sample_ring::SampleRing;
+use umi_core::capture::unwrap::{Tally, nearest};
+use umi_core::units::{Counts, Cycles};
 
-use crate::machines::{FIRST_SAMPLE_CYCLES, Started};
 use crate::pins::AXES;
-use crate::plan::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
-use crate::{clock, machines, rings};
+use crate::pio::{FIRST_SAMPLE_CYCLES, Started};
+use crate::resources::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
+use crate::{clock, pio, rings};
 
 /// Positions of the axes at one instant.
-pub type Counts = [i64; AXES];
+pub type AxisCounts = [Counts; AXES];
 
 /// The positions of that instant are gone.
 #[derive(Clone, Copy, Debug)]
@@ -27,10 +28,10 @@ pub struct Gone;
 /// The axes.
 pub struct Quadrature {
     /// At the latest look.
-    positions: Counts,
+    positions: AxisCounts,
     illegal: [Tally<ILLEGAL_BITS>; AXES],
     ring: SampleRing,
-    grid: Grid,
+    grid: SampleGrid,
     /// A whole ring has been written since the machines were started.
     is_full: bool,
     /// Times at which samples were lost.
@@ -39,16 +40,16 @@ pub struct Quadrature {
 
 /// Where one axis was seen, for who foresees it.
 #[derive(Clone, Copy)]
-pub struct Seen {
+pub struct AxisSeen {
     /// At the latest sample.
-    pub position: i64,
+    pub position: Counts,
     /// When that was taken.
-    pub at_cycles: u64,
+    pub at: Cycles,
     /// Where it is.
     slot: u32,
 }
 
-impl Seen {
+impl AxisSeen {
     /// Cycles since that sample was taken, less than a ring's.
     #[inline(always)]
     pub fn age_cycles(&self) -> u32 {
@@ -65,10 +66,10 @@ impl Quadrature {
     /// All axes at 0, not started.
     pub const fn new() -> Self {
         Self {
-            positions: [0; AXES],
+            positions: [Counts(0); AXES],
             illegal: [Tally::new(0); AXES],
-            ring: SampleRing::new(CADENCE, 0),
-            grid: Grid::new(0),
+            ring: SampleRing::new(CADENCE, Cycles(0)),
+            grid: SampleGrid::new(Cycles(0)),
             is_full: false,
             lost: 0,
         }
@@ -76,26 +77,26 @@ impl Quadrature {
 
     /// The machines were started, for the first time or again.
     pub fn started(&mut self, start: Started) {
-        let first = start.at_cycles.saturating_sub(FIRST_SAMPLE_CYCLES);
+        let first = start.at.before(FIRST_SAMPLE_CYCLES);
         self.ring.restart(first, 0);
-        self.grid = Grid::new(first);
+        self.grid = SampleGrid::new(first);
         self.is_full = false;
     }
 
-    /// The axes at an instant that is past at `now_cycles`.
-    pub fn at(&self, instant_cycles: u64, now_cycles: u64) -> Result<Counts, Gone> {
+    /// The axes at an instant that is past now.
+    pub fn at(&self, instant: Cycles, now: Cycles) -> Result<AxisCounts, Gone> {
         let half = u64::from(PERIOD_CYCLES.get() / 2);
         let sample = self
             .ring
-            .sample_at(instant_cycles.saturating_add(half), surely_past(now_cycles))
+            .sample_at(instant.after(half), surely_past(now))
             .map_err(|_| Gone)?;
         let mut counts = self.positions;
         for (axis, position) in counts.iter_mut().enumerate() {
             *position = nearest::<POSITION_BITS>(*position, rings::read(axis, sample.slot));
         }
         // A sample that was lost moves all behind it: the next look starts anew.
-        let is_there = surely_past(clock::now_cycles()) < sample.good_until_cycles;
-        if is_there && !machines::stalled() {
+        let is_there = surely_past(clock::now_cycles()) < sample.good_until;
+        if is_there && !pio::stalled() {
             Ok(counts)
         } else {
             Err(Gone)
@@ -103,7 +104,7 @@ impl Quadrature {
     }
 
     /// The latest sample, and when it was taken.
-    pub fn latest(&self) -> (Counts, u64) {
+    pub fn latest(&self) -> (AxisCounts, Cycles) {
         let slot = latest_slot();
         let taken = self.grid.instant(slot, clock::now_cycles());
         let mut counts = self.positions;
@@ -114,12 +115,12 @@ impl Quadrature {
     }
 
     /// Where an axis is. None: not yet known since the machines were started.
-    pub fn seen(&self, axis: usize) -> Option<Seen> {
+    pub fn seen(&self, axis: usize) -> Option<AxisSeen> {
         let slot = latest_slot();
         let known = self.positions.get(axis).filter(|_| self.is_full)?;
-        Some(Seen {
+        Some(AxisSeen {
             position: nearest::<POSITION_BITS>(*known, rings::read(axis, slot)),
-            at_cycles: self.grid.instant(slot, clock::now_cycles()),
+            at: self.grid.instant(slot, clock::now_cycles()),
             slot,
         })
     }
@@ -130,7 +131,7 @@ impl Quadrature {
         let before = clock::now_cycles();
         let slot = rings::write_slot(AXES - 1);
         let after = surely_past(clock::now_cycles());
-        let in_step = self.ring.check(before, slot, after).is_ok() && !machines::stalled();
+        let in_step = self.ring.check(before, slot, after).is_ok() && !pio::stalled();
         let slot = latest_slot();
         let axes = self.positions.iter_mut().zip(&mut self.illegal);
         for (axis, (position, illegal)) in axes.enumerate() {
@@ -158,8 +159,8 @@ impl Quadrature {
 }
 
 /// An instant that is not before now: the timer is behind by up to a microsecond.
-fn surely_past(now_cycles: u64) -> u64 {
-    now_cycles.saturating_add(CYCLES_PER_US.into())
+fn surely_past(now: Cycles) -> Cycles {
+    now.after(CYCLES_PER_US.into())
 }
 
 /// Of the ring that is served last, and one more is left alone: its word may be on its
@@ -170,38 +171,35 @@ fn latest_slot() -> u32 {
 
 /// When the samples of a ring were taken.
 #[derive(Clone, Copy)]
-pub struct Grid {
+pub struct SampleGrid {
     /// When the sample of some slot 0 was taken.
-    lap_cycles: u64,
+    lap: Cycles,
 }
 
-impl Grid {
+impl SampleGrid {
     const LAP: u32 = CADENCE.lap_cycles() as u32;
 
     /// The sample of slot 0 was or will be taken at this instant.
-    pub const fn new(first_cycles: u64) -> Self {
-        Self {
-            lap_cycles: first_cycles,
-        }
+    pub const fn new(first: Cycles) -> Self {
+        Self { lap: first }
     }
 
-    /// When the latest sample of a slot was taken. `now_cycles` may be off by a third of
-    /// a lap.
-    pub fn instant(&self, slot: u32, now_cycles: u64) -> u64 {
-        let since = now_cycles.saturating_sub(self.lap_cycles) as u32;
+    /// When the latest sample of a slot was taken. `now` may be off by a third of a lap.
+    pub fn instant(&self, slot: u32, now: Cycles) -> Cycles {
+        let since = now.before(self.lap.0).0 as u32;
         let number = since / PERIOD_CYCLES;
         // Slots are few: the difference has a sign in its lowest bits.
         let unused = u32::BITS - SLOTS.trailing_zeros();
         let ahead = (slot.wrapping_sub(number) << unused).cast_signed() >> unused;
         let cycles = i64::from(number) + i64::from(ahead);
-        self.lap_cycles
-            .saturating_add_signed(cycles * i64::from(PERIOD_CYCLES.get()))
+        let cycles = cycles * i64::from(PERIOD_CYCLES.get());
+        Cycles(self.lap.0.saturating_add_signed(cycles))
     }
 
     /// Keeps differences to the lap small. To be called at least each 2³¹ cycles.
-    pub fn advance(&mut self, now_cycles: u64) {
-        let since = now_cycles.saturating_sub(self.lap_cycles) as u32;
+    pub fn advance(&mut self, now: Cycles) {
+        let since = now.before(self.lap.0).0 as u32;
         let laps = (since / Self::LAP).saturating_sub(1);
-        self.lap_cycles += u64::from(laps * Self::LAP);
+        self.lap.0 += u64::from(laps * Self::LAP);
     }
 }

@@ -10,7 +10,7 @@
 //! # Limitations
 //!
 //! At 125 MHz the four rings take 50 million transfers per second, less than half of what
-//! the DMA can do. A machine whose FIFO runs full tells it: see [`crate::machines::stalled`].
+//! the DMA can do. A machine whose FIFO runs full tells it: see [`crate::pio::stalled`].
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -18,7 +18,7 @@ use embassy_rp::pac;
 use embassy_rp::pac::dma::regs::CtrlTrig;
 use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
 
-use crate::plan::{RINGS, SLOTS, TRANSFERS};
+use crate::resources::{RINGS, SLOTS, TRANSFERS};
 
 const RING_BYTES: usize = SLOTS * 4;
 

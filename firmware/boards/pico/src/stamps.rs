@@ -1,12 +1,13 @@
-//! Stamps of skip and trigger edges: to instants, and how many found no room.
+//! Edge stamps of skip and trigger as instants, and the count of lost ones.
 
-use umi_core::encoder::stamp::Stamper;
+use umi_core::capture::stamp::Stamper;
+use umi_core::units::Cycles;
 
 use crate::clock;
-use crate::machines;
-use crate::machines::{PIO_LAG_CYCLES, Started};
-use crate::plan::CYCLES_PER_US;
-use crate::quadrature::{Counts, Gone, Quadrature};
+use crate::pio;
+use crate::pio::{PIO_LAG_CYCLES, Started};
+use crate::quadrature::{AxisCounts, Gone, Quadrature};
+use crate::resources::CYCLES_PER_US;
 
 /// Bits of time in a stamp; above them is the edge's number.
 const TIME_BITS: u32 = 19;
@@ -17,18 +18,18 @@ const STEP_CYCLES: u32 = 2;
 /// An edge, and where the axes were at it.
 pub struct Edge {
     /// When it was: half a step from what is known of it, at most.
-    pub at_cycles: u64,
+    pub at: Cycles,
     /// The axes.
-    pub counts: Counts,
+    pub counts: AxisCounts,
     /// Edges before it that found no room, or whose positions were gone.
     pub missed: u32,
 }
 
 /// An edge as it was stamped.
 struct Stamp {
-    at_cycles: Option<u64>,
+    at: Option<Cycles>,
     /// When it was taken.
-    taken_cycles: u64,
+    taken: Cycles,
     /// Edges before it that found no room.
     missed: u32,
 }
@@ -55,7 +56,7 @@ impl Stamps {
     pub const fn new(machine: usize) -> Self {
         Self {
             machine,
-            stamper: Stamper::new(0, 2 * CYCLES_PER_US),
+            stamper: Stamper::new(Cycles(0), 2 * CYCLES_PER_US),
             next: 0,
             told: 0,
             suspected: false,
@@ -67,7 +68,7 @@ impl Stamps {
     pub fn started(&mut self, start: Started) {
         // An edge is on average one cycle before the look that finds it.
         let half = u64::from(STEP_CYCLES / 2);
-        let first = start.at_cycles + PIO_LAG_CYCLES - half;
+        let first = start.at.after(PIO_LAG_CYCLES).before(half);
         self.stamper = Stamper::new(first, 2 * CYCLES_PER_US);
         self.next = 0;
         self.told = 0;
@@ -79,10 +80,10 @@ impl Stamps {
     pub fn take(&mut self, axes: &Quadrature) -> Option<Result<Edge, Gone>> {
         let stamp = self.stamp()?;
         self.gone = self.gone.saturating_add(stamp.missed);
-        let at = stamp.at_cycles.ok_or(Gone);
-        match at.and_then(|at| axes.at(at, stamp.taken_cycles).map(|counts| (at, counts))) {
-            Ok((at_cycles, counts)) => Some(Ok(Edge {
-                at_cycles,
+        let at = stamp.at.ok_or(Gone);
+        match at.and_then(|at| axes.at(at, stamp.taken).map(|counts| (at, counts))) {
+            Ok((at, counts)) => Some(Ok(Edge {
+                at,
                 counts,
                 missed: core::mem::take(&mut self.gone),
             })),
@@ -101,11 +102,11 @@ impl Stamps {
     fn stamp(&mut self) -> Option<Stamp> {
         let (word, missed) = self.word()?;
         // After it: an edge may come while another is at work, and none is in the future.
-        let taken_cycles = clock::now_cycles();
+        let taken = clock::now_cycles();
         let time = !word & ((1 << TIME_BITS) - 1);
         Some(Stamp {
-            at_cycles: self.stamper.instant(time, taken_cycles),
-            taken_cycles,
+            at: self.stamper.instant(time, taken),
+            taken,
             missed,
         })
     }
@@ -113,7 +114,7 @@ impl Stamps {
     /// What is stamped, and how many edges before it found no room and are not told.
     #[inline(always)]
     fn word(&mut self) -> Option<(u32, u32)> {
-        let word = machines::stamp(self.machine)?;
+        let word = pio::stamp(self.machine)?;
         let number = !word >> TIME_BITS;
         let missed = number.wrapping_sub(self.next) & NUMBER;
         self.next = number.wrapping_add(1);
@@ -121,7 +122,7 @@ impl Stamps {
         if missed > 0 {
             self.told = 0;
             self.suspected = false;
-            machines::stamps_dropped(self.machine);
+            pio::stamps_dropped(self.machine);
         }
         Some((word, untold))
     }
@@ -141,21 +142,21 @@ impl Stamps {
     /// that cycle may be left out.
     pub fn give_up(&mut self) -> u32 {
         self.drop_all();
-        let uncounted = machines::edges_counted(self.machine).wrapping_sub(self.next) & NUMBER;
+        let uncounted = pio::edges_counted(self.machine).wrapping_sub(self.next) & NUMBER;
         self.gone()
             .saturating_add(uncounted.saturating_sub(self.told))
     }
 
-    /// To be called each [`crate::plan::EXTEND_US`]. Returns edges that were missed and that
+    /// To be called each [`crate::resources::EXTEND_US`]. Returns edges that were missed and that
     /// no other edge has told, at least: the second time.
-    pub fn look(&mut self, now_cycles: u64) -> u32 {
-        self.stamper.advance(now_cycles);
+    pub fn look(&mut self, now: Cycles) -> u32 {
+        self.stamper.advance(now);
         if self.suspected {
             self.suspected = false;
             self.told += 1;
             return 1;
         }
-        self.suspected = machines::stamps_dropped(self.machine);
+        self.suspected = pio::stamps_dropped(self.machine);
         0
     }
 }

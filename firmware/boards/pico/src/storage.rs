@@ -16,7 +16,7 @@ use embassy_time::Delay;
 use embedded_hal_bus::spi::{DeviceError, ExclusiveDevice};
 use static_cell::StaticCell;
 use umi_core::journal::{Flash, Geometry};
-use umi_drivers::spi_nor::{self, Fault, SectorSize, SpiNor, Wanted};
+use umi_drivers::spi_nor::{self, FlashFault, SectorSize, SpiNor, Wanted};
 
 use crate::flash_line::FlashLine;
 
@@ -44,7 +44,7 @@ const PROGRAMS: Wanted = Wanted {
 
 type Device = ExclusiveDevice<FlashLine, Output<'static>, Delay>;
 /// What can be wrong with the flash.
-pub type Failure = Fault<DeviceError<spi::Error, Infallible>>;
+pub type Failure = FlashFault<DeviceError<spi::Error, Infallible>>;
 
 type Shared = spi_nor::Shared<Device, Delay>;
 
@@ -69,7 +69,7 @@ pub struct Storage {
 }
 
 /// The chip's pins and the line that they belong to.
-pub struct Parts {
+pub struct StorageParts {
     /// The line.
     pub spi: Peri<'static, SPI0>,
     /// From the chip.
@@ -84,7 +84,7 @@ pub struct Parts {
 
 /// Opens the flash. To be called once. A board without it runs all the same: it says so,
 /// and sends no correction.
-pub fn open(parts: Parts) -> Storage {
+pub fn open(parts: StorageParts) -> Storage {
     let mut unique_id = [0; 8];
     match areas(parts, &mut unique_id) {
         Ok([journal, settings, programs]) => Storage {
@@ -106,7 +106,7 @@ pub fn open(parts: Parts) -> Storage {
 }
 
 fn areas(
-    parts: Parts,
+    parts: StorageParts,
     unique_id: &mut [u8; 8],
 ) -> Result<[spi_nor::Area<'static, Device, Delay>; 3], Failure> {
     static SHARED: StaticCell<Shared> = StaticCell::new();

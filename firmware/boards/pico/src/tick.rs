@@ -1,14 +1,12 @@
 //! The tick that extends positions and plans pulses: an alarm of the microsecond timer.
+//! Its interrupt is served in `latch`.
 //!
 //! The tasks' timer has alarm 0 of the same timer, and an interrupt of its own.
 
-use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
 use embassy_rp::pac;
 
-use crate::guard;
-use crate::latch;
-use crate::plan::{CAPTURE, EXTEND_US, TICK_US};
+use crate::resources::{CAPTURE, EXTEND_US, TICK_US};
 
 #[cfg(not(feature = "rp2350"))]
 const TIMER: pac::timer::Timer = pac::TIMER;
@@ -24,7 +22,7 @@ const NUMBER: usize = 1;
 /// Begins to tick.
 pub fn start() {
     ALARM.set_priority(CAPTURE);
-    // SAFETY: its handler is below; no critical section depends on it being off.
+    // SAFETY: its handler is in `latch`; no critical section depends on it being off.
     unsafe { ALARM.enable() };
     critical_section::with(|_| TIMER.inte().modify(|w| w.set_alarm(NUMBER, true)));
     set(EXTEND_US);
@@ -40,7 +38,7 @@ pub fn now_us() -> u32 {
     TIMER.timerawl().read()
 }
 
-/// What a tick leaves to everybody else before the next, at least, however late it is.
+/// Minimum gap between ticks, so that a late tick cannot starve lower priorities.
 const LEAST_US: u32 = 20;
 
 /// An alarm whose time is already over when it is set would come in an hour; this one is
@@ -52,27 +50,17 @@ fn set(in_us: u32) {
     });
 }
 
-/// The next tick counts from when this one was due, not from when it was served: so they
-/// keep their period whatever delays one of them.
-fn ticked() {
+/// Takes note of a tick. Returns when it was due.
+pub fn acknowledge() -> u32 {
     TIMER.intr().write(|w| w.set_alarm(NUMBER, true));
-    let due = TIMER.alarm(NUMBER).read();
-    guard::ticked(now_us());
-    let in_us = latch::ticked();
+    TIMER.alarm(NUMBER).read()
+}
+
+/// Sets the next tick so long after this one was due, not after it was served: ticks keep
+/// their period whatever delays one of them.
+pub fn again(due_us: u32, in_us: u32) {
     critical_section::with(|_| {
-        let late = TIMER.timerawl().read().wrapping_sub(due);
+        let late = TIMER.timerawl().read().wrapping_sub(due_us);
         set(in_us.saturating_sub(late).max(LEAST_US));
     });
-}
-
-#[cfg(not(feature = "rp2350"))]
-#[interrupt]
-fn TIMER_IRQ_1() {
-    ticked();
-}
-
-#[cfg(feature = "rp2350")]
-#[interrupt]
-fn TIMER0_IRQ_1() {
-    ticked();
 }

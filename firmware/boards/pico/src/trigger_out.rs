@@ -18,13 +18,13 @@
 use core::num::NonZeroU32;
 
 use umi_app::board::Unsupported;
-use umi_core::encoder::interval::{Lines, Motion, Plan, pulse_period};
+use umi_core::trigger::{Lines, Motion, PulsePlan, pulse_period};
 use umi_protocol::latch::TriggerOut;
 
-use crate::machines;
-use crate::plan::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
-use crate::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
-use crate::quadrature::{Counts, Quadrature, Seen};
+use crate::pio;
+use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
+use crate::quadrature::{AxisCounts, AxisSeen, Quadrature};
+use crate::resources::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
 
 /// The shortest interval: 10 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
@@ -59,7 +59,7 @@ pub enum Pulses {
 
 impl Pulses {
     /// As asked for by the host, with the axes where they are now.
-    pub fn new(spec: TriggerOut, counts: &Counts) -> Result<Self, Unsupported> {
+    pub fn new(spec: TriggerOut, counts: &AxisCounts) -> Result<Self, Unsupported> {
         match spec {
             TriggerOut::Off => Ok(Self::Off),
             TriggerOut::Time { interval_us } => {
@@ -96,7 +96,7 @@ impl Pulses {
             Self::Time { wait_cycles } => {
                 // The queue holds eight.
                 for _ in 0..8 {
-                    if !machines::queue_pulse(*wait_cycles) {
+                    if !pio::queue_pulse(*wait_cycles) {
                         break;
                     }
                 }
@@ -113,14 +113,14 @@ impl Pulses {
     }
 }
 
-fn fire(lines: &mut Lines, seen: Seen, motion: Motion) -> u32 {
+fn fire(lines: &mut Lines, seen: AxisSeen, motion: Motion) -> u32 {
     match lines.plan(motion) {
-        Plan::Wait => 0,
-        Plan::Fire {
+        PulsePlan::Wait => 0,
+        PulsePlan::Fire {
             in_cycles, skipped, ..
         } => {
             let passed = seen.age_cycles() + QUEUE_CYCLES + PULSE_LEAD_CYCLES;
-            if machines::queue_pulse(in_cycles.saturating_sub(passed)) {
+            if pio::queue_pulse(in_cycles.saturating_sub(passed)) {
                 skipped
             } else {
                 skipped.saturating_add(1)
@@ -134,11 +134,11 @@ const TRAIL_TICKS: usize = 3;
 
 /// Where an axis was at the last ticks, the latest first.
 #[derive(Default)]
-pub struct Trail([Option<Seen>; TRAIL_TICKS]);
+pub struct Trail([Option<AxisSeen>; TRAIL_TICKS]);
 
 impl Trail {
     /// What the axis does, seen from as far back as is known.
-    fn motion(&mut self, seen: Seen) -> Motion {
+    fn motion(&mut self, seen: AxisSeen) -> Motion {
         let first = self.0.iter().rev().find_map(|before| *before);
         self.0.rotate_right(1);
         if let Some(latest) = self.0.first_mut() {
@@ -150,9 +150,9 @@ impl Trail {
             in_cycles: NonZeroU32::MIN,
         };
         first.map_or(still, |first| {
-            let cycles = seen.at_cycles.wrapping_sub(first.at_cycles) as u32;
+            let cycles = seen.at.0.wrapping_sub(first.at.0) as u32;
             NonZeroU32::new(cycles).map_or(still, |in_cycles| Motion {
-                moved: seen.position.wrapping_sub(first.position) as i32,
+                moved: seen.position.0.wrapping_sub(first.position.0) as i32,
                 in_cycles,
                 ..still
             })

@@ -39,12 +39,12 @@ use embassy_time::{Duration, Timer};
 use umi_app::board::{Broken, CncInput, CncRx, CncTx};
 use umi_drivers::received::Received;
 
-use crate::plan::{CNC_BAUD, CNC_RING, SERIAL};
+use crate::resources::{CNC_BAUD, CNC_RING, SERIAL};
 
 const UART: Uart = pac::UART0;
 
 /// As many bytes are handed on without an end of the line.
-const PIECE: usize = umi_app::measure::PIECE;
+const PIECE: usize = umi_app::intake::PIECE;
 /// No byte for so long: two characters at 4800 baud.
 const PAUSE: Duration = Duration::from_millis(5);
 
@@ -66,10 +66,10 @@ static CAME: AtomicWaker = AtomicWaker::new();
 static WENT: AtomicWaker = AtomicWaker::new();
 
 /// The divisor of the clock in 64ths, rounded: sixteen clocks make a bit.
-const DIVISOR_64THS: u32 = (crate::plan::CLOCK_HZ * 4 + CNC_BAUD / 2) / CNC_BAUD;
+const DIVISOR_64THS: u32 = (crate::resources::CLOCK_HZ * 4 + CNC_BAUD / 2) / CNC_BAUD;
 
 const _: () = {
-    let made = crate::plan::CLOCK_HZ as u64 * 4 / DIVISOR_64THS as u64;
+    let made = crate::resources::CLOCK_HZ as u64 * 4 / DIVISOR_64THS as u64;
     let off = made.abs_diff(CNC_BAUD as u64);
     assert!(
         off * 200 < CNC_BAUD as u64,

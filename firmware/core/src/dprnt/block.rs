@@ -1,12 +1,13 @@
-//! Points under a header: which line of a block or table is due.
+//! Blocks and tables: points under a header, and the line that is due.
 
 use umi_protocol::fault::{BlockEndCause, NumberIssue};
 use umi_protocol::job::Name;
 use umi_protocol::pattern::{BlockPattern, LinePattern, RingCsvPattern};
 
 use super::BlockEnd;
+use super::fields::{Fields, Outcome};
 use super::number::{Cursor, Issue};
-use super::pattern::{self, Fields, Outcome};
+use super::pattern;
 
 /// What is due next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

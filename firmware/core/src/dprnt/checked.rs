@@ -1,4 +1,4 @@
-//! openumi's own line: everything that is needed to trust it.
+//! Checked lines: openumi's own format, with sequence number and check value.
 //!
 //! ```text
 //! UMI1 R    17 S     3 B   2 A 2 T 1 F    20.000 X-  135.019 Y-  136.620 Z   148.609 C 4113.0474
@@ -9,11 +9,16 @@
 //! | R | run: a number that the macro takes anew at each start | 0 to 99999 |
 //! | S | sequence: counts the lines of a run from 1 | 1 to 99999 |
 //! | B | feature ("body") of the job | 0 to 999 |
-//! | A | direction of motion: 1 +X, 2 -X, 3 +Y, 4 -Y, 5 +Z, 6 -Z; 0 not along an axis | 0 to 6 |
+//! | A | direction of motion: 1 +X, 2 -X, 3 +Y, 4 -Y, 5 +Z, 6 -Z; 0 not along an axis; or 7, 8, 9 | 0 to 9 |
 //! | T | 1 if the probe touched before the target, 0 if not | 0, 1 |
 //! | F | feed, mm/min | up to 4 decimals |
 //! | X Y Z | the point | as the format says, up to 4 decimals |
 //! | C | check value | 4 decimals |
+//!
+//! A7, A8 and A9 carry no hit. A7 begins a run: B is the active work offset (1 G54 to 6 G59, from
+//! 101 on a further one), X Y Z are its values. A9 says what else moves the coordinates: B1 an
+//! active rotation, F the tool length in force, X Y Z the external offset. A8 asks that what the run measures becomes the
+//! reference; with T1 also in place of one that there is.
 //!
 //! # Check value
 //!
@@ -97,8 +102,10 @@ use umi_protocol::fault::NumberIssue;
 use umi_protocol::job::Approach;
 use umi_protocol::pattern::FieldFormat;
 
+use super::fields::{Fields, Ids, Outcome};
 use super::number::{Cursor, Issue, Number};
-use super::pattern::{Fields, Outcome};
+use super::{Moved, Said};
+use crate::units::Point;
 
 /// What a checked line begins with.
 pub const TAG: &str = "UMI1";
@@ -192,16 +199,6 @@ impl fmt::Display for CheckedLine {
     }
 }
 
-/// What a checked line says beside the point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Ids {
-    pub run: u32,
-    pub sequence: u32,
-    pub feature: u16,
-    pub approach: Option<Approach>,
-    pub check: u32,
-}
-
 const APPROACHES: [Approach; 6] = [
     Approach::PlusX,
     Approach::MinusX,
@@ -234,7 +231,7 @@ fn read_fields(format: FieldFormat, cursor: &mut Cursor<'_>) -> Result<Outcome, 
     let run = labelled_whole(cursor, b'R', 99_999)?;
     let sequence = labelled_whole(cursor, b'S', 99_999)?;
     let feature = labelled_whole(cursor, b'B', 999)?;
-    let approach = labelled_whole(cursor, b'A', 6)?;
+    let approach = labelled_whole(cursor, b'A', 9)?;
     let touched = labelled_whole(cursor, b'T', 1)?;
     let feed = labelled(cursor, b'F')?;
     let axes = [
@@ -271,9 +268,25 @@ fn read_fields(format: FieldFormat, cursor: &mut Cursor<'_>) -> Result<Outcome, 
         return Ok(Outcome::BadCheck(printed, computed));
     }
     let place = usize::try_from(approach).unwrap_or(0).wrapping_sub(1);
+    let said = match approach {
+        7 => Some(Said::Frame {
+            offset: u16::try_from(feature).unwrap_or(u16::MAX),
+            origin: Point::from_mm(x.value, y.value, z.value),
+        }),
+        8 => Some(Said::Teach {
+            again: touched == 1,
+        }),
+        9 => Some(Said::Moved(Moved {
+            is_rotated: feature != 0,
+            tool_length_mm: feed.value,
+            external: Point::from_mm(x.value, y.value, z.value),
+        })),
+        _ => None,
+    };
     let ids = Ids {
         run,
         sequence,
+        said,
         feature: u16::try_from(feature).unwrap_or(u16::MAX),
         approach: APPROACHES.get(place).copied(),
         check: computed,

@@ -1,4 +1,4 @@
-//! Whether the receiver's part of a job can be used.
+//! Checks of the receiver's part of a job.
 
 use core::fmt;
 

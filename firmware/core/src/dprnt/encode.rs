@@ -1,4 +1,4 @@
-//! Text to the control, in the code in which it writes itself.
+//! Encoding of text to the control, in the control's own character code.
 
 use umi_protocol::pattern::Coding;
 

@@ -3,10 +3,10 @@
 use umi_protocol::fault::FaultKind;
 use umi_protocol::pattern::{FieldFormat, Overflow, Travel};
 
+use super::fields::Fields;
 use super::number::Number;
-use super::out::Out;
-use super::pattern::Fields;
-use super::reader::RawLine;
+use super::raw_line::RawLine;
+use super::sink::Sink;
 use super::{Doubts, Item, ReportedHit};
 use crate::units::Point;
 
@@ -16,7 +16,7 @@ pub(super) fn emit<S: FnMut(Item<'_>)>(
     z_mm: f64,
     travel_mm: Option<Travel>,
     line: &RawLine<'_>,
-    out: &mut Out<'_, S>,
+    out: &mut Sink<'_, S>,
 ) {
     let ranges = travel_mm.map(Travel::to_array);
     let mut faults = [None; 7];

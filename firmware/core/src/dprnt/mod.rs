@@ -7,7 +7,7 @@
 //!
 //! It works byte by byte, without a heap; the same bytes give the same output
 //! however they are cut into pieces. Time is only handed through, and compared
-//! with the job's idle time-out in [`Receiver::on_time`].
+//! with the job's idle time-out in [`LineSplitter::on_time`].
 //!
 //! # What controls send
 //!
@@ -43,15 +43,17 @@ mod code_table;
 mod coding;
 mod config;
 mod encode;
+mod fields;
 mod hit;
+mod line_reader;
+mod line_splitter;
 mod number;
-mod out;
 mod pattern;
 mod program;
-mod reader;
-mod receiver;
+mod raw_line;
 mod request;
 mod sequence;
+mod sink;
 mod template;
 #[cfg(test)]
 mod tests;
@@ -63,8 +65,8 @@ use crate::units::{Micros, Point};
 
 pub use config::{ConfigError, TemplateIssue, check_config};
 pub use encode::encode;
-pub use receiver::{MAX_LINE, Receiver};
-pub use request::program_asked_for;
+pub use line_splitter::LineSplitter;
+pub use raw_line::MAX_LINE;
 pub use umi_protocol::fault::Counters;
 pub use umi_protocol::line::LineStatus;
 pub use umi_protocol::pattern::{Coding, ReceiverConfig};
@@ -81,6 +83,12 @@ pub enum Item<'a> {
     Hit(ReportedHit),
     /// A block of points ends.
     BlockEnd(BlockEnd),
+    /// A checked line says something about its run.
+    Announced(Announced),
+    /// The line asks for the program of this number.
+    Request(u32),
+    /// The control reads (DC1) between two lines, with no block or program begun.
+    Reads,
     /// Something is wrong.
     Fault(Fault),
 }
@@ -167,6 +175,45 @@ pub struct ReportedHit {
     pub feed_mm_per_min: Option<f64>,
     /// Why the point must not be used as it stands.
     pub doubts: Doubts,
+}
+
+/// What a checked line says about its run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Announced {
+    /// The run.
+    pub run: u32,
+    /// What it says.
+    pub said: Said,
+}
+
+/// What can be said about a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Said {
+    /// In which work offset it is probed, and its values (A7).
+    Frame {
+        /// 1 for G54 to 6 for G59; from 101 on a further one.
+        offset: u16,
+        /// X, Y, Z of it.
+        origin: Point,
+    },
+    /// What else moves its coordinates (A9).
+    Moved(Moved),
+    /// What it measures is to be the reference (A8).
+    Teach {
+        /// Also in place of one that there is.
+        again: bool,
+    },
+}
+
+/// What moves a run's coordinates besides its work offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// A rotation is active.
+    pub is_rotated: bool,
+    /// Tool length in force.
+    pub tool_length_mm: f64,
+    /// The external offset.
+    pub external: Point,
 }
 
 /// Digits of a number as printed.

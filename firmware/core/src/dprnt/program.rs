@@ -2,8 +2,9 @@
 //!
 //! A program is a text like any other, and may hold `DPRNT` statements and
 //! coordinates: nothing in it may become a point. It begins with `%` and an
-//! O-number, with an O-number alone, or with a named `%`; it ends with `%` or
-//! when the control closes the port. A `%` by itself does not make a program:
+//! O-number, with an O-number alone, or with a named `%`; it ends with `%`,
+//! when the control closes the port, or at a line that no program holds: a checked line
+//! or the header of a block. A `%` by itself does not make a program:
 //! printed files begin and end with it on some controls.
 
 use super::number::is_blank;

@@ -1,4 +1,4 @@
-//! A line by which a control asks for a program: `READ O1234`.
+//! Program requests: the line `READ O1234` of a control.
 //!
 //! On a plain serial line a READ is one character, DC1, and does not say which program is
 //! wanted. So a control that wants one prints its number first:
@@ -17,7 +17,7 @@ use umi_protocol::program::MAX_NUMBER;
 /// The number of the program that a line asks for; none if it asks for none. Blanks may
 /// stand anywhere between the parts, as where a variable is printed with leading blanks.
 #[must_use]
-pub fn program_asked_for(line: &[u8]) -> Option<u32> {
+pub(super) fn program_asked_for(line: &[u8]) -> Option<u32> {
     let mut rest = line;
     for wanted in b"READO" {
         rest = expect(rest, *wanted)?;

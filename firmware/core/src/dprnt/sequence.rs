@@ -1,4 +1,4 @@
-//! Which checked lines have come: gaps and repeats.
+//! Sequence numbers of checked lines: gaps and repeats.
 //!
 //! A control that is restarted inside a program executes earlier outputs again
 //! (Brother, NC programming manual eCOM3NCPR6, section 6.6), and it prints in

@@ -3,8 +3,8 @@
 use umi_protocol::job::Name;
 use umi_protocol::pattern::TemplatePattern;
 
+use super::fields::{Fields, Outcome};
 use super::number::{Cursor, Issue, is_blank};
-use super::pattern::{Fields, Outcome};
 
 /// A field of a template.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

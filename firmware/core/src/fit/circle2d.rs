@@ -127,7 +127,7 @@ fn require_width(
     for q in flat_points {
         qr.add([q.x, q.y, 0.0], 0.0);
     }
-    let [long, wide, _] = qr.svd().values;
+    let [long, wide, _] = qr.triangle().svd().values;
     let floor = cloud.spread_floor();
     let why = if long <= floor {
         Degeneracy::Coincident
@@ -149,7 +149,7 @@ impl Disc {
         for q in points {
             qr.add([2.0 * q.x, 2.0 * q.y, 1.0], q.x * q.x + q.y * q.y);
         }
-        let [x, y, h] = qr.solve()?;
+        let [x, y, h] = qr.triangle().solve()?;
         let radius = libm::sqrt(h + x * x + y * y);
         (radius > 0.0 && radius < limits::FLAT).then_some(Self { x, y, radius })
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::error::{Degeneracy, FitError, PointSet};
-use super::linalg::Qr;
+use super::linalg::{Qr, Triangle};
 use super::{MAX_COORDINATE, MIN_EXTENT, SPREAD_LIMIT};
 use crate::units::{Mm, Point};
 
@@ -116,7 +116,8 @@ impl<'a> Cloud<'a> {
             .map(move |p| (p.mm - origin - mean) * inverse_scale)
     }
 
-    /// At most `limit` of the local points, evenly picked along the list.
+    /// At most `limit` of the local points, evenly picked along the list. A solver that runs over
+    /// a sample takes all points by this iterator too: a second kind is a second solver in the image.
     pub(crate) fn sample(
         &self,
         limit: usize,
@@ -152,13 +153,38 @@ impl<'a> Cloud<'a> {
         4.0 * self.rounding().0 * self.inverse_scale * libm::sqrt(self.count())
     }
 
-    /// The principal axes and the spread along them.
-    pub(crate) fn spread(&self) -> Spread {
+    /// Refuses points that are all one point or collinear; the triangle of the others.
+    pub(crate) fn require_plane(&self) -> Result<Triangle<3>, FitError> {
+        let triangle = self.triangle();
+        if !triangle.surely_spans_plane(SPREAD_LIMIT, self.spread_floor()) {
+            self.spread().require_plane()?;
+        }
+        Ok(triangle)
+    }
+
+    /// Refuses points that do not span space.
+    pub(crate) fn require_space(&self) -> Result<(), FitError> {
+        let triangle = self.triangle();
+        let floor = self.spread_floor();
+        // Space has a plane in it: the smallest singular value is below the middle one.
+        if triangle.surely_spans_space(SPREAD_LIMIT, floor) {
+            return Ok(());
+        }
+        self.spread().require_space()
+    }
+
+    /// The triangle of the matrix whose rows are the local coordinates.
+    fn triangle(&self) -> Triangle<3> {
         let mut qr = Qr::<3>::new();
         for q in self.local() {
             qr.add([q.x, q.y, q.z], 0.0);
         }
-        let svd = qr.svd();
+        qr.triangle()
+    }
+
+    /// The principal axes and the spread along them.
+    pub(crate) fn spread(&self) -> Spread {
+        let svd = self.triangle().svd();
         Spread {
             values: svd.values,
             axes: svd.right,

@@ -68,7 +68,7 @@ pub fn fit_near(points: &[Point], direction: &Vector3<f64>) -> Result<ConeFit, F
 
 fn fit_from(cloud: &Cloud<'_>, start: Funnel) -> Result<ConeFit, FitError> {
     let Minimum { surface, cov_unit } =
-        minimise(start, &cloud.local()).map_err(|stopped| FitError::NoConvergence {
+        minimise(start, &cloud.sample(usize::MAX)).map_err(|stopped| FitError::NoConvergence {
             iterations: stopped.iterations,
         })?;
     let funnel = surface.opening_forward();

@@ -67,7 +67,7 @@ fn fit_from(cloud: &Cloud<'_>, start: Tube) -> Result<CylinderFit, FitError> {
     let Minimum {
         surface: Tube { axis, radius },
         cov_unit,
-    } = minimise(start, &cloud.local())
+    } = minimise(start, &cloud.sample(usize::MAX))
         .map_err(|stopped| limits::stopped(&stopped, stopped.surface.radius))?;
     let surface = Tube { axis, radius };
     let stats = Statistics::new(

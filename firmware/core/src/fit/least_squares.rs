@@ -22,11 +22,12 @@ pub(crate) struct Term<const K: usize> {
     pub(crate) second: Square<K>,
 }
 
-/// A surface with K parameters, in local coordinates (size about 1).
-pub(crate) trait Surface<const K: usize>: Copy {
+/// A surface with K parameters, in local coordinates (size about 1), and what
+/// is held against it: points, or what a sensor saw.
+pub(crate) trait Surface<const K: usize, Seen = Vector3<f64>>: Copy {
     /// Residual and derivatives at a point; None where they do not exist (the
     /// point is the centre of the sphere, or on the axis).
-    fn term(&self, q: &Vector3<f64>) -> Option<Term<K>>;
+    fn term(&self, q: &Seen) -> Option<Term<K>>;
 
     /// The surface after a step; None if it is no such surface any more.
     fn moved(&self, step: &[f64; K]) -> Option<Self>;
@@ -62,8 +63,8 @@ pub(crate) fn minimise<const K: usize, S, I>(
     points: &I,
 ) -> Result<Minimum<S, K>, Stopped<S>>
 where
-    S: Surface<K>,
-    I: Iterator<Item = Vector3<f64>> + Clone,
+    S: Surface<K, I::Item>,
+    I: Iterator + Clone,
 {
     let Converged {
         surface,
@@ -85,7 +86,7 @@ where
         };
         qr.add(term.gradient, 0.0);
     }
-    match qr.inverse_gram() {
+    match qr.triangle().inverse_gram() {
         Some(cov_unit) => Ok(Minimum { surface, cov_unit }),
         None => Err(stopped),
     }
@@ -105,8 +106,8 @@ pub(crate) fn descend<const K: usize, S, I>(
     max_steps: u32,
 ) -> Result<Converged<S, K>, Stopped<S>>
 where
-    S: Surface<K>,
-    I: Iterator<Item = Vector3<f64>> + Clone,
+    S: Surface<K, I::Item>,
+    I: Iterator + Clone,
 {
     /// Damping beyond which steps are too short to matter.
     const MAX_DAMPING: f64 = 1e12;
@@ -203,8 +204,8 @@ pub(crate) struct System<const K: usize> {
 impl<const K: usize> System<K> {
     fn at<S, I>(surface: &S, points: &I) -> Option<Self>
     where
-        S: Surface<K>,
-        I: Iterator<Item = Vector3<f64>> + Clone,
+        S: Surface<K, I::Item>,
+        I: Iterator + Clone,
     {
         let mut system = Self {
             count: 0.0,

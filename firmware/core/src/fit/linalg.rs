@@ -1,8 +1,8 @@
 //! Small dense linear algebra on arrays, the same bits on every target.
 //!
 //! Only `+ - * /` and `libm::sqrt`, in a fixed order. Least squares go through
-//! a row-by-row QR (Givens), not through `JᵀJ`: its error grows with the
-//! condition of the points, not with the square of it.
+//! a QR of blocks of rows (Householder), not through `JᵀJ`: its error grows with
+//! the condition of the points, not with the square of it.
 
 // Every index here runs over `0..K` of arrays of length K, so none can be out
 // of bounds, and iterator forms of triangular loops would hide the formulas.
@@ -157,6 +157,12 @@ pub(crate) fn largest_variance(covariance: &Square<3>) -> f64 {
     svd.values[0]
 }
 
+/// The sum of the variances of a covariance: no direction has a larger one.
+pub(crate) fn trace(covariance: &Square<3>) -> f64 {
+    let [[xx, ..], [_, yy, _], [.., zz]] = covariance;
+    xx + yy + zz
+}
+
 /// The upper left 3x3 block of a larger matrix.
 pub(crate) fn block3<const K: usize>(matrix: &Square<K>) -> Square<3> {
     let mut block = [[0.0; 3]; 3];
@@ -218,12 +224,19 @@ impl<const K: usize> Cholesky<K> {
     }
 }
 
-/// The triangle R of a tall matrix `J = Q R`, built row by row with Givens
-/// rotations (Golub and Van Loan, Matrix Computations, section 5.2.5), and
-/// `Qᵀb` beside it.
+/// Rows that are gathered before they go into the triangle together: each block costs one root
+/// and two divisions a column, where a rotation for each row would cost that for every element.
+const BLOCK: usize = 8;
+
+/// The triangle R of a tall matrix `J = Q R`, built from blocks of rows with Householder
+/// reflections (Golub and Van Loan, Matrix Computations, sections 5.2.2 and 5.2.3), and `Qᵀb`
+/// beside it.
 pub(crate) struct Qr<const K: usize> {
     r: Square<K>,
     rhs: [f64; K],
+    /// Rows that are not in the triangle yet, each with its right side.
+    rows: [([f64; K], f64); BLOCK],
+    gathered: usize,
 }
 
 impl<const K: usize> Qr<K> {
@@ -232,32 +245,88 @@ impl<const K: usize> Qr<K> {
         Self {
             r: [[0.0; K]; K],
             rhs: [0.0; K],
+            rows: [([0.0; K], 0.0); BLOCK],
+            gathered: 0,
         }
     }
 
     /// Adds the equation `row · x = b`.
-    pub(crate) fn add(&mut self, mut row: [f64; K], mut b: f64) {
-        for k in 0..K {
-            if row[k] == 0.0 {
-                continue;
-            }
-            let length = libm::sqrt(self.r[k][k] * self.r[k][k] + row[k] * row[k]);
-            if length == 0.0 {
-                // Both squares underflowed: nothing that could be told from zero.
-                continue;
-            }
-            let (c, s) = (self.r[k][k] / length, row[k] / length);
-            for j in k..K {
-                let (above, below) = (self.r[k][j], row[j]);
-                self.r[k][j] = c * above + s * below;
-                row[j] = c * below - s * above;
-            }
-            let above = self.rhs[k];
-            self.rhs[k] = c * above + s * b;
-            b = c * b - s * above;
+    pub(crate) fn add(&mut self, row: [f64; K], b: f64) {
+        if let Some(free) = self.rows.get_mut(self.gathered) {
+            *free = (row, b);
+            self.gathered += 1;
+        }
+        if self.gathered == BLOCK {
+            self.reduce();
         }
     }
 
+    /// The triangle of all rows: the one of `JᵀJ = RᵀR` with nothing negative on its diagonal.
+    pub(crate) fn triangle(mut self) -> Triangle<K> {
+        self.reduce();
+        for k in 0..K {
+            if self.r[k][k] < 0.0 {
+                self.r[k] = self.r[k].map(|x| -x);
+                self.rhs[k] = -self.rhs[k];
+            }
+        }
+        Triangle {
+            r: self.r,
+            rhs: self.rhs,
+        }
+    }
+
+    /// Reflects what was gathered into the triangle, column by column. A reflector has one
+    /// element in the triangle, because the rows below it there are zero in that column.
+    fn reduce(&mut self) {
+        let Self {
+            r, rhs, gathered, ..
+        } = self;
+        let rows = self.rows.get_mut(..*gathered).unwrap_or_default();
+        for k in 0..K {
+            let below = rows.iter().fold(0.0, |sum, (row, _)| sum + row[k] * row[k]);
+            if below == 0.0 {
+                // Nothing to reflect, or nothing that could be told from zero.
+                continue;
+            }
+            let above = r[k][k];
+            let length = libm::sqrt(above * above + below);
+            // Of the two possible signs the one that does not cancel.
+            let pivot = if above > 0.0 { -length } else { length };
+            // The reflector is (head, rows[k]); twice over its square: 1 / (head · -pivot).
+            let head = above - pivot;
+            let factor = -1.0 / (head * pivot);
+            r[k][k] = pivot;
+            for j in k + 1..K {
+                let dot = rows
+                    .iter()
+                    .fold(head * r[k][j], |sum, (row, _)| sum + row[k] * row[j]);
+                let part = dot * factor;
+                r[k][j] -= part * head;
+                for (row, _) in rows.iter_mut() {
+                    row[j] -= part * row[k];
+                }
+            }
+            let dot = rows
+                .iter()
+                .fold(head * rhs[k], |sum, (row, b)| sum + row[k] * b);
+            let part = dot * factor;
+            rhs[k] -= part * head;
+            for (row, b) in rows.iter_mut() {
+                *b -= part * row[k];
+            }
+        }
+        *gathered = 0;
+    }
+}
+
+/// The triangle R of `J = Q R`, and `Qᵀb`.
+pub(crate) struct Triangle<const K: usize> {
+    r: Square<K>,
+    rhs: [f64; K],
+}
+
+impl<const K: usize> Triangle<K> {
     /// The least squares solution; None if a column depends on the others.
     pub(crate) fn solve(&self) -> Option<[f64; K]> {
         let mut x = self.rhs;
@@ -298,7 +367,41 @@ impl<const K: usize> Qr<K> {
     }
 }
 
-impl Qr<3> {
+impl Triangle<3> {
+    /// Whether the middle singular value is surely above `floor` and above `limit` times the
+    /// largest. False where only the singular values themselves can tell.
+    ///
+    /// The squares of all minors of order two sum up to `σ₁²σ₂² + σ₁²σ₃² + σ₂²σ₃² <= 3 σ₁²σ₂²`,
+    /// and `σ₁²` is at most the sum F of the squares of all elements. 4 instead of 3 leaves more
+    /// than rounding.
+    pub(crate) fn surely_spans_plane(&self, limit: f64, floor: f64) -> bool {
+        let [[a, b, c], [_, d, e], [_, _, f]] = self.r;
+        let minors = [a * d, a * e, b * e - c * d, a * f, b * f, d * f];
+        let minors = minors.iter().fold(0.0, |sum, minor| sum + minor * minor);
+        let squares = self.squares();
+        minors > 4.0 * limit * limit * squares * squares && minors > 4.0 * floor * floor * squares
+    }
+
+    /// The same of the smallest singular value: `σ₃ = |det| / (σ₁σ₂)`, and `σ₁σ₂ <= F / 2`.
+    pub(crate) fn surely_spans_space(&self, limit: f64, floor: f64) -> bool {
+        let [[a, ..], [_, d, _], [_, _, f]] = self.r;
+        let determinant = a * d * f;
+        let squares = self.squares();
+        let room = 2.0 * determinant * determinant;
+        room > limit * limit * squares * squares * squares
+            && room > floor * floor * squares * squares
+    }
+
+    /// Its rows: three vectors with the same sum of squares and products as all rows have.
+    pub(crate) fn rows(&self) -> [Vector3<f64>; 3] {
+        self.r.map(Vector3::from)
+    }
+
+    /// The sum of the squares of all elements.
+    fn squares(&self) -> f64 {
+        self.r.iter().flatten().fold(0.0, |sum, x| sum + x * x)
+    }
+
     /// Singular values and right singular vectors of the matrix whose rows
     /// were added.
     pub(crate) fn svd(&self) -> Svd3 {
@@ -370,8 +473,8 @@ impl Column {
         let alpha = self.image.dot(&self.image);
         let beta = other.image.dot(&other.image);
         let gamma = self.image.dot(&other.image);
-        if gamma == 0.0 || gamma.abs() <= 0.5 * f64::EPSILON * libm::sqrt(alpha) * libm::sqrt(beta)
-        {
+        // Against the squares: a root for each would cost more than the turn.
+        if gamma * gamma <= 0.25 * f64::EPSILON * f64::EPSILON * alpha * beta {
             return false;
         }
         let zeta = (beta - alpha) / (2.0 * gamma);
@@ -413,6 +516,7 @@ pub(crate) fn orthonormal(a: &Vector3<f64>, b: &Vector3<f64>) -> [Vector3<f64>; 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::cloud::count;
 
     #[test]
     fn singular_values_of_a_nearly_singular_matrix_keep_their_digits() {
@@ -428,6 +532,36 @@ mod tests {
         for (value, wanted) in svd.values.iter().zip(d) {
             assert!((value - wanted).abs() <= 1e-15 * wanted, "{value} {wanted}");
         }
+    }
+
+    /// What is told without the singular values is what they say, near the limit too.
+    #[test]
+    fn sure_spans_agree_with_the_singular_values() {
+        let (mut sure, mut unsure) = (0, 0);
+        for exponent in 0..40 {
+            let small = 10_f64.powi(-exponent) * 1.7;
+            for (middle, smallest) in [(1.0, small), (small, small * 0.1), (0.3, small * 0.5)] {
+                let mut qr = Qr::<3>::new();
+                qr.add([0.6, 0.8, 0.1], 0.0);
+                qr.add([-0.8 * middle, 0.6 * middle, 0.2 * middle], 0.0);
+                qr.add([0.1 * smallest, 0.2 * smallest, smallest], 0.0);
+                let triangle = qr.triangle();
+                for (limit, floor) in [(1e-6, 1e-13), (1e-12, 1e-9)] {
+                    let [first, second, third] = triangle.svd().values;
+                    let above = |value: f64| value > limit * first && value > floor;
+                    if triangle.surely_spans_plane(limit, floor) {
+                        assert!(above(second), "{middle} {smallest}");
+                        sure += 1;
+                    } else {
+                        unsure += 1;
+                    }
+                    if triangle.surely_spans_space(limit, floor) {
+                        assert!(above(third), "{middle} {smallest}");
+                    }
+                }
+            }
+        }
+        assert!(sure > 50 && unsure > 50, "{sure} {unsure}");
     }
 
     #[test]
@@ -446,13 +580,44 @@ mod tests {
             let t = f64::from(t);
             qr.add([1.0, t], 1.0 + 2.0 * t);
         }
-        let x = qr.solve().unwrap();
+        let triangle = qr.triangle();
+        let x = triangle.solve().unwrap();
         assert!((x[0] - 1.0).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14);
         // JᵀJ = [[4, 6], [6, 14]], inverse = [[14, -6], [-6, 4]] / 20.
-        let gram = qr.inverse_gram().unwrap();
+        let gram = triangle.inverse_gram().unwrap();
         assert!((gram[0][0] - 0.7).abs() < 1e-15);
         assert!((gram[0][1] + 0.3).abs() < 1e-15);
         assert!((gram[1][1] - 0.2).abs() < 1e-15);
+    }
+
+    /// Rows that fill blocks, and some over: the triangle has the same RᵀR and Rᵀ(Qᵀb) as sums
+    /// over all rows have, whatever their number.
+    #[test]
+    fn triangle_of_any_number_of_rows() {
+        for n in [1, 3, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 2] {
+            let mut qr = Qr::<3>::new();
+            let (mut gram, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
+            for i in 0..n {
+                let t = count(i);
+                let (row, b) = ([1.0, t - 2.5, 0.25 * t * t - 3.0], 7.0 - t);
+                qr.add(row, b);
+                gram = added(&gram, &row);
+                for j in 0..3 {
+                    right[j] += row[j] * b;
+                }
+            }
+            let Triangle { r, rhs } = qr.triangle();
+            for i in 0..3 {
+                let back: f64 = (0..=i).map(|k| r[k][i] * rhs[k]).sum();
+                let scale = 1e-14 * (1.0 + gram[i][i]) * 1e3_f64.sqrt();
+                assert!((back - right[i]).abs() <= scale, "{n}: {back} {}", right[i]);
+                for j in 0..3 {
+                    let back: f64 = (0..=i.min(j)).map(|k| r[k][i] * r[k][j]).sum();
+                    let scale = 1e-14 * (gram[i][i] * gram[j][j]).sqrt();
+                    assert!((back - gram[i][j]).abs() <= scale, "{n}: {i} {j}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub(crate) mod cloud;
 pub mod cone;
 pub mod cylinder;
 pub mod error;
-mod least_squares;
+pub(crate) mod least_squares;
 mod limits;
 pub(crate) mod linalg;
 pub mod line;
@@ -87,4 +87,4 @@ pub const MIN_EXTENT: Mm = Mm(1e-9);
 
 /// Sums of squares are zero, and `sigma` not given, when the rms residual is
 /// below this many roundings of the largest coordinate.
-const EXACT_FIT_ROUNDINGS: f64 = 16.0;
+pub(crate) const EXACT_FIT_ROUNDINGS: f64 = 16.0;

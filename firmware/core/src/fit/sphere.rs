@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::cloud::Cloud;
 use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Qr, block3, largest_variance, norm};
+use super::linalg::{Qr, block3, largest_variance, norm, trace};
 use super::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
@@ -64,7 +64,7 @@ pub struct LinearSphere {
 /// * `no_convergence` if no minimum was found.
 pub fn fit(points: &[Point]) -> Result<SphereFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
-    cloud.spread().require_space()?;
+    cloud.require_space()?;
     let start = linear_local(&cloud)?;
     let Minimum { surface, cov_unit } = minimise(start, &cloud.local())
         .map_err(|stopped| limits::stopped(&stopped, stopped.surface.radius))?;
@@ -88,7 +88,7 @@ pub fn fit(points: &[Point]) -> Result<SphereFit, FitError> {
 /// As [`fit`], without the limits on condition and uncertainty.
 pub fn fit_linear(points: &[Point]) -> Result<LinearSphere, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
-    cloud.spread().require_space()?;
+    cloud.require_space()?;
     let Ball { center, radius } = linear_local(&cloud)?;
     Ok(LinearSphere {
         center: cloud.point_at(&center),
@@ -127,8 +127,19 @@ impl SphereFit {
     /// The documented limits on condition and uncertainty.
     fn check(&self) -> Result<(), FitError> {
         let [.., [.., radius_variance]] = self.cov_unit;
-        let center_variance = largest_variance(&block3(&self.cov_unit));
         limits::curved(&self.stats, radius_variance, self.radius.0)?;
+        // The sum of the variances is above the largest: where it is good, that is, too.
+        let center = block3(&self.cov_unit);
+        let is_surely_good = |variance| {
+            limits::uncertain(&self.stats, Quantity::Center, variance, self.radius.0).is_ok()
+                && limits::conditioned(Quantity::Center, variance).is_ok()
+        };
+        let bound = trace(&center);
+        let center_variance = if is_surely_good(bound) {
+            bound
+        } else {
+            largest_variance(&center)
+        };
         limits::uncertain(
             &self.stats,
             Quantity::Center,
@@ -199,7 +210,7 @@ fn linear_local(cloud: &Cloud<'_>) -> Result<Ball, FitError> {
     for q in cloud.local() {
         qr.add([2.0 * q.x, 2.0 * q.y, 2.0 * q.z, 1.0], q.dot(&q));
     }
-    let [x, y, z, h] = qr.solve().ok_or_else(limits::flat)?;
+    let [x, y, z, h] = qr.triangle().solve().ok_or_else(limits::flat)?;
     let center = Vector3::new(x, y, z);
     let radius = libm::sqrt(h + center.dot(&center));
     // Also false for NaN.

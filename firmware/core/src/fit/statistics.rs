@@ -1,4 +1,4 @@
-//! What the residuals say about a fit.
+//! Statistics of a fit's residuals.
 
 use super::EXACT_FIT_ROUNDINGS;
 use super::cloud::count;

@@ -2,13 +2,14 @@
 //! here, by the name of its field.
 
 use umi_protocol::job::{
-    Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Job, Limits, MAX_DATUMS, MAX_HITS,
-    Name, Reference, WitnessSpec,
+    Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
+    MAX_DATUMS, MAX_HITS, Name, Reference, Teach, WitnessSpec,
 };
+use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::pattern::LinePattern;
-use umi_protocol::refusal::{Field, JobError};
+use umi_protocol::reason::Reason;
 
-use crate::nc;
+use crate::correction;
 use crate::registration;
 use crate::units::Point;
 
@@ -47,13 +48,15 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     if let Some(witness) = &job.witness {
         check_witness(job, witness)?;
     }
-    let datums = datums(job).count();
-    if datums > MAX_DATUMS {
+    check_guards(job, &job.guards)?;
+    let places = place_count(job);
+    if places > MAX_DATUMS {
         return Err(JobError::TooManyDatums {
-            got: narrow(datums),
+            got: narrow(places),
             most: narrow(MAX_DATUMS),
         });
     }
+    let datums = datums(job).count();
     if job.correction.is_some() && datums < 3 {
         return Err(JobError::TooFewDatums {
             got: narrow(datums),
@@ -74,10 +77,118 @@ pub fn check(job: &Job) -> Result<(), JobError> {
 /// The features whose position takes part in the registration, with their
 /// place in the job.
 pub fn datums(job: &Job) -> impl Iterator<Item = (usize, &FeatureSpec)> {
+    let guards = &job.guards;
     job.features
         .iter()
         .enumerate()
         .filter(|(_, f)| f.datum && f.kind.has_position())
+        .filter(|(_, f)| !guards.fixed.contains(&f.name))
+        .filter(|(_, f)| guards.closing.iter().all(|c| c.feature != f.name))
+}
+
+/// The features that stay on the table, with their place in the job.
+pub fn fixed(job: &Job) -> impl Iterator<Item = (usize, &FeatureSpec)> {
+    let features = job.features.iter().enumerate();
+    features.filter(|(_, f)| job.guards.fixed.contains(&f.name))
+}
+
+/// The features that are another one, probed once more, and which.
+pub fn closing(job: &Job) -> impl Iterator<Item = (usize, &Closing)> {
+    job.guards.closing.iter().filter_map(|closing| {
+        let place = job.features.iter().position(|f| f.name == closing.feature);
+        place.map(|place| (place, closing))
+    })
+}
+
+/// What nothing in a job that corrects guards against: a remark in each of its verdicts.
+#[must_use]
+pub fn not_guarded(job: &Job) -> Option<Reason> {
+    job.correction?;
+    let late_text = job.guards.run_variable.is_none();
+    let moved_offset = !job.guards.frame;
+    let first_ok = job.reference == Reference::Taught && job.teach == Teach::FirstOk;
+    (late_text || moved_offset || first_ok).then_some(Reason::NotGuarded {
+        late_text,
+        moved_offset,
+        first_ok,
+    })
+}
+
+/// Places that a reference has: of the datum features and of those on the table.
+pub fn place_count(job: &Job) -> usize {
+    datums(job).count() + fixed(job).count()
+}
+
+fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
+    let feature = |name: &Name, field| {
+        let found = job.features.iter().find(|f| f.name == *name);
+        let found = found.filter(|f| f.kind.has_position());
+        found.ok_or_else(|| bad(field, Some(name), f64::NAN))
+    };
+    for closing in &guards.closing {
+        let again = feature(&closing.feature, Field::Closing)?;
+        let first = feature(&closing.repeats, Field::Closing)?;
+        // A wrong one of either is as good as no closing at all.
+        if again.name == first.name
+            || again.kind != first.kind
+            || guards.fixed.contains(&again.name)
+            || guards.closing.iter().any(|c| c.feature == first.name)
+        {
+            return Err(bad(Field::Closing, Some(&again.name), f64::NAN));
+        }
+        positive(closing.within_mm, Field::Closing, Some(&closing.feature))?;
+    }
+    for name in &guards.fixed {
+        feature(name, Field::Fixed)?;
+        // Where it is, is learned with the reference.
+        if job.reference == Reference::Given {
+            return Err(bad(Field::Fixed, Some(name), f64::NAN));
+        }
+    }
+    if let Some(limit) = guards.fixed_mm {
+        positive(limit, Field::FixedMm, None)?;
+    } else if let Some(name) = guards.fixed.first() {
+        let (field, feature) = (Field::FixedMm, Some(name.clone()));
+        return Err(JobError::Missing { field, feature });
+    }
+    if let Some(limit) = guards.nominal_distance_mm {
+        positive(limit, Field::NominalDistanceMm, None)?;
+        if let Some((_, without)) = datums(job).find(|(_, f)| f.position_mm.is_none()) {
+            let (field, feature) = (Field::PositionMm, Some(without.name.clone()));
+            return Err(JobError::Missing { field, feature });
+        }
+    }
+    if let Some(learned) = guards.learned {
+        for limit in [learned.radius_mm, learned.rms_mm, learned.centring_mm] {
+            positive(limit, Field::Learned, None)?;
+        }
+    }
+    if let Some(probing) = guards.probing {
+        positive(probing.sigma_mm, Field::Probing, None)?;
+        positive(probing.dof.into(), Field::Probing, None)?;
+    }
+    if let Some(warmth) = guards.warmth {
+        positive(warmth.expansion_ppm_per_k, Field::Warmth, None)?;
+        positive(warmth.at_most_k, Field::Warmth, None)?;
+    }
+    let says_run = job.receiver.patterns.iter().all(says_approach);
+    if let Some(variable) = guards.run_variable {
+        let dialect = job.correction.as_ref().map(|spec| spec.dialect);
+        let can = dialect.is_some_and(correction::dialect::compares_runs);
+        if !(says_run && can && (1..=99_999).contains(&variable)) {
+            return Err(bad(Field::RunVariable, None, variable.into()));
+        }
+    }
+    if guards.frame && !(says_run && job.correction.is_some()) {
+        return Err(bad(Field::Frame, None, f64::NAN));
+    }
+    let [x, y, z] = guards.external_mm;
+    for value in [x, y, z, guards.tool_length_mm.unwrap_or(0.0)] {
+        if !value.is_finite() {
+            return Err(bad(Field::Frame, None, value));
+        }
+    }
+    Ok(())
 }
 
 fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), JobError> {
@@ -85,6 +196,7 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     if !is_printable(name) || name.contains(' ') {
         return Err(JobError::BadFeatureName { feature: number });
     }
+    // Those that close or stay on the table carry a verdict as a datum does.
     let is_datum = feature.datum && feature.kind.has_position();
     // What a correction rests on has at least one hit more than it needs, else
     // nothing in it can contradict a wrong one.
@@ -157,7 +269,11 @@ const fn says_approach(pattern: &LinePattern) -> bool {
 fn names_feature(pattern: &LinePattern) -> bool {
     match pattern {
         LinePattern::Block(_) | LinePattern::RingCsv(_) | LinePattern::Checked(_) => true,
-        LinePattern::Template(template) => template.text.contains("{name}"),
+        LinePattern::Template(template) => template
+            .text
+            .as_bytes()
+            .windows(6)
+            .any(|at| at == b"{name}"),
         LinePattern::PointLine(_)
         | LinePattern::LabelledWords(_)
         | LinePattern::GrblProbe
@@ -251,7 +367,7 @@ fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
     if spec.write_to == spec.probed_in {
         return Err(JobError::SameOffset);
     }
-    nc::dialect::check(spec).map_err(|field| {
+    correction::dialect::check(spec).map_err(|field| {
         let value = match field {
             Field::Set => spec.set.unwrap_or_default(),
             _ => spec.write_to.p_number(),
@@ -270,7 +386,7 @@ fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
             return Err(bad(Field::PartMaxMm, None, high));
         }
     }
-    positive(spec.leftover_mm, Field::LeftoverMm, None)
+    positive(spec.leftover_mm, Field::UncorrectedMm, None)
 }
 
 /// Characters that stand safely in a program's comment and in a DPRNT line.

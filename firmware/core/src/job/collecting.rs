@@ -4,7 +4,8 @@ use heapless::Vec;
 use umi_protocol::job::{FeatureSpec, MAX_HITS};
 use umi_protocol::reason::Reason;
 
-use super::feature::{self, Hit, Reasons, Seen};
+use super::feature::{Hit, Seen};
+use super::reasons::{Reasons, add};
 use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 
 /// The hits of the feature that is being probed.
@@ -55,14 +56,14 @@ impl Collecting {
             ),
         ] {
             if hit.doubts.contains(doubt) {
-                feature::add(reasons, reason);
+                add(reasons, reason);
             }
         }
         if due.is_some() && hit.approach.is_some() && due != hit.approach {
-            feature::add(reasons, Reason::ApproachMismatch { hit: number });
+            add(reasons, Reason::ApproachMismatch { hit: number });
         }
         if seen == Some(None) {
-            feature::add(reasons, Reason::NotLatched { hit: number });
+            add(reasons, Reason::NotLatched { hit: number });
         }
         let taken = Hit {
             position: hit.position,

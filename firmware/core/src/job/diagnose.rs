@@ -2,10 +2,10 @@
 //! everything right. It never repairs: the feature stays refused.
 
 use heapless::Vec;
-use umi_protocol::job::{FeatureSpec, Limits, MAX_HITS};
+use umi_protocol::job::{FeatureKind, FeatureSpec, Limits, MAX_HITS};
 use umi_protocol::reason::Reason;
 
-use super::feature::{Reasons, add, against_limits, can_diagnose};
+use super::reasons::{Reasons, add, against_limits};
 use super::report::fit;
 use crate::units::Point;
 
@@ -102,4 +102,12 @@ fn set(points: &mut Vec<Point, MAX_HITS>, at: usize, point: Point) {
     if let Some(place) = points.get_mut(at) {
         *place = point;
     }
+}
+
+/// Kinds whose fit is cheap enough to try again with a changed hit.
+const fn can_diagnose(kind: FeatureKind) -> bool {
+    matches!(
+        kind,
+        FeatureKind::Sphere | FeatureKind::Circle | FeatureKind::Plane
+    )
 }

@@ -2,16 +2,17 @@
 
 use heapless::Vec;
 use nalgebra::Vector3;
-use umi_protocol::feature::{FitReport, MAX_FEATURE_REASONS, Shape};
-use umi_protocol::job::{Approach, Compensation, FeatureKind, FeatureSpec, Limits, MAX_HITS};
+use umi_protocol::feature::{FitReport, Shape};
+use umi_protocol::job::{
+    Approach, Compensation, FeatureKind, FeatureSpec, Learned, LearnedLimits, Limits, MAX_HITS,
+};
 use umi_protocol::reason::Reason;
 
-use super::report::{Fitted, fit, refusal};
-use super::{diagnose, exceeds};
+use super::diagnose;
+use super::exceeds;
+use super::reasons::{Reasons, add, against_limits};
+use super::report::{fit, refusal};
 use crate::units::Point;
-
-/// The reasons against one feature.
-pub type Reasons = Vec<Reason, MAX_FEATURE_REASONS>;
 
 /// What the encoders say about a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,14 +32,6 @@ pub struct Hit {
     pub approach: Option<Approach>,
     /// What the encoders say, where the job asks for it.
     pub seen: Option<Seen>,
-}
-
-/// Keeps a reason. A feature that has more reasons than there is room for is
-/// refused all the same; the first ones say why.
-pub fn add(reasons: &mut Reasons, reason: Reason) {
-    if !reasons.contains(&reason) {
-        let _ = reasons.push(reason);
-    }
 }
 
 /// Contact points of the hits. With compensation on the board the tip's centre
@@ -127,27 +120,6 @@ pub fn judge(
     against_lone_hit(spec, limits, points, hits, reasons);
     against_approach(limits, &fitted.shape(), points, hits, reasons);
     Some(fitted.report(points))
-}
-
-/// Radius and residuals against the limits.
-pub fn against_limits(spec: &FeatureSpec, limits: &Limits, fitted: &Fitted, reasons: &mut Reasons) {
-    if let (Some(radius), Some(nominal)) = (fitted.shape().radius_mm(), spec.radius_mm) {
-        let error_mm = radius - nominal;
-        if exceeds(error_mm.abs(), limits.radius_error_mm) {
-            add(
-                reasons,
-                Reason::RadiusError {
-                    error_mm,
-                    limit_mm: limits.radius_error_mm,
-                },
-            );
-        }
-    }
-    let rms_mm = fitted.rms_total_mm();
-    if exceeds(rms_mm, limits.rms_mm) {
-        let limit_mm = limits.rms_mm;
-        add(reasons, Reason::Rms { rms_mm, limit_mm });
-    }
 }
 
 /// Holds the height of a lone hit above the others against the nominal radius.
@@ -309,6 +281,68 @@ fn lone_hit(shape: &Shape, points: &[Point], hits: &[Hit], limit_deg: f64) -> Op
     None
 }
 
+/// How far beside the centre the hits were approached, at most: the arm from the centre of a
+/// sphere or circle to the hit, across the hit's approach. 0 where that is not known.
+pub fn centring_mm(shape: &Shape, points: &[Point], hits: &[Hit]) -> f64 {
+    let (Shape::Sphere { center_mm, .. } | Shape::Circle { center_mm, .. }) = shape else {
+        return 0.0;
+    };
+    let center = Vector3::from(*center_mm);
+    points
+        .iter()
+        .zip(hits)
+        .fold(0.0, |most: f64, (point, hit)| {
+            let across = hit.approach.map_or(0.0, |a| {
+                (point.mm - center).cross(&direction(a)).norm_squared()
+            });
+            most.max(libm::sqrt(across))
+        })
+}
+
+/// How a feature is, as it is learned.
+pub fn learned(fit: &FitReport, centring_mm: f64) -> Learned {
+    Learned {
+        radius_mm: fit.shape.radius_mm().unwrap_or_default(),
+        rms_mm: fit.rms_mm,
+        centring_mm,
+    }
+}
+
+/// Holds a feature against how it was in the taught setup. The job's own limits must cover
+/// every stylus and every ball; the taught setup has shown what these ones do.
+pub fn against_learned(
+    limits: &LearnedLimits,
+    taught: &Learned,
+    now: &Learned,
+    reasons: &mut Reasons,
+) {
+    let error_mm = now.radius_mm - taught.radius_mm;
+    if exceeds(error_mm.abs(), limits.radius_mm) {
+        let limit_mm = limits.radius_mm;
+        add(reasons, Reason::RadiusSinceTaught { error_mm, limit_mm });
+    }
+    if exceeds(now.rms_mm - taught.rms_mm, limits.rms_mm) {
+        add(
+            reasons,
+            Reason::RmsSinceTaught {
+                rms_mm: now.rms_mm,
+                taught_mm: taught.rms_mm,
+                limit_mm: limits.rms_mm,
+            },
+        );
+    }
+    if exceeds(now.centring_mm - taught.centring_mm, limits.centring_mm) {
+        add(
+            reasons,
+            Reason::CentringSinceTaught {
+                off_mm: now.centring_mm,
+                taught_mm: taught.centring_mm,
+                limit_mm: limits.centring_mm,
+            },
+        );
+    }
+}
+
 /// Unit surface normal at (or next to) a point; none where it is not defined.
 fn normal_at(shape: &Shape, point: Point) -> Option<Vector3<f64>> {
     let along = |from: &[f64; 3]| point.mm - Vector3::from(*from);
@@ -343,12 +377,4 @@ fn normal_at(shape: &Shape, point: Point) -> Option<Vector3<f64>> {
     };
     let length = libm::sqrt(normal.norm_squared());
     (length > 0.0 && length.is_finite()).then(|| normal / length)
-}
-
-/// Kinds whose fit is cheap enough to try again with a changed hit.
-pub const fn can_diagnose(kind: FeatureKind) -> bool {
-    matches!(
-        kind,
-        FeatureKind::Sphere | FeatureKind::Circle | FeatureKind::Plane
-    )
 }

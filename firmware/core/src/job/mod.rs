@@ -1,4 +1,4 @@
-//! The job: hits become features, features a plate, a plate a verdict.
+//! The job: hits become features, features a setup, a setup a verdict.
 //!
 //! [`check()`] says whether a job can be used, [`Run`] carries it out. Both are
 //! pure: hits and time in, decisions out.
@@ -7,14 +7,30 @@ mod check;
 mod collecting;
 mod diagnose;
 mod feature;
-mod plate;
+mod reasons;
 mod report;
 mod run;
+mod scatter;
+mod setup;
 mod witness;
 
-pub use check::{check, datums};
+use umi_protocol::job::Job;
+
+use crate::units::Point;
+
+pub use check::{check, closing, datums, fixed, not_guarded};
 pub use report::{Fitted, fit, refusal};
-pub use run::{Decision, Run};
+pub use run::{Decision, Run, Teaching};
+
+/// Whether the job's limits stand against a setup whose places are `measured`: judged as on the
+/// board, with hits that are taken as exact. Both hold the datum places and behind them those on
+/// the table.
+#[must_use]
+pub fn against_places(job: &Job, reference: &[Point], measured: &[Point]) -> bool {
+    let mut verdict = setup::blank(1);
+    setup::judge(&mut verdict, job, reference, measured, None, None);
+    !verdict.reasons.is_empty()
+}
 
 /// Whether a value breaks its limit. A value that is not a number does.
 #[allow(

@@ -1,80 +1,117 @@
 //! The job as a state machine: hits and time in, features and verdicts out.
 //!
-//! # How hits find their plate
+//! # How hits find their setup
 //!
-//! The program probes the features in the job's order, so a plate (one
-//! clamping) begins with the job's first feature and is judged when the last
-//! one arrives. A feature that comes earlier in the order than the one before
-//! it begins the next plate, and the unfinished one is NG. So a lost block
+//! Lines that carry a run number say themselves what belongs together: the features
+//! of a run come in any order, a setup (one clamping) is judged when all are there,
+//! and another run begins another setup.
+//!
+//! Elsewhere the program probes the features in the job's order, so a setup begins
+//! with the job's first feature and is judged when the last one arrives. A feature that comes earlier in the order than the one before
+//! it begins the next setup, and the unfinished one is NG. So a lost block
 //! never shifts the blocks that follow into the wrong clamping.
 //!
-//! On checked lines another run of the program begins another plate as well.
+//! Where a control begins in the middle of that order and nothing has shown yet that it
+//! keeps it, it may as well probe in another one, and every setup would be made of two
+//! clampings. So all are NG until the control reads (by DC1, or by a line that asks for a program),
+//! nothing comes for the time-out, or somebody asks to teach.
 //!
 //! The feature that came last may come again: unchanged it is dropped, and a
-//! refused one is replaced (its plate is judged again, under the same number).
+//! refused one is replaced (its setup is judged again, under the same number).
 //! Sent again with other coordinates, it is not known which is right: NG. A
-//! whole plate that is printed again to the last digit was not measured again
+//! whole setup that is printed again to the last digit was not measured again
 //! (a control that restarts a program repeats its output): NG too.
 
 use heapless::Vec;
 use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{FeatureSpec, Job, MAX_FEATURES, Name, Reference};
+use umi_protocol::job::{FeatureSpec, Job, Learned, MAX_FEATURES, Name, Reference, Teach};
 use umi_protocol::latch::LatchReport;
+use umi_protocol::message::TeachRefusal;
 use umi_protocol::reason::Reason;
-use umi_protocol::verdict::{PlateReason, Verdict};
+use umi_protocol::verdict::Verdict;
 
-use super::check::datums;
+use super::check::{datums, fixed, not_guarded, place_count};
 use super::collecting::Collecting;
-use super::feature::{self, Reasons};
-use super::plate::{self, Positions};
+use super::feature;
+use super::reasons::{Reasons, add};
+use super::scatter::Scatter;
+use super::setup::{self, DatumPoints};
 use super::witness::Witness;
-use crate::dprnt::{BlockEnd, ReportedHit};
-use crate::place::Place;
+use crate::dprnt::{Announced, BlockEnd, Moved, ReportedHit, Said};
 use crate::units::{Micros, Point};
+use crate::zero_option::ZeroOption;
 
 /// What the job decides.
 #[derive(Clone, Copy, Debug)]
 pub enum Decision<'a> {
     /// A feature was fitted or refused.
     Feature(&'a FeatureResult),
-    /// A plate was judged.
+    /// A setup was judged.
     Verdict(&'a Verdict),
-    /// A plate became the reference; empty: that plate is NG after all and nothing is.
-    Taught(&'a [Point]),
+    /// A setup became the reference; without places: nothing is the reference any more.
+    Taught(Teaching<'a>),
+}
+
+/// What a setup teaches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Teaching<'a> {
+    /// Places of the datum features, then of those on the table.
+    pub places: &'a [Point],
+    /// How each feature of the job was.
+    pub learned: &'a [Learned],
+}
+
+impl Teaching<'_> {
+    /// Nothing is the reference.
+    pub const NONE: Self = Self {
+        places: &[],
+        learned: &[],
+    };
 }
 
 /// A job under way, or none.
 #[derive(Debug)]
 pub struct Run {
-    job: Place<Job>,
-    /// Nominal positions of the datum features.
-    reference: Option<Positions>,
-    /// The latest result of each feature, and whether it belongs to this plate.
+    job: ZeroOption<Job>,
+    /// Nominal positions of the datum features, then of those on the table.
+    reference: Option<DatumPoints>,
+    /// How each feature was in the taught setup.
+    learned: Vec<Learned, MAX_FEATURES>,
+    teaching: TeachingAct,
+    /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,
-    /// Number of the plate under way, from 0.
-    plate: u32,
+    /// Number of the setup under way, from 0.
+    setup: u32,
     progress: Progress,
-    /// Place of the feature that came last in this plate.
+    /// Place of the feature that came last in this setup.
     last: Option<usize>,
-    /// Reasons that belong to the plate and not to one feature.
+    /// Reasons that belong to the setup and not to one feature.
     against: Vec<Reason, 4>,
-    /// Reasons that came before the plate's first feature was complete.
+    /// Reasons that came before the setup's first feature was complete.
     pending: Vec<Reason, 4>,
     /// The program's run, where the lines say it.
     run: Option<u32>,
+    /// In which work offset that run is probed, where it said so.
+    frame: Option<Frame>,
+    /// What else moves its coordinates, where it said so.
+    moved: ZeroOption<Moved>,
+    /// The features of a setup have come in the job's order.
+    order_shown: bool,
+    /// The control began in the middle of the job's order, with this feature.
+    began_with: Option<usize>,
     remarks: Vec<Reason, 4>,
     features_seen: u32,
-    collecting: Place<Collecting>,
+    collecting: ZeroOption<Collecting>,
     last_hit: Micros,
-    verdict: Place<Verdict>,
-    /// This plate became the reference.
+    verdict: ZeroOption<Verdict>,
+    /// This setup became the reference.
     taught_here: bool,
     /// The encoders' side of the hits.
-    witness: Place<Witness>,
+    witness: ZeroOption<Witness>,
 }
 
-/// How far the plate is.
+/// How far the setup is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
     /// Nothing of it has come.
@@ -85,12 +122,32 @@ enum Progress {
     Judged,
 }
 
+/// Whether somebody asked to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TeachingAct {
+    /// No.
+    None,
+    /// The setup that comes next.
+    Next,
+    /// The setup under way.
+    This,
+}
+
+/// A work offset as a run states it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Frame {
+    offset: u16,
+    origin: Point,
+}
+
 #[derive(Debug, Default)]
 struct Slot {
     result: Option<FeatureResult>,
-    in_this_plate: bool,
-    /// Its points are those of the plate before, to the last digit.
+    in_this_setup: bool,
+    /// Its points are those of the setup before, to the last digit.
     repeated: bool,
+    /// How far beside the centre its hits were approached.
+    centring_mm: f64,
 }
 
 impl Run {
@@ -98,22 +155,28 @@ impl Run {
     #[must_use]
     pub const fn idle() -> Self {
         Self {
-            job: Place::empty(),
+            job: ZeroOption::empty(),
             reference: None,
+            learned: Vec::new(),
+            teaching: TeachingAct::None,
             slots: Vec::new(),
-            plate: 0,
+            setup: 0,
             progress: Progress::Empty,
             last: None,
             against: Vec::new(),
             pending: Vec::new(),
             run: None,
+            frame: None,
+            moved: ZeroOption::empty(),
+            order_shown: false,
+            began_with: None,
             remarks: Vec::new(),
             features_seen: 0,
-            collecting: Place::empty(),
+            collecting: ZeroOption::empty(),
             last_hit: Micros(0),
-            verdict: Place::empty(),
+            verdict: ZeroOption::empty(),
             taught_here: false,
-            witness: Place::empty(),
+            witness: ZeroOption::empty(),
         }
     }
 
@@ -131,13 +194,19 @@ impl Run {
         let Self {
             job: place,
             reference,
+            learned,
+            teaching,
             slots,
-            plate,
+            setup,
             progress,
             last,
             against,
             pending,
             run,
+            frame,
+            moved,
+            order_shown,
+            began_with,
             remarks,
             features_seen,
             collecting,
@@ -151,15 +220,19 @@ impl Run {
                 .filter_map(|(_, f)| f.position_mm.map(Point::from_array_mm))
                 .collect()
         });
+        learned.clear();
+        *teaching = TeachingAct::None;
         slots.clear();
         for _ in &job.features {
             // Bounded: there are as many slots as a job can have features.
             let _ = slots.push(Slot::default());
         }
-        (*plate, *progress, *last) = (0, Progress::Empty, None);
+        (*setup, *progress, *last) = (0, Progress::Empty, None);
         against.clear();
         pending.clear();
-        *run = None;
+        (*run, *frame) = (None, None);
+        moved.clear();
+        (*order_shown, *began_with) = (false, None);
         remarks.clear();
         *features_seen = 0;
         collecting.clear();
@@ -197,16 +270,54 @@ impl Run {
 
     /// The taught reference; none where the job gives its positions.
     #[must_use]
-    pub fn taught(&self) -> Option<&[Point]> {
-        self.reference().filter(|_| self.reference_is_taught())
+    pub fn taught(&self) -> Option<Teaching<'_>> {
+        let places = self.reference().filter(|_| self.reference_is_taught())?;
+        let learned = &self.learned;
+        Some(Teaching { places, learned })
+    }
+
+    /// The setup that comes next is to be the reference. In place of one that there is only
+    /// if `again`: that one is none any more, whatever becomes of the new one.
+    ///
+    /// # Errors
+    /// Why there is nothing to teach: nothing has changed.
+    pub fn teach(
+        &mut self,
+        again: bool,
+        out: &mut impl FnMut(Decision<'_>),
+    ) -> Result<(), TeachRefusal> {
+        self.may_teach(again)?;
+        self.next_setup();
+        self.began_with = None;
+        self.teaching = TeachingAct::Next;
+        if self.reference.take().is_some() {
+            self.learned.clear();
+            out(Decision::Taught(Teaching::NONE));
+        }
+        Ok(())
+    }
+
+    /// Whether [`Self::teach`] would be taken.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn may_teach(&self, again: bool) -> Result<(), TeachRefusal> {
+        match self.job.get() {
+            None => Err(TeachRefusal::NoJob),
+            Some(_) if !self.reference_is_taught() => Err(TeachRefusal::Given),
+            Some(_) if self.is_under_way() => Err(TeachRefusal::UnderWay),
+            Some(_) if self.reference.is_some() && !again => Err(TeachRefusal::AlreadyTaught),
+            Some(_) => Ok(()),
+        }
     }
 
     /// Puts back a reference that was taught before a restart. Ignored where
     /// the job gives its positions or the count does not fit.
-    pub fn restore_reference(&mut self, positions: &[Point]) {
-        let due = self.job.get().map(|job| datums(job).count());
-        if self.reference_is_taught() && due == Some(positions.len()) {
-            self.reference = Vec::from_slice(positions).ok();
+    pub fn restore_reference(&mut self, taught: Teaching<'_>) {
+        let due = self.job.get().map(place_count);
+        if self.reference_is_taught() && due == Some(taught.places.len()) {
+            self.reference = Vec::from_slice(taught.places).ok();
+            self.learned = Vec::from_slice(taught.learned).unwrap_or_default();
         }
     }
 
@@ -222,13 +333,13 @@ impl Run {
         self.verdict.get()
     }
 
-    /// Whether a plate has begun and is not judged.
+    /// Whether a setup has begun and is not judged.
     #[must_use]
     pub fn is_under_way(&self) -> bool {
         self.progress == Progress::UnderWay || self.collecting.is_some()
     }
 
-    /// When the plate under way is given up, or a judged one closed to repeats of
+    /// When the setup under way is given up, or a judged one closed to repeats of
     /// its last feature, if nothing comes.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
@@ -245,8 +356,9 @@ impl Run {
                 let timeout_s = self.job.get().map_or(0, |job| job.plate_timeout_s);
                 self.give_up(Reason::TimedOut { timeout_s }, out);
             } else {
-                self.next_plate();
+                self.next_setup();
             }
+            self.began_with = None;
         }
     }
 
@@ -266,7 +378,7 @@ impl Run {
             FaultKind::NotTouched => match self.collecting.get_mut() {
                 Some(collecting) => {
                     let hit = collecting.next_number();
-                    feature::add(&mut collecting.reasons, Reason::NotTouched { hit });
+                    add(&mut collecting.reasons, Reason::NotTouched { hit });
                 }
                 None => self.hold_against(Reason::NotTouched { hit: 1 }),
             },
@@ -296,14 +408,14 @@ impl Run {
         {
             let got = u16::try_from(collecting.hits.len()).unwrap_or(u16::MAX);
             let expected = spec.hits;
-            feature::add(
+            add(
                 &mut collecting.reasons,
                 Reason::DamagedLine { got, expected },
             );
         }
     }
 
-    /// Something contradicts a plate that may have been judged: then its verdict
+    /// Something contradicts a setup that may have been judged: then its verdict
     /// is NG, under the same number.
     fn revoke(&mut self, reason: Reason, out: &mut impl FnMut(Decision<'_>)) {
         if self.progress == Progress::Judged && !self.collecting.is_some() {
@@ -313,6 +425,80 @@ impl Run {
         } else {
             self.hold_against(reason);
         }
+    }
+
+    /// The control reads (DC1): what it has printed so far is of clampings before this moment.
+    ///
+    /// The one character passes by whatever text the control still holds back. A text that is
+    /// late by whole setups is cut between two of them all the same; one that is cut within
+    /// a feature is late by less, and then this says nothing.
+    pub fn control_reads(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        if let Some(began_with) = self.began_with_name()
+            && !self.collecting.is_some()
+        {
+            self.give_up(Reason::OrderUnknown { began_with }, out);
+            self.began_with = None;
+        }
+    }
+
+    /// The control asks for a program on a line of its own, which comes in its turn: what it
+    /// has printed so far is of clampings before this moment.
+    pub fn control_asks(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        if let Some(began_with) = self.began_with_name() {
+            self.give_up(Reason::OrderUnknown { began_with }, out);
+            self.began_with = None;
+        } else if self.run.is_some() && self.is_under_way() {
+            // Its features come in any order: without this, nothing says that some are lost.
+            self.finish_unfinished(out);
+            self.close(None, out);
+        }
+    }
+
+    /// The control says something about the run that it begins.
+    #[inline(never)]
+    pub fn announced(
+        &mut self,
+        announced: &Announced,
+        now: Micros,
+        out: &mut impl FnMut(Decision<'_>),
+    ) {
+        self.last_hit = now;
+        self.enter_run(announced.run, out);
+        match announced.said {
+            Said::Frame { offset, origin } => {
+                self.give_up(Reason::RunChanged, out);
+                self.frame = Some(Frame { offset, origin });
+                self.moved.clear();
+            }
+            Said::Moved(moved) => self.moved.put(moved),
+            Said::Teach { again } => {
+                self.give_up(Reason::RunChanged, out);
+                if let Err(TeachRefusal::AlreadyTaught) = self.teach(again, out) {
+                    self.next_setup();
+                    self.hold_against(Reason::AlreadyTaught);
+                }
+            }
+        }
+    }
+
+    /// The lines are of this run. Another one ends the setup before.
+    fn enter_run(&mut self, run: u32, out: &mut impl FnMut(Decision<'_>)) {
+        if self.run == Some(run) {
+            return;
+        }
+        if self.run.is_some() {
+            self.give_up(Reason::RunChanged, out);
+            self.next_setup();
+        }
+        self.run = Some(run);
+        self.frame = None;
+        self.moved.clear();
+        self.began_with = None;
+    }
+
+    fn began_with_name(&self) -> Option<Name> {
+        let spec = spec_of(&self.job, self.began_with?)?;
+        Some(spec.name.clone())
     }
 
     /// The probe's skip line rose and the axes were latched.
@@ -337,12 +523,8 @@ impl Run {
     #[inline(never)]
     pub fn hit(&mut self, hit: &ReportedHit, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         self.last_hit = now;
-        if hit.run.is_some() && hit.run != self.run {
-            if self.run.is_some() {
-                self.give_up(Reason::RunChanged, out);
-                self.next_plate();
-            }
-            self.run = hit.run;
+        if let Some(run) = hit.run {
+            self.enter_run(run, out);
         }
         let in_block = self.collecting.get().is_some_and(|c| c.in_block);
         if !in_block {
@@ -389,7 +571,7 @@ impl Run {
             return;
         };
         if let Some(reason) = collecting.block_reason(spec, end) {
-            feature::add(&mut collecting.reasons, reason);
+            add(&mut collecting.reasons, reason);
         }
         self.finish(out);
     }
@@ -403,23 +585,28 @@ impl Run {
         }
     }
 
-    /// Fits what was collected, puts it into its plate and reports it; judges the plate
+    /// Fits what was collected, puts it into its setup and reports it; judges the setup
     /// if that was its last feature.
     fn finish(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         let place = self.finish_feature(out);
-        if place.is_some_and(|place| place + 1 == self.features().len()) {
+        let ends = |place: usize| match self.run {
+            // In any order: a feature that came again may complete nothing.
+            Some(_) => self.slots.iter().all(|slot| slot.in_this_setup),
+            None => place + 1 == self.features().len(),
+        };
+        if place.is_some_and(ends) {
             self.close(None, out);
         }
     }
 
-    /// Fits what was collected, puts it into its plate and reports it. Returns its
+    /// Fits what was collected, puts it into its setup and reports it. Returns its
     /// place, unless it was dropped as a repeat. On its own, so that its stack is free
-    /// again when the plate is judged.
+    /// again when the setup is judged.
     #[inline(never)]
     fn finish_feature(&mut self, out: &mut impl FnMut(Decision<'_>)) -> Option<usize> {
         let collecting = self.collecting.take()?;
         let place = collecting.feature;
-        let mut result = self.fitted(&collecting)?;
+        let (mut result, centring_mm) = self.fitted(&collecting)?;
         let belongs = self.belongs(place, &result);
         let replaces = matches!(belongs, Belongs::Replaces);
         match belongs {
@@ -433,25 +620,34 @@ impl Run {
             }),
             Belongs::Contradicts => {
                 self.hold_against(Reason::ConflictingRepeat);
-                feature::add(&mut result.reasons, Reason::ConflictingRepeat);
+                add(&mut result.reasons, Reason::ConflictingRepeat);
             }
-            Belongs::NextPlate => {
+            Belongs::NextSetup => {
                 self.close(None, out);
-                self.next_plate();
+                self.next_setup();
             }
         }
         if let Some(witness) = self.witness.get_mut() {
             witness.take(&collecting.hits, replaces);
         }
         result.index = self.features_seen;
-        result.plate = self.plate;
+        result.setup = self.setup;
         self.features_seen = self.features_seen.saturating_add(1);
         out(Decision::Feature(&result));
         if let Some(slot) = self.slots.get_mut(place) {
-            let before = slot.result.as_ref().filter(|_| !slot.in_this_plate);
+            let before = slot.result.as_ref().filter(|_| !slot.in_this_setup);
             slot.repeated = before.is_some_and(|before| before.points_mm == result.points_mm);
             slot.result = Some(result);
-            slot.in_this_plate = true;
+            slot.in_this_setup = true;
+            slot.centring_mm = centring_mm;
+        }
+        if self.progress == Progress::Empty {
+            if self.teaching == TeachingAct::Next {
+                self.teaching = TeachingAct::This;
+            }
+            if place > 0 && self.run.is_none() && !self.order_shown && self.began_with.is_none() {
+                self.began_with = Some(place);
+            }
         }
         self.last = Some(place);
         self.progress = Progress::UnderWay;
@@ -463,19 +659,19 @@ impl Run {
 
     /// The feature from its hits, fitted if nothing is against it.
     ///
-    /// Not inlined: what it needs of the stack is free again when a plate is judged.
+    /// Not inlined: what it needs of the stack is free again when a setup is judged.
     #[inline(never)]
-    fn fitted(&self, collecting: &Collecting) -> Option<FeatureResult> {
+    fn fitted(&self, collecting: &Collecting) -> Option<(FeatureResult, f64)> {
         let (job, spec) = (self.job.get()?, spec_of(&self.job, collecting.feature)?);
         let Collecting { hits, excess, .. } = collecting;
         let mut reasons = collecting.reasons.clone();
         let got = u16::try_from(hits.len()).unwrap_or(u16::MAX);
         let expected = spec.hits;
         if got < expected && reasons.is_empty() {
-            feature::add(&mut reasons, Reason::MissingPoints { got, expected });
+            add(&mut reasons, Reason::MissingPoints { got, expected });
         } else if got > expected || *excess > 0 {
             let got = got.saturating_add(*excess);
-            feature::add(&mut reasons, Reason::WrongCount { got, expected });
+            add(&mut reasons, Reason::WrongCount { got, expected });
         }
         feature::find_duplicates(hits, &mut reasons);
         let points = feature::contact_points(job.compensation, hits, &mut reasons);
@@ -485,15 +681,26 @@ impl Run {
         } else {
             None
         };
-        Some(FeatureResult {
+        let centring_mm = fit
+            .as_ref()
+            .map_or(0.0, |fit| feature::centring_mm(&fit.shape, &points, hits));
+        if let (Some(limits), Some(fit)) = (job.guards.learned, &fit)
+            && self.teaching == TeachingAct::None
+            && let Some(taught) = self.learned.get(collecting.feature)
+        {
+            let now = feature::learned(fit, centring_mm);
+            feature::against_learned(&limits, taught, &now, &mut reasons);
+        }
+        let result = FeatureResult {
             index: 0,
-            plate: 0,
+            setup: 0,
             name: spec.name.clone(),
             kind: spec.kind,
             reasons,
             points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
             fit,
-        })
+        };
+        Some((result, centring_mm))
     }
 
     /// Where a finished feature belongs.
@@ -504,13 +711,19 @@ impl Run {
         if place > last && self.progress == Progress::UnderWay {
             return Belongs::Here;
         }
+        if self.run.is_some()
+            && self.progress == Progress::UnderWay
+            && self.in_this_setup(place).is_none()
+        {
+            return Belongs::Here;
+        }
         let judged = self.progress == Progress::Judged;
         // A job of one feature, or a program run again from its start.
         if judged && place == 0 && self.slot_is_ok(place) {
-            return Belongs::NextPlate;
+            return Belongs::NextSetup;
         }
-        let Some(earlier) = self.in_this_plate(place) else {
-            return Belongs::NextPlate;
+        let Some(earlier) = self.in_this_setup(place) else {
+            return Belongs::NextSetup;
         };
         // Printed again and not touched again, it has no latches.
         let same = |one: &&Reason| !matches!(one, Reason::NotLatched { .. });
@@ -525,34 +738,34 @@ impl Run {
             (true, false) if !(alone && judged) => Belongs::Replaces,
             (true, true) if place != 0 && !judged => Belongs::Contradicts,
             (true, true) if place != 0 && !result.is_ok() => Belongs::Contradicts,
-            _ => Belongs::NextPlate,
+            _ => Belongs::NextSetup,
         }
     }
 
-    fn in_this_plate(&self, place: usize) -> Option<&FeatureResult> {
+    fn in_this_setup(&self, place: usize) -> Option<&FeatureResult> {
         let slot = self.slots.get(place)?;
-        slot.result.as_ref().filter(|_| slot.in_this_plate)
+        slot.result.as_ref().filter(|_| slot.in_this_setup)
     }
 
     fn slot_is_ok(&self, place: usize) -> bool {
-        self.in_this_plate(place).is_some_and(FeatureResult::is_ok)
+        self.in_this_setup(place).is_some_and(FeatureResult::is_ok)
     }
 
-    // --- plates
+    // --- setups
 
     /// Judges what is there; without anything there is nothing to judge.
     fn give_up(&mut self, reason: Reason, out: &mut impl FnMut(Decision<'_>)) {
         let at_stake = self.is_under_way();
         self.finish_unfinished(out);
         if at_stake {
-            // Finishing may have judged the plate already.
+            // Finishing may have judged the setup already.
             let open = self.progress == Progress::UnderWay;
             self.close(open.then_some(reason), out);
-            self.next_plate();
+            self.next_setup();
         }
     }
 
-    /// Judges the plate under way.
+    /// Judges the setup under way.
     #[inline(never)]
     fn close(&mut self, reason: Option<Reason>, out: &mut impl FnMut(Decision<'_>)) {
         if self.progress != Progress::UnderWay {
@@ -561,26 +774,43 @@ impl Run {
         if self.job.get().is_none() {
             return;
         }
-        // Of a plate that is judged again, not what was said when it was OK.
+        // Of a setup that is judged again, not what was said when it was OK.
         self.remarks.retain(|remark| {
             !matches!(
                 remark,
-                Reason::Taught | Reason::Witnessed { .. } | Reason::WitnessLearned
+                Reason::Taught
+                    | Reason::OfRun { .. }
+                    | Reason::Witnessed { .. }
+                    | Reason::WitnessLearned
             )
         });
-        let mut verdict = plate::blank(self.plate);
-        let mut measured = Positions::new();
+        let mut verdict = setup::blank(self.setup);
+        let mut measured = DatumPoints::new();
         let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
+        if !verdict.ok {
+            // How good the correction is says nothing where there is none.
+            verdict.remarks.retain(|remark| {
+                !matches!(
+                    remark.reason,
+                    Reason::Error95 { .. } | Reason::Warmer { .. }
+                )
+            });
+        }
         self.add_remarks(taught, &mut verdict);
         if taught {
-            out(Decision::Taught(&measured));
+            self.learn();
+            let learned = &self.learned;
+            let places = &measured;
+            out(Decision::Taught(Teaching { places, learned }));
             self.reference = Some(measured);
             self.taught_here = true;
         } else if !verdict.ok && core::mem::take(&mut self.taught_here) {
             // What it taught does not hold any more.
-            out(Decision::Taught(&[]));
+            out(Decision::Taught(Teaching::NONE));
             self.reference = None;
+            self.learned.clear();
         }
+        self.order_shown |= verdict.ok && self.run.is_none();
         if !verdict.ok
             && let Some(witness) = self.witness.get_mut()
         {
@@ -591,7 +821,18 @@ impl Run {
         self.progress = Progress::Judged;
     }
 
-    /// Judges what is there of the plate; whether it becomes the reference.
+    /// Notes how each feature of this setup is.
+    fn learn(&mut self) {
+        self.learned.clear();
+        for slot in &self.slots {
+            let fit = slot.result.as_ref().and_then(|result| result.fit.as_ref());
+            let learned = fit.map(|fit| feature::learned(fit, slot.centring_mm));
+            // Bounded: there are as many slots as a job can have features.
+            let _ = self.learned.push(learned.unwrap_or_default());
+        }
+    }
+
+    /// Judges what is there of the setup; whether it becomes the reference.
     ///
     /// Not inlined, as [`Self::add_remarks`]: what it needs of the stack is free again when
     /// the verdict is told.
@@ -600,24 +841,28 @@ impl Run {
         &self,
         reason: Option<&Reason>,
         verdict: &mut Verdict,
-        measured: &mut Positions,
+        measured: &mut DatumPoints,
     ) -> bool {
         let Some(job) = self.job.get() else {
             return false;
         };
         for reason in self.against.iter().chain(reason) {
-            plate::add(verdict, reason.clone());
+            setup::add(verdict, reason.clone());
         }
+        if let Some(began_with) = self.began_with_name() {
+            setup::add(verdict, Reason::OrderUnknown { began_with });
+        }
+        self.against_frame(job, verdict);
         let all_repeated = self
             .slots
             .iter()
-            .all(|slot| slot.in_this_plate && slot.repeated);
+            .all(|slot| slot.in_this_setup && slot.repeated);
         if all_repeated {
-            plate::add(verdict, Reason::RepeatedPlate);
+            setup::add(verdict, Reason::RepeatedSetup);
         }
         for (place, spec) in job.features.iter().enumerate() {
-            match self.in_this_plate(place) {
-                None => plate::add(
+            match self.in_this_setup(place) {
+                None => setup::add(
                     verdict,
                     Reason::MissingFeature {
                         name: spec.name.clone(),
@@ -625,36 +870,94 @@ impl Run {
                 ),
                 Some(result) => {
                     for reason in &result.reasons {
-                        plate::add_about(verdict, Some(&spec.name), reason.clone());
-                    }
-                    let position = result.fit.as_ref().and_then(|f| f.shape.position_mm());
-                    if let Some(position) = position.filter(|_| spec.datum) {
-                        // Bounded: the job check limits the datums.
-                        let _ = measured.push(Point::from_array_mm(position));
+                        setup::add_about(verdict, Some(&spec.name), reason.clone());
                     }
                 }
             }
         }
         if let Some(witness) = self.witness.get() {
-            witness.judge(&mut |reason| plate::add(verdict, reason));
+            witness.judge(&mut |reason| setup::add(verdict, reason));
         }
-        let mut taught = false;
-        let complete = measured.len() == datums(job).count();
-        match &self.reference {
-            // A plate with a reason against it is not judged further: figures
-            // from wrong hits would only mislead.
-            _ if !verdict.reasons.is_empty() || !complete => {}
-            Some(reference) => plate::judge(verdict, job, reference, measured),
-            None => {
-                plate::judge_taught(verdict, job, measured);
-                // A job without datum features has nothing to teach.
-                taught = verdict.ok && !measured.is_empty();
+        for (place, _) in datums(job).chain(fixed(job)) {
+            let result = self.in_this_setup(place);
+            let fit = result.and_then(|result| result.fit.as_ref());
+            if let Some(position) = fit.and_then(|fit| fit.shape.position_mm()) {
+                // Bounded: the job check limits them together with the datums.
+                let _ = measured.push(Point::from_array_mm(position));
             }
         }
+        self.against_closing(job, verdict);
+        let mut taught = false;
+        let complete = measured.len() == place_count(job);
+        let may_teach = job.teach == Teach::FirstOk || self.teaching == TeachingAct::This;
+        match &self.reference {
+            // A setup with a reason against it is not judged further: figures
+            // from wrong hits would only mislead.
+            _ if !verdict.reasons.is_empty() || !complete => {}
+            Some(reference) => {
+                let scatter = self.scatter(job);
+                setup::judge(
+                    verdict,
+                    job,
+                    reference,
+                    measured,
+                    scatter.as_ref(),
+                    self.run,
+                );
+            }
+            // A job without datum features has nothing to teach.
+            None if may_teach || measured.is_empty() => {
+                setup::judge_taught(verdict, job, measured);
+                taught = verdict.ok && !measured.is_empty();
+            }
+            None => setup::add(verdict, Reason::NoReference),
+        }
         if !verdict.ok && self.reference.is_none() && job.correction.is_some() {
-            plate::add(verdict, Reason::NoReference);
+            setup::add(verdict, Reason::NoReference);
         }
         taught
+    }
+
+    /// Holds what the run says of its work offset against the job.
+    fn against_frame(&self, job: &Job, verdict: &mut Verdict) {
+        let Some(spec) = &job.correction else {
+            return;
+        };
+        if let Some(frame) = &self.frame {
+            setup::against_frame(verdict, spec, frame.offset, frame.origin);
+        }
+        if let Some(moved) = self.moved.get() {
+            setup::against_moved(verdict, &job.guards, moved);
+        }
+        if job.guards.frame && (self.frame.is_none() || !self.moved.is_some()) {
+            setup::add(verdict, Reason::FrameUnknown);
+        }
+    }
+
+    /// Holds the features that were probed twice against each other.
+    fn against_closing(&self, job: &Job, verdict: &mut Verdict) {
+        let position = |name: &Name| {
+            let place = self.place_of(|feature| feature.name == *name)?;
+            let fit = self.in_this_setup(place)?.fit.as_ref()?;
+            fit.shape.position_mm().map(Point::from_array_mm)
+        };
+        for closing in &job.guards.closing {
+            // What is missing or refused is told as such.
+            if let (Some(first), Some(again)) =
+                (position(&closing.repeats), position(&closing.feature))
+            {
+                setup::against_closing(verdict, closing, first, again);
+            }
+        }
+    }
+
+    /// What the features' fits and the job say of the scatter of hits.
+    fn scatter(&self, job: &Job) -> Option<Scatter> {
+        let mut scatter = Scatter::of(job.guards.probing?, self.reference_is_taught());
+        for (place, _) in datums(job) {
+            scatter.add(self.in_this_setup(place)?.fit.as_ref()?);
+        }
+        Some(scatter)
     }
 
     /// What was noticed and does not change the verdict.
@@ -662,6 +965,9 @@ impl Run {
     fn add_remarks(&mut self, taught: bool, verdict: &mut Verdict) {
         if taught {
             self.remark(Reason::Taught);
+        }
+        if let Some(run) = self.run {
+            self.remark(Reason::OfRun { run });
         }
         if verdict.ok
             && let Some(witness) = self.witness.get_mut()
@@ -671,25 +977,27 @@ impl Run {
             }
         }
         for reason in self.remarks.iter().cloned() {
-            // Remarks beyond the room are dropped: they change nothing.
-            let _ = verdict.remarks.push(PlateReason {
-                feature: None,
-                reason,
-            });
+            setup::add_remark(verdict, reason);
+        }
+        if let Some(open) = self.job.get().and_then(not_guarded) {
+            setup::add_remark(verdict, open);
         }
     }
 
-    fn next_plate(&mut self) {
+    fn next_setup(&mut self) {
         if self.progress == Progress::Judged {
-            self.plate = self.plate.saturating_add(1);
+            self.setup = self.setup.saturating_add(1);
         }
         for slot in &mut self.slots {
-            slot.in_this_plate = false;
+            slot.in_this_setup = false;
+        }
+        if self.teaching == TeachingAct::This && self.progress != Progress::Empty {
+            self.teaching = TeachingAct::None;
         }
         self.progress = Progress::Empty;
         self.taught_here = false;
         if let Some(witness) = self.witness.get_mut() {
-            witness.next_plate();
+            witness.next_setup();
         }
         self.last = None;
         self.against.clear();
@@ -734,20 +1042,20 @@ impl Run {
             &mut self.pending
         };
         if !list.contains(&reason) {
-            // With the list full the plate is NG already.
+            // With the list full the setup is NG already.
             let _ = list.push(reason);
         }
     }
 }
 
 /// A feature of the job, by its place. Borrows the job alone.
-fn spec_of(job: &Place<Job>, place: usize) -> Option<&FeatureSpec> {
+fn spec_of(job: &ZeroOption<Job>, place: usize) -> Option<&FeatureSpec> {
     job.get()?.features.get(place)
 }
 
 /// Where a finished feature belongs.
 enum Belongs {
-    /// It is the next of this plate.
+    /// It is the next of this setup.
     Here,
     /// It repeats what is known.
     Dropped,
@@ -755,6 +1063,6 @@ enum Belongs {
     Replaces,
     /// It contradicts a good one.
     Contradicts,
-    /// It begins another plate.
-    NextPlate,
+    /// It begins another setup.
+    NextSetup,
 }

@@ -9,18 +9,21 @@ use std::vec::Vec;
 use umi_protocol::fault::{BlockEndCause, FaultKind};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Job, Limits,
-    ProgramEnd, Reference, SendWhen, WitnessSpec, WorkOffset,
+    Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
+    Job, LearnedLimits, Limits, ProgramEnd, Reference, SendWhen, Teach, WarmthSpec, WitnessSpec,
+    WorkOffset,
 };
+use umi_protocol::job_error::JobError;
 use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::pattern::{BlockPattern, CheckedPattern, LinePattern, ReceiverConfig};
 use umi_protocol::reason::Reason;
-use umi_protocol::refusal::JobError;
 use umi_protocol::verdict::Verdict;
 
 use super::*;
 use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 use crate::units::{Micros, Point};
+
+mod guards;
 
 /// Three spheres, taught, as `examples/three-spheres.toml` has it.
 fn job() -> Job {
@@ -73,6 +76,8 @@ fn job() -> Job {
             send: SendWhen::OnRequest,
         }),
         witness: None,
+        teach: Teach::FirstOk,
+        guards: Guards::default(),
     }
 }
 
@@ -343,7 +348,7 @@ fn repeated_point_is_named() {
 }
 
 /// A homing error of 0.18 mm in Z (Sawula 2013, section 5.2) moves the whole
-/// plate and leaves no residual; the limit on the shift names it.
+/// setup and leaves no residual; the limit on the shift names it.
 #[test]
 fn datum_off_in_z_is_named() {
     let mut blocks = session_a();
@@ -370,7 +375,7 @@ fn exchanged_spheres_are_named() {
     assert_eq!(summary[2], "OK");
 }
 
-/// With all balls at one height and equal legs the exchanged plate has hardly
+/// With all balls at one height and equal legs the exchanged setup has hardly
 /// a residual: it seems turned over. The limits on the pose name it.
 #[test]
 fn exchanged_spheres_at_one_height_are_named_by_the_pose() {
@@ -430,7 +435,7 @@ fn an_unchanged_repeat_is_dropped() {
 }
 
 /// A refused block that is probed again is replaced, and the verdict says so;
-/// the last block's plate is judged again under its number.
+/// the last block's setup is judged again under its number.
 #[test]
 fn a_refused_block_may_be_probed_again() {
     for bad in 0..15 {
@@ -440,7 +445,7 @@ fn a_refused_block_may_be_probed_again() {
         blocks.insert(bad, spoilt);
         let outcome = run_blocks(job(), &blocks);
         let last: Vec<_> = (0..5)
-            .map(|plate| outcome.verdicts.iter().rfind(|v| v.plate == plate).unwrap())
+            .map(|setup| outcome.verdicts.iter().rfind(|v| v.setup == setup).unwrap())
             .collect();
         assert!(last.iter().all(|v| v.ok), "{bad}: {:?}", outcome.summary());
         let remark = &last[bad / 3].remarks;
@@ -496,9 +501,9 @@ fn counts_must_agree() {
     assert_eq!(outcome.summary()[2], "SPHERE1:wrong_count");
 }
 
-/// A damaged first plate is not taught, and says that there is no reference.
+/// A damaged first setup is not taught, and says that there is no reference.
 #[test]
-fn a_bad_plate_is_never_taught() {
+fn a_bad_setup_is_never_taught() {
     let mut blocks = session_a();
     blocks[1].1[2] = [0.0; 3];
     let outcome = run_blocks(job(), &blocks);
@@ -509,9 +514,9 @@ fn a_bad_plate_is_never_taught() {
     assert_eq!(outcome.verdicts[1].correction, None);
 }
 
-/// An unfinished plate is given up after the job's time-out, once.
+/// An unfinished setup is given up after the job's time-out, once.
 #[test]
-fn an_unfinished_plate_times_out() {
+fn an_unfinished_setup_times_out() {
     let mut run = Run::new(job());
     let mut outcome = Outcome::default();
     for (name, points) in &session_a()[..2] {
@@ -528,9 +533,9 @@ fn an_unfinished_plate_times_out() {
     assert_eq!(run.deadline(), None);
 }
 
-/// Given nominals: the plate is registered at once.
+/// Given nominals: the setup is registered at once.
 #[test]
-fn given_nominals_register_the_first_plate() {
+fn given_nominals_register_the_first_setup() {
     let mut job = job();
     job.reference = Reference::Given;
     let positions = [
@@ -587,7 +592,7 @@ fn compensation_on_the_board() {
 
 /// The correction is refused when the tilt left over is beyond the limit.
 #[test]
-fn leftover_beyond_the_limit_is_ng() {
+fn uncorrected_error_beyond_the_limit_is_ng() {
     let mut job = job();
     job.correction.as_mut().unwrap().leftover_mm = 0.0005;
     let summary = run_blocks(job, &session_a()).summary();
@@ -685,19 +690,19 @@ fn bad_jobs_are_refused() {
     assert_eq!(check(&job()), Ok(()));
 }
 
-/// A plate that is printed again to the last digit was not measured again.
+/// A setup that is printed again to the last digit was not measured again.
 #[test]
-fn a_plate_printed_again_is_ng() {
+fn a_setup_printed_again_is_ng() {
     let mut blocks = session_a()[..6].to_vec();
     blocks.extend_from_within(3..6);
     let summary = run_blocks(job(), &blocks).summary();
     assert_eq!(summary, ["OK", "OK", "repeated_plate"]);
 }
 
-/// Bytes that are lost before a plate's first feature are held against that
-/// plate, and against no other.
+/// Bytes that are lost before a setup's first feature are held against that
+/// setup, and against no other.
 #[test]
-fn a_loss_between_plates_concerns_the_next_one() {
+fn a_loss_between_setups_concerns_the_next_one() {
     let mut run = Run::new(job());
     let mut outcome = Outcome::default();
     for (at, (name, points)) in session_a().iter().enumerate() {
@@ -724,12 +729,12 @@ fn a_surplus_point_revokes_the_verdict() {
     };
     run.fault(&surplus, &mut |d| outcome.take(d));
     assert_eq!(outcome.summary(), ["OK", "OK", "wrong_count"]);
-    assert_eq!(outcome.verdicts[1].plate, outcome.verdicts[2].plate);
+    assert_eq!(outcome.verdicts[1].setup, outcome.verdicts[2].setup);
 }
 
-/// Checked lines of another run never complete the plate of the run before.
+/// Checked lines of another run never complete the setup of the run before.
 #[test]
-fn another_run_is_another_plate() {
+fn another_run_is_another_setup() {
     let mut job = job();
     for (id, feature) in (1..).zip(&mut job.features) {
         feature.id = Some(id);
@@ -756,7 +761,7 @@ fn another_run_is_another_plate() {
         [
             "OK",
             "run_changed missing_feature",
-            "missing_feature missing_feature",
+            "run_changed missing_feature missing_feature",
             "OK"
         ]
     );
@@ -785,12 +790,12 @@ fn checked_job() -> Job {
     job
 }
 
-/// With a second witness asked for, a plate is OK where the encoders agree, NG where
+/// With a second witness asked for, a setup is OK where the encoders agree, NG where
 /// they do not, and NG where a skip edge was not latched.
 #[test]
 fn second_witness_decides() {
     let approaches = job().features[0].approach.clone();
-    // What is wrong with the latches of the second plate.
+    // What is wrong with the latches of the second setup.
     let second_plate = |fault: Option<f64>| {
         let mut run = Run::new(checked_job());
         let mut outcome = Outcome::default();
@@ -825,9 +830,9 @@ fn second_witness_decides() {
         |v: &Verdict| -> Vec<&str> { v.remarks.iter().map(|r| r.reason.code()).collect() };
     assert_eq!(
         remarks(&agreeing.verdicts[0]),
-        ["taught", "witnessed", "witness_learned"]
+        ["taught", "witnessed", "witness_learned", "not_guarded"]
     );
-    assert_eq!(remarks(&agreeing.verdicts[1]), ["witnessed"]);
+    assert_eq!(remarks(&agreeing.verdicts[1]), ["witnessed", "not_guarded"]);
     let moved = second_plate(Some(0.05));
     assert_eq!(
         moved.summary(),
@@ -837,10 +842,10 @@ fn second_witness_decides() {
     assert!(blind[1].contains("SPHERE1:not_latched"), "{blind:?}");
 }
 
-/// A plate that taught the reference and is contradicted afterwards takes it back: the
-/// next good plate is the reference.
+/// A setup that taught the reference and is contradicted afterwards takes it back: the
+/// next good setup is the reference.
 #[test]
-fn a_revoked_plate_is_no_reference() {
+fn a_revoked_setup_is_no_reference() {
     let mut run = Run::new(job());
     let mut outcome = Outcome::default();
     let blocks = session_a();

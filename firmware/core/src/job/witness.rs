@@ -12,7 +12,7 @@
 //!
 //! `o` is the encoders' origin in the control's coordinates, and τ the time that the
 //! control took after the edge. Across its approach a hit shows `o` itself, along it
-//! the delay. `o` is given, or learned from the first plate that is OK: from hits across
+//! the delay. `o` is given, or learned from the first setup that is OK: from hits across
 //! an axis; where there are none, as Z of a plane probed from above, from those along it
 //! with half of the longest delay, and then known no better than that half.
 //!
@@ -22,7 +22,7 @@
 //!
 //! # Tradeoffs
 //!
-//! Nothing but sums and extremes is kept of a plate, so its size does not depend on
+//! Nothing but sums and extremes is kept of a setup, so its size does not depend on
 //! its hits. A latch belongs to the line that follows it: lines that are printed
 //! later, as blocks are, cannot have a second witness.
 
@@ -34,7 +34,7 @@ use super::exceeds;
 use super::feature::{Hit, Seen};
 use crate::dprnt::ReportedHit;
 
-/// Both witnesses of a plate's hits.
+/// Both witnesses of a setup's hits.
 #[derive(Debug)]
 pub struct Witness {
     spec: WitnessSpec,
@@ -42,11 +42,11 @@ pub struct Witness {
     latch_mm: Option<[f64; 3]>,
     /// Origin of the encoders in the control's coordinates, as far as it is known.
     origins: [Option<Origin>; 3],
-    /// Which of them this plate has taught.
+    /// Which of them this setup has taught.
     learned: [bool; 3],
-    plate: Plate,
-    /// As it was before the plate's last feature, which may come again.
-    before_last: Plate,
+    setup: Setup,
+    /// As it was before the setup's last feature, which may come again.
+    before_last: Setup,
 }
 
 /// The encoders' origin of an axis.
@@ -57,14 +57,14 @@ struct Origin {
     slack_mm: f64,
 }
 
-/// What is kept of a plate's hits.
+/// What is kept of a setup's hits.
 #[derive(Clone, Copy, Debug, Default)]
-struct Plate {
+struct Setup {
     axes: [Axis; 3],
     feed: Feed,
 }
 
-/// All gauging hits of a plate go at one feed.
+/// All gauging hits of a setup go at one feed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Feed {
     mm_per_min: Option<f64>,
@@ -90,8 +90,8 @@ impl Witness {
             latch_mm: None,
             origins,
             learned: [false; 3],
-            plate: Plate::default(),
-            before_last: Plate::default(),
+            setup: Setup::default(),
+            before_last: Setup::default(),
         }
     }
 
@@ -132,12 +132,12 @@ impl Witness {
         })
     }
 
-    /// Takes in a feature of this plate, or once more its last one instead of itself.
+    /// Takes in a feature of this setup, or once more its last one instead of itself.
     pub fn take(&mut self, hits: &[Hit], replaces_last: bool) {
         if replaces_last {
-            self.plate = self.before_last;
+            self.setup = self.before_last;
         }
-        self.before_last = self.plate;
+        self.before_last = self.setup;
         for hit in hits {
             self.take_hit(hit);
         }
@@ -147,9 +147,9 @@ impl Witness {
         let (Some(seen), Some(approach)) = (hit.seen, hit.approach) else {
             return;
         };
-        self.plate.feed.take(seen.feed_mm_per_min);
+        self.setup.feed.take(seen.feed_mm_per_min);
         let position = hit.position.to_array_mm();
-        for (number, axis) in self.plate.axes.iter_mut().enumerate() {
+        for (number, axis) in self.setup.axes.iter_mut().enumerate() {
             let difference = at(&seen.difference_mm, number);
             axis.take(
                 number,
@@ -163,7 +163,7 @@ impl Witness {
 
     /// Says what contradicts.
     pub fn judge(&self, against: &mut impl FnMut(Reason)) {
-        let Plate { axes, feed } = &self.plate;
+        let Setup { axes, feed } = &self.setup;
         if let (Some((hit, feed_mm_per_min)), Some(expected_mm_per_min)) =
             (feed.changed, feed.mm_per_min)
         {
@@ -194,10 +194,10 @@ impl Witness {
         }
     }
 
-    /// The plate is OK: what is to be remarked, and the origin if it was unknown.
+    /// The setup is OK: what is to be remarked, and the origin if it was unknown.
     pub fn conclude(&mut self) -> [Option<Reason>; 2] {
         let mut all: Option<Delays> = None;
-        for (axis, origin) in self.plate.axes.iter().zip(self.origins) {
+        for (axis, origin) in self.setup.axes.iter().zip(self.origins) {
             // An origin that rests on delays says nothing about them.
             if let Some((delays, 0.0)) = self.delays(axis, origin) {
                 all = Some(all.map_or(delays, |all| all.joined(delays)));
@@ -210,8 +210,8 @@ impl Witness {
             most_ms: all.most_ms,
             resolution_ms: self.resolution_ms().unwrap_or(f64::NAN),
         });
-        let half_mm = self.plate.feed.mm_per_ms().unwrap_or(0.0) * self.spec.delay_ms / 2.0;
-        let axes = self.plate.axes.iter();
+        let half_mm = self.setup.feed.mm_per_ms().unwrap_or(0.0) * self.spec.delay_ms / 2.0;
+        let axes = self.setup.axes.iter();
         for ((origin, learned), axis) in self.origins.iter_mut().zip(&mut self.learned).zip(axes) {
             if origin.is_none() {
                 *origin = axis.origin(half_mm);
@@ -222,7 +222,7 @@ impl Witness {
         [witnessed, learned.then_some(Reason::WitnessLearned)]
     }
 
-    /// The plate was OK and is not any more: what it taught is forgotten.
+    /// The setup was OK and is not any more: what it taught is forgotten.
     pub fn unlearn(&mut self) {
         for (origin, learned) in self.origins.iter_mut().zip(&mut self.learned) {
             if core::mem::take(learned) {
@@ -231,10 +231,10 @@ impl Witness {
         }
     }
 
-    /// Another plate begins.
-    pub fn next_plate(&mut self) {
-        self.plate = Plate::default();
-        self.before_last = Plate::default();
+    /// Another setup begins.
+    pub fn next_setup(&mut self) {
+        self.setup = Setup::default();
+        self.before_last = Setup::default();
         self.learned = [false; 3];
     }
 
@@ -243,7 +243,7 @@ impl Witness {
     fn delays(&self, axis: &Axis, origin: Option<Origin>) -> Option<(Delays, f64)> {
         let across = || axis.across.mean().map(|mm| Origin { mm, slack_mm: 0.0 });
         let origin = origin.or_else(across)?;
-        let mm_per_ms = self.plate.feed.mm_per_ms()?;
+        let mm_per_ms = self.setup.feed.mm_per_ms()?;
         let mut all: Option<Delays> = None;
         for (side, sign) in axis.along.iter().zip(SIGNS) {
             let Some(side) = side else { continue };
@@ -259,9 +259,9 @@ impl Witness {
         Some((all?, origin.slack_mm / mm_per_ms))
     }
 
-    /// What the tolerance is worth at the plate's feed.
+    /// What the tolerance is worth at the setup's feed.
     fn resolution_ms(&self) -> Option<f64> {
-        Some(self.spec.tolerance_mm / self.plate.feed.mm_per_ms()?)
+        Some(self.spec.tolerance_mm / self.setup.feed.mm_per_ms()?)
     }
 }
 
@@ -315,7 +315,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// Where the plate puts the encoders' origin; `half_mm` is the way of half of the
+    /// Where the setup puts the encoders' origin; `half_mm` is the way of half of the
     /// control's longest delay.
     fn origin(&self, half_mm: f64) -> Option<Origin> {
         if let Some(mm) = self.across.mean() {

@@ -18,10 +18,8 @@
 
 use super::chain::{CRC32, Chain, Link, TAG_SIZE};
 use super::flash::Flash;
+use super::layout::{FIELDS, MAX_PAYLOAD, OVERHEAD};
 use crate::units::Micros;
-
-/// Longest payload that is written, in bytes: that of the longest record.
-pub const MAX_PAYLOAD: usize = umi_protocol::message::MAX_RECORD;
 
 /// Longest payload of the format, in bytes. It does not follow the records, so
 /// that a journal stays readable when they become shorter.
@@ -29,14 +27,8 @@ const LONGEST: u16 = 8192;
 
 const _: () = assert!(MAX_PAYLOAD <= LONGEST as usize);
 
-/// Bytes of an entry that are not payload. In flash, padding comes on top.
-pub const OVERHEAD: usize = FIELDS + TAG_SIZE + 4;
-
 /// First byte of every entry.
 pub(super) const MARKER: u8 = 0xA5;
-
-/// Bytes before the payload.
-const FIELDS: usize = 20;
 
 /// One record of the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,16 +1,26 @@
-//! What can go wrong, each with a code for machines and a sentence for people.
+//! Journal errors, each with a code for machines and a sentence for people.
 
 use core::fmt;
 
+use strum::IntoStaticStr;
+use thiserror::Error;
+
 /// What is wrong with the record itself, as reading it shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error, IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
+pub enum JournalFault {
     /// The entry's CRC or length is wrong: its content is not known.
+    #[strum(serialize = "entry_damaged")]
+    #[error(
+        "entry {seq} is damaged (its check value is wrong): do not rely on it, keep the file or the board for examination"
+    )]
     Damaged {
         /// The entry that should be there.
         seq: u64,
     },
     /// Entries `first..next` are not there.
+    #[strum(serialize = "entries_missing")]
+    #[error("entries {first} to {} are missing: look for another copy of this journal", .next.saturating_sub(1))]
     Missing {
         /// The first entry that is missing.
         first: u64,
@@ -19,27 +29,27 @@ pub enum Fault {
     },
     /// The entry is whole, and its chain value does not follow from what stands
     /// before it: it, or something before it, was changed.
+    #[error(
+        "entry {seq} does not follow from the entries before it: the record was changed at or before it; compare with another copy or a noted chain value"
+    )]
     ChainBroken {
         /// The first entry that does not fit.
         seq: u64,
     },
     /// The bytes end inside this entry.
+    #[strum(serialize = "entry_cut_short")]
+    #[error("the journal ends inside entry {seq}: it was not copied to its end, pull it again")]
     CutShort {
         /// The entry that is not complete.
         seq: u64,
     },
 }
 
-impl Fault {
+impl JournalFault {
     /// A stable name for machines.
     #[must_use]
     pub fn code(&self) -> &'static str {
-        match self {
-            Self::Damaged { .. } => "entry_damaged",
-            Self::Missing { .. } => "entries_missing",
-            Self::ChainBroken { .. } => "chain_broken",
-            Self::CutShort { .. } => "entry_cut_short",
-        }
+        self.into()
     }
 
     /// The first entry that is bad.
@@ -54,72 +64,73 @@ impl Fault {
     }
 }
 
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Damaged { seq } => write!(
-                f,
-                "entry {seq} is damaged (its check value is wrong): \
-                 do not rely on it, keep the file or the board for examination"
-            ),
-            Self::Missing { first, next } => write!(
-                f,
-                "entries {first} to {} are missing: look for another copy of this journal",
-                next.saturating_sub(1)
-            ),
-            Self::ChainBroken { seq } => write!(
-                f,
-                "entry {seq} does not follow from the entries before it: the record was \
-                 changed at or before it; compare with another copy or a noted chain value"
-            ),
-            Self::CutShort { seq } => write!(
-                f,
-                "the journal ends inside entry {seq}: it was not copied to its end, pull it again"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for Fault {}
-
 /// Why a flash region cannot hold a journal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum GeometryFault {
     /// Fewer than two sectors: the record would be gone while one is erased.
+    #[error("give it two or more erase sectors")]
     TooFewSectors,
     /// `write_size` is not a power of two between 1 and 256.
+    #[error("the write size must be a power of two, 1 to 256 bytes")]
     WriteSize,
     /// `page_size` is not a power of two, or smaller than `write_size`.
+    #[error("the page size must be a power of two and not smaller than the write size")]
     PageSize,
     /// `sector_size` is not a multiple of `page_size` (and of four).
+    #[error("the sector size must be a multiple of the page size and of four bytes")]
     SectorNotWholePages,
     /// A sector cannot hold its header and one entry of 64 bytes.
+    #[error("a sector must hold its header and an entry of 64 bytes; join sectors")]
     SectorTooSmall,
     /// The region is larger than 2 GiB.
+    #[error("the region is larger than 2 GiB; give it less")]
     TooLarge,
 }
 
 /// Why a journal call was refused or failed. `E` is the flash driver's error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Error<E> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error, IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
+pub enum JournalError<E> {
     /// The flash driver reported an error. The entry was not acknowledged; it
     /// may or may not be found after the next power-up.
+    #[strum(serialize = "flash_error")]
+    #[error(
+        "the flash reports {0:?}: the entry is not recorded; try again, and replace the board if it stays"
+    )]
     Flash(E),
     /// The flash did not keep what was programmed, in two different sectors.
+    #[strum(serialize = "flash_not_kept")]
+    #[error(
+        "the flash does not keep what is written (at {addr:#x} of the journal): it is worn out or failing, replace the board"
+    )]
     NotKept {
         /// The first address that reads back differently.
         addr: u32,
     },
     /// The region cannot hold a journal.
+    #[strum(serialize = "flash_unsuitable")]
+    #[error("this flash region cannot hold a journal: {0}")]
     Geometry(GeometryFault),
     /// The region holds something that is not a journal.
+    #[strum(serialize = "not_a_journal")]
+    #[error(
+        "the flash region holds something that is not a journal: save it if it may matter, then format the region"
+    )]
     NotAJournal,
     /// The region holds a journal of another format version.
+    #[strum(serialize = "journal_version")]
+    #[error(
+        "the journal on this board has format version {found}: use the firmware that wrote it, or pull it and format the region"
+    )]
     Version {
         /// The version found.
         found: u8,
     },
     /// The region holds a journal that was laid out for another shape.
+    #[strum(serialize = "journal_geometry")]
+    #[error(
+        "the journal on this board was laid out for {sectors} sectors of {sector_size} bytes, aligned to {align}: use the firmware that wrote it, or pull it and format the region"
+    )]
     OtherGeometry {
         /// Sectors it was laid out for.
         sectors: u16,
@@ -129,6 +140,7 @@ pub enum Error<E> {
         align: u32,
     },
     /// The payload is longer than an entry can hold.
+    #[error("a payload of {len} bytes is too long for the journal: split it, {max} fit")]
     PayloadTooLong {
         /// Its length in bytes.
         len: usize,
@@ -136,11 +148,13 @@ pub enum Error<E> {
         max: usize,
     },
     /// The caller's buffer is too small for the entry.
+    #[error("the buffer is too small for this entry: {need} bytes are needed")]
     BufferTooSmall {
         /// The size needed in bytes.
         need: usize,
     },
     /// The entry was overwritten long ago or does not exist yet.
+    #[error(fmt = out_of_range)]
     OutOfRange {
         /// The entry asked for.
         seq: u64,
@@ -150,114 +164,37 @@ pub enum Error<E> {
         next: u64,
     },
     /// The record itself is bad.
-    Record(Fault),
+    #[error("{0}")]
+    Record(JournalFault),
 }
 
-impl<E> Error<E> {
+impl<E> JournalError<E> {
     /// A stable name for machines.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
-            Self::Flash(_) => "flash_error",
-            Self::NotKept { .. } => "flash_not_kept",
-            Self::Geometry(_) => "flash_unsuitable",
-            Self::NotAJournal => "not_a_journal",
-            Self::Version { .. } => "journal_version",
-            Self::OtherGeometry { .. } => "journal_geometry",
-            Self::PayloadTooLong { .. } => "payload_too_long",
-            Self::BufferTooSmall { .. } => "buffer_too_small",
-            Self::OutOfRange { .. } => "out_of_range",
             Self::Record(fault) => fault.code(),
+            other => other.into(),
         }
     }
 }
 
-impl<E: fmt::Debug> fmt::Display for Error<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Flash(error) => write!(
-                f,
-                "the flash reports {error:?}: the entry is not recorded; try again, \
-                 and replace the board if it stays"
-            ),
-            Self::NotKept { addr } => write!(
-                f,
-                "the flash does not keep what is written (at {addr:#x} of the journal): \
-                 it is worn out or failing, replace the board"
-            ),
-            Self::Geometry(fault) => {
-                write!(f, "this flash region cannot hold a journal: {fault}")
-            }
-            Self::NotAJournal => write!(
-                f,
-                "the flash region holds something that is not a journal: \
-                 save it if it may matter, then format the region"
-            ),
-            Self::Version { found } => write!(
-                f,
-                "the journal on this board has format version {found}: \
-                 use the firmware that wrote it, or pull it and format the region"
-            ),
-            Self::OtherGeometry {
-                sectors,
-                sector_size,
-                align,
-            } => write!(
-                f,
-                "the journal on this board was laid out for {sectors} sectors of {sector_size} \
-                 bytes, aligned to {align}: use the firmware that wrote it, or pull it and format \
-                 the region"
-            ),
-            Self::PayloadTooLong { len, max } => write!(
-                f,
-                "a payload of {len} bytes is too long for the journal: split it, {max} fit"
-            ),
-            Self::BufferTooSmall { need } => {
-                write!(
-                    f,
-                    "the buffer is too small for this entry: {need} bytes are needed"
-                )
-            }
-            Self::OutOfRange { seq, first, next } if seq < first => write!(
-                f,
-                "entry {seq} is no longer on the board, the oldest is {first} (next is {next}): \
-                 start at {first}"
-            ),
-            Self::OutOfRange { seq, first, next } => write!(
-                f,
-                "entry {seq} does not exist yet, the next will be {next} (oldest is {first}): \
-                 ask again later"
-            ),
-            Self::Record(fault) => fault.fmt(f),
-        }
-    }
-}
-
-impl<E: fmt::Debug> core::error::Error for Error<E> {}
-
-impl<E> From<Fault> for Error<E> {
-    fn from(fault: Fault) -> Self {
+impl<E> From<JournalFault> for JournalError<E> {
+    fn from(fault: JournalFault) -> Self {
         Self::Record(fault)
     }
 }
 
-impl fmt::Display for GeometryFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::TooFewSectors => "give it two or more erase sectors",
-            Self::WriteSize => "the write size must be a power of two, 1 to 256 bytes",
-            Self::PageSize => {
-                "the page size must be a power of two and not smaller than the write size"
-            }
-            Self::SectorNotWholePages => {
-                "the sector size must be a multiple of the page size and of four bytes"
-            }
-            Self::SectorTooSmall => {
-                "a sector must hold its header and an entry of 64 bytes; join sectors"
-            }
-            Self::TooLarge => "the region is larger than 2 GiB; give it less",
-        })
+fn out_of_range(seq: &u64, first: &u64, next: &u64, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    if seq < first {
+        write!(
+            f,
+            "entry {seq} is no longer on the board, the oldest is {first} (next is {next}): start at {first}"
+        )
+    } else {
+        write!(
+            f,
+            "entry {seq} does not exist yet, the next will be {next} (oldest is {first}): ask again later"
+        )
     }
 }
-
-impl core::error::Error for GeometryFault {}

@@ -19,8 +19,9 @@
 use core::fmt;
 
 use super::chain::Chain;
-use super::entry::{Entry, Found, NoEntry, OVERHEAD, Source, chain_over, probe};
-use super::error::Fault;
+use super::entry::{Entry, Found, NoEntry, Source, chain_over, probe};
+use super::error::JournalFault;
+use super::layout::OVERHEAD;
 use super::sector::{VERSION, put, seal, take, unseal};
 
 /// Size of an encoded [`FileHeader`].
@@ -151,24 +152,24 @@ impl<'a> EntryIter<'a> {
     }
 
     /// How many bytes the good entries take. A stream goes on from here when a
-    /// [`Fault::CutShort`] was only the end of what has arrived so far.
+    /// [`JournalFault::CutShort`] was only the end of what has arrived so far.
     #[must_use]
     pub fn offset(&self) -> usize {
         self.offset
     }
 
-    fn decode(&mut self) -> Result<Entry<'a>, Fault> {
+    fn decode(&mut self) -> Result<Entry<'a>, JournalFault> {
         let seq = self.next_seq;
         let (_, rest) = self.bytes.split_at_checked(self.offset).unwrap_or_default();
         let limit = u32::try_from(rest.len()).unwrap_or(u32::MAX);
         let Ok(probed) = probe(&mut SliceSource(rest), 0, limit);
         let found = probed.map_err(|reason| match reason {
-            NoEntry::CutShort => Fault::CutShort { seq },
-            NoEntry::Damaged => Fault::Damaged { seq },
+            NoEntry::CutShort => JournalFault::CutShort { seq },
+            NoEntry::Damaged => JournalFault::Damaged { seq },
         })?;
         let Found { fields, .. } = found;
         if fields.seq > seq {
-            return Err(Fault::Missing {
+            return Err(JournalFault::Missing {
                 first: seq,
                 next: fields.seq,
             });
@@ -176,11 +177,11 @@ impl<'a> EntryIter<'a> {
         let Ok(chain) = chain_over(&mut SliceSource(rest), &found, &self.chain);
         let chain = chain
             .filter(|_| fields.seq == seq)
-            .ok_or(Fault::ChainBroken { seq })?;
+            .ok_or(JournalFault::ChainBroken { seq })?;
         let payload = rest
             .get(found.payload_at() as usize..)
             .and_then(|from| from.get(..usize::from(fields.len)))
-            .ok_or(Fault::CutShort { seq })?;
+            .ok_or(JournalFault::CutShort { seq })?;
         self.chain = chain;
         self.next_seq = seq.saturating_add(1);
         self.offset += found.encoded_len();
@@ -194,7 +195,7 @@ impl<'a> EntryIter<'a> {
 }
 
 impl<'a> Iterator for EntryIter<'a> {
-    type Item = Result<Entry<'a>, Fault>;
+    type Item = Result<Entry<'a>, JournalFault>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed || self.offset == self.bytes.len() {

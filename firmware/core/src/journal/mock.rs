@@ -1,5 +1,5 @@
 //! A flash that fails in the ways real flash does, for tests only. Also used,
-//! by path, from `tests/tests/journal_power_cut.rs`.
+//! by path, from `tests/tests/keep/journal_power_cut`.
 //!
 //! It panics on what real flash forbids: a program that is not aligned, leaves
 //! its sector, or touches a word that was programmed since its last whole erase;

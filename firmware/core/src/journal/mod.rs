@@ -35,7 +35,7 @@
 //!   once for each power cut between its erase and its first use.
 //! * **Loss is a record.** [`Recovery`] says what a power cut or damage has left;
 //!   the application appends it as the first entry when it is not clean. Reading
-//!   outside of what exists is [`Error::OutOfRange`] with both ends, never a
+//!   outside of what exists is [`JournalError::OutOfRange`] with both ends, never a
 //!   silent skip.
 //!
 //! # Tradeoffs
@@ -91,6 +91,7 @@ mod entry;
 mod error;
 mod export;
 pub(crate) mod flash;
+mod layout;
 mod open;
 mod read;
 pub(crate) mod sector;
@@ -100,22 +101,24 @@ pub(crate) mod write;
 #[cfg(test)]
 #[allow(
     dead_code,
-    reason = "what cuts power is used by tests/tests/journal_power_cut.rs"
+    reason = "what cuts power is used by tests/tests/keep/journal_power_cut"
 )]
 pub(crate) mod mock;
 #[cfg(test)]
 mod tests;
 
 pub use chain::{Chain, TAG_SIZE};
-pub use entry::{Entry, MAX_PAYLOAD, OVERHEAD};
-pub use error::{Error, Fault, GeometryFault};
+pub use entry::Entry;
+pub use error::{GeometryFault, JournalError, JournalFault};
 pub use export::{EntryIter, FILE_HEADER_SIZE, FileError, FileHeader, decode_file, encode_entry};
 pub use flash::{ERASED, Flash, Geometry};
 pub use open::Recovery;
 pub use read::{ReadEntry, Verified};
 
 use crate::units::Micros;
-use flash::{LARGEST_WRITE, Layout};
+use flash::LARGEST_WRITE;
+use layout::Layout;
+pub use layout::{MAX_PAYLOAD, OVERHEAD};
 use open::{State, is_given_up, recover, set_oldest};
 use sector::Header;
 use walk::{Cursor, Extent};
@@ -143,10 +146,10 @@ impl<F: Flash> Journal<F> {
     /// the newest sector as a whole. An erased region is an empty journal.
     ///
     /// # Errors
-    /// [`Error::NotAJournal`], [`Error::Version`], [`Error::OtherGeometry`]: the
-    /// region holds something else, which is left as it is. [`Error::Geometry`]:
-    /// it cannot hold a journal. [`Error::Flash`].
-    pub fn open(mut flash: F) -> Result<(Self, Recovery), Error<F::Error>> {
+    /// [`JournalError::NotAJournal`], [`JournalError::Version`], [`JournalError::OtherGeometry`]: the
+    /// region holds something else, which is left as it is. [`JournalError::Geometry`]:
+    /// it cannot hold a journal. [`JournalError::Flash`].
+    pub fn open(mut flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
         let State {
             extent,
             generation,
@@ -171,11 +174,11 @@ impl<F: Flash> Journal<F> {
     /// before it returns, call it again.
     ///
     /// # Errors
-    /// [`Error::Geometry`], [`Error::Flash`].
-    pub fn format(flash: &mut F) -> Result<(), Error<F::Error>> {
-        let layout = Layout::new(flash.geometry()).map_err(Error::Geometry)?;
+    /// [`JournalError::Geometry`], [`JournalError::Flash`].
+    pub fn format(flash: &mut F) -> Result<(), JournalError<F::Error>> {
+        let layout = Layout::new(flash.geometry()).map_err(JournalError::Geometry)?;
         for sector in 0..layout.sectors {
-            flash.erase(sector).map_err(Error::Flash)?;
+            flash.erase(sector).map_err(JournalError::Flash)?;
         }
         Ok(())
     }
@@ -187,20 +190,25 @@ impl<F: Flash> Journal<F> {
     /// called, this includes erasing a sector.
     ///
     /// # Errors
-    /// [`Error::PayloadTooLong`]; [`Error::Flash`] and [`Error::NotKept`] when
+    /// [`JournalError::PayloadTooLong`]; [`JournalError::Flash`] and [`JournalError::NotKept`] when
     /// the flash fails: the entry is not acknowledged, its number will be used
     /// again, and the next append goes to another sector.
-    pub fn append(&mut self, kind: u8, t: Micros, payload: &[u8]) -> Result<u64, Error<F::Error>> {
+    pub fn append(
+        &mut self,
+        kind: u8,
+        t: Micros,
+        payload: &[u8],
+    ) -> Result<u64, JournalError<F::Error>> {
         let max = self.max_payload();
         if payload.len() > max {
-            return Err(Error::PayloadTooLong {
+            return Err(JournalError::PayloadTooLong {
                 len: payload.len(),
                 max,
             });
         }
         match self.try_append(kind, t, payload) {
             // A worn word is not the end: the rest of this sector is given up.
-            Err(Error::NotKept { .. }) => self.try_append(kind, t, payload),
+            Err(JournalError::NotKept { .. }) => self.try_append(kind, t, payload),
             result => result,
         }
     }
@@ -211,8 +219,8 @@ impl<F: Flash> Journal<F> {
     /// erased; call it when the board has time for that.
     ///
     /// # Errors
-    /// [`Error::Flash`]; calling it again tries again.
-    pub fn prepare(&mut self, min_free: u32) -> Result<bool, Error<F::Error>> {
+    /// [`JournalError::Flash`]; calling it again tries again.
+    pub fn prepare(&mut self, min_free: u32) -> Result<bool, JournalError<F::Error>> {
         if self.next_erased || self.free() >= min_free {
             return Ok(false);
         }
@@ -265,7 +273,12 @@ impl<F: Flash> Journal<F> {
         self.flash
     }
 
-    fn try_append(&mut self, kind: u8, t: Micros, payload: &[u8]) -> Result<u64, Error<F::Error>> {
+    fn try_append(
+        &mut self,
+        kind: u8,
+        t: Micros,
+        payload: &[u8],
+    ) -> Result<u64, JournalError<F::Error>> {
         let size = self.extent.layout.entry_size(payload.len() as u32);
         if size > self.free() {
             self.begin_next_sector()?;
@@ -297,7 +310,7 @@ impl<F: Flash> Journal<F> {
     }
 
     /// Gives up the sector behind the head and erases it.
-    fn erase_next(&mut self) -> Result<(), Error<F::Error>> {
+    fn erase_next(&mut self) -> Result<(), JournalError<F::Error>> {
         let Extent { layout, head, .. } = self.extent;
         let next = layout.next(head);
         self.next_erased = false;
@@ -309,13 +322,13 @@ impl<F: Flash> Journal<F> {
                 self.extent.first_seq = self.extent.next_seq;
                 let start = layout.next(next);
                 set_oldest(&mut self.flash, &mut self.extent, start, self.generation)
-                    .map_err(Error::Flash)?;
+                    .map_err(JournalError::Flash)?;
             }
         }
         if self.cursor.is_some_and(|cursor| cursor.sector == next) {
             self.cursor = None;
         }
-        self.flash.erase(next).map_err(Error::Flash)?;
+        self.flash.erase(next).map_err(JournalError::Flash)?;
         self.next_erased = true;
         Ok(())
     }
@@ -323,7 +336,7 @@ impl<F: Flash> Journal<F> {
     /// Sets the mark in the head sector. Any bit of it is enough, and all zeros may
     /// be programmed over a mark that a power cut left begun, also where flash with
     /// error correction refuses other values.
-    fn mark_given_up(&mut self) -> Result<(), Error<F::Error>> {
+    fn mark_given_up(&mut self) -> Result<(), JournalError<F::Error>> {
         if self.next_given_up {
             return Ok(());
         }
@@ -331,18 +344,19 @@ impl<F: Flash> Journal<F> {
         let zeros = write::Buffer([0; LARGEST_WRITE]);
         let (mark, _) = zeros.0.split_at(layout.align as usize);
         let programmed = self.flash.program(layout.mark(head), mark);
-        self.next_given_up = is_given_up(&mut self.flash, &layout, head).map_err(Error::Flash)?;
+        self.next_given_up =
+            is_given_up(&mut self.flash, &layout, head).map_err(JournalError::Flash)?;
         match programmed {
             _ if self.next_given_up => Ok(()),
-            Err(error) => Err(Error::Flash(error)),
-            Ok(()) => Err(Error::NotKept {
+            Err(error) => Err(JournalError::Flash(error)),
+            Ok(()) => Err(JournalError::NotKept {
                 addr: layout.mark(head),
             }),
         }
     }
 
     /// Makes the sector behind the head the new head.
-    fn begin_next_sector(&mut self) -> Result<(), Error<F::Error>> {
+    fn begin_next_sector(&mut self) -> Result<(), JournalError<F::Error>> {
         if !self.next_erased {
             self.erase_next()?;
         }

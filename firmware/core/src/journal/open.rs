@@ -1,10 +1,11 @@
-//! Finding the record again after a power cycle. Nothing is written here, so
+//! Recovery of the record after a power cycle. Nothing is written here, so
 //! that a second power cut during recovery finds what the first one left.
 
 use super::chain::Chain;
-use super::error::Error;
-use super::flash::{Flash, Layout};
-use super::sector::{HEADER_SIZE, Header, HeaderRead};
+use super::error::JournalError;
+use super::flash::Flash;
+use super::layout::{HEADER_SIZE, Layout};
+use super::sector::{Header, HeaderRead};
 use super::walk::{Cursor, Extent, Step, is_erased, read_header, search};
 
 /// What [`Journal::open`](super::Journal::open) found. Unless it
@@ -58,12 +59,12 @@ pub(super) struct State {
 }
 
 /// Reads the region and finds both ends of the record.
-pub(super) fn recover<F: Flash>(flash: &mut F) -> Result<State, Error<F::Error>> {
-    let layout = Layout::new(flash.geometry()).map_err(Error::Geometry)?;
+pub(super) fn recover<F: Flash>(flash: &mut F) -> Result<State, JournalError<F::Error>> {
+    let layout = Layout::new(flash.geometry()).map_err(JournalError::Geometry)?;
     let Some((sector, header)) = newest_sector(flash, &layout)? else {
         return fresh(flash, layout);
     };
-    let cursor = Cursor::at_start(flash, &layout, sector, &header).map_err(Error::Flash)?;
+    let cursor = Cursor::at_start(flash, &layout, sector, &header).map_err(JournalError::Flash)?;
     let mut head = Head {
         cursor: Cursor {
             end: u64::MAX,
@@ -77,42 +78,45 @@ pub(super) fn recover<F: Flash>(flash: &mut F) -> Result<State, Error<F::Error>>
         damaged_entries: 0,
         broken: false,
     };
-    head.run(flash, &layout).map_err(Error::Flash)?;
-    let mut next_given_up = is_given_up(flash, &layout, sector).map_err(Error::Flash)?;
+    head.run(flash, &layout).map_err(JournalError::Flash)?;
+    let mut next_given_up = is_given_up(flash, &layout, sector).map_err(JournalError::Flash)?;
     let mut sector_unfinished = false;
     if next_given_up {
         let next = layout.next(sector);
-        if head.move_on(flash, &layout, next).map_err(Error::Flash)? {
-            next_given_up = is_given_up(flash, &layout, next).map_err(Error::Flash)?;
+        if head
+            .move_on(flash, &layout, next)
+            .map_err(JournalError::Flash)?
+        {
+            next_given_up = is_given_up(flash, &layout, next).map_err(JournalError::Flash)?;
         } else {
-            sector_unfinished =
-                !is_erased(flash, layout.start(next), layout.end(next)).map_err(Error::Flash)?;
+            sector_unfinished = !is_erased(flash, layout.start(next), layout.end(next))
+                .map_err(JournalError::Flash)?;
         }
     }
     head.finish(flash, layout, next_given_up, sector_unfinished)
-        .map_err(Error::Flash)
+        .map_err(JournalError::Flash)
 }
 
 /// The sector with the highest generation. Refuses a journal that is not ours.
 fn newest_sector<F: Flash>(
     flash: &mut F,
     layout: &Layout,
-) -> Result<Option<(u32, Header)>, Error<F::Error>> {
+) -> Result<Option<(u32, Header)>, JournalError<F::Error>> {
     let mut newest: Option<(u32, Header)> = None;
     for sector in 0..layout.sectors {
-        match read_header(flash, layout, sector).map_err(Error::Flash)? {
+        match read_header(flash, layout, sector).map_err(JournalError::Flash)? {
             HeaderRead::Valid(header) => {
                 if newest.is_none_or(|(_, best)| header.generation > best.generation) {
                     newest = Some((sector, header));
                 }
             }
-            HeaderRead::OtherVersion(found) => return Err(Error::Version { found }),
+            HeaderRead::OtherVersion(found) => return Err(JournalError::Version { found }),
             HeaderRead::OtherGeometry {
                 sectors,
                 sector_size,
                 align,
             } => {
-                return Err(Error::OtherGeometry {
+                return Err(JournalError::OtherGeometry {
                     sectors,
                     sector_size,
                     align,
@@ -126,7 +130,7 @@ fn newest_sector<F: Flash>(
 
 /// A record that has no entry yet. The first sector may be anything but the
 /// remains of a record: power may have been cut while it was prepared.
-fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, Error<F::Error>> {
+fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, JournalError<F::Error>> {
     let first = Cursor {
         sector: 0,
         addr: layout.data(0),
@@ -134,13 +138,13 @@ fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, Error<F::Erro
         end: u64::MAX,
         chain: None,
     };
-    let found = search(flash, &layout, &first, layout.end(0)).map_err(Error::Flash)?;
+    let found = search(flash, &layout, &first, layout.end(0)).map_err(JournalError::Flash)?;
     let rest = layout.end(layout.sectors - 1);
-    if found.hit.is_some() || !is_erased(flash, layout.end(0), rest).map_err(Error::Flash)? {
-        return Err(Error::NotAJournal);
+    if found.hit.is_some() || !is_erased(flash, layout.end(0), rest).map_err(JournalError::Flash)? {
+        return Err(JournalError::NotAJournal);
     }
     let sector_unfinished =
-        !is_erased(flash, layout.start(0), layout.end(0)).map_err(Error::Flash)?;
+        !is_erased(flash, layout.start(0), layout.end(0)).map_err(JournalError::Flash)?;
     let recovery = Recovery {
         first_seq: 0,
         next_seq: 0,

@@ -2,9 +2,10 @@
 
 use super::Journal;
 use super::chain::Chain;
-use super::entry::{Entry, Found, OVERHEAD};
-use super::error::{Error, Fault};
+use super::entry::{Entry, Found};
+use super::error::{JournalError, JournalFault};
 use super::flash::Flash;
+use super::layout::OVERHEAD;
 use super::sector::HeaderRead;
 use super::walk::{Cursor, Step, read_header};
 
@@ -38,24 +39,24 @@ impl<F: Flash> Journal<F> {
     /// starts at the sector's header.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] with both ends of what there is;
-    /// [`Error::BufferTooSmall`]; [`Error::Record`] if the entry is damaged or
-    /// missing; [`Error::Flash`].
+    /// [`JournalError::OutOfRange`] with both ends of what there is;
+    /// [`JournalError::BufferTooSmall`]; [`JournalError::Record`] if the entry is damaged or
+    /// missing; [`JournalError::Flash`].
     ///
     /// [`MAX_PAYLOAD`]: super::MAX_PAYLOAD
     pub fn read<'b>(
         &mut self,
         seq: u64,
         into: &'b mut [u8],
-    ) -> Result<ReadEntry<'b>, Error<F::Error>> {
+    ) -> Result<ReadEntry<'b>, JournalError<F::Error>> {
         let (found, chained, cursor) = self.find(seq)?;
         let need = usize::from(found.fields.len);
         let (payload, _) = into
             .split_at_mut_checked(need)
-            .ok_or(Error::BufferTooSmall { need })?;
+            .ok_or(JournalError::BufferTooSmall { need })?;
         self.flash
             .read(found.payload_at(), payload)
-            .map_err(Error::Flash)?;
+            .map_err(JournalError::Flash)?;
         self.cursor = Some(cursor);
         let Found { fields, .. } = found;
         let entry = Entry {
@@ -76,13 +77,15 @@ impl<F: Flash> Journal<F> {
         &mut self,
         seq: u64,
         into: &'b mut [u8],
-    ) -> Result<&'b [u8], Error<F::Error>> {
+    ) -> Result<&'b [u8], JournalError<F::Error>> {
         let (found, _, cursor) = self.find(seq)?;
         let need = usize::from(found.fields.len) + OVERHEAD;
         let (bytes, _) = into
             .split_at_mut_checked(need)
-            .ok_or(Error::BufferTooSmall { need })?;
-        self.flash.read(found.addr, bytes).map_err(Error::Flash)?;
+            .ok_or(JournalError::BufferTooSmall { need })?;
+        self.flash
+            .read(found.addr, bytes)
+            .map_err(JournalError::Flash)?;
         self.cursor = Some(cursor);
         Ok(bytes)
     }
@@ -91,9 +94,9 @@ impl<F: Flash> Journal<F> {
     /// there on needs to verify them.
     ///
     /// # Errors
-    /// As [`read`](Self::read); [`Fault::ChainBroken`] if damage before `seq` in
+    /// As [`read`](Self::read); [`JournalFault::ChainBroken`] if damage before `seq` in
     /// its sector hides it.
-    pub fn chain_before(&mut self, seq: u64) -> Result<Chain, Error<F::Error>> {
+    pub fn chain_before(&mut self, seq: u64) -> Result<Chain, JournalError<F::Error>> {
         if seq == self.extent.next_seq {
             return Ok(self.chain);
         }
@@ -101,7 +104,7 @@ impl<F: Flash> Journal<F> {
         self.cursor = Some(cursor);
         cursor
             .chain
-            .ok_or(Error::Record(Fault::ChainBroken { seq }))
+            .ok_or(JournalError::Record(JournalFault::ChainBroken { seq }))
     }
 
     /// Walks through entries `from..to` and recomputes every CRC and the chain,
@@ -110,9 +113,9 @@ impl<F: Flash> Journal<F> {
     /// where it ended, and the chain is followed across the calls.
     ///
     /// # Errors
-    /// [`Error::Record`] names the first entry that is bad and how;
-    /// [`Error::OutOfRange`]; [`Error::Flash`].
-    pub fn verify(&mut self, from: u64, to: u64) -> Result<Verified, Error<F::Error>> {
+    /// [`JournalError::Record`] names the first entry that is bad and how;
+    /// [`JournalError::OutOfRange`]; [`JournalError::Flash`].
+    pub fn verify(&mut self, from: u64, to: u64) -> Result<Verified, JournalError<F::Error>> {
         let next_seq = self.extent.next_seq;
         if to > next_seq || to < from {
             return Err(self.out_of_range(to));
@@ -124,10 +127,10 @@ impl<F: Flash> Journal<F> {
             while cursor.seq < to {
                 match cursor
                     .step(&mut self.flash, &self.extent)
-                    .map_err(Error::Flash)?
+                    .map_err(JournalError::Flash)?
                 {
                     Step::Entry { .. } => {}
-                    Step::Fault(fault) => return Err(Error::Record(fault)),
+                    Step::Fault(fault) => return Err(JournalError::Record(fault)),
                     Step::End => break,
                 }
                 chain = cursor.chain.unwrap_or(chain);
@@ -136,7 +139,9 @@ impl<F: Flash> Journal<F> {
         }
         // At the end the value must be the one that append goes on from.
         if to == next_seq && chain != self.chain {
-            return Err(Error::Record(Fault::ChainBroken { seq: next_seq }));
+            return Err(JournalError::Record(JournalFault::ChainBroken {
+                seq: next_seq,
+            }));
         }
         Ok(Verified {
             first: from,
@@ -146,19 +151,19 @@ impl<F: Flash> Journal<F> {
         })
     }
 
-    fn out_of_range(&self, seq: u64) -> Error<F::Error> {
+    fn out_of_range(&self, seq: u64) -> JournalError<F::Error> {
         let (first, next) = (self.extent.first_seq, self.extent.next_seq);
-        Error::OutOfRange { seq, first, next }
+        JournalError::OutOfRange { seq, first, next }
     }
 
     /// Finds entry `seq`, and the cursor behind it.
-    fn find(&mut self, seq: u64) -> Result<(Found, bool, Cursor), Error<F::Error>> {
+    fn find(&mut self, seq: u64) -> Result<(Found, bool, Cursor), JournalError<F::Error>> {
         let mut cursor = self.seek(seq)?;
         // A fault right before the entry may have to be passed first.
         while cursor.seq <= seq {
             match cursor
                 .step(&mut self.flash, &self.extent)
-                .map_err(Error::Flash)?
+                .map_err(JournalError::Flash)?
             {
                 Step::Entry { found, chained } if found.fields.seq == seq => {
                     return Ok((found, chained, cursor));
@@ -167,12 +172,12 @@ impl<F: Flash> Journal<F> {
                 Step::End => break,
             }
         }
-        Err(Error::Record(Fault::Damaged { seq }))
+        Err(JournalError::Record(JournalFault::Damaged { seq }))
     }
 
     /// A cursor at entry `seq`: from the last read if that is on the way, else
     /// from the header of its sector.
-    fn seek(&mut self, seq: u64) -> Result<Cursor, Error<F::Error>> {
+    fn seek(&mut self, seq: u64) -> Result<Cursor, JournalError<F::Error>> {
         if !(self.extent.first_seq..self.extent.next_seq).contains(&seq) {
             return Err(self.out_of_range(seq));
         }
@@ -182,18 +187,18 @@ impl<F: Flash> Journal<F> {
         });
         let mut cursor = match near {
             Some(cursor) => cursor,
-            None => self.sector_start(seq).map_err(Error::Flash)?,
+            None => self.sector_start(seq).map_err(JournalError::Flash)?,
         };
         while cursor.seq < seq {
             if let Step::End = cursor
                 .step(&mut self.flash, &self.extent)
-                .map_err(Error::Flash)?
+                .map_err(JournalError::Flash)?
             {
                 break;
             }
         }
         if cursor.seq > seq {
-            return Err(Error::Record(Fault::Damaged { seq }));
+            return Err(JournalError::Record(JournalFault::Damaged { seq }));
         }
         Ok(cursor)
     }

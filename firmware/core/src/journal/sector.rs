@@ -18,10 +18,7 @@
 //! given up and may be half erased. Entries start behind the mark.
 
 use super::chain::{CRC32, Chain};
-use super::flash::Layout;
-
-/// Size of an encoded header.
-pub(super) const HEADER_SIZE: usize = 64;
+use super::layout::{HEADER_SIZE, Layout};
 
 /// Version of everything on flash and in files that this code writes.
 pub(super) const VERSION: u8 = 1;

@@ -1,5 +1,5 @@
 //! The journal on a flash that works, wears out, is damaged and is tampered with.
-//! Power cuts have a file of their own: `tests/tests/journal_power_cut.rs`.
+//! Power cuts have a file of their own: `tests/tests/keep/journal_power_cut`.
 
 mod damage;
 mod file;

@@ -2,10 +2,11 @@
 //! power cut or a worn cell can leave between them.
 
 use super::chain::Chain;
-use super::entry::{Found, MARKER, OVERHEAD, announced_len, chain_over, probe};
-use super::error::Fault;
-use super::flash::{ERASED, Flash, Layout};
-use super::sector::{HEADER_SIZE, Header, HeaderRead};
+use super::entry::{Found, MARKER, announced_len, chain_over, probe};
+use super::error::JournalFault;
+use super::flash::{ERASED, Flash};
+use super::layout::{HEADER_SIZE, Layout, OVERHEAD};
+use super::sector::{Header, HeaderRead};
 
 /// Which part of the flash holds the record.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +48,7 @@ pub(super) enum Step {
         chained: bool,
     },
     /// Something is wrong here; the cursor stands behind it.
-    Fault(Fault),
+    Fault(JournalFault),
     /// The newest entry was passed.
     End,
 }
@@ -131,7 +132,7 @@ impl Cursor {
         }
         if self.chain.is_some() && hit.chain.is_none() {
             self.chain = None;
-            return Step::Fault(Fault::ChainBroken { seq: expected });
+            return Step::Fault(JournalFault::ChainBroken { seq: expected });
         }
         self.addr += layout.entry_size(u32::from(found.fields.len));
         self.seq += 1;
@@ -148,11 +149,13 @@ impl Cursor {
         flash: &mut F,
         layout: &Layout,
         sector: u32,
-    ) -> Result<Option<Fault>, F::Error> {
+    ) -> Result<Option<JournalFault>, F::Error> {
         let before = *self;
         let HeaderRead::Valid(header) = read_header(flash, layout, sector)? else {
             *self = Self::at_start_unproven(flash, layout, sector, before.seq)?;
-            return Ok(before.chain.map(|_| Fault::ChainBroken { seq: before.seq }));
+            return Ok(before
+                .chain
+                .map(|_| JournalFault::ChainBroken { seq: before.seq }));
         };
         *self = Self::at_start(flash, layout, sector, &header)?;
         Ok(if header.first_seq > before.seq {
@@ -160,7 +163,7 @@ impl Cursor {
         } else if header.first_seq < before.seq
             || before.chain.is_some_and(|chain| chain != header.chain)
         {
-            Some(Fault::ChainBroken {
+            Some(JournalFault::ChainBroken {
                 seq: header.first_seq,
             })
         } else {
@@ -170,11 +173,11 @@ impl Cursor {
 }
 
 /// The fault for entries `first..next` that cannot be read.
-fn gap(first: u64, next: u64) -> Fault {
+fn gap(first: u64, next: u64) -> JournalFault {
     if next.saturating_sub(first) == 1 {
-        Fault::Damaged { seq: first }
+        JournalFault::Damaged { seq: first }
     } else {
-        Fault::Missing { first, next }
+        JournalFault::Missing { first, next }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Programming flash so that what is acknowledged has been seen to be there.
 
-use super::error::Error;
+use super::error::JournalError;
 use super::flash::{ERASED, Flash, LARGEST_WRITE};
 
 /// The buffer that programs go through: most entries need one program.
@@ -28,7 +28,7 @@ impl<'f, F: Flash> Stage<'f, F> {
         }
     }
 
-    pub fn push(&mut self, mut bytes: &[u8]) -> Result<(), Error<F::Error>> {
+    pub fn push(&mut self, mut bytes: &[u8]) -> Result<(), JournalError<F::Error>> {
         while !bytes.is_empty() {
             let (_, free) = self.buffer.0.split_at_mut(self.len);
             let n = bytes.len().min(free.len());
@@ -46,7 +46,7 @@ impl<'f, F: Flash> Stage<'f, F> {
 
     /// Programs what is left, padded with the erased value: padding that a power
     /// cut tears off does no harm.
-    pub fn finish(mut self) -> Result<(), Error<F::Error>> {
+    pub fn finish(mut self) -> Result<(), JournalError<F::Error>> {
         let padded = self
             .len
             .next_multiple_of(self.align as usize)
@@ -58,7 +58,7 @@ impl<'f, F: Flash> Stage<'f, F> {
         }
     }
 
-    fn program(&mut self, len: usize) -> Result<(), Error<F::Error>> {
+    fn program(&mut self, len: usize) -> Result<(), JournalError<F::Error>> {
         let (bytes, _) = self.buffer.0.split_at(len);
         program_kept(self.flash, self.addr, bytes)?;
         self.addr += len as u32;
@@ -74,15 +74,15 @@ pub(crate) fn program_kept<F: Flash>(
     flash: &mut F,
     addr: u32,
     bytes: &[u8],
-) -> Result<(), Error<F::Error>> {
-    flash.program(addr, bytes).map_err(Error::Flash)?;
+) -> Result<(), JournalError<F::Error>> {
+    flash.program(addr, bytes).map_err(JournalError::Flash)?;
     let mut buffer = [0; 64];
     let mut at = addr;
     for wanted in bytes.chunks(buffer.len()) {
         let (piece, _) = buffer.split_at_mut(wanted.len());
-        flash.read(at, piece).map_err(Error::Flash)?;
+        flash.read(at, piece).map_err(JournalError::Flash)?;
         if let Some(bad) = piece.iter().zip(wanted).position(|(is, want)| is != want) {
-            return Err(Error::NotKept {
+            return Err(JournalError::NotKept {
                 addr: at + bad as u32,
             });
         }

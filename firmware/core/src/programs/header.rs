@@ -1,4 +1,4 @@
-//! What stands before a program in its first sector.
+//! The header of a stored program, in its first sector.
 //!
 //! ```text
 //! offset      size   what

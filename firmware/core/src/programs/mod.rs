@@ -55,7 +55,7 @@ pub const MAX_PROGRAMS: usize = 32;
 
 /// Why a call was refused or failed. `E` is the flash driver's error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Error<E> {
+pub enum StoreError<E> {
     /// The flash driver reported an error.
     Flash(E),
     /// The flash did not keep what was programmed.
@@ -69,20 +69,20 @@ pub enum Error<E> {
     Refused(ProgramRefusal),
 }
 
-impl<E> From<journal::Error<E>> for Error<E> {
+impl<E> From<journal::JournalError<E>> for StoreError<E> {
     /// Of what programming can report.
-    fn from(error: journal::Error<E>) -> Self {
+    fn from(error: journal::JournalError<E>) -> Self {
         match error {
-            journal::Error::Flash(error) => Self::Flash(error),
-            journal::Error::NotKept { addr } => Self::NotKept { addr },
-            journal::Error::Geometry(fault) => Self::Geometry(fault),
+            journal::JournalError::Flash(error) => Self::Flash(error),
+            journal::JournalError::NotKept { addr } => Self::NotKept { addr },
+            journal::JournalError::Geometry(fault) => Self::Geometry(fault),
             // Programming reports nothing else.
             _ => Self::NotKept { addr: 0 },
         }
     }
 }
 
-impl<E> From<ProgramRefusal> for Error<E> {
+impl<E> From<ProgramRefusal> for StoreError<E> {
     fn from(refusal: ProgramRefusal) -> Self {
         Self::Refused(refusal)
     }
@@ -157,9 +157,9 @@ impl<F: Flash> Store<F> {
     /// Finds the programs that are there.
     ///
     /// # Errors
-    /// [`Error::Flash`], [`Error::NotKept`], [`Error::Geometry`].
-    pub fn open(flash: F) -> Result<Self, Error<F::Error>> {
-        let layout = Layout::new(flash.geometry()).map_err(Error::Geometry)?;
+    /// [`StoreError::Flash`], [`StoreError::NotKept`], [`StoreError::Geometry`].
+    pub fn open(flash: F) -> Result<Self, StoreError<F::Error>> {
+        let layout = Layout::new(flash.geometry()).map_err(StoreError::Geometry)?;
         let mut store = Self {
             flash,
             layout,
@@ -181,7 +181,7 @@ impl<F: Flash> Store<F> {
     }
 
     /// Takes up a program that was found at opening.
-    fn found(&mut self, program: Program) -> Result<(), Error<F::Error>> {
+    fn found(&mut self, program: Program) -> Result<(), StoreError<F::Error>> {
         self.generation = self.generation.max(program.generation.saturating_add(1));
         if !self.is_marked(program.sector, self.layout.complete())? {
             // There is one, unless power went before another was void.
@@ -232,8 +232,8 @@ impl<F: Flash> Store<F> {
     /// What is known of a program, with its name.
     ///
     /// # Errors
-    /// [`Error::Flash`]; [`ProgramRefusal::NotThere`] if its header cannot be read any more.
-    pub fn info(&mut self, program: &Program) -> Result<ProgramInfo, Error<F::Error>> {
+    /// [`StoreError::Flash`]; [`ProgramRefusal::NotThere`] if its header cannot be read any more.
+    pub fn info(&mut self, program: &Program) -> Result<ProgramInfo, StoreError<F::Error>> {
         let header = self.header(program.sector)?;
         Ok(header.ok_or(ProgramRefusal::NotThere)?.program)
     }
@@ -256,9 +256,9 @@ impl<F: Flash> Store<F> {
     /// that is wanted first. Another upload that was not finished is given up.
     ///
     /// # Errors
-    /// [`Error::Refused`] with the reason, [`ProgramRefusal::Busy`] while a control punches;
-    /// [`Error::Flash`], [`Error::NotKept`].
-    pub fn begin(&mut self, program: &ProgramInfo) -> Result<u32, Error<F::Error>> {
+    /// [`StoreError::Refused`] with the reason, [`ProgramRefusal::Busy`] while a control punches;
+    /// [`StoreError::Flash`], [`StoreError::NotKept`].
+    pub fn begin(&mut self, program: &ProgramInfo) -> Result<u32, StoreError<F::Error>> {
         if !(1..=MAX_NUMBER).contains(&program.number) {
             return Err(ProgramRefusal::BadNumber.into());
         }
@@ -285,7 +285,11 @@ impl<F: Flash> Store<F> {
     }
 
     /// Writes the header of an upload; what was in its sector is gone.
-    fn write_header(&mut self, program: &ProgramInfo, sector: u32) -> Result<u32, Error<F::Error>> {
+    fn write_header(
+        &mut self,
+        program: &ProgramInfo,
+        sector: u32,
+    ) -> Result<u32, StoreError<F::Error>> {
         self.erase(sector)?;
         // The place of a resumption is found by this: see `begun`.
         if self.layout.sectors_for(program.bytes) > 1 {
@@ -301,7 +305,7 @@ impl<F: Flash> Store<F> {
         &mut self,
         program: &ProgramInfo,
         sector: u32,
-    ) -> Result<Program, Error<F::Error>> {
+    ) -> Result<Program, StoreError<F::Error>> {
         let layout = self.layout;
         let header = Header {
             program: program.clone(),
@@ -320,7 +324,7 @@ impl<F: Flash> Store<F> {
     }
 
     /// Goes on with an upload at the start of the sector that was written last.
-    fn resume(&mut self, program: Program) -> Result<u32, Error<F::Error>> {
+    fn resume(&mut self, program: Program) -> Result<u32, StoreError<F::Error>> {
         let last = self.begun(&program)?;
         if last == 0 {
             let info = self.info(&program)?;
@@ -334,12 +338,12 @@ impl<F: Flash> Store<F> {
 
     /// The last sector of an upload into which bytes went, counted from its first: the one
     /// before the first that is erased.
-    fn begun(&mut self, program: &Program) -> Result<u32, Error<F::Error>> {
+    fn begun(&mut self, program: &Program) -> Result<u32, StoreError<F::Error>> {
         let sectors = self.layout.sectors_for(program.bytes);
         for sector in 1..sectors {
             let mut first = [0; 64];
             let at = self.layout.start(program.sector + sector);
-            self.flash.read(at, &mut first).map_err(Error::Flash)?;
+            self.flash.read(at, &mut first).map_err(StoreError::Flash)?;
             if first.iter().all(|byte| *byte == ERASED) {
                 return Ok(sector - 1);
             }
@@ -351,9 +355,9 @@ impl<F: Flash> Store<F> {
     /// that stand elsewhere are not taken, nor are those behind the end.
     ///
     /// # Errors
-    /// [`ProgramRefusal::NotBegun`]; [`Error::Flash`], [`Error::NotKept`]: then the upload
+    /// [`ProgramRefusal::NotBegun`]; [`StoreError::Flash`], [`StoreError::NotKept`]: then the upload
     /// is to be begun again, and goes on at a sector's start.
-    pub fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Error<F::Error>> {
+    pub fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, StoreError<F::Error>> {
         self.writing(|store, upload| {
             if offset == upload.taken {
                 let left = (upload.program.bytes - upload.taken) as usize;
@@ -368,8 +372,8 @@ impl<F: Flash> Store<F> {
     /// flash holds is known again when it is begun again.
     fn writing<T>(
         &mut self,
-        work: impl FnOnce(&mut Self, &mut Upload) -> Result<T, Error<F::Error>>,
-    ) -> Result<T, Error<F::Error>> {
+        work: impl FnOnce(&mut Self, &mut Upload) -> Result<T, StoreError<F::Error>>,
+    ) -> Result<T, StoreError<F::Error>> {
         let open = self
             .upload
             .take_if(|upload| upload.open && upload.punched.is_none());
@@ -380,7 +384,7 @@ impl<F: Flash> Store<F> {
         done
     }
 
-    fn take(&mut self, upload: &mut Upload, mut bytes: &[u8]) -> Result<(), Error<F::Error>> {
+    fn take(&mut self, upload: &mut Upload, mut bytes: &[u8]) -> Result<(), StoreError<F::Error>> {
         while !bytes.is_empty() {
             let free = upload.page.capacity() - upload.page.len();
             let (now, later) = bytes.split_at(free.min(bytes.len()));
@@ -396,7 +400,7 @@ impl<F: Flash> Store<F> {
     }
 
     /// Programs what was taken. The first byte of a page is aligned to it.
-    fn flush(&mut self, upload: &mut Upload) -> Result<(), Error<F::Error>> {
+    fn flush(&mut self, upload: &mut Upload) -> Result<(), StoreError<F::Error>> {
         let Upload {
             program,
             taken,
@@ -436,9 +440,13 @@ impl<F: Flash> Store<F> {
     ///
     /// # Errors
     /// [`ProgramRefusal::NotBegun`], [`ProgramRefusal::Incomplete`];
-    /// [`ProgramRefusal::Damaged`]: nothing of it is left; [`Error::Flash`],
-    /// [`Error::NotKept`].
-    pub fn end(&mut self, number: u32, crc32: u32) -> Result<Option<Program>, Error<F::Error>> {
+    /// [`ProgramRefusal::Damaged`]: nothing of it is left; [`StoreError::Flash`],
+    /// [`StoreError::NotKept`].
+    pub fn end(
+        &mut self,
+        number: u32,
+        crc32: u32,
+    ) -> Result<Option<Program>, StoreError<F::Error>> {
         let known = self.find(number).filter(|known| known.crc32 == crc32);
         let open = self.upload.as_ref().filter(|upload| {
             let Program {
@@ -481,8 +489,8 @@ impl<F: Flash> Store<F> {
     /// The CRC-32 of a program's bytes as they are in the flash.
     ///
     /// # Errors
-    /// [`Error::Flash`].
-    pub fn check_value(&mut self, program: &Program) -> Result<u32, Error<F::Error>> {
+    /// [`StoreError::Flash`].
+    pub fn check_value(&mut self, program: &Program) -> Result<u32, StoreError<F::Error>> {
         let mut digest = CRC32.digest();
         let mut offset = 0;
         let mut buffer = [0; 128];
@@ -497,13 +505,13 @@ impl<F: Flash> Store<F> {
     /// Reads bytes of a program into `buffer`; fewer at its end, none behind it.
     ///
     /// # Errors
-    /// [`ProgramRefusal::NotThere`] if it was deleted or replaced; [`Error::Flash`].
+    /// [`ProgramRefusal::NotThere`] if it was deleted or replaced; [`StoreError::Flash`].
     pub fn read<'b>(
         &mut self,
         program: &Program,
         offset: u32,
         buffer: &'b mut [u8],
-    ) -> Result<&'b [u8], Error<F::Error>> {
+    ) -> Result<&'b [u8], StoreError<F::Error>> {
         if !self.has(program) {
             return Err(ProgramRefusal::NotThere.into());
         }
@@ -515,13 +523,13 @@ impl<F: Flash> Store<F> {
         program: &Program,
         offset: u32,
         buffer: &'b mut [u8],
-    ) -> Result<&'b [u8], Error<F::Error>> {
+    ) -> Result<&'b [u8], StoreError<F::Error>> {
         let left = program.bytes.saturating_sub(offset) as usize;
         let len = left.min(buffer.len());
         let (into, _) = buffer.split_at_mut(len);
         if len > 0 {
             let at = self.layout.start(program.sector) + self.layout.data() + offset;
-            self.flash.read(at, into).map_err(Error::Flash)?;
+            self.flash.read(at, into).map_err(StoreError::Flash)?;
         }
         Ok(into)
     }
@@ -529,8 +537,8 @@ impl<F: Flash> Store<F> {
     /// Deletes a program.
     ///
     /// # Errors
-    /// [`ProgramRefusal::NotThere`]; [`Error::Flash`], [`Error::NotKept`]: it is still there.
-    pub fn delete(&mut self, number: u32) -> Result<(), Error<F::Error>> {
+    /// [`ProgramRefusal::NotThere`]; [`StoreError::Flash`], [`StoreError::NotKept`]: it is still there.
+    pub fn delete(&mut self, number: u32) -> Result<(), StoreError<F::Error>> {
         let place = self.programs.iter().position(|p| p.number == number);
         let place = place.ok_or(ProgramRefusal::NotThere)?;
         let program = self.find(number).ok_or(ProgramRefusal::NotThere)?;
@@ -593,20 +601,20 @@ impl<F: Flash> Store<F> {
         runs.max().unwrap_or(0)
     }
 
-    fn header(&mut self, sector: u32) -> Result<Option<Header>, Error<F::Error>> {
+    fn header(&mut self, sector: u32) -> Result<Option<Header>, StoreError<F::Error>> {
         let mut bytes = [0; header::SIZE];
         let at = self.layout.start(sector) + self.layout.header();
-        self.flash.read(at, &mut bytes).map_err(Error::Flash)?;
+        self.flash.read(at, &mut bytes).map_err(StoreError::Flash)?;
         Ok(Header::decode(&bytes, &self.layout, sector))
     }
 
-    fn is_void(&mut self, sector: u32) -> Result<bool, Error<F::Error>> {
+    fn is_void(&mut self, sector: u32) -> Result<bool, StoreError<F::Error>> {
         let [before, behind] = self.layout.void();
         Ok(self.is_marked(sector, before)? || self.is_marked(sector, behind)?)
     }
 
     /// Marks a program as none any more.
-    fn void(&mut self, sector: u32) -> Result<(), Error<F::Error>> {
+    fn void(&mut self, sector: u32) -> Result<(), StoreError<F::Error>> {
         for offset in self.layout.void() {
             if !self.is_marked(sector, offset)? {
                 self.mark(sector, offset)?;
@@ -616,24 +624,24 @@ impl<F: Flash> Store<F> {
     }
 
     /// Whether a mark is set: anything but erased.
-    fn is_marked(&mut self, sector: u32, offset: u32) -> Result<bool, Error<F::Error>> {
+    fn is_marked(&mut self, sector: u32, offset: u32) -> Result<bool, StoreError<F::Error>> {
         let mut word = [0; LARGEST_WRITE];
         let (word, _) = word.split_at_mut(self.layout.align as usize);
         let at = self.layout.start(sector) + offset;
-        self.flash.read(at, word).map_err(Error::Flash)?;
+        self.flash.read(at, word).map_err(StoreError::Flash)?;
         Ok(word.iter().any(|byte| *byte != ERASED))
     }
 
     /// Sets a mark.
-    fn mark(&mut self, sector: u32, offset: u32) -> Result<(), Error<F::Error>> {
+    fn mark(&mut self, sector: u32, offset: u32) -> Result<(), StoreError<F::Error>> {
         let zeros = Buffer([0; LARGEST_WRITE]);
         let (word, _) = zeros.0.split_at(self.layout.align as usize);
         let at = self.layout.start(sector) + offset;
         Ok(program_kept(&mut self.flash, at, word)?)
     }
 
-    fn erase(&mut self, sector: u32) -> Result<(), Error<F::Error>> {
-        self.flash.erase(sector).map_err(Error::Flash)
+    fn erase(&mut self, sector: u32) -> Result<(), StoreError<F::Error>> {
+        self.flash.erase(sector).map_err(StoreError::Flash)
     }
 
     /// Gives the flash back.

@@ -22,7 +22,7 @@ use umi_protocol::job::Name;
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
 
 use super::header::DEFAULT_HOLD_S;
-use super::{Error, MAX_PROGRAMS, Program, Store, Upload};
+use super::{MAX_PROGRAMS, Program, Store, StoreError, Upload};
 use crate::journal::Flash;
 use crate::journal::chain::CRC32;
 
@@ -41,9 +41,9 @@ impl<F: Flash> Store<F> {
     /// was not finished is given up. Erases one sector.
     ///
     /// # Errors
-    /// [`ProgramRefusal::Full`], [`ProgramRefusal::TooMany`]; [`Error::Flash`],
-    /// [`Error::NotKept`].
-    pub fn begin_open(&mut self) -> Result<u32, Error<F::Error>> {
+    /// [`ProgramRefusal::Full`], [`ProgramRefusal::TooMany`]; [`StoreError::Flash`],
+    /// [`StoreError::NotKept`].
+    pub fn begin_open(&mut self) -> Result<u32, StoreError<F::Error>> {
         if self.programs.is_full() {
             let most = MAX_PROGRAMS as u16;
             return Err(ProgramRefusal::TooMany { most }.into());
@@ -80,9 +80,9 @@ impl<F: Flash> Store<F> {
     /// sector at most if they are no more than one holds.
     ///
     /// # Errors
-    /// [`ProgramRefusal::NotBegun`]; [`ProgramRefusal::Full`], [`Error::Flash`],
-    /// [`Error::NotKept`]: then it is over, and nothing is left of it.
-    pub fn append(&mut self, bytes: &[u8]) -> Result<u32, Error<F::Error>> {
+    /// [`ProgramRefusal::NotBegun`]; [`ProgramRefusal::Full`], [`StoreError::Flash`],
+    /// [`StoreError::NotKept`]: then it is over, and nothing is left of it.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<u32, StoreError<F::Error>> {
         let (mut upload, mut sum) = self.punched()?;
         let room = upload.program.bytes - upload.taken;
         if bytes.len() > room as usize {
@@ -102,13 +102,13 @@ impl<F: Flash> Store<F> {
     ///
     /// # Errors
     /// [`ProgramRefusal::NotBegun`]; [`ProgramRefusal::BadNumber`], [`ProgramRefusal::Empty`],
-    /// [`ProgramRefusal::OtherThere`], [`ProgramRefusal::Damaged`], [`Error::Flash`],
-    /// [`Error::NotKept`]: then it is over, and nothing is left of it.
+    /// [`ProgramRefusal::OtherThere`], [`ProgramRefusal::Damaged`], [`StoreError::Flash`],
+    /// [`StoreError::NotKept`]: then it is over, and nothing is left of it.
     pub fn end_open(
         &mut self,
         number: u32,
         name: Name,
-    ) -> Result<Option<Program>, Error<F::Error>> {
+    ) -> Result<Option<Program>, StoreError<F::Error>> {
         let (mut upload, sum) = self.punched()?;
         if !(1..=MAX_NUMBER).contains(&number) {
             return Err(ProgramRefusal::BadNumber.into());
@@ -166,13 +166,13 @@ impl<F: Flash> Store<F> {
     }
 
     /// The longest run of free sectors: the first one, and the bytes that all of them take.
-    fn longest_place(&self) -> Result<(u32, u32), Error<F::Error>> {
+    fn longest_place(&self) -> Result<(u32, u32), StoreError<F::Error>> {
         let longest = self.free_runs().max_by_key(|(_, sectors)| *sectors);
         let (sector, sectors) = longest.ok_or_else(|| self.full(1))?;
         Ok((sector, self.layout.capacity(sectors)))
     }
 
-    fn full(&self, needed_bytes: u32) -> Error<F::Error> {
+    fn full(&self, needed_bytes: u32) -> StoreError<F::Error> {
         let room = self.room();
         let full = ProgramRefusal::Full {
             needed_bytes,

@@ -53,7 +53,11 @@ fn info(number: u32, text: &[u8]) -> ProgramInfo {
 }
 
 /// Uploads a program in pieces that fit nothing; from where it went on.
-fn put<F: Flash>(store: &mut Store<F>, number: u32, text: &[u8]) -> Result<u32, Error<F::Error>> {
+fn put<F: Flash>(
+    store: &mut Store<F>,
+    number: u32,
+    text: &[u8],
+) -> Result<u32, StoreError<F::Error>> {
     let info = info(number, text);
     let begun = store.begin(&info)?;
     let mut offset = begun;
@@ -91,9 +95,9 @@ fn get<F: Flash>(store: &mut Store<F>, number: u32) -> Option<Vec<u8>> {
     Some(text)
 }
 
-fn refusal<T: core::fmt::Debug>(result: Result<T, Error<MockError>>) -> ProgramRefusal {
+fn refusal<T: core::fmt::Debug>(result: Result<T, StoreError<MockError>>) -> ProgramRefusal {
     match result {
-        Err(Error::Refused(refusal)) => refusal,
+        Err(StoreError::Refused(refusal)) => refusal,
         other => panic!("{other:?}"),
     }
 }
@@ -275,7 +279,7 @@ fn a_failure_of_the_flash_costs_a_sector() {
     store.flash.fail_next_program = true;
     assert_eq!(
         store.piece(2000, &text[2000..]),
-        Err(Error::Flash(MockError::ProgramFailed))
+        Err(StoreError::Flash(MockError::ProgramFailed))
     );
     let closed = refusal(store.piece(2000, &text[2000..]));
     assert_eq!(closed, ProgramRefusal::NotBegun);
@@ -291,7 +295,7 @@ fn a_region_that_cannot_hold_programs_is_refused() {
         change(&mut geometry);
         let flash = MockFlash::new(geometry);
         match Store::open(flash) {
-            Err(Error::Geometry(fault)) => fault,
+            Err(StoreError::Geometry(fault)) => fault,
             other => panic!("{other:?}"),
         }
     };

@@ -16,7 +16,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::transform::{Quaternion, RigidTransform, rotated};
 use crate::fit::cloud::{Cloud, count};
-use crate::fit::linalg::{Qr, Square, Svd3, all_finite, orthonormal, propagate, scaled};
+use crate::fit::linalg::{
+    Qr, Square, Svd3, Triangle, all_finite, largest_variance, orthonormal, propagate, scaled, trace,
+};
 use crate::fit::{FitError, MAX_CONDITION, PointSet, Quantity, SPREAD_LIMIT, Statistics};
 use crate::units::{Mm, Point, Rad};
 
@@ -64,11 +66,11 @@ pub fn register(source: &[Point], target: &[Point]) -> Result<Registration, FitE
     }
     let from = Cloud::new(source, PointSet::Source, MIN_PAIRS)?;
     let to = Cloud::new(target, PointSet::Target, MIN_PAIRS)?;
-    from.spread().require_plane()?;
-    to.spread().require_plane()?;
+    let triangle = from.require_plane()?;
+    to.require_plane()?;
 
     let start = closed_form(&from, &to)?;
-    let (quaternion, cov_w_local) = polish(&from, &to, start)?;
+    let (quaternion, cov_w_local) = polish(&from, &to, &triangle, start)?;
     let rotation = quaternion.to_rotation();
 
     let zero = Vector3::zeros();
@@ -222,42 +224,57 @@ fn closed_form(from: &Cloud<'_>, to: &Cloud<'_>) -> Result<Matrix3<f64>, FitErro
 
 /// Gauss-Newton on `Σ|R p - q|²` over the rotation vector, and `inv(JᵀJ)` in
 /// units of the source's local coordinates.
+///
+/// `JᵀJ = R Σ(|p|² - p pᵀ) Rᵀ` knows the points by `Σ p pᵀ` alone: the three rows of
+/// `triangle`, the source's, stand for all of them, and no step decomposes anew. A step solves
+/// the seminormal equations, and the next corrects what rounding left of it (Björck, Linear
+/// Algebra Appl. 88, 1987).
 fn polish(
     from: &Cloud<'_>,
     to: &Cloud<'_>,
+    triangle: &Triangle<3>,
     start: Matrix3<f64>,
 ) -> Result<(Quaternion, Square<3>), FitError> {
     /// The closed form is already within rounding times condition: one step
     /// does, a second proves it.
     const STEPS: u32 = 4;
+    let mut qr = Qr::<3>::new();
+    for p in triangle.rows() {
+        for row in cross_negative(&p) {
+            qr.add(row, 0.0);
+        }
+    }
+    let unturned = (qr.triangle().inverse_gram()).ok_or_else(|| not_unique(f64::INFINITY))?;
     let ratio = to.scale() / from.scale();
     let mut quaternion = Quaternion::from_rotation(&start);
-    let mut cov = [[0.0; 3]; 3];
+    let mut cov = unturned;
     for _ in 0..STEPS {
         let rotation = quaternion.to_rotation();
-        let mut qr = Qr::<3>::new();
-        for (p, q) in pairs(from, to) {
+        // Jᵀ times what is wanted: w × y = q - y, in least squares.
+        let pull = pairs(from, to).fold(Vector3::zeros(), |sum: Vector3<f64>, (p, q)| {
             let y = rotated(&rotation, &p);
-            // Wanted: w × y = q - y, in least squares.
-            let wanted = q * ratio - y;
-            let [x_row, y_row, z_row] = cross_negative(&y);
-            qr.add(x_row, wanted.x);
-            qr.add(y_row, wanted.y);
-            qr.add(z_row, wanted.z);
-        }
-        let (Some([x, y, z]), Some(gram)) = (qr.solve(), qr.inverse_gram()) else {
-            return Err(not_unique(f64::INFINITY));
-        };
-        cov = gram;
-        let w = Vector3::new(x, y, z);
+            sum + y.cross(&(q * ratio - y))
+        });
+        let m = rotation;
+        let rows = [
+            [m.m11, m.m12, m.m13],
+            [m.m21, m.m22, m.m23],
+            [m.m31, m.m32, m.m33],
+        ];
+        cov = propagate(&rows, &unturned);
+        let w = Vector3::from(cov.map(|row| Vector3::from(row).dot(&pull)));
         quaternion = quaternion.turned_by(&w);
         if w.amax() <= 2.0 * f64::EPSILON {
             break;
         }
     }
-    let condition = libm::sqrt(crate::fit::linalg::largest_variance(&cov));
-    if condition > MAX_CONDITION {
-        return Err(not_unique(condition));
+    // The sum of the variances is above the largest: where it is good, that is, too.
+    let is_well_conditioned = libm::sqrt(trace(&cov)) <= MAX_CONDITION;
+    if !is_well_conditioned {
+        let condition = libm::sqrt(largest_variance(&cov));
+        if condition > MAX_CONDITION {
+            return Err(not_unique(condition));
+        }
     }
     Ok((quaternion, cov))
 }

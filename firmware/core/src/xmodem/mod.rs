@@ -17,8 +17,8 @@
 //!
 //! # Design
 //!
-//! * **State machines without a line.** [`Sender`](sender::Sender) and
-//!   [`Receiver`](receiver::Receiver) say what is to be done next, and are told what was
+//! * **State machines without a line.** [`BlockSender`](sender::BlockSender) and
+//!   [`BlockReceiver`](receiver::BlockReceiver) say what is to be done next, and are told what was
 //!   done and what came. One task writes, reads and waits for them.
 //! * **Times and counts are Christensen's** (Ward Christensen, "Modem protocol
 //!   documentation", 1982, revised 1985): ten repeats of anything; a receiver asks again

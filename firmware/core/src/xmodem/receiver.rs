@@ -10,10 +10,10 @@ use crate::units::Micros;
 
 /// What is to be done next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Action<'a> {
-    /// These bytes go out; then [`Receiver::sent`].
+pub enum ReceiveStep<'a> {
+    /// These bytes go out; then [`BlockReceiver::sent`].
     Send(&'a [u8]),
-    /// The next bytes of the program; then [`Receiver::taken`] or [`Receiver::refuse`].
+    /// The next bytes of the program; then [`BlockReceiver::taken`] or [`BlockReceiver::refuse`].
     Data {
         /// They may be none, at the end.
         bytes: &'a [u8],
@@ -23,12 +23,12 @@ pub enum Action<'a> {
     /// Nothing before a byte comes or it is this late.
     WaitUntil(Micros),
     /// It is over.
-    Done(Outcome),
+    Done(ReceiveOutcome),
 }
 
 /// How it ended. But for the first, what came is no program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum ReceiveOutcome {
     /// All came and was taken.
     Complete,
     /// The control cancelled.
@@ -44,9 +44,9 @@ pub enum Outcome {
     GivenUp,
     /// Nothing came.
     Silence,
-    /// [`Receiver::refuse`].
+    /// [`BlockReceiver::refuse`].
     Refused,
-    /// [`Receiver::stop`].
+    /// [`BlockReceiver::stop`].
     Stopped,
 }
 
@@ -56,7 +56,7 @@ enum Reply {
     Good,
     /// The end is acknowledged.
     End,
-    Cancel(Outcome),
+    Cancel(ReceiveOutcome),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -87,12 +87,12 @@ enum State {
     Handing {
         last: bool,
     },
-    Done(Outcome),
+    Done(ReceiveOutcome),
 }
 
 /// Receives one program.
 #[derive(Clone, Debug)]
-pub struct Receiver {
+pub struct BlockReceiver {
     state: State,
     /// The block that comes.
     frame: Vec<u8, FRAME>,
@@ -107,7 +107,7 @@ pub struct Receiver {
     cancels: Cancels,
 }
 
-impl Receiver {
+impl BlockReceiver {
     /// Asks at once, and every [`ASK_US`].
     #[must_use]
     pub const fn new() -> Self {
@@ -129,7 +129,7 @@ impl Receiver {
     }
 
     /// What is to be done now. What has come from the line by now is to be told before.
-    pub fn next(&mut self, now: Micros) -> Action<'_> {
+    pub fn next(&mut self, now: Micros) -> ReceiveStep<'_> {
         match self.state {
             State::Waiting { until } if now >= until => self.ask_again(),
             State::Inside { until } if now >= until => self.purged(),
@@ -139,15 +139,15 @@ impl Receiver {
             _ => {}
         }
         match self.state {
-            State::Sending(Reply::Again) => Action::Send(&[NAK]),
-            State::Sending(Reply::Good | Reply::End) => Action::Send(&[ACK]),
-            State::Sending(Reply::Cancel(_)) => Action::Send(&CANCEL),
+            State::Sending(Reply::Again) => ReceiveStep::Send(&[NAK]),
+            State::Sending(Reply::Good | Reply::End) => ReceiveStep::Send(&[ACK]),
+            State::Sending(Reply::Cancel(_)) => ReceiveStep::Send(&CANCEL),
             State::Waiting { until }
             | State::Inside { until }
             | State::Whole { until }
-            | State::Ending { until } => Action::WaitUntil(until),
-            State::Purging { until, latest } => Action::WaitUntil(until.min(latest)),
-            State::Handing { last } => Action::Data {
+            | State::Ending { until } => ReceiveStep::WaitUntil(until),
+            State::Purging { until, latest } => ReceiveStep::WaitUntil(until.min(latest)),
+            State::Handing { last } => ReceiveStep::Data {
                 bytes: if last {
                     trimmed(&self.held)
                 } else {
@@ -155,11 +155,11 @@ impl Receiver {
                 },
                 last,
             },
-            State::Done(outcome) => Action::Done(outcome),
+            State::Done(outcome) => ReceiveStep::Done(outcome),
         }
     }
 
-    /// The bytes of [`Action::Send`] have been handed to the line, the last one too. What
+    /// The bytes of [`ReceiveStep::Send`] have been handed to the line, the last one too. What
     /// has come since is told after this.
     pub fn sent(&mut self, now: Micros) {
         let State::Sending(reply) = self.state else {
@@ -170,12 +170,12 @@ impl Receiver {
             Reply::Again | Reply::Good => State::Waiting {
                 until: after(now, ASK_US),
             },
-            Reply::End => State::Done(Outcome::Complete),
+            Reply::End => State::Done(ReceiveOutcome::Complete),
             Reply::Cancel(outcome) => State::Done(outcome),
         };
     }
 
-    /// The data of [`Action::Data`] is kept.
+    /// The data of [`ReceiveStep::Data`] is kept.
     pub fn taken(&mut self) {
         match self.state {
             State::Handing { last: true } => self.state = State::Sending(Reply::End),
@@ -184,10 +184,10 @@ impl Receiver {
         }
     }
 
-    /// The data of [`Action::Data`] cannot be kept: the control is told.
+    /// The data of [`ReceiveStep::Data`] cannot be kept: the control is told.
     pub fn refuse(&mut self) {
         if matches!(self.state, State::Handing { .. }) {
-            self.cancel(Outcome::Refused);
+            self.cancel(ReceiveOutcome::Refused);
         }
     }
 
@@ -197,7 +197,7 @@ impl Receiver {
             self.state,
             State::Done(_) | State::Sending(Reply::End | Reply::Cancel(_))
         ) {
-            self.cancel(Outcome::Stopped);
+            self.cancel(ReceiveOutcome::Stopped);
         }
     }
 
@@ -213,7 +213,9 @@ impl Receiver {
                         self.inside(byte, now);
                     }
                     EOT => self.state = State::Ending { until: within },
-                    CAN if self.cancels.enough() => self.state = State::Done(Outcome::Cancelled),
+                    CAN if self.cancels.enough() => {
+                        self.state = State::Done(ReceiveOutcome::Cancelled)
+                    }
                     CAN => return,
                     _ => self.purge(now),
                 }
@@ -232,7 +234,7 @@ impl Receiver {
             State::Sending(Reply::Again | Reply::Good) | State::Handing { .. }
                 if self.cancels.enough() =>
             {
-                self.state = State::Done(Outcome::Cancelled);
+                self.state = State::Done(ReceiveOutcome::Cancelled);
             }
             State::Sending(_) | State::Handing { .. } | State::Done(_) => {}
         }
@@ -263,7 +265,7 @@ impl Receiver {
     /// What could not be read is over.
     fn purged(&mut self) {
         if self.cancels.enough() {
-            self.state = State::Done(Outcome::Cancelled);
+            self.state = State::Done(ReceiveOutcome::Cancelled);
         } else {
             self.ask_again();
         }
@@ -289,7 +291,7 @@ impl Receiver {
             // The control did not hear that this one is here.
             self.repeat(Reply::Good);
         } else {
-            self.cancel(Outcome::OutOfStep { due, came });
+            self.cancel(ReceiveOutcome::OutOfStep { due, came });
         }
     }
 
@@ -312,9 +314,9 @@ impl Receiver {
     fn repeat(&mut self, reply: Reply) {
         if self.repeats >= REPEATS {
             self.cancel(if self.heard {
-                Outcome::GivenUp
+                ReceiveOutcome::GivenUp
             } else {
-                Outcome::Silence
+                ReceiveOutcome::Silence
             });
             return;
         }
@@ -322,12 +324,12 @@ impl Receiver {
         self.state = State::Sending(reply);
     }
 
-    const fn cancel(&mut self, outcome: Outcome) {
+    const fn cancel(&mut self, outcome: ReceiveOutcome) {
         self.state = State::Sending(Reply::Cancel(outcome));
     }
 }
 
-impl Default for Receiver {
+impl Default for BlockReceiver {
     fn default() -> Self {
         Self::new()
     }

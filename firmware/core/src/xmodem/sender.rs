@@ -10,10 +10,10 @@ use crate::units::Micros;
 
 /// What is to be done next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Action<'a> {
-    /// These bytes go out; then [`Sender::sent`].
+pub enum SendStep<'a> {
+    /// These bytes go out; then [`BlockSender::sent`].
     Send(&'a [u8]),
-    /// More of the program is wanted: [`Sender::data`], up to `room` bytes.
+    /// More of the program is wanted: [`BlockSender::data`], up to `room` bytes.
     NeedData {
         /// As many fit into the block.
         room: usize,
@@ -21,12 +21,12 @@ pub enum Action<'a> {
     /// Nothing before a byte comes or it is this late.
     WaitUntil(Micros),
     /// It is over.
-    Done(Outcome),
+    Done(SendOutcome),
 }
 
 /// How it ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum SendOutcome {
     /// The control has acknowledged every block and the end.
     Complete,
     /// It has acknowledged every block, and cancelled as soon as it was told that this was
@@ -39,7 +39,7 @@ pub enum Outcome {
     GivenUp(At),
     /// Nothing at all came from it.
     Silence(At),
-    /// [`Sender::stop`].
+    /// [`BlockSender::stop`].
     Stopped(At),
 }
 
@@ -73,40 +73,40 @@ enum State {
         until: Micros,
     },
     /// The control is told that it is over.
-    Cancelling(Outcome),
-    Done(Outcome),
+    Cancelling(SendOutcome),
+    Done(SendOutcome),
 }
 
 /// Sends one program.
 ///
 /// ```
 /// use umi_core::units::Micros;
-/// use umi_core::xmodem::sender::{Action, Outcome, Sender};
+/// use umi_core::xmodem::sender::{SendStep, SendOutcome, BlockSender};
 ///
 /// let mut program = b"%\nO1\nM30\n%\n".as_slice();
-/// let mut sender = Sender::new(Micros(0));
+/// let mut sender = BlockSender::new(Micros(0));
 /// let (mut now, mut line) = (0, 0);
 /// sender.received(0x15, Micros(now)); // The control asks.
 /// let outcome = loop {
 ///     match sender.next(Micros(now)) {
-///         Action::NeedData { room } => {
+///         SendStep::NeedData { room } => {
 ///             let (piece, rest) = program.split_at(room.min(program.len()));
 ///             sender.data(piece, rest.is_empty());
 ///             program = rest;
 ///         }
-///         Action::Send(bytes) => {
+///         SendStep::Send(bytes) => {
 ///             line += bytes.len();
 ///             sender.sent(Micros(now));
 ///             sender.received(0x06, Micros(now)); // The control acknowledges.
 ///         }
-///         Action::WaitUntil(then) => now = then.0,
-///         Action::Done(outcome) => break outcome,
+///         SendStep::WaitUntil(then) => now = then.0,
+///         SendStep::Done(outcome) => break outcome,
 ///     }
 /// };
-/// assert_eq!((outcome, line), (Outcome::Complete, 132 + 1));
+/// assert_eq!((outcome, line), (SendOutcome::Complete, 132 + 1));
 /// ```
 #[derive(Clone, Debug)]
-pub struct Sender {
+pub struct BlockSender {
     state: State,
     at: At,
     /// The block: so far, or whole.
@@ -120,7 +120,7 @@ pub struct Sender {
     cancels: Cancels,
 }
 
-impl Sender {
+impl BlockSender {
     /// Ready for a control that asks within [`START_US`].
     #[must_use]
     pub const fn new(now: Micros) -> Self {
@@ -144,11 +144,11 @@ impl Sender {
     }
 
     /// What is to be done now. What has come from the line by now is to be told before.
-    pub fn next(&mut self, now: Micros) -> Action<'_> {
+    pub fn next(&mut self, now: Micros) -> SendStep<'_> {
         match self.state {
             State::Unasked { until } if now >= until => {
                 // Nobody waits: nobody is told.
-                self.state = State::Done(Outcome::Silence(At::Start));
+                self.state = State::Done(SendOutcome::Silence(At::Start));
             }
             State::Settling { until } if now >= until => self.go_on(),
             State::Unanswered { until } if now >= until => self.again(),
@@ -156,13 +156,13 @@ impl Sender {
         }
         match self.state {
             State::Unasked { until } | State::Settling { until } | State::Unanswered { until } => {
-                Action::WaitUntil(until)
+                SendStep::WaitUntil(until)
             }
-            State::Filling => Action::NeedData { room: self.room() },
-            State::Sending if self.at == At::End => Action::Send(&[EOT]),
-            State::Sending => Action::Send(&self.frame),
-            State::Cancelling(_) => Action::Send(&CANCEL),
-            State::Done(outcome) => Action::Done(outcome),
+            State::Filling => SendStep::NeedData { room: self.room() },
+            State::Sending if self.at == At::End => SendStep::Send(&[EOT]),
+            State::Sending => SendStep::Send(&self.frame),
+            State::Cancelling(_) => SendStep::Send(&CANCEL),
+            State::Done(outcome) => SendStep::Done(outcome),
         }
     }
 
@@ -189,7 +189,7 @@ impl Sender {
         now.len()
     }
 
-    /// The bytes of [`Action::Send`] have been handed to the line, the last one too. What
+    /// The bytes of [`SendStep::Send`] have been handed to the line, the last one too. What
     /// has come since is told after this: it is the answer.
     pub fn sent(&mut self, now: Micros) {
         match self.state {
@@ -212,9 +212,9 @@ impl Sender {
             let answered = matches!(self.state, State::Unanswered { .. });
             let whole = answered && self.at == At::End && self.repeats == 0;
             self.state = State::Done(if whole {
-                Outcome::CompleteByCancel
+                SendOutcome::CompleteByCancel
             } else {
-                Outcome::Cancelled(self.at)
+                SendOutcome::Cancelled(self.at)
             });
             return;
         }
@@ -234,7 +234,7 @@ impl Sender {
 
     /// The program cannot go on: the control is told. Too late when the end is out.
     pub fn stop(&mut self) {
-        let outcome = Outcome::Stopped(self.at);
+        let outcome = SendOutcome::Stopped(self.at);
         match self.state {
             State::Unasked { .. } => self.state = State::Done(outcome),
             State::Settling { .. } | State::Filling => self.state = State::Cancelling(outcome),
@@ -260,7 +260,7 @@ impl Sender {
         self.heard = false;
         match self.at {
             At::End => {
-                self.state = State::Done(Outcome::Complete);
+                self.state = State::Done(SendOutcome::Complete);
                 return;
             }
             At::Block(_) if self.last => self.at = At::End,
@@ -296,9 +296,9 @@ impl Sender {
     fn again(&mut self) {
         if self.repeats >= REPEATS {
             self.state = State::Cancelling(if self.heard {
-                Outcome::GivenUp(self.at)
+                SendOutcome::GivenUp(self.at)
             } else {
-                Outcome::Silence(self.at)
+                SendOutcome::Silence(self.at)
             });
             return;
         }

@@ -6,11 +6,11 @@ use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorType, SpiDevice};
 use umi_core::journal::{Flash, Geometry};
 
-use super::Fault;
+use super::FlashFault;
 use super::chip::{LARGEST, PAGE, SectorSize, SpiNor};
 
 /// The chip, or why there is none.
-type Known<Spi, Delay> = Result<SpiNor<Spi, Delay>, Fault<<Spi as ErrorType>::Error>>;
+type Known<Spi, Delay> = Result<SpiNor<Spi, Delay>, FlashFault<<Spi as ErrorType>::Error>>;
 
 /// A chip that several areas use in turn, or why there is none.
 #[derive(Debug)]
@@ -53,7 +53,7 @@ impl<Spi: SpiDevice, Delay: DelayNs> Shared<Spi, Delay> {
 
     /// No chip: whatever is asked of its areas has this answer. So a board whose
     /// storage is broken can still say so.
-    pub const fn missing(fault: Fault<Spi::Error>) -> Self {
+    pub const fn missing(fault: FlashFault<Spi::Error>) -> Self {
         Self {
             capacity_bytes: LARGEST,
             chip: Mutex::new(Err(fault)),
@@ -70,17 +70,17 @@ impl<Spi: SpiDevice, Delay: DelayNs> Shared<Spi, Delay> {
     /// are no others.
     ///
     /// # Errors
-    /// [`Fault::TooSmall`].
+    /// [`FlashFault::TooSmall`].
     pub fn areas<const N: usize>(
         &mut self,
         wanted: [Wanted; N],
-    ) -> Result<[Area<'_, Spi, Delay>; N], Fault<Spi::Error>> {
+    ) -> Result<[Area<'_, Spi, Delay>; N], FlashFault<Spi::Error>> {
         let begin = |end: u64, wanted: Wanted| end.next_multiple_of(wanted.size.bytes().into());
         let needed = wanted
             .iter()
             .fold(0, |end, wanted| begin(end, *wanted) + wanted.bytes());
         if needed > self.capacity_bytes.into() {
-            return Err(Fault::TooSmall {
+            return Err(FlashFault::TooSmall {
                 needed_bytes: u32::try_from(needed).unwrap_or(u32::MAX),
                 capacity_bytes: self.capacity_bytes,
             });
@@ -102,25 +102,25 @@ impl<Spi: SpiDevice, Delay: DelayNs> Shared<Spi, Delay> {
 
 impl<Spi: SpiDevice<Error: Clone>, Delay: DelayNs> Area<'_, Spi, Delay> {
     /// The address on the chip of so many bytes, if they are in this area.
-    fn place(&self, addr: u32, len: usize) -> Result<u32, Fault<Spi::Error>> {
+    fn place(&self, addr: u32, len: usize) -> Result<u32, FlashFault<Spi::Error>> {
         let end = u64::from(addr) + len as u64;
         if end > self.wanted.bytes() {
-            return Err(Fault::OutOfArea);
+            return Err(FlashFault::OutOfArea);
         }
-        self.start.checked_add(addr).ok_or(Fault::OutOfArea)
+        self.start.checked_add(addr).ok_or(FlashFault::OutOfArea)
     }
 
     fn with<R>(
         &self,
-        work: impl FnOnce(&mut SpiNor<Spi, Delay>) -> Result<R, Fault<Spi::Error>>,
-    ) -> Result<R, Fault<Spi::Error>> {
-        let mut chip = self.shared.chip.try_lock().map_err(|_| Fault::InUse)?;
+        work: impl FnOnce(&mut SpiNor<Spi, Delay>) -> Result<R, FlashFault<Spi::Error>>,
+    ) -> Result<R, FlashFault<Spi::Error>> {
+        let mut chip = self.shared.chip.try_lock().map_err(|_| FlashFault::InUse)?;
         work(chip.as_mut().map_err(|fault| fault.clone())?)
     }
 }
 
 impl<Spi: SpiDevice<Error: Clone>, Delay: DelayNs> Flash for Area<'_, Spi, Delay> {
-    type Error = Fault<Spi::Error>;
+    type Error = FlashFault<Spi::Error>;
 
     fn geometry(&self) -> Geometry {
         Geometry {
@@ -153,7 +153,9 @@ impl<Spi: SpiDevice<Error: Clone>, Delay: DelayNs> Flash for Area<'_, Spi, Delay
 
     fn erase(&mut self, sector: u32) -> Result<(), Self::Error> {
         let size = self.wanted.size;
-        let addr = sector.checked_mul(size.bytes()).ok_or(Fault::OutOfArea)?;
+        let addr = sector
+            .checked_mul(size.bytes())
+            .ok_or(FlashFault::OutOfArea)?;
         let addr = self.place(addr, size.bytes() as usize)?;
         self.with(|chip| chip.erase(addr, size))
     }

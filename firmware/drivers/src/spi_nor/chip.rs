@@ -3,7 +3,7 @@
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Operation, SpiDevice};
 
-use super::Fault;
+use super::FlashFault;
 
 const PAGE_PROGRAM: u8 = 0x02;
 const READ: u8 = 0x03;
@@ -120,9 +120,9 @@ impl<Spi: SpiDevice, Delay: DelayNs> SpiNor<Spi, Delay> {
     /// in, and looks who it is.
     ///
     /// # Errors
-    /// [`Fault::NoChip`], [`Fault::UnknownChip`], [`Fault::Protected`],
-    /// [`Fault::Busy`], [`Fault::Bus`].
-    pub fn open(spi: Spi, delay: Delay) -> Result<Self, Fault<Spi::Error>> {
+    /// [`FlashFault::NoChip`], [`FlashFault::UnknownChip`], [`FlashFault::Protected`],
+    /// [`FlashFault::Busy`], [`FlashFault::Bus`].
+    pub fn open(spi: Spi, delay: Delay) -> Result<Self, FlashFault<Spi::Error>> {
         let mut chip = Self {
             spi,
             delay,
@@ -139,14 +139,14 @@ impl<Spi: SpiDevice, Delay: DelayNs> SpiNor<Spi, Delay> {
             id = chip.identify()?;
         }
         if is_nobody(&id) {
-            return Err(Fault::NoChip);
+            return Err(FlashFault::NoChip);
         }
         let [maker, kind, capacity] = id;
         chip.family = FAMILIES
             .into_iter()
             .find(|family| (family.maker, family.kind) == (maker, kind))
-            .ok_or(Fault::UnknownChip { id })?;
-        chip.capacity_bytes = capacity_bytes(capacity).ok_or(Fault::UnknownChip { id })?;
+            .ok_or(FlashFault::UnknownChip { id })?;
+        chip.capacity_bytes = capacity_bytes(capacity).ok_or(FlashFault::UnknownChip { id })?;
         let status = chip.wait(FOR_BLOCK)?;
         writable(status)?;
         Ok(chip)
@@ -165,59 +165,71 @@ impl<Spi: SpiDevice, Delay: DelayNs> SpiNor<Spi, Delay> {
     /// The number that no other chip of its maker has.
     ///
     /// # Errors
-    /// [`Fault::NoUniqueId`]: there is none (Macronix). [`Fault::Bus`].
-    pub fn unique_id(&mut self) -> Result<[u8; 8], Fault<Spi::Error>> {
+    /// [`FlashFault::NoUniqueId`]: there is none (Macronix). [`FlashFault::Bus`].
+    pub fn unique_id(&mut self) -> Result<[u8; 8], FlashFault<Spi::Error>> {
         let mut id = [0; 8];
         self.receive(&[READ_UNIQUE_ID, 0, 0, 0, 0], &mut id)?;
         if is_nobody(&id) {
-            return Err(Fault::NoUniqueId);
+            return Err(FlashFault::NoUniqueId);
         }
         Ok(id)
     }
 
-    pub(super) fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Fault<Spi::Error>> {
+    pub(super) fn read(
+        &mut self,
+        addr: u32,
+        into: &mut [u8],
+    ) -> Result<(), FlashFault<Spi::Error>> {
         self.receive(&addressed(READ, addr), into)
     }
 
     /// Programs bytes within one page.
-    pub(super) fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Fault<Spi::Error>> {
+    pub(super) fn program(
+        &mut self,
+        addr: u32,
+        bytes: &[u8],
+    ) -> Result<(), FlashFault<Spi::Error>> {
         self.enable()?;
         self.spi
             .transaction(&mut [
                 Operation::Write(&addressed(PAGE_PROGRAM, addr)),
                 Operation::Write(bytes),
             ])
-            .map_err(Fault::Bus)?;
+            .map_err(FlashFault::Bus)?;
         writable(self.wait(FOR_PROGRAM)?)
     }
 
     /// Erases the sector that begins at this address.
-    pub(super) fn erase(&mut self, addr: u32, size: SectorSize) -> Result<(), Fault<Spi::Error>> {
+    pub(super) fn erase(
+        &mut self,
+        addr: u32,
+        size: SectorSize,
+    ) -> Result<(), FlashFault<Spi::Error>> {
         let (command, patience) = size.erase();
         self.enable()?;
         self.command(&addressed(command, addr))?;
         writable(self.wait(patience)?)
     }
 
-    fn identify(&mut self) -> Result<[u8; 3], Fault<Spi::Error>> {
+    fn identify(&mut self) -> Result<[u8; 3], FlashFault<Spi::Error>> {
         let mut id = [0; 3];
         self.receive(&[READ_JEDEC_ID], &mut id)?;
         Ok(id)
     }
 
     /// Sets the write enable latch, and makes sure that it is set.
-    fn enable(&mut self) -> Result<(), Fault<Spi::Error>> {
+    fn enable(&mut self) -> Result<(), FlashFault<Spi::Error>> {
         self.command(&[WRITE_ENABLE])?;
         let status = self.status()?;
         if status & (STATUS_ENABLED | STATUS_BUSY) == STATUS_ENABLED {
             Ok(())
         } else {
-            Err(Fault::NotEnabled { status })
+            Err(FlashFault::NotEnabled { status })
         }
     }
 
     /// Waits until the chip has finished. Returns its status.
-    fn wait(&mut self, patience: Patience) -> Result<u8, Fault<Spi::Error>> {
+    fn wait(&mut self, patience: Patience) -> Result<u8, FlashFault<Spi::Error>> {
         let looks = patience.limit_ms * 1_000 / patience.look_us.max(1);
         for _ in 0..looks {
             let status = self.status()?;
@@ -226,26 +238,26 @@ impl<Spi: SpiDevice, Delay: DelayNs> SpiNor<Spi, Delay> {
             }
             self.delay.delay_us(patience.look_us);
         }
-        Err(Fault::Busy {
+        Err(FlashFault::Busy {
             waited_ms: patience.limit_ms,
         })
     }
 
-    fn status(&mut self) -> Result<u8, Fault<Spi::Error>> {
+    fn status(&mut self) -> Result<u8, FlashFault<Spi::Error>> {
         let mut status = [0];
         self.receive(&[READ_STATUS], &mut status)?;
         let [status] = status;
         Ok(status)
     }
 
-    fn command(&mut self, bytes: &[u8]) -> Result<(), Fault<Spi::Error>> {
-        self.spi.write(bytes).map_err(Fault::Bus)
+    fn command(&mut self, bytes: &[u8]) -> Result<(), FlashFault<Spi::Error>> {
+        self.spi.write(bytes).map_err(FlashFault::Bus)
     }
 
-    fn receive(&mut self, command: &[u8], into: &mut [u8]) -> Result<(), Fault<Spi::Error>> {
+    fn receive(&mut self, command: &[u8], into: &mut [u8]) -> Result<(), FlashFault<Spi::Error>> {
         self.spi
             .transaction(&mut [Operation::Write(command), Operation::Read(into)])
-            .map_err(Fault::Bus)
+            .map_err(FlashFault::Bus)
     }
 }
 
@@ -270,17 +282,17 @@ fn is_nobody(id: &[u8]) -> bool {
 }
 
 /// A line that is always high reads as a chip that is always busy.
-fn nobody_is_not_busy<E>(fault: Fault<E>) -> Fault<E> {
+fn nobody_is_not_busy<E>(fault: FlashFault<E>) -> FlashFault<E> {
     match fault {
-        Fault::Busy { .. } => Fault::NoChip,
+        FlashFault::Busy { .. } => FlashFault::NoChip,
         other => other,
     }
 }
 
-fn writable<E>(status: u8) -> Result<(), Fault<E>> {
+fn writable<E>(status: u8) -> Result<(), FlashFault<E>> {
     if status & STATUS_PROTECTED == 0 {
         Ok(())
     } else {
-        Err(Fault::Protected { status })
+        Err(FlashFault::Protected { status })
     }
 }

@@ -1,37 +1,59 @@
-//! What can go wrong, each with a code for machines and a sentence for people.
+//! Flash faults, each with a code for machines and a sentence for people.
 
-use core::fmt;
+use strum::IntoStaticStr;
+use thiserror::Error;
 
 /// Why the flash did not do what was asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault<E> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error, IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
+pub enum FlashFault<E> {
     /// The bus failed.
+    #[strum(serialize = "flash_bus")]
+    #[error("the bus to the flash failed: {0:?}")]
     Bus(E),
     /// Nothing answers: the data line is always high or always low.
+    #[strum(serialize = "flash_no_chip")]
+    #[error("no flash answers: check its power, its select line and its data lines")]
     NoChip,
     /// A chip that is not in the table.
+    #[strum(serialize = "flash_unknown_chip")]
+    #[error("the flash says it is {:02X} {:02X} {:02X}, which is not in the table of known ones: fit a W25Q or its like, or add the family", .id[0], .id[1], .id[2])]
     UnknownChip {
         /// Its JEDEC id: maker, type, capacity.
         id: [u8; 3],
     },
     /// The chip has no unique id.
+    #[strum(serialize = "flash_no_unique_id")]
+    #[error("the flash has no unique id: fit one that has")]
     NoUniqueId,
     /// Part of the chip is protected against writing.
+    #[strum(serialize = "flash_protected")]
+    #[error(
+        "the flash is protected against writing (status {status:02X}h): clear its block protection"
+    )]
     Protected {
         /// Its status register.
         status: u8,
     },
     /// The chip does not accept that it is written to.
+    #[strum(serialize = "flash_not_enabled")]
+    #[error(
+        "the flash does not let itself be written (status {status:02X}h): check its WP line and its power"
+    )]
     NotEnabled {
         /// Its status register.
         status: u8,
     },
     /// The chip was not ready in time.
+    #[strum(serialize = "flash_busy")]
+    #[error("the flash was not ready after {waited_ms} ms: it is worn out or torn off")]
     Busy {
         /// How long it was waited for, at least.
         waited_ms: u32,
     },
     /// The areas do not fit on the chip.
+    #[strum(serialize = "flash_too_small")]
+    #[error("the flash has {capacity_bytes} bytes, {needed_bytes} are needed: fit a larger one")]
     TooSmall {
         /// What they need.
         needed_bytes: u32,
@@ -39,69 +61,19 @@ pub enum Fault<E> {
         capacity_bytes: u32,
     },
     /// An address outside of the area.
+    #[strum(serialize = "flash_out_of_area")]
+    #[error("an address behind the end of the area")]
     OutOfArea,
     /// Another area is being used at the same time.
+    #[strum(serialize = "flash_in_use")]
+    #[error("two areas of the flash were used at the same time")]
     InUse,
 }
 
-impl<E> Fault<E> {
+impl<E> FlashFault<E> {
     /// A stable name for machines.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
-        match self {
-            Self::Bus(_) => "flash_bus",
-            Self::NoChip => "flash_no_chip",
-            Self::UnknownChip { .. } => "flash_unknown_chip",
-            Self::NoUniqueId => "flash_no_unique_id",
-            Self::Protected { .. } => "flash_protected",
-            Self::NotEnabled { .. } => "flash_not_enabled",
-            Self::Busy { .. } => "flash_busy",
-            Self::TooSmall { .. } => "flash_too_small",
-            Self::OutOfArea => "flash_out_of_area",
-            Self::InUse => "flash_in_use",
-        }
+    pub fn code(&self) -> &'static str {
+        self.into()
     }
 }
-
-impl<E: fmt::Debug> fmt::Display for Fault<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Bus(error) => write!(f, "the bus to the flash failed: {error:?}"),
-            Self::NoChip => write!(
-                f,
-                "no flash answers: check its power, its select line and its data lines"
-            ),
-            Self::UnknownChip { id: [a, b, c] } => write!(
-                f,
-                "the flash says it is {a:02X} {b:02X} {c:02X}, which is not in the table of \
-                 known ones: fit a W25Q or its like, or add the family"
-            ),
-            Self::NoUniqueId => write!(f, "the flash has no unique id: fit one that has"),
-            Self::Protected { status } => write!(
-                f,
-                "the flash is protected against writing (status {status:02X}h): \
-                 clear its block protection"
-            ),
-            Self::NotEnabled { status } => write!(
-                f,
-                "the flash does not let itself be written (status {status:02X}h): \
-                 check its WP line and its power"
-            ),
-            Self::Busy { waited_ms } => write!(
-                f,
-                "the flash was not ready after {waited_ms} ms: it is worn out or torn off"
-            ),
-            Self::TooSmall {
-                needed_bytes,
-                capacity_bytes,
-            } => write!(
-                f,
-                "the flash has {capacity_bytes} bytes, {needed_bytes} are needed: fit a larger one"
-            ),
-            Self::OutOfArea => write!(f, "an address behind the end of the area"),
-            Self::InUse => write!(f, "two areas of the flash were used at the same time"),
-        }
-    }
-}
-
-impl<E: fmt::Debug> core::error::Error for Fault<E> {}

@@ -11,7 +11,7 @@
 //! * A chip is known by its JEDEC id, or it is refused: its capacity, and that it
 //!   understands the commands used here, follow from the id ([`FAMILIES`]).
 //! * Every wait has a bound, about twice the longest time of the data sheets, and
-//!   ends in [`Fault::Busy`]. A chip that is torn off answers all ones, which
+//!   ends in [`FlashFault::Busy`]. A chip that is torn off answers all ones, which
 //!   reads as busy; one that a reset of the processor has caught in the middle of
 //!   an erase is waited for.
 //! * Before each program and erase the write enable latch is read back, and after
@@ -19,7 +19,7 @@
 //!   Whether the cells took it is read back by the journal itself.
 //! * Areas lie one behind the other and cannot overlap: [`Shared::areas`] gives
 //!   them all at once. They share the chip by a lock that nobody waits for: the
-//!   application uses one area at a time, and [`Fault::InUse`] would say so if not.
+//!   application uses one area at a time, and [`FlashFault::InUse`] would say so if not.
 //!
 //! # Tradeoffs
 //!
@@ -52,4 +52,4 @@ mod tests;
 
 pub use area::{Area, Shared, Wanted};
 pub use chip::{FAMILIES, Family, SectorSize, SpiNor};
-pub use fault::Fault;
+pub use fault::FlashFault;

@@ -8,11 +8,11 @@ use umi_core::journal::{ERASED, Flash, Journal, MAX_PAYLOAD};
 use umi_core::units::Micros;
 
 use super::model::Chip;
-use super::{Area, Fault, SectorSize, Shared, SpiNor, Wanted};
+use super::{Area, FlashFault, SectorSize, Shared, SpiNor, Wanted};
 
 type Nor = SpiNor<Chip, Chip>;
 
-fn open(chip: &Chip) -> Result<Nor, Fault<ErrorKind>> {
+fn open(chip: &Chip) -> Result<Nor, FlashFault<ErrorKind>> {
     SpiNor::open(chip.clone(), chip.clone())
 }
 
@@ -56,23 +56,26 @@ fn identity() {
 #[test]
 fn refusals() {
     let fault = |chip: &Chip| open(chip).unwrap_err();
-    assert_eq!(fault(&changed(|s| s.absent = Some(0xFF))), Fault::NoChip);
-    assert_eq!(fault(&changed(|s| s.absent = Some(0))), Fault::NoChip);
+    assert_eq!(
+        fault(&changed(|s| s.absent = Some(0xFF))),
+        FlashFault::NoChip
+    );
+    assert_eq!(fault(&changed(|s| s.absent = Some(0))), FlashFault::NoChip);
     let id = [0xEF, 0x40, 0x03];
-    let unknown = Fault::UnknownChip { id };
+    let unknown = FlashFault::UnknownChip { id };
     assert_eq!(fault(&changed(|s| s.id = id)), unknown);
     let id = [0x01, 0x02, 0x18];
-    let unknown = Fault::UnknownChip { id };
+    let unknown = FlashFault::UnknownChip { id };
     assert_eq!(fault(&changed(|s| s.id = id)), unknown);
     assert!(unknown.to_string().contains("01 02 18"));
-    let protected = Fault::Protected { status: 0x08 };
+    let protected = FlashFault::Protected { status: 0x08 };
     assert_eq!(fault(&changed(|s| s.protection = 0x08)), protected);
-    let bus = Fault::Bus(ErrorKind::ModeFault);
+    let bus = FlashFault::Bus(ErrorKind::ModeFault);
     assert_eq!(fault(&changed(|s| s.bus_fails = true)), bus);
 
     let nameless = changed(|state| state.unique_id = [0xFF; 8]);
     let mut nor = open(&nameless).unwrap();
-    assert_eq!(nor.unique_id(), Err(Fault::NoUniqueId));
+    assert_eq!(nor.unique_id(), Err(FlashFault::NoUniqueId));
 }
 
 /// A reset of the processor has caught the chip in an erase: it is waited for.
@@ -102,16 +105,22 @@ fn areas_do_not_overlap() {
     ];
     assert_eq!(done, expected);
     let mut byte = [0];
-    assert_eq!(settings.read(3 * 4_096, &mut byte), Err(Fault::OutOfArea));
-    assert_eq!(settings.program(u32::MAX, &byte), Err(Fault::OutOfArea));
-    assert_eq!(settings.erase(3), Err(Fault::OutOfArea));
-    assert_eq!(settings.erase(u32::MAX), Err(Fault::OutOfArea));
+    assert_eq!(
+        settings.read(3 * 4_096, &mut byte),
+        Err(FlashFault::OutOfArea)
+    );
+    assert_eq!(
+        settings.program(u32::MAX, &byte),
+        Err(FlashFault::OutOfArea)
+    );
+    assert_eq!(settings.erase(3), Err(FlashFault::OutOfArea));
+    assert_eq!(settings.erase(u32::MAX), Err(FlashFault::OutOfArea));
 
     let too_many = Wanted {
         sectors: 257,
         size: SectorSize::KiB64,
     };
-    let fault = Fault::TooSmall {
+    let fault = FlashFault::TooSmall {
         needed_bytes: 257 << 16,
         capacity_bytes: 16 << 20,
     };
@@ -124,10 +133,13 @@ fn a_missing_chip() {
     let fault = open(&changed(|state| state.absent = Some(0xFF))).unwrap_err();
     let mut shared = Shared::<Chip, Chip>::missing(fault);
     let [mut settings, journal] = areas(&mut shared);
-    assert_eq!(settings.read(0, &mut [0]), Err(Fault::NoChip));
-    assert_eq!(settings.erase(0), Err(Fault::NoChip));
+    assert_eq!(settings.read(0, &mut [0]), Err(FlashFault::NoChip));
+    assert_eq!(settings.erase(0), Err(FlashFault::NoChip));
     let opened = Journal::open(journal).map(|_| ());
-    assert_eq!(opened, Err(umi_core::journal::Error::Flash(Fault::NoChip)));
+    assert_eq!(
+        opened,
+        Err(umi_core::journal::JournalError::Flash(FlashFault::NoChip))
+    );
 }
 
 /// A program over page ends is as many programs as it has pages.
@@ -167,15 +179,15 @@ fn failures_while_writing() {
         assert!(took < 1_500_000, "no wait is without a bound: {took} us");
         (program, erase)
     };
-    let busy = |waited_ms| Fault::Busy { waited_ms };
+    let busy = |waited_ms| FlashFault::Busy { waited_ms };
     assert_eq!(write(|s| s.stuck = true), (busy(10), busy(1_000)));
-    let off = Fault::NotEnabled { status: 0 };
+    let off = FlashFault::NotEnabled { status: 0 };
     assert_eq!(write(|s| s.never_enabled = true), (off, off));
-    let torn_off = Fault::NotEnabled { status: 0xFF };
+    let torn_off = FlashFault::NotEnabled { status: 0xFF };
     assert_eq!(write(|s| s.absent = Some(0xFF)), (torn_off, torn_off));
-    let protected = Fault::Protected { status: 0x3E };
+    let protected = FlashFault::Protected { status: 0x3E };
     assert_eq!(write(|s| s.protection = 0x3C), (protected, protected));
-    let bus = Fault::Bus(ErrorKind::ModeFault);
+    let bus = FlashFault::Bus(ErrorKind::ModeFault);
     assert_eq!(write(|s| s.bus_fails = true), (bus, bus));
 }
 
@@ -228,22 +240,22 @@ fn journal_over_power_cuts() {
 /// Every fault has a name for machines and a sentence for people.
 #[test]
 fn faults_have_names() {
-    let faults: [Fault<ErrorKind>; 10] = [
-        Fault::Bus(ErrorKind::Other),
-        Fault::NoChip,
-        Fault::UnknownChip { id: [1, 2, 3] },
-        Fault::NoUniqueId,
-        Fault::Protected { status: 4 },
-        Fault::NotEnabled { status: 0 },
-        Fault::Busy { waited_ms: 10 },
-        Fault::TooSmall {
+    let faults: [FlashFault<ErrorKind>; 10] = [
+        FlashFault::Bus(ErrorKind::Other),
+        FlashFault::NoChip,
+        FlashFault::UnknownChip { id: [1, 2, 3] },
+        FlashFault::NoUniqueId,
+        FlashFault::Protected { status: 4 },
+        FlashFault::NotEnabled { status: 0 },
+        FlashFault::Busy { waited_ms: 10 },
+        FlashFault::TooSmall {
             needed_bytes: 2,
             capacity_bytes: 1,
         },
-        Fault::OutOfArea,
-        Fault::InUse,
+        FlashFault::OutOfArea,
+        FlashFault::InUse,
     ];
-    let mut codes: Vec<&str> = faults.iter().map(Fault::code).collect();
+    let mut codes: Vec<&str> = faults.iter().map(FlashFault::code).collect();
     codes.sort_unstable();
     codes.dedup();
     assert_eq!(codes.len(), faults.len());

@@ -1,15 +1,15 @@
-//! What a control takes: options of all that rewrites a program for it.
+//! Options about the control, for all commands that rewrite a program for it.
 
+use crate::failure::Failure;
 use clap::{Args, ValueEnum};
-use umi::failure::Failure;
-use umi_core::nc::rewrite::{Integers, Rewriter, Settings, Unit};
 use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{Integers, RewriteSettings, Rewriter, Unit};
 use umi_core::units::Mm;
 use umi_protocol::program::{IntegerRule, RewriteSpec, UnitRule};
 
 /// What the control takes.
 #[derive(Args)]
-pub struct Control {
+pub(crate) struct Control {
     /// The control's smallest step, a power of ten; a tenth of the number in inches
     #[arg(long, value_name = "MM", default_value_t = 0.001)]
     increment_mm: f64,
@@ -62,8 +62,8 @@ impl Control {
     }
 
     /// The settings for a transform.
-    pub fn settings(&self, transform: RigidTransform) -> Result<Settings, Failure> {
-        Ok(Settings {
+    pub fn settings(&self, transform: RigidTransform) -> Result<RewriteSettings, Failure> {
+        Ok(RewriteSettings {
             decimals_mm: self.decimals()?,
             chord: Mm(self.chord_mm),
             integers: self.integers.map(|count| match count {
@@ -75,7 +75,7 @@ impl Control {
                 Length::Inch => Unit::Inch,
             }),
             clearance: Mm(self.clearance_mm),
-            ..Settings::new(transform)
+            ..RewriteSettings::new(transform)
         })
     }
 

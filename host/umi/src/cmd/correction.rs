@@ -2,33 +2,26 @@
 
 use std::path::PathBuf;
 
+use crate::failure::Failure;
+use crate::show::terminal::{print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi::correction::{Basis, make};
-use umi::failure::Failure;
-use umi::style::{print, print_json};
-use umi::{jobfile, toolpath};
+use umi_client::correction::{Basis, make};
+use umi_client::files::job_file;
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, SendWhen, WorkOffset};
 
 use super::Format;
+use super::basis::{MovedBy, WHICH};
 
 /// The correction program for a verdict or a transform, in any control's words
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Correction {
+pub(crate) struct Correction {
     /// The words; `umi dialects` lists them. Without it: those of the job
     #[arg(long, value_name = "NAME", value_parser = dialect)]
     dialect: Option<Dialect>,
-    /// A journal, which brings its job; or what `umi replay --json` printed. Its last
-    /// verdict, which must be OK
-    #[arg(long, value_name = "FILE", required_unless_present = "transform")]
-    verdict: Option<PathBuf>,
-    /// The plate of the journal, instead of the last one
-    #[arg(long, value_name = "NUMBER", requires = "verdict")]
-    plate: Option<u32>,
-    /// A JSON file: {"rotation": 3 rows, "translation_mm": [x, y, z]}
-    #[arg(long, value_name = "FILE", conflicts_with = "verdict")]
-    transform: Option<PathBuf>,
+    #[command(flatten)]
+    moved_by: MovedBy,
     /// A job, for all that is not given below
     #[arg(long, value_name = "JOB.toml")]
     job: Option<PathBuf>,
@@ -70,6 +63,7 @@ A program from a transform says that no board has made it.
 
 Examples:
   umi correction --verdict today.umij
+  umi correction --verdict board --port /dev/ttyACM0
   umi correction --verdict today.umij --dialect siemens --plate 3
   umi correction --transform moved.json --job plate.toml --dialect fanuc-g54.4 --set 2
   umi correction --transform moved.json --dialect linuxcnc --job plate.toml --limit 0.02
@@ -79,7 +73,25 @@ the numbers do not fit.";
 
 fn dialect(text: &str) -> Result<Dialect, String> {
     let found = Dialect::ALL.into_iter().find(|d| d.name() == text);
-    found.ok_or_else(|| "`umi dialects` lists them".into())
+    found.ok_or_else(|| {
+        let names = Dialect::ALL.iter().map(|dialect| dialect.name());
+        let like: Vec<&str> = names.filter(|name| is_like(name, text)).collect();
+        match like.as_slice() {
+            [] => "`umi dialects` lists them".into(),
+            some => format!(
+                "did you mean {}? `umi dialects` lists all",
+                some.join(" or ")
+            ),
+        }
+    })
+}
+
+/// Whether a dialect may be meant: the maker is in the name of either, or the name is one of
+/// the maker's controls.
+fn is_like(name: &str, text: &str) -> bool {
+    let text = text.to_lowercase();
+    let is_fanuc = text.contains("fanuc") && ["g10-g68", "g68-3d", "fanuc-g54.4"].contains(&name);
+    is_fanuc || (text.len() > 2 && (name.contains(&text) || text.contains(name)))
 }
 
 fn offset(text: &str) -> Result<WorkOffset, String> {
@@ -117,10 +129,8 @@ fn above_0(text: &str) -> Result<f64, String> {
 
 impl Correction {
     pub fn run(self) -> Result<(), Failure> {
-        let basis = match (&self.verdict, &self.transform) {
-            (Some(path), _) => Basis::verdict(path, self.plate)?,
-            (None, Some(path)) => Basis::Given(toolpath::transform(path)?),
-            (None, None) => return Err(missing("verdict")),
+        let Some(basis) = self.moved_by.read()? else {
+            return Err(Failure::trouble("usage", WHICH));
         };
         let spec = self.spec(&basis)?;
         let made = make(&basis, &spec)?;
@@ -140,7 +150,7 @@ impl Correction {
     /// What is asked for: the options, else the job.
     fn spec(&self, basis: &Basis) -> Result<CorrectionSpec, Failure> {
         let job = match &self.job {
-            Some(path) => jobfile::load(path)?.correction,
+            Some(path) => job_file::load(path)?.correction,
             None => basis.spec(),
         };
         let given = |option: Option<[f64; 3]>, of: fn(&CorrectionSpec) -> [f64; 3], name| {

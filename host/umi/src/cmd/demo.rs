@@ -2,30 +2,34 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
-use umi::audit::{Audit, Findings};
-use umi::capture::Bench;
-use umi::experiment::cases::{self, Case};
-use umi::experiment::outcome::{Outcome, Remedy, Setting, Summary, Surface, spread};
-use umi::experiment::path::Laces;
-use umi::experiment::run::{self, Progress};
-use umi::experiment::thesis;
-use umi::failure::Failure;
-use umi::jobfile;
-use umi::pull::{self, Step};
-use umi::report::{self, Fact, terminal};
-use umi::style::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
-use umi_virtual::cutting::Statistics;
+use umi_client::files::job_file;
+use umi_client::journal::audit::{Audit, Findings};
+use umi_client::journal::{self, PullStep};
+use umi_client::session::Fact;
+use umi_desk::capture::Desk;
+use umi_experiment::cases::{self, ExperimentCase};
+use umi_experiment::outcome::{
+    ExperimentOutcome, ExperimentSummary, Method, Setting, Surface, spread,
+};
+use umi_experiment::path::Passes;
+use umi_experiment::run::{self, ExperimentProgress};
+use umi_experiment::thesis;
+use umi_report::terminal;
+use umi_virtual::cutting::DeviationStatistics;
 
 use super::Format;
 
 /// The thesis' experiment: misplace a part, probe it, correct, cut, measure what was cut
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Demo {
+pub(crate) struct Demo {
     /// Where the report, all programs and the journal go
     #[arg(long, value_name = "DIR", default_value = "umi-demo")]
     out: PathBuf,
@@ -49,12 +53,17 @@ pub struct Demo {
     #[arg(long, value_name = "REMEDY", default_value = "g10-g68", value_parser = remedies())]
     remedy: String,
     #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
     pub format: Format,
 }
 
+/// The page; a folder that has one is of an older run.
+const REPORT: &str = "report.html";
+
 /// The names of the remedies.
 fn remedies() -> PossibleValuesParser {
-    Remedy::ALL.map(Remedy::name).into()
+    Method::ALL.map(Method::name).into()
 }
 
 /// Cusps of 1.2 µm: small against the 2 µm that are to be shown.
@@ -77,6 +86,7 @@ Error sources are those of the thesis' table 5.5 and the control's delay of 0 to
 
 Examples:
   umi demo
+  umi demo --force                      over the last one
   umi demo --ideal --out /tmp/ideal
   umi demo --seeds 10
   umi demo --stepover-mm 0.541 --printed-poses
@@ -86,7 +96,8 @@ Examples:
 impl Demo {
     pub fn run(self) -> Result<(), Failure> {
         // A wrong stepover is told before anything is written.
-        Laces::new(self.stepover_mm).map_err(|fault| Failure::trouble("stepover", fault))?;
+        Passes::new(self.stepover_mm).map_err(|fault| Failure::trouble("stepover", fault))?;
+        self.force.check(&self.out.join(REPORT), &[])?;
         std::fs::create_dir_all(&self.out)
             .map_err(|error| Failure::file("write", &self.out, &error))?;
         let cases = if self.printed_poses {
@@ -112,15 +123,15 @@ impl Demo {
         }
         self.write_programs(&outcome)?;
         outcome.session.facts = facts(&outcome, entries, &findings);
-        let page = self.out.join("report.html");
-        std::fs::write(&page, report::html_of_experiment(&outcome, &summaries))
+        let page = self.out.join(REPORT);
+        std::fs::write(&page, umi_experiment::pages::html(&outcome, &summaries))
             .map_err(|error| Failure::file("write", &page, &error))?;
         if self.format.json {
             self.print_json(&outcome, &summaries, &page, entries, findings.identical)?;
         } else {
             self.print_text(&outcome, &summaries, &page, entries, findings.identical)?;
         }
-        if outcome.session.plates.iter().all(|plate| plate.verdict.ok) {
+        if outcome.session.setups.iter().all(|setup| setup.verdict.ok) {
             Ok(())
         } else {
             Err(Failure::Negative)
@@ -128,19 +139,19 @@ impl Demo {
     }
 
     /// The one with the name; the parser lets no other name through.
-    fn remedy(&self) -> Remedy {
-        let named = Remedy::ALL.into_iter().find(|r| r.name() == self.remedy);
-        named.unwrap_or(Remedy::ALL[0])
+    fn remedy(&self) -> Method {
+        let named = Method::ALL.into_iter().find(|r| r.name() == self.remedy);
+        named.unwrap_or(Method::ALL[0])
     }
 
     /// One run; the first one is shown as it goes.
     fn one(
         &self,
         seed: u64,
-        cases: &[Case],
+        cases: &[ExperimentCase],
         bar: &ProgressBar,
         shown: bool,
-    ) -> Result<(Outcome, Bench), Failure> {
+    ) -> Result<(ExperimentOutcome, Desk), Failure> {
         let setting = Setting {
             seed,
             ideal: self.ideal,
@@ -150,18 +161,18 @@ impl Demo {
         };
         run::run(&setting, cases, |progress| {
             match progress {
-                Progress::Step { case, what } => {
+                ExperimentProgress::Step { case, what } => {
                     bar.set_message(format!("seed {seed}, case {case}: {what}"));
                     bar.inc(1);
                 }
-                Progress::Decision(decision) if shown && self.format.json => {
-                    print_json(&umi::json::decision(decision))?;
+                ExperimentProgress::Decision(decision) if shown && self.format.json => {
+                    print_json(&crate::show::json::decision(decision))?;
                 }
-                Progress::Judged(session, place) if shown && !self.format.json => {
-                    let table = terminal::plate(session, place, true);
+                ExperimentProgress::Judged(session, place) if shown && !self.format.json => {
+                    let table = terminal::setup(session, place, true);
                     bar.suspend(|| print(&format!("{table}\n")))?;
                 }
-                Progress::Decision(_) | Progress::Judged(..) => {}
+                ExperimentProgress::Decision(_) | ExperimentProgress::Judged(..) => {}
             }
             Ok(())
         })
@@ -169,7 +180,7 @@ impl Demo {
 
     /// Every program that ran, as the control had it, with scene and job: what
     /// `umi machine run` takes.
-    fn write_programs(&self, outcome: &Outcome) -> Result<(), Failure> {
+    fn write_programs(&self, outcome: &ExperimentOutcome) -> Result<(), Failure> {
         let write = |name: &str, text: &str| {
             let path = self.out.join(name);
             std::fs::write(&path, text).map_err(|error| Failure::file("write", &path, &error))
@@ -178,7 +189,7 @@ impl Demo {
             write(name, text)?;
         }
         write("scene.toml", run::SCENE)?;
-        write("job.toml", &jobfile::write(&run::job()?)?)?;
+        write("job.toml", &job_file::write(&run::job()?)?)?;
         for (what, programs) in [
             ("correction", &outcome.corrections),
             ("finish", &outcome.programs),
@@ -193,20 +204,20 @@ impl Demo {
     }
 
     /// Pulls the journal into a file and replays it.
-    fn pull(&self, bench: &mut Bench) -> Result<(u64, Findings), Failure> {
+    fn pull(&self, bench: &mut Desk) -> Result<(u64, Findings), Failure> {
         let mut file = Vec::new();
         let mut audit = Audit::default();
-        let stretch = pull::pull(bench.client(), None, |step| {
+        let stretch = journal::pull(bench.client(), None, |step| {
             match step {
-                Step::Header(header, _) => file.extend_from_slice(&header.encode()),
-                Step::Entry(entry, raw) => {
+                PullStep::Header(header, _) => file.extend_from_slice(&header.encode()),
+                PullStep::Entry(entry, raw) => {
                     file.extend_from_slice(raw);
-                    let record = pull::record(&entry)
+                    let record = journal::record(&entry)
                         .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
                     audit.take(&entry, &record);
                 }
             }
-            Ok(())
+            Ok::<(), Failure>(())
         })?;
         let path = self.out.join("journal.umij");
         std::fs::write(&path, file).map_err(|error| Failure::file("write", &path, &error))?;
@@ -215,8 +226,8 @@ impl Demo {
 
     fn print_text(
         &self,
-        outcome: &Outcome,
-        summaries: &[Summary],
+        outcome: &ExperimentOutcome,
+        summaries: &[ExperimentSummary],
         page: &Path,
         entries: u64,
         identical: u64,
@@ -255,8 +266,8 @@ impl Demo {
 
     fn print_json(
         &self,
-        outcome: &Outcome,
-        summaries: &[Summary],
+        outcome: &ExperimentOutcome,
+        summaries: &[ExperimentSummary],
         page: &Path,
         entries: u64,
         identical: u64,
@@ -306,7 +317,7 @@ impl Demo {
 }
 
 /// Figures of the nodes that were cut; null where none was.
-fn statistics(figures: &Statistics) -> Value {
+fn statistics(figures: &DeviationStatistics) -> Value {
     let cut = |mm: f64| (figures.cut() > 0).then_some(mm);
     json!({
         "nodes": figures.nodes,
@@ -322,7 +333,7 @@ fn statistics(figures: &Statistics) -> Value {
 }
 
 /// The finished surface, and the thesis'.
-fn surface_table(outcome: &Outcome) -> Table {
+fn surface_table(outcome: &ExperimentOutcome) -> Table {
     let mut table = Table::new("<>>>>>>>").titles(&[
         "surface",
         "mean",
@@ -346,7 +357,7 @@ fn surface_table(outcome: &Outcome) -> Table {
             "-".into(),
         ]);
     }
-    let mut row = |name: String, figures: &Statistics| {
+    let mut row = |name: String, figures: &DeviationStatistics| {
         let cut = |text: String| match figures.cut() {
             0 => "-".into(),
             _ => text,
@@ -380,8 +391,8 @@ fn surface_table(outcome: &Outcome) -> Table {
 }
 
 /// All seeds, and how far they spread.
-fn seed_table(summaries: &[Summary]) -> Table {
-    let figures: [fn(&Summary) -> f64; 9] = [
+fn seed_table(summaries: &[ExperimentSummary]) -> Table {
+    let figures: [fn(&ExperimentSummary) -> f64; 9] = [
         |s| s.against_first.map_or(f64::NAN, |s| s.mean_above_mm),
         |s| s.against_first.map_or(f64::NAN, |s| s.mean_below_mm),
         |s| s.against_first.map_or(f64::NAN, |s| s.std_mm),
@@ -416,7 +427,7 @@ fn seed_table(summaries: &[Summary]) -> Table {
         row.push(um(summary.uncorrected.mean_mm));
         table.row(row);
     }
-    let uncorrected: fn(&Summary) -> f64 = |s| s.uncorrected.mean_mm;
+    let uncorrected: fn(&ExperimentSummary) -> f64 = |s| s.uncorrected.mean_mm;
     let all = figures.into_iter().chain([uncorrected]);
     let (means, stds): (Vec<f64>, Vec<f64>) = all.map(|figure| spread(summaries, figure)).unzip();
     for (name, values) in [("mean", means), ("spread", stds)] {
@@ -429,13 +440,17 @@ fn seed_table(summaries: &[Summary]) -> Table {
     table
 }
 
-fn facts(outcome: &Outcome, entries: u64, findings: &Findings) -> Vec<Fact> {
+fn facts(outcome: &ExperimentOutcome, entries: u64, findings: &Findings) -> Vec<Fact> {
     let fact = |label: &str, value: String| Fact {
         label: label.into(),
         value,
     };
     let programs = outcome.corrections.iter().flatten().count();
-    let astray = outcome.astray_mm.iter().copied().fold(0.0, f64::max);
+    let astray = outcome
+        .position_error_mm
+        .iter()
+        .copied()
+        .fold(0.0, f64::max);
     vec![
         fact(
             "Input",

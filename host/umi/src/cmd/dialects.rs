@@ -1,10 +1,10 @@
 //! `umi dialects`
 
+use crate::failure::Failure;
+use crate::show::terminal::{TITLE, Table, paint, print, print_json};
 use clap::Args;
 use serde_json::{Value, json};
-use umi::failure::Failure;
-use umi::style::{TITLE, Table, paint, print, print_json};
-use umi_core::nc::dialect::{Form, Turn, about, form};
+use umi_core::correction::dialect::{Form, Turn, about, form};
 use umi_protocol::job::Dialect;
 
 use super::Format;
@@ -12,7 +12,7 @@ use super::Format;
 /// What each control understands: the table of correction programs
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Dialects {
+pub(crate) struct Dialects {
     /// Controls, sources and what has been tried, of this one only
     #[arg(value_name = "NAME")]
     name: Option<String>,

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-use umi::failure::Failure;
-use umi::points;
-use umi::results::{self, Amount, Parameter, Unit, parameters};
-use umi::style::{
-    self, FAINT, TITLE, Table, count, decimals, histogram, paint, print, print_json, signed_bar,
+use crate::failure::Failure;
+use crate::show::terminal::{
+    self, FAINT, TITLE, Table, count, decimals, fixed, histogram, paint, print, print_json,
+    signed_bar,
 };
+use clap::{Args, ValueEnum};
+use umi_client::files::points;
+use umi_client::quantities::{self, Amount, Parameter, QuantityUnit, parameters};
 use umi_core::units::Point;
 use umi_protocol::feature::Shape;
 use umi_protocol::job::FeatureKind;
@@ -18,7 +19,7 @@ use super::Format;
 /// Fit a geometry to points by orthogonal least squares
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Fit {
+pub(crate) struct Fit {
     /// The geometry
     #[arg(value_enum)]
     kind: Kind,
@@ -74,9 +75,9 @@ impl Fit {
     pub fn run(self) -> Result<(), Failure> {
         let points = points::read(&self.points)?;
         let fitted = umi_core::job::fit(self.kind.into(), &points)?;
-        let fit = results::Fit::new(&fitted, &points);
+        let fit = quantities::FitFigures::new(&fitted, &points);
         if self.format.json {
-            print_json(&umi::json::fit(&fit))
+            print_json(&crate::show::json::fit(&fit))
         } else {
             print(&text(&fit, &points))
         }
@@ -86,13 +87,13 @@ impl Fit {
 /// Points up to this number are listed, more are summed up in a histogram.
 const MOST_LISTED: usize = 64;
 
-fn text(fit: &results::Fit<'_>, points: &[Point]) -> String {
+fn text(fit: &quantities::FitFigures<'_>, points: &[Point]) -> String {
     let (parameters, _) = parameters(&fit.shape);
     let n = count(fit.residuals_mm.len() as u64, "point");
     let title = paint(TITLE, format_args!("{} through {n}", fit.kind()));
     let mut table = Table::new("<>>").titles(&["", "value", "std. uncertainty"]);
     // All lengths to the digits of the one that is least certain.
-    let lengths = parameters.iter().filter(|p| p.unit == Unit::Mm);
+    let lengths = parameters.iter().filter(|p| p.unit == QuantityUnit::Mm);
     let uncertainties = lengths.flat_map(|p| numbers(p.standard_uncertainty(fit.sigma_mm)));
     let digits = decimals(uncertainties.reduce(f64::max));
     for parameter in &parameters {
@@ -116,13 +117,13 @@ fn rows(table: &mut Table, parameter: &Parameter, sigma_mm: Option<f64>, digits:
     for (number, (value, axis)) in values.iter().zip(axes).enumerate() {
         let u = u.get(number);
         let (value, u) = match parameter.unit {
-            Unit::Mm => (
-                format!("{value:.digits$} mm"),
+            QuantityUnit::Mm => (
+                format!("{} mm", fixed(*value, digits)),
                 u.map(|u| format!("{u:.digits$} mm")),
             ),
-            Unit::One => (format!("{value:.9}"), u.map(|u| format!("{u:.1e}"))),
-            Unit::Rad => (
-                format!("{:.6} deg", value.to_degrees()),
+            QuantityUnit::One => (fixed(*value, 9), u.map(|u| format!("{u:.1e}"))),
+            QuantityUnit::Rad => (
+                format!("{} deg", fixed(value.to_degrees(), 6)),
                 u.map(|u| format!("{:.1e} deg", u.to_degrees())),
             ),
         };
@@ -139,8 +140,8 @@ fn numbers(amount: Option<Amount>) -> Vec<f64> {
     }
 }
 
-fn statistics(fit: &results::Fit<'_>, digits: usize) -> String {
-    let dof = style::dof(fit.dof);
+fn statistics(fit: &quantities::FitFigures<'_>, digits: usize) -> String {
+    let dof = terminal::dof(fit.dof);
     let mut text = format!("  rms {:.digits$} mm", fit.rms_mm);
     text += &match fit.sigma_mm {
         Some(sigma) => format!(", sigma {sigma:.digits$} mm with {dof}"),
@@ -150,14 +151,14 @@ fn statistics(fit: &results::Fit<'_>, digits: usize) -> String {
     if let Shape::Circle { rms_plane_mm, .. } = fit.shape {
         text += &format!("\n  rms of the plane {rms_plane_mm:.digits$} mm");
     }
-    if let (Some(_), Some(factor)) = (fit.sigma_mm, style::coverage_95(fit.dof)) {
+    if let (Some(_), Some(factor)) = (fit.sigma_mm, terminal::coverage_95(fit.dof)) {
         let hint = format!("  95 % interval: {factor:.2} x the standard uncertainty (Student's t)");
         text += &format!("\n{}", paint(FAINT, hint));
     }
     text + "\n"
 }
 
-fn residuals(fit: &results::Fit<'_>, points: &[Point], digits: usize) -> String {
+fn residuals(fit: &quantities::FitFigures<'_>, points: &[Point], digits: usize) -> String {
     let Some((worst, largest)) = fit.worst() else {
         return String::new();
     };

@@ -1,25 +1,25 @@
 //! `umi info`
 
-use clap::Args;
-use serde_json::json;
-use umi::axes::{NAMES, Scale};
-use umi::failure::Failure;
-use umi::json;
-use umi::style::{
+use crate::failure::Failure;
+use crate::show::json;
+use crate::show::terminal::{
     BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, loss_style, paint, print, print_json,
 };
-use umi::words::{clock, reset, reset_style};
+use crate::show::text::{clock, punched, reset, reset_style};
+use clap::Args;
+use serde_json::json;
+use umi_client::axes::{NAMES, Scale};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
 use umi_protocol::latch::{LatchCounters, Positions};
-use umi_protocol::message::{Identity, JournalInfo, Status};
+use umi_protocol::message::{Identity, JobLoss, JournalInfo, Status};
 
 use super::{Board, Format};
 
 /// Show who a board is, what it does and what it has counted
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Info {
+pub(crate) struct Info {
     #[command(flatten)]
     board: Board,
     #[command(flatten)]
@@ -84,6 +84,9 @@ fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
         (reset_style(status.reset), started),
     ]);
     table.row(["job", status.job.as_deref().unwrap_or("none")]);
+    if let Some(why) = status.job_lost.filter(|why| *why != JobLoss::Absent) {
+        table.styled([(PLAIN, String::new()), (CAUTION, why.to_string())]);
+    }
     let reference = if status.has_reference {
         "there"
     } else {
@@ -163,6 +166,12 @@ fn verdicts(table: &mut Table, status: &Status) {
     };
     let all = format!("{} OK, {ng} NG{latest}", status.verdicts_ok);
     table.styled([(PLAIN, "verdicts".to_owned()), (style, all)]);
+    if let Some(lines) = status.punched_lines {
+        table.styled([
+            (CAUTION, "no verdict".to_owned()),
+            (CAUTION, punched(lines)),
+        ]);
+    }
     if status.correction_waiting {
         table.row(["correction", "waits for the control to ask for it"]);
     }
@@ -210,7 +219,7 @@ fn received(status: &Status) -> String {
     }
     let mut faults = Table::new("<>").titles(&["faults", "count"]);
     let mut any = false;
-    for code in FaultCode::ALL {
+    for &code in FaultCode::ALL {
         let n = counters.of(code);
         if n > 0 {
             any = true;

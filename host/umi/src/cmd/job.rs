@@ -2,24 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::job as job_text;
+use crate::show::json;
+use crate::show::terminal::{GOOD, paint, print, print_json};
 use clap::{Args, Subcommand};
 use serde_json::json;
-use umi::failure::Failure;
-use umi::style::{GOOD, paint, print, print_json};
-use umi::{jobfile, jobtext};
+use umi_client::files::job_file;
+use umi_client::guards::GuardTable;
 
 use super::{Board, Format};
 
-/// Check a job file, or read and replace the job of a board
+/// Begin or check a job file, or read and replace the job of a board
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Job {
+pub(crate) struct Job {
     #[command(subcommand)]
     action: Action,
 }
 
 const HELP: &str = "\
 Examples:
+  umi job new -o plate.toml
   umi job check plate.toml
   umi job set plate.toml --port /dev/ttyACM0
   umi job show --port tcp://localhost:7001
@@ -27,10 +32,28 @@ Examples:
 
 #[derive(Subcommand)]
 enum Action {
+    New(New),
     Check(Check),
     Show(Show),
     Set(Set),
     Get(Get),
+}
+
+/// Write the job to begin with: four balls, the first again, every guard
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job new > plate.toml
+  umi job new -o plate.toml
+
+It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
+to enter. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
+struct New {
+    /// Write to this file instead of standard output
+    #[arg(short, long, value_name = "JOB.toml")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 /// Check a job file and show what it says
@@ -39,6 +62,9 @@ enum Action {
 Examples:
   umi job check examples/three-spheres.toml
   umi job check plate.toml --json       the job as JSON, or {\"error\":{...}}
+
+The table says which errors between part and correction this job sees, from which size
+on: each is put onto the job's places and judged as on the board, hits taken as exact.
 
 Exit status: 0 good, 1 file or usage, 2 the job is refused.")]
 struct Check {
@@ -92,36 +118,54 @@ struct Get {
     /// Write to this file instead of standard output
     #[arg(short, long, value_name = "JOB.toml")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 impl Job {
     pub fn run(self) -> Result<(), Failure> {
         match self.action {
+            Action::New(action) => action.run(),
             Action::Check(action) => action.run(),
             Action::Show(action) => action.run(),
             Action::Set(action) => action.run(),
             Action::Get(action) => action.run(),
         }
     }
+}
 
-    pub const fn json(&self) -> bool {
-        match &self.action {
-            Action::Check(action) => action.format.json,
-            Action::Show(action) => action.format.json,
-            Action::Set(action) => action.format.json,
-            Action::Get(_) => false,
+impl New {
+    fn run(self) -> Result<(), Failure> {
+        let text = include_str!("../../../../examples/four-spheres.toml");
+        match self.output.filter(|path| path != Path::new("-")) {
+            None => print(text),
+            Some(path) => self.force.write(&path, &[], text),
         }
     }
 }
 
 impl Check {
     fn run(self) -> Result<(), Failure> {
-        let job = jobfile::load(&self.file)?;
+        let job = job_file::load(&self.file)?;
         if self.format.json {
-            return print_json(&json!({ "status": "ok", "job": job }));
+            let open = umi_core::job::not_guarded(&job);
+            return print_json(&json!({
+                "status": "ok",
+                "job": job,
+                "guards": job_text::guards_json(&GuardTable::of(&job)),
+                "not_guarded": open.as_ref().map(json::reason),
+            }));
         }
-        let good = format!("{} can be used", umi::points::name(&self.file));
-        print(&format!("{}\n{}\n", jobtext::text(&job), paint(GOOD, good)))
+        let good = format!(
+            "{} can be used",
+            umi_client::files::points::name(&self.file)
+        );
+        print(&format!(
+            "{}\n{}\n{}\n",
+            job_text::text(&job),
+            job_text::guards(&GuardTable::of(&job)),
+            paint(GOOD, good)
+        ))
     }
 }
 
@@ -137,9 +181,9 @@ impl Show {
         let Some(job) = in_force.job else {
             return Err(no_job());
         };
-        let mut text = jobtext::text(&job);
+        let mut text = job_text::text(&job);
         if let Some(taught) = in_force.taught_mm {
-            text += &format!("\n{}", jobtext::taught(&taught, &job));
+            text += &format!("\n{}", job_text::taught(&taught, &job));
         }
         print(&text)
     }
@@ -147,10 +191,10 @@ impl Show {
 
 impl Set {
     fn run(self) -> Result<(), Failure> {
-        let job = jobfile::load(&self.file)?;
+        let job = job_file::load(&self.file)?;
         let mut board = self.board.connect()?;
         if let Err(refused) = board.set_job(&job)? {
-            return Err(jobfile::refusal(&refused));
+            return Err(job_file::refusal(&refused).into());
         }
         // What counts is what the board has, not what was sent.
         if board.job()?.job.as_ref() != Some(&job) {
@@ -169,14 +213,15 @@ impl Set {
 
 impl Get {
     fn run(self) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            self.force.check(path, &[])?;
+        }
         let job = self.board.connect()?.job()?.job.ok_or_else(no_job)?;
-        let text = jobfile::write(&job)?;
+        let text = job_file::write(&job)?;
         match self.output.as_deref() {
             None => print(&text),
             Some(path) if path == Path::new("-") => print(&text),
-            Some(path) => {
-                std::fs::write(path, text).map_err(|error| Failure::file("write", path, &error))
-            }
+            Some(path) => self.force.write(path, &[], text),
         }
     }
 }

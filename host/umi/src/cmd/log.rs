@@ -4,21 +4,23 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{CAUTION, FAINT, GOOD, paint, print, print_json};
+use crate::show::text;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi::failure::Failure;
-use umi::pull::{self, Step, Stretch};
-use umi::style::{CAUTION, FAINT, GOOD, paint, print, print_json};
-use umi::words;
+use umi_client::journal::{self, PullStep, Stretch};
 use umi_core::journal::Entry;
 
+use super::events::Kind;
 use super::{Board, Format};
 
 /// Pull the journal of a board, or list it
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Log {
+pub(crate) struct Log {
     /// List this file instead of the journal of a board
     #[arg(value_name = "FILE.umij", conflicts_with = "output")]
     file: Option<PathBuf>,
@@ -27,12 +29,20 @@ pub struct Log {
     /// Write the journal to this file instead of listing it
     #[arg(short, long, value_name = "FILE.umij")]
     output: Option<PathBuf>,
-    /// Replace the file if it is there
-    #[arg(long, requires = "output")]
-    force: bool,
+    #[command(flatten)]
+    force: Force,
     /// Begin with this entry instead of the oldest
     #[arg(long, value_name = "SEQ")]
     from: Option<u64>,
+    /// List only these; all entries are verified. The journal has no lines and hits of
+    /// their own
+    #[arg(
+        long,
+        value_name = "KINDS",
+        value_delimiter = ',',
+        conflicts_with = "output"
+    )]
+    only: Vec<Kind>,
     #[command(flatten)]
     pub format: Format,
 }
@@ -46,6 +56,7 @@ Examples:
   umi log                               list the journal of the only board
   umi log --port /dev/ttyACM0 -o monday.umij
   umi log monday.umij                   list a pulled file
+  umi log monday.umij --only verdicts,faults
   umi log monday.umij --from 1200 --json | jq 'select(.type==\"verdict\")'
 
 Times are the board's clock, since it started.
@@ -64,7 +75,7 @@ impl Log {
     fn list_file(&self, path: &Path) -> Result<(), Failure> {
         let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
         let from = self.from.unwrap_or(0);
-        let stretch = pull::read(&bytes, |entry| {
+        let stretch = journal::read(&bytes, |entry| {
             if entry.seq < from {
                 return Ok(());
             }
@@ -75,35 +86,27 @@ impl Log {
 
     fn list_board(&self) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
-        let stretch = pull::pull(&mut board, self.from, |step| match step {
-            Step::Header(..) => Ok(()),
-            Step::Entry(entry, _) => self.show(&entry),
+        let stretch = journal::pull(&mut board, self.from, |step| match step {
+            PullStep::Header(..) => Ok(()),
+            PullStep::Entry(entry, _) => self.show(&entry),
         })?;
         self.sum_up(&stretch, None)
     }
 
     fn save(&self, path: &Path) -> Result<(), Failure> {
-        if path.exists() && !self.force {
-            return Err(Failure::trouble(
-                "file",
-                format_args!(
-                    "{} is there already: give another name, or --force to replace it",
-                    path.display()
-                ),
-            ));
-        }
+        self.force.check(path, &[])?;
         let mut board = self.board.connect()?;
         // Under its own name only when it is complete.
         let part = part_of(path);
         let failed = |error| Failure::file("write", &part, &error);
         let mut file = BufWriter::new(File::create(&part).map_err(failed)?);
         let bar = ProgressBar::no_length().with_style(style());
-        let stretch = pull::pull(&mut board, self.from, |step| match step {
-            Step::Header(header, next) => {
+        let stretch = journal::pull(&mut board, self.from, |step| match step {
+            PullStep::Header(header, next) => {
                 bar.set_length(next - header.first_seq);
                 file.write_all(&header.encode()).map_err(failed)
             }
-            Step::Entry(_, raw) => {
+            PullStep::Entry(_, raw) => {
                 bar.inc(1);
                 file.write_all(raw).map_err(failed)
             }
@@ -120,9 +123,17 @@ impl Log {
 
     fn show(&self, entry: &Entry<'_>) -> Result<(), Failure> {
         let (seq, t_us) = (entry.seq, entry.t.0);
-        match (pull::record(entry), self.format.json) {
-            (Ok(record), true) => print_json(&umi::json::entry(seq, t_us, &record)),
-            (Ok(record), false) => line(seq, t_us, &words::record(&record)),
+        let record = journal::record(entry);
+        // What cannot be read is shown always.
+        if let Ok(record) = &record
+            && !self.only.is_empty()
+            && !self.only.contains(&Kind::of(record))
+        {
+            return Ok(());
+        }
+        match (record, self.format.json) {
+            (Ok(record), true) => print_json(&crate::show::json::entry(seq, t_us, &record)),
+            (Ok(record), false) => line(seq, t_us, &text::record(&record)),
             (Err(unreadable), true) => print_json(&json!({
                 "seq": seq,
                 "t_us": t_us,
@@ -158,7 +169,7 @@ impl Log {
 }
 
 fn line(seq: u64, t_us: u64, text: &str) -> Result<(), Failure> {
-    let time = paint(FAINT, words::clock(t_us));
+    let time = paint(FAINT, text::clock(t_us));
     print(&format!("{seq:>8}  {time}  {text}\n"))
 }
 
@@ -170,16 +181,10 @@ fn part_of(path: &Path) -> PathBuf {
 
 /// Says where that is which came before the failure.
 fn kept(failure: Failure, part: &Path) -> Failure {
-    let add = |mut explained: umi::failure::Explained| {
-        let part = part.display();
-        explained.message += &format!("\nwhat came before is verified and stays in {part}");
-        explained
-    };
-    match failure {
-        Failure::Trouble(explained) => Failure::Trouble(add(explained)),
-        Failure::Refused(explained) => Failure::Refused(add(explained)),
-        other => other,
-    }
+    let part = part.display();
+    failure.noted(&format!(
+        "\nwhat came before is verified and stays in {part}"
+    ))
 }
 
 fn style() -> ProgressStyle {

@@ -1,5 +1,6 @@
 //! The commands: one file each, with options, help and what is done.
 
+mod basis;
 mod control;
 mod correction;
 mod demo;
@@ -14,21 +15,26 @@ mod nc;
 mod program;
 mod register;
 mod replay;
+mod scan;
+mod teach;
 mod virtual_board;
 mod watch;
 
+use crate::failure::Failure;
 use clap::{Args, Subcommand};
-use umi::failure::Failure;
-use umi::link::Client;
+use umi_client::link::Client;
+use umi_client::problem::Problem;
 
 /// A command with its options.
 #[derive(Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     Demo(demo::Demo),
     Fit(fit::Fit),
     Register(register::Register),
     Replay(replay::Replay),
+    Scan(scan::Scan),
     Job(job::Job),
+    Teach(teach::Teach),
     Info(info::Info),
     Log(log::Log),
     Events(events::Events),
@@ -50,7 +56,9 @@ impl Command {
             Self::Fit(command) => command.run(),
             Self::Register(command) => command.run(),
             Self::Replay(command) => command.run(),
+            Self::Scan(command) => command.run(),
             Self::Job(command) => command.run(),
+            Self::Teach(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
             Self::Events(command) => command.run(),
@@ -63,43 +71,28 @@ impl Command {
             Self::Virtual(command) => command.run(),
         }
     }
-
-    /// Whether JSON is wanted, also for an error.
-    pub const fn json(&self) -> bool {
-        match self {
-            Self::Demo(command) => command.format.json,
-            Self::Fit(command) => command.format.json,
-            Self::Register(command) => command.format.json,
-            Self::Replay(command) => command.format.json,
-            Self::Job(command) => command.json(),
-            Self::Info(command) => command.format.json,
-            Self::Log(command) => command.format.json,
-            Self::Events(command) => command.format.json,
-            Self::Watch(command) => command.format.json,
-            Self::Machine(command) => command.json(),
-            Self::Nc(command) => command.json(),
-            Self::Correction(command) => command.format.json,
-            Self::Dialects(command) => command.format.json,
-            Self::Program(command) => command.json(),
-            Self::Virtual(command) => command.format.json,
-        }
-    }
 }
 
 /// How results are printed.
 #[derive(Args)]
-pub struct Format {
+pub(crate) struct Format {
     /// Print JSON for machines instead of text for people
-    #[arg(long)]
+    #[arg(long, global = true)]
     pub json: bool,
 }
 
 /// Which board is meant.
 #[derive(Args)]
-pub struct Board {
+pub(crate) struct Board {
     /// The board: a serial port as /dev/ttyACM0 or COM3, or tcp://host:port.
     /// Without it, the only openumi board that is plugged in
-    #[arg(long, value_name = "ADDRESS", env = "UMI_PORT", hide_env_values = true)]
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        env = "UMI_PORT",
+        hide_env_values = true,
+        global = true
+    )]
     pub port: Option<String>,
 }
 
@@ -110,7 +103,7 @@ impl Board {
     }
 
     /// Connects to it.
-    pub fn connect(&self) -> Result<Client, Failure> {
-        umi::port::connect(self.address())
+    pub fn connect(&self) -> Result<Client, Problem> {
+        umi_client::port::connect(self.address())
     }
 }

@@ -3,13 +3,15 @@
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{FAINT, GOOD, TITLE, paint, print, print_error, print_json};
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi::failure::{Explained, Failure};
-use umi::programs;
-use umi::style::{FAINT, GOOD, TITLE, paint, print, print_error, print_json};
-use umi::toolpath;
+use umi_client::files::tool_path;
+use umi_client::problem::Problem;
+use umi_client::programs;
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, Withheld};
 
 use super::control::Control;
@@ -18,7 +20,7 @@ use super::{Board, Format};
 /// List, put, get and delete the part programs in a board's flash
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Program {
+pub(crate) struct Program {
     #[command(subcommand)]
     action: Action,
 }
@@ -109,22 +111,21 @@ impl Rule {
         let When::Rewritten = self.release else {
             return Ok(());
         };
-        let settings = self.control.settings(toolpath::LEANING.transform())?;
-        let Some(refusal) = toolpath::refusal(bytes, &settings)? else {
+        let settings = self.control.settings(tool_path::LEANING.transform())?;
+        let Some(refusal) = tool_path::refusal(bytes, &settings)? else {
             return Ok(());
         };
-        let explained = Explained::new(
+        let problem = Problem::refused(
             "not_rewritable",
             format_args!(
                 "{} {refusal}; no verdict could send it (umi nc check lists every such line)",
                 path.display()
             ),
         );
-        Err(Failure::Refused(
-            explained
-                .with("line", refusal.line)
-                .with("column", refusal.column),
-        ))
+        Err(problem
+            .with("line", refusal.line)
+            .with("column", refusal.column)
+            .into())
     }
 }
 
@@ -165,7 +166,7 @@ struct List {
 #[derive(Args)]
 #[command(after_help = "\
 An upload that breaks off leaves the old program; the same command goes on where it was.
-While the board measures a plate it takes no program: umi waits for up to a minute.
+While the board measures a setup it takes no program: umi waits for up to a minute.
 A control gets it when it prints READ O1234 (DPRNT[READ*O1234]) and then reads, or after
 umi program offer. With --release rewritten it is tried here first, with a part that leans:
 a line that cannot be rewritten is named, and nothing is put.
@@ -207,9 +208,8 @@ struct Get {
     /// Write to this file; `-` is standard output
     #[arg(short, long, value_name = "PROGRAM.nc")]
     output: PathBuf,
-    /// Replace the file if it is there
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     board: Board,
 }
@@ -317,18 +317,6 @@ impl Program {
             Action::Receive(action) => action.run(),
         }
     }
-
-    pub const fn json(&self) -> bool {
-        match &self.action {
-            Action::List(action) => action.format.json,
-            Action::Put(action) => action.format.json,
-            Action::Get(_) => false,
-            Action::Delete(action) => action.format.json,
-            Action::Offer(action) => action.format.json,
-            Action::Pass(action) => action.format.json,
-            Action::Receive(action) => action.format.json,
-        }
-    }
 }
 
 impl List {
@@ -357,7 +345,7 @@ impl List {
             text += &format!(
                 "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}  {hold_s:>4} s  {}\n",
                 format!("O{number:04}"),
-                umi::words::release(release),
+                crate::show::text::release(release),
             );
         }
         let left = format!(
@@ -407,7 +395,7 @@ impl Put {
             (false, 0) => "is there".to_owned(),
             (false, at) => format!("is there (gone on at byte {at})"),
         };
-        let done = format!("{} {how}", umi::words::program(&program));
+        let done = format!("{} {how}", crate::show::text::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))?;
         match withheld {
             Some(why) => print(&format!("but as things stand it does not go out: {why}\n")),
@@ -420,15 +408,7 @@ impl Get {
     fn run(self) -> Result<(), Failure> {
         let path = &self.output;
         let to_output = path == Path::new("-");
-        if !to_output && path.exists() && !self.force {
-            return Err(Failure::trouble(
-                "file",
-                format_args!(
-                    "{} is there already: give another name, or --force to replace it",
-                    path.display()
-                ),
-            ));
-        }
+        self.force.check(path, &[])?;
         let mut board = self.board.connect()?;
         let (_, kept) = programs::list(&mut board)?;
         let program = kept.into_iter().find(|p| p.number == self.number);
@@ -447,7 +427,11 @@ impl Get {
             };
         }
         std::fs::write(path, bytes).map_err(|error| Failure::file("write", path, &error))?;
-        let done = format!("{} is in {}", umi::words::program(&program), path.display());
+        let done = format!(
+            "{} is in {}",
+            crate::show::text::program(&program),
+            path.display()
+        );
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }
@@ -480,7 +464,7 @@ impl Pass {
         if self.format.json {
             return print_json(&json!({ "status": "ok", "program": program }));
         }
-        let done = format!("{} went out", umi::words::program(&program));
+        let done = format!("{} went out", crate::show::text::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }
@@ -495,7 +479,7 @@ impl Receive {
         if self.format.json {
             return print_json(&json!({ "status": "ok", "program": program }));
         }
-        let done = format!("{} is there", umi::words::program(&program));
+        let done = format!("{} is there", crate::show::text::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }
@@ -508,13 +492,13 @@ impl Delete {
         let program = program.ok_or_else(|| programs::refusal(&ProgramRefusal::NotThere))?;
         // That it is not there any more is also the answer to a request that came twice.
         match programs::delete(&mut board, self.number) {
-            Err(Failure::Refused(of)) if of.code == ProgramRefusal::NotThere.code() => {}
+            Err(of) if of.code == ProgramRefusal::NotThere.code() => {}
             done => done?,
         }
         if self.format.json {
             return print_json(&json!({ "status": "ok", "deleted": program }));
         }
-        let done = format!("{} is deleted", umi::words::program(&program));
+        let done = format!("{} is deleted", crate::show::text::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }
@@ -522,7 +506,7 @@ impl Delete {
 /// A name from a file's: what fits of it.
 fn name(path: &Path) -> umi_protocol::job::Name {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    umi_app::measure::name(&stem)
+    umi_protocol::job::name(&stem)
 }
 
 fn bar(bytes: u32) -> ProgressBar {

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::show::terminal::{
+    self, FAINT, TITLE, Table, bar, count, decimals, fixed, histogram, paint, print, print_json,
+};
 use clap::Args;
 use serde_json::{Value, json};
-use umi::failure::Failure;
-use umi::points;
-use umi::results::{Registered, length};
-use umi::style::{
-    self, FAINT, TITLE, Table, bar, count, decimals, histogram, paint, print, print_json,
-};
+use umi_client::files::points;
+use umi_client::quantities::{Registered, length};
 use umi_core::registration::{Distance, Registration, distances, register};
 use umi_core::units::Point;
 
@@ -18,7 +18,7 @@ use super::Format;
 /// Register measured points to nominal ones: the rigid motion between them
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Register {
+pub(crate) struct Register {
     /// Nominal points p in mm (CAD); or pairs with the columns px,py,pz,qx,qy,qz
     #[arg(value_name = "NOMINAL.csv")]
     nominal: PathBuf,
@@ -77,7 +77,7 @@ impl Register {
     fn read(&self) -> Result<(Vec<Point>, Vec<Point>), Failure> {
         let stdin = Path::new("-");
         match &self.measured {
-            None => points::read_pairs(&self.nominal),
+            None => Ok(points::read_pairs(&self.nominal)?),
             Some(measured) if self.nominal == stdin && measured == stdin => Err(Failure::trouble(
                 "usage",
                 "standard input can be one of the two lists only: give the other as a file, or pairs as px,py,pz,qx,qy,qz",
@@ -113,8 +113,8 @@ impl Place {
 }
 
 fn machine(result: &Registered<'_>, n: usize, distances: &[Distance], places: &[Place]) -> Value {
-    let mut object = umi::json::registration(result);
-    let list: Vec<Value> = distances.iter().map(umi::json::distance).collect();
+    let mut object = crate::show::json::registration(result);
+    let list: Vec<Value> = distances.iter().map(crate::show::json::distance).collect();
     object["distances"] = if n <= MOST_FOR_DISTANCES {
         list.into()
     } else {
@@ -138,7 +138,7 @@ fn text(result: &Registered<'_>, distances: &[Distance], places: &[Place]) -> St
     let n = count(result.residuals_mm.len() as u64, "pair");
     let title = paint(TITLE, format_args!("registration of {n}: q = R p + t"));
     let mut text = format!("{title}\n\n{}\n", motion(result, digits));
-    let dof = style::dof(result.dof);
+    let dof = terminal::dof(result.dof);
     text += &format!("  rms {:.digits$} mm", result.rms_mm);
     text += &match result.sigma_mm {
         Some(sigma) => format!(", sigma {sigma:.digits$} mm with {dof}\n\n"),
@@ -197,16 +197,16 @@ fn motion(result: &Registered<'_>, digits: usize) -> Table {
         row
     };
     for (name, values) in ["R", "", ""].iter().zip(result.rotation) {
-        table.row(row(name, values.map(|x| format!("{x:.9}"))));
+        table.row(row(name, values.map(|x| fixed(x, 9))));
     }
-    let mm = |x: f64| format!("{x:.digits$}");
+    let mm = |x: f64| fixed(x, digits);
     table.row(row("t (mm)", result.translation_mm.map(mm)));
     if let Some(u) = result.u_translation_mm() {
         table.row(row("  std. uncertainty (mm)", u.map(mm)));
     }
-    let angle = format!("{:.6}", result.angle_deg);
+    let angle = fixed(result.angle_deg, 6);
     table.row(["angle (deg)".to_owned(), angle]);
-    table.row(row("axis", [ax, ay, az].map(|x| format!("{x:.6}"))));
+    table.row(row("axis", [ax, ay, az].map(|x| fixed(x, 6))));
     if let Some(u) = result.u_rotvec_rad() {
         let u = u.map(|u| format!("{:.1e}", u.to_degrees()));
         table.row(row("  std. uncertainty (deg)", u));

@@ -2,24 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi::audit::{Audit, Findings};
-use umi::capture::{Bench, Decision};
-use umi::failure::Failure;
-use umi::gather::Gather;
-use umi::report::terminal;
-use umi::style::{BAD, CAUTION, GOOD, count, paint, print, print_json};
-use umi::{jobfile, pull};
+use umi_client::files::job_file;
+use umi_client::journal;
+use umi_client::journal::audit::{Audit, Findings};
+use umi_client::session::DecisionRecord;
+use umi_client::session::SessionBuilder;
+use umi_desk::capture::Desk;
 use umi_protocol::job::Job;
 use umi_protocol::message::Record;
+use umi_report::terminal;
 
 use super::Format;
 
 /// A captured byte file through a virtual board, or the audit of a journal
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Replay {
+pub(crate) struct Replay {
     /// Bytes as they came from a control, in any code; or a journal as pulled by
     /// `umi log`
     #[arg(value_name = "SESSION|FILE.umij")]
@@ -67,8 +69,8 @@ impl Replay {
     }
 
     fn capture(&self, bytes: &[u8], job: &Path) -> Result<(), Failure> {
-        let job = jobfile::load(job)?;
-        let mut bench = Bench::new(&job)?;
+        let job = job_file::load(job)?;
+        let mut bench = Desk::new(&job)?;
         let mut shown = Shown::new(&job, self.format.json);
         bench.play(bytes, |decision| shown.take(decision))?;
         bench.end(|decision| shown.take(decision))?;
@@ -79,17 +81,17 @@ impl Replay {
         let mut audit = Audit::default();
         let mut shown: Option<Shown> = None;
         let json = self.format.json;
-        let stretch = pull::read(bytes, |entry| {
-            let record = pull::record(&entry)
+        let stretch = journal::read(bytes, |entry| {
+            let record = journal::record(&entry)
                 .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
             audit.take(&entry, &record);
             if let Record::JobSet(job) = &record {
-                // The plates of another job are another session.
+                // The setups of another job are another session.
                 if let Some(shown) = shown.replace(Shown::new(job, json)) {
                     shown.finish()?;
                 }
             }
-            match (Decision::of(record), &mut shown) {
+            match (DecisionRecord::of(record), &mut shown) {
                 (Some(decision), Some(shown)) => shown.take(decision),
                 _ => Ok(()),
             }
@@ -147,27 +149,27 @@ impl Replay {
 
 /// Decisions as they are shown.
 struct Shown {
-    gather: Gather,
+    gather: SessionBuilder,
     json: bool,
 }
 
 impl Shown {
     fn new(job: &Job, json: bool) -> Self {
-        let gather = Gather::new("Replay", "", job, None);
+        let gather = SessionBuilder::new("Replay", "", job, None);
         Self { gather, json }
     }
 
-    fn take(&mut self, decision: Decision) -> Result<(), Failure> {
+    fn take(&mut self, decision: DecisionRecord) -> Result<(), Failure> {
         if self.json {
-            print_json(&umi::json::decision(&decision))?;
-        } else if let Decision::Fault(fault) = &decision {
+            print_json(&crate::show::json::decision(&decision))?;
+        } else if let DecisionRecord::Fault(fault) = &decision {
             print(&format!("{} {fault}\n", paint(CAUTION, "fault")))?;
         }
         let judged = self.gather.take(decision);
         match judged {
             Some(place) if !self.json => print(&format!(
                 "{}\n",
-                terminal::plate(&self.gather.session, place, true)
+                terminal::setup(&self.gather.session, place, true)
             )),
             _ => Ok(()),
         }

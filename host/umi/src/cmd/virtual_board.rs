@@ -4,25 +4,25 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::failure::Failure;
+use crate::show::terminal::{TITLE, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi::failure::Failure;
-use umi::style::{TITLE, paint, print, print_json};
-use umi_virtual::serve::{Place, Port};
-use umi_virtual::{Config, JOURNAL, PROGRAMS, SETTINGS, Time, VirtualBoard, VirtualFlash};
+use umi_virtual::serve::{Port, PortPlace};
+use umi_virtual::{BoardTime, Config, JOURNAL, PROGRAMS, SETTINGS, VirtualBoard, VirtualFlash};
 
 use super::Format;
 
 /// A virtual board on ports of this machine, until Ctrl-C
 #[derive(Args)]
 #[command(name = "virtual", after_help = HELP)]
-pub struct Virtual {
+pub(crate) struct Virtual {
     /// The control's port: `pty`, or `tcp:PORT` (0: any free one)
     #[arg(long, value_name = "PLACE", default_value = "pty", value_parser = place)]
-    cnc: Place,
+    cnc: PortPlace,
     /// The host's port: `pty`, or `tcp:PORT` (0: any free one)
     #[arg(long, value_name = "PLACE", default_value = "pty", value_parser = place)]
-    usb: Place,
+    usb: PortPlace,
     /// Speed of the control's line: that fast, at most, bytes come and go
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
@@ -51,11 +51,11 @@ The control asks for the correction program with DC1 (READ), as in
   printf '\\021' > /dev/pts/3; cat /dev/pts/3";
 
 /// Where a port is to be.
-pub fn place(text: &str) -> Result<Place, String> {
+pub fn place(text: &str) -> Result<PortPlace, String> {
     match text.split_once(':') {
-        None if text == "pty" => Ok(Place::Pty),
+        None if text == "pty" => Ok(PortPlace::Pty),
         Some(("tcp", port)) => match port.parse() {
-            Ok(port) => Ok(Place::Tcp(port)),
+            Ok(port) => Ok(PortPlace::Tcp(port)),
             Err(_) => Err(format!("`{port}` is no TCP port: give 0 to 65535")),
         },
         _ => Err("give `pty` or `tcp:PORT`".into()),
@@ -66,7 +66,7 @@ impl Virtual {
     pub fn run(self) -> Result<(), Failure> {
         let trouble = |error| Failure::trouble("virtual_board", error);
         let mut config = Config {
-            time: Time::Real,
+            time: BoardTime::Real,
             // A start bit, eight data bits and a stop bit.
             character: Duration::from_secs(10) / self.baud,
             ..Config::default()

@@ -2,18 +2,18 @@
 
 use std::io::IsTerminal as _;
 
+use crate::failure::Failure;
+use crate::interrupt;
+use crate::show::terminal::{print, print_json};
+use crate::watch::{self, Session, TURN, screen};
 use clap::Args;
-use umi::failure::Failure;
-use umi::interrupt;
-use umi::style::{print, print_json};
-use umi::watch::{self, Session, TURN, screen};
 
 use super::{Board, Format};
 
 /// Watch a board: positions, feed, hits, verdict, link, losses
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Watch {
+pub(crate) struct Watch {
     #[command(flatten)]
     board: Board,
     /// Show one picture as plain text and end
@@ -26,8 +26,9 @@ pub struct Watch {
 const HELP: &str = "\
 Positions are in millimetres where the board's job says how many counts that is
 (counts_per_mm of its witness section), and the control's coordinates where it has
-origin_counts too; else they are counts. q or Ctrl-C ends it. A board that goes away is
-shown as gone and connected again. One program at a time can be a board's host.
+origin_counts too; else they are counts. q, Ctrl-C, the end of its input or of the
+terminal ends it; ? explains it. A board that goes away is shown as gone and connected
+again. One program at a time can be a board's host.
 
 Examples:
   umi watch                             the only board that is plugged in

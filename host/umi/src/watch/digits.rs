@@ -22,7 +22,7 @@ const fn dots(character: char) -> Option<[u8; 5]> {
 
 /// How large.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Size {
+pub(crate) enum Size {
     /// Ordinary text, one line.
     Text,
     /// Three lines, four columns for a digit.

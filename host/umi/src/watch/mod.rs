@@ -1,4 +1,4 @@
-//! `umi watch`: what is known of a board at one moment, and how it looks.
+//! `umi watch`: a board's state at one moment, and its read-out.
 //!
 //! ```text
 //! board ◄─► Session ─► View ─► screen (ratatui) ─► terminal, or plain text
@@ -11,6 +11,6 @@ mod session;
 mod terminal;
 mod view;
 
-pub use session::Session;
+pub(crate) use session::Session;
 pub use terminal::{TURN, run};
-pub use view::{Link, View};
+pub(crate) use view::View;

@@ -10,15 +10,15 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Paragraph, Widget};
+use ratatui::widgets::{Paragraph, Widget, Wrap};
 use umi_protocol::hello::VERSION;
 use umi_protocol::line::HitReport;
 use umi_protocol::message::ResetReason;
 
 use super::digits::Size;
 use super::view::View;
-use crate::axes::NAMES;
-use crate::words;
+use crate::show::text;
+use umi_client::axes::NAMES;
 
 const PLAIN: Style = Style::new();
 const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
@@ -38,7 +38,13 @@ const WANTED: usize = 10;
 
 /// Draws a board.
 pub fn draw(view: &View, area: Rect, buffer: &mut Buffer) {
-    draw_with(view, area, buffer, size(view, area), "   q ends this");
+    draw_with(
+        view,
+        area,
+        buffer,
+        size(view, area),
+        "   q ends this, ? explains it",
+    );
 }
 
 /// A board as plain text for a file or a script.
@@ -67,7 +73,11 @@ fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size, keys: &st
     let latest = verdict.by_ref().take(1).chain(hits.by_ref().take(1));
     page.put(latest.collect());
     page.gap();
-    page.beside([losses(view), link(view), board(view)]);
+    page.beside([
+        (losses(view), Vec::new()),
+        (link(view), brief_link(view)),
+        (board(view), brief_board(view)),
+    ]);
     for (name, rest) in [
         ("verdict", verdict.collect()),
         ("hits before", hits.collect()),
@@ -108,10 +118,23 @@ impl Page<'_> {
         self.area.height -= lines;
     }
 
-    /// Panels beside each other, as many as there is room, the others below.
-    fn beside<const N: usize>(&mut self, panels: [Vec<Line<'_>>; N]) {
+    /// Panels beside each other, as many as there is room, the others below: as they are if
+    /// all of them find room, else in brief.
+    fn beside<const N: usize>(&mut self, panels: [(Vec<Line<'_>>, Vec<Line<'_>>); N]) {
         let columns = usize::from((self.area.width / PANEL).max(1));
-        let mut panels = panels.into_iter().peekable();
+        let highest = panels.iter().map(|(full, _)| full.len() + 1).max();
+        let high = highest.unwrap_or(0) * N.div_ceil(columns);
+        let are_full = high <= usize::from(self.area.height);
+        let mut others = Vec::new();
+        let mut first = Vec::new();
+        for (number, (full, brief)) in panels.into_iter().enumerate() {
+            if number < columns || are_full {
+                first.push(full);
+            } else {
+                others.extend(brief);
+            }
+        }
+        let mut panels = first.into_iter().peekable();
         while panels.peek().is_some() {
             let mut most = 0;
             let mut area = self.area;
@@ -125,9 +148,95 @@ impl Page<'_> {
                 area.width = self.area.right() - area.x;
             }
             self.skip(most);
+            if others.is_empty() {
+                self.gap();
+            }
+        }
+        if !others.is_empty() {
+            self.put(others);
             self.gap();
         }
     }
+}
+
+/// What the keys do and what the words mean, instead of a board.
+pub fn help(area: Rect, buffer: &mut Buffer) {
+    let rows = [
+        ("q, Esc, Ctrl-C", "end"),
+        ("?, h", "this page; any key goes back"),
+        (
+            "mm, counts",
+            "mm where the job's witness section says how many counts that is",
+        ),
+        ("feed", "speed along the path of the first three axes"),
+        ("latest verdict", "OK or NG of the newest setup, and why"),
+        ("lost", "must be all 0: red is what is missing or not valid"),
+        ("link", "the connection from this computer to the board"),
+        ("board", "what the board says of itself"),
+    ];
+    let lines = rows.map(|(name, meaning)| {
+        let name = Span::styled(format!("{name:<16}"), TITLE);
+        Line::from(vec![name, Span::raw(meaning)])
+    });
+    let page = Paragraph::new(lines.to_vec()).wrap(Wrap { trim: false });
+    page.render(area, buffer);
+}
+
+/// The link in a line.
+fn brief_link(view: &View) -> Vec<Line<'static>> {
+    let link = &view.link;
+    let damaged = link.damaged + u64::from(view.status.link_damaged);
+    let said = format!(
+        "link   {:.1} ms, damaged {damaged}, lost {}",
+        link.answer.as_secs_f64() * 1e3,
+        link.events_lost
+    );
+    let style = if damaged + link.events_lost > 0 {
+        BAD
+    } else {
+        PLAIN
+    };
+    vec![Line::styled(said, style)]
+}
+
+/// The board in two lines.
+fn brief_board(view: &View) -> Vec<Line<'static>> {
+    let status = &view.status;
+    let ng = status.verdicts.saturating_sub(status.verdicts_ok);
+    let (started, style) = started(status.reset);
+    vec![
+        Line::raw(format!(
+            "board  job {}",
+            status.job.as_deref().unwrap_or("none")
+        )),
+        Line::styled(
+            format!(
+                "       {} OK, {ng} NG, on {} by {started}",
+                status.verdicts_ok,
+                uptime(status.uptime_us)
+            ),
+            style,
+        ),
+    ]
+}
+
+/// Why the board started.
+fn started(reset: ResetReason) -> (String, Style) {
+    let said = text::reset(reset).trim_start_matches(" by ").trim();
+    let said = if said.is_empty() { "unknown" } else { said };
+    let style = match reset {
+        ResetReason::Watchdog | ResetReason::Panic => BAD,
+        ResetReason::BrownOut => CAUTION,
+        _ => PLAIN,
+    };
+    (said.to_owned(), style)
+}
+
+/// A time to the tenth of a second.
+fn uptime(us: u64) -> String {
+    let mut said = text::clock(us);
+    said.truncate(said.len().saturating_sub(5));
+    said
 }
 
 /// Who it is and whether it is there.
@@ -310,30 +419,15 @@ fn link(view: &View) -> Vec<Line<'static>> {
 fn board(view: &View) -> Vec<Line<'static>> {
     let status = &view.status;
     let latches = &status.latches;
-    let started = words::reset(status.reset).trim_start_matches(" by ").trim();
-    let started = if started.is_empty() {
-        "unknown"
-    } else {
-        started
-    };
-    let started_style = match status.reset {
-        ResetReason::Watchdog | ResetReason::Panic => BAD,
-        ResetReason::BrownOut => CAUTION,
-        _ => PLAIN,
-    };
-    // To the tenth of a second.
-    let uptime = words::clock(status.uptime_us);
-    let uptime = uptime
-        .get(..uptime.len().saturating_sub(5))
-        .unwrap_or_default();
+    let (started, started_style) = started(status.reset);
     let ng = status.verdicts.saturating_sub(status.verdicts_ok);
     vec![
         title("board"),
         row("job", status.job.as_deref().unwrap_or("none"), PLAIN),
-        row("running for", uptime, PLAIN),
+        row("running for", uptime(status.uptime_us), PLAIN),
         row("started by", started, started_style),
         row(
-            "plates",
+            "setups",
             format!("{} OK, {ng} NG", status.verdicts_ok),
             PLAIN,
         ),
@@ -353,10 +447,14 @@ fn board(view: &View) -> Vec<Line<'static>> {
 /// The latest verdict in a line, then what else is to be said of it. Text in colours as
 /// elsewhere, but the colours of a terminal are not those of ratatui.
 fn verdict(view: &View) -> Vec<Line<'static>> {
+    if let Some(lines) = view.status.punched_lines {
+        let said = Span::styled(text::punched(lines), CAUTION);
+        return vec![latest("verdict", said)];
+    }
     let Some(verdict) = &view.verdict else {
         return vec![latest("verdict", Span::styled("none yet", FAINT))];
     };
-    let said = anstream::adapter::strip_str(&words::verdict(verdict)).to_string();
+    let said = anstream::adapter::strip_str(&text::verdict(verdict)).to_string();
     let mut said = said.lines().map(str::to_owned);
     let style = if verdict.ok { GOOD } else { BAD };
     let first = Span::styled(said.next().unwrap_or_default(), style);
@@ -383,7 +481,7 @@ fn latest(name: &str, said: Span<'static>) -> Line<'static> {
 fn hit(hit: &HitReport) -> String {
     let [x, y, z] = hit.position_mm;
     let feature = hit.feature.as_deref().unwrap_or("?");
-    let approach = hit.approach.map_or("", words::approach);
+    let approach = hit.approach.map_or("", text::approach);
     let feed = hit
         .feed_mm_per_min
         .map_or(String::new(), |feed| format!("F{feed:.0}"));

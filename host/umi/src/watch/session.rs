@@ -1,4 +1,4 @@
-//! Asks a board again and again, and connects again to one that went away.
+//! Polls a board, and connects again to one that went away.
 
 use std::time::{Duration, Instant};
 
@@ -6,10 +6,10 @@ use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{Event, Record};
 
 use super::view::{Link, View};
-use crate::axes::Scale;
 use crate::failure::Failure;
-use crate::link::Client;
-use crate::port;
+use umi_client::axes::Scale;
+use umi_client::link::Client;
+use umi_client::port;
 
 /// How often the board's counters are read.
 const STATUS: Duration = Duration::from_millis(500);
@@ -18,7 +18,7 @@ const STATUS: Duration = Duration::from_millis(500);
 const AGAIN: Duration = Duration::from_millis(500);
 
 /// A board that is watched.
-pub struct Session {
+pub(crate) struct Session {
     address: Option<String>,
     board: Option<Client>,
     view: View,
@@ -104,9 +104,7 @@ impl Session {
     }
 
     fn lost(&mut self, failure: &Failure) {
-        let why = failure
-            .explained()
-            .map(|explained| explained.message.as_str());
+        let why = failure.problem().map(|problem| problem.message.as_str());
         let why = why.and_then(|why| why.lines().next()).unwrap_or_default();
         let since = self.gone.get_or_insert_with(Instant::now).elapsed();
         self.view.link.gone = Some((why.to_owned(), since));

@@ -1,4 +1,4 @@
-//! The screen of a terminal: drawn ten times a second, given back as it was.
+//! The terminal's screen: drawn ten times a second, restored at the end.
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +14,7 @@ use crate::interrupt;
 /// From one picture to the next.
 pub const TURN: Duration = Duration::from_millis(100);
 
-/// Shows a board until somebody presses q.
+/// Shows a board until somebody presses q, or the terminal or the input is gone.
 ///
 /// The board is asked in a thread of its own: one that does not answer holds up neither
 /// the keys nor the picture.
@@ -25,6 +25,7 @@ pub fn run(mut session: Session) -> Result<(), Failure> {
     let shared = Arc::new(Mutex::new(session.view().clone()));
     let latest = Arc::clone(&shared);
     interrupt::watch();
+    interrupt::end_with_input();
     // From here on a panic, also in the other thread, gives the terminal back first.
     let mut terminal = ratatui::try_init().map_err(trouble)?;
     let asking = std::thread::spawn(move || {
@@ -41,12 +42,15 @@ pub fn run(mut session: Session) -> Result<(), Failure> {
             .unwrap_or_else(PoisonError::into_inner)
             .clone()
     };
-    let mut ended = Ok(false);
-    while matches!(ended, Ok(false)) && !interrupt::came() && !asking.is_finished() {
-        ended = picture(&mut terminal, &look());
+    let mut page = Ok(Page::Board);
+    while let Ok(Page::Board | Page::Help) = page
+        && !interrupt::came()
+        && !asking.is_finished()
+    {
+        page = page.and_then(|page| picture(&mut terminal, &look(), page));
     }
     ratatui::restore();
-    ended.map_err(trouble)?;
+    page.map_err(trouble)?;
     if asking.is_finished() {
         return Err(Failure::trouble(
             "internal",
@@ -56,19 +60,37 @@ pub fn run(mut session: Session) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One picture and the keys up to the next. True: it is to end.
-fn picture(terminal: &mut DefaultTerminal, view: &super::View) -> io::Result<bool> {
-    terminal.draw(|frame| screen::draw(view, frame.area(), frame.buffer_mut()))?;
+/// What is shown.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Page {
+    Board,
+    Help,
+    End,
+}
+
+/// One picture and the keys up to the next; the page that is then shown.
+fn picture(terminal: &mut DefaultTerminal, view: &super::View, page: Page) -> io::Result<Page> {
+    terminal.draw(|frame| match page {
+        Page::Help => screen::help(frame.area(), frame.buffer_mut()),
+        _ => screen::draw(view, frame.area(), frame.buffer_mut()),
+    })?;
     if !event::poll(TURN)? {
-        return Ok(false);
+        return Ok(page);
     }
     // A new size of the terminal is seen by the next picture.
     let Event::Key(key) = event::read()? else {
-        return Ok(false);
+        return Ok(page);
     };
     let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-    let quits = matches!(key.code, KeyCode::Char('q' | 'Q') | KeyCode::Esc) || control_c;
-    Ok(key.kind == KeyEventKind::Press && quits)
+    Ok(match key.code {
+        _ if key.kind != KeyEventKind::Press => page,
+        _ if control_c => Page::End,
+        KeyCode::Char('q' | 'Q') => Page::End,
+        _ if page == Page::Help => Page::Board,
+        KeyCode::Esc => Page::End,
+        KeyCode::Char('?' | 'h' | 'H') => Page::Help,
+        _ => page,
+    })
 }
 
 fn trouble(error: io::Error) -> Failure {

@@ -1,4 +1,4 @@
-//! What is known of a board.
+//! A board's state as it was read.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -10,15 +10,15 @@ use umi_protocol::line::HitReport;
 use umi_protocol::message::{Identity, Status};
 use umi_protocol::verdict::Verdict;
 
-use crate::axes::Scale;
-use crate::json;
+use crate::show::json;
+use umi_client::axes::Scale;
 
 /// Hits that are kept.
 const HITS: usize = 20;
 
 /// What is known of a board.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub(crate) struct View {
     /// Who it is.
     pub identity: Identity,
     /// The connection.
@@ -42,7 +42,7 @@ pub struct View {
 
 /// The connection.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Link {
+pub(crate) struct Link {
     /// Why there is none at present, and since when.
     pub gone: Option<(String, Duration)>,
     /// Time from request to answer, the latest.

@@ -15,6 +15,7 @@ use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{
     Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
+use umi_protocol::verdict::Verdict;
 
 /// What the board answers.
 pub struct Board {
@@ -38,6 +39,8 @@ pub struct Board {
     pub scanner: bool,
     /// It closes a connection after so many requests.
     pub hangs_up_after: Option<u32>,
+    /// The latest verdict.
+    pub verdict: Option<Verdict>,
 }
 
 fn name(text: &str) -> umi_protocol::job::Name {
@@ -73,6 +76,7 @@ impl Board {
             reset: ResetReason::PowerOn,
             scanner: true,
             hangs_up_after: None,
+            verdict: None,
         };
         let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
         for record in [
@@ -94,7 +98,7 @@ impl Board {
 
     /// Appends an entry.
     pub fn push(&mut self, record: &Record) {
-        let mut payload = [0; 1024];
+        let mut payload = [0; 4096];
         let payload = postcard::to_slice(record, &mut payload).unwrap();
         let seq = self.next_seq();
         let entry = Entry {
@@ -200,7 +204,7 @@ impl Board {
                 None => Response::JournalNoEntry(self.info()),
             },
             Request::PositionsGet => Response::Positions(self.positions.clone()),
-            Request::VerdictGet => Response::Verdict(None),
+            Request::VerdictGet => Response::Verdict(self.verdict.clone()),
             Request::TriggerOutSet(_) | Request::LaserSet { .. } if !self.scanner => {
                 Response::NotOnThisBoard
             }
@@ -217,11 +221,13 @@ impl Board {
         Status {
             uptime_us: 3_725_000_000,
             job: self.job.as_ref().map(|job| job.name.clone()),
+            job_lost: None,
             has_reference: false,
             verdicts: 3,
             verdicts_ok: 2,
             last_verdict_ok: Some(false),
             correction_waiting: false,
+            punched_lines: None,
             counters,
             events_dropped: 0,
             journal_failures: 0,

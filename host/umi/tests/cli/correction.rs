@@ -90,6 +90,10 @@ fn what_does_not_suffice_is_refused() {
         .exits(1)
         .says("--write-to");
     run("klingon", &[]).exits(1).says("umi dialects");
+    // A maker of controls is no dialect: those of its controls are named.
+    run("fanuc", &[])
+        .exits(1)
+        .says("did you mean g10-g68 or g68-3d or fanuc-g54.4?");
     let far = MOVED.replace("-47.6405", "1e6");
     let far = folder.file("far.json", &far);
     let args = ["correction", "--transform", &far, "--dialect", "siemens"];
@@ -114,7 +118,7 @@ fn a_printed_verdict() {
     let args = ["correction", "--dialect", "g68-3d", "--verdict", &good];
     let text = umi(&[&args[..], &PLACE].concat()).exits(0).out;
     assert!(
-        text.contains("(FROM VERDICT OK - GOOD - PLATE 4)\n"),
+        text.contains("(FROM VERDICT OK - GOOD - SETUP 4)\n"),
         "{text}"
     );
     let bad = folder.file("bad.jsonl", verdict("NG"));

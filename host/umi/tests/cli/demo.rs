@@ -40,7 +40,7 @@ fn the_demo_shows_the_experiment() {
         "Corrected, in detail",
         "Not corrected, in detail",
         "other seeds",
-        "id=\"plate-4\"",
+        "id=\"setup-4\"",
     ] {
         assert!(page.contains(text), "no {text:?} in the report");
     }
@@ -83,8 +83,8 @@ fn the_demo_shows_the_experiment() {
     umi(&["replay", &journal]).exits(0);
     // The correction that the board made, from its journal, to the letter; and in the words
     // of a control that can express the tilt.
-    for plate in [1, 4] {
-        let number = plate.to_string();
+    for setup in [1, 4] {
+        let number = setup.to_string();
         let made = umi(&["correction", "--verdict", &journal, "--plate", &number])
             .exits(0)
             .out;
@@ -92,7 +92,7 @@ fn the_demo_shows_the_experiment() {
         let sent = verdicts
             .lines()
             .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap())
-            .rfind(|v| v["type"] == "verdict" && v["plate"] == plate)
+            .rfind(|v| v["type"] == "verdict" && v["plate"] == setup)
             .unwrap();
         assert_eq!(sent["correction"]["text"], made);
         let args = [

@@ -51,7 +51,7 @@ fn board(events: Vec<Event>) -> Board {
         "counts_per_mm = [10.0, 10.0, 10.0]",
     );
     let mut board = Board::new(0);
-    board.job = Some(umi::jobfile::parse(&text).unwrap());
+    board.job = Some(umi_client::files::job_file::parse(&text).unwrap());
     board.events = events;
     board
 }

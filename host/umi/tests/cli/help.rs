@@ -7,6 +7,8 @@ fn listed(help: &str) -> Vec<String> {
     let lines = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     lines
         .take_while(|line| !line.is_empty())
+        // What a description goes on with stands further in.
+        .filter(|line| !line.starts_with("   "))
         .filter_map(|line| line.split_whitespace().next())
         .filter(|name| *name != "help")
         .map(str::to_owned)
@@ -70,12 +72,22 @@ fn every_command_shows_examples() {
     }
 }
 
+/// Lines that go on, in one: further blanks would begin an explanation.
+fn join(parts: &[&str]) -> String {
+    let mut parts = parts.iter();
+    let first = parts.next().copied().unwrap_or_default().to_owned();
+    parts.fold(first, |whole, part| whole + " " + part.trim_start())
+}
+
 /// Every option that an example uses exists: run with `--help` behind it, it is accepted.
 #[test]
 fn examples_use_options_that_exist() {
     let mut tried = 0;
     for (path, help) in all() {
         let (_, examples) = help.split_once("Examples:\n").unwrap_or_default();
+        // A call that goes on in the next line is one call.
+        let whole: Vec<&str> = examples.split("\\\n").map(str::trim_end).collect();
+        let examples = join(&whole);
         for line in examples.lines().take_while(|line| line.starts_with("  ")) {
             let Some((_, call)) = line.split_once("umi ") else {
                 continue;

@@ -176,3 +176,19 @@ fn a_reader_may_go_away() {
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stderr.is_empty());
 }
+
+/// `--json` and `--port` stand before a command or behind it, also where it fails.
+#[test]
+fn global_options_stand_anywhere() {
+    let behind = umi_reads(FOUR.as_bytes(), &["fit", "sphere", "-", "--json"]).exits(0);
+    let before = umi_reads(FOUR.as_bytes(), &["--json", "fit", "sphere", "-"]).exits(0);
+    assert_eq!(behind.out, before.out);
+    for args in [
+        ["--json", "info", "--port", "nowhere"],
+        ["--port", "nowhere", "info", "--json"],
+        ["--json", "--port", "nowhere", "info"],
+    ] {
+        let error = umi(&args).exits(1).json();
+        assert_eq!(error["error"]["code"], "no_such_port", "{args:?}");
+    }
+}

@@ -1,4 +1,4 @@
-//! `umi job check`
+//! `umi job new`, `umi job check`
 
 use crate::run::{Folder, project, umi, umi_reads};
 
@@ -20,10 +20,56 @@ fn the_example_is_good() {
     ] {
         assert!(text.contains(words), "no {words:?} in\n{text}");
     }
+    let witnessed = project("examples/three-spheres-witnessed.toml");
+    let wide = umi(&["job", "check", &witnessed]).exits(0).out;
+    for line in wide.lines() {
+        assert!(line.chars().count() <= 100, "too wide: {line}");
+    }
     let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
     assert_eq!(value["status"], "ok");
     assert_eq!(value["job"]["features"][2]["name"], "SPHERE3");
     assert_eq!(value["job"]["limits"]["tilt_deg"], 0.010);
+}
+
+/// The table of guards: the first job to begin with sees what the thesis' one does not, in
+/// words at most 79 wide and as JSON.
+#[test]
+fn a_check_says_what_the_job_sees() {
+    let rows = |example: &str| {
+        let file = project(example);
+        let text = umi(&["job", "check", &file]).exits(0).out;
+        let table: Vec<&str> = text
+            .lines()
+            .skip_while(|line| !line.contains("what may happen"))
+            .take_while(|line| !line.is_empty())
+            .collect();
+        assert!(table.len() > 13, "{text}");
+        for line in &table {
+            assert!(line.chars().count() <= 79, "too wide: {line}");
+        }
+        let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
+        value["guards"]["rows"].as_array().unwrap().clone()
+    };
+    let seen = |rows: &[serde_json::Value], code: &str| {
+        let row = rows.iter().find(|row| row["code"] == code).unwrap();
+        (
+            row["seen"].as_str().unwrap().to_owned(),
+            row["from_um"].as_f64().unwrap_or(f64::NAN),
+        )
+    };
+    let (four, three) = (
+        rows("examples/four-spheres.toml"),
+        rows("examples/three-spheres.toml"),
+    );
+    assert_eq!(four.len(), three.len());
+    for code in ["late_text", "stale_read", "silent_teaching", "wrong_digit"] {
+        assert_eq!(seen(&four, code).0, "always", "{code}");
+        assert_ne!(seen(&three, code).0, "always", "{code}");
+    }
+    // The closing ball sees what moves while it is probed; three balls alone see less of it.
+    assert_eq!(seen(&four, "drift").0, "from");
+    assert!(seen(&four, "drift").1 < 20.0);
+    assert!(seen(&three, "slip").1 > seen(&four, "slip").1 || seen(&three, "slip").0 == "no");
 }
 
 /// A fault is refused with file, line, column, the line itself and what is allowed.
@@ -65,4 +111,36 @@ fn a_missing_job_is_named() {
     umi(&["job", "check", "/nowhere/job.toml"])
         .exits(1)
         .says("/nowhere/job.toml");
+}
+
+/// A new job is explicit about teaching and has nothing that is not guarded; it is never written
+/// over a file that there is. A job without `teach` says what that risks.
+#[test]
+fn a_new_job_is_explicit() {
+    let folder = Folder::new();
+    let file = &folder.path("plate.toml");
+    umi(&["job", "new", "-o", file]).exits(0);
+    let value = umi(&["job", "check", file, "--json"]).exits(0).json();
+    assert_eq!(value["job"]["teach"], "asked");
+    assert!(value["not_guarded"].is_null(), "{}", value["not_guarded"]);
+    umi(&["job", "new", "-o", file]).exits(1).says("plate.toml");
+    let text = umi(&["job", "new"]).exits(0).out;
+    assert_eq!(std::fs::read_to_string(file).unwrap(), text);
+
+    let old = umi(&[
+        "job",
+        "check",
+        &project("examples/three-spheres.toml"),
+        "--json",
+    ])
+    .exits(0)
+    .json();
+    assert_eq!(old["not_guarded"]["details"]["first_ok"], true, "{old}");
+    let said = umi(&["job", "check", &project("examples/three-spheres.toml")])
+        .exits(0)
+        .out;
+    assert!(
+        said.contains("not guarded: text of another clamping"),
+        "{said}"
+    );
 }

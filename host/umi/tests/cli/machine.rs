@@ -108,7 +108,7 @@ fn a_faulty_scene_is_refused() {
 }
 /// The whole way on one line: macros, machine, virtual board, verdict, READ.
 #[test]
-fn a_plate_is_probed_into_a_verdict() {
+fn a_setup_is_probed_into_a_verdict() {
     let macros = std::fs::read_dir(project("hw/control/fanuc")).unwrap();
     let macros: Vec<String> = macros
         .map(|entry| entry.unwrap().path().to_str().unwrap().to_owned())
@@ -127,7 +127,7 @@ fn a_plate_is_probed_into_a_verdict() {
     let lines = umi(&args).exits(0).json_lines();
     let of = |kind: &str| lines.iter().filter(|l| l["type"] == kind).count();
     assert_eq!((of("verdict"), of("feature"), of("read")), (2, 6, 2));
-    // The plate that is taught has no correction: an old one must not run.
+    // The setup that is taught has no correction: an old one must not run.
     let reads: Vec<_> = lines.iter().filter(|l| l["type"] == "read").collect();
     assert!(reads.iter().all(|read| read["programs"][0] == 9010));
     let is_alarm = |read: &serde_json::Value| read["text"].as_str().unwrap().contains("#3000");

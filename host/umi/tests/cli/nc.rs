@@ -35,7 +35,8 @@ fn a_path_is_rewritten() {
         made.ends_with("G21 G90 G54\r\nG0 X1. Y10. Z5.\r\nG1 X1. Y20. F100\r\nM30\r\n%\r\n"),
         "{made}"
     );
-    let json = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
+    let again = [&args[..], &["--json", "--force"]].concat();
+    let json = umi(&again).exits(0).json();
     assert_eq!(json["feeds"], 1);
     assert_eq!(json["written_max_mm"][1], 20.0);
     // Standard output gets the program, and nothing else.
@@ -106,7 +107,7 @@ fn a_verdict_moves_the_path() {
     .exits(0);
     assert!(ran.out.contains("1 line"), "{}", ran.out);
     let made = std::fs::read_to_string(&out).unwrap();
-    assert!(made.contains("(VERDICT OK - V - PLATE 4)"), "{made}");
+    assert!(made.contains("(VERDICT OK - V - SETUP 4)"), "{made}");
     let bad = folder.file("bad.jsonl", replay.replace("\"OK\"", "\"NG\""));
     umi(&["nc", "rewrite", &program, "-o", &out, "--verdict", &bad])
         .exits(2)

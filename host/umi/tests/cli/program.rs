@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use umi_virtual::serve::{Place, Port};
+use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{Config, VirtualBoard};
 
 use crate::run::{Folder, umi};
@@ -10,7 +10,7 @@ use crate::run::{Folder, umi};
 /// A virtual board on a port of this machine: its address.
 fn board() -> String {
     let board = Arc::new(VirtualBoard::start(Config::default()).unwrap());
-    let port = Port::open(&Place::Tcp(0)).unwrap();
+    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
     let address = port.address.clone();
     port.serve_host(&board);
     address

@@ -114,3 +114,82 @@ fn a_board_that_goes_away_comes_back() {
     assert_eq!(back["link"]["reconnected"], 1);
     assert!(back["link"]["why"].is_null());
 }
+
+/// A terminal that is closed ends `umi watch` also where no signal says so, and the end of its
+/// input ends it.
+#[test]
+#[cfg(unix)]
+fn the_end_of_the_terminal_ends_it() {
+    use std::fs::File;
+    use std::io::Read as _;
+    use std::time::{Duration, Instant};
+
+    use rustix::io::{FdFlags, fcntl_setfd};
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+    let ends = |child: &mut Child| {
+        let end = Instant::now() + Duration::from_secs(20);
+        while child.try_wait().unwrap().is_none() {
+            if Instant::now() > end {
+                let _ = child.kill();
+                panic!("it goes on without a terminal");
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    for closed in [true, false] {
+        let port = Board::new(0).serve();
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        // Else the program would hold its own terminal open.
+        fcntl_setfd(&master, FdFlags::CLOEXEC).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap();
+        let terminal = || {
+            let path = name.to_str().unwrap();
+            File::options().read(true).write(true).open(path).unwrap()
+        };
+        let stdin = if closed {
+            Stdio::from(terminal())
+        } else {
+            Stdio::null()
+        };
+        let mut child = command(&["watch", "--port", &port])
+            .stdin(stdin)
+            .stdout(terminal())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut master = File::from(master);
+        if closed {
+            // It draws: then its terminal goes.
+            let mut bytes = [0; 64];
+            assert!(master.read(&mut bytes).unwrap() > 0);
+            drop(master);
+            ends(&mut child);
+        } else {
+            // Somebody must take what it draws.
+            std::thread::spawn(move || std::io::copy(&mut master, &mut std::io::sink()));
+            ends(&mut child);
+        }
+    }
+}
+
+/// While one program is a board's host, another is told at once, and since when.
+#[test]
+fn a_busy_board_says_since_when() {
+    let folder = Folder::new();
+    let machine = Machine::start(&folder, "%\nO1\nG4 P60000\nM30\n%\n");
+    let mut watching = Watching::start(&machine.port);
+    watching.until("the board", |value| value["connected"] == true);
+    let begun = std::time::Instant::now();
+    umi(&["info", "--port", &machine.port])
+        .exits(1)
+        .says("busy, connected since ");
+    assert!(begun.elapsed() < std::time::Duration::from_secs(2));
+    let value = umi(&["info", "--port", &machine.port, "--json"])
+        .exits(1)
+        .json();
+    assert_eq!(value["error"]["code"], "busy");
+    watching.until("the board still", |value| value["connected"] == true);
+}

@@ -30,10 +30,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
 use umi_app::board::{Clock as _, Lights};
-use umi_app::measure::{Boot, name};
+use umi_app::measure::Boot;
 use umi_app::{App, Drivers};
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;
+use umi_protocol::job::name;
 use umi_protocol::latch::{LatchReport, Positions};
 use umi_protocol::message::{Identity, ResetReason};
 
@@ -73,7 +74,7 @@ pub const PROGRAMS: Geometry = Geometry {
 
 /// How time passes on a virtual board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Time {
+pub enum BoardTime {
     /// As on a clock on the wall.
     Real,
     /// Only when [`VirtualBoard::advance`] says so.
@@ -92,7 +93,7 @@ pub struct Config {
     /// Flash of the part programs.
     pub programs: VirtualFlash,
     /// How time passes.
-    pub time: Time,
+    pub time: BoardTime,
     /// Time that a character takes on the control's line; zero: none.
     pub character: Duration,
 }
@@ -105,7 +106,7 @@ impl Default for Config {
             journal: VirtualFlash::in_memory(JOURNAL),
             settings: VirtualFlash::in_memory(SETTINGS),
             programs: VirtualFlash::in_memory(PROGRAMS),
-            time: Time::Steered,
+            time: BoardTime::Steered,
             character: Duration::ZERO,
         }
     }
@@ -143,8 +144,8 @@ impl VirtualBoard {
         let lamps = Lamps::default();
         let outputs = lamps.clone();
         let clock = match config.time {
-            Time::Real => VirtualClock::Real(Instant::now()),
-            Time::Steered => VirtualClock::Steered(steered),
+            BoardTime::Real => VirtualClock::Real(Instant::now()),
+            BoardTime::Steered => VirtualClock::Steered(steered),
         };
         let own_clock = clock.clone();
         let station = Station::new(clock.clone());

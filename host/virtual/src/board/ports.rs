@@ -11,7 +11,7 @@ use umi_app::board::{
     Axes, Broken, Clock as _, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
     Scanner, Unsupported, Watchdog,
 };
-use umi_app::measure::PIECE;
+use umi_app::intake::PIECE;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
 
 use super::clock::VirtualClock;

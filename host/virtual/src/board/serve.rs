@@ -3,19 +3,23 @@
 //! its wires with [`Port::serve`].
 
 use std::io::{self, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use crate::{HostEnd, VirtualBoard};
 
 /// How long a port is read before it is looked whether there is something to write.
 const TURN: Duration = Duration::from_millis(2);
 
+/// What a port says that already has a client: this, since when and by whom, and a zero byte.
+/// A zero byte before it ends whatever was there.
+pub const BUSY: &str = "\0busy";
+
 /// Where a port is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum PortPlace {
     /// A pseudo-terminal, as a serial device.
     Pty,
     /// A TCP port of this machine (loopback only); 0: any.
@@ -45,10 +49,10 @@ impl Port {
     ///
     /// # Errors
     /// The system's.
-    pub fn open(place: &Place) -> io::Result<Self> {
+    pub fn open(place: &PortPlace) -> io::Result<Self> {
         match place {
             #[cfg(unix)]
-            Place::Pty => {
+            PortPlace::Pty => {
                 use serialport::SerialPort as _;
                 use std::os::unix::fs::OpenOptionsExt as _;
                 let (mut master, mut slave) = serialport::TTYPort::pair()?;
@@ -64,11 +68,11 @@ impl Port {
                 Ok(Self { address, listener })
             }
             #[cfg(not(unix))]
-            Place::Pty => Err(io::Error::new(
+            PortPlace::Pty => Err(io::Error::new(
                 io::ErrorKind::Unsupported,
                 "this system has no pseudo-terminals: use tcp",
             )),
-            Place::Tcp(port) => {
+            PortPlace::Tcp(port) => {
                 let listener = TcpListener::bind(("127.0.0.1", *port))?;
                 Ok(Self {
                     address: format!("tcp://{}", listener.local_addr()?),
@@ -89,10 +93,16 @@ impl Port {
                 drop(held);
             }
             Listener::Tcp(listener) => {
-                for stream in listener.incoming().flatten() {
-                    let mut side = connect();
+                let mut next = None;
+                loop {
+                    let waiting = next.take();
+                    let Some(stream) = waiting.or_else(|| wait_for(&listener)) else {
+                        // The system has no connection to give now.
+                        thread::sleep(TURN);
+                        continue;
+                    };
                     // A client that is gone makes room for the next.
-                    let _ = tcp(stream, &mut side);
+                    next = tcp(stream, &listener, &mut connect()).unwrap_or_default();
                 }
             }
         });
@@ -111,11 +121,59 @@ impl Port {
     }
 }
 
-fn tcp(mut stream: TcpStream, side: &mut impl Side) -> io::Result<()> {
+/// The next client.
+fn wait_for(listener: &TcpListener) -> Option<TcpStream> {
+    listener.set_nonblocking(false).ok()?;
+    listener.accept().ok().map(|(stream, _)| stream)
+}
+
+/// Serves a client until it is gone. Who comes meanwhile is told that the port is busy; who
+/// came just after the client had gone is the next.
+fn tcp(
+    mut stream: TcpStream,
+    listener: &TcpListener,
+    side: &mut impl Side,
+) -> io::Result<Option<TcpStream>> {
+    stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(TURN))?;
-    loop {
-        pump(&mut stream, side)?;
+    listener.set_nonblocking(true)?;
+    let busy = busy(SystemTime::now(), stream.peer_addr()?);
+    while pump(&mut stream, side).is_ok() {
+        if let Ok((other, _)) = listener.accept() {
+            if pump(&mut stream, side).is_err() {
+                return Ok(Some(other));
+            }
+            let busy = busy.clone();
+            thread::spawn(move || refuse(other, &busy));
+        }
+    }
+    Ok(None)
+}
+
+/// What a second client is told: since when the port is taken, in UTC, and by whom.
+fn busy(since: SystemTime, by: SocketAddr) -> String {
+    let since = since.duration_since(SystemTime::UNIX_EPOCH);
+    let seconds = since.map_or(0, |since| since.as_secs()) % 86_400;
+    let (hours, minutes) = (seconds / 3600, seconds / 60 % 60);
+    let seconds = seconds % 60;
+    format!("{BUSY}, connected since {hours:02}:{minutes:02}:{seconds:02} UTC by {by}\0")
+}
+
+/// Tells a client, and waits until it has gone: bytes of its that nobody has read would
+/// make the system throw away what it was told.
+fn refuse(mut other: TcpStream, busy: &str) {
+    const LONGEST: Duration = Duration::from_secs(1);
+    let told = other
+        .set_nonblocking(false)
+        .and_then(|()| other.set_read_timeout(Some(LONGEST)))
+        .and_then(|()| other.write_all(busy.as_bytes()))
+        .and_then(|()| other.shutdown(Shutdown::Write));
+    let mut buffer = [0; 256];
+    // A few frames are what a host sends before it reads.
+    let mut left = 100;
+    while told.is_ok() && left > 0 && other.read(&mut buffer).is_ok_and(|count| count > 0) {
+        left -= 1;
     }
 }
 

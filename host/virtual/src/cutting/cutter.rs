@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use umi_core::units::Point;
 
 use super::{Removed, Wander, Workpiece, sweep};
-use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
+use crate::nc::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip, Trip};
 
 /// A ball-nose tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ const GRAZE_MM: f64 = 0.02;
 /// here, as a probe, take nothing away. What a motion that the machine stopped has
 /// cut is not known and not taken away.
 ///
-/// The tool is where the axes truly are ([`Axes::true_position`]) at start and end of
+/// The tool is where the axes truly are ([`AxisDrives::true_position`]) at start and end of
 /// a motion; in between, what they are off passes evenly from one to the other.
 #[derive(Debug)]
 pub struct Cutter<A> {
@@ -140,7 +140,7 @@ impl Stand {
     }
 }
 
-impl<A: Axes> Cutter<A> {
+impl<A: AxisDrives> Cutter<A> {
     fn stand(&self) -> Stand {
         Stand {
             shown: self.axes.position(),
@@ -149,7 +149,7 @@ impl<A: Axes> Cutter<A> {
     }
 
     /// The tool has gone this way.
-    fn sweep(&mut self, from: Stand, path: &Path, rapid: bool) {
+    fn sweep(&mut self, from: Stand, path: &MotionPath, rapid: bool) {
         let off = self.off + from.off();
         if let Some(wander) = &mut self.wander {
             self.off = wander.next();
@@ -193,7 +193,7 @@ impl<A: Axes> Cutter<A> {
     }
 }
 
-impl<A: Axes> Axes for Cutter<A> {
+impl<A: AxisDrives> AxisDrives for Cutter<A> {
     fn position(&self) -> Point {
         self.axes.position()
     }
@@ -206,17 +206,17 @@ impl<A: Axes> Axes for Cutter<A> {
         self.axes.reference_point()
     }
 
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         let from = self.stand();
         self.axes.travel(motion)?;
-        self.sweep(from, &motion.path, motion.rate == Rate::Rapid);
+        self.sweep(from, &motion.path, motion.rate == MotionRate::Rapid);
         Ok(())
     }
 
-    fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {
         let from = self.stand();
         let skip = self.axes.skip(motion, leaving)?;
-        self.sweep(from, &Path::Line, false);
+        self.sweep(from, &MotionPath::Line, false);
         Ok(skip)
     }
 

@@ -1,4 +1,4 @@
-//! A surface that was cut against the one that was meant.
+//! Deviation of a cut surface from its nominal.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -6,7 +6,7 @@ use super::{CylinderArc, Grid, Workpiece};
 
 /// The deviation of every node from the nominal surface, along its normal.
 #[derive(Clone, Debug)]
-pub struct Deviations {
+pub struct SurfaceDeviations {
     grid: Grid,
     /// Row by row.
     mm: Vec<f64>,
@@ -17,7 +17,7 @@ pub struct Deviations {
 /// counts are of the nodes that a tool has touched (0 if there are none): raw surface
 /// says nothing of how well was cut.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Statistics {
+pub struct DeviationStatistics {
     /// Nodes in the region.
     pub nodes: usize,
     /// Of these, nodes that no tool has touched.
@@ -37,7 +37,7 @@ pub struct Statistics {
     pub mean_below_mm: f64,
 }
 
-impl Statistics {
+impl DeviationStatistics {
     /// Nodes that a tool has touched.
     #[must_use]
     pub fn cut(&self) -> usize {
@@ -52,7 +52,7 @@ impl Statistics {
     }
 }
 
-impl Deviations {
+impl SurfaceDeviations {
     /// Measures a workpiece against its nominal surface, in the workpiece's frame.
     #[must_use]
     pub fn of(workpiece: &Workpiece, nominal: &CylinderArc) -> Self {
@@ -157,7 +157,7 @@ impl Deviations {
     /// The figures of the region that `inside` (x, y in mm) selects; None if it
     /// has no node.
     #[must_use]
-    pub fn statistics(&self, inside: impl Fn(f64, f64) -> bool) -> Option<Statistics> {
+    pub fn statistics(&self, inside: impl Fn(f64, f64) -> bool) -> Option<DeviationStatistics> {
         let mut sum = Sum::default();
         for (x, y, mm, cut) in self.nodes() {
             if inside(x, y) {
@@ -172,7 +172,7 @@ impl Deviations {
 /// no digits are lost in a difference of large sums).
 #[derive(Default)]
 struct Sum {
-    figures: Statistics,
+    figures: DeviationStatistics,
     squares: f64,
     above: (f64, f64),
     below: (f64, f64),
@@ -208,7 +208,7 @@ impl Sum {
     }
 
     #[allow(clippy::cast_precision_loss, reason = "node counts are far below 2^52")]
-    fn finish(self) -> Option<Statistics> {
+    fn finish(self) -> Option<DeviationStatistics> {
         let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { 0.0 };
         let mut figures = self.figures;
         if figures.nodes == 0 {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
-use crate::nc::Path;
+use crate::nc::MotionPath;
 
 /// The farthest that a chord may leave its arc: a tenth of the machine's smallest
 /// increment of 0.001 mm would be seen in a deviation map, a hundredth is not.
@@ -19,11 +19,11 @@ const MAX_PIECES: u32 = 3_000_000;
 pub fn corners(
     from: Vector3<f64>,
     to: Vector3<f64>,
-    path: &Path,
+    path: &MotionPath,
 ) -> impl Iterator<Item = (f64, Vector3<f64>)> + use<> {
     let arc = match *path {
-        Path::Line => None,
-        Path::Arc {
+        MotionPath::Line => None,
+        MotionPath::Arc {
             center,
             axis,
             sweep,

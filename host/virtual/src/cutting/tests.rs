@@ -5,7 +5,7 @@ use umi_core::registration::RigidTransform;
 use umi_core::units::{Point, Rad};
 
 use super::*;
-use crate::nc::{Axes as _, Motion, Path, Rate, Recorder};
+use crate::nc::{AxisDrives as _, AxisMotion, MotionPath, MotionRate, Recorder};
 
 mod truth;
 
@@ -28,20 +28,20 @@ fn machine(workpiece: Workpiece) -> Cutter<Recorder> {
 }
 
 /// The tool's tip goes there.
-fn go(cutter: &mut Cutter<Recorder>, tip: Vector3<f64>, rate: Rate) {
+fn go(cutter: &mut Cutter<Recorder>, tip: Vector3<f64>, rate: MotionRate) {
     let to = Point {
         mm: tip + Vector3::new(0.0, 0.0, LENGTH),
     };
-    let path = Path::Line;
-    cutter.travel(&Motion { to, path, rate }).unwrap();
+    let path = MotionPath::Line;
+    cutter.travel(&AxisMotion { to, path, rate }).unwrap();
 }
 
 fn lace(cutter: &mut Cutter<Recorder>, from: Vector3<f64>, to: Vector3<f64>) {
     let safe = |p: Vector3<f64>| Vector3::new(p.x, p.y, 200.0);
-    go(cutter, safe(from), Rate::Rapid);
-    go(cutter, from, Rate::Feed(1000.0));
-    go(cutter, to, Rate::Feed(1000.0));
-    go(cutter, safe(to), Rate::Rapid);
+    go(cutter, safe(from), MotionRate::Rapid);
+    go(cutter, from, MotionRate::Feed(1000.0));
+    go(cutter, to, MotionRate::Feed(1000.0));
+    go(cutter, safe(to), MotionRate::Rapid);
 }
 
 fn block(pitch: f64) -> Workpiece {
@@ -176,8 +176,8 @@ fn arc_blank() -> Workpiece {
     Workpiece::new(grid, |_, y| ARC.height_mm(y).unwrap() + 1.0)
 }
 
-fn arc_statistics(workpiece: &Workpiece) -> Statistics {
-    Deviations::of(workpiece, &ARC)
+fn arc_statistics(workpiece: &Workpiece) -> DeviationStatistics {
+    SurfaceDeviations::of(workpiece, &ARC)
         .statistics(|_, _| true)
         .unwrap()
 }
@@ -256,15 +256,19 @@ fn a_moved_part_cut_along_a_moved_path_is_the_same() {
 #[test]
 fn an_arc_leaves_a_ring() {
     let mut cutter = machine(block(0.25));
-    go(&mut cutter, Vector3::new(5.0, 0.0, -1.0), Rate::Feed(100.0));
-    let motion = Motion {
+    go(
+        &mut cutter,
+        Vector3::new(5.0, 0.0, -1.0),
+        MotionRate::Feed(100.0),
+    );
+    let motion = AxisMotion {
         to: Point::from_mm(5.0, 0.0, LENGTH - 1.0),
-        path: Path::Arc {
+        path: MotionPath::Arc {
             center: Point::from_mm(0.0, 0.0, LENGTH - 1.0),
             axis: Vector3::new(0.0, 0.0, 1.0),
             sweep: Rad(2.0 * PI),
         },
-        rate: Rate::Feed(1000.0),
+        rate: MotionRate::Feed(1000.0),
     };
     cutter.travel(&motion).unwrap();
     let grid = *cutter.workpiece().grid();
@@ -290,7 +294,7 @@ fn an_arc_leaves_a_ring() {
     let corners: Vec<_> = sweep::corners(
         from,
         Vector3::new(-5.0, 0.0, 6.0),
-        &Path::Arc {
+        &MotionPath::Arc {
             center: Point::from_mm(0.0, 0.0, 0.0),
             axis: Vector3::new(0.0, 0.0, 1.0),
             sweep: Rad(PI),
@@ -310,9 +314,17 @@ fn an_arc_leaves_a_ring() {
 #[test]
 fn contacts_that_are_no_cuts_are_told() {
     let mut cutter = machine(block(0.5));
-    go(&mut cutter, Vector3::new(-30.0, 0.0, -1.0), Rate::Rapid);
+    go(
+        &mut cutter,
+        Vector3::new(-30.0, 0.0, -1.0),
+        MotionRate::Rapid,
+    );
     assert_eq!(cutter.crashes(), []);
-    go(&mut cutter, Vector3::new(30.0, 0.0, -1.0), Rate::Rapid);
+    go(
+        &mut cutter,
+        Vector3::new(30.0, 0.0, -1.0),
+        MotionRate::Rapid,
+    );
     let [crash] = cutter.crashes() else {
         panic!("{:?}", cutter.crashes());
     };
@@ -323,19 +335,23 @@ fn contacts_that_are_no_cuts_are_told() {
     go(
         &mut cutter,
         Vector3::new(30.0, 8.0, -1.0),
-        Rate::Feed(500.0),
+        MotionRate::Feed(500.0),
     );
     go(
         &mut cutter,
         Vector3::new(-30.0, 8.0, -1.0),
-        Rate::Feed(500.0),
+        MotionRate::Feed(500.0),
     );
     let causes: Vec<_> = cutter.crashes().iter().map(|crash| crash.cause).collect();
     assert_eq!(causes, [CrashCause::Rapid, CrashCause::SpindleStill]);
 
     // Another tool is none of the cutter's.
     cutter.change_tool(1).unwrap();
-    go(&mut cutter, Vector3::new(30.0, -8.0, -1.0), Rate::Rapid);
+    go(
+        &mut cutter,
+        Vector3::new(30.0, -8.0, -1.0),
+        MotionRate::Rapid,
+    );
     assert_eq!(cutter.crashes().len(), 2);
 }
 
@@ -370,7 +386,7 @@ fn scatter_of_the_axes_is_seen_on_the_surface() {
 fn figures_of_a_known_surface() {
     let grid = Grid::new([0.0, 1.0], [-1.0, 2.0], [1.0, 1.0]).unwrap();
     let mut workpiece = Workpiece::new(grid, |_, y| ARC.height_mm(y).unwrap() + 3.0);
-    let untouched = Deviations::of(&workpiece, &ARC);
+    let untouched = SurfaceDeviations::of(&workpiece, &ARC);
     let none = untouched.statistics(|_, _| true).unwrap();
     assert_eq!((none.nodes, none.uncut, none.cut()), (8, 8, 0));
     assert_eq!((none.mean_mm, none.max_mm), (0.0, 0.0));
@@ -379,7 +395,7 @@ fn figures_of_a_known_surface() {
     press(&mut workpiece, |x, y| {
         (y < 1.5).then_some(if x < 0.5 { 0.2 } else { -0.1 })
     });
-    let deviations = Deviations::of(&workpiece, &ARC);
+    let deviations = SurfaceDeviations::of(&workpiece, &ARC);
     let all = deviations.statistics(|_, _| true).unwrap();
     // Raw surface counts as such and with nothing else.
     assert_eq!((all.nodes, all.uncut, all.cut()), (8, 2, 6));
@@ -431,7 +447,7 @@ fn laid_on_a_strip_a_moved_arc_has_no_deviations() {
             let moved = 0.02 * cos - 0.03 * sin + 1e-4 * x * cos + 2e-4 * x * sin;
             Some(moved + if strip(x, y) { 0.0 } else { step })
         });
-        let absolute = Deviations::of(&workpiece, &ARC);
+        let absolute = SurfaceDeviations::of(&workpiece, &ARC);
         assert!(absolute.statistics(|_, _| true).unwrap().max_mm > 0.02);
         let laid = absolute.laid_on(&ARC, strip).unwrap();
         let beside = laid.statistics(|x, y| !strip(x, y)).unwrap();

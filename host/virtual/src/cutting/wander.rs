@@ -1,4 +1,4 @@
-//! Where axes truly stand when they say they are there.
+//! Scatter of positioning: the true place of axes at a programmed one.
 
 use nalgebra::Vector3;
 

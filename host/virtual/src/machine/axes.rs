@@ -5,13 +5,13 @@ use umi_core::units::Point;
 
 use super::collide::between;
 use super::motion::Profile;
-use super::{Hit, Machine, Spindle, Wires};
-use crate::nc::{Axes, Motion, Path, Rate, Skip, Trip};
+use super::{SkippedTouch, Spindle, VirtualMachine, Wires};
+use crate::nc::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip, Trip};
 
 /// Chord error of an arc where collisions are looked for, mm.
 const CHORD_MM: f64 = 0.005;
 
-impl<W: Wires> Axes for Machine<W> {
+impl<W: Wires> AxisDrives for VirtualMachine<W> {
     fn position(&self) -> Point {
         Point { mm: self.position }
     }
@@ -26,7 +26,7 @@ impl<W: Wires> Axes for Machine<W> {
         Point::from_array_mm(self.scene.machine.reference_mm)
     }
 
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         let mut chain = vec![self.position];
         chain.append(&mut corners(&self.position, motion));
         for at in &chain {
@@ -50,7 +50,7 @@ impl<W: Wires> Axes for Machine<W> {
         Ok(())
     }
 
-    fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {
         let (from, to) = (self.position, motion.to.mm);
         self.within_travel(&to)?;
         if self.spindle != Spindle::Probe {
@@ -120,7 +120,7 @@ impl<W: Wires> Axes for Machine<W> {
         self.pass(read_s - edge_s + speed / profile.acceleration_mm_per_s2);
         self.arrive(rest);
         self.signal = true;
-        let hit = Hit {
+        let hit = SkippedTouch {
             body: touch.body,
             contact: Point {
                 mm: touch.center_mm,
@@ -220,7 +220,7 @@ impl<W: Wires> Axes for Machine<W> {
     }
 }
 
-impl<W: Wires> Machine<W> {
+impl<W: Wires> VirtualMachine<W> {
     /// A motion with skip that ends where it was to.
     fn unseen(&mut self, to: &Vector3<f64>, profile: &Profile) -> Result<Skip, Trip> {
         let from = self.position;
@@ -237,13 +237,13 @@ impl<W: Wires> Machine<W> {
     }
 
     /// The motion in time.
-    pub(super) fn profile(&mut self, length_mm: f64, rate: Rate) -> Result<Profile, Trip> {
+    pub(super) fn profile(&mut self, length_mm: f64, rate: MotionRate) -> Result<Profile, Trip> {
         let machine = &self.scene.machine;
         let rapid = machine.rapid_mm_per_min;
         let mm_per_min = match rate {
-            Rate::Rapid => rapid,
-            Rate::Feed(feed) if feed > 0.0 => feed.min(rapid),
-            Rate::Feed(feed) => {
+            MotionRate::Rapid => rapid,
+            MotionRate::Feed(feed) if feed > 0.0 => feed.min(rapid),
+            MotionRate::Feed(feed) => {
                 return Err(Trip {
                     message: format!("the feed is {feed} mm/min; program an F above 0"),
                 });
@@ -260,8 +260,8 @@ impl<W: Wires> Machine<W> {
 }
 
 /// The corners of a motion's way, the last one its end: arcs as chords.
-fn corners(from: &Vector3<f64>, motion: &Motion) -> Vec<Vector3<f64>> {
-    let Path::Arc {
+fn corners(from: &Vector3<f64>, motion: &AxisMotion) -> Vec<Vector3<f64>> {
+    let MotionPath::Arc {
         center,
         axis,
         sweep,

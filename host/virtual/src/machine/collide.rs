@@ -1,8 +1,8 @@
-//! What is in the way of the axes.
+//! Collisions of the axes with bodies.
 
 use nalgebra::Vector3;
 
-use super::{Machine, Spindle, Wires};
+use super::{Spindle, VirtualMachine, Wires};
 use crate::nc::Trip;
 use crate::scene::Body;
 
@@ -21,7 +21,7 @@ pub(super) struct Stop {
     pub trip: Trip,
 }
 
-impl<W: Wires> Machine<W> {
+impl<W: Wires> VirtualMachine<W> {
     /// The first collision on the way through these encoder positions.
     ///
     /// A tool that turns passes through `cuttable` bodies, at feed and at rapid: what is

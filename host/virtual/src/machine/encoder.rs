@@ -47,7 +47,7 @@ pub struct Signals {
 
 /// A change of one of the waves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Edge {
+pub struct EncoderEdge {
     /// Where the axis was.
     pub position_mm: f64,
     /// The count from there on.
@@ -78,7 +78,7 @@ impl Encoder {
 
     /// The edges of a motion without reversal, in their order; made as they are asked
     /// for, as many as the counts differ.
-    pub fn edges(&self, from_mm: f64, to_mm: f64) -> impl Iterator<Item = Edge> + use<> {
+    pub fn edges(&self, from_mm: f64, to_mm: f64) -> impl Iterator<Item = EncoderEdge> + use<> {
         let encoder = *self;
         let (from, to) = (self.counts(from_mm), self.counts(to_mm));
         let step = (to.saturating_sub(from)).signum();
@@ -86,7 +86,7 @@ impl Encoder {
             let count = from.wrapping_add(step.wrapping_mul(k as i64));
             // A line lies between two counts: the upper one names it.
             let line = count.max(count.wrapping_sub(step));
-            Edge {
+            EncoderEdge {
                 position_mm: line.wrapping_sub(encoder.origin_counts) as f64
                     / encoder.counts_per_mm,
                 count,

@@ -47,7 +47,7 @@ mod collide;
 mod encoder;
 mod motion;
 mod probe;
-mod random;
+pub(crate) mod random;
 mod touch;
 mod wires;
 
@@ -61,14 +61,14 @@ use crate::nc::Trip;
 use crate::scene::{Scene, ToolSpec};
 
 use collide::Along;
-pub use encoder::{Edge, Encoder, Signals};
+pub use encoder::{Encoder, EncoderEdge, Signals};
 use motion::Profile;
 use random::Random;
 pub use wires::{Unwired, Wires};
 
 /// A machine tool at work.
 #[derive(Debug)]
-pub struct Machine<W> {
+pub struct VirtualMachine<W> {
     scene: Scene,
     wires: W,
     random: Random,
@@ -83,7 +83,7 @@ pub struct Machine<W> {
     /// The spindle turns.
     turns: bool,
     outputs: [bool; 36],
-    hits: Vec<Hit>,
+    hits: Vec<SkippedTouch>,
     feed_mm_per_min: f64,
 }
 
@@ -101,7 +101,7 @@ enum Spindle {
 
 /// A touch, with what everyone has seen of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Hit {
+pub struct SkippedTouch {
     /// The body.
     pub body: String,
     /// The tip's true centre at first contact.
@@ -126,7 +126,7 @@ pub struct Hit {
 
 /// What a live view shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Status {
+pub struct MachineStatus {
     /// Where the axes are.
     pub position: Point,
     /// What the counters of their encoders hold.
@@ -141,7 +141,7 @@ pub struct Status {
     pub hits: usize,
 }
 
-impl<W: Wires> Machine<W> {
+impl<W: Wires> VirtualMachine<W> {
     /// Switches a machine on: the probe is in the spindle. The same seed gives the same
     /// noise.
     pub fn new(scene: Scene, seed: u64, wires: W) -> Self {
@@ -191,16 +191,16 @@ impl<W: Wires> Machine<W> {
     }
 
     /// All touches, oldest first.
-    pub fn hits(&self) -> &[Hit] {
+    pub fn hits(&self) -> &[SkippedTouch] {
         &self.hits
     }
 
     /// For a live view.
-    pub fn status(&self) -> Status {
+    pub fn status(&self) -> MachineStatus {
         let counts = self.counts(&self.position);
         let [x, y, z] = self.encoders();
         let [at_x, at_y, at_z] = counts;
-        Status {
+        MachineStatus {
             position: Point { mm: self.position },
             counts,
             signals: [x.signals(at_x), y.signals(at_y), z.signals(at_z)],

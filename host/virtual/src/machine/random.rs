@@ -2,7 +2,7 @@
 
 /// A seeded source of noise.
 #[derive(Clone, Debug)]
-pub(super) struct Random(fastrand::Rng);
+pub(crate) struct Random(fastrand::Rng);
 
 impl Random {
     pub fn new(seed: u64) -> Self {

@@ -1,7 +1,7 @@
 //! What the control stores and what is latched, on surfaces whose place is known.
 
 use super::*;
-use crate::nc::{Axes, Motion, Path, Rate, Skip};
+use crate::nc::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip};
 use umi_core::units::Rad;
 
 /// Keeps what went over the wires.
@@ -37,7 +37,7 @@ impl Wires for Log {
 }
 
 /// A wall at X 20 and a floor at Z 0, the probe at X 0 Z 50.
-fn machine(more: &str, seed: u64) -> Machine<Log> {
+fn machine(more: &str, seed: u64) -> VirtualMachine<Log> {
     let text = format!(
         "{more}\n\
          [[body]]\nname = \"WALL\"\nshape = {{ block = {{ size_mm = [10.0, 100.0, 100.0] }} }}\nposition_mm = [25.0, 0.0, 80.0]\n\
@@ -45,19 +45,21 @@ fn machine(more: &str, seed: u64) -> Machine<Log> {
     );
     let mut scene = Scene::parse(&text).unwrap();
     scene.machine.start_mm = [0.0, 0.0, 50.0];
-    Machine::new(scene, seed, Log::default())
+    VirtualMachine::new(scene, seed, Log::default())
 }
 
-fn line(to: [f64; 3], rate: Rate) -> Motion {
-    Motion {
+fn line(to: [f64; 3], rate: MotionRate) -> AxisMotion {
+    AxisMotion {
         to: Point::from_array_mm(to),
-        path: Path::Line,
+        path: MotionPath::Line,
         rate,
     }
 }
 
-fn skip(machine: &mut Machine<Log>, to: [f64; 3], feed: f64) -> Skip {
-    machine.skip(&line(to, Rate::Feed(feed)), false).unwrap()
+fn skip(machine: &mut VirtualMachine<Log>, to: [f64; 3], feed: f64) -> Skip {
+    machine
+        .skip(&line(to, MotionRate::Feed(feed)), false)
+        .unwrap()
 }
 
 /// The ideal machine stores the contact, and so does the latch.
@@ -73,7 +75,7 @@ fn ideal_machine_stores_the_contact() {
     assert_eq!((y, z), (0, 500_000));
     // Back, and down onto the floor.
     machine
-        .travel(&line([0.0, 0.0, 50.0], Rate::Rapid))
+        .travel(&line([0.0, 0.0, 50.0], MotionRate::Rapid))
         .unwrap();
     let found = skip(&mut machine, [0.0, 0.0, -10.0], 100.0);
     assert!((found.stored.mm.z - 2.5).abs() < 1e-9);
@@ -97,7 +99,7 @@ fn control_wanders_latch_stays() {
         let mut stored = Vec::new();
         for _ in 0..50 {
             machine
-                .travel(&line([5.0, 0.0, 50.0], Rate::Rapid))
+                .travel(&line([5.0, 0.0, 50.0], MotionRate::Rapid))
                 .unwrap();
             stored.push(skip(&mut machine, [30.0, 0.0, 50.0], feed).stored.mm.x);
             latched.push(machine.wires.skips.last().unwrap().1[0]);
@@ -145,7 +147,7 @@ fn drift_moves_the_truth() {
     );
     let cold = skip(&mut machine, [30.0, 0.0, 50.0], 600.0).stored.mm.x;
     machine
-        .travel(&line([0.0, 0.0, 50.0], Rate::Rapid))
+        .travel(&line([0.0, 0.0, 50.0], MotionRate::Rapid))
         .unwrap();
     machine.dwell(1000.0);
     let warm = skip(&mut machine, [30.0, 0.0, 50.0], 600.0).stored.mm.x;
@@ -170,10 +172,10 @@ fn bent_stylus_must_move_away() {
     let again = skip(&mut machine, [30.0, 0.0, 50.0], 100.0);
     assert!(again.touched);
     assert_eq!(machine.hits().len(), 1);
-    let on = machine.travel(&line([18.0, 0.0, 50.0], Rate::Feed(100.0)));
+    let on = machine.travel(&line([18.0, 0.0, 50.0], MotionRate::Feed(100.0)));
     assert!(on.unwrap_err().message.contains("bends it further"));
     machine
-        .travel(&line([10.0, 0.0, 50.0], Rate::Feed(100.0)))
+        .travel(&line([10.0, 0.0, 50.0], MotionRate::Feed(100.0)))
         .unwrap();
     assert!(skip(&mut machine, [30.0, 0.0, 50.0], 100.0).touched);
     assert_eq!(machine.hits().len(), 2);
@@ -184,34 +186,34 @@ fn bent_stylus_must_move_away() {
 #[test]
 fn machine_stops_with_a_reason() {
     let tools = "[tools.1]\nlength_mm = 20.0\nradius_mm = 4.0";
-    let at_rest = |motion: Motion, says: &str| {
+    let at_rest = |motion: AxisMotion, says: &str| {
         let message = machine(tools, 1).travel(&motion).unwrap_err().message;
         assert!(message.contains(says), "{message}");
     };
     at_rest(
-        line([30.0, 0.0, 50.0], Rate::Feed(100.0)),
+        line([30.0, 0.0, 50.0], MotionRate::Feed(100.0)),
         "ran into WALL at X17.500",
     );
-    at_rest(line([0.0, 0.0, -10.0], Rate::Rapid), "ran into FLOOR");
+    at_rest(line([0.0, 0.0, -10.0], MotionRate::Rapid), "ran into FLOOR");
     at_rest(
-        line([0.0, 0.0, 501.0], Rate::Rapid),
+        line([0.0, 0.0, 501.0], MotionRate::Rapid),
         "over-travel: Z 501.000",
     );
     // Half a turn about Y: out of the free room, through the wall.
     at_rest(
-        Motion {
+        AxisMotion {
             to: Point::from_mm(36.0, 0.0, 50.0),
-            path: Path::Arc {
+            path: MotionPath::Arc {
                 center: Point::from_mm(18.0, 0.0, 50.0),
                 axis: Vector3::y(),
                 sweep: Rad(std::f64::consts::PI),
             },
-            rate: Rate::Feed(500.0),
+            rate: MotionRate::Feed(500.0),
         },
         "ran into WALL",
     );
     let mut fast = machine("[machine]\nposition_gain_per_s = 30.0", 1);
-    let broken = fast.skip(&line([30.0, 0.0, 50.0], Rate::Feed(15_000.0)), false);
+    let broken = fast.skip(&line([30.0, 0.0, 50.0], MotionRate::Feed(15_000.0)), false);
     assert!(broken.unwrap_err().message.contains("the stylus broke"));
     let mut machine = machine(tools, 1);
     assert!(machine.auxiliary(3, 1000.0).is_err());
@@ -226,10 +228,10 @@ fn machine_stops_with_a_reason() {
     );
     machine.change_tool(1).unwrap();
     machine.auxiliary(3, 1000.0).unwrap();
-    let no_probe = machine.skip(&line([1.0, 0.0, 50.0], Rate::Feed(1.0)), false);
+    let no_probe = machine.skip(&line([1.0, 0.0, 50.0], MotionRate::Feed(1.0)), false);
     assert!(no_probe.unwrap_err().message.contains("needs the probe"));
     // The tool's tip is 20 mm below the gauge line.
-    let deep = machine.travel(&line([0.0, 0.0, 19.9], Rate::Feed(100.0)));
+    let deep = machine.travel(&line([0.0, 0.0, 19.9], MotionRate::Feed(100.0)));
     assert!(
         deep.unwrap_err()
             .message
@@ -246,17 +248,17 @@ fn only_a_turning_tool_cuts() {
         cuttable = true\n\
         [[body]]\nname = \"VICE\"\nshape = { block = { size_mm = [20.0, 20.0, 10.0] } }\n\
         position_mm = [50.0, 0.0, 0.0]";
-    let rates = [Rate::Feed(500.0), Rate::Rapid];
+    let rates = [MotionRate::Feed(500.0), MotionRate::Rapid];
     let machine = || {
         let mut scene = Scene::parse(text).unwrap();
         scene.machine.start_mm = [0.0, 0.0, 100.0];
-        let mut machine = Machine::new(scene, 1, Log::default());
+        let mut machine = VirtualMachine::new(scene, 1, Log::default());
         machine.change_tool(1).unwrap();
         machine
     };
     for rate in rates {
         let into_part = line([0.0, 0.0, 15.0], rate);
-        let refused = |machine: &mut Machine<Log>| {
+        let refused = |machine: &mut VirtualMachine<Log>| {
             let message = machine.travel(&into_part).unwrap_err().message;
             assert!(message.contains("ran into PART"), "{message}");
             assert!(message.contains("the spindle stands still"), "{message}");
@@ -296,11 +298,11 @@ fn only_a_turning_tool_cuts() {
 /// The end of a program stops the spindle: the next one has to start it again.
 #[test]
 fn end_of_program_stops_the_spindle() {
-    use crate::nc::{Control, Settings};
+    use crate::nc::{Control, ControlSettings};
     for end in ["M2", "M30"] {
         let mut machine = machine("[tools.1]\nlength_mm = 20.0\nradius_mm = 4.0", 1);
         machine.change_tool(1).unwrap();
-        let mut control = Control::new(Settings::default());
+        let mut control = Control::new(ControlSettings::default());
         control
             .load(&format!("%\nO1\nM3 S5000\nG4 P1\n{end}\n%\n"))
             .unwrap();
@@ -361,14 +363,14 @@ fn motion_is_told_as_it_happens() {
 
     machine.position = nalgebra::Vector3::new(-10.0, 0.0, 50.0);
     machine.signal = false;
-    let arc = Motion {
+    let arc = AxisMotion {
         to: Point::from_mm(-20.0, 10.0, 50.0),
-        path: Path::Arc {
+        path: MotionPath::Arc {
             center: Point::from_mm(-20.0, 0.0, 50.0),
             axis: nalgebra::Vector3::z(),
             sweep: Rad(std::f64::consts::FRAC_PI_2),
         },
-        rate: Rate::Feed(600.0),
+        rate: MotionRate::Feed(600.0),
     };
     machine.travel(&arc).unwrap();
     assert!(machine.wires.moved.len() > 100);
@@ -403,7 +405,7 @@ fn repeatability_is_as_set() {
     let mut found = Vec::new();
     for _ in 0..2000 {
         machine
-            .travel(&line([15.0, 0.0, 50.0], Rate::Rapid))
+            .travel(&line([15.0, 0.0, 50.0], MotionRate::Rapid))
             .unwrap();
         found.push(skip(&mut machine, [30.0, 0.0, 50.0], 100.0).stored.mm.x);
     }

@@ -1,12 +1,12 @@
-//! What happens between tip and body in a motion with skip.
+//! A touch in a motion with skip: contact, trigger, stop.
 
 use nalgebra::Vector3;
 use umi_core::units::Point;
 
 use super::motion::Profile;
 use super::probe::pretravel_mm;
-use super::{Machine, Wires};
-use crate::nc::{Motion, Skip, Trip};
+use super::{VirtualMachine, Wires};
+use crate::nc::{AxisMotion, Skip, Trip};
 use crate::scene::Stores;
 
 /// A touch on a path.
@@ -20,7 +20,7 @@ pub(super) struct Touch {
     pub pretravel_mm: f64,
 }
 
-impl<W: Wires> Machine<W> {
+impl<W: Wires> VirtualMachine<W> {
     /// The true ends of the tip's way.
     fn tip(
         &self,
@@ -79,7 +79,7 @@ impl<W: Wires> Machine<W> {
 
     /// A motion that ends when the probe seats again: every body has let the tip back to
     /// less than its pretravel.
-    pub(super) fn leave(&mut self, motion: &Motion) -> Result<Skip, Trip> {
+    pub(super) fn leave(&mut self, motion: &AxisMotion) -> Result<Skip, Trip> {
         let (from, to) = (self.position, motion.to.mm);
         let (Some((down, radius)), true) = (self.ball(), self.signal) else {
             return Ok(Skip {

@@ -1,4 +1,4 @@
-//! What leaves the machine on wires, each with the true moment.
+//! The machine's wires: each signal with its true time.
 
 use umi_core::units::Micros;
 

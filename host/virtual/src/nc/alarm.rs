@@ -1,8 +1,8 @@
-//! What stops a program, or would stop it.
+//! Alarms: they stop a program, or would stop it.
 
 use std::fmt;
 
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// Whether a control stops at it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,12 +118,12 @@ impl Fault {
     }
 
     /// The alarm in its block.
-    pub fn in_block(self, dialect: Dialect, program: u32, line: u32, block: &str) -> Alarm {
+    pub fn in_block(self, dialect: ControlFamily, program: u32, line: u32, block: &str) -> Alarm {
         Alarm {
             number: match self.number {
                 Some(Number::Fanuc(number)) => match dialect {
-                    Dialect::Fanuc => Some(number),
-                    Dialect::Grbl => grbl(number),
+                    ControlFamily::Fanuc => Some(number),
+                    ControlFamily::Grbl => grbl(number),
                     _ => None,
                 },
                 Some(Number::Own(number)) => Some(number),
@@ -167,15 +167,15 @@ mod tests {
         let fault = Fault::ps(11, "no feed: give F").at(2);
         let alarm = fault
             .clone()
-            .in_block(Dialect::Fanuc, 1040, 12, "G1 X0.0\r");
+            .in_block(ControlFamily::Fanuc, 1040, 12, "G1 X0.0\r");
         assert_eq!(
             alarm.to_string(),
             "O1040 line 12 column 3 `G1 X0.0`: alarm 11: no feed: give F"
         );
-        assert_eq!(fault.in_block(Dialect::Haas, 1, 1, "").number, None);
+        assert_eq!(fault.in_block(ControlFamily::Haas, 1, 1, "").number, None);
         assert_eq!(
             Fault::own(1015, "")
-                .in_block(Dialect::Haas, 1, 1, "")
+                .in_block(ControlFamily::Haas, 1, 1, "")
                 .number,
             Some(1015)
         );

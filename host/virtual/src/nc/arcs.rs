@@ -8,7 +8,7 @@ use umi_core::units::Rad;
 use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::execute::finite;
-use super::motion::{Axes, Motion, Path};
+use super::motion::{AxisDrives, AxisMotion, MotionPath};
 use super::words::Words;
 
 impl Control {
@@ -21,7 +21,7 @@ impl Control {
         words: &Words,
         from: Vector3<f64>,
         to: Vector3<f64>,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<()> {
         let [first, second, normal] = self.modal.plane.axes();
         let flat = |v: &Vector3<f64>| -> [f64; 2] {
@@ -90,9 +90,9 @@ impl Control {
             *slot = 1.0;
         }
         let frame = self.frame();
-        axes.travel(&Motion {
+        axes.travel(&AxisMotion {
             to: finite(frame.apply(to))?,
-            path: Path::Arc {
+            path: MotionPath::Arc {
                 center: finite(frame.apply(center))?,
                 axis: frame.turn * axis,
                 sweep: Rad(sweep),

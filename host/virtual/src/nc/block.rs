@@ -5,7 +5,7 @@ use super::cursor::{Cursor, Line};
 use super::dprnt::{Format, Kind};
 use super::expression::{Expr, Parser};
 use super::oword::{self, OWord};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// A block, read.
 #[derive(Clone, Debug)]
@@ -96,7 +96,7 @@ const MAX_DIGITS: usize = 9;
 impl Block {
     /// Reads a line. A line that a control cannot read becomes a block that is an alarm
     /// when it is reached, as on a control.
-    pub fn read(line: u32, text: &str, dialect: Dialect) -> Self {
+    pub fn read(line: u32, text: &str, dialect: ControlFamily) -> Self {
         let mut block = Self {
             line,
             text: text
@@ -140,7 +140,7 @@ impl Block {
         })
     }
 
-    fn read_statement(&mut self, line: &Line, dialect: Dialect) -> Checked<Statement> {
+    fn read_statement(&mut self, line: &Line, dialect: ControlFamily) -> Checked<Statement> {
         let mut cursor = Cursor::new(line);
         if cursor.take(b'/') {
             self.is_optional = true;
@@ -161,7 +161,7 @@ impl Block {
         }
         let statement = if dialect.is_macro_b() {
             self.macro_statement(&mut cursor, dialect)?
-        } else if dialect == Dialect::LinuxCnc && cursor.take(b'O') {
+        } else if dialect == ControlFamily::LinuxCnc && cursor.take(b'O') {
             Statement::OWord(oword::read(&mut cursor)?)
         } else {
             words(&mut cursor, dialect)?
@@ -173,7 +173,11 @@ impl Block {
         Ok(statement)
     }
 
-    fn macro_statement(&mut self, cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Statement> {
+    fn macro_statement(
+        &mut self,
+        cursor: &mut Cursor<'_>,
+        dialect: ControlFamily,
+    ) -> Checked<Statement> {
         let at = cursor.at();
         if cursor.take_word("IF") {
             let condition = condition(cursor, dialect)?;
@@ -236,7 +240,7 @@ impl Block {
     }
 }
 
-fn condition(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Expr> {
+fn condition(cursor: &mut Cursor<'_>, dialect: ControlFamily) -> Checked<Expr> {
     let at = cursor.at();
     let condition = Parser::new(cursor, dialect).bracketed()?;
     if condition.is_condition() {
@@ -256,7 +260,7 @@ fn loop_number(cursor: &mut Cursor<'_>) -> Checked<u8> {
     }
 }
 
-fn assign(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Assign> {
+fn assign(cursor: &mut Cursor<'_>, dialect: ControlFamily) -> Checked<Assign> {
     cursor.expect(b'#', 114, "before the variable to set")?;
     let target = Parser::new(cursor, dialect).variable(0)?;
     cursor.expect(b'=', 114, "behind the variable")?;
@@ -264,7 +268,7 @@ fn assign(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Assign> {
     Ok(Assign { target, value })
 }
 
-fn words(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Statement> {
+fn words(cursor: &mut Cursor<'_>, dialect: ControlFamily) -> Checked<Statement> {
     let mut words = Vec::new();
     let mut assigns = Vec::new();
     while let Some(byte) = cursor.peek() {
@@ -272,7 +276,7 @@ fn words(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Statement> {
         if words.len() + assigns.len() >= MAX_WORDS {
             return Err(Fault::new("too many words in one block: split it").at(at));
         }
-        if byte == b'#' && dialect == Dialect::LinuxCnc {
+        if byte == b'#' && dialect == ControlFamily::LinuxCnc {
             assigns.push(assign(cursor, dialect)?);
             continue;
         }
@@ -288,7 +292,7 @@ fn words(cursor: &mut Cursor<'_>, dialect: Dialect) -> Checked<Statement> {
     Ok(Statement::Words(words, assigns))
 }
 
-fn word(cursor: &mut Cursor<'_>, letter: u8, at: usize, dialect: Dialect) -> Checked<Word> {
+fn word(cursor: &mut Cursor<'_>, letter: u8, at: usize, dialect: ControlFamily) -> Checked<Word> {
     let name = letter as char;
     // A sign, then a number as it is written: the decimal point counts.
     let start = cursor.clone();
@@ -317,7 +321,7 @@ fn word(cursor: &mut Cursor<'_>, letter: u8, at: usize, dialect: Dialect) -> Che
         });
     }
     *cursor = start;
-    if dialect == Dialect::Grbl || cursor.peek().is_none() {
+    if dialect == ControlFamily::Grbl || cursor.peek().is_none() {
         return Err(Fault::ps(5, format!("no number behind {name}: give one")).at(at));
     }
     let value = Parser::new(cursor, dialect).value().map_err(|f| f.at(at))?;

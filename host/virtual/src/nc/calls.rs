@@ -7,9 +7,9 @@ use super::alarm::{Checked, Fault};
 use super::block::Word;
 use super::control::{Call, Control, Go, ModalCall};
 use super::evaluate::{evaluate, whole};
-use super::motion::Axes;
+use super::motion::AxisDrives;
 use super::program::Program;
-use super::settings::{DecimalPoint, Dialect};
+use super::settings::{ControlFamily, DecimalPoint};
 use super::variables::Level;
 use super::words::Words;
 
@@ -38,7 +38,7 @@ fn first_form(letter: u8) -> Option<usize> {
 impl Control {
     /// `G65 P_ L_` with arguments; `G66` the same, after each motion from here on. Each
     /// repetition (L) begins with the arguments again.
-    pub(crate) fn macro_call(&mut self, words: &[Word], axes: &mut dyn Axes) -> Checked<Go> {
+    pub(crate) fn macro_call(&mut self, words: &[Word], axes: &mut dyn AxisDrives) -> Checked<Go> {
         let is_modal = match words.first() {
             Some(word) => {
                 let code = evaluate(&word.value, &self.view(axes))?;
@@ -234,7 +234,7 @@ impl Control {
             .ok_or_else(|| Fault::ps(76, format!("M{m} needs P")))?;
         let l = words.whole(b'L', MAX_REPEATS)?;
         let (program, begin, repeats) = if m == 97 {
-            if self.settings.dialect != Dialect::Haas {
+            if self.settings.dialect != ControlFamily::Haas {
                 return Err(Fault::new("M97 is not a code of this control: M98"));
             }
             let call = self
@@ -329,7 +329,7 @@ impl Control {
     /// Behind the last block.
     pub(crate) fn end_of_text(&mut self) -> Checked<Go> {
         match self.settings.dialect {
-            Dialect::LinuxCnc | Dialect::Grbl => Ok(Go::End),
+            ControlFamily::LinuxCnc | ControlFamily::Grbl => Ok(Go::End),
             _ => Err(Fault::ps(
                 5010,
                 "the program has no end: write M30, or M99 in a subprogram",

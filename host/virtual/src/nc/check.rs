@@ -1,4 +1,4 @@
-//! What a control would complain about, without running.
+//! A control's alarms, found in a program's text without running it.
 
 use super::alarm::{Alarm, Fault, Severity};
 use super::block::{Block, Statement, Word};
@@ -9,7 +9,7 @@ use super::modal::g_text;
 use super::offsets::MAX_EXTENDED;
 use super::oword::Flow;
 use super::program::Program;
-use super::settings::{Dialect, Settings};
+use super::settings::{ControlFamily, ControlSettings};
 use super::words::AXES;
 
 mod flow;
@@ -26,7 +26,7 @@ const USUAL_M: [u32; 29] = [
 /// unknown codes and words, loops without an end, jumps to nowhere; as warnings calls to
 /// programs that are not in this text, and what not every control takes.
 #[must_use]
-pub fn check(text: &str, settings: &Settings) -> Vec<Alarm> {
+pub fn check(text: &str, settings: &ControlSettings) -> Vec<Alarm> {
     let mut found = Vec::new();
     let programs = match read(text, settings) {
         Ok(programs) => programs,
@@ -90,7 +90,7 @@ fn faults(
     program: &Program,
     index: usize,
     block: &Block,
-    settings: &Settings,
+    settings: &ControlSettings,
 ) -> Vec<Fault> {
     let mut faults = block.warnings.clone();
     let statement = match &block.statement {
@@ -131,7 +131,7 @@ fn check_words(
     programs: &[Program],
     program: &Program,
     words: &[Word],
-    settings: &Settings,
+    settings: &ControlSettings,
     faults: &mut Vec<Fault>,
 ) {
     let dialect = settings.dialect;
@@ -217,7 +217,7 @@ fn check_words(
 }
 
 /// Codes whose P, or whose lack of axes, a control refuses; M codes that few machines have.
-fn codes_with_values(words: &[Word], dialect: Dialect, faults: &mut Vec<Fault>) {
+fn codes_with_values(words: &[Word], dialect: ControlFamily, faults: &mut Vec<Fault>) {
     let is_b = dialect.is_macro_b();
     let find = |letter: u8| words.iter().find(|word| word.letter == letter);
     // The whole number behind a letter; none if it is not written there.
@@ -253,7 +253,14 @@ fn codes_with_values(words: &[Word], dialect: Dialect, faults: &mut Vec<Fault>) 
                 faults.push(Fault::new(format!("G{value} needs X, Y or Z")).at(word.at));
                 continue;
             }
-            (100, Some(2)) => Some((0, if dialect == Dialect::LinuxCnc { 9 } else { 6 })),
+            (100, Some(2)) => Some((
+                0,
+                if dialect == ControlFamily::LinuxCnc {
+                    9
+                } else {
+                    6
+                },
+            )),
             (100, Some(20)) if is_b => Some((1, u32::from(MAX_EXTENDED))),
             (100, Some(20)) => Some((0, 9)),
             (540 | 541 | 1540, _) => Some((1, u32::from(MAX_EXTENDED))),
@@ -318,7 +325,7 @@ fn check_call(programs: &[Program], words: &[Word], faults: &mut Vec<Fault>) {
 }
 
 /// Whether a program says anywhere that it ends.
-fn has_end(program: &Program, dialect: Dialect) -> bool {
+fn has_end(program: &Program, dialect: ControlFamily) -> bool {
     !dialect.is_macro_b()
         || program.blocks.iter().any(|block| {
             match &block.statement {

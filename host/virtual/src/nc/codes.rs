@@ -2,18 +2,18 @@
 
 use super::alarm::{Checked, Fault};
 use super::modal::g_text;
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 use super::words::Words;
 
 /// Addresses that may stand in any block.
 const EVERYWHERE: &str = "NFSTHD";
 
 /// The addresses that a G code (in tenths) takes; none if the dialect does not have it.
-pub(crate) fn addresses(tenths: u16, dialect: Dialect) -> Option<&'static str> {
+pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static str> {
     let is_b = dialect.is_macro_b();
-    let is_fanuc = matches!(dialect, Dialect::Fanuc | Dialect::Mitsubishi);
-    let is_haas = dialect == Dialect::Haas;
-    let is_linuxcnc = dialect == Dialect::LinuxCnc;
+    let is_fanuc = matches!(dialect, ControlFamily::Fanuc | ControlFamily::Mitsubishi);
+    let is_haas = dialect == ControlFamily::Haas;
+    let is_linuxcnc = dialect == ControlFamily::LinuxCnc;
     Some(match tenths {
         0 | 10 => "XYZ",
         20 | 30 => "XYZIJKR",
@@ -31,12 +31,12 @@ pub(crate) fn addresses(tenths: u16, dialect: Dialect) -> Option<&'static str> {
         382..=385 if !is_b => "XYZ",
         // Refused with their own reason.
         410 | 420 | 950 => "XYZ",
-        430 if dialect != Dialect::Grbl => "Z",
+        430 if dialect != ControlFamily::Grbl => "Z",
         440 if is_b => "Z",
         431 if !is_b => "Z",
         // Cancel codes of functions that are never on.
         150 | 500 if is_b => "",
-        970 if !matches!(dialect, Dialect::Grbl) => "",
+        970 if !matches!(dialect, ControlFamily::Grbl) => "",
         901 if is_linuxcnc => "",
         911 if !is_b => "",
         520 if is_b => "XYZ",
@@ -51,14 +51,14 @@ pub(crate) fn addresses(tenths: u16, dialect: Dialect) -> Option<&'static str> {
         670 if is_b => "",
         680 if is_b => "XYZIJKR",
         690 if is_b => "",
-        681 if dialect == Dialect::Mitsubishi => "XYZIJKR",
-        691 if dialect == Dialect::Mitsubishi => "",
-        730 | 830 if dialect != Dialect::Grbl => "XYZRQLKF",
-        810 | 820 if dialect != Dialect::Grbl => "XYZRPLKF",
+        681 if dialect == ControlFamily::Mitsubishi => "XYZIJKR",
+        691 if dialect == ControlFamily::Mitsubishi => "",
+        730 | 830 if dialect != ControlFamily::Grbl => "XYZRQLKF",
+        810 | 820 if dialect != ControlFamily::Grbl => "XYZRPLKF",
         800 => "",
         920 => "XYZ",
         921 if !is_b => "",
-        980 | 990 if dialect != Dialect::Grbl => "",
+        980 | 990 if dialect != ControlFamily::Grbl => "",
         1030 if is_haas => "P",
         _ => return None,
     })
@@ -79,7 +79,7 @@ pub(crate) const fn takes_axes(tenths: u16) -> bool {
 
 /// Checks that every word of a block has a meaning in it. `modal` is the motion in force
 /// to which axis words belong if no code of the block takes them.
-pub(crate) fn check(words: &Words, modal: &[u16], dialect: Dialect) -> Checked<()> {
+pub(crate) fn check(words: &Words, modal: &[u16], dialect: ControlFamily) -> Checked<()> {
     let mut allowed = String::from(EVERYWHERE);
     let mut takers = Vec::new();
     let mut motions = Vec::new();
@@ -119,7 +119,7 @@ pub(crate) fn check(words: &Words, modal: &[u16], dialect: Dialect) -> Checked<(
             97 | 98 | 198 => "PL",
             99 => "PL",
             // Orientation of the spindle to an angle (Haas).
-            19 if dialect == Dialect::Haas => "PR",
+            19 if dialect == ControlFamily::Haas => "PR",
             _ => "",
         });
     }

@@ -9,15 +9,15 @@ use umi_core::units::Point;
 use super::alarm::{Alarm, Checked, Fault};
 use super::block::Block;
 use super::modal::Modal;
-use super::motion::{Axes, Trip};
+use super::motion::{AxisDrives, Trip};
 use super::offsets::Offsets;
 use super::program::{Program, split};
-use super::settings::Settings;
+use super::settings::ControlSettings;
 use super::variables::{Level, Variables};
 
 /// Where a program is after a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum ProgramState {
     /// The next block follows.
     Running,
     /// M0, M1 or `#3006`: the next step goes on, as cycle start does.
@@ -28,9 +28,9 @@ pub enum State {
 
 /// One block, carried out.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct BlockStep {
     /// Where the program is now.
-    pub state: State,
+    pub state: ProgramState,
     /// The block's program.
     pub program: u32,
     /// Its line in the loaded text, from 1.
@@ -92,7 +92,7 @@ pub(crate) enum Go {
 /// A control with its memory.
 #[derive(Clone, Debug)]
 pub struct Control {
-    pub(crate) settings: Settings,
+    pub(crate) settings: ControlSettings,
     pub(crate) programs: BTreeMap<u32, Arc<Program>>,
     /// LinuxCNC: subroutines by label, and the number of their program.
     pub(crate) subs: HashMap<String, u32>,
@@ -128,7 +128,7 @@ pub struct Control {
 impl Control {
     /// A control just switched on.
     #[must_use]
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(settings: ControlSettings) -> Self {
         let modal = Modal::new(&settings);
         Self {
             settings,
@@ -165,7 +165,7 @@ impl Control {
 
     /// Its parameters.
     #[must_use]
-    pub fn settings(&self) -> &Settings {
+    pub fn settings(&self) -> &ControlSettings {
         &self.settings
     }
 
@@ -291,7 +291,7 @@ impl Control {
     ///
     /// # Errors
     /// What a control would show as an alarm, the machine's included.
-    pub fn step(&mut self, axes: &mut dyn Axes) -> Result<Step, Alarm> {
+    pub fn step(&mut self, axes: &mut dyn AxisDrives) -> Result<BlockStep, Alarm> {
         if let Some(alarm) = &self.alarm {
             return Err(alarm.clone());
         }
@@ -299,8 +299,8 @@ impl Control {
         let (program, index) = match self.stack.last() {
             Some(call) if !self.ended => (Arc::clone(&call.program), call.next),
             _ => {
-                return Ok(Step {
-                    state: State::Ended,
+                return Ok(BlockStep {
+                    state: ProgramState::Ended,
                     program: self.program_number(),
                     line: 0,
                     text: String::new(),
@@ -313,7 +313,7 @@ impl Control {
         let result = self.carry_out(&program, index, block, axes);
         self.seen.position = axes.position();
         match result {
-            Ok((state, message)) => Ok(Step {
+            Ok((state, message)) => Ok(BlockStep {
                 state,
                 program: program.number,
                 line,
@@ -332,10 +332,10 @@ impl Control {
     ///
     /// # Errors
     /// As [`Self::step`].
-    pub fn run(&mut self, axes: &mut dyn Axes) -> Result<Step, Alarm> {
+    pub fn run(&mut self, axes: &mut dyn AxisDrives) -> Result<BlockStep, Alarm> {
         loop {
             let step = self.step(axes)?;
-            if step.state != State::Running {
+            if step.state != ProgramState::Running {
                 return Ok(step);
             }
         }
@@ -346,8 +346,8 @@ impl Control {
         program: &Arc<Program>,
         index: usize,
         block: Option<&Block>,
-        axes: &mut dyn Axes,
-    ) -> Checked<(State, Option<String>)> {
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<(ProgramState, Option<String>)> {
         self.blocks += 1;
         if self.blocks > self.settings.limits.blocks {
             return Err(Fault::new(format!(
@@ -370,24 +370,24 @@ impl Control {
         match go {
             Go::Next => {
                 self.go_to(index + 1);
-                Ok((State::Running, None))
+                Ok((ProgramState::Running, None))
             }
             Go::To(target) => {
                 if target <= index {
                     self.count_backwards()?;
                 }
                 self.go_to(target);
-                Ok((State::Running, None))
+                Ok((ProgramState::Running, None))
             }
-            Go::Called => Ok((State::Running, None)),
+            Go::Called => Ok((ProgramState::Running, None)),
             Go::Stop(message) => {
                 self.go_to(index + 1);
-                Ok((State::Stopped, message))
+                Ok((ProgramState::Stopped, message))
             }
             Go::End => {
                 self.ended = true;
                 self.modal_call = None;
-                Ok((State::Ended, None))
+                Ok((ProgramState::Ended, None))
             }
         }
     }
@@ -429,7 +429,7 @@ impl Control {
 }
 
 /// The programs of a text, at least one.
-pub(crate) fn read(text: &str, settings: &Settings) -> Checked<Vec<Program>> {
+pub(crate) fn read(text: &str, settings: &ControlSettings) -> Checked<Vec<Program>> {
     let most = settings.limits.text;
     if text.len() > most {
         return Err(Fault::new(format!(

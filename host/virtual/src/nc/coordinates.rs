@@ -6,15 +6,15 @@ use nalgebra::{Unit, Vector3};
 use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::modal::g_text;
-use super::motion::{Axes, Rate};
-use super::offsets::{MAX_EXTENDED, MAX_TOOL, WorkOffset};
-use super::settings::Dialect;
+use super::motion::{AxisDrives, MotionRate};
+use super::offsets::{MAX_EXTENDED, MAX_TOOL, OffsetSystem};
+use super::settings::ControlFamily;
 use super::transform::{Frame, rotation};
 use super::words::{AXES, Words};
 
 impl Control {
     /// Carries out the codes that set coordinates, before the motion of the block.
-    pub(crate) fn coordinates(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
+    pub(crate) fn coordinates(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         // A rotation ends before a work coordinate system is chosen in the same block.
         if words.has_g(690) || words.has_g(691) {
             self.modal.rotations.clear();
@@ -32,8 +32,11 @@ impl Control {
         Ok(())
     }
 
-    fn coordinate(&mut self, code: u16, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
-        let is_fanuc = matches!(self.settings.dialect, Dialect::Fanuc | Dialect::Mitsubishi);
+    fn coordinate(&mut self, code: u16, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
+        let is_fanuc = matches!(
+            self.settings.dialect,
+            ControlFamily::Fanuc | ControlFamily::Mitsubishi
+        );
         if is_fanuc
             && !self.modal.rotations.is_empty()
             && matches!(
@@ -51,7 +54,7 @@ impl Control {
             100 => self.set_data(words, axes),
             280 | 300 => self.reference(code, words, axes),
             430 | 440 | 431 => {
-                if matches!(self.settings.dialect, Dialect::LinuxCnc) && !words.has(b'H') {
+                if matches!(self.settings.dialect, ControlFamily::LinuxCnc) && !words.has(b'H') {
                     self.modal.h = self.modal.tool;
                 }
                 self.modal.length = if code == 440 { 440 } else { 430 };
@@ -76,8 +79,8 @@ impl Control {
             }
             540 | 541 | 1540 => {
                 self.modal.work = match words.whole(b'P', u32::from(MAX_EXTENDED))? {
-                    None if code == 540 => WorkOffset::Standard(1),
-                    Some(p @ 1..) => WorkOffset::Extended(u16::try_from(p).unwrap_or(1)),
+                    None if code == 540 => OffsetSystem::Standard(1),
+                    Some(p @ 1..) => OffsetSystem::Extended(u16::try_from(p).unwrap_or(1)),
                     _ => {
                         return Err(Fault::new(format!(
                             "{} needs P1 to P{MAX_EXTENDED}",
@@ -89,12 +92,12 @@ impl Control {
             }
             550 | 560 | 570 | 580 | 590 => {
                 let number = u8::try_from((code - 530) / 10).unwrap_or(1);
-                self.modal.work = WorkOffset::Standard(number);
+                self.modal.work = OffsetSystem::Standard(number);
                 Ok(())
             }
             591..=593 => {
                 let number = u8::try_from(code - 584).unwrap_or(1);
-                self.modal.work = WorkOffset::Standard(number);
+                self.modal.work = OffsetSystem::Standard(number);
                 Ok(())
             }
             544 => {
@@ -153,11 +156,13 @@ impl Control {
     }
 
     /// `G4`: P in milliseconds (LinuxCNC, GRBL: seconds), X in seconds.
-    fn dwell(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
+    fn dwell(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         let is_macro_b = self.settings.dialect.is_macro_b();
         let seconds = match (words.get(b'P'), words.get(b'X')) {
             (Some(p), None) if !is_macro_b => p.value,
-            (Some(p), None) if self.settings.dialect == Dialect::Haas && !p.is_without_point => {
+            (Some(p), None)
+                if self.settings.dialect == ControlFamily::Haas && !p.is_without_point =>
+            {
                 p.value
             }
             (Some(p), None) => p.value / 1000.0,
@@ -175,7 +180,7 @@ impl Control {
     }
 
     /// `G28`, `G30`: to a reference point over an intermediate one.
-    fn reference(&mut self, code: u16, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
+    fn reference(&mut self, code: u16, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         let reference = if code == 280 {
             axes.reference_point().mm
         } else {
@@ -197,7 +202,7 @@ impl Control {
         let all = !words.has_axes();
         let over = self.target(words, self.here(axes));
         if !all {
-            self.line(over, Rate::Rapid, axes)?;
+            self.line(over, MotionRate::Rapid, axes)?;
         }
         let mut to = axes.position().mm;
         for (axis, letter) in AXES.iter().enumerate() {
@@ -207,7 +212,7 @@ impl Control {
                 *slot = *value;
             }
         }
-        self.straight(to, Rate::Rapid, axes)
+        self.straight(to, MotionRate::Rapid, axes)
     }
 
     /// `G68`: about a point in the plane (X Y R), or about any axis (X Y Z I J K R).
@@ -217,7 +222,7 @@ impl Control {
     /// 2.3, and Mitsubishi M700V, 13.23: work = M program + (x, y, z)), and a second one
     /// is in the coordinates of the first. Both are right-handed. Tool length comes after
     /// the rotation (Fanuc 15i, B-63324EN).
-    fn rotate(&mut self, words: &Words, axes: &dyn Axes) -> Checked<()> {
+    fn rotate(&mut self, words: &Words, axes: &dyn AxisDrives) -> Checked<()> {
         let here = self.here(axes);
         // The point is absolute, in G91 too.
         let mut center = here;
@@ -267,17 +272,16 @@ impl Control {
     }
 
     /// `G10`.
-    fn set_data(&mut self, words: &Words, axes: &dyn Axes) -> Checked<()> {
+    fn set_data(&mut self, words: &Words, axes: &dyn AxisDrives) -> Checked<()> {
         let p = words.whole(b'P', 9999)?;
         match words.whole(b'L', 99)? {
             Some(2) => {
                 let offset = match (p, self.settings.dialect) {
-                    (Some(0), Dialect::LinuxCnc | Dialect::Grbl) | (None, Dialect::Grbl) => {
-                        self.modal.work
-                    }
-                    (Some(0), _) => WorkOffset::External,
-                    (Some(p @ 1..=6), _) | (Some(p @ 7..=9), Dialect::LinuxCnc) => {
-                        WorkOffset::Standard(u8::try_from(p).unwrap_or(1))
+                    (Some(0), ControlFamily::LinuxCnc | ControlFamily::Grbl)
+                    | (None, ControlFamily::Grbl) => self.modal.work,
+                    (Some(0), _) => OffsetSystem::External,
+                    (Some(p @ 1..=6), _) | (Some(p @ 7..=9), ControlFamily::LinuxCnc) => {
+                        OffsetSystem::Standard(u8::try_from(p).unwrap_or(1))
                     }
                     _ => return Err(Fault::ps(31, "G10 L2 needs P0 to P6")),
                 };
@@ -285,7 +289,7 @@ impl Control {
             }
             Some(20) if self.settings.dialect.is_macro_b() => match p {
                 Some(p) if (1..=u32::from(MAX_EXTENDED)).contains(&p) => {
-                    self.set_origin(WorkOffset::Extended(u16::try_from(p).unwrap_or(1)), words)
+                    self.set_origin(OffsetSystem::Extended(u16::try_from(p).unwrap_or(1)), words)
                 }
                 _ => Err(Fault::ps(
                     31,
@@ -293,7 +297,7 @@ impl Control {
                 )),
             },
             Some(20) => self.set_origin_here(p, words, axes),
-            None | Some(1 | 10 | 11 | 12 | 13) if self.settings.dialect != Dialect::Grbl => {
+            None | Some(1 | 10 | 11 | 12 | 13) if self.settings.dialect != ControlFamily::Grbl => {
                 self.set_tool(p, words)
             }
             _ => Err(Fault::new("G10 knows L1, L2, L10 to L13 and L20")),
@@ -301,7 +305,7 @@ impl Control {
     }
 
     /// `G10 L2`, `L20`: G90 replaces, G91 adds.
-    fn set_origin(&mut self, offset: WorkOffset, words: &Words) -> Checked<()> {
+    fn set_origin(&mut self, offset: OffsetSystem, words: &Words) -> Checked<()> {
         let mut origin = self.offsets.work(offset);
         let adds = self.modal.is_incremental && self.settings.dialect.is_macro_b();
         for (slot, letter) in origin.iter_mut().zip(AXES) {
@@ -314,7 +318,7 @@ impl Control {
         }
         match (words.number(b'R'), self.settings.dialect) {
             (None, _) => {}
-            (Some(degrees), Dialect::LinuxCnc) if degrees.abs() < 1e6 => {
+            (Some(degrees), ControlFamily::LinuxCnc) if degrees.abs() < 1e6 => {
                 self.offsets.set_turn(offset, degrees);
             }
             _ => return Err(Fault::new("G10 L2 takes no R on this control")),
@@ -324,10 +328,15 @@ impl Control {
     }
 
     /// `G10 L20` of LinuxCNC and GRBL: the present position gets these coordinates.
-    fn set_origin_here(&mut self, p: Option<u32>, words: &Words, axes: &dyn Axes) -> Checked<()> {
+    fn set_origin_here(
+        &mut self,
+        p: Option<u32>,
+        words: &Words,
+        axes: &dyn AxisDrives,
+    ) -> Checked<()> {
         let offset = match p {
             None | Some(0) => self.modal.work,
-            Some(p @ 1..=9) => WorkOffset::Standard(u8::try_from(p).unwrap_or(1)),
+            Some(p @ 1..=9) => OffsetSystem::Standard(u8::try_from(p).unwrap_or(1)),
             _ => return Err(Fault::new("G10 L20 needs P1 to P9")),
         };
         if words.has(b'R') {

@@ -2,7 +2,7 @@
 //! every character at its column.
 
 use super::alarm::{Checked, Fault};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// The longest line, bytes. It also bounds how deep an expression can be.
 pub(crate) const MAX_LINE: usize = 1000;
@@ -22,7 +22,7 @@ pub(crate) struct Line {
 
 impl Line {
     /// Takes the comments out. What `DPRNT` and `BPRNT` print is left alone.
-    pub fn new(text: &str, dialect: Dialect) -> Checked<Self> {
+    pub fn new(text: &str, dialect: ControlFamily) -> Checked<Self> {
         if text.len() > MAX_LINE {
             return Err(Fault::new(format!(
                 "line longer than {MAX_LINE} characters: split it"
@@ -279,21 +279,21 @@ mod tests {
     /// Comments go, columns stay, what is printed is not touched.
     #[test]
     fn comments() {
-        let line = Line::new("g1 (one)X1.(two)", Dialect::Fanuc).expect("closed");
+        let line = Line::new("g1 (one)X1.(two)", ControlFamily::Fanuc).expect("closed");
         assert_eq!(line.clean, b"G1      X1.     ");
         assert_eq!(line.comments, ["one", "two"]);
         assert!(line.has_small_letters);
-        let line = Line::new("DPRNT[a (b) #1[33]](c)", Dialect::Haas).expect("closed");
+        let line = Line::new("DPRNT[a (b) #1[33]](c)", ControlFamily::Haas).expect("closed");
         assert_eq!(line.clean, b"DPRNT[A (B) #1[33]]   ");
         assert_eq!(line.comments, ["c"]);
-        assert!(Line::new("G1 (open", Dialect::Fanuc).is_err());
-        assert!(Line::new("G1 X\u{e9}", Dialect::Fanuc).is_err());
+        assert!(Line::new("G1 (open", ControlFamily::Fanuc).is_err());
+        assert!(Line::new("G1 X\u{e9}", ControlFamily::Fanuc).is_err());
     }
 
     /// Numbers with and without a point; a lone point is none.
     #[test]
     fn numbers() {
-        let line = Line::new("007.50 .5 5. .", Dialect::Fanuc).expect("plain");
+        let line = Line::new("007.50 .5 5. .", ControlFamily::Fanuc).expect("plain");
         let mut cursor = Cursor::new(&line);
         let first = cursor.digits().expect("a number");
         assert_eq!(

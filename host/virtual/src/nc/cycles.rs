@@ -5,15 +5,15 @@ use nalgebra::Vector3;
 use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::modal::Cycle;
-use super::motion::{Axes, Rate};
-use super::settings::Dialect;
+use super::motion::{AxisDrives, MotionRate};
+use super::settings::ControlFamily;
 use super::words::Words;
 
 /// How far a peck retracts (G73), and stops short of the last depth (G83), mm: a
 /// parameter on a control (Fanuc 5114, 5115), a constant of 0.01 inch in LinuxCNC.
-const fn clearance_mm(dialect: Dialect) -> f64 {
+const fn clearance_mm(dialect: ControlFamily) -> f64 {
     match dialect {
-        Dialect::LinuxCnc => 0.254,
+        ControlFamily::LinuxCnc => 0.254,
         _ => 1.0,
     }
 }
@@ -28,7 +28,7 @@ impl Control {
         &mut self,
         code: Option<u16>,
         words: &Words,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<bool> {
         let code = code.unwrap_or(810);
         let [_, _, normal] = self.modal.plane.axes();
@@ -106,7 +106,7 @@ impl Control {
         cycle: Cycle,
         normal: usize,
         over: Vector3<f64>,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<()> {
         let feed = self.feed()?;
         let clearance = clearance_mm(self.settings.dialect);
@@ -115,7 +115,7 @@ impl Control {
             put(&mut point, normal, height);
             point
         };
-        let is_linuxcnc = self.settings.dialect == Dialect::LinuxCnc;
+        let is_linuxcnc = self.settings.dialect == ControlFamily::LinuxCnc;
         let mut over = over;
         let height = over.get(normal).copied().unwrap_or(0.0);
         if is_linuxcnc && height < cycle.r {
@@ -123,11 +123,11 @@ impl Control {
             // hole at the height where they are.
             let mut above = self.here(axes);
             put(&mut above, normal, cycle.r);
-            self.line(above, Rate::Rapid, axes)?;
+            self.line(above, MotionRate::Rapid, axes)?;
             put(&mut over, normal, cycle.r);
         }
-        self.line(over, Rate::Rapid, axes)?;
-        self.line(at(cycle.r), Rate::Rapid, axes)?;
+        self.line(over, MotionRate::Rapid, axes)?;
+        self.line(at(cycle.r), MotionRate::Rapid, axes)?;
         match code {
             730 | 830 => {
                 let pecks = pecks(cycle);
@@ -135,7 +135,7 @@ impl Control {
                     let depth = cycle.r - cycle.peck * f64::from(peck - 1);
                     if code == 830 && peck > 1 {
                         let short = (depth + clearance).min(cycle.r);
-                        self.line(at(short), Rate::Rapid, axes)?;
+                        self.line(at(short), MotionRate::Rapid, axes)?;
                     }
                     if peck == pecks {
                         self.line(at(cycle.bottom), feed, axes)?;
@@ -147,7 +147,7 @@ impl Control {
                         830 => cycle.r,
                         _ => (depth + clearance).min(cycle.r),
                     };
-                    self.line(at(back), Rate::Rapid, axes)?;
+                    self.line(at(back), MotionRate::Rapid, axes)?;
                 }
             }
             _ => {
@@ -164,7 +164,7 @@ impl Control {
         } else {
             cycle.initial
         };
-        self.line(at(top), Rate::Rapid, axes)
+        self.line(at(top), MotionRate::Rapid, axes)
     }
 }
 

@@ -20,7 +20,7 @@ use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
 use super::evaluate::{Lookup, evaluate};
 use super::expression::{Expr, Parser};
-use super::settings::{Dialect, Settings};
+use super::settings::{ControlFamily, ControlSettings};
 
 /// DC2, sent by `POPEN`: punch on.
 pub(crate) const DC2: u8 = 0x12;
@@ -70,10 +70,10 @@ impl Format {
     pub fn read(
         cursor: &mut Cursor<'_>,
         kind: Kind,
-        dialect: Dialect,
+        dialect: ControlFamily,
     ) -> Checked<(Self, Vec<Fault>)> {
         let start = cursor.at();
-        if kind == Kind::Binary && dialect != Dialect::Fanuc {
+        if kind == Kind::Binary && dialect != ControlFamily::Fanuc {
             return Err(Fault::new("this control has no BPRNT: use DPRNT").at(start));
         }
         cursor.expect(b'[', 114, "behind DPRNT or BPRNT")?;
@@ -117,7 +117,7 @@ impl Format {
     }
 
     /// The bytes on the wire, the end of line included.
-    pub fn bytes(&self, from: &dyn Lookup, settings: &Settings) -> Checked<Vec<u8>> {
+    pub fn bytes(&self, from: &dyn Lookup, settings: &ControlSettings) -> Checked<Vec<u8>> {
         let mut out = Vec::new();
         for item in &self.items {
             match item {
@@ -144,15 +144,15 @@ impl Format {
 }
 
 /// The character to send, none for a blank that this control leaves out.
-fn character(byte: u8, dialect: Dialect) -> Checked<Option<u8>> {
+fn character(byte: u8, dialect: ControlFamily) -> Checked<Option<u8>> {
     match byte {
         b'*' => Ok(Some(b' ')),
-        b' ' => Ok((dialect == Dialect::Haas).then_some(b' ')),
+        b' ' => Ok((dialect == ControlFamily::Haas).then_some(b' ')),
         b'\t' | b'\r' => Ok(None),
         b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' => Ok(Some(byte)),
         b'+' | b'-' | b'/' | b'.' | b',' | b'(' | b')' | b'=' | b'?' | b':' => Ok(Some(byte)),
-        b'@' | b'&' | b'_' if dialect == Dialect::Fanuc => Ok(Some(byte)),
-        b'{' | b'}' | b'_' if dialect == Dialect::Haas => Ok(Some(byte)),
+        b'@' | b'&' | b'_' if dialect == ControlFamily::Fanuc => Ok(Some(byte)),
+        b'{' | b'}' | b'_' if dialect == ControlFamily::Haas => Ok(Some(byte)),
         _ => Err(Fault::new(format!(
             "`{}` cannot be printed by this control",
             byte.escape_ascii()
@@ -164,7 +164,7 @@ fn character(byte: u8, dialect: Dialect) -> Checked<Option<u8>> {
 fn value(
     cursor: &mut Cursor<'_>,
     kind: Kind,
-    dialect: Dialect,
+    dialect: ControlFamily,
     warnings: &mut Vec<Fault>,
 ) -> Checked<Item> {
     let variable = Parser::new(cursor, dialect).variable(0)?;
@@ -208,13 +208,13 @@ fn value(
 }
 
 /// The digits of a number, as [`Format`] says.
-fn decimal(value: f64, whole: u32, decimals: u32, settings: &Settings) -> String {
+fn decimal(value: f64, whole: u32, decimals: u32, settings: &ControlSettings) -> String {
     // The places are at most nine: exact.
     let unit = 10u64.pow(decimals.min(9));
     // A number beyond what 128 bits hold keeps no true digit in a double either.
     let rounded = (value.abs() * unit as f64).round() as u128;
     let unit = u128::from(unit);
-    let expands = settings.dialect == Dialect::Haas;
+    let expands = settings.dialect == ControlFamily::Haas;
     let places = if expands { whole.max(1) } else { whole } as usize;
     let mut front = rounded / unit;
     if !expands {
@@ -273,7 +273,7 @@ pub(crate) fn send(out: &mut Vec<u8>, characters: &[u8], coding: Coding) -> Chec
 }
 
 /// Appends the end of line.
-pub(crate) fn end_line(out: &mut Vec<u8>, settings: &Settings) -> Checked<()> {
+pub(crate) fn end_line(out: &mut Vec<u8>, settings: &ControlSettings) -> Checked<()> {
     if settings.coding == Coding::Eia {
         send(out, b"\n", settings.coding)
     } else {

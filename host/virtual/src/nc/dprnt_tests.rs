@@ -7,8 +7,8 @@ use crate::nc::settings::LineEnd;
 struct Few(HashMap<u32, f64>);
 
 impl Lookup for Few {
-    fn dialect(&self) -> Dialect {
-        Dialect::Fanuc
+    fn dialect(&self) -> ControlFamily {
+        ControlFamily::Fanuc
     }
     fn variable(&self, number: u32) -> Checked<Option<f64>> {
         Ok(self.0.get(&number).copied())
@@ -18,7 +18,7 @@ impl Lookup for Few {
     }
 }
 
-fn read(text: &str, dialect: Dialect) -> Checked<(Format, Vec<Fault>)> {
+fn read(text: &str, dialect: ControlFamily) -> Checked<(Format, Vec<Fault>)> {
     let line = Line::new(text, dialect)?;
     let mut cursor = Cursor::new(&line);
     let kind = if cursor.take_word("DPRNT") {
@@ -30,20 +30,20 @@ fn read(text: &str, dialect: Dialect) -> Checked<(Format, Vec<Fault>)> {
     Format::read(&mut cursor, kind, dialect)
 }
 
-fn print(settings: &Settings, text: &str, variables: &[(u32, f64)]) -> Vec<u8> {
+fn print(settings: &ControlSettings, text: &str, variables: &[(u32, f64)]) -> Vec<u8> {
     let (format, _) = read(text, settings.dialect).expect(text);
     let values = Few(variables.iter().copied().collect());
     format.bytes(&values, settings).expect(text)
 }
 
-fn ascii(settings: &Settings, text: &str, variables: &[(u32, f64)]) -> String {
+fn ascii(settings: &ControlSettings, text: &str, variables: &[(u32, f64)]) -> String {
     String::from_utf8(print(settings, text, variables)).expect("ASCII")
 }
 
-fn blanks(leading_blanks: bool) -> Settings {
-    Settings {
+fn blanks(leading_blanks: bool) -> ControlSettings {
+    ControlSettings {
         leading_blanks,
-        ..Settings::default()
+        ..ControlSettings::default()
     }
 }
 
@@ -52,7 +52,7 @@ fn blanks(leading_blanks: bool) -> Settings {
 fn brother_dprnt() {
     let text = "DPRNT[X*#100[44] Y*#101[22] Z*#102[20] *#100[2]]";
     let variables = [(100, -123.456), (101, 123.456), (102, 0.056)];
-    let mut settings = Settings {
+    let mut settings = ControlSettings {
         line_end: LineEnd::CrLf,
         coding: Coding::IsoEven,
         ..blanks(true)
@@ -78,10 +78,10 @@ fn brother_dprnt() {
 /// BPRNT of the manuals of Brother and NCT.
 #[test]
 fn binary_of_the_manuals() {
-    let settings = Settings {
+    let settings = ControlSettings {
         line_end: LineEnd::CrLf,
         coding: Coding::IsoEven,
-        ..Settings::default()
+        ..ControlSettings::default()
     };
     assert_eq!(
         print(
@@ -94,9 +94,9 @@ fn binary_of_the_manuals() {
             0xFF, 0xCF, 0xC6, 0x5A, 0xA0, 0x00, 0x00, 0x00, 0x00, 0x8D, 0x0A
         ]
     );
-    let settings = Settings {
+    let settings = ControlSettings {
         coding: Coding::IsoEven,
-        ..Settings::default()
+        ..ControlSettings::default()
     };
     assert_eq!(
         print(
@@ -120,7 +120,7 @@ fn binary_of_the_manuals() {
             0x00, 0x00, 0x00, 0x0C, 0x0A
         ]
     );
-    let (format, _) = read("BPRNT[X#1[3]]", Dialect::Fanuc).expect("valid");
+    let (format, _) = read("BPRNT[X#1[3]]", ControlFamily::Fanuc).expect("valid");
     let large = Few(HashMap::from([(1, 3e6)]));
     assert!(format.bytes(&large, &settings).is_err());
 }
@@ -139,12 +139,12 @@ fn fanuc_dprnt() {
         ascii(&blanks(false), FANUC, &FANUC_VALUES),
         "X128.474Y-91.200T23\n"
     );
-    let cro = Settings {
+    let cro = ControlSettings {
         line_end: LineEnd::LfCr,
         ..blanks(true)
     };
     assert!(ascii(&cro, FANUC, &FANUC_VALUES).ends_with("T 23\n\r"));
-    let iso = Settings {
+    let iso = ControlSettings {
         coding: Coding::IsoEven,
         ..blanks(true)
     };
@@ -155,7 +155,7 @@ fn fanuc_dprnt() {
             0xA0, 0xA0, 0x39, 0xB1, 0x2E, 0xB2, 0x30, 0x30, 0xD4, 0xA0, 0xB2, 0x33, 0x0A
         ]
     );
-    let eia = Settings {
+    let eia = ControlSettings {
         coding: Coding::Eia,
         line_end: LineEnd::LfCrCr,
         ..blanks(true)
@@ -199,7 +199,7 @@ fn awkward_values() {
 /// Haas expands a field and sends literal blanks; a lone pair of brackets is a line end.
 #[test]
 fn haas_dprnt() {
-    let settings = Settings::of(Dialect::Haas);
+    let settings = ControlSettings::of(ControlFamily::Haas);
     assert_eq!(
         ascii(&settings, "DPRNT[***MEASURED*INSIDE*DIAMETER***]", &[]),
         "   MEASURED INSIDE DIAMETER   \r"
@@ -228,7 +228,7 @@ fn lines_of_the_thesis() {
         ascii(&settings, "DPRNT[1,#1 [44], #2 [44]", &hit),
         "1,21.7890,249.0490\n"
     );
-    let (_, warnings) = read("DPRNT[1,#1 [44], #2 [44]", Dialect::Fanuc).expect("taken");
+    let (_, warnings) = read("DPRNT[1,#1 [44], #2 [44]", ControlFamily::Fanuc).expect("taken");
     assert_eq!(warnings.len(), 1);
     assert_eq!(ascii(&settings, "DPRNT[***]", &[]), "   \n");
 }
@@ -245,7 +245,7 @@ fn refused() {
         "DPRNT X",
         "BPRNT[#1[53]]",
     ] {
-        assert!(read(text, Dialect::Fanuc).is_err(), "{text}");
+        assert!(read(text, ControlFamily::Fanuc).is_err(), "{text}");
     }
-    assert!(read("BPRNT[X#1[3]]", Dialect::Haas).is_err());
+    assert!(read("BPRNT[X#1[3]]", ControlFamily::Haas).is_err());
 }

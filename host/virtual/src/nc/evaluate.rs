@@ -6,12 +6,12 @@
 
 use super::alarm::{Checked, Fault};
 use super::expression::{Expr, Func, Op};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// Where the values of variables come from.
 pub(crate) trait Lookup {
     /// The dialect in which to compute.
-    fn dialect(&self) -> Dialect;
+    fn dialect(&self) -> ControlFamily;
     /// The value of `#number`.
     fn variable(&self, number: u32) -> Checked<Option<f64>>;
     /// The value of `#<name>`; none if there is no such parameter.
@@ -96,7 +96,7 @@ impl Evaluator<'_> {
     }
 
     fn binary(&self, op: Op, a: Option<f64>, b: Option<f64>) -> Checked<Option<f64>> {
-        let is_linuxcnc = self.from.dialect() == Dialect::LinuxCnc;
+        let is_linuxcnc = self.from.dialect() == ControlFamily::LinuxCnc;
         let (x, y) = (a.unwrap_or(0.0), b.unwrap_or(0.0));
         let value = match op {
             Op::Add => x + y,
@@ -175,8 +175,10 @@ impl Evaluator<'_> {
                 Some(y) => {
                     let angle = libm::atan2(x, y).to_degrees();
                     // 0 to 360 degrees with NAT = 0; Haas and LinuxCNC -180 to 180.
-                    let is_turn =
-                        matches!(self.from.dialect(), Dialect::Fanuc | Dialect::Mitsubishi);
+                    let is_turn = matches!(
+                        self.from.dialect(),
+                        ControlFamily::Fanuc | ControlFamily::Mitsubishi
+                    );
                     if is_turn && angle < 0.0 {
                         angle + 360.0
                     } else {

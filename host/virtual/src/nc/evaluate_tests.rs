@@ -3,10 +3,10 @@ use crate::nc::cursor::{Cursor, Line};
 use crate::nc::expression::Parser;
 
 /// #1 = 10, #2 null, #3 = 1, #10 = 3.
-struct Four(Dialect);
+struct Four(ControlFamily);
 
 impl Lookup for Four {
-    fn dialect(&self) -> Dialect {
+    fn dialect(&self) -> ControlFamily {
         self.0
     }
     fn variable(&self, number: u32) -> Checked<Option<f64>> {
@@ -23,7 +23,7 @@ impl Lookup for Four {
     }
 }
 
-fn compute(dialect: Dialect, text: &str) -> Checked<Option<f64>> {
+fn compute(dialect: ControlFamily, text: &str) -> Checked<Option<f64>> {
     let line = Line::new(text, dialect)?;
     let mut cursor = Cursor::new(&line);
     let expr = Parser::new(&mut cursor, dialect).expression()?;
@@ -34,12 +34,12 @@ fn compute(dialect: Dialect, text: &str) -> Checked<Option<f64>> {
 }
 
 fn fanuc(text: &str) -> Option<f64> {
-    compute(Dialect::Fanuc, text).expect(text)
+    compute(ControlFamily::Fanuc, text).expect(text)
 }
 
 fn number_of(text: &str) -> Option<u32> {
-    let fault = compute(Dialect::Fanuc, text).expect_err(text);
-    fault.in_block(Dialect::Fanuc, 1, 1, "").number
+    let fault = compute(ControlFamily::Fanuc, text).expect_err(text);
+    fault.in_block(ControlFamily::Fanuc, 1, 1, "").number
 }
 
 /// Functions before products before sums; AND as a product, OR as a sum; from the left.
@@ -53,7 +53,7 @@ fn strength_of_operators() {
     assert_eq!(fanuc("[1+2]*3"), Some(9.0));
     assert_eq!(fanuc("-#1+1"), Some(-9.0));
     assert_eq!(fanuc("7MOD4"), Some(3.0));
-    let linuxcnc = |text| compute(Dialect::LinuxCnc, text).expect(text);
+    let linuxcnc = |text| compute(ControlFamily::LinuxCnc, text).expect(text);
     assert_eq!(linuxcnc("2*3**2"), Some(18.0));
     assert_eq!(linuxcnc("1 + 1 EQ 2 AND 3 GT 2"), Some(1.0));
     assert_eq!(linuxcnc("-1 MOD 4"), Some(3.0));
@@ -111,7 +111,10 @@ fn rounding() {
     assert_eq!(fanuc("ROUND[-2.5]"), Some(-3.0));
     assert_eq!(fanuc("FIX[-1.7]"), Some(-1.0));
     assert_eq!(fanuc("FUP[-1.2]"), Some(-2.0));
-    assert_eq!(compute(Dialect::LinuxCnc, "FIX[-1.2]"), Ok(Some(-2.0)));
+    assert_eq!(
+        compute(ControlFamily::LinuxCnc, "FIX[-1.2]"),
+        Ok(Some(-2.0))
+    );
     assert_eq!(fanuc("BCD[12]"), Some(18.0));
     assert_eq!(fanuc("BIN[18]"), Some(12.0));
     assert_eq!(fanuc("POW[2,10]"), Some(1024.0));

@@ -9,16 +9,16 @@ use super::codes;
 use super::control::{Control, Go};
 use super::evaluate::{evaluate, whole};
 use super::modal::Plane;
-use super::motion::{Axes, Motion, Path, Rate};
+use super::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate};
 use super::offsets::MAX_TOOL;
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 use super::words::Words;
 use nalgebra::Vector3;
 use umi_core::units::Point;
 
 impl Control {
     /// Carries out a block of words.
-    pub(crate) fn words(&mut self, words: &[Word], axes: &mut dyn Axes) -> Checked<Go> {
+    pub(crate) fn words(&mut self, words: &[Word], axes: &mut dyn AxisDrives) -> Checked<Go> {
         if self.settings.dialect.is_macro_b()
             && let Some(index) = self.macro_call_at(words, axes)?
         {
@@ -62,7 +62,7 @@ impl Control {
     }
 
     /// Where a `G65` or `G66` stands among the words.
-    fn macro_call_at(&self, words: &[Word], axes: &dyn Axes) -> Checked<Option<usize>> {
+    fn macro_call_at(&self, words: &[Word], axes: &dyn AxisDrives) -> Checked<Option<usize>> {
         for (index, word) in words.iter().enumerate() {
             if word.letter == b'G' {
                 let value = evaluate(&word.value, &self.view(axes))?;
@@ -162,7 +162,7 @@ impl Control {
     }
 
     /// An M code that acts before the motion.
-    fn auxiliary(&mut self, code: u32, axes: &mut dyn Axes) -> Checked<()> {
+    fn auxiliary(&mut self, code: u32, axes: &mut dyn AxisDrives) -> Checked<()> {
         match code {
             6 => {
                 axes.change_tool(self.modal.t)?;
@@ -178,7 +178,7 @@ impl Control {
         Ok(())
     }
 
-    fn after_motion(&mut self, code: u32, words: &Words, axes: &mut dyn Axes) -> Checked<Go> {
+    fn after_motion(&mut self, code: u32, words: &Words, axes: &mut dyn AxisDrives) -> Checked<Go> {
         match code {
             0 => Ok(Go::Stop(None)),
             1 if self.settings.optional_stop => Ok(Go::Stop(None)),
@@ -210,18 +210,18 @@ impl Control {
                 self.modal.feed = None;
             }
             self.modal.motion = 10;
-            self.modal.work = super::offsets::WorkOffset::Standard(1);
+            self.modal.work = super::offsets::OffsetSystem::Standard(1);
         }
     }
 
     /// Where the tool's tip is, in the coordinates of the program, mm.
-    pub(crate) fn here(&self, axes: &dyn Axes) -> Vector3<f64> {
+    pub(crate) fn here(&self, axes: &dyn AxisDrives) -> Vector3<f64> {
         self.frame().undo(axes.position().mm)
     }
 
     /// The feed in force.
-    pub(crate) fn feed(&self) -> Checked<Rate> {
-        self.modal.feed.map(Rate::Feed).ok_or_else(|| {
+    pub(crate) fn feed(&self) -> Checked<MotionRate> {
+        self.modal.feed.map(MotionRate::Feed).ok_or_else(|| {
             let what = if self.modal.is_inverse_time {
                 "G93 goes with G1, G2 and G3: G94 before this"
             } else {
@@ -232,22 +232,22 @@ impl Control {
     }
 
     /// The feed of a block whose path has this length.
-    pub(crate) fn feed_along(&self, words: &Words, length_mm: f64) -> Checked<Rate> {
+    pub(crate) fn feed_along(&self, words: &Words, length_mm: f64) -> Checked<MotionRate> {
         if !self.modal.is_inverse_time {
             return self.feed();
         }
         let f = words.number(b'F').filter(|f| *f > 0.0);
         let f = f.ok_or_else(|| Fault::ps(11, "G93 needs F in every block that cuts"))?;
         // A way of no length is not rapid.
-        Ok(Rate::Feed(f * length_mm.max(1e-9)))
+        Ok(MotionRate::Feed(f * length_mm.max(1e-9)))
     }
 
     /// Moves straight to a point of the program.
     pub(crate) fn line(
         &mut self,
         to: Vector3<f64>,
-        rate: Rate,
-        axes: &mut dyn Axes,
+        rate: MotionRate,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<()> {
         let to = self.frame().apply(to);
         self.straight(to, rate, axes)
@@ -257,12 +257,12 @@ impl Control {
     pub(crate) fn straight(
         &mut self,
         to: Vector3<f64>,
-        rate: Rate,
-        axes: &mut dyn Axes,
+        rate: MotionRate,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<()> {
-        axes.travel(&Motion {
+        axes.travel(&AxisMotion {
             to: finite(to)?,
-            path: Path::Line,
+            path: MotionPath::Line,
             rate,
         })?;
         self.seen.position = axes.position();
@@ -270,7 +270,7 @@ impl Control {
     }
 
     /// Carries out the motion of a block; whether there was one.
-    fn motion(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<bool> {
+    fn motion(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<bool> {
         for (code, at) in &words.g {
             match code {
                 0 | 10 | 20 | 30 => {
@@ -324,7 +324,7 @@ impl Control {
         let from = self.here(axes);
         let to = self.target(words, from);
         match self.modal.motion {
-            0 => self.line(to, Rate::Rapid, axes)?,
+            0 => self.line(to, MotionRate::Rapid, axes)?,
             10 => {
                 let rate = self.feed_along(words, (to - from).norm())?;
                 self.line(to, rate, axes)?;
@@ -340,7 +340,7 @@ impl Control {
     }
 
     /// `G53`: to machine coordinates.
-    fn machine_motion(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<bool> {
+    fn machine_motion(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<bool> {
         if self.modal.is_incremental {
             return Err(Fault::new("G53 goes to machine coordinates: it needs G90"));
         }
@@ -353,7 +353,7 @@ impl Control {
         }
         let rate = match (self.settings.dialect, self.modal.motion) {
             // Fanuc: always at rapid.
-            (Dialect::Fanuc | Dialect::Mitsubishi, _) | (_, 0) => Rate::Rapid,
+            (ControlFamily::Fanuc | ControlFamily::Mitsubishi, _) | (_, 0) => MotionRate::Rapid,
             (_, 10) => self.feed()?,
             _ => return Err(Fault::new("G53 needs G0 or G1")),
         };

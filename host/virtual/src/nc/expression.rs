@@ -2,7 +2,7 @@
 
 use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// An expression.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,7 +111,7 @@ const WORDS: [(&str, Op); 10] = [
 ];
 
 /// How deep brackets may stand in each other.
-const fn max_depth(dialect: Dialect) -> u32 {
+const fn max_depth(dialect: ControlFamily) -> u32 {
     // Custom Macro B: five, the brackets of functions counted.
     if dialect.is_macro_b() { 5 } else { 20 }
 }
@@ -125,12 +125,12 @@ const MAX_DIGITS: usize = 15;
 /// Reads expressions of one line.
 pub(crate) struct Parser<'c, 'l> {
     pub cursor: &'c mut Cursor<'l>,
-    pub dialect: Dialect,
+    pub dialect: ControlFamily,
     depth: u32,
 }
 
 impl<'c, 'l> Parser<'c, 'l> {
-    pub fn new(cursor: &'c mut Cursor<'l>, dialect: Dialect) -> Self {
+    pub fn new(cursor: &'c mut Cursor<'l>, dialect: ControlFamily) -> Self {
         Self {
             cursor,
             dialect,
@@ -168,7 +168,7 @@ impl<'c, 'l> Parser<'c, 'l> {
         if prefixes > MAX_PREFIXES {
             return Err(Fault::ps(114, "too many signs in a row").at(at));
         }
-        if self.dialect == Dialect::LinuxCnc && self.cursor.take(b'<') {
+        if self.dialect == ControlFamily::LinuxCnc && self.cursor.take(b'<') {
             return Ok(Expr::Named(name(self.cursor)?));
         }
         let number = match self.cursor.peek() {
@@ -212,7 +212,9 @@ impl<'c, 'l> Parser<'c, 'l> {
         let op = match self.cursor.next()? {
             b'+' => Some(Op::Add),
             b'-' => Some(Op::Sub),
-            b'*' if self.dialect == Dialect::LinuxCnc && self.cursor.take(b'*') => Some(Op::Power),
+            b'*' if self.dialect == ControlFamily::LinuxCnc && self.cursor.take(b'*') => {
+                Some(Op::Power)
+            }
             b'*' => Some(Op::Mul),
             b'/' => Some(Op::Div),
             byte if byte.is_ascii_alphabetic() => {
@@ -307,7 +309,7 @@ impl<'c, 'l> Parser<'c, 'l> {
             "LN" => Func::Ln,
             "EXP" => Func::Exp,
             "POW" if self.dialect.is_macro_b() => Func::Pow,
-            "EXISTS" if self.dialect == Dialect::LinuxCnc => Func::Exists,
+            "EXISTS" if self.dialect == ControlFamily::LinuxCnc => Func::Exists,
             _ => {
                 return Err(
                     Fault::ps(114, format!("`{word}` is no function of this control")).at(at),
@@ -358,8 +360,8 @@ pub(crate) fn name(cursor: &mut Cursor<'_>) -> Checked<String> {
 }
 
 /// How strongly an operator binds.
-const fn strength(op: Op, dialect: Dialect) -> u8 {
-    let is_linuxcnc = matches!(dialect, Dialect::LinuxCnc);
+const fn strength(op: Op, dialect: ControlFamily) -> u8 {
+    let is_linuxcnc = matches!(dialect, ControlFamily::LinuxCnc);
     match op {
         Op::Power => 6,
         Op::Mul | Op::Div | Op::Mod => 5,

@@ -8,10 +8,10 @@ use super::block::Block;
 use super::control::{Call, Control, Go};
 use super::cursor::{Cursor, Line};
 use super::expression::{Expr, Parser};
-use super::motion::Axes;
+use super::motion::AxisDrives;
 use super::oword::{Flow, OWord};
 use super::program::{Link, Program};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 use super::variables::Level;
 
 impl Control {
@@ -21,7 +21,7 @@ impl Control {
         program: &Arc<Program>,
         index: usize,
         word: &OWord,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<Go> {
         let link = || {
             program
@@ -142,7 +142,12 @@ impl Control {
             .is_some_and(|call| call.branch.take() == Some(index))
     }
 
-    fn call_sub(&mut self, label: &str, arguments: &[Expr], axes: &mut dyn Axes) -> Checked<Go> {
+    fn call_sub(
+        &mut self,
+        label: &str,
+        arguments: &[Expr],
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<Go> {
         let program = self
             .subs
             .get(label)
@@ -175,7 +180,7 @@ impl Control {
         Ok(Go::Called)
     }
 
-    fn leave_sub(&mut self, value: Option<&Expr>, axes: &mut dyn Axes) -> Checked<Go> {
+    fn leave_sub(&mut self, value: Option<&Expr>, axes: &mut dyn AxisDrives) -> Checked<Go> {
         if let Some(value) = value {
             self.returned = self.value(value, axes)?.unwrap_or(0.0);
         }
@@ -189,8 +194,8 @@ impl Control {
 
     /// Carries out the comments that act: MSG, DEBUG, PRINT, LOG, LOGOPEN, LOGCLOSE,
     /// LOGAPPEND, PROBEOPEN, PROBECLOSE, ABORT. What they say goes out as lines.
-    pub(crate) fn comments(&mut self, block: &Block, axes: &mut dyn Axes) -> Checked<()> {
-        if self.settings.dialect != Dialect::LinuxCnc {
+    pub(crate) fn comments(&mut self, block: &Block, axes: &mut dyn AxisDrives) -> Checked<()> {
+        if self.settings.dialect != ControlFamily::LinuxCnc {
             return Ok(());
         }
         for comment in &block.comments {
@@ -221,7 +226,7 @@ impl Control {
         Ok(())
     }
 
-    fn say(&self, text: &str, axes: &mut dyn Axes) -> Checked<()> {
+    fn say(&self, text: &str, axes: &mut dyn AxisDrives) -> Checked<()> {
         let line = self.filled(text, axes)?;
         axes.print(format!("{line}\n").as_bytes())?;
         Ok(())
@@ -229,7 +234,7 @@ impl Control {
 
     /// A text with the values of its parameters: six decimals, `%d` whole numbers, `%f`
     /// four decimals, `%.nf` n decimals from there on, `%lf` six again.
-    fn filled(&self, text: &str, axes: &dyn Axes) -> Checked<String> {
+    fn filled(&self, text: &str, axes: &dyn AxisDrives) -> Checked<String> {
         let mut out = String::new();
         let mut decimals = 6;
         let mut rest = text;
@@ -240,9 +245,9 @@ impl Control {
                 decimals = places;
                 rest = after;
             } else if let Some(after) = from.strip_prefix('#') {
-                let line = Line::new(after, Dialect::LinuxCnc)?;
+                let line = Line::new(after, ControlFamily::LinuxCnc)?;
                 let mut cursor = Cursor::new(&line);
-                let variable = Parser::new(&mut cursor, Dialect::LinuxCnc).variable(0)?;
+                let variable = Parser::new(&mut cursor, ControlFamily::LinuxCnc).variable(0)?;
                 let used = cursor.used();
                 let value = self.value(&variable, axes)?.unwrap_or(0.0);
                 out.push_str(&format!("{value:.decimals$}"));

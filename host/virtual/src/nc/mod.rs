@@ -1,5 +1,5 @@
 //! A control's NC interpreter: part programs and custom macros in, motions
-//! ([`Axes`]) and printed text out.
+//! ([`AxisDrives`]) and printed text out.
 //!
 //! ```text
 //! text ─► program (split, loops paired) ─► block (statement) ─► execute ─► Axes
@@ -50,9 +50,9 @@ mod tests;
 
 pub use alarm::{Alarm, Severity};
 pub use check::check;
-pub use control::{Control, State, Step};
-pub use motion::{Axes, Motion, Path, Rate, Skip, Trip};
-pub use offsets::{Offsets, WorkOffset};
+pub use control::{BlockStep, Control, ProgramState};
+pub use motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip, Trip};
+pub use offsets::{OffsetSystem, Offsets};
 pub use recorder::Recorder;
-pub use settings::{DecimalPoint, Dialect, Limits, LineEnd, Settings};
-pub use status::Status;
+pub use settings::{ControlFamily, ControlSettings, DecimalPoint, ExecutionLimits, LineEnd};
+pub use status::ControlStatus;

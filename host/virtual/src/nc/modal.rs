@@ -1,9 +1,9 @@
-//! What stays in force from block to block.
+//! Modal state: it stays in force from block to block.
 
 use nalgebra::Vector3;
 
-use super::offsets::WorkOffset;
-use super::settings::Settings;
+use super::offsets::OffsetSystem;
+use super::settings::ControlSettings;
 use super::transform::Frame;
 
 /// The plane of arcs, rotations and cycles.
@@ -67,7 +67,7 @@ pub(crate) struct Modal {
     /// Return of cycles to R (`G99`), not to the initial height.
     pub returns_to_r: bool,
     pub is_exact_stop: bool,
-    pub work: WorkOffset,
+    pub work: OffsetSystem,
     /// `G52`, mm.
     pub local: Vector3<f64>,
     /// `G92`, mm.
@@ -95,7 +95,7 @@ pub(crate) struct Modal {
 
 impl Modal {
     /// As the control is switched on.
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &ControlSettings) -> Self {
         Self {
             motion: 0,
             plane: Plane::Xy,
@@ -105,7 +105,7 @@ impl Modal {
             is_inch: false,
             returns_to_r: false,
             is_exact_stop: false,
-            work: WorkOffset::Standard(1),
+            work: OffsetSystem::Standard(1),
             local: Vector3::zeros(),
             shift: Vector3::zeros(),
             rotations: Vec::new(),
@@ -134,10 +134,10 @@ impl Modal {
     /// The code of the work coordinate system in tenths, and its P.
     pub const fn work_code(&self) -> (u16, u16) {
         match self.work {
-            WorkOffset::External => (540, 0),
-            WorkOffset::Standard(n @ 1..=6) => (530 + n as u16 * 10, 0),
-            WorkOffset::Standard(n) => (590 + n as u16 - 6, 0),
-            WorkOffset::Extended(p) => (541, p),
+            OffsetSystem::External => (540, 0),
+            OffsetSystem::Standard(n @ 1..=6) => (530 + n as u16 * 10, 0),
+            OffsetSystem::Standard(n) => (590 + n as u16 - 6, 0),
+            OffsetSystem::Extended(p) => (541, p),
         }
     }
 

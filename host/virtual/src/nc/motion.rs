@@ -9,18 +9,18 @@ use umi_core::units::{Point, Rad};
 
 /// One motion from where the axes stand.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Motion {
+pub struct AxisMotion {
     /// Where it ends.
     pub to: Point,
     /// The way there.
-    pub path: Path,
+    pub path: MotionPath,
     /// How fast.
-    pub rate: Rate,
+    pub rate: MotionRate,
 }
 
 /// The way of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Path {
+pub enum MotionPath {
     /// A straight line.
     Line,
     /// A circular arc or a helix.
@@ -37,7 +37,7 @@ pub enum Path {
 
 /// How fast a motion is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rate {
+pub enum MotionRate {
     /// As fast as the axes can.
     Rapid,
     /// Along the path, mm/min.
@@ -63,7 +63,7 @@ pub struct Trip {
 /// The machine under an interpreter.
 ///
 /// A motion is complete when the call returns (exact stop).
-pub trait Axes {
+pub trait AxisDrives {
     /// Where the axes were last sent, or came to rest after a skip.
     fn position(&self) -> Point;
 
@@ -81,14 +81,14 @@ pub trait Axes {
     ///
     /// # Errors
     /// The machine stopped: over-travel, collision.
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip>;
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip>;
 
     /// Moves on a straight line until a skip signal comes or the motion ends.
     /// `leaving` is a motion that ends when contact is lost (LinuxCNC G38.4, G38.5).
     ///
     /// # Errors
     /// The machine stopped, as in [`Self::travel`].
-    fn skip(&mut self, motion: &Motion, leaving: bool) -> Result<Skip, Trip>;
+    fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip>;
 
     /// Stands still, seconds.
     fn dwell(&mut self, seconds: f64);

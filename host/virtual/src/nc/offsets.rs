@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 /// A work coordinate system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum WorkOffset {
+pub enum OffsetSystem {
     /// The external offset, added to all (EXT, `G10 L2 P0`).
     External,
     /// `G54` (1) to `G59` (6); LinuxCNC to `G59.3` (9).
@@ -15,7 +15,7 @@ pub enum WorkOffset {
     Extended(u16),
 }
 
-impl WorkOffset {
+impl OffsetSystem {
     /// By the name that a program calls it: `G54` to `G59`, `G54.1P7`, `EXT`.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
@@ -38,8 +38,8 @@ impl WorkOffset {
 /// The offsets in a control's memory, mm and degrees.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Offsets {
-    work_mm: BTreeMap<WorkOffset, [f64; 3]>,
-    work_turn_deg: BTreeMap<WorkOffset, f64>,
+    work_mm: BTreeMap<OffsetSystem, [f64; 3]>,
+    work_turn_deg: BTreeMap<OffsetSystem, f64>,
     length_mm: BTreeMap<u32, f64>,
     radius_mm: BTreeMap<u32, f64>,
     setting_errors: BTreeMap<u8, [f64; 6]>,
@@ -53,23 +53,23 @@ pub(crate) const MAX_EXTENDED: u16 = 300;
 impl Offsets {
     /// The origin of a work coordinate system, mm.
     #[must_use]
-    pub fn work(&self, offset: WorkOffset) -> [f64; 3] {
+    pub fn work(&self, offset: OffsetSystem) -> [f64; 3] {
         self.work_mm.get(&offset).copied().unwrap_or_default()
     }
 
     /// Sets the origin of a work coordinate system, mm.
-    pub fn set_work(&mut self, offset: WorkOffset, origin_mm: [f64; 3]) {
+    pub fn set_work(&mut self, offset: OffsetSystem, origin_mm: [f64; 3]) {
         self.work_mm.insert(offset, origin_mm);
     }
 
     /// Rotation of a work coordinate system about Z, degrees (LinuxCNC `G10 L2 R`).
     #[must_use]
-    pub fn turn(&self, offset: WorkOffset) -> f64 {
+    pub fn turn(&self, offset: OffsetSystem) -> f64 {
         self.work_turn_deg.get(&offset).copied().unwrap_or_default()
     }
 
     /// Sets the rotation of a work coordinate system about Z, degrees.
-    pub fn set_turn(&mut self, offset: WorkOffset, degrees: f64) {
+    pub fn set_turn(&mut self, offset: OffsetSystem, degrees: f64) {
         self.work_turn_deg.insert(offset, degrees);
     }
 
@@ -119,8 +119,8 @@ impl Offsets {
     }
 
     /// The external offset and that of a work coordinate system together.
-    pub(crate) fn origin(&self, offset: WorkOffset) -> Vector3<f64> {
-        Vector3::from(self.work(WorkOffset::External)) + Vector3::from(self.work(offset))
+    pub(crate) fn origin(&self, offset: OffsetSystem) -> Vector3<f64> {
+        Vector3::from(self.work(OffsetSystem::External)) + Vector3::from(self.work(offset))
     }
 }
 
@@ -131,13 +131,13 @@ mod tests {
     /// Offsets are called as programs call them, and nothing else is taken.
     #[test]
     fn offsets_by_name() {
-        assert_eq!(WorkOffset::named("G54"), Some(WorkOffset::Standard(1)));
-        assert_eq!(WorkOffset::named("G59"), Some(WorkOffset::Standard(6)));
+        assert_eq!(OffsetSystem::named("G54"), Some(OffsetSystem::Standard(1)));
+        assert_eq!(OffsetSystem::named("G59"), Some(OffsetSystem::Standard(6)));
         assert_eq!(
-            WorkOffset::named("G54.1P48"),
-            Some(WorkOffset::Extended(48))
+            OffsetSystem::named("G54.1P48"),
+            Some(OffsetSystem::Extended(48))
         );
-        assert_eq!(WorkOffset::named("EXT"), Some(WorkOffset::External));
+        assert_eq!(OffsetSystem::named("EXT"), Some(OffsetSystem::External));
         for wrong in [
             "G53",
             "G60",
@@ -148,7 +148,7 @@ mod tests {
             "",
             "g54",
         ] {
-            assert_eq!(WorkOffset::named(wrong), None, "{wrong}");
+            assert_eq!(OffsetSystem::named(wrong), None, "{wrong}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
 use super::expression::{Expr, Parser, name};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// `o<label> keyword ...`.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,7 +83,7 @@ pub(crate) fn read(cursor: &mut Cursor<'_>) -> Checked<OWord> {
 }
 
 fn bracketed(cursor: &mut Cursor<'_>) -> Checked<Expr> {
-    Parser::new(cursor, Dialect::LinuxCnc).bracketed()
+    Parser::new(cursor, ControlFamily::LinuxCnc).bracketed()
 }
 
 fn optional(cursor: &mut Cursor<'_>) -> Checked<Option<Expr>> {

@@ -3,14 +3,14 @@
 use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::execute::finite;
-use super::motion::{Axes, Motion, Path, Rate, Skip};
-use super::settings::Dialect;
+use super::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip};
+use super::settings::ControlFamily;
 use super::words::Words;
 
 impl Control {
     /// `G31`. The stored position is #5061.. as [`super::system`] says. Without a touch
     /// the program goes on, and it is the end of the motion: a macro must compare.
-    pub(crate) fn skip(&mut self, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
+    pub(crate) fn skip(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         if !words.has_axes() {
             return Err(Fault::new("G31 needs X, Y or Z"));
         }
@@ -27,7 +27,12 @@ impl Control {
     }
 
     /// `G38.2` (toward, alarm without contact), `.3` (toward), `.4` (away, alarm), `.5`.
-    pub(crate) fn probe(&mut self, code: u16, words: &Words, axes: &mut dyn Axes) -> Checked<()> {
+    pub(crate) fn probe(
+        &mut self,
+        code: u16,
+        words: &Words,
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<()> {
         if !words.has_axes() {
             return Err(Fault::new("G38 needs X, Y or Z"));
         }
@@ -36,7 +41,7 @@ impl Control {
         self.skip_mm = self.frame().undo(skip.stored.mm);
         self.has_touched = skip.touched;
         match self.settings.dialect {
-            Dialect::Grbl => self.report_to_grbl(&skip, axes)?,
+            ControlFamily::Grbl => self.report_to_grbl(&skip, axes)?,
             _ => self.log_probe(axes)?,
         }
         if !skip.touched && matches!(code, 382 | 384) {
@@ -46,22 +51,27 @@ impl Control {
                 "nothing was touched: begin nearer, or G38.3 goes on without an alarm"
             };
             return Err(match self.settings.dialect {
-                Dialect::Grbl => Fault::own(5, message),
+                ControlFamily::Grbl => Fault::own(5, message),
                 _ => Fault::new(message),
             });
         }
         Ok(())
     }
 
-    fn run_to_skip(&mut self, words: &Words, leaving: bool, axes: &mut dyn Axes) -> Checked<Skip> {
-        let Rate::Feed(feed) = self.feed()? else {
+    fn run_to_skip(
+        &mut self,
+        words: &Words,
+        leaving: bool,
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<Skip> {
+        let MotionRate::Feed(feed) = self.feed()? else {
             return Err(Fault::ps(11, "no feed: give F"));
         };
         let to = self.target(words, self.here(axes));
-        let motion = Motion {
+        let motion = AxisMotion {
             to: finite(self.frame().apply(to))?,
-            path: Path::Line,
-            rate: Rate::Feed(feed),
+            path: MotionPath::Line,
+            rate: MotionRate::Feed(feed),
         };
         let skip = axes.skip(&motion, leaving)?;
         self.seen.position = axes.position();
@@ -69,7 +79,7 @@ impl Control {
     }
 
     /// `[PRB:x,y,z:s]` with machine coordinates, three decimals (four in inches).
-    fn report_to_grbl(&self, skip: &Skip, axes: &mut dyn Axes) -> Checked<()> {
+    fn report_to_grbl(&self, skip: &Skip, axes: &mut dyn AxisDrives) -> Checked<()> {
         let [x, y, z] = skip
             .stored
             .to_array_mm()
@@ -82,7 +92,7 @@ impl Control {
     }
 
     /// `(PROBEOPEN file)`: nine numbers in program units; a repetition is not written.
-    fn log_probe(&mut self, axes: &mut dyn Axes) -> Checked<()> {
+    fn log_probe(&mut self, axes: &mut dyn AxisDrives) -> Checked<()> {
         let unit = self.modal.unit_mm();
         let position: [f64; 3] = (self.skip_mm / unit).into();
         if !self.logs_probes || self.logged == Some(position) {

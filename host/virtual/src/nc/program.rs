@@ -6,7 +6,7 @@ use super::alarm::{Checked, Fault};
 use super::block::{Block, Statement};
 use super::expression::Expr;
 use super::oword::Flow;
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// A program in memory.
 #[derive(Clone, Debug)]
@@ -45,13 +45,13 @@ const MAX_BLOCKS: usize = 250_000;
 ///
 /// # Errors
 /// More than [`MAX_BLOCKS`] blocks.
-pub(crate) fn split(text: &str, dialect: Dialect) -> Checked<Vec<Program>> {
+pub(crate) fn split(text: &str, dialect: ControlFamily) -> Checked<Vec<Program>> {
     let mut programs = Vec::new();
     let mut number = None;
     let mut blocks: Vec<Block> = Vec::new();
     let mut count = 0;
     // In LinuxCNC a comment may act.
-    let acts = |block: &Block| dialect == Dialect::LinuxCnc && block.comment_acts();
+    let acts = |block: &Block| dialect == ControlFamily::LinuxCnc && block.comment_acts();
     let mut finish = |number: &mut Option<u32>, blocks: &mut Vec<Block>| {
         if number.is_some() || blocks.iter().any(|b| says_something(b) || acts(b)) {
             programs.push(Program::new(
@@ -140,7 +140,7 @@ fn heading(line: &str) -> Option<(u32, &str)> {
 }
 
 impl Program {
-    fn new(number: u32, blocks: Vec<Block>, dialect: Dialect) -> Self {
+    fn new(number: u32, blocks: Vec<Block>, dialect: ControlFamily) -> Self {
         let mut numbers: HashMap<u32, Vec<usize>> = HashMap::new();
         for (index, block) in blocks.iter().enumerate() {
             if let Some(n) = block.n {
@@ -155,7 +155,7 @@ impl Program {
             numbers,
             subs: HashMap::new(),
         };
-        if dialect == Dialect::LinuxCnc {
+        if dialect == ControlFamily::LinuxCnc {
             program.pair_owords();
         } else {
             program.pair_loops();
@@ -409,7 +409,7 @@ mod tests {
     use super::*;
 
     fn fanuc(text: &str) -> Vec<Program> {
-        split(text, Dialect::Fanuc).expect("not too long")
+        split(text, ControlFamily::Fanuc).expect("not too long")
     }
 
     /// Several programs in a text, headings with O and `:`, all line ends of the wire.
@@ -430,7 +430,7 @@ mod tests {
     fn blank_lines_are_not_kept() {
         for line in ["\n", "(X)\n", "/\n", " \t\r\n"] {
             let text = format!("O1\n{}M30\n", line.repeat((4 << 20) / line.len()));
-            for dialect in [Dialect::Fanuc, Dialect::Grbl] {
+            for dialect in [ControlFamily::Fanuc, ControlFamily::Grbl] {
                 let programs = split(&text, dialect).expect("not too long");
                 let blocks = &programs[0].blocks;
                 assert!(blocks.len() <= 2, "{line:?}: {}", blocks.len());
@@ -440,14 +440,14 @@ mod tests {
         }
         // In LinuxCNC some comments act.
         let text = "(X)\n(print,1)\n( LOGCLOSE)\n(MESSAGE)\nM2\n";
-        let programs = split(text, Dialect::LinuxCnc).expect("not too long");
+        let programs = split(text, ControlFamily::LinuxCnc).expect("not too long");
         assert_eq!(programs[0].blocks.len(), 3);
     }
 
     /// More blocks than memory is given for are refused.
     #[test]
     fn blocks_are_bounded() {
-        let fault = split(&"G0\n".repeat(MAX_BLOCKS + 1), Dialect::Fanuc);
+        let fault = split(&"G0\n".repeat(MAX_BLOCKS + 1), ControlFamily::Fanuc);
         assert!(format!("{fault:?}").contains("split the text"));
     }
 
@@ -488,7 +488,7 @@ mod tests {
     fn o_words() {
         let programs = split(
             "o1 if [1 EQ 2]\no1 elseif [1]\no1 else\no1 endif\no<a> sub\no<a> endsub\n",
-            Dialect::LinuxCnc,
+            ControlFamily::LinuxCnc,
         )
         .expect("not too long");
         let program = &programs[0];
@@ -496,7 +496,8 @@ mod tests {
         assert_eq!(next, [1, 2, 3, 3]);
         assert_eq!(program.subs["<a>"], 4);
         assert!(program.blocks.iter().all(|b| b.statement.is_ok()));
-        let bad = split("o1 while [1]\no2 endwhile", Dialect::LinuxCnc).expect("not too long");
+        let bad =
+            split("o1 while [1]\no2 endwhile", ControlFamily::LinuxCnc).expect("not too long");
         assert!(bad[0].blocks.iter().all(|b| b.statement.is_err()));
     }
 }

@@ -1,8 +1,8 @@
-//! A machine of paper: what a program does, without one that does it.
+//! A machine on paper: it records a program's motions.
 
 use umi_core::units::Point;
 
-use super::motion::{Axes, Motion, Skip, Trip};
+use super::motion::{AxisDrives, AxisMotion, Skip, Trip};
 
 /// Axes that go wherever they are sent, at once, and keep how. Nothing is ever touched, and
 /// nothing that is not a motion matters.
@@ -13,7 +13,7 @@ pub struct Recorder {
     /// Where G28 goes.
     pub reference_point: Point,
     /// Where each motion began, and the motion.
-    pub motions: Vec<(Point, Motion)>,
+    pub motions: Vec<(Point, AxisMotion)>,
 }
 
 impl Recorder {
@@ -28,19 +28,19 @@ impl Recorder {
     }
 }
 
-impl Axes for Recorder {
+impl AxisDrives for Recorder {
     fn position(&self) -> Point {
         self.at
     }
     fn reference_point(&self) -> Point {
         self.reference_point
     }
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         self.motions.push((self.at, motion.clone()));
         self.at = motion.to;
         Ok(())
     }
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, _: bool) -> Result<Skip, Trip> {
         self.travel(motion)?;
         Ok(Skip {
             touched: false,

@@ -6,7 +6,7 @@ use umi_protocol::pattern::Coding;
 /// Whose language the control speaks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Dialect {
+pub enum ControlFamily {
     /// Fanuc Custom Macro B.
     #[default]
     Fanuc,
@@ -21,7 +21,7 @@ pub enum Dialect {
     Grbl,
 }
 
-impl Dialect {
+impl ControlFamily {
     /// Whether it has Custom Macro B with `DPRNT`.
     #[must_use]
     pub const fn is_macro_b(self) -> bool {
@@ -75,7 +75,7 @@ pub enum DecimalPoint {
 /// Bounds of what one program may use, so that every run ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "snake_case")]
-pub struct Limits {
+pub struct ExecutionLimits {
     /// Blocks carried out after a program is selected.
     pub blocks: u64,
     /// Jumps backwards (loops, `GOTO`, repeats of a call) after a program is selected.
@@ -95,7 +95,7 @@ pub struct Limits {
     pub names: usize,
 }
 
-impl Default for Limits {
+impl Default for ExecutionLimits {
     fn default() -> Self {
         Self {
             blocks: 20_000_000,
@@ -113,9 +113,9 @@ impl Default for Limits {
 /// The parameters of a control.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "snake_case")]
-pub struct Settings {
+pub struct ControlSettings {
     /// Whose language it speaks.
-    pub dialect: Dialect,
+    pub dialect: ControlFamily,
     /// Smallest increment, mm: 0.001 (IS-B) or 0.0001 (IS-C); a tenth of the number in
     /// inches. Programmed words, positions in variables and values of `G10` are rounded
     /// to it. LinuxCNC and GRBL do not round.
@@ -148,13 +148,13 @@ pub struct Settings {
     /// What #3012 says, HHMMSS.
     pub time: u32,
     /// Bounds, so that every run ends.
-    pub limits: Limits,
+    pub limits: ExecutionLimits,
 }
 
-impl Default for Settings {
+impl Default for ControlSettings {
     fn default() -> Self {
         Self {
-            dialect: Dialect::default(),
+            dialect: ControlFamily::default(),
             increment_mm: 0.001,
             decimal_point: DecimalPoint::default(),
             leading_blanks: true,
@@ -168,23 +168,23 @@ impl Default for Settings {
             optional_stop: false,
             date: 20_130_101,
             time: 120_000,
-            limits: Limits::default(),
+            limits: ExecutionLimits::default(),
         }
     }
 }
 
-impl Settings {
+impl ControlSettings {
     /// A control of this dialect with its maker's usual parameters: the end of line of
     /// its manual, DC codes where they are sent (dprnt: Haas ends with CR, Mitsubishi
     /// with CR LF).
     #[must_use]
-    pub fn of(dialect: Dialect) -> Self {
+    pub fn of(dialect: ControlFamily) -> Self {
         Self {
             dialect,
             line_end: match dialect {
-                Dialect::Haas => LineEnd::Cr,
-                Dialect::Mitsubishi => LineEnd::CrLf,
-                Dialect::Fanuc | Dialect::LinuxCnc | Dialect::Grbl => LineEnd::Lf,
+                ControlFamily::Haas => LineEnd::Cr,
+                ControlFamily::Mitsubishi => LineEnd::CrLf,
+                ControlFamily::Fanuc | ControlFamily::LinuxCnc | ControlFamily::Grbl => LineEnd::Lf,
             },
             ..Self::default()
         }
@@ -227,28 +227,31 @@ mod tests {
     /// A scene's table needs no more than what differs; what it does not know it refuses.
     #[test]
     fn from_toml() {
-        let settings: Settings = toml::from_str(
+        let settings: ControlSettings = toml::from_str(
             "dialect = \"haas\"\nline_end = \"lf_cr_cr\"\nincrement_mm = 0.0001\n\
              decimal_point = \"calculator\"\ncoding = \"iso_even\"\n[limits]\nblocks = 5\n",
         )
         .expect("a valid table");
-        assert_eq!(settings.dialect, Dialect::Haas);
+        assert_eq!(settings.dialect, ControlFamily::Haas);
         assert_eq!(settings.line_end, LineEnd::LfCrCr);
         assert_eq!(settings.coding, Coding::IsoEven);
         assert_eq!(settings.limits.blocks, 5);
-        assert_eq!(settings.limits.call_depth, Limits::default().call_depth);
-        assert!(toml::from_str::<Settings>("dialekt = \"haas\"").is_err());
+        assert_eq!(
+            settings.limits.call_depth,
+            ExecutionLimits::default().call_depth
+        );
+        assert!(toml::from_str::<ControlSettings>("dialekt = \"haas\"").is_err());
     }
 
     /// Increments: IS-B in mm and inches, none in LinuxCNC.
     #[test]
     fn rounding() {
-        let fanuc = Settings::default();
+        let fanuc = ControlSettings::default();
         assert_eq!(fanuc.rounded(21.7889, false), 21.789);
         assert_eq!(fanuc.rounded(-0.00049, false), 0.0);
         assert_eq!(fanuc.rounded(0.12345, true), 0.1235);
         assert_eq!(
-            Settings::of(Dialect::LinuxCnc).rounded(21.7889, false),
+            ControlSettings::of(ControlFamily::LinuxCnc).rounded(21.7889, false),
             21.7889
         );
     }

@@ -8,9 +8,9 @@ use super::control::{Control, Go};
 use super::dprnt::{DC2, DC4};
 use super::evaluate::{evaluate, holds, variable_number, whole};
 use super::expression::Expr;
-use super::motion::Axes;
+use super::motion::AxisDrives;
 use super::program::Program;
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 use super::system::{View, Written};
 
 impl Control {
@@ -21,7 +21,7 @@ impl Control {
         index: usize,
         block: &Block,
         statement: &Statement,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<Go> {
         match statement {
             Statement::Words(words, assigns) if words.is_empty() && assigns.is_empty() => {
@@ -109,21 +109,21 @@ impl Control {
 
     /// Whether `DPRNT` needs no `POPEN` (Haas: the serial port is always on).
     fn prints_unopened(&self) -> bool {
-        self.settings.dialect == Dialect::Haas
+        self.settings.dialect == ControlFamily::Haas
     }
 
-    pub(crate) fn view<'a>(&'a self, axes: &'a dyn Axes) -> View<'a> {
+    pub(crate) fn view<'a>(&'a self, axes: &'a dyn AxisDrives) -> View<'a> {
         View {
             control: self,
             axes,
         }
     }
 
-    pub(crate) fn value(&self, expr: &Expr, axes: &dyn Axes) -> Checked<Option<f64>> {
+    pub(crate) fn value(&self, expr: &Expr, axes: &dyn AxisDrives) -> Checked<Option<f64>> {
         evaluate(expr, &self.view(axes))
     }
 
-    pub(crate) fn holds(&self, condition: &Expr, axes: &dyn Axes) -> Checked<bool> {
+    pub(crate) fn holds(&self, condition: &Expr, axes: &dyn AxisDrives) -> Checked<bool> {
         holds(condition, &self.view(axes))
     }
 
@@ -133,7 +133,7 @@ impl Control {
         target: &Expr,
         value: Option<f64>,
         block: &Block,
-        axes: &mut dyn Axes,
+        axes: &mut dyn AxisDrives,
     ) -> Checked<Option<Go>> {
         let number = match target {
             Expr::Named(name) => {
@@ -158,8 +158,8 @@ impl Control {
                 let text = block.comments.first().map_or("", String::as_str);
                 let message = format!("the program says: {text}");
                 let base = match self.settings.dialect {
-                    Dialect::Fanuc => Some(3000),
-                    Dialect::Haas => Some(1000),
+                    ControlFamily::Fanuc => Some(3000),
+                    ControlFamily::Haas => Some(1000),
                     _ => None,
                 };
                 Err(match (base, whole(n, 999)) {
@@ -170,7 +170,13 @@ impl Control {
         }
     }
 
-    fn jump(&self, program: &Program, index: usize, target: &Expr, axes: &dyn Axes) -> Checked<Go> {
+    fn jump(
+        &self,
+        program: &Program,
+        index: usize,
+        target: &Expr,
+        axes: &dyn AxisDrives,
+    ) -> Checked<Go> {
         let value = self.value(target, axes)?.unwrap_or(-1.0);
         let n = whole(value, 99_999_999)
             .ok_or_else(|| Fault::ps(128, format!("GOTO {value}: no sequence number")))?;

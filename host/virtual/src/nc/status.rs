@@ -1,16 +1,16 @@
-//! What a control shows and lets its operator set: screen, variables, offsets.
+//! The operator's view of a control: screen, variables, offsets.
 
 use umi_core::units::Point;
 
 use super::alarm::{Alarm, Fault};
 use super::control::Control;
 use super::modal::g_text;
-use super::offsets::{Offsets, WorkOffset};
+use super::offsets::{OffsetSystem, Offsets};
 use super::system::Written;
 
 /// What a control's screen shows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Status {
+pub struct ControlStatus {
     /// The program of the next block.
     pub program: u32,
     /// The line of the next block in the loaded text, from 1; 0 at the end.
@@ -32,7 +32,7 @@ pub struct Status {
     /// The tool in the spindle.
     pub tool: u32,
     /// The work coordinate system in force.
-    pub offset: WorkOffset,
+    pub offset: OffsetSystem,
     /// The alarm at which it stands.
     pub alarm: Option<Alarm>,
 }
@@ -40,13 +40,13 @@ pub struct Status {
 impl Control {
     /// What a screen shows, as of the last step.
     #[must_use]
-    pub fn status(&self) -> Status {
+    pub fn status(&self) -> ControlStatus {
         let block = self
             .stack
             .last()
             .filter(|_| !self.ended)
             .and_then(|call| call.program.blocks.get(call.next));
-        Status {
+        ControlStatus {
             program: self.program_number(),
             line: block.map_or(0, |b| b.line),
             text: block.map_or_else(String::new, |b| b.text.clone()),
@@ -113,12 +113,12 @@ impl Control {
 
     /// The origin of a work coordinate system, mm.
     #[must_use]
-    pub fn offset(&self, offset: WorkOffset) -> [f64; 3] {
+    pub fn offset(&self, offset: OffsetSystem) -> [f64; 3] {
         self.offsets.work(offset)
     }
 
     /// Sets the origin of a work coordinate system, mm.
-    pub fn set_offset(&mut self, offset: WorkOffset, origin_mm: [f64; 3]) {
+    pub fn set_offset(&mut self, offset: OffsetSystem, origin_mm: [f64; 3]) {
         self.offsets.set_work(offset, origin_mm);
     }
 }

@@ -19,9 +19,9 @@ use nalgebra::Vector3;
 use super::alarm::{Checked, Fault};
 use super::control::Control;
 use super::evaluate::Lookup;
-use super::motion::Axes;
-use super::offsets::{MAX_EXTENDED, WorkOffset};
-use super::settings::Dialect;
+use super::motion::AxisDrives;
+use super::offsets::{MAX_EXTENDED, OffsetSystem};
+use super::settings::ControlFamily;
 use super::variables::Variables;
 
 /// What a write asks of the control.
@@ -38,11 +38,11 @@ pub(crate) enum Written {
 /// The control's variables while the axes can be asked.
 pub(crate) struct View<'a> {
     pub control: &'a Control,
-    pub axes: &'a dyn Axes,
+    pub axes: &'a dyn AxisDrives,
 }
 
 impl Lookup for View<'_> {
-    fn dialect(&self) -> Dialect {
+    fn dialect(&self) -> ControlFamily {
         self.control.settings.dialect
     }
 
@@ -67,49 +67,51 @@ fn axis(number: u32, first: u32) -> Option<usize> {
 }
 
 /// The work coordinate system and the axis of an offset's variable.
-fn offset_of(number: u32, dialect: Dialect) -> Option<(WorkOffset, usize)> {
+fn offset_of(number: u32, dialect: ControlFamily) -> Option<(OffsetSystem, usize)> {
     let in_table = |first: u32, count: u32| {
         let place = number.checked_sub(first).filter(|n| *n < count * 20)?;
         Some((place / 20, axis(place % 20, 0)?))
     };
-    if dialect == Dialect::LinuxCnc {
+    if dialect == ControlFamily::LinuxCnc {
         let (n, axis) = in_table(5221, 9)?;
-        return Some((WorkOffset::Standard(u8::try_from(n).ok()? + 1), axis));
+        return Some((OffsetSystem::Standard(u8::try_from(n).ok()? + 1), axis));
     }
     if let Some(axis) = axis(number, 5201) {
-        return Some((WorkOffset::External, axis));
+        return Some((OffsetSystem::External, axis));
     }
     if let Some((n, axis)) = in_table(5221, 6) {
-        return Some((WorkOffset::Standard(u8::try_from(n).ok()? + 1), axis));
+        return Some((OffsetSystem::Standard(u8::try_from(n).ok()? + 1), axis));
     }
     let (n, axis) = in_table(7001, 48).or_else(|| in_table(14_001, u32::from(MAX_EXTENDED)))?;
-    Some((WorkOffset::Extended(u16::try_from(n).ok()? + 1), axis))
+    Some((OffsetSystem::Extended(u16::try_from(n).ok()? + 1), axis))
 }
 
 /// The set of `G54.4` and the place in it (dx, dy, dz, da, db, dc) of a variable: #26010
 /// is dx of set 1, the sets are ten apart. Public post processors for Fanuc write them so.
 /// Set 0, which a control adds to all others, stays zero here.
-fn setting_error_of(number: u32, dialect: Dialect) -> Option<(u8, usize)> {
+fn setting_error_of(number: u32, dialect: ControlFamily) -> Option<(u8, usize)> {
     let place = number.checked_sub(26_000).filter(|place| *place < 80)?;
     let value = usize::try_from(place % 10).ok().filter(|v| *v < 6)?;
-    (dialect == Dialect::Fanuc).then_some((u8::try_from(place / 10).ok()?, value))
+    (dialect == ControlFamily::Fanuc).then_some((u8::try_from(place / 10).ok()?, value))
 }
 
 /// The tool length offset of a variable.
-fn length_of(number: u32, dialect: Dialect) -> Option<u32> {
+fn length_of(number: u32, dialect: ControlFamily) -> Option<u32> {
     match (dialect, number) {
-        (Dialect::LinuxCnc | Dialect::Grbl, _) => None,
+        (ControlFamily::LinuxCnc | ControlFamily::Grbl, _) => None,
         (_, 2001..=2200) => Some(number - 2000),
-        (Dialect::Fanuc | Dialect::Mitsubishi, 10_001..=10_400) => Some(number - 10_000),
+        (ControlFamily::Fanuc | ControlFamily::Mitsubishi, 10_001..=10_400) => {
+            Some(number - 10_000)
+        }
         _ => None,
     }
 }
 
 /// The tool radius offset of a variable.
-fn radius_of(number: u32, dialect: Dialect) -> Option<u32> {
+fn radius_of(number: u32, dialect: ControlFamily) -> Option<u32> {
     match (dialect, number) {
-        (Dialect::Haas, 2401..=2600) => Some(number - 2400),
-        (Dialect::Fanuc, 13_001..=13_400) => Some(number - 13_000),
+        (ControlFamily::Haas, 2401..=2600) => Some(number - 2400),
+        (ControlFamily::Fanuc, 13_001..=13_400) => Some(number - 13_000),
         _ => None,
     }
 }
@@ -120,7 +122,7 @@ fn on(is_on: bool) -> f64 {
 
 impl Control {
     /// The value of `#number`. Without axes the inputs and timers are null.
-    pub(crate) fn read(&self, number: u32, axes: Option<&dyn Axes>) -> Checked<Option<f64>> {
+    pub(crate) fn read(&self, number: u32, axes: Option<&dyn AxisDrives>) -> Checked<Option<f64>> {
         let dialect = self.settings.dialect;
         if number == 0 && dialect.is_macro_b() {
             return Ok(None);
@@ -137,7 +139,7 @@ impl Control {
             let unit = if value < 3 { unit } else { 1.0 };
             return Ok(error.get(value).map(|value| value / unit));
         }
-        if dialect == Dialect::LinuxCnc {
+        if dialect == ControlFamily::LinuxCnc {
             return self
                 .read_linuxcnc(number)
                 .ok_or_else(|| no_variable(number));
@@ -173,7 +175,7 @@ impl Control {
             3011 => Some(f64::from(self.settings.date)),
             3012 => Some(f64::from(self.settings.time)),
             4001..=4130 => self.read_modal(number - 4000)?,
-            4201..=4330 if dialect == Dialect::Fanuc => {
+            4201..=4330 if dialect == ControlFamily::Fanuc => {
                 self.read_modal(number - if number > 4300 { 4300 } else { 4200 })?
             }
             5001..=5083 => {
@@ -208,6 +210,8 @@ impl Control {
             8 => code(6),
             9 => code(11),
             10 => code(7),
+            // Haas has its work offsets in group 12.
+            12 if self.settings.dialect == ControlFamily::Haas => code(8),
             12 => Some(if self.modal_call.is_some() {
                 66.0
             } else {
@@ -237,8 +241,10 @@ impl Control {
                 None => Some(0.0),
             },
             5070 => Some(on(self.has_touched)),
+            5210 => Some(on(self.modal.shift != Vector3::zeros())),
+            5211..=5213 => component(&self.modal.shift.into(), axis(number, 5211)?, unit),
             5220 => Some(match self.modal.work {
-                WorkOffset::Standard(n) => f64::from(n),
+                OffsetSystem::Standard(n) => f64::from(n),
                 _ => 1.0,
             }),
             5400 => Some(f64::from(self.modal.tool)),
@@ -250,7 +256,7 @@ impl Control {
             5230..=5400 => {
                 let place = number.checked_sub(5230)?;
                 let n = u8::try_from(place / 20).ok().filter(|n| *n < 9)? + 1;
-                (place % 20 == 0).then(|| self.offsets.turn(WorkOffset::Standard(n)))
+                (place % 20 == 0).then(|| self.offsets.turn(OffsetSystem::Standard(n)))
             }
             _ => return None,
         };
@@ -262,7 +268,7 @@ impl Control {
         &mut self,
         number: u32,
         value: Option<f64>,
-        axes: Option<&mut dyn Axes>,
+        axes: Option<&mut dyn AxisDrives>,
     ) -> Checked<Written> {
         let dialect = self.settings.dialect;
         if number == 0 && dialect.is_macro_b() {
@@ -350,7 +356,7 @@ impl Control {
     }
 
     /// The 32 outputs as one number, two's complement.
-    fn switch_all(&mut self, word: i64, axes: Option<&mut dyn Axes>) {
+    fn switch_all(&mut self, word: i64, axes: Option<&mut dyn AxisDrives>) {
         let outputs = (0..32u16).map(|bit| (1100 + bit, (word >> bit) & 1 == 1));
         match axes {
             Some(axes) => outputs.for_each(|(n, is_on)| self.switch(n, is_on, Some(&mut *axes))),
@@ -358,7 +364,7 @@ impl Control {
         }
     }
 
-    fn switch(&mut self, output: u16, is_on: bool, axes: Option<&mut dyn Axes>) {
+    fn switch(&mut self, output: u16, is_on: bool, axes: Option<&mut dyn AxisDrives>) {
         if is_on {
             self.outputs.insert(u32::from(output));
         } else {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use super::alarm::{Checked, Fault};
-use super::settings::Dialect;
+use super::settings::ControlFamily;
 
 /// Local variables in Custom Macro B: #1 to #33; LinuxCNC #1 to #30.
 pub(crate) const LOCALS: usize = 33;
@@ -49,18 +49,18 @@ pub(crate) struct Variables {
 
 impl Variables {
     /// Whether a number is that of a local variable.
-    pub fn is_local(number: u32, dialect: Dialect) -> bool {
+    pub fn is_local(number: u32, dialect: ControlFamily) -> bool {
         match dialect {
-            Dialect::LinuxCnc => (1..=30).contains(&number),
+            ControlFamily::LinuxCnc => (1..=30).contains(&number),
             _ => (1..=33).contains(&number),
         }
     }
 
     /// Whether a number is that of a common variable.
-    pub fn is_common(number: u32, dialect: Dialect) -> bool {
+    pub fn is_common(number: u32, dialect: ControlFamily) -> bool {
         match dialect {
-            Dialect::LinuxCnc => (31..=5000).contains(&number),
-            Dialect::Haas => {
+            ControlFamily::LinuxCnc => (31..=5000).contains(&number),
+            ControlFamily::Haas => {
                 (100..=199).contains(&number)
                     || (500..=999).contains(&number)
                     || (10_000..=10_999).contains(&number)
@@ -70,7 +70,7 @@ impl Variables {
     }
 
     /// A local or common variable; none if the number is neither's.
-    pub fn get(&self, level: &Level, number: u32, dialect: Dialect) -> Option<Option<f64>> {
+    pub fn get(&self, level: &Level, number: u32, dialect: ControlFamily) -> Option<Option<f64>> {
         let value = if Self::is_local(number, dialect) {
             let index = usize::try_from(number).ok()?.checked_sub(1)?;
             level.numbered.get(index).copied().flatten()
@@ -81,7 +81,7 @@ impl Variables {
         };
         // LinuxCNC has no null: what nobody set is zero.
         Some(match dialect {
-            Dialect::LinuxCnc => Some(value.unwrap_or(0.0)),
+            ControlFamily::LinuxCnc => Some(value.unwrap_or(0.0)),
             _ => value,
         })
     }
@@ -92,7 +92,7 @@ impl Variables {
         level: &mut Level,
         number: u32,
         value: Option<f64>,
-        dialect: Dialect,
+        dialect: ControlFamily,
     ) -> bool {
         if Self::is_local(number, dialect) {
             level.set(usize::try_from(number).unwrap_or(0), value);

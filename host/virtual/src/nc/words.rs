@@ -6,7 +6,7 @@ use super::alarm::{Checked, Fault};
 use super::block::Word;
 use super::control::Control;
 use super::evaluate::{evaluate_word, whole};
-use super::motion::Axes;
+use super::motion::AxisDrives;
 use super::settings::DecimalPoint;
 
 /// A word with its value.
@@ -75,7 +75,7 @@ impl Words {
 impl Control {
     /// The values of the words of a block. A word whose value is null is left out, its
     /// address included.
-    pub(crate) fn given(&self, words: &[Word], axes: &dyn Axes) -> Checked<Words> {
+    pub(crate) fn given(&self, words: &[Word], axes: &dyn AxisDrives) -> Checked<Words> {
         let mut result = Words::default();
         let increment = self.settings.increment(self.modal.is_inch);
         for word in words {

@@ -1,28 +1,12 @@
 //! The scene as a file.
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
-use super::{Body, Group, Scene, Shape, joined, pose, range};
-use crate::nc::{Settings, WorkOffset};
-
-/// Why a scene cannot be used.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SceneError {
-    /// What is wrong and what to do.
-    pub message: String,
-}
-
-impl fmt::Display for SceneError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.message)
-    }
-}
-
-impl std::error::Error for SceneError {}
+use super::{Body, Group, PointSensorSpec, Scene, SceneError, SceneShape, joined, pose, range};
+use crate::nc::{ControlSettings, OffsetSystem};
 
 /// The machine tool and its errors. All defaults are those of an ideal machine.
 ///
@@ -91,9 +75,9 @@ impl Default for MachineSpec {
 /// The control.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Control {
+pub struct ControlSpec {
     /// Its language and parameters.
-    pub nc: Settings,
+    pub nc: ControlSettings,
     /// Shortest and longest time between the skip signal and the moment at which it
     /// stores the position: 0 to 4 ms in A. Sawula's thesis (2013, section 3.5.1).
     pub skip_delay_ms: [f64; 2],
@@ -108,10 +92,10 @@ pub struct Control {
     pub bits: u32,
 }
 
-impl Default for Control {
+impl Default for ControlSpec {
     fn default() -> Self {
         Self {
-            nc: Settings::default(),
+            nc: ControlSettings::default(),
             skip_delay_ms: [0.0; 2],
             skip_poll_ms: 0.0,
             skip_stores: Stores::Actual,
@@ -208,9 +192,10 @@ struct File {
     #[serde(default)]
     machine: MachineSpec,
     #[serde(default)]
-    control: Control,
+    control: ControlSpec,
     #[serde(default)]
     probe: ProbeSpec,
+    point_sensor: Option<PointSensorSpec>,
     #[serde(default)]
     offsets_mm: BTreeMap<String, [f64; 3]>,
     #[serde(default)]
@@ -251,7 +236,7 @@ struct GroupEntry {
 #[serde(deny_unknown_fields)]
 struct BodyEntry {
     name: String,
-    shape: Shape,
+    shape: SceneShape,
     group: Option<String>,
     #[serde(default)]
     position_mm: [f64; 3],
@@ -283,6 +268,9 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
         return refuse(
             "`probe.stem_radius_mm` must be less than `probe.tip_radius_mm`; 0 is no stem".into(),
         );
+    }
+    if let Some(sensor) = &file.point_sensor {
+        sensor.check(file.probe.tool)?;
     }
     let mut groups: Vec<Group> = Vec::new();
     for entry in file.groups {
@@ -337,6 +325,14 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
             Ok(number) if tools.iter().any(|(has, _)| *has == number) => {
                 return refuse(format!("tools.{number}: there are two of this number"));
             }
+            Ok(number)
+                if file
+                    .point_sensor
+                    .as_ref()
+                    .is_some_and(|sensor| sensor.tool == number) =>
+            {
+                return refuse(format!("tools.{number}: this is the point sensor's number"));
+            }
             Ok(number) if number != file.probe.tool => tools.push((number, tool)),
             Ok(_) => return refuse(format!("tools.{number}: this is the probe's number")),
             Err(_) => return refuse(format!("tools.{number}: a tool's name is its number")),
@@ -344,7 +340,7 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
     }
     let mut offsets_mm = Vec::new();
     for (name, origin_mm) in file.offsets_mm {
-        match WorkOffset::named(&name) {
+        match OffsetSystem::named(&name) {
             Some(offset) => offsets_mm.push((offset, origin_mm)),
             None => {
                 return refuse(format!(
@@ -377,6 +373,7 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
         machine: file.machine,
         control: file.control,
         probe: file.probe,
+        point_sensor: file.point_sensor,
         offsets_mm,
         setting_errors,
         tools,
@@ -425,7 +422,7 @@ impl MachineSpec {
     }
 }
 
-impl Shape {
+impl SceneShape {
     /// What makes it impossible.
     fn fault(&self) -> Option<&'static str> {
         let positive = |values: &[f64]| values.iter().all(|v| *v > 0.0 && v.is_finite());

@@ -1,4 +1,4 @@
-//! What stands on the machine's table.
+//! The scene: bodies on the machine's table, probe, tools and control.
 //!
 //! A scene is a TOML file: the machine with its errors, its control and probe, work
 //! offsets and tools, and bodies that can be touched. Bodies may belong to a group,
@@ -24,8 +24,10 @@
 //! # Ok::<(), umi_virtual::scene::SceneError>(())
 //! ```
 
+mod error;
 mod file;
 mod range;
+mod sensor;
 mod shape;
 mod trace;
 
@@ -35,10 +37,12 @@ mod tests;
 use nalgebra::{Matrix3, Vector3};
 use umi_core::registration::RigidTransform;
 
-use crate::nc::WorkOffset;
+use crate::nc::OffsetSystem;
 
-pub use file::{Control, MachineSpec, ProbeSpec, SceneError, Stores, ToolSpec};
-pub use shape::Shape;
+pub use error::SceneError;
+pub use file::{ControlSpec, MachineSpec, ProbeSpec, Stores, ToolSpec};
+pub use sensor::PointSensorSpec;
+pub use shape::SceneShape;
 pub use trace::Collision;
 
 /// A machine, its control and probe, and what stands on its table.
@@ -47,11 +51,13 @@ pub struct Scene {
     /// The machine.
     pub machine: MachineSpec,
     /// Its control.
-    pub control: Control,
+    pub control: ControlSpec,
     /// Its probe.
     pub probe: ProbeSpec,
+    /// Its distance sensor, if it has one.
+    pub point_sensor: Option<PointSensorSpec>,
     /// Work offsets of the control at the start, machine coordinates.
-    pub offsets_mm: Vec<(WorkOffset, [f64; 3])>,
+    pub offsets_mm: Vec<(OffsetSystem, [f64; 3])>,
     /// Workpiece setting errors of the control (`G54.4 P`) by number: along X, Y, Z in mm,
     /// about X, then Y, then Z in degrees.
     pub setting_errors: Vec<(u8, [f64; 6])>,
@@ -67,7 +73,7 @@ pub struct Body {
     /// Its name, for messages.
     pub name: String,
     /// What it is.
-    pub shape: Shape,
+    pub shape: SceneShape,
     /// A tool whose spindle turns passes through it: the
     /// [`Cutter`](crate::cutting::Cutter), not the machine, judges what it does there.
     pub cuttable: bool,

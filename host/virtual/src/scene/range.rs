@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 50] = [
+const RANGES: [(&str, f64, f64); 62] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -58,6 +58,18 @@ const RANGES: [(&str, f64, f64); 50] = [
     ("probe.repeatability_um", 0.0, 1000.0),
     ("probe.filter_us", 0.0, 1e6),
     ("probe.overtravel_mm", 1e-3, 100.0),
+    ("point_sensor.tool", 1.0, 99_999_999.0),
+    ("point_sensor.offset_mm", -1000.0, 1000.0),
+    ("point_sensor.direction", -1e6, 1e6),
+    ("point_sensor.stand_off_mm", 1e-3, 10_000.0),
+    ("point_sensor.range_mm", 1e-3, 10_000.0),
+    ("point_sensor.spot_um", 0.0, 10_000.0),
+    ("point_sensor.noise_um", 0.0, 10_000.0),
+    ("point_sensor.linearity_percent", 0.0, 10.0),
+    ("point_sensor.angle_deg", 1.0, 90.0),
+    ("point_sensor.max_rate_hz", 1.0, 1e7),
+    ("point_sensor.gain_error_ppm", -1e5, 1e5),
+    ("point_sensor.power_max", 1e-3, 1e9),
     ("offsets_mm.*", -FAR_MM, FAR_MM),
     ("tools.*.length_mm", 0.0, 1000.0),
     ("tools.*.radius_mm", 1e-3, 500.0),
@@ -187,6 +199,19 @@ mod tests {
         repeatability_um = 1.0
         filter_us = 10.0
         overtravel_mm = 5.0
+        [point_sensor]
+        tool = 98
+        offset_mm = [1.3, -0.8, -120.0]
+        direction = [0.0, 0.0, -1.0]
+        stand_off_mm = 44.0
+        range_mm = 8.0
+        spot_um = 37.0
+        noise_um = 0.1
+        linearity_percent = 0.08
+        angle_deg = 85.0
+        max_rate_hz = 9000.0
+        gain_error_ppm = 20.0
+        power_max = 4095.0
         [offsets_mm]
         "G54.1P1" = [1.0, 2.0, 3.0]
         [tools.1]

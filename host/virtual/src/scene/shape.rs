@@ -11,7 +11,7 @@ use serde::Deserialize;
 /// A solid in its own frame.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Shape {
+pub enum SceneShape {
     /// A ball about the origin.
     Sphere {
         /// Its radius.
@@ -53,7 +53,7 @@ pub enum Shape {
     },
 }
 
-impl Shape {
+impl SceneShape {
     /// Distance of a point from the surface; negative inside.
     #[must_use]
     pub fn distance_mm(&self, p: &Vector3<f64>) -> f64 {
@@ -111,7 +111,7 @@ impl Shape {
     }
 }
 
-/// Distance in the section of [`Shape::Arc`], for y >= 0: within `width` of the middle,
+/// Distance in the section of [`SceneShape::Arc`], for y >= 0: within `width` of the middle,
 /// above `-height`, under an arc of radius r with its crown at the origin.
 fn under_arc(y: f64, z: f64, r: f64, width: f64, height: f64) -> f64 {
     let width = width.min(r);

@@ -1,4 +1,4 @@
-//! Where a ball that moves on a straight line first meets a body, or leaves it.
+//! First contact of a ball on a straight line with a body, or the end of it.
 //!
 //! Sphere tracing (J. Hart, The Visual Computer 12, 1996): the distance says how far a
 //! ball can go without touching. The steps have a floor, so that a walk ends in a change

@@ -5,7 +5,7 @@ use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use umi_virtual::serve::{Place, Port, Side};
+use umi_virtual::serve::{Port, PortPlace, Side};
 
 use super::{Emulator, is_patience};
 
@@ -17,7 +17,7 @@ const TURN: Duration = Duration::from_millis(1);
 /// # Errors
 /// The system's.
 pub fn pty(emulator: &Emulator) -> io::Result<String> {
-    let port = Port::open(&Place::Pty)?;
+    let port = Port::open(&PortPlace::Pty)?;
     let path = port.address.clone();
     let mut stream = Some(emulator.host()?);
     // A pseudo-terminal has one client for ever: what it connects to does not change.

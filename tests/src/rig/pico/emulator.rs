@@ -72,7 +72,7 @@ impl Segment {
 
 /// Pulses on an input.
 #[derive(Clone, Copy, Debug)]
-pub struct Pulses {
+pub struct EmulatedPulses {
     /// The input.
     pub pin: u8,
     /// How many.
@@ -89,7 +89,7 @@ pub struct Pulses {
     pub is_recorded: bool,
 }
 
-impl Default for Pulses {
+impl Default for EmulatedPulses {
     fn default() -> Self {
         Self {
             pin: 0,
@@ -116,7 +116,7 @@ pub struct Time {
 
 /// What an interrupt took, in cycles.
 #[derive(Clone, Copy, Debug)]
-pub struct Interrupt {
+pub struct EmulatedInterrupt {
     /// Its number.
     pub number: u64,
     /// How often it came.
@@ -129,7 +129,7 @@ pub struct Interrupt {
 
 /// What the world knows of an axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Axis {
+pub struct EmulatedAxis {
     /// Where it is, in counts.
     pub position: i64,
     /// Edges since the board first had power.
@@ -142,7 +142,7 @@ pub struct Axis {
 
 /// Where the axes truly were at an edge of a recorded input.
 #[derive(Clone, Copy, Debug)]
-pub struct Truth {
+pub struct EmulatorTruth {
     /// The input.
     pub pin: u8,
     /// The edge.
@@ -157,7 +157,7 @@ pub struct Truth {
 
 /// A change of an output.
 #[derive(Clone, Copy, Debug)]
-pub struct Output {
+pub struct EmulatedOutput {
     /// Which.
     pub pin: u8,
     /// To which level.
@@ -168,7 +168,7 @@ pub struct Output {
 
 /// What the bench sees of the board.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct EmulatorState {
     /// Cycles since the board first had power.
     pub cycle: u64,
     /// What the core could not do, if anything.
@@ -283,12 +283,12 @@ impl Emulator {
     }
 
     /// Lets so many cycles pass.
-    pub fn run(&mut self, cycles: u64) -> State {
+    pub fn run(&mut self, cycles: u64) -> EmulatorState {
         state(self.ask(&json!({ "do": "run", "cycles": cycles })))
     }
 
     /// How it is.
-    pub fn state(&mut self) -> State {
+    pub fn state(&mut self) -> EmulatorState {
         state(self.ask(&json!({ "do": "state" })))
     }
 
@@ -303,7 +303,7 @@ impl Emulator {
     }
 
     /// Starts pulses; the cycle of the first.
-    pub fn pulses(&mut self, pulses: &Pulses) -> u64 {
+    pub fn pulses(&mut self, pulses: &EmulatedPulses) -> u64 {
         number(
             &self.ask(&json!({
                 "do": "pulses",
@@ -336,11 +336,11 @@ impl Emulator {
     }
 
     /// What each interrupt took since this was asked last, at its worst.
-    pub fn interrupts(&mut self) -> Vec<Interrupt> {
+    pub fn interrupts(&mut self) -> Vec<EmulatedInterrupt> {
         let answer = self.ask(&json!({ "do": "interrupts" }));
         let rows = answer["rows"].as_array().expect("rows");
         rows.iter()
-            .map(|row| Interrupt {
+            .map(|row| EmulatedInterrupt {
                 number: number(&row[0]),
                 count: number(&row[1]),
                 wait_cycles: number(&row[2]),
@@ -355,11 +355,11 @@ impl Emulator {
     }
 
     /// Where the axes are.
-    pub fn axes(&mut self) -> Vec<Axis> {
+    pub fn axes(&mut self) -> Vec<EmulatedAxis> {
         let answer = self.ask(&json!({ "do": "axes" }));
         let axes = answer["axes"].as_array().expect("a list of axes");
         axes.iter()
-            .map(|axis| Axis {
+            .map(|axis| EmulatedAxis {
                 position: signed(&axis["position"]),
                 edges: number(&axis["edges"]),
                 illegal: number(&axis["illegal"]),
@@ -369,14 +369,14 @@ impl Emulator {
     }
 
     /// Where the axes truly were at the recorded edges since this was asked last.
-    pub fn truth(&mut self) -> Vec<Truth> {
+    pub fn truth(&mut self) -> Vec<EmulatorTruth> {
         let answer = self.ask(&json!({ "do": "truth" }));
         let rows = answer["rows"].as_array().expect("rows");
         let width = 2 + 3 * AXES;
         rows.chunks_exact(width)
             .map(|row| {
                 let of_axis = |axis: usize, what: usize| signed(&row[2 + 3 * axis + what]);
-                Truth {
+                EmulatorTruth {
                     pin: u8::try_from(number(&row[0])).expect("a pin"),
                     cycle: number(&row[1]),
                     positions: std::array::from_fn(|axis| of_axis(axis, 0)),
@@ -388,12 +388,12 @@ impl Emulator {
     }
 
     /// Changes of outputs since this was asked last.
-    pub fn outputs(&mut self) -> Vec<Output> {
+    pub fn outputs(&mut self) -> Vec<EmulatedOutput> {
         let answer = self.ask(&json!({ "do": "outputs" }));
         let changes = answer["changes"].as_array().expect("changes");
         changes
             .iter()
-            .map(|change| Output {
+            .map(|change| EmulatedOutput {
                 pin: u8::try_from(number(&change[0])).expect("a pin"),
                 level: change[1] == 1,
                 cycle: number(&change[2]),
@@ -491,10 +491,10 @@ fn signed(value: &Value) -> i64 {
         .unwrap_or_else(|| panic!("{value} is no number"))
 }
 
-fn state(json: Value) -> State {
+fn state(json: Value) -> EmulatorState {
     let outputs = &json["outputs"];
     let is = |name: &str| outputs[name] == true;
-    State {
+    EmulatorState {
         cycle: number(&json["cycle"]),
         fault: json["fault"].as_str().map(Into::into),
         resets: json["resets"].as_array().map_or(0, Vec::len),

@@ -8,7 +8,7 @@ use umi_protocol::line::LineStatus::{Damaged, Matched};
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
 use super::support::*;
-use crate::dprnt::Receiver;
+use crate::dprnt::LineSplitter;
 use crate::units::Micros;
 
 const POINT: &[u8] = b"POINT: -135.5105 -136.3415 72.0620\n";
@@ -45,7 +45,7 @@ fn line() -> &'static [u8] {
 fn each_code_is_read_and_detected() {
     for (coding, encode) in CODINGS {
         for configured in [coding, Coding::Auto] {
-            let mut receiver = Receiver::new(&config_for(configured));
+            let mut receiver = LineSplitter::new(&config_for(configured));
             let mut seen = Seen::default();
             let bytes = encode(line());
             receiver.receive(&bytes, Micros(0), &mut |item| seen.take(item));

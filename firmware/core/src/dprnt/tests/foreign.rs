@@ -10,7 +10,7 @@ use umi_protocol::pattern::{
 };
 
 use super::support::*;
-use crate::dprnt::{ConfigError, Doubts, Receiver, TemplateIssue, check_config};
+use crate::dprnt::{ConfigError, Doubts, LineSplitter, TemplateIssue, check_config};
 
 fn points(pattern: &LinePattern, text: &str) -> Vec<[f64; 3]> {
     run(
@@ -305,7 +305,7 @@ fn refused(pattern: LinePattern) -> ConfigError {
 }
 
 fn run_unchecked(config: &ReceiverConfig, bytes: &[u8]) -> usize {
-    let mut receiver = Receiver::new(config);
+    let mut receiver = LineSplitter::new(config);
     let mut items = 0;
     receiver.receive(bytes, crate::units::Micros(0), &mut |_| items += 1);
     items
@@ -460,6 +460,6 @@ fn defaults_of_a_job_file() {
 /// The receiver is small enough for a board with 16 KB of memory.
 #[test]
 fn size() {
-    let size = size_of::<Receiver>();
+    let size = size_of::<LineSplitter>();
     assert!(size < 2048, "{size}");
 }

@@ -8,7 +8,7 @@ use umi_protocol::line::LineStatus::{Damaged, Matched, NotUnderstood, Separator}
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
 use super::support::*;
-use crate::dprnt::{Item, MAX_LINE, Receiver};
+use crate::dprnt::{Item, LineSplitter, MAX_LINE};
 use crate::units::Micros;
 
 const POINT: &[u8] = b"POINT: 1.0000 2.0000 3.0000";
@@ -80,6 +80,23 @@ fn control_codes_are_dropped_anywhere() {
     }
 }
 
+/// A READ is told between lines, and neither within a line nor within a block or program that
+/// is not at its end.
+#[test]
+fn a_read_between_setups_is_told() {
+    let header: &[u8] = b"SPHERE1\n1\n";
+    let reads = |parts: &[&[u8]]| {
+        let seen = run(&config(&[block(), point_line()]), &joined(parts));
+        seen.log.iter().filter(|item| *item == "Reads").count()
+    };
+    assert_eq!(reads(&[b"\x11", POINT, b"\n\x11\x11"]), 3);
+    assert_eq!(reads(&[POINT, b"\x11\n"]), 0);
+    assert_eq!(reads(&[header, b"\x11"]), 0);
+    assert_eq!(reads(&[header, b" 1.0000 2.0000 3.0000\n\x11"]), 1);
+    assert_eq!(reads(&[b"%\nO1\nG0\n\x11"]), 0);
+    assert_eq!(reads(&[b"%\nO1\nG0\n%\n\x11"]), 1);
+}
+
 /// What a control says to whoever sends to it (NAK and SYN behind XOFF, NAK for XMODEM) is no
 /// line when nothing follows it; before text it is damage; and in EIA these are digits.
 #[test]
@@ -145,7 +162,7 @@ fn too_long_is_never_a_point() {
 #[test]
 fn lost_bytes_damage_the_line() {
     for at in 0..POINT.len() {
-        let mut receiver = Receiver::new(&config(&[point_line()]));
+        let mut receiver = LineSplitter::new(&config(&[point_line()]));
         let mut seen = Seen::default();
         let mut sink = |item: Item<'_>| seen.take(item);
         let (head, tail) = POINT.split_at(at);
@@ -185,7 +202,7 @@ fn silence_ends_a_line() {
         idle_timeout_s: 5,
         ..config(&[point_line()])
     };
-    let mut receiver = Receiver::new(&config);
+    let mut receiver = LineSplitter::new(&config);
     let mut seen = Seen::default();
     assert_eq!(receiver.deadline(), None);
     receiver.receive(b"POINT: 1.0", Micros(1_000_000), &mut |item| {
@@ -207,7 +224,7 @@ fn silence_ends_a_line() {
 /// A line says when its first and last byte came and where it stands.
 #[test]
 fn line_times_and_places() {
-    let mut receiver = Receiver::new(&config(&[point_line()]));
+    let mut receiver = LineSplitter::new(&config(&[point_line()]));
     let mut lines = Vec::new();
     let mut sink = |item: Item<'_>| {
         if let Item::Line(line) = item {

@@ -1,13 +1,15 @@
 //! Part programs punched on the same port.
 
+use std::string::ToString as _;
 use std::vec;
 use std::vec::Vec;
 
 use umi_protocol::fault::{BlockEndCause, FaultCode, FaultKind};
 use umi_protocol::line::LineStatus::{Matched, Program, Separator};
-use umi_protocol::pattern::ReceiverConfig;
+use umi_protocol::pattern::{BlockPattern, LinePattern, ReceiverConfig};
 
 use super::support::*;
+use crate::dprnt::checked::CheckedLine;
 
 const POINT: &[u8] = b"X1.000 Y2.000 Z3.000\n";
 
@@ -17,8 +19,8 @@ fn all_patterns() -> ReceiverConfig {
 
 /// A program as the thesis' sphere routine, full of what looks like points.
 const BODY: &[u8] = b"(POINT: 1.0000 2.0000 3.0000)\nPOINT: 1.0000 2.0000 3.0000\n\
-    X1.0Y2.0Z3.0\nN10 X1.0 Y2.0 Z3.0\nDPRNT[SPHERE1]\nSPHERE1\n2\n 1.0000 2.0000 3.0000\nM30\n";
-const BODY_LINES: u32 = 9;
+    X1.0Y2.0Z3.0\nN10 X1.0 Y2.0 Z3.0\nDPRNT[SPHERE1]\n2\n 1.0000 2.0000 3.0000\nM30\n";
+const BODY_LINES: u32 = 8;
 
 fn programs(seen: &Seen) -> Vec<FaultKind> {
     seen.faults.iter().map(|fault| fault.kind).collect()
@@ -211,6 +213,52 @@ fn program_breaks_a_block() {
     );
     assert_eq!(seen.ends[0].ended_by, BlockEndCause::Program);
     assert!(!seen.ends[0].complete);
+}
+
+/// A header or a whole checked line is in no program: what seemed to be one ends there, and
+/// the setup is read. A letter with a number is in every program, and so is a checked line
+/// with a wrong check value.
+#[test]
+fn a_setup_ends_what_seemed_a_program() {
+    let line = CheckedLine {
+        run: 1,
+        sequence: 1,
+        feature: 1,
+        approach: None,
+        touched: true,
+        feed_um_per_min: 0,
+        point_um: [1000, 2000, 3000],
+    }
+    .to_string();
+    let damaged = line.replace('3', "4");
+    let block = "SPHERE1\n1\n 1.0000 2.0000 3.0000\n***\n";
+    for (text, hits, code) in [
+        (block, 1, FaultCode::ProgramUnterminated),
+        (&line, 1, FaultCode::ProgramUnterminated),
+        (&damaged, 0, FaultCode::ProgramReceived),
+    ] {
+        let bytes = std::format!("O1050\n{text}\n%\n");
+        let seen = run(&all_patterns(), bytes.as_bytes());
+        assert_eq!(
+            (seen.hits.len(), seen.codes()),
+            (hits, vec![code]),
+            "{text}"
+        );
+    }
+    let mut letter = config(&[block_of("N")]);
+    letter.idle_timeout_s = 1;
+    let seen = run(&letter, b"%\nO1050\nN1\n1\n 1.0000 2.0000 3.0000\n%\n");
+    assert_eq!(
+        (seen.hits.len(), seen.codes()),
+        (0, vec![FaultCode::ProgramReceived])
+    );
+}
+
+fn block_of(header: &str) -> LinePattern {
+    LinePattern::Block(BlockPattern {
+        headers: [header.try_into().unwrap()].into_iter().collect(),
+        ..BlockPattern::default()
+    })
 }
 
 /// A job's own pattern has precedence over an O-number that only looks like one.

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use umi_protocol::pattern::{Coding, LinePattern, ReceiverConfig, RingCsvPattern};
 
 use super::support::*;
-use crate::dprnt::{Counters, Item, Receiver};
+use crate::dprnt::{Counters, Item, LineSplitter};
 use crate::units::Micros;
 
 fn configs() -> [ReceiverConfig; 3] {
@@ -114,8 +114,8 @@ proptest! {
     #[test]
     fn polling_makes_no_difference(bytes in stream(), waits in prop::collection::vec(0u64..200, 40)) {
         for config in configs() {
-            let mut polled = Receiver::new(&config);
-            let mut plain = Receiver::new(&config);
+            let mut polled = LineSplitter::new(&config);
+            let mut plain = LineSplitter::new(&config);
             let (mut a, mut b) = (Seen::default(), Seen::default());
             let mut now = 0;
             for (piece, wait) in bytes.chunks(7).zip(waits.iter().cycle()) {
@@ -140,7 +140,7 @@ proptest! {
         lost_at in any::<prop::sample::Index>()
     ) {
         for config in configs() {
-            let mut receiver = Receiver::new(&config);
+            let mut receiver = LineSplitter::new(&config);
             let mut seen = Seen::default();
             let mut numbers = vec![];
             let lost_at = lost_at.index(bytes.len() + 1);

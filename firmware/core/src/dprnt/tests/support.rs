@@ -11,7 +11,7 @@ use umi_protocol::pattern::{
     ReceiverConfig, TemplatePattern,
 };
 
-use crate::dprnt::{BlockEnd, Item, Receiver, ReportedHit, check_config};
+use crate::dprnt::{BlockEnd, Item, LineSplitter, ReportedHit, check_config};
 use crate::units::Micros;
 
 /// What came out.
@@ -35,6 +35,8 @@ impl Seen {
             Item::BlockStart(start) => self.starts.push(start.name.to_string()),
             Item::Hit(hit) => self.hits.push(hit),
             Item::BlockEnd(end) => self.ends.push(end),
+            // In the log.
+            Item::Announced(_) | Item::Request(_) | Item::Reads => {}
             Item::Fault(fault) => self.faults.push(fault),
         }
     }
@@ -76,7 +78,7 @@ pub fn run(config: &ReceiverConfig, bytes: &[u8]) -> Seen {
 
 /// Pieces with the time in milliseconds at which they come, then the end.
 pub fn run_pieces(config: &ReceiverConfig, pieces: &[(u64, &[u8])]) -> Seen {
-    let mut receiver = Receiver::new(config);
+    let mut receiver = LineSplitter::new(config);
     let mut seen = Seen::default();
     let mut now = Micros(0);
     for (ms, bytes) in pieces {

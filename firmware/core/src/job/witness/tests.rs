@@ -1,4 +1,4 @@
-//! What each disagreement is called, from simulated plates whose fault is known.
+//! What each disagreement is called, from simulated setups whose fault is known.
 
 use std::vec::Vec;
 
@@ -49,7 +49,7 @@ impl Machine {
 
     /// Probes three spheres, five hits each, and gives the reasons.
     fn probe(&self, witness: &mut Witness) -> Vec<Reason> {
-        witness.next_plate();
+        witness.next_setup();
         let mut number = 0_usize;
         for center in [
             [-135.0, -136.6, 135.9],
@@ -100,7 +100,7 @@ impl Machine {
     }
 
     /// The same on a witness that has learned its origin from a sound machine.
-    fn probe_after_a_sound_plate(&self) -> Vec<Reason> {
+    fn probe_after_a_sound_setup(&self) -> Vec<Reason> {
         let mut witness = Witness::new(spec());
         assert_eq!(Self::new().probe(&mut witness), []);
         assert!(witness.conclude().contains(&Some(Reason::WitnessLearned)));
@@ -159,7 +159,7 @@ fn agreement_measures_the_delay() {
 fn moved_offset_is_named() {
     let mut machine = Machine::new();
     machine.offset_mm[2] = 0.180;
-    let reasons = machine.probe_after_a_sound_plate();
+    let reasons = machine.probe_after_a_sound_setup();
     let [
         Reason::WitnessShift {
             axis: 2, shift_mm, ..
@@ -171,9 +171,9 @@ fn moved_offset_is_named() {
     assert!((shift_mm - 0.180).abs() < 0.001);
 }
 
-/// With a given origin even the first plate is held against it.
+/// With a given origin even the first setup is held against it.
 #[test]
-fn given_origin_holds_from_the_first_plate() {
+fn given_origin_holds_from_the_first_setup() {
     let machine = Machine::new();
     let given = WitnessSpec {
         origin_counts: Some(machine.origin),
@@ -189,7 +189,7 @@ fn given_origin_holds_from_the_first_plate() {
     );
 }
 
-/// A wrong scale is named, on the first plate already.
+/// A wrong scale is named, on the first setup already.
 #[test]
 fn wrong_scale_is_named() {
     for ppm in [60.0, -250.0, 5000.0] {
@@ -272,8 +272,8 @@ fn axis_seen_only_along_is_witnessed() {
             }),
         }
     };
-    let plate = |witness: &mut Witness, off_mm: f64| {
-        witness.next_plate();
+    let setup = |witness: &mut Witness, off_mm: f64| {
+        witness.next_setup();
         let places = [[0.0, 0.0, 5.0], [50.0, 0.0, 5.0], [0.0, 50.0, 5.0]];
         let hits: Vec<Hit> = (places.iter().zip([0.0, 2.0, 4.0]))
             .map(|(at, delay_ms)| hit(*at, off_mm, delay_ms))
@@ -284,12 +284,12 @@ fn axis_seen_only_along_is_witnessed() {
         reasons
     };
     let mut witness = Witness::new(spec());
-    assert_eq!(plate(&mut witness, 25.0), []);
+    assert_eq!(setup(&mut witness, 25.0), []);
     // Nothing tells the delay from the origin, so no delay is claimed.
     assert_eq!(witness.conclude(), [None, Some(Reason::WitnessLearned)]);
-    assert_eq!(plate(&mut witness, 25.0), []);
+    assert_eq!(setup(&mut witness, 25.0), []);
     for off_mm in [25.18, 24.82, 25.02, 0.0] {
-        let reasons = plate(&mut witness, off_mm);
+        let reasons = setup(&mut witness, off_mm);
         assert!(
             matches!(reasons.first(), Some(Reason::ControlDelay { axis: 2, .. })),
             "{off_mm}: {reasons:?}"
@@ -297,9 +297,9 @@ fn axis_seen_only_along_is_witnessed() {
     }
 }
 
-/// What a plate taught is forgotten when it is NG after all, and nothing else is.
+/// What a setup taught is forgotten when it is NG after all, and nothing else is.
 #[test]
-fn revoked_plate_teaches_nothing() {
+fn revoked_setup_teaches_nothing() {
     let mut witness = Witness::new(spec());
     let mut machine = Machine::new();
     machine.offset_mm[0] = 0.05;
@@ -308,7 +308,7 @@ fn revoked_plate_teaches_nothing() {
     witness.unlearn();
     assert_eq!(Machine::new().probe(&mut witness), []);
     let _ = witness.conclude();
-    witness.next_plate();
+    witness.next_setup();
     witness.unlearn();
     assert!(!machine.probe(&mut witness).is_empty());
 }
@@ -342,7 +342,7 @@ fn replaced_feature_is_judged_alone() {
 fn late_control_is_named() {
     let mut machine = Machine::new();
     machine.delay_ms = [0.0, 12.0];
-    let reasons = machine.probe_after_a_sound_plate();
+    let reasons = machine.probe_after_a_sound_setup();
     assert!(!reasons.is_empty());
     for reason in reasons {
         assert!(

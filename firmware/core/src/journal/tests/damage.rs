@@ -29,7 +29,7 @@ fn survey(journal: &mut Journal<MockFlash>) -> (Vec<u64>, Vec<u64>) {
                     unproven.push(seq);
                 }
             }
-            Err(Error::Record(_)) => refused.push(seq),
+            Err(JournalError::Record(_)) => refused.push(seq),
             Err(error) => panic!("{error}"),
         }
     }
@@ -57,8 +57,8 @@ fn any_one_damaged_byte_costs_what_it_held_and_no_more() {
             refused_at_all += refused.len();
             let verified = journal.verify(journal.first_seq(), journal.next_seq());
             assert_eq!(verified.is_ok(), refused.is_empty() && unproven.is_empty());
-            if let (Err(Error::Record(fault)), [seq, ..]) = (verified, &refused[..]) {
-                assert_eq!(fault, Fault::Damaged { seq: *seq });
+            if let (Err(JournalError::Record(fault)), [seq, ..]) = (verified, &refused[..]) {
+                assert_eq!(fault, JournalFault::Damaged { seq: *seq });
             }
             // It goes on, and what comes after is proven.
             let end = journal.next_seq();
@@ -88,7 +88,7 @@ fn a_damaged_entry_in_the_newest_sector_does_not_make_numbers_come_back() {
     assert_eq!(survey(&mut journal), (std::vec![4], std::vec![5, 6, 7]));
     assert_eq!(
         journal.verify(0, 8),
-        Err(Error::Record(Fault::Damaged { seq: 4 }))
+        Err(JournalError::Record(JournalFault::Damaged { seq: 4 }))
     );
     journal.verify(0, 4).unwrap();
     fill(&mut journal, 4);
@@ -112,7 +112,7 @@ fn what_was_not_acknowledged_does_not_stand_in_for_what_is_damaged() {
     assert_eq!(survey(&mut journal), (std::vec![2], std::vec![]));
     assert_eq!(
         journal.verify(0, 6),
-        Err(Error::Record(Fault::Damaged { seq: 2 }))
+        Err(JournalError::Record(JournalFault::Damaged { seq: 2 }))
     );
 }
 
@@ -142,7 +142,7 @@ fn an_image_of_an_entry_in_a_torn_one_is_never_proven() {
         let next = journal.next_seq();
         assert_eq!(next, 4 + ahead);
         assert!(!journal.read(next - 1, &mut [0; 64]).unwrap().chained);
-        let Err(Error::Record(fault)) = journal.verify(0, next) else {
+        let Err(JournalError::Record(fault)) = journal.verify(0, next) else {
             panic!("verified")
         };
         assert_eq!(fault.seq(), 3);
@@ -160,8 +160,8 @@ fn two_damaged_entries_are_missing_together() {
         at.into_iter().for_each(|at| cells[at + 30] ^= 4)
     });
     assert_eq!(recovery.damaged_entries, 2);
-    let fault = Fault::Missing { first: 3, next: 5 };
-    assert_eq!(journal.verify(0, 8), Err(Error::Record(fault)));
+    let fault = JournalFault::Missing { first: 3, next: 5 };
+    assert_eq!(journal.verify(0, 8), Err(JournalError::Record(fault)));
     assert_eq!(survey(&mut journal).0, [3, 4]);
 }
 
@@ -181,8 +181,11 @@ fn the_newest_sector_without_its_header_is_still_the_newest() {
         let (refused, unproven) = survey(&mut journal);
         assert!(refused.is_empty());
         assert!(!unproven.is_empty());
-        let fault = Fault::ChainBroken { seq: unproven[0] };
-        assert_eq!(journal.verify(first, entries), Err(Error::Record(fault)));
+        let fault = JournalFault::ChainBroken { seq: unproven[0] };
+        assert_eq!(
+            journal.verify(first, entries),
+            Err(JournalError::Record(fault))
+        );
         fill(&mut journal, 20);
         let (mut journal, _) = reopen(journal);
         assert_eq!(journal.next_seq(), entries + 20);
@@ -201,7 +204,7 @@ fn without_any_header_it_refuses_and_leaves_all_as_it_is() {
                 sector[20] ^= 1;
             }
         }
-        assert_eq!(Journal::open(flash).unwrap_err(), Error::NotAJournal);
+        assert_eq!(Journal::open(flash).unwrap_err(), JournalError::NotAJournal);
     }
 }
 
@@ -218,8 +221,8 @@ fn an_edited_entry_is_named_by_verify_and_marked_when_read() {
         let crc = chain::CRC32.checksum(&cells[at..at + len - 4]);
         cells[at + len - 4..at + len].copy_from_slice(&crc.to_le_bytes());
     });
-    let fault = Fault::ChainBroken { seq };
-    assert_eq!(journal.verify(0, 30), Err(Error::Record(fault)));
+    let fault = JournalFault::ChainBroken { seq };
+    assert_eq!(journal.verify(0, 30), Err(JournalError::Record(fault)));
     assert!(!journal.read(seq, &mut [0; MAX_PAYLOAD]).unwrap().chained);
     assert!(
         journal
@@ -233,7 +236,9 @@ fn an_edited_entry_is_named_by_verify_and_marked_when_read() {
     );
     assert_eq!(
         journal.chain_before(seq + 1),
-        Err(Error::Record(Fault::ChainBroken { seq: seq + 1 }))
+        Err(JournalError::Record(JournalFault::ChainBroken {
+            seq: seq + 1
+        }))
     );
 }
 
@@ -259,10 +264,10 @@ fn a_forged_sector_does_not_lead_to_the_next_one() {
     let (mut journal, _) = tamper(journal, |cells| {
         cells[68..second].copy_from_slice(&forged[68..second])
     });
-    let fault = Fault::ChainBroken {
+    let fault = JournalFault::ChainBroken {
         seq: next.first_seq,
     };
-    assert_eq!(journal.verify(0, 30), Err(Error::Record(fault)));
+    assert_eq!(journal.verify(0, 30), Err(JournalError::Record(fault)));
 }
 
 #[test]
@@ -282,10 +287,10 @@ fn verify_goes_on_in_stretches() {
     assert_eq!(chain, whole.chain);
     assert!(matches!(
         journal.verify(first, next + 1),
-        Err(Error::OutOfRange { .. })
+        Err(JournalError::OutOfRange { .. })
     ));
     assert!(matches!(
         journal.verify(next, first),
-        Err(Error::OutOfRange { .. })
+        Err(JournalError::OutOfRange { .. })
     ));
 }

@@ -55,7 +55,7 @@ fn sample() -> (Vec<u8>, Vec<usize>) {
 }
 
 /// Reads all entries; returns how many were good, and what stopped it.
-fn read(file: &[u8]) -> (u64, Option<Fault>) {
+fn read(file: &[u8]) -> (u64, Option<JournalFault>) {
     let (header, mut entries) = decode_file(file).unwrap();
     let fault = entries.by_ref().find_map(Result::err);
     assert!(entries.next().is_none(), "nothing behind a fault");
@@ -157,7 +157,10 @@ fn an_edited_entry_breaks_the_chain() {
     let (mut file, starts) = sample();
     file[starts[5] + 21] ^= 1;
     fix_crc(&mut file[starts[5]..starts[6]]);
-    assert_eq!(read(&file), (5, Some(Fault::ChainBroken { seq: 25 })));
+    assert_eq!(
+        read(&file),
+        (5, Some(JournalFault::ChainBroken { seq: 25 }))
+    );
 }
 
 #[test]
@@ -168,7 +171,7 @@ fn a_deleted_entry_is_missing_and_a_renumbered_one_breaks_the_chain() {
         read(&deleted),
         (
             5,
-            Some(Fault::Missing {
+            Some(JournalFault::Missing {
                 first: 25,
                 next: 26
             })
@@ -177,7 +180,10 @@ fn a_deleted_entry_is_missing_and_a_renumbered_one_breaks_the_chain() {
     let end = starts[5] + starts[7] - starts[6];
     deleted[starts[5] + 4] = 25;
     fix_crc(&mut deleted[starts[5]..end]);
-    assert_eq!(read(&deleted), (5, Some(Fault::ChainBroken { seq: 25 })));
+    assert_eq!(
+        read(&deleted),
+        (5, Some(JournalFault::ChainBroken { seq: 25 }))
+    );
 }
 
 #[test]
@@ -189,14 +195,17 @@ fn exchanged_and_repeated_entries_are_found() {
         read(&swapped),
         (
             5,
-            Some(Fault::Missing {
+            Some(JournalFault::Missing {
                 first: 25,
                 next: 26
             })
         )
     );
     let repeated = [&file[..starts[6]], entry(5), &file[starts[6]..]].concat();
-    assert_eq!(read(&repeated), (6, Some(Fault::ChainBroken { seq: 26 })));
+    assert_eq!(
+        read(&repeated),
+        (6, Some(JournalFault::ChainBroken { seq: 26 }))
+    );
 }
 
 /// Who forges everything behind an edit too cannot give the noted chain value.
@@ -226,7 +235,7 @@ fn a_file_cut_anywhere_ends_at_its_last_whole_entry() {
         let whole = starts.iter().filter(|start| **start <= end).count() as u64 - 1;
         let (read, fault) = read(&file[..end]);
         assert_eq!(read, whole);
-        let cut = Fault::CutShort { seq: 20 + whole };
+        let cut = JournalFault::CutShort { seq: 20 + whole };
         assert_eq!(fault, (!starts.contains(&end)).then_some(cut));
     }
 }

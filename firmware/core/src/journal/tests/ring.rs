@@ -145,7 +145,7 @@ fn a_reader_behind_the_ring_is_told_both_ends() {
     assert!(first > 0);
     let mut buffer = [0; MAX_PAYLOAD];
     for seq in [0, first - 1, next, u64::MAX] {
-        let expected = Error::OutOfRange { seq, first, next };
+        let expected = JournalError::OutOfRange { seq, first, next };
         assert_eq!(journal.read(seq, &mut buffer).unwrap_err(), expected);
     }
     assert!(
@@ -170,9 +170,9 @@ fn a_buffer_that_is_too_small_is_refused_and_nothing_is_skipped() {
     let mut journal = journal(GEOMETRY);
     journal.append(1, Micros(0), &[5; 100]).unwrap();
     let error = journal.read(0, &mut [0; 99]).unwrap_err();
-    assert_eq!(error, Error::BufferTooSmall { need: 100 });
+    assert_eq!(error, JournalError::BufferTooSmall { need: 100 });
     let error = journal.read_encoded(0, &mut [0; 131]).unwrap_err();
-    assert_eq!(error, Error::BufferTooSmall { need: 132 });
+    assert_eq!(error, JournalError::BufferTooSmall { need: 132 });
     assert_eq!(
         journal.read(0, &mut [0; 100]).unwrap().entry.payload,
         [5; 100]
@@ -189,7 +189,7 @@ fn the_longest_payload_fits_and_a_longer_one_is_refused() {
     });
     assert_eq!(large.max_payload(), MAX_PAYLOAD);
     large.append(1, Micros(0), longest).unwrap();
-    let refused = Error::PayloadTooLong {
+    let refused = JournalError::PayloadTooLong {
         len: MAX_PAYLOAD + 1,
         max: MAX_PAYLOAD,
     };
@@ -210,7 +210,7 @@ fn the_longest_payload_fits_and_a_longer_one_is_refused() {
         small.read(0, &mut [0; 924]).unwrap().entry.payload,
         [9; 924]
     );
-    let refused = Error::PayloadTooLong { len: 925, max: 924 };
+    let refused = JournalError::PayloadTooLong { len: 925, max: 924 };
     assert_eq!(small.append(1, Micros(0), &[9; 925]).unwrap_err(), refused);
 }
 
@@ -233,7 +233,7 @@ fn a_flash_that_keeps_nothing_is_named() {
     flash.worn = (0..4096).step_by(4).collect();
     let (mut journal, _) = Journal::open(flash).unwrap();
     let error = journal.append(1, Micros(0), b"x").unwrap_err();
-    assert_eq!(error, Error::NotKept { addr: 0 });
+    assert_eq!(error, JournalError::NotKept { addr: 0 });
     assert!(error.to_string().contains("replace the board"));
 }
 
@@ -250,7 +250,7 @@ fn an_append_that_the_driver_reports_as_failed_leaves_no_doubt_behind() {
     let error = journal
         .append(1, Micros(0), b"not acknowledged")
         .unwrap_err();
-    assert_eq!(error, Error::Flash(MockError::ProgramFailed));
+    assert_eq!(error, JournalError::Flash(MockError::ProgramFailed));
     assert_eq!(journal.next_seq(), 3);
     fill(&mut journal, 3);
     check(&mut journal);
@@ -266,7 +266,7 @@ fn what_is_not_a_journal_is_left_alone_until_it_is_formatted() {
     flash.data[3000] = 0x12;
     let before = flash.data.clone();
     let error = Journal::open(&mut flash).unwrap_err();
-    assert_eq!(error, Error::NotAJournal);
+    assert_eq!(error, JournalError::NotAJournal);
     assert!(error.to_string().contains("format"));
     assert_eq!(flash.data, before);
     Journal::format(&mut flash).unwrap();
@@ -288,7 +288,7 @@ fn a_journal_of_another_shape_or_version_is_named_and_left_alone() {
     let error = Journal::open(larger).unwrap_err();
     assert_eq!(
         error,
-        Error::OtherGeometry {
+        JournalError::OtherGeometry {
             sectors: 4,
             sector_size: 1024,
             align: 4
@@ -302,7 +302,7 @@ fn a_journal_of_another_shape_or_version_is_named_and_left_alone() {
     newer.data[60..64].copy_from_slice(&crc.to_le_bytes());
     assert_eq!(
         Journal::open(newer).unwrap_err(),
-        Error::Version { found: 2 }
+        JournalError::Version { found: 2 }
     );
 }
 

@@ -51,8 +51,8 @@ impl Step {
         };
         match done {
             Ok(()) => Ok(()),
-            Err(Error::Flash(error)) => Err(error),
-            Err(Error::Refused(
+            Err(StoreError::Flash(error)) => Err(error),
+            Err(StoreError::Refused(
                 ProgramRefusal::Full { .. }
                 | ProgramRefusal::NotThere
                 | ProgramRefusal::OtherThere { .. },

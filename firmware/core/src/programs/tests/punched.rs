@@ -12,7 +12,7 @@ pub(super) fn punch<F: Flash>(
     store: &mut Store<F>,
     number: u32,
     text: &[u8],
-) -> Result<Option<Program>, Error<F::Error>> {
+) -> Result<Option<Program>, StoreError<F::Error>> {
     store.begin_open()?;
     for piece in text.chunks(173) {
         store.append(piece)?;
@@ -193,7 +193,7 @@ fn a_failure_of_the_flash_ends_it() {
     store.begin_open().unwrap();
     store.append(&text[..700]).unwrap();
     store.flash.fail_next_program = true;
-    let failed = Err(Error::Flash(MockError::ProgramFailed));
+    let failed = Err(StoreError::Flash(MockError::ProgramFailed));
     assert_eq!(store.append(&text[700..1500]), failed);
     assert_eq!(refusal(store.append(b"X")), ProgramRefusal::NotBegun);
     // In the last page, in the header, and in the mark.
@@ -208,7 +208,7 @@ fn a_failure_of_the_flash_ends_it() {
         };
         store.flash.worn.push(addr);
         let failed = store.end_open(1, name());
-        assert_eq!(failed, Err(Error::NotKept { addr }));
+        assert_eq!(failed, Err(StoreError::NotKept { addr }));
         store.flash.worn.clear();
         assert_eq!(store.programs(), []);
         let restarted = Store::open(store.clone().into_flash()).unwrap();

@@ -9,8 +9,8 @@ use std::vec;
 use std::vec::Vec;
 
 use super::*;
-use crate::xmodem::receiver::{self, Receiver};
-use crate::xmodem::sender::{self, Sender};
+use crate::xmodem::receiver::{self, BlockReceiver};
+use crate::xmodem::sender::{self, BlockSender};
 
 /// The first block of both, as recorded, and its check sum.
 const FIRST: &str = "\n%\nO05555(CS390_Test_NC)\n(Using G0 which travels along dogleg path.)\n\
@@ -52,7 +52,7 @@ fn blocks() -> Vec<Vec<u8>> {
 #[test]
 fn r1_a_program_from_the_control() {
     let wanted = program();
-    let mut receiver = Receiver::new();
+    let mut receiver = BlockReceiver::new();
     let mut now = 0;
     let mut answers = Vec::new();
     let mut program = Vec::new();
@@ -62,7 +62,7 @@ fn r1_a_program_from_the_control() {
     control.reverse();
     let outcome = loop {
         match receiver.next(Micros(now)) {
-            receiver::Action::Send(bytes) => {
+            receiver::ReceiveStep::Send(bytes) => {
                 answers.extend(bytes.iter().map(|byte| (now / 1_000_000, *byte)));
                 receiver.sent(Micros(now));
                 if answers.len() > 1 {
@@ -72,16 +72,16 @@ fn r1_a_program_from_the_control() {
                     }
                 }
             }
-            receiver::Action::Data { bytes, last } => {
+            receiver::ReceiveStep::Data { bytes, last } => {
                 program.extend_from_slice(bytes);
                 assert_eq!(last, program.len() == wanted.len());
                 receiver.taken();
             }
-            receiver::Action::WaitUntil(then) => now = then.0,
-            receiver::Action::Done(outcome) => break outcome,
+            receiver::ReceiveStep::WaitUntil(then) => now = then.0,
+            receiver::ReceiveStep::Done(outcome) => break outcome,
         }
     };
-    assert_eq!(outcome, receiver::Outcome::Complete);
+    assert_eq!(outcome, receiver::ReceiveOutcome::Complete);
     assert_eq!(core::str::from_utf8(&program), Ok(wanted.as_str()));
     // 10:27:11, 10:27:21, and all the rest within a second or two.
     let mut recorded = vec![(0, NAK), (10, NAK)];
@@ -109,7 +109,7 @@ fn r2_a_program_to_the_control() {
         vec![CAN; 3],
     ]
     .into_iter();
-    let mut sender = Sender::new(Micros(0));
+    let mut sender = BlockSender::new(Micros(0));
     let mut now = 0;
     // 10:32:35, and two more 10:32:37, before anybody looked.
     for (at, byte) in [(0, NAK), (2_000_000, NAK), (2_000_000, NAK)] {
@@ -121,12 +121,12 @@ fn r2_a_program_to_the_control() {
     let mut rest = text.as_bytes();
     let outcome = loop {
         match sender.next(Micros(now)) {
-            sender::Action::NeedData { room } => {
+            sender::SendStep::NeedData { room } => {
                 let (piece, later) = rest.split_at(room.min(rest.len()).min(50));
                 assert_eq!(sender.data(piece, later.is_empty()), piece.len());
                 rest = later;
             }
-            sender::Action::Send(bytes) => {
+            sender::SendStep::Send(bytes) => {
                 sent.push(bytes.to_vec());
                 now += 87 * bytes.len() as u64;
                 sender.sent(Micros(now));
@@ -135,11 +135,11 @@ fn r2_a_program_to_the_control() {
                     sender.received(byte, Micros(now));
                 }
             }
-            sender::Action::WaitUntil(then) => now = then.0,
-            sender::Action::Done(outcome) => break outcome,
+            sender::SendStep::WaitUntil(then) => now = then.0,
+            sender::SendStep::Done(outcome) => break outcome,
         }
     };
-    assert_eq!(outcome, sender::Outcome::CompleteByCancel);
+    assert_eq!(outcome, sender::SendOutcome::CompleteByCancel);
     let mut recorded = blocks();
     recorded.insert(1, recorded[1].clone());
     recorded.push(vec![EOT]);

@@ -1,4 +1,4 @@
-//! Sender against receiver over a line that damages what it carries.
+//! BlockSender against receiver over a line that damages what it carries.
 //!
 //! A transmission (a block, an answer) is damaged in one place at most: against two the
 //! check sum does not help, and is not meant to.
@@ -10,8 +10,8 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::journal::mock::Random;
-use crate::xmodem::receiver::{self, Receiver};
-use crate::xmodem::sender::{self, Sender};
+use crate::xmodem::receiver::{self, BlockReceiver};
+use crate::xmodem::sender::{self, BlockSender};
 
 /// Time of a character at 9600 baud.
 const CHARACTER_US: u64 = 1_042;
@@ -82,8 +82,8 @@ impl Wire {
 
 /// What became of a program that was sent.
 struct Transfer {
-    sender: sender::Outcome,
-    receiver: receiver::Outcome,
+    sender: sender::SendOutcome,
+    receiver: receiver::ReceiveOutcome,
     program: Vec<u8>,
     /// That came, the last of which may not have been handed out.
     blocks: usize,
@@ -92,8 +92,8 @@ struct Transfer {
 
 /// Sends a program in pieces of these lengths; who takes it refuses more than so many bytes.
 fn transfer(program: &[u8], pieces: &[usize], one_in: u64, seed: u64, room: usize) -> Transfer {
-    let mut sending = Sender::new(Micros(0));
-    let mut receiving = Receiver::new();
+    let mut sending = BlockSender::new(Micros(0));
+    let mut receiving = BlockReceiver::new();
     let mut there = Wire::new(seed, one_in);
     let mut back = Wire::new(!seed, one_in);
     let mut rest = program;
@@ -117,35 +117,37 @@ fn transfer(program: &[u8], pieces: &[usize], one_in: u64, seed: u64, room: usiz
         let mut wake = Vec::new();
         while there.busy_until.is_none() && sender_end.is_none() {
             match sending.next(Micros(now)) {
-                sender::Action::NeedData { room } => {
+                sender::SendStep::NeedData { room } => {
                     let length = lengths.next().copied().unwrap_or(room).min(room);
                     let (piece, later) = rest.split_at(length.min(rest.len()));
                     assert_eq!(sending.data(piece, later.is_empty()), piece.len());
                     rest = later;
                 }
-                sender::Action::Send(bytes) => there.send(now, bytes),
-                sender::Action::WaitUntil(then) => {
+                sender::SendStep::Send(bytes) => there.send(now, bytes),
+                sender::SendStep::WaitUntil(then) => {
                     wake.push(then.0);
                     break;
                 }
-                sender::Action::Done(outcome) => sender_end = Some(outcome),
+                sender::SendStep::Done(outcome) => sender_end = Some(outcome),
             }
         }
         while back.busy_until.is_none() && receiver_end.is_none() {
             match receiving.next(Micros(now)) {
-                receiver::Action::Data { bytes, .. } if received.len() + bytes.len() > room => {
+                receiver::ReceiveStep::Data { bytes, .. }
+                    if received.len() + bytes.len() > room =>
+                {
                     receiving.refuse();
                 }
-                receiver::Action::Data { bytes, .. } => {
+                receiver::ReceiveStep::Data { bytes, .. } => {
                     received.extend_from_slice(bytes);
                     receiving.taken();
                 }
-                receiver::Action::Send(bytes) => back.send(now, bytes),
-                receiver::Action::WaitUntil(then) => {
+                receiver::ReceiveStep::Send(bytes) => back.send(now, bytes),
+                receiver::ReceiveStep::WaitUntil(then) => {
                     wake.push(then.0);
                     break;
                 }
-                receiver::Action::Done(outcome) => receiver_end = Some(outcome),
+                receiver::ReceiveStep::Done(outcome) => receiver_end = Some(outcome),
             }
         }
         let done = sender_end.zip(receiver_end);
@@ -183,8 +185,8 @@ proptest! {
     #[test]
     fn a_good_line(program in programs(), pieces in prop::collection::vec(1usize..200, 1..5)) {
         let done = transfer(&program, &pieces, 0, 1, usize::MAX);
-        prop_assert_eq!(done.sender, sender::Outcome::Complete);
-        prop_assert_eq!(done.receiver, receiver::Outcome::Complete);
+        prop_assert_eq!(done.sender, sender::SendOutcome::Complete);
+        prop_assert_eq!(done.receiver, receiver::ReceiveOutcome::Complete);
         let blocks = program.len().div_ceil(BLOCK) as u64;
         let block_us = (FRAME as u64 + 1) * CHARACTER_US + GUARD_US;
         let longest = SETTLE_US + blocks * block_us + BYTE_US + 4 * CHARACTER_US;
@@ -198,15 +200,15 @@ proptest! {
     #[test]
     fn a_bad_line(program in programs(), one_in in 2u64..20, seed in any::<u64>()) {
         let done = transfer(&program, &[BLOCK], one_in, seed, usize::MAX);
-        let complete = done.receiver == receiver::Outcome::Complete;
+        let complete = done.receiver == receiver::ReceiveOutcome::Complete;
         if complete {
             prop_assert_eq!(&done.program, &program);
         } else {
             prop_assert!(program.starts_with(&done.program));
         }
         match done.sender {
-            sender::Outcome::Complete => prop_assert!(complete, "{:?}", done.receiver),
-            sender::Outcome::CompleteByCancel => {
+            sender::SendOutcome::Complete => prop_assert!(complete, "{:?}", done.receiver),
+            sender::SendOutcome::CompleteByCancel => {
                 prop_assert_eq!(done.blocks, program.len().div_ceil(BLOCK));
             }
             _ => {}
@@ -218,10 +220,10 @@ proptest! {
     fn a_refusal(program in programs(), room in 0usize..900) {
         let done = transfer(&program, &[BLOCK], 0, 1, room);
         let fits = program.len() <= room;
-        prop_assert_eq!(done.receiver == receiver::Outcome::Complete, fits);
-        prop_assert_eq!(done.sender == sender::Outcome::Complete, fits);
+        prop_assert_eq!(done.receiver == receiver::ReceiveOutcome::Complete, fits);
+        prop_assert_eq!(done.sender == sender::SendOutcome::Complete, fits);
         if !fits {
-            prop_assert_eq!(done.receiver, receiver::Outcome::Refused);
+            prop_assert_eq!(done.receiver, receiver::ReceiveOutcome::Refused);
             prop_assert!(program.starts_with(&done.program) && done.program.len() <= room);
         }
     }
@@ -234,7 +236,7 @@ fn one_transmission_in_five_is_no_hindrance() {
     let came = (0..200)
         .filter(|seed| {
             let done = transfer(&program, &[BLOCK], 5, *seed, usize::MAX);
-            done.receiver == receiver::Outcome::Complete
+            done.receiver == receiver::ReceiveOutcome::Complete
         })
         .count();
     assert!(came >= 190, "{came} of 200");
@@ -246,8 +248,8 @@ fn a_line_that_carries_nothing() {
     // Every transmission is damaged: now and then one gets through, flipped to another.
     for seed in 0..20 {
         let done = transfer(&[b'X'; 500], &[BLOCK], 1, seed, usize::MAX);
-        assert_ne!(done.receiver, receiver::Outcome::Complete);
-        assert_ne!(done.sender, sender::Outcome::Complete);
+        assert_ne!(done.receiver, receiver::ReceiveOutcome::Complete);
+        assert_ne!(done.sender, sender::SendOutcome::Complete);
         assert_eq!(done.program, b"");
     }
 }

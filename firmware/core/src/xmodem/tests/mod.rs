@@ -1,4 +1,4 @@
-//! Sender and receiver with a real control, with each other, and with anything.
+//! BlockSender and receiver with a real control, with each other, and with anything.
 
 mod captures;
 mod line;

@@ -7,21 +7,21 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::journal::mock::Random;
-use crate::xmodem::receiver::{Action, Outcome, Receiver};
+use crate::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
 
 /// A receiver and what it said and was given.
 struct Bench {
-    receiver: Receiver,
+    receiver: BlockReceiver,
     now: u64,
     answers: Vec<u8>,
     program: Vec<u8>,
-    outcome: Option<Outcome>,
+    outcome: Option<ReceiveOutcome>,
 }
 
 impl Bench {
     fn new() -> Self {
         let mut bench = Self {
-            receiver: Receiver::new(),
+            receiver: BlockReceiver::new(),
             now: 0,
             answers: Vec::new(),
             program: Vec::new(),
@@ -36,17 +36,17 @@ impl Bench {
         let end = self.now + us;
         loop {
             match self.receiver.next(Micros(self.now)) {
-                Action::Send(bytes) => {
+                ReceiveStep::Send(bytes) => {
                     self.answers.extend_from_slice(bytes);
                     self.receiver.sent(Micros(self.now));
                 }
-                Action::Data { bytes, .. } => {
+                ReceiveStep::Data { bytes, .. } => {
                     self.program.extend_from_slice(bytes);
                     self.receiver.taken();
                 }
-                Action::WaitUntil(then) if then.0 <= end => self.now = then.0,
-                Action::WaitUntil(_) => break,
-                Action::Done(outcome) => {
+                ReceiveStep::WaitUntil(then) if then.0 <= end => self.now = then.0,
+                ReceiveStep::WaitUntil(_) => break,
+                ReceiveStep::Done(outcome) => {
                     self.outcome = Some(outcome);
                     break;
                 }
@@ -92,7 +92,7 @@ fn padding_of_the_last_block() {
         assert_eq!(bench.hear(&frame(2, last)), [ACK]);
         assert_eq!(bench.program, first);
         assert_eq!(bench.hear(&[EOT, EOT]), [ACK]);
-        assert_eq!(bench.outcome, Some(Outcome::Complete));
+        assert_eq!(bench.outcome, Some(ReceiveOutcome::Complete));
         assert_eq!(bench.program, [&first[..], kept].concat());
     }
 }
@@ -114,7 +114,7 @@ fn numbers_of_blocks() {
         };
         assert_eq!(bench.hear(&frame(number, b"B")), CANCEL);
         let came = number;
-        assert_eq!(bench.outcome, Some(Outcome::OutOfStep { due, came }));
+        assert_eq!(bench.outcome, Some(ReceiveOutcome::OutOfStep { due, came }));
         assert_eq!(bench.program, b"");
     }
     // Before the first there is none that could come again.
@@ -176,7 +176,7 @@ fn what_is_an_end() {
     assert_eq!(bench.hear(&[EOT]), b"");
     bench.wait(BYTE_US);
     assert_eq!(bench.answers(), [ACK]);
-    assert_eq!(bench.outcome, Some(Outcome::Complete));
+    assert_eq!(bench.outcome, Some(ReceiveOutcome::Complete));
 }
 
 /// It asks eleven times, ten seconds apart, and says that it does not wait any more.
@@ -185,7 +185,7 @@ fn a_control_that_is_silent() {
     let mut silent = bench();
     silent.wait(11 * ASK_US);
     assert_eq!(silent.answers(), [[NAK; 10].as_slice(), &CANCEL].concat());
-    assert_eq!(silent.outcome, Some(Outcome::Silence));
+    assert_eq!(silent.outcome, Some(ReceiveOutcome::Silence));
     // As long for every block, and noise is not silence.
     let mut noisy = bench();
     for number in 1..3 {
@@ -195,11 +195,11 @@ fn a_control_that_is_silent() {
     }
     let quiet = (noisy.receiver.clone(), noisy.now);
     noisy.wait(11 * ASK_US);
-    assert_eq!(noisy.outcome, Some(Outcome::Silence));
+    assert_eq!(noisy.outcome, Some(ReceiveOutcome::Silence));
     (noisy.receiver, noisy.now, noisy.outcome) = (quiet.0, quiet.1, None);
     noisy.hear(b"?");
     noisy.wait(11 * ASK_US);
-    assert_eq!(noisy.outcome, Some(Outcome::GivenUp));
+    assert_eq!(noisy.outcome, Some(ReceiveOutcome::GivenUp));
 }
 
 /// Two CANs cancel, between blocks and in the middle of one that goes no further; one does not.
@@ -210,11 +210,11 @@ fn a_control_that_cancels() {
     assert_eq!(one.hear(&frame(1, b"X")), [ACK]);
     let between = (one.receiver.clone(), one.now);
     one.hear(&[CAN, CAN]);
-    assert_eq!(one.outcome, Some(Outcome::Cancelled));
+    assert_eq!(one.outcome, Some(ReceiveOutcome::Cancelled));
     (one.receiver, one.now, one.outcome) = (between.0, between.1, None);
     one.hear(&[&frame(2, b"X")[..50], &CANCEL].concat());
     one.wait(BYTE_US);
-    assert_eq!(one.outcome, Some(Outcome::Cancelled));
+    assert_eq!(one.outcome, Some(ReceiveOutcome::Cancelled));
     // In a block that is whole they are data, and its check sum.
     let mut data = bench();
     let mut ends_so = [0; BLOCK];
@@ -238,7 +238,7 @@ fn a_slow_taker_and_one_that_refuses() {
     }
     bench.now += GUARD_US;
     let data = frame(1, b"A");
-    let handed = Action::Data {
+    let handed = ReceiveStep::Data {
         bytes: &data[3..3 + BLOCK],
         last: false,
     };
@@ -251,11 +251,14 @@ fn a_slow_taker_and_one_that_refuses() {
     assert_eq!(bench.receiver.next(Micros(bench.now)), handed);
     let mut refused = bench.receiver.clone();
     bench.receiver.taken();
-    assert_eq!(bench.receiver.next(Micros(bench.now)), Action::Send(&[ACK]));
+    assert_eq!(
+        bench.receiver.next(Micros(bench.now)),
+        ReceiveStep::Send(&[ACK])
+    );
     refused.refuse();
-    assert_eq!(refused.next(Micros(bench.now)), Action::Send(&CANCEL));
+    assert_eq!(refused.next(Micros(bench.now)), ReceiveStep::Send(&CANCEL));
     refused.sent(Micros(bench.now));
-    let done = Action::Done(Outcome::Refused);
+    let done = ReceiveStep::Done(ReceiveOutcome::Refused);
     assert_eq!(refused.next(Micros(bench.now)), done);
 }
 
@@ -267,7 +270,7 @@ fn a_refusal_at_the_end() {
     for _ in 0..2 {
         bench.receiver.received(EOT, Micros(bench.now));
     }
-    let last = Action::Data {
+    let last = ReceiveStep::Data {
         bytes: b"%\n",
         last: true,
     };
@@ -275,7 +278,7 @@ fn a_refusal_at_the_end() {
     bench.receiver.refuse();
     bench.wait(0);
     assert_eq!(bench.answers(), CANCEL);
-    assert_eq!(bench.outcome, Some(Outcome::Refused));
+    assert_eq!(bench.outcome, Some(ReceiveOutcome::Refused));
 }
 
 proptest! {

@@ -7,31 +7,31 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::journal::mock::Random;
-use crate::xmodem::sender::{Action, At, Outcome, Sender};
+use crate::xmodem::sender::{At, BlockSender, SendOutcome, SendStep};
 
 /// Sends a program to a control that answers what this says to the n-th transmission; its
 /// end, and what went out.
-fn send(program: &[u8], answers: impl Fn(usize) -> Vec<u8>) -> (Outcome, Vec<Vec<u8>>, u64) {
-    let mut sender = Sender::new(Micros(0));
+fn send(program: &[u8], answers: impl Fn(usize) -> Vec<u8>) -> (SendOutcome, Vec<Vec<u8>>, u64) {
+    let mut sender = BlockSender::new(Micros(0));
     sender.received(NAK, Micros(0));
     let mut rest = program;
     let (mut sent, mut now) = (Vec::new(), 0);
     loop {
         match sender.next(Micros(now)) {
-            Action::NeedData { room } => {
+            SendStep::NeedData { room } => {
                 let (piece, later) = rest.split_at(room.min(rest.len()));
                 sender.data(piece, later.is_empty());
                 rest = later;
             }
-            Action::Send(bytes) => {
+            SendStep::Send(bytes) => {
                 sent.push(bytes.to_vec());
                 sender.sent(Micros(now));
                 for byte in answers(sent.len()) {
                     sender.received(byte, Micros(now));
                 }
             }
-            Action::WaitUntil(then) => now = then.0,
-            Action::Done(outcome) => return (outcome, sent, now),
+            SendStep::WaitUntil(then) => now = then.0,
+            SendStep::Done(outcome) => return (outcome, sent, now),
         }
     }
 }
@@ -46,7 +46,7 @@ fn programs_of_any_length() {
     for (length, blocks) in [(0, 0), (1, 1), (127, 1), (128, 1), (129, 2), (256, 2)] {
         let program = vec![b'X'; length];
         let (outcome, sent, _) = send(&program, acknowledge);
-        assert_eq!(outcome, Outcome::Complete);
+        assert_eq!(outcome, SendOutcome::Complete);
         assert_eq!(sent.len(), blocks + 1);
         for (block, data) in sent.iter().zip(program.chunks(BLOCK)) {
             assert_eq!(block.len(), FRAME);
@@ -58,24 +58,27 @@ fn programs_of_any_length() {
 /// That the last byte was the last may be said later.
 #[test]
 fn a_last_piece_of_nothing() {
-    let mut sender = Sender::new(Micros(0));
+    let mut sender = BlockSender::new(Micros(0));
     sender.received(NAK, Micros(0));
     let later = Micros(SETTLE_US);
-    assert_eq!(sender.next(later), Action::NeedData { room: BLOCK });
+    assert_eq!(sender.next(later), SendStep::NeedData { room: BLOCK });
     assert_eq!(sender.data(&[b'X'; 200], true), BLOCK);
-    assert_eq!(sender.next(later), Action::Send(&frame(1, &[b'X'; BLOCK])));
+    assert_eq!(
+        sender.next(later),
+        SendStep::Send(&frame(1, &[b'X'; BLOCK]))
+    );
     sender.sent(later);
     sender.received(ACK, later);
-    assert_eq!(sender.next(later), Action::NeedData { room: BLOCK });
+    assert_eq!(sender.next(later), SendStep::NeedData { room: BLOCK });
     assert_eq!(sender.data(&[], true), 0);
-    assert_eq!(sender.next(later), Action::Send(&[EOT]));
+    assert_eq!(sender.next(later), SendStep::Send(&[EOT]));
 }
 
 /// Numbers go round after 255.
 #[test]
 fn three_hundred_blocks() {
     let (outcome, sent, _) = send(&[b'X'; 300 * BLOCK], acknowledge);
-    assert_eq!(outcome, Outcome::Complete);
+    assert_eq!(outcome, SendOutcome::Complete);
     assert_eq!(sent[255][..3], [1, 0, 255]);
     assert_eq!(sent[256][..3], [1, 1, 254]);
 }
@@ -83,36 +86,36 @@ fn three_hundred_blocks() {
 /// Nothing goes out before it is asked for, and nobody waits for ever.
 #[test]
 fn a_control_that_never_asks() {
-    let mut sender = Sender::new(Micros(7));
+    let mut sender = BlockSender::new(Micros(7));
     assert_eq!(
         sender.next(Micros(7)),
-        Action::WaitUntil(Micros(7 + START_US))
+        SendStep::WaitUntil(Micros(7 + START_US))
     );
     // CRC is asked for: not spoken.
     sender.received(b'C', Micros(100));
     sender.received(ACK, Micros(100));
     let end = sender.next(Micros(7 + START_US));
-    assert_eq!(end, Action::Done(Outcome::Silence(At::Start)));
+    assert_eq!(end, SendStep::Done(SendOutcome::Silence(At::Start)));
 }
 
 /// What came before the last byte was out answers nothing: neither NAK nor ACK.
 #[test]
 fn answers_that_come_too_early() {
-    let mut sender = Sender::new(Micros(0));
+    let mut sender = BlockSender::new(Micros(0));
     for _ in 0..5 {
         sender.received(NAK, Micros(0));
     }
     let now = Micros(SETTLE_US);
-    assert_eq!(sender.next(now), Action::NeedData { room: BLOCK });
+    assert_eq!(sender.next(now), SendStep::NeedData { room: BLOCK });
     sender.received(NAK, now);
     sender.data(b"%\n", true);
     sender.received(NAK, now);
     sender.received(ACK, now);
-    assert_eq!(sender.next(now), Action::Send(&frame(1, b"%\n")));
+    assert_eq!(sender.next(now), SendStep::Send(&frame(1, b"%\n")));
     sender.sent(now);
     assert_eq!(
         sender.next(now),
-        Action::WaitUntil(Micros(now.0 + ANSWER_US))
+        SendStep::WaitUntil(Micros(now.0 + ANSWER_US))
     );
 }
 
@@ -120,20 +123,23 @@ fn answers_that_come_too_early() {
 /// next, which goes out when the line has had time.
 #[test]
 fn an_answer_that_comes_twice() {
-    let mut sender = Sender::new(Micros(0));
+    let mut sender = BlockSender::new(Micros(0));
     let start = Micros(SETTLE_US);
     sender.received(NAK, Micros(0));
     sender.next(start);
     sender.data(&[b'X'; BLOCK], false);
     sender.sent(start);
     sender.received(NAK, start);
-    assert_eq!(sender.next(start), Action::Send(&frame(1, &[b'X'; BLOCK])));
+    assert_eq!(
+        sender.next(start),
+        SendStep::Send(&frame(1, &[b'X'; BLOCK]))
+    );
     sender.sent(start);
     sender.received(ACK, start);
     let settled = Micros(start.0 + SETTLE_US);
-    assert_eq!(sender.next(start), Action::WaitUntil(settled));
+    assert_eq!(sender.next(start), SendStep::WaitUntil(settled));
     sender.received(ACK, Micros(settled.0 - 1));
-    assert_eq!(sender.next(settled), Action::NeedData { room: BLOCK });
+    assert_eq!(sender.next(settled), SendStep::NeedData { room: BLOCK });
     assert_eq!(sender.at(), At::Block(2));
 }
 
@@ -141,13 +147,13 @@ fn an_answer_that_comes_twice() {
 #[test]
 fn a_block_that_is_never_good() {
     for (answer, outcome, took_us) in [
-        (&[NAK][..], Outcome::GivenUp(At::Block(2)), 0),
-        (b"?", Outcome::GivenUp(At::Block(2)), 11 * ANSWER_US),
-        (&[], Outcome::Silence(At::Block(2)), 11 * ANSWER_US),
+        (&[NAK][..], SendOutcome::GivenUp(At::Block(2)), 0),
+        (b"?", SendOutcome::GivenUp(At::Block(2)), 11 * ANSWER_US),
+        (&[], SendOutcome::Silence(At::Block(2)), 11 * ANSWER_US),
         // One CAN is noise.
         (
             &[b'?', CAN, b'?'],
-            Outcome::GivenUp(At::Block(2)),
+            SendOutcome::GivenUp(At::Block(2)),
             11 * ANSWER_US,
         ),
     ] {
@@ -173,13 +179,13 @@ fn the_end_is_repeated() {
         2..5 => vec![NAK],
         _ => vec![ACK],
     });
-    assert_eq!(outcome, Outcome::Complete);
+    assert_eq!(outcome, SendOutcome::Complete);
     assert_eq!(sent[1..], [[EOT]; 4]);
     let (outcome, sent, _) = send(b"%\n", |sent| match sent {
         1 => vec![ACK],
         _ => vec![],
     });
-    assert_eq!(outcome, Outcome::Silence(At::End));
+    assert_eq!(outcome, SendOutcome::Silence(At::End));
     assert_eq!(sent[1..12], [[EOT]; 11]);
 }
 
@@ -191,8 +197,8 @@ fn a_control_that_cancels() {
             vec![if sent == at { CAN } else { ACK }; 2]
         });
         let expected = match at {
-            3 => Outcome::CompleteByCancel,
-            block => Outcome::Cancelled(At::Block(block as u32)),
+            3 => SendOutcome::CompleteByCancel,
+            block => SendOutcome::Cancelled(At::Block(block as u32)),
         };
         assert_eq!((outcome, sent.len()), (expected, at));
     }
@@ -202,14 +208,14 @@ fn a_control_that_cancels() {
         2 => vec![],
         _ => vec![CAN; 3],
     });
-    assert_eq!(outcome, Outcome::Cancelled(At::End));
+    assert_eq!(outcome, SendOutcome::Cancelled(At::End));
     // Before the first block, and between two.
     for (at, place) in [(0, At::Start), (1, At::Block(1)), (2, At::End)] {
-        let mut sender = Sender::new(Micros(0));
+        let mut sender = BlockSender::new(Micros(0));
         let now = Micros(SETTLE_US);
         if at > 0 {
             sender.received(NAK, Micros(0));
-            assert_eq!(sender.next(now), Action::NeedData { room: BLOCK });
+            assert_eq!(sender.next(now), SendStep::NeedData { room: BLOCK });
         }
         if at > 1 {
             sender.data(b"%", true);
@@ -218,27 +224,30 @@ fn a_control_that_cancels() {
         }
         sender.received(CAN, now);
         sender.received(CAN, now);
-        assert_eq!(sender.next(now), Action::Done(Outcome::Cancelled(place)));
+        assert_eq!(
+            sender.next(now),
+            SendStep::Done(SendOutcome::Cancelled(place))
+        );
     }
 }
 
 /// A program whose source fails is cancelled, unless its end is already out.
 #[test]
 fn a_source_that_fails() {
-    let mut sender = Sender::new(Micros(0));
+    let mut sender = BlockSender::new(Micros(0));
     sender.received(NAK, Micros(0));
     let now = Micros(SETTLE_US);
-    assert_eq!(sender.next(now), Action::NeedData { room: BLOCK });
+    assert_eq!(sender.next(now), SendStep::NeedData { room: BLOCK });
     let mut ended = sender.clone();
     sender.data(b"G01", false);
     sender.stop();
-    assert_eq!(sender.next(now), Action::Send(&CANCEL));
+    assert_eq!(sender.next(now), SendStep::Send(&CANCEL));
     sender.sent(now);
-    let stopped = Action::Done(Outcome::Stopped(At::Block(1)));
+    let stopped = SendStep::Done(SendOutcome::Stopped(At::Block(1)));
     assert_eq!(sender.next(now), stopped);
     ended.data(b"", true);
     ended.stop();
-    assert_eq!(ended.next(now), Action::Send(&[EOT]));
+    assert_eq!(ended.next(now), SendStep::Send(&[EOT]));
 }
 
 proptest! {
@@ -253,18 +262,18 @@ proptest! {
         let mut blocks: Vec<Vec<u8>> = (1..).zip(program.chunks(BLOCK)).map(|(n, data)| frame(n, data)).collect();
         blocks.push(vec![EOT]);
         let mut rest = program.as_slice();
-        let mut sender = Sender::new(Micros(0));
+        let mut sender = BlockSender::new(Micros(0));
         let (mut now, mut at, mut times) = (0, 0, 0);
         loop {
             match sender.next(Micros(now)) {
-                Action::NeedData { room } => {
+                SendStep::NeedData { room } => {
                     let length = (random.below(room as u64) as usize + 1).min(rest.len());
                     let (piece, later) = rest.split_at(length);
                     prop_assert_eq!(sender.data(piece, later.is_empty()), length);
                     rest = later;
                 }
-                Action::Send(bytes) if bytes == CANCEL => sender.sent(Micros(now)),
-                Action::Send(bytes) => {
+                SendStep::Send(bytes) if bytes == CANCEL => sender.sent(Micros(now)),
+                SendStep::Send(bytes) => {
                     if bytes != blocks[at] {
                         (at, times) = (at + 1, 0);
                     }
@@ -273,10 +282,10 @@ proptest! {
                     prop_assert!(times <= REPEATS + 1);
                     sender.sent(Micros(now));
                 }
-                Action::WaitUntil(then) if random.below(3) == 0 => now = then.0,
-                Action::WaitUntil(_) => now += random.below(1_000_000),
-                Action::Done(outcome) => {
-                    let whole = matches!(outcome, Outcome::Complete | Outcome::CompleteByCancel);
+                SendStep::WaitUntil(then) if random.below(3) == 0 => now = then.0,
+                SendStep::WaitUntil(_) => now += random.below(1_000_000),
+                SendStep::Done(outcome) => {
+                    let whole = matches!(outcome, SendOutcome::Complete | SendOutcome::CompleteByCancel);
                     prop_assert!(!whole || at + 1 == blocks.len());
                     break;
                 }

@@ -5,14 +5,16 @@ mod sink;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use crate::failure::Failure;
+use crate::interrupt;
+use crate::output::Force;
+use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use umi::axes::{self, Scale};
-use umi::failure::Failure;
-use umi::happening::{Follower, Happening, Tally};
-use umi::link::Client;
-use umi::style::{BAD, GOOD, count, paint, print, print_error, print_json};
-use umi::{interrupt, pull};
+use umi_client::axes::{self, Scale};
+use umi_client::journal;
+use umi_client::link::Client;
+use umi_client::timeline::{Follower, LatchTally, TimelineEntry};
 use umi_core::journal::Entry;
 use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::Record;
@@ -23,7 +25,7 @@ use sink::Sink;
 /// Show or record what happens on a board; run a scan
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Events {
+pub(crate) struct Events {
     /// What happened according to this pulled journal, instead of what happens
     #[arg(value_name = "FILE.umij")]
     file: Option<PathBuf>,
@@ -48,9 +50,8 @@ pub struct Events {
     /// Write to this file
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Replace the file if it is there
-    #[arg(long, requires = "output")]
-    force: bool,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     scan: Scan,
     #[command(flatten)]
@@ -85,7 +86,7 @@ struct Scan {
 
 /// What is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Kind {
+pub(crate) enum Kind {
     /// Lines from the control
     Lines,
     /// Hits as the control reported them
@@ -176,16 +177,16 @@ impl Events {
         follower: &mut Follower,
     ) -> Result<(), Failure> {
         let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
-        pull::read(&bytes, |entry| self.entry(&entry, sink, follower))?;
+        journal::read(&bytes, |entry| self.entry(&entry, sink, follower))?;
         Ok(())
     }
 
     fn tell_board(&self, sink: &mut Sink, follower: &mut Follower) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
         if self.journal {
-            pull::pull(&mut board, None, |step| match step {
-                pull::Step::Header(..) => Ok(()),
-                pull::Step::Entry(entry, _) => self.entry(&entry, sink, follower),
+            journal::pull(&mut board, None, |step| match step {
+                journal::PullStep::Header(..) => Ok(()),
+                journal::PullStep::Entry(entry, _) => self.entry(&entry, sink, follower),
             })?;
             return Ok(());
         }
@@ -249,7 +250,7 @@ impl Events {
         follower: &mut Follower,
     ) -> Result<(), Failure> {
         let (seq, t_us) = (entry.seq, entry.t.0);
-        let record = match pull::record(entry) {
+        let record = match journal::record(entry) {
             Ok(record) => record,
             Err(unreadable) => return sink.unreadable(seq, t_us, unreadable),
         };
@@ -263,7 +264,7 @@ impl Events {
     }
 
     /// The last line for machines, also where the connection was lost.
-    fn end(&self, sink: &Sink, tally: &Tally, complete: bool) -> Result<(), Failure> {
+    fn end(&self, sink: &Sink, tally: &LatchTally, complete: bool) -> Result<(), Failure> {
         print_json(&json!({
             "type": "end",
             "complete": complete,
@@ -277,7 +278,7 @@ impl Events {
         }))
     }
 
-    fn sum_up(&self, sink: &Sink, tally: &Tally) -> Result<(), Failure> {
+    fn sum_up(&self, sink: &Sink, tally: &LatchTally) -> Result<(), Failure> {
         if !self.format.json {
             let text = format!("{}{}\n", said(sink.shown, tally), sink.where_to());
             if self.csv && self.output.is_none() {
@@ -295,7 +296,7 @@ impl Events {
     }
 }
 
-fn said(shown: u64, tally: &Tally) -> String {
+fn said(shown: u64, tally: &LatchTally) -> String {
     let lost: Vec<String> = [
         (tally.latches_lost, "edges and latches"),
         (tally.events_lost, "events"),
@@ -388,18 +389,26 @@ impl Scan {
     }
 }
 
+impl Kind {
+    /// What kind a record is.
+    pub fn of(record: &Record) -> Self {
+        match record {
+            Record::Feature(_) => Self::Features,
+            Record::Verdict(_) => Self::Verdicts,
+            Record::Fault(_) => Self::Faults,
+            Record::Latch(_) => Self::Latches,
+            _ => Self::Records,
+        }
+    }
+}
+
 /// What kind of happening it is; none: shown always.
-fn kind(of: &Happening) -> Option<Kind> {
+fn kind(of: &TimelineEntry) -> Option<Kind> {
     match of {
-        Happening::Line(_) => Some(Kind::Lines),
-        Happening::Hit(_) => Some(Kind::Hits),
-        Happening::Latch(..) => Some(Kind::Latches),
-        Happening::Record { record, .. } => Some(match **record {
-            Record::Feature(_) => Kind::Features,
-            Record::Verdict(_) => Kind::Verdicts,
-            Record::Fault(_) => Kind::Faults,
-            _ => Kind::Records,
-        }),
-        Happening::Loss(_) => None,
+        TimelineEntry::Line(_) => Some(Kind::Lines),
+        TimelineEntry::Hit(_) => Some(Kind::Hits),
+        TimelineEntry::Latch(..) => Some(Kind::Latches),
+        TimelineEntry::Record { record, .. } => Some(Kind::of(record)),
+        TimelineEntry::Loss(_) => None,
     }
 }

@@ -1,17 +1,17 @@
-//! Where happenings go: terminal or file, as text, JSON or table.
+//! The output of events: terminal or file, as text, JSON or table.
 
 use std::fs::File;
 use std::io::{BufWriter, IsTerminal as _, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::failure::Failure;
+use crate::show::terminal::{CAUTION, FAINT, paint, print};
+use crate::show::{json, text};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi::axes::{NAMES, Scale};
-use umi::failure::Failure;
-use umi::happening::{Happening, Loss, Lost};
-use umi::pull::Unreadable;
-use umi::style::{CAUTION, FAINT, paint, print};
-use umi::{json, words};
+use umi_client::axes::{NAMES, Scale};
+use umi_client::journal::Unreadable;
+use umi_client::timeline::{Loss, Lost, TimelineEntry};
 
 use super::{Events, Kind, kind};
 
@@ -20,7 +20,7 @@ const COLUMNS: &str = "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_coun
     axis5_counts,axis6_counts,x_mm,y_mm,z_mm,lost\n";
 
 /// Where happenings go.
-pub struct Sink {
+pub(crate) struct Sink {
     form: Form,
     only: Vec<Kind>,
     most: Option<u64>,
@@ -58,15 +58,8 @@ impl Sink {
         };
         let mut file = None;
         if let Some(path) = &options.output {
-            if path.exists() && !options.force {
-                return Err(Failure::trouble(
-                    "file",
-                    format_args!(
-                        "{} is there already: give another name, or --force to replace it",
-                        path.display()
-                    ),
-                ));
-            }
+            let inputs: Vec<&Path> = options.file.iter().map(PathBuf::as_path).collect();
+            options.force.check(path, &inputs)?;
             let opened =
                 File::create(path).map_err(|error| Failure::file("write", path, &error))?;
             file = Some((path.clone(), BufWriter::new(opened)));
@@ -103,16 +96,19 @@ impl Sink {
     ///
     /// # Errors
     /// Nobody takes it any more.
-    pub fn take(&mut self, happen: impl FnOnce(&mut dyn FnMut(Happening))) -> Result<(), Failure> {
+    pub fn take(
+        &mut self,
+        happen: impl FnOnce(&mut dyn FnMut(TimelineEntry)),
+    ) -> Result<(), Failure> {
         let mut text = String::new();
         happen(&mut |happening| self.show(&happening, &mut text));
         self.write(&text)
     }
 
-    fn show(&mut self, happening: &Happening, text: &mut String) {
+    fn show(&mut self, happening: &TimelineEntry, text: &mut String) {
         match kind(happening) {
             None => {
-                if let Happening::Loss(loss) = happening {
+                if let TimelineEntry::Loss(loss) = happening {
                     self.lost += u64::from(loss.count);
                 }
             }
@@ -205,53 +201,46 @@ impl Sink {
         let Some((path, _)) = &self.file else {
             return failure;
         };
-        let note = format!("\nwhat came before is in {}", path.display());
-        match failure {
-            Failure::Trouble(mut explained) => {
-                explained.message += &note;
-                Failure::Trouble(explained)
-            }
-            other => other,
-        }
+        failure.noted(&format!("\nwhat came before is in {}", path.display()))
     }
 }
 
 fn line(t_us: Option<u64>, text: &str) -> String {
-    let time = t_us.map_or_else(|| " ".repeat(14), words::clock);
+    let time = t_us.map_or_else(|| " ".repeat(14), text::clock);
     format!("{}  {text}\n", paint(FAINT, format_args!("{time:>14}")))
 }
 
-fn in_words(happening: &Happening, scale: &Scale) -> String {
+fn in_words(happening: &TimelineEntry, scale: &Scale) -> String {
     match happening {
-        Happening::Line(of) => line(Some(of.t_us), &words::line(of)),
-        Happening::Hit(of) => line(Some(of.t_us), &words::hit(of)),
-        Happening::Latch(_, of) => line(Some(of.t_ns / 1000), &words::latch(of, scale)),
-        Happening::Record { t_us, record, .. } => line(Some(*t_us), &words::record(record)),
-        Happening::Loss(of) => line(of.t_ns.map(|t_ns| t_ns / 1000), &words::loss(of)),
+        TimelineEntry::Line(of) => line(Some(of.t_us), &text::line(of)),
+        TimelineEntry::Hit(of) => line(Some(of.t_us), &text::hit(of)),
+        TimelineEntry::Latch(_, of) => line(Some(of.t_ns / 1000), &text::latch(of, scale)),
+        TimelineEntry::Record { t_us, record, .. } => line(Some(*t_us), &text::record(record)),
+        TimelineEntry::Loss(of) => line(of.t_ns.map(|t_ns| t_ns / 1000), &text::loss(of)),
     }
 }
 
-fn in_json(happening: &Happening, scale: &Scale) -> String {
+fn in_json(happening: &TimelineEntry, scale: &Scale) -> String {
     let value = match happening {
-        Happening::Line(of) => json::line(of),
-        Happening::Hit(of) => json::hit(of),
-        Happening::Latch(seq, of) => {
+        TimelineEntry::Line(of) => json::line(of),
+        TimelineEntry::Hit(of) => json::hit(of),
+        TimelineEntry::Latch(seq, of) => {
             let mut value = json::latch(of, scale);
             if let (Some(seq), Some(object)) = (seq, value.as_object_mut()) {
                 object.insert("seq".into(), (*seq).into());
             }
             value
         }
-        Happening::Record { seq, t_us, record } => json::entry(*seq, *t_us, record),
-        Happening::Loss(of) => json::loss(of),
+        TimelineEntry::Record { seq, t_us, record } => json::entry(*seq, *t_us, record),
+        TimelineEntry::Loss(of) => json::loss(of),
     };
     format!("{value}\n")
 }
 
 /// A row of the table: latches and losses.
-fn row(happening: &Happening, scale: &Scale) -> String {
+fn row(happening: &TimelineEntry, scale: &Scale) -> String {
     match happening {
-        Happening::Latch(_, latch) => {
+        TimelineEntry::Latch(_, latch) => {
             let mut cells = vec![
                 "latch".into(),
                 latch.number.to_string(),
@@ -265,7 +254,7 @@ fn row(happening: &Happening, scale: &Scale) -> String {
             cells.push("0".into());
             cells.join(",") + "\n"
         }
-        Happening::Loss(Loss { what, count, t_ns }) => {
+        TimelineEntry::Loss(Loss { what, count, t_ns }) => {
             let (number, cause) = match what {
                 Lost::Edges(cause) => (None, Some(*cause)),
                 Lost::Latches(cause, first) => (Some(*first), Some(*cause)),

@@ -2,19 +2,19 @@
 
 use std::path::PathBuf;
 
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use umi::failure::Failure;
-use umi::points::{name, text};
-use umi::style::{BAD, CAUTION, GOOD, count, paint, print, print_json};
-use umi_virtual::nc::{self, Alarm, Dialect, Settings, Severity};
+use umi_client::files::points::{name, text};
+use umi_virtual::nc::{self, Alarm, ControlFamily, ControlSettings, Severity};
 
 use crate::cmd::Format;
 
 /// What a control would complain about, without running
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Check {
+pub(crate) struct Check {
     /// NC programs
     #[arg(value_name = "PROGRAM", required = true)]
     programs: Vec<PathBuf>,
@@ -54,12 +54,12 @@ impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let settings = match &self.scene {
             Some(path) => super::run::scene(path)?.control.nc,
-            None => Settings::of(match self.control {
-                Language::Fanuc => Dialect::Fanuc,
-                Language::Haas => Dialect::Haas,
-                Language::Mitsubishi => Dialect::Mitsubishi,
-                Language::Linuxcnc => Dialect::LinuxCnc,
-                Language::Grbl => Dialect::Grbl,
+            None => ControlSettings::of(match self.control {
+                Language::Fanuc => ControlFamily::Fanuc,
+                Language::Haas => ControlFamily::Haas,
+                Language::Mitsubishi => ControlFamily::Mitsubishi,
+                Language::Linuxcnc => ControlFamily::LinuxCnc,
+                Language::Grbl => ControlFamily::Grbl,
             }),
         };
         let mut source = String::new();

@@ -1,14 +1,14 @@
 //! The machine as `umi machine run` needs it: with a workpiece in it, or without.
 
-use umi::wiring::Wiring;
+use umi_desk::wiring::Wiring;
 use umi_virtual::cutting::{Crash, Cutter, Workpiece};
-use umi_virtual::machine::Machine;
-use umi_virtual::nc::Axes;
+use umi_virtual::machine::VirtualMachine;
+use umi_virtual::nc::AxisDrives;
 
 /// A machine on the shop floor.
-pub trait Floor: Axes {
+pub(crate) trait Floor: AxisDrives {
     /// The machine itself.
-    fn machine(&mut self) -> &mut Machine<Wiring>;
+    fn machine(&mut self) -> &mut VirtualMachine<Wiring>;
 
     /// Where a tool took material away without cutting, if one did.
     fn crash(&self) -> Option<&Crash>;
@@ -17,8 +17,8 @@ pub trait Floor: Axes {
     fn workpiece(&self) -> Option<&Workpiece>;
 }
 
-impl Floor for Machine<Wiring> {
-    fn machine(&mut self) -> &mut Machine<Wiring> {
+impl Floor for VirtualMachine<Wiring> {
+    fn machine(&mut self) -> &mut VirtualMachine<Wiring> {
         self
     }
 
@@ -31,8 +31,8 @@ impl Floor for Machine<Wiring> {
     }
 }
 
-impl Floor for Cutter<Machine<Wiring>> {
-    fn machine(&mut self) -> &mut Machine<Wiring> {
+impl Floor for Cutter<VirtualMachine<Wiring>> {
+    fn machine(&mut self) -> &mut VirtualMachine<Wiring> {
         self.axes_mut()
     }
 

@@ -5,8 +5,8 @@ mod floor;
 mod run;
 mod show;
 
+use crate::failure::Failure;
 use clap::{Args, Subcommand};
-use umi::failure::Failure;
 
 /// A virtual machine tool with its control: run NC programs at a desk
 #[derive(Args)]
@@ -14,7 +14,7 @@ use umi::failure::Failure;
 Examples:
   umi machine check probe.nc
   umi machine run probe.nc --scene examples/scenes/three-spheres.toml")]
-pub struct Machine {
+pub(crate) struct Machine {
     #[command(subcommand)]
     what: What,
 }
@@ -30,14 +30,6 @@ impl Machine {
         match self.what {
             What::Run(command) => command.run(),
             What::Check(command) => command.run(),
-        }
-    }
-
-    /// Whether JSON is wanted.
-    pub const fn json(&self) -> bool {
-        match &self.what {
-            What::Run(command) => command.format.json,
-            What::Check(command) => command.format.json,
         }
     }
 }

@@ -4,24 +4,27 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi::capture::{Bench, Decision};
-use umi::failure::{Explained, Failure};
-use umi::gather::Gather;
-use umi::jobfile;
-use umi::live::Live;
-use umi::points::{name, text};
-use umi::report::terminal;
-use umi::style::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
-use umi::wiring::{Event, Lead, Wiring};
+use umi_client::files::job_file;
+use umi_client::files::points::{name, text};
+use umi_client::problem::Problem;
+use umi_client::session::DecisionRecord;
+use umi_client::session::SessionBuilder;
+use umi_desk::capture::Desk;
+use umi_desk::live::Live;
+use umi_desk::wiring::{Peer, WireEvent, Wiring};
+use umi_report::terminal;
 use umi_virtual::cell::{self, Cell};
-use umi_virtual::cutting::{BallNose, CrashCause, Cutter, CylinderArc, Deviations};
-use umi_virtual::machine::Machine;
-use umi_virtual::nc::{Alarm, State, Step};
+use umi_virtual::cutting::{BallNose, CrashCause, Cutter, CylinderArc, SurfaceDeviations};
+use umi_virtual::machine::VirtualMachine;
+use umi_virtual::nc::{Alarm, BlockStep, ProgramState};
 use umi_virtual::scene::{Scene, ToolSpec};
-use umi_virtual::serve::Place;
+use umi_virtual::serve::PortPlace;
 
 use super::floor::Floor;
 use super::show;
@@ -31,7 +34,7 @@ use crate::cmd::virtual_board::place;
 /// Runs NC programs on a virtual machine tool
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Run {
+pub(crate) struct Run {
     /// NC programs, run one after the other; subprograms may be in any of them
     #[arg(value_name = "PROGRAM", required = true)]
     programs: Vec<PathBuf>,
@@ -54,7 +57,7 @@ pub struct Run {
     /// Open the virtual board's host port, `pty` or `tcp:PORT` (0: any free one), for
     /// `umi watch` and `umi events`; it runs as slow as the machine would be
     #[arg(long, value_name = "PLACE", requires_all = ["board", "job"], value_parser = place)]
-    usb: Option<Place>,
+    usb: Option<PortPlace>,
     /// READ after each program: the board's program is loaded, the correction or an alarm
     #[arg(long, requires = "board")]
     read: bool,
@@ -67,6 +70,8 @@ pub struct Run {
     /// Write what the control sends, byte for byte, into this file
     #[arg(long, value_name = "FILE")]
     serial: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     pub format: Format,
 }
@@ -103,7 +108,8 @@ fn variable(text: &str) -> Result<(u32, f64), String> {
 pub fn scene(path: &Path) -> Result<Scene, Failure> {
     Scene::parse(&text(path)?).map_err(|error| {
         let file = name(path);
-        Failure::Refused(Explained::new("scene", format!("{file}: {error}")).with("file", file))
+        let problem = Problem::refused("scene", format!("{file}: {error}"));
+        problem.with("file", file).into()
     })
 }
 
@@ -130,7 +136,9 @@ impl Run {
         let scene = scene(&self.scene)?;
         if let Some(path) = &self.serial {
             // Before anything runs: a capture is not lost to a wrong name.
-            std::fs::write(path, []).map_err(|error| Failure::file("write", path, &error))?;
+            let mut inputs = vec![self.scene.as_path()];
+            inputs.extend(self.programs.iter().chain(&self.load).map(PathBuf::as_path));
+            self.force.write(path, &inputs, [])?;
         }
         let (wiring, gather) = self.wiring(&scene)?;
         let workpiece = cell::workpiece(&scene).map_err(|error| {
@@ -167,7 +175,7 @@ impl Run {
         &self,
         mut cell: Cell<M>,
         nominal: Option<CylinderArc>,
-        gather: Option<Gather>,
+        gather: Option<SessionBuilder>,
     ) -> Result<(), Failure> {
         for path in &self.load {
             cell.control.load(&text(path)?).map_err(|alarm| {
@@ -201,28 +209,28 @@ impl Run {
         view.finish(&mut cell, nominal.as_ref())
     }
 
-    fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<Gather>), Failure> {
+    fn wiring(&self, scene: &Scene) -> Result<(Wiring, Option<SessionBuilder>), Failure> {
         match self.board.as_deref() {
             board if self.usb.is_some() && board != Some("virtual") => Err(Failure::trouble(
                 "usage",
                 "--usb opens a port of the virtual board: it needs --board virtual",
             )),
-            None => Ok((Wiring::new(Lead::Nowhere), None)),
+            None => Ok((Wiring::new(Peer::Nowhere), None)),
             Some("virtual") => {
                 let Some(path) = &self.job else {
                     return Err(Failure::trouble("usage", "--board virtual needs --job"));
                 };
-                let job = jobfile::load(path)?;
+                let job = job_file::load(path)?;
                 if let Some(usb) = &self.usb {
                     let control = &scene.control;
                     let character = Duration::from_secs(1) * control.bits / control.baud;
                     let live = Live::new(&job, character, usb)?;
                     self.say_where(&live.address)?;
-                    return Ok((Wiring::new(Lead::Live(Box::new(live))), None));
+                    return Ok((Wiring::new(Peer::Live(Box::new(live))), None));
                 }
-                let gather = Gather::new("Virtual machine", "", &job, None);
-                let bench = Bench::new(&job)?;
-                Ok((Wiring::new(Lead::Board(Box::new(bench))), Some(gather)))
+                let gather = SessionBuilder::new("Virtual machine", "", &job, None);
+                let bench = Desk::new(&job)?;
+                Ok((Wiring::new(Peer::Board(Box::new(bench))), Some(gather)))
             }
             Some(address) => Ok((Wiring::to_port(address, scene.control.baud)?, None)),
         }
@@ -244,7 +252,7 @@ impl Run {
 /// What is shown while it runs.
 struct View<'a> {
     options: &'a Run,
-    gather: Option<Gather>,
+    gather: Option<SessionBuilder>,
     bar: ProgressBar,
     began: Instant,
     hits: usize,
@@ -254,7 +262,7 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn new(options: &'a Run, gather: Option<Gather>) -> Self {
+    fn new(options: &'a Run, gather: Option<SessionBuilder>) -> Self {
         let live = !options.format.json && std::io::stderr().is_terminal();
         let bar = if live {
             ProgressBar::new_spinner().with_style(
@@ -291,12 +299,12 @@ impl<'a> View<'a> {
     }
 
     /// A block has been carried out.
-    fn follow<M: Floor>(&mut self, cell: &mut Cell<M>, step: &Step) -> Result<(), Stop> {
+    fn follow<M: Floor>(&mut self, cell: &mut Cell<M>, step: &BlockStep) -> Result<(), Stop> {
         self.drain(cell.machine.machine())?;
         self.crash(cell, step)?;
         if let Some(message) = &step.message {
             self.say(&format!("{} {message}", paint(CAUTION, "stop")))?;
-        } else if step.state == State::Stopped {
+        } else if step.state == ProgramState::Stopped {
             self.say(&format!(
                 "{} O{:04} line {}",
                 paint(FAINT, "stop"),
@@ -322,14 +330,14 @@ impl<'a> View<'a> {
     }
 
     /// Shows what happened on machine and wires.
-    fn drain(&mut self, machine: &mut Machine<Wiring>) -> Result<(), Failure> {
+    fn drain(&mut self, machine: &mut VirtualMachine<Wiring>) -> Result<(), Failure> {
         for event in machine.wires_mut().take()? {
             match event {
-                Event::Serial(at, bytes) => self.serial(at.0, &bytes)?,
-                Event::Skip(..) => {
+                WireEvent::Serial(at, bytes) => self.serial(at.0, &bytes)?,
+                WireEvent::Skip(..) => {
                     // The machine's own log says more.
                 }
-                Event::Decision(decision) => self.decision(*decision)?,
+                WireEvent::Decision(decision) => self.decision(*decision)?,
             }
         }
         for (number, hit) in machine.hits().iter().enumerate().skip(self.hits) {
@@ -364,13 +372,13 @@ impl<'a> View<'a> {
         ))
     }
 
-    fn decision(&mut self, decision: Decision) -> Result<(), Failure> {
+    fn decision(&mut self, decision: DecisionRecord) -> Result<(), Failure> {
         if self.options.format.json {
-            print_json(&umi::json::decision(&decision))?;
-        } else if let Decision::Fault(fault) = &decision {
+            print_json(&crate::show::json::decision(&decision))?;
+        } else if let DecisionRecord::Fault(fault) = &decision {
             self.say(&format!("{} {fault}", paint(CAUTION, "fault")))?;
         }
-        if let Decision::Verdict(verdict) = &decision {
+        if let DecisionRecord::Verdict(verdict) = &decision {
             self.ng |= !verdict.ok;
             self.verdicts += 1;
         }
@@ -380,7 +388,7 @@ impl<'a> View<'a> {
         let judged = gather.take(decision);
         match judged {
             Some(place) if !self.options.format.json => {
-                let table = terminal::plate(&gather.session, place, true);
+                let table = terminal::setup(&gather.session, place, true);
                 self.say(&table)
             }
             _ => Ok(()),
@@ -388,7 +396,7 @@ impl<'a> View<'a> {
     }
 
     /// A tool that took material away without cutting is an alarm.
-    fn crash<M: Floor>(&self, cell: &Cell<M>, step: &Step) -> Result<(), Stop> {
+    fn crash<M: Floor>(&self, cell: &Cell<M>, step: &BlockStep) -> Result<(), Stop> {
         let Some(crash) = cell.machine.crash() else {
             return Ok(());
         };
@@ -481,7 +489,9 @@ impl<'a> View<'a> {
             .machine
             .workpiece()
             .zip(nominal)
-            .and_then(|(piece, nominal)| Deviations::of(piece, nominal).statistics(|_, _| true))
+            .and_then(|(piece, nominal)| {
+                SurfaceDeviations::of(piece, nominal).statistics(|_, _| true)
+            })
             .filter(|surface| surface.uncut < surface.nodes);
         if self.options.format.json {
             if let Some(surface) = surface {

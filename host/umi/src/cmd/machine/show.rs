@@ -1,8 +1,8 @@
 //! What happens on a machine, for people and for machines.
 
 use serde_json::{Value, json};
-use umi_virtual::cutting::Statistics;
-use umi_virtual::machine::Hit;
+use umi_virtual::cutting::DeviationStatistics;
+use umi_virtual::machine::SkippedTouch;
 use umi_virtual::nc::{Alarm, Severity};
 
 /// An alarm.
@@ -23,7 +23,7 @@ pub fn alarm(alarm: &Alarm, file: Option<&str>) -> Value {
 }
 
 /// A touch with what everyone has seen of it.
-pub fn hit(number: usize, hit: &Hit) -> Value {
+pub fn hit(number: usize, hit: &SkippedTouch) -> Value {
     json!({
         "type": "hit",
         "number": number,
@@ -42,7 +42,7 @@ pub fn hit(number: usize, hit: &Hit) -> Value {
 
 /// A touch in one line: where the control says it was, and how far that is from the
 /// place at the skip edge.
-pub fn hit_line(number: usize, hit: &Hit) -> String {
+pub fn hit_line(number: usize, hit: &SkippedTouch) -> String {
     let [x, y, z] = hit.stored.to_array_mm();
     let late_um = (hit.stored.mm - hit.latched.mm).norm() * 1e3;
     format!(
@@ -52,7 +52,7 @@ pub fn hit_line(number: usize, hit: &Hit) -> String {
 }
 
 /// A surface against the nominal one.
-pub fn surface(surface: &Statistics) -> Value {
+pub fn surface(surface: &DeviationStatistics) -> Value {
     json!({
         "type": "surface",
         "nodes": surface.nodes,
@@ -65,7 +65,7 @@ pub fn surface(surface: &Statistics) -> Value {
 }
 
 /// A surface in one line.
-pub fn surface_line(surface: &Statistics) -> String {
+pub fn surface_line(surface: &DeviationStatistics) -> String {
     format!(
         "mean {:+.4} mm, standard deviation {:.4}, from {:+.4} to {:+.4}; {:.1} % not cut",
         surface.mean_mm,

@@ -2,27 +2,27 @@
 
 use std::path::PathBuf;
 
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi::failure::Failure;
-use umi::points::name;
-use umi::style::{BAD, CAUTION, GOOD, count, paint, print, print_json};
-use umi::toolpath::{self, Examined};
-use umi_core::nc::rewrite::Refusal;
+use umi_client::files::tool_path::{self, Examined, PartProgram};
+use umi_core::rewrite::RefusedLine;
 
-use super::how::{How, Which};
+use super::how::{How, told};
 use super::rewrite::{machine, table};
 use crate::cmd::Format;
+use crate::cmd::basis::MovedBy;
 
 /// Can this tool path be rewritten? Every reason against it, without writing
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Check {
+pub(crate) struct Check {
     /// The part program
     #[arg(value_name = "PROGRAM")]
     program: PathBuf,
     #[command(flatten)]
-    which: Which,
+    moved_by: MovedBy,
     #[command(flatten)]
     how: How,
     #[command(flatten)]
@@ -36,37 +36,45 @@ What a control itself would complain about says `umi machine check`.
 
 Examples:
   umi nc check part.nc
+  umi nc check part.ngc --start G90,G17,G21 --dialect linuxcnc --integers units
+  umi nc check part.nc --load pocket.nc --allow-call P9001
   umi nc check part.nc --transform moved.json --json
 
 Exit status: 0 it can, 1 file or usage, 2 there are reasons against it.";
 
 impl Check {
     pub fn run(self) -> Result<(), Failure> {
+        let program = self.how.program(&self.program)?;
         let examine = |transform| {
             let settings = self.how.settings(transform)?;
-            toolpath::examine(&self.program, &settings)
+            Ok::<_, Failure>(tool_path::examine(&program, &settings)?)
         };
-        let Some(source) = self.which.read()? else {
-            let level = examine(toolpath::LEVEL.transform())?;
-            let leaning = examine(toolpath::LEANING.transform())?;
-            return self.tell(&level, Some(&leaning));
+        let Some(basis) = self.moved_by.read()? else {
+            let level = examine(tool_path::LEVEL.transform())?;
+            let leaning = examine(tool_path::LEANING.transform())?;
+            return self.tell(&program, &level, Some(&leaning));
         };
-        self.tell(&examine(source.transform)?, None)
+        self.tell(&program, &examine(basis.source()?.transform)?, None)
     }
 
-    fn tell(&self, found: &Examined, leaning: Option<&Examined>) -> Result<(), Failure> {
+    fn tell(
+        &self,
+        program: &PartProgram,
+        found: &Examined,
+        leaning: Option<&Examined>,
+    ) -> Result<(), Failure> {
         let no_others = Vec::new();
-        let others: &Vec<Refusal> = leaning.map_or(&no_others, |examined| &examined.refusals);
+        let others: &Vec<RefusedLine> = leaning.map_or(&no_others, |examined| &examined.refusals);
         let only_leaning = || {
             others
                 .iter()
                 .filter(|refusal| !found.refusals.contains(refusal))
         };
         for refusal in &found.refusals {
-            self.reason(refusal, false)?;
+            self.reason(program, refusal, false)?;
         }
         for refusal in only_leaning() {
-            self.reason(refusal, true)?;
+            self.reason(program, refusal, true)?;
         }
         let reasons = found.refusals.len() as u64 + found.more;
         let leans = only_leaning().count() as u64;
@@ -99,20 +107,26 @@ impl Check {
         }
     }
 
-    fn reason(&self, refusal: &Refusal, only_leaning: bool) -> Result<(), Failure> {
+    fn reason(
+        &self,
+        program: &PartProgram,
+        refused: &RefusedLine,
+        only_leaning: bool,
+    ) -> Result<(), Failure> {
         if self.format.json {
+            let (file, refused) = program.place(refused);
             return print_json(&json!({
                 "type": "refusal",
-                "line": refusal.line,
-                "column": refusal.column,
-                "message": refusal.reason.to_string(),
+                "file": file.display().to_string(),
+                "line": refused.line,
+                "column": refused.column,
+                "message": refused.reason.to_string(),
                 "only_leaning": only_leaning,
             }));
         }
         let style = if only_leaning { CAUTION } else { BAD };
-        print(&format!(
-            "{} {refusal}\n",
-            paint(style, name(&self.program))
-        ))
+        let said = told(program, refused);
+        let (file, rest) = said.split_once(", ").unwrap_or((said.as_str(), ""));
+        print(&format!("{} {rest}\n", paint(style, file)))
     }
 }

@@ -2,23 +2,24 @@
 
 use std::path::PathBuf;
 
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
-use umi::failure::Failure;
-use umi::points::name;
-use umi::report::paths;
-use umi::style::{BAD, GOOD, Table, count, paint, print, print_json};
-use umi::toolpath::diff::{self, Difference, Largest};
+use umi_client::files::points::name;
+use umi_client::files::tool_path::diff::{self, Largest, PathDifference};
 use umi_core::registration::RigidTransform;
-use umi_virtual::nc::{DecimalPoint, Dialect, Settings};
+use umi_report::paths;
+use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
 
-use super::how::Which;
 use crate::cmd::Format;
+use crate::cmd::basis::MovedBy;
+use crate::output::Force;
 
 /// Compare two programs motion by motion, the first carried by a transform
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Diff {
+pub(crate) struct Diff {
     /// The first program, as the nominal one
     #[arg(value_name = "A")]
     first: PathBuf,
@@ -26,10 +27,15 @@ pub struct Diff {
     #[arg(value_name = "B")]
     second: PathBuf,
     #[command(flatten)]
-    which: Which,
+    moved_by: MovedBy,
+    /// Programs that both call, as macros (repeatable)
+    #[arg(long, value_name = "FILE")]
+    load: Vec<PathBuf>,
     /// Write a page with pictures of both paths
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Ends farther apart than this are not the same place
     #[arg(long, value_name = "MM", default_value_t = 0.05)]
     near_mm: f64,
@@ -50,6 +56,7 @@ not named yet, have no image and are left out.
 Examples:
   umi nc diff part.nc here.nc --verdict today.jsonl
   umi nc diff part.nc here.nc --transform moved.json -o diff.html --json
+  umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
 
 Exit status: 0 all motions have their image, 1 file or usage, 2 some have none.";
 
@@ -74,40 +81,54 @@ impl Diff {
                 "--near-mm is above 0, at most 100",
             ));
         }
-        let transform = self
-            .which
-            .read()?
-            .map_or_else(RigidTransform::identity, |source| source.transform);
-        let dialect = match self.control {
-            Language::Fanuc => Dialect::Fanuc,
-            Language::Haas => Dialect::Haas,
-            Language::Mitsubishi => Dialect::Mitsubishi,
-            Language::Linuxcnc => Dialect::LinuxCnc,
+        if let Some(path) = &self.output {
+            let mut inputs = vec![self.first.as_path(), self.second.as_path()];
+            inputs.extend(self.load.iter().map(PathBuf::as_path));
+            inputs.extend(self.moved_by.inputs());
+            self.force.check(path, &inputs)?;
+        }
+        let transform = match self.moved_by.read()? {
+            Some(basis) => basis.source()?.transform,
+            None => RigidTransform::identity(),
         };
-        let settings = Settings {
+        let dialect = match self.control {
+            Language::Fanuc => ControlFamily::Fanuc,
+            Language::Haas => ControlFamily::Haas,
+            Language::Mitsubishi => ControlFamily::Mitsubishi,
+            Language::Linuxcnc => ControlFamily::LinuxCnc,
+        };
+        let settings = ControlSettings {
             decimal_point: DecimalPoint::Calculator,
             increment_mm: 1e-6,
             // A program that leaves its feed to what ran before is compared, too.
             feed_mm_min: Some(100.0),
-            ..Settings::of(dialect)
+            ..ControlSettings::of(dialect)
         };
-        let first = diff::moves(&self.first, &settings)?;
-        let second = diff::moves(&self.second, &settings)?;
+        let first = umi_desk::tool_path::moves(&self.first, &self.load, &settings)?;
+        let second = umi_desk::tool_path::moves(&self.second, &self.load, &settings)?;
         let found = diff::compare(&first, &second, &transform, self.near_mm);
         if let Some(path) = &self.output {
             let title = format!("{} and {}", name(&self.first), name(&self.second));
-            let page = paths::html(&title, &facts(&found), &first, &second, &transform, &found);
+            let page = paths::html(
+                &title,
+                &found.in_words(),
+                &facts(&found),
+                &first,
+                &second,
+                &transform,
+                &found,
+            );
             std::fs::write(path, page).map_err(|error| Failure::file("write", path, &error))?;
         }
         if self.format.json {
             print_json(&machine(&found))?;
         } else {
-            let (style, verdict) = if found.is_complete() {
-                (GOOD, "every motion has its image")
-            } else {
-                (BAD, "the programs differ")
-            };
-            print(&format!("{}\n\n{}", paint(style, verdict), text(&found)))?;
+            let style = if found.is_complete() { GOOD } else { BAD };
+            print(&format!(
+                "{}\n\n{}",
+                paint(style, found.in_words()),
+                text(&found)
+            ))?;
         }
         if found.is_complete() {
             Ok(())
@@ -117,7 +138,7 @@ impl Diff {
     }
 }
 
-fn machine(found: &Difference) -> Value {
+fn machine(found: &PathDifference) -> Value {
     let largest = |of: &Option<Largest>| {
         of.map_or(Value::Null, |of| {
             json!({
@@ -146,7 +167,7 @@ fn machine(found: &Difference) -> Value {
 }
 
 /// What is to be said, a name and a value each.
-fn facts(found: &Difference) -> Vec<(String, String)> {
+fn facts(found: &PathDifference) -> Vec<(String, String)> {
     let mut facts = Vec::new();
     let mut fact = |name: &str, value: String| facts.push((name.to_owned(), value));
     let [first, second] = found.moves;
@@ -192,7 +213,7 @@ fn facts(found: &Difference) -> Vec<(String, String)> {
     facts
 }
 
-fn text(found: &Difference) -> Table {
+fn text(found: &PathDifference) -> Table {
     let mut table = Table::new("<<");
     for (name, value) in facts(found) {
         table.row([name, value]);

@@ -5,8 +5,8 @@ mod diff;
 mod how;
 mod rewrite;
 
+use crate::failure::Failure;
 use clap::{Args, Subcommand};
-use umi::failure::Failure;
 
 /// Part programs: rewrite a tool path by a transform, compare two
 #[derive(Args)]
@@ -15,7 +15,7 @@ Examples:
   umi nc check part.nc
   umi nc rewrite part.nc -o here.nc --verdict today.jsonl
   umi nc diff part.nc here.nc --verdict today.jsonl -o diff.html")]
-pub struct Nc {
+pub(crate) struct Nc {
     #[command(subcommand)]
     what: What,
 }
@@ -33,15 +33,6 @@ impl Nc {
             What::Rewrite(command) => command.run(),
             What::Check(command) => command.run(),
             What::Diff(command) => command.run(),
-        }
-    }
-
-    /// Whether JSON is wanted.
-    pub const fn json(&self) -> bool {
-        match &self.what {
-            What::Rewrite(command) => command.format.json,
-            What::Check(command) => command.format.json,
-            What::Diff(command) => command.format.json,
         }
     }
 }

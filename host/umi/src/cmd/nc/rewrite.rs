@@ -2,21 +2,24 @@
 
 use std::path::PathBuf;
 
+use crate::failure::Failure;
+use crate::show::terminal::{GOOD, Table, count, paint, print, print_error, print_json};
 use clap::Args;
 use serde_json::{Value, json};
-use umi::failure::{Explained, Failure};
-use umi::points::name;
-use umi::style::{GOOD, Table, count, paint, print, print_error, print_json};
-use umi::toolpath;
-use umi_core::nc::rewrite::{Identity, Settings, Summary};
+use umi_client::files::points::name;
+use umi_client::files::tool_path::{self, PartProgram};
+use umi_client::problem::Problem;
+use umi_core::rewrite::{ProgramIdentity, RewriteSettings, Summary};
 
-use super::how::{How, Which};
+use super::how::{How, told};
 use crate::cmd::Format;
+use crate::cmd::basis::{MovedBy, WHICH};
+use crate::output::Force;
 
 /// Rewrite a tool path: every motion carried by a transform, all else as it was
 #[derive(Args)]
 #[command(after_help = HELP)]
-pub struct Rewrite {
+pub(crate) struct Rewrite {
     /// The part program
     #[arg(value_name = "PROGRAM")]
     program: PathBuf,
@@ -24,64 +27,65 @@ pub struct Rewrite {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     #[command(flatten)]
-    which: Which,
+    moved_by: MovedBy,
     #[command(flatten)]
     how: How,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     pub format: Format,
 }
 
 const HELP: &str = "\
 The transform q = R p + t holds in the coordinates of the work offset that is in
-force at the program's first motion. The program is read twice: what cannot be
-transformed truly is refused by line and reason before anything is written.
+force at the program's first motion. What cannot be transformed truly is refused by line
+and reason, and then nothing is written: the file appears whole or not at all.
 A header says check value, source and transform. The identity changes no byte.
+A program that is called and is not in the file is refused: --load brings it into the
+file that is written, --allow-call says that nothing in it is to be carried.
 
 Examples:
   umi nc rewrite part.nc -o here.nc --verdict today.jsonl
   umi nc rewrite part.nc -o here.nc --transform moved.json --increment-mm 0.0001
-  umi nc rewrite part.ngc -o - --transform moved.json --integers units --json
+  umi nc rewrite part.nc -o here.nc --verdict board --port /dev/ttyACM0 --force
+  umi nc rewrite part.nc -o here.nc --verdict today.umij --load pocket.nc
+  umi nc rewrite part.ngc -o - --transform moved.json --dialect linuxcnc --json
+  umi nc rewrite part.ngc -o here.ngc --transform moved.json --start G90,G21
 
 Exit status: 0 written, 1 file or usage, 2 refused: nothing is written.";
 
 impl Rewrite {
     pub fn run(self) -> Result<(), Failure> {
-        let Some(source) = self.which.read()? else {
-            return Err(Failure::trouble(
-                "usage",
-                "which transform? give --verdict FILE or --transform FILE",
-            ));
+        let Some(basis) = self.moved_by.read()? else {
+            return Err(Failure::trouble("usage", WHICH));
         };
+        let source = basis.source()?;
+        let mut inputs = vec![self.program.as_path()];
+        inputs.extend(self.how.inputs().chain(self.moved_by.inputs()));
+        self.force.check(&self.output, &inputs)?;
+        let program = self.how.program(&self.program)?;
         let settings = self.how.settings(source.transform)?;
-        let examined = toolpath::examine(&self.program, &settings)?;
-        if let Some(first) = examined.refusals.first() {
-            let all = examined.refusals.len() as u64 + examined.more;
-            let others = match all - 1 {
-                0 => String::new(),
-                n => format!(" ({} more: umi nc check lists them)", n),
-            };
-            return Err(Failure::Refused(
-                Explained::new(
-                    "cannot_rewrite",
-                    format_args!(
-                        "{}, {first}{others}; nothing is written",
-                        name(&self.program)
-                    ),
-                )
-                .with("line", first.line)
-                .with("column", first.column)
-                .with("refusals", all),
-            ));
-        }
-        let settings = Settings {
-            original: Some(examined.identity),
-            source: source.name.chars().take(96).collect(),
-            ..settings
-        };
-        let summary = toolpath::rewrite(&self.program, &self.output, &settings)?;
         let is_stdout = self.output.as_os_str() == "-";
+        if is_stdout {
+            // What has gone out cannot be taken back.
+            self.examined(&program, &settings)?;
+        }
+        let identity = tool_path::identity(&self.program)?;
+        let with_header = RewriteSettings {
+            original: Some(identity),
+            source: source.name.chars().take(96).collect(),
+            ..settings.clone()
+        };
+        let summary = match tool_path::rewrite(&program, &self.output, &with_header) {
+            Ok(summary) => summary,
+            Err(problem) => {
+                // All the reasons, if it is not the file that cannot be written.
+                self.examined(&program, &settings)?;
+                return Err(problem.into());
+            }
+        };
         if self.format.json {
-            let value = machine(&examined.identity, &summary);
+            let value = machine(&identity, &summary);
             if is_stdout {
                 print_error(&format!("{value}\n"));
                 Ok(())
@@ -95,14 +99,34 @@ impl Rewrite {
                 "{} {}\n\n{}",
                 paint(GOOD, "rewritten"),
                 name(&self.output),
-                table(&examined.identity, &summary)
+                table(&identity, &summary)
             ))
         }
+    }
+
+    /// Refuses a program that cannot be rewritten, by its first reason and their number.
+    fn examined(&self, program: &PartProgram, settings: &RewriteSettings) -> Result<(), Failure> {
+        let examined = tool_path::examine(program, settings)?;
+        let Some(first) = examined.refusals.first() else {
+            return Ok(());
+        };
+        let all = examined.refusals.len() as u64 + examined.more;
+        let others = match all - 1 {
+            0 => String::new(),
+            n => format!(" ({} more: umi nc check lists them)", n),
+        };
+        let why = format_args!("{}{others}; nothing is written", told(program, first));
+        let (_, first) = program.place(first);
+        Err(Problem::refused("cannot_rewrite", why)
+            .with("line", first.line)
+            .with("column", first.column)
+            .with("refusals", all)
+            .into())
     }
 }
 
 /// What was done, for machines.
-pub fn machine(identity: &Identity, summary: &Summary) -> Value {
+pub fn machine(identity: &ProgramIdentity, summary: &Summary) -> Value {
     json!({
         "crc32": format!("{:08X}", identity.crc32),
         "bytes": identity.bytes,
@@ -123,7 +147,7 @@ pub fn machine(identity: &Identity, summary: &Summary) -> Value {
 }
 
 /// What was done, for people.
-pub fn table(identity: &Identity, summary: &Summary) -> Table {
+pub fn table(identity: &ProgramIdentity, summary: &Summary) -> Table {
     let mut table = Table::new("<<");
     table.row([
         "original".to_owned(),

@@ -1,8 +1,8 @@
 //! What is on the screen, and that every size of it can be drawn.
 
 use super::*;
-use crate::axes::Scale;
-use crate::watch::Link;
+use crate::watch::view::Link;
+use umi_client::axes::Scale;
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::line::HitReport;
 use umi_protocol::message::{Identity, Status};
@@ -10,7 +10,7 @@ use umi_protocol::message::{Identity, Status};
 fn view(scaled: bool) -> View {
     let name = |text: &str| text.try_into().unwrap();
     let text = include_str!("../../../../../examples/three-spheres-witnessed.toml");
-    let job = crate::jobfile::parse(text).unwrap();
+    let job = umi_client::files::job_file::parse(text).unwrap();
     View {
         identity: Identity {
             board: name("pico"),
@@ -28,11 +28,13 @@ fn view(scaled: bool) -> View {
             uptime_us: 3_725_250_000,
             reset: ResetReason::PowerOn,
             job: Some(job.name.clone()),
+            job_lost: None,
             has_reference: false,
             verdicts: 3,
             verdicts_ok: 2,
             last_verdict_ok: Some(false),
             correction_waiting: false,
+            punched_lines: None,
             counters: Default::default(),
             events_dropped: 0,
             journal_failures: 0,
@@ -127,13 +129,22 @@ fn every_size_can_be_drawn() {
         let symbols = buffer.content().iter().map(|cell| cell.symbol());
         symbols.collect::<String>()
     };
-    for (width, height) in [(40, 24), (80, 24), (120, 50), (200, 70)] {
+    // Link and board, too, in brief where there is no room for more.
+    for (width, height) in [(40, 24), (60, 24), (74, 24), (80, 24), (120, 50), (200, 70)] {
         let shown = shown(width, height);
+        for said in ["1.5 ms", "THREE SPHERES W", "2 OK, 1 NG", "1:02:05.2"] {
+            assert!(shown.contains(said), "no {said:?} in {width}x{height}");
+        }
         assert!(shown.contains("missed latches      77"), "{width}x{height}");
         assert!(shown.contains("GONE for 3 s: unplugged"));
         assert!(shown.contains("latest verdict  none yet"));
         assert!(shown.contains("latest hit      SPHERE1"));
     }
+    let area = Rect::new(0, 0, 60, 24);
+    let mut buffer = Buffer::empty(area);
+    help(area, &mut buffer);
+    let page: String = buffer.content().iter().map(|cell| cell.symbol()).collect();
+    assert!(page.contains("q, Esc, Ctrl-C  end"), "{page}");
     assert_eq!(size(&view, Rect::new(0, 0, 80, 24)), Size::Text);
     assert_eq!(size(&view, Rect::new(0, 0, 80, 30)), Size::Middle);
     assert_eq!(size(&view, Rect::new(0, 0, 120, 50)), Size::Large);

@@ -2,7 +2,7 @@
 //! them does not.
 
 use super::*;
-use crate::machine::{Machine, Unwired};
+use crate::machine::{Unwired, VirtualMachine};
 use crate::scene::Scene;
 
 /// Height of the raw face; what is programmed below the touch; both mm.
@@ -27,28 +27,28 @@ fn probe_wait_cut(machine: &str, seconds: f64) -> (f64, f64) {
         radius_mm: RADIUS,
     };
     let mut cutter = Cutter::new(
-        Machine::new(scene, 1, Unwired),
+        VirtualMachine::new(scene, 1, Unwired),
         Workpiece::new(grid, |_, _| FACE_MM),
     )
     .with_tool(TOOL, ball);
-    let to = |x: f64, z: f64, rate| Motion {
+    let to = |x: f64, z: f64, rate| AxisMotion {
         to: Point::from_mm(x, 0.0, z),
-        path: Path::Line,
+        path: MotionPath::Line,
         rate,
     };
     let hit = cutter
-        .skip(&to(0.0, 140.0, Rate::Feed(50.0)), false)
+        .skip(&to(0.0, 140.0, MotionRate::Feed(50.0)), false)
         .unwrap();
     assert!(hit.touched);
     let face = hit.stored.mm.z - 100.0 - 2.5;
-    cutter.travel(&to(0.0, 200.0, Rate::Rapid)).unwrap();
+    cutter.travel(&to(0.0, 200.0, MotionRate::Rapid)).unwrap();
     cutter.dwell(seconds);
     cutter.change_tool(TOOL).unwrap();
     cutter.auxiliary(3, 5000.0).unwrap();
     let deep = face - DEPTH_MM + LENGTH;
-    cutter.travel(&to(-15.0, 200.0, Rate::Rapid)).unwrap();
+    cutter.travel(&to(-15.0, 200.0, MotionRate::Rapid)).unwrap();
     for (x, z) in [(-15.0, deep), (15.0, deep), (15.0, 200.0)] {
-        cutter.travel(&to(x, z, Rate::Feed(500.0))).unwrap();
+        cutter.travel(&to(x, z, MotionRate::Feed(500.0))).unwrap();
     }
     let workpiece = cutter.workpiece();
     let grid = workpiece.grid();

@@ -5,8 +5,8 @@ use umi_core::units::Rad;
 
 use super::*;
 
-fn scene(text: &str) -> Machine<Log> {
-    Machine::new(Scene::parse(text).unwrap(), 5, Log::default())
+fn scene(text: &str) -> VirtualMachine<Log> {
+    VirtualMachine::new(Scene::parse(text).unwrap(), 5, Log::default())
 }
 
 const BALL: &str = "
@@ -45,7 +45,7 @@ fn oblique_trigger_is_exact() {
 fn leaving_is_exact() {
     let mut m = machine("[probe]\npretravel_mm = 0.1", 1);
     skip(&mut m, [30.0, 0.0, 50.0], 600.0);
-    let away = line([5.0, 0.0, 50.0], Rate::Feed(60.0));
+    let away = line([5.0, 0.0, 50.0], MotionRate::Feed(60.0));
     let left = m.skip(&away, true).unwrap();
     assert!(left.touched);
     assert!((left.stored.mm.x - 17.6).abs() < 1e-8, "{left:?}");
@@ -58,14 +58,14 @@ fn leaving_is_exact() {
 /// on into the body is refused, and so is a second touch on the way.
 #[test]
 fn backing_off_on_an_arc() {
-    let half_turn = |sign: f64| Motion {
+    let half_turn = |sign: f64| AxisMotion {
         to: Point::from_mm(0.0, 0.0, 50.0),
-        path: Path::Arc {
+        path: MotionPath::Arc {
             center: Point::from_mm(0.0, 0.0, 50.0),
             axis: Vector3::z(),
             sweep: Rad(sign),
         },
-        rate: Rate::Feed(1000.0),
+        rate: MotionRate::Feed(1000.0),
     };
     let mut m = machine("", 1);
     skip(&mut m, [30.0, 0.0, 50.0], 1000.0);
@@ -78,7 +78,7 @@ fn backing_off_on_an_arc() {
     let mut m = machine("", 1);
     skip(&mut m, [30.0, 0.0, 50.0], 1000.0);
     let trip = m
-        .travel(&line([18.5, 0.0, 50.0], Rate::Feed(10.0)))
+        .travel(&line([18.5, 0.0, 50.0], MotionRate::Feed(10.0)))
         .unwrap_err();
     assert!(trip.message.contains("further"), "{}", trip.message);
 
@@ -95,9 +95,10 @@ fn backing_off_on_an_arc() {
 #[test]
 fn collision_stops_at_contact() {
     let mut m = machine("[machine]\nacceleration_mm_per_s2 = 1e12", 1);
-    m.travel(&line([0.0, 0.0, 50.0], Rate::Rapid)).unwrap();
+    m.travel(&line([0.0, 0.0, 50.0], MotionRate::Rapid))
+        .unwrap();
     let before = m.seconds();
-    m.travel(&line([30.0, 0.0, 50.0], Rate::Feed(1050.0)))
+    m.travel(&line([30.0, 0.0, 50.0], MotionRate::Feed(1050.0)))
         .unwrap_err();
     assert!((m.position().mm.x - 17.5).abs() < 1e-8);
     assert!((m.seconds() - before - 1.0).abs() < 1e-4);
@@ -107,8 +108,9 @@ fn collision_stops_at_contact() {
 #[test]
 fn passing_close_by() {
     let mut m = machine("", 1);
-    m.travel(&line([17.49999, 0.0, 50.0], Rate::Rapid)).unwrap();
-    m.travel(&line([17.49999, 300.0, 50.0], Rate::Rapid))
+    m.travel(&line([17.49999, 0.0, 50.0], MotionRate::Rapid))
+        .unwrap();
+    m.travel(&line([17.49999, 300.0, 50.0], MotionRate::Rapid))
         .unwrap();
 }
 
@@ -126,7 +128,7 @@ fn stem_collides() {
         position_mm = [0.0, 0.0, 40.0]
     ";
     let mut m = scene(text);
-    let to = line([0.0, 0.0, 0.0], Rate::Feed(100.0));
+    let to = line([0.0, 0.0, 0.0], MotionRate::Feed(100.0));
     let trip = m.skip(&to, false).unwrap_err();
     assert!(trip.message.contains("stem") && trip.message.contains("OVERHANG"));
     assert!((m.position().mm.x - 6.5).abs() < 1e-6, "{:?}", m.position());
@@ -158,7 +160,7 @@ fn polled_signal() {
     let mut m = machine("[control]\nskip_poll_ms = 8.0", 1);
     for step in 0..20 {
         let x = 5.0 + 0.013 * f64::from(step);
-        m.travel(&line([x, 0.0, 50.0], Rate::Rapid)).unwrap();
+        m.travel(&line([x, 0.0, 50.0], MotionRate::Rapid)).unwrap();
         skip(&mut m, [30.0, 0.0, 50.0], 300.0);
     }
     let delays: Vec<f64> = m.hits().iter().map(|hit| hit.delay_ms).collect();
@@ -188,12 +190,13 @@ fn small_refusals() {
     let mut m = machine("[tools.0]\nlength_mm = 30.0\nradius_mm = 4.0", 1);
     for feed in [0.0, -1.0, f64::NAN] {
         let trip = m
-            .travel(&line([1.0, 0.0, 50.0], Rate::Feed(feed)))
+            .travel(&line([1.0, 0.0, 50.0], MotionRate::Feed(feed)))
             .unwrap_err();
         assert!(trip.message.contains("feed"), "{}", trip.message);
     }
     // The end of the tool is 30 below the gauge line, the floor at 0.
     m.change_tool(0).unwrap();
-    m.travel(&line([0.0, 0.0, 29.0], Rate::Rapid)).unwrap_err();
+    m.travel(&line([0.0, 0.0, 29.0], MotionRate::Rapid))
+        .unwrap_err();
     assert!((m.position().mm.z - 30.0).abs() < 1e-8);
 }

@@ -1,4 +1,4 @@
-//! What follows from the order of blocks and from who calls whom.
+//! Findings from the order of blocks and from calls.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +6,7 @@ use super::super::alarm::Fault;
 use super::super::block::{Block, Statement, Word};
 use super::super::evaluate::whole;
 use super::super::program::Program;
-use super::super::settings::{Dialect, Settings};
+use super::super::settings::{ControlFamily, ControlSettings};
 
 /// A fault with its line and the line's text.
 pub(super) type Found<'a> = (u32, &'a str, Fault);
@@ -65,7 +65,7 @@ impl Calls {
 pub(super) fn faults<'a>(
     calls: &mut Calls,
     program: &'a Program,
-    settings: &Settings,
+    settings: &ControlSettings,
 ) -> Vec<Found<'a>> {
     if !settings.dialect.is_macro_b() {
         return Vec::new();
@@ -103,7 +103,7 @@ fn call(block: &Block) -> Option<(bool, Option<u32>)> {
 
 /// Warns where a main program (one that ends with M2 or M30) prints before `POPEN`, or
 /// opens the line and does not close it, as its blocks stand. What it calls may do both.
-fn printing(program: &Program, dialect: Dialect) -> Vec<Found<'_>> {
+fn printing(program: &Program, dialect: ControlFamily) -> Vec<Found<'_>> {
     let mut found = Vec::new();
     let ends_with = |codes: &[u32]| {
         let mut codes_given = program.blocks.iter().filter_map(|b| number(words(b), b'M'));
@@ -111,7 +111,7 @@ fn printing(program: &Program, dialect: Dialect) -> Vec<Found<'_>> {
     };
     let is_main = ends_with(&[2, 30]) && !ends_with(&[99]);
     // Haas: the line is always open.
-    if !is_main || dialect == Dialect::Haas {
+    if !is_main || dialect == ControlFamily::Haas {
         return found;
     }
     let (mut is_open, mut may_be_open) = (None, false);
@@ -150,7 +150,11 @@ fn printing(program: &Program, dialect: Dialect) -> Vec<Found<'_>> {
 
 /// Warns where a call leads deeper than the control nests, if every call on the way runs.
 /// Calls are followed from programs that nobody in the text calls.
-fn nesting<'a>(calls: &mut Calls, program: &'a Program, settings: &Settings) -> Vec<Found<'a>> {
+fn nesting<'a>(
+    calls: &mut Calls,
+    program: &'a Program,
+    settings: &ControlSettings,
+) -> Vec<Found<'a>> {
     let mut found = Vec::new();
     if calls.called.contains(&program.number) {
         return found;

@@ -6,7 +6,7 @@ use super::super::control::Control;
 use super::super::evaluate::{Lookup, evaluate, variable_number};
 use super::super::expression::Expr;
 use super::super::oword::Flow;
-use super::super::settings::Dialect;
+use super::super::settings::ControlFamily;
 
 /// Adds what is wrong with the values of a statement.
 pub(super) fn check(statement: &Statement, control: &mut Control, faults: &mut Vec<Fault>) {
@@ -52,10 +52,10 @@ fn assigns_of(statement: &Statement) -> &[Assign] {
 }
 
 /// Values without variables.
-struct Constants(Dialect);
+struct Constants(ControlFamily);
 
 impl Lookup for Constants {
-    fn dialect(&self) -> Dialect {
+    fn dialect(&self) -> ControlFamily {
         self.0
     }
 

@@ -2,13 +2,13 @@
 
 use super::mock::{Mock, alarm, fanuc, run, run_in, run_with};
 use crate::cell::control;
-use crate::nc::{Control, Dialect, Settings};
+use crate::nc::{Control, ControlFamily, ControlSettings};
 use crate::scene::Scene;
 
 /// The message at which a program of a dialect stops; no motion was made that is not one.
-fn refused(dialect: Dialect, text: &str) -> String {
+fn refused(dialect: ControlFamily, text: &str) -> String {
     let mut mock = Mock::default();
-    let (_, end) = run_with(Settings::of(dialect), &mut mock, text);
+    let (_, end) = run_with(ControlSettings::of(dialect), &mut mock, text);
     for end in mock.ends() {
         assert!(end.iter().all(|value| value.is_finite()), "{text}: {end:?}");
     }
@@ -19,7 +19,7 @@ fn refused(dialect: Dialect, text: &str) -> String {
 #[test]
 fn numbers_are_finite() {
     let nines = "9".repeat(400);
-    for dialect in [Dialect::LinuxCnc, Dialect::Grbl] {
+    for dialect in [ControlFamily::LinuxCnc, ControlFamily::Grbl] {
         for text in [
             format!("G2 X1 I{nines} F10\nM2"),
             format!("G2 X1 R{nines} F10\nM2"),
@@ -42,7 +42,7 @@ fn numbers_are_finite() {
         }
         assert!(refused(dialect, "G2 I99999999999 F10\nM2").contains("too far"));
     }
-    let why = refused(Dialect::LinuxCnc, "G20\n#5221=[10**308]\nG0 X0\nM2");
+    let why = refused(ControlFamily::LinuxCnc, "G20\n#5221=[10**308]\nG0 X0\nM2");
     assert!(why.contains("too large"), "{why}");
     assert_eq!(alarm("#100=100000000.\n#5221=#100*#100").number, Some(32));
 }
@@ -52,7 +52,7 @@ fn numbers_are_finite() {
 #[test]
 fn cycle_begins_below_r() {
     let text = "G0 Z2\nG98 G81 X10 Y0 R5 Z-10 F100\nX20\nM30\n";
-    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    let (_, mock) = run_in(ControlFamily::LinuxCnc, text);
     let xz = |mock: &Mock| -> Vec<[f64; 2]> {
         let mut ends: Vec<_> = mock.ends().iter().map(|end| [end[0], end[2]]).collect();
         ends.dedup();

@@ -1,7 +1,7 @@
 //! What a control would complain about, found without running.
 
 use super::mock::fanuc;
-use crate::nc::{Alarm, Dialect, Settings, Severity, check};
+use crate::nc::{Alarm, ControlFamily, ControlSettings, Severity, check};
 
 fn found(text: &str) -> Vec<Alarm> {
     check(&format!("%\nO1\n{text}\nM30\n%\n"), &fanuc())
@@ -62,7 +62,10 @@ fn warnings() {
     let found = check("O1\nG0X1.\n", &fanuc());
     assert_eq!(found.len(), 1);
     assert!(found[0].message.contains("no M30"));
-    let found = check("o<a> call [1]\nM2\n", &Settings::of(Dialect::LinuxCnc));
+    let found = check(
+        "o<a> call [1]\nM2\n",
+        &ControlSettings::of(ControlFamily::LinuxCnc),
+    );
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0].severity, Warning);
 }
@@ -70,14 +73,17 @@ fn warnings() {
 /// What one control has another does not.
 #[test]
 fn dialects() {
-    let of = |dialect, text: &str| check(text, &Settings::of(dialect)).len();
-    assert_eq!(of(Dialect::Haas, "O1\nG154P2\nG103P1\nM30"), 0);
-    assert_eq!(of(Dialect::Fanuc, "O1\nG154P2\nG103P1\nM30"), 2);
-    assert_eq!(of(Dialect::LinuxCnc, "G38.2 Z-1 F10\n#<a>=1\nM2"), 0);
-    assert_eq!(of(Dialect::Grbl, "G38.2Z-1F10\nG54\nM30"), 0);
-    assert_eq!(of(Dialect::Grbl, "G81X1R1Z1F1\n#1=2\nM30"), 2);
+    let of = |dialect, text: &str| check(text, &ControlSettings::of(dialect)).len();
+    assert_eq!(of(ControlFamily::Haas, "O1\nG154P2\nG103P1\nM30"), 0);
+    assert_eq!(of(ControlFamily::Fanuc, "O1\nG154P2\nG103P1\nM30"), 2);
+    assert_eq!(of(ControlFamily::LinuxCnc, "G38.2 Z-1 F10\n#<a>=1\nM2"), 0);
+    assert_eq!(of(ControlFamily::Grbl, "G38.2Z-1F10\nG54\nM30"), 0);
+    assert_eq!(of(ControlFamily::Grbl, "G81X1R1Z1F1\n#1=2\nM30"), 2);
     assert_eq!(
-        of(Dialect::Mitsubishi, "O1\nG68.1X0Y0Z0I0J0K1R5.\nG69.1\nM30"),
+        of(
+            ControlFamily::Mitsubishi,
+            "O1\nG68.1X0Y0Z0I0J0K1R5.\nG69.1\nM30"
+        ),
         0
     );
 }
@@ -98,7 +104,7 @@ fn values() {
     only("#1=#4999", Alarm, 3, "no variable of this control");
     only("M77", Warning, 3, "M77 is the machine builder's own");
     let long = format!("G1 X1 F{}\nM2\n", "9".repeat(400));
-    let found_in_linuxcnc = check(&long, &Settings::of(Dialect::LinuxCnc));
+    let found_in_linuxcnc = check(&long, &ControlSettings::of(ControlFamily::LinuxCnc));
     assert_eq!(found_in_linuxcnc.len(), 1, "{found_in_linuxcnc:?}");
     assert!(found_in_linuxcnc[0].message.contains("too large"));
     assert_eq!(
@@ -120,7 +126,10 @@ fn printing() {
     only("POPEN\nDPRNT[X]", Warning, 3, "no PCLOS behind it");
     // A macro may open and close the line for its caller, a subprogram for neither.
     assert_eq!(found("G65P2\nDPRNT[X]\nG65P2\nM30\nO2\nPOPEN\nM99"), []);
-    let haas = check("O1\nDPRNT[X]\nM30", &Settings::of(Dialect::Haas));
+    let haas = check(
+        "O1\nDPRNT[X]\nM30",
+        &ControlSettings::of(ControlFamily::Haas),
+    );
     assert_eq!(haas, []);
 }
 
@@ -163,7 +172,7 @@ fn twins() {
 /// A Fanuc file on a LinuxCNC: what is missing is said.
 #[test]
 fn fanuc_on_linuxcnc() {
-    let found = check("O1040\nM2\n", &Settings::of(Dialect::LinuxCnc));
+    let found = check("O1040\nM2\n", &ControlSettings::of(ControlFamily::LinuxCnc));
     assert!(
         found[0].message.contains("O1040 has no keyword"),
         "{found:?}"

@@ -1,7 +1,7 @@
 //! Custom Macro B, statement by statement.
 
 use super::mock::{Mock, alarm, fanuc, run, run_with};
-use crate::nc::{Control, State, WorkOffset};
+use crate::nc::{Control, OffsetSystem, ProgramState};
 
 /// Loops, jumps, computed jumps and conditions.
 #[test]
@@ -55,7 +55,7 @@ fn calls() {
                 O2\n#100=#1\n#101=#26\n#102=#2\n#103=#[103]+1\n#1=77\nM99\n\
                 O3\n#1=#1+1\n#111=#1\nM99\n";
     let (control, end) = run_with(fanuc(), &mut Mock::default(), text);
-    assert_eq!(end.map(|step| step.state), Ok(State::Ended));
+    assert_eq!(end.map(|step| step.state), Ok(ProgramState::Ended));
     let values = [100, 101, 102, 103, 110, 111].map(|n| control.variable(n));
     assert_eq!(
         values,
@@ -131,7 +131,7 @@ fn offsets() {
     assert_eq!(x, [116.0, 0.0, 1.0, 1.0, 1.0]);
     assert_eq!(y, [50.0, 50.0, 50.0, 4.0, 5.0]);
     assert_eq!(
-        control.offset(WorkOffset::Standard(2)),
+        control.offset(OffsetSystem::Standard(2)),
         [105.0, 50.0, -20.0]
     );
     assert_eq!(control.variable(5241), Some(105.0));
@@ -347,12 +347,18 @@ fn stops() {
     let stop = control.run(&mut mock).expect("stops");
     assert_eq!(
         (stop.state, stop.message.as_deref()),
-        (State::Stopped, Some("LOOK"))
+        (ProgramState::Stopped, Some("LOOK"))
     );
     assert_eq!(control.run(&mut mock).expect("stops").text, "M0");
-    assert_eq!(control.run(&mut mock).expect("ends").state, State::Ended);
+    assert_eq!(
+        control.run(&mut mock).expect("ends").state,
+        ProgramState::Ended
+    );
     assert_eq!(control.variable(100), None);
-    assert_eq!(control.step(&mut mock).expect("still").state, State::Ended);
+    assert_eq!(
+        control.step(&mut mock).expect("still").state,
+        ProgramState::Ended
+    );
 }
 
 /// A text that arrives later replaces the program of its number; what runs stays.

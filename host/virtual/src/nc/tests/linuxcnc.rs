@@ -1,7 +1,7 @@
 //! LinuxCNC and GRBL.
 
 use super::mock::{Mock, run_in, run_with};
-use crate::nc::{Dialect, Settings, WorkOffset};
+use crate::nc::{ControlFamily, ControlSettings, OffsetSystem};
 
 /// All constructs of the O words, with named parameters and values returned.
 #[test]
@@ -39,7 +39,7 @@ o<twice> call [101]
 #<_none> = #<_value>
 M2
 ";
-    let (control, _) = run_in(Dialect::LinuxCnc, text);
+    let (control, _) = run_in(ControlFamily::LinuxCnc, text);
     let values = ["_sum", "_repeats", "_do", "_got", "_none"].map(|name| control.named(name));
     // 1 + 2 + 4 + 5
     assert_eq!(values, [12.0, 4.0, 3.0, 42.5, 0.0].map(Some));
@@ -49,14 +49,18 @@ M2
 #[test]
 fn absolute_centres() {
     let text = "G90.1 G0 X10 Y5\nG3 X5 Y10 I5 J5 F100\nM2\n";
-    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    let (_, mock) = run_in(ControlFamily::LinuxCnc, text);
     assert_eq!(mock.arc(), ([5.0, 5.0, 0.0], [0.0, 0.0, 1.0], 90.0));
     let text = "G90.1 G0 X10 Y5\nG91.1\nG3 X5 Y10 I-5 F100\nM2\n";
-    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    let (_, mock) = run_in(ControlFamily::LinuxCnc, text);
     assert_eq!(mock.arc(), ([5.0, 5.0, 0.0], [0.0, 0.0, 1.0], 90.0));
     let mut mock = Mock::default();
     let text = "G90.1 G0 X10 Y5\nG3 X5 Y10 I5 F100\nM2\n";
-    let (_, end) = run_with(Settings::of(Dialect::LinuxCnc), &mut mock, text);
+    let (_, end) = run_with(
+        ControlSettings::of(ControlFamily::LinuxCnc),
+        &mut mock,
+        text,
+    );
     assert!(end.is_err());
 }
 
@@ -64,7 +68,7 @@ fn absolute_centres() {
 #[test]
 fn inverse_time() {
     let text = "G0 X10 Y0\nG93 G1 X20 F6\nG3 X10 Y10 I-10 F3\nG94 G1 X0 F50\nM2\n";
-    let (_, mock) = run_in(Dialect::LinuxCnc, text);
+    let (_, mock) = run_in(ControlFamily::LinuxCnc, text);
     let feeds: Vec<f64> = mock.ends().iter().map(|[.., feed]| *feed).collect();
     let quarter = core::f64::consts::PI * 5.0;
     assert_eq!(feeds, [0.0, 60.0, quarter * 3.0, 50.0]);
@@ -74,7 +78,11 @@ fn inverse_time() {
         "G93 G1 X20 F6\nG94 X30\nM2\n",
         "G93 G81 X1 Z-1 R1 F6\nM2\n",
     ] {
-        let (_, end) = run_with(Settings::of(Dialect::LinuxCnc), &mut Mock::default(), text);
+        let (_, end) = run_with(
+            ControlSettings::of(ControlFamily::LinuxCnc),
+            &mut Mock::default(),
+            text,
+        );
         assert!(end.is_err(), "{text}");
     }
 }
@@ -95,7 +103,7 @@ fn refused() {
         "#<_x> = 1\n",
         "G38.2 X1 F10\n",
     ] {
-        let mut settings = Settings::of(Dialect::LinuxCnc);
+        let mut settings = ControlSettings::of(ControlFamily::LinuxCnc);
         settings.limits.loops = 500;
         settings.limits.blocks = 2000;
         let (_, end) = run_with(settings, &mut Mock::default(), text);
@@ -112,7 +120,11 @@ fn probing() {
     };
     let text = "(PROBEOPEN hits.txt)\nG10 L2 P1 X1 Z-1\nG54 G90\nF100\nG38.2 Z-10\n\
                 #<_pz> = #5063\n#<_hit> = #5070\nG0 Z5\nG38.3 Z-10\nG0 Z1\nG38.3 Z2\n(PROBECLOSE)\nG38.3 X9\nM2\n";
-    let (control, end) = run_with(Settings::of(Dialect::LinuxCnc), &mut mock, text);
+    let (control, end) = run_with(
+        ControlSettings::of(ControlFamily::LinuxCnc),
+        &mut mock,
+        text,
+    );
     assert!(end.is_ok(), "{end:?}");
     assert_eq!(control.named("_pz"), Some(-2.0));
     assert_eq!(
@@ -126,7 +138,7 @@ fn probing() {
 #[test]
 fn comments() {
     let (_, mock) = run_in(
-        Dialect::LinuxCnc,
+        ControlFamily::LinuxCnc,
         "#1 = 1.23456789\n#<a b> = -2.5\n(PRINT,X #1 and %d#1 %f#1 %.2f#<ab>%%)\n\
          (LOG,lost)\n(LOGOPEN,file.txt)\n(LOG,kept #<ab>)\n(LOGCLOSE)\n(MSG,Hello)\n(no print, #1)\nM2",
     );
@@ -135,7 +147,7 @@ fn comments() {
         "X 1.234568 and 1 1.2346 -2.50%%\nkept -2.500000\nHello\n"
     );
     let (_, end) = run_with(
-        Settings::of(Dialect::LinuxCnc),
+        ControlSettings::of(ControlFamily::LinuxCnc),
         &mut Mock::default(),
         "(ABORT,no contact)\n",
     );
@@ -146,13 +158,13 @@ fn comments() {
 #[test]
 fn turned_offset() {
     let (control, mock) = run_in(
-        Dialect::LinuxCnc,
+        ControlFamily::LinuxCnc,
         "G10 L2 P2 X10 Y0 R90\nG55\nG0 X5 Y1\n#<_x1> = #5420\nG10 L20 P2 X0 Y0\n#<_x2> = #5420\nM2",
     );
     assert_eq!(mock.ends()[0], [9.0, 5.0, 0.0, 0.0]);
     assert_eq!(control.named("_x1"), Some(5.0));
     assert_eq!(control.named("_x2"), Some(0.0));
-    assert_eq!(control.offsets().turn(WorkOffset::Standard(2)), 90.0);
+    assert_eq!(control.offsets().turn(OffsetSystem::Standard(2)), 90.0);
 }
 
 /// GRBL reports probing and has neither variables nor macros.
@@ -162,7 +174,7 @@ fn grbl() {
         wall: Some((2, -3.00049)),
         ..Mock::default()
     };
-    let settings = Settings::of(Dialect::Grbl);
+    let settings = ControlSettings::of(ControlFamily::Grbl);
     let text = "G21G90\nG38.2 Z-10 F50\nG0Z1\nG38.3X5\nM30";
     let (_, end) = run_with(settings.clone(), &mut mock, text);
     assert!(end.is_ok(), "{end:?}");

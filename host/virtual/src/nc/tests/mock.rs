@@ -4,13 +4,16 @@ use std::collections::BTreeSet;
 
 use umi_core::units::Point;
 
-use crate::nc::{Alarm, Axes, Control, Dialect, Motion, Path, Rate, Settings, Skip, Step, Trip};
+use crate::nc::{
+    Alarm, AxisDrives, AxisMotion, BlockStep, Control, ControlFamily, ControlSettings, MotionPath,
+    MotionRate, Skip, Trip,
+};
 
 /// What the axes did.
 #[derive(Clone, Debug, Default)]
 pub struct Mock {
     pub at: [f64; 3],
-    pub moves: Vec<Motion>,
+    pub moves: Vec<AxisMotion>,
     pub printed: Vec<u8>,
     pub codes: Vec<u32>,
     pub dwelt: f64,
@@ -23,7 +26,7 @@ pub struct Mock {
     pub overrun: f64,
 }
 
-impl Axes for Mock {
+impl AxisDrives for Mock {
     fn position(&self) -> Point {
         Point::from_array_mm(self.at)
     }
@@ -32,13 +35,13 @@ impl Axes for Mock {
         Point::from_mm(0.0, 0.0, 500.0)
     }
 
-    fn travel(&mut self, motion: &Motion) -> Result<(), Trip> {
+    fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip> {
         self.at = motion.to.to_array_mm();
         self.moves.push(motion.clone());
         Ok(())
     }
 
-    fn skip(&mut self, motion: &Motion, _: bool) -> Result<Skip, Trip> {
+    fn skip(&mut self, motion: &AxisMotion, _: bool) -> Result<Skip, Trip> {
         self.moves.push(motion.clone());
         let from = self.at;
         let to = motion.to.to_array_mm();
@@ -116,8 +119,8 @@ impl Mock {
             .map(|motion| {
                 let [x, y, z] = motion.to.to_array_mm().map(round);
                 let feed = match motion.rate {
-                    Rate::Rapid => 0.0,
-                    Rate::Feed(feed) => feed,
+                    MotionRate::Rapid => 0.0,
+                    MotionRate::Feed(feed) => feed,
                 };
                 [x, y, z, feed]
             })
@@ -130,7 +133,7 @@ impl Mock {
             .moves
             .iter()
             .filter_map(|motion| match motion.path {
-                Path::Arc {
+                MotionPath::Arc {
                     center,
                     axis,
                     sweep,
@@ -139,7 +142,7 @@ impl Mock {
                     [axis.x, axis.y, axis.z].map(round),
                     round(sweep.to_degrees()),
                 )),
-                Path::Line => None,
+                MotionPath::Line => None,
             })
             .collect();
         assert_eq!(arcs.len(), 1, "one arc");
@@ -152,16 +155,20 @@ pub fn round(value: f64) -> f64 {
 }
 
 /// A Fanuc with DC codes off and zero suppression on.
-pub fn fanuc() -> Settings {
-    Settings {
+pub fn fanuc() -> ControlSettings {
+    ControlSettings {
         leading_blanks: false,
         dc_codes: false,
-        ..Settings::default()
+        ..ControlSettings::default()
     }
 }
 
 /// Loads a text and runs its first program to the end.
-pub fn run_with(settings: Settings, mock: &mut Mock, text: &str) -> (Control, Result<Step, Alarm>) {
+pub fn run_with(
+    settings: ControlSettings,
+    mock: &mut Mock,
+    text: &str,
+) -> (Control, Result<BlockStep, Alarm>) {
     let mut control = Control::new(settings);
     let numbers = control.load(text).expect("loads");
     control.select(numbers[0]).expect("in memory");
@@ -187,9 +194,9 @@ pub fn alarm(text: &str) -> Alarm {
 }
 
 /// Runs a program of another dialect to its end.
-pub fn run_in(dialect: Dialect, text: &str) -> (Control, Mock) {
+pub fn run_in(dialect: ControlFamily, text: &str) -> (Control, Mock) {
     let mut mock = Mock::default();
-    let (control, end) = run_with(Settings::of(dialect), &mut mock, text);
+    let (control, end) = run_with(ControlSettings::of(dialect), &mut mock, text);
     if let Err(alarm) = end {
         panic!("{alarm}");
     }

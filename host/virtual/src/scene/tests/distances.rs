@@ -8,7 +8,7 @@ fn values(seed: u64) -> impl FnMut(f64, f64) -> f64 {
     move |low, high| low + (high - low) * random.f64()
 }
 
-const ARC: Shape = Shape::Arc {
+const ARC: SceneShape = SceneShape::Arc {
     radius_mm: 20.0,
     length_mm: 30.0,
     width_mm: 24.0,
@@ -53,16 +53,16 @@ fn arc_against_points_of_its_section() {
 #[test]
 fn distances_are_lipschitz() {
     let shapes = [
-        Shape::Sphere { radius_mm: 5.0 },
-        Shape::HalfSpace,
-        Shape::Block {
+        SceneShape::Sphere { radius_mm: 5.0 },
+        SceneShape::HalfSpace,
+        SceneShape::Block {
             size_mm: [8.0, 12.0, 6.0],
         },
-        Shape::Cylinder {
+        SceneShape::Cylinder {
             radius_mm: 6.0,
             height_mm: 9.0,
         },
-        Shape::Ring {
+        SceneShape::Ring {
             radius_mm: 6.0,
             outer_radius_mm: 11.0,
             height_mm: 9.0,

@@ -1,0 +1,231 @@
+//! Resource plan: the use of each pin, timer and clock. Numbers only: `build.rs` reads this
+//! file too.
+//!
+//! Alternate functions are those of DS12110 (STM32H743xI), tables 9 to 19. They were
+//! not typed off it: each is held, when this is built, against the table that ST
+//! publishes for its tools (as `stm32-metapac` carries it).
+
+/// A pin in an alternate function.
+#[derive(Clone, Copy, Debug)]
+pub struct Signal {
+    /// Port and number.
+    pub pin: (char, u8),
+    /// Whose signal.
+    pub peripheral: &'static str,
+    /// Which.
+    pub signal: &'static str,
+    /// The number of the alternate function.
+    pub function: u8,
+}
+
+const fn signal(
+    pin: (char, u8),
+    peripheral: &'static str,
+    signal: &'static str,
+    function: u8,
+) -> Signal {
+    Signal {
+        pin,
+        peripheral,
+        signal,
+        function,
+    }
+}
+
+/// Axes.
+pub const AXES: usize = 5;
+/// Timers that are captured by one edge: the axes' and the clock's.
+pub const TIMERS: usize = AXES + 1;
+
+/// A and B of each axis: TIM1, 3, 4, 8 and 2.
+pub const ENCODERS: [Signal; 2 * AXES] = [
+    signal(('E', 9), "TIM1", "CH1", 1),
+    signal(('E', 11), "TIM1", "CH2", 1),
+    signal(('B', 4), "TIM3", "CH1", 2),
+    signal(('B', 5), "TIM3", "CH2", 2),
+    signal(('D', 12), "TIM4", "CH1", 2),
+    signal(('D', 13), "TIM4", "CH2", 2),
+    signal(('C', 6), "TIM8", "CH1", 3),
+    signal(('C', 7), "TIM8", "CH2", 3),
+    signal(('A', 15), "TIM2", "CH1", 1),
+    signal(('B', 3), "TIM2", "CH2", 1),
+];
+
+/// The skip line, on channel 3 of every axis and of the clock, TIM5.
+pub const SKIP: [Signal; TIMERS] = [
+    signal(('E', 13), "TIM1", "CH3", 1),
+    signal(('B', 0), "TIM3", "CH3", 2),
+    signal(('D', 14), "TIM4", "CH3", 2),
+    signal(('C', 8), "TIM8", "CH3", 3),
+    signal(('B', 10), "TIM2", "CH3", 1),
+    signal(('A', 2), "TIM5", "CH3", 2),
+];
+
+/// The trigger line, on channel 4 of the same.
+pub const TRIGGER: [Signal; TIMERS] = [
+    signal(('E', 14), "TIM1", "CH4", 1),
+    signal(('B', 1), "TIM3", "CH4", 2),
+    signal(('D', 15), "TIM4", "CH4", 2),
+    signal(('C', 9), "TIM8", "CH4", 3),
+    signal(('B', 11), "TIM2", "CH4", 1),
+    signal(('A', 3), "TIM5", "CH4", 2),
+];
+
+/// RS-232 to the control.
+pub const CONTROL: [Signal; 2] = [
+    signal(('D', 5), "USART2", "TX", 7),
+    signal(('D', 6), "USART2", "RX", 7),
+];
+
+/// The journal's flash, without its select line.
+pub const FLASH: [Signal; 3] = [
+    signal(('E', 2), "SPI4", "SCK", 5),
+    signal(('E', 5), "SPI4", "MISO", 5),
+    signal(('E', 6), "SPI4", "MOSI", 5),
+];
+
+/// USB to the host.
+pub const USB: [Signal; 2] = [
+    signal(('A', 11), "USB_OTG_FS", "DM", 10),
+    signal(('A', 12), "USB_OTG_FS", "DP", 10),
+];
+
+/// Plain pins: select line of the flash, OK, NG, busy, laser, and the red LED LD3.
+pub const PLAIN: [(char, u8); 6] = [
+    ('E', 4),
+    ('F', 13),
+    ('F', 14),
+    ('F', 15),
+    ('G', 0),
+    ('B', 14),
+];
+
+/// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a
+/// solder bridge, and what (README.md, "Wiring").
+pub const BRIDGED: [((char, u8), &str); 2] = [
+    (('A', 2), "the Ethernet PHY's MDIO"),
+    (('B', 0), "the green LED LD1"),
+];
+
+/// They are pins of the plan: else the note is out of date.
+const _: () = {
+    let mut index = 0;
+    while index < BRIDGED.len() {
+        let (pin, _) = BRIDGED[index];
+        let mut at = 0;
+        while SIGNALS[at].pin.0 as u32 != pin.0 as u32 || SIGNALS[at].pin.1 != pin.1 {
+            // Past the end it does not compile.
+            at += 1;
+        }
+        index += 1;
+    }
+};
+
+/// What the Nucleo-144 has on pins that it does not let go of: the debugger's two, its
+/// crystal or its debugger's clock, and the slow crystal (UM1974, UM2407). Not checked
+/// against the boards' schematics.
+pub const TAKEN: [(char, u8); 6] = [
+    ('A', 13),
+    ('A', 14),
+    ('H', 0),
+    ('H', 1),
+    ('C', 14),
+    ('C', 15),
+];
+
+const COUNT: usize =
+    ENCODERS.len() + SKIP.len() + TRIGGER.len() + CONTROL.len() + FLASH.len() + USB.len();
+
+/// All pins in alternate functions.
+pub const SIGNALS: [Signal; COUNT] = {
+    let groups: [&[Signal]; 6] = [&ENCODERS, &SKIP, &TRIGGER, &CONTROL, &FLASH, &USB];
+    let mut all = [ENCODERS[0]; COUNT];
+    let mut next = 0;
+    let mut group = 0;
+    while group < groups.len() {
+        let mut index = 0;
+        while index < groups[group].len() {
+            all[next] = groups[group][index];
+            next += 1;
+            index += 1;
+        }
+        group += 1;
+    }
+    all
+};
+
+/// No pin has two uses.
+const _: () = {
+    let mut pins = [('-', 0); COUNT + PLAIN.len() + TAKEN.len()];
+    let mut at = 0;
+    while at < pins.len() {
+        pins[at] = if at < COUNT {
+            SIGNALS[at].pin
+        } else if at < COUNT + PLAIN.len() {
+            PLAIN[at - COUNT]
+        } else {
+            TAKEN[at - COUNT - PLAIN.len()]
+        };
+        let mut before = 0;
+        while before < at {
+            let same = pins[before].0 as u32 == pins[at].0 as u32 && pins[before].1 == pins[at].1;
+            assert!(!same, "a pin has two uses");
+            before += 1;
+        }
+        at += 1;
+    }
+};
+
+/// The clock that the debugger's processor gives to the chip.
+pub const HSE_HZ: u32 = 8_000_000;
+/// PLL1: what divides its input, multiplies it, and divides its output P.
+pub const PLL: [u32; 3] = [1, 100, 2];
+/// What divides the core's clock for the buses, and that for the peripherals.
+pub const BUS_DIVIDERS: [u32; 2] = [2, 2];
+
+const VCO_HZ: u32 = HSE_HZ / PLL[0] * PLL[1];
+/// The core.
+pub const CORE_HZ: u32 = VCO_HZ / PLL[2];
+/// The buses.
+pub const BUS_HZ: u32 = CORE_HZ / BUS_DIVIDERS[0];
+/// The peripherals on APB1, 2 and 4.
+pub const PERIPHERAL_HZ: u32 = BUS_HZ / BUS_DIVIDERS[1];
+/// All timers: twice the clock of their bus, as it is divided by more than 1 (RM0433,
+/// 8.5.5). One period is the resolution of a latch.
+pub const TIMER_HZ: u32 = 2 * PERIPHERAL_HZ;
+
+// The limits at VOS1 (DS12110, 6.3.1 and 6.3.11): every revision of the chip keeps them;
+// 480 MHz would need revision V.
+const _: () = {
+    let reference = HSE_HZ / PLL[0];
+    assert!(reference >= 2_000_000 && reference <= 16_000_000);
+    assert!(VCO_HZ >= 192_000_000 && VCO_HZ <= 836_000_000);
+    assert!(CORE_HZ <= 400_000_000);
+    assert!(BUS_HZ <= 200_000_000);
+    assert!(PERIPHERAL_HZ <= 100_000_000);
+};
+
+/// Samples that must agree before an input changes, one each timer clock: 20 ns. The
+/// same for encoders, skip and trigger, so that the delays of position and edge cancel.
+pub const FILTER_SAMPLES: u32 = 4;
+/// The highest rate that the plan is made for.
+pub const COUNTS_PER_S: u32 = 20_000_000;
+/// How often the counters are looked at.
+pub const LOOK_US: u64 = 500;
+
+// An edge of an encoder is longer than the filter, its synchroniser and the decoder need.
+const _: () = assert!(TIMER_HZ / COUNTS_PER_S >= FILTER_SAMPLES + 2);
+
+/// Of the control's line.
+pub const BAUD: u32 = 115_200;
+/// What the peripheral's clock is divided by.
+pub const BAUD_DIVIDER: u32 = (PERIPHERAL_HZ + BAUD / 2) / BAUD;
+// Within 0.5 % of what it should be: two ends may differ by 2 %.
+const _: () = assert!(BAUD.abs_diff(PERIPHERAL_HZ / BAUD_DIVIDER) * 200 < BAUD);
+
+/// Of the flash's bus: `03h` reads up to 33 MHz with every chip that is known.
+pub const FLASH_HZ: u32 = 25_000_000;
+
+/// Unless it is fed so often, the watchdog resets the board: longer than erasing a
+/// sector may take until it is given up (4 s), and a feed after that.
+pub const WATCHDOG_US: u32 = 6_000_000;

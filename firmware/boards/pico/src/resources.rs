@@ -1,0 +1,132 @@
+//! Resource plan: clock, state machines, DMA channels and priorities, with the cycles that
+//! follow. The compiler checks it.
+//!
+//! # Design
+//!
+//! Everything that latches counts cycles of the system clock. The microsecond timer
+//! runs from the same crystal, so that a microsecond is always the same whole number
+//! of cycles and nothing drifts.
+//!
+//! | priority | who |
+//! | --- | --- |
+//! | 0 | captures and the tick that extends positions |
+//! | 1 | the control's UART, the timer of the tasks; captures go on |
+//! | 2 | tasks: receive, transmit, latch; captures to their queue |
+//! | 3 | USB, the task that serves the host |
+//! | thread | measure, supervise |
+//!
+//! # Limitations
+//!
+//! The plan is the same for both chips; the RP2350 merely counts at its own clock.
+
+use core::num::NonZeroU32;
+
+use embassy_rp::interrupt::Priority;
+use umi_core::capture::sample_ring::Cadence;
+use umi_core::capture::stamp::Rate;
+use umi_core::capture::unwrap::Extender;
+
+/// Cycles of the system clock in a microsecond.
+pub const CYCLES_PER_US: u32 = if cfg!(feature = "rp2350") { 150 } else { 125 };
+/// The system clock.
+pub const CLOCK_HZ: u32 = CYCLES_PER_US * 1_000_000;
+
+/// The system clock, to nanoseconds and back.
+pub type SystemClock = Rate<CLOCK_HZ>;
+
+/// Cycles from one sample of the axes to the next. A count more than one between two
+/// samples is an illegal transition, so this is also the highest count rate.
+pub const PERIOD_CYCLES: NonZeroU32 = nonzero(10);
+/// Samples that a ring holds.
+pub const SLOTS: usize = 1024;
+/// Counts per second and axis that are decoded: one each sample.
+pub const MAX_COUNTS_PER_S: u32 = CLOCK_HZ / PERIOD_CYCLES.get();
+
+/// A sample is pushed in the loop after the one that took it, and then the DMA brings
+/// it to the ring, together with those of four other machines.
+pub const CADENCE: Cadence = Cadence {
+    period_cycles: PERIOD_CYCLES,
+    slots: nonzero(SLOTS as u32),
+    delay_cycles: 40,
+};
+
+/// Bits of a position in a sample.
+pub const POSITION_BITS: u32 = 18;
+/// Bits of the count of illegal transitions in a sample.
+pub const ILLEGAL_BITS: u32 = 14;
+
+/// How often positions are extended to 64 bits and the rings are held against the clock.
+pub const EXTEND_US: u32 = 500;
+/// How often a crossing is looked for while triggers go out.
+pub const TICK_US: u32 = 50;
+
+/// State machines of PIO 1, by what they run. Those of PIO 0 are the axes'.
+pub const SKIP_MACHINE: usize = 0;
+/// Stamps a scanner's triggers.
+pub const TRIGGER_MACHINE: usize = 1;
+/// Stamps changes of index marks and of the trigger output.
+pub const EVENTS_MACHINE: usize = 2;
+/// Sends trigger pulses.
+pub const PULSE_MACHINE: usize = 3;
+
+/// Rings: one for each axis.
+pub const RINGS: usize = crate::pins::AXES;
+/// Transfers until a DMA channel hands over to its partner.
+pub const TRANSFERS: u32 = 1 << 20;
+
+/// Captures a second at triggers, trigger pulses and index marks, together and on average.
+/// With more, nothing else would get a turn.
+pub const SCANS_PER_S: u32 = 12_000;
+/// The same at skip edges: no probe is that quick, and each takes room in the journal.
+pub const SKIPS_PER_S: u32 = 250;
+/// Captures of either kind that may come at once.
+pub const BURST: u32 = 16;
+
+/// Bits per second on the control's line.
+pub const CNC_BAUD: u32 = 115_200;
+/// Bytes that wait while the receiving task is busy: 90 ms.
+pub const CNC_RING: usize = 1024;
+
+/// Of captures.
+pub const CAPTURE: Priority = Priority::P0;
+/// Of the control's UART and of the tasks' timer.
+pub const SERIAL: Priority = Priority::P1;
+/// Of the tasks for the control and the captures.
+pub const CONTROL_TASKS: Priority = Priority::P2;
+/// Of the host's port.
+pub const HOST_TASKS: Priority = Priority::P3;
+
+/// The watchdog's patience with the highest interrupt: nearly all that its counter holds.
+pub const WATCHDOG_MS: u64 = 8_000;
+/// Patience with the host's tasks and all above, seconds, before the counter runs: what writes
+/// to the memory there may take a good part of the counter, too.
+pub const HOST_S: u32 = 1;
+/// Patience with the measuring, seconds: a sector of the memory may take 0.4 s to be erased,
+/// and a cylinder of many points tens of seconds without a floating-point unit.
+pub const MEASURING_S: u32 = 120;
+
+const _: () = {
+    assert!(SLOTS.is_power_of_two() && (TRANSFERS as usize).is_multiple_of(SLOTS));
+    assert!(RINGS * 2 <= 12, "the RP2040 has twelve DMA channels");
+    assert!(
+        TRANSFERS < 1 << 28,
+        "the RP2350 counts transfers in 28 bits"
+    );
+    assert!(POSITION_BITS + ILLEGAL_BITS == 32);
+    // A tick that comes two late still extends every position rightly, ...
+    assert!(3 * (EXTEND_US as u64) < Extender::<POSITION_BITS>::longest_gap_us(MAX_COUNTS_PER_S));
+    // ...and a line that is nothing but noise does not overrun the count of its errors.
+    assert!((EXTEND_US as u64) * (MAX_COUNTS_PER_S as u64) / 1_000_000 < 1 << ILLEGAL_BITS);
+    // A check sees whether the ring is where it should be, as the losses cannot be
+    // more than half a ring without a machine having stalled, which shows by itself.
+    assert!(TICK_US < EXTEND_US && EXTEND_US.is_multiple_of(TICK_US));
+};
+
+#[allow(clippy::panic, reason = "by the compiler: a zero does not compile")]
+/// By the compiler.
+pub const fn nonzero(number: u32) -> NonZeroU32 {
+    match NonZeroU32::new(number) {
+        Some(number) => number,
+        None => panic!("zero"),
+    }
+}

@@ -1,0 +1,206 @@
+//! What a READ gets when there is no correction: a program that raises an alarm.
+
+use core::fmt::{self, Write as _};
+
+use heapless::String;
+use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd};
+use umi_protocol::pattern::Coding;
+use umi_protocol::verdict::MAX_CORRECTION;
+
+use crate::dprnt::encode;
+
+/// A program under the correction's number or name that stops whoever calls it, lines ended
+/// by LF. It takes the place of an old correction in the control's memory, which therefore
+/// can never run for a setup that has no OK verdict.
+///
+/// | control | how | from |
+/// | --- | --- | --- |
+/// | Fanuc's Custom Macro B and what follows it, Haas | `#3000` | their manuals; one without macros raises an alarm of its own about that block |
+/// | the same in EIA, which has no `#` | `M00` | |
+/// | Haas with `E` variables | zeros and a wrong check value: the macro O8830 raises its alarm | `hw/control/haas` |
+/// | Siemens | `SETAL(65000, …)`, then `M0` for ever | public programs, which take 65000 and on for alarms of their own |
+/// | Heidenhain | `FN 14: ERROR = 1072`, then a stop for ever | Autodesk's public post processor, which raises 1072 where a measured position is out of tolerance |
+/// | LinuxCNC | `(ABORT, …)` | tried with its interpreter |
+///
+/// Those that call a program go on when it ends, and an operator can start again behind a
+/// stop. Therefore it ends with `M30` where that ends the callers too, and does not end where
+/// it may not.
+///
+/// None for GRBL: it keeps no programs, so no old correction waits in it, and it has no word
+/// that raises an alarm (`M0` goes on with the next start; sleep lets go of the axes). None
+/// where the line's code does not have the characters.
+#[must_use]
+pub fn alarm(spec: &CorrectionSpec, coding: Coding) -> Option<String<MAX_CORRECTION>> {
+    let mut text = String::new();
+    // Two hundred characters: there is room.
+    let _ = write(&mut text, spec, coding);
+    let can_be_sent = text.bytes().all(|byte| encode(coding, byte).is_some());
+    (can_be_sent && !text.is_empty()).then_some(text)
+}
+
+const WHY: &str = "THERE IS NO OK VERDICT - PROBE AGAIN";
+const ALARM: &str = "UMI NO OK VERDICT";
+
+fn write(out: &mut String<MAX_CORRECTION>, spec: &CorrectionSpec, coding: Coding) -> fmt::Result {
+    let number = spec.program_number;
+    match spec.dialect {
+        Dialect::G10G68
+        | Dialect::G68ThreeD
+        | Dialect::FanucSettingError
+        | Dialect::MazakSettingError
+        | Dialect::MitsubishiSettingError
+        | Dialect::Variables
+        | Dialect::Haas => {
+            let stop = match coding {
+                Coding::Eia => "M00",
+                _ => "#3000=1",
+            };
+            write!(
+                out,
+                "%\nO{number:04}(UMI NO CORRECTION)\n({WHY})\n{stop}({ALARM})\nM30\n%\n"
+            )
+        }
+        Dialect::HaasVariables => {
+            // Nothing, and a check value that is not nothing's.
+            for variable in 150..157 {
+                writeln!(out, "E{variable} 0.")?;
+            }
+            out.write_str("E157 1.\n")
+        }
+        Dialect::Siemens => write!(
+            out,
+            "%_N_UMI{number}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI NO CORRECTION\n; {WHY}\nUMI_STOP:\n\
+             SETAL(65000,\"{ALARM}\")\nM0\nGOTOB UMI_STOP\nM30\n"
+        ),
+        Dialect::Heidenhain => write!(
+            out,
+            "BEGIN PGM UMI{number} MM\n; UMI NO CORRECTION\n; {WHY}\nLBL 1\n\
+             FN 14: ERROR = 1072\nSTOP\nFN 9: IF +0 EQU +0 GOTO LBL 1\nEND PGM UMI{number} MM\n"
+        ),
+        Dialect::LinuxCnc => {
+            let (begin, end) = match spec.ends_with {
+                ProgramEnd::M99 => ("o<umi_correction> sub\n", "o<umi_correction> endsub\n"),
+                ProgramEnd::M30 => ("", ""),
+            };
+            write!(
+                out,
+                "{begin}(UMI NO CORRECTION)\n({WHY})\n(ABORT, {ALARM})\n{end}M2\n"
+            )
+        }
+        Dialect::Grbl => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use umi_protocol::job::{SendWhen, WorkOffset};
+
+    fn spec(dialect: Dialect) -> CorrectionSpec {
+        CorrectionSpec {
+            dialect,
+            probed_in: WorkOffset::G54,
+            probed_origin_mm: [0.0; 3],
+            write_to: WorkOffset::G55,
+            set: None,
+            program_number: 9010,
+            ends_with: ProgramEnd::M99,
+            part_min_mm: [0.0; 3],
+            part_max_mm: [1.0; 3],
+            leftover_mm: 0.01,
+            send: SendWhen::OnRequest,
+        }
+    }
+
+    const CODINGS: [Coding; 5] = [
+        Coding::Auto,
+        Coding::Ascii,
+        Coding::IsoEven,
+        Coding::AsciiOdd,
+        Coding::Eia,
+    ];
+
+    /// The stop comes first, the program is whole, can be sent in every code, and nothing in
+    /// it moves or sets anything.
+    #[test]
+    fn it_stops_and_does_nothing_else() {
+        for coding in CODINGS {
+            let text = alarm(&spec(Dialect::G10G68), coding).unwrap();
+            let expected = [
+                "%",
+                "O9010(UMI NO CORRECTION)",
+                "(THERE IS NO OK VERDICT - PROBE AGAIN)",
+                match coding {
+                    Coding::Eia => "M00(UMI NO OK VERDICT)",
+                    _ => "#3000=1(UMI NO OK VERDICT)",
+                },
+                "M30",
+                "%",
+            ];
+            assert!(text.lines().eq(expected), "{text}");
+            assert!(text.ends_with("%\n"));
+        }
+    }
+
+    /// Every control but GRBL gets one, under the name of its correction, that the line can
+    /// carry; in EIA only those that have the characters.
+    #[test]
+    fn every_control_that_has_an_alarm_gets_it() {
+        for dialect in Dialect::ALL {
+            for coding in CODINGS {
+                let text = alarm(&spec(dialect), coding);
+                let is_macro_b = matches!(
+                    dialect,
+                    Dialect::G10G68
+                        | Dialect::G68ThreeD
+                        | Dialect::FanucSettingError
+                        | Dialect::MazakSettingError
+                        | Dialect::MitsubishiSettingError
+                        | Dialect::Variables
+                        | Dialect::Haas
+                        // Letters, digits, points.
+                        | Dialect::HaasVariables
+                );
+                let has_one = dialect != Dialect::Grbl && (coding != Coding::Eia || is_macro_b);
+                assert_eq!(text.is_some(), has_one, "{dialect:?} {coding:?}");
+                let Some(text) = text else { continue };
+                assert!(text.bytes().all(|byte| encode(coding, byte).is_some()));
+                let head = match dialect {
+                    Dialect::Siemens => "%_N_UMI9010_SPF\n",
+                    Dialect::Heidenhain => "BEGIN PGM UMI9010 MM\n",
+                    Dialect::LinuxCnc => "o<umi_correction> sub\n",
+                    Dialect::HaasVariables => "E150 0.\n",
+                    _ => "%\nO9010(",
+                };
+                assert!(text.starts_with(head), "{text}");
+                assert!(text.lines().all(|line| line.len() < 64), "{text}");
+            }
+        }
+    }
+
+    /// Siemens and Heidenhain have no interpreter here. What stands behind the alarm leads
+    /// back to it, so that no start can leave the program.
+    #[test]
+    fn no_start_leaves_an_endless_stop() {
+        for (dialect, label, stop, back) in [
+            (
+                Dialect::Siemens,
+                "UMI_STOP:",
+                &["SETAL(65000,\"UMI NO OK VERDICT\")", "M0"][..],
+                "GOTOB UMI_STOP",
+            ),
+            (
+                Dialect::Heidenhain,
+                "LBL 1",
+                &["FN 14: ERROR = 1072", "STOP"][..],
+                "FN 9: IF +0 EQU +0 GOTO LBL 1",
+            ),
+        ] {
+            let text = alarm(&spec(dialect), Coding::Ascii).unwrap();
+            let mut lines = text.lines().skip(1).filter(|line| !line.starts_with(';'));
+            assert_eq!(lines.next(), Some(label));
+            assert!(lines.by_ref().take(stop.len()).eq(stop.iter().copied()));
+            assert_eq!(lines.next(), Some(back));
+        }
+    }
+}

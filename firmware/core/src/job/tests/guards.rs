@@ -1,0 +1,446 @@
+//! What one setup alone cannot show, and the guards against it.
+
+use umi_protocol::job::ProbingSpec;
+use umi_protocol::message::TeachRefusal;
+
+use super::*;
+use crate::dprnt::{Announced, Moved, Said};
+
+/// As `job`, with room for all of a session's clampings against any of them.
+fn job() -> Job {
+    let mut job = super::job();
+    job.limits.rotation_deg = 6.0;
+    job.limits.shift_mm = [120.0, 120.0, 0.2];
+    job.limits.expected_error_mm = Some(0.02);
+    job
+}
+
+/// Features 1, 2 and 3 of a session's clamping, in another order.
+fn clamping(number: usize, order: [usize; 3]) -> Vec<Block> {
+    let blocks = session_a();
+    order
+        .map(|sphere| blocks[3 * number + sphere - 1].clone())
+        .to_vec()
+}
+
+fn whole_session(order: [usize; 3]) -> Vec<Block> {
+    (0..5).flat_map(|number| clamping(number, order)).collect()
+}
+
+/// Lines with a run number: hits of features by their id.
+fn send(run: &mut Run, outcome: &mut Outcome, blocks: &[Block], of_run: u32) {
+    for (name, points) in blocks {
+        let id = name.strip_prefix("SPHERE").unwrap().parse().unwrap();
+        for point in points {
+            let mut hit = hit(*point);
+            (hit.feature_id, hit.run) = (Some(id), Some(of_run));
+            run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+        }
+    }
+}
+
+fn with_ids(mut job: Job) -> Job {
+    for (id, feature) in (1..).zip(&mut job.features) {
+        feature.id = Some(id);
+    }
+    job
+}
+
+/// Probed in another order than the job's, without run numbers: every setup would be made of
+/// two clampings, and the first of them would be taught. None is OK.
+#[test]
+fn another_order_pairs_no_two_clampings() {
+    for order in [[2, 3, 1], [3, 1, 2], [3, 2, 1], [2, 1, 3], [1, 3, 2]] {
+        let outcome = run_blocks(job(), &whole_session(order));
+        assert_eq!(outcome.taught, 0, "{order:?}");
+        assert!(outcome.verdicts.iter().all(|v| !v.ok), "{order:?}");
+    }
+    let outcome = run_blocks(job(), &whole_session([2, 3, 1]));
+    assert!(outcome.summary()[1].contains("order_unknown"));
+}
+
+/// With run numbers the features come in any order.
+#[test]
+fn runs_say_what_belongs_together() {
+    for order in [[1, 2, 3], [2, 3, 1], [3, 1, 2], [3, 2, 1]] {
+        let mut run = Run::new(with_ids(job()));
+        let mut outcome = Outcome::default();
+        for (number, of_run) in (0..5).zip(7..) {
+            send(&mut run, &mut outcome, &clamping(number, order), of_run);
+        }
+        assert_eq!(outcome.summary(), ["OK"; 5], "{order:?}");
+    }
+}
+
+/// The control began before the board: what it began with is known to be incomplete. After
+/// it has read, what follows begins anew.
+#[test]
+fn orphans_teach_nothing_until_the_control_reads() {
+    let blocks = session_a();
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (name, points) in &blocks[1..6] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    assert_eq!(outcome.taught, 0);
+    run.control_asks(&mut |d| outcome.take(d));
+    for (name, points) in &blocks[6..] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    let summary = outcome.summary();
+    assert!(summary[0].contains("order_unknown") && summary[1].contains("order_unknown"));
+    assert_eq!(summary[2..], ["OK"; 3]);
+}
+
+/// A READ by one character (DC1) ends it as well. Where the text is late by a whole setup the
+/// character still falls between two, so another order is never OK; in a feature's midst
+/// it says that the text is late by less, and ends nothing.
+#[test]
+fn a_plain_read_ends_an_unknown_order() {
+    let reads = |run: &mut Run, outcome: &mut Outcome| {
+        run.control_reads(&mut |d| outcome.take(d));
+    };
+    let session = session_a();
+    let mut run = Run::new(job());
+    let mut outcome = Outcome::default();
+    for (name, points) in &session[1..3] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    run.block_start("SPHERE1", Micros(1), &mut |d| outcome.take(d));
+    reads(&mut run, &mut outcome);
+    for (name, points) in &session[3..6] {
+        feed(&mut run, &mut outcome, name, points, 5);
+    }
+    assert!(outcome.verdicts.iter().all(|verdict| !verdict.ok));
+    reads(&mut run, &mut outcome);
+    for (name, points) in &session[6..] {
+        feed(&mut run, &mut outcome, name, points, 5);
+        reads(&mut run, &mut outcome);
+    }
+    assert_eq!(outcome.summary()[outcome.verdicts.len() - 3..], ["OK"; 3]);
+
+    // Late by a setup: the character is of a clamping, the text behind it of the one before.
+    for (order, is_known) in [([1, 2, 3], true), ([2, 3, 1], false), ([3, 1, 2], false)] {
+        let mut run = Run::new(job());
+        let mut outcome = Outcome::default();
+        for number in 0..5 {
+            reads(&mut run, &mut outcome);
+            for (name, points) in &clamping(number, order) {
+                feed(&mut run, &mut outcome, name, points, 5);
+            }
+        }
+        reads(&mut run, &mut outcome);
+        assert_eq!(outcome.verdicts.iter().any(|v| v.ok), is_known, "{order:?}");
+        assert!(
+            outcome.verdicts.iter().all(|v| v.ok == is_known),
+            "{order:?}"
+        );
+    }
+}
+
+/// Nothing is taught by being first: NG until somebody asks, and a setup that was asked for
+/// and is refused does not leave its place to the next one.
+#[test]
+fn teaching_is_an_act() {
+    let mut asked = job();
+    asked.teach = Teach::Asked;
+    let blocks = session_a();
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let clamp = |run: &mut Run, outcome: &mut Outcome, number: usize, off_mm: f64| {
+        for (name, points) in &blocks[3 * number..3 * number + 3] {
+            let mut points = points.clone();
+            points[0][2] += off_mm;
+            feed(run, outcome, name, &points, 5);
+        }
+    };
+    clamp(&mut run, &mut outcome, 0, 0.0);
+    assert_eq!(run.teach(false, &mut |d| outcome.take(d)), Ok(()));
+    clamp(&mut run, &mut outcome, 1, 0.2);
+    clamp(&mut run, &mut outcome, 2, 0.0);
+    assert_eq!(outcome.taught, 0);
+    assert_eq!(run.teach(false, &mut |d| outcome.take(d)), Ok(()));
+    clamp(&mut run, &mut outcome, 3, 0.0);
+    clamp(&mut run, &mut outcome, 4, 0.0);
+    let summary = outcome.summary();
+    assert_eq!(summary[0], "no_reference");
+    assert!(summary[1].contains("lone_hit_offset"));
+    assert_eq!(summary[2..], ["no_reference", "OK", "OK"]);
+    assert_eq!(outcome.taught, 1);
+    // Again only if somebody says so; then the old one is none any more.
+    let again = run.teach(false, &mut |d| outcome.take(d));
+    assert_eq!(again, Err(TeachRefusal::AlreadyTaught));
+    assert_eq!(run.teach(true, &mut |d| outcome.take(d)), Ok(()));
+    assert_eq!(run.taught(), None);
+    assert_eq!(outcome.taught, 2);
+}
+
+/// A line asks to teach; without "again" it does not replace what there is.
+#[test]
+fn a_line_teaches() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let asks = |run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool| {
+        let said = Said::Teach { again };
+        let announced = Announced { run: of_run, said };
+        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+    };
+    asks(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [3, 1, 2]), 1);
+    send(&mut run, &mut outcome, &clamping(1, [3, 1, 2]), 2);
+    asks(&mut run, &mut outcome, 3, false);
+    send(&mut run, &mut outcome, &clamping(2, [3, 1, 2]), 3);
+    asks(&mut run, &mut outcome, 4, true);
+    send(&mut run, &mut outcome, &clamping(3, [3, 1, 2]), 4);
+    send(&mut run, &mut outcome, &clamping(4, [3, 1, 2]), 5);
+    assert_eq!(
+        outcome.summary(),
+        ["OK", "OK", "already_taught", "OK", "OK"]
+    );
+    assert!(outcome.verdicts[3].registration.is_none());
+}
+
+/// The offset in which a run is probed is held against the job.
+#[test]
+fn a_moved_offset_is_named() {
+    let moved = |is_rotated: bool, x: f64, tool_length_mm: f64| Moved {
+        is_rotated,
+        tool_length_mm,
+        external: Point::from_mm(x, 0.0, 0.0),
+    };
+    let still = moved(false, 0.5, 81.5);
+    let frame = |offset: u16, x: f64, moved: Option<Moved>| {
+        let mut guarded = with_ids(job());
+        guarded.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+            .into_iter()
+            .collect();
+        guarded.guards.frame = true;
+        guarded.guards.external_mm = [0.5, 0.0, 0.0];
+        guarded.guards.tool_length_mm = Some(81.5);
+        check(&guarded).unwrap();
+        let mut run = Run::new(guarded);
+        let mut outcome = Outcome::default();
+        if offset > 0 {
+            let origin = Point::from_mm(x, 0.0, 0.0);
+            let said = Said::Frame { offset, origin };
+            let announced = Announced { run: 1, said };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        }
+        if let Some(moved) = moved {
+            let said = Said::Moved(moved);
+            let announced = Announced { run: 1, said };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        }
+        send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+        outcome.summary().remove(0)
+    };
+    let also = Some(still);
+    assert_eq!(frame(1, 0.0, also), "OK");
+    assert_eq!(frame(1, 0.0005, also), "OK");
+    assert_eq!(frame(1, -0.001, also), "offset_changed no_reference");
+    assert_eq!(frame(2, 0.0, also), "other_offset no_reference");
+    assert_eq!(frame(0, 0.0, also), "frame_unknown no_reference");
+    assert_eq!(frame(1, 0.0, None), "frame_unknown no_reference");
+    for (other, named) in [
+        (moved(true, 0.5, 81.5), "rotation_active no_reference"),
+        (moved(false, 0.502, 81.5), "external_offset no_reference"),
+        (moved(false, 0.5, 81.6), "tool_length no_reference"),
+    ] {
+        assert_eq!(frame(1, 0.0, Some(other)), named);
+    }
+}
+
+/// A worn stylus scatters within the job's limits, and not within those that were learned.
+#[test]
+fn a_worn_stylus_is_named() {
+    let mut learning = job();
+    learning.guards.learned = Some(LearnedLimits {
+        radius_mm: 0.003,
+        rms_mm: 0.002,
+        centring_mm: 0.004,
+    });
+    let worn = |job: Job, hit: usize, axis: usize, off_mm: f64| {
+        let mut blocks = session_a();
+        blocks[7].1[hit][axis] += off_mm;
+        run_blocks(job, &blocks).summary().remove(2)
+    };
+    assert_eq!(worn(job(), 1, 0, 0.018), "OK");
+    assert_eq!(
+        run_blocks(learning.clone(), &session_a()).summary(),
+        ["OK"; 5]
+    );
+    let named = worn(learning.clone(), 1, 0, 0.018);
+    assert!(named.contains("SPHERE2:radius_since_taught"), "{named}");
+    let named = worn(learning, 3, 0, 0.012);
+    assert!(named.contains("SPHERE2:centring_since_taught"), "{named}");
+}
+
+/// The first ball probed again at the end, and a ball that stays on the table.
+fn redundant() -> Job {
+    let mut job = with_ids(job());
+    for (id, name) in [(4, "CLOSING"), (5, "TABLE")] {
+        let mut feature = job.features[0].clone();
+        (feature.id, feature.name) = (Some(id), name.try_into().unwrap());
+        let _ = job.features.push(feature);
+    }
+    job.guards.closing = [Closing {
+        feature: "CLOSING".try_into().unwrap(),
+        repeats: "SPHERE1".try_into().unwrap(),
+        within_mm: 0.004,
+    }]
+    .into_iter()
+    .collect();
+    job.guards.fixed = ["TABLE".try_into().unwrap()].into_iter().collect();
+    job.guards.fixed_mm = Some(0.005);
+    job
+}
+
+/// A part that slips between the first ball and the last shows in the closing one; a stylus
+/// that was bent since teaching shows in the ball on the table.
+#[test]
+fn closing_and_fixed_balls() {
+    let session = |slip_mm: f64, bent_mm: f64| {
+        check(&redundant()).unwrap();
+        let mut run = Run::new(redundant());
+        let mut outcome = Outcome::default();
+        for number in 0..3 {
+            let mut blocks = clamping(number, [1, 2, 3]);
+            let mut again = blocks[0].clone();
+            again.0 = "CLOSING".to_string();
+            again
+                .1
+                .iter_mut()
+                .for_each(|p| p[0] += if number == 2 { slip_mm } else { 0.0 });
+            blocks.push(again);
+            let first = session_a().remove(0).1;
+            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
+            blocks.push(("TABLE".to_string(), table));
+            for (id, (name, points)) in (1u16..).zip(&mut blocks) {
+                let bent = if number == 2 { bent_mm } else { 0.0 };
+                points.iter_mut().for_each(|p| p[1] += bent);
+                let _ = name;
+                for point in points {
+                    let mut hit = hit(*point);
+                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
+                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+                }
+            }
+        }
+        outcome.summary()
+    };
+    assert_eq!(session(0.0, 0.0), ["OK"; 3]);
+    assert_eq!(session(0.006, 0.0), ["OK", "OK", "CLOSING:not_closed"]);
+    assert_eq!(session(0.0, -0.007), ["OK", "OK", "TABLE:fixed_moved"]);
+}
+
+/// A plate at 5 K more is registered as if it were not; at 8 K it is refused by name.
+#[test]
+fn warmth_is_told() {
+    let mut warm = job();
+    warm.guards.warmth = Some(WarmthSpec {
+        expansion_ppm_per_k: 11.5,
+        at_most_k: 6.0,
+    });
+    warm.guards.probing = Some(ProbingSpec {
+        sigma_mm: 0.001,
+        dof: 19,
+    });
+    let clamped = |job: Job, kelvin: f64| {
+        let mut blocks = session_a();
+        let scale = 1.0 + 11.5e-6 * kelvin;
+        // Each ball moves as a whole: about the plate's middle.
+        let middle = [-45.0, -45.0, 127.0];
+        for (_, points) in &mut blocks[3..6] {
+            let mut center = [0.0; 3];
+            for axis in 0..3 {
+                let mean = points[1..].iter().map(|p| p[axis]).sum::<f64>() / 4.0;
+                center[axis] = (mean - middle[axis]) * (scale - 1.0);
+            }
+            points.iter_mut().for_each(|p| {
+                (0..3).for_each(|axis| p[axis] += center[axis]);
+            });
+        }
+        run_blocks(job, &blocks[..6])
+    };
+    let cold = clamped(warm.clone(), 0.0).verdicts.remove(1);
+    let at_5 = clamped(warm.clone(), 5.0).verdicts.remove(1);
+    assert!(clamped(job(), 5.0).summary()[1].contains("distance_error"));
+    assert!(cold.ok && at_5.ok, "{:?}", at_5.reasons);
+    let kelvin = |verdict: &Verdict| {
+        let of = |r: &umi_protocol::verdict::SetupReason| match r.reason {
+            Reason::Warmer { kelvin, sigma_k } => Some((kelvin, sigma_k)),
+            _ => None,
+        };
+        verdict.remarks.iter().find_map(of).unwrap()
+    };
+    assert!((kelvin(&at_5).0 - kelvin(&cold).0 - 5.0).abs() < 0.01);
+    assert!((0.2..6.0).contains(&kelvin(&at_5).1), "{:?}", kelvin(&at_5));
+    let angle = |v: &Verdict| v.registration.as_ref().unwrap().angle_deg;
+    assert!((angle(&at_5) - angle(&cold)).abs() < 1e-6);
+    let stated = |verdict: &Verdict| {
+        let of = |r: &umi_protocol::verdict::SetupReason| match r.reason {
+            Reason::Error95 { error_mm } => Some(error_mm),
+            _ => None,
+        };
+        verdict.remarks.iter().find_map(of).unwrap()
+    };
+    assert!((0.001..0.05).contains(&stated(&cold)), "{}", stated(&cold));
+    assert!(clamped(warm, 8.0).summary()[1].contains("too_warm"));
+}
+
+/// What nothing in a job guards against stands in each of its verdicts; a job that only
+/// measures has nothing to guard.
+#[test]
+fn what_is_not_guarded_is_told() {
+    let open = |job: Job| {
+        let verdicts = run_blocks(job, &session_a()[..6]).verdicts;
+        let told = verdicts.iter().map(|verdict| {
+            let of = |r: &umi_protocol::verdict::SetupReason| match r.reason {
+                Reason::NotGuarded {
+                    late_text,
+                    moved_offset,
+                    first_ok,
+                } => Some([late_text, moved_offset, first_ok]),
+                _ => None,
+            };
+            verdict.remarks.iter().find_map(of)
+        });
+        told.collect::<Vec<_>>()
+    };
+    assert_eq!(open(job()), [Some([true, true, true]); 2]);
+    let mut given = with_ids(job());
+    given.teach = Teach::Asked;
+    given.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    given.guards.run_variable = Some(531);
+    assert_eq!(open(given.clone()), [Some([false, true, false]); 2]);
+    given.guards.frame = true;
+    assert_eq!(open(given), [None; 2]);
+    let mut only = job();
+    only.correction = None;
+    assert_eq!(open(only), [None; 2]);
+}
+
+/// A program that belongs to a run stops in any other, before it sets anything.
+#[test]
+fn a_correction_belongs_to_one_run() {
+    let mut guarded = with_ids(job());
+    guarded.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    guarded.guards.run_variable = Some(531);
+    check(&guarded).unwrap();
+    let mut run = Run::new(guarded.clone());
+    let mut outcome = Outcome::default();
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 16);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 17);
+    let text = &outcome.verdicts[1].correction.as_ref().unwrap().text;
+    let alarm = text.find("IF[#531EQ17]GOTO7\n#3000=2(UMI CORRECTION OF RUN 17)\nN7\n");
+    assert!(alarm.unwrap() < text.find("G10").unwrap(), "{text}");
+    let spec = guarded.correction.as_mut().unwrap();
+    spec.dialect = Dialect::Grbl;
+    assert!(matches!(check(&guarded), Err(JobError::BadValue { .. })));
+}

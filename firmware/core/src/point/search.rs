@@ -1,0 +1,290 @@
+//! The least minimum, from several starts that are always the same.
+
+use nalgebra::Vector3;
+
+use super::error::PointRefusal;
+use super::model::{Beam, View};
+use crate::fit::least_squares::{Converged, Stopped, descend, minimise};
+use crate::fit::linalg::{Qr, Square, norm, perpendicular_frame, unit};
+use crate::units::Mm;
+
+/// Readings that the search looks at, if there are many more.
+const FEW: f64 = 28.0;
+
+/// Steps of a start before it is compared with what is known.
+const COARSE_STEPS: u32 = 8;
+
+/// Steps of a start that leads somewhere new.
+const FINE_STEPS: u32 = 60;
+
+/// Minima whose directions are nearer than this (radians), and whose feet are
+/// nearer than this part of the radius, are one.
+const SAME: f64 = 1e-2;
+
+/// Two minima are told apart by residuals whose rms differs by this factor.
+const TOLD_APART: f64 = 1.5;
+
+/// ... or by this part of the radius: the position loop alone keeps axes in a
+/// plane no better than that.
+const TOLD_APART_PART: f64 = 1e-4;
+
+/// A minimum on the wrong side counts as the true one if its rms is smaller by
+/// this factor, and that of the right one is no noise: beyond `NOISE_PART` of
+/// the radius.
+const CLEARLY_BETTER: f64 = 3.0;
+
+/// See [`CLEARLY_BETTER`].
+const NOISE_PART: f64 = 1e-3;
+
+/// The fan of starts about the rough direction: its angle and how many on it.
+const FAN: [(f64, u32); 3] = [(0.0, 1), (0.7, 3), (1.3, 5)];
+
+/// The least minimum.
+pub(super) struct Found<const K: usize> {
+    pub(super) beam: Beam<K>,
+    /// rms there.
+    rms: f64,
+    /// Another minimum on the right side, the least of them, and its rms.
+    second: Option<(Beam<K>, f64)>,
+    /// The mirror image fits as well and only the rough direction excludes it.
+    pub(super) mirror: bool,
+}
+
+/// How a search ends.
+pub(super) enum Outcome<const K: usize> {
+    /// The least minimum.
+    Found(Found<K>),
+    /// No minimum on the right side; where the search ended, if anywhere.
+    Nowhere(Option<Beam<K>>),
+    /// One on the wrong side, or from inside the ball.
+    OtherWay {
+        /// Where it is.
+        beam: Beam<K>,
+        /// Its rms, mm.
+        rms: f64,
+    },
+}
+
+/// Searches for the least minimum with a on the side of `rough`.
+pub(super) fn least<const K: usize>(view: &View<'_, K>, rough: &Vector3<f64>) -> Outcome<K> {
+    // A few readings show which minima there are.
+    let few = view.thinned(FEW);
+    let mut tally = Tally::new(&few, rough);
+    tally.search();
+    if tally.right[0].is_none() || view.count() != few.count() {
+        let scouted = tally;
+        tally = Tally::new(view, rough);
+        for (beam, _) in scouted.right.iter().chain([&scouted.wrong]).flatten() {
+            tally.refine(*beam);
+        }
+        if tally.right[0].is_none() {
+            tally.search();
+        }
+    }
+    let [best, second] = tally.right;
+    let n = view.count();
+    let Some((beam, sum)) = best else {
+        return match tally.wrong {
+            Some((beam, sum)) => Outcome::OtherWay {
+                beam,
+                rms: libm::sqrt(sum / n),
+            },
+            None => Outcome::Nowhere(tally.stopped),
+        };
+    };
+    let (rms, radius) = (libm::sqrt(sum / n), view.least_radius());
+    let wrong_rms = tally.wrong.map(|(beam, sum)| (beam, libm::sqrt(sum / n)));
+    if let Some((beam, wrong_rms)) = wrong_rms
+        && rms > CLEARLY_BETTER * wrong_rms
+        && rms > NOISE_PART * radius
+    {
+        return Outcome::OtherWay {
+            beam,
+            rms: wrong_rms,
+        };
+    }
+    Outcome::Found(Found {
+        beam,
+        rms,
+        second: second.map(|(beam, sum)| (beam, libm::sqrt(sum / n))),
+        mirror: wrong_rms.is_some_and(|(_, wrong)| alike(rms, wrong, radius)),
+    })
+}
+
+/// Refuses where another minimum on the right side fits about as well.
+pub(super) fn single<const K: usize>(
+    view: &View<'_, K>,
+    found: &Found<K>,
+) -> Result<(), PointRefusal> {
+    let Some((other, rms)) = found.second else {
+        return Ok(());
+    };
+    if !alike(found.rms, rms, view.least_radius()) {
+        return Ok(());
+    }
+    let cos = other.direction.dot(&found.beam.direction);
+    let sin = norm(&other.direction.cross(&found.beam.direction));
+    Err(PointRefusal::Ambiguous {
+        best_rms: Mm(found.rms),
+        other_rms: Mm(rms),
+        apart_deg: libm::atan2(sin, cos).to_degrees(),
+    })
+}
+
+/// Whether noise or the axes' own wandering could exchange two fits.
+fn alike(rms: f64, other: f64, radius: f64) -> bool {
+    other <= rms * TOLD_APART + TOLD_APART_PART * radius
+}
+
+/// Goes down to the last digit with the weights of `view` and proves the minimum.
+pub(super) fn settle<const K: usize>(
+    view: &View<'_, K>,
+    beam: &mut Beam<K>,
+) -> Result<Square<K>, PointRefusal> {
+    let minimum =
+        minimise(*beam, &view.sightings()).map_err(|_stopped| PointRefusal::NoConvergence)?;
+    *beam = minimum.surface;
+    Ok(minimum.cov_unit)
+}
+
+/// What the starts have led to.
+struct Tally<'a, const K: usize> {
+    view: &'a View<'a, K>,
+    rough: Vector3<f64>,
+    /// The two least minima on the side of the rough direction, where the beam
+    /// strikes the balls from outside.
+    right: [Option<(Beam<K>, f64)>; 2],
+    /// The least of all others.
+    wrong: Option<(Beam<K>, f64)>,
+    /// Where a start ended that led to no minimum.
+    stopped: Option<Beam<K>>,
+}
+
+impl<'a, const K: usize> Tally<'a, K> {
+    fn new(view: &'a View<'a, K>, rough: &Vector3<f64>) -> Self {
+        Self {
+            view,
+            rough: *rough,
+            right: [None; 2],
+            wrong: None,
+            stopped: None,
+        }
+    }
+
+    /// All starts.
+    fn search(&mut self) {
+        let rough = self.rough;
+        let (e1, e2) = perpendicular_frame(&rough);
+        for (angle, number) in FAN {
+            let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+            for k in 0..number {
+                let turn = core::f64::consts::TAU * f64::from(k) / f64::from(number);
+                let aside = e1 * libm::cos(turn) + e2 * libm::sin(turn);
+                self.start(&(rough * cos + aside * sin));
+            }
+        }
+        let Some((best, _)) = self.right[0] else {
+            return self.start(&-rough);
+        };
+        // Where the axes stay near a plane its mirror image is another minimum.
+        if let Some(image) = mirrored(self.view, &best) {
+            self.refine(image);
+        }
+        // What fits with the beam reversed tells a sign that was swapped.
+        self.start(&-best.direction);
+    }
+
+    /// Starts with the ball's centre behind the middle of the points.
+    fn start(&mut self, direction: &Vector3<f64>) {
+        let n = self.view.count();
+        let (mut middle, mut radius) = (Vector3::zeros(), 0.0);
+        for seen in self.view.sightings() {
+            middle += (seen.from_center + direction * seen.spread) / n;
+            radius += seen.radius / n;
+        }
+        self.refine(
+            self.view
+                .beam(-middle - direction * (0.75 * radius), *direction),
+        );
+    }
+
+    /// Goes down from a beam; keeps the minimum unless it is known.
+    fn refine(&mut self, start: Beam<K>) {
+        let points = self.view.sightings();
+        let coarse = match descend(start, &points, COARSE_STEPS) {
+            Ok(converged) => return self.keep(&converged),
+            Err(Stopped { surface, .. }) => surface,
+        };
+        let known = self.right.iter().chain([&self.wrong]).flatten();
+        let mut near = false;
+        for (beam, _) in known {
+            near |= self.same(beam, &coarse);
+        }
+        if near {
+            return;
+        }
+        match descend(coarse, &points, FINE_STEPS) {
+            Ok(converged) => self.keep(&converged),
+            Err(Stopped { surface, .. }) => {
+                if self.stopped.is_none() && surface.direction.dot(&self.rough) > 0.0 {
+                    self.stopped = Some(surface);
+                }
+            }
+        }
+    }
+
+    fn keep(&mut self, converged: &Converged<Beam<K>, K>) {
+        let (beam, sum) = (converged.surface, converged.system.sum);
+        // A beam strikes a ball from outside: there it runs against the normal.
+        let along: f64 = self
+            .view
+            .sightings()
+            .filter_map(|seen| beam.normal(&seen))
+            .fold(0.0, |sum, normal| sum + normal.dot(&beam.direction));
+        if beam.direction.dot(&self.rough) <= 0.0 || along > 0.0 {
+            if self.wrong.is_none_or(|(_, least)| sum < least) {
+                self.wrong = Some((beam, sum));
+            }
+            return;
+        }
+        match self.right {
+            [Some((best, least)), second] => {
+                if self.same(&best, &beam) {
+                    // The same minimum, up to rounding.
+                } else if sum < least {
+                    self.right = [Some((beam, sum)), Some((best, least))];
+                } else if second.is_none_or(|(_, other)| sum < other) {
+                    self.right = [Some((best, least)), Some((beam, sum))];
+                }
+            }
+            [None, _] => self.right = [Some((beam, sum)), None],
+        }
+    }
+
+    fn same(&self, a: &Beam<K>, b: &Beam<K>) -> bool {
+        norm(&(a.direction - b.direction)) < SAME
+            && norm(&(a.foot - b.foot)) < SAME * self.view.least_radius()
+    }
+}
+
+/// The beam mirrored in the plane that the axes' positions are nearest to.
+fn mirrored<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> Option<Beam<K>> {
+    let n = view.count();
+    let middle = view
+        .sightings()
+        .fold(Vector3::zeros(), |sum: Vector3<f64>, seen| {
+            sum + seen.from_center / n
+        });
+    let mut spread = Qr::<3>::new();
+    for seen in view.sightings() {
+        let off = seen.from_center - middle;
+        spread.add([off.x, off.y, off.z], 0.0);
+    }
+    let [_, _, normal] = spread.triangle().svd().right;
+    let flip = |v: &Vector3<f64>| v - normal * (2.0 * v.dot(&normal));
+    let mut image = *beam;
+    // (middle + c) is mirrored; middle itself stays.
+    image.foot = flip(&(beam.foot + middle)) - middle;
+    image.turn(unit(&flip(&beam.direction))?);
+    Some(image)
+}

@@ -1,0 +1,499 @@
+//! Canned cycles: kept where the tool's direction stays, written out where it tilts.
+
+use super::block::{AXES, Given, Letters};
+use super::emit::{self, Action, Edit, Out};
+use super::length::{LIMIT_PM, Pm, Step};
+use super::plan::{Holes, More, Phase, Repeat, Wanted, allow};
+use super::refusal::RewriteRefusal;
+use super::state::{Cycle, Motion};
+use super::words::At;
+use super::{RewriteDialect, Rewriter, at, pm};
+
+/// Holes of one block, at most, and pecks of all of them: what one block may become.
+const MAX_HOLES: u32 = 1000;
+const MAX_PECKS: Pm = 10_000;
+
+/// What cycles take beside what every motion does.
+const OF_CYCLES: Letters = Letters::of(b"RQPKLIJ");
+
+impl Rewriter {
+    /// A block that begins or goes on with a canned cycle.
+    pub(super) fn cycle(
+        &mut self,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        edit: &mut Edit,
+        incremental: bool,
+        column: usize,
+    ) -> At<()> {
+        allow(given, OF_CYCLES)?;
+        let normal = self.modes.plane.normal();
+        let letter = at(&AXES, normal);
+        // Both count holes, for one control or another.
+        if let (Some(_), Some(l)) = (given.find(b'K'), given.find(b'L')) {
+            return Err((given.column(l), RewriteRefusal::Meaningless('L')));
+        }
+        let count = match given.whole(b'K')? {
+            Some(count) => count,
+            None => given.whole(b'L')?.unwrap_or(1),
+        };
+        if count > MAX_HOLES {
+            return Err((column, RewriteRefusal::OutOfRange));
+        }
+        let axes = given.axes();
+        let moves = (0..3).any(|axis| axis != normal && at(&axes, axis).is_some());
+        if count == 0 && moves {
+            return Err((column, RewriteRefusal::Meaningless('K')));
+        }
+        let before = self.place;
+        let mut target = self.over(given, incremental, normal)?;
+        let mut cycle = self.heights(given, wanted, incremental, normal)?;
+        let rises = self.rises(&cycle, incremental, normal, column)?;
+        if !at(&self.keeps, normal) {
+            if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
+                return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
+            }
+            return self.write_out(
+                given,
+                wanted,
+                edit,
+                incremental,
+                column,
+                &cycle,
+                count,
+                &before,
+                target,
+                rises,
+            );
+        }
+        // The heights of the cycle move with the part, alike for all holes.
+        let step = self.step();
+        if !incremental {
+            for (letter, slot) in [(b'R', &mut cycle.r_out), (letter, &mut None)] {
+                let Some(index) = given.find(letter) else {
+                    continue;
+                };
+                let out = self.height(given, index, normal, edit, &step)?;
+                *slot = Some(out);
+            }
+        } else if given.has(b'R')
+            && let (Some(r), Some(initial), Some(out)) = (cycle.r, cycle.initial, cycle.initial_out)
+        {
+            cycle.r_out = Some(out + r - initial);
+        }
+        // Over the hole: the height plays no part.
+        if let Some(slot) = target.get_mut(normal) {
+            *slot = at(&self.place.nominal, normal);
+        }
+        let plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
+            if axis == normal {
+                None
+            } else {
+                at(&axes, axis)
+            }
+        });
+        let height = (at(&self.place.nominal, normal), at(&self.place.out, normal));
+        let mut image = self.carry(&target, false, column)?;
+        if let Some(slot) = image.get_mut(normal) {
+            *slot = None;
+        }
+        if count > 0 {
+            self.write_axes(&plane_axes, &target, &image, incremental, edit, column)?;
+        }
+        self.stand(normal, height, &cycle, count > 0);
+        self.modes.cycle = Some(cycle);
+        self.counts.holes.add(count);
+        let by = by(&before.nominal, &target, normal);
+        if count < 2 || !incremental || by == [0; 3] {
+            return Ok(());
+        }
+        if let Some(unknown) = (0..3).find(|axis| at(&self.place.nominal, *axis).is_none()) {
+            return Err((
+                column,
+                RewriteRefusal::UnknownPlace(at(&AXES, unknown) as char),
+            ));
+        }
+        if let Some(word) = given.find(b'K').or(given.find(b'L')) {
+            edit.set(word, Action::Drop);
+        }
+        self.more = More::Repeat(Repeat {
+            count: count - 1,
+            by,
+        });
+        Ok(())
+    }
+
+    /// Whether a cycle never comes back below its R.
+    fn stays_above_r(&self) -> bool {
+        self.settings.dialect == Some(RewriteDialect::LinuxCnc)
+    }
+
+    /// Whether the tool rises to R before it moves across. Where it begins below R and nobody
+    /// said whose program it is, that is not known.
+    fn rises(&self, cycle: &Cycle, incremental: bool, normal: usize, column: usize) -> At<bool> {
+        let (Some(r), Some(height)) = (cycle.r, at(&self.place.nominal, normal)) else {
+            return Ok(false);
+        };
+        let is_below = height < r || cycle.initial.is_some_and(|initial| initial < r);
+        match self.settings.dialect {
+            _ if !is_below => Ok(false),
+            Some(RewriteDialect::Fanuc) => Ok(false),
+            // In increments R would be counted from another height for each hole.
+            Some(RewriteDialect::LinuxCnc) if !incremental => Ok(height < r),
+            _ => Err((column, RewriteRefusal::BelowR)),
+        }
+    }
+
+    /// Where the tool stands after a hole.
+    fn stand(
+        &mut self,
+        normal: usize,
+        height: (Option<Pm>, Option<Pm>),
+        cycle: &Cycle,
+        moved: bool,
+    ) {
+        let to_r = self.modes.returns_to_r || (self.stays_above_r() && cycle.initial < cycle.r);
+        let (nominal, out) = match (moved, to_r) {
+            (false, _) => height,
+            (true, true) => (cycle.r, cycle.r_out),
+            (true, false) => (cycle.initial, cycle.initial_out),
+        };
+        match (nominal, out) {
+            (Some(nominal), Some(out)) => self.arrive(normal, nominal, out),
+            _ => self.place.forget(normal),
+        }
+    }
+
+    /// Where the hole is, without its height.
+    fn over(&mut self, given: &Given<'_>, incremental: bool, normal: usize) -> At<[Option<Pm>; 3]> {
+        let mut target = self.place.nominal;
+        if !incremental && self.place.relative {
+            self.forget_all();
+            self.place.relative = false;
+            target = self.place.nominal;
+        }
+        for (axis, letter) in AXES.iter().enumerate() {
+            if axis == normal {
+                continue;
+            }
+            let Some(index) = given.find(*letter) else {
+                continue;
+            };
+            let value = self.length(given, index)?;
+            let base = if incremental {
+                at(&self.place.nominal, axis).ok_or((
+                    given.column(index),
+                    RewriteRefusal::UnknownPlace(*letter as char),
+                ))?
+            } else {
+                at(&self.modes.shift.nominal, axis)
+            };
+            if (base + value).abs() > LIMIT_PM {
+                return Err((given.column(index), RewriteRefusal::OutOfRange));
+            }
+            if let Some(slot) = target.get_mut(axis) {
+                *slot = Some(base + value);
+            }
+        }
+        Ok(target)
+    }
+
+    /// The cycle with the heights that this block says, nominal.
+    fn heights(
+        &self,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        incremental: bool,
+        normal: usize,
+    ) -> At<Cycle> {
+        let mut cycle = self.modes.cycle.unwrap_or(Cycle {
+            code: 0,
+            initial: at(&self.place.nominal, normal),
+            initial_out: at(&self.place.out, normal),
+            r: None,
+            r_out: None,
+            bottom: None,
+            peck: None,
+            dwell: None,
+        });
+        if let Some((_, code)) = wanted.cycle {
+            cycle.code = code;
+        }
+        let shift = at(&self.modes.shift.nominal, normal);
+        let has_r = self.length_of(given, b'R')?;
+        if let Some(r) = has_r {
+            cycle.r = if incremental {
+                cycle.initial.map(|initial| initial + r)
+            } else {
+                Some(shift + r)
+            };
+        }
+        if let Some(z) = self.length_of(given, at(&AXES, normal))? {
+            cycle.bottom = if incremental {
+                cycle.r.map(|r| r + z)
+            } else {
+                Some(shift + z)
+            };
+        }
+        if let Some(q) = self.length_of(given, b'Q')? {
+            cycle.peck = Some(q.abs());
+        }
+        if let Some(p) = given.number(b'P')? {
+            cycle.dwell = Some(p);
+        }
+        Ok(cycle)
+    }
+
+    /// A height word of a cycle that stays: moved along the axis, rounded.
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "places are below 2^53 pm times a few"
+    )]
+    fn height(
+        &self,
+        given: &Given<'_>,
+        index: usize,
+        normal: usize,
+        edit: &mut Edit,
+        step: &Step,
+    ) -> At<Pm> {
+        let value = self.length(given, index)?;
+        let shift = self.modes.shift;
+        let nominal = value + at(&shift.nominal, normal);
+        let image = nominal as f64 + at(&self.translation_pm, normal);
+        let base = at(&shift.out, normal);
+        let steps = step.count(image - base as f64);
+        if (image - (base + value) as f64).abs() < 500.0 || steps * step.pm == value {
+            return Ok(base + value);
+        }
+        edit.set(index, Action::Length(steps, step.decimals));
+        Ok(base + steps * step.pm)
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one call, one block")]
+    fn write_out(
+        &mut self,
+        given: &Given<'_>,
+        wanted: &Wanted,
+        edit: &mut Edit,
+        incremental: bool,
+        column: usize,
+        cycle: &Cycle,
+        count: u32,
+        before: &super::Place,
+        target: [Option<Pm>; 3],
+        rises: bool,
+    ) -> At<()> {
+        let normal = self.modes.plane.normal();
+        let letter = at(&AXES, normal) as char;
+        for axis in 0..3 {
+            if at(&target, axis).is_none() || at(&self.place.out, axis).is_none() {
+                return Err((
+                    column,
+                    RewriteRefusal::UnknownPlace(at(&AXES, axis) as char),
+                ));
+            }
+        }
+        let (Some(_), Some(r)) = (cycle.initial, cycle.r) else {
+            return Err((column, RewriteRefusal::CycleLacks('R')));
+        };
+        let Some(bottom) = cycle.bottom else {
+            return Err((column, RewriteRefusal::CycleLacks(letter)));
+        };
+        let pecks = matches!(cycle.code, 730 | 830);
+        if bottom > r {
+            return Err((column, RewriteRefusal::CycleDepth));
+        }
+        if pecks {
+            match cycle.peck {
+                None | Some(0) => return Err((column, RewriteRefusal::CycleLacks('Q'))),
+                Some(q) if (r - bottom) / q > MAX_PECKS / Pm::from(count.max(1)) => {
+                    return Err((column, RewriteRefusal::CycleDepth));
+                }
+                Some(_) => {}
+            }
+        }
+        for letter in [b'R', b'Q', b'P', b'K', b'L', b'I', b'J', at(&AXES, normal)] {
+            if let Some(word) = given.find(letter) {
+                edit.set(word, Action::Drop);
+            }
+        }
+        if let Some((word, _)) = wanted.cycle {
+            edit.set(word, Action::Text(b"G0"));
+        } else if self.out_motion != Some(Motion::Rapid) {
+            edit.code(Motion::Rapid.code());
+        }
+        self.out_motion = Some(Motion::Rapid);
+        self.modes.cycle = Some(*cycle);
+        if count == 0 {
+            return Ok(());
+        }
+        // The first block goes over the hole, at the height where the tool is.
+        let axes = given.axes();
+        let plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
+            if axis == normal {
+                None
+            } else {
+                at(&axes, axis)
+            }
+        });
+        let mut begin = target;
+        let mut first = [0; 3];
+        if rises {
+            first = by(&before.nominal, &target, normal);
+            begin = before.nominal;
+            if let Some(slot) = begin.get_mut(normal) {
+                *slot = Some(r);
+            }
+        }
+        let image = self.carry(&begin, true, column)?;
+        self.write_axes(&plane_axes, &begin, &image, incremental, edit, column)?;
+        self.counts.written_out.add(count);
+        self.more = More::Holes(Holes {
+            count,
+            by: if incremental {
+                by(&before.nominal, &target, normal)
+            } else {
+                [0; 3]
+            },
+            cycle: *cycle,
+            normal,
+            to_r: self.modes.returns_to_r,
+            hole: 0,
+            phase: Phase::Over,
+            over: [0; 3],
+            depth: 0,
+            first,
+        });
+        Ok(())
+    }
+
+    /// Writes the next hole of a cycle that stays; whether there are others.
+    pub(super) fn repeat<S: FnMut(&[u8])>(
+        &mut self,
+        repeat: &mut Repeat,
+        out: &mut Out<'_, S>,
+    ) -> bool {
+        let Some(next) = moved(&self.place.nominal, &repeat.by) else {
+            return false;
+        };
+        let motion = self.out_motion.unwrap_or(Motion::Rapid);
+        self.point(motion, next, None, out);
+        repeat.count -= 1;
+        repeat.count > 0
+    }
+
+    /// Writes the next motion of holes in G0 and G1; whether there are others.
+    pub(super) fn hole<S: FnMut(&[u8])>(
+        &mut self,
+        holes: &mut Holes,
+        out: &mut Out<'_, S>,
+    ) -> bool {
+        let Cycle {
+            code,
+            initial: Some(initial),
+            r: Some(r),
+            bottom: Some(bottom),
+            peck,
+            dwell,
+            ..
+        } = holes.cycle
+        else {
+            return false;
+        };
+        // Not zero: see `write_out`.
+        let peck = peck.filter(|_| matches!(code, 730 | 830));
+        let clearance = pm(self.settings.clearance.0);
+        let mut to = |rewriter: &mut Self, motion: Motion, height: Pm| {
+            let mut place = holes.over;
+            if let Some(slot) = place.get_mut(holes.normal) {
+                *slot = height;
+            }
+            rewriter.point(motion, place, None, out);
+        };
+        holes.phase = match holes.phase {
+            Phase::Over => {
+                let by = if holes.hole == 0 {
+                    holes.first
+                } else {
+                    holes.by
+                };
+                let Some(over) = moved(&self.place.nominal, &by) else {
+                    return false;
+                };
+                if holes.hole > 0 || holes.first != [0; 3] {
+                    self.point(Motion::Rapid, over, None, out);
+                }
+                holes.over = over;
+                holes.depth = r;
+                Phase::Approach
+            }
+            Phase::Approach => {
+                to(self, Motion::Rapid, r);
+                Phase::Near
+            }
+            Phase::Near => {
+                if code == 830 && holes.depth < r {
+                    to(self, Motion::Rapid, (holes.depth + clearance).min(r));
+                }
+                Phase::Feed
+            }
+            Phase::Feed => {
+                let depth = peck.map_or(bottom, |peck| (holes.depth - peck).max(bottom));
+                to(self, Motion::Line, depth);
+                holes.depth = depth;
+                if depth > bottom {
+                    Phase::Back
+                } else {
+                    Phase::Dwell
+                }
+            }
+            Phase::Back => {
+                let back = if code == 830 {
+                    r
+                } else {
+                    (holes.depth + clearance).min(r)
+                };
+                to(self, Motion::Rapid, back);
+                Phase::Near
+            }
+            Phase::Dwell => {
+                if let (820 | 890, Some(dwell)) = (code, dwell) {
+                    out.put(&self.line_ends.added());
+                    out.put(if self.spaced { b"G4 P" } else { b"G4P" });
+                    emit::number(dwell, out);
+                }
+                Phase::Out
+            }
+            Phase::Out => {
+                if matches!(code, 850 | 890) {
+                    to(self, Motion::Line, r);
+                }
+                Phase::Top
+            }
+            Phase::Top => {
+                let to_r = holes.to_r || (self.stays_above_r() && initial < r);
+                to(self, Motion::Rapid, if to_r { r } else { initial });
+                holes.hole += 1;
+                Phase::Over
+            }
+        };
+        holes.phase != Phase::Over || holes.hole < holes.count
+    }
+}
+
+/// The way in the plane from one place to another.
+fn by(from: &[Option<Pm>; 3], to: &[Option<Pm>; 3], normal: usize) -> [Pm; 3] {
+    core::array::from_fn(|axis| match (at(from, axis), at(to, axis)) {
+        (Some(from), Some(to)) if axis != normal => to - from,
+        _ => 0,
+    })
+}
+
+fn moved(place: &[Option<Pm>; 3], by: &[Pm; 3]) -> Option<[Pm; 3]> {
+    let mut moved = *by;
+    for (axis, slot) in moved.iter_mut().enumerate() {
+        *slot += at(place, axis)?;
+    }
+    Some(moved)
+}

@@ -1,0 +1,192 @@
+//! What cannot be transformed truly, and what to do about it.
+
+use core::fmt;
+
+use thiserror::Error;
+
+/// Why a program is refused, and where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("line {line}, column {column}: {reason}")]
+pub struct RefusedLine {
+    /// Line of the original, from 1.
+    pub line: u64,
+    /// Character of the line, from 1.
+    pub column: usize,
+    /// What is there.
+    pub reason: RewriteRefusal,
+}
+
+/// What cannot be transformed truly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum RewriteRefusal {
+    /// A line longer than [`super::MAX_LINE`].
+    #[error("more than {} characters in a line: break it up", super::MAX_LINE)]
+    LineTooLong,
+    /// CR alone ends a line, and LF another.
+    #[error(
+        "one line ends with CR alone and another with LF: a control may read both as one; end all alike"
+    )]
+    LineEnds,
+    /// A block of more words than are taken.
+    #[error("too many words in one block: make it two")]
+    TooManyWords,
+    /// `(` without `)`.
+    #[error("a comment that does not end: close it with `)`")]
+    UnclosedComment,
+    /// Neither a word nor a comment.
+    #[error("this is neither a word nor a comment")]
+    NotAWord,
+    /// A number that is too long, or a place too far away.
+    #[error("this number is beyond 100 m or 18 digits")]
+    OutOfRange,
+    /// IF, WHILE, GOTO, O words: which way the program takes is not known.
+    #[error("the program decides here where to go on: write out the way that it takes")]
+    Flow,
+    /// A system variable is set: offsets or modes may change.
+    #[error("a system variable may change offsets or modes: write it as G10, or leave it out")]
+    SystemVariable,
+    /// `#` or `[...]` where the value must be known.
+    #[error("{0} has a value that only the control knows: write it as a number")]
+    Expression(char),
+    /// The same word twice in one block.
+    #[error("{0} stands twice in this block")]
+    Twice(char),
+    /// A word that has no meaning where it stands.
+    #[error("{0} has no meaning here that is known")]
+    Meaningless(char),
+    /// A G code, in tenths, that is not known.
+    #[error("{} is not known: what it moves cannot be told", G(*.0))]
+    UnknownCode(u16),
+    /// A G code, in tenths, that is known and cannot be followed.
+    #[error("{code} {why}", code = G(*.0), why = .1)]
+    Code(u16, Why),
+    /// Two codes in one block that each want the axis words.
+    #[error("two codes want the axis words: make two blocks")]
+    TwoMotions,
+    /// No G90 or G91 yet.
+    #[error("neither G90 nor G91 is in force: say which")]
+    NoDistanceMode,
+    /// No G20 or G21 yet, and no unit given.
+    #[error("neither G20 nor G21 is in force: say which")]
+    NoUnit,
+    /// Axis words without G0, G1, ... in force.
+    #[error("no G0, G1, G2 or G3 is in force: say which")]
+    NoMotion,
+    /// A length without a decimal point, and nobody said what it means.
+    #[error("{0} has no decimal point: whether it counts units or increments must be said")]
+    NoPoint(char),
+    /// The motion depends on where an axis is, and the program has not said it.
+    #[error("where {0} is, the program has not said: name it in a G90 block with G0 first")]
+    UnknownPlace(char),
+    /// A rotary axis away from zero.
+    #[error("{0} turns the part: the transform holds where it was probed, at {0}0")]
+    Rotary(char),
+    /// U, V, W.
+    #[error("{0} is a second linear axis: write it as X, Y or Z")]
+    SecondaryAxis(char),
+    /// How this work offset lies to that of the transform is not known.
+    #[error("how this work offset lies to that of the transform is not known: give both origins")]
+    WorkOffset,
+    /// Cutter compensation, a corner or a cycle in a plane that is tilted.
+    #[error("the transform tilts the plane of {0}: no three-axis control does that truly")]
+    Tilted(char),
+    /// A canned cycle, in tenths, whose axis is tilted and that cannot be written out.
+    #[error("the transform tilts the axis of {}: write the cycle out", G(*.0))]
+    TiltedCycle(u16),
+    /// A word of a canned cycle is missing.
+    #[error("the canned cycle needs {0}")]
+    CycleLacks(char),
+    /// A canned cycle that does not go down, or pecks without end.
+    #[error("the canned cycle does not go down, or pecks for ever")]
+    CycleDepth,
+    /// An arc that is none: radii differ, R too short, no centre.
+    #[error("no arc goes from here to there: its radii differ, or R is too short, or no centre")]
+    Arc,
+    /// More chords than are taken for one arc.
+    #[error("too many chords for this arc: allow a larger tolerance")]
+    TooManyChords,
+    /// An M code at the end of a motion that becomes several.
+    #[error(
+        "{0} acts when the motion has ended, and this one becomes several: give it a block of its own"
+    )]
+    LateCode(char),
+    /// An optional block (`/`) that changes what later blocks mean.
+    #[error("an optional block changes what later blocks mean: leave the `/` out, or the block")]
+    OptionalMode,
+    /// An optional block (`/`) that would become several.
+    #[error("an optional block would become several: leave the `/` out, or the block")]
+    OptionalLines,
+    /// Inverse time without an F word.
+    #[error("G93 needs F in every block")]
+    NoFeed,
+    /// A subprogram that is called in two different modes, or leaves another one.
+    #[error("a subprogram that is called in different modes, or leaves others than it found")]
+    SubprogramModes,
+    /// A program is called whose text is not in the file.
+    #[error(
+        "calls O{0}, which is not in the file: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out, or bring O{0}"
+    )]
+    NotHere(u32),
+    /// A program is called by a name, or by nothing, and its text is not in the file.
+    #[error(
+        "calls a program that is not in the file: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out"
+    )]
+    NamedCall,
+    /// The program has been rewritten before.
+    #[error("this program has been rewritten before and would be moved twice: take the original")]
+    Rewritten,
+    /// P on an arc: turns for one control, nothing for another.
+    #[error(
+        "P on an arc counts turns for LinuxCNC and nothing for others: say whose program this is, or write each turn as an arc of its own"
+    )]
+    Turns,
+    /// A canned cycle begins below its R.
+    #[error(
+        "the canned cycle begins below its R: LinuxCNC rises before it moves across, others after; say whose program this is, or go to R first"
+    )]
+    BelowR,
+    /// More subprograms than are followed.
+    #[error("too many subprograms in one file")]
+    TooManySubprograms,
+    /// A subprogram that ends elsewhere than it began and is repeated: rounding would
+    /// add up.
+    #[error(
+        "this subprogram is repeated from where it ended: rounding would add up; give the place before each call"
+    )]
+    SubprogramDrifts,
+}
+
+/// Why a known G code is not followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum Why {
+    /// Coordinates are no longer those of the machine's axes.
+    #[error("changes the coordinates: write the path without it, or transform there")]
+    Coordinates,
+    /// The motion is not one that is followed.
+    #[error("is a motion that cannot be carried over: write it as G0 to G3")]
+    Motion,
+    /// A macro decides.
+    #[error("calls a macro: what it moves cannot be told")]
+    Macro,
+    /// It would move through a point of the program.
+    #[error("goes through a point of the program: move there first, then G91 and zeros")]
+    Through,
+    /// It sets offsets from what only the control knows.
+    #[error("sets offsets from where the axes are: give them as numbers")]
+    Offsets,
+}
+
+/// A G code in tenths, as it is written.
+struct G(u16);
+
+impl fmt::Display for G {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "G{}", self.0 / 10)?;
+        match self.0 % 10 {
+            0 => Ok(()),
+            tenth => write!(f, ".{tenth}"),
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! What to do with a program, and by what.
+
+use heapless::String;
+use nalgebra::Matrix3;
+
+use super::block::{Code, code};
+use super::length::Unit;
+use super::state::{Feed, Motion};
+use crate::registration::RigidTransform;
+use crate::registration::transform::Quaternion;
+use crate::units::Mm;
+
+/// What a length without a decimal point means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Integers {
+    /// `X100` is 100 mm or inches (Fanuc 3401#0 DPI = 1, LinuxCNC, GRBL).
+    Units,
+    /// `X100` is 100 steps (Fanuc DPI = 0).
+    Steps,
+}
+
+/// Whose meaning counts where controls differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RewriteDialect {
+    /// Fanuc, Haas, Mitsubishi: a canned cycle whose R lies above the tool moves across first
+    /// and then to R.
+    Fanuc,
+    /// LinuxCNC: such a cycle rises to R first and never comes back below it; P on an arc
+    /// counts its turns.
+    LinuxCnc,
+}
+
+/// Modes that a program takes for granted: what is in force when it starts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StartModes {
+    pub(super) incremental: Option<bool>,
+    pub(super) unit: Option<Unit>,
+    /// The plane's normal axis.
+    pub(super) normal: Option<usize>,
+    pub(super) absolute_centres: Option<bool>,
+    pub(super) feed: Option<Feed>,
+    pub(super) returns_to_r: Option<bool>,
+    pub(super) work: Option<u16>,
+    pub(super) motion: Option<Motion>,
+}
+
+impl StartModes {
+    /// With the mode of one more G code, in tenths (`G90` is 900). None if it is no mode of a
+    /// path, or contradicts one that was stated.
+    #[must_use]
+    pub fn with(mut self, tenths: u16) -> Option<Self> {
+        /// States a mode once.
+        fn set<T: PartialEq>(slot: &mut Option<T>, mode: T) -> bool {
+            let fits = slot.as_ref().is_none_or(|stated| *stated == mode);
+            *slot = Some(mode);
+            fits
+        }
+        let fits = match code(tenths) {
+            Code::Absolute => set(&mut self.incremental, false),
+            Code::Incremental => set(&mut self.incremental, true),
+            Code::Inch => set(&mut self.unit, Unit::Inch),
+            Code::Millimetre => set(&mut self.unit, Unit::Millimetre),
+            Code::Plane(normal) => set(&mut self.normal, normal),
+            Code::AbsoluteCentres => set(&mut self.absolute_centres, true),
+            Code::IncrementalCentres => set(&mut self.absolute_centres, false),
+            Code::InverseTime => set(&mut self.feed, Feed::InverseTime),
+            Code::PerMinute => set(&mut self.feed, Feed::PerMinute),
+            Code::PerRevolution => set(&mut self.feed, Feed::PerRevolution),
+            Code::ToR => set(&mut self.returns_to_r, true),
+            Code::ToInitial => set(&mut self.returns_to_r, false),
+            Code::Work(work) => set(&mut self.work, work),
+            Code::Motion(motion) => set(&mut self.motion, motion),
+            // So everything begins.
+            Code::NotCompensated | Code::NoLength | Code::EndOfCycle => true,
+            _ => false,
+        };
+        fits.then_some(self)
+    }
+}
+
+/// By what a program is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProgramIdentity {
+    /// CRC-32 (ISO-HDLC) of all bytes.
+    pub crc32: u32,
+    /// How many there are.
+    pub bytes: u64,
+}
+
+/// Where a transform comes from, for people.
+pub type Source = String<96>;
+
+/// Programs that may be called although their text is not there, as `9010,<finish>`.
+pub type AllowedCalls = String<96>;
+
+/// What to do with a program.
+#[derive(Clone, Debug)]
+pub struct RewriteSettings {
+    /// Nominal to measured, in the coordinates of the work offset.
+    pub transform: RigidTransform,
+    /// Decimals of a length in mm that the control takes, 1 to 6: 3 is 0.001 mm, IS-B.
+    /// Inches have one more.
+    pub decimals_mm: u8,
+    /// How far an arc may come to lie from its image, rounding included.
+    pub chord: Mm,
+    /// What a length without a decimal point means; none refuses it.
+    pub integers: Option<Integers>,
+    /// The unit before the program says G20 or G21; none refuses motions.
+    pub unit: Option<Unit>,
+    /// Origins of G54 to G59 in machine coordinates, where they are known, mm.
+    pub origins_mm: [Option<[f64; 3]>; 6],
+    /// How far pecks retract where a cycle is written out (Fanuc 5114, 5115).
+    pub clearance: Mm,
+    /// Modes that the program takes for granted.
+    pub start: StartModes,
+    /// Whose meaning counts where controls differ; none refuses what they do differently.
+    pub dialect: Option<RewriteDialect>,
+    /// Programs that may be called although their text is not there. Each must leave the modes
+    /// as it finds them, and its motions are not carried.
+    pub allowed_calls: AllowedCalls,
+    /// Whether a program may be rewritten that was rewritten before.
+    pub again: bool,
+    /// Check value of the original, for the header.
+    pub original: Option<ProgramIdentity>,
+    /// Where the transform comes from, for the header: a verdict's job and setup.
+    pub source: Source,
+}
+
+impl RewriteSettings {
+    /// A control of 0.001 mm, arcs within 0.01 mm, nothing known beyond the transform.
+    #[must_use]
+    pub const fn new(transform: RigidTransform) -> Self {
+        Self {
+            transform,
+            decimals_mm: 3,
+            chord: Mm(0.01),
+            integers: None,
+            unit: None,
+            origins_mm: [None; 6],
+            clearance: Mm(1.0),
+            start: StartModes {
+                incremental: None,
+                unit: None,
+                normal: None,
+                absolute_centres: None,
+                feed: None,
+                returns_to_r: None,
+                work: None,
+                motion: None,
+            },
+            dialect: None,
+            allowed_calls: AllowedCalls::new(),
+            again: false,
+            original: None,
+            source: Source::new(),
+        }
+    }
+
+    /// Whether a program may be called by this name although its text is not there.
+    pub(super) fn allows_call(&self, name: &str) -> bool {
+        self.allowed_calls
+            .split(',')
+            .any(|allowed| allowed.eq_ignore_ascii_case(name))
+    }
+
+    /// The same of a number.
+    pub(super) fn allows_number(&self, number: u32) -> bool {
+        self.allowed_calls
+            .split(',')
+            .any(|allowed| allowed.parse() == Ok(number))
+    }
+}
+
+/// Settings that cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum BadSettings {
+    /// R is not a rotation to 1e-6, or a number is not finite or beyond 10 m.
+    Transform,
+    /// Decimals are 1 to 6.
+    Decimals,
+    /// A chord's tolerance from 3 steps to 10 mm.
+    Chord,
+    /// A clearance from 0 to 100 mm.
+    Clearance,
+    /// An origin beyond 10 m.
+    Origin,
+}
+
+impl core::fmt::Display for BadSettings {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Transform => {
+                "this is no rotation and translation: rows of R must be orthogonal unit vectors to \
+                 1e-6 (write nine decimals), the determinant +1, lengths below 10 m"
+            }
+            Self::Decimals => "the increment is 0.1 to 0.000001 mm, a power of ten",
+            Self::Chord => "the tolerance of arcs is at least 3 increments, at most 10 mm",
+            Self::Clearance => "the clearance of pecks is 0 to 100 mm",
+            Self::Origin => "an origin is a place within 10 m",
+        })
+    }
+}
+
+impl core::error::Error for BadSettings {}
+
+/// A transform that is one: rotation to 1e-6, made exact.
+pub(super) fn checked(transform: &RigidTransform) -> Option<RigidTransform> {
+    let r = &transform.rotation;
+    let error = (r.transpose() * r - Matrix3::identity()).abs().max();
+    let far = transform.translation_mm.abs().max();
+    let finite = r
+        .iter()
+        .chain(transform.translation_mm.iter())
+        .all(|x| x.is_finite());
+    let fits = finite && error <= 2e-6 && far <= 10_000.0 && r.determinant() > 0.0;
+    if !fits {
+        return None;
+    }
+    // A rotation of ones and zeros, or about an axis of the machine, stays what it is.
+    let exact = error <= 4.0 * f64::EPSILON;
+    Some(if exact {
+        *transform
+    } else {
+        RigidTransform {
+            rotation: Quaternion::from_rotation(r).to_rotation(),
+            ..*transform
+        }
+    })
+}

@@ -1,0 +1,189 @@
+//! Ways to a wrong part that a program's text shows: calls of what is not there, a second
+//! rewriting, words that controls understand differently. Each is refused unless somebody says
+//! what is meant.
+
+use std::string::String;
+
+use super::super::refusal::RewriteRefusal;
+use super::super::{AllowedCalls, RewriteDialect, RewriteSettings, Rewriter, StartModes};
+use super::{level, rewritten, settings, text, turned};
+
+fn allowing(calls: &str) -> RewriteSettings {
+    RewriteSettings {
+        allowed_calls: AllowedCalls::try_from(calls).unwrap(),
+        ..settings(level(90.0, [0.0; 3]))
+    }
+}
+
+fn of(family: RewriteDialect, degrees: [f64; 3]) -> RewriteSettings {
+    RewriteSettings {
+        dialect: Some(family),
+        ..settings(turned(degrees, [0.0; 3]))
+    }
+}
+
+const CALLS: &str = "G21 G90 G0 X1. Y0. Z0.\n{}\nG0 X2. Y0. Z0.\nM30\n";
+
+/// A call of what is not in the file is allowed by its number or name, and by no other; the
+/// call itself stays as it was, and motion and place are named anew behind it.
+#[test]
+fn calls_are_allowed_by_name() {
+    for (call, name) in [
+        ("M98 P9010", "9010"),
+        ("G65 P9010 A1. B2. X3.", "9010"),
+        ("o9010 call [1] [2]", "9010"),
+        ("O<Finish> CALL", "<finish>"),
+    ] {
+        let program = CALLS.replace("{}", call);
+        let (made, _) = rewritten(&allowing(name), &program).unwrap();
+        assert_eq!(
+            made,
+            std::format!("G21 G90 G0 X0. Y1. Z0.\n{call}\nG0 X0. Y2. Z0.\nM30\n")
+        );
+        for other in ["", "9011", "<other>", "90,10"] {
+            rewritten(&allowing(other), &program).unwrap_err();
+        }
+        let goes_on = program.replace("G0 X2. Y0. Z0.", "G0 X2.");
+        let refused = rewritten(&allowing(name), &goes_on).unwrap_err();
+        assert_eq!(
+            (refused.line, refused.reason),
+            (3, RewriteRefusal::UnknownPlace('Y'))
+        );
+    }
+}
+
+/// Each program that is not there is told, where it is called first.
+#[test]
+fn all_missing_programs_are_told() {
+    let program = "G21 G90 G0 X1. Y0. Z0.\nM98 P1\n M98 P2\nM98 P3\nM98 P1\nM30\nO2\nM99\n";
+    let mut rewriter = Rewriter::new(&allowing("")).unwrap();
+    rewriter.push(program.as_bytes(), &mut |_| ()).unwrap();
+    let mut told = std::vec::Vec::new();
+    while let Err(refused) = rewriter.finish(&mut |_| ()) {
+        told.push((refused.line, refused.column, refused.reason));
+        rewriter.go_on();
+    }
+    assert_eq!(
+        told,
+        [
+            (2, 1, RewriteRefusal::NotHere(1)),
+            (4, 1, RewriteRefusal::NotHere(3))
+        ]
+    );
+}
+
+/// What was rewritten is rewritten again on demand only.
+#[test]
+fn a_second_time_is_asked_for() {
+    let once = RewriteSettings {
+        again: true,
+        ..settings(level(90.0, [0.0; 3]))
+    };
+    let mut made = String::new();
+    let mut sink = |bytes: &[u8]| made.push_str(core::str::from_utf8(bytes).unwrap());
+    let mut rewriter = Rewriter::new(&once).unwrap();
+    rewriter
+        .push(b"%\nO7 (PART)\nG21 G90 G0 X1. Y0. Z0.\n%\n", &mut sink)
+        .unwrap();
+    rewriter.finish(&mut sink).unwrap();
+    let refused = rewritten(&settings(level(90.0, [0.0; 3])), &made).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (3, RewriteRefusal::Rewritten)
+    );
+    let (twice, _) = rewritten(&once, &made).unwrap();
+    assert!(twice.contains("X-1. Y0. Z0."), "{twice}");
+}
+
+/// For LinuxCNC P on an arc counts turns: it stays with the arc, and as chords each turn is cut.
+#[test]
+fn turns_of_an_arc_are_kept() {
+    let program = "G21 G90 G0 X10. Y0. Z0.\nG3 X10. Y0. I-10. J0. Z-3. P3 F9\n";
+    let (made, _) = rewritten(&of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]), program).unwrap();
+    assert!(
+        made.ends_with("G3 X0. Y10. I0. J-10. Z-3. P3 F9\n"),
+        "{made}"
+    );
+    let lean = of(RewriteDialect::LinuxCnc, [20.0, 0.0, 0.0]);
+    let (three, counted) = rewritten(&lean, program).unwrap();
+    let (_, one) = rewritten(&lean, &program.replace(" P3", "")).unwrap();
+    // Three turns need as many chords as thrice one, less what rounding up adds.
+    let thrice = 3 * one.chords;
+    assert!(
+        (thrice - 3..=thrice).contains(&counted.chords),
+        "{counted:?}"
+    );
+    assert!(!three.contains('P'), "{three}");
+    let refused = rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]), program).unwrap_err();
+    assert_eq!(refused.reason, RewriteRefusal::Turns);
+}
+
+/// A cycle that begins below R: one control moves across and then to R, another rises first and
+/// never comes back below it.
+#[test]
+fn below_r_each_control_goes_its_way() {
+    let program = "G21 G90 G0 X0. Y0. Z1.\nG98 G81 X10. Y0. Z-5. R2. F100\nG80\nG91 G0 Z1.\n";
+    let refused = rewritten(&settings(turned([0.0, 0.1, 0.0], [0.0; 3])), program).unwrap_err();
+    assert_eq!((refused.line, refused.reason), (2, RewriteRefusal::BelowR));
+    // sin 0.1 degrees is 0.001745.
+    let (made, _) = rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.1, 0.0]), program).unwrap();
+    let lines: std::vec::Vec<&str> = made.lines().take(5).collect();
+    assert_eq!(
+        lines,
+        [
+            "G21 G90 G0 X0.002 Y0. Z1.",
+            "G98 G0 X10.002 Y0. Z0.983 F100",
+            "X10.003 Z1.983",
+            "G1 X9.991 Z-5.017",
+            "G0 X10.002 Z0.983",
+        ],
+        "{made}"
+    );
+    let (made, _) = rewritten(&of(RewriteDialect::LinuxCnc, [0.0, 0.1, 0.0]), program).unwrap();
+    let lines: std::vec::Vec<&str> = made.lines().skip(1).take(4).collect();
+    assert_eq!(
+        lines,
+        [
+            "G98 G0 X0.003 Y0. Z2. F100",
+            "X10.003 Z1.983",
+            "G1 X9.991 Z-5.017",
+            "G0 X10.003 Z1.983",
+        ],
+        "{made}"
+    );
+    // In increments R would be counted from another height for each hole.
+    let refused = rewritten(
+        &of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]),
+        "G21 G90 G0 X0. Y0. Z1.\nG91 G81 X1. Z-5. R2. K2 F100\n",
+    )
+    .unwrap_err();
+    assert_eq!(refused.reason, RewriteRefusal::BelowR);
+}
+
+/// Modes that a program takes for granted can be stated, once each.
+#[test]
+fn modes_to_begin_with_are_stated() {
+    let stated = |codes: &[u16]| {
+        codes
+            .iter()
+            .try_fold(StartModes::default(), |modes, code| modes.with(*code))
+    };
+    let start = stated(&[900, 190, 210, 0, 800, 990]).unwrap();
+    let with = RewriteSettings {
+        start,
+        unit: None,
+        ..settings(level(90.0, [0.0; 3]))
+    };
+    let program = "X1. Y0. Z0.\nG1 X2. F9\n";
+    let (made, _) = rewritten(&with, program).unwrap();
+    assert_eq!(made, "X0. Y1. Z0.\nG1 X0. Y2. F9\n");
+    let same = std::format!("G90 G21 G0 {program}");
+    assert_eq!(
+        text(level(90.0, [0.0; 3]), &same),
+        std::format!("G90 G21 G0 {made}")
+    );
+    for codes in [&[900, 910][..], &[200, 210], &[170, 180], &[40], &[7770]] {
+        assert_eq!(stated(codes), None, "{codes:?}");
+    }
+    assert!(stated(&[900, 900]).is_some());
+}

@@ -1,0 +1,103 @@
+//! Where a transform comes from: a file of its own, or a verdict.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::Value;
+use umi_core::registration::RigidTransform;
+
+use crate::files::points::{name, text};
+use crate::problem::Problem;
+
+/// A transform and what it is called in a program's header.
+#[derive(Clone, Debug)]
+pub struct ProgramSource {
+    /// Nominal to measured.
+    pub transform: RigidTransform,
+    /// As it stands in the header.
+    pub name: String,
+}
+
+#[derive(Deserialize)]
+struct Written {
+    /// Rows.
+    rotation: [[f64; 3]; 3],
+    translation_mm: [f64; 3],
+}
+
+impl Written {
+    fn transform(&self) -> RigidTransform {
+        RigidTransform::from_rows(self.rotation, self.translation_mm)
+    }
+}
+
+/// Reads `{"rotation": [[…], […], […]], "translation_mm": […]}`: what `umi register --json`
+/// prints, too.
+///
+/// # Errors
+/// The file cannot be read, or holds something else.
+pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
+    let written: Written = serde_json::from_str(&text(path)?).map_err(|error| {
+        Problem::trouble(
+            "transform",
+            format_args!(
+                "{}: {error}; a transform is {{\"rotation\": [[1,0,0],[0,1,0],[0,0,1]], \
+                 \"translation_mm\": [0,0,0]}}",
+                name(path)
+            ),
+        )
+    })?;
+    Ok(ProgramSource {
+        transform: written.transform(),
+        name: format!("TRANSFORM {}", stem(path)),
+    })
+}
+
+/// Reads the last verdict of a file of JSON lines, as `umi replay --json` prints them.
+///
+/// # Errors
+/// The file cannot be read or holds no verdict; the verdict is not OK.
+pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
+    let text = text(path)?;
+    let is_verdict = |value: &Value| value["type"] == "verdict";
+    let last = text
+        .lines()
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
+        .rfind(is_verdict)
+        // One verdict, written over many lines.
+        .or_else(|| serde_json::from_str(&text).ok().filter(is_verdict))
+        .ok_or_else(|| {
+            Problem::trouble(
+                "verdict",
+                format_args!(
+                    "{}: no verdict in it; `umi replay … --json` prints them",
+                    name(path)
+                ),
+            )
+        })?;
+    if last["verdict"] != "OK" {
+        return Err(Problem::refused(
+            "not_ok",
+            format_args!(
+                "{}: its last verdict is NG: nothing moves by it",
+                name(path)
+            ),
+        ));
+    }
+    let written: Written =
+        serde_json::from_value(last["registration"].clone()).map_err(|error| {
+            Problem::trouble(
+                "verdict",
+                format_args!("{}: its verdict has no registration: {error}", name(path)),
+            )
+        })?;
+    Ok(ProgramSource {
+        transform: written.transform(),
+        name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
+    })
+}
+
+fn stem(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default();
+    stem.to_string_lossy().chars().take(40).collect()
+}

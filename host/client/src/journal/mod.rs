@@ -1,0 +1,228 @@
+//! Pulls a board's journal entry by entry, verified as it comes, and reads
+//! pulled files back.
+
+pub mod audit;
+
+use std::fmt;
+
+use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, JournalFault};
+use umi_protocol::job::{Guards, Teach};
+use umi_protocol::message::{JournalInfo, Record};
+
+use crate::link::{Client, JournalChain, JournalEntry};
+use crate::problem::Problem;
+
+/// A verified stretch of a journal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// First entry.
+    pub first: u64,
+    /// The entry after the last one.
+    pub next: u64,
+    /// Chain value that includes the last entry.
+    pub chain: Chain,
+}
+
+/// What happens while a journal is pulled, in this order.
+#[derive(Debug)]
+pub enum PullStep<'a> {
+    /// What a file begins with, and the entry after the last one to come.
+    Header(FileHeader, u64),
+    /// An entry whose check value and chain are right, as it is stored.
+    Entry(Entry<'a>, &'a [u8]),
+}
+
+/// Pulls all entries from `from` on (by default from the oldest) that are there
+/// when it begins.
+///
+/// # Errors
+/// The link's; `out_of_range`; an entry that is damaged, missing or does not follow
+/// from those before it, by the code of its [`JournalFault`]; what `step` returns.
+pub fn pull<E: From<Problem>>(
+    board: &mut Client,
+    from: Option<u64>,
+    mut step: impl FnMut(PullStep<'_>) -> Result<(), E>,
+) -> Result<Stretch, E> {
+    let info = board.journal_info().map_err(Problem::from)?;
+    let first = from.unwrap_or(info.first_seq);
+    if !(info.first_seq..=info.next_seq).contains(&first) {
+        return Err(gone(first, info).into());
+    }
+    let chain_before = chain_before(board, first)?;
+    step(PullStep::Header(
+        FileHeader {
+            first_seq: first,
+            chain_before,
+        },
+        info.next_seq,
+    ))?;
+    let mut chain = chain_before;
+    for seq in first..info.next_seq {
+        let raw = match board.journal_read(seq).map_err(Problem::from)? {
+            JournalEntry::Stored(raw) => raw,
+            JournalEntry::None(info) => return Err(gone(seq, info).into()),
+        };
+        let mut entries = EntryIter::new(&raw, seq, chain);
+        let entry = entries
+            .next()
+            .unwrap_or(Err(JournalFault::CutShort { seq }));
+        let entry = entry.map_err(|fault| faulty(&fault))?;
+        if entries.offset() != raw.len() {
+            return Err(faulty(&JournalFault::Damaged { seq }).into());
+        }
+        step(PullStep::Entry(entry, &raw))?;
+        chain = entries.chain_head();
+    }
+    // The entries follow from each other; this says that they are the board's.
+    if self::chain_before(board, info.next_seq)? != chain {
+        return Err(faulty(&JournalFault::ChainBroken { seq: info.next_seq }).into());
+    }
+    Ok(Stretch {
+        first,
+        next: info.next_seq,
+        chain,
+    })
+}
+
+/// The board's chain value before an entry.
+fn chain_before(board: &mut Client, seq: u64) -> Result<Chain, Problem> {
+    match board.journal_chain(seq)? {
+        JournalChain::Before(value) => Ok(Chain(value)),
+        JournalChain::Hidden => Err(hidden(seq)),
+        JournalChain::None(info) => Err(gone(seq, info)),
+    }
+}
+
+/// Reads the entries of a pulled file, verified as they come.
+///
+/// # Errors
+/// The file is no journal; a faulty entry; what `step` returns.
+pub fn read<E: From<Problem>>(
+    bytes: &[u8],
+    mut step: impl FnMut(Entry<'_>) -> Result<(), E>,
+) -> Result<Stretch, E> {
+    let (header, mut entries) = umi_core::journal::decode_file(bytes)
+        .map_err(|error| Problem::trouble(error.code(), error))?;
+    for entry in entries.by_ref() {
+        step(entry.map_err(|fault| faulty(&fault))?)?;
+    }
+    Ok(Stretch {
+        first: header.first_seq,
+        next: entries.next_seq(),
+        chain: entries.chain_head(),
+    })
+}
+
+/// What an entry says.
+///
+/// # Errors
+/// [`Unreadable`].
+pub fn record(entry: &Entry<'_>) -> Result<Record, Unreadable> {
+    let unreadable = Unreadable { kind: entry.kind };
+    match postcard::take_from_bytes::<Record>(entry.payload) {
+        Ok((record, [])) if record.kind() == entry.kind => Ok(record),
+        Err(postcard::Error::DeserializeUnexpectedEnd) => older(entry).ok_or(unreadable),
+        _ => Err(unreadable),
+    }
+}
+
+/// A record of an earlier firmware that ends before what was added since. All of that is
+/// absent in it, which is written as zeros.
+fn older(entry: &Entry<'_>) -> Option<Record> {
+    const ADDED: usize = 16;
+    let grown = matches!(entry.kind, JOB_SET | REFERENCE_RESTORED | TAUGHT);
+    let mut bytes = entry.payload.to_vec();
+    bytes.resize(bytes.len() + ADDED, 0);
+    let (record, rest) = postcard::take_from_bytes::<Record>(&bytes).ok()?;
+    // Only what was added may be missing: never a byte of what was there before.
+    let whole = rest.len() < ADDED && record.kind() == entry.kind;
+    (grown && whole && is_plain(&record)).then_some(record)
+}
+
+const JOB_SET: u8 = 2;
+const REFERENCE_RESTORED: u8 = 3;
+const TAUGHT: u8 = 11;
+
+/// Nothing in it was added since. A record that broke off earlier would have zeros elsewhere,
+/// too; entries are whole by their check value, so there is none.
+fn is_plain(record: &Record) -> bool {
+    match record {
+        Record::JobSet(job) => job.teach == Teach::FirstOk && job.guards == Guards::default(),
+        Record::ReferenceRestored { learned, .. } | Record::Taught { learned, .. } => {
+            learned.is_empty()
+        }
+        _ => false,
+    }
+}
+
+/// A whole entry whose content this version cannot read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unreadable {
+    /// Its kind number.
+    pub kind: u8,
+}
+
+impl fmt::Display for Unreadable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "record of kind {} that this umi ({}) cannot read: list it with the umi of the firmware that wrote it",
+            self.kind,
+            env!("CARGO_PKG_VERSION")
+        )
+    }
+}
+
+fn faulty(fault: &JournalFault) -> Problem {
+    Problem::refused(fault.code(), fault).with("seq", fault.seq())
+}
+
+fn hidden(seq: u64) -> Problem {
+    let message = format!(
+        "damage in the journal before entry {seq} hides the chain value that proves it: start behind the damage with --from, at a later entry"
+    );
+    Problem::refused("chain_broken", message).with("seq", seq)
+}
+
+fn gone(seq: u64, info: JournalInfo) -> Problem {
+    let error = umi_core::journal::JournalError::<()>::OutOfRange {
+        seq,
+        first: info.first_seq,
+        next: info.next_seq,
+    };
+    Problem::trouble(error.code(), error)
+        .with("seq", seq)
+        .with("first_seq", info.first_seq)
+        .with("next_seq", info.next_seq)
+}
+
+#[cfg(test)]
+mod tests {
+    use umi_core::units::Micros;
+
+    use super::*;
+
+    /// A job as a firmware wrote it that knew no guards: without the ten zeros at its end.
+    /// One byte less, and it is no record of any firmware.
+    #[test]
+    fn a_job_of_an_earlier_firmware_is_read() {
+        let job = toml::from_str(include_str!("../../../../examples/three-spheres.toml"));
+        let set = Record::JobSet(job.unwrap());
+        let mut room = [0; umi_protocol::message::MAX_RECORD];
+        let bytes = postcard::to_slice(&set, &mut room).unwrap();
+        let read = |payload| {
+            record(&Entry {
+                seq: 1,
+                t: Micros(1),
+                kind: JOB_SET,
+                payload,
+            })
+        };
+        assert_eq!(bytes[bytes.len() - 10..], [0; 10]);
+        assert_eq!(read(&bytes[..]), Ok(set.clone()));
+        assert_eq!(read(&bytes[..bytes.len() - 10]), Ok(set));
+        for less in 17..60 {
+            assert!(read(&bytes[..bytes.len() - less]).is_err(), "{less}");
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! What a host can ask a board: one table of calls, each with its request and its answers.
+
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::Job;
+use umi_protocol::job_error::JobError;
+use umi_protocol::latch::{Positions, TriggerOut};
+use umi_protocol::message::{Identity, JournalInfo, Request, Response, Status, TeachRefusal};
+use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
+use umi_protocol::verdict::Verdict;
+
+use super::LinkError;
+use super::client::Client;
+
+/// The job that a board works on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobInForce {
+    /// None: no job has been set.
+    pub job: Option<Job>,
+    /// The taught reference positions in the order of the job's datum features, if a
+    /// setup has been taught.
+    pub taught_mm: Option<Vec<[f64; 3]>>,
+}
+
+/// What a journal holds under a sequence number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum JournalEntry {
+    /// The entry as stored, with its check and chain values.
+    Stored(Vec<u8>),
+    /// It is not there any more, or not yet.
+    None(JournalInfo),
+}
+
+/// What is known of the chain before an entry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JournalChain {
+    /// The value.
+    Before([u8; 32]),
+    /// Damage before the entry hides it.
+    Hidden,
+    /// The entry is not there any more, or not yet.
+    None(JournalInfo),
+}
+
+/// How much room there is for programs and some of them; or why there are none.
+pub type StoredPrograms = Result<(ProgramRoom, Vec<ProgramInfo>), ProgramRefusal>;
+
+/// `name(arguments) -> answer = request => { response => value, }`: any other response is a
+/// wrong answer.
+macro_rules! calls {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident($($argument:ident: $type:ty),*) -> $answer:ty = $request:expr => {
+            $( $response:pat $(if $guard:expr)? => $value:expr, )+
+        }
+    )*) => {
+        impl Client { $(
+            $(#[$doc])*
+            ///
+            /// # Errors
+            /// [`LinkError`], as all calls.
+            pub fn $name(&mut self, $($argument: $type),*) -> Result<$answer, LinkError> {
+                let request = $request;
+                match self.call(&request, name(&request))? {
+                    $( $response $(if $guard)? => Ok($value), )+
+                    _ => Err(LinkError::WrongAnswer { request: name(&request) }),
+                }
+            }
+        )* }
+    };
+}
+
+calls! {
+    /// Who the board is.
+    identity() -> Identity = Request::IdentityGet => {
+        Response::Identity(identity) => identity,
+    }
+
+    /// What the board does and what it has counted.
+    status() -> Status = Request::StatusGet => { Response::Status(status) => status, }
+
+    /// The job in force and the taught reference.
+    job() -> JobInForce = Request::JobGet => {
+        Response::Job { job, taught_mm } => JobInForce {
+            job,
+            taught_mm: taught_mm.map(|positions| positions.to_vec()),
+        },
+    }
+
+    /// Whether the board would take a job; changes nothing.
+    check_job(job: &Job) -> Result<(), JobError> = Request::JobCheck(job.clone()) => {
+        Response::Done => Ok(()),
+        Response::JobRefused(error) => Err(error),
+    }
+
+    /// Gives the board a job; it forgets the taught reference. The request is not repeated,
+    /// as a setup may be taught in between: without an answer
+    /// [`LinkError::JobOutcomeUnknown`].
+    set_job(job: &Job) -> Result<(), JobError> = Request::JobSet(job.clone()) => {
+        Response::Done => Ok(()),
+        Response::JobRefused(error) => Err(error),
+    }
+
+    /// Makes the setup that comes next the reference; in place of the one that there is only
+    /// if `again`.
+    teach(again: bool) -> Result<(), TeachRefusal> = Request::Teach { again } => {
+        Response::Done => Ok(()),
+        Response::TeachRefused(refusal) => Err(refusal),
+    }
+
+    /// Switches the unasked reports on or off.
+    live(on: bool) -> () = Request::LiveSet { on } => { Response::Done => (), }
+
+    /// Where the axes are now, and what they counted wrong.
+    positions() -> Positions = Request::PositionsGet => {
+        Response::Positions(positions) => positions,
+    }
+
+    /// Trigger pulses for a scanner from now on, or none. False: the board has no such
+    /// output or axis, or cannot keep that interval, and nothing has changed.
+    trigger_out(when: TriggerOut) -> bool = Request::TriggerOutSet(when) => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// Enables a scanner's laser, or not. False: the board has no such output.
+    laser(on: bool) -> bool = Request::LaserSet { on } => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// The latest result of a feature by its place in the job, from 0.
+    feature(feature: u8) -> Option<FeatureResult> = Request::FeatureGet { feature } => {
+        Response::Feature(result) => result,
+    }
+
+    /// The latest verdict.
+    verdict() -> Option<Verdict> = Request::VerdictGet => {
+        Response::Verdict(verdict) => verdict,
+    }
+
+    /// What the journal holds.
+    journal_info() -> JournalInfo = Request::JournalInfo => {
+        Response::JournalInfo(info) => info,
+    }
+
+    /// One entry of the journal by its sequence number.
+    journal_read(seq: u64) -> JournalEntry = Request::JournalRead { seq } => {
+        Response::JournalEntry { seq: of, raw } if of == seq => {
+            JournalEntry::Stored(raw.to_vec())
+        },
+        Response::JournalNoEntry(info) => JournalEntry::None(info),
+    }
+
+    /// The chain value before an entry; before the next one to come: that of the
+    /// whole journal.
+    journal_chain(seq: u64) -> JournalChain = Request::JournalChain { seq } => {
+        Response::JournalChain { seq: of, before } if of == seq => {
+            before.map_or(JournalChain::Hidden, JournalChain::Before)
+        },
+        Response::JournalNoEntry(info) => JournalChain::None(info),
+    }
+
+    /// How much room there is for programs, and the programs behind the first `skip`: as
+    /// many as an answer holds, none at the end.
+    programs(skip: u16) -> StoredPrograms = Request::ProgramList { skip } => {
+        Response::Programs { room, programs } => Ok((room, programs.to_vec())),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Begins an upload, or goes on with one that broke off: where the byte stands that is
+    /// wanted next.
+    program_begin(program: &ProgramInfo) -> Result<u32, ProgramRefusal> =
+        Request::ProgramBegin(program.clone()) =>
+    {
+        Response::ProgramAt { offset } => Ok(offset),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Sends bytes of an upload: where the byte stands that is wanted next.
+    program_piece(offset: u32, bytes: Piece) -> Result<u32, ProgramRefusal> =
+        Request::ProgramPiece { offset, bytes } =>
+    {
+        Response::ProgramAt { offset } => Ok(offset),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Ends an upload: after this the program is on the board, whole.
+    program_end(number: u32, crc32: u32) -> Result<(), ProgramRefusal> =
+        Request::ProgramEnd { number, crc32 } =>
+    {
+        Response::Done => Ok(()),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Bytes of a program; none behind its end.
+    program_read(number: u32, offset: u32) -> Result<Vec<u8>, ProgramRefusal> =
+        Request::ProgramRead { number, offset } =>
+    {
+        Response::ProgramBytes { offset: at, bytes } if at == offset => Ok(bytes.to_vec()),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Deletes a program.
+    program_delete(number: u32) -> Result<(), ProgramRefusal> =
+        Request::ProgramDelete { number } =>
+    {
+        Response::Done => Ok(()),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Makes a program what the control's next READ gets.
+    program_offer(number: u32) -> Result<(), ProgramRefusal> = Request::ProgramOffer { number } => {
+        Response::Done => Ok(()),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Lets the board ask the control for a program by XMODEM.
+    program_receive() -> Result<(), ProgramRefusal> = Request::ProgramReceive => {
+        Response::Done => Ok(()),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Makes what will be passed through what the control's next READ gets.
+    program_pass(program: &ProgramInfo) -> Result<u32, ProgramRefusal> =
+        Request::ProgramPass(program.clone()) =>
+    {
+        Response::ProgramAt { offset } => Ok(offset),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+
+    /// Passes bytes through: where the byte stands that is wanted next; none when all has
+    /// gone out.
+    program_passed(offset: u32, bytes: Piece) -> Result<Option<u32>, ProgramRefusal> =
+        Request::ProgramPassed { offset, bytes } =>
+    {
+        Response::ProgramAt { offset } => Ok(Some(offset)),
+        Response::Done => Ok(None),
+        Response::ProgramRefused(refusal) => Err(refusal),
+    }
+}
+
+/// The name of a request in messages.
+pub(super) const fn name(request: &Request) -> &'static str {
+    match request {
+        Request::IdentityGet => "identity",
+        Request::StatusGet => "status",
+        Request::JobGet => "job",
+        Request::JobCheck(_) => "check job",
+        Request::JobSet(_) => "set job",
+        Request::LiveSet { .. } => "live",
+        Request::FeatureGet { .. } => "feature",
+        Request::VerdictGet => "verdict",
+        Request::JournalInfo => "journal info",
+        Request::JournalRead { .. } => "journal read",
+        Request::JournalChain { .. } => "journal chain",
+        Request::PositionsGet => "positions",
+        Request::TriggerOutSet(_) => "trigger out",
+        Request::LaserSet { .. } => "laser",
+        Request::ProgramList { .. } => "program list",
+        Request::ProgramBegin(_) => "program upload",
+        Request::ProgramPiece { .. } => "program piece",
+        Request::ProgramEnd { .. } => "program end",
+        Request::ProgramRead { .. } => "program read",
+        Request::ProgramDelete { .. } => "program delete",
+        Request::ProgramOffer { .. } => "program offer",
+        Request::ProgramReceive => "program receive",
+        Request::ProgramPass(_) => "program pass",
+        Request::ProgramPassed { .. } => "passed bytes",
+        Request::Teach { .. } => "teach",
+    }
+}

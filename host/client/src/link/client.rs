@@ -1,0 +1,344 @@
+//! The board at the other end: one request at a time, and what it reports unasked.
+
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind};
+use std::time::{Duration, Instant};
+
+use umi_protocol::decoder::{Decoder, FrameCounters};
+use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, OpenError, encode};
+use umi_protocol::hello::Hello;
+use umi_protocol::message::{Event, Request, Response};
+
+use super::{LinkError, Transport, open};
+
+/// Events kept while nobody asks for them: some 5 MB.
+const MAX_EVENTS: usize = 1000;
+
+/// How long to wait for a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience {
+    /// For one answer, counted from when the request was sent.
+    pub answer: Duration,
+    /// How often a request is sent before giving up. A new job is sent only
+    /// once and waited for as long as all tries together.
+    pub tries: u32,
+}
+
+impl Default for Patience {
+    /// Three times a second: a board answers within milliseconds, but for
+    /// the erasure of a flash sector in between.
+    fn default() -> Self {
+        Self {
+            answer: Duration::from_secs(1),
+            tries: 3,
+        }
+    }
+}
+
+/// A board at the other end of a byte pipe.
+pub struct Client {
+    transport: Box<dyn Transport>,
+    decoder: Box<Decoder<MAX_BOARD_FRAME>>,
+    /// Received and not yet decoded: from `next` on.
+    input: Vec<u8>,
+    next: usize,
+    /// Who the board is, once it has been greeted.
+    board: Option<String>,
+    patience: Patience,
+    sequence: u16,
+    events: VecDeque<Event>,
+    /// Sequence number of the latest event.
+    last_event: Option<u16>,
+}
+
+/// One message from the board.
+enum Incoming {
+    Hello(Hello),
+    Response(Box<Response>),
+}
+
+impl Client {
+    /// Connects to the board at an address, see [`open`].
+    ///
+    /// # Errors
+    /// As [`open`] and [`Client::new`].
+    pub fn open(address: &str) -> Result<Self, LinkError> {
+        Self::new(open(address)?)
+    }
+
+    /// Greets the board at the other end of a pipe.
+    ///
+    /// # Errors
+    /// [`LinkError::NobodyAnswers`], [`LinkError::Mismatch`], [`LinkError::Closed`].
+    pub fn new(transport: Box<dyn Transport>) -> Result<Self, LinkError> {
+        Self::with_patience(transport, Patience::default())
+    }
+
+    /// As [`Client::new`], with other waiting times.
+    ///
+    /// # Errors
+    /// As [`Client::new`].
+    pub fn with_patience(
+        transport: Box<dyn Transport>,
+        patience: Patience,
+    ) -> Result<Self, LinkError> {
+        let mut client = Self {
+            transport,
+            decoder: Box::default(),
+            input: Vec::new(),
+            next: 0,
+            board: None,
+            patience,
+            sequence: 0,
+            events: VecDeque::new(),
+            last_event: None,
+        };
+        client.greet()?;
+        Ok(client)
+    }
+
+    /// Who the board said that it is, for people.
+    #[must_use]
+    pub fn board(&self) -> &str {
+        self.board.as_deref().unwrap_or_default()
+    }
+
+    /// What came from the board, intact and damaged.
+    #[must_use]
+    pub fn counters(&self) -> FrameCounters {
+        self.decoder.counters()
+    }
+
+    /// The next event that the board reports, in their order; none if `timeout`
+    /// passes without one. Those that came during a call are kept. What was
+    /// lost, by the board, on the line or here, stands in its place as
+    /// [`Event::Dropped`]. (A board that starts again counts from 0, which shows as a loss.)
+    ///
+    /// # Errors
+    /// [`LinkError::Closed`], [`LinkError::BoardChanged`].
+    pub fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, LinkError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            // Answers that nobody waits for any more are passed over.
+            while self.decode("events")?.is_some() {}
+            if let Some(event) = self.events.pop_front() {
+                return Ok(Some(event));
+            }
+            // Without patience, too, what has already come is looked at.
+            if !self.receive(deadline)? {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn greet(&mut self) -> Result<(), LinkError> {
+        let before = self.counters();
+        let hello = Hello::new(concat!("umi ", env!("CARGO_PKG_VERSION")));
+        let Patience { answer, tries } = self.patience;
+        let mut echo = false;
+        for _ in 0..tries {
+            self.send(&hello)?;
+            let deadline = Instant::now() + answer;
+            while let Some((sequence, incoming)) = self.wait(deadline, "hello")? {
+                match incoming {
+                    // A line that echoes, or a loop, is no board. One may still follow.
+                    Incoming::Hello(theirs) if theirs == hello => echo = true,
+                    Incoming::Hello(theirs) if sequence == self.sequence => {
+                        return self.accept(&theirs);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Err(LinkError::NobodyAnswers {
+            waited: answer * tries,
+            seen: self.counters().since(&before),
+            echo,
+        })
+    }
+
+    fn accept(&mut self, hello: &Hello) -> Result<(), LinkError> {
+        hello.check().map_err(|mismatch| LinkError::Mismatch {
+            board: hello.sender.as_str().into(),
+            mismatch,
+        })?;
+        self.board = Some(hello.sender.as_str().into());
+        Ok(())
+    }
+
+    /// Sends a request until its answer comes; `name` is what messages call it.
+    pub(super) fn call(
+        &mut self,
+        request: &Request,
+        name: &'static str,
+    ) -> Result<Response, LinkError> {
+        let Patience { answer, tries } = self.patience;
+        let waited = answer * tries;
+        // Setting a job twice is not the same as once: see `set_job`.
+        let (answer, tries) = if matches!(request, Request::JobSet(_)) {
+            (waited, 1)
+        } else {
+            (answer, tries)
+        };
+        let before = self.counters();
+        self.sequence = self.sequence.wrapping_add(1);
+        for _ in 0..tries {
+            self.send(request)?;
+            let deadline = Instant::now() + answer;
+            while let Some((sequence, incoming)) = self.wait(deadline, name)? {
+                if sequence != self.sequence {
+                    continue; // of an earlier request that was given up
+                }
+                return match incoming {
+                    Incoming::Response(response) => match *response {
+                        Response::StorageFailed => Err(LinkError::StorageFailed),
+                        response => {
+                            if matches!(request, Request::LiveSet { on: false }) {
+                                // What is not reported from now on is no loss.
+                                self.last_event = None;
+                            }
+                            Ok(response)
+                        }
+                    },
+                    // So a board answers what it cannot open.
+                    Incoming::Hello(hello) => {
+                        self.accept(&hello)?;
+                        Err(LinkError::NotUnderstood { request: name })
+                    }
+                };
+            }
+        }
+        let seen = self.counters().since(&before);
+        Err(if matches!(request, Request::JobSet(_)) {
+            LinkError::JobOutcomeUnknown { waited }
+        } else if seen.damaged() > 0 {
+            LinkError::Damaged {
+                request: name,
+                tries,
+                seen,
+            }
+        } else {
+            LinkError::NoAnswer {
+                request: name,
+                tries,
+                waited,
+            }
+        })
+    }
+
+    fn send<M: Message>(&mut self, message: &M) -> Result<(), LinkError> {
+        let mut buffer = [0; MAX_HOST_FRAME];
+        // The buffer holds the longest message; see the tests of the protocol.
+        let frame = encode(self.sequence, message, &mut buffer)
+            .map_err(|error| LinkError::Closed(io::Error::other(error)))?;
+        self.transport.write(frame).map_err(LinkError::Closed)
+    }
+
+    /// The next Hello or answer; none if it does not come until `deadline`.
+    fn wait(
+        &mut self,
+        deadline: Instant,
+        request: &'static str,
+    ) -> Result<Option<(u16, Incoming)>, LinkError> {
+        loop {
+            if let Some(incoming) = self.decode(request)? {
+                return Ok(Some(incoming));
+            }
+            // A board that talks without end must not make us wait without end.
+            if Instant::now() >= deadline || !self.receive(deadline)? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Receives bytes; false if none come until `deadline`.
+    fn receive(&mut self, deadline: Instant) -> Result<bool, LinkError> {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let mut buffer = [0; 4096];
+        match self.transport.read(&mut buffer, left) {
+            Ok(len) => {
+                self.input.clear();
+                self.input.extend(buffer.iter().take(len));
+                self.next = 0;
+                Ok(len > 0)
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => {
+                Err(LinkError::Busy(error.to_string()))
+            }
+            Err(error) => Err(LinkError::Closed(error)),
+        }
+    }
+
+    /// The next Hello or answer in what was received; events are put aside.
+    fn decode(&mut self, request: &'static str) -> Result<Option<(u16, Incoming)>, LinkError> {
+        loop {
+            let mut rest = self.input.get(self.next..).unwrap_or_default();
+            let frame = self.decoder.next_frame(&mut rest);
+            self.next = self.input.len() - rest.len();
+            let Some(frame) = frame else { return Ok(None) };
+            let sequence = frame.sequence;
+            let opened = match frame.kind {
+                Kind::Hello => frame.open().map(Incoming::Hello),
+                Kind::Response => frame.open().map(|m| Incoming::Response(Box::new(m))),
+                Kind::Event => match frame.open() {
+                    Ok(event) => {
+                        self.keep(sequence, event);
+                        continue;
+                    }
+                    Err(error) => Err(error),
+                },
+                // Nothing that this version asked for.
+                Kind::Request | Kind::Other(_) => continue,
+            };
+            match opened {
+                Ok(incoming) => return Ok(Some((sequence, incoming))),
+                // Before the Hello, what an earlier session left behind.
+                Err(_) if self.board.is_none() => {}
+                Err(OpenError::OtherSchema) => return Err(LinkError::BoardChanged),
+                Err(_) => return Err(LinkError::WrongAnswer { request }),
+            }
+        }
+    }
+
+    fn keep(&mut self, sequence: u16, event: Event) {
+        if matches!(event, Event::Latches(_)) {
+            // Numbered themselves, beside the other events.
+            return self.push(event);
+        }
+        let expected = self.last_event.map(|last| last.wrapping_add(1));
+        self.last_event = Some(sequence);
+        let gap = expected.map_or(0, |expected| sequence.wrapping_sub(expected).into());
+        match event {
+            // What the board dropped has left a gap, too: the same loss, told once.
+            Event::Dropped { count } => self.push(Event::Dropped {
+                count: count.max(gap),
+            }),
+            event => {
+                if gap > 0 {
+                    self.push(Event::Dropped { count: gap });
+                }
+                self.push(event);
+            }
+        }
+    }
+
+    fn push(&mut self, event: Event) {
+        if self.events.len() < MAX_EVENTS {
+            self.events.push_back(event);
+            return;
+        }
+        // The last place tells of the loss: of what stood there and of what follows.
+        let events = |event: &Event| match event {
+            Event::Dropped { count } => *count,
+            _ => 1,
+        };
+        if let Some(last) = self.events.back_mut() {
+            let count = events(last).saturating_add(events(&event));
+            *last = Event::Dropped { count };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

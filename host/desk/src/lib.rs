@@ -1,0 +1,82 @@
+//! A virtual board wired to a virtual machine, on a desk.
+//!
+//! | room | idea |
+//! | --- | --- |
+//! | [`capture`] | a board as fast as it computes, one event after the other |
+//! | [`live`] | a board whose time is that of the wall, for others to be its host |
+//! | [`wiring`] | where the machine's wires lead |
+//! | [`tap`] | a tap on the wires: what the control prints for a listener |
+//! | [`tool_path`] | the motions of a program, as the virtual control drives them |
+
+pub mod capture;
+pub mod live;
+pub mod tap;
+pub mod tool_path;
+pub mod wiring;
+
+use umi_client::files::job_file;
+use umi_client::link::{Client, LinkError, Transport};
+use umi_client::problem::Problem;
+use umi_protocol::job::Job;
+use umi_protocol::latch::{LatchCause, LatchReport, Positions};
+use umi_virtual::{Config, HostEnd, VirtualBoard};
+
+/// The host's end of a virtual board, as a link.
+struct BoardLink(HostEnd);
+
+impl Transport for BoardLink {
+    fn read(&mut self, buffer: &mut [u8], timeout: std::time::Duration) -> std::io::Result<usize> {
+        self.0.read_into(buffer, timeout)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.0.write(bytes)
+    }
+}
+
+/// A link to a virtual board.
+#[must_use]
+pub fn link(board: &VirtualBoard) -> Box<dyn Transport> {
+    Box::new(BoardLink(board.connect()))
+}
+
+/// A virtual board's host.
+///
+/// # Errors
+/// The link's.
+pub fn client(board: &VirtualBoard) -> Result<Client, LinkError> {
+    Client::new(link(board))
+}
+
+/// A new virtual board with a job, and its host.
+fn start(config: Config, job: &Job) -> Result<(VirtualBoard, Client), Problem> {
+    let board =
+        VirtualBoard::start(config).map_err(|error| Problem::trouble("virtual_board", error))?;
+    let mut host = client(&board)?;
+    host.set_job(job)?
+        .map_err(|error| job_file::refusal(&error))?;
+    Ok((board, host))
+}
+
+/// The machine's axes there at this time of the board's clock; its encoders lose nothing.
+fn axes(at_us: u64, counts: [i64; 3]) -> Positions {
+    Positions {
+        counts: counts.into_iter().collect(),
+        t_ns: at_us.saturating_mul(1000),
+        illegal: counts.iter().map(|_| 0).collect(),
+        lost_samples: 0,
+    }
+}
+
+/// The skip line's next edge, at this time of the board's clock; `skips` counts them.
+fn skip_edge(skips: &mut u32, at_us: u64, counts: [i64; 3]) -> LatchReport {
+    let number = *skips;
+    *skips = number.wrapping_add(1);
+    LatchReport {
+        number,
+        cause: LatchCause::Skip,
+        counts: counts.into_iter().collect(),
+        t_ns: at_us.saturating_mul(1000),
+        missed: 0,
+    }
+}

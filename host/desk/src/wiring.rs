@@ -1,0 +1,252 @@
+//! The virtual machine's wires, and their peer: a virtual board, a board's serial port, or
+//! nobody.
+
+use std::io::{ErrorKind, Write as _};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use serialport::SerialPort;
+use umi_core::units::Micros;
+use umi_virtual::machine::Wires;
+
+use crate::capture::{self, Desk};
+use crate::live::{self, Live};
+use umi_client::problem::Problem;
+use umi_client::session::DecisionRecord;
+
+/// The control's READ: it asks with DC1.
+const DC1: u8 = 0x11;
+
+/// How long a board may think before it sends a program.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Where the wires lead.
+pub enum Peer {
+    /// Nowhere: text is shown and that is all.
+    Nowhere,
+    /// To a virtual board: serial line, skip line and encoders.
+    Board(Box<Desk>),
+    /// To a virtual board that others watch, as fast as a machine is.
+    Live(Box<Live>),
+    /// To a serial port: the serial line alone.
+    Line(Box<dyn ControlLine>),
+}
+
+/// A serial line of this computer.
+pub trait ControlLine: std::io::Read + std::io::Write {}
+
+impl ControlLine for Box<dyn SerialPort> {}
+impl ControlLine for TcpStream {}
+
+/// The machine's end of the wires.
+pub struct Wiring {
+    lead: Peer,
+    events: Vec<WireEvent>,
+    /// The first trouble: a machine's wire cannot report one.
+    failure: Option<Problem>,
+}
+
+/// What happened on the wires, in its order.
+#[derive(Clone, Debug)]
+pub enum WireEvent {
+    /// The control sent bytes; when the last of them had gone.
+    Serial(Micros, Vec<u8>),
+    /// The skip line rose, with the encoders' counts.
+    Skip(Micros, [i64; 3]),
+    /// The board decided.
+    Decision(Box<DecisionRecord>),
+}
+
+impl Wiring {
+    /// Wires that lead there.
+    #[must_use]
+    pub fn new(lead: Peer) -> Self {
+        Self {
+            lead,
+            events: Vec::new(),
+            failure: None,
+        }
+    }
+
+    /// Wires to a serial port (`/dev/ttyUSB0`, `COM3`) or `tcp://host:port`.
+    ///
+    /// # Errors
+    /// The port cannot be opened.
+    pub fn to_port(address: &str, baud: u32) -> Result<Self, Problem> {
+        let trouble = |error: &dyn std::fmt::Display| {
+            Problem::trouble("port", format_args!("{address}: {error}"))
+        };
+        let line: Box<dyn ControlLine> = match address.strip_prefix("tcp://") {
+            Some(host) => {
+                let stream = TcpStream::connect(host).map_err(|error| trouble(&error))?;
+                stream
+                    .set_read_timeout(Some(PATIENCE))
+                    .map_err(|error| trouble(&error))?;
+                Box::new(stream)
+            }
+            None => Box::new(
+                serialport::new(address, baud)
+                    .timeout(PATIENCE)
+                    .open()
+                    .map_err(|error| trouble(&error))?,
+            ),
+        };
+        Ok(Self::new(Peer::Line(line)))
+    }
+
+    /// What has happened since the last call.
+    ///
+    /// # Errors
+    /// The first trouble on the wires.
+    pub fn take(&mut self) -> Result<Vec<WireEvent>, Problem> {
+        match self.failure.take() {
+            Some(failure) => Err(failure),
+            None => Ok(std::mem::take(&mut self.events)),
+        }
+    }
+
+    /// The virtual board, if the wires lead to one.
+    pub fn bench(&mut self) -> Option<&mut Desk> {
+        match &mut self.lead {
+            Peer::Board(bench) => Some(bench),
+            Peer::Nowhere | Peer::Live(_) | Peer::Line(_) => None,
+        }
+    }
+
+    /// The virtual board alone, if the wires lead to one.
+    #[must_use]
+    pub fn into_bench(self) -> Option<Desk> {
+        match self.lead {
+            Peer::Board(bench) => Some(*bench),
+            Peer::Nowhere | Peer::Live(_) | Peer::Line(_) => None,
+        }
+    }
+
+    /// The control's READ: the program that the board sends, up to its closing `%`.
+    /// None if none comes.
+    ///
+    /// # Errors
+    /// The line's.
+    pub fn read_program(&mut self) -> Result<Option<String>, Problem> {
+        match &mut self.lead {
+            Peer::Nowhere => Ok(None),
+            Peer::Board(bench) => bench.read_program(),
+            Peer::Live(live) => Ok(capture::read_program(live.board(), PATIENCE)),
+            Peer::Line(line) => read_program(line.as_mut()),
+        }
+    }
+
+    fn try_to(
+        &mut self,
+        what: impl FnOnce(&mut Peer, &mut dyn FnMut(WireEvent)) -> Result<(), Problem>,
+    ) {
+        if self.failure.is_some() {
+            return;
+        }
+        let events = &mut self.events;
+        if let Err(failure) = what(&mut self.lead, &mut |event| events.push(event)) {
+            self.failure = Some(failure);
+        }
+    }
+}
+
+impl Wires for Wiring {
+    fn serial(&mut self, at: Micros, bytes: &[u8]) {
+        self.try_to(|lead, keep| {
+            keep(WireEvent::Serial(at, bytes.to_vec()));
+            match lead {
+                Peer::Nowhere => Ok(()),
+                Peer::Board(bench) => {
+                    bench.advance(at);
+                    bench.play(bytes, |decision| {
+                        keep(WireEvent::Decision(Box::new(decision)));
+                        Ok(())
+                    })
+                }
+                Peer::Live(live) => {
+                    live.serial(at, bytes);
+                    Ok(())
+                }
+                Peer::Line(line) => line
+                    .write_all(bytes)
+                    .and_then(|()| line.flush())
+                    .map_err(|error| Problem::trouble("port", error)),
+            }
+        });
+    }
+
+    fn skip(&mut self, at: Micros, counts: [i64; 3]) {
+        self.try_to(|lead, keep| {
+            keep(WireEvent::Skip(at, counts));
+            match lead {
+                Peer::Board(bench) => bench.latch(at, counts),
+                Peer::Live(live) => {
+                    live.skip(at, counts);
+                    Ok(())
+                }
+                Peer::Nowhere | Peer::Line(_) => Ok(()),
+            }
+        });
+    }
+
+    fn time(&mut self, now: Micros) {
+        match &mut self.lead {
+            Peer::Board(bench) => bench.advance(now),
+            Peer::Live(live) => {
+                live.wait_until(now);
+            }
+            Peer::Nowhere | Peer::Line(_) => {}
+        }
+    }
+
+    fn sampling_s(&self) -> Option<f64> {
+        match &self.lead {
+            // Nobody watches it.
+            Peer::Board(_) => Some(0.1),
+            Peer::Live(_) => Some(live::SAMPLING.as_secs_f64()),
+            Peer::Nowhere | Peer::Line(_) => None,
+        }
+    }
+
+    fn moved(&mut self, at: Micros, counts: [i64; 3]) {
+        match &mut self.lead {
+            Peer::Board(bench) => bench.move_to(at, counts),
+            Peer::Live(live) => live.moved(at, counts),
+            Peer::Nowhere | Peer::Line(_) => {}
+        }
+    }
+}
+
+fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
+    let trouble = |error: std::io::Error| Problem::trouble("port", error);
+    line.write_all(&[DC1]).map_err(trouble)?;
+    line.flush().map_err(trouble)?;
+    let mut program = String::new();
+    let deadline = Instant::now() + PATIENCE;
+    let mut byte = [0];
+    while Instant::now() < deadline {
+        match line.read(&mut byte) {
+            Ok(0) => break,
+            Ok(_) => program.push(char::from(byte[0] & 0x7F)),
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {
+                break;
+            }
+            Err(error) => return Err(trouble(error)),
+        }
+        if program.len() > 2 && program.trim_end().ends_with("\n%") {
+            return Ok(Some(program));
+        }
+    }
+    if program.is_empty() {
+        Ok(None)
+    } else {
+        // Half a program is none.
+        Err(Problem::trouble(
+            "incomplete_program",
+            format_args!(
+                "the board's program broke off after {} bytes; READ again",
+                program.len()
+            ),
+        ))
+    }
+}

@@ -1,0 +1,293 @@
+//! The line of a rotary axis, from centres of balls that turn with it.
+//!
+//! Minimised is the sum of squares of `a + R(u, angle)(b - a) - measured` over the axis
+//! (direction `u`, point `a`) and each ball's place `b` at angle 0.
+
+use std::io::BufRead;
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::Serialize;
+use umi_kinematics::Pose;
+
+use super::naming::name_directions;
+use super::solve::{Model, TakeRow, descend, solve};
+use crate::ScanError;
+use crate::format::table::TableReader;
+
+/// A measured centre of a ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TurnedCentre {
+    /// What the axis shows.
+    pub angle_deg: f64,
+    /// Which ball, counted from 0 in the order of appearance.
+    pub ball: usize,
+    /// In the machine's frame.
+    pub measured_mm: Vector3<f64>,
+}
+
+/// The answer of `umi scan calibrate axis`.
+#[derive(Debug, Clone, Serialize)]
+pub struct AxisAnswer {
+    /// Unit vector; the angle turns right-handed about it.
+    pub direction: [f64; 3],
+    /// The foot of the machine's origin on the axis.
+    pub point_mm: [f64; 3],
+    /// Centres.
+    pub n: usize,
+    /// Three a centre less the unknowns.
+    pub dof: usize,
+    /// Standard deviation of a coordinate; none without degrees of freedom.
+    pub sigma_mm: Option<f64>,
+    /// Covariance of `direction`.
+    pub cov_direction: Option<[[f64; 3]; 3]>,
+    /// Covariance of `point_mm`.
+    pub cov_point: Option<[[f64; 3]; 3]>,
+    /// Both for a standard deviation of 1 mm.
+    pub cov_direction_unit: [[f64; 3]; 3],
+    /// As `cov_direction_unit`.
+    pub cov_point_unit: [[f64; 3]; 3],
+    /// Measured less fitted, for each centre, in mm.
+    pub residuals_mm: Vec<[f64; 3]>,
+}
+
+/// Reads `angle_deg,ball,x_mm,y_mm,z_mm`.
+///
+/// # Errors
+/// `not_finite`, or the table's own.
+pub fn read<R: BufRead>(mut table: TableReader<R>) -> Result<Vec<TurnedCentre>, ScanError> {
+    let angle = table.column("angle_deg")?;
+    let ball = table.column("ball")?;
+    let [x, y, z] = ["x_mm", "y_mm", "z_mm"].map(|name| table.column(name));
+    let (x, y, z) = (x?, y?, z?);
+    let mut names: Vec<String> = Vec::new();
+    let mut centres = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let name = row.text(ball);
+        let ball = names
+            .iter()
+            .position(|known| known == name)
+            .unwrap_or_else(|| {
+                names.push(name.to_owned());
+                names.len() - 1
+            });
+        centres.push(TurnedCentre {
+            angle_deg: row.finite(angle)?,
+            ball,
+            measured_mm: Vector3::new(row.finite(x)?, row.finite(y)?, row.finite(z)?),
+        });
+    }
+    Ok(centres)
+}
+
+#[derive(Clone)]
+struct AxisModel<'a> {
+    centres: &'a [TurnedCentre],
+    angles_rad: Vec<f64>,
+    /// What coordinates are counted from here.
+    origin_mm: Vector3<f64>,
+    direction: Vector3<f64>,
+    point_mm: Vector3<f64>,
+    balls_mm: Vec<Vector3<f64>>,
+}
+
+/// What a radian of the direction is worth beside a millimetre.
+const REACH_MM: f64 = 100.0;
+
+impl Model for AxisModel<'_> {
+    fn unknowns(&self) -> (usize, usize) {
+        (3 * self.balls_mm.len(), 4)
+    }
+
+    fn residuals(&self) -> usize {
+        3 * self.centres.len()
+    }
+
+    fn rows(&self, row: &mut TakeRow<'_>) {
+        let (e1, e2) = across(&self.direction);
+        let first = 3 * self.balls_mm.len();
+        for (centre, angle) in self.centres.iter().zip(&self.angles_rad) {
+            let u = self.direction;
+            let (sin, half) = (angle.sin(), (0.5 * angle).sin());
+            let versine = 2.0 * half * half;
+            let turn = Pose::turn(&u, &Vector3::zeros(), *angle).rotation;
+            let arm = self.balls_mm[centre.ball] - self.point_mm;
+            let value = self.point_mm + turn * arm - (centre.measured_mm - self.origin_mm);
+            let tilt = |e: Vector3<f64>| {
+                e.cross(&arm) * sin + (e * u.dot(&arm) + u * e.dot(&arm)) * versine
+            };
+            let by = [tilt(e1), tilt(e2), e1 - turn * e1, e2 - turn * e2];
+            for i in 0..3 {
+                row(value[i], &mut |line| {
+                    for k in 0..3 {
+                        line[3 * centre.ball + k] = turn[(i, k)];
+                    }
+                    for (k, by) in by.iter().enumerate() {
+                        line[first + k] = by[i];
+                    }
+                });
+            }
+        }
+    }
+
+    fn step(&mut self, step: &[f64]) {
+        let (balls, axis) = step.split_at(3 * self.balls_mm.len());
+        for (ball, step) in self.balls_mm.iter_mut().zip(balls.chunks_exact(3)) {
+            *ball += Vector3::from_column_slice(step);
+        }
+        let (e1, e2) = across(&self.direction);
+        self.point_mm += e1 * axis[2] + e2 * axis[3];
+        self.direction = (self.direction + e1 * axis[0] + e2 * axis[1]).normalize();
+    }
+}
+
+/// Two unit vectors square to `u` and each other.
+pub(super) fn across(u: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let helper = Vector3::ith(u.iamin(), 1.0);
+    let e1 = u.cross(&helper).normalize();
+    (e1, u.cross(&e1))
+}
+
+/// Fits the axis.
+///
+/// # Errors
+/// `too_few_points`; `unidentifiable` where balls or angles leave the axis open;
+/// `angle_unit` where the angles fit as radians; `no_convergence`.
+pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
+    let balls = centres.iter().map(|c| c.ball + 1).max().unwrap_or(0);
+    let unknowns = 4 + 3 * balls;
+    if balls == 0 || 3 * centres.len() < unknowns {
+        return Err(ScanError::refused(
+            "too_few_points",
+            format_args!(
+                "{} centres of {balls} balls give {} coordinates for {unknowns} unknowns: measure \
+                 each ball at three angles at least",
+                centres.len(),
+                3 * centres.len()
+            ),
+        ));
+    }
+    let angles: Vec<f64> = centres.iter().map(|c| c.angle_deg.to_radians()).collect();
+    let start = best_start(centres, &angles, balls);
+    let scale = [1.0 / REACH_MM, 1.0 / REACH_MM, 1.0, 1.0];
+    let solution = solve(start, &scale);
+    if !solution.unseen.is_empty() {
+        let unobservable = name_directions(
+            &solution.unseen,
+            &["tilt 1", "tilt 2", "shift 1", "shift 2"],
+            &scale,
+        );
+        return Err(ScanError::refused(
+            "unidentifiable",
+            "balls and angles leave the axis open: it needs a ball off the axis at three angles \
+             that differ, well apart",
+        )
+        .with("free", solution.unseen.len())
+        .with("unobservable", unobservable));
+    }
+    if !solution.converged {
+        return Err(ScanError::refused(
+            "no_convergence",
+            "no axis brings the centres together: check the angles' unit and sign",
+        ));
+    }
+    let dof = 3 * centres.len() - unknowns;
+    let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
+    refuse_radians(centres, balls, solution.ssq)?;
+
+    let model = &solution.model;
+    let u = model.direction;
+    let point = model.point_mm + model.origin_mm;
+    let foot = point - u * u.dot(&point);
+    let (e1, e2) = across(&u);
+    let c = &solution.covariance_unit;
+    let direction = DMatrix::from_fn(3, 4, |i, k| match k {
+        0 => e1[i],
+        1 => e2[i],
+        _ => 0.0,
+    });
+    let by_foot = |e: Vector3<f64>| -(e * u.dot(&point) + u * e.dot(&point));
+    let columns = [by_foot(e1), by_foot(e2), e1, e2];
+    let foot_by = DMatrix::from_fn(3, 4, |i, k| columns[k][i]);
+    let cov_direction_unit = rows(&(&direction * c * direction.transpose()), 1.0);
+    let cov_point_unit = rows(&(&foot_by * c * foot_by.transpose()), 1.0);
+    let variance = sigma_mm.map(|sigma| sigma * sigma);
+    let mut residuals_mm = vec![[0.0; 3]; centres.len()];
+    let mut place = 0;
+    model.rows(&mut |value, _| {
+        residuals_mm[place / 3][place % 3] = -value;
+        place += 1;
+    });
+    Ok(AxisAnswer {
+        direction: u.into(),
+        point_mm: foot.into(),
+        n: centres.len(),
+        dof,
+        sigma_mm,
+        cov_direction: variance.map(|v| times(&cov_direction_unit, v)),
+        cov_point: variance.map(|v| times(&cov_point_unit, v)),
+        cov_direction_unit,
+        cov_point_unit,
+        residuals_mm,
+    })
+}
+
+/// The best of descents from directions all over the sphere.
+fn best_start<'a>(centres: &'a [TurnedCentre], angles: &[f64], balls: usize) -> AxisModel<'a> {
+    const STARTS: usize = 40;
+    let sum: Vector3<f64> = centres.iter().map(|c| c.measured_mm).sum();
+    let origin_mm = sum / centres.len() as f64;
+    let start = |direction: Vector3<f64>| {
+        let mut balls_mm = vec![Vector3::zeros(); balls];
+        for (centre, angle) in centres.iter().zip(angles).rev() {
+            let back = Pose::turn(&direction, &Vector3::zeros(), -angle);
+            balls_mm[centre.ball] = back.rotation * (centre.measured_mm - origin_mm);
+        }
+        AxisModel {
+            centres,
+            angles_rad: angles.to_vec(),
+            origin_mm,
+            direction,
+            point_mm: Vector3::zeros(),
+            balls_mm,
+        }
+    };
+    let mut best: Option<(f64, AxisModel<'a>)> = None;
+    for i in 0..STARTS {
+        // A spiral of equal steps in height covers the sphere evenly.
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / STARTS as f64;
+        let (sin, cos) = (2.399_963_229_728_653 * i as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        let mut model = start(Vector3::new(r * cos, r * sin, z));
+        let ssq = descend(&mut model, 20);
+        if best.as_ref().is_none_or(|(least, _)| ssq < *least) {
+            best = Some((ssq, model));
+        }
+    }
+    best.map_or_else(|| start(Vector3::z()), |(_, model)| model)
+}
+
+/// Angles within one turn in radians that fit a hundred times better as such are no degrees.
+fn refuse_radians(centres: &[TurnedCentre], balls: usize, ssq: f64) -> Result<(), ScanError> {
+    let turn = 2.0 * std::f64::consts::PI + 1e-6;
+    if ssq < 1e-4 || centres.iter().any(|c| c.angle_deg.abs() > turn) {
+        return Ok(());
+    }
+    let angles: Vec<f64> = centres.iter().map(|c| c.angle_deg).collect();
+    let mut model = best_start(centres, &angles, balls);
+    if descend(&mut model, 100) > 1e-4 * ssq {
+        return Ok(());
+    }
+    Err(ScanError::refused(
+        "angle_unit",
+        "the angles look like radians: the column angle_deg is in degrees",
+    ))
+}
+
+fn rows(m: &DMatrix<f64>, factor: f64) -> [[f64; 3]; 3] {
+    let m = Matrix3::from_fn(|i, k| m[(i, k)] * factor);
+    std::array::from_fn(|i| std::array::from_fn(|k| 0.5 * (m[(i, k)] + m[(k, i)])))
+}
+
+fn times(m: &[[f64; 3]; 3], factor: f64) -> [[f64; 3]; 3] {
+    m.map(|row| row.map(|value| value * factor))
+}

@@ -1,0 +1,16 @@
+//! Where the sensor sits on the machine, and how a rotary axis lies, with their uncertainty.
+//!
+//! * [`observations`]: what was seen of planes and balls.
+//! * [`sensor`]: the mount of the sensor.
+//! * [`axis`]: the line of a rotary axis, from centres of balls that turn with it.
+//!
+//! Before there is an answer, the solver asks whether the data determine it: a motion of the
+//! mount that changes no residual is refused by name (`solve`), however small the residuals
+//! are.
+
+pub mod axis;
+mod features;
+mod naming;
+pub mod observations;
+pub mod sensor;
+mod solve;

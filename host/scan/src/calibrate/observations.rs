@@ -1,0 +1,123 @@
+//! What a sensor saw of planes and balls, and where the machine held it.
+
+use std::collections::HashMap;
+use std::io::BufRead;
+
+use nalgebra::Vector3;
+use umi_kinematics::{AxisChain, Pose};
+
+use crate::ScanError;
+use crate::format::table::TableReader;
+use crate::pose::JointColumns;
+
+/// A point of a profile that lies on a feature.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Its place among [`Observations::flanges`].
+    pub flange: usize,
+    /// Its place among [`Observations::features`].
+    pub feature: usize,
+    /// In the sensor's frame: (x, 0, z).
+    pub seen_mm: Vector3<f64>,
+}
+
+/// All that was seen.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Observations {
+    /// The names of the features, in the order of their appearance.
+    pub features: Vec<String>,
+    /// For every profile that saw something, the flange in the workpiece's frame.
+    pub flanges: Vec<Pose>,
+    /// By profile.
+    pub points: Vec<Observation>,
+}
+
+/// Reads `profile,feature,x_mm,z_mm`, and for each profile the joints' positions.
+///
+/// # Errors
+/// `not_finite`, `missing_axis`, `missing_position` for a profile without one, or the
+/// tables' own.
+pub fn read<R: BufRead, P: BufRead>(
+    machine: &AxisChain,
+    mut observed: TableReader<R>,
+    positions: TableReader<P>,
+) -> Result<Observations, ScanError> {
+    let flanges = read_positions(machine, positions)?;
+    let profile = observed.column("profile")?;
+    let feature = observed.column("feature")?;
+    let (x, z) = (observed.column("x_mm")?, observed.column("z_mm")?);
+    let name = observed.name().to_owned();
+    let mut used: HashMap<String, usize> = HashMap::new();
+    let mut all = Observations::default();
+    while let Some(row) = observed.next_row()? {
+        let key = row.text(profile);
+        let flange = match used.get(key) {
+            Some(&place) => place,
+            None => {
+                let pose = flanges.get(key).ok_or_else(|| {
+                    ScanError::refused(
+                        "missing_position",
+                        format_args!(
+                            "{name}, line {}: profile {key} has no row among the positions",
+                            row.line()
+                        ),
+                    )
+                })?;
+                all.flanges.push(*pose);
+                used.insert(key.to_owned(), all.flanges.len() - 1);
+                all.flanges.len() - 1
+            }
+        };
+        let key = row.text(feature);
+        let place = all.features.iter().position(|known| known == key);
+        let feature = place.unwrap_or_else(|| {
+            all.features.push(key.to_owned());
+            all.features.len() - 1
+        });
+        all.points.push(Observation {
+            flange,
+            feature,
+            seen_mm: Vector3::new(row.finite(x)?, 0.0, row.finite(z)?),
+        });
+    }
+    Ok(all)
+}
+
+fn read_positions<R: BufRead>(
+    machine: &AxisChain,
+    mut positions: TableReader<R>,
+) -> Result<HashMap<String, Pose>, ScanError> {
+    let columns = JointColumns::find(machine, &positions)?;
+    let profile = positions.column("profile")?;
+    let mut flanges = HashMap::new();
+    while let Some(row) = positions.next_row()? {
+        let pose = machine.flange_in_workpiece(&columns.values(&row)?);
+        if flanges.insert(row.text(profile).to_owned(), pose).is_some() {
+            return Err(row.wrong(profile, "one row for each profile"));
+        }
+    }
+    Ok(flanges)
+}
+
+/// Reads `feature,x_mm,y_mm,z_mm`: centres that are known, in the workpiece's frame.
+///
+/// # Errors
+/// `not_finite`, or the table's own.
+pub fn read_centres<R: BufRead>(
+    mut table: TableReader<R>,
+) -> Result<HashMap<String, Vector3<f64>>, ScanError> {
+    let feature = table.column("feature")?;
+    let x = table.column("x_mm")?;
+    let (y, z) = (table.column("y_mm")?, table.column("z_mm")?);
+    let mut centres = HashMap::new();
+    while let Some(row) = table.next_row()? {
+        let centre = Vector3::new(row.finite(x)?, row.finite(y)?, row.finite(z)?);
+        if centres
+            .insert(row.text(feature).to_owned(), centre)
+            .is_some()
+        {
+            return Err(row.wrong(feature, "one centre for each feature"));
+        }
+    }
+    Ok(centres)
+}

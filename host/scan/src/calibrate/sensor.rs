@@ -1,0 +1,475 @@
+//! The mount of the sensor, from planes or balls that it saw.
+//!
+//! Minimised is the sum of squares of `n·p - d` (plane) or `|p - c| - R` (ball) over all
+//! observations, `p = flange · X · (x, 0, z)` in the workpiece's frame. Unknown are X, and
+//! each plane, each centre that is not known, and one radius if it is free.
+
+use std::collections::HashMap;
+
+use nalgebra::{DMatrix, Vector3};
+use serde::Serialize;
+use umi_kinematics::Pose;
+
+use super::axis::across;
+use super::features::{
+    SampleSights, algebraic_centre, cuts, middles, plane_through, points_by_feature,
+};
+use super::naming::name_directions;
+use super::observations::Observations;
+use super::solve::{Model, Solution, TakeRow, descend, solve};
+use crate::ScanError;
+use crate::rigid::{orthonormal, rotation};
+
+/// What the sensor looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Artefact {
+    /// Planes.
+    Plane,
+    /// Balls.
+    Sphere,
+}
+
+/// How the mount is calibrated.
+#[derive(Debug, Clone)]
+pub struct SensorOptions {
+    /// What was looked at.
+    pub on: Artefact,
+    /// The balls' radius in mm; none where it is free.
+    pub radius_mm: Option<f64>,
+    /// Centres that are known, in the workpiece's frame, by the features' names.
+    pub centres: Option<HashMap<String, Vector3<f64>>>,
+    /// Which components of the shift stay as they are.
+    pub hold: [bool; 3],
+}
+
+/// The answer of `umi scan calibrate sensor`.
+#[derive(Debug, Clone, Serialize)]
+pub struct SensorAnswer {
+    /// Three rows.
+    pub rotation: [[f64; 3]; 3],
+    /// The shift of X.
+    pub translation_mm: [f64; 3],
+    /// Observations.
+    pub n: usize,
+    /// Observations less unknowns.
+    pub dof: usize,
+    /// Standard deviation of a residual; none without degrees of freedom.
+    pub sigma_mm: Option<f64>,
+    /// First six rows and columns of `inv(JᵀJ)`: wx wy wz tx ty tz.
+    pub covariance_unit: [[f64; 6]; 6],
+    /// `sigma²` times that: rad², rad·mm, mm².
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Of the balls.
+    pub radius_mm: Option<f64>,
+    /// What was seen, in the workpiece's frame.
+    pub features: Vec<FeatureAnswer>,
+    /// The least singular value over the largest, rotations worth 100 mm.
+    pub conditioning: f64,
+}
+
+/// A plane or a ball that was seen.
+#[derive(Debug, Clone, Serialize)]
+pub struct FeatureAnswer {
+    /// Its name in the observations.
+    pub feature: String,
+    /// Observations of it.
+    pub n: usize,
+    /// Of a plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub normal: Option<[f64; 3]>,
+    /// Of a plane: `normal · p`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance_mm: Option<f64>,
+    /// Of a ball.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub center_mm: Option<[f64; 3]>,
+    /// Root mean square of its residuals.
+    pub rms_mm: f64,
+    /// The largest of its residuals, by size.
+    pub max_mm: f64,
+}
+
+/// What a radian of the mount is worth beside a millimetre.
+const REACH_MM: f64 = 100.0;
+/// A standard uncertainty above this is no calibration: 1 mm, 1 mrad.
+const MOST_UNCERTAIN: [f64; 2] = [1e-3, 1.0];
+/// Unknowns of the mount, by their names.
+const NAMES: [&str; 6] = ["wx", "wy", "wz", "tx", "ty", "tz"];
+
+#[derive(Clone)]
+struct MountModel<'a> {
+    all: &'a Observations,
+    mount: Pose,
+    features: Vec<SampleSights>,
+    radius_mm: f64,
+    radius_free: bool,
+    centres_known: bool,
+    /// Which of the six are sought.
+    sought: [bool; 6],
+}
+
+impl MountModel<'_> {
+    /// Unknowns of all features.
+    fn of_features(&self) -> usize {
+        if self.centres_known {
+            0
+        } else {
+            3 * self.features.len()
+        }
+    }
+}
+
+impl Model for MountModel<'_> {
+    fn unknowns(&self) -> (usize, usize) {
+        (
+            self.of_features() + usize::from(self.radius_free),
+            self.sought.iter().filter(|sought| **sought).count(),
+        )
+    }
+
+    fn residuals(&self) -> usize {
+        self.all.points.len()
+    }
+
+    fn rows(&self, row: &mut TakeRow<'_>) {
+        let (nuisances, _) = self.unknowns();
+        for seen in &self.all.points {
+            let arm = self.mount.rotation * seen.seen_mm;
+            let flange = &self.all.flanges[seen.flange];
+            let p = flange.point(&(arm + self.mount.translation_mm));
+            let (value, by_p, by_feature) = match &self.features[seen.feature] {
+                SampleSights::Plane {
+                    normal,
+                    anchor_mm,
+                    height_mm,
+                } => {
+                    let from = p - anchor_mm;
+                    let (e1, e2) = across(normal);
+                    let by = [e1.dot(&from), e2.dot(&from), -1.0];
+                    (normal.dot(&from) - height_mm, *normal, by)
+                }
+                SampleSights::Ball { centre_mm } => {
+                    let from = p - centre_mm;
+                    let distance = from.norm();
+                    let out = if distance > 0.0 {
+                        from / distance
+                    } else {
+                        Vector3::z()
+                    };
+                    (distance - self.radius_mm, out, (-out).into())
+                }
+            };
+            row(value, &mut |line| {
+                if !self.centres_known {
+                    line[3 * seen.feature..3 * seen.feature + 3].copy_from_slice(&by_feature);
+                }
+                if self.radius_free {
+                    line[nuisances - 1] = -1.0;
+                }
+                let by_shift = flange.rotation.tr_mul(&by_p);
+                let by_turn = arm.cross(&by_shift);
+                let by = by_turn.iter().chain(&by_shift);
+                let sought = by.zip(&self.sought).filter(|(_, sought)| **sought);
+                for (place, (by, _)) in sought.enumerate() {
+                    line[nuisances + place] = *by;
+                }
+            });
+        }
+    }
+
+    fn step(&mut self, step: &[f64]) {
+        let (features, others) = step.split_at(self.of_features());
+        for (feature, step) in self.features.iter_mut().zip(features.chunks_exact(3)) {
+            match feature {
+                SampleSights::Plane {
+                    normal, height_mm, ..
+                } => {
+                    let (e1, e2) = across(normal);
+                    *normal = (*normal + e1 * step[0] + e2 * step[1]).normalize();
+                    *height_mm += step[2];
+                }
+                SampleSights::Ball { centre_mm } => *centre_mm += Vector3::from_column_slice(step),
+            }
+        }
+        let mount = if self.radius_free {
+            self.radius_mm += others[0];
+            &others[1..]
+        } else {
+            others
+        };
+        let mut six = [0.0; 6];
+        let sought = six.iter_mut().zip(&self.sought).filter(|(_, s)| **s);
+        for ((value, _), step) in sought.zip(mount) {
+            *value = *step;
+        }
+        let turn = rotation(&Vector3::new(six[0], six[1], six[2]));
+        self.mount.rotation = orthonormal(&(turn * self.mount.rotation));
+        self.mount.translation_mm += Vector3::new(six[3], six[4], six[5]);
+    }
+}
+
+/// Finds the mount, from a first guess that is up to 6° and 20 mm off.
+///
+/// # Errors
+/// `too_few_points`, `unidentifiable` with `free` and `unobservable`, `uncertain`,
+/// `missing_centre`, `no_convergence`.
+pub fn sensor(
+    all: &Observations,
+    start: &Pose,
+    options: &SensorOptions,
+) -> Result<SensorAnswer, ScanError> {
+    let first = first_model(all, start, options)?;
+    let (nuisances, targets) = first.unknowns();
+    let unknowns = nuisances + targets;
+    let n = all.points.len();
+    if n < unknowns || n == 0 {
+        return Err(ScanError::refused(
+            "too_few_points",
+            format_args!("{n} observations for {unknowns} unknowns"),
+        ));
+    }
+    let scale: Vec<f64> = (0..6)
+        .filter(|&i| first.sought[i])
+        .map(|i| if i < 3 { 1.0 / REACH_MM } else { 1.0 })
+        .collect();
+    let solution = solve(best_start(first), &scale);
+    refuse_unseen(&solution, &scale)?;
+    let dof = n - unknowns;
+    let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
+    let covariance_unit = all_six(&solution.covariance_unit, &solution.model.sought);
+    let covariance =
+        sigma_mm.map(|sigma| covariance_unit.map(|row| row.map(|v| v * sigma * sigma)));
+    if let Some(covariance) = &covariance {
+        refuse_uncertain(covariance)?;
+    }
+    if !solution.converged {
+        return Err(ScanError::refused(
+            "no_convergence",
+            "no mount near the first guess fits: [sensor] of the machine file must be right within \
+             6° and 20 mm",
+        ));
+    }
+    let model = &solution.model;
+    Ok(SensorAnswer {
+        rotation: model.mount.rows(),
+        translation_mm: model.mount.translation_mm.into(),
+        n,
+        dof,
+        sigma_mm,
+        covariance_unit,
+        covariance,
+        radius_mm: (options.on == Artefact::Sphere).then_some(model.radius_mm),
+        features: features(model),
+        conditioning: solution.seen.last().copied().unwrap_or(1.0),
+    })
+}
+
+fn first_model<'a>(
+    all: &'a Observations,
+    start: &Pose,
+    options: &SensorOptions,
+) -> Result<MountModel<'a>, ScanError> {
+    let points = points_by_feature(all, start);
+    let mut radius_mm = options.radius_mm.unwrap_or(0.0);
+    let sphere = options.on == Artefact::Sphere;
+    let radius_free = sphere && options.radius_mm.is_none();
+    let features: Vec<SampleSights> = match (options.on, &options.centres) {
+        (Artefact::Plane, _) => points.iter().map(|points| plane_through(points)).collect(),
+        (Artefact::Sphere, Some(centres)) => all
+            .features
+            .iter()
+            .map(|name| {
+                let centre_mm = *centres.get(name).ok_or_else(|| {
+                    ScanError::refused(
+                        "missing_centre",
+                        format_args!("the centre of feature {name} is not among the centres"),
+                    )
+                })?;
+                Ok(SampleSights::Ball { centre_mm })
+            })
+            .collect::<Result<_, ScanError>>()?,
+        (Artefact::Sphere, None) => {
+            let middles = middles(all, &cuts(all), start);
+            let centres = middles.into_iter().zip(&points).map(|(middle, points)| {
+                let centre_mm = middle.unwrap_or_else(|| algebraic_centre(points));
+                SampleSights::Ball { centre_mm }
+            });
+            centres.collect()
+        }
+    };
+    if radius_free {
+        // A cut through the middle of the ball is the largest there is.
+        let mut radii: Vec<f64> = cuts(all).iter().map(|cut| cut.radius_mm).collect();
+        radii.sort_by(f64::total_cmp);
+        radius_mm = radii.get(radii.len() * 9 / 10).copied().unwrap_or(10.0);
+    }
+    Ok(MountModel {
+        all,
+        mount: *start,
+        features,
+        radius_mm,
+        radius_free,
+        centres_known: sphere && options.centres.is_some(),
+        sought: std::array::from_fn(|i| i < 3 || !options.hold[i - 3]),
+    })
+}
+
+/// The best of descents from the first guess and from around it: balls have a second valley
+/// where they are looked for on the wrong side of the laser's plane.
+fn best_start(first: MountModel<'_>) -> MountModel<'_> {
+    /// Observations that are enough to choose a valley.
+    const ENOUGH: usize = 2000;
+    let every = first.all.points.len().div_ceil(ENOUGH);
+    if every <= 1 {
+        return best_of_starts(first);
+    }
+    let thin = Observations {
+        features: first.all.features.clone(),
+        flanges: first.all.flanges.clone(),
+        points: first.all.points.iter().step_by(every).copied().collect(),
+    };
+    let found = best_of_starts(MountModel {
+        all: &thin,
+        ..first.clone()
+    });
+    MountModel {
+        all: first.all,
+        mount: found.mount,
+        features: found.features,
+        radius_mm: found.radius_mm,
+        ..first
+    }
+}
+
+fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
+    let mut starts = vec![first.clone()];
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let mut turned = first.clone();
+            let w = Vector3::ith(axis, 0.07 * sign);
+            turned.mount.rotation = rotation(&w) * turned.mount.rotation;
+            starts.push(turned);
+            let mut shifted = first.clone();
+            for feature in &mut shifted.features {
+                if let (SampleSights::Ball { centre_mm }, false) = (feature, first.centres_known) {
+                    *centre_mm += Vector3::ith(axis, 8.0 * sign);
+                }
+            }
+            starts.push(shifted);
+        }
+    }
+    let mut best: Option<(f64, MountModel<'_>)> = None;
+    for mut model in starts {
+        let ssq = descend(&mut model, 60);
+        let far = (model.mount.translation_mm - first.mount.translation_mm).norm() > 200.0;
+        let better = best.as_ref().is_none_or(|(least, _)| ssq < 0.999 * least);
+        if better && !far {
+            best = Some((ssq, model));
+        }
+    }
+    best.map_or(first, |(_, model)| model)
+}
+
+fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {
+    if solution.unseen.is_empty() {
+        return Ok(());
+    }
+    let names: Vec<&str> = NAMES
+        .iter()
+        .zip(&solution.model.sought)
+        .filter(|(_, sought)| **sought)
+        .map(|(name, _)| *name)
+        .collect();
+    let unobservable = name_directions(&solution.unseen, &names, scale);
+    let free = solution.unseen.len();
+    Err(ScanError::refused(
+        "unidentifiable",
+        format_args!(
+            "{free} independent {} of the mount change no residual, whatever was seen: {} (w: turn, \
+             t: shift of the flange's frame). Use a ball or an inclined plane, move all rotary axes, \
+             give --centres, or hold what cannot be seen with --hold",
+            if free == 1 { "motion" } else { "motions" },
+            unobservable.join("; ")
+        ),
+    )
+    .with("free", free)
+    .with("unobservable", unobservable)
+    .with("singular_values", solution.seen.clone()))
+}
+
+fn refuse_uncertain(covariance: &[[f64; 6]; 6]) -> Result<(), ScanError> {
+    for i in 0..6 {
+        let (most, unit) = if i < 3 {
+            (MOST_UNCERTAIN[0], "rad")
+        } else {
+            (MOST_UNCERTAIN[1], "mm")
+        };
+        let uncertainty = covariance[i][i].sqrt();
+        // A covariance that is no number is no certainty either.
+        if uncertainty.is_nan() || uncertainty > most {
+            return Err(ScanError::refused(
+                "uncertain",
+                format_args!(
+                    "the standard uncertainty of {} would be {uncertainty:.3e} {unit} (at most \
+                     {most} {unit}): use more poses that differ more, or look for outliers",
+                    NAMES[i]
+                ),
+            )
+            .with("component", NAMES[i])
+            .with("standard_uncertainty", uncertainty));
+        }
+    }
+    Ok(())
+}
+
+/// Six by six, zero where held.
+fn all_six(sought_only: &DMatrix<f64>, sought: &[bool; 6]) -> [[f64; 6]; 6] {
+    let places: Vec<usize> = (0..6).filter(|&i| sought[i]).collect();
+    let mut all = [[0.0; 6]; 6];
+    for (a, &i) in places.iter().enumerate() {
+        for (b, &k) in places.iter().enumerate() {
+            all[i][k] = 0.5 * (sought_only[(a, b)] + sought_only[(b, a)]);
+        }
+    }
+    all
+}
+
+fn features(model: &MountModel<'_>) -> Vec<FeatureAnswer> {
+    let mut sums = vec![(0_usize, 0.0_f64, 0.0_f64); model.features.len()];
+    let mut points = model.all.points.iter();
+    model.rows(&mut |value, _| {
+        if let Some(point) = points.next() {
+            let sum = &mut sums[point.feature];
+            sum.0 += 1;
+            sum.1 += value * value;
+            if value.abs() > sum.2.abs() {
+                sum.2 = value;
+            }
+        }
+    });
+    let seen = model.features.iter().zip(&model.all.features).zip(sums);
+    seen.map(|((seen, name), (n, squares, max_mm))| {
+        let (normal, distance_mm, center_mm) = match seen {
+            SampleSights::Plane {
+                normal,
+                anchor_mm,
+                height_mm,
+            } => (
+                Some((*normal).into()),
+                Some(normal.dot(anchor_mm) + height_mm),
+                None,
+            ),
+            SampleSights::Ball { centre_mm } => (None, None, Some((*centre_mm).into())),
+        };
+        FeatureAnswer {
+            feature: name.clone(),
+            n,
+            normal,
+            distance_mm,
+            center_mm,
+            rms_mm: (squares / n.max(1) as f64).sqrt(),
+            max_mm,
+        }
+    })
+    .collect()
+}

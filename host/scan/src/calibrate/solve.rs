@@ -1,0 +1,338 @@
+//! Nonlinear least squares in two kinds of unknowns, with a look at what they leave open.
+//!
+//! *Nuisances* are what is seen (planes, centres); *targets* are what is wanted (the mount).
+//! A motion of the targets that changes no residual to first order, whatever the nuisances
+//! do, is found by projecting the nuisances' columns away: R of one QR decomposition holds
+//! all that is needed, whatever the number of observations.
+//!
+//! Levenberg-Marquardt from afar; then Gauss-Newton steps through singular values, where
+//! directions that nothing sees do not move.
+
+use nalgebra::{DMatrix, DVector, SVD};
+
+/// A direction whose singular value is below this share of the largest is degenerate, exact
+/// up to rounding.
+const DEGENERATE: f64 = 1e-8;
+/// A direction below this share may be a degenerate one that noise has lifted. Sets that
+/// determine the targets have at least 1e-3.
+const DOUBTFUL: f64 = 1e-4;
+/// What noise alone lifts a degenerate direction to: its standard uncertainty is then of the
+/// size of the artefact, in mm (or turns worth that), whatever the noise.
+const LIFTED_MM: f64 = 5.0;
+/// The same for nuisances, which may be as badly seen as they like.
+const UNSEEN_NUISANCE: f64 = 1e-10;
+/// Steps of Levenberg and Marquardt.
+const MOST_STEPS: usize = 200;
+/// A sum of squares, in mm², that is nothing but rounding: 0.1 nm.
+const ROUNDING: f64 = 1e-14 * 1e-6;
+/// Steps of Gauss and Newton at the end.
+const LAST_STEPS: usize = 12;
+
+/// Fills in the derivatives of a residual.
+pub(super) type Derivatives<'a> = dyn FnMut(&mut [f64]) + 'a;
+/// Takes a residual and what fills in its derivatives.
+pub(super) type TakeRow<'a> = dyn FnMut(f64, &mut Derivatives<'_>) + 'a;
+
+/// A model with residuals.
+pub(super) trait Model: Clone {
+    /// How many nuisances and targets there are.
+    fn unknowns(&self) -> (usize, usize);
+    /// How many residuals there are.
+    fn residuals(&self) -> usize;
+    /// Calls `row` for each residual: its value, and its derivatives by the nuisances and
+    /// then the targets, which `row` leaves at 0.
+    fn rows(&self, row: &mut TakeRow<'_>);
+    /// Moves all unknowns.
+    fn step(&mut self, step: &[f64]);
+
+    /// The sum of the squared residuals.
+    fn ssq(&self) -> f64 {
+        let mut sum = 0.0;
+        self.rows(&mut |value, _| sum += value * value);
+        sum
+    }
+}
+
+/// What the data say about the targets at the optimum.
+pub(super) struct Solution<M> {
+    pub model: M,
+    pub ssq: f64,
+    /// Directions of the targets that nothing sees, in the targets' own units.
+    pub unseen: Vec<DVector<f64>>,
+    /// The targets' block of `inv(JᵀJ)`, over what is seen.
+    pub covariance_unit: DMatrix<f64>,
+    /// Singular values over the largest, falling.
+    pub seen: Vec<f64>,
+    /// The singular values of what is unseen, and the largest of all.
+    doubtful: Vec<f64>,
+    largest: f64,
+    /// The last step over the standard uncertainty, or over rounding where that is 0.
+    pub converged: bool,
+}
+
+/// R of `[J r]`, cut into its parts.
+struct Reduced {
+    nuisances: usize,
+    targets: usize,
+    /// `[R; 0]`, without the column of residuals.
+    r: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+/// From where a model stands to its optimum. `scale`: what a unit of each target is worth.
+pub(super) fn solve<M: Model>(mut model: M, scale: &[f64]) -> Solution<M> {
+    descend(&mut model, MOST_STEPS);
+    let careful = refine(model, scale, DOUBTFUL);
+    if careful.unseen.is_empty() {
+        return careful;
+    }
+    let (nuisances, targets) = careful.model.unknowns();
+    let dof = careful
+        .model
+        .residuals()
+        .saturating_sub(nuisances + targets);
+    let sigma_mm = (careful.ssq / dof.max(1) as f64).sqrt();
+    let lifted = |value: f64| value <= DEGENERATE * careful.largest || sigma_mm > LIFTED_MM * value;
+    if careful.doubtful.iter().all(|value| lifted(*value)) {
+        return careful;
+    }
+    // Badly seen, but seen: the optimum along these directions, too.
+    refine(careful.model, scale, DEGENERATE)
+}
+
+/// Gauss-Newton over all directions above `least` times the largest singular value.
+fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
+    let mut converged = false;
+    let mut last = model.ssq();
+    for _ in 0..LAST_STEPS {
+        let reduced = reduce(&model);
+        let step = reduced.seen(scale, least).step;
+        // The change of the residuals that the step promises, beside the noise in them.
+        let promised = (&reduced.r * &step).norm_squared();
+        converged = promised <= 1e-12 * last + ROUNDING;
+        let mut next = model.clone();
+        next.step(step.as_slice());
+        let ssq = next.ssq();
+        if ssq.is_nan() || ssq > last * (1.0 + 1e-9) + ROUNDING {
+            break;
+        }
+        model = next;
+        last = ssq;
+        if promised <= 1e-24 * ssq + 1e-28 {
+            break;
+        }
+    }
+    let seen = reduce(&model).seen(scale, least);
+    Solution {
+        ssq: last,
+        model,
+        doubtful: seen.doubtful,
+        largest: seen.largest,
+        unseen: seen.unseen,
+        covariance_unit: seen.covariance_unit,
+        seen: seen.shares,
+        converged,
+    }
+}
+
+/// Levenberg-Marquardt; ends where the sum of squares falls no more. The sum it reaches.
+pub(super) fn descend<M: Model>(model: &mut M, most: usize) -> f64 {
+    let mut ssq = model.ssq();
+    let mut damping = 1e-3;
+    for _ in 0..most {
+        let reduced = reduce(model);
+        let mut better = false;
+        while damping < 1e12 {
+            let Some(step) = reduced.damped_step(damping) else {
+                damping *= 10.0;
+                continue;
+            };
+            let mut next = model.clone();
+            next.step(step.as_slice());
+            let new = next.ssq();
+            if new < ssq {
+                better = (ssq - new) > 1e-12 * ssq;
+                *model = next;
+                ssq = new;
+                // Never so small that a direction which nothing sees could run away.
+                damping = (damping * 0.1).max(1e-7);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if !better || ssq == 0.0 {
+            break;
+        }
+    }
+    ssq
+}
+
+/// What the data say, to first order.
+struct SeenUnknowns {
+    /// The Gauss-Newton step over all that is seen.
+    step: DVector<f64>,
+    /// Directions of the targets that are not.
+    unseen: Vec<DVector<f64>>,
+    /// Their singular values, and the largest of all.
+    doubtful: Vec<f64>,
+    largest: f64,
+    /// The targets' block of `inv(JᵀJ)`, over what is seen.
+    covariance_unit: DMatrix<f64>,
+    /// Singular values over the largest, falling.
+    shares: Vec<f64>,
+}
+
+/// How many rows are reduced at once.
+const BLOCK: usize = 4096;
+
+fn reduce<M: Model>(model: &M) -> Reduced {
+    let (nuisances, targets) = model.unknowns();
+    let width = nuisances + targets + 1;
+    let mut block = DMatrix::<f64>::zeros(BLOCK.min(model.residuals()) + width, width);
+    let mut used = width;
+    let mut line = vec![0.0; width - 1];
+    model.rows(&mut |value, derivatives| {
+        line.fill(0.0);
+        derivatives(&mut line);
+        for (column, &derivative) in line.iter().enumerate() {
+            block[(used, column)] = derivative;
+        }
+        block[(used, width - 1)] = value;
+        used += 1;
+        if used == block.nrows() {
+            fold(&mut block, width);
+            used = width;
+        }
+    });
+    block.rows_mut(used, block.nrows() - used).fill(0.0);
+    fold(&mut block, width);
+    Reduced {
+        nuisances,
+        targets,
+        r: block.view((0, 0), (width, width - 1)).into_owned(),
+        residual: block
+            .view((0, width - 1), (width, 1))
+            .column(0)
+            .into_owned(),
+    }
+}
+
+/// Replaces the first `width` rows by R of all rows, and the rest by 0.
+fn fold(block: &mut DMatrix<f64>, width: usize) {
+    let whole = std::mem::replace(block, DMatrix::zeros(0, 0));
+    let rows = whole.nrows();
+    let r = whole.qr().r();
+    let mut next = DMatrix::zeros(rows, width);
+    next.view_mut((0, 0), (width, width)).copy_from(&r);
+    *block = next;
+}
+
+impl Reduced {
+    fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
+        let mut normal = self.r.tr_mul(&self.r);
+        let largest = normal.diagonal().amax();
+        for i in 0..normal.nrows() {
+            let d = normal[(i, i)];
+            normal[(i, i)] = d + damping * d.max(largest * 1e-12).max(1e-300);
+        }
+        let step = normal.cholesky()?.solve(&(-self.r.tr_mul(&self.residual)));
+        step.iter().all(|v| v.is_finite()).then_some(step)
+    }
+
+    /// What the data say about the unknowns, to first order.
+    fn seen(&self, scale: &[f64], least: f64) -> SeenUnknowns {
+        let rows = self.r.nrows();
+        let mut f = self.r.view((0, 0), (rows, self.nuisances)).into_owned();
+        let norms: Vec<f64> = f
+            .column_iter()
+            .map(|column| column.norm().max(1e-300))
+            .collect();
+        for (mut column, norm) in f.column_iter_mut().zip(&norms) {
+            column /= *norm;
+        }
+        let mut m = self
+            .r
+            .view((0, self.nuisances), (rows, self.targets))
+            .into_owned();
+        for (mut column, scale) in m.column_iter_mut().zip(scale) {
+            column *= *scale;
+        }
+        let basis = range(&f);
+        let project = |v: DMatrix<f64>| &v - &basis * basis.tr_mul(&v);
+        // Twice, so that nothing of what was projected away is left but rounding.
+        let seen = project(project(m.clone()));
+        let svd = SVD::new(seen, true, true);
+        let (u, vt) = (
+            svd.u.unwrap_or_else(|| DMatrix::zeros(rows, 0)),
+            svd.v_t.unwrap_or_else(|| DMatrix::zeros(0, self.targets)),
+        );
+        let largest = svd.singular_values.amax();
+        let mut targets = DVector::zeros(self.targets);
+        let mut covariance = DMatrix::zeros(self.targets, self.targets);
+        let (mut unseen, mut doubtful) = (Vec::new(), Vec::new());
+        let scaled = |v: DVector<f64>| {
+            DVector::from_iterator(v.len(), v.iter().zip(scale).map(|(v, s)| v * s))
+        };
+        for (i, &value) in svd.singular_values.iter().enumerate() {
+            let direction = vt.row(i).transpose();
+            if value <= least * largest || largest == 0.0 {
+                doubtful.push(value);
+                unseen.push(scaled(direction));
+                continue;
+            }
+            targets -= &direction * (u.column(i).dot(&self.residual) / value);
+            let direction = scaled(direction) / value;
+            covariance += &direction * direction.transpose();
+        }
+        let left = &self.residual + &m * &targets;
+        let nuisances = pseudo_solve(&f, &left);
+        let mut step = DVector::zeros(self.nuisances + self.targets);
+        for (i, value) in nuisances.iter().enumerate() {
+            step[i] = -value / norms[i];
+        }
+        for (i, value) in scaled(targets).iter().enumerate() {
+            step[self.nuisances + i] = *value;
+        }
+        let mut shares: Vec<f64> = svd
+            .singular_values
+            .iter()
+            .map(|value| value / largest.max(1e-300))
+            .collect();
+        shares.sort_by(|a, b| b.total_cmp(a));
+        SeenUnknowns {
+            step,
+            unseen,
+            doubtful,
+            largest,
+            covariance_unit: covariance,
+            shares,
+        }
+    }
+}
+
+/// An orthonormal basis of what the columns reach.
+fn range(f: &DMatrix<f64>) -> DMatrix<f64> {
+    if f.ncols() == 0 {
+        return DMatrix::zeros(f.nrows(), 0);
+    }
+    let svd = SVD::new(f.clone(), true, false);
+    let Some(u) = svd.u else {
+        return DMatrix::zeros(f.nrows(), 0);
+    };
+    let largest = svd.singular_values.amax();
+    let seen: Vec<usize> = (0..svd.singular_values.len())
+        .filter(|&i| svd.singular_values[i] > UNSEEN_NUISANCE * largest)
+        .collect();
+    u.select_columns(&seen)
+}
+
+/// The shortest `x` that comes nearest to `f x = b`.
+fn pseudo_solve(f: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
+    if f.ncols() == 0 {
+        return DVector::zeros(0);
+    }
+    let svd = SVD::new(f.clone(), true, true);
+    let least = UNSEEN_NUISANCE * svd.singular_values.amax();
+    svd.solve(b, least)
+        .unwrap_or_else(|_| DVector::zeros(f.ncols()))
+}

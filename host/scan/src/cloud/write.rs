@@ -1,0 +1,35 @@
+//! A cloud as a PLY file, with one figure per point for a viewer to colour it by.
+
+use std::io::{self, Write};
+
+use crate::rigid::Vec3;
+
+/// Writes `points` (mm) as binary PLY of double precision; `scalar`: a name and a figure for each point.
+///
+/// # Errors
+/// What `out` answers.
+pub fn write_ply(
+    out: &mut impl Write,
+    points: &[Vec3],
+    scalar: Option<(&str, &[f64])>,
+) -> io::Result<()> {
+    write!(
+        out,
+        "ply\nformat binary_little_endian 1.0\ncomment unit mm\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n",
+        points.len()
+    )?;
+    if let Some((name, _)) = scalar {
+        writeln!(out, "property double {name}")?;
+    }
+    out.write_all(b"end_header\n")?;
+    for (i, p) in points.iter().enumerate() {
+        for x in p.iter() {
+            out.write_all(&x.to_le_bytes())?;
+        }
+        if let Some((_, figures)) = scalar {
+            let figure = figures.get(i).copied().unwrap_or(f64::NAN);
+            out.write_all(&figure.to_le_bytes())?;
+        }
+    }
+    Ok(())
+}

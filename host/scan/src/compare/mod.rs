@@ -1,0 +1,138 @@
+//! How far a cloud is from its nominal: signed distances, positive outside; no alignment.
+
+mod nominal;
+
+use serde::Serialize;
+
+pub use nominal::Nominal;
+
+use crate::ScanError;
+use crate::rigid::Vec3;
+
+/// The answer of `umi scan compare`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Deviations {
+    /// Points.
+    pub n: usize,
+    /// The mean of all.
+    pub mean_mm: f64,
+    /// Standard deviation about the mean, with n − 1; none for one point.
+    pub std_mm: Option<f64>,
+    /// The least.
+    pub min_mm: f64,
+    /// The greatest.
+    pub max_mm: f64,
+    /// The mean of those above zero, if there are any.
+    pub mean_above_mm: Option<f64>,
+    /// The mean of those below zero, if there are any.
+    pub mean_below_mm: Option<f64>,
+    /// The root of the mean square.
+    pub rms_mm: f64,
+}
+
+/// The signed distance of every point.
+#[must_use]
+pub fn deviations_mm(points: &[Vec3], nominal: &Nominal) -> Vec<f64> {
+    let mut hint = 0;
+    points
+        .iter()
+        .map(|point| nominal.distance_mm(point, &mut hint))
+        .collect()
+}
+
+/// The figures of all deviations.
+///
+/// # Errors
+/// `too_few_points` without any; `not_finite`.
+pub fn summary(deviations_mm: &[f64]) -> Result<Deviations, ScanError> {
+    let n = deviations_mm.len();
+    if n == 0 {
+        return Err(ScanError::refused(
+            "too_few_points",
+            "there is no point to compare",
+        ));
+    }
+    if deviations_mm.iter().any(|d| !d.is_finite()) {
+        return Err(ScanError::refused(
+            "not_finite",
+            "a deviation is not finite",
+        ));
+    }
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let (mut n, mut sum) = (0.0, 0.0);
+        values.for_each(|value| {
+            n += 1.0;
+            sum += value;
+        });
+        (n > 0.0).then(|| sum / n)
+    };
+    let mean_mm = mean(&mut deviations_mm.iter().copied()).unwrap_or(0.0);
+    let about: f64 = deviations_mm
+        .iter()
+        .map(|d| (d - mean_mm) * (d - mean_mm))
+        .sum();
+    let squares: f64 = deviations_mm.iter().map(|d| d * d).sum();
+    Ok(Deviations {
+        n,
+        mean_mm,
+        std_mm: (n > 1).then(|| (about / (n - 1) as f64).sqrt()),
+        min_mm: deviations_mm.iter().copied().fold(f64::INFINITY, f64::min),
+        max_mm: deviations_mm
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max),
+        mean_above_mm: mean(&mut deviations_mm.iter().copied().filter(|d| *d > 0.0)),
+        mean_below_mm: mean(&mut deviations_mm.iter().copied().filter(|d| *d < 0.0)),
+        rms_mm: (squares / n as f64).sqrt(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+
+    #[test]
+    fn the_sides_of_all_nominals_are_positive_outside() {
+        let p = Vec3::new(3.0, 4.0, 1.0);
+        for (text, expected) in [
+            (
+                "kind = \"plane\"\npoint_mm = [0, 0, 2]\nnormal = [0, 0, 5]",
+                -1.0,
+            ),
+            (
+                "kind = \"cylinder\"\npoint_mm = [0, 0, 9]\ndirection = [0, 0, -2]\nradius_mm = 4.5",
+                0.5,
+            ),
+            (
+                "kind = \"sphere\"\ncenter_mm = [3, 4, 0]\nradius_mm = 3",
+                -2.0,
+            ),
+        ] {
+            let nominal = Nominal::parse(text).unwrap();
+            close(deviations_mm(&[p], &nominal)[0], expected);
+        }
+        for text in [
+            "kind = \"plane\"\npoint_mm = [0, 0, 2]\nnormal = [0, 0, 0]",
+            "kind = \"sphere\"\ncenter_mm = [3, 4, 0]\nradius_mm = -3",
+            "kind = \"sphere\"\ncenter_mm = [3, 4, nan]\nradius_mm = 3",
+            "kind = \"cube\"",
+        ] {
+            assert_eq!(Nominal::parse(text).unwrap_err().code, "nominal", "{text}");
+        }
+    }
+
+    #[test]
+    fn figures_of_one_side_leave_the_other_open() {
+        let found = summary(&[1.0, 2.0, 3.0]).unwrap();
+        close(found.mean_mm, 2.0);
+        close(found.std_mm.unwrap(), 1.0);
+        close(found.rms_mm, (14.0_f64 / 3.0).sqrt());
+        assert_eq!(found.mean_below_mm, None);
+        assert_eq!(summary(&[0.5]).unwrap().std_mm, None);
+        assert_eq!(summary(&[]).unwrap_err().code, "too_few_points");
+    }
+}

@@ -1,0 +1,103 @@
+//! Points as binary PLY, little endian: x, y, z and nothing else.
+//!
+//! The number of points stands in the header and is known at the end: it is written into
+//! blanks that were left for it.
+
+use std::io::{Seek, SeekFrom, Write};
+
+use super::PointSink;
+use super::csv::failed;
+use crate::ScanError;
+
+const BEGIN: &str = "ply\nformat binary_little_endian 1.0\ncomment unit mm\nelement vertex ";
+/// Digits of the greatest number of points.
+const DIGITS: usize = 20;
+
+pub(super) struct PlyPoints<W> {
+    out: W,
+    name: String,
+    double: bool,
+    bytes: Vec<u8>,
+}
+
+impl<W: Write + Seek> PlyPoints<W> {
+    pub(super) fn new(mut out: W, name: String, double: bool) -> Result<Self, ScanError> {
+        let kind = if double { "double" } else { "float" };
+        let header = header(0, kind);
+        out.write_all(header.as_bytes())
+            .map_err(|error| failed(&name, &error))?;
+        Ok(Self {
+            out,
+            name,
+            double,
+            bytes: Vec::new(),
+        })
+    }
+}
+
+/// Of one length for any number of points: a comment takes up the digits that are missing.
+fn header(points: u64, kind: &str) -> String {
+    let number = points.to_string();
+    let fill = "-".repeat(DIGITS - number.len().min(DIGITS));
+    format!(
+        "{BEGIN}{number}\ncomment {fill}\nproperty {kind} x\nproperty {kind} y\n\
+         property {kind} z\nend_header\n"
+    )
+}
+
+impl<W: Write + Seek> PointSink for PlyPoints<W> {
+    fn profile(&mut self, _: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
+        self.bytes.clear();
+        if self.double {
+            for (_, point) in points {
+                for value in point {
+                    self.bytes.extend_from_slice(&value.to_le_bytes());
+                }
+            }
+        } else {
+            for (_, point) in points {
+                for value in point {
+                    self.bytes.extend_from_slice(&(*value as f32).to_le_bytes());
+                }
+            }
+        }
+        self.out
+            .write_all(&self.bytes)
+            .map_err(|error| failed(&self.name, &error))
+    }
+
+    fn finish(&mut self, points: u64) -> Result<(), ScanError> {
+        let kind = if self.double { "double" } else { "float" };
+        let header = header(points, kind);
+        self.out
+            .seek(SeekFrom::Start(0))
+            .and_then(|_| self.out.write_all(header.as_bytes()))
+            .and_then(|()| self.out.flush())
+            .map_err(|error| failed(&self.name, &error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    #[test]
+    fn what_is_written_is_read_back_as_it_was() {
+        for double in [false, true] {
+            let mut bytes = Cursor::new(Vec::new());
+            let points = [(0, [0.5, -1.25, 800.0]), (7, [1.0, 2.0, 3.0])];
+            {
+                let mut ply = PlyPoints::new(&mut bytes, "p".into(), double).unwrap();
+                ply.profile(0, &points).unwrap();
+                ply.profile(1, &[]).unwrap();
+                ply.finish(2).unwrap();
+            }
+            let cloud = crate::cloud::cloud_from_bytes(bytes.get_ref()).unwrap();
+            assert_eq!(cloud.points.len(), 2);
+            for (read, (_, written)) in cloud.points.iter().zip(points) {
+                assert_eq!(<[f64; 3]>::from(*read), written);
+            }
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Profiles as CSV: `profile,frame,t_us,encoder,index,x_mm,z_mm`.
+//!
+//! A row per sample with a range; one row with the last three empty for a profile without
+//! any. The rows of a profile stand together.
+
+use std::io::BufRead;
+
+use super::super::table::TableReader;
+use crate::ScanError;
+use crate::profile::{Profile, ProfilePoint, Stamp};
+
+/// Hands out every profile of the table.
+///
+/// # Errors
+/// `corrupt` where rows of one profile disagree or do not stand together, those of the
+/// table, or what `take` refuses.
+pub fn visit<R: BufRead>(
+    mut table: TableReader<R>,
+    mut take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
+) -> Result<(), ScanError> {
+    let profile = table.column("profile")?;
+    let frame = table.column("frame")?;
+    let t_us = table.column("t_us")?;
+    let encoder = table.optional("encoder");
+    let index = table.column("index")?;
+    let x_mm = table.column("x_mm")?;
+    let z_mm = table.column("z_mm")?;
+
+    let mut current: Option<Stamp> = None;
+    let mut samples: Vec<ProfilePoint> = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let stamp = Stamp {
+            profile: row.integer(profile)?,
+            frame: row.integer(frame)?,
+            t_us: row.finite(t_us)?,
+            encoder: match encoder {
+                Some(column) if !row.text(column).is_empty() => Some(row.integer(column)?),
+                _ => None,
+            },
+        };
+        match current {
+            Some(before) if before == stamp => {}
+            Some(before) if before.profile == stamp.profile => {
+                return Err(row.wrong(profile, "the frame, time and encoder of its profile"));
+            }
+            Some(before) => {
+                if stamp.profile < before.profile {
+                    return Err(row.wrong(profile, "a profile behind the one before"));
+                }
+                hand_out(before, &samples, &mut take)?;
+                samples.clear();
+            }
+            None => {}
+        }
+        current = Some(stamp);
+        let cells = [index, x_mm, z_mm].map(|column| row.text(column).is_empty());
+        if cells == [true; 3] {
+            continue;
+        }
+        samples.push(ProfilePoint {
+            index: row.integer(index)?,
+            x_mm: row.finite(x_mm)?,
+            z_mm: row.finite(z_mm)?,
+        });
+    }
+    match current {
+        Some(stamp) => hand_out(stamp, &samples, &mut take),
+        None => Ok(()),
+    }
+}
+
+fn hand_out(
+    stamp: Stamp,
+    samples: &[ProfilePoint],
+    take: &mut impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
+) -> Result<(), ScanError> {
+    take(&Profile {
+        stamp,
+        samples,
+        invalid: 0,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "profile,frame,t_us,encoder,index,x_mm,z_mm\n";
+
+    fn read(rows: &str) -> Result<Vec<(Stamp, usize)>, ScanError> {
+        let text = format!("{HEADER}{rows}");
+        let mut profiles = Vec::new();
+        visit(
+            TableReader::new(text.as_bytes(), "p".into()).unwrap(),
+            |profile| {
+                profiles.push((profile.stamp, profile.samples.len()));
+                Ok(())
+            },
+        )?;
+        Ok(profiles)
+    }
+
+    #[test]
+    fn a_profile_without_range_is_one_all_the_same() {
+        let profiles = read("0,5,1.5,,0,1.0,2.0\n0,5,1.5,,3,1.5,2.5\n1,6,9.5,-7,,,\n").unwrap();
+        assert_eq!(profiles.len(), 2);
+        assert_eq!((profiles[0].1, profiles[1].1), (2, 0));
+        assert_eq!(profiles[1].0.encoder, Some(-7));
+    }
+
+    #[test]
+    fn rows_that_contradict_are_not_understood() {
+        for rows in [
+            "0,5,1.5,,0,1.0,2.0\n0,6,1.5,,1,1.0,2.0\n",
+            "1,5,1.5,,0,1.0,2.0\n0,6,2.5,,1,1.0,2.0\n",
+            "0,5,1.5,,0,1.0,\n",
+        ] {
+            assert_eq!(read(rows).unwrap_err().code, "corrupt", "{rows}");
+        }
+        assert_eq!(read("0,5,1.5,,0,nan,1.0\n").unwrap_err().code, "not_finite");
+        assert_eq!(read("0,5,1.5,,0").unwrap_err().code, "truncated");
+    }
+}

@@ -1,0 +1,327 @@
+//! CSV with named columns, row by row in constant memory.
+//!
+//! * The first line names the columns; they go by their names, in any order and among others.
+//! * Commas separate, or semicolons or tabs where the first line has no comma.
+//! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
+//!   be LF or CRLF.
+//! * Numbers have a decimal point. A row has a cell for every column.
+//! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`).
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::ops::Range;
+use std::path::Path;
+
+use crate::ScanError;
+
+/// The longest line that is read, in bytes. A file without line ends is no table.
+const LONGEST_LINE: u64 = 1 << 16;
+
+/// A table that is read from its beginning to its end.
+pub struct TableReader<R> {
+    input: R,
+    name: String,
+    separator: u8,
+    columns: Vec<String>,
+    /// The line that was read last, from 1.
+    line: u64,
+    text: String,
+    cells: Vec<Range<usize>>,
+}
+
+/// The place of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Column(usize);
+
+/// One row; cells by their columns.
+pub struct Row<'a> {
+    name: &'a str,
+    line: u64,
+    columns: &'a [String],
+    text: &'a str,
+    cells: &'a [Range<usize>],
+}
+
+impl TableReader<BufReader<File>> {
+    /// Opens a file and reads the names of its columns.
+    ///
+    /// # Errors
+    /// The file cannot be read, or has no first line.
+    pub fn open(path: &Path) -> Result<Self, ScanError> {
+        let file = File::open(path).map_err(|error| ScanError::file("read", path, &error))?;
+        Self::new(
+            BufReader::with_capacity(1 << 16, file),
+            path.display().to_string(),
+        )
+    }
+}
+
+impl<R: BufRead> TableReader<R> {
+    /// Reads the names of the columns. `name` is what messages call the table.
+    ///
+    /// # Errors
+    /// There is no first line, it is no text, or names a column twice.
+    pub fn new(input: R, name: String) -> Result<Self, ScanError> {
+        let mut table = Self {
+            input,
+            name,
+            separator: b',',
+            columns: Vec::new(),
+            line: 0,
+            text: String::new(),
+            cells: Vec::new(),
+        };
+        if table.read_line()?.is_none() {
+            return Err(ScanError::unreadable(
+                "corrupt",
+                format_args!(
+                    "{}: the file is empty, without a line of column names",
+                    table.name
+                ),
+            ));
+        }
+        let header = table.text.strip_prefix('\u{FEFF}').unwrap_or(&table.text);
+        table.separator = [b',', b';', b'\t']
+            .into_iter()
+            .find(|&byte| header.as_bytes().contains(&byte))
+            .unwrap_or(b',');
+        table.columns = header
+            .split(char::from(table.separator))
+            .map(|column| column.trim().trim_matches('"').to_owned())
+            .collect();
+        for (place, column) in table.columns.iter().enumerate() {
+            if table.columns[..place].contains(column) {
+                return Err(ScanError::unreadable(
+                    "corrupt",
+                    format_args!("{}: two columns have the name {column:?}", table.name),
+                ));
+            }
+        }
+        Ok(table)
+    }
+
+    /// What messages call the table.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// A column that may be missing.
+    #[must_use]
+    pub fn optional(&self, column: &str) -> Option<Column> {
+        self.columns
+            .iter()
+            .position(|name| name == column)
+            .map(Column)
+    }
+
+    /// A column that must be there.
+    ///
+    /// # Errors
+    /// It is not: code `missing_column`.
+    pub fn column(&self, column: &str) -> Result<Column, ScanError> {
+        self.optional(column).ok_or_else(|| {
+            ScanError::unreadable(
+                "missing_column",
+                format_args!(
+                    "{}: there is no column {column:?}; the first line names {}",
+                    self.name,
+                    self.columns.join(", ")
+                ),
+            )
+        })
+    }
+
+    /// The next row, or none at the end.
+    ///
+    /// # Errors
+    /// The file cannot be read on, or the row has not one cell for each column.
+    pub fn next_row(&mut self) -> Result<Option<Row<'_>>, ScanError> {
+        let Some(whole) = self.read_line()? else {
+            return Ok(None);
+        };
+        self.cells.clear();
+        let mut begin = 0;
+        for (at, byte) in self.text.bytes().enumerate() {
+            if byte == self.separator {
+                self.cells.push(begin..at);
+                begin = at + 1;
+            }
+        }
+        self.cells.push(begin..self.text.len());
+        let (has, wants) = (self.cells.len(), self.columns.len());
+        if has != wants {
+            let (code, why) = if has < wants && !whole {
+                (
+                    "truncated",
+                    "the file ends in the middle of this line: it was cut",
+                )
+            } else {
+                ("corrupt", "every row needs a cell for each column")
+            };
+            return Err(ScanError::unreadable(
+                code,
+                format_args!(
+                    "{}, line {}: {has} cells, but {wants} columns; {why}",
+                    self.name, self.line
+                ),
+            )
+            .with("line", self.line));
+        }
+        Ok(Some(Row {
+            name: &self.name,
+            line: self.line,
+            columns: &self.columns,
+            text: &self.text,
+            cells: &self.cells,
+        }))
+    }
+
+    /// Reads the next line that is neither empty nor a comment into `text`.
+    /// Whether it had its line end; none at the end of the file.
+    fn read_line(&mut self) -> Result<Option<bool>, ScanError> {
+        let mut bytes = std::mem::take(&mut self.text).into_bytes();
+        loop {
+            bytes.clear();
+            let mut limited = std::io::Read::take(&mut self.input, LONGEST_LINE);
+            let read = limited.read_until(b'\n', &mut bytes).map_err(|error| {
+                ScanError::unreadable("file", format_args!("cannot read {}: {error}", self.name))
+            })?;
+            if read == 0 {
+                return Ok(None);
+            }
+            self.line += 1;
+            let whole = bytes.last() == Some(&b'\n');
+            if !whole && read as u64 == LONGEST_LINE {
+                return Err(self.corrupt("a line of more than 64 KiB: this is no table"));
+            }
+            while matches!(bytes.last(), Some(b'\n' | b'\r')) {
+                bytes.pop();
+            }
+            if bytes.is_empty() || bytes.first() == Some(&b'#') {
+                continue;
+            }
+            self.text = match String::from_utf8(bytes) {
+                Ok(text) => text,
+                Err(_) => return Err(self.corrupt("this is no text: bytes that are not UTF-8")),
+            };
+            return Ok(Some(whole));
+        }
+    }
+
+    fn corrupt(&self, what: &str) -> ScanError {
+        ScanError::unreadable(
+            "corrupt",
+            format_args!("{}, line {}: {what}", self.name, self.line),
+        )
+        .with("line", self.line)
+    }
+}
+
+impl<'a> Row<'a> {
+    /// The number of its line, from 1.
+    #[must_use]
+    pub const fn line(&self) -> u64 {
+        self.line
+    }
+
+    /// The text of a cell, without blanks around it.
+    #[must_use]
+    pub fn text(&self, column: Column) -> &'a str {
+        self.text[self.cells[column.0].clone()].trim()
+    }
+
+    /// A number. `nan` and `inf` are read as they are.
+    ///
+    /// # Errors
+    /// The cell is empty or no number.
+    pub fn number(&self, column: Column) -> Result<f64, ScanError> {
+        let text = self.text(column);
+        text.parse().map_err(|_| self.wrong(column, "a number"))
+    }
+
+    /// A number that is finite.
+    ///
+    /// # Errors
+    /// As [`Self::number`]; refused with code `not_finite` where it is NaN or infinite.
+    pub fn finite(&self, column: Column) -> Result<f64, ScanError> {
+        let number = self.number(column)?;
+        if number.is_finite() {
+            return Ok(number);
+        }
+        Err(ScanError::refused(
+            "not_finite",
+            format_args!(
+                "{}, line {}: {} is {number}: a finite number is needed",
+                self.name, self.line, self.columns[column.0]
+            ),
+        )
+        .with("line", self.line))
+    }
+
+    /// A whole number.
+    ///
+    /// # Errors
+    /// The cell is empty or no whole number.
+    pub fn integer<T: std::str::FromStr>(&self, column: Column) -> Result<T, ScanError> {
+        let text = self.text(column);
+        text.parse()
+            .map_err(|_| self.wrong(column, "a whole number"))
+    }
+
+    /// What is wrong with a cell, and what should stand there.
+    #[must_use]
+    pub fn wrong(&self, column: Column, wanted: &str) -> ScanError {
+        ScanError::unreadable(
+            "corrupt",
+            format_args!(
+                "{}, line {}: {} is {:?}: {wanted} is needed",
+                self.name,
+                self.line,
+                self.columns[column.0],
+                self.text(column)
+            ),
+        )
+        .with("line", self.line)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open(text: &str) -> TableReader<&[u8]> {
+        TableReader::new(text.as_bytes(), "table".into()).unwrap()
+    }
+
+    #[test]
+    fn columns_go_by_their_names() {
+        let mut table = open("b, a ,c\r\n# a comment\r\n\r\n2,1.5,\r\n");
+        let (a, b) = (table.column("a").unwrap(), table.column("b").unwrap());
+        let c = table.optional("c").unwrap();
+        let row = table.next_row().unwrap().unwrap();
+        assert_eq!(row.number(a), Ok(1.5));
+        assert_eq!(row.integer::<u32>(b), Ok(2));
+        assert_eq!(row.text(c), "");
+        assert_eq!(row.line(), 4);
+        assert!(row.number(c).is_err());
+        assert!(table.next_row().unwrap().is_none());
+        assert_eq!(table.column("d").unwrap_err().code, "missing_column");
+    }
+
+    #[test]
+    fn a_row_that_breaks_off_is_told_from_one_that_is_wrong() {
+        let code = |text| open(text).next_row().map(|_| ()).unwrap_err().code;
+        assert_eq!(code("a,b,c\n1,2"), "truncated");
+        assert_eq!(code("a,b,c\n1,2\n"), "corrupt");
+        assert_eq!(code("a,b\n1,2,3\n"), "corrupt");
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused_by_name() {
+        let mut table = open("a\nnan\n");
+        let a = table.column("a").unwrap();
+        let row = table.next_row().unwrap().unwrap();
+        assert_eq!(row.finite(a).unwrap_err().code, "not_finite");
+    }
+}

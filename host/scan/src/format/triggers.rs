@@ -1,0 +1,224 @@
+//! The table of a board's latches, as `umi events --csv` writes it.
+//!
+//! A `loss` row stands before the latch that told it. With a number: as many latches from
+//! that number on were captured, but not told. Without: edges were not captured.
+
+use std::collections::BTreeSet;
+use std::io::BufRead;
+use std::path::Path;
+
+use umi_kinematics::COLUMNS;
+
+use super::table::TableReader;
+use crate::ScanError;
+
+/// What latched the axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LatchSignal {
+    /// The board's own pulses, which trigger the sensor.
+    Output,
+    /// The sensor's pulses, which the board takes.
+    Trigger,
+}
+
+impl LatchSignal {
+    /// Its name in the table.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Output => "output",
+            Self::Trigger => "trigger",
+        }
+    }
+}
+
+/// All axes at one edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TriggerLatch {
+    /// Its number among those of its cause.
+    pub number: u64,
+    /// The board's clock.
+    pub t_ns: i64,
+    /// The counters, as [`COLUMNS`] are ordered; none where the board has not that axis.
+    pub counts: [Option<i64>; COLUMNS.len()],
+}
+
+/// The latches of one cause.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Triggers {
+    /// Their cause.
+    pub cause: LatchSignal,
+    /// With numbers and times that rise.
+    pub latches: Vec<TriggerLatch>,
+    /// How many the table says are missing.
+    pub missed: u64,
+}
+
+/// Reads the latches of a cause, or of the only one that is there.
+///
+/// # Errors
+/// `no_triggers`, `which_cause`, `board_restarted`; `corrupt` and `truncated` where the
+/// table cannot be understood.
+pub fn read(path: &Path, cause: Option<LatchSignal>) -> Result<Triggers, ScanError> {
+    parse(TableReader::open(path)?, cause)
+}
+
+/// As [`read`], from a table that is open.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse<R: BufRead>(
+    mut table: TableReader<R>,
+    cause: Option<LatchSignal>,
+) -> Result<Triggers, ScanError> {
+    let event = table.column("event")?;
+    let number = table.column("number")?;
+    let of_cause = table.column("cause")?;
+    let t_ns = table.column("t_ns")?;
+    let lost = table.column("lost")?;
+    let counts = COLUMNS.map(|axis| table.optional(&format!("{axis}_counts")));
+    let name = table.name().to_owned();
+
+    let mut latches: [Vec<TriggerLatch>; 2] = [Vec::new(), Vec::new()];
+    let mut missed = [0_u64; 2];
+    let mut others = BTreeSet::new();
+    while let Some(row) = table.next_row()? {
+        let side = match row.text(of_cause) {
+            "output" => 0,
+            "trigger" => 1,
+            other => {
+                others.insert(other.to_owned());
+                continue;
+            }
+        };
+        match row.text(event) {
+            "loss" => {
+                let rows: u64 = row.integer(lost)?;
+                missed[side] = missed[side].saturating_add(rows);
+            }
+            "latch" => {
+                let mut latch = TriggerLatch {
+                    number: row.integer(number)?,
+                    t_ns: row.integer(t_ns)?,
+                    counts: [None; COLUMNS.len()],
+                };
+                for (place, column) in counts.iter().enumerate() {
+                    if let Some(column) = *column
+                        && !row.text(column).is_empty()
+                    {
+                        latch.counts[place] = Some(row.integer(column)?);
+                    }
+                }
+                if let Some(before) = latches[side].last()
+                    && (latch.number <= before.number || latch.t_ns <= before.t_ns)
+                {
+                    return Err(restarted(&name, row.line(), before, &latch));
+                }
+                latches[side].push(latch);
+            }
+            _ => return Err(row.wrong(event, "latch or loss")),
+        }
+    }
+    let side = match cause {
+        Some(LatchSignal::Output) => 0,
+        Some(LatchSignal::Trigger) => 1,
+        None if latches.iter().all(|latches| !latches.is_empty()) => {
+            return Err(ScanError::refused(
+                "which_cause",
+                format_args!(
+                    "{name} has latches of the board's pulses and of the sensor's: say with \
+                     --cause output or --cause trigger which ones belong to the profiles"
+                ),
+            ));
+        }
+        None => usize::from(latches[0].is_empty()),
+    };
+    let cause = [LatchSignal::Output, LatchSignal::Trigger][side];
+    let [output, trigger] = latches;
+    let latches = if side == 0 { output } else { trigger };
+    if latches.is_empty() {
+        let which = if cause == LatchSignal::Output {
+            "output"
+        } else {
+            "trigger"
+        };
+        let others = others.into_iter().collect::<Vec<_>>().join(", ");
+        return Err(ScanError::refused(
+            "no_triggers",
+            format_args!(
+                "{name} has no latch of the cause {which}{}",
+                if others.is_empty() {
+                    String::new()
+                } else {
+                    format!("; there are others: {others}")
+                }
+            ),
+        ));
+    }
+    Ok(Triggers {
+        cause,
+        latches,
+        missed: missed[side],
+    })
+}
+
+fn restarted(name: &str, line: u64, before: &TriggerLatch, latch: &TriggerLatch) -> ScanError {
+    ScanError::refused(
+        "board_restarted",
+        format_args!(
+            "{name}, line {line}: latch {} at {} ns stands behind latch {} at {} ns: the board \
+             was restarted in the middle of the scan, or two tables were joined",
+            latch.number, latch.t_ns, before.number, before.t_ns
+        ),
+    )
+    .with("line", line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "event,number,cause,t_ns,x_counts,w_counts,lost\n";
+
+    fn read(rows: &str, cause: Option<LatchSignal>) -> Result<Triggers, ScanError> {
+        let text = format!("{HEADER}{rows}");
+        parse(
+            TableReader::new(text.as_bytes(), "t".into()).unwrap(),
+            cause,
+        )
+    }
+
+    #[test]
+    fn losses_of_both_kinds_are_summed_for_their_cause_only() {
+        let rows = "latch,0,output,1000,5,,0\nloss,1,output,,,,3\nlatch,4,output,2000,6,,0\n\
+                    loss,,output,,,,2\nlatch,5,output,3000,7,,0\nloss,,trigger,,,,9\n\
+                    latch,0,skip,1,,,0\n";
+        let triggers = read(rows, None).unwrap();
+        assert_eq!(triggers.cause, LatchSignal::Output);
+        assert_eq!(triggers.latches.len(), 3);
+        assert_eq!(triggers.missed, 5);
+        assert_eq!(
+            triggers.latches[1].counts,
+            [Some(6), None, None, None, None, None]
+        );
+    }
+
+    #[test]
+    fn what_is_no_scan_is_refused_by_name() {
+        let both = "latch,0,output,1000,5,,0\nlatch,0,trigger,1000,5,,0\n";
+        let code = |rows, cause| read(rows, cause).unwrap_err().code;
+        assert_eq!(code(both, None), "which_cause");
+        assert_eq!(
+            read(both, Some(LatchSignal::Trigger)).unwrap().cause,
+            LatchSignal::Trigger
+        );
+        assert_eq!(code("", None), "no_triggers");
+        assert_eq!(code("latch,0,skip,1,,,0\n", None), "no_triggers");
+        assert_eq!(
+            code("latch,0,trigger,1,,,0\n", Some(LatchSignal::Output)),
+            "no_triggers"
+        );
+        let again = "latch,7,output,1000,5,,0\nlatch,0,output,2000,5,,0\n";
+        assert_eq!(code(again, None), "board_restarted");
+    }
+}

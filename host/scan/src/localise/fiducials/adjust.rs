@@ -1,0 +1,180 @@
+//! Whether fiducials agree: each is fitted by itself, and what the others say of its place is compared with that.
+
+use nalgebra::{Matrix6, Vector6};
+
+use super::Sought;
+use super::own::Own;
+use crate::rigid::{Pose, Vec3, stepped};
+use crate::solve::{eigen, pseudo_solve};
+
+/// What scans and fiducials are never better than, in units of the noise: errors that all points of one fiducial share.
+const SHARED: f64 = 0.5;
+
+/// Fiducials, each where its own points put it.
+pub(super) struct Seen {
+    /// Scan from machine, by all of them.
+    pub machine: Pose,
+    /// Number of the fiducial, and where it is.
+    pub own: Vec<(usize, Own)>,
+}
+
+/// One that the others put elsewhere.
+#[derive(Clone, Debug)]
+pub(super) struct Stray {
+    pub fiducial: usize,
+    /// Where it is, less where the others put it, in the machine's frame, in mm.
+    pub off_mm: Vec3,
+}
+
+struct Equations {
+    /// The information of each, with its own doubt in it.
+    weights: Vec<Matrix6<f64>>,
+    /// Where each says that the machine is: a step from the common pose.
+    steps: Vec<Vector6<f64>>,
+    ranks: Vec<usize>,
+    about: Vec3,
+    arm: f64,
+}
+
+impl Seen {
+    /// The pose by all of them, each weighed by what its points and its own doubt say.
+    pub fn settled(mut self, sought: &Sought<'_>) -> Self {
+        for _ in 0..3 {
+            let e = self.equations(sought);
+            let x = e.common();
+            let step = Vector6::new(x[0] / e.arm, x[1] / e.arm, x[2] / e.arm, x[3], x[4], x[5]);
+            self.machine = stepped(&self.machine, &step, &e.about);
+        }
+        self
+    }
+
+    fn equations(&self, sought: &Sought<'_>) -> Equations {
+        let middles: Vec<Vec3> = self.own.iter().map(|(_, own)| own.middle()).collect();
+        let about = middles.iter().sum::<Vec3>() / middles.len().max(1) as f64;
+        let arm = middles
+            .iter()
+            .map(|m| (m - about).norm())
+            .fold(10.0, f64::max);
+        let mut e = Equations {
+            weights: Vec::new(),
+            steps: Vec::new(),
+            ranks: Vec::new(),
+            about,
+            arm,
+        };
+        for (k, own) in &self.own {
+            let fiducial = &sought.task.fiducials[*k];
+            let mut group = fiducial.group(&self.machine);
+            let rough = SHARED * own.sigma_mm;
+            for i in 0..3 {
+                group.cov[(i, i)] += (rough / fiducial.shape.size_mm()).powi(2);
+                group.cov[(i + 3, i + 3)] += rough * rough;
+            }
+            let h = own.information(&about, arm);
+            let sigma2 = own.sigma_mm * own.sigma_mm;
+            let groups = super::super::uncertainty::Groups {
+                all: &[group],
+                of: &[],
+            };
+            let damping = groups.damping(&[h], &about, arm, sigma2);
+            let w = damping[0] * h / sigma2;
+            e.weights.push((w + w.transpose()) / 2.0);
+            let from = self.machine.after(&fiducial.pose);
+            e.steps.push(own.step_from(&from, &about, arm));
+            e.ranks.push(own.rank());
+        }
+        e
+    }
+
+    /// Those that disagree with the others; all of them if it cannot be told which. None if all agree.
+    pub fn strays(&self, sought: &Sought<'_>) -> Vec<Stray> {
+        let e = self.equations(sought);
+        if e.agree_of(&(0..self.own.len()).collect::<Vec<_>>()) {
+            return Vec::new();
+        }
+        let mut left: Vec<usize> = (0..self.own.len()).collect();
+        let mut out: Vec<usize> = Vec::new();
+        // One after the other, the one without which the rest agrees best.
+        while left.len() > 2 && !e.agree_of(&left) {
+            let mut without: Vec<(f64, usize)> = (0..left.len())
+                .filter_map(|i| {
+                    let mut rest = left.clone();
+                    rest.remove(i);
+                    (e.freedom(&rest) > 0).then(|| (e.misfit(&rest) - e.likely(&rest), i))
+                })
+                .collect();
+            without.sort_by(|a, b| a.0.total_cmp(&b.0));
+            // Where the rest agrees without this one or without that one, it cannot be told which it is.
+            if without.len() < 2 || without[1].0 <= 0.0 {
+                break;
+            }
+            out.push(left.remove(without[0].1));
+        }
+        if !e.agree_of(&left) || e.freedom(&left) == 0 {
+            out = (0..self.own.len()).collect();
+            left.clear();
+        }
+        out.into_iter()
+            .map(|i| {
+                let others: Vec<usize> = if left.is_empty() {
+                    (0..self.own.len()).filter(|j| *j != i).collect()
+                } else {
+                    left.clone()
+                };
+                let x = e.steps[i] - e.of(&others);
+                let (k, own) = &self.own[i];
+                let w = Vec3::new(x[0], x[1], x[2]) / e.arm;
+                let shape = &sought.task.fiducials[*k].shape;
+                let at = own.motion.point(&shape.middle());
+                let off = Vec3::new(x[3], x[4], x[5]) + w.cross(&(at - e.about));
+                Stray {
+                    fiducial: *k,
+                    off_mm: self.machine.rotation.tr_mul(&off),
+                }
+            })
+            .collect()
+    }
+}
+
+impl Equations {
+    fn common(&self) -> Vector6<f64> {
+        self.of(&(0..self.steps.len()).collect::<Vec<_>>())
+    }
+
+    fn of(&self, these: &[usize]) -> Vector6<f64> {
+        let sum: Matrix6<f64> = these.iter().map(|&i| self.weights[i]).sum();
+        let right: Vector6<f64> = these.iter().map(|&i| self.weights[i] * self.steps[i]).sum();
+        pseudo_solve(&sum, &right, 1e-12)
+    }
+
+    fn agree_of(&self, these: &[usize]) -> bool {
+        self.misfit(these) <= self.likely(these)
+    }
+
+    /// The sum of squares that is left.
+    fn misfit(&self, these: &[usize]) -> f64 {
+        let x = self.of(these);
+        these
+            .iter()
+            .map(|&i| {
+                let off = self.steps[i] - x;
+                off.dot(&(self.weights[i] * off))
+            })
+            .sum()
+    }
+
+    /// What of that chance can be, once in a hundred thousand.
+    fn likely(&self, these: &[usize]) -> f64 {
+        let dof = self.freedom(these) as f64;
+        dof + 5.0 * (2.0 * dof).sqrt() + 12.0
+    }
+
+    /// Conditions beyond those that hold the pose.
+    fn freedom(&self, these: &[usize]) -> usize {
+        let sum: Matrix6<f64> = these.iter().map(|&i| self.weights[i]).sum();
+        let (values, _) = eigen(&sum);
+        let held = values.iter().filter(|v| **v > 1e-7 * values[5]).count();
+        let all: usize = these.iter().map(|&i| self.ranks[i]).sum();
+        all.saturating_sub(held)
+    }
+}

@@ -1,0 +1,128 @@
+//! What in a scan looks like a fiducial, each shape by itself.
+
+use super::super::oriented::{from_seed, orient, thin};
+use super::super::pairs::spread;
+use super::own::Own;
+use super::{FiducialTask, Sought, balls, cones, meshes};
+use crate::rigid::{Pose, Vec3};
+
+use super::FiducialShape;
+
+/// Something that looks like a fiducial.
+#[derive(Clone, Debug)]
+pub(super) struct Feature {
+    /// The first fiducial that looks like it.
+    pub class: usize,
+    /// Scan from the shape's own frame.
+    pub motion: Pose,
+    /// The points on it.
+    pub inliers: usize,
+    /// Its landmarks in the scan.
+    pub landmarks: Vec<Vec3>,
+}
+
+/// Points to search with at most.
+const PLACES: usize = 40_000;
+/// Points to refine with at most.
+const FINE: usize = 300_000;
+/// Features of one shape that are kept.
+const KEPT: usize = 40;
+/// Neighbours that a normal is taken from: few, for fiducials are small.
+const NEIGHBOURS: usize = 14;
+/// The edge of the cubes that a scan is thinned to, in sizes of the least fiducial.
+const CELL: f64 = 0.06;
+
+impl<'a> Sought<'a> {
+    pub fn new(task: &'a FiducialTask<'a>) -> Self {
+        let shapes = || task.fiducials.iter().map(|f| &f.shape);
+        let least = shapes()
+            .map(FiducialShape::size_mm)
+            .fold(f64::MAX, f64::min);
+        let mut cell = CELL * least;
+        let mut coarse = thin(&from_seed(task.points, task.seed), cell);
+        while coarse.len() > PLACES && cell < 0.15 * least {
+            cell *= 1.25;
+            coarse = thin(&coarse, cell);
+        }
+        let coarse: Vec<Vec3> = spread(coarse.len(), 4 * PLACES)
+            .into_iter()
+            .map(|i| coarse[i])
+            .collect();
+        let (places, noise_mm) = orient(&coarse, &coarse, 0.75 * least, NEIGHBOURS, task.threads);
+        let fine = spread(task.points.len(), FINE)
+            .into_iter()
+            .map(|i| task.points[i])
+            .collect();
+        Self {
+            task,
+            surfaces: shapes().map(FiducialShape::surface).collect(),
+            class: shapes()
+                .map(|s| shapes().position(|o| o.is_like(s)).unwrap_or(0))
+                .collect(),
+            fine,
+            places,
+            noise_mm: if noise_mm.is_finite() { noise_mm } else { 0.0 },
+        }
+    }
+
+    /// The noise that nothing is taken for less than, in mm.
+    pub fn floor_mm(&self) -> f64 {
+        (0.3 * self.noise_mm).max(1e-6)
+    }
+
+    /// Everything that looks like one of the fiducials, by shape, the one with the most points first.
+    pub fn features(&self) -> Vec<Feature> {
+        let mut all = Vec::new();
+        for k in 0..self.class.len() {
+            if self.class[k] != k {
+                continue;
+            }
+            let starts = match &self.task.fiducials[k].shape {
+                FiducialShape::Ball { radius_mm } => {
+                    balls::starts(&self.places, *radius_mm, self.task.threads)
+                }
+                FiducialShape::Cone {
+                    half_angle_rad,
+                    height_mm,
+                } => cones::starts(&self.places, *half_angle_rad, *height_mm, self.task.threads),
+                FiducialShape::Mesh(mesh) => meshes::starts(mesh, &self.places, self.task.threads),
+            };
+            all.extend(self.settled(k, &starts));
+        }
+        all
+    }
+
+    /// The starts that hold, each once.
+    fn settled(&self, k: usize, starts: &[Pose]) -> Vec<Feature> {
+        let shape = &self.task.fiducials[k].shape;
+        let size = shape.size_mm();
+        let reach = (0.15 * size).max(4.0 * self.noise_mm);
+        let marks = shape.landmarks();
+        let mut found: Vec<Own> = self
+            .task
+            .threads
+            .each(starts.len(), |i| self.own(k, &starts[i], reach))
+            .into_iter()
+            .flatten()
+            .filter(|own| own.holds(shape) && self.is_this_size(k, own))
+            .collect();
+        found.sort_by_key(|own| std::cmp::Reverse(own.on.len()));
+        let mut kept: Vec<Feature> = Vec::new();
+        for own in found {
+            let landmarks: Vec<Vec3> = marks.iter().map(|p| own.motion.point(p)).collect();
+            let apart = |other: &Feature| {
+                let pairs = other.landmarks.iter().zip(&landmarks);
+                pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+            };
+            if kept.len() < KEPT && kept.iter().all(|other| apart(other) > 0.3 * size) {
+                kept.push(Feature {
+                    class: k,
+                    motion: own.motion,
+                    inliers: own.on.len(),
+                    landmarks,
+                });
+            }
+        }
+        kept
+    }
+}

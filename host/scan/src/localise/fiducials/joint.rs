@@ -1,0 +1,324 @@
+//! One fit of all fiducials that are seen, and what it is worth.
+
+use nalgebra::Matrix6;
+
+use super::super::fit::{self, INLIER};
+use super::super::uncertainty::{Group, Groups, certainty};
+use super::super::{Located, degenerate, scene, verdict_reasons};
+use super::own::Own;
+use super::{
+    Fiducial, FiducialSeen, FiducialShape, FiducialTask, LEAST_POINTS, ScannerFound, SymmetryAxis,
+};
+use crate::ScanError;
+use crate::rigid::{Pose, Vec3};
+use crate::solve::{Kernel, Measured, eigen, measure};
+use crate::surface::{BallShape, CompositeSurface, Cone, Mesh};
+
+/// All fiducials in one surface, about a place among them: machine coordinates can be large.
+struct Bodies {
+    surface: CompositeSurface,
+    /// The fiducial of each face.
+    of_face: Vec<usize>,
+    origin: Vec3,
+}
+
+impl Bodies {
+    fn new(fiducials: &[Fiducial]) -> Result<Self, ScanError> {
+        let n = fiducials.len() as f64;
+        let origin = fiducials
+            .iter()
+            .map(|f| f.pose.translation_mm)
+            .sum::<Vec3>()
+            / n;
+        let mut surface = CompositeSurface::default();
+        let mut corners: Vec<[Vec3; 3]> = Vec::new();
+        let (mut of_mesh, mut of_ball, mut of_cone) = (Vec::new(), Vec::new(), Vec::new());
+        for (k, fiducial) in fiducials.iter().enumerate() {
+            let pose = Pose {
+                translation_mm: fiducial.pose.translation_mm - origin,
+                ..fiducial.pose
+            };
+            match &fiducial.shape {
+                FiducialShape::Mesh(mesh) => {
+                    for t in mesh.triangles() {
+                        corners.push(t.corners.map(|c| pose.point(&c)));
+                        of_mesh.push(k);
+                    }
+                }
+                FiducialShape::Ball { radius_mm } => {
+                    of_ball.push(k);
+                    surface.balls.push(BallShape {
+                        centre_mm: pose.translation_mm,
+                        radius_mm: *radius_mm,
+                    });
+                }
+                FiducialShape::Cone {
+                    half_angle_rad,
+                    height_mm,
+                } => {
+                    of_cone.push(k);
+                    surface.cones.push(Cone {
+                        pose,
+                        half_angle_rad: *half_angle_rad,
+                        height_mm: *height_mm,
+                    });
+                }
+            }
+        }
+        if !corners.is_empty() {
+            surface.mesh = Some(Mesh::new(&corners)?);
+        }
+        Ok(Self {
+            surface,
+            of_face: [of_mesh, of_ball, of_cone].concat(),
+            origin,
+        })
+    }
+
+    /// The fiducial that a point is nearest to.
+    fn of(&self, m: &Measured) -> usize {
+        self.of_face.get(m.face).copied().unwrap_or(0)
+    }
+
+    /// Which fiducials these points show: enough of them, and around it.
+    fn standing(
+        &self,
+        task: &FiducialTask<'_>,
+        these: &[usize],
+        measured: &[Measured],
+    ) -> Vec<bool> {
+        let mut own: Vec<Own> = task
+            .fiducials
+            .iter()
+            .map(|f| Own {
+                motion: f.pose,
+                sigma_mm: 0.0,
+                on: Vec::new(),
+                beside: 0,
+            })
+            .collect();
+        for &i in these {
+            own[self.of(&measured[i])]
+                .on
+                .push((task.points[i], measured[i]));
+        }
+        own.iter()
+            .zip(task.fiducials)
+            .map(|(own, f)| own.on.len() >= LEAST_POINTS && own.holds(&f.shape))
+            .collect()
+    }
+
+    /// Whether a foot lies within a surface and not on its rim.
+    fn is_within(&self, m: &Measured, motion: &Pose) -> bool {
+        let triangles = self.surface.mesh.as_ref().map_or(&[][..], Mesh::triangles);
+        triangles
+            .get(m.face)
+            .is_none_or(|t| (motion.rotation * t.normal).dot(&m.direction).abs() > 0.7)
+    }
+}
+
+/// From about the right pose to the fit of the points and its worth.
+pub(super) fn finish(
+    task: &FiducialTask<'_>,
+    machine: &Pose,
+    symmetries: Vec<SymmetryAxis>,
+) -> Result<ScannerFound, ScanError> {
+    let bodies = Bodies::new(task.fiducials)?;
+    let from_origin = Pose {
+        rotation: nalgebra::Matrix3::identity(),
+        translation_mm: -bodies.origin,
+    };
+    let mut motion = machine.after(&from_origin.inverse());
+    let (surface, points, threads) = (&bodies.surface, task.points, task.threads);
+    let least = task
+        .fiducials
+        .iter()
+        .map(|f| f.shape.size_mm())
+        .fold(f64::MAX, f64::min);
+    let measured;
+    let groups: Vec<Group> = task.fiducials.iter().map(|f| f.group(machine)).collect();
+    if let Some(kernel) = task.kernel {
+        let settled = fit::task(surface, points, kernel, 300, threads).solve(&motion);
+        motion = settled.motion;
+        measured = settled.measured;
+    } else {
+        let reach = (0.05 * least).max(0.2);
+        let settled = fit::settle(surface, points, &motion, reach, least * 1e-7, 40, threads);
+        let Some(settled) = settled else {
+            return Err(ScanError::refused(
+                "no_fiducial",
+                "no fiducial is where it should be near the start: is the start right? Without --start it is searched",
+            ));
+        };
+        let sigma = settled.sigma_mm;
+        let there = measure(surface, points, &settled.motion, &[], threads);
+        let near = |limit: f64| -> Vec<usize> {
+            let motion = &settled.motion;
+            let is_near = |m: &Measured| m.distance_mm.abs() < limit && bodies.is_within(m, motion);
+            (0..points.len()).filter(|&i| is_near(&there[i])).collect()
+        };
+        let standing = bodies.standing(task, &near(INLIER * sigma), &there);
+        let mut kept = near(10.0 * sigma);
+        kept.retain(|&i| standing[bodies.of(&there[i])]);
+        let near: Vec<Vec3> = kept.iter().map(|&i| points[i]).collect();
+        let of: Vec<usize> = kept.iter().map(|&i| bodies.of(&there[i])).collect();
+        let groups = Groups {
+            all: &groups,
+            of: &of,
+        };
+        motion = fit::weighed(surface, &near, groups, &settled.motion, sigma, threads);
+        measured = measure(surface, points, &motion, &[], threads);
+    }
+    let sigma = match task.kernel {
+        Some(Kernel::None) => {
+            let sum: f64 = measured.iter().map(|m| m.distance_mm.powi(2)).sum();
+            (sum / (measured.len() as f64 - 6.0).max(1.0)).sqrt()
+        }
+        Some(Kernel::Huber(c) | Kernel::Tukey(c)) => fit::noise(&measured, 10.0 * c),
+        None => fit::noise(&measured, (0.05 * least).max(0.2)),
+    };
+    let all = task.kernel == Some(Kernel::None);
+    let mut on: Vec<usize> = (0..points.len())
+        .filter(|&i| {
+            all || (measured[i].distance_mm.abs() < INLIER * sigma
+                && bodies.is_within(&measured[i], &motion))
+        })
+        .collect();
+    let standing = bodies.standing(task, &on, &measured);
+    if !all {
+        on.retain(|&i| standing[bodies.of(&measured[i])]);
+    }
+    let of: Vec<usize> = measured.iter().map(|m| bodies.of(m)).collect();
+    let groups_of = Groups {
+        all: &groups,
+        of: &of,
+    };
+    let mut sure = certainty(points, &measured, &on, &motion, sigma, groups_of);
+    if !sure.free.is_empty() {
+        return Err(degenerate(&sure, "fiducials"));
+    }
+    // Of the machine's own origin, and from the scanner's point of view.
+    let machine = motion.after(&from_origin);
+    sure = sure.before(&motion, &from_origin).inverted(&machine);
+    let motion_of_scanner = machine.inverse();
+    let squares: f64 = on.iter().map(|&i| measured[i].distance_mm.powi(2)).sum();
+    let mut located = Located {
+        motion: motion_of_scanner,
+        n_used: on.len(),
+        overlap: shown(task.fiducials, &on, &of, points, &machine),
+        rms_mm: (squares / on.len().max(1) as f64).sqrt(),
+        sigma_mm: sigma,
+        certainty: sure,
+        symmetries,
+        on: on.iter().map(|&i| (i, measured[i].distance_mm)).collect(),
+        reasons: Vec::new(),
+    };
+    let (low, high) = crate::surface::bounds(points.iter());
+    located.reasons = verdict_reasons(
+        &located,
+        &crate::surface::box_corners(&low, &high),
+        task.limit_mm,
+        task.scale_limit_ppm,
+        "scan",
+    );
+    let groups = Groups {
+        all: &groups,
+        of: &of,
+    };
+    let fiducials = seen(task, &machine, &on, &measured, groups, &standing, sigma);
+    let mut on_fiducials = vec![false; points.len()];
+    for i in on {
+        on_fiducials[i] = true;
+    }
+    Ok(ScannerFound {
+        located,
+        fiducials,
+        on_fiducials,
+    })
+}
+
+/// What of the fiducials' surface the points show.
+fn shown(
+    fiducials: &[Fiducial],
+    on: &[usize],
+    of: &[usize],
+    points: &[Vec3],
+    machine: &Pose,
+) -> f64 {
+    let (mut area, mut seen) = (0.0, 0.0);
+    for (k, fiducial) in fiducials.iter().enumerate() {
+        let own = machine.after(&fiducial.pose);
+        let shown: Vec<Vec3> = on
+            .iter()
+            .filter(|&&i| of[i] == k)
+            .map(|&i| own.undo(&points[i]))
+            .collect();
+        if let Some(mesh) = fiducial.shape.mesh() {
+            area += mesh.area_mm2();
+            seen += mesh.area_mm2() * scene::coverage(&mesh, &shown);
+        }
+    }
+    seen / area.max(1e-9)
+}
+
+/// Each fiducial in the scan.
+fn seen(
+    task: &FiducialTask<'_>,
+    machine: &Pose,
+    on: &[usize],
+    measured: &[Measured],
+    groups: Groups<'_>,
+    standing: &[bool],
+    sigma: f64,
+) -> Vec<FiducialSeen> {
+    let (points, of) = (task.points, groups.of);
+    let about = fit::middle(&on.iter().map(|&i| points[i]).collect::<Vec<_>>());
+    let arm = on
+        .iter()
+        .map(|&i| (points[i] - about).norm())
+        .fold(1e-3, f64::max);
+    let mut h = vec![Matrix6::zeros(); task.fiducials.len()];
+    for &i in on {
+        let r = fit::row(&points[i], &measured[i], &about, arm);
+        h[of[i]] += r * r.transpose();
+    }
+    let damping = groups.damping(&h, &about, arm, sigma * sigma);
+    let weights: Vec<Matrix6<f64>> = h.iter().zip(&damping).map(|(h, d)| d * h).collect();
+    let whole: Matrix6<f64> = weights.iter().sum();
+    let (values, vectors) = eigen(&((whole + whole.transpose()) / 2.0));
+    let share = |w: &Matrix6<f64>| -> f64 {
+        (0..6)
+            .map(|k| {
+                let v = vectors.column(k);
+                v.dot(&(w * v)) / values[k].max(1e-300) / 6.0
+            })
+            .sum()
+    };
+    task.fiducials
+        .iter()
+        .enumerate()
+        .map(|(k, fiducial)| {
+            let own: Vec<usize> = on.iter().copied().filter(|&i| of[i] == k).collect();
+            let squares: f64 = own.iter().map(|&i| measured[i].distance_mm.powi(2)).sum();
+            let expected = machine.after(&fiducial.pose);
+            let mine: Vec<Vec3> = own.iter().map(|&i| points[i]).collect();
+            let found = standing[k];
+            let surface = fiducial.shape.surface();
+            FiducialSeen {
+                name: fiducial.name.clone(),
+                motion: found.then(|| {
+                    fit::task(&surface, &mine, Kernel::None, 30, task.threads)
+                        .solve(&expected)
+                        .motion
+                }),
+                n: own.len(),
+                rms_mm: if found {
+                    (squares / own.len() as f64).sqrt()
+                } else {
+                    0.0
+                },
+                share: if found { share(&weights[k]) } else { 0.0 },
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,471 @@
+//! The search for the scanner's pose, and why there is none.
+
+use serde_json::{Value, json};
+
+use super::super::symmetry;
+use super::adjust::{Seen, Stray};
+use super::features::Feature;
+use super::matching::{Match, Matching, Tolerance};
+use super::{FiducialTask, Searched, Sought};
+use crate::ScanError;
+use crate::rigid::{Pose, Vec3};
+
+/// How near features must be to where they should be to be taken for a fiducial.
+const TIGHT: Tolerance = Tolerance {
+    mm: 1.0,
+    of_distance: 0.003,
+};
+/// Something of the right shape within this many mm of a fiducial's place is that fiducial, moved.
+const MOVED_MM: f64 = 25.0;
+const LOOSE: Tolerance = Tolerance {
+    mm: MOVED_MM,
+    of_distance: 0.0,
+};
+/// Matches that are tried with the points themselves.
+const TRIED: usize = 12;
+
+/// A match tried with the points.
+struct Tried {
+    seen: Seen,
+    points: usize,
+    /// Of fiducials that are not at their place: the feature near it, and how far from it, in mm.
+    near: Vec<(usize, Vec3)>,
+    /// Fiducials that something looks like, elsewhere.
+    elsewhere: Vec<usize>,
+    /// Whether nothing moves freely.
+    held: bool,
+    /// Those that disagree with the others.
+    strays: Vec<Stray>,
+}
+
+impl Tried {
+    /// What speaks for it, the most important first.
+    fn worth(&self) -> (bool, usize, bool, usize) {
+        let agreeing = self.seen.own.len() - self.strays.len();
+        (self.held, agreeing, self.strays.is_empty(), self.points)
+    }
+}
+
+/// The pose that the scan stands for.
+pub(super) fn search(task: &FiducialTask<'_>) -> Result<Searched, ScanError> {
+    let sought = Sought::new(task);
+    let result = direct(&sought);
+    match &result {
+        Ok(found) if !found.elsewhere => {}
+        Ok(found) => mirrored(task, found.agreeing)?,
+        Err(error) if ["fiducials_disagree", "ambiguous"].contains(&error.code) => {
+            let here = error.details.get("agreeing").and_then(Value::as_u64);
+            mirrored(task, here.unwrap_or(0) as usize)?;
+        }
+        Err(error) if error.code == "no_fiducial" => {
+            mirrored(task, 0)?;
+            other_unit(task)?;
+        }
+        Err(_) => {}
+    }
+    result
+}
+
+/// How many fiducials hold the pose in other points than those of the scan.
+fn agreeing(task: &FiducialTask<'_>, points: &[Vec3]) -> usize {
+    let task = FiducialTask {
+        points,
+        ..task.clone()
+    };
+    direct(&Sought::new(&task)).map_or(0, |found| found.agreeing)
+}
+
+/// Refuses if the scan shows more than `here` fiducials in a mirror.
+fn mirrored(task: &FiducialTask<'_>, here: usize) -> Result<(), ScanError> {
+    let mirrored: Vec<Vec3> = task
+        .points
+        .iter()
+        .map(|p| Vec3::new(-p.x, p.y, p.z))
+        .collect();
+    if agreeing(task, &mirrored) > here {
+        return Err(ScanError::refused(
+            "mirrored",
+            "the fiducials fit the mirror image of the scan: an axis of the scanner has its sign lost, or the file of fiducials does",
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses if the scan shows the fiducials in another unit.
+fn other_unit(task: &FiducialTask<'_>) -> Result<(), ScanError> {
+    let marks: Vec<Vec3> = task
+        .fiducials
+        .iter()
+        .flat_map(|f| f.shape.landmarks().into_iter().map(|p| f.pose.point(&p)))
+        .collect();
+    let span = |all: &[Vec3]| {
+        let (low, high) = crate::surface::bounds(all.iter());
+        (high - low).norm()
+    };
+    let (size, scan) = (span(&marks), span(task.points));
+    for (factor, name) in super::super::verdict::UNITS {
+        if !(0.5..50.0).contains(&(scan * factor / size.max(1e-9))) {
+            continue;
+        }
+        let points: Vec<Vec3> = task.points.iter().map(|p| p * factor).collect();
+        if agreeing(task, &points) > 0 {
+            return Err(super::super::verdict::wrong_scale(factor, name));
+        }
+    }
+    Ok(())
+}
+
+fn direct(sought: &Sought<'_>) -> Result<Searched, ScanError> {
+    let features = sought.features();
+    let matching = Matching::new(sought, &features, TIGHT);
+    let mut tried: Vec<Tried> = matching
+        .all()
+        .iter()
+        .take(TRIED)
+        .filter_map(|m| attempt(sought, &features, &matching, m))
+        .collect();
+    tried.sort_by_key(|t| std::cmp::Reverse(t.worth()));
+    let loose = |least: usize| {
+        let matching = Matching::new(sought, &features, LOOSE);
+        let found = matching.all().into_iter().find(|m| m.pairs.len() > least);
+        found.map(|m| loosely(sought, &features, &m))
+    };
+    let Some(best) = tried.first() else {
+        return Err(match loose(1) {
+            Some(error) => error,
+            None => nothing(sought, &features),
+        });
+    };
+    if !best.strays.is_empty() {
+        let agreeing = best.seen.own.len() - best.strays.len();
+        return Err(disagree(sought, &best.strays).with("agreeing", agreeing));
+    }
+    if !best.near.is_empty() {
+        let strays: Vec<Stray> = best
+            .near
+            .iter()
+            .map(|(fiducial, off_mm)| Stray {
+                fiducial: *fiducial,
+                off_mm: *off_mm,
+            })
+            .collect();
+        return Err(disagree(sought, &strays).with("agreeing", best.seen.own.len()));
+    }
+    if !best.held {
+        return match loose(best.seen.own.len()) {
+            Some(error) => Err(error),
+            // The fit itself says what is free.
+            None => Ok(found(best, Vec::new())),
+        };
+    }
+    alone(sought, &tried)?;
+    only_one(sought, &tried)
+}
+
+fn found(best: &Tried, symmetries: Vec<super::SymmetryAxis>) -> Searched {
+    Searched {
+        machine: best.seen.machine,
+        symmetries,
+        agreeing: if best.held { best.seen.own.len() } else { 0 },
+        elsewhere: !best.elsewhere.is_empty(),
+    }
+}
+
+/// A match, tried with the points about where it puts each fiducial.
+fn attempt(
+    sought: &Sought<'_>,
+    features: &[Feature],
+    matching: &Matching<'_>,
+    m: &Match,
+) -> Option<Tried> {
+    let fiducials = sought.task.fiducials;
+    let mut seen = Seen {
+        machine: m.machine,
+        own: Vec::new(),
+    };
+    for (f, c) in &m.pairs {
+        // What the feature does not hold is as the match has it.
+        let start = turned_to(
+            &m.machine.after(&fiducials[*f].pose),
+            &features[*c].motion,
+            sought,
+            *f,
+        );
+        if let Some(own) = sought.own(*f, &start, reach(sought, *f)) {
+            seen.own.push((*f, own));
+        }
+    }
+    if seen.own.is_empty() {
+        return None;
+    }
+    seen = seen.settled(sought);
+    let whole = m.pairs.len() == seen.own.len();
+    for (f, fiducial) in fiducials.iter().enumerate() {
+        if seen.own.iter().any(|(g, _)| *g == f) {
+            continue;
+        }
+        let start = seen.machine.after(&fiducial.pose);
+        let own = sought.own(f, &start, reach(sought, f));
+        if let Some(own) = own.filter(|own| own.holds(&fiducial.shape)) {
+            let middle = fiducial.shape.middle();
+            let off = own.motion.point(&middle) - start.point(&middle);
+            // A body of which two sides are seen slides along them.
+            let slack = match fiducial.shape {
+                super::FiducialShape::Mesh(_) => 0.25 * fiducial.shape.size_mm(),
+                _ => 2.0 * TIGHT.mm,
+            };
+            if off.norm() < slack {
+                seen.own.push((f, own));
+            }
+        }
+    }
+    let held = whole && is_held(&seen, sought);
+    if held {
+        seen = seen.settled(sought);
+    }
+    let (mut near, mut elsewhere) = (Vec::new(), Vec::new());
+    for (f, fiducial) in fiducials.iter().enumerate() {
+        if seen.own.iter().any(|(g, _)| *g == f) {
+            continue;
+        }
+        let best = (0..features.len())
+            .filter(|&c| features[c].class == sought.class[f])
+            .filter(|&c| !seen.own.iter().any(|(_, own)| is_it(own, &features[c])))
+            .map(|c| (matching.off(&seen.machine, f, c), c))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((off, c)) if held && off < MOVED_MM => {
+                let middle = fiducial.shape.middle();
+                let place = seen.machine.point(&fiducial.pose.point(&middle));
+                let off = features[c].motion.point(&middle) - place;
+                near.push((f, seen.machine.rotation.tr_mul(&off)));
+            }
+            Some(_) => elsewhere.push(f),
+            None => {}
+        }
+    }
+    Some(Tried {
+        points: seen.own.iter().map(|(_, own)| own.on.len()).sum(),
+        strays: seen.strays(sought),
+        seen,
+        near,
+        elsewhere,
+        held,
+    })
+}
+
+/// Whether that is the feature.
+fn is_it(own: &super::own::Own, feature: &Feature) -> bool {
+    (own.motion.translation_mm - feature.motion.translation_mm).norm() < TIGHT.mm
+}
+
+/// How far from its place a fiducial is looked for with the points, in mm.
+fn reach(sought: &Sought<'_>, f: usize) -> f64 {
+    let size = sought.task.fiducials[f].shape.size_mm();
+    (0.06 * size).max(4.0 * sought.noise_mm).max(0.2)
+}
+
+/// The place of a feature, turned as `like` where the shape does not say.
+fn turned_to(like: &Pose, feature: &Pose, sought: &Sought<'_>, f: usize) -> Pose {
+    use super::FiducialShape::{Ball, Cone, Mesh};
+    match sought.task.fiducials[f].shape {
+        Mesh(_) => *feature,
+        Ball { .. } => Pose {
+            rotation: like.rotation,
+            translation_mm: feature.translation_mm,
+        },
+        Cone { .. } => {
+            let (from, to) = (
+                like.rotation.column(2).into_owned(),
+                feature.rotation.column(2).into_owned(),
+            );
+            let about = from.cross(&to);
+            let angle = about.norm().atan2(from.dot(&to));
+            let turn = if about.norm() > 1e-12 {
+                crate::rigid::rotation(&(about * (angle / about.norm())))
+            } else {
+                nalgebra::Matrix3::identity()
+            };
+            Pose {
+                rotation: turn * like.rotation,
+                translation_mm: feature.translation_mm,
+            }
+        }
+    }
+}
+
+/// Whether what was seen holds all six motions.
+fn is_held(seen: &Seen, sought: &Sought<'_>) -> bool {
+    let marks: Vec<Vec3> = seen
+        .own
+        .iter()
+        .flat_map(|(f, own)| {
+            let shape = &sought.task.fiducials[*f].shape;
+            // A body of which one side is seen slides along it.
+            let whole = own.rank() == 6 || !matches!(shape, super::FiducialShape::Mesh(_));
+            let marks = if whole {
+                shape.landmarks()
+            } else {
+                vec![shape.middle()]
+            };
+            marks.into_iter().map(|p| own.motion.point(&p))
+        })
+        .collect();
+    super::matching::carry(&marks, &marks).1
+}
+
+/// A pose by one fiducial alone stands only where nothing speaks against it.
+fn alone(sought: &Sought<'_>, tried: &[Tried]) -> Result<(), ScanError> {
+    let best = &tried[0];
+    let [(own, _)] = best.seen.own.as_slice() else {
+        return Ok(());
+    };
+    let others: Vec<usize> = best
+        .elsewhere
+        .iter()
+        .copied()
+        .filter(|f| f != own)
+        .collect();
+    if others.is_empty() {
+        return Ok(());
+    }
+    let strays: Vec<Stray> = others
+        .iter()
+        .filter_map(|f| {
+            let shows = |t: &&Tried| t.held && t.seen.own.iter().any(|(g, _)| g == f);
+            let other = tried.iter().find(shows)?;
+            let middle = sought.task.fiducials[*f].shape.middle();
+            let at = sought.task.fiducials[*f].pose.point(&middle);
+            let off = other.seen.machine.point(&at) - best.seen.machine.point(&at);
+            Some(Stray {
+                fiducial: *f,
+                off_mm: best.seen.machine.rotation.tr_mul(&off),
+            })
+        })
+        .collect();
+    if strays.is_empty() {
+        return Ok(());
+    }
+    let mut all = strays;
+    all.push(Stray {
+        fiducial: *own,
+        off_mm: -all[0].off_mm,
+    });
+    Err(disagree(sought, &all))
+}
+
+/// The best if no other pose explains the fiducials as well.
+fn only_one(sought: &Sought<'_>, tried: &[Tried]) -> Result<Searched, ScanError> {
+    let task = sought.task;
+    let best = &tried[0];
+    let marks: Vec<Vec3> = task
+        .fiducials
+        .iter()
+        .flat_map(|f| f.shape.landmarks().into_iter().map(|p| f.pose.point(&p)))
+        .collect();
+    let equal: Vec<Pose> = tried[1..]
+        .iter()
+        .filter(|t| {
+            t.held
+                && t.seen.own.len() == best.seen.own.len()
+                && t.points as f64 > 0.7 * best.points as f64
+                && t.strays.is_empty()
+                && t.seen.machine.apart_mm(&best.seen.machine, &marks) > 4.0 * TIGHT.mm
+        })
+        .map(|t| t.seen.machine)
+        .collect();
+    if equal.is_empty() {
+        return Ok(found(best, Vec::new()));
+    }
+    let turns: Vec<Pose> = equal
+        .iter()
+        .map(|m| best.seen.machine.inverse().after(m))
+        .collect();
+    let axes = symmetry::axes(&turns);
+    if task.accept_symmetry {
+        return Ok(found(best, axes));
+    }
+    let poses: Vec<Pose> = std::iter::once(&best.seen.machine)
+        .chain(&equal)
+        .map(Pose::inverse)
+        .collect();
+    Err(symmetry::ambiguous(
+        &axes,
+        &poses,
+        "the fiducials fit the scan in several ways",
+        "mount them so that no turn carries them onto each other, scan more of them, or say --accept-symmetry",
+    ))
+}
+
+fn nothing(sought: &Sought<'_>, features: &[Feature]) -> ScanError {
+    let names: Vec<&str> = sought
+        .task
+        .fiducials
+        .iter()
+        .map(|f| f.name.as_str())
+        .collect();
+    ScanError::refused(
+        "no_fiducial",
+        format_args!(
+            "none of the fiducials ({}) is in the scan where the others are ({} things look like one of them): is this their file, and are they in view?",
+            names.join(", "),
+            features.len()
+        ),
+    )
+}
+
+/// Fiducials that are all there, but not where the file has them.
+fn loosely(sought: &Sought<'_>, features: &[Feature], m: &Match) -> ScanError {
+    let fiducials = sought.task.fiducials;
+    let mut seen = Seen {
+        machine: m.machine,
+        own: Vec::new(),
+    };
+    for (f, c) in &m.pairs {
+        let like = m.machine.after(&fiducials[*f].pose);
+        let start = turned_to(&like, &features[*c].motion, sought, *f);
+        if let Some(own) = sought.own(*f, &start, reach(sought, *f)) {
+            seen.own.push((*f, own));
+        }
+    }
+    let strays = if seen.own.is_empty() {
+        Vec::new()
+    } else {
+        seen.settled(sought).strays(sought)
+    };
+    if strays.is_empty() {
+        nothing(sought, features)
+    } else {
+        disagree(sought, &strays)
+    }
+}
+
+fn disagree(sought: &Sought<'_>, strays: &[Stray]) -> ScanError {
+    let name = |s: &Stray| sought.task.fiducials[s.fiducial].name.clone();
+    let words: Vec<String> = strays
+        .iter()
+        .map(|s| {
+            let v = s.off_mm;
+            format!(
+                "{} is {:.3} mm from where the others put it (X {:+.3}, Y {:+.3}, Z {:+.3})",
+                name(s),
+                v.norm(),
+                v.x,
+                v.y,
+                v.z
+            )
+        })
+        .collect();
+    let list: Vec<Value> = strays
+        .iter()
+        .map(|s| json!({"name": name(s), "off_mm": s.off_mm.norm(), "vector_mm": s.off_mm.as_slice()}))
+        .collect();
+    ScanError::refused(
+        "fiducials_disagree",
+        format_args!(
+            "the fiducials do not stand to each other as their file has it: {}; measure them anew, or take out of the file what has moved",
+            words.join("; ")
+        ),
+    )
+    .with("fiducials", list)
+}

@@ -1,0 +1,262 @@
+use super::super::tests::Random;
+use super::*;
+use crate::rigid::{rotation, stepped};
+
+fn at(name: &str, shape: FiducialShape, place: [f64; 3], turn: [f64; 3]) -> Fiducial {
+    Fiducial {
+        name: name.into(),
+        shape,
+        pose: Pose {
+            rotation: rotation(&Vec3::from(turn)),
+            translation_mm: Vec3::from(place),
+        },
+        u_position_mm: 0.0,
+        u_rotation_rad: 0.0,
+        carried: false,
+    }
+}
+
+fn ball(name: &str, place: [f64; 3]) -> Fiducial {
+    at(
+        name,
+        FiducialShape::Ball { radius_mm: 12.7 },
+        place,
+        [0.0; 3],
+    )
+}
+
+fn cone(name: &str, place: [f64; 3], turn: [f64; 3]) -> Fiducial {
+    let shape = FiducialShape::Cone {
+        half_angle_rad: 0.5,
+        height_mm: 35.0,
+    };
+    at(name, shape, place, turn)
+}
+
+/// Three faces that meet at right angles, as long as `size`; the material lies below zero.
+fn corner(name: &str, size: [f64; 3], place: [f64; 3], turn: [f64; 3]) -> Fiducial {
+    let [x, y, z] = [0, 1, 2].map(|k| Vec3::ith(k, -size[k]));
+    let o = Vec3::zeros();
+    let quad = |a: Vec3, b: Vec3| [[o, a, a + b], [o, a + b, b]];
+    let all = [quad(x, y), quad(y, z), quad(z, x)].concat();
+    at(
+        name,
+        FiducialShape::Mesh(Mesh::new(&all).unwrap()),
+        place,
+        turn,
+    )
+}
+
+fn balls() -> Vec<Fiducial> {
+    vec![
+        ball("S1", [0.0, 0.0, 50.0]),
+        ball("S2", [210.0, 20.0, 35.0]),
+        ball("S3", [40.0, 170.0, 60.0]),
+        ball("S4", [180.0, 160.0, 90.0]),
+    ]
+}
+
+/// What a scanner far above sees of these bodies and of a table, where `scanner` (scan from machine) puts it.
+fn scan(bodies: &[Fiducial], scanner: &Pose, random: &mut Random) -> Vec<Vec3> {
+    let eye = Vec3::new(0.3, -0.2, 0.9).normalize();
+    let mut points = Vec::new();
+    for body in bodies {
+        let mesh = body.shape.mesh().unwrap();
+        let surface = body.shape.surface();
+        let whole = mesh.area_mm2();
+        let count = (whole * 0.25) as usize;
+        for _ in 0..count {
+            let mut left = random.next() * whole;
+            let t = mesh.triangles().iter().find(|t| {
+                left -= t.area_mm2;
+                left < 0.0
+            });
+            let Some(t) = t else { continue };
+            let (mut u, mut v) = (random.next(), random.next());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let [a, b, c] = t.corners;
+            let p = a + (b - a) * u + (c - a) * v;
+            // From the facet to the true surface.
+            let near = surface.near(&p, 0).unwrap();
+            let p = p - near.direction * near.distance_mm;
+            if (body.pose.rotation * near.direction).dot(&eye) > 0.2 {
+                points.push(scanner.point(&(body.pose.point(&p) + random.vector() * 0.03)));
+            }
+        }
+    }
+    for _ in 0..8000 {
+        let p = Vec3::new(
+            400.0 * random.next() - 100.0,
+            400.0 * random.next() - 100.0,
+            0.0,
+        );
+        points.push(scanner.point(&(p + random.vector() * 0.03)));
+    }
+    points
+}
+
+fn task<'a>(fiducials: &'a [Fiducial], points: &'a [Vec3]) -> FiducialTask<'a> {
+    FiducialTask {
+        fiducials,
+        points,
+        start: None,
+        kernel: None,
+        accept_symmetry: false,
+        limit_mm: None,
+        scale_limit_ppm: 1000.0,
+        seed: 0,
+        threads: Threads::new(2),
+    }
+}
+
+fn refused(fiducials: &[Fiducial], points: &[Vec3]) -> ScanError {
+    task(fiducials, points).find().unwrap_err()
+}
+
+#[track_caller]
+fn found(fiducials: &[Fiducial], points: &[Vec3], scanner: &Pose) -> ScannerFound {
+    let found = task(fiducials, points).find().unwrap();
+    let truth = scanner.inverse();
+    for q in points.iter().step_by(points.len() / 20) {
+        let off = (found.located.motion.point(q) - truth.point(q)).norm();
+        let u = found
+            .located
+            .certainty
+            .at(&found.located.motion, q)
+            .trace()
+            .sqrt();
+        assert!(off < 4.5 * u + 0.003, "{off} mm off, u {u} mm");
+    }
+    found
+}
+
+#[test]
+fn balls_and_cones_say_where_the_scanner_is_among_decoys() {
+    let mut random = Random(4);
+    let all = vec![
+        ball("S1", [0.0, 0.0, 50.0]),
+        cone("K1", [210.0, 20.0, 45.0], [0.2, -0.1, 0.0]),
+        ball("S2", [120.0, 170.0, 40.0]),
+    ];
+    let mut bodies = all.clone();
+    // A ball too many, one that is too large, and a corner of other lengths.
+    bodies.push(ball("", [150.0, 90.0, 20.0]));
+    bodies.push(at(
+        "",
+        FiducialShape::Ball { radius_mm: 14.5 },
+        [40.0, 200.0, 20.0],
+        [0.0; 3],
+    ));
+    bodies.push(corner(
+        "",
+        [30.0, 50.0, 20.0],
+        [60.0, 90.0, 20.0],
+        [0.0, 0.0, 1.0],
+    ));
+    for _ in 0..2 {
+        let scanner = random.pose();
+        let points = scan(&bodies, &scanner, &mut random);
+        let seen = found(&all, &points, &scanner);
+        assert!(
+            seen.fiducials
+                .iter()
+                .all(|f| f.motion.is_some() && f.n > 50)
+        );
+        let shares: f64 = seen.fiducials.iter().map(|f| f.share).sum();
+        assert!((shares - 1.0).abs() < 1e-6, "{shares}");
+    }
+}
+
+#[test]
+fn one_that_is_not_there_is_not_found_and_one_that_has_moved_is_named() {
+    let mut random = Random(8);
+    let all = balls();
+    let scanner = random.pose();
+    let points = scan(&all[..3], &scanner, &mut random);
+    let seen = found(&all, &points, &scanner);
+    assert!(seen.fiducials[3].motion.is_none() && seen.fiducials[3].share == 0.0);
+    for moved in [1.0, 4.0] {
+        let mut bodies = all.clone();
+        bodies[2].pose.translation_mm.x += moved;
+        let points = scan(&bodies, &scanner, &mut random);
+        let error = refused(&all, &points);
+        assert_eq!(error.code, "fiducials_disagree");
+        let list = error.details["fiducials"].as_array().unwrap();
+        assert_eq!(list.len(), 1, "{moved}: {list:?}");
+        assert_eq!(list[0]["name"], "S3");
+        let vector = list[0]["vector_mm"].as_array().unwrap();
+        assert!(
+            (vector[0].as_f64().unwrap() - moved).abs() < 0.1,
+            "{moved}: {vector:?}"
+        );
+        let error = refused(&all[..3], &scan(&bodies[..3], &scanner, &mut random));
+        assert_eq!(error.code, "fiducials_disagree");
+    }
+}
+
+#[test]
+fn what_does_not_hold_the_pose_is_refused_by_its_name() {
+    let mut random = Random(15);
+    let scanner = random.pose();
+    let all = balls();
+    let points = scan(&all[..2], &scanner, &mut random);
+    assert_eq!(refused(&all[..2], &points).code, "degenerate");
+    let free = refused(&all[..1], &scan(&all[..1], &scanner, &mut random));
+    assert_eq!(free.code, "degenerate");
+    assert_eq!(free.details["free"].as_array().unwrap().len(), 3);
+    let one = [cone("K", [0.0, 0.0, 50.0], [0.0; 3])];
+    let error = refused(&one, &scan(&one, &scanner, &mut random));
+    assert_eq!(error.code, "degenerate");
+    assert_eq!(error.details["free"].as_array().unwrap().len(), 1);
+    assert_eq!(
+        refused(&all, &scan(&[], &scanner, &mut random)).code,
+        "no_fiducial"
+    );
+    let points = scan(&all, &scanner, &mut random);
+    let inches: Vec<Vec3> = points.iter().map(|p| p / 25.4).collect();
+    assert_eq!(refused(&all, &inches).code, "wrong_scale");
+    let mirrored: Vec<Vec3> = points.iter().map(|p| Vec3::new(p.x, p.y, -p.z)).collect();
+    assert_eq!(refused(&all, &mirrored).code, "mirrored");
+}
+
+#[test]
+fn a_stated_problem_has_one_optimum_with_and_without_a_start() {
+    let mut random = Random(23);
+    let scanner = random.pose();
+    let all = &balls()[..3];
+    let points: Vec<Vec3> = scan(all, &scanner, &mut random)
+        .into_iter()
+        .filter(|q| scanner.undo(q).z > 5.0)
+        .collect();
+    let mut searched = task(all, &points);
+    searched.kernel = Some(Kernel::None);
+    let mut started = searched.clone();
+    let step = nalgebra::Vector6::new(0.004, -0.003, 0.002, 0.3, -0.2, 0.4);
+    started.start = Some(stepped(&scanner.inverse(), &step, &Vec3::zeros()));
+    let one = searched.find().unwrap().located;
+    let other = started.find().unwrap().located;
+    assert!(one.motion.apart_mm(&other.motion, &points) < 1e-8);
+    assert_eq!(one.n_used, points.len());
+}
+
+#[test]
+fn what_is_known_badly_weighs_little_and_widens_the_uncertainty() {
+    let mut random = Random(31);
+    let scanner = random.pose();
+    let mut all = balls();
+    let points = scan(&all, &scanner, &mut random);
+    let sure = task(&all, &points).find().unwrap();
+    all[0].u_position_mm = 0.5;
+    let doubtful = task(&all, &points).find().unwrap();
+    assert!(doubtful.fiducials[0].share < 0.5 * sure.fiducials[0].share);
+    for f in &mut all {
+        f.u_position_mm = 0.05;
+    }
+    let wide = task(&all, &points).find().unwrap().located;
+    let middle = scanner.point(&Vec3::new(110.0, 90.0, 60.0));
+    let u = wide.certainty.at(&wide.motion, &middle)[(0, 0)].sqrt();
+    // Four balls, each known to 0.05 mm.
+    assert!((0.015..0.06).contains(&u), "{u}");
+}

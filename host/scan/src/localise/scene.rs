@@ -1,0 +1,87 @@
+//! A scan made ready for a search: thinned to one density, with normals.
+
+use super::oriented::{NEIGHBOURS, Oriented, orient, sample, thin};
+use crate::cloud::tree::PointTree;
+use crate::parallel::Threads;
+use crate::rigid::Vec3;
+use crate::surface::Mesh;
+
+/// The scan in two densities.
+pub(super) struct Scene {
+    /// Points to search with.
+    pub places: Vec<Oriented>,
+    /// Points to refine and to compare with.
+    pub fine: Vec<Vec3>,
+    /// The noise along the normals by the flatness of neighbourhoods, in mm.
+    pub noise_mm: f64,
+}
+
+/// Points of the fine cloud at most.
+const FINE: usize = 40_000;
+/// Points to search with at most.
+const PLACES: usize = 12_000;
+
+/// The edge of a search's cubes: a part's area is some 1500 of them.
+pub(super) fn cell_mm(mesh: &Mesh) -> f64 {
+    (mesh.area_mm2() / 1500.0).sqrt()
+}
+
+impl Scene {
+    pub fn new(mesh: &Mesh, points: &[Vec3], threads: Threads) -> Self {
+        let mut cell = cell_mm(mesh);
+        let mut fine = thin(points, cell / 3.0);
+        while fine.len() > 8 * FINE {
+            cell *= 1.5;
+            fine = thin(&fine, cell / 3.0);
+        }
+        let mut coarse = thin(&fine, cell);
+        while coarse.len() > PLACES {
+            cell *= 1.3;
+            coarse = thin(&coarse, cell);
+        }
+        let (places, noise_mm) = orient(&coarse, &fine, 1.6 * cell, NEIGHBOURS, threads);
+        let fine = super::pairs::spread(fine.len(), FINE)
+            .into_iter()
+            .map(|i| fine[i])
+            .collect();
+        Self {
+            places,
+            fine,
+            noise_mm,
+        }
+    }
+
+    /// The scan seen in a mirror (x becomes −x).
+    pub fn mirrored(&self) -> Self {
+        let turn = |v: &Vec3| Vec3::new(-v.x, v.y, v.z);
+        Self {
+            places: self
+                .places
+                .iter()
+                .map(|o| Oriented {
+                    at: turn(&o.at),
+                    normal: turn(&o.normal),
+                })
+                .collect(),
+            fine: self.fine.iter().map(turn).collect(),
+            noise_mm: self.noise_mm,
+        }
+    }
+}
+
+/// The share of the part's surface near which there are points; these in part coordinates.
+pub(super) fn coverage(mesh: &Mesh, points: &[Vec3]) -> f64 {
+    let samples = sample(mesh, 1500);
+    let cell = cell_mm(mesh);
+    let thinned = thin(points, cell / 3.0);
+    let tree = PointTree::new(&thinned);
+    let mut found = Vec::new();
+    let seen = samples
+        .iter()
+        .filter(|s| {
+            tree.within(&s.at, 1.2 * cell, 1, &mut found);
+            !found.is_empty()
+        })
+        .count();
+    seen as f64 / samples.len().max(1) as f64
+}

@@ -1,0 +1,161 @@
+//! Poses that look alike: the axes and orders behind them.
+
+use nalgebra::Matrix3;
+use serde_json::{Value, json};
+
+use super::pairs::Prepared;
+use crate::ScanError;
+use crate::rigid::{Pose, Vec3, rotation, rotation_vector, rows};
+use crate::solve::eigen;
+
+/// An axis about which the part looks the same.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SymmetryAxis {
+    /// The direction in part coordinates.
+    pub axis: Vec3,
+    /// A point on it in part coordinates, in mm.
+    pub point_mm: Vec3,
+    /// How many times in a whole turn; 0: at any angle.
+    pub order: u32,
+}
+
+/// Motions of the part onto itself that are worth a try: turns by 1/2 to 1/12 about its principal axes.
+pub(super) fn candidates(prepared: &Prepared) -> Vec<Pose> {
+    let n = prepared.samples.len().max(1) as f64;
+    let middle = prepared.samples.iter().map(|s| s.at).sum::<Vec3>() / n;
+    let mut spread = Matrix3::zeros();
+    for s in &prepared.samples {
+        let off = s.at - middle;
+        spread += off * off.transpose() / n;
+    }
+    let (_, axes) = eigen(&spread);
+    let (low, high) = (prepared.corners[0], prepared.corners[7]);
+    let centre = (low + high) / 2.0;
+    let mut all = Vec::new();
+    let mut about = |axis: Vec3, point: Vec3, parts: &[u32]| {
+        for &n in parts {
+            let turn = rotation(&(axis * (std::f64::consts::TAU / f64::from(n))));
+            all.push(Pose {
+                rotation: turn,
+                translation_mm: point - turn * point,
+            });
+        }
+    };
+    for k in 0..3 {
+        about(
+            axes.column(k).into_owned(),
+            middle,
+            &[2, 3, 4, 5, 6, 8, 10, 12],
+        );
+        let mut axis = Vec3::zeros();
+        axis[k] = 1.0;
+        about(axis, centre, &[2, 3, 4, 5, 6, 8, 10, 12]);
+    }
+    all
+}
+
+/// The axes of the group that these motions of the part belong to.
+pub(super) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
+    let mut found: Vec<(SymmetryAxis, f64)> = Vec::new();
+    for motion in motions {
+        let w = rotation_vector(&motion.rotation);
+        let angle = w.norm();
+        if angle < 0.05 {
+            continue;
+        }
+        let mut axis = w / angle;
+        // One of the two directions: the largest component is positive.
+        if axis[axis.iamax()] < 0.0 {
+            axis = -axis;
+        }
+        let same = found
+            .iter_mut()
+            .find(|(known, _)| known.axis.cross(&axis).norm() < 0.03);
+        match same {
+            Some((_, least)) => *least = least.min(angle),
+            None => found.push((
+                SymmetryAxis {
+                    axis,
+                    point_mm: on_axis(motion, &axis),
+                    order: 0,
+                },
+                angle,
+            )),
+        }
+    }
+    found
+        .into_iter()
+        .map(|(axis, least)| SymmetryAxis {
+            order: (std::f64::consts::TAU / least).round() as u32,
+            ..axis
+        })
+        .collect()
+}
+
+/// The refusal of a scan with several answers: `what` and what to do (`advice`).
+pub(super) fn ambiguous(
+    axes: &[SymmetryAxis],
+    poses: &[Pose],
+    what: &str,
+    advice: &str,
+) -> ScanError {
+    let listed: Vec<Value> = axes
+        .iter()
+        .map(|a| json!({"axis": a.axis.as_slice(), "point_mm": a.point_mm.as_slice(), "order": a.order}))
+        .collect();
+    let poses: Vec<Value> = poses
+        .iter()
+        .map(|m| json!({"rotation": rows(&m.rotation), "translation_mm": m.translation_mm.as_slice()}))
+        .collect();
+    let words: Vec<String> = axes
+        .iter()
+        .map(|a| {
+            let turn = if a.order == 0 {
+                "at any angle".to_string()
+            } else {
+                format!("at {} angles", a.order)
+            };
+            format!(
+                "{turn} about ({:.3}, {:.3}, {:.3})",
+                a.axis.x, a.axis.y, a.axis.z
+            )
+        })
+        .collect();
+    ScanError::refused(
+        "ambiguous",
+        format_args!("{what} ({}): {advice}", words.join("; ")),
+    )
+    .with("symmetries", listed)
+    .with("poses", poses)
+}
+
+/// The point of the axis of a turn that is nearest to the origin.
+fn on_axis(motion: &Pose, axis: &Vec3) -> Vec3 {
+    let t = motion.translation_mm - axis * motion.translation_mm.dot(axis);
+    let still = Matrix3::identity() - motion.rotation + axis * axis.transpose();
+    still.try_inverse().map_or_else(Vec3::zeros, |inverse| {
+        let p = inverse * t;
+        p - axis * p.dot(axis)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quarter_turn_is_an_axis_of_order_four_through_its_fixed_point() {
+        let point = Vec3::new(10.0, -4.0, 7.0);
+        let turn = |parts: f64| {
+            let r = rotation(&(Vec3::z() * (std::f64::consts::TAU / parts)));
+            Pose {
+                rotation: r,
+                translation_mm: point - r * point,
+            }
+        };
+        let found = axes(&[turn(2.0), turn(4.0), turn(-4.0)]);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].order, 4);
+        assert!((found[0].point_mm - Vec3::new(10.0, -4.0, 0.0)).norm() < 1e-9);
+    }
+}

@@ -1,0 +1,223 @@
+use super::*;
+use crate::rigid::{rotation, stepped};
+
+/// Random numbers (SplitMix64).
+pub(super) struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Normal, by Box and Muller.
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.next()).ln()).sqrt() * (std::f64::consts::TAU * self.next()).cos()
+    }
+
+    pub fn vector(&mut self) -> Vec3 {
+        Vec3::new(self.normal(), self.normal(), self.normal())
+    }
+
+    pub fn pose(&mut self) -> Pose {
+        let axis = self.vector().normalize();
+        Pose {
+            rotation: rotation(&(axis * (self.next() * std::f64::consts::PI))),
+            translation_mm: self.vector() * 100.0,
+        }
+    }
+}
+
+/// A leaning prism over this outline, its caps given as quadrilaterals.
+fn prism(outline: &[[f64; 2]], caps: &[[usize; 4]], height: f64, lean: [f64; 2]) -> Mesh {
+    let low = |i: usize| Vec3::new(outline[i][0], outline[i][1], 0.0);
+    let high = |i: usize| low(i) + Vec3::new(lean[0], lean[1], height);
+    let mut all = Vec::new();
+    let mut quad = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| all.extend([[a, b, c], [a, c, d]]);
+    for i in 0..outline.len() {
+        let j = (i + 1) % outline.len();
+        quad(low(i), low(j), high(j), high(i));
+    }
+    for &[a, b, c, d] in caps {
+        quad(high(a), high(b), high(c), high(d));
+        quad(low(d), low(c), low(b), low(a));
+    }
+    Mesh::new(&all).unwrap()
+}
+
+/// A leaning L: no turn and no mirror carries it onto itself.
+fn bracket() -> Mesh {
+    let outline = [
+        [0.0, 0.0],
+        [60.0, 0.0],
+        [60.0, 20.0],
+        [20.0, 20.0],
+        [20.0, 45.0],
+        [0.0, 45.0],
+    ];
+    prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 30.0, [8.0, 5.0])
+}
+
+fn block() -> Mesh {
+    prism(
+        &[[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]],
+        &[[0, 1, 2, 3]],
+        15.0,
+        [0.0, 0.0],
+    )
+}
+
+/// Points on the mesh that `keep` takes, with noise, where `pose` puts them.
+fn scan(
+    mesh: &Mesh,
+    count: usize,
+    noise: f64,
+    pose: &Pose,
+    random: &mut Random,
+    keep: impl Fn(&Vec3) -> bool,
+) -> Vec<Vec3> {
+    let mut points = Vec::new();
+    let areas: Vec<f64> = mesh.triangles().iter().map(|t| t.area_mm2).collect();
+    let whole: f64 = areas.iter().sum();
+    while points.len() < count {
+        let mut at = random.next() * whole;
+        let k = areas
+            .iter()
+            .position(|a| {
+                at -= a;
+                at < 0.0
+            })
+            .unwrap_or(0);
+        let t = &mesh.triangles()[k];
+        if !keep(&t.normal) {
+            continue;
+        }
+        let (mut u, mut v) = (random.next(), random.next());
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        let p =
+            t.corners[0] + (t.corners[1] - t.corners[0]) * u + (t.corners[2] - t.corners[0]) * v;
+        points.push(pose.point(&(p + random.vector() * noise)));
+    }
+    points
+}
+
+fn task<'a>(model: &'a Mesh, points: &'a [Vec3]) -> LocaliseTask<'a> {
+    LocaliseTask {
+        model,
+        points,
+        start: None,
+        kernel: None,
+        accept_symmetry: false,
+        limit_mm: None,
+        scale_limit_ppm: 1000.0,
+        seed: 0,
+        threads: Threads::new(2),
+        groups: Groups::default(),
+    }
+}
+
+fn code(model: &Mesh, points: &[Vec3]) -> &'static str {
+    task(model, points)
+        .find()
+        .map_or_else(|error| error.code, |_| "none")
+}
+
+#[test]
+fn the_part_is_found_from_any_rotation_among_strays_and_its_uncertainty_holds() {
+    let model = bracket();
+    let mut random = Random(11);
+    for round in 0..4 {
+        let pose = random.pose();
+        // The sides that one view shows, and every third point astray.
+        let eye = random.vector().normalize();
+        let mut points = scan(&model, 2500, 0.03, &pose, &mut random, |n| {
+            n.dot(&eye) > -0.3
+        });
+        for _ in 0..800 {
+            points.push(pose.point(&(random.vector() * 40.0)));
+        }
+        let found = task(&model, &points).find().unwrap();
+        assert!(found.reasons.is_empty(), "{round} {:?}", found.reasons);
+        for p in model.corners() {
+            let off = (found.motion.point(&p) - pose.point(&p)).norm();
+            let u = found.certainty.at(&found.motion, &p).trace().sqrt();
+            assert!(off < 4.0 * u && u < 0.05, "{round}: {off} mm, u {u} mm");
+        }
+        assert!((found.sigma_mm - 0.03).abs() < 0.004, "{}", found.sigma_mm);
+    }
+}
+
+#[test]
+fn a_block_is_ambiguous_about_three_axes_and_accepted_if_told() {
+    let model = block();
+    let mut random = Random(5);
+    let pose = random.pose();
+    let points = scan(&model, 2500, 0.02, &pose, &mut random, |_| true);
+    let mut task = task(&model, &points);
+    let refused = task.find().unwrap_err();
+    assert_eq!(refused.code, "ambiguous");
+    let axes = refused.details["symmetries"].as_array().unwrap();
+    assert_eq!(axes.len(), 3, "{axes:?}");
+    assert!(axes.iter().all(|axis| axis["order"] == 2));
+    task.accept_symmetry = true;
+    assert_eq!(task.find().unwrap().symmetries.len(), 3);
+}
+
+#[test]
+fn what_is_not_this_part_is_refused_by_its_name() {
+    let model = bracket();
+    let mut random = Random(3);
+    let pose = random.pose();
+    let whole = scan(&model, 2500, 0.02, &pose, &mut random, |_| true);
+    let mirrored: Vec<Vec3> = whole.iter().map(|p| Vec3::new(p.x, -p.y, p.z)).collect();
+    assert_eq!(code(&model, &mirrored), "mirrored");
+    let inches: Vec<Vec3> = whole.iter().map(|p| p / 25.4).collect();
+    assert_eq!(code(&model, &inches), "wrong_scale");
+    let side = scan(&model, 1500, 0.02, &pose, &mut random, |n| n.y < -0.9);
+    // One flat side decides nothing: which refusal depends on what else it could be.
+    let one_side = code(&model, &side);
+    assert!(
+        ["degenerate", "ambiguous", "no_fit"].contains(&one_side),
+        "{one_side}"
+    );
+    let cloud: Vec<Vec3> = (0..1500).map(|_| random.vector() * 30.0).collect();
+    assert!(["no_fit", "too_little_overlap"].contains(&code(&model, &cloud)));
+    assert_eq!(code(&model, &whole[..20]), "too_few_points");
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let model = bracket();
+    let mut random = Random(9);
+    let pose = random.pose();
+    let points = scan(&model, 1500, 0.02, &pose, &mut random, |_| true);
+    let with = |threads: usize| {
+        let mut task = task(&model, &points);
+        task.threads = Threads::new(threads);
+        let found = task.find().unwrap();
+        (found.motion, found.certainty.cov)
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn a_stated_problem_is_solved_to_its_optimum_from_a_start() {
+    let model = bracket();
+    let mut random = Random(21);
+    let pose = random.pose();
+    let points = scan(&model, 400, 0.05, &pose, &mut random, |_| true);
+    let mut poses = Vec::new();
+    for off in [0.004, -0.006] {
+        let mut task = task(&model, &points);
+        let middle = fit::middle(&points);
+        task.start = Some(stepped(&pose, &nalgebra::Vector6::repeat(off), &middle));
+        task.kernel = Some(Kernel::Huber(0.05));
+        poses.push(task.find().unwrap().motion);
+    }
+    assert!(poses[0].apart_mm(&poses[1], &model.corners()) < 2e-9);
+}

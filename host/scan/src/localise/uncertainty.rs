@@ -1,0 +1,297 @@
+//! How far a pose can be off: noise by the residuals, and what neighbours share of it.
+
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+
+use super::pairs::spread;
+use crate::rigid::{Pose, Vec3};
+use crate::solve::{Measured, eigen};
+
+/// What the data say about a pose.
+#[derive(Clone, Debug)]
+pub struct Certainty {
+    /// The covariance of (rotation vector w, translation): R_true = exp(w×) R, the translation at the source's origin.
+    pub cov: Matrix6<f64>,
+    /// The scale beside the pose: the scan is so many times as large as the model. Not applied.
+    pub scale: f64,
+    /// Its standard uncertainty.
+    pub u_scale: f64,
+    /// How much larger shared errors make the standard uncertainty, at the worst; 1 if neighbours share nothing.
+    pub shared: f64,
+    /// Motions that the points do not determine: turn (with unit length times the arm) and shift, in the frame of the
+    /// scan about `about_mm`.
+    pub free: Vec<Vector6<f64>>,
+    /// Where those turns go through.
+    pub about_mm: Vec3,
+}
+
+/// A direction is free if the points hold it less than this share of the best one, in squares.
+const FREE: f64 = 2e-4;
+/// Points whose pairs are looked at.
+const PAIRED: usize = 1200;
+/// What Tukey's kernel keeps of the information of normal noise.
+const EFFICIENCY: f64 = 0.95;
+
+/// Points that stand or fall together: those of one fiducial, or of one scan.
+#[derive(Clone, Debug)]
+pub(super) struct Group {
+    /// A place in the frame of the scan.
+    pub at: Vec3,
+    /// How sure the group's own place is: the covariance of its turn (rad) about `at` and of its shift (mm).
+    pub cov: Matrix6<f64>,
+}
+
+/// The groups, and that of each point; nothing of either if all points belong to one body whose place is what is sought.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Groups<'a> {
+    pub all: &'a [Group],
+    pub of: &'a [usize],
+}
+
+impl Groups<'_> {
+    /// What a group's own doubt leaves of a row of its points, for each group: (1 + H P)⁻¹ with the group's information
+    /// H and covariance P. It is what remains if the group's own motion is solved for beside the pose.
+    pub fn damping<const N: usize>(
+        &self,
+        information: &[SMatrix<f64, N, N>],
+        about: &Vec3,
+        arm: f64,
+        sigma2: f64,
+    ) -> Vec<SMatrix<f64, N, N>> {
+        let whole = SMatrix::<f64, N, N>::identity();
+        self.all
+            .iter()
+            .zip(information)
+            .map(|(group, h)| {
+                let mut carry = Matrix6::identity();
+                for i in 0..3 {
+                    carry[(i, i)] = arm;
+                }
+                let lever = (about - group.at).cross_matrix();
+                carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&-lever);
+                let cov = carry * group.cov * carry.transpose();
+                let mut p = SMatrix::<f64, N, N>::zeros();
+                p.fixed_view_mut::<6, 6>(0, 0).copy_from(&cov);
+                (whole + h * p / sigma2).try_inverse().unwrap_or(whole)
+            })
+            .collect()
+    }
+
+    /// The group of the point `i`; 0 where there are none.
+    pub fn of(&self, i: usize) -> usize {
+        self.of.get(i).copied().unwrap_or(0)
+    }
+}
+
+/// The certainty of `motion` by the points on the part (`on_part`, with noise `sigma_mm`).
+pub(super) fn certainty(
+    points: &[Vec3],
+    measured: &[Measured],
+    on_part: &[usize],
+    motion: &Pose,
+    sigma_mm: f64,
+    groups: Groups<'_>,
+) -> Certainty {
+    let about = {
+        let first = on_part.first().map_or_else(Vec3::zeros, |&i| points[i]);
+        first
+            + on_part.iter().map(|&i| points[i] - first).sum::<Vec3>() / on_part.len().max(1) as f64
+    };
+    let arm = (on_part
+        .iter()
+        .map(|&i| (points[i] - about).norm_squared())
+        .sum::<f64>()
+        / on_part.len().max(1) as f64)
+        .sqrt()
+        .max(1e-6);
+    // Turns about the middle of the points, in units of the arm: all components of like size.
+    let row = |i: usize| {
+        let n = measured[i].direction;
+        let m = (points[i] - about).cross(&n) / arm;
+        Vector6::new(-m.x, -m.y, -m.z, -n.x, -n.y, -n.z)
+    };
+    let count = groups.all.len().max(1);
+    let mut sevens = vec![SMatrix::<f64, 7, 7>::zeros(); count];
+    let mut rights = vec![SVector::<f64, 7>::zeros(); count];
+    for &i in on_part {
+        let r = row(i);
+        let grow = -measured[i].direction.dot(&(points[i] - about)) / arm;
+        let full = SVector::<f64, 7>::from([r[0], r[1], r[2], r[3], r[4], r[5], grow]);
+        let k = groups.of(i);
+        sevens[k] += full * full.transpose();
+        rights[k] -= full * measured[i].distance_mm;
+    }
+    let sigma2 = sigma_mm * sigma_mm / EFFICIENCY;
+    let mut damping = groups.damping(&sevens, &about, arm, sigma2);
+    damping.resize(count, SMatrix::identity());
+    let bare: SMatrix<f64, 7, 7> = sevens.iter().sum();
+    let seven: SMatrix<f64, 7, 7> = sevens.iter().zip(&damping).map(|(h, d)| d * h).sum();
+    let right: SVector<f64, 7> = rights.iter().zip(&damping).map(|(g, d)| d * g).sum();
+    let six: Matrix6<f64> = bare.fixed_view::<6, 6>(0, 0).into_owned();
+    let (values, vectors) = eigen(&six);
+    let free: Vec<Vector6<f64>> = (0..6)
+        .filter(|&k| values[k] < FREE * values[5])
+        .map(|k| {
+            let v = vectors.column(k);
+            Vector6::new(v[0] / arm, v[1] / arm, v[2] / arm, v[3], v[4], v[5])
+        })
+        .collect();
+    let six: Matrix6<f64> = seven.fixed_view::<6, 6>(0, 0).into_owned();
+    let inverse = ((six + six.transpose()) / 2.0)
+        .try_inverse()
+        .unwrap_or_else(Matrix6::zeros);
+    let white = inverse * sigma2;
+    let row =
+        |i: usize| -> Vector6<f64> { damping[groups.of(i)].fixed_view::<6, 6>(0, 0) * row(i) };
+    let extra = inverse * shared(points, measured, on_part, sigma_mm, &row) * inverse;
+    // What is added must not make anything more certain.
+    let (added, directions) = eigen(&extra);
+    let mut cov = white;
+    for k in 0..6 {
+        if added[k] > 0.0 {
+            let v = directions.column(k);
+            cov += v * v.transpose() * added[k];
+        }
+    }
+    let ratio = (0..6)
+        .map(|k| {
+            if white[(k, k)] > 0.0 {
+                (cov[(k, k)] / white[(k, k)]).sqrt()
+            } else {
+                1.0
+            }
+        })
+        .fold(1.0, f64::max);
+    let solved = seven.try_inverse().map(|inverse| {
+        let delta = inverse * right;
+        (
+            1.0 + delta[6] / arm,
+            inverse[(6, 6)].max(0.0).sqrt() * sigma_mm / arm * ratio,
+        )
+    });
+    let (scale, u_scale) = solved.unwrap_or((1.0, f64::INFINITY));
+    Certainty {
+        cov: at_origin(&cov, arm, &about, motion),
+        scale,
+        u_scale,
+        shared: ratio,
+        free,
+        about_mm: about,
+    }
+}
+
+/// From turns in units of the arm about the middle of the points, to turns in rad with the translation at the source's origin.
+fn at_origin(cov: &Matrix6<f64>, arm: f64, about: &Vec3, motion: &Pose) -> Matrix6<f64> {
+    let mut carry = Matrix6::identity();
+    for i in 0..3 {
+        carry[(i, i)] = 1.0 / arm;
+    }
+    // δt = d + w × (t − about).
+    let lever = (motion.translation_mm - about).cross_matrix();
+    carry
+        .fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(&(-lever / arm));
+    carry * cov * carry.transpose()
+}
+
+/// The sum over pairs of what they share: by the products of residuals, as a function of the distance between points.
+fn shared(
+    points: &[Vec3],
+    measured: &[Measured],
+    on_part: &[usize],
+    sigma: f64,
+    row: &impl Fn(usize) -> Vector6<f64>,
+) -> Matrix6<f64> {
+    const BINS: usize = 24;
+    let chosen: Vec<usize> = spread(on_part.len(), PAIRED)
+        .into_iter()
+        .map(|k| on_part[k])
+        .collect();
+    let (low, high) = crate::surface::bounds(chosen.iter().map(|&i| &points[i]));
+    let step = (high - low).norm() / 60.0;
+    let bin = |i: usize, j: usize| ((points[i] - points[j]).norm() / step) as usize;
+    let mut sums = [(0.0, 0.0); BINS];
+    for (a, &i) in chosen.iter().enumerate() {
+        for &j in &chosen[..a] {
+            let b = bin(i, j);
+            if b < BINS {
+                sums[b].0 += measured[i].distance_mm * measured[j].distance_mm;
+                sums[b].1 += 1.0;
+            }
+        }
+    }
+    // From near to far, as long as it is more than chance.
+    let mut covariance = [0.0; BINS];
+    for (c, (sum, count)) in covariance.iter_mut().zip(sums) {
+        if count < 10.0 {
+            continue;
+        }
+        let mean = sum / count;
+        if mean < 3.0 * sigma * sigma / f64::sqrt(count) {
+            break;
+        }
+        *c = mean;
+    }
+    let mut extra = Matrix6::zeros();
+    if covariance.iter().all(|c| *c == 0.0) {
+        return extra;
+    }
+    let rows: Vec<Vector6<f64>> = chosen.iter().map(|&i| row(i)).collect();
+    for a in 0..chosen.len() {
+        for b in 0..a {
+            let k = bin(chosen[a], chosen[b]);
+            if k < BINS && covariance[k] != 0.0 {
+                let pair = rows[a] * rows[b].transpose() * covariance[k];
+                extra += pair + pair.transpose();
+            }
+        }
+    }
+    let more = on_part.len() as f64 / chosen.len() as f64;
+    extra * more * more
+}
+
+impl Certainty {
+    /// Wider where groups differ by more than their own doubts and the noise say: by the ratio of what is left of them
+    /// (mm² over the noise) to what was expected, if that is more than one.
+    #[must_use]
+    pub(super) fn widened(mut self, ratio: f64) -> Self {
+        self.cov *= ratio.max(1.0);
+        self.u_scale *= ratio.max(1.0).sqrt();
+        self
+    }
+
+    /// That of `motion` after `first`, which is exact.
+    #[must_use]
+    pub(super) fn before(mut self, motion: &Pose, first: &Pose) -> Self {
+        let mut carry = Matrix6::identity();
+        let lever = (motion.rotation * first.translation_mm).cross_matrix();
+        carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&-lever);
+        self.cov = carry * self.cov * carry.transpose();
+        self
+    }
+
+    /// That of the inverse of `motion`.
+    #[must_use]
+    pub(super) fn inverted(mut self, motion: &Pose) -> Self {
+        let back = -motion.rotation.transpose();
+        let mut carry = Matrix6::zeros();
+        carry.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
+        carry.fixed_view_mut::<3, 3>(3, 3).copy_from(&back);
+        let lever = back * motion.translation_mm.cross_matrix();
+        carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&lever);
+        self.cov = carry * self.cov * carry.transpose();
+        self
+    }
+
+    /// The covariance of the image of `p` (source coordinates) in mm².
+    #[must_use]
+    pub fn at(&self, motion: &Pose, p: &Vec3) -> nalgebra::Matrix3<f64> {
+        let mut carry = SMatrix::<f64, 3, 6>::zeros();
+        carry
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&-(motion.rotation * p).cross_matrix());
+        carry
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&nalgebra::Matrix3::identity());
+        carry * self.cov * carry.transpose()
+    }
+}

@@ -1,0 +1,56 @@
+//! Where an axis was at a moment beside a latch.
+
+use crate::format::triggers::TriggerLatch;
+
+/// The counts of an axis `latency_us` after the latch at a place: on the straight line between
+/// the latches on either side of that moment, at the ends through the last two.
+///
+/// A latch without counts of the axis counts as 0; the caller has made sure there is none.
+pub(super) fn counts_at(
+    latches: &[TriggerLatch],
+    place: usize,
+    axis: usize,
+    latency_us: f64,
+) -> f64 {
+    let counts = |place: usize| latches[place].counts[axis].unwrap_or(0);
+    if latency_us == 0.0 || latches.len() < 2 {
+        return counts(place) as f64;
+    }
+    let origin_ns = latches[place].t_ns;
+    let since_ns = |place: usize| latches[place].t_ns.saturating_sub(origin_ns) as f64;
+    let moment_ns = latency_us * 1e3;
+    // The last latch at or before the moment, but never the last of all.
+    let behind =
+        latches.partition_point(|latch| latch.t_ns.saturating_sub(origin_ns) as f64 <= moment_ns);
+    let left = behind.saturating_sub(1).min(latches.len() - 2);
+    let right = left + 1;
+    let share = (moment_ns - since_ns(left)) / (since_ns(right) - since_ns(left));
+    counts(left) as f64 + share * counts(right).saturating_sub(counts(left)) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn latches(rows: &[(i64, i64)]) -> Vec<TriggerLatch> {
+        let latch = |&(t_ns, x): &(i64, i64)| TriggerLatch {
+            number: 0,
+            t_ns,
+            counts: [Some(x), None, None, None, None, None],
+        };
+        rows.iter().map(latch).collect()
+    }
+
+    #[test]
+    fn a_moment_lies_on_the_line_between_its_neighbours_on_either_side() {
+        let latches = latches(&[(1_000_000, 0), (2_000_000, 100), (4_000_000, 900)]);
+        let at = |place, latency_us| counts_at(&latches, place, 0, latency_us);
+        assert_eq!(at(1, 0.0), 100.0);
+        assert_eq!(at(1, 500.0), 300.0);
+        assert_eq!(at(1, -500.0), 50.0);
+        // Across a whole interval, and beyond both ends.
+        assert_eq!(at(0, 1500.0), 300.0);
+        assert_eq!(at(2, 1000.0), 1300.0);
+        assert_eq!(at(0, -1000.0), -100.0);
+    }
+}

@@ -1,0 +1,304 @@
+//! Which profile belongs to which latch.
+//!
+//! The clocks of sensor and board differ by an unknown offset and an unknown small drift.
+//! The right pairing is that of the shift of the clocks that explains more profiles than
+//! any other (`search`); a tie is refused, and so is what explains less than half of the
+//! shorter stream. The sensor's frame counter sorts out duplicates before, and where the
+//! sensor counts an axis too, encoder less counts must be the same for all pairs.
+//!
+//! It never pairs by order: a lost trigger, latch or profile shifts nothing.
+//!
+//! # Limitations
+//! A noise edge within the jitter of an edge whose own latch was missed is taken for it:
+//! nothing tells them apart but a narrower jitter.
+
+mod clock;
+mod search;
+#[cfg(test)]
+mod simulated;
+
+use serde::Serialize;
+
+pub use clock::ClockFit;
+
+use crate::ScanError;
+use crate::format::triggers::Triggers;
+use crate::profile::Stamp;
+use crate::profile::frames::{Frames, sort_out};
+use search::{SearchOutcome, Trains};
+
+/// Encoder less counts agrees within this for all pairs.
+const ENCODER_WITHIN: i64 = 4;
+
+/// What a pairing must keep to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PairOptions {
+    /// What belongs together agrees within this, in microseconds.
+    pub jitter_us: f64,
+    /// The most by which the clocks drift, in parts per million.
+    pub drift_ppm: f64,
+    /// How many bits of its frame counter the sensor shows; without, it never wraps.
+    pub frame_bits: Option<u32>,
+    /// The axis that the sensor's encoder counts too, as its place in
+    /// [`umi_kinematics::COLUMNS`].
+    pub encoder: Option<usize>,
+    /// Refuse any loss, duplicate or extra.
+    pub strict: bool,
+}
+
+impl Default for PairOptions {
+    fn default() -> Self {
+        Self {
+            jitter_us: 20.0,
+            drift_ppm: 200.0,
+            frame_bits: None,
+            encoder: None,
+            strict: false,
+        }
+    }
+}
+
+/// A profile and its latch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Pair {
+    /// The profile's place in the stream.
+    pub profile: u64,
+    /// Its frame, as the file has it.
+    pub frame: u64,
+    /// The number of the latch.
+    pub number: u64,
+    /// The place of the latch in the table.
+    #[serde(skip)]
+    pub latch: usize,
+}
+
+/// The answer of `umi scan pair`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScanPairing {
+    /// By profile.
+    pub pairs: Vec<Pair>,
+    /// Profiles without a latch: extra, misplaced, or their latch was lost.
+    pub unpaired_profiles: Vec<u64>,
+    /// Profiles whose frame was there before.
+    pub duplicates: Vec<u64>,
+    /// Numbers of latches without a profile.
+    pub unpaired_triggers: Vec<u64>,
+    /// Numbers that are missing between the first and the last of the frame counter.
+    pub lost_frames: u64,
+    /// Latches that the table says are missing.
+    pub missed_latches: u64,
+    /// `board = offset + (1 + drift·1e-6) · sensor`.
+    pub clock: ClockFit,
+    /// What is odd, but no reason to refuse.
+    pub warnings: Vec<String>,
+}
+
+/// Pairs profiles with latches.
+///
+/// # Errors
+/// `no_profiles`, `no_match`, `ambiguous_pairing`, `missing_axis`, `no_encoder`; `faults`
+/// with [`PairOptions::strict`].
+pub fn pair(
+    stamps: &[Stamp],
+    triggers: &Triggers,
+    options: &PairOptions,
+) -> Result<ScanPairing, ScanError> {
+    if stamps.is_empty() {
+        return Err(ScanError::refused("no_profiles", "there is no profile"));
+    }
+    let frames = sort_out(stamps, options.frame_bits);
+    let trains = trains(&frames, triggers, options)?;
+    let found = match search::search(&trains) {
+        SearchOutcome::Only(found) => found,
+        SearchOutcome::Tie {
+            explained,
+            runner_up,
+        } => return Err(ambiguous(explained, runner_up, &trains)),
+        SearchOutcome::Undecided => {
+            return Err(ScanError::refused(
+                "ambiguous_pairing",
+                "the rhythm of the triggers is too even, or the jitter too wide, to find the only \
+                 best pairing in reasonable time: trigger unevenly, or narrow --jitter-us and \
+                 --drift-ppm",
+            ));
+        }
+        SearchOutcome::NoMatch => return Err(no_match(&trains, &frames, options)),
+    };
+    let clock = trains.clock(&found);
+    if let Some((profile, latches)) = trains.two_candidates(&found, clock.centred) {
+        let numbers = latches.map(|latch| triggers.latches[latch].number);
+        return Err(ScanError::refused(
+            "ambiguous_pairing",
+            format_args!(
+                "profile {} is within the jitter of {} µs of latch {} and of latch {}: give a \
+                 narrower --jitter-us",
+                frames.stamps[profile].profile, options.jitter_us, numbers[0], numbers[1]
+            ),
+        ));
+    }
+    let pairing = answer(&found, &frames, triggers, clock);
+    if options.strict {
+        refuse_faults(&pairing)?;
+    }
+    Ok(pairing)
+}
+
+/// The times of both sides as the search takes them.
+fn trains(
+    frames: &Frames,
+    triggers: &Triggers,
+    options: &PairOptions,
+) -> Result<Trains, ScanError> {
+    let mut differences = None;
+    if let Some(axis) = options.encoder {
+        let encoders = frames.stamps.iter().map(|stamp| {
+            stamp.encoder.ok_or_else(|| {
+                ScanError::refused(
+                    "no_encoder",
+                    format_args!(
+                        "profile {} has no encoder value: leave --encoder out",
+                        stamp.profile
+                    ),
+                )
+            })
+        });
+        let counts = triggers.latches.iter().map(|latch| {
+            latch.counts.get(axis).copied().flatten().ok_or_else(|| {
+                ScanError::refused(
+                    "missing_axis",
+                    format_args!(
+                        "latch {} has no counts of the axis that --encoder names",
+                        latch.number
+                    ),
+                )
+            })
+        });
+        differences = Some((
+            encoders.collect::<Result<Vec<_>, _>>()?,
+            counts.collect::<Result<Vec<_>, _>>()?,
+        ));
+    }
+    let sensor_us: Vec<f64> = frames.stamps.iter().map(|stamp| stamp.t_us).collect();
+    let board_ns: Vec<i64> = triggers.latches.iter().map(|latch| latch.t_ns).collect();
+    Ok(Trains::new(
+        &sensor_us,
+        &board_ns,
+        differences,
+        options.jitter_us,
+        options.drift_ppm,
+        2 * ENCODER_WITHIN,
+        triggers.missed,
+    ))
+}
+
+fn answer(
+    found: &[Option<usize>],
+    frames: &Frames,
+    triggers: &Triggers,
+    clock: ClockFit,
+) -> ScanPairing {
+    let mut pairs = Vec::with_capacity(found.len());
+    let mut unpaired_profiles = Vec::new();
+    let mut taken = vec![false; triggers.latches.len()];
+    for (stamp, latch) in frames.stamps.iter().zip(found) {
+        match *latch {
+            Some(latch) => {
+                taken[latch] = true;
+                pairs.push(Pair {
+                    profile: stamp.profile,
+                    frame: stamp.frame,
+                    number: triggers.latches[latch].number,
+                    latch,
+                });
+            }
+            None => unpaired_profiles.push(stamp.profile),
+        }
+    }
+    let unpaired_triggers = taken
+        .iter()
+        .zip(&triggers.latches)
+        .filter(|(taken, _)| !**taken)
+        .map(|(_, latch)| latch.number)
+        .collect();
+    let mut warnings = Vec::new();
+    if frames.renumbered > 0 {
+        warnings.push(format!(
+            "{} of the duplicates have another time than the first of their frame: the counter \
+             wrapped (give --frame-bits) or the sensor was started anew",
+            frames.renumbered
+        ));
+    }
+    ScanPairing {
+        pairs,
+        unpaired_profiles,
+        duplicates: frames.duplicates.clone(),
+        unpaired_triggers,
+        lost_frames: frames.lost_frames,
+        missed_latches: triggers.missed,
+        clock,
+        warnings,
+    }
+}
+
+fn ambiguous(explained: usize, runner_up: usize, trains: &Trains) -> ScanError {
+    ScanError::refused(
+        "ambiguous_pairing",
+        format_args!(
+            "of {} profiles one shift of the clocks explains {explained}, another {runner_up}, and \
+             the faults leave both possible: begin with uneven trigger pulses, wire the sensor's encoder (--encoder), or change speed in the scan",
+            trains.profiles()
+        ),
+    )
+}
+
+fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanError {
+    let mut why = format!(
+        "no shift of the clocks explains half of {} profiles and {} latches within {} µs and {} ppm",
+        trains.profiles(),
+        trains.latches(),
+        options.jitter_us,
+        options.drift_ppm
+    );
+    if frames.renumbered > 0 {
+        why += &format!(
+            "; {} profiles were left out because their frame number was there before: if the \
+             counter wraps, give --frame-bits",
+            frames.renumbered
+        );
+    }
+    for (factor, what) in [
+        (1.0 / 1.024, "divided by 1.024: they are a Gocator's ticks"),
+        (1e3, "times 1000: they are milliseconds"),
+        (1e-3, "divided by 1000: they are nanoseconds"),
+    ] {
+        if matches!(
+            search::search(&trains.scaled(factor)),
+            SearchOutcome::Only(_)
+        ) {
+            why += &format!("; the profiles' times fit {what}");
+        }
+    }
+    ScanError::refused("no_match", why)
+}
+
+fn refuse_faults(pairing: &ScanPairing) -> Result<(), ScanError> {
+    let faults = [
+        (pairing.unpaired_profiles.len() as u64, "unpaired profiles"),
+        (pairing.duplicates.len() as u64, "duplicates"),
+        (pairing.unpaired_triggers.len() as u64, "unpaired triggers"),
+        (pairing.lost_frames, "lost frames"),
+        (pairing.missed_latches, "missed latches"),
+    ];
+    let named: Vec<String> = faults
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if named.is_empty() {
+        return Ok(());
+    }
+    Err(ScanError::refused(
+        "faults",
+        format_args!("--strict takes no fault: {}", named.join(", ")),
+    ))
+}

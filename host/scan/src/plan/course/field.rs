@@ -1,0 +1,163 @@
+//! A height over a chart, its slope, and where its level lines go so that strips overlap as wanted.
+//!
+//! The lines of a height `h` lie `dh / |grad h|` apart on the surface, which changes along them: the local scale. So
+//! levels are placed by the least slope along each line: nowhere is the overlap less than wanted, and the direction is
+//! chosen for which it is hardly more.
+
+use nalgebra::Vector3;
+
+use super::super::map::{Chart, flatten::across};
+use super::super::mesh::PartMesh;
+
+/// Directions tried on the map, and again as planes through the part.
+const DIRECTIONS: usize = 18;
+
+/// Steps of the height in which slopes are collected.
+const BINS: usize = 256;
+
+/// A height over the vertices of a chart.
+#[derive(Debug, Clone)]
+pub struct HeightField {
+    /// By the chart's own vertices.
+    pub height: Vec<f64>,
+    /// Slope on each triangle of the chart: a tangent vector on the surface.
+    pub slope: Vec<Vector3<f64>>,
+    /// What it is, for reports.
+    pub name: String,
+}
+
+/// What the strip needs.
+#[derive(Debug, Clone, Copy)]
+pub struct Spacing {
+    /// Width of a strip that counts on.
+    pub width_mm: f64,
+    /// Way between neighbouring courses at most.
+    pub pitch_mm: f64,
+}
+
+/// All heights that are tried on a chart: lines of the map and planes through the part.
+pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
+    let mean: Vector3<f64> = chart
+        .faces
+        .iter()
+        .map(|&f| part.normal(f as usize) * part.area_mm2(f as usize))
+        .sum();
+    let (x, y) = across(&mean);
+    let mut fields = Vec::new();
+    for k in 0..DIRECTIONS {
+        let angle = std::f64::consts::PI * k as f64 / DIRECTIONS as f64;
+        let (s, c) = angle.sin_cos();
+        let degrees = angle.to_degrees().round();
+        let map: Vec<f64> = chart.map.places.iter().map(|p| c * p.x + s * p.y).collect();
+        fields.push(HeightField::new(part, chart, map, format!("map {degrees}")));
+        let along = x * c + y * s;
+        let plane: Vec<f64> = chart
+            .map
+            .vertices
+            .iter()
+            .map(|&v| part.vertices[v as usize].dot(&along))
+            .collect();
+        fields.push(HeightField::new(
+            part,
+            chart,
+            plane,
+            format!("planes {degrees}"),
+        ));
+    }
+    fields
+}
+
+impl HeightField {
+    /// A height with its slopes.
+    pub fn new(part: &PartMesh, chart: &Chart, height: Vec<f64>, name: String) -> Self {
+        let slope = chart
+            .faces
+            .iter()
+            .zip(&chart.map.faces)
+            .map(|(&face, f)| {
+                let t = part.corners(face as usize);
+                let h = f.map(|k| height[k as usize]);
+                let n = part.normal(face as usize);
+                let twice = 2.0 * part.area_mm2(face as usize);
+                (0..3)
+                    .map(|k| n.cross(&(t[(k + 2) % 3] - t[(k + 1) % 3])) * (h[k] / twice))
+                    .sum()
+            })
+            .collect();
+        HeightField {
+            height,
+            slope,
+            name,
+        }
+    }
+
+    /// Levels of the courses. `share` tells for each triangle of the chart how much of the line's length lies across the
+    /// course there (1 where the line can be turned freely).
+    pub fn levels(
+        &self,
+        part: &PartMesh,
+        chart: &Chart,
+        spacing: Spacing,
+        share: &[f64],
+    ) -> Vec<f64> {
+        let (low, high) = self
+            .height
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        let bin = (high - low) / BINS as f64;
+        if bin.is_nan() || bin <= 1e-9 {
+            return vec![(low + high) / 2.0];
+        }
+        // Slopes in each bin of height, with the area that has them.
+        let mut slopes: Vec<Vec<(f64, f64)>> = vec![Vec::new(); BINS];
+        for (k, f) in chart.map.faces.iter().enumerate() {
+            let h = f.map(|v| self.height[v as usize]);
+            let place = |h: f64| (((h - low) / bin) as usize).min(BINS - 1);
+            let (from, to) = (
+                place(h[0].min(h[1]).min(h[2])),
+                place(h[0].max(h[1]).max(h[2])),
+            );
+            let area = part.area_mm2(chart.faces[k] as usize) / (to - from + 1) as f64;
+            let slope = self.slope[k].norm() * share[k];
+            for here in &mut slopes[from..=to] {
+                here.push((slope, area));
+            }
+        }
+        // Way on the surface from the lowest point to the end of each bin, where the slope is least.
+        let mut way = Vec::with_capacity(BINS + 1);
+        way.push(0.0);
+        let mut last = 0.0;
+        let mut least_before = 1.0;
+        for here in &mut slopes {
+            here.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let all: f64 = here.iter().map(|s| s.1).sum();
+            let mut sum = 0.0;
+            // A few slivers may lie flat without making all lines denser.
+            let least = here
+                .iter()
+                .find(|s| {
+                    sum += s.1;
+                    sum >= 0.03 * all
+                })
+                .map_or(least_before, |s| s.0.max(1e-6));
+            least_before = least;
+            last += bin / least;
+            way.push(last);
+        }
+        let at = |s: f64| {
+            let k = way.partition_point(|w| *w < s).clamp(1, BINS);
+            let share = (s - way[k - 1]) / (way[k] - way[k - 1]).max(1e-300);
+            low + bin * (k as f64 - 1.0 + share.clamp(0.0, 1.0))
+        };
+        if last <= spacing.width_mm {
+            return vec![at(last / 2.0)];
+        }
+        let inner = last - spacing.width_mm;
+        let gaps = (inner / spacing.pitch_mm).ceil().clamp(1.0, 20_000.0);
+        (0..=gaps as usize)
+            .map(|k| at(spacing.width_mm / 2.0 + inner * k as f64 / gaps))
+            .collect()
+    }
+}

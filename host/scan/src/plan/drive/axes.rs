@@ -1,0 +1,532 @@
+//! The axis values along a run, by dynamic programming over all branches and over the tilt that is allowed.
+//!
+//! The angle that points the beam exactly is one candidate at each pose; near a pole, where the axis nearest to the part
+//! would whirl, every angle of that axis is one as long as the tilt stays allowed. The cheapest row of candidates over
+//! the whole run wins: tilt costs, turning costs, and a turn beyond the limit is no way at all.
+
+use nalgebra::Vector3;
+use umi_kinematics::branches::{self, Aim, ChainRotation};
+
+use super::super::course::RunPoint;
+use super::super::machine::PlanMachine;
+use super::super::spec::ScanSpec;
+
+/// How a run is held: which way round the line lies, and how the beam leans.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Stance {
+    /// Turned about the beam by 180 degrees: the receiver on the other side.
+    pub turned: bool,
+    /// Lean of the beam towards the way, in degrees.
+    pub lean_along_deg: f64,
+    /// Lean of the beam across the way.
+    pub lean_across_deg: f64,
+}
+
+/// Consecutive poses of a run that the axes can follow.
+#[derive(Debug, Clone)]
+pub struct DrivenRun {
+    /// The first point's place in the run.
+    pub from: usize,
+    /// Axis values, a set for each point.
+    pub axes: Vec<Vec<f64>>,
+}
+
+/// Why points of a run are not reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Unreached {
+    /// Points that no angles within the limits point at.
+    pub points: usize,
+    /// Breaks where the axes would have to turn too far in a step.
+    pub breaks: usize,
+}
+
+#[derive(Debug, Clone)]
+struct State {
+    /// Table, head, S.
+    angles: Vec<f64>,
+    cost: f64,
+    best: f64,
+    parent: usize,
+}
+
+/// Of the square of a turn in degrees, against the square of a tilt.
+const TURN_WEIGHT: f64 = 0.3;
+/// The spindle turns the line alone, with little mass.
+const SPINDLE_WEIGHT: f64 = 0.05;
+/// Share of the largest turn that is used, so that rounding cannot exceed it.
+const TURN_SHARE: f64 = 0.95;
+
+/// Everything that does not change along a run.
+pub struct Driver<'a> {
+    spec: &'a ScanSpec,
+    machine: &'a PlanMachine,
+    /// From the sensor inwards, without a spindle that turns the line alone.
+    aiming: Vec<(usize, ChainRotation)>,
+    limits: Vec<[f64; 2]>,
+    spindle: bool,
+    tilt_deg: f64,
+    turn_deg: f64,
+}
+
+impl<'a> Driver<'a> {
+    /// Looks the machine through once.
+    pub fn new(spec: &'a ScanSpec) -> Self {
+        let machine = &spec.machine;
+        Driver {
+            spec,
+            machine,
+            aiming: machine.aiming_joints(),
+            limits: machine.limits()[3..].to_vec(),
+            spindle: machine.line_by_spindle(),
+            // Facets differ from the smoothed normal by about this much.
+            tilt_deg: (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8),
+            turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
+        }
+    }
+
+    /// Can the line be turned freely about the beam?
+    pub fn free_line(&self) -> bool {
+        self.spindle
+    }
+
+    /// The beam's direction on the part, where no axis turns it.
+    pub fn fixed_beam(&self) -> Option<Vector3<f64>> {
+        let angles = vec![0.0; self.limits.len()];
+        self.aiming
+            .is_empty()
+            .then(|| self.machine.pointing(&angles).0)
+    }
+
+    /// Is a beam near enough to the normal?
+    pub fn within_tilt(&self, beam: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        angle_deg(beam, &-normal) <= self.tilt_deg
+    }
+
+    /// The line's direction where the beam is exactly against this normal, one for each branch; for machines whose
+    /// line follows from the beam.
+    pub fn lines_for(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        match self.machine.inverse(&Vector3::zeros(), &-normal, None) {
+            Ok(reached) => reached
+                .solutions
+                .iter()
+                .map(|axes| self.machine.pointing(&axes[3..]).1)
+                .collect(),
+            Err(_) => Vec::new(),
+        }
+    }
+
+    /// Axis values along a run.
+    pub fn follow(&self, points: &[RunPoint], stance: Stance) -> (Vec<DrivenRun>, Unreached) {
+        let mut pieces = Vec::new();
+        let mut unreached = Unreached::default();
+        let mut open: Vec<Vec<State>> = Vec::new();
+        let mut from = 0;
+        for (k, point) in points.iter().enumerate() {
+            let mut states = self.states(point, stance);
+            if states.is_empty() {
+                unreached.points += 1;
+                self.close(&mut pieces, from, &mut open, points);
+                continue;
+            }
+            if let Some(before) = open.last()
+                && !self.join(before, &mut states)
+            {
+                unreached.breaks += 1;
+                self.close(&mut pieces, from, &mut open, points);
+            }
+            if open.is_empty() {
+                from = k;
+                for s in &mut states {
+                    s.best = s.cost;
+                }
+            } else {
+                states.retain(|s| s.best.is_finite());
+            }
+            open.push(states);
+        }
+        self.close(&mut pieces, from, &mut open, points);
+        (pieces, unreached)
+    }
+
+    /// Candidates at a point: angles that keep the tilt and the limits.
+    fn states(&self, point: &RunPoint, stance: Stance) -> Vec<State> {
+        let across = point.along.cross(&point.normal);
+        let lean = point.along * stance.lean_along_deg.to_radians().tan()
+            + across * stance.lean_across_deg.to_radians().tan();
+        let beam = -(point.normal + lean).normalize();
+        let line = (point.along.cross(&beam)).normalize() * if stance.turned { -1.0 } else { 1.0 };
+        let mut angles_found: Vec<Vec<f64>> = Vec::new();
+        let count = self.limits.len();
+        if !self.spindle && self.aiming.len() > 2 {
+            // Three rotations hold beam and line exactly.
+            if let Ok(reached) = self.machine.inverse(
+                &(point.at - beam * self.spec.sensor.reference_mm),
+                &beam,
+                Some(&line),
+            ) {
+                angles_found.extend(reached.solutions.iter().map(|axes| axes[3..].to_vec()));
+            }
+        } else {
+            let u = self.machine.part_direction(&beam);
+            let w = self.machine.mounted().0;
+            match self.aiming.as_slice() {
+                [] => angles_found.push(vec![0.0; count]),
+                [(place, turn)] => {
+                    let mut angles = vec![0.0; count];
+                    match best_about(&turn.direction, &u, &w) {
+                        Some(a) => {
+                            angles[*place] = a;
+                            angles_found.push(angles);
+                        }
+                        None => self.each_angle(turn, |a| {
+                            angles[*place] = a;
+                            angles_found.push(angles.clone());
+                        }),
+                    }
+                }
+                [(first, outer), (second, inner), ..] => {
+                    let at_sensor = outer.direction.dot(&w).clamp(-1.0, 1.0).acos();
+                    let room = self.tilt_deg
+                        + stance.lean_along_deg.abs()
+                        + stance.lean_across_deg.abs()
+                        + 0.01;
+                    let mut add = |b: f64| {
+                        let v = turned(&inner.direction, b, &u);
+                        // However the outer axis turns, the beam stays off by this much.
+                        let off = outer.direction.dot(&v).clamp(-1.0, 1.0).acos() - at_sensor;
+                        if off.abs().to_degrees() > room {
+                            return;
+                        }
+                        let a = best_about(&outer.direction, &v, &w).unwrap_or(0.0);
+                        let mut angles = vec![0.0; count];
+                        angles[*first] = a;
+                        angles[*second] = b;
+                        angles_found.push(angles);
+                    };
+                    self.each_angle(inner, &mut add);
+                    let exact = branches::aim(
+                        &[outer.clone(), inner.clone()],
+                        &Aim {
+                            beam: (u, w),
+                            line: None,
+                        },
+                    );
+                    for set in exact.branches {
+                        add(set[1]);
+                    }
+                }
+            }
+        }
+        let mut states = Vec::new();
+        for angles in angles_found {
+            self.whole_turns(&angles, &mut |angles| {
+                if let Some(cost) = self.complete(angles, point, &beam, &line) {
+                    states.push(State {
+                        angles: angles.clone(),
+                        cost,
+                        best: f64::INFINITY,
+                        parent: 0,
+                    });
+                }
+            });
+        }
+        if let Some((place, _)) = self.aiming.last() {
+            states.sort_by(|a, b| a.angles[*place].total_cmp(&b.angles[*place]));
+        }
+        states
+    }
+
+    /// Angles of a joint in steps well below the largest turn.
+    fn each_angle(&self, joint: &ChainRotation, mut each: impl FnMut(f64)) {
+        let [low, high] = joint.limits_deg;
+        // Whole turns repeat the same pointing; they are added behind.
+        let high = high.min(low + 360.0);
+        let step = (self.turn_deg / 2.5).clamp(0.25, 2.0);
+        let count = ((high - low) / step).ceil().max(1.0) as usize;
+        for k in 0..=count {
+            each(low + (high - low) * k as f64 / count as f64);
+        }
+    }
+
+    /// The same pointing by whole turns of each aiming joint, within the limits.
+    fn whole_turns(&self, angles: &[f64], each: &mut impl FnMut(&mut Vec<f64>)) {
+        let mut sets = vec![angles.to_vec()];
+        for (place, turn) in &self.aiming {
+            let [low, high] = turn.limits_deg;
+            let mut more = Vec::new();
+            for set in &sets {
+                let first = ((low - 1e-9 - set[*place]) / 360.0).ceil();
+                let last = ((high + 1e-9 - set[*place]) / 360.0).floor();
+                let mut k = first;
+                while k <= last && more.len() < 64 {
+                    let mut other = set.clone();
+                    other[*place] = (set[*place] + 360.0 * k).clamp(low, high);
+                    more.push(other);
+                    k += 1.0;
+                }
+            }
+            sets = more;
+        }
+        for mut set in sets {
+            each(&mut set);
+        }
+    }
+
+    /// Puts the spindle's angle in; the cost, or none where the tilt or the travel is exceeded.
+    fn complete(
+        &self,
+        angles: &mut [f64],
+        point: &RunPoint,
+        wanted: &Vector3<f64>,
+        line: &Vector3<f64>,
+    ) -> Option<f64> {
+        let (beam, zero_line) = self.machine.pointing(angles);
+        let tilt = angle_deg(&beam, &-point.normal);
+        if tilt > self.tilt_deg {
+            return None;
+        }
+        let off = angle_deg(&beam, wanted);
+        let mut cost = off * off;
+        let line_here = (line - beam * beam.dot(line)).try_normalize(1e-9)?;
+        if self.spindle {
+            let sense = self.machine.mounted().0.z.signum();
+            let about = beam * sense;
+            let s = line_here
+                .dot(&about.cross(&zero_line))
+                .atan2(line_here.dot(&zero_line))
+                .to_degrees();
+            let limits = self.limits[self.machine.turns()];
+            let s = umi_kinematics::branches::nearest_turn(s, limits, 0.0)?;
+            angles[self.machine.turns()] = s;
+        } else {
+            let share = zero_line.dot(&line_here).abs();
+            if share < 0.5 {
+                return None;
+            }
+            cost += 400.0 * (1.0 - share);
+        }
+        let x = self
+            .machine
+            .carriage(&(point.at - beam * self.spec.sensor.reference_mm), angles);
+        let inside = x
+            .iter()
+            .zip(&self.machine.travel_mm)
+            .all(|(v, [low, high])| v >= low && v <= high);
+        inside.then_some(cost)
+    }
+
+    /// What a step from one set of angles to another costs; none beyond the largest turn.
+    fn step_cost(&self, a: &[f64], b: &[f64]) -> Option<f64> {
+        let mut cost = 0.0;
+        for (k, (x, y)) in a.iter().zip(b).enumerate() {
+            let spindle = self.spindle && k == self.machine.turns();
+            let mut d = (y - x).abs();
+            if spindle {
+                d = (d - 360.0 * (d / 360.0).round()).abs();
+            }
+            if d > self.turn_deg {
+                return None;
+            }
+            cost += d * d * if spindle { SPINDLE_WEIGHT } else { TURN_WEIGHT };
+        }
+        Some(cost)
+    }
+
+    /// Best ways to each state from those before; whether there is any.
+    fn join(&self, before: &[State], states: &mut [State]) -> bool {
+        let place = self.aiming.last().map(|(place, _)| *place);
+        let mut any = false;
+        for s in states.iter_mut() {
+            let (from, to) = match place {
+                Some(p) => (
+                    before.partition_point(|b| b.angles[p] < s.angles[p] - self.turn_deg),
+                    before.partition_point(|b| b.angles[p] <= s.angles[p] + self.turn_deg),
+                ),
+                None => (0, before.len()),
+            };
+            for (k, b) in before.iter().enumerate().take(to).skip(from) {
+                if let Some(step) = self.step_cost(&b.angles, &s.angles) {
+                    let cost = b.best + step + s.cost;
+                    if cost < s.best {
+                        s.best = cost;
+                        s.parent = k;
+                        any = true;
+                    }
+                }
+            }
+        }
+        any
+    }
+
+    /// Ends a piece: goes back along the cheapest way, smooths it, and brings the spindle within its limits.
+    fn close(
+        &self,
+        pieces: &mut Vec<DrivenRun>,
+        from: usize,
+        open: &mut Vec<Vec<State>>,
+        points: &[RunPoint],
+    ) {
+        let states = std::mem::take(open);
+        let Some(last) = states.last() else { return };
+        let Some(mut at) = (0..last.len()).min_by(|a, b| last[*a].best.total_cmp(&last[*b].best))
+        else {
+            return;
+        };
+        let mut rows = Vec::with_capacity(states.len());
+        for layer in states.iter().rev() {
+            rows.push(layer[at].angles.clone());
+            at = layer[at].parent;
+        }
+        rows.reverse();
+        self.unwind(&mut rows);
+        self.smooth(&mut rows, &points[from..]);
+        let mut start = 0;
+        while start < rows.len() {
+            let length = self.within_spindle(&mut rows[start..]);
+            let axes = rows[start..start + length]
+                .iter()
+                .zip(&points[from + start..])
+                .map(|(angles, point)| self.with_carriage(angles, point))
+                .collect();
+            pieces.push(DrivenRun {
+                from: from + start,
+                axes,
+            });
+            start += length;
+        }
+    }
+
+    fn with_carriage(&self, angles: &[f64], point: &RunPoint) -> Vec<f64> {
+        // Rounded as the path's file is, so that pose and axes agree to its last digit.
+        let angles: Vec<f64> = angles.iter().map(|a| rounded(*a)).collect();
+        let beam = self.machine.pointing(&angles).0;
+        let x = self
+            .machine
+            .carriage(&(point.at - beam * self.spec.sensor.reference_mm), &angles);
+        x.iter()
+            .map(|v| rounded(*v))
+            .chain(angles.iter().copied())
+            .collect()
+    }
+
+    /// The spindle runs on without jumps of a whole turn.
+    fn unwind(&self, rows: &mut [Vec<f64>]) {
+        if !self.spindle {
+            return;
+        }
+        let s = self.machine.turns();
+        for k in 1..rows.len() {
+            let before = rows[k - 1][s];
+            let d = rows[k][s] - before;
+            rows[k][s] = before + d - 360.0 * (d / 360.0).round();
+        }
+    }
+
+    /// Moves the spindle by whole turns so that as many rows as can be lie within its limits; how many.
+    fn within_spindle(&self, rows: &mut [Vec<f64>]) -> usize {
+        if !self.spindle {
+            return rows.len();
+        }
+        let s = self.machine.turns();
+        let [low, high] = self.limits[s];
+        let mut best = (0_usize, 0.0_f64);
+        for k in -4..=4 {
+            let shift = 360.0 * f64::from(k);
+            let fits = rows
+                .iter()
+                .take_while(|r| r[s] + shift >= low && r[s] + shift <= high)
+                .count();
+            let nearer = (rows[0][s] + shift).abs() < (rows[0][s] + best.1).abs();
+            if fits > best.0 || (fits == best.0 && nearer) {
+                best = (fits, shift);
+            }
+        }
+        // The first row was within its limits when it was made, so that one row at least fits.
+        for r in rows.iter_mut() {
+            r[s] += best.1;
+        }
+        best.0.max(1)
+    }
+
+    /// Takes the steps of the candidates' raster out: each angle moves towards its neighbours' mean where that costs less.
+    fn smooth(&self, rows: &mut [Vec<f64>], points: &[RunPoint]) {
+        if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
+            return;
+        }
+        let tilt = |angles: &[f64], k: usize| {
+            angle_deg(&self.machine.pointing(angles).0, &-points[k].normal)
+        };
+        let rough = rows.windows(3).any(|w| {
+            self.aiming
+                .iter()
+                .any(|(p, _)| (w[0][*p] - 2.0 * w[1][*p] + w[2][*p]).abs() > 0.8)
+        });
+        if !rough {
+            return;
+        }
+        for _ in 0..30 {
+            for k in 0..rows.len() {
+                for (p, turn) in &self.aiming {
+                    let mean = match (k.checked_sub(1), k + 1 < rows.len()) {
+                        (Some(b), true) => (rows[b][*p] + rows[k + 1][*p]) / 2.0,
+                        _ => continue,
+                    };
+                    let mut tried = rows[k].clone();
+                    tried[*p] = (rows[k][*p] + 0.5 * (mean - rows[k][*p]))
+                        .clamp(turn.limits_deg[0], turn.limits_deg[1]);
+                    if tilt(&tried, k) <= self.tilt_deg {
+                        rows[k] = tried;
+                    }
+                }
+            }
+        }
+        if !self.spindle {
+            return;
+        }
+        // The line again, which follows from the beam's angles.
+        let s = self.machine.turns();
+        for (row, point) in rows.iter_mut().zip(points) {
+            let held = row[s];
+            let (beam, line_held) = self.machine.pointing(row);
+            let square = point.along.cross(&beam);
+            if let Some(square) = square.try_normalize(1e-9) {
+                let square = square * square.dot(&line_held).signum();
+                let about = beam * self.machine.mounted().0.z.signum();
+                row[s] = held
+                    + square
+                        .dot(&about.cross(&line_held))
+                        .atan2(square.dot(&line_held))
+                        .to_degrees();
+            }
+        }
+        self.unwind(rows);
+    }
+}
+
+/// Nine decimals, as the path's file has them.
+pub fn rounded(v: f64) -> f64 {
+    let r = (v * 1e9).round() / 1e9;
+    // No negative zero in a file.
+    r + 0.0
+}
+
+/// The angle between two unit vectors.
+pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b)).to_degrees()
+}
+
+/// Degrees about `axis` that bring v as near to w as can be; none where v lies on the axis.
+fn best_about(axis: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Option<f64> {
+    let a = v - axis * axis.dot(v);
+    let b = w - axis * axis.dot(w);
+    if a.norm() < 1e-9 || b.norm() < 1e-9 {
+        return None;
+    }
+    Some(axis.dot(&a.cross(&b)).atan2(a.dot(&b)).to_degrees())
+}
+
+/// A vector turned about an axis (Rodrigues).
+fn turned(axis: &Vector3<f64>, degrees: f64, v: &Vector3<f64>) -> Vector3<f64> {
+    let (s, c) = degrees.to_radians().sin_cos();
+    v * c + axis.cross(v) * s + axis * (axis.dot(v) * (1.0 - c))
+}

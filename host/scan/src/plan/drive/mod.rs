@@ -1,0 +1,12 @@
+//! Axes along the runs: branches, poles, limits, what is touched, and the ways between.
+//!
+//! * [`axes`]: the axis values of a run, chosen over the whole run.
+//! * [`realise`]: runs to passes that keep stand-off, tilt and clearance.
+//! * [`links`]: safe ways between passes.
+//! * [`order`]: in which order and sense passes are driven.
+
+pub mod axes;
+pub mod links;
+pub mod order;
+pub mod realise;
+pub mod touch;

@@ -1,0 +1,367 @@
+//! Runs become passes: poses that meet the part at their stand-off, lean no more than allowed, and touch nothing.
+
+use nalgebra::Vector3;
+
+use super::super::course::{LaserRun, RunPoint};
+use super::super::machine::SensorPose;
+use super::super::spec::ScanSpec;
+use super::axes::{DrivenRun, Driver, Stance, angle_deg, rounded};
+use super::touch::Scenery;
+
+/// A pass: axis values in the order driven, laser on.
+#[derive(Debug, Clone)]
+pub struct Pass {
+    /// A set of axis values for each pose.
+    pub axes: Vec<Vec<f64>>,
+    /// The pose of each, on the part.
+    pub poses: Vec<SensorPose>,
+}
+
+/// Points that are not scanned, by what stands in the way.
+#[derive(Debug, Clone, Default)]
+pub struct Obstructed {
+    /// No angles or no travel.
+    pub axis_limit: Vec<Vector3<f64>>,
+    /// The box would touch.
+    pub collision: Vec<Vector3<f64>>,
+}
+
+/// What is needed at every run.
+pub struct Realiser<'a> {
+    /// The specification.
+    pub spec: &'a ScanSpec,
+    /// The machine's ways.
+    pub driver: Driver<'a>,
+    /// What is touched and what shadows; the part first.
+    pub scenery: Scenery<'a>,
+}
+
+/// Passes shorter than this are left out.
+const SHORTEST_MM: f64 = 0.5;
+
+impl Realiser<'_> {
+    /// Passes along a run; none where nothing of it can be driven.
+    ///
+    /// Each stance says which stretches it can drive and how much they see; the best stretch of all is taken, then the best
+    /// of what is left. A later stance is asked only while the earlier ones leave something.
+    pub fn passes(&self, run: &LaserRun, obstructed: &mut Obstructed) -> Vec<Pass> {
+        let points = &run.points;
+        let mut stretches: Vec<Stretch> = Vec::new();
+        let mut collided = false;
+        for (number, stance) in self.stances().into_iter().enumerate() {
+            let (pieces, unreached) = self.driver.follow(points, stance);
+            if pieces.is_empty() && number == 0 {
+                // Leaning widens nothing: the allowed tilt is the same for all stances.
+                obstructed.axis_limit.extend(points.iter().map(|p| p.at));
+                return Vec::new();
+            }
+            let before = stretches.len();
+            for piece in &pieces {
+                collided |= self.stretches(points, piece, number, obstructed, &mut stretches);
+            }
+            if number == 0 && unreached.points > 0 {
+                let driven = |k: usize| {
+                    pieces
+                        .iter()
+                        .any(|p| k >= p.from && k < p.from + p.axes.len())
+                };
+                let lost = (0..points.len())
+                    .filter(|k| !driven(*k))
+                    .map(|k| points[k].at);
+                obstructed.axis_limit.extend(lost);
+            }
+            let most = 0.97 * (points.len() - 1) as f64;
+            if stretches[before..].iter().any(|s| s.score >= most) {
+                break;
+            }
+            // Where nothing is touched, a lean mends only shadows.
+            let best = stretches.iter().map(|s| s.score).fold(0.0, f64::max);
+            if number == 1 && !collided && (unreached.points > 0 || best > 0.85 * most) {
+                break;
+            }
+        }
+        let mut free = vec![true; points.len()];
+        let mut found = Vec::new();
+        // Each turn takes a stretch; a few are enough, what is left then is crumbs.
+        for _ in 0..12 {
+            let mut best: Option<(f64, usize, usize, usize)> = None;
+            for (k, s) in stretches.iter().enumerate() {
+                for (from, to) in open_parts(&free, s.from, s.from + s.axes.len()) {
+                    let share = (to - from - 1) as f64 / (s.axes.len() - 1) as f64;
+                    // A later stance must be clearly better: it leans or turns for it.
+                    let score = s.score * share * (1.0 - 0.01 * s.stance as f64);
+                    if best.is_none_or(|b| score > b.0) {
+                        best = Some((score, k, from, to));
+                    }
+                }
+            }
+            let Some((score, k, from, to)) = best else {
+                break;
+            };
+            if score < 1e-6 {
+                break;
+            }
+            free[from..to].fill(false);
+            let s = &stretches[k];
+            let axes = s.axes[from - s.from..to - s.from].to_vec();
+            let poses = axes.iter().map(|a| self.spec.machine.forward(a)).collect();
+            let mut pass = Pass { axes, poses };
+            if pass.length_mm(self.spec) < SHORTEST_MM {
+                continue;
+            }
+            if from == 0 {
+                self.pivot(&mut pass, &run.borders[0], true);
+            }
+            if to == points.len() {
+                self.pivot(&mut pass, &run.borders[1], false);
+            }
+            found.push((from, pass));
+        }
+        found.sort_by_key(|(at, _)| *at);
+        found.into_iter().map(|(_, pass)| pass).collect()
+    }
+
+    fn stances(&self) -> Vec<Stance> {
+        let allowed = self.spec.plan.max_tilt_deg;
+        let lean = (allowed - 1.5).max(allowed * 0.5);
+        let mut stances = Vec::new();
+        for (along, across) in [
+            (0.0, 0.0),
+            (0.0, lean),
+            (0.0, -lean),
+            (lean, 0.0),
+            (-lean, 0.0),
+        ] {
+            for turned in [false, true] {
+                stances.push(Stance {
+                    turned,
+                    lean_along_deg: along,
+                    lean_across_deg: across,
+                });
+            }
+        }
+        stances
+    }
+
+    /// The stretches of a piece that keep everything; whether something is touched.
+    fn stretches(
+        &self,
+        points: &[RunPoint],
+        piece: &DrivenRun,
+        stance: usize,
+        obstructed: &mut Obstructed,
+        into: &mut Vec<Stretch>,
+    ) -> bool {
+        let states: Vec<Usable> = piece.axes.iter().map(|a| self.usable(a)).collect();
+        let mut collided = false;
+        for (k, state) in states.iter().enumerate() {
+            if *state == Usable::Touches {
+                collided = true;
+                if stance == 0 {
+                    obstructed.collision.push(points[piece.from + k].at);
+                }
+            }
+        }
+        let mut start = None;
+        for k in 0..=states.len() {
+            let usable = states.get(k) == Some(&Usable::Yes);
+            let goes_on = usable
+                && start.is_some()
+                && !self.scenery.touches_between(
+                    &self.spec.machine,
+                    &piece.axes[k - 1],
+                    &piece.axes[k],
+                );
+            if let (Some(s), false) = (start, goes_on) {
+                if k - s >= 2 {
+                    let axes = piece.axes[s..k].to_vec();
+                    into.push(Stretch {
+                        stance,
+                        from: piece.from + s,
+                        score: (k - s - 1) as f64 * self.sees(&axes),
+                        axes,
+                    });
+                }
+                start = None;
+            }
+            if usable && start.is_none() {
+                start = Some(k);
+            }
+        }
+        collided
+    }
+
+    fn usable(&self, axes: &[f64]) -> Usable {
+        let pose = self.spec.machine.forward(axes);
+        let sensor = &self.spec.sensor;
+        let far = sensor.range_mm[1] * 1.5;
+        let part = self.scenery.meshes[0];
+        let Some(hit) = part.first_hit(&pose.origin_mm, &pose.beam, far) else {
+            return Usable::No;
+        };
+        let obstacle = self.scenery.meshes[1..]
+            .iter()
+            .any(|m| m.first_hit(&pose.origin_mm, &pose.beam, hit.at).is_some());
+        let tilt = angle_deg(&-pose.beam, &part.triangles()[hit.face].normal);
+        if obstacle
+            || (hit.at - sensor.reference_mm).abs() > self.spec.plan.stand_off_tolerance_mm * 0.98
+            || tilt > self.spec.plan.max_tilt_deg + 1.0
+        {
+            return Usable::No;
+        }
+        if self.scenery.touches(&pose) {
+            return Usable::Touches;
+        }
+        Usable::Yes
+    }
+
+    /// The share of a few rays of the line that meet the part and are seen by the receiver.
+    fn sees(&self, axes: &[Vec<f64>]) -> f64 {
+        let sensor = &self.spec.sensor;
+        let (mut all, mut seen) = (1e-9, 1e-9);
+        let stride = (axes.len() / 12).max(1);
+        for set in axes.iter().step_by(stride) {
+            let pose = self.spec.machine.forward(set);
+            let receiver = receiver(&pose, &sensor.receiver_mm);
+            for share in [-0.9, -0.45, 0.0, 0.45, 0.9] {
+                let way =
+                    pose.beam * sensor.reference_mm + pose.line * (share * sensor.line_mm / 2.0);
+                let scale = sensor.range_mm[1] / sensor.reference_mm;
+                let Some(hit) = self.scenery.meshes[0].first_hit(&pose.origin_mm, &way, scale)
+                else {
+                    continue;
+                };
+                all += 1.0;
+                let at = pose.origin_mm + way * hit.at;
+                let shadow = self.scenery.meshes[1..]
+                    .iter()
+                    .any(|m| m.stands_between(&pose.origin_mm, &at, 0.05))
+                    || (sensor.receiver_mm != Vector3::zeros()
+                        && self
+                            .scenery
+                            .meshes
+                            .iter()
+                            .any(|m| m.stands_between(&receiver, &at, 0.05)));
+                if !shadow {
+                    seen += 1.0;
+                }
+            }
+        }
+        seen / all
+    }
+
+    /// At a border that runs askew, the line turns about its middle until it lies along the border, so that no corner
+    /// is left. The way of the middle ray grows by nothing.
+    fn pivot(&self, pass: &mut Pass, border: &Vector3<f64>, at_start: bool) {
+        if !self.driver.free_line() {
+            return;
+        }
+        let machine = &self.spec.machine;
+        let s = 3 + machine.turns();
+        let end = if at_start { 0 } else { pass.axes.len() - 1 };
+        let pose = pass.poses[end];
+        let Some(e) = (border - pose.beam * pose.beam.dot(border)).try_normalize(1e-6) else {
+            return;
+        };
+        let e = e * if e.dot(&pose.line) < 0.0 { -1.0 } else { 1.0 };
+        // Which way the spindle brings the line nearer to the border, the machine says itself.
+        let mut nudged = pass.axes[end].clone();
+        nudged[s] += 1.0;
+        let nearer = machine.pointing(&nudged[3..]).1.dot(&e) > pose.line.dot(&e);
+        let angle = angle_deg(&pose.line, &e) * if nearer { 1.0 } else { -1.0 };
+        if angle.abs() < 6.0 || angle.abs() > 75.0 {
+            return;
+        }
+        let count = (angle.abs() / (self.spec.plan.max_turn_deg * 0.9)).ceil();
+        let base = pass.axes[end].clone();
+        let mut before = base.clone();
+        let mut added = Vec::new();
+        for k in 1..=count as usize {
+            let mut axes = base.clone();
+            axes[s] += angle * k as f64 / count;
+            let beam = machine.pointing(&axes[3..]).0;
+            let tip = pose.origin_mm + pose.beam * self.spec.sensor.reference_mm;
+            let x = machine.carriage(&(tip - beam * self.spec.sensor.reference_mm), &axes[3..]);
+            axes[..3].copy_from_slice(x.as_slice());
+            for v in &mut axes {
+                *v = rounded(*v);
+            }
+            if !machine.within_limits(&axes)
+                || self.usable(&axes) != Usable::Yes
+                || self.scenery.touches_between(machine, &before, &axes)
+            {
+                break;
+            }
+            before.clone_from(&axes);
+            added.push(axes);
+        }
+        let poses = added.iter().map(|a| machine.forward(a));
+        if at_start {
+            let mut poses: Vec<_> = poses.collect();
+            poses.reverse();
+            added.reverse();
+            pass.axes.splice(0..0, added);
+            pass.poses.splice(0..0, poses);
+        } else {
+            pass.poses.extend(poses);
+            pass.axes.extend(added);
+        }
+    }
+}
+
+/// Consecutive poses that a stance can drive.
+struct Stretch {
+    stance: usize,
+    from: usize,
+    axes: Vec<Vec<f64>>,
+    score: f64,
+}
+
+/// Parts of from..to with nothing taken, of two points at least.
+fn open_parts(free: &[bool], from: usize, to: usize) -> Vec<(usize, usize)> {
+    let mut parts = Vec::new();
+    let mut start = None;
+    let closed = std::iter::once(&false);
+    for (k, open) in (from..).zip(free[from..to].iter().chain(closed)) {
+        match (start, open) {
+            (None, true) => start = Some(k),
+            (Some(s), false) => {
+                if k - s >= 2 {
+                    parts.push((s, k));
+                }
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    parts
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Usable {
+    Yes,
+    No,
+    Touches,
+}
+
+/// Where the receiver stands.
+pub fn receiver(pose: &SensorPose, place: &Vector3<f64>) -> Vector3<f64> {
+    pose.origin_mm + pose.line * place.x + pose.feed() * place.y + pose.beam * place.z
+}
+
+impl Pass {
+    /// Way of the point at the reference distance.
+    pub fn length_mm(&self, spec: &ScanSpec) -> f64 {
+        let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;
+        self.poses
+            .windows(2)
+            .map(|w| (tip(&w[1]) - tip(&w[0])).norm())
+            .sum()
+    }
+
+    /// The other way round.
+    pub fn reverse(&mut self) {
+        self.axes.reverse();
+        self.poses.reverse();
+    }
+}

@@ -1,0 +1,127 @@
+//! Charts: pieces of the surface that a row of passes can cover.
+//!
+//! A sensor cannot turn about a sharp edge within a step, so charts end there. A piece that closes upon itself or folds
+//! over in its map is parted by the direction of its normals, which costs the fewest cuts across gentle curvature.
+
+use nalgebra::Vector3;
+
+use super::super::mesh::{PartMesh, weld::BORDER};
+use super::flatten::FlatMap;
+
+/// Triangles that are planned together, with their map.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// Numbers of the triangles.
+    pub faces: Vec<u32>,
+    /// The same triangles in the plane.
+    pub map: FlatMap,
+}
+
+/// How unlike the least and largest scale of a map may be before its piece is parted.
+const SCALE_RATIO: f64 = 6.0;
+
+/// Normals within this of a cap's direction belong to it.
+const CAP_DEG: f64 = 50.0;
+
+/// Parts the surface. Edges sharper than `sharp_deg` end a chart.
+pub fn charts(part: &PartMesh, sharp_deg: f64) -> Vec<Chart> {
+    let sharp = sharp_deg.to_radians().cos();
+    let mut taken = vec![false; part.faces.len()];
+    let mut charts = Vec::new();
+    for start in 0..part.faces.len() {
+        if taken[start] {
+            continue;
+        }
+        let piece = grow(part, &mut taken, start, |f, g| {
+            part.normal(f).dot(&part.normal(g)) >= sharp
+        });
+        charts.extend(part_piece(part, piece));
+    }
+    charts
+}
+
+/// All faces that hang together with `start` by edges that `passes` lets through.
+fn grow(
+    part: &PartMesh,
+    taken: &mut [bool],
+    start: usize,
+    passes: impl Fn(usize, usize) -> bool,
+) -> Vec<u32> {
+    let mut piece = vec![start as u32];
+    taken[start] = true;
+    let mut next = 0;
+    while next < piece.len() {
+        let f = piece[next] as usize;
+        next += 1;
+        for &g in &part.neighbours[f] {
+            if g != BORDER && !taken[g as usize] && passes(f, g as usize) {
+                taken[g as usize] = true;
+                piece.push(g);
+            }
+        }
+    }
+    piece
+}
+
+fn part_piece(part: &PartMesh, piece: Vec<u32>) -> Vec<Chart> {
+    let inside: std::collections::HashSet<u32> = piece.iter().copied().collect();
+    let open = piece.iter().any(|&f| {
+        part.neighbours[f as usize]
+            .iter()
+            .any(|g| *g == BORDER || !inside.contains(g))
+    });
+    if open {
+        let map = FlatMap::new(part, &piece);
+        let q = map.quality;
+        if q.flips == 0 && q.scale_max < SCALE_RATIO * q.scale_min && !wraps(part, &piece) {
+            return vec![Chart { faces: piece, map }];
+        }
+    }
+    caps(part, piece)
+        .into_iter()
+        .map(|faces| Chart {
+            map: FlatMap::new(part, &faces),
+            faces,
+        })
+        .collect()
+}
+
+/// Do the normals point all around, so that a map without flips may still lie over itself?
+fn wraps(part: &PartMesh, piece: &[u32]) -> bool {
+    let mean: Vector3<f64> = piece
+        .iter()
+        .map(|&f| part.normal(f as usize) * part.area_mm2(f as usize))
+        .sum();
+    let Some(mean) = mean.try_normalize(1e-9) else {
+        return true;
+    };
+    piece
+        .iter()
+        .any(|&f| part.normal(f as usize).dot(&mean) < -0.3)
+}
+
+/// Parts a piece by the directions of its normals, the largest cap first.
+fn caps(part: &PartMesh, piece: Vec<u32>) -> Vec<Vec<u32>> {
+    let cap = CAP_DEG.to_radians().cos();
+    let mut taken = vec![true; part.faces.len()];
+    for &f in &piece {
+        taken[f as usize] = false;
+    }
+    let mut order = piece;
+    order.sort_by(|a, b| {
+        part.area_mm2(*b as usize)
+            .total_cmp(&part.area_mm2(*a as usize))
+            .then(a.cmp(b))
+    });
+    let mut pieces = Vec::new();
+    for &start in &order {
+        if taken[start as usize] {
+            continue;
+        }
+        let axis = part.normal(start as usize);
+        pieces.push(grow(part, &mut taken, start as usize, |_, g| {
+            part.normal(g).dot(&axis) >= cap
+        }));
+    }
+    pieces
+}

@@ -1,0 +1,10 @@
+//! The surface laid flat: charts, and a conformal map of each.
+//!
+//! * [`chart`]: pieces without sharp edges that do not fold over.
+//! * [`flatten`]: least squares conformal map with a free border, and how true it is.
+
+pub mod chart;
+pub mod flatten;
+
+pub use chart::Chart;
+pub use flatten::FlatMap;

@@ -1,0 +1,224 @@
+//! What the courses left unseen is scanned by short passes, as long as that gains something.
+
+use nalgebra::Vector3;
+
+use super::super::course::field::HeightField;
+use super::super::course::level::{LinePoint, lines};
+use super::super::drive::realise::{Obstructed, Pass};
+use super::super::map::{Chart, flatten::across};
+use super::super::proof::samples::SamplePoint;
+use super::super::proof::see::see;
+use super::Workshop;
+use super::chart_passes::line_passes;
+use crate::ScanError;
+
+/// Passes added at most.
+const MOST: usize = 80;
+
+/// More than the wanted coverage is not sought: it would cost way.
+const SPARE: f64 = 0.008;
+
+/// Directions in which lines are tried over a chart.
+const DIRECTIONS: usize = 4;
+
+/// Lines tried lie this share of the laser line apart.
+const LINE_SHARE: f64 = 0.3;
+
+/// The same where the beam cannot follow the surface, and only narrow stretches may be driven.
+const FIXED_SHARE: f64 = 0.1;
+
+/// Lines tried at most, over all charts.
+const MOST_LINES: usize = 240;
+
+/// A pass that could be added, and which open samples it sees.
+struct Offer {
+    pass: Pass,
+    length_mm: f64,
+    sees: Vec<u32>,
+}
+
+/// Adds passes until the wanted share is seen; with `all`, until nothing is gained.
+///
+/// Lines are laid over every chart with open samples, closely and in several directions; of what can be driven of them,
+/// the pass that sees the most for its way is taken, again and again.
+pub fn fill(
+    shop: &Workshop<'_>,
+    charts: &[Chart],
+    passes: &mut Vec<Pass>,
+    all: bool,
+) -> Result<(), ScanError> {
+    let sensor = &shop.spec.sensor;
+    let scenery = &shop.realiser.scenery;
+    let seen = see(
+        sensor,
+        scenery,
+        &shop.samples,
+        &passes.iter().collect::<Vec<_>>(),
+    );
+    let open: Vec<usize> = (0..shop.samples.len())
+        .filter(|i| seen.sights[*i].is_empty())
+        .collect();
+    let total = shop.samples.len() as f64;
+    let goal = (shop.spec.plan.min_coverage + SPARE).min(1.0 - 1e-9);
+    let enough = |open: usize| 1.0 - open as f64 / total >= goal;
+    if enough(open.len()) {
+        return Ok(());
+    }
+    let per_sample = shop.part.surface.area_mm2() / total;
+    let points: Vec<SamplePoint> = open.iter().map(|&i| shop.samples[i]).collect();
+    let lines = offered_lines(shop, charts, &points, per_sample);
+    let (first, second) = lines.split_at(lines.len() / 2);
+    // Two threads; the offers stand in the order of their lines whichever ends first.
+    let (mut offers, more) = std::thread::scope(|scope| {
+        let other = scope.spawn(|| offers(shop, second, &points));
+        let mine = offers(shop, first, &points);
+        (mine, other.join().unwrap_or_default())
+    });
+    offers.extend(more);
+    shop.deadline.check()?;
+    let mut unseen = vec![true; points.len()];
+    let mut left = open.len();
+    for _ in 0..MOST {
+        if left == 0 || (enough(left) && !all) {
+            break;
+        }
+        let worth = |o: &Offer| {
+            let area = o.sees.iter().filter(|i| unseen[**i as usize]).count() as f64 * per_sample;
+            // A pass costs its way and a link; what sees less than a fifth of its strip anew is not worth it.
+            area - 0.2 * (o.length_mm + 2.0) * sensor.line_mm
+        };
+        let best = (0..offers.len())
+            .map(|k| (worth(&offers[k]) / (offers[k].length_mm + 4.0), k))
+            .filter(|(w, _)| *w > 0.0)
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, k)) = best else { break };
+        let offer = offers.swap_remove(k);
+        for &i in &offer.sees {
+            unseen[i as usize] = false;
+        }
+        passes.push(offer.pass);
+        left = unseen.iter().filter(|u| **u).count();
+    }
+    Ok(())
+}
+
+/// What can be driven of lines, and what that sees.
+fn offers(shop: &Workshop<'_>, lines: &[Vec<LinePoint>], points: &[SamplePoint]) -> Vec<Offer> {
+    let mut offers = Vec::new();
+    for line in lines {
+        if !shop.deadline.more() {
+            break;
+        }
+        for pass in line_passes(shop, line, &mut Obstructed::default()) {
+            let gain = see(&shop.spec.sensor, &shop.realiser.scenery, points, &[&pass]);
+            let sees: Vec<u32> = (0..points.len() as u32)
+                .filter(|i| !gain.sights[*i as usize].is_empty())
+                .collect();
+            if sees.len() > 2 {
+                offers.push(Offer {
+                    length_mm: pass.length_mm(shop.spec),
+                    pass,
+                    sees,
+                });
+            }
+        }
+    }
+    offers
+}
+
+/// Lines over the charts that have open samples: planes in several directions, close together.
+fn offered_lines(
+    shop: &Workshop<'_>,
+    charts: &[Chart],
+    open: &[SamplePoint],
+    per_sample: f64,
+) -> Vec<Vec<LinePoint>> {
+    let mut chart_of = vec![u32::MAX; shop.part.faces.len()];
+    for (number, chart) in charts.iter().enumerate() {
+        for &f in &chart.faces {
+            chart_of[f as usize] = number as u32;
+        }
+    }
+    let mut counts = vec![0_usize; charts.len()];
+    for p in open {
+        if let Some(n) = counts.get_mut(chart_of[p.face as usize] as usize) {
+            *n += 1;
+        }
+    }
+    let line = shop.spec.sensor.line_mm;
+    let fixed = shop.spec.machine.turns() == 0;
+    let spacing = if fixed { FIXED_SHARE } else { LINE_SHARE };
+    let beam = shop.realiser.driver.fixed_beam();
+    let mut found = Vec::new();
+    let mut order: Vec<usize> = (0..charts.len())
+        .filter(|k| counts[*k] as f64 * per_sample > 0.1 * line)
+        .collect();
+    order.sort_by_key(|k| std::cmp::Reverse(counts[*k]));
+    for number in order {
+        let chart = &charts[number];
+        let mean: Vector3<f64> = chart
+            .faces
+            .iter()
+            .map(|&f| shop.part.normal(f as usize) * shop.part.area_mm2(f as usize))
+            .sum();
+        let (x, y) = across(&mean);
+        let of_chart: Vec<&SamplePoint> = open
+            .iter()
+            .filter(|p| chart_of[p.face as usize] as usize == number)
+            .collect();
+        for k in 0..DIRECTIONS {
+            let (s, c) = (std::f64::consts::PI * k as f64 / DIRECTIONS as f64).sin_cos();
+            let direction = x * c + y * s;
+            let height: Vec<f64> = chart
+                .map
+                .vertices
+                .iter()
+                .map(|&v| shop.part.vertices[v as usize].dot(&direction))
+                .collect();
+            let (low, high) = height
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                    (l.min(*v), h.max(*v))
+                });
+            let field = HeightField::new(shop.part, chart, height, String::new());
+            let step = (spacing * line).max((high - low) / 200.0);
+            let count = ((high - low) / step).floor() as usize;
+            for j in 0..=count {
+                let level = low + (high - low - step * count as f64) / 2.0 + step * j as f64;
+                // Only where something is open within the line's reach.
+                if !of_chart
+                    .iter()
+                    .any(|p| (p.at.dot(&direction) - level).abs() < 0.6 * line)
+                {
+                    continue;
+                }
+                for whole in lines(shop.part, chart, &field, level) {
+                    let near = |p: &LinePoint| {
+                        beam.is_none_or(|b| shop.realiser.driver.within_tilt(&b, &p.normal))
+                            && of_chart
+                                .iter()
+                                .any(|s| (s.at - p.at).norm_squared() < 0.64 * line * line)
+                    };
+                    // Stretches of the line with something open beside them.
+                    let mut stretch: Vec<LinePoint> = Vec::new();
+                    for p in &whole {
+                        if near(p) {
+                            stretch.push(*p);
+                        } else if stretch.len() > 1 {
+                            found.push(std::mem::take(&mut stretch));
+                        } else {
+                            stretch.clear();
+                        }
+                    }
+                    if stretch.len() > 1 {
+                        found.push(stretch);
+                    }
+                    if found.len() >= MOST_LINES || !shop.deadline.more() {
+                        return found;
+                    }
+                }
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,354 @@
+//! A path as a program for a control.
+//!
+//! Two ways of saying it: `rotary` has the machine's axis values, a block for each row, so that any control drives it;
+//! `rtcp` has the middle ray's point on the part and leaves the linear axes to the control. Feeds are the inverse of a
+//! block's time (G93) where the control knows that, since a feed in mm/min means something else on every control as soon
+//! as rotary axes move.
+
+use std::fmt::Write as _;
+
+use nalgebra::Vector3;
+
+use super::drive::order::{RAPID_MM_PER_S, seconds};
+use super::drive::touch::Scenery;
+use super::planner::result::PathRow;
+use super::spec::ScanSpec;
+use crate::ScanError;
+use crate::surface::Mesh;
+
+/// Whose language it is in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PathDialect {
+    /// Fanuc, and who reads its blocks.
+    Fanuc,
+    /// Sinumerik.
+    Siemens,
+    /// TNC, plain language.
+    Heidenhain,
+    /// RS274NGC.
+    LinuxCnc,
+}
+
+/// What the words mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProgramMode {
+    /// Every word is an axis value.
+    Rotary,
+    /// X Y Z are the middle ray's point on the part; the control carries them through its rotary axes.
+    Rtcp,
+}
+
+/// How a program is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProgramStyle {
+    /// Whose language.
+    pub dialect: PathDialect,
+    /// What X Y Z mean.
+    pub mode: ProgramMode,
+    /// With the laser on, mm/min on the part.
+    pub feed_mm_per_min: f64,
+}
+
+/// A program and what its rounding does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathProgram {
+    /// All blocks.
+    pub text: String,
+    /// By how much words of three decimals move the middle ray's point on the part, at most.
+    pub rounding_mm: f64,
+}
+
+/// Decimals of every axis word.
+const DECIMALS: usize = 3;
+
+fn word(value: f64) -> f64 {
+    // Adding zero takes the sign from a rounded zero.
+    (value * 1000.0).round() / 1000.0 + 0.0
+}
+
+/// Writes a program.
+///
+/// # Errors
+/// `nc_mode` where the control has no `rtcp` that this could be said in, `nc_approach` where the straight way down from
+/// the top of Z to the first row, or up from the last, touches something.
+pub fn program(
+    spec: &ScanSpec,
+    meshes: Vec<&Mesh>,
+    rows: &[PathRow],
+    style: ProgramStyle,
+) -> Result<PathProgram, ScanError> {
+    if style.mode == ProgramMode::Rtcp && style.dialect == PathDialect::LinuxCnc {
+        return Err(ScanError::refused(
+            "nc_mode",
+            "LinuxCNC has no word that switches to the tool's point for every machine: take --nc-mode rotary.",
+        ));
+    }
+    let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
+        return Err(ScanError::refused("nc_approach", "The path has no row."));
+    };
+    let scenery = Scenery::new(spec, meshes);
+    for end in [first, last] {
+        let mut top = end.axes.clone();
+        top[2] = spec.machine.travel_mm[2][1].max(top[2]);
+        if scenery.touches_between(&spec.machine, &end.axes, &top) {
+            return Err(ScanError::refused(
+                "nc_approach",
+                "The way straight up from the path's end touches something, so the program could not come from safety: stand the part otherwise.",
+            ));
+        }
+    }
+    let mut rounding_mm: f64 = 0.0;
+    for row in rows {
+        let axes: Vec<f64> = row.axes.iter().map(|v| word(*v)).collect();
+        let pose = spec.machine.forward(&axes);
+        let moved = pose.origin_mm + pose.beam * spec.sensor.reference_mm - tip(spec, row);
+        rounding_mm = rounding_mm.max(moved.norm());
+    }
+    let mut writer = Writer {
+        spec,
+        style,
+        text: String::new(),
+    };
+    writer.head(rows, rounding_mm);
+    writer.approach(first);
+    let mut before: Option<&PathRow> = None;
+    for row in rows {
+        writer.row(before, row);
+        before = Some(row);
+    }
+    writer.leave();
+    Ok(PathProgram {
+        text: writer.text,
+        rounding_mm,
+    })
+}
+
+fn tip(spec: &ScanSpec, row: &PathRow) -> Vector3<f64> {
+    row.pose.origin_mm + row.pose.beam * spec.sensor.reference_mm
+}
+
+struct Writer<'a> {
+    spec: &'a ScanSpec,
+    style: ProgramStyle,
+    text: String,
+}
+
+impl Writer<'_> {
+    fn line(&mut self, line: &str) {
+        self.text.push_str(line);
+        self.text.push('\n');
+    }
+
+    fn comment(&mut self, words: &str) {
+        let line = match self.style.dialect {
+            PathDialect::Siemens | PathDialect::Heidenhain => format!("; {words}"),
+            // Brackets inside a bracketed comment end it.
+            _ => format!("({})", words.replace(['(', ')'], " ")),
+        };
+        self.line(&line);
+    }
+
+    fn heidenhain(&self) -> bool {
+        self.style.dialect == PathDialect::Heidenhain
+    }
+
+    fn head(&mut self, rows: &[PathRow], rounding_mm: f64) {
+        match self.style.dialect {
+            PathDialect::Fanuc => self.line("%\nO1000"),
+            PathDialect::LinuxCnc => self.line("%"),
+            PathDialect::Heidenhain => self.line("BEGIN PGM SCAN MM"),
+            PathDialect::Siemens => {}
+        }
+        let scanning = rows.iter().filter(|r| r.laser).count();
+        self.comment(&format!(
+            "SCAN PATH: {} ROWS, {scanning} WITH THE LASER ON",
+            rows.len()
+        ));
+        match self.style.mode {
+            ProgramMode::Rotary => {
+                self.comment("AXIS VALUES OF THE MACHINE: THE WORK OFFSET MUST BE ZERO IN EVERY AXIS, NO TOOL LENGTH");
+            }
+            ProgramMode::Rtcp => {
+                self.comment("X Y Z ARE THE POINT OF THE MIDDLE RAY IN THE PART FRAME: SET THE OFFSET AND THE TOOL TO SENSOR AND PART");
+            }
+        }
+        let mut names = self.words_of_axes().join(" ");
+        if self.spec.machine.orient_deg.is_some() {
+            let word = &self.spec.machine.orient_word;
+            let _ = write!(names, ", {word} TURNS THE SPINDLE");
+        }
+        self.comment(&format!("ROTARY WORDS: {names}"));
+        self.comment(&format!(
+            "WORDS ARE ROUNDED TO 0.001: THE POINT ON THE PART MOVES BY {rounding_mm:.4} MM AT MOST"
+        ));
+    }
+
+    /// The words of table and head, as the program writes them.
+    fn words_of_axes(&self) -> Vec<String> {
+        let machine = &self.spec.machine;
+        machine
+            .table
+            .iter()
+            .chain(&machine.head)
+            .map(|a| a.name.clone())
+            .collect()
+    }
+
+    fn rotary_words(&self, row: &PathRow) -> Vec<(String, f64)> {
+        let mut names = self.words_of_axes();
+        if self.spec.machine.orient_deg.is_some() {
+            names.push(self.spec.machine.orient_word.clone());
+        }
+        names
+            .into_iter()
+            .zip(row.axes[3..].iter().copied())
+            .collect()
+    }
+
+    fn linear_words(&self, row: &PathRow) -> Vec<(String, f64)> {
+        let place = match self.style.mode {
+            ProgramMode::Rotary => [row.axes[0], row.axes[1], row.axes[2]],
+            ProgramMode::Rtcp => tip(self.spec, row).into(),
+        };
+        ["X", "Y", "Z"]
+            .iter()
+            .map(|n| (*n).to_string())
+            .zip(place)
+            .collect()
+    }
+
+    fn words(&self, words: &[(String, f64)]) -> String {
+        let mut text = String::new();
+        for (name, value) in words {
+            let value = word(*value);
+            let _ = match self.style.dialect {
+                // A sign always stands in plain language.
+                PathDialect::Heidenhain => write!(text, " {name}{value:+.DECIMALS$}"),
+                // A name of several letters takes an equals sign.
+                PathDialect::Siemens if name.len() > 1 => {
+                    write!(text, " {name}={value:.DECIMALS$}")
+                }
+                _ => write!(text, " {name}{value:.DECIMALS$}"),
+            };
+        }
+        text
+    }
+
+    fn approach(&mut self, first: &PathRow) {
+        let turns = self.words(&self.rotary_words(first));
+        let linear = self.linear_words(first);
+        let (xy, z) = (self.words(&linear[..2]), self.words(&linear[2..]));
+        match self.style.dialect {
+            PathDialect::Fanuc => {
+                self.line("G21 G17 G40 G49 G80 G94\nG91 G28 Z0\nG90 G54");
+                if !turns.is_empty() {
+                    self.line(&format!("G0{turns}"));
+                }
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("G43.4 H1");
+                }
+                self.line(&format!("G0{xy}\nG0{z}"));
+                self.line("G93");
+            }
+            PathDialect::LinuxCnc => {
+                self.line("G21 G17 G40 G49 G80 G94 G64 P0.001\nG91 G28 Z0\nG90 G54");
+                if !turns.is_empty() {
+                    self.line(&format!("G0{turns}"));
+                }
+                self.line(&format!("G0{xy}\nG0{z}"));
+                self.line("G93");
+            }
+            PathDialect::Siemens => {
+                self.line("G71 G17 G40 G90 G94\nSUPA G0 Z0 D0\nG54");
+                if !turns.is_empty() {
+                    self.line(&format!("G0{turns}"));
+                }
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("TRAORI");
+                }
+                self.line(&format!("G0{xy}\nG0{z}"));
+                self.line("G93");
+            }
+            PathDialect::Heidenhain => {
+                self.line("L Z+0 R0 FMAX M91");
+                if !turns.is_empty() {
+                    self.line(&format!("L{turns} R0 FMAX"));
+                }
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("M128");
+                }
+                self.line(&format!("L{xy} R0 FMAX\nL{z} R0 FMAX"));
+            }
+        }
+    }
+
+    fn row(&mut self, before: Option<&PathRow>, row: &PathRow) {
+        let scanning = before.is_some_and(|b| b.laser && row.laser && b.pass == row.pass);
+        if before.is_none_or(|b| b.pass != row.pass || b.laser != row.laser) {
+            let words = if row.laser {
+                format!("PASS {}: LASER ON", row.pass)
+            } else {
+                "LINK: LASER OFF".to_string()
+            };
+            self.comment(&words);
+        }
+        let time = before.map_or(1.0, |b| {
+            let at_rapid = seconds(&b.axes, &row.axes, RAPID_MM_PER_S);
+            if scanning {
+                let way = (tip(self.spec, row) - tip(self.spec, b)).norm();
+                at_rapid.max(way / (self.style.feed_mm_per_min / 60.0))
+            } else {
+                at_rapid
+            }
+        });
+        let mut words = self.linear_words(row);
+        words.extend(self.rotary_words(row));
+        let words = self.words(&words);
+        let line = if self.heidenhain() {
+            // Its feed is along X Y Z, or in degrees a minute where these stand still.
+            let way = before.map_or(0.0, |b| {
+                let linear = (0..3)
+                    .map(|k| (row.axes[k] - b.axes[k]).powi(2))
+                    .sum::<f64>()
+                    .sqrt();
+                let turn = row.axes[3..]
+                    .iter()
+                    .zip(&b.axes[3..])
+                    .map(|(x, y)| (x - y).abs())
+                    .fold(0.0, f64::max);
+                if linear > 1e-3 { linear } else { turn }
+            });
+            let feed = (way / time.max(1e-3) * 60.0).clamp(1.0, 99_999.0);
+            format!("L{words} R0 F{feed:.0}")
+        } else {
+            format!("G1{words} F{:.3}", 60.0 / time.clamp(1e-3, 6e4))
+        };
+        self.line(&line);
+    }
+
+    fn leave(&mut self) {
+        match self.style.dialect {
+            PathDialect::Fanuc => {
+                self.line("G94");
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("G49");
+                }
+                self.line("G91 G28 Z0\nG90\nM30\n%");
+            }
+            PathDialect::LinuxCnc => self.line("G94\nG91 G28 Z0\nG90\nM2\n%"),
+            PathDialect::Siemens => {
+                self.line("G94");
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("TRAFOOF");
+                }
+                self.line("SUPA G0 Z0 D0\nM30");
+            }
+            PathDialect::Heidenhain => {
+                if self.style.mode == ProgramMode::Rtcp {
+                    self.line("M129");
+                }
+                self.line("L Z+0 R0 FMAX M91\nM30\nEND PGM SCAN MM");
+            }
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! The finished path, scanned: rays, boxes and planes, not assumptions.
+//!
+//! * [`samples`]: points of equal area.
+//! * [`see`]: which of them a path sees, and why not the others.
+//! * [`figures`]: coverage, overlap, stand-off, tilt, clearance, limits of the rows as they are written.
+
+pub mod figures;
+pub mod samples;
+pub mod see;

@@ -1,0 +1,258 @@
+//! The calibration of a point sensor, as it is written and read.
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::Value;
+use umi_core::point::{
+    BallReading, CalibrationBall, PointCalibration, PointQuestion, PointSensor, ResidualNoise,
+    calibrate,
+};
+use umi_core::units::{Mm, Point};
+
+use super::readings::SensorReadings;
+use super::spheres::CalibrationBalls;
+use crate::ScanError;
+use crate::rigid::Vec3;
+
+/// A covariance of the offset (mm) and the direction.
+pub type OffsetAndDirection = [[f64; 6]; 6];
+
+/// What is asked beside the offset and the direction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationQuestion {
+    /// What the solver is asked.
+    pub wanted: PointQuestion,
+    /// The largest rms that is accepted, mm.
+    pub max_rms_mm: Option<f64>,
+}
+
+/// The answer, with the names that its file has.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PointSensorCalibration {
+    /// `point_sensor`.
+    pub kind: &'static str,
+    /// Readings in the file.
+    pub n: usize,
+    /// Readings that were used.
+    pub used: usize,
+    /// Degrees of freedom.
+    pub dof: usize,
+    /// Offset t.
+    pub offset_mm: [f64; 3],
+    /// Direction a.
+    pub direction: [f64; 3],
+    /// Gain of the readings.
+    pub gain: f64,
+    /// Radius of the ball, with its error if that was asked for; none with several balls.
+    pub radius_mm: Option<f64>,
+    /// Distances of the points from their balls, in the order of the readings used.
+    pub residuals_mm: Vec<f64>,
+    /// `sqrt(sum d² / n)`.
+    pub rms_mm: f64,
+    /// `sqrt(sum d² / dof)`, none where the fit is exact. Weighted along the beam it is the
+    /// standard deviation of one reading.
+    pub sigma_mm: Option<f64>,
+    /// Covariance of t and a from the scatter.
+    pub covariance: Option<OffsetAndDirection>,
+    /// The same with what the balls' uncertainties add.
+    pub covariance_total: Option<OffsetAndDirection>,
+    /// Standard uncertainty of the gain, if it was asked for.
+    pub u_gain: Option<f64>,
+    /// Standard uncertainty of the radius, if it was asked for.
+    pub u_radius_mm: Option<f64>,
+    /// Mean of the readings.
+    pub stand_off_mm: f64,
+    /// Standard uncertainties of x, y and z of a point at the mean reading, balls included.
+    /// t and a are correlated: a point is known far better than t.
+    pub u_point_mm: Option<[f64; 3]>,
+    /// `mirror_ambiguous`, `weak: …`.
+    pub warnings: Vec<String>,
+}
+
+/// Finds offset and direction.
+///
+/// # Errors
+/// Refused by the names of the solver, of the balls, and `residual_too_large`.
+pub fn find(
+    readings: &SensorReadings,
+    balls: &CalibrationBalls,
+    question: &CalibrationQuestion,
+) -> Result<PointSensorCalibration, ScanError> {
+    let read: Vec<BallReading> = readings
+        .used
+        .iter()
+        .map(|reading| {
+            Ok(BallReading {
+                axes: Point::from_array_mm(reading.axes_mm),
+                gamma: Mm(reading.gamma_mm),
+                ball: balls.of(reading)?,
+            })
+        })
+        .collect::<Result<_, ScanError>>()?;
+    let fit = calibrate(&read, &balls.balls, &question.wanted)?;
+    if let Some(limit) = question.max_rms_mm
+        && fit.stats.rms.0 > limit
+    {
+        return Err(ScanError::refused(
+            "residual_too_large",
+            format_args!(
+                "rms {:.6} mm, limit {limit} mm: check the balls, the lens, and leave out readings with little signal (--min-snr)",
+                fit.stats.rms.0
+            ),
+        )
+        .with("rms_mm", fit.stats.rms.0));
+    }
+    Ok(answer(readings, &read, &balls.balls, question, &fit))
+}
+
+fn answer(
+    readings: &SensorReadings,
+    read: &[BallReading],
+    balls: &[CalibrationBall],
+    question: &CalibrationQuestion,
+    fit: &PointCalibration,
+) -> PointSensorCalibration {
+    let only = read
+        .first()
+        .filter(|first| read.iter().all(|r| r.ball == first.ball))
+        .and_then(|first| balls.get(first.ball));
+    let u = |asked: bool, variance| {
+        asked
+            .then(|| fit.stats.standard_uncertainty(variance))
+            .flatten()
+    };
+    let wanted = &question.wanted;
+    PointSensorCalibration {
+        kind: "point_sensor",
+        n: readings.lines,
+        used: read.len(),
+        dof: fit.stats.dof,
+        offset_mm: fit.sensor.offset.to_array_mm(),
+        direction: fit.sensor.direction.into(),
+        gain: fit.sensor.gain,
+        radius_mm: only.map(|ball| ball.radius.0 + fit.radius_error.0),
+        residuals_mm: read
+            .iter()
+            .filter_map(|r| Some(fit.residual(r, balls.get(r.ball)?).0))
+            .collect(),
+        rms_mm: fit.stats.rms.0,
+        sigma_mm: fit.stats.sigma.map(|sigma| sigma.0),
+        covariance: fit.covariance(),
+        covariance_total: fit.covariance_total(),
+        u_gain: u(wanted.free_gain, fit.gain_variance_unit),
+        u_radius_mm: u(wanted.free_radius, fit.radius_variance_unit),
+        stand_off_mm: fit.mean_gamma.0,
+        u_point_mm: fit
+            .place_uncertainty(fit.mean_gamma)
+            .map(|known| known.u.map(|u| u.0)),
+        warnings: warnings(question, fit),
+    }
+}
+
+fn warnings(question: &CalibrationQuestion, fit: &PointCalibration) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if fit.mirror {
+        warnings.push("mirror_ambiguous".to_owned());
+    }
+    if let Some(weak) = fit.weak {
+        warnings.push(format!(
+            "weak: the readings hardly determine the {} (an error grows {:.0} times); spread them over a wider cone and over the depth of field",
+            weak.what, weak.factor
+        ));
+    }
+    if question.wanted.noise == ResidualNoise::AlongBeam {
+        warnings.push("weighted: residuals count along the beam".to_owned());
+    }
+    warnings
+}
+
+/// A calibration that was read from its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownSensor {
+    /// Offset, direction and gain.
+    pub sensor: PointSensor,
+    /// Covariance of offset and direction, if the file has one.
+    pub covariance: Option<OffsetAndDirection>,
+    /// The same with the balls' uncertainties.
+    pub covariance_total: Option<OffsetAndDirection>,
+}
+
+/// Reads the file of a calibration.
+///
+/// # Errors
+/// Exit status 1 if the file cannot be read; refused as `bad_calibration`.
+pub fn read(path: &Path) -> Result<KnownSensor, ScanError> {
+    let bytes = std::fs::read(path).map_err(|error| ScanError::file("read", path, &error))?;
+    parse(&bytes).map_err(|error| ScanError {
+        message: format!("{}: {}", path.display(), error.message),
+        ..error
+    })
+}
+
+/// The calibration in a text, as [`read`] reads it.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(bytes: &[u8]) -> Result<KnownSensor, ScanError> {
+    let file: Value = serde_json::from_slice(bytes)
+        .map_err(|error| bad(format_args!("this is no JSON: {error}")))?;
+    let kind = file.get("kind").and_then(Value::as_str);
+    if kind != Some("point_sensor") {
+        return Err(bad(
+            "its kind is not \"point_sensor\": give what umi scan calibrate point --json has printed",
+        ));
+    }
+    let triple = |key: &str| -> Result<[f64; 3], ScanError> {
+        numbers(file.get(key)).ok_or_else(|| bad(format_args!("{key} is not three numbers")))
+    };
+    let direction = Vec3::from(triple("direction")?);
+    let length = direction.norm();
+    // Rounded to six digits it still counts; what is longer was never a direction.
+    if !length.is_finite() || (length - 1.0).abs() > 1e-6 {
+        return Err(bad(format_args!(
+            "direction has the length {length}, a unit vector is needed"
+        )));
+    }
+    let gain = match file.get("gain") {
+        None => 1.0,
+        Some(gain) => gain
+            .as_f64()
+            .filter(|gain| *gain > 0.0)
+            .ok_or_else(|| bad("gain is not a number above 0"))?,
+    };
+    Ok(KnownSensor {
+        sensor: PointSensor {
+            offset: Point::from_array_mm(triple("offset_mm")?),
+            direction,
+            gain,
+        },
+        covariance: matrix(&file, "covariance")?,
+        covariance_total: matrix(&file, "covariance_total")?,
+    })
+}
+
+fn matrix(file: &Value, key: &str) -> Result<Option<OffsetAndDirection>, ScanError> {
+    let Some(value) = file.get(key).filter(|value| !value.is_null()) else {
+        return Ok(None);
+    };
+    let wrong = || bad(format_args!("{key} is not 6 rows of 6 numbers"));
+    let rows = value
+        .as_array()
+        .filter(|rows| rows.len() == 6)
+        .ok_or_else(wrong)?;
+    let mut matrix = [[0.0; 6]; 6];
+    for (row, wanted) in rows.iter().zip(&mut matrix) {
+        *wanted = numbers(Some(row)).ok_or_else(wrong)?;
+    }
+    Ok(Some(matrix))
+}
+
+fn numbers<const N: usize>(value: Option<&Value>) -> Option<[f64; N]> {
+    let all: Option<Vec<f64>> = value?.as_array()?.iter().map(Value::as_f64).collect();
+    all?.try_into().ok()
+}
+
+fn bad(message: impl std::fmt::Display) -> ScanError {
+    ScanError::refused("bad_calibration", message)
+}

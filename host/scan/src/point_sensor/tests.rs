@@ -1,0 +1,253 @@
+//! Files of readings, balls and calibrations: read, or refused by name, never a panic.
+
+use proptest::prelude::*;
+use umi_core::point::PointQuestion;
+
+use super::calibration::{self, CalibrationQuestion, KnownSensor};
+use super::plan::{self, PlanQuestion};
+use super::readings::{SensorReading, SensorReadings, from_table};
+use super::{cloud, spheres};
+use crate::format::table::TableReader;
+use crate::rigid::Vec3;
+use crate::{Ending, ScanError};
+
+const BALL: &str = "[[sphere]]\nid = 1\ncenter_mm = [200, -100.0, -600]\nradius_mm = 10\n";
+
+fn readings(text: &[u8], min_snr: Option<f64>) -> Result<SensorReadings, ScanError> {
+    from_table(TableReader::new(text, "readings".into())?, min_snr)
+}
+
+fn code(text: &str, min_snr: Option<f64>) -> &'static str {
+    let error = readings(text.as_bytes(), min_snr).unwrap_err();
+    assert_eq!(error.ending, Ending::Refused, "{error}");
+    error.code
+}
+
+fn question() -> CalibrationQuestion {
+    CalibrationQuestion {
+        wanted: PointQuestion::default(),
+        max_rms_mm: None,
+    }
+}
+
+fn planned() -> PlanQuestion {
+    PlanQuestion {
+        center_mm: [200.0, -100.0, -600.0],
+        radius_mm: 10.0,
+        u_center_mm: 0.0,
+        offset_mm: [3.2, -54.3, -138.1],
+        direction: [0.01, 0.02, -1.0],
+        stand_off_mm: 44.0,
+        range_mm: 8.0,
+        angle_deg: 85.0,
+        stand_offs: 3,
+        places: 25,
+        sigma_mm: 0.001,
+        increment_mm: 0.001,
+        safe_z_mm: -300.0,
+    }
+}
+
+/// Readings as a plan's places would give them.
+fn of_plan(plan: &plan::SensorPlan) -> SensorReadings {
+    SensorReadings {
+        lines: plan.places.len(),
+        used: plan
+            .places
+            .iter()
+            .map(|place| SensorReading {
+                line: 0,
+                axes_mm: place.axes_mm,
+                gamma_mm: place.gamma_mm,
+                sphere: None,
+            })
+            .collect(),
+    }
+}
+
+#[test]
+fn readings_go_by_their_columns() {
+    let text = b"total,z,snr,gamma,y,x,sphere\n9,3,800,40,2,1,A\n9,3,,nan,2,1,A\n9,3,10,,2,1,A\n";
+    let read = readings(text, Some(100.0)).unwrap();
+    assert_eq!((read.lines, read.used.len()), (3, 1));
+    assert_eq!(read.used[0].axes_mm, [1.0, 2.0, 3.0]);
+    assert_eq!(read.used[0].sphere.as_deref(), Some("A"));
+}
+
+#[test]
+fn readings_are_refused_by_name() {
+    assert_eq!(code("x,y,gamma\n1,2,3\n", None), "missing_column");
+    assert_eq!(code("x,y,z,gamma\n1,2,3,4\n", Some(1.0)), "missing_column");
+    assert_eq!(code("x,y,z,gamma\n1,2,3,four\n", None), "not_a_number");
+    assert_eq!(code("x,y,z,gamma\n1,2,,4\n", None), "not_a_number");
+    assert_eq!(code("x,y,z,gamma\n1,2,3\n", None), "not_a_number");
+    assert_eq!(code("x,y,z,gamma\n1,2,3,nan\n", None), "not_finite");
+    assert_eq!(code("x,y,z,gamma\n1,-inf,3,4\n", None), "not_finite");
+}
+
+#[test]
+fn balls_are_refused_by_name() {
+    assert_eq!(spheres::parse(BALL).unwrap().ids, ["1"]);
+    for (from, to, code) in [
+        ("radius_mm = 10", "radius_mm = 0", "bad_sphere"),
+        ("radius_mm = 10", "radius_mm = nan", "bad_sphere"),
+        ("radius_mm = 10", "", "bad_sphere"),
+        (
+            "radius_mm = 10",
+            "radius_mm = 10\nu_center_mm = -1",
+            "bad_sphere",
+        ),
+        ("radius_mm = 10", "radius_mm = 10\ncolour = 1", "bad_sphere"),
+        ("center_mm = [200, -100.0, -600]", "", "center_unknown"),
+        ("[200, -100.0, -600]", "[200, -100.0]", "bad_sphere"),
+        ("[200, -100.0, -600]", "[200, -100.0, inf]", "bad_sphere"),
+        ("id = 1", "id = ", "bad_sphere"),
+        (BALL, "", "bad_sphere"),
+    ] {
+        let error = spheres::parse(&BALL.replace(from, to)).unwrap_err();
+        assert_eq!((error.code, error.ending), (code, Ending::Refused), "{to}");
+    }
+    let twice = format!("{BALL}{BALL}");
+    assert_eq!(spheres::parse(&twice).unwrap_err().code, "bad_sphere");
+    let two = format!("{BALL}{}", BALL.replace("id = 1", "id = 'B'"));
+    let two = spheres::parse(&two).unwrap();
+    let of = |sphere: Option<&str>| {
+        let read = SensorReading {
+            line: 2,
+            axes_mm: [0.0; 3],
+            gamma_mm: 40.0,
+            sphere: sphere.map(str::to_owned),
+        };
+        two.of(&read).map_err(|error| error.code)
+    };
+    assert_eq!((of(Some("B")), of(Some("1.0"))), (Ok(1), Ok(0)));
+    assert_eq!(of(Some("C")), Err("unknown_sphere"));
+    assert_eq!(of(None), Err("missing_column"));
+}
+
+#[test]
+fn a_plan_determines_what_it_promises() {
+    let question = planned();
+    let plan = plan::plan(&question).unwrap();
+    assert_eq!(plan.places.len(), 25);
+    for place in &plan.places {
+        assert!((40.0..48.0).contains(&place.gamma_mm), "{place:?}");
+        assert!(place.incidence_deg < 85.0, "{place:?}");
+    }
+    // A point is known far better than the offset.
+    assert!(plan.u_point_mm[0] < 0.001 && plan.u_offset_mm[0] > 0.005);
+    let ball = spheres::parse(BALL).unwrap();
+    let found = calibration::find(&of_plan(&plan), &ball, &self::question()).unwrap();
+    assert!((Vec3::from(found.offset_mm) - Vec3::from(question.offset_mm)).amax() < 1e-9);
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+    // The centre's own uncertainty goes into the offset whole.
+    let unsure = PlanQuestion {
+        u_center_mm: 0.01,
+        ..question
+    };
+    assert!(plan::plan(&unsure).unwrap().u_point_mm[0] > 0.01);
+    let text = plan::program(&unsure, &plan);
+    assert_eq!(text.matches("DPRNT[").count(), 25);
+}
+
+#[test]
+fn plans_that_make_no_sense_are_refused() {
+    let refused = |change: fn(&mut PlanQuestion)| {
+        let mut question = planned();
+        change(&mut question);
+        plan::plan(&question).unwrap_err().code
+    };
+    assert_eq!(refused(|q| q.stand_offs = 1), "bad_input");
+    assert_eq!(refused(|q| q.places = 5), "bad_input");
+    assert_eq!(refused(|q| q.range_mm = f64::NAN), "bad_input");
+    assert_eq!(refused(|q| q.direction = [0.0, 0.0, 1.0]), "bad_input");
+    assert_eq!(refused(|q| q.safe_z_mm = -1000.0), "bad_input");
+}
+
+/// A calibration that was written is read back, and gives the same points.
+#[test]
+fn a_calibration_comes_back_from_its_file() {
+    let mut read = of_plan(&plan::plan(&planned()).unwrap());
+    for (k, reading) in read.used.iter_mut().enumerate() {
+        reading.gamma_mm += 1e-3 * ((k * 7 % 11) as f64 / 5.0 - 1.0);
+    }
+    let ball = spheres::parse(BALL).unwrap();
+    let found = calibration::find(&read, &ball, &question()).unwrap();
+    let text = serde_json::to_vec(&found).unwrap();
+    let known = calibration::parse(&text).unwrap();
+    // The reader of JSON may round the last bit the other way.
+    assert!((known.sensor.direction - Vec3::from(found.direction)).amax() < 1e-15);
+    let of = |matrix: &Option<[[f64; 6]; 6]>| matrix.unwrap()[0][0];
+    let (read_back, written) = (of(&known.covariance), of(&found.covariance));
+    assert!((read_back / written - 1.0).abs() < 1e-15);
+    let made = cloud::points(&read, &known, known.covariance_total.as_ref());
+    for (p, (d, u)) in made
+        .points
+        .iter()
+        .zip(found.residuals_mm.iter().zip(made.u_mm.as_ref().unwrap()))
+    {
+        let from_center = (p - Vec3::new(200.0, -100.0, -600.0)).norm() - 10.0;
+        assert!((from_center - d).abs() < 1e-12);
+        assert!(u.iter().all(|u| (0.0..0.005).contains(u)), "{u:?}");
+    }
+    let limit = CalibrationQuestion {
+        max_rms_mm: Some(1e-5),
+        ..question()
+    };
+    let error = calibration::find(&read, &ball, &limit).unwrap_err();
+    assert_eq!(error.code, "residual_too_large");
+}
+
+#[test]
+fn calibrations_are_refused_by_name() {
+    let good =
+        r#"{"kind":"point_sensor","offset_mm":[1,2,3],"direction":[0,0,-1],"covariance":null}"#;
+    let known = calibration::parse(good.as_bytes()).unwrap();
+    assert_eq!((known.sensor.gain, known.covariance), (1.0, None));
+    for (from, to) in [
+        ("point_sensor", "profile"),
+        ("[0,0,-1]", "[0,0,-1.1]"),
+        ("[1,2,3]", "[1,2]"),
+        ("null", "[[1]]"),
+        ("null}", "null,\"gain\":0}"),
+        ("{", ""),
+    ] {
+        let error = calibration::parse(good.replacen(from, to, 1).as_bytes()).unwrap_err();
+        assert_eq!(error.code, "bad_calibration", "{to}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn no_bytes_make_a_reader_panic(
+        bytes in prop::collection::vec(any::<u8>(), 0..200),
+        cells in prop::collection::vec("[-+0-9a-z.,;\n\"#]{0,12}", 0..30),
+        min_snr in prop::option::of(-1.0..1.0_f64),
+    ) {
+        let text = cells.join(",");
+        let headed = format!("x,y,z,gamma,sphere,snr\n{text}");
+        for input in [bytes.as_slice(), headed.as_bytes()] {
+            if let Ok(read) = readings(input, min_snr)
+                && let Ok(balls) = spheres::parse(BALL)
+            {
+                let _ = calibration::find(&read, &balls, &question());
+            }
+            let _ = spheres::parse(&String::from_utf8_lossy(input));
+            let _ = calibration::parse(input);
+        }
+        let _ = spheres::parse(&format!("{BALL}{text}"));
+    }
+
+    /// A reading's point is Q + t + γ g a.
+    #[test]
+    fn points_are_where_the_formula_says(x in -500.0..500.0_f64, gamma in 0.0..100.0_f64, gain in 0.9..1.1_f64) {
+        let json = format!(r#"{{"kind":"point_sensor","offset_mm":[1,2,3],"direction":[0.6,0,-0.8],"gain":{gain}}}"#);
+        let known: KnownSensor = calibration::parse(json.as_bytes()).unwrap();
+        let text = format!("x,y,z,gamma\n{x},0,0,{gamma}\n");
+        let made = cloud::points(&readings(text.as_bytes(), None).unwrap(), &known, None);
+        let wanted = Vec3::new(x + 1.0 + 0.6 * gamma * gain, 2.0, 3.0 - 0.8 * gamma * gain);
+        prop_assert!((made.points[0] - wanted).amax() < 1e-12);
+    }
+}

@@ -1,0 +1,231 @@
+//! The place with the largest least margin, by linear programmes within a shrinking reach, from several starts.
+
+use nalgebra::Vector6;
+
+use super::demand::Rule;
+use crate::parallel::Threads;
+use crate::rigid::{Pose, Vec3, stepped};
+use crate::solve::linear::{MarginRow, WIDTH, highest};
+use crate::solve::{Measured, measure};
+use crate::surface::CompositeSurface;
+
+pub(super) struct Search<'a> {
+    pub surface: &'a CompositeSurface,
+    pub points: &'a [Vec3],
+    pub rules: &'a [Rule],
+    /// Turns, then shifts.
+    pub locked: [bool; 6],
+    pub pivot: Vec3,
+    pub start: Pose,
+    /// The corners of the part, in its coordinates.
+    pub corners: [Vec3; 8],
+    pub threads: Threads,
+}
+
+/// The first reach of a programme in mm, at the point that is furthest from the pivot.
+const REACH_MM: f64 = 2.0;
+/// Where the reach is shorter, no small motion improves the place.
+const RESOLUTION_MM: f64 = 1e-7;
+/// Programmes from one start at most.
+const PROGRAMMES: usize = 400;
+/// Starts beside the two that are given.
+const MORE_STARTS: usize = 6;
+
+/// How far the part may go from where its stock is most even: a part that is not scanned all around could leave its
+/// raw part by the side that no point guards.
+struct Range {
+    even: Pose,
+    limit_mm: f64,
+}
+
+impl Range {
+    fn holds(&self, motion: &Pose, corners: &[Vec3]) -> bool {
+        motion.apart_mm(&self.even, corners) <= self.limit_mm
+    }
+}
+
+struct Place {
+    x: Vector6<f64>,
+    motion: Pose,
+    measured: Vec<Measured>,
+    least: f64,
+}
+
+impl Search<'_> {
+    /// The best place found from the start, from `even` (where the stock is most even), and from places about the best.
+    pub fn best(&self, even: &Pose) -> Pose {
+        let arm = self
+            .points
+            .iter()
+            .map(|q| (q - self.pivot).norm())
+            .fold(1e-3, f64::max);
+        let turn = even.rotation * self.start.rotation.transpose();
+        let w = crate::rigid::rotation_vector(&turn);
+        let shift =
+            even.translation_mm - self.pivot - turn * (self.start.translation_mm - self.pivot);
+        let at_even = Vector6::new(w.x, w.y, w.z, shift.x, shift.y, shift.z);
+        let stocks = measure(self.surface, self.points, even, &[], self.threads);
+        let (least, most) = stocks
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), m| {
+                (a.min(m.distance_mm), b.max(m.distance_mm))
+            });
+        let range = Range {
+            even: *even,
+            limit_mm: 1.0 + 4.0 * (most - least),
+        };
+        let mut best = self.climb(at_even, arm, &range);
+        let from_start = self.climb(Vector6::zeros(), arm, &range);
+        if from_start.least > best.least {
+            best = from_start;
+        }
+        // Directions that are spread evenly and are always the same: the golden sections of six dimensions.
+        for k in 0..MORE_STARTS {
+            let mut x = best.x;
+            for i in 0..6 {
+                if !self.locked[i] {
+                    let spread = (GOLDEN[i] * (k + 1) as f64).fract() - 0.5;
+                    x[i] += spread * if i < 3 { 0.8 / arm } else { 0.8 };
+                }
+            }
+            let other = self.climb(x, arm, &range);
+            if other.least > best.least {
+                best = other;
+            }
+        }
+        best.motion
+    }
+
+    fn place(&self, x: Vector6<f64>, faces: &[usize]) -> Place {
+        let mut x = x;
+        for i in 0..6 {
+            if self.locked[i] {
+                x[i] = 0.0;
+            }
+        }
+        let motion = stepped(&self.start, &x, &self.pivot);
+        let measured = measure(self.surface, self.points, &motion, faces, self.threads);
+        let least = measured
+            .iter()
+            .map(|m| self.rules[m.face].margin(m.distance_mm))
+            .fold(f64::INFINITY, f64::min);
+        Place {
+            x,
+            motion,
+            measured,
+            least,
+        }
+    }
+
+    fn climb(&self, x: Vector6<f64>, arm: f64, range: &Range) -> Place {
+        let mut here = self.place(x, &[]);
+        if !range.holds(&here.motion, &self.corners) {
+            here = self.place(x * 0.0, &[]);
+        }
+        let mut reach = REACH_MM;
+        for _ in 0..PROGRAMMES {
+            if reach < RESOLUTION_MM {
+                // A point beside an edge may demand more by one face than by the other: past the edge it is well.
+                match self.past_an_edge(&here, arm, range) {
+                    Some(there) => (here, reach) = (there, 0.2),
+                    None => break,
+                }
+            }
+            let rows = self.rows(&here, arm, reach, 0);
+            let Some(best) = highest(&rows, reach) else {
+                break;
+            };
+            let mut next = here.x;
+            for i in 0..6 {
+                next[i] += best.step[i] / if i < 3 { arm } else { 1.0 };
+            }
+            let faces: Vec<usize> = here.measured.iter().map(|m| m.face).collect();
+            let there = self.place(next, &faces);
+            if there.least > here.least + 1e-12 && range.holds(&there.motion, &self.corners) {
+                // A step that was foreseen well may be followed by a longer one.
+                let foreseen = best.least - here.least;
+                reach *= if there.least - here.least > 0.5 * foreseen {
+                    1.5
+                } else {
+                    0.7
+                };
+                here = there;
+            } else {
+                reach *= 0.4;
+            }
+        }
+        here
+    }
+
+    /// A better place that is found by overlooking the worst few points.
+    fn past_an_edge(&self, here: &Place, arm: f64, range: &Range) -> Option<Place> {
+        if self.rules.windows(2).all(|pair| pair[0] == pair[1]) {
+            return None;
+        }
+        for without in 1..=6 {
+            for reach in [0.8, 0.3, 0.1] {
+                let best = highest(&self.rows(here, arm, reach, without), reach)?;
+                let mut next = here.x;
+                for i in 0..6 {
+                    next[i] += best.step[i] / if i < 3 { arm } else { 1.0 };
+                }
+                let there = self.place(next, &[]);
+                if there.least > here.least + 1e-4 && range.holds(&there.motion, &self.corners) {
+                    return Some(there);
+                }
+            }
+        }
+        None
+    }
+
+    /// The rows that can hold a step of this reach: a margin changes by at most twice what the furthest point moves.
+    fn rows(&self, here: &Place, arm: f64, reach: f64, without: usize) -> Vec<MarginRow> {
+        let far = here.least + 2.0 * reach * (3_f64.sqrt() * 2.0);
+        let pivot = self.pivot + Vec3::new(here.x[3], here.x[4], here.x[5]);
+        let turned = crate::solve::left_jacobian(&Vec3::new(here.x[0], here.x[1], here.x[2]));
+        let mut rows: Vec<MarginRow> = here
+            .measured
+            .iter()
+            .zip(self.points)
+            .filter_map(|(m, q)| {
+                let rule = self.rules[m.face];
+                let value = rule.margin(m.distance_mm);
+                if value > far {
+                    return None;
+                }
+                let slope = rule.slope(m.distance_mm);
+                let turn = turned.tr_mul(&(q - pivot).cross(&m.direction)) / arm;
+                let all = [
+                    turn.x,
+                    turn.y,
+                    turn.z,
+                    m.direction.x,
+                    m.direction.y,
+                    m.direction.z,
+                ];
+                let mut gradient = [0.0; WIDTH];
+                for i in 0..WIDTH {
+                    if !self.locked[i] {
+                        gradient[i] = -slope * all[i];
+                    }
+                }
+                Some(MarginRow { value, gradient })
+            })
+            .collect();
+        if without > 0 {
+            rows.sort_by(|a, b| a.value.total_cmp(&b.value));
+            rows.drain(..without.min(rows.len()));
+        }
+        rows
+    }
+}
+
+/// Powers of the root of x⁷ = x + 1 (Roberts' sequence in six dimensions).
+const GOLDEN: [f64; 6] = [
+    0.898_653_712_628_699,
+    0.807_578_495_221_34,
+    0.725_733_413_060_87,
+    0.652_183_001_6,
+    0.586_086_676_5,
+    0.526_688_966_4,
+];

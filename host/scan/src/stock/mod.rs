@@ -1,0 +1,306 @@
+//! How much material a raw part has on every face of the finished one, and where the finished part lies best in it.
+//!
+//! Stock is the signed distance from the nominal surface to a scanned point: positive is material.
+
+mod demand;
+mod highest;
+mod patches;
+mod spikes;
+#[cfg(test)]
+mod tests;
+
+use crate::ScanError;
+use crate::parallel::Threads;
+use crate::rigid::{Pose, Vec3};
+use crate::solve::{Kernel, Measured, Offset, Task, measure};
+use crate::surface::{CompositeSurface, Mesh};
+
+pub use demand::{Demand, Rule};
+pub(crate) use spikes::median;
+
+/// What the best place is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Objective {
+    /// The least margin is the largest.
+    Min,
+    /// The stock is the most even: least squares about its mean.
+    Balanced,
+    /// The stock is the least: least squares of itself.
+    LeastSquares,
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct StockTask<'a> {
+    /// The finished part.
+    pub model: &'a Mesh,
+    /// The scanned points in mm.
+    pub points: &'a [Vec3],
+    /// What is best.
+    pub objective: Objective,
+    /// Locked components x, y, z, a, b, c.
+    pub locked: [bool; 6],
+    /// The pivot in part coordinates, in mm.
+    pub pivot: Vec3,
+    /// Where the search begins: scan from part.
+    pub start: Pose,
+    /// The least stock that is demanded, in mm.
+    pub require_mm: Option<f64>,
+    /// Faces with demands of their own.
+    pub demands: &'a [Demand],
+    /// Threads.
+    pub threads: Threads,
+}
+
+/// The stock on one face.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaceStock {
+    /// Its name.
+    pub name: String,
+    /// The points that belong to it.
+    pub n: usize,
+    /// The least stock in mm; none without points.
+    pub min_mm: Option<f64>,
+    /// The mean stock in mm.
+    pub mean_mm: Option<f64>,
+    /// The largest stock in mm.
+    pub max_mm: Option<f64>,
+    /// The least margin in mm.
+    pub margin_mm: Option<f64>,
+}
+
+/// A stock that was found, and what is wrong with it.
+#[derive(Clone, Debug)]
+pub struct StockFound {
+    /// Scan from part.
+    pub motion: Pose,
+    /// The least stock in mm.
+    pub min_mm: f64,
+    /// The mean stock in mm.
+    pub mean_mm: f64,
+    /// The largest stock in mm.
+    pub max_mm: f64,
+    /// The least margin in mm: stock less what is demanded.
+    pub margin_mm: f64,
+    /// The points that were used.
+    pub n_used: usize,
+    /// The points that were left out because none near them is like them, by number.
+    pub spikes: Vec<usize>,
+    /// Faces that have demands.
+    pub faces: Vec<FaceStock>,
+    /// The share of the model's area in patches that the scan does not show.
+    pub unmeasured: f64,
+    /// The middle of each such patch in part coordinates (mm), with its share.
+    pub bare: Vec<(Vec3, f64)>,
+    /// The point with the least stock, in the frame of the scan.
+    pub least_at_mm: Vec3,
+    /// Every point against the model.
+    pub measured: Vec<Measured>,
+    /// Why the verdict is NG; OK if there is nothing.
+    pub reasons: Vec<ScanError>,
+}
+
+/// The share of the model's area that need not be scanned.
+const UNMEASURED: f64 = 0.01;
+
+impl StockTask<'_> {
+    /// The best place by the objective, with its verdict.
+    ///
+    /// # Errors
+    /// `too_few_points` for fewer than six.
+    pub fn find(&self) -> Result<StockFound, ScanError> {
+        if self.points.len() < 6 {
+            return Err(ScanError::refused(
+                "too_few_points",
+                format_args!(
+                    "{} points do not determine where the part is: it takes at least 6, spread over its faces",
+                    self.points.len()
+                ),
+            ));
+        }
+        let surface = CompositeSurface::from(self.model.clone());
+        // Turns first in the solvers, shifts first for people.
+        let locked: [bool; 6] = std::array::from_fn(|i| self.locked[(i + 3) % 6]);
+        let pivot = if locked.contains(&true) {
+            self.start.point(&self.pivot)
+        } else {
+            middle(self.points)
+        };
+        let even = self.least(&surface, self.points, locked, pivot, Offset::Free);
+        let (spikes, kept) = spikes::part(self.points, &even.measured, self.threads);
+        let even = if spikes.is_empty() {
+            even
+        } else {
+            self.least(&surface, &kept, locked, pivot, Offset::Free)
+        };
+        let rules = demand::rules(self.model, self.demands, self.require_mm);
+        let motion = match self.objective {
+            Objective::Balanced => even.motion,
+            Objective::LeastSquares => {
+                self.least(&surface, &kept, locked, pivot, Offset::Zero)
+                    .motion
+            }
+            Objective::Min => highest::Search {
+                surface: &surface,
+                points: &kept,
+                rules: &rules,
+                locked,
+                pivot,
+                start: self.start,
+                corners: self.model.corners(),
+                threads: self.threads,
+            }
+            .best(&even.motion),
+        };
+        Ok(self.judge(&surface, &motion, spikes, &kept, &rules))
+    }
+
+    fn least(
+        &self,
+        surface: &CompositeSurface,
+        points: &[Vec3],
+        locked: [bool; 6],
+        pivot: Vec3,
+        offset: Offset,
+    ) -> crate::solve::Settled {
+        Task {
+            surface,
+            points,
+            weights: &[],
+            kernel: Kernel::None,
+            offset,
+            pivot,
+            locked,
+            steps: 300,
+            threads: self.threads,
+        }
+        .solve(&self.start)
+    }
+
+    fn judge(
+        &self,
+        surface: &CompositeSurface,
+        motion: &Pose,
+        spikes: Vec<usize>,
+        kept: &[Vec3],
+        rules: &[Rule],
+    ) -> StockFound {
+        let measured = measure(surface, kept, motion, &[], self.threads);
+        let (min_mm, max_mm, sum, least) = span(&measured, 0..measured.len());
+        let margin_mm = measured
+            .iter()
+            .map(|m| rules[m.face].margin(m.distance_mm))
+            .fold(f64::INFINITY, f64::min);
+        let faces = demand::by_face(self.model, self.demands, rules, &measured);
+        let (unmeasured, bare) = patches::bare(self.model, &measured);
+        let mut found = StockFound {
+            motion: *motion,
+            min_mm,
+            mean_mm: sum / measured.len() as f64,
+            max_mm,
+            margin_mm,
+            n_used: kept.len(),
+            spikes,
+            faces,
+            unmeasured,
+            bare,
+            least_at_mm: kept[least],
+            measured,
+            reasons: Vec::new(),
+        };
+        found.reasons = self.reasons(&found);
+        found
+    }
+
+    fn reasons(&self, found: &StockFound) -> Vec<ScanError> {
+        let mut reasons = Vec::new();
+        let p = found.least_at_mm;
+        let at = format!("at {:.3}, {:.3}, {:.3} mm of the scan", p.x, p.y, p.z);
+        let least = found.min_mm;
+        // Where faces have demands, below nominal can be within a profile's tolerance.
+        if self.objective == Objective::Min && self.demands.is_empty() && least < 0.0 {
+            reasons.push(ScanError::refused(
+                "no_stock",
+                format_args!("the raw part lies {:.4} mm inside the finished one {at}: there no place leaves material everywhere", -least),
+            ));
+        }
+        if let Some(require) = self.require_mm.filter(|require| least < *require) {
+            reasons.push(ScanError::refused(
+                "too_little_stock",
+                format_args!("the least stock is {least:.4} mm {at}; {require} mm are required"),
+            ));
+        }
+        if self.objective == Objective::Min && !self.demands.is_empty() {
+            if let Some(face) = found
+                .faces
+                .iter()
+                .filter(|face| face.margin_mm.is_some_and(|margin| margin < 0.0))
+                .min_by(|a, b| {
+                    a.margin_mm
+                        .unwrap_or(0.0)
+                        .total_cmp(&b.margin_mm.unwrap_or(0.0))
+                })
+            {
+                reasons.push(ScanError::refused(
+                    "too_little_stock",
+                    format_args!(
+                        "the face `{}` misses what it demands by {:.4} mm",
+                        face.name,
+                        -face.margin_mm.unwrap_or(0.0)
+                    ),
+                ));
+            } else if found.margin_mm < 0.0 {
+                reasons.push(ScanError::refused(
+                    "no_stock",
+                    format_args!("on a face without demands the raw part lies {:.4} mm inside the finished one", -found.margin_mm),
+                ));
+            }
+        }
+        if found.unmeasured > UNMEASURED {
+            let places: Vec<String> = found
+                .bare
+                .iter()
+                .take(5)
+                .map(|(c, share)| {
+                    format!(
+                        "{:.1} % about {:.1}, {:.1}, {:.1} mm",
+                        share * 100.0,
+                        c.x,
+                        c.y,
+                        c.z
+                    )
+                })
+                .collect();
+            reasons.push(ScanError::refused(
+                "unmeasured",
+                format_args!(
+                    "{:.1} % of the part's surface is not scanned ({}; part coordinates): scan it from there too",
+                    found.unmeasured * 100.0,
+                    places.join("; ")
+                ),
+            ));
+        }
+        reasons
+    }
+}
+
+/// The mean of the points.
+fn middle(points: &[Vec3]) -> Vec3 {
+    let first = points.first().copied().unwrap_or_else(Vec3::zeros);
+    let sum: Vec3 = points.iter().map(|p| p - first).sum();
+    first + sum / points.len().max(1) as f64
+}
+
+/// Least, largest, sum of the stock of these points, and the number of the least.
+fn span(measured: &[Measured], which: impl IntoIterator<Item = usize>) -> (f64, f64, f64, usize) {
+    let mut span = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0);
+    for i in which {
+        let d = measured[i].distance_mm;
+        if d < span.0 {
+            (span.0, span.3) = (d, i);
+        }
+        span.1 = span.1.max(d);
+        span.2 += d;
+    }
+    span
+}

@@ -1,0 +1,98 @@
+//! Which patches of the model a scan does not show.
+
+use std::collections::HashMap;
+
+use crate::rigid::Vec3;
+use crate::solve::Measured;
+use crate::surface::{Mesh, Triangle};
+
+/// A patch that owns less than this share of what its area would give is not scanned.
+const OWNED: f64 = 0.1;
+/// Patches below this share of the area are not judged.
+const LEAST: f64 = 0.01;
+
+/// The share of the area in patches that are not scanned, and the middle of each with its share.
+///
+/// A patch is connected, and its normals lie within 20 degrees of that of its largest triangle.
+pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)>) {
+    let triangles = model.triangles();
+    let patch_of = patches(triangles);
+    let count = patch_of.iter().max().map_or(0, |last| last + 1);
+    let mut area = vec![0.0; count];
+    let mut middle = vec![Vec3::zeros(); count];
+    for (t, &patch) in triangles.iter().zip(&patch_of) {
+        area[patch] += t.area_mm2;
+        middle[patch] += (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0 * t.area_mm2;
+    }
+    let mut points = vec![0_usize; count];
+    for m in measured {
+        points[patch_of[m.face]] += 1;
+    }
+    let all = model.area_mm2();
+    let mut bare: Vec<(Vec3, f64)> = (0..count)
+        .filter(|&p| {
+            let share = area[p] / all;
+            share >= LEAST && (points[p] as f64) < OWNED * share * measured.len() as f64
+        })
+        .map(|p| (middle[p] / area[p], area[p] / all))
+        .collect();
+    bare.sort_by(|a, b| b.1.total_cmp(&a.1));
+    (bare.iter().map(|(_, share)| share).sum(), bare)
+}
+
+/// The number of the patch of each triangle.
+fn patches(triangles: &[Triangle]) -> Vec<usize> {
+    let edges = by_edge(triangles);
+    let mut order: Vec<usize> = (0..triangles.len()).collect();
+    order.sort_by(|&a, &b| {
+        triangles[b]
+            .area_mm2
+            .total_cmp(&triangles[a].area_mm2)
+            .then(a.cmp(&b))
+    });
+    let least = 20_f64.to_radians().cos();
+    let mut patch_of = vec![usize::MAX; triangles.len()];
+    let mut patch = 0;
+    for seed in order {
+        if patch_of[seed] != usize::MAX {
+            continue;
+        }
+        let mut front = vec![seed];
+        patch_of[seed] = patch;
+        while let Some(at) = front.pop() {
+            for edge in edges_of(&triangles[at]) {
+                for &next in edges.get(&edge).map_or(&[][..], Vec::as_slice) {
+                    if patch_of[next] == usize::MAX
+                        && triangles[next].normal.dot(&triangles[seed].normal) >= least
+                    {
+                        patch_of[next] = patch;
+                        front.push(next);
+                    }
+                }
+            }
+        }
+        patch += 1;
+    }
+    patch_of
+}
+
+type Edge = ([u64; 3], [u64; 3]);
+
+fn edges_of(t: &Triangle) -> [Edge; 3] {
+    // Zero has two signs.
+    let key = |v: &Vec3| [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits());
+    std::array::from_fn(|i| {
+        let (a, b) = (key(&t.corners[i]), key(&t.corners[(i + 1) % 3]));
+        if a < b { (a, b) } else { (b, a) }
+    })
+}
+
+fn by_edge(triangles: &[Triangle]) -> HashMap<Edge, Vec<usize>> {
+    let mut edges: HashMap<Edge, Vec<usize>> = HashMap::new();
+    for (i, t) in triangles.iter().enumerate() {
+        for edge in edges_of(t) {
+            edges.entry(edge).or_default().push(i);
+        }
+    }
+    edges
+}

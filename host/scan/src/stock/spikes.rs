@@ -1,0 +1,59 @@
+//! Points that no neighbour is like: dust, reflections, a hair on the part.
+
+use crate::cloud::tree::PointTree;
+use crate::parallel::Threads;
+use crate::rigid::Vec3;
+use crate::solve::Measured;
+
+/// Neighbours that are asked.
+const ASKED: usize = 16;
+
+/// The numbers of the spikes, and the other points.
+///
+/// A spike differs from the median of its neighbours by more than twenty times what neighbours differ by and 0.2 mm,
+/// and none of them differs by more than three quarters as much: an edge, or a dent that two points show, is no spike.
+/// When in doubt a point stays: to leave out a true one could turn NG into OK.
+pub(super) fn part(
+    points: &[Vec3],
+    measured: &[Measured],
+    threads: Threads,
+) -> (Vec<usize>, Vec<Vec3>) {
+    let tree = PointTree::new(points);
+    let around: Vec<(f64, f64)> = threads.each(points.len(), |i| {
+        let mut found = Vec::new();
+        tree.nearest(&points[i], ASKED + 1, &mut found);
+        let mut stocks: Vec<f64> = found
+            .iter()
+            .filter(|(_, k)| *k as usize != i)
+            .map(|(_, k)| measured[*k as usize].distance_mm)
+            .collect();
+        let middle = median(&mut stocks);
+        let own = measured[i].distance_mm - middle;
+        let alike = stocks
+            .iter()
+            .map(|stock| (stock - middle) * own.signum())
+            .fold(f64::NEG_INFINITY, f64::max);
+        (own, alike)
+    });
+    let mut sizes: Vec<f64> = around.iter().map(|(own, _)| own.abs()).collect();
+    let limit = 20.0 * 1.4826 * median(&mut sizes) + 0.2;
+    let is_spike = |i: usize| {
+        let (own, alike) = around[i];
+        own.abs() > limit && alike < 0.75 * own.abs()
+    };
+    let spikes: Vec<usize> = (0..points.len()).filter(|&i| is_spike(i)).collect();
+    let kept = (0..points.len())
+        .filter(|&i| !is_spike(i))
+        .map(|i| points[i])
+        .collect();
+    (spikes, kept)
+}
+
+/// The median; 0 of nothing. The order of `values` changes.
+pub(crate) fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,214 @@
+use nalgebra::Vector6;
+
+use super::*;
+use crate::rigid::rotation;
+use crate::solve::measure;
+
+const SIZE: [f64; 3] = [60.0, 40.0, 20.0];
+
+/// A box about the origin.
+fn block() -> Mesh {
+    let c = |i: usize| {
+        Vec3::from_fn(|k, _| {
+            if i & (1 << k) == 0 {
+                -SIZE[k] / 2.0
+            } else {
+                SIZE[k] / 2.0
+            }
+        })
+    };
+    let faces = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let corners: Vec<[Vec3; 3]> = faces
+        .iter()
+        .flat_map(|f| [[c(f[0]), c(f[1]), c(f[2])], [c(f[0]), c(f[2]), c(f[3])]])
+        .collect();
+    Mesh::new(&corners).unwrap()
+}
+
+/// A lattice of points on each face, away from edges, with this stock (−x, +x, −y, +y, −z, +z), where `place` puts it.
+fn raw(stock: [Option<f64>; 6], place: &Pose) -> Vec<Vec3> {
+    let mut points = Vec::new();
+    for (face, stock) in stock.iter().enumerate() {
+        let Some(stock) = stock else { continue };
+        let (axis, sign) = (face / 2, if face % 2 == 0 { -1.0 } else { 1.0 });
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        for i in 0..20 {
+            for j in 0..20 {
+                let mut p = Vec3::zeros();
+                p[axis] = sign * (SIZE[axis] / 2.0 + stock);
+                p[u] = SIZE[u] * (f64::from(i) / 19.0 - 0.5) * 0.8;
+                p[v] = SIZE[v] * (f64::from(j) / 19.0 - 0.5) * 0.8;
+                points.push(place.point(&p));
+            }
+        }
+    }
+    points
+}
+
+fn task<'a>(model: &'a Mesh, points: &'a [Vec3]) -> StockTask<'a> {
+    StockTask {
+        model,
+        points,
+        objective: Objective::Min,
+        locked: [false; 6],
+        pivot: Vec3::zeros(),
+        start: Pose::identity(),
+        require_mm: None,
+        demands: &[],
+        threads: Threads::new(2),
+    }
+}
+
+fn moved() -> Pose {
+    Pose {
+        rotation: rotation(&Vec3::new(0.012, -0.007, 0.02)),
+        translation_mm: Vec3::new(0.9, -0.6, 0.4),
+    }
+}
+
+const UNEVEN: [Option<f64>; 6] = [
+    Some(1.0),
+    Some(0.2),
+    Some(0.5),
+    Some(0.3),
+    Some(0.9),
+    Some(0.3),
+];
+
+#[test]
+fn the_least_stock_is_as_large_as_the_narrowest_pair_of_faces_allows_and_no_motion_improves_it() {
+    let (model, points) = (block(), raw(UNEVEN, &moved()));
+    let found = task(&model, &points).find().unwrap();
+    assert!((found.min_mm - 0.4).abs() < 1e-6, "{}", found.min_mm);
+    assert_eq!((found.n_used, found.reasons.len()), (2400, 0));
+    let surface = CompositeSurface::from(model.clone());
+    let mut state = 7_u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (state >> 33) as f64 / (1_u64 << 31) as f64 - 0.5
+    };
+    for _ in 0..100 {
+        let step = Vector6::from_fn(|i, _| random() * if i < 3 { 1e-4 } else { 4e-3 });
+        let other = crate::rigid::stepped(&found.motion, &step, &Vec3::zeros());
+        let (least, ..) = span(
+            &measure(&surface, &points, &other, &[], Threads::new(1)),
+            0..points.len(),
+        );
+        assert!(least <= found.min_mm + 1e-7, "{step}");
+    }
+}
+
+#[test]
+fn locked_components_stay_exactly_and_cost_what_they_must() {
+    let model = block();
+    let points = raw(UNEVEN, &Pose::identity());
+    let mut task = task(&model, &points);
+    task.locked = [false, true, false, true, true, true];
+    for objective in [Objective::Min, Objective::Balanced, Objective::LeastSquares] {
+        task.objective = objective;
+        let found = task.find().unwrap();
+        assert_eq!(found.motion.translation_mm.y, 0.0);
+        assert_eq!(found.motion.rotation, Pose::identity().rotation);
+        if objective == Objective::Min {
+            // y is as it was: 0.3 on one side.
+            assert!((found.min_mm - 0.3).abs() < 1e-9);
+        } else {
+            assert!((found.motion.translation_mm.x + 0.4).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let model = block();
+    let codes = |stock: [Option<f64>; 6], require: Option<f64>| -> Vec<&'static str> {
+        let points = raw(stock, &moved());
+        let mut task = task(&model, &points);
+        task.require_mm = require;
+        task.find()
+            .unwrap()
+            .reasons
+            .iter()
+            .map(|r| r.code)
+            .collect()
+    };
+    assert_eq!(codes(UNEVEN, Some(0.41)), ["too_little_stock"]);
+    assert_eq!(codes(UNEVEN, Some(0.39)), [""; 0]);
+    let too_small = [
+        Some(-0.3),
+        Some(0.1),
+        Some(0.5),
+        Some(0.5),
+        Some(0.5),
+        Some(0.5),
+    ];
+    assert_eq!(codes(too_small, None), ["no_stock"]);
+    let mut open = UNEVEN;
+    open[5] = None;
+    assert_eq!(codes(open, None), ["unmeasured"]);
+}
+
+#[test]
+fn spikes_are_left_out_and_counted_and_a_dent_is_none() {
+    let model = block();
+    let mut points = raw(UNEVEN, &Pose::identity());
+    points[410].x -= 3.0;
+    points[900].y += 4.0;
+    // Two points beside each other show a dent.
+    points[2210].z -= 0.6;
+    points[2211].z -= 0.6;
+    let found = task(&model, &points).find().unwrap();
+    assert_eq!(found.spikes, [410, 900]);
+    assert!(found.min_mm < 0.4);
+}
+
+#[test]
+fn faces_have_demands_of_their_own() {
+    let model = block();
+    let points = raw([Some(0.5); 6], &moved());
+    let face = |name: &str, keep: &dyn Fn(f64) -> bool, rule: Rule| Demand {
+        name: name.into(),
+        mesh: Mesh::new(
+            &model
+                .triangles()
+                .iter()
+                .filter(|t| keep(t.normal.z))
+                .map(|t| t.corners)
+                .collect::<Vec<_>>(),
+        )
+        .unwrap(),
+        rule,
+    };
+    // The top needs 0.8, of 1.0 between top and bottom; the bottom is as built, ±0.6.
+    let demands = [
+        face("top", &|z| z > 0.5, Rule::Stock(0.8)),
+        face("bottom", &|z| z < -0.5, Rule::Profile(1.2)),
+    ];
+    let mut task = task(&model, &points);
+    task.demands = &demands;
+    let found = task.find().unwrap();
+    assert!(found.reasons.is_empty(), "{:?}", found.reasons);
+    // Moved down by m: the top has 0.5 + m − 0.8, the bottom 0.6 − |0.5 − m|, the sides 0.5.
+    // The least is largest at m = 0.7, where top and bottom both have 0.4.
+    assert!((found.margin_mm - 0.4).abs() < 1e-3, "{}", found.margin_mm);
+    assert_eq!(found.faces[0].n, 400);
+}
+
+#[test]
+fn five_points_are_too_few() {
+    let model = block();
+    let points = [Vec3::zeros(); 5];
+    assert_eq!(
+        task(&model, &points).find().unwrap_err().code,
+        "too_few_points"
+    );
+}

@@ -1,0 +1,20 @@
+//! The nominal: triangles, balls and cones, with exact signed distances.
+
+mod bvh;
+mod mesh;
+mod nearest;
+mod ray;
+mod shapes;
+mod stl;
+#[cfg(test)]
+mod tests;
+mod triangle;
+
+pub use mesh::Mesh;
+pub(crate) use mesh::box_corners;
+pub use nearest::Near;
+pub use ray::{RayHit, StandingBox};
+pub use shapes::{BallShape, CompositeSurface, Cone};
+pub use stl::{read_stl, stl_from_bytes};
+pub use triangle::Triangle;
+pub(crate) use triangle::bounds;

@@ -1,0 +1,214 @@
+//! Rays and boxes against a mesh.
+
+use super::mesh::Mesh;
+use crate::rigid::Vec3;
+
+/// Where a ray meets the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayHit {
+    /// Along the ray, as a multiple of its direction's length.
+    pub at: f64,
+    /// The triangle's number.
+    pub face: usize,
+}
+
+/// A box that stands anyhow in space.
+#[derive(Clone, Copy, Debug)]
+pub struct StandingBox {
+    /// Its middle in mm.
+    pub centre: Vec3,
+    /// Unit vectors along its edges, at right angles.
+    pub axes: [Vec3; 3],
+    /// Half its length along each.
+    pub half_mm: Vec3,
+}
+
+/// A triangle's edges are this much wider to a ray (barycentric), so that none slips between two triangles.
+const WIDER: f64 = 1e-9;
+
+const DEPTH: usize = 64;
+
+/// Where the ray meets one triangle.
+fn meet(t: &[Vec3; 3], origin: &Vec3, direction: &Vec3) -> Option<f64> {
+    let (e1, e2) = (t[1] - t[0], t[2] - t[0]);
+    let p = direction.cross(&e2);
+    let det = p.dot(&e1);
+    // Relative to its factors, so that the size of the part does not matter.
+    if det.abs() <= 1e-14 * p.norm() * e1.norm() {
+        return None;
+    }
+    let s = origin - t[0];
+    let u = s.dot(&p) / det;
+    let q = s.cross(&e1);
+    let v = direction.dot(&q) / det;
+    (u >= -WIDER && v >= -WIDER && u + v <= 1.0 + WIDER).then(|| e2.dot(&q) / det)
+}
+
+impl Mesh {
+    /// The first triangle that the ray meets strictly between 0 and `far` times its direction.
+    #[must_use]
+    pub fn first_hit(&self, origin: &Vec3, direction: &Vec3, far: f64) -> Option<RayHit> {
+        let mut best: Option<RayHit> = None;
+        self.along(origin, direction, far, |hit| {
+            best = Some(hit);
+            Some(hit.at)
+        });
+        best
+    }
+
+    /// Does any triangle stand between two points, more than `margin_mm` before the second?
+    #[must_use]
+    pub fn stands_between(&self, from: &Vec3, to: &Vec3, margin_mm: f64) -> bool {
+        let way = to - from;
+        let far = 1.0 - margin_mm / way.norm().max(margin_mm);
+        let mut blocked = false;
+        self.along(from, &way, far, |_| {
+            blocked = true;
+            None
+        });
+        blocked
+    }
+
+    /// Calls `each` for hits nearer than `far`; it answers how far to go on looking, or no further.
+    fn along(
+        &self,
+        origin: &Vec3,
+        direction: &Vec3,
+        far: f64,
+        mut each: impl FnMut(RayHit) -> Option<f64>,
+    ) {
+        let mut far = far;
+        let inverse = direction.map(|d| 1.0 / d);
+        let enters = |low: &Vec3, high: &Vec3, far: f64| {
+            let (mut from, mut to) = (0.0_f64, far);
+            for k in 0..3 {
+                if direction[k] == 0.0 {
+                    if origin[k] < low[k] || origin[k] > high[k] {
+                        return false;
+                    }
+                    continue;
+                }
+                let (a, b) = (
+                    (low[k] - origin[k]) * inverse[k],
+                    (high[k] - origin[k]) * inverse[k],
+                );
+                from = from.max(a.min(b));
+                to = to.min(a.max(b));
+            }
+            // Rounding must not lose a flat box that the ray only grazes.
+            from <= to + 1e-12 * (1.0 + to.abs())
+        };
+        let mut stack = [0_u32; DEPTH];
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let at = stack[height];
+            let node = &self.tree.nodes[at as usize];
+            if !enters(&node.low, &node.high, far) {
+                continue;
+            }
+            if node.count == 0 {
+                stack[height] = node.start;
+                stack[height + 1] = at + 1;
+                height += 2;
+                continue;
+            }
+            for &k in &self.tree.order[node.start as usize..(node.start + node.count) as usize] {
+                let face = k as usize;
+                if let Some(t) = meet(&self.triangles[face].corners, origin, direction)
+                    && t > 1e-9
+                    && t < far
+                {
+                    match each(RayHit { at: t, face }) {
+                        Some(shorter) => far = shorter,
+                        None => return,
+                    }
+                }
+            }
+        }
+    }
+
+    /// Does a standing box meet any triangle?
+    #[must_use]
+    pub fn touches(&self, bx: &StandingBox) -> bool {
+        let reach: Vec3 = bx
+            .axes
+            .iter()
+            .zip(bx.half_mm.iter())
+            .fold(Vec3::zeros(), |sum, (axis, half)| sum + axis.abs() * *half);
+        let (low, high) = (bx.centre - reach, bx.centre + reach);
+        let mut stack = [0_u32; DEPTH];
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let at = stack[height];
+            let node = &self.tree.nodes[at as usize];
+            if (0..3).any(|k| node.low[k] > high[k] || node.high[k] < low[k])
+                || bx.misses_box(&node.low, &node.high)
+            {
+                continue;
+            }
+            if node.count == 0 {
+                stack[height] = node.start;
+                stack[height + 1] = at + 1;
+                height += 2;
+                continue;
+            }
+            let leaf = &self.tree.order[node.start as usize..(node.start + node.count) as usize];
+            if leaf
+                .iter()
+                .any(|&k| bx.meets(&self.triangles[k as usize].corners))
+            {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+impl StandingBox {
+    /// Certainly apart from an upright box: one of this box's faces parts them.
+    fn misses_box(&self, low: &Vec3, high: &Vec3) -> bool {
+        let (middle, half) = ((low + high) / 2.0 - self.centre, (high - low) / 2.0);
+        (0..3).any(|k| {
+            middle.dot(&self.axes[k]).abs() > self.half_mm[k] + self.axes[k].abs().dot(&half) + 1e-9
+        })
+    }
+
+    /// Separating axes of box and triangle.
+    fn meets(&self, corners: &[Vec3; 3]) -> bool {
+        let h = &self.half_mm;
+        let t = corners.map(|c| {
+            let d = c - self.centre;
+            Vec3::new(
+                d.dot(&self.axes[0]),
+                d.dot(&self.axes[1]),
+                d.dot(&self.axes[2]),
+            )
+        });
+        for k in 0..3 {
+            let (a, b, c) = (t[0][k], t[1][k], t[2][k]);
+            if a.min(b).min(c) > h[k] || a.max(b).max(c) < -h[k] {
+                return false;
+            }
+        }
+        let e = [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
+        let n = e[0].cross(&e[1]);
+        if n.dot(&t[0]).abs() > n.abs().dot(h) {
+            return false;
+        }
+        for k in 0..3 {
+            let mut unit = Vec3::zeros();
+            unit[k] = 1.0;
+            for f in &e {
+                let axis = unit.cross(f);
+                let p = t.map(|c| c.dot(&axis));
+                let r = axis.abs().dot(h);
+                if p[0].min(p[1]).min(p[2]) > r || p[0].max(p[1]).max(p[2]) < -r {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+}

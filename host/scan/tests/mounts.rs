@@ -1,0 +1,381 @@
+//! Simulated calibrations of a mount: exact ones give back the truth, open ones are refused
+//! with the right number of free motions, and the machine's frame makes no difference.
+
+use nalgebra::{Matrix3, Vector3};
+use umi_kinematics::{AxisChain, Pose};
+use umi_scan::ScanError;
+use umi_scan::calibrate::observations::{Observation, Observations};
+use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
+use umi_scan::rigid::rotation;
+
+/// SplitMix64: the same cases for ever.
+struct Random(u64);
+
+impl Random {
+    /// In -1..1.
+    fn signed(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// About normal: a sum of twelve.
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.signed()).sum::<f64>() / 2.0
+    }
+}
+
+/// Three linear axes carry the sensor; A and C carry the workpiece.
+fn machine() -> AxisChain {
+    let mut text = String::new();
+    for (name, direction) in [("X", "[1,0,0]"), ("Y", "[0,1,0]"), ("Z", "[0,0,1]")] {
+        text +=
+            &format!("[[joint]]\nname = \"{name}\"\nkind = \"linear\"\ndirection = {direction}\n");
+    }
+    text += r#"
+[[joint]]
+name = "A"
+kind = "rotary"
+direction = [-1.0, 0.0, 0.0]
+point_mm = [0.0, 85.0, 0.0]
+
+[[joint]]
+name = "C"
+kind = "rotary"
+direction = [0.0, 0.0, -1.0]
+point_mm = [0.0, 0.0, 0.0]
+
+[chain]
+sensor = ["X", "Y", "Z"]
+workpiece = ["A", "C"]
+
+[workpiece]
+translation_mm = [0.0, 0.0, -39.0]
+"#;
+    AxisChain::parse(&text).unwrap()
+}
+
+/// The mount that is to be found.
+fn truth() -> Pose {
+    let turn = rotation(&Vector3::new(0.05, -0.1, 0.55));
+    Pose {
+        rotation: turn,
+        translation_mm: Vector3::new(0.7, 28.2, -120.7),
+    }
+}
+
+/// A first guess, up to 6° and 20 mm off.
+fn guess(random: &mut Random) -> Pose {
+    let w = Vector3::from_fn(|_, _| random.signed()).normalize() * 6_f64.to_radians();
+    let t = Vector3::from_fn(|_, _| random.signed()).normalize() * 20.0;
+    Pose {
+        rotation: rotation(&w) * truth().rotation,
+        translation_mm: truth().translation_mm + t,
+    }
+}
+
+/// How far the rotary axes move, in degrees.
+#[derive(Clone, Copy)]
+struct Swing {
+    a_deg: f64,
+    c_deg: f64,
+}
+
+const BOTH: Swing = Swing {
+    a_deg: 30.0,
+    c_deg: 140.0,
+};
+const ONLY_C: Swing = Swing {
+    a_deg: 0.0,
+    c_deg: 140.0,
+};
+const NONE: Swing = Swing {
+    a_deg: 0.0,
+    c_deg: 0.0,
+};
+
+/// Joint values at which a point of the sensor's frame is at a point of the workpiece.
+fn joints(machine: &AxisChain, at: &Vector3<f64>, seen: &Vector3<f64>, a: f64, c: f64) -> Vec<f64> {
+    let table = machine.flange_in_workpiece(&[0.0, 0.0, 0.0, a, c]);
+    let q = table.inverse().point(at) - truth().point(seen);
+    vec![q.x, q.y, q.z, a, c]
+}
+
+fn spheres(
+    centres: &[Vector3<f64>],
+    radius_mm: f64,
+    swing: Swing,
+    noise_mm: f64,
+    random: &mut Random,
+) -> Observations {
+    let machine = machine();
+    let mut all = Observations {
+        features: (0..centres.len()).map(|i| i.to_string()).collect(),
+        ..Observations::default()
+    };
+    for profile in 0..30 * centres.len() {
+        let feature = profile % centres.len();
+        let y = 0.6 * radius_mm * random.signed();
+        let middle = Vector3::new(8.0 * random.signed(), y, 15.0 * random.signed());
+        let (a, c) = (swing.a_deg * random.signed(), swing.c_deg * random.signed());
+        let q = joints(&machine, &centres[feature], &middle, a, c);
+        all.flanges.push(machine.flange_in_workpiece(&q));
+        let cut = (radius_mm * radius_mm - y * y).sqrt();
+        for i in 0..13 {
+            let (sin, cos) = (0.5 + 2.14 * f64::from(i) / 12.0).sin_cos();
+            all.points.push(Observation {
+                flange: profile,
+                feature,
+                seen_mm: Vector3::new(
+                    middle.x + cut * cos,
+                    0.0,
+                    middle.z + cut * sin + noise_mm * random.normal(),
+                ),
+            });
+        }
+    }
+    all
+}
+
+fn plane(normal: &Vector3<f64>, swing: Swing, noise_mm: f64, random: &mut Random) -> Observations {
+    let machine = machine();
+    let normal = normal.normalize();
+    let anchor = Vector3::new(10.0, -5.0, 7.0);
+    let mut all = Observations {
+        features: vec!["0".into()],
+        ..Observations::default()
+    };
+    for profile in 0..24 {
+        let seen = Vector3::new(0.0, 0.0, 10.0 * random.signed());
+        let along = Vector3::from_fn(|_, _| 20.0 * random.signed());
+        let at = anchor + along - normal * normal.dot(&along);
+        let (a, c) = (swing.a_deg * random.signed(), swing.c_deg * random.signed());
+        let q = joints(&machine, &at, &seen, a, c);
+        let flange = machine.flange_in_workpiece(&q);
+        let sensor = flange.after(&truth());
+        all.flanges.push(flange);
+        for i in -6..=6 {
+            let x = f64::from(i) * 3.5;
+            // n·(o + x ex + z ez) = n·anchor
+            let rest = normal.dot(&(anchor - sensor.point(&Vector3::new(x, 0.0, 0.0))));
+            let z = rest / normal.dot(&sensor.rotation.column(2));
+            all.points.push(Observation {
+                flange: profile,
+                feature: 0,
+                seen_mm: Vector3::new(x, 0.0, z + noise_mm * random.normal()),
+            });
+        }
+    }
+    all
+}
+
+fn on_sphere(radius_mm: Option<f64>) -> SensorOptions {
+    SensorOptions {
+        on: Artefact::Sphere,
+        radius_mm,
+        centres: None,
+        hold: [false; 3],
+    }
+}
+
+fn on_plane() -> SensorOptions {
+    SensorOptions {
+        on: Artefact::Plane,
+        ..on_sphere(None)
+    }
+}
+
+fn off(answer: &SensorAnswer) -> (f64, f64) {
+    let rotation = Matrix3::from_fn(|i, k| answer.rotation[i][k]);
+    let translation = Vector3::from(answer.translation_mm);
+    (
+        (rotation - truth().rotation).amax(),
+        (translation - truth().translation_mm).amax(),
+    )
+}
+
+#[track_caller]
+fn free(result: Result<SensorAnswer, ScanError>) -> u64 {
+    let error = result.unwrap_err();
+    assert_eq!(error.code, "unidentifiable", "{error}");
+    error.details["free"].as_u64().unwrap()
+}
+
+const BALL: Vector3<f64> = Vector3::new(40.0, 25.0, 30.0);
+const BALLS: [Vector3<f64>; 2] = [BALL, Vector3::new(-60.0, 10.0, 45.0)];
+
+#[test]
+fn exact_sets_give_back_the_truth_from_any_guess() {
+    let mut random = Random(1);
+    let slanted = Vector3::new(0.3, -0.2, 1.0);
+    for _ in 0..3 {
+        let sets = [
+            (plane(&slanted, BOTH, 0.0, &mut random), on_plane()),
+            (
+                spheres(&[BALL], 15.0, BOTH, 0.0, &mut random),
+                on_sphere(Some(15.0)),
+            ),
+            (
+                spheres(&BALLS, 12.7, BOTH, 0.0, &mut random),
+                on_sphere(Some(12.7)),
+            ),
+            (
+                spheres(&[BALL], 15.0, BOTH, 0.0, &mut random),
+                on_sphere(None),
+            ),
+            (
+                spheres(&BALLS, 8.0, BOTH, 0.0, &mut random),
+                on_sphere(None),
+            ),
+        ];
+        for (number, (all, options)) in sets.iter().enumerate() {
+            let answer = sensor(all, &guess(&mut random), options)
+                .unwrap_or_else(|error| panic!("set {number}: {error}"));
+            let (turn, shift) = off(&answer);
+            assert!(
+                turn < 1e-10 && shift < 1e-8,
+                "set {number}: {turn:e} {shift:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_the_poses_leave_open_is_counted_also_with_noise() {
+    let mut random = Random(2);
+    let flat = Vector3::z();
+    let slanted = Vector3::new(0.3, -0.2, 1.0);
+    for noise_mm in [0.0, 0.002, 0.01] {
+        for (expected, all, options) in [
+            // A plane square to C: the shift along A.
+            (1, plane(&flat, BOTH, noise_mm, &mut random), on_plane()),
+            // Three axes: all shifts; of a plane also the turn about its normal.
+            (4, plane(&slanted, NONE, noise_mm, &mut random), on_plane()),
+            (
+                3,
+                spheres(&[BALL], 15.0, NONE, noise_mm, &mut random),
+                on_sphere(Some(15.0)),
+            ),
+            (
+                3,
+                spheres(&BALLS, 15.0, NONE, noise_mm, &mut random),
+                on_sphere(None),
+            ),
+            // One rotary axis: the shift along it.
+            (
+                1,
+                plane(&slanted, ONLY_C, noise_mm, &mut random),
+                on_plane(),
+            ),
+            (
+                1,
+                spheres(&[BALL], 15.0, ONLY_C, noise_mm, &mut random),
+                on_sphere(Some(15.0)),
+            ),
+        ] {
+            let result = sensor(&all, &guess(&mut random), &options);
+            assert_eq!(free(result), expected, "noise {noise_mm}");
+        }
+    }
+}
+
+#[test]
+fn what_is_held_is_not_sought() {
+    let mut random = Random(3);
+    let all = spheres(&[BALL], 15.0, NONE, 0.0, &mut random);
+    let mut start = guess(&mut random);
+    start.translation_mm = truth().translation_mm;
+    let options = SensorOptions {
+        hold: [true; 3],
+        ..on_sphere(Some(15.0))
+    };
+    let answer = sensor(&all, &start, &options).unwrap();
+    let (turn, shift) = off(&answer);
+    assert!(turn < 1e-10 && shift == 0.0, "{turn:e} {shift:e}");
+    assert!(
+        answer.covariance_unit[3..]
+            .iter()
+            .flatten()
+            .all(|v| *v == 0.0)
+    );
+    // n - 3 turns - 3 of the centre.
+    assert_eq!(answer.dof, answer.n - 6);
+    // A plane still leaves the turn about its normal.
+    let all = plane(&Vector3::new(0.3, -0.2, 1.0), NONE, 0.0, &mut random);
+    let options = SensorOptions {
+        hold: [true; 3],
+        ..on_plane()
+    };
+    assert_eq!(free(sensor(&all, &start, &options)), 1);
+}
+
+/// Noise that leaves more than 1 mm is refused as uncertain.
+#[test]
+fn a_mount_that_nobody_could_use_is_uncertain() {
+    let mut random = Random(4);
+    let swing = Swing {
+        a_deg: 0.5,
+        c_deg: 1.0,
+    };
+    let all = spheres(&[BALL], 15.0, swing, 0.3, &mut random);
+    let error = sensor(&all, &guess(&mut random), &on_sphere(Some(15.0))).unwrap_err();
+    assert_eq!(error.code, "uncertain", "{error}");
+}
+
+/// The covariance is honest: over many simulated calibrations the truth lies within the 95 %
+/// region (six degrees of freedom) in 95 %. UMI_CALIBRATIONS: how many.
+#[test]
+fn the_95_percent_region_holds_the_truth() {
+    let runs: u32 = std::env::var("UMI_CALIBRATIONS")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(40);
+    let mut random = Random(5);
+    let mut inside = 0;
+    for _ in 0..runs {
+        let all = spheres(&[BALL], 15.0, BOTH, 0.005, &mut random);
+        let answer = sensor(&all, &truth(), &on_sphere(Some(15.0))).unwrap();
+        let r = truth().rotation * Matrix3::from_fn(|i, k| answer.rotation[i][k]).transpose();
+        let t = truth().translation_mm - Vector3::from(answer.translation_mm);
+        let w = umi_scan::rigid::rotation_vector(&r);
+        let off = nalgebra::Vector6::new(w.x, w.y, w.z, t.x, t.y, t.z);
+        let covariance = answer.covariance.unwrap();
+        let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
+        let distance = off.dot(&(covariance.try_inverse().unwrap() * off));
+        // Chi squared, six degrees of freedom, 95 %.
+        inside += u32::from(distance < 12.592);
+    }
+    println!("{inside} of {runs} inside");
+    let share = f64::from(inside) / f64::from(runs);
+    let spread = 4.0 * (0.95 * 0.05 / f64::from(runs)).sqrt();
+    assert!((share - 0.95).abs() < spread, "{share}");
+}
+
+/// A machine whose frame is turned and shifted sees the same residuals and the same cloud,
+/// moved by that motion.
+#[test]
+fn a_motion_of_the_frame_leaves_residuals_and_moves_the_points() {
+    let mut random = Random(6);
+    let all = spheres(&[BALL], 15.0, BOTH, 0.005, &mut random);
+    let motion = Pose {
+        rotation: rotation(&Vector3::new(0.4, -1.1, 0.3)),
+        translation_mm: Vector3::new(300.0, -70.0, 1200.0),
+    };
+    let mut moved = all.clone();
+    for flange in &mut moved.flanges {
+        *flange = motion.after(flange);
+    }
+    let start = guess(&mut random);
+    let a = sensor(&all, &start, &on_sphere(Some(15.0))).unwrap();
+    let b = sensor(&moved, &start, &on_sphere(Some(15.0))).unwrap();
+    let (sigma_a, sigma_b) = (a.sigma_mm.unwrap(), b.sigma_mm.unwrap());
+    assert!((sigma_a / sigma_b - 1.0).abs() < 1e-9);
+    for i in 0..3 {
+        assert!((a.translation_mm[i] - b.translation_mm[i]).abs() < 1e-9);
+    }
+    let centre = |answer: &SensorAnswer| Vector3::from(answer.features[0].center_mm.unwrap());
+    assert!((motion.point(&centre(&a)) - centre(&b)).norm() < 1e-8);
+}

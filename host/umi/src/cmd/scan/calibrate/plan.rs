@@ -1,0 +1,125 @@
+//! `umi scan calibrate plan`
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use crate::output::Force;
+use clap::Args;
+use umi_scan::ScanError;
+use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan, program};
+
+use super::super::super::Format;
+use super::super::answer::answer;
+use super::super::triple::Triple;
+
+/// The program of a set of places from which a calibration is well determined
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Plan {
+    /// For a point distance sensor
+    #[arg(long, required = true)]
+    point_sensor: bool,
+    /// Centre of the ball in machine coordinates, mm, from the touch probe
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    ball: Triple,
+    /// Radius of the ball
+    #[arg(long, value_name = "MM")]
+    radius_mm: f64,
+    /// Standard uncertainty of the centre along each axis
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    u_center_mm: f64,
+    /// Rough offset from the position of the axes to the zero of the readings, mm
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    offset: Triple,
+    /// Rough direction of the beam
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        default_value = "0,0,-1",
+        allow_hyphen_values = true
+    )]
+    direction: Triple,
+    /// Middle of the depth of field
+    #[arg(long, value_name = "MM", default_value_t = 44.0)]
+    stand_off_mm: f64,
+    /// Depth of field
+    #[arg(long, value_name = "MM", default_value_t = 8.0)]
+    range_mm: f64,
+    /// Half the angle that the sensor sees, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 85.0)]
+    angle_deg: f64,
+    /// Different stand-offs
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    stand_offs: usize,
+    /// Places altogether
+    #[arg(long, value_name = "N", default_value_t = 25)]
+    places: usize,
+    /// Expected standard deviation of a distance from the ball
+    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    sigma_mm: f64,
+    /// Least step of the axes
+    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    increment_mm: f64,
+    /// Height to approach from, machine coordinates
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    safe_z: f64,
+    /// Where the program goes
+    #[arg(short, long, value_name = "PROGRAM.nc")]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Examples:
+  umi scan calibrate plan --point-sensor --ball 210,-98.6,-614.5 --radius-mm 10 \\
+    --offset 3,-54,-138 --safe-z -300 -o calibrate.nc
+
+Refused (status 2): bad_input, and what umi scan calibrate point would refuse.";
+
+impl Plan {
+    pub fn run(self) -> Result<(), Failure> {
+        self.force.check(&self.output, &[])?;
+        answer(self.make(), self.format.json, text)
+    }
+
+    fn make(&self) -> Result<SensorPlan, ScanError> {
+        let question = PlanQuestion {
+            center_mm: self.ball.0,
+            radius_mm: self.radius_mm,
+            u_center_mm: self.u_center_mm,
+            offset_mm: self.offset.0,
+            direction: self.direction.0,
+            stand_off_mm: self.stand_off_mm,
+            range_mm: self.range_mm,
+            angle_deg: self.angle_deg,
+            stand_offs: self.stand_offs,
+            places: self.places,
+            sigma_mm: self.sigma_mm,
+            increment_mm: self.increment_mm,
+            safe_z_mm: self.safe_z,
+        };
+        let plan = plan(&question)?;
+        std::fs::write(&self.output, program(&question, &plan))
+            .map_err(|error| ScanError::file("write", &self.output, &error))?;
+        Ok(plan)
+    }
+}
+
+fn text(plan: &SensorPlan) -> String {
+    let mut text = format!("{} places\n", plan.places.len());
+    let mut line = |label: &str, [x, y, z]: [f64; 3], unit: &str| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "expected u of {label:<12}{x:.3}  {y:.3}  {z:.3} {unit}"
+        );
+    };
+    line("the offset", plan.u_offset_mm.map(|u| u * 1e3), "um");
+    line("the beam", plan.u_direction.map(|u| u * 1e6), "urad");
+    line("a point", plan.u_point_mm.map(|u| u * 1e3), "um");
+    text
+}

@@ -1,0 +1,77 @@
+//! `umi scan`
+
+mod answer;
+mod calibrate;
+mod compare;
+mod faces;
+mod kinematics;
+mod localise;
+mod merge;
+mod pair;
+mod placed;
+mod plan;
+mod points;
+mod pose;
+mod report;
+mod scans;
+mod stock;
+mod transform;
+mod triple;
+mod verify;
+
+use crate::failure::Failure;
+use clap::{Args, Subcommand};
+
+/// A scanner on the machine: profiles and positions to points, calibration, comparison, scan paths
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi scan pair part.gocator scan.csv
+  umi scan merge part.gocator scan.csv --machine machine.toml -o cloud.ply
+  umi scan calibrate sensor seen.csv positions.csv --machine machine.toml --on plane
+  umi scan compare cloud.ply --nominal part.stl
+  umi scan pose machine.toml positions.csv
+  umi scan calibrate point readings.csv --spheres ball.toml --json > sensor.json
+  umi scan localise scan.ply --fiducials table.toml --part part.stl -o moved.json
+  umi scan points readings.csv --calibration sensor.json -o cloud.csv
+  umi scan stock part.stl raw.ply --require 0.5
+  umi scan plan part.stl --spec spec.toml -o path.csv
+
+Exit status: 0 answered, 1 usage or a file that cannot be understood, 2 refused.")]
+pub(crate) struct Scan {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    Pair(pair::Pair),
+    Merge(merge::Merge),
+    Calibrate(calibrate::Calibrate),
+    Compare(compare::Compare),
+    Kinematics(kinematics::Kinematics),
+    Points(points::Points),
+    Pose(pose::Pose),
+    Localise(Box<localise::Localise>),
+    Stock(Box<stock::Stock>),
+    Plan(Box<plan::Plan>),
+    Verify(verify::Verify),
+}
+
+impl Scan {
+    pub fn run(self) -> Result<(), Failure> {
+        match self.what {
+            What::Pair(command) => command.run(),
+            What::Merge(command) => command.run(),
+            What::Calibrate(command) => command.run(),
+            What::Compare(command) => command.run(),
+            What::Kinematics(command) => command.run(),
+            What::Points(command) => command.run(),
+            What::Pose(command) => command.run(),
+            What::Localise(command) => command.run(),
+            What::Stock(command) => command.run(),
+            What::Plan(command) => command.run(),
+            What::Verify(command) => command.run(),
+        }
+    }
+}

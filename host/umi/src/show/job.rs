@@ -1,0 +1,352 @@
+//! A job as text for people.
+
+use umi_protocol::job::{
+    Approach, Compensation, CorrectionSpec, Job, Limits, ProgramEnd, Reference, SendWhen, Teach,
+    WitnessSpec,
+};
+use umi_protocol::pattern::{FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig};
+
+use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
+use serde_json::{Value, json};
+use umi_client::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
+
+/// What a job probes, judges and sends.
+#[must_use]
+pub fn text(job: &Job) -> String {
+    let mut text = format!("{}\n", paint(TITLE, format_args!("job {}", job.name)));
+    let mut general = Table::new("<<");
+    general.row([
+        "reference",
+        match job.reference {
+            Reference::Given => "positions given in the job",
+            Reference::Taught if job.teach == Teach::Asked => "taught when asked for",
+            Reference::Taught => "taught: the first setup that keeps all limits",
+        },
+    ]);
+    general.row([
+        "setup given up after",
+        &format!("{} s without a hit", job.plate_timeout_s),
+    ]);
+    general.row(["compensation", &compensation(job.compensation)]);
+    receiver(&mut general, &job.receiver);
+    if let Some(of) = &job.witness {
+        for (number, said) in witness(of).iter().enumerate() {
+            let title = if number == 0 { "second witness" } else { "" };
+            general.row([title, said]);
+        }
+    }
+    text += &format!("{general}\n");
+    text += &format!("{}\n", features(job));
+    text += &format!("{}\n", limits(&job.limits));
+    text += &match &job.correction {
+        Some(spec) => correction(spec).to_string(),
+        None => "  no correction: the job only measures\n".to_owned(),
+    };
+    if let Some(open) = umi_core::job::not_guarded(job) {
+        text += &format!("\n  {}\n", paint(CAUTION, open));
+    }
+    text
+}
+
+fn compensation(compensation: Compensation) -> String {
+    match compensation {
+        Compensation::InMacro => "in the macro: the lines hold contact points".into(),
+        Compensation::OnBoard {
+            tip_radius_mm,
+            pretravel_mm: [x, y, z],
+        } => format!("on the board: tip radius {tip_radius_mm} mm, pretravel X {x} Y {y} Z {z} mm"),
+    }
+}
+
+fn witness(witness: &WitnessSpec) -> [String; 3] {
+    let [x, y, z] = witness.counts_per_mm;
+    let origin = match witness.origin_counts {
+        Some(_) => "origin given",
+        None => "origin learned from the first OK setup",
+    };
+    [
+        format!("encoders at the skip edge: X {x} Y {y} Z {z} counts/mm"),
+        origin.to_owned(),
+        format!(
+            "the control may be {} ms late, {} mm off",
+            witness.delay_ms, witness.tolerance_mm
+        ),
+    ]
+}
+
+fn receiver(table: &mut Table, receiver: &ReceiverConfig) {
+    table.row(["code", &receiver.coding.to_string()]);
+    for (number, of) in receiver.patterns.iter().enumerate() {
+        let title = if number == 0 { "lines" } else { "" };
+        table.row([title, &pattern(of)]);
+    }
+    let travel = receiver
+        .travel_mm
+        .map_or("not stated".to_owned(), |travel| {
+            let axes = ["X", "Y", "Z"].iter().zip(travel.to_array());
+            let ranges: Vec<String> = axes
+                .map(|(axis, [low, high])| format!("{axis} {low} to {high}"))
+                .collect();
+            format!("{} mm", ranges.join(", "))
+        });
+    table.row(["travel", &travel]);
+    table.row([
+        "line given up after",
+        &format!("{} s of silence", receiver.idle_timeout_s),
+    ]);
+    let handshake = match receiver.handshake {
+        Handshake::None => "never",
+        Handshake::XonXoff => "by XOFF, until XON",
+    };
+    table.row(["control held", handshake]);
+}
+
+fn pattern(pattern: &LinePattern) -> String {
+    match pattern {
+        LinePattern::Block(block) => {
+            let words: Vec<&str> = block.headers.iter().map(|word| word.as_str()).collect();
+            let spans = if block.spans_sessions {
+                ", over several POPEN/PCLOS"
+            } else {
+                ""
+            };
+            format!(
+                "block of points under {}, {}{spans}",
+                words.join(" or "),
+                format(&block.format)
+            )
+        }
+        LinePattern::PointLine(line) => {
+            format!("`{}` x y z, {}", line.label, format(&line.format))
+        }
+        LinePattern::RingCsv(ring) => format!(
+            "table Index,X,Y of {} as {} at Z {} mm, {}",
+            count(ring.rows.into(), "row"),
+            ring.name,
+            ring.z_mm,
+            format(&ring.format)
+        ),
+        LinePattern::LabelledWords(words) => {
+            let mut text = format!("words {}", words.axes);
+            if !words.prefix.is_empty() {
+                text += &format!(" after `{}`", words.prefix);
+            }
+            if !words.ignored.is_empty() {
+                text += &format!(", {} not used", words.ignored);
+            }
+            text + &any_format(words.format.as_ref())
+        }
+        LinePattern::GrblProbe => "GRBL [PRB:x,y,z:s]".into(),
+        LinePattern::LinuxCncProbe => "LinuxCNC, nine numbers a line".into(),
+        LinePattern::Checked(checked) => {
+            format!("openumi's checked line, {}", format(&checked.format))
+        }
+        LinePattern::Template(template) => {
+            format!(
+                "`{}`{}",
+                template.text,
+                any_format(template.format.as_ref())
+            )
+        }
+    }
+}
+
+fn any_format(of: Option<&FieldFormat>) -> String {
+    of.map_or_else(|| ", any digits".into(), |of| format!(", {}", format(of)))
+}
+
+fn format(format: &FieldFormat) -> String {
+    let overflow = match format.overflow {
+        Overflow::DropsDigits => "",
+        Overflow::Expands => ", wider if needed",
+    };
+    format!("[{}{}]{overflow}", format.integer_digits, format.decimals)
+}
+
+fn features(job: &Job) -> Table {
+    let titles = [
+        "feature",
+        "id",
+        "kind",
+        "hits",
+        "nominal position",
+        "radius",
+        "datum",
+        "approach",
+    ];
+    let mut table = Table::new("<><>>><<").titles(&titles);
+    for feature in &job.features {
+        let kind = format!("{:?}", feature.kind).to_lowercase();
+        let position = feature.position_mm.map_or("-".into(), triple);
+        let radius = feature.radius_mm.map_or("-".into(), |r| format!("{r} mm"));
+        let datum = feature.datum && feature.kind.has_position();
+        let approach: Vec<&str> = feature.approach.iter().map(|a| approach(*a)).collect();
+        table.row([
+            feature.name.to_string(),
+            feature.id.map_or("-".into(), |id| id.to_string()),
+            kind,
+            feature.hits.to_string(),
+            position,
+            radius,
+            if datum { "yes" } else { "no" }.to_owned(),
+            if approach.is_empty() {
+                "-".to_owned()
+            } else {
+                approach.join(" ")
+            },
+        ]);
+    }
+    table
+}
+
+const fn approach(approach: Approach) -> &'static str {
+    match approach {
+        Approach::PlusX => "+x",
+        Approach::MinusX => "-x",
+        Approach::PlusY => "+y",
+        Approach::MinusY => "-y",
+        Approach::PlusZ => "+z",
+        Approach::MinusZ => "-z",
+    }
+}
+
+fn limits(limits: &Limits) -> Table {
+    let mut table = Table::new("<>").titles(&["limit", "at most"]);
+    let optional = |value: Option<f64>, unit| {
+        value.map_or("not checked".into(), |value| format!("{value} {unit}"))
+    };
+    let [x, y, z] = limits.shift_mm;
+    for (name, value) in [
+        ("radius error", format!("{} mm", limits.radius_error_mm)),
+        ("rms of a feature", format!("{} mm", limits.rms_mm)),
+        ("approach to normal", optional(limits.approach_deg, "deg")),
+        ("lone hit of a sphere", optional(limits.lone_hit_mm, "mm")),
+        ("distance error", format!("{} mm", limits.distance_error_mm)),
+        (
+            "rms of the registration",
+            format!("{} mm", limits.registration_rms_mm),
+        ),
+        ("rotation about Z", format!("{} deg", limits.rotation_deg)),
+        ("tilt", format!("{} deg", limits.tilt_deg)),
+        ("shift in X, Y, Z", format!("{x}, {y}, {z} mm")),
+        (
+            "expected error at the part",
+            optional(limits.expected_error_mm, "mm"),
+        ),
+    ] {
+        table.row([name.to_owned(), value]);
+    }
+    table
+}
+
+fn correction(spec: &CorrectionSpec) -> Table {
+    let mut table = Table::new("<<").titles(&["correction", spec.dialect.name()]);
+    let end = match spec.ends_with {
+        ProgramEnd::M99 => "M99",
+        ProgramEnd::M30 => "M30",
+    };
+    let send = match spec.send {
+        SendWhen::OnRequest => "when the control asks for it (READ)",
+        SendWhen::OnVerdict => "as soon as the verdict is OK",
+        SendWhen::Never => "never to the control, only shown",
+    };
+    for (name, value) in [
+        (
+            "probed in",
+            format!("{} at {} mm", spec.probed_in, triple(spec.probed_origin_mm)),
+        ),
+        (
+            "writes",
+            format!(
+                "{} as program O{:04}, {end}",
+                written(spec),
+                spec.program_number
+            ),
+        ),
+        (
+            "part",
+            format!(
+                "{} to {} mm",
+                triple(spec.part_min_mm),
+                triple(spec.part_max_mm)
+            ),
+        ),
+        ("leaves at most", format!("{} mm", spec.leftover_mm)),
+        ("sent", send.to_owned()),
+    ] {
+        table.row([name.to_owned(), value]);
+    }
+    table
+}
+
+/// The work offset, and what else the dialect writes.
+fn written(spec: &CorrectionSpec) -> String {
+    let form = umi_core::correction::dialect::form(spec.dialect);
+    match form.set {
+        Some(_) => format!("{} and set {}", spec.write_to, form.set(spec)),
+        None => spec.write_to.to_string(),
+    }
+}
+
+fn triple([x, y, z]: [f64; 3]) -> String {
+    format!("({x}, {y}, {z})")
+}
+
+/// Reference positions that a board was taught.
+#[must_use]
+pub fn taught(positions_mm: &[[f64; 3]], job: &Job) -> String {
+    let datums = umi_core::job::datums(job).map(|(_, feature)| feature.name.as_str());
+    let mut table = Table::new("<>>>").titles(&["taught (mm)", "X", "Y", "Z"]);
+    for (name, position) in datums.zip(positions_mm) {
+        let mut row = vec![name.to_owned()];
+        row.extend(position.map(|x| format!("{x:.4}")));
+        table.row(row);
+    }
+    if positions_mm.is_empty() {
+        paint(FAINT, "  nothing taught\n")
+    } else {
+        table.to_string()
+    }
+}
+
+/// Which errors a job sees, for people.
+#[must_use]
+pub fn guards(table: &GuardTable) -> String {
+    let titles = ["what may happen", "seen", "seen by, or would be"];
+    let mut rows = Table::new("<><").titles(&titles);
+    for row in &table.rows {
+        let seen = match row.seen {
+            SeenFrom::Always => "always".to_owned(),
+            SeenFrom::Size(um) if um < 100.0 => format!("from {um:.1} µm"),
+            SeenFrom::Size(um) => format!("from {um:.0} µm"),
+            SeenFrom::Never => "no".to_owned(),
+        };
+        rows.row([row.what.to_owned(), seen, row.by.to_owned()]);
+    }
+    let assumed = if table.has_places {
+        String::new()
+    } else {
+        paint(
+            FAINT,
+            format_args!(
+                "  no `position_mm` in the job: features taken evenly on a circle of \
+                 {ASSUMED_RADIUS_MM} mm\n"
+            ),
+        )
+    };
+    format!("{rows}{assumed}")
+}
+
+/// The same for machines.
+#[must_use]
+pub fn guards_json(table: &GuardTable) -> Value {
+    let rows = table.rows.iter().map(|row| {
+        let (seen, from_um) = match row.seen {
+            SeenFrom::Always => ("always", None),
+            SeenFrom::Size(um) => ("from", Some(um)),
+            SeenFrom::Never => ("no", None),
+        };
+        json!({ "code": row.code, "what": row.what, "seen": seen, "from_um": from_um, "by": row.by })
+    });
+    json!({ "has_places": table.has_places, "rows": rows.collect::<Vec<_>>() })
+}

@@ -1,0 +1,6 @@
+//! What commands show: sentences, JSON, tables and colours, a job as text.
+
+pub mod job;
+pub mod json;
+pub mod terminal;
+pub mod text;

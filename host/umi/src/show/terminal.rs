@@ -1,0 +1,345 @@
+//! How the tool looks on a terminal: colours, tables, numbers and small plots.
+//!
+//! Colours go out as escape codes and are taken away again where the output is
+//! no terminal, where `NO_COLOR` is set, or where the terminal has none (by
+//! `anstream`). Everything is readable without them.
+
+use std::fmt::{self, Display};
+use std::io::{self, Write as _};
+
+pub use anstyle::Style;
+use anstyle::{AnsiColor, Effects};
+
+use crate::failure::Failure;
+
+/// Good news.
+pub const GOOD: Style = AnsiColor::Green.on_default().effects(Effects::BOLD);
+/// Bad news.
+pub const BAD: Style = AnsiColor::Red.on_default().effects(Effects::BOLD);
+/// Something to look at.
+pub const CAUTION: Style = AnsiColor::Yellow.on_default();
+/// Titles.
+pub const TITLE: Style = Style::new().effects(Effects::BOLD);
+/// What matters less.
+pub const FAINT: Style = Style::new().effects(Effects::DIMMED);
+/// Ordinary text.
+pub const PLAIN: Style = Style::new();
+
+/// For a number of things that were lost.
+#[must_use]
+pub fn loss_style(lost: impl Into<u64>) -> Style {
+    if lost.into() > 0 { BAD } else { PLAIN }
+}
+
+/// Text in a style.
+#[must_use]
+pub fn paint(style: Style, text: impl Display) -> String {
+    if style == PLAIN {
+        text.to_string()
+    } else {
+        format!("{style}{text}{style:#}")
+    }
+}
+
+/// Writes to standard output.
+///
+/// # Errors
+/// [`Failure::OutputClosed`] if nobody reads any more; the system's error.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = anstream::stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    written.map_err(|error| match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::OutputClosed,
+        _ => Failure::trouble("file", format_args!("cannot write the output: {error}")),
+    })
+}
+
+/// Writes a JSON value as one line to standard output.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
+    print(&format!("{value}\n"))
+}
+
+/// Writes to standard error; there is nobody to tell if that fails.
+pub fn print_error(text: &str) {
+    let _ = anstream::stderr().write_all(text.as_bytes());
+}
+
+/// Columns of text under optional titles, separated by blanks.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Table {
+    titles: Vec<String>,
+    /// Whether a column's text stands at its right edge, as numbers do.
+    right: Vec<bool>,
+    rows: Vec<Vec<(Style, String)>>,
+}
+
+impl Table {
+    /// A table whose columns stand left (`<`) or right (`>`), one character each.
+    #[must_use]
+    pub fn new(alignment: &str) -> Self {
+        Self {
+            right: alignment.chars().map(|c| c == '>').collect(),
+            ..Self::default()
+        }
+    }
+
+    /// With titles over the columns.
+    #[must_use]
+    pub fn titles(mut self, titles: &[&str]) -> Self {
+        self.titles = titles.iter().map(|&title| title.to_owned()).collect();
+        self
+    }
+
+    /// One more row.
+    pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
+        self.styled(cells.into_iter().map(|cell| (PLAIN, cell)));
+    }
+
+    /// One more row, each cell with its style.
+    pub fn styled<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = (Style, T)>) {
+        let cells = cells.into_iter();
+        self.rows
+            .push(cells.map(|(style, text)| (style, text.into())).collect());
+    }
+
+    fn width(&self, column: usize) -> usize {
+        let title = self.titles.get(column).map(String::as_str);
+        let cells = self.rows.iter().filter_map(|row| row.get(column));
+        cells
+            .map(|(_, text)| text.as_str())
+            .chain(title)
+            .map(|text| text.chars().count())
+            .max()
+            .unwrap_or(0)
+    }
+}
+
+impl Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let titles = self.titles.iter().map(|title| (FAINT, title.clone()));
+        let titles: Vec<_> = titles.collect();
+        let widths: Vec<_> = (0..self.right.len()).map(|c| self.width(c)).collect();
+        for row in [&titles].into_iter().chain(&self.rows) {
+            if row.is_empty() {
+                continue;
+            }
+            let mut line = String::new();
+            for ((style, text), (width, right)) in row.iter().zip(widths.iter().zip(&self.right)) {
+                let blanks = " ".repeat(width.saturating_sub(text.chars().count()));
+                let painted = paint(*style, text);
+                line.push_str("  ");
+                if *right {
+                    line.push_str(&blanks);
+                    line.push_str(&painted);
+                } else {
+                    line.push_str(&painted);
+                    line.push_str(&blanks);
+                }
+            }
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+/// Fixed decimals; what rounds to zero has no sign.
+#[must_use]
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|b| matches!(b, b'0' | b'.')) => digits.to_owned(),
+        _ => text,
+    }
+}
+
+/// Decimals that show at least 0.1 µm, and two digits of the noise or uncertainty,
+/// but not more than a picometre.
+#[must_use]
+pub fn decimals(noise_mm: Option<f64>) -> usize {
+    let noise = noise_mm.filter(|noise| *noise > 0.0).unwrap_or(1.0);
+    let mut decimals = 4;
+    let mut shown = 1e-3;
+    while decimals < 9 && noise < shown {
+        decimals += 1;
+        shown /= 10.0;
+    }
+    decimals
+}
+
+/// `n thing` or `n things`.
+#[must_use]
+pub fn count(n: u64, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+}
+
+/// Degrees of freedom in words.
+#[must_use]
+pub fn dof(dof: u64) -> String {
+    match dof {
+        0 => "no degrees of freedom".into(),
+        1 => "1 degree of freedom".into(),
+        n => format!("{n} degrees of freedom"),
+    }
+}
+
+/// Student's t for a two-sided 95 % interval; none without degrees of freedom.
+///
+/// Up to 10 degrees of freedom from the tables, above by the expansion of
+/// Abramowitz and Stegun 26.7.5, which is right to 0.001 there.
+#[must_use]
+pub fn coverage_95(dof: u64) -> Option<f64> {
+    const TABLE: [f64; 10] = [
+        12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
+    ];
+    /// The 97.5 % point of the normal distribution.
+    const Z: f64 = 1.959_964;
+    let place = usize::try_from(dof).ok()?.checked_sub(1)?;
+    Some(TABLE.get(place).copied().unwrap_or_else(|| {
+        let n = dof as f64;
+        let (z3, z5, z7) = (Z.powi(3), Z.powi(5), Z.powi(7));
+        Z + (z3 + Z) / (4.0 * n)
+            + (5.0 * z5 + 16.0 * z3 + 3.0 * Z) / (96.0 * n * n)
+            + (3.0 * z7 + 19.0 * z5 + 17.0 * z3 - 15.0 * Z) / (384.0 * n * n * n)
+    }))
+}
+
+/// A bar from the middle to the left (negative) or right (positive), `width`
+/// characters to each side, full at `full`.
+#[must_use]
+pub fn signed_bar(value: f64, full: f64, width: usize) -> String {
+    let len = bar_length(value.abs(), full, width);
+    let blank = |n| " ".repeat(n);
+    let bar = "#".repeat(len);
+    if value < 0.0 {
+        format!("{}{bar}|", blank(width - len))
+    } else {
+        format!("{}|{bar}", blank(width))
+    }
+}
+
+/// A bar to the right, full at `full`.
+#[must_use]
+pub fn bar(value: f64, full: f64, width: usize) -> String {
+    "#".repeat(bar_length(value, full, width))
+}
+
+fn bar_length(value: f64, full: f64, width: usize) -> usize {
+    if value.is_finite() && value > 0.0 && full > 0.0 {
+        ((value / full * width as f64).round() as usize).min(width)
+    } else {
+        0
+    }
+}
+
+/// How often values fall into equal classes between the smallest and the
+/// largest: one line for each class, the middle of the class in front.
+#[must_use]
+pub fn histogram(values: &[f64], decimals: usize) -> String {
+    const CLASSES: usize = 15;
+    const WIDTH: usize = 50;
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(*v), high.max(*v))
+        });
+    let mut counts = [0_u32; CLASSES];
+    let step = (high - low) / CLASSES as f64;
+    for value in values {
+        // All equal: 0/0, which `as` makes class 0.
+        let class = (((value - low) / step) as usize).min(CLASSES - 1);
+        if let Some(count) = counts.get_mut(class) {
+            *count += 1;
+        }
+    }
+    let most = counts.iter().copied().max().unwrap_or(0);
+    let mut table = Table::new(">><");
+    for (class, count) in counts.into_iter().enumerate() {
+        // What is there is seen, however little it is.
+        let least = usize::from(count > 0);
+        let middle = low + (class as f64 + 0.5) * step;
+        table.row([
+            format!("{middle:+.decimals$}"),
+            count.to_string(),
+            "#".repeat(bar_length(count.into(), most.into(), WIDTH).max(least)),
+        ]);
+    }
+    table.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What rounds to zero has no sign, what does not keeps it.
+    #[test]
+    fn zero_has_no_sign() {
+        assert_eq!(fixed(-0.00004, 4), "0.0000");
+        assert_eq!(fixed(-0.00006, 4), "-0.0001");
+        assert_eq!(fixed(-0.0, 0), "0");
+        assert_eq!(fixed(-12.5, 1), "-12.5");
+    }
+
+    /// Columns are as wide as their widest cell, colours count for nothing, and
+    /// no line ends in blanks.
+    #[test]
+    fn columns_line_up() {
+        let mut table = Table::new("<>").titles(&["name", "value"]);
+        table.styled([(BAD, "radius"), (PLAIN, "12.7")]);
+        table.row(["x", "-135.5105"]);
+        let plain = anstream::adapter::strip_str(&table.to_string()).to_string();
+        assert_eq!(
+            plain,
+            "  name        value\n  radius       12.7\n  x       -135.5105\n"
+        );
+        assert!(table.to_string().contains('\u{1b}'));
+    }
+
+    /// Two digits of the noise are shown, within 4 to 9 decimals.
+    #[test]
+    fn decimals_follow_the_noise() {
+        assert_eq!(decimals(Some(0.0145)), 4);
+        assert_eq!(decimals(Some(0.000_45)), 5);
+        assert_eq!(decimals(Some(1e-20)), 9);
+        assert_eq!(decimals(None), 4);
+        assert_eq!(decimals(Some(f64::NAN)), 4);
+    }
+
+    /// The factors agree with the tables of Student's t at 1, 10, 11, 20 and 1000.
+    #[test]
+    fn coverage_agrees_with_the_tables() {
+        for (dof, t) in [
+            (1, 12.706),
+            (10, 2.228),
+            (11, 2.201),
+            (20, 2.086),
+            (1000, 1.962),
+        ] {
+            let got = coverage_95(dof).unwrap();
+            assert!((got - t).abs() < 1e-3, "{dof}: {got} not {t}");
+        }
+        assert_eq!(coverage_95(0), None);
+    }
+
+    /// Bars grow from the middle to their side and stay within their width.
+    #[test]
+    fn bars_have_a_side_and_an_end() {
+        assert_eq!(signed_bar(-0.5, 1.0, 4), "  ##|");
+        assert_eq!(signed_bar(1.0, 1.0, 4), "    |####");
+        assert_eq!(signed_bar(9.0, 1.0, 4), "    |####");
+        assert_eq!(signed_bar(0.0, 0.0, 4), "    |");
+    }
+
+    /// Every value is in one class, also the smallest and the largest.
+    #[test]
+    fn the_histogram_loses_no_value() {
+        let values: Vec<f64> = (0..200).map(|n| f64::from(n) * 0.1 - 3.0).collect();
+        let counted: u32 = histogram(&values, 1)
+            .lines()
+            .filter_map(|line| line.split_whitespace().nth(1)?.parse::<u32>().ok())
+            .sum();
+        assert_eq!(counted, 200);
+    }
+}

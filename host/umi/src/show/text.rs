@@ -1,0 +1,563 @@
+//! Events and journal records in words for people, one line each.
+
+use umi_protocol::fault::Fault;
+use umi_protocol::feature::FeatureResult;
+use umi_protocol::job::Approach;
+use umi_protocol::latch::{LatchCause, LatchReport, Scan};
+use umi_protocol::line::{HitReport, LineReport, LineStatus};
+use umi_protocol::message::{Record, ResetReason};
+use umi_protocol::program::{ProgramInfo, Release};
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::Verdict;
+
+use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, fixed, paint};
+use umi_client::axes::{self, Scale};
+use umi_client::quantities::{Amount, QuantityUnit, parameters};
+use umi_client::timeline::{Loss, Lost};
+
+/// A time on the board's clock: since it started.
+#[must_use]
+pub fn clock(t_us: u64) -> String {
+    let (seconds, us) = (t_us / 1_000_000, t_us % 1_000_000);
+    let (hours, minutes) = (seconds / 3600, seconds / 60 % 60);
+    format!("{hours}:{minutes:02}:{:02}.{us:06}", seconds % 60)
+}
+
+/// Bytes from a control as text: bit 7 is left out as most codes have it for
+/// parity, line ends show as `\r` and `\n`, other control codes as `\x12`.
+#[must_use]
+pub fn printable(bytes: &[u8]) -> String {
+    let text = bytes.iter().map(|byte| byte & 0x7F);
+    text.map(|byte| byte.escape_ascii().to_string()).collect()
+}
+
+/// Why nothing is measured, where the end of a program that is punched does not come.
+#[must_use]
+pub fn punched(lines: u32) -> String {
+    format!(
+        "none: the control seems to punch a program ({}); `%` or a checked line ends it",
+        count(lines.into(), "line")
+    )
+}
+
+/// A journal record.
+#[must_use]
+pub fn record(record: &Record) -> String {
+    match record {
+        Record::Boot {
+            identity,
+            reset: why,
+        } => format!(
+            "started{}: board {} {}, firmware {}",
+            reset(*why),
+            identity.board,
+            identity.serial,
+            identity.firmware
+        ),
+        Record::Recovered {
+            torn_bytes,
+            damaged_entries,
+            damaged_headers,
+            chain_restarted,
+        } => {
+            let mut text = format!(
+                "journal recovered: {torn_bytes} bytes of an unfinished entry given up, {damaged_entries} entries and {damaged_headers} sector headers damaged"
+            );
+            if *chain_restarted {
+                text.push_str(", the chain goes on from the last entry that could be proven");
+            }
+            paint(CAUTION, text)
+        }
+        Record::JobSet(job) => format!(
+            "job {}: {}, {}",
+            job.name,
+            count(job.features.len() as u64, "feature"),
+            job.correction.map_or("no correction".to_owned(), |spec| {
+                format!("correction {}", spec.dialect.name())
+            })
+        ),
+        Record::TeachAsked => "asked to teach: the setup that comes next is to be the reference".into(),
+        Record::ReferenceRestored { positions_mm, .. } => {
+            format!("reference restored: {}", positions(positions_mm))
+        }
+        Record::Bytes { raw } => format!(
+            "received {}: {}",
+            count(raw.len() as u64, "byte"),
+            paint(FAINT, format_args!("\"{}\"", printable(raw)))
+        ),
+        Record::BytesLost { count: lost } => paint(
+            BAD,
+            format_args!("{} lost before the receiver", count((*lost).into(), "byte")),
+        ),
+        Record::Time => "time-outs looked at".into(),
+        Record::InputEnd => "the input ended".into(),
+        Record::Fault(of) => fault(of),
+        Record::Feature(of) => feature(of),
+        Record::Verdict(of) => verdict(of),
+        Record::Taught { positions_mm, .. } if positions_mm.is_empty() => {
+            "reference forgotten: the setup that taught it is NG after all, or another is to be taught"
+                .into()
+        }
+        Record::Taught { positions_mm, .. } => {
+            format!("taught as reference: {}", positions(positions_mm))
+        }
+        Record::CorrectionSent {
+            setup,
+            bytes,
+            complete: true,
+        } => paint(
+            GOOD,
+            format_args!("correction of setup {setup} sent, {bytes} bytes"),
+        ),
+        Record::CorrectionSent {
+            setup,
+            bytes,
+            complete: false,
+        } => paint(
+            BAD,
+            format_args!("correction of setup {setup} broke off after {bytes} bytes"),
+        ),
+        Record::Latch(of) => latch(of, &Scale::default()),
+        Record::Scan(of) => scan(of),
+        Record::ProgramKept(of) => format!("program {} kept", program(of)),
+        Record::AlarmSent {
+            number,
+            why,
+            bytes,
+            complete,
+        } => paint(
+            CAUTION,
+            format_args!(
+                "READ of O{number:04}: {why}; alarm {}, {bytes} bytes",
+                if *complete { "sent" } else { "broke off" }
+            ),
+        ),
+        Record::ProgramSent {
+            number,
+            crc32,
+            rewritten_for,
+            bytes,
+            complete,
+        } => paint(
+            if *complete { GOOD } else { BAD },
+            format_args!(
+                "program O{number:04}{} {} {bytes} bytes, check value of the original {crc32:08X}",
+                rewritten(*rewritten_for),
+                if *complete {
+                    "sent,"
+                } else {
+                    "broke off after"
+                }
+            ),
+        ),
+        Record::CorrectionBegun { setup } => format!("correction of setup {setup} begins"),
+        Record::ProgramBegun {
+            number,
+            crc32,
+            rewritten_for,
+        } => format!(
+            "program O{number:04}{} begins, check value of the original {crc32:08X}",
+            rewritten(*rewritten_for)
+        ),
+        Record::JobLost { why } => paint(CAUTION, format_args!("no job is in force: {why}")),
+        Record::ProgramNotKept { number, why } => paint(
+            CAUTION,
+            format_args!("punched program O{number:04} is not kept: {why}"),
+        ),
+        Record::ProgramDeleted { number, crc32 } => {
+            format!("program O{number:04} deleted, check value {crc32:08X}")
+        }
+    }
+}
+
+fn rewritten(rewritten_for: Option<u32>) -> String {
+    rewritten_for.map_or_else(String::new, |setup| format!(" rewritten for setup {setup}"))
+}
+
+/// A part program.
+#[must_use]
+pub fn program(of: &ProgramInfo) -> String {
+    format!(
+        "O{:04} {}, {} bytes, check value {:08X}, {}",
+        of.number,
+        of.name,
+        of.bytes,
+        of.crc32,
+        release(&of.release)
+    )
+}
+
+/// When a program goes out to the control.
+#[must_use]
+pub const fn release(release: &Release) -> &'static str {
+    match release {
+        Release::AfterVerdict => "after an OK verdict",
+        Release::Rewritten(_) => "rewritten after an OK verdict",
+        Release::Always => "whenever asked for",
+        Release::Never => "not released",
+    }
+}
+
+/// Why a board started, as an addition to "started".
+#[must_use]
+pub const fn reset(reason: ResetReason) -> &'static str {
+    match reason {
+        ResetReason::Unknown => "",
+        ResetReason::PowerOn => " by power",
+        ResetReason::BrownOut => " after its supply was too low",
+        ResetReason::Pin => " by its reset pin",
+        ResetReason::Watchdog => " by its watchdog: the firmware hung",
+        ResetReason::Software => " by itself",
+        ResetReason::Panic => " after a failure of the firmware",
+    }
+}
+
+/// Whether a start is one to look into.
+#[must_use]
+pub const fn reset_style(reason: ResetReason) -> Style {
+    match reason {
+        ResetReason::Watchdog | ResetReason::Panic => BAD,
+        ResetReason::BrownOut => CAUTION,
+        _ => PLAIN,
+    }
+}
+
+/// What caused a latch.
+#[must_use]
+pub fn cause(cause: LatchCause) -> String {
+    match cause {
+        LatchCause::Skip => "probe".into(),
+        LatchCause::Trigger => "trigger".into(),
+        LatchCause::Output => "trigger pulse".into(),
+        LatchCause::Index { axis } => format!("index mark of {}", axis_name(axis)),
+    }
+}
+
+fn axis_name(axis: u8) -> String {
+    let name = axes::NAMES.get(usize::from(axis));
+    name.map_or_else(|| format!("axis {axis}"), |name| name.to_uppercase())
+}
+
+/// A latch, in millimetres too where the scale is known.
+#[must_use]
+pub fn latch(latch: &LatchReport, scale: &Scale) -> String {
+    let missed = match latch.missed {
+        0 => String::new(),
+        n => paint(
+            BAD,
+            format_args!(", {} before it lost", count(n.into(), "edge")),
+        ),
+    };
+    let mm = scale.position_mm(&latch.counts);
+    let mm = if mm.is_empty() {
+        String::new()
+    } else {
+        let mm: Vec<String> = mm.iter().map(|mm| format!("{mm:.4}")).collect();
+        format!("({}) mm, ", mm.join(", "))
+    };
+    format!(
+        "latch {} by {} at {}: {mm}counts {:?}{missed}",
+        latch.number,
+        cause(latch.cause),
+        clock(latch.t_ns / 1000),
+        latch.counts.as_slice()
+    )
+}
+
+/// A line from the control.
+#[must_use]
+pub fn line(line: &LineReport) -> String {
+    let (style, status) = match line.status {
+        LineStatus::Matched => (GOOD, "with data"),
+        LineStatus::Separator => (FAINT, "separator"),
+        LineStatus::Program => (FAINT, "of a program"),
+        LineStatus::NotUnderstood => (CAUTION, "not understood"),
+        LineStatus::Damaged => (BAD, "damaged"),
+        LineStatus::Request => (GOOD, "asks for a program"),
+        LineStatus::Repeated => (FAINT, "repeated"),
+    };
+    format!(
+        "line {} {}: \"{}\"",
+        line.number,
+        paint(style, status),
+        line.text
+    )
+}
+
+/// A hit as the control reported it.
+#[must_use]
+pub fn hit(hit: &HitReport) -> String {
+    let [x, y, z] = hit.position_mm;
+    let mut text = "hit".to_owned();
+    if let Some(feature) = &hit.feature {
+        text += &format!(" on {feature}");
+    }
+    text += &format!(" at ({x:.4}, {y:.4}, {z:.4}) mm");
+    if let Some(approach) = hit.approach {
+        text += &format!(", moving {}", self::approach(approach));
+    }
+    if let Some(feed) = hit.feed_mm_per_min {
+        text += &format!(", feed {feed:.0} mm/min");
+    }
+    text
+}
+
+/// A direction of motion.
+#[must_use]
+pub const fn approach(approach: Approach) -> &'static str {
+    match approach {
+        Approach::PlusX => "+x",
+        Approach::MinusX => "-x",
+        Approach::PlusY => "+y",
+        Approach::MinusY => "-y",
+        Approach::PlusZ => "+z",
+        Approach::MinusZ => "-z",
+    }
+}
+
+/// Something that is missing.
+#[must_use]
+pub fn loss(loss: &Loss) -> String {
+    let n = u64::from(loss.count);
+    let what = match loss.what {
+        Lost::Edges(of) => format!(
+            "{} of {} came and could not be captured",
+            count(n, "edge"),
+            cause(of)
+        ),
+        Lost::Latches(of, first) => format!(
+            "{} by {} from number {first} on did not arrive",
+            plural(n, "latch", "latches"),
+            cause(of)
+        ),
+        Lost::Counted => format!(
+            "{} more, by the board's counters",
+            plural(n, "edge or latch", "edges or latches")
+        ),
+        Lost::Events => format!(
+            "{} did not arrive; the journal has the records",
+            count(n, "event")
+        ),
+        Lost::Bytes => format!("{} from the control", count(n, "byte")),
+        Lost::Motion => format!(
+            "motion, {} since the board started: its positions are not valid until it is started \
+             anew with the axes at their reference",
+            count(n, "time")
+        ),
+        Lost::Transitions => format!(
+            "{}: positions are wrong from there on; look at the encoder and its cable",
+            count(n, "illegal transition")
+        ),
+    };
+    format!("{} {what}", paint(BAD, "lost:"))
+}
+
+fn plural(n: u64, one: &str, many: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { many })
+}
+
+fn scan(scan: &Scan) -> String {
+    let what = match scan.cause {
+        LatchCause::Output => "trigger pulse",
+        _ => "trigger",
+    };
+    let lost = |n: u32, what: &str| match n {
+        0 => String::new(),
+        n => paint(BAD, format_args!(", {n} {what}")),
+    };
+    format!(
+        "scan: {} from number {} on, {} to {}{}{}",
+        count(scan.captured.into(), what),
+        scan.first,
+        clock(scan.from_ns / 1000),
+        clock(scan.to_ns / 1000),
+        lost(scan.missed, "missed"),
+        lost(scan.untold, "not told to the host"),
+    )
+}
+
+/// A fault.
+#[must_use]
+pub fn fault(fault: &Fault) -> String {
+    format!(
+        "{} {fault}",
+        paint(CAUTION, format_args!("fault {}:", fault.code()))
+    )
+}
+
+/// A feature.
+#[must_use]
+pub fn feature(result: &FeatureResult) -> String {
+    let status = if result.is_ok() {
+        paint(GOOD, "ok")
+    } else {
+        paint(BAD, "refused")
+    };
+    let mut text = format!(
+        "feature {} of setup {} {status}: {}",
+        result.name,
+        result.setup,
+        count(result.points_mm.len() as u64, "hit")
+    );
+    if let Some(fit) = &result.fit {
+        let decimals = |unit| if unit == QuantityUnit::Mm { 4 } else { 6 };
+        for parameter in parameters(&fit.shape).0 {
+            let value = match (parameter.value, parameter.unit) {
+                (Amount::Scalar(a), unit) => fixed(a, decimals(unit)),
+                (Amount::Vector(of), unit) => {
+                    let [x, y, z] = of.map(|value| fixed(value, decimals(unit)));
+                    format!("({x}, {y}, {z})")
+                }
+            };
+            let name = parameter.name.replace('_', " ");
+            text += &format!(", {name} {value}{}", unit_word(parameter.unit));
+        }
+        text += &format!(", rms {:.4} mm", fit.rms_mm);
+    }
+    text + &list(result.reasons.iter().map(Reason::to_string))
+}
+
+/// A verdict.
+#[must_use]
+pub fn verdict(verdict: &Verdict) -> String {
+    let mut text = format!(
+        "setup {}: {}",
+        verdict.setup,
+        if verdict.ok {
+            paint(GOOD, "OK")
+        } else {
+            paint(BAD, "NG")
+        }
+    );
+    if let Some(registration) = &verdict.registration {
+        let [x, y, z] = registration.translation_mm.map(|mm| fixed(mm, 4));
+        text += &format!(
+            ", turned {} deg, moved ({x}, {y}, {z}) mm, rms {:.4} mm",
+            fixed(registration.angle_deg, 4),
+            registration.rms_mm
+        );
+    }
+    if let Some(correction) = &verdict.correction {
+        text += &format!(", correction {}", correction.dialect.name());
+    }
+    text += &list(verdict.reasons.iter().map(ToString::to_string));
+    if verdict.reasons_dropped > 0 {
+        let more = count(verdict.reasons_dropped.into(), "more reason");
+        text += &list([more].into_iter());
+    }
+    text + &list(
+        verdict
+            .remarks
+            .iter()
+            .map(|remark| format!("remark: {remark}")),
+    )
+}
+
+/// Each on a line of its own.
+fn list(lines: impl Iterator<Item = String>) -> String {
+    lines.map(|line| format!("\n    {line}")).collect()
+}
+
+const fn unit_word(unit: QuantityUnit) -> &'static str {
+    match unit {
+        QuantityUnit::One => "",
+        QuantityUnit::Mm => " mm",
+        QuantityUnit::Rad => " rad",
+    }
+}
+
+fn positions(positions_mm: &[[f64; 3]]) -> String {
+    let list: Vec<String> = positions_mm
+        .iter()
+        .map(|[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"))
+        .collect();
+    format!("{} mm", list.join(" "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Control codes, parity and quotes of a control's text can be read and told apart.
+    #[test]
+    fn bytes_are_shown_as_text() {
+        let sent = [0x12, b'X' | 0x80, b'-', b'"', b'\r', b'\n', 0];
+        assert_eq!(printable(&sent), r#"\x12X-\"\r\n\x00"#);
+    }
+
+    fn plain(text: &str) -> String {
+        anstream::adapter::strip_str(text).to_string()
+    }
+
+    /// A refused feature stands in one line with what was measured, and each reason
+    /// below it.
+    #[test]
+    fn a_feature_says_what_and_why() {
+        use umi_core::units::Point;
+        use umi_protocol::job::FeatureKind;
+        let points = [
+            Point::from_mm(1.0, 0.0, 5.0),
+            Point::from_mm(-1.0, 0.0, 5.0),
+            Point::from_mm(0.0, 1.0, 5.0),
+            Point::from_mm(0.0, 0.0, 6.0),
+        ];
+        let fit = umi_core::job::fit(FeatureKind::Sphere, &points).unwrap();
+        let result = FeatureResult {
+            index: 0,
+            setup: 2,
+            name: "S1".try_into().unwrap(),
+            kind: FeatureKind::Sphere,
+            reasons: [Reason::NullPoint { hit: 4 }].into_iter().collect(),
+            points_mm: points.iter().map(|p| p.to_array_mm()).collect(),
+            fit: Some(fit.report(&points)),
+        };
+        let text = plain(&feature(&result));
+        let (line, reason) = text.split_once("\n    ").unwrap();
+        assert!(
+            line.starts_with("feature S1 of setup 2 refused: 4 hits, center ("),
+            "{line}"
+        );
+        assert!(line.contains("radius 1.0000 mm, rms 0.0000 mm"), "{line}");
+        assert!(reason.starts_with("hit 4 is all zeros"), "{reason}");
+    }
+
+    /// A verdict says OK or NG first, then every reason with its feature, how many
+    /// found no room, and what else was noticed.
+    #[test]
+    fn a_verdict_says_every_reason() {
+        use umi_protocol::verdict::SetupReason;
+        let about = |feature: Option<&str>, reason| SetupReason {
+            feature: feature.map(|name| name.try_into().unwrap()),
+            reason,
+        };
+        let text = plain(&verdict(&Verdict {
+            setup: 3,
+            ok: false,
+            reasons: [about(Some("S1"), Reason::SequenceGap)]
+                .into_iter()
+                .collect(),
+            reasons_dropped: 2,
+            remarks: [about(None, Reason::Taught)].into_iter().collect(),
+            distances: heapless::Vec::new(),
+            registration: None,
+            correction: None,
+        }));
+        let lines: Vec<&str> = text.lines().map(str::trim).collect();
+        assert_eq!(
+            lines,
+            [
+                "setup 3: NG",
+                "S1: lines are missing in the sequence; probe again",
+                "2 more reasons",
+                "remark: this setup is now the reference",
+            ]
+        );
+    }
+
+    /// The clock shows hours, minutes and microseconds.
+    #[test]
+    fn the_clock_counts_from_the_start() {
+        assert_eq!(clock(0), "0:00:00.000000");
+        assert_eq!(clock(3_725_000_042), "1:02:05.000042");
+    }
+}

@@ -1,0 +1,252 @@
+//! `firmware`: the images of the boards.
+//!
+//! The boards are a workspace of their own, `firmware/boards`, because they build for bare
+//! metal only. Their images are put where a person finds them, `target/firmware`; what cargo
+//! makes on the way stays in `target/firmware/build`.
+
+pub mod boards;
+mod dependencies;
+pub mod pin;
+pub mod toolchain;
+pub mod uf2;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context as _, Result, ensure};
+use imagecheck::load;
+
+use self::boards::{Board, Flashing};
+use self::toolchain::{Compiler, Toolchain, Verb};
+use crate::console;
+use crate::workspace::{Workspace, execute};
+
+/// Builds the firmware images.
+///
+/// Takes the compiler that firmware/boards/rust-toolchain.toml pins if rustup has it, else the
+/// active one with its targets, else Debian's with the core library from its sources. Leaves an
+/// ELF file for each image in target/firmware, for boards that show a drive a .uf2 file too, and
+/// for boards with a boot loader in ROM a .bin file; what --toolchain debian makes is in
+/// target/firmware/debian.
+#[derive(clap::Args, Default)]
+#[command(
+    after_help = "Examples:\n  cargo xtask firmware                # every board but the pico2\n  cargo xtask firmware pico nucleo-h743   # these"
+)]
+pub(crate) struct Arguments {
+    /// The boards; all of them but the pico2 if none is named.
+    boards: Vec<String>,
+    /// The compiler to use, rather than the first that is installed.
+    #[arg(long)]
+    toolchain: Option<Toolchain>,
+}
+
+/// A linked image of a board.
+#[derive(Debug, Clone)]
+pub(crate) struct Image {
+    /// What it is called: as its board, and if it is not the board's application,
+    /// as its binary too.
+    pub name: String,
+    /// Its board.
+    pub board: &'static Board,
+    /// The ELF file.
+    pub elf: PathBuf,
+}
+
+/// Builds what the arguments name.
+pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
+    let boards = boards::select(&arguments.boards)?;
+    let images = build(workspace, &boards, arguments.toolchain)?.images;
+    let mut rows = vec![["image", "target", "flash bytes", "files"].map(String::from)];
+    for image in &images {
+        let bytes = read(&image.elf)?;
+        let flash: usize = load::parts(&bytes)?
+            .iter()
+            .map(|part| part.bytes.len())
+            .sum();
+        rows.push([
+            image.name.clone(),
+            image.board.target.to_owned(),
+            flash.to_string(),
+            forms(workspace, image),
+        ]);
+    }
+    console::rows(&rows);
+    Ok(())
+}
+
+/// What was built.
+#[derive(Debug)]
+pub(crate) struct Built {
+    /// The images.
+    pub images: Vec<Image>,
+    /// What built them.
+    pub compiler: Compiler,
+}
+
+/// Builds every image of these boards, with this compiler or the first that is there.
+pub fn build(
+    workspace: &Workspace,
+    boards: &[&'static Board],
+    asked: Option<Toolchain>,
+) -> Result<Built> {
+    let toolchain = toolchain::choose(workspace, asked)?;
+    let compiler = toolchain.compiler(workspace)?;
+    dependencies::check(workspace)?;
+    console::progress("dependencies: no executor, no hardware, no std, no heap in the brain");
+    console::progress(&format!("building with {compiler}"));
+    let packages = workspace.members(&manifest(workspace))?;
+    let folder = folder(workspace, toolchain);
+    fs::create_dir_all(&folder)?;
+    let mut images = Vec::new();
+    for board in boards {
+        let binaries = binaries(&packages, board)?;
+        build_board(workspace, toolchain, board)?;
+        for binary in binaries {
+            let built = toolchain
+                .build(workspace)
+                .join(board.target)
+                .join("firmware")
+                .join(&binary);
+            let name = image_name(board, &binary);
+            images.push(put(&folder, board, name, &built)?);
+        }
+    }
+    Ok(Built { images, compiler })
+}
+
+/// Where images go: `target/firmware`, but for those of a compiler that is not the first here,
+/// which must not take the place of what the emulators run.
+fn folder(workspace: &Workspace, toolchain: Toolchain) -> PathBuf {
+    let folder = workspace.firmware();
+    match toolchain {
+        _ if toolchain::installed(workspace) == Some(toolchain) => folder,
+        Toolchain::Pinned | Toolchain::Rustup => folder.join("rustup"),
+        Toolchain::Debian => folder.join("debian"),
+    }
+}
+
+/// The boards' workspace.
+pub fn manifest(workspace: &Workspace) -> PathBuf {
+    workspace
+        .root
+        .join("firmware")
+        .join("boards")
+        .join("Cargo.toml")
+}
+
+/// The files of an image, as `target/firmware/pico.{elf,uf2}`.
+fn forms(workspace: &Workspace, image: &Image) -> String {
+    let folder = image.elf.parent().unwrap_or(&workspace.root);
+    let name = &image.name;
+    let ends: Vec<&str> = ["elf", "bin", "uf2"]
+        .into_iter()
+        .filter(|end| folder.join(format!("{name}.{end}")).is_file())
+        .collect();
+    let folder = folder.strip_prefix(&workspace.root).unwrap_or(folder);
+    match ends[..] {
+        [end] => format!("{}/{name}.{end}", folder.display()),
+        _ => format!("{}/{name}.{{{}}}", folder.display(), ends.join(",")),
+    }
+}
+
+/// Holds clippy's lints in the package of every usual board.
+pub fn lint(workspace: &Workspace) -> Result<()> {
+    let toolchain = toolchain::choose(workspace, None)?;
+    for board in boards::usual() {
+        let mut command = cargo(workspace, toolchain, Verb::Clippy, board)?;
+        execute(command.args(["--", "-D", "warnings"]))?;
+    }
+    Ok(())
+}
+
+fn build_board(workspace: &Workspace, toolchain: Toolchain, board: &Board) -> Result<()> {
+    execute(cargo(workspace, toolchain, Verb::Build, board)?.arg("--bins"))
+        .with_context(|| format!("the firmware of board `{}` does not build", board.name))
+}
+
+fn cargo(
+    workspace: &Workspace,
+    toolchain: Toolchain,
+    verb: Verb,
+    board: &Board,
+) -> Result<Command> {
+    let mut command = toolchain.cargo(workspace, verb, board.target, board.cpu)?;
+    command
+        .current_dir(workspace.root.join("firmware").join("boards"))
+        .args(["--package", board.package]);
+    if let Some(features) = board.features {
+        command.args(["--no-default-features", "--features", features]);
+    }
+    Ok(command)
+}
+
+/// What cargo knows about the package of a board.
+pub fn package<'list>(
+    packages: &'list serde_json::Value,
+    board: &Board,
+) -> Result<&'list serde_json::Value> {
+    let list = packages["packages"].as_array();
+    list.into_iter()
+        .flatten()
+        .find(|package| package["name"] == board.package)
+        .with_context(|| format!("firmware/boards has no package `{}`", board.package))
+}
+
+/// The names of the board's binaries: those whose features the board has.
+fn binaries(packages: &serde_json::Value, board: &Board) -> Result<Vec<String>> {
+    let list = |value: &serde_json::Value, key| {
+        let list = value.get(key).and_then(|list| list.as_array());
+        list.cloned().unwrap_or_default()
+    };
+    let binaries: Vec<String> = list(package(packages, board)?, "targets")
+        .iter()
+        .filter(|target| list(target, "kind").iter().any(|kind| kind == "bin"))
+        .filter(|target| {
+            let needs = list(target, "required-features");
+            needs
+                .iter()
+                .all(|need| board.features.is_some_and(|features| need == features))
+        })
+        .filter_map(|target| target["name"].as_str().map(String::from))
+        .collect();
+    ensure!(
+        !binaries.is_empty(),
+        "package `{}` has no binary",
+        board.package
+    );
+    Ok(binaries)
+}
+
+/// What the image of a binary is called: `pico` for `umi-pico`, and `pico-figures` for
+/// `figures` and for `umi-pico-figures`.
+fn image_name(board: &Board, binary: &str) -> String {
+    let other = binary.strip_prefix(board.package).unwrap_or(binary);
+    match other.trim_start_matches('-') {
+        "" => board.name.to_owned(),
+        other => format!("{}-{other}", board.name),
+    }
+}
+
+/// Puts an image into a folder, in all forms that its board can take.
+fn put(folder: &Path, board: &'static Board, name: String, built: &Path) -> Result<Image> {
+    let bytes = read(built)?;
+    let parts = load::parts(&bytes).with_context(|| format!("image `{name}`"))?;
+    let write = |end: &str, bytes: &[u8]| {
+        let file = folder.join(format!("{name}.{end}"));
+        fs::write(&file, bytes).with_context(|| format!("cannot write {}", file.display()))?;
+        anyhow::Ok(file)
+    };
+    let elf = write("elf", &bytes)?;
+    match board.flashing {
+        Flashing::Emulator => {}
+        Flashing::Probe { .. } => drop(write("bin", &load::flat(&parts))?),
+        Flashing::ProbeOrDrive { family, .. } => drop(write("uf2", &uf2::write(&parts, family))?),
+    }
+    Ok(Image { name, board, elf })
+}
+
+/// The bytes of a file.
+pub fn read(file: &Path) -> Result<Vec<u8>> {
+    fs::read(file).with_context(|| format!("cannot read {}", file.display()))
+}

@@ -1,0 +1,12 @@
+//! The tasks, one module each, and what only they run.
+
+pub mod background;
+pub mod bench;
+pub mod deny;
+pub mod firmware;
+pub mod flash;
+pub mod fuzz;
+pub mod set_up;
+pub mod size;
+pub mod test;
+pub mod unused;

@@ -1,0 +1,5 @@
+//! Programs of others that several tasks use.
+
+pub mod emulators;
+pub mod referee;
+pub mod spelling;

@@ -1,0 +1,49 @@
+//! Requests that need nothing of what a board has measured, read without the others.
+
+use serde::Deserialize;
+
+use crate::frame::{Frame, Kind};
+use crate::hello::KEY;
+use crate::latch::TriggerOut;
+
+/// A request of [`RequestClass::Immediate`](crate::message::RequestClass::Immediate). Small: a
+/// [`Request`](crate::message::Request) has kilobytes, because a job may be in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ImmediateRequest {
+    /// [`Request::PositionsGet`](crate::message::Request::PositionsGet).
+    Positions,
+    /// [`Request::TriggerOutSet`](crate::message::Request::TriggerOutSet).
+    TriggerOut(TriggerOut),
+    /// [`Request::LaserSet`](crate::message::Request::LaserSet).
+    Laser(bool),
+}
+
+/// Places among the requests: held by the tests of the protocol's bytes.
+const POSITIONS: u8 = 11;
+const TRIGGER_OUT: u8 = 12;
+const LASER: u8 = 13;
+
+impl ImmediateRequest {
+    /// What this frame asks, if it is one of these.
+    #[must_use]
+    pub fn of(frame: &Frame<'_>) -> Option<Self> {
+        if frame.kind != Kind::Request || frame.key != KEY as u32 {
+            return None;
+        }
+        let (request, rest) = frame.payload.split_first()?;
+        match *request {
+            POSITIONS if rest.is_empty() => Some(Self::Positions),
+            TRIGGER_OUT => whole(rest).map(Self::TriggerOut),
+            LASER => whole(rest).map(Self::Laser),
+            _ => None,
+        }
+    }
+}
+
+/// What these bytes are, and no more.
+fn whole<'de, T: Deserialize<'de>>(bytes: &'de [u8]) -> Option<T> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((value, [])) => Some(value),
+        _ => None,
+    }
+}

@@ -1,0 +1,141 @@
+//! What can go wrong: the kinds of damage.
+
+/// One way in which a session is spoilt, or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DamageKind {
+    /// Nothing is wrong.
+    Clean,
+    /// The plate is up to 5 K warmer or colder than taught.
+    Warm,
+    /// A line comes twice.
+    LineTwice,
+    /// A digit of a line is another one.
+    DigitChanged,
+    /// A character is lost.
+    CharacterLost,
+    /// A line is lost.
+    LineLost,
+    /// Two lines change places.
+    LinesSwapped,
+    /// A sign is lost.
+    SignLost,
+    /// All lines of a ball are lost.
+    BallLost,
+    /// The control is a clamping ahead of what the board reads.
+    Late,
+    /// Probed in another work offset than was taught in.
+    OffsetMoved,
+    /// An older clamping stood in a buffer when the part was taught.
+    OldBeforeTeaching,
+    /// The clamping that was to be taught is refused.
+    TeachingRefused,
+    /// Nothing of a clamping comes; the control reads all the same.
+    NothingCame,
+    /// The balls come in another order than the job's.
+    OtherOrder,
+    /// One or two balls are those of the clamping before, which stood elsewhere by 10 to 100 µm.
+    BallsOfTwo,
+    /// The top is touched 10 to 50 µm early, and the sides follow.
+    EarlyTop,
+    /// A longer probe or a bent stylus: all hits off by 10 to 60 µm.
+    BentStylus,
+    /// A worn stylus scatters by 5 to 20 µm.
+    WornStylus,
+    /// The part drifts by 5 to 50 µm while it is probed.
+    Drift,
+    /// The part slips by 5 to 50 µm between two balls.
+    Slip,
+    /// Z is read too long or too short by 10 to 100 ppm.
+    ZScale,
+    /// The same digit is wrong in all hits of a ball.
+    SameDigit,
+}
+
+impl DamageKind {
+    /// All of them.
+    pub const ALL: [Self; 23] = [
+        Self::Clean,
+        Self::Warm,
+        Self::LineTwice,
+        Self::DigitChanged,
+        Self::CharacterLost,
+        Self::LineLost,
+        Self::LinesSwapped,
+        Self::SignLost,
+        Self::BallLost,
+        Self::Late,
+        Self::OffsetMoved,
+        Self::OldBeforeTeaching,
+        Self::TeachingRefused,
+        Self::NothingCame,
+        Self::OtherOrder,
+        Self::BallsOfTwo,
+        Self::EarlyTop,
+        Self::BentStylus,
+        Self::WornStylus,
+        Self::Drift,
+        Self::Slip,
+        Self::ZScale,
+        Self::SameDigit,
+    ];
+
+    /// For the table.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Clean => "clean",
+            Self::Warm => "up to 5 K warmer or colder than taught",
+            Self::LineTwice => "a line comes twice",
+            Self::DigitChanged => "a digit changed",
+            Self::CharacterLost => "a character lost",
+            Self::LineLost => "a line lost",
+            Self::LinesSwapped => "two lines exchanged",
+            Self::SignLost => "a sign lost",
+            Self::BallLost => "all lines of a ball lost",
+            Self::Late => "text late by one clamping",
+            Self::OffsetMoved => "work offset moved after teaching",
+            Self::OldBeforeTeaching => "an old clamping before teaching",
+            Self::TeachingRefused => "the taught clamping refused",
+            Self::NothingCame => "nothing came, READ all the same",
+            Self::OtherOrder => "balls in order 2-3-1 or 3-1-2",
+            Self::BallsOfTwo => "balls of two clampings",
+            Self::EarlyTop => "early top, sides follow, 10-50 µm",
+            Self::BentStylus => "longer probe, bent stylus, 10-60 µm",
+            Self::WornStylus => "worn stylus, 5-20 µm",
+            Self::Drift => "drift while probing, 5-50 µm",
+            Self::Slip => "slip while probing, 5-50 µm",
+            Self::ZScale => "Z scale, 10-100 ppm",
+            Self::SameDigit => "same digit wrong in a block",
+        }
+    }
+
+    /// Whether the whole session is spoilt, and not one clamping of it.
+    #[must_use]
+    pub const fn lasts(self) -> bool {
+        matches!(
+            self,
+            Self::Late
+                | Self::OffsetMoved
+                | Self::OldBeforeTeaching
+                | Self::TeachingRefused
+                | Self::OtherOrder
+                | Self::BentStylus
+                | Self::ZScale
+        )
+    }
+
+    /// Whether the text of one clamping is damaged, and nothing else.
+    #[must_use]
+    pub const fn is_of_text(self) -> bool {
+        matches!(
+            self,
+            Self::LineTwice
+                | Self::DigitChanged
+                | Self::CharacterLost
+                | Self::LineLost
+                | Self::LinesSwapped
+                | Self::SignLost
+                | Self::BallLost
+        )
+    }
+}

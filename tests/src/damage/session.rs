@@ -1,0 +1,397 @@
+//! Sessions of one kind through a board's brain, and what became of every clamping.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use umi_core::brain::{Brain, Output};
+use umi_core::correction::corners;
+use umi_core::registration::RigidTransform;
+use umi_core::units::{Micros, Point};
+use umi_protocol::job::{Compensation, Job, Teach};
+use umi_protocol::line::LineStatus;
+use umi_protocol::verdict::Verdict;
+
+use super::WRONG_MM;
+use super::kind::DamageKind;
+use super::text::{self, SimulatedBall};
+use super::world::{Dice, Probing, TruePose, error_mm, hits};
+
+/// What is measured: a job and the places of its features in the taught clamping.
+#[derive(Clone, Debug)]
+pub struct SimulatedPlan {
+    /// The job.
+    pub job: Job,
+    /// Places of the features, in the job's order, mm.
+    pub places: Vec<[f64; 3]>,
+    /// How many of them move with the part; those behind stay on the table.
+    pub moving: usize,
+    /// Datum features, the first of `places`.
+    pub datums: usize,
+}
+
+/// What became of the clampings of a kind.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DamageTally {
+    /// All that were spoilt (or clean, where nothing is).
+    pub clampings: u32,
+    /// Corrections within [`WRONG_MM`].
+    pub right: u32,
+    /// Corrections beyond.
+    pub wrong: u32,
+    /// None left, and it would have been wrong, or the text was damaged.
+    pub refused: u32,
+    /// None left, and it would have been right.
+    pub refused_harmless: u32,
+    /// The largest error of a correction, mm.
+    pub worst_mm: f64,
+    /// By which reasons (the first of each) those were refused that would have been right.
+    pub harmless_by: BTreeMap<String, u32>,
+}
+
+const CLAMPINGS: usize = 5;
+
+/// Runs sessions of one kind until so many clampings were spoilt.
+///
+/// # Panics
+/// If the job cannot be used.
+#[must_use]
+pub fn measure(plan: &SimulatedPlan, kind: DamageKind, clampings: u32, seed: u64) -> DamageTally {
+    let mut tally = DamageTally::default();
+    let mut dice = Dice(seed);
+    while tally.clampings < clampings {
+        Session::new(plan, kind, Dice(seed ^ dice.below(usize::MAX) as u64)).run(&mut tally);
+    }
+    tally
+}
+
+struct Session<'a> {
+    plan: &'a SimulatedPlan,
+    kind: DamageKind,
+    dice: Dice,
+    brain: Brain,
+    /// What a READ gets: the latest correction, as long as nothing is printed after it.
+    released: Option<Verdict>,
+    /// What the latest verdict has against the setup.
+    against: String,
+    run: u32,
+    now: u64,
+    /// How far the order of the balls is turned, where it is.
+    begins_with: usize,
+}
+
+/// What a control prints of one clamping, and where the plate stands then.
+struct Clamping {
+    lines: Vec<String>,
+    pose: TruePose,
+    run: u32,
+    /// What a correction of it would be wrong by if nobody refused.
+    harm_mm: f64,
+}
+
+impl<'a> Session<'a> {
+    fn new(plan: &'a SimulatedPlan, kind: DamageKind, dice: Dice) -> Self {
+        Self {
+            plan,
+            kind,
+            dice,
+            brain: Brain::new(plan.job.clone()).expect("the job is good"),
+            released: None,
+            against: String::new(),
+            run: 100,
+            now: 0,
+            begins_with: 0,
+        }
+    }
+
+    fn run(mut self, tally: &mut DamageTally) {
+        self.begins_with = 1 + self.dice.below(self.plan.datums - 1);
+        let asked = self.plan.job.teach == Teach::Asked;
+        if self.kind == DamageKind::OldBeforeTeaching {
+            let pose = TruePose::anywhere(&mut self.dice);
+            let old = self.clamping(pose, DamageKind::Clean, false);
+            self.print(&old.lines);
+        }
+        let spoils_teaching = self.kind == DamageKind::TeachingRefused;
+        let kind = if self.kind == DamageKind::OtherOrder {
+            DamageKind::OtherOrder
+        } else {
+            DamageKind::Clean
+        };
+        let mut taught = self.clamping(TruePose::taught(), kind, asked);
+        if spoils_teaching {
+            text::spoil(DamageKind::CharacterLost, &mut taught.lines, &mut self.dice);
+        }
+        if asked && !self.checked() {
+            // There is no line for it: somebody asks at the host.
+            let _ = self.brain.teach(true, &mut |_| {});
+        }
+        self.print(&taught.lines);
+        let spoilt = 1 + self.dice.below(CLAMPINGS - 1);
+        let mut before: Option<Clamping> = None;
+        for number in 1..CLAMPINGS {
+            let is_spoilt = self.kind.lasts() || number == spoilt || self.kind == DamageKind::Clean;
+            let kind = if is_spoilt {
+                self.kind
+            } else {
+                DamageKind::Clean
+            };
+            let pose = match (kind, &before) {
+                (DamageKind::BallsOfTwo, Some(before)) => {
+                    let by = self.dice.direction() * self.dice.between(0.01, 0.1);
+                    before.pose.nudged(by)
+                }
+                _ => TruePose::anywhere(&mut self.dice),
+            };
+            let clamping = match (kind, &before) {
+                (DamageKind::BallsOfTwo, Some(before)) => self.of_two(before.pose, pose),
+                _ => self.clamping(pose, kind, false),
+            };
+            match kind {
+                DamageKind::Late => {
+                    // What comes is of the clamping before, which stood elsewhere.
+                    if let Some(before) = &before {
+                        let lines = before.lines.clone();
+                        self.print(&lines);
+                    }
+                }
+                DamageKind::NothingCame => {}
+                _ => self.print(&clamping.lines),
+            }
+            let judged = !(kind == DamageKind::Late && before.is_none());
+            let unread = self.kind == DamageKind::NothingCame && number + 1 == spoilt;
+            let got = if unread {
+                None
+            } else {
+                self.reads(clamping.run)
+            };
+            if is_spoilt && judged && !(kind == DamageKind::NothingCame && number == 1) {
+                self.judge(got, &clamping, tally);
+            }
+            before = Some(clamping);
+        }
+    }
+
+    fn checked(&self) -> bool {
+        matches!(self.plan.job.compensation, Compensation::OnBoard { .. })
+    }
+
+    /// Where the middle of the datum balls is when taught.
+    fn middle(&self) -> Vector3<f64> {
+        let datums = &self.plan.places[..self.plan.datums];
+        #[allow(clippy::cast_precision_loss, reason = "a handful")]
+        let count = datums.len() as f64;
+        datums
+            .iter()
+            .map(|p| Vector3::from(*p))
+            .sum::<Vector3<f64>>()
+            / count
+    }
+
+    fn corners(&self) -> Vec<Point> {
+        let spec = self.plan.job.correction.as_ref().expect("it corrects");
+        let (min, max) = (spec.part_min_mm.into(), spec.part_max_mm.into());
+        corners(&min, &max).map(|mm| Point { mm }).collect()
+    }
+
+    /// What a control prints of a plate that stands there.
+    fn clamping(&mut self, pose: TruePose, kind: DamageKind, teaches: bool) -> Clamping {
+        self.run += 1;
+        let dice = &mut self.dice;
+        let mut pose = pose;
+        if kind == DamageKind::Warm {
+            pose.scale = 1.0 + 11.5e-6 * dice.either(0.0, 5.0);
+        }
+        let mut probing = Probing::default();
+        match kind {
+            DamageKind::BentStylus => {
+                probing.bent_mm = (dice.direction() * dice.between(0.01, 0.06)).into();
+            }
+            DamageKind::WornStylus => probing.scatter_mm = dice.between(0.005, 0.02),
+            DamageKind::ZScale => probing.z_scale = dice.either(10e-6, 100e-6),
+            _ => {}
+        }
+        let way = dice.direction() * dice.between(0.005, 0.05);
+        let slips_at = 1 + dice.below(self.plan.places.len() - 1);
+        let one = dice.below(self.plan.datums);
+        let early = dice.between(0.01, 0.05);
+        let axis = dice.below(3);
+        let digit = dice.either(0.01, 0.09);
+        let digit = (digit * 1000.0).round() / 1000.0;
+        let origin = if kind == DamageKind::OffsetMoved {
+            (dice.either(0.05, 50.0) * 1000.0).round() / 1000.0
+        } else {
+            0.0
+        };
+        let middle = self.middle();
+        let mut balls: Vec<SimulatedBall> = Vec::new();
+        for (place, at) in self.plan.places.iter().enumerate() {
+            #[allow(clippy::cast_precision_loss, reason = "a handful")]
+            let share = place as f64 / (self.plan.places.len() - 1) as f64;
+            let moved = match kind {
+                DamageKind::Drift => way * share,
+                DamageKind::Slip if place >= slips_at => way,
+                _ => Vector3::zeros(),
+            };
+            let nominal = Vector3::from(*at);
+            let center = if place < self.plan.moving {
+                pose.nudged(moved).carries(nominal, middle)
+            } else {
+                nominal
+            };
+            let mut probing = probing;
+            if kind == DamageKind::EarlyTop && place == one {
+                probing.early_top_mm = early;
+            }
+            let mut points = hits(center, &probing, &mut self.dice);
+            for point in &mut points {
+                point[0] -= origin;
+                if kind == DamageKind::SameDigit && place == one {
+                    point[axis] += digit;
+                }
+            }
+            balls.push((u16::try_from(place + 1).unwrap_or(u16::MAX), points));
+        }
+        let harm_mm = self.harm(&balls, &pose);
+        if kind == DamageKind::OtherOrder {
+            balls[..self.plan.datums].rotate_left(self.begins_with);
+        }
+        let lines = self.lines(&balls, origin, teaches);
+        let run = self.run;
+        let mut clamping = Clamping {
+            lines,
+            pose,
+            run,
+            harm_mm,
+        };
+        if kind.is_of_text() {
+            text::spoil(kind, &mut clamping.lines, &mut self.dice);
+        }
+        clamping
+    }
+
+    fn lines(&self, balls: &[SimulatedBall], origin_mm: f64, teaches: bool) -> Vec<String> {
+        if let Compensation::OnBoard { tip_radius_mm, .. } = self.plan.job.compensation {
+            text::checked(balls, self.run, origin_mm, teaches, tip_radius_mm)
+        } else {
+            let names = self.plan.job.features.iter();
+            let names: Vec<String> = names.map(|f| f.name.to_string()).collect();
+            text::blocks(balls, &names)
+        }
+    }
+
+    /// The first balls where the plate stood before, the others where it stands.
+    fn of_two(&mut self, before: TruePose, pose: TruePose) -> Clamping {
+        let stale = 1 + self.dice.below(self.plan.datums - 1);
+        let mut now = self.clamping(pose, DamageKind::Clean, false);
+        self.run -= 1;
+        let old = self.clamping(before, DamageKind::Clean, false);
+        let blocks = now.lines.iter().any(|line| line == "***");
+        let lines = if blocks { 9 * stale } else { 2 + 5 * stale };
+        let mixed = old.lines[..lines].iter().chain(&now.lines[lines..]);
+        let lines = mixed.cloned().collect();
+        // By how much the stale balls are wrong is not more than what it moved.
+        let harm_mm = (pose.shift - before.shift).norm();
+        now = Clamping {
+            lines,
+            harm_mm,
+            ..now
+        };
+        now
+    }
+
+    /// What a registration of these hits would be wrong by, whatever the limits say.
+    fn harm(&self, balls: &[SimulatedBall], pose: &TruePose) -> f64 {
+        let datums = &self.plan.places[..self.plan.datums];
+        let from: Vec<Point> = datums.iter().map(|p| Point::from_array_mm(*p)).collect();
+        let to: Vec<Point> = balls[..self.plan.datums]
+            .iter()
+            .map(|(_, hits)| {
+                let points = hits.map(Point::from_array_mm);
+                umi_core::fit::sphere::fit(&points).map_or(points[0], |fit| fit.center)
+            })
+            .collect();
+        umi_core::registration::register(&from, &to).map_or(f64::INFINITY, |fit| {
+            error_mm(&fit.transform, pose, self.middle(), &self.corners())
+        })
+    }
+
+    /// The control prints; the board decides as it would.
+    fn print(&mut self, lines: &[String]) {
+        let Self {
+            brain,
+            released,
+            against,
+            now,
+            ..
+        } = self;
+        for line in lines {
+            *now += 1_000_000;
+            let bytes = format!("{line}\r\n");
+            brain.bytes(Micros(*now), bytes.as_bytes(), &mut |output| match output {
+                Output::Line(line)
+                    if matches!(
+                        line.status,
+                        LineStatus::Separator | LineStatus::Request | LineStatus::Repeated
+                    ) => {}
+                Output::Line(_) => *released = None,
+                Output::Verdict(verdict) => {
+                    let first = verdict.reasons.first();
+                    *against = first.map_or("", |of| of.reason.code()).to_owned();
+                    *released = verdict.ok.then(|| verdict.clone());
+                }
+                _ => {}
+            });
+        }
+    }
+
+    /// The control reads, and is in this run: the transform that it gets, unless the program
+    /// stops because it is of another run.
+    fn reads(&mut self, control_run: u32) -> Option<RigidTransform> {
+        let released = self.released.take();
+        self.now += 1_000_000;
+        let asks = "READ O9010\r\n";
+        self.brain
+            .bytes(Micros(self.now), asks.as_bytes(), &mut |_| {});
+        let verdict = released?;
+        let program = &verdict.correction.as_ref()?.text;
+        let of_run = program.split("IF[#531EQ").nth(1);
+        let of_run = of_run.and_then(|rest| rest.split(']').next());
+        if of_run.is_some_and(|run| run.parse() != Ok(control_run)) {
+            return None;
+        }
+        let registration = verdict.registration.as_ref()?;
+        let [a, b, c] = registration.rotation;
+        Some(RigidTransform {
+            rotation: nalgebra::Matrix3::from_rows(&[a.into(), b.into(), c.into()]),
+            translation_mm: registration.translation_mm.into(),
+        })
+    }
+
+    fn judge(&self, got: Option<RigidTransform>, clamping: &Clamping, tally: &mut DamageTally) {
+        tally.clampings += 1;
+        let Some(transform) = got else {
+            let text_was_whole = !self.kind.is_of_text() || self.kind == DamageKind::LineTwice;
+            let arrived = !matches!(
+                self.kind,
+                DamageKind::Late
+                    | DamageKind::NothingCame
+                    | DamageKind::OldBeforeTeaching
+                    | DamageKind::TeachingRefused
+            );
+            if text_was_whole && arrived && clamping.harm_mm <= WRONG_MM {
+                tally.refused_harmless += 1;
+                *tally.harmless_by.entry(self.against.clone()).or_default() += 1;
+            } else {
+                tally.refused += 1;
+            }
+            return;
+        };
+        let error = error_mm(&transform, &clamping.pose, self.middle(), &self.corners());
+        tally.worst_mm = tally.worst_mm.max(error);
+        if error <= WRONG_MM {
+            tally.right += 1;
+        } else {
+            tally.wrong += 1;
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! The simulated machine: a plate of balls, where it stands, and the hits of a probe.
+
+use nalgebra::{Rotation3, Vector3};
+use umi_core::registration::RigidTransform;
+use umi_core::units::Point;
+
+/// Radius of the balls, mm.
+pub const RADIUS_MM: f64 = 12.7;
+/// What a hit scatters, mm.
+const SIGMA_MM: f64 = 0.001;
+
+/// Random numbers from a seed (`SplitMix64`: G. Steele and others, OOPSLA 2014).
+#[derive(Clone, Debug)]
+pub struct Dice(pub u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// From 0 to below `end`.
+    pub fn below(&mut self, end: usize) -> usize {
+        let end = end.max(1) as u64;
+        usize::try_from(self.next() % end).unwrap_or(0)
+    }
+
+    /// Evenly from `low` to `high`.
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        #[allow(clippy::cast_precision_loss, reason = "53 bits are all that is wanted")]
+        let unit = (self.next() >> 11) as f64 / (1u64 << 53) as f64;
+        low + (high - low) * unit
+    }
+
+    /// With mean 0 and standard deviation 1 (G. Marsaglia's polar method).
+    pub fn normal(&mut self) -> f64 {
+        loop {
+            let (u, v) = (self.between(-1.0, 1.0), self.between(-1.0, 1.0));
+            let s = u * u + v * v;
+            if s > 0.0 && s < 1.0 {
+                return u * (-2.0 * s.ln() / s).sqrt();
+            }
+        }
+    }
+
+    /// In any direction.
+    pub fn direction(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.normal()).normalize()
+    }
+
+    /// Evenly from `low` to `high`, with either sign.
+    pub fn either(&mut self, low: f64, high: f64) -> f64 {
+        let value = self.between(low, high);
+        if self.below(2) == 0 { value } else { -value }
+    }
+}
+
+/// Where a plate stands: `p` of the taught clamping is carried to `turn (p - middle) + middle +
+/// shift`.
+#[derive(Clone, Copy, Debug)]
+pub struct TruePose {
+    pub turn: Rotation3<f64>,
+    pub shift: Vector3<f64>,
+    /// Warmer by this factor.
+    pub scale: f64,
+}
+
+impl TruePose {
+    pub fn taught() -> Self {
+        Self {
+            turn: Rotation3::identity(),
+            shift: Vector3::zeros(),
+            scale: 1.0,
+        }
+    }
+
+    /// Anywhere on the table: up to 2 degrees and 48 mm.
+    pub fn anywhere(dice: &mut Dice) -> Self {
+        let tilt = Vector3::new(dice.normal(), dice.normal(), 0.0) * 2e-5;
+        let turn = Rotation3::new(Vector3::z() * dice.between(-2.0, 2.0).to_radians());
+        Self {
+            turn: Rotation3::new(tilt) * turn,
+            shift: Vector3::new(
+                dice.between(-48.0, 48.0),
+                dice.between(-48.0, 48.0),
+                dice.between(-0.02, 0.02),
+            ),
+            scale: 1.0,
+        }
+    }
+
+    /// The same, moved by a little.
+    pub fn nudged(&self, by: Vector3<f64>) -> Self {
+        Self {
+            shift: self.shift + by,
+            ..*self
+        }
+    }
+
+    pub fn carries(&self, p: Vector3<f64>, middle: Vector3<f64>) -> Vector3<f64> {
+        self.turn * ((p - middle) * self.scale) + middle + self.shift
+    }
+}
+
+/// Largest distance at the corners between where a correction puts the part and where it is.
+pub fn error_mm(
+    said: &RigidTransform,
+    pose: &TruePose,
+    middle: Vector3<f64>,
+    corners: &[Point],
+) -> f64 {
+    corners.iter().fold(0.0, |most: f64, corner| {
+        let is = pose.carries(corner.mm, middle);
+        most.max((said.apply(*corner).mm - is).norm())
+    })
+}
+
+/// What the probe and the machine do wrong.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Probing {
+    /// Added to the scatter of each hit.
+    pub scatter_mm: f64,
+    /// All hits are off.
+    pub bent_mm: [f64; 3],
+    /// Z is so much too long.
+    pub z_scale: f64,
+    /// The top is touched so early.
+    pub early_top_mm: f64,
+}
+
+/// Five contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
+/// then +X, -X, +Y and -Y, driven exactly one radius below the top hit.
+pub fn hits(center: Vector3<f64>, probing: &Probing, dice: &mut Dice) -> [[f64; 3]; 5] {
+    let sigma = (SIGMA_MM * SIGMA_MM + probing.scatter_mm * probing.scatter_mm).sqrt();
+    let bent = Vector3::from(probing.bent_mm);
+    let mut seen = center + bent;
+    seen.z *= 1.0 + probing.z_scale;
+    let touch = |dice: &mut Dice| sigma * dice.normal();
+    let top = seen.z + RADIUS_MM + probing.early_top_mm + touch(dice);
+    let side = top - RADIUS_MM;
+    // The routine centres itself before it goes down, to the scatter of its first touches.
+    let (beside_x, beside_y) = (touch(dice), touch(dice));
+    [
+        [seen.x + beside_x, seen.y + beside_y, top],
+        [seen.x + RADIUS_MM + touch(dice), seen.y + beside_y, side],
+        [seen.x - RADIUS_MM + touch(dice), seen.y + beside_y, side],
+        [seen.x + beside_x, seen.y + RADIUS_MM + touch(dice), side],
+        [seen.x + beside_x, seen.y - RADIUS_MM + touch(dice), side],
+    ]
+    // A machine's increment.
+    .map(|point| point.map(|value| (value * 1000.0).round() / 1000.0))
+}

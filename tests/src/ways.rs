@@ -1,0 +1,300 @@
+//! Ways to a wrong correction, each as it happens on a machine: the probing program and macros
+//! that ship, on the virtual machine, through a board, and what the control then has.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use std::{fs, io};
+
+use umi_core::units::Micros;
+use umi_protocol::job::{Job, Teach};
+use umi_virtual::machine::{VirtualMachine, Wires};
+use umi_virtual::nc::{Alarm, Control, ControlFamily, ControlSettings};
+use umi_virtual::scene::Scene;
+
+use crate::cases::{DC1, clamping, connect, job, receive_all, until};
+use crate::rig::Rig;
+
+/// What happens, one after the other.
+#[derive(Clone, Debug)]
+enum Step {
+    /// Another job, with an empty reference.
+    Sets(Box<Job>),
+    /// The control prints this.
+    Prints(String),
+    /// A macro ends in this alarm.
+    Stops(String),
+    /// The control reads in this run, and carries out what it gets.
+    Reads(u32),
+}
+
+/// One run of the probing program.
+#[derive(Clone, Debug, Default)]
+struct Probing {
+    run: u32,
+    /// Where the plate stands: mm in X and Y, degrees.
+    stands: [f64; 3],
+    /// Words behind `G65 P8811 W54.`
+    words: &'static str,
+    /// Blocks before it.
+    before: &'static str,
+    /// In place of the call of O8822.
+    probes: Option<String>,
+    /// What the scene has besides: a chip on a ball.
+    body: &'static str,
+    /// What the whole machine is off by, as seen through a bent stylus.
+    bent_mm: f64,
+}
+
+struct Serial(Vec<u8>);
+
+impl Wires for Serial {
+    fn serial(&mut self, _: Micros, bytes: &[u8]) {
+        self.0.extend_from_slice(bytes);
+    }
+    fn skip(&mut self, _: Micros, _: [i64; 3]) {}
+    fn time(&mut self, _: Micros) {}
+}
+
+fn project(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file)
+}
+
+fn read(file: &str) -> String {
+    fs::read_to_string(project(file)).expect("a text of this project")
+}
+
+/// A control with the shipped macros.
+fn control() -> io::Result<Control> {
+    let mut control = Control::new(ControlSettings::of(ControlFamily::Fanuc));
+    for entry in fs::read_dir(project("hw/control/fanuc"))? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|end| end == "nc") {
+            control
+                .load(&fs::read_to_string(path)?)
+                .expect("a shipped macro");
+        }
+    }
+    Ok(control)
+}
+
+impl Probing {
+    /// What the control prints, and the alarm that ends it.
+    fn prints(&self) -> (String, Option<Alarm>) {
+        let program = read("examples/probe-four-spheres.nc");
+        let start = format!(
+            "#531={}\n{}\nG65 P8811 W54. {}",
+            self.run - 1,
+            self.before,
+            self.words
+        );
+        let mut program = program.replace("G65 P8811 W54.", &start);
+        if let Some(probes) = &self.probes {
+            let call = program.lines().find(|line| line.starts_with("G65 P8822"));
+            let call = call.expect("the program probes").to_owned();
+            program = program.replace(&call, probes);
+        }
+        program = program.replace(
+            "M30",
+            "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40.\nG53 G0 Z300.\nM30",
+        );
+        let [x, y, turn] = self.stands;
+        let scene = read("examples/scenes/four-spheres.toml")
+            .replacen(
+                "translation_mm = [0.0, 0.0, 0.0]",
+                &format!("translation_mm = [{x:?}, {y:?}, 0.0]"),
+                1,
+            )
+            .replacen(
+                "rotation_deg = [0.0, 0.0, 0.0]",
+                &format!("rotation_deg = [0.0, 0.0, {turn:?}]"),
+                1,
+            )
+            .replacen(
+                "[machine]\n",
+                &format!(
+                    "[machine]\nhoming_error_mm = [{:?}, 0.0, 0.0]\n",
+                    self.bent_mm
+                ),
+                1,
+            )
+            + self.body;
+        let scene = Scene::parse(&scene).expect("a scene");
+        let mut machine = VirtualMachine::new(scene, 1, Serial(Vec::new()));
+        let mut control = control().expect("macros");
+        let main = control.load(&program).expect("the shipped program");
+        control.select(main[0]).expect("it is there");
+        let alarm = control.run(&mut machine).err();
+        let text = String::from_utf8_lossy(&machine.wires().0).into_owned();
+        (text, alarm)
+    }
+
+    fn step(&self) -> Step {
+        match self.prints() {
+            (text, None) => Step::Prints(text),
+            (_, Some(alarm)) => Step::Stops(alarm.message),
+        }
+    }
+}
+
+/// The job to begin with, and a ball that stays on the table.
+fn guarded() -> Job {
+    let mut job: Job = toml::from_str(&read("examples/four-spheres.toml")).expect("a job");
+    let mut table = job.features[0].clone();
+    (table.name, table.id) = ("TABLE".try_into().expect("a name"), Some(6));
+    job.guards.fixed.push(table.name.clone()).expect("room");
+    job.guards.fixed_mm = Some(0.008);
+    job.features.push(table).expect("room");
+    assert_eq!(job.teach, Teach::Asked);
+    job
+}
+
+/// The session: what is done, and the steps.
+fn ways() -> Vec<(&'static str, Vec<Step>)> {
+    const HERE: [f64; 3] = [4.0, -3.0, 0.5];
+    const THERE: [f64; 3] = [-3.0, 2.0, -0.7];
+    let clean = |run: u32, stands: [f64; 3]| Probing {
+        run,
+        stands,
+        ..Probing::default()
+    };
+    let words = |run: u32, stands: [f64; 3], words: &'static str| Probing {
+        words,
+        ..clean(run, stands)
+    };
+    // Each clamping is another one: what is printed twice to the last digit is refused for that.
+    let before = |run: u32, before: &'static str| Probing {
+        before,
+        ..clean(run, [f64::from(run), 1.0, 0.2])
+    };
+    let balls = [
+        (3, -136.7, 136.4),
+        (1, -135.0, -136.6),
+        (4, 137.2, 138.1),
+        (5, -135.0, -136.6),
+        (2, 138.0, -134.7),
+    ];
+    let in_turn = |(number, x, y): (u32, f64, f64)| {
+        format!("G0 X{x:?} Y{y:?}\nG0 Z165.\nG65 P8820 D25.4 B{number}. Q50.\nG0 Z171.\n")
+    };
+    let without_third = |text: String| -> String {
+        let lines = text.split_inclusive('\n');
+        lines
+            .filter(|line| !line.replace(' ', "").contains("B3A"))
+            .collect()
+    };
+    let lost = match clean(7, HERE).step() {
+        Step::Prints(text) => Step::Prints(without_third(text)),
+        other => other,
+    };
+    let turned = |case: usize| -> String {
+        let text = clamping(case);
+        let (first, rest) = text.split_at(text.find("SPHERE2").expect("three blocks"));
+        format!("{rest}{first}")
+    };
+    vec![
+        ("Taught: `G65 P8811 W54. T1.`", vec![Step::Sets(Box::new(guarded())), words(1, [0.0; 3], "T1.").step(), Step::Reads(1)]),
+        ("Clamped elsewhere, probed, corrected", vec![clean(2, HERE).step(), Step::Reads(2)]),
+        ("Nothing new was measured, and the control reads again", vec![Step::Reads(2)]),
+        ("Text lost: nothing of run 3 comes", vec![Step::Reads(3)]),
+        ("Text late: run 5 is probed, and what comes is of run 4", vec![clean(4, THERE).step(), Step::Reads(5)]),
+        ("Text lost: the lines of a ball", vec![lost, Step::Reads(7)]),
+        ("Work offset moved by 1 mm after teaching", vec![before(8, "#5221=1.").step(), Step::Reads(8)]),
+        ("External offset moved by 0.05 mm", vec![before(9, "#5202=0.05").step(), Step::Reads(9)]),
+        ("Another work offset is active", vec![before(10, "G55").step(), Step::Reads(10)]),
+        ("Another order of the balls: 3, 1, 4, closing, 2", vec![
+            Probing { probes: Some(balls.map(in_turn).concat()), ..clean(11, [1.0, 2.0, 0.0]) }.step(),
+            Step::Reads(11),
+        ]),
+        ("Taught again without saying so: T1.", vec![words(12, [0.3, 0.1, 0.0], "T1.").step(), Step::Reads(12)]),
+        ("Taught again: T2.", vec![words(13, [0.0, 0.2, 0.0], "T2.").step()]),
+        ("Early top: a chip of 30 µm on ball 2, and the sides follow", vec![
+            Probing {
+                body: "[[body]]\nname = \"CHIP\"\ngroup = \"PLATE\"\nshape = { block = { size_mm = [0.6, 0.6, 0.5] } }\nposition_mm = [138.0, -134.7, 122.93]\n",
+                ..clean(14, HERE)
+            }.step(),
+            Step::Reads(14),
+        ]),
+        ("Bent stylus: all hits off by 30 µm", vec![Probing { bent_mm: 0.03, ..clean(15, HERE) }.step(), Step::Reads(15)]),
+        ("As it should be, again", vec![clean(16, THERE).step(), Step::Reads(16)]),
+        ("Blocks without run numbers, balls in order 2, 3, 1", vec![
+            Step::Sets(Box::new(job())),
+            Step::Prints(turned(0)),
+            Step::Reads(1),
+            Step::Prints(turned(1)),
+            Step::Reads(2),
+        ]),
+    ]
+}
+
+/// What a control does that has read this in a run.
+fn carried_out(program: &str, run: u32) -> String {
+    let mut control = Control::new(ControlSettings::of(ControlFamily::Fanuc));
+    if let Err(alarm) = control.load(program) {
+        return format!("cannot read it: {}", alarm.message);
+    }
+    let main = format!("%\nO0001\n#531={run}\nM98 P9010\nM30\n%\n");
+    let main = control.load(&main).expect("a program");
+    control.select(main[0]).expect("it is there");
+    let scene = Scene::parse(&read("examples/scenes/four-spheres.toml")).expect("a scene");
+    let mut machine = VirtualMachine::new(scene, 1, Serial(Vec::new()));
+    match control.run(&mut machine) {
+        Ok(_) => "is corrected".into(),
+        Err(alarm) => format!("stops: {}", alarm.message),
+    }
+}
+
+/// The session on a board: a page of what was done, judged, and read.
+///
+/// # Panics
+/// As a test does.
+#[must_use]
+pub fn page(rig: &mut dyn Rig) -> String {
+    let mut client = connect(rig);
+    let mut page = String::new();
+    let (mut verdicts, mut bytes) = (0, 0);
+    for (number, (name, steps)) in (1..).zip(ways()) {
+        let _ = writeln!(page, "\n{number}. {name}\n");
+        for step in steps {
+            match step {
+                Step::Sets(job) => {
+                    client.set_job(&job).unwrap().unwrap();
+                    // The receiver of a new job counts anew.
+                    bytes = 0;
+                }
+                Step::Stops(message) => {
+                    let _ = writeln!(page, "   * The macro stops: {message}.");
+                }
+                Step::Prints(text) => {
+                    rig.control_sends(text.as_bytes());
+                    bytes += text.len() as u64;
+                    let status = until(rig, "all of the text", |_| {
+                        let status = client.status().unwrap();
+                        (status.counters.bytes >= bytes).then_some(status)
+                    });
+                    if status.verdicts == verdicts {
+                        let _ = writeln!(page, "   * No verdict: the setup is not complete.");
+                        continue;
+                    }
+                    verdicts = status.verdicts;
+                    let verdict = client.verdict().unwrap().unwrap();
+                    let is = if verdict.ok { "OK" } else { "NG" };
+                    let _ = writeln!(page, "   * {is}.");
+                    for said in verdict.reasons.iter().chain(&verdict.remarks) {
+                        let _ = writeln!(page, "     {said}.");
+                    }
+                }
+                Step::Reads(run) => {
+                    rig.control_sends(DC1);
+                    bytes += 1;
+                    let first = rig.control_receives(Duration::from_secs(2));
+                    let first = char::from(first.expect("READ gets a program"));
+                    let program = format!("{first}{}", receive_all(rig));
+                    let does = carried_out(&program, run);
+                    let _ = writeln!(page, "   * The control reads in run {run} and {does}.");
+                }
+            }
+        }
+    }
+    page
+}

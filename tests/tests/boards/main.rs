@@ -1,0 +1,15 @@
+//! Boards: the same behaviour on the virtual one, in QEMU and on the emulated Pico.
+//!
+//! What all of them are asked is in [`conformance`]; the others are about one of them.
+
+mod conformance;
+mod pico;
+mod pico_captures;
+mod pico_figures;
+mod pico_pulses;
+mod pico_serial;
+mod pico_stack;
+mod pico_watchdog;
+mod qemu;
+mod qemu_figures;
+mod virtual_board;

@@ -1,0 +1,4 @@
+//! What is kept stays: the journal through every power cut, storage that does not open.
+
+mod journal_power_cut;
+mod storage;

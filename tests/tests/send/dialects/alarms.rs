@@ -1,0 +1,97 @@
+//! The program that takes the place of a correction: whoever calls it goes no further.
+
+use std::path::PathBuf;
+
+use umi_core::correction::alarm;
+use umi_core::units::Point;
+use umi_protocol::job::{Dialect, ProgramEnd};
+use umi_protocol::pattern::Coding;
+use umi_tests::referee::{Before, Referee};
+use umi_virtual::nc::{Control, ControlSettings, Recorder};
+
+use crate::dialects::control::{O8830, assignments, language};
+use crate::dialects::spec;
+
+/// A program that calls it and then cuts; in one file where the control wants that.
+fn calling(control: &mut Control, dialect: Dialect, text: &str) -> String {
+    match dialect {
+        Dialect::LinuxCnc => {
+            let sub = text.strip_suffix("M2\n").unwrap();
+            format!("{sub}G21 G90\no<umi_correction> call\nG0 X1.\nM2\n")
+        }
+        Dialect::HaasVariables => {
+            control.load(O8830).unwrap();
+            format!("%\nO0001\n{}M98 P8830\nG0 X1.\nM30\n%\n", assignments(text))
+        }
+        _ => {
+            control.load(text).unwrap();
+            "%\nO0001\nM98 P9010\nG0 X1.\nM30\n%\n".into()
+        }
+    }
+}
+
+/// It raises an alarm in every control that the virtual machine speaks for, and nothing has
+/// moved.
+#[test]
+fn whoever_calls_it_stops() {
+    let mut tried = 0;
+    for dialect in Dialect::ALL {
+        let Some(text) = alarm(&spec(dialect), Coding::Ascii) else {
+            assert_eq!(dialect, Dialect::Grbl);
+            continue;
+        };
+        if matches!(dialect, Dialect::Siemens | Dialect::Heidenhain) {
+            continue;
+        }
+        let mut control = Control::new(ControlSettings::of(language(dialect)));
+        let main = calling(&mut control, dialect, &text);
+        let loaded = control.load(&main).unwrap();
+        control.select(loaded[0]).unwrap();
+        let home = Point::from_mm(0.0, 0.0, 0.0);
+        let mut axes = Recorder::new(home, home);
+        let raised = control.run(&mut axes).unwrap_err().to_string();
+        let why = match dialect {
+            Dialect::HaasVariables => "CORRECTION NOT RECEIVED",
+            _ => "UMI NO OK VERDICT",
+        };
+        assert!(raised.contains(why), "{dialect:?}: {raised}");
+        assert!(axes.motions.is_empty(), "{dialect:?}: {:?}", axes.motions);
+        tried += 1;
+    }
+    assert_eq!(tried, 9);
+}
+
+/// LinuxCNC's own interpreter stops at it too, called or as a program.
+#[test]
+fn linuxcnc_stops_at_it() {
+    let tmp = env!("CARGO_TARGET_TMPDIR");
+    let Some(referee) = Referee::find(tmp) else {
+        return;
+    };
+    let folder = PathBuf::from(tmp).join("referee").join("alarm");
+    for ends_with in [ProgramEnd::M99, ProgramEnd::M30] {
+        let mut spec = spec(Dialect::LinuxCnc);
+        spec.ends_with = ends_with;
+        let text = alarm(&spec, Coding::Ascii).unwrap();
+        let program = match ends_with {
+            ProgramEnd::M99 => {
+                let sub = text.strip_suffix("M2\n").unwrap();
+                format!("{sub}G21 G90\no<umi_correction> call\nG0 X1.\nM2\n")
+            }
+            ProgramEnd::M30 => text.replace("M2\n", "G21 G90 G0 X1.\nM2\n"),
+        };
+        let said = referee
+            .end_points(&folder, &Before::default(), &program)
+            .unwrap_err();
+        assert!(said.contains("UMI NO OK VERDICT"), "{said}");
+        assert!(!said.contains("STRAIGHT_TRAVERSE"), "{said}");
+        // Without the alarm it is a program that moves.
+        let without = program.replace("(ABORT, ", "(");
+        assert_eq!(
+            referee
+                .end_points(&folder, &Before::default(), &without)
+                .map(|ends| ends.len()),
+            Ok(1)
+        );
+    }
+}
