@@ -26,6 +26,6 @@ fn memory_does_not_grow_with_the_program() {
         long_kb < short_kb + 1000,
         "{short_kb} KB, then {long_kb} KB"
     );
-    // What a board sets aside for it.
-    assert!(number(&long, "state_bytes") < 6_000, "{long}");
+    // What a board sets aside for it, next to 96 KB of stack.
+    assert!(number(&long, "state_bytes") < 6_500, "{long}");
 }
