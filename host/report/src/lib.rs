@@ -14,10 +14,11 @@
 //! | [`page`] | the page and its parts |
 //! | [`paths`] | the page on two tool paths |
 //! | [`scan`] | the page on a scan that was placed |
-//! | [`terminal`] | the table for a terminal |
+//! | [`terminal`], [`ink`] | the table for a terminal; its colours, and nothing else that steers it |
 
 pub mod draw;
 pub mod figures;
+pub mod ink;
 pub mod page;
 pub mod paths;
 mod pictures;

@@ -9,6 +9,7 @@ use crate::draw::markup::{Element, el};
 use crate::draw::number::fixed;
 use crate::draw::scale::{PlanView, bar, length_text, nice_below, ticks};
 use crate::draw::svg::{circle, line, picture, px, text};
+use crate::page::document_head;
 use umi_client::files::tool_path::diff::{Move, PathDifference};
 
 const SIZE: [f64; 2] = [560.0, 420.0];
@@ -74,12 +75,7 @@ pub fn html(
     }
     let page = el("html")
         .attr("lang", "en")
-        .child(
-            el("head")
-                .child(el("meta").attr("charset", "utf-8"))
-                .child(el("title").text(title))
-                .child(Element::style_sheet(include_str!("page/style.css"))),
-        )
+        .child(document_head(title))
         .child(el("body").child(main));
     format!("<!DOCTYPE html>\n{page}")
 }

@@ -4,6 +4,7 @@ use crate::draw::markup::{Element, el};
 use crate::draw::number::typographic;
 use crate::draw::scale::{PlanView, bar, length_text, nice_below};
 use crate::draw::svg::{circle, picture, polygon, text};
+use crate::page::document_head;
 
 const SIZE: [f64; 2] = [560.0, 420.0];
 const MARGIN: f64 = 34.0;
@@ -85,12 +86,7 @@ pub fn html(shown: &PlacedPage) -> String {
     }
     let page = el("html")
         .attr("lang", "en")
-        .child(
-            el("head")
-                .child(el("meta").attr("charset", "utf-8"))
-                .child(el("title").text(&shown.title))
-                .child(Element::style_sheet(include_str!("page/style.css"))),
-        )
+        .child(document_head(&shown.title))
         .child(el("body").child(main));
     format!("<!DOCTYPE html>\n{page}")
 }

@@ -11,6 +11,7 @@ use crate::figures::{
     PointError, Vector, half_sigma, in_job_order, length, motion, point_errors, pose_error,
     radius_error, shift_mm, sphere_uncertainty, turn_and_tilt_deg,
 };
+use crate::ink;
 use umi_client::session::{Session, Setup};
 
 mod summary;
@@ -27,7 +28,7 @@ struct Paint(bool);
 impl Paint {
     fn with(self, code: &str, text: &str) -> String {
         if self.0 {
-            format!("\x1b[{code}m{text}\x1b[0m")
+            ink::coloured(code, text)
         } else {
             text.into()
         }

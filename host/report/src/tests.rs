@@ -44,8 +44,37 @@ fn assert_text(text: &str, open: &[&str]) {
     }
 }
 
+/// The policy as it stands in an attribute.
+fn policy_text() -> String {
+    crate::page::CONTENT_SECURITY_POLICY.replace('\'', "&#39;")
+}
+
+/// Every kind of page says in itself that nothing is to be loaded or run.
+#[test]
+fn every_page_has_a_policy() {
+    let placed = crate::scan::html(&crate::scan::PlacedPage::default());
+    assert_self_contained(&placed);
+    let paths = crate::paths::html(
+        "paths",
+        "result",
+        &[],
+        &[],
+        &[],
+        &umi_core::registration::RigidTransform::identity(),
+        &umi_client::files::tool_path::diff::compare(
+            &[],
+            &[],
+            &umi_core::registration::RigidTransform::identity(),
+            1.0,
+        ),
+    );
+    assert_self_contained(&paths);
+}
+
 /// Nothing is fetched from anywhere, nothing runs.
 fn assert_self_contained(html: &str) {
+    let policy = format!("content=\"{}\"", policy_text());
+    assert!(html.contains(&policy), "no policy in {}", &html[..400]);
     let html = html.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
     for forbidden in [
         "http:",

@@ -46,25 +46,31 @@ pub fn html_with(
         .child(definitions());
     let page = el("html")
         .attr("lang", "en")
-        .child(
-            el("head")
-                .child(el("meta").attr("charset", "utf-8"))
-                .child(
-                    el("meta")
-                        .attr("name", "viewport")
-                        .attr("content", "width=device-width, initial-scale=1"),
-                )
-                .child(
-                    el("meta")
-                        .attr("http-equiv", "Content-Security-Policy")
-                        .attr("content", "default-src 'none'; style-src 'unsafe-inline'"),
-                )
-                .child(el("title").text(&session.title))
-                .child(Element::style_sheet(include_str!("style.css"))),
-        )
+        .child(document_head(&session.title))
         .child(el("body").child(main));
     format!("<!DOCTYPE html>\n{page}")
 }
+
+/// The head of every page: its style is in it, and nothing is loaded or run, whatever a name in
+/// the page says.
+pub(crate) fn document_head(title: &str) -> Element {
+    let viewport = el("meta")
+        .attr("name", "viewport")
+        .attr("content", "width=device-width, initial-scale=1");
+    let policy = el("meta")
+        .attr("http-equiv", "Content-Security-Policy")
+        .attr("content", CONTENT_SECURITY_POLICY);
+    el("head")
+        .child(el("meta").attr("charset", "utf-8"))
+        .child(viewport)
+        .child(policy)
+        .child(el("title").text(title))
+        .child(Element::style_sheet(include_str!("style.css")))
+}
+
+/// Nothing but the page's own style: no script, no picture, no address elsewhere, no form.
+pub const CONTENT_SECURITY_POLICY: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
 
 /// What the words and figures mean.
 fn definitions() -> Element {

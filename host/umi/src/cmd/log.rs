@@ -1,7 +1,7 @@
 //! `umi log`
 
 use std::fs::File;
-use std::io::{BufWriter, Write as _};
+use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
@@ -99,7 +99,7 @@ impl Log {
         // Under its own name only when it is complete.
         let part = part_of(path);
         let failed = |error| Failure::file("write", &part, &error);
-        let mut file = BufWriter::new(File::create(&part).map_err(failed)?);
+        let mut file = BufWriter::new(begin_part(&part).map_err(failed)?);
         let bar = ProgressBar::no_length().with_style(style());
         let stretch = journal::pull(&mut board, self.from, |step| match step {
             PullStep::Header(header, next) => {
@@ -177,6 +177,14 @@ fn part_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
     name.into()
+}
+
+/// Begins the file anew. A link that somebody has put under its name is taken away, not followed.
+fn begin_part(part: &Path) -> io::Result<File> {
+    match std::fs::remove_file(part) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => File::create_new(part),
+    }
 }
 
 /// Says where that is which came before the failure.

@@ -2,13 +2,15 @@
 //!
 //! Colours go out as escape codes and are taken away again where the output is
 //! no terminal, where `NO_COLOR` is set, or where the terminal has none (by
-//! `anstream`). Everything is readable without them.
+//! `anstream`). Everything is readable without them. Nothing else steers the terminal: a name
+//! that comes from elsewhere is shown in letters ([`ink`]).
 
 use std::fmt::{self, Display};
 use std::io::{self, Write as _};
 
 pub use anstyle::Style;
 use anstyle::{AnsiColor, Effects};
+use umi_report::ink;
 
 use crate::failure::Failure;
 
@@ -37,7 +39,10 @@ pub fn paint(style: Style, text: impl Display) -> String {
     if style == PLAIN {
         text.to_string()
     } else {
-        format!("{style}{text}{style:#}")
+        let codes = style.render().to_string();
+        // One sequence for each attribute: their codes in one.
+        let codes = codes.replace("\u{1b}[", "").replace('m', ";");
+        ink::coloured(codes.trim_end_matches(';'), &text.to_string())
     }
 }
 
@@ -47,7 +52,9 @@ pub fn paint(style: Style, text: impl Display) -> String {
 /// [`Failure::OutputClosed`] if nobody reads any more; the system's error.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = anstream::stdout().lock();
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    let written = out
+        .write_all(ink::shown(text).as_bytes())
+        .and_then(|()| out.flush());
     written.map_err(|error| match error.kind() {
         io::ErrorKind::BrokenPipe => Failure::OutputClosed,
         _ => Failure::trouble("file", format_args!("cannot write the output: {error}")),
@@ -64,7 +71,7 @@ pub fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
 
 /// Writes to standard error; there is nobody to tell if that fails.
 pub fn print_error(text: &str) {
-    let _ = anstream::stderr().write_all(text.as_bytes());
+    let _ = anstream::stderr().write_all(ink::shown(text).as_bytes());
 }
 
 /// Columns of text under optional titles, separated by blanks.
@@ -289,12 +296,12 @@ mod tests {
         let mut table = Table::new("<>").titles(&["name", "value"]);
         table.styled([(BAD, "radius"), (PLAIN, "12.7")]);
         table.row(["x", "-135.5105"]);
-        let plain = anstream::adapter::strip_str(&table.to_string()).to_string();
+        let plain = ink::plain(&table.to_string());
         assert_eq!(
             plain,
             "  name        value\n  radius       12.7\n  x       -135.5105\n"
         );
-        assert!(table.to_string().contains('\u{1b}'));
+        assert!(ink::shown(&table.to_string()).contains('\u{1b}'));
     }
 
     /// Two digits of the noise are shown, within 4 to 9 decimals.

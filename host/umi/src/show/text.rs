@@ -486,7 +486,7 @@ mod tests {
     }
 
     fn plain(text: &str) -> String {
-        anstream::adapter::strip_str(text).to_string()
+        umi_report::ink::plain(text)
     }
 
     /// A refused feature stands in one line with what was measured, and each reason

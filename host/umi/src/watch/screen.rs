@@ -454,7 +454,7 @@ fn verdict(view: &View) -> Vec<Line<'static>> {
     let Some(verdict) = &view.verdict else {
         return vec![latest("verdict", Span::styled("none yet", FAINT))];
     };
-    let said = anstream::adapter::strip_str(&text::verdict(verdict)).to_string();
+    let said = umi_report::ink::plain(&text::verdict(verdict));
     let mut said = said.lines().map(str::to_owned);
     let style = if verdict.ok { GOOD } else { BAD };
     let first = Span::styled(said.next().unwrap_or_default(), style);

@@ -7,6 +7,7 @@ mod demo;
 mod events;
 mod fits;
 mod help;
+mod hostile;
 mod input;
 mod job;
 mod localise;

@@ -9,7 +9,7 @@ mod csv;
 mod ply;
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use crate::ScanError;
@@ -60,8 +60,7 @@ impl PointFile {
         let mut name = path.file_name().unwrap_or_default().to_owned();
         name.push(".part");
         let partial = path.with_file_name(name);
-        let file =
-            File::create(&partial).map_err(|error| ScanError::file("write", path, &error))?;
+        let file = begin(&partial).map_err(|error| ScanError::file("write", &partial, &error))?;
         let out = BufWriter::with_capacity(1 << 20, file);
         let shown = path.display().to_string();
         let mut file = Self {
@@ -76,6 +75,14 @@ impl PointFile {
             Box::new(ply::PlyPoints::new(out, shown, double)?)
         };
         Ok(file)
+    }
+}
+
+/// Begins a file anew. A link that somebody has put under its name is taken away, not followed.
+fn begin(partial: &Path) -> io::Result<File> {
+    match std::fs::remove_file(partial) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => File::create_new(partial),
     }
 }
 
