@@ -108,8 +108,6 @@ async fn send<F: Flash>(
         is_held: 0,
     };
     let mut give_up = after(clock, hold_us);
-    // Nothing is there to refill from until the host passes on more, and that refills by itself.
-    let mut waits_for_host = false;
     loop {
         if app.line.is_stopped() {
             let resumed = select(app.line.resumed.wait(), patience(clock, hold_us));
@@ -138,10 +136,9 @@ async fn send<F: Flash>(
             }
             (measure.next_byte(), measure.is_hungry())
         };
-        if is_hungry && !waits_for_host {
+        if is_hungry {
             app.line.refill_needed.signal(());
         }
-        waits_for_host = next == Next::WaitForHost;
         match next {
             Next::End { whole } => {
                 sent.whole = whole.into();

@@ -30,8 +30,6 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
     let mut sender = BlockSender::new(clock.now());
     sender.received(NAK, clock.now());
     let mut bytes = 0;
-    // As in text: what the host passes on refills by itself.
-    let mut waits_for_host = false;
     let outcome = loop {
         match sender.next(clock.now()) {
             SendStep::Done(outcome) => break outcome,
@@ -46,10 +44,9 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
                     let mut measure = app.measure.lock().await;
                     (measure.next_byte(), measure.is_hungry())
                 };
-                if is_hungry && !waits_for_host {
+                if is_hungry {
                     app.line.refill_needed.signal(());
                 }
-                waits_for_host = next == Next::WaitForHost;
                 match next {
                     Next::Byte(byte) => bytes += sender.data(&[byte], false) as u32,
                     Next::End { whole: true } => drop(sender.data(&[], true)),

@@ -139,11 +139,11 @@ pub fn result(outcome: &ExperimentOutcome) -> String {
     let uncut =
         |figures: &DeviationStatistics| match fixed(100.0 * figures.share_uncut(), 0).as_str() {
             "0" => String::new(),
-            share => format!(" where a tool was, {share} % not cut at all"),
+            share => format!(" where a tool was, and {share} % not cut at all"),
         };
     let [with, without] = [&outcome.corrected.whole, &outcome.uncorrected.whole];
     format!(
-        "One surface, cut in {} clampings: {} from nominal with the corrections{}; {} without{}.",
+        "One surface, cut in {} clampings. With the corrections: {} from nominal{}. Without: {}{}.",
         outcome.session.setups.len(),
         range(with),
         uncut(with),

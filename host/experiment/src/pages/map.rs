@@ -198,7 +198,7 @@ pub fn drawing(map: &Map<'_>) -> Element {
     out = out.child(svg::text(
         "mid muted",
         [LEFT + WIDTH / 2.0, foot],
-        "X along the laces, Y up, mm",
+        "X along the passes, Y up, mm",
     ));
     out.children(legend_of(map, [legend, TOP]))
 }
