@@ -153,7 +153,8 @@ pub struct Closing {
     pub within_mm: f64,
 }
 
-/// How far a feature may be from how it was in the taught setup.
+/// How far a feature may be from how it was in the taught setup; where several taught, below
+/// the smallest of them and above the largest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
@@ -198,6 +199,58 @@ pub struct Learned {
     pub rms_mm: f64,
     /// How far beside the centre the hits were approached, at most; 0 where not known.
     pub centring_mm: f64,
+}
+
+impl Learned {
+    fn of_each(&self, other: &Self, of: fn(f64, f64) -> f64) -> Self {
+        Self {
+            radius_mm: of(self.radius_mm, other.radius_mm),
+            rms_mm: of(self.rms_mm, other.rms_mm),
+            centring_mm: of(self.centring_mm, other.centring_mm),
+        }
+    }
+}
+
+/// What the taught setups have shown of each feature of the job, in its order.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Lessons {
+    /// The smallest of all setups that taught.
+    pub smallest: Vec<Learned, MAX_FEATURES>,
+    /// The largest; empty where one setup taught: then they are the same. Older records end
+    /// before.
+    pub largest: Vec<Learned, MAX_FEATURES>,
+    /// Setups that have taught after the first.
+    pub further: u16,
+}
+
+impl Lessons {
+    /// Nothing was taught.
+    pub const NONE: Self = Self {
+        smallest: Vec::new(),
+        largest: Vec::new(),
+        further: 0,
+    };
+
+    /// The smallest and the largest of a feature, by its place in the job.
+    #[must_use]
+    pub fn of(&self, place: usize) -> Option<(&Learned, &Learned)> {
+        let smallest = self.smallest.get(place)?;
+        Some((smallest, self.largest.get(place).unwrap_or(smallest)))
+    }
+
+    /// One more setup has taught. It has the same features.
+    pub fn widen(&mut self, by: &[Learned]) {
+        if self.largest.is_empty() {
+            self.largest = self.smallest.clone();
+        }
+        let ends = self.smallest.iter_mut().zip(&mut self.largest);
+        for ((smallest, largest), now) in ends.zip(by) {
+            *smallest = smallest.of_each(now, f64::min);
+            *largest = largest.of_each(now, f64::max);
+        }
+        self.further = self.further.saturating_add(1);
+    }
 }
 
 /// One feature of the part.

@@ -27,7 +27,7 @@
 //! | `ProgramOffer` | `Done` | the control's next READ gets this one, as if it had asked for it |
 //! | `ProgramReceive` | `Done` | asks the control for a program by XMODEM; `ProgramKept` or `ProgramNotKept` is journaled |
 //! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
-//! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to be the reference |
+//! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to teach |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
@@ -46,7 +46,7 @@ use thiserror::Error;
 
 use crate::fault::{Counters, Fault};
 use crate::feature::FeatureResult;
-use crate::job::{Job, Learned, MAX_DATUMS, MAX_FEATURES, Name};
+use crate::job::{Job, Lessons, MAX_DATUMS, Name};
 use crate::job_error::JobError;
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
@@ -233,10 +233,10 @@ requests! {
             /// Its number.
             number: u32,
         } => State, Work, Done | ProgramRefused | StorageFailed;
-        /// The setup that comes next is to be the reference.
+        /// The setup that comes next is to teach.
         Teach {
-            /// True: in place of the one that there is.
-            again: bool,
+            /// What.
+            what: TeachWhat,
         } => State, Work, Done | TeachRefused;
     }
 }
@@ -258,6 +258,8 @@ pub enum Response {
         job: Option<Job>,
         /// The taught reference positions, in the order of the job's datum features.
         taught_mm: Option<Vec<[f64; 3], MAX_DATUMS>>,
+        /// How each feature of the job was when it was taught; empty without a taught reference.
+        learned: Lessons,
     },
     /// The job cannot be used.
     JobRefused(JobError),
@@ -336,6 +338,27 @@ pub enum TeachRefusal {
     /// A setup is being measured: ask before it begins.
     #[error("a clamping is being measured: ask before it begins")]
     UnderWay,
+    /// Nothing is taught that one more setup could add to.
+    #[error("nothing is taught yet: ask without --more")]
+    NotTaught,
+    /// The job holds nothing against what was learned.
+    #[error(
+        "the job has no [guards.learned]: there are no limits that one more clamping could widen"
+    )]
+    NoLearned,
+}
+
+/// What the setup that comes next is to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum TeachWhat {
+    /// The reference, where there is none.
+    Reference,
+    /// The reference, also in place of the one that there is.
+    Again,
+    /// How features may be, besides what was learned before. The reference stays.
+    More,
 }
 
 impl TeachRefusal {
@@ -411,7 +434,7 @@ pub enum Record {
         /// Places of the job's datum features, in its order, then of those on the table.
         positions_mm: Vec<[f64; 3], MAX_DATUMS>,
         /// How each feature of the job was when it was taught. Older records have none.
-        learned: Vec<Learned, MAX_FEATURES>,
+        learned: Lessons,
     },
     /// Bytes from the control.
     Bytes {
@@ -441,7 +464,7 @@ pub enum Record {
         /// empty: there is no reference any more.
         positions_mm: Vec<[f64; 3], MAX_DATUMS>,
         /// How each feature of the job was when it was taught. Older records have none.
-        learned: Vec<Learned, MAX_FEATURES>,
+        learned: Lessons,
     },
 
     // --- deeds
@@ -515,8 +538,11 @@ pub enum Record {
         /// By the registration of which setup it is rewritten; none: it goes out as it is.
         rewritten_for: Option<u32>,
     },
-    /// A host asked that the setup that comes next becomes the reference. An input too.
-    TeachAsked,
+    /// The setup that comes next is to teach, as a host or the board's input asked. An input too.
+    TeachAsked {
+        /// True: limits that were learned, and no reference. Older records have none of it.
+        more: bool,
+    },
     /// No job could be restored at start, and why: the board measures nothing before one is
     /// set. Not on a board whose journal is new.
     JobLost {
@@ -552,7 +578,7 @@ impl Record {
             Self::ProgramNotKept { .. } => 19,
             Self::CorrectionBegun { .. } => 20,
             Self::ProgramBegun { .. } => 21,
-            Self::TeachAsked => 22,
+            Self::TeachAsked { .. } => 22,
             Self::JobLost { .. } => 23,
         }
     }

@@ -36,6 +36,37 @@ pub struct ProgramInfo {
     /// that the control stores, longer than its longest motion for one that it carries out
     /// as it comes. One that was held for longer begins anew.
     pub hold_s: u16,
+    /// What was said of it where it is rewritten. Records of an earlier firmware end before.
+    pub stated: Stated,
+}
+
+/// Modes to begin with that can be stated of a program: one of each group.
+pub const MAX_START: usize = 8;
+
+/// What whoever puts a program says of it, because its text does not: see `umi nc rewrite`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Stated {
+    /// Modes in force when it starts: G codes in tenths (900 is G90), one of a group.
+    pub start_tenths: Vec<u16, MAX_START, u8>,
+    /// Whose meaning counts where controls differ.
+    pub dialect: StatedDialect,
+    /// A program that it may call although its text is not there; 0: none.
+    pub allow_call: u16,
+}
+
+/// Whose meaning counts where controls differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum StatedDialect {
+    /// Nobody has said: what they do differently is refused.
+    #[default]
+    NotSaid,
+    /// Fanuc, Haas, Mitsubishi.
+    Fanuc,
+    /// `LinuxCNC`.
+    LinuxCnc,
 }
 
 /// When a program goes out to a control that asks for it.
@@ -303,6 +334,11 @@ pub enum ProgramRefusal {
         /// The check value of the program that is there.
         crc32: u32,
     },
+    /// A start mode is none, or none that the board keeps.
+    #[error(
+        "a mode that the program is said to begin with is none that the board keeps: one of each group, G54 to G59 among them"
+    )]
+    BadStart,
 }
 
 impl ProgramRefusal {

@@ -577,6 +577,14 @@ pub enum Reason {
         /// A reference that nobody meant: the first OK setup is taught.
         first_ok: bool,
     },
+    /// This setup has widened what was learned.
+    #[error(
+        "this setup teaches too: limits on radius, rms and centring are wider by what {further} further clampings have shown"
+    )]
+    TaughtMore {
+        /// Setups that have taught after the first.
+        further: u16,
+    },
 }
 
 /// Why a fit or a registration was refused.

@@ -41,6 +41,8 @@ pub struct Before {
 pub struct RefereeMove {
     /// Where it ends.
     pub to_mm: [f64; 3],
+    /// The N number of its block, if that has one.
+    pub block: Option<u32>,
     /// Whether it cuts.
     pub is_feed: bool,
     /// Of an arc the centre, the axis that it turns about, right-handed, and the angle.
@@ -208,6 +210,8 @@ struct Canon {
     local_mm: [f64; 3],
     tool_mm: [f64; 3],
     rotation_deg: f64,
+    /// The N number of the block.
+    block: Option<u32>,
     run: RefereeRun,
     ended: bool,
 }
@@ -228,6 +232,7 @@ impl Canon {
             local_mm: [0.0; 3],
             tool_mm: [0.0; 3],
             rotation_deg: 0.0,
+            block: None,
             run: RefereeRun {
                 moves: Vec::new(),
                 origins_mm: Vec::new(),
@@ -243,6 +248,10 @@ impl Canon {
             return Ok(());
         };
         let name = head.split_whitespace().last().unwrap_or_default();
+        let mut number = head
+            .split_whitespace()
+            .filter_map(|word| word.strip_prefix('N'));
+        self.block = number.next().and_then(|digits| digits.parse().ok());
         let arguments = rest.trim_end().trim_end_matches(')');
         let numbers: Vec<f64> = arguments
             .split([',', ' '])
@@ -360,6 +369,7 @@ impl Canon {
         self.run.origins_mm.push(self.work_mm);
         self.run.moves.push(RefereeMove {
             to_mm,
+            block: self.block,
             is_feed,
             arc,
         });

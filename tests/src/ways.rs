@@ -224,6 +224,14 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(turned(1)),
             Step::Reads(2),
         ]),
+        ("Blocks without run numbers, taught, corrected; then nothing new was measured, and the control reads again", vec![
+            Step::Sets(Box::new(job())),
+            Step::Prints(clamping(0)),
+            Step::Reads(1),
+            Step::Prints(clamping(1)),
+            Step::Reads(2),
+            Step::Reads(3),
+        ]),
     ]
 }
 

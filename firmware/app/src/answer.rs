@@ -8,6 +8,7 @@ use umi_core::job::Run;
 use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::Micros;
 use umi_protocol::immediate::ImmediateRequest;
+use umi_protocol::job::Lessons;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
@@ -45,7 +46,7 @@ pub(crate) fn answer<F: Flash>(
             Err(SetJobError::Job(error)) => Response::JobRefused(error),
             Err(SetJobError::Storage) => Response::StorageFailed,
         },
-        Request::Teach { again } => match measure.teach(around.now, *again) {
+        Request::Teach { what } => match measure.teach(around.now, *what) {
             Ok(()) => Response::Done,
             Err(refusal) => Response::TeachRefused(refusal),
         },
@@ -103,6 +104,9 @@ fn job(run: &Run) -> Response {
     Response::Job {
         job: run.job().cloned(),
         taught_mm: run.taught().map(|taught| positions_mm(taught.places)),
+        learned: run
+            .taught()
+            .map_or(Lessons::NONE, |taught| taught.learned.clone()),
     }
 }
 

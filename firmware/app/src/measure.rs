@@ -31,11 +31,11 @@ use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{Job, Name};
+use umi_protocol::job::{Job, Lessons, Name};
 use umi_protocol::job_error::JobError;
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JobLoss, MAX_RECORD, Record, ResetReason, TeachRefusal,
+    Event, Identity, JobLoss, MAX_RECORD, Record, ResetReason, TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
@@ -46,7 +46,7 @@ use crate::delivery::Delivery;
 use crate::events::Events;
 use crate::intake::Input;
 use crate::release::{Passed, Released, Wanted, transform};
-use crate::settings::{JobStore, Lessons, PlacesMm, kept, points};
+use crate::settings::{JobStore, PlacesMm, kept, points};
 use crate::upload::{ProgramUpload, UploadEnd};
 
 /// How the board came up.
@@ -345,17 +345,16 @@ impl<F: Flash> Instrument<F> {
         Ok(())
     }
 
-    /// The setup that comes next is to be the reference, in place of the one that there is
-    /// only if `again`. What was released before is not any more.
+    /// The setup that comes next is to teach. What was released before is not any more.
     ///
     /// # Errors
     /// Why there is nothing to teach: nothing has changed.
-    pub fn teach(&mut self, now: Micros, again: bool) -> Result<(), TeachRefusal> {
+    pub fn teach(&mut self, now: Micros, what: TeachWhat) -> Result<(), TeachRefusal> {
         let Self { brain, ledger, .. } = self;
-        brain.run().may_teach(again)?;
+        brain.run().may_teach(what)?;
         ledger.forget();
-        ledger.teach_asked(now);
-        brain.teach(again, &mut ledger.listen(now))?;
+        ledger.teach_asked(now, what == TeachWhat::More);
+        brain.teach(what, &mut ledger.listen(now))?;
         self.keep_taught(now);
         Ok(())
     }
@@ -597,8 +596,8 @@ impl<F: Flash> Ledger<F> {
     }
 
     #[inline(never)]
-    fn teach_asked(&mut self, now: Micros) {
-        self.record(now, Record::TeachAsked);
+    fn teach_asked(&mut self, now: Micros, more: bool) {
+        self.record(now, Record::TeachAsked { more });
     }
 
     #[inline(never)]

@@ -4,7 +4,7 @@
 use umi_core::brain::{Brain, Output};
 use umi_core::job::Teaching;
 use umi_core::units::Micros;
-use umi_protocol::message::{MAX_RECORD, Record};
+use umi_protocol::message::{MAX_RECORD, Record, TeachWhat};
 
 use crate::settings::{kept, points};
 
@@ -134,7 +134,7 @@ impl Replay {
             | Record::BytesLost { .. }
             | Record::Time
             | Record::InputEnd
-            | Record::TeachAsked => {
+            | Record::TeachAsked { .. } => {
                 let complete = self.nothing_expected();
                 self.input(now, record, scratch)?;
                 complete
@@ -189,7 +189,14 @@ impl Replay {
             Record::BytesLost { count } => brain.bytes_lost(now, *count, out),
             Record::Time => brain.on_time(now, out),
             // It was taken then, so it is now, or the decisions differ.
-            Record::TeachAsked => drop(brain.teach(true, out)),
+            Record::TeachAsked { more } => {
+                let what = if *more {
+                    TeachWhat::More
+                } else {
+                    TeachWhat::Again
+                };
+                let _ = brain.teach(what, out);
+            }
             _ => brain.input_ended(now, out),
         }
         if fits {

@@ -18,14 +18,11 @@ use umi_core::job::Teaching;
 use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::{Micros, Point};
 use umi_protocol::hello::KEY;
-use umi_protocol::job::{Job, Learned, MAX_DATUMS, MAX_FEATURES};
+use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
 use umi_protocol::message::{JobLoss, MAX_RECORD};
 
 /// Datum positions in the order of the job's datum features.
 pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
-
-/// How each feature of the job was when the reference was taught.
-pub type Lessons = Vec<Learned, MAX_FEATURES>;
 
 /// What one entry holds: the job and the reference that was taught.
 type Kept = (Job, Option<(PlacesMm, Lessons)>);
@@ -107,8 +104,7 @@ pub struct NotKept;
 
 /// What was taught as it is kept.
 pub fn kept(taught: &Teaching<'_>) -> (PlacesMm, Lessons) {
-    let learned = taught.learned.iter().copied().collect();
-    (positions_mm(taught.places), learned)
+    (positions_mm(taught.places), taught.learned.clone())
 }
 
 /// Points as they stand in records.

@@ -14,7 +14,7 @@ use umi_protocol::job::Job;
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::LatchReport;
 use umi_protocol::line::{HitReport, LineReport};
-use umi_protocol::message::TeachRefusal;
+use umi_protocol::message::{TeachRefusal, TeachWhat};
 use umi_protocol::pattern::Coding;
 use umi_protocol::verdict::Verdict;
 
@@ -141,17 +141,16 @@ impl Brain {
         self.run.latched(latch);
     }
 
-    /// The setup that comes next is to be the reference, in place of the one that there is
-    /// only if `again`.
+    /// The setup that comes next is to teach.
     ///
     /// # Errors
     /// Why there is nothing to teach: nothing has changed.
     pub fn teach(
         &mut self,
-        again: bool,
+        what: TeachWhat,
         out: &mut impl FnMut(Output<'_>),
     ) -> Result<(), TeachRefusal> {
-        self.run.teach(again, &mut decisions(out))
+        self.run.teach(what, &mut decisions(out))
     }
 
     /// When [`Self::on_time`] is due.

@@ -8,8 +8,8 @@ use umi_protocol::feature::{FeatureResult, FitReport, Shape};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
-    Job, Learned, LearnedLimits, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen, Teach,
-    WarmthSpec, WitnessSpec, WorkOffset,
+    Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen,
+    Teach, WarmthSpec, WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
@@ -18,14 +18,15 @@ use umi_protocol::latch::{
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
     Event, Identity, JobLoss, JournalInfo, Record, Request, ResetReason, Response, Status,
-    TeachRefusal,
+    TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
     Travel,
 };
 use umi_protocol::program::{
-    IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, UnitRule, Withheld,
+    IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, Stated,
+    StatedDialect, UnitRule, Withheld,
 };
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::{
@@ -73,7 +74,9 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             bytes: b"G1 X1.\n".iter().copied().collect(),
         },
         Some(Request::ProgramPassed { .. }) => Request::ProgramOffer { number: 1234 },
-        Some(Request::ProgramOffer { .. }) => Request::Teach { again: true },
+        Some(Request::ProgramOffer { .. }) => Request::Teach {
+            what: TeachWhat::Again,
+        },
         Some(Request::Teach { .. }) => return None,
     })
 }
@@ -90,6 +93,7 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         Some(Response::Status(_)) => Response::Job {
             job: Some(job()),
             taught_mm: Some(list([[1.0, 2.0, 3.0]])),
+            learned: lessons(),
         },
         Some(Response::Job { .. }) => Response::JobRefused(JobError::BadValue {
             field: Field::RmsMm,
@@ -190,7 +194,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Recovered { .. }) => Record::JobSet(job()),
         Some(Record::JobSet(_)) => Record::ReferenceRestored {
             positions_mm: list([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.0]]),
-            learned: list([]),
+            learned: Lessons::NONE,
         },
         Some(Record::ReferenceRestored { .. }) => Record::Bytes {
             raw: list([0x12, 0x0D, 0x8A, 0x00]),
@@ -212,11 +216,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Feature(_)) => Record::Verdict(verdict()),
         Some(Record::Verdict(_)) => Record::Taught {
             positions_mm: list([[0.25, -0.5, 1e3]]),
-            learned: list([Learned {
-                radius_mm: 12.7,
-                rms_mm: 0.001,
-                centring_mm: 0.002,
-            }]),
+            learned: lessons(),
         },
         Some(Record::Taught { .. }) => Record::CorrectionSent {
             setup: 1,
@@ -264,12 +264,25 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             crc32: 0xCBF4_3926,
             rewritten_for: Some(3),
         },
-        Some(Record::ProgramBegun { .. }) => Record::TeachAsked,
-        Some(Record::TeachAsked) => Record::JobLost {
+        Some(Record::ProgramBegun { .. }) => Record::TeachAsked { more: true },
+        Some(Record::TeachAsked { .. }) => Record::JobLost {
             why: JobLoss::OtherSchema,
         },
         Some(Record::JobLost { .. }) => return None,
     })
+}
+
+fn lessons() -> Lessons {
+    let learned = |more: f64| Learned {
+        radius_mm: 12.7 + more,
+        rms_mm: 0.001 + more,
+        centring_mm: 0.002 + more,
+    };
+    Lessons {
+        smallest: list([learned(0.0)]),
+        largest: list([learned(0.0005)]),
+        further: 2,
+    }
 }
 
 fn program() -> ProgramInfo {
@@ -286,6 +299,11 @@ fn program() -> ProgramInfo {
             unit: UnitRule::Said,
         }),
         hold_s: 600,
+        stated: Stated {
+            start_tenths: list([900, 170]),
+            dialect: StatedDialect::Fanuc,
+            allow_call: 9010,
+        },
     }
 }
 

@@ -9,6 +9,7 @@ use umi_core::registration::RigidTransform;
 use umi_core::units::{Micros, Point};
 use umi_protocol::job::{Compensation, Job, Teach};
 use umi_protocol::line::LineStatus;
+use umi_protocol::message::TeachWhat;
 use umi_protocol::verdict::Verdict;
 
 use super::WRONG_MM;
@@ -123,7 +124,7 @@ impl<'a> Session<'a> {
         }
         if asked && !self.checked() {
             // There is no line for it: somebody asks at the host.
-            let _ = self.brain.teach(true, &mut |_| {});
+            let _ = self.brain.teach(TeachWhat::Again, &mut |_| {});
         }
         self.print(&taught.lines);
         let spoilt = 1 + self.dice.below(CLAMPINGS - 1);

@@ -13,7 +13,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
 use umi_protocol::message::{Event, Record, Request, ResetReason};
 use umi_protocol::pattern::Handshake;
-use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
 use umi_tests::cases::*;
 use umi_tests::rig::Rig;
 
@@ -483,6 +483,7 @@ fn program(number: u32, bytes: usize) -> (ProgramInfo, Vec<u8>) {
         crc32: programs::check_value(text.as_bytes()),
         release: Release::Always,
         hold_s: 5,
+        stated: Stated::default(),
     };
     (info, text.into_bytes())
 }

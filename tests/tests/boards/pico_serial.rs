@@ -24,7 +24,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::{FeatureKind, Job, MAX_HITS};
 use umi_protocol::message::{Record, Request};
 use umi_protocol::pattern::Handshake;
-use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, UnitRule};
+use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, Stated, UnitRule};
 use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes};
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{
@@ -504,6 +504,7 @@ fn a_long_program_begins_before_a_control_gives_up() {
             unit: UnitRule::Said,
         }),
         hold_s: 60,
+        stated: Stated::default(),
     };
     programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
     rig.control_sends((clamping(0) + &clamping(1)).as_bytes());

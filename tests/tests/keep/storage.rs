@@ -8,11 +8,11 @@ use umi_client::programs;
 use umi_core::journal::{Flash as _, Journal, MAX_PAYLOAD};
 use umi_core::units::Micros;
 use umi_protocol::envelope::KEY;
-use umi_protocol::job::Job;
-use umi_protocol::message::{JobLoss, Record, Status};
+use umi_protocol::job::{Job, LearnedLimits};
+use umi_protocol::message::{JobLoss, Record, Status, TeachRefusal, TeachWhat};
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{ProgramInfo, Release, Withheld};
-use umi_tests::cases::{SESSION, job};
+use umi_protocol::program::{ProgramInfo, Release, Stated, Withheld};
+use umi_tests::cases::{SESSION, clamping, job, journal};
 use umi_virtual::board::{JOURNAL, SETTINGS};
 use umi_virtual::{Config, VirtualBoard, VirtualFlash};
 
@@ -61,6 +61,7 @@ fn without_a_journal_nothing_is_sent() {
         crc32: programs::check_value(text.as_bytes()),
         release: Release::Always,
         hold_s: 5,
+        stated: Stated::default(),
     };
     programs::put(&mut client, &program, text.as_bytes(), |_| {}).unwrap();
     drop((board, client));
@@ -267,4 +268,43 @@ fn a_power_cut_in_the_settings_leaves_one_of_both_jobs() {
         assert!(matches!(told[..], [Record::JobSet(_)]), "{bytes} bytes");
     }
     assert!(seen[0] > 3 && seen[1] > 3, "{seen:?}");
+}
+
+/// What further clampings have taught is in the settings and in the journal: it holds after a
+/// restart, and a replay comes to the same.
+#[test]
+fn what_was_taught_more_is_kept() {
+    let mut learning = job();
+    learning.guards.learned = Some(LearnedLimits {
+        radius_mm: 0.003,
+        rms_mm: 0.002,
+        centring_mm: 0.004,
+    });
+    let config = Config::default();
+    let (board, mut client) = start(&config);
+    client.set_job(&learning).unwrap().unwrap();
+    let refused = client.teach(TeachWhat::More).unwrap();
+    assert_eq!(refused, Err(TeachRefusal::NotTaught));
+    board.control_sends(clamping(0).as_bytes());
+    assert_eq!(after_verdicts(&mut client, 1).verdicts_ok, 1);
+    let first = client.job().unwrap();
+    for (number, further) in [(1, 1), (2, 2)] {
+        client.teach(TeachWhat::More).unwrap().unwrap();
+        board.control_sends(clamping(number).as_bytes());
+        after_verdicts(&mut client, 1 + further);
+        let learned = client.job().unwrap().learned;
+        assert_eq!(u32::from(learned.further), further);
+    }
+    let taught = client.job().unwrap();
+    assert_eq!(taught.taught_mm, first.taught_mm);
+    assert_ne!(taught.learned.largest, taught.learned.smallest);
+    drop((board, client));
+
+    let (board, mut client) = start(&config);
+    assert_eq!(client.job().unwrap(), taught);
+    board.control_sends(clamping(3).as_bytes());
+    assert_eq!(after_verdicts(&mut client, 1).verdicts_ok, 1);
+    let (records, findings) = journal(&mut client);
+    assert!(records.contains(&Record::TeachAsked { more: true }));
+    assert_eq!(findings.differences, []);
 }

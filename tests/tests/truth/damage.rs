@@ -1,7 +1,8 @@
 //! No wrong correction: damaged sessions with known truth (`umi_tests::damage`).
 //!
 //! `UMI_DAMAGE_CLAMPINGS=1000000 cargo test --release -p umi-tests --test truth damage` runs
-//! as many, and with `UMI_BLESS=1` writes `tests/bench/DAMAGE.md`.
+//! as many with the job of four balls and an eighth with each other, and with `UMI_BLESS=1`
+//! writes `tests/bench/DAMAGE.md`.
 
 use std::fmt::Write as _;
 
@@ -58,7 +59,8 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
     let (asked, four, table) = (number > 0, number > 1, number > 2);
     match kind {
         DamageKind::Clean | DamageKind::Warm | DamageKind::OtherOrder => Some(0.0),
-        kind if kind.is_of_text() => Some(0.0),
+        // A digit of the last place in a block, and three balls that see nothing of it.
+        kind if kind.is_of_text() => Some(if four { 0.0 } else { 0.001 }),
         DamageKind::OldBeforeTeaching | DamageKind::TeachingRefused => asked.then_some(0.0),
         DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => four.then_some(0.0),
         DamageKind::WornStylus | DamageKind::Drift => four.then_some(0.0),
@@ -80,8 +82,8 @@ fn refuses_none(number: usize, kind: DamageKind) -> bool {
 
 #[test]
 fn no_wrong_correction() {
-    let clampings: u32 = std::env::var("UMI_DAMAGE_CLAMPINGS")
-        .map_or(10_000, |text| text.parse().expect("a number of clampings"));
+    let asked = std::env::var("UMI_DAMAGE_CLAMPINGS").ok();
+    let asked: Option<u32> = asked.map(|text| text.parse().expect("a number of clampings"));
     let plans = [
         (
             "three balls, blocks, first is taught",
@@ -94,9 +96,18 @@ fn no_wrong_correction() {
         ("four balls, closing, checked lines", four()),
         ("the same with a ball on the table", four_and_table()),
     ];
-    let each = clampings / u32::try_from(plans.len() * DamageKind::ALL.len()).unwrap();
+    // In CI 10 000 in all.
+    let of_job = |number: usize| match asked {
+        None => 2_500,
+        Some(clampings) if number == FOUR => clampings,
+        Some(clampings) => clampings / 8,
+    };
+    let kinds = u32::try_from(DamageKind::ALL.len()).unwrap();
+    let all: u32 = (0..plans.len()).map(of_job).sum();
     let mut page = String::new();
+    let mut broken = Vec::new();
     for (number, (name, plan)) in plans.iter().enumerate() {
+        let each = of_job(number).div_ceil(kinds);
         let _ = write!(
             page,
             "\n## {name}\n\n| what happened | clampings | right | wrong | worst µm | refused | refused though harmless |\n\
@@ -109,15 +120,16 @@ fn no_wrong_correction() {
                 println!("{name}: {kind:?}: harmless, by {:?}", of.harmless_by);
             }
             let share = f64::from(of.wrong) / f64::from(of.clampings);
-            if let Some(most) = promised(number, kind) {
-                assert!(share <= most, "{name}: {kind:?}: {of:?}");
-            }
-            if refuses_none(number, kind) {
-                assert_eq!(of.right, of.clampings, "{name}: {kind:?}: {of:?}");
+            let most = promised(number, kind);
+            let is_kept = most.is_none_or(|most| share <= most)
+                && !(refuses_none(number, kind) && of.right != of.clampings);
+            if !is_kept {
+                broken.push(format!("{name}: {kind:?}: {of:?}"));
             }
         }
     }
     println!("{page}");
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
     if std::env::var_os("UMI_BLESS").is_some_and(|value| value == "1") {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/bench/DAMAGE.md");
         let before = std::fs::read_to_string(path).unwrap_or_default();
@@ -125,11 +137,14 @@ fn no_wrong_correction() {
         let kept = before.find(KEPT).map_or("", |at| &before[at..]);
         std::fs::write(
             path,
-            format!("{HEAD}Seed {SEED}, {each} clampings of each kind.\n{page}\n{kept}"),
+            format!("{HEAD}Seed {SEED}, {all} clampings.\n{page}\n{kept}"),
         )
         .unwrap();
     }
 }
+
+/// The place of the four-ball job among the plans.
+const FOUR: usize = 2;
 
 const KEPT: &str = "## What is left, and why";
 

@@ -49,13 +49,17 @@ use umi_core::control::{Exchange, XOFF_PATIENCE_US};
 use umi_core::correction::withheld;
 use umi_core::journal::Flash;
 use umi_core::registration::RigidTransform;
-use umi_core::rewrite::{Integers, ProgramIdentity, RewriteSettings, Source, Unit};
+use umi_core::rewrite::{
+    AllowedCalls, Integers, ProgramIdentity, RewriteDialect, RewriteSettings, Source, StartModes,
+    Unit,
+};
 use umi_core::units::{Micros, Mm};
 use umi_protocol::job::SendWhen;
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
-    IntegerRule, MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, RewriteSpec, UnitRule, Withheld,
+    IntegerRule, MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, RewriteSpec, StatedDialect,
+    UnitRule, Withheld,
 };
 
 use crate::line::Sent;
@@ -481,6 +485,11 @@ fn settings(
     source: Source,
 ) -> RewriteSettings {
     let micrometres = |um: u16| Mm(f64::from(um) / 1000.0);
+    let mut allowed_calls = AllowedCalls::new();
+    if info.stated.allow_call > 0 {
+        // Five digits find room.
+        let _ = write!(allowed_calls, "{}", info.stated.allow_call);
+    }
     RewriteSettings {
         decimals_mm: spec.decimals_mm,
         chord: micrometres(spec.chord_um),
@@ -500,6 +509,19 @@ fn settings(
             bytes: info.bytes.into(),
         }),
         source,
+        // One that is no mode is not taken; with nothing stated the program is refused by name.
+        start: info
+            .stated
+            .start_tenths
+            .iter()
+            .try_fold(StartModes::default(), |modes, tenths| modes.with(*tenths))
+            .unwrap_or_default(),
+        dialect: match info.stated.dialect {
+            StatedDialect::NotSaid => None,
+            StatedDialect::Fanuc => Some(RewriteDialect::Fanuc),
+            StatedDialect::LinuxCnc => Some(RewriteDialect::LinuxCnc),
+        },
+        allowed_calls,
         ..RewriteSettings::new(transform)
     }
 }

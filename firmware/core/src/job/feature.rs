@@ -308,15 +308,21 @@ pub fn learned(fit: &FitReport, centring_mm: f64) -> Learned {
     }
 }
 
-/// Holds a feature against how it was in the taught setup. The job's own limits must cover
-/// every stylus and every ball; the taught setup has shown what these ones do.
+/// Holds a feature against how it was in the taught setups: below the smallest and above the
+/// largest. The job's own limits must cover every stylus and every ball; the taught setups
+/// have shown what these ones do.
 pub fn against_learned(
     limits: &LearnedLimits,
-    taught: &Learned,
+    (smallest, taught): (&Learned, &Learned),
     now: &Learned,
     reasons: &mut Reasons,
 ) {
-    let error_mm = now.radius_mm - taught.radius_mm;
+    // Between the two it is off by nothing.
+    let error_mm = match now.radius_mm {
+        radius if radius > taught.radius_mm => radius - taught.radius_mm,
+        radius if radius >= smallest.radius_mm => 0.0,
+        radius => radius - smallest.radius_mm,
+    };
     if exceeds(error_mm.abs(), limits.radius_mm) {
         let limit_mm = limits.radius_mm;
         add(reasons, Reason::RadiusSinceTaught { error_mm, limit_mm });

@@ -25,9 +25,9 @@
 use heapless::Vec;
 use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{FeatureSpec, Job, Learned, MAX_FEATURES, Name, Reference, Teach};
+use umi_protocol::job::{FeatureSpec, Job, Learned, Lessons, MAX_FEATURES, Name, Reference, Teach};
 use umi_protocol::latch::LatchReport;
-use umi_protocol::message::TeachRefusal;
+use umi_protocol::message::{TeachRefusal, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -59,14 +59,14 @@ pub struct Teaching<'a> {
     /// Places of the datum features, then of those on the table.
     pub places: &'a [Point],
     /// How each feature of the job was.
-    pub learned: &'a [Learned],
+    pub learned: &'a Lessons,
 }
 
 impl Teaching<'_> {
     /// Nothing is the reference.
     pub const NONE: Self = Self {
         places: &[],
-        learned: &[],
+        learned: &Lessons::NONE,
     };
 }
 
@@ -76,8 +76,10 @@ pub struct Run {
     job: ZeroOption<Job>,
     /// Nominal positions of the datum features, then of those on the table.
     reference: Option<DatumPoints>,
-    /// How each feature was in the taught setup.
-    learned: Vec<Learned, MAX_FEATURES>,
+    /// How each feature was in the taught setups.
+    learned: Lessons,
+    /// What that was before this setup has widened it.
+    unwidened: ZeroOption<Lessons>,
     teaching: TeachingAct,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,
@@ -122,15 +124,24 @@ enum Progress {
     Judged,
 }
 
-/// Whether somebody asked to teach.
+/// Whether somebody asked to teach, and what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TeachingAct {
     /// No.
     None,
     /// The setup that comes next.
-    Next,
+    Next(Lesson),
     /// The setup under way.
-    This,
+    This(Lesson),
+}
+
+/// What a setup is to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lesson {
+    /// The reference, and how its features are.
+    Reference,
+    /// How features may be, besides.
+    More,
 }
 
 /// A work offset as a run states it.
@@ -157,7 +168,8 @@ impl Run {
         Self {
             job: ZeroOption::empty(),
             reference: None,
-            learned: Vec::new(),
+            learned: Lessons::NONE,
+            unwidened: ZeroOption::empty(),
             teaching: TeachingAct::None,
             slots: Vec::new(),
             setup: 0,
@@ -195,6 +207,7 @@ impl Run {
             job: place,
             reference,
             learned,
+            unwidened,
             teaching,
             slots,
             setup,
@@ -220,7 +233,8 @@ impl Run {
                 .filter_map(|(_, f)| f.position_mm.map(Point::from_array_mm))
                 .collect()
         });
-        learned.clear();
+        *learned = Lessons::NONE;
+        unwidened.clear();
         *teaching = TeachingAct::None;
         slots.clear();
         for _ in &job.features {
@@ -276,22 +290,26 @@ impl Run {
         Some(Teaching { places, learned })
     }
 
-    /// The setup that comes next is to be the reference. In place of one that there is only
-    /// if `again`: that one is none any more, whatever becomes of the new one.
+    /// The setup that comes next is to teach. With [`TeachWhat::Again`] the reference that there
+    /// is, is none any more, whatever becomes of the new one.
     ///
     /// # Errors
     /// Why there is nothing to teach: nothing has changed.
     pub fn teach(
         &mut self,
-        again: bool,
+        what: TeachWhat,
         out: &mut impl FnMut(Decision<'_>),
     ) -> Result<(), TeachRefusal> {
-        self.may_teach(again)?;
+        self.may_teach(what)?;
         self.next_setup();
         self.began_with = None;
-        self.teaching = TeachingAct::Next;
+        if what == TeachWhat::More {
+            self.teaching = TeachingAct::Next(Lesson::More);
+            return Ok(());
+        }
+        self.teaching = TeachingAct::Next(Lesson::Reference);
         if self.reference.take().is_some() {
-            self.learned.clear();
+            self.learned = Lessons::NONE;
             out(Decision::Taught(Teaching::NONE));
         }
         Ok(())
@@ -301,13 +319,16 @@ impl Run {
     ///
     /// # Errors
     /// As there.
-    pub fn may_teach(&self, again: bool) -> Result<(), TeachRefusal> {
-        match self.job.get() {
-            None => Err(TeachRefusal::NoJob),
-            Some(_) if !self.reference_is_taught() => Err(TeachRefusal::Given),
-            Some(_) if self.is_under_way() => Err(TeachRefusal::UnderWay),
-            Some(_) if self.reference.is_some() && !again => Err(TeachRefusal::AlreadyTaught),
-            Some(_) => Ok(()),
+    pub fn may_teach(&self, what: TeachWhat) -> Result<(), TeachRefusal> {
+        let job = self.job.get().ok_or(TeachRefusal::NoJob)?;
+        let is_taught = self.reference.is_some();
+        match what {
+            _ if !self.reference_is_taught() => Err(TeachRefusal::Given),
+            _ if self.is_under_way() => Err(TeachRefusal::UnderWay),
+            TeachWhat::Reference if is_taught => Err(TeachRefusal::AlreadyTaught),
+            TeachWhat::More if job.guards.learned.is_none() => Err(TeachRefusal::NoLearned),
+            TeachWhat::More if !is_taught => Err(TeachRefusal::NotTaught),
+            _ => Ok(()),
         }
     }
 
@@ -317,7 +338,7 @@ impl Run {
         let due = self.job.get().map(place_count);
         if self.reference_is_taught() && due == Some(taught.places.len()) {
             self.reference = Vec::from_slice(taught.places).ok();
-            self.learned = Vec::from_slice(taught.learned).unwrap_or_default();
+            self.learned = taught.learned.clone();
         }
     }
 
@@ -473,7 +494,12 @@ impl Run {
             Said::Moved(moved) => self.moved.put(moved),
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
-                if let Err(TeachRefusal::AlreadyTaught) = self.teach(again, out) {
+                let what = if again {
+                    TeachWhat::Again
+                } else {
+                    TeachWhat::Reference
+                };
+                if let Err(TeachRefusal::AlreadyTaught) = self.teach(what, out) {
                     self.next_setup();
                     self.hold_against(Reason::AlreadyTaught);
                 }
@@ -642,8 +668,8 @@ impl Run {
             slot.centring_mm = centring_mm;
         }
         if self.progress == Progress::Empty {
-            if self.teaching == TeachingAct::Next {
-                self.teaching = TeachingAct::This;
+            if let TeachingAct::Next(lesson) = self.teaching {
+                self.teaching = TeachingAct::This(lesson);
             }
             if place > 0 && self.run.is_none() && !self.order_shown && self.began_with.is_none() {
                 self.began_with = Some(place);
@@ -686,7 +712,7 @@ impl Run {
             .map_or(0.0, |fit| feature::centring_mm(&fit.shape, &points, hits));
         if let (Some(limits), Some(fit)) = (job.guards.learned, &fit)
             && self.teaching == TeachingAct::None
-            && let Some(taught) = self.learned.get(collecting.feature)
+            && let Some(taught) = self.learned.of(collecting.feature)
         {
             let now = feature::learned(fit, centring_mm);
             feature::against_learned(&limits, taught, &now, &mut reasons);
@@ -779,6 +805,7 @@ impl Run {
             !matches!(
                 remark,
                 Reason::Taught
+                    | Reason::TaughtMore { .. }
                     | Reason::OfRun { .. }
                     | Reason::Witnessed { .. }
                     | Reason::WitnessLearned
@@ -796,9 +823,11 @@ impl Run {
                 )
             });
         }
+        let widens = self.widens(&verdict);
         self.add_remarks(taught, &mut verdict);
         if taught {
-            self.learn();
+            self.learned = Lessons::NONE;
+            self.learned.smallest = self.shown();
             let learned = &self.learned;
             let places = &measured;
             out(Decision::Taught(Teaching { places, learned }));
@@ -808,7 +837,9 @@ impl Run {
             // What it taught does not hold any more.
             out(Decision::Taught(Teaching::NONE));
             self.reference = None;
-            self.learned.clear();
+            self.learned = Lessons::NONE;
+        } else if widens && let Some(taught) = self.taught() {
+            out(Decision::Taught(taught));
         }
         self.order_shown |= verdict.ok && self.run.is_none();
         if !verdict.ok
@@ -821,15 +852,34 @@ impl Run {
         self.progress = Progress::Judged;
     }
 
-    /// Notes how each feature of this setup is.
-    fn learn(&mut self) {
-        self.learned.clear();
-        for slot in &self.slots {
+    /// How each feature of this setup is.
+    fn shown(&self) -> Vec<Learned, MAX_FEATURES> {
+        let features = self.slots.iter().map(|slot| {
             let fit = slot.result.as_ref().and_then(|result| result.fit.as_ref());
             let learned = fit.map(|fit| feature::learned(fit, slot.centring_mm));
-            // Bounded: there are as many slots as a job can have features.
-            let _ = self.learned.push(learned.unwrap_or_default());
+            learned.unwrap_or_default()
+        });
+        features.collect()
+    }
+
+    /// Widens what was learned by this setup, if it is to and is OK; whether what was learned
+    /// has changed: also where a setup that has widened it is NG after all.
+    #[inline(never)]
+    fn widens(&mut self, verdict: &Verdict) -> bool {
+        let before = self.unwidened.take();
+        let was_wider = before.is_some();
+        if let Some(before) = before {
+            self.learned = before;
         }
+        if self.teaching != TeachingAct::This(Lesson::More) || !verdict.ok {
+            return was_wider;
+        }
+        self.unwidened.put(self.learned.clone());
+        let shown = self.shown();
+        self.learned.widen(&shown);
+        let further = self.learned.further;
+        self.remark(Reason::TaughtMore { further });
+        true
     }
 
     /// Judges what is there of the setup; whether it becomes the reference.
@@ -889,7 +939,8 @@ impl Run {
         self.against_closing(job, verdict);
         let mut taught = false;
         let complete = measured.len() == place_count(job);
-        let may_teach = job.teach == Teach::FirstOk || self.teaching == TeachingAct::This;
+        let may_teach =
+            job.teach == Teach::FirstOk || self.teaching == TeachingAct::This(Lesson::Reference);
         match &self.reference {
             // A setup with a reason against it is not judged further: figures
             // from wrong hits would only mislead.
@@ -991,9 +1042,10 @@ impl Run {
         for slot in &mut self.slots {
             slot.in_this_setup = false;
         }
-        if self.teaching == TeachingAct::This && self.progress != Progress::Empty {
+        if matches!(self.teaching, TeachingAct::This(_)) && self.progress != Progress::Empty {
             self.teaching = TeachingAct::None;
         }
+        self.unwidened.clear();
         self.progress = Progress::Empty;
         self.taught_here = false;
         if let Some(witness) = self.witness.get_mut() {

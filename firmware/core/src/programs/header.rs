@@ -30,18 +30,22 @@
 //!     48     1  of a rewritten one: decimals of a length in mm
 //!     49     1  integers: 0 refused, 1 units, 2 increments
 //!     50     1  unit: 0 said, 1 mm, 2 inch
-//!     51     1  zero
+//!     51     1  dialect: 0 not said, 1 Fanuc, 2 LinuxCNC
 //!     52     2  chord, micrometres
 //!     54     2  clearance, micrometres
-//!     56     4  zero
+//!     56     2  modes to begin with, as `StartModes::packed`; 0 none
+//!     58     2  a program that it may call; 0 none
 //!     60     4  CRC-32 of everything before it
 //! ```
 
 use umi_protocol::job::Name;
-use umi_protocol::program::{IntegerRule, ProgramInfo, Release, RewriteSpec, UnitRule};
+use umi_protocol::program::{
+    IntegerRule, ProgramInfo, Release, RewriteSpec, Stated, StatedDialect, UnitRule,
+};
 
 use crate::journal::sector::{put, seal, take, unseal};
 use crate::journal::{Geometry, GeometryFault};
+use crate::rewrite::StartModes;
 
 /// Size of a header.
 pub(super) const SIZE: usize = 64;
@@ -147,6 +151,7 @@ impl Header {
             crc32,
             release,
             hold_s,
+            stated,
         } = &self.program;
         let mut header = [0; SIZE];
         let mut rest = header.as_mut_slice();
@@ -154,7 +159,7 @@ impl Header {
         put(&mut rest, &[VERSION, layout.align.trailing_zeros() as u8]);
         put(&mut rest, &(sector as u16).to_le_bytes());
         put(&mut rest, &layout.sector_size.to_le_bytes());
-        let (kind, how) = release_bytes(*release);
+        let (kind, how, lengths) = release_bytes(*release);
         put(&mut rest, &[name.len() as u8, kind]);
         put(&mut rest, &hold_s.to_le_bytes());
         put(&mut rest, &number.to_le_bytes());
@@ -167,6 +172,17 @@ impl Header {
         }
         put(&mut rest, &padded);
         put(&mut rest, &how);
+        let dialect = match stated.dialect {
+            StatedDialect::NotSaid => 0,
+            StatedDialect::Fanuc => 1,
+            StatedDialect::LinuxCnc => 2,
+        };
+        put(&mut rest, &[dialect]);
+        put(&mut rest, &lengths);
+        // The store takes none that cannot be packed.
+        let start = start_modes(&stated.start_tenths).and_then(|modes| modes.packed());
+        put(&mut rest, &start.unwrap_or_default().to_le_bytes());
+        put(&mut rest, &stated.allow_call.to_le_bytes());
         seal(&mut header);
         header
     }
@@ -188,7 +204,20 @@ impl Header {
         let crc32 = u32::from_le_bytes(take(&mut rest)?);
         let generation = u32::from_le_bytes(take(&mut rest)?);
         let padded: [u8; 16] = take(&mut rest)?;
-        let release = release(kind, take(&mut rest)?)?;
+        let how = take(&mut rest)?;
+        let [dialect] = take(&mut rest)?;
+        let release = release(kind, how, take(&mut rest)?)?;
+        let start = StartModes::unpacked(u16::from_le_bytes(take(&mut rest)?))?;
+        let stated = Stated {
+            start_tenths: start.tenths().into_iter().collect(),
+            dialect: match dialect {
+                0 => StatedDialect::NotSaid,
+                1 => StatedDialect::Fanuc,
+                2 => StatedDialect::LinuxCnc,
+                _ => return None,
+            },
+            allow_call: u16::from_le_bytes(take(&mut rest)?),
+        };
         let text = padded.get(..usize::from(name_len))?;
         let name = Name::try_from(core::str::from_utf8(text).ok()?).ok()?;
         let fits = sector + layout.sectors_for(bytes) <= layout.sectors;
@@ -200,13 +229,22 @@ impl Header {
                 crc32,
                 release,
                 hold_s: if hold_s == 0 { DEFAULT_HOLD_S } else { hold_s },
+                stated,
             },
             generation,
         })
     }
 }
 
-fn release_bytes(release: Release) -> (u8, [u8; 8]) {
+/// The modes that are stated of a program, if all of them are modes.
+pub(super) fn start_modes(tenths: &[u16]) -> Option<StartModes> {
+    tenths
+        .iter()
+        .try_fold(StartModes::default(), |modes, code| modes.with(*code))
+}
+
+/// The kind of release, and of a rewritten one decimals, integers and unit, then lengths.
+fn release_bytes(release: Release) -> (u8, [u8; 3], [u8; 4]) {
     let kind = match release {
         Release::AfterVerdict => 0,
         Release::Rewritten(_) => 1,
@@ -214,7 +252,7 @@ fn release_bytes(release: Release) -> (u8, [u8; 8]) {
         Release::Never => 3,
     };
     let Release::Rewritten(spec) = release else {
-        return (kind, [0; 8]);
+        return (kind, [0; 3], [0; 4]);
     };
     let integers = match spec.integers {
         IntegerRule::Refused => 0,
@@ -228,11 +266,11 @@ fn release_bytes(release: Release) -> (u8, [u8; 8]) {
     };
     let [c0, c1] = spec.chord_um.to_le_bytes();
     let [d0, d1] = spec.clearance_um.to_le_bytes();
-    (kind, [spec.decimals_mm, integers, unit, 0, c0, c1, d0, d1])
+    (kind, [spec.decimals_mm, integers, unit], [c0, c1, d0, d1])
 }
 
-fn release(kind: u8, how: [u8; 8]) -> Option<Release> {
-    let [decimals_mm, integers, unit, _, c0, c1, d0, d1] = how;
+fn release(kind: u8, how: [u8; 3], lengths: [u8; 4]) -> Option<Release> {
+    let ([decimals_mm, integers, unit], [c0, c1, d0, d1]) = (how, lengths);
     Some(match kind {
         0 => Release::AfterVerdict,
         1 => Release::Rewritten(RewriteSpec {

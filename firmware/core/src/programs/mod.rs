@@ -265,6 +265,10 @@ impl<F: Flash> Store<F> {
         if program.bytes == 0 {
             return Err(ProgramRefusal::Empty.into());
         }
+        let start = header::start_modes(&program.stated.start_tenths);
+        if start.and_then(|modes| modes.packed()).is_none() {
+            return Err(ProgramRefusal::BadStart.into());
+        }
         if self.is_punched() {
             return Err(ProgramRefusal::Busy.into());
         }

@@ -19,7 +19,7 @@ use core::fmt;
 
 use crc::Digest;
 use umi_protocol::job::Name;
-use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release};
+use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, Stated};
 
 use super::header::DEFAULT_HOLD_S;
 use super::{MAX_PROGRAMS, Program, Store, StoreError, Upload};
@@ -141,6 +141,7 @@ impl<F: Flash> Store<F> {
             // Nobody has looked at it yet.
             release: Release::Never,
             hold_s: DEFAULT_HOLD_S,
+            stated: Stated::default(),
         };
         let program = self.program_header(&info, sector)?;
         if let Err(failed) = self.mark(sector, self.layout.complete()) {

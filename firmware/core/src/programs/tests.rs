@@ -6,7 +6,7 @@ mod punched;
 use std::vec::Vec;
 
 use umi_protocol::job::Name;
-use umi_protocol::program::{IntegerRule, Release, RewriteSpec, UnitRule};
+use umi_protocol::program::{IntegerRule, Release, RewriteSpec, Stated, StatedDialect, UnitRule};
 
 use super::*;
 use crate::journal::Geometry;
@@ -49,6 +49,11 @@ fn info(number: u32, text: &[u8]) -> ProgramInfo {
             unit: UnitRule::Inch,
         }),
         hold_s: 600,
+        stated: Stated {
+            start_tenths: [900, 170, 911, 930, 990, 590, 30].into_iter().collect(),
+            dialect: StatedDialect::LinuxCnc,
+            allow_call: 0xFEDC,
+        },
     }
 }
 
@@ -89,6 +94,7 @@ fn get<F: Flash>(store: &mut Store<F>, number: u32) -> Option<Vec<u8>> {
     let punched = ProgramInfo {
         release: Release::Never,
         hold_s: 5,
+        stated: Stated::default(),
         ..put.clone()
     };
     assert!(named == put || named == punched, "{named:?}");
@@ -100,6 +106,18 @@ fn refusal<T: core::fmt::Debug>(result: Result<T, StoreError<MockError>>) -> Pro
         Err(StoreError::Refused(refusal)) => refusal,
         other => panic!("{other:?}"),
     }
+}
+
+/// Modes that are none, twice the same group, or a work offset for which there is no room.
+#[test]
+fn modes_that_are_none_are_refused() {
+    let mut store = store();
+    for start in [&[811_u16][..], &[900, 910], &[591], &[900, 65_535]] {
+        let mut info = info(7, b"%");
+        info.stated.start_tenths = start.iter().copied().collect();
+        assert_eq!(refusal(store.begin(&info)), ProgramRefusal::BadStart);
+    }
+    assert!(store.programs().is_empty());
 }
 
 #[test]

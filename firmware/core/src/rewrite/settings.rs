@@ -1,6 +1,6 @@
 //! What to do with a program, and by what.
 
-use heapless::String;
+use heapless::{String, Vec};
 use nalgebra::Matrix3;
 
 use super::block::{Code, code};
@@ -75,6 +75,57 @@ impl StartModes {
             _ => false,
         };
         fits.then_some(self)
+    }
+}
+
+/// G codes of which one of a row can be kept with a program, in tenths.
+const KEPT: [&[u16]; 8] = [
+    &[900, 910],
+    &[200, 210],
+    &[170, 180, 190],
+    &[901, 911],
+    &[930, 940, 950],
+    &[980, 990],
+    &[540, 550, 560, 570, 580, 590],
+    &[0, 10, 20, 30],
+];
+
+impl StartModes {
+    /// The G codes, in tenths: one of each group that is stated, work offsets to G59.
+    #[must_use]
+    pub fn tenths(&self) -> Vec<u16, 8> {
+        let codes = KEPT.iter().copied().flatten().copied();
+        // Said once more, a mode that is stated changes nothing.
+        codes
+            .filter(|tenths| self.with(*tenths) == Some(*self))
+            .collect()
+    }
+
+    /// All of it in a number that is kept with a program; 0 where nothing is stated. None
+    /// where there is no room for a mode: a work offset beyond G59.
+    #[must_use]
+    pub fn packed(&self) -> Option<u16> {
+        let stated = self.tenths();
+        let packed = KEPT.iter().fold(0, |packed: u16, group| {
+            let place = group.iter().position(|tenths| stated.contains(tenths));
+            let digit = place.map_or(0, |place| place as u16 + 1);
+            packed * (group.len() as u16 + 1) + digit
+        });
+        (Self::unpacked(packed) == Some(*self)).then_some(packed)
+    }
+
+    /// What [`Self::packed`] has packed. None: that is no such number.
+    #[must_use]
+    pub fn unpacked(mut packed: u16) -> Option<Self> {
+        let mut modes = Self::default();
+        for group in KEPT.iter().rev() {
+            let base = group.len() as u16 + 1;
+            if let Some(place) = (packed % base).checked_sub(1) {
+                modes = modes.with(*group.get(usize::from(place))?)?;
+            }
+            packed /= base;
+        }
+        (packed == 0).then_some(modes)
     }
 }
 

@@ -8,6 +8,7 @@ use std::fmt;
 use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, JournalFault};
 use umi_protocol::job::{Guards, Teach};
 use umi_protocol::message::{JournalInfo, Record};
+use umi_protocol::program::Stated;
 
 use crate::link::{Client, JournalChain, JournalEntry};
 use crate::problem::Problem;
@@ -130,7 +131,10 @@ pub fn record(entry: &Entry<'_>) -> Result<Record, Unreadable> {
 /// absent in it, which is written as zeros.
 fn older(entry: &Entry<'_>) -> Option<Record> {
     const ADDED: usize = 16;
-    let grown = matches!(entry.kind, JOB_SET | REFERENCE_RESTORED | TAUGHT);
+    let grown = matches!(
+        entry.kind,
+        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | TEACH_ASKED
+    );
     let mut bytes = entry.payload.to_vec();
     bytes.resize(bytes.len() + ADDED, 0);
     let (record, rest) = postcard::take_from_bytes::<Record>(&bytes).ok()?;
@@ -142,6 +146,8 @@ fn older(entry: &Entry<'_>) -> Option<Record> {
 const JOB_SET: u8 = 2;
 const REFERENCE_RESTORED: u8 = 3;
 const TAUGHT: u8 = 11;
+const PROGRAM_KEPT: u8 = 15;
+const TEACH_ASKED: u8 = 22;
 
 /// Nothing in it was added since. A record that broke off earlier would have zeros elsewhere,
 /// too; entries are whole by their check value, so there is none.
@@ -149,8 +155,10 @@ fn is_plain(record: &Record) -> bool {
     match record {
         Record::JobSet(job) => job.teach == Teach::FirstOk && job.guards == Guards::default(),
         Record::ReferenceRestored { learned, .. } | Record::Taught { learned, .. } => {
-            learned.is_empty()
+            learned.largest.is_empty() && learned.further == 0
         }
+        Record::ProgramKept(program) => program.stated == Stated::default(),
+        Record::TeachAsked { more } => !more,
         _ => false,
     }
 }

@@ -1,10 +1,12 @@
 //! What a host can ask a board: one table of calls, each with its request and its answers.
 
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::Job;
+use umi_protocol::job::{Job, Lessons};
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::{Positions, TriggerOut};
-use umi_protocol::message::{Identity, JournalInfo, Request, Response, Status, TeachRefusal};
+use umi_protocol::message::{
+    Identity, JournalInfo, Request, Response, Status, TeachRefusal, TeachWhat,
+};
 use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::verdict::Verdict;
 
@@ -19,6 +21,8 @@ pub struct JobInForce {
     /// The taught reference positions in the order of the job's datum features, if a
     /// setup has been taught.
     pub taught_mm: Option<Vec<[f64; 3]>>,
+    /// How each feature of the job was when it was taught.
+    pub learned: Lessons,
 }
 
 /// What a journal holds under a sequence number.
@@ -80,9 +84,10 @@ calls! {
 
     /// The job in force and the taught reference.
     job() -> JobInForce = Request::JobGet => {
-        Response::Job { job, taught_mm } => JobInForce {
+        Response::Job { job, taught_mm, learned } => JobInForce {
             job,
             taught_mm: taught_mm.map(|positions| positions.to_vec()),
+            learned,
         },
     }
 
@@ -100,9 +105,8 @@ calls! {
         Response::JobRefused(error) => Err(error),
     }
 
-    /// Makes the setup that comes next the reference; in place of the one that there is only
-    /// if `again`.
-    teach(again: bool) -> Result<(), TeachRefusal> = Request::Teach { again } => {
+    /// Lets the setup that comes next teach.
+    teach(what: TeachWhat) -> Result<(), TeachRefusal> = Request::Teach { what } => {
         Response::Done => Ok(()),
         Response::TeachRefused(refusal) => Err(refusal),
     }

@@ -42,7 +42,11 @@ impl Info {
         let status = board.status()?;
         let journal = board.journal_info()?;
         let positions = board.positions()?;
-        let scale = Scale::of(board.job()?.job.as_ref());
+        let in_force = board.job()?;
+        let scale = Scale::of(in_force.job.as_ref());
+        let teachings = in_force
+            .taught_mm
+            .map(|_| 1 + u32::from(in_force.learned.further));
         if self.format.json {
             return print_json(&json!({
                 "board": json::identity(&identity),
@@ -50,18 +54,24 @@ impl Info {
                 "schema": format!("{KEY:016x}"),
                 "umi": env!("CARGO_PKG_VERSION"),
                 "status": json::status(&status),
+                "teachings": teachings,
                 "positions": json::positions(&positions, &scale),
                 "journal": json::journal_info(&journal),
             }));
         }
-        print(&text(&identity, &status, journal))?;
+        print(&text(&identity, &status, teachings, journal))?;
         print(&axes(&positions, &scale))?;
         print(&latches(status.latches))?;
         print(&received(&status))
     }
 }
 
-fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
+fn text(
+    identity: &Identity,
+    status: &Status,
+    teachings: Option<u32>,
+    journal: JournalInfo,
+) -> String {
     let mut table = Table::new("<<");
     let Identity {
         board,
@@ -87,12 +97,12 @@ fn text(identity: &Identity, status: &Status, journal: JournalInfo) -> String {
     if let Some(why) = status.job_lost.filter(|why| *why != JobLoss::Absent) {
         table.styled([(PLAIN, String::new()), (CAUTION, why.to_string())]);
     }
-    let reference = if status.has_reference {
-        "there"
-    } else {
-        "none yet"
+    let reference = match teachings {
+        Some(n) => format!("taught by {}", count(n.into(), "clamping")),
+        None if status.has_reference => "given by the job".to_owned(),
+        None => "none yet".to_owned(),
     };
-    table.row(["reference", reference]);
+    table.row(["reference".to_owned(), reference]);
     verdicts(&mut table, status);
     table.row(["journal".to_owned(), entries(journal)]);
     losses(&mut table, status);

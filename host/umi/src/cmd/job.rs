@@ -176,6 +176,7 @@ impl Show {
             return print_json(&json!({
                 "job": in_force.job,
                 "taught_mm": in_force.taught_mm,
+                "learned": in_force.learned,
             }));
         }
         let Some(job) = in_force.job else {
@@ -184,6 +185,7 @@ impl Show {
         let mut text = job_text::text(&job);
         if let Some(taught) = in_force.taught_mm {
             text += &format!("\n{}", job_text::taught(&taught, &job));
+            text += &job_text::learned(&in_force.learned, &job);
         }
         print(&text)
     }

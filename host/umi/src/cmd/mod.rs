@@ -16,6 +16,7 @@ mod program;
 mod register;
 mod replay;
 mod scan;
+mod stated;
 mod teach;
 mod virtual_board;
 mod watch;

@@ -15,6 +15,7 @@ use umi_client::programs;
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, Withheld};
 
 use super::control::Control;
+use super::stated::{Said, option};
 use super::{Board, Format};
 
 /// List, put, get and delete the part programs in a board's flash
@@ -59,6 +60,8 @@ struct Rule {
     hold_s: u16,
     #[command(flatten)]
     control: Control,
+    #[command(flatten)]
+    said: Said,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -86,6 +89,7 @@ impl Rule {
     fn read(&self, path: &Path, number: Option<u32>) -> Result<(ProgramInfo, Vec<u8>), Failure> {
         let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
         let number = numbered(path, number, programs::number_in(&bytes))?;
+        let stated = self.said.kept()?;
         self.try_out(path, &bytes)?;
         let program = ProgramInfo {
             number,
@@ -94,6 +98,7 @@ impl Rule {
             crc32: programs::check_value(&bytes),
             release: self.release()?,
             hold_s: self.hold_s,
+            stated,
         };
         Ok((program, bytes))
     }
@@ -109,16 +114,25 @@ impl Rule {
             ));
         }
         let When::Rewritten = self.release else {
-            return Ok(());
+            return match self.said.first() {
+                Some(option) => Err(Failure::trouble(
+                    "usage",
+                    format_args!("{option} says how to rewrite: it needs --release rewritten"),
+                )),
+                None => Ok(()),
+            };
         };
         let settings = self.control.settings(tool_path::LEANING.transform())?;
+        let settings = self.said.settings(settings)?;
         let Some(refusal) = tool_path::refusal(bytes, &settings)? else {
             return Ok(());
         };
+        let option = option(refusal.reason);
+        let option = option.map_or_else(String::new, |option| format!(" ({option})"));
         let problem = Problem::refused(
             "not_rewritable",
             format_args!(
-                "{} {refusal}; no verdict could send it (umi nc check lists every such line)",
+                "{} {refusal}{option}; no verdict could send it (umi nc check lists every such line)",
                 path.display()
             ),
         );
@@ -169,13 +183,16 @@ An upload that breaks off leaves the old program; the same command goes on where
 While the board measures a setup it takes no program: umi waits for up to a minute.
 A control gets it when it prints READ O1234 (DPRNT[READ*O1234]) and then reads, or after
 umi program offer. With --release rewritten it is tried here first, with a part that leans:
-a line that cannot be rewritten is named, and nothing is put.
+a line that cannot be rewritten is named, and nothing is put. The board rewrites it as it
+was tried: it keeps --start, --dialect and one --allow-call with it. It has the program alone:
+--load, --origin and --again are for umi nc rewrite.
 
 Examples:
   umi program put pocket.nc             its number is that of its O line
   umi program put bare.nc --number 1234   it has no O line
   umi program put probing.nc --release always
   umi program put pocket.nc --release rewritten --chord-mm 0.005
+  umi program put bare.nc --release rewritten --start G90,G17,G21 --allow-call P9100
   umi program put long.nc --json        one line at its end
 
 Exit status: 0 it is there, whole; 1 file, usage or connection; 2 the board refuses, or
@@ -341,11 +358,13 @@ impl List {
                 crc32,
                 release,
                 hold_s,
+                stated,
             } = program;
             text += &format!(
-                "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}  {hold_s:>4} s  {}\n",
+                "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}  {hold_s:>4} s  {}{}\n",
                 format!("O{number:04}"),
                 crate::show::text::release(release),
+                crate::show::text::stated(stated),
             );
         }
         let left = format!(

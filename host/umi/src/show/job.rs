@@ -1,8 +1,8 @@
 //! A job as text for people.
 
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Job, Limits, ProgramEnd, Reference, SendWhen, Teach,
-    WitnessSpec,
+    Approach, Compensation, CorrectionSpec, Job, Lessons, Limits, ProgramEnd, Reference, SendWhen,
+    Teach, WitnessSpec,
 };
 use umi_protocol::pattern::{FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig};
 
@@ -307,6 +307,46 @@ pub fn taught(positions_mm: &[[f64; 3]], job: &Job) -> String {
     } else {
         table.to_string()
     }
+}
+
+/// How the job's features were when they were taught: from the smallest to the largest, and
+/// what is allowed beyond.
+#[must_use]
+pub fn learned(learned: &Lessons, job: &Job) -> String {
+    let Some(limits) = job.guards.learned else {
+        return String::new();
+    };
+    let span = |low: f64, high: f64| {
+        if low < high {
+            format!("{low:.4} to {high:.4}")
+        } else {
+            format!("{low:.4}")
+        }
+    };
+    let titles = ["learned (mm)", "radius", "rms", "centring"];
+    let mut table = Table::new("<>>>").titles(&titles);
+    for (place, feature) in job.features.iter().enumerate() {
+        let Some((low, high)) = learned.of(place) else {
+            return String::new();
+        };
+        table.row([
+            feature.name.to_string(),
+            span(low.radius_mm, high.radius_mm),
+            span(low.rms_mm, high.rms_mm),
+            span(low.centring_mm, high.centring_mm),
+        ]);
+    }
+    table.row([
+        "allowed beyond".to_owned(),
+        format!("±{:.4}", limits.radius_mm),
+        format!("+{:.4}", limits.rms_mm),
+        format!("+{:.4}", limits.centring_mm),
+    ]);
+    let by = count(u64::from(learned.further) + 1, "clamping");
+    format!(
+        "\n{table}{}\n",
+        paint(FAINT, format_args!("  taught by {by}"))
+    )
 }
 
 /// Which errors a job sees, for people.

@@ -6,7 +6,7 @@ use umi_protocol::job::Approach;
 use umi_protocol::latch::{LatchCause, LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Record, ResetReason};
-use umi_protocol::program::{ProgramInfo, Release};
+use umi_protocol::program::{ProgramInfo, Release, Stated, StatedDialect};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -76,7 +76,12 @@ pub fn record(record: &Record) -> String {
                 format!("correction {}", spec.dialect.name())
             })
         ),
-        Record::TeachAsked => "asked to teach: the setup that comes next is to be the reference".into(),
+        Record::TeachAsked { more: false } => {
+            "asked to teach: the setup that comes next is to be the reference".into()
+        }
+        Record::TeachAsked { more: true } => {
+            "asked to teach more: the setup that comes next is to widen what was learned".into()
+        }
         Record::ReferenceRestored { positions_mm, .. } => {
             format!("reference restored: {}", positions(positions_mm))
         }
@@ -98,9 +103,16 @@ pub fn record(record: &Record) -> String {
             "reference forgotten: the setup that taught it is NG after all, or another is to be taught"
                 .into()
         }
-        Record::Taught { positions_mm, .. } => {
-            format!("taught as reference: {}", positions(positions_mm))
-        }
+        Record::Taught {
+            positions_mm,
+            learned,
+        } => match learned.further {
+            0 => format!("taught as reference: {}", positions(positions_mm)),
+            further => format!(
+                "limits on radius, rms and centring are wider by what {further} further \
+                 clampings have shown"
+            ),
+        },
         Record::CorrectionSent {
             setup,
             bytes,
@@ -178,12 +190,13 @@ fn rewritten(rewritten_for: Option<u32>) -> String {
 #[must_use]
 pub fn program(of: &ProgramInfo) -> String {
     format!(
-        "O{:04} {}, {} bytes, check value {:08X}, {}",
+        "O{:04} {}, {} bytes, check value {:08X}, {}{}",
         of.number,
         of.name,
         of.bytes,
         of.crc32,
-        release(&of.release)
+        release(&of.release),
+        stated(&of.stated)
     )
 }
 
@@ -196,6 +209,32 @@ pub const fn release(release: &Release) -> &'static str {
         Release::Always => "whenever asked for",
         Release::Never => "not released",
     }
+}
+
+/// What was said of a program, as an addition to how it is rewritten.
+#[must_use]
+pub fn stated(stated: &Stated) -> String {
+    let mut said = Vec::new();
+    let start: Vec<String> = stated
+        .start_tenths
+        .iter()
+        .map(|tenths| format!("G{}", f64::from(*tenths) / 10.0))
+        .collect();
+    if !start.is_empty() {
+        said.push(format!("begins in {}", start.join(" ")));
+    }
+    match stated.dialect {
+        StatedDialect::NotSaid => {}
+        StatedDialect::Fanuc => said.push("as Fanuc means it".into()),
+        StatedDialect::LinuxCnc => said.push("as LinuxCNC means it".into()),
+    }
+    if stated.allow_call > 0 {
+        said.push(format!("may call O{:04}", stated.allow_call));
+    }
+    if said.is_empty() {
+        return String::new();
+    }
+    format!(" ({})", said.join(", "))
 }
 
 /// Why a board started, as an addition to "started".

@@ -179,6 +179,7 @@ impl Board {
             Request::JobGet => Response::Job {
                 job: self.job.clone(),
                 taught_mm: None,
+                learned: Default::default(),
             },
             Request::JobSet(job) => {
                 self.job = if self.forgetful { None } else { Some(job) };

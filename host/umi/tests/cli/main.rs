@@ -20,4 +20,5 @@ mod program;
 mod readme;
 mod run;
 mod scan;
+mod teach;
 mod watch;

@@ -175,3 +175,59 @@ fn what_would_correct_twice_is_said() {
     let said = umi(&put).exits(0).out;
     assert!(said.contains("take [correction] out of the job"), "{said}");
 }
+
+/// What is said of a program goes with it: what was tried here is what the board rewrites by.
+/// What a board cannot keep is refused by name, and so is what says nothing there.
+#[test]
+fn what_is_said_of_a_program_goes_with_it() {
+    let (folder, port) = (Folder::new(), board());
+    let port = port.as_str();
+    let bare = "%\nO0045\nG0 X0. Y0. Z5.\nG81 X1. Y1. Z-1. R6. F100.\nG80\nM98 P9100\nM30\n%\n";
+    let file = folder.file("bare.nc", bare);
+    let put = |more: &[&str]| {
+        let all = ["program", "put", &file, "--port", port];
+        umi(&[&all, more].concat())
+    };
+    let rewritten = |more: &[&str]| put(&[&["--release", "rewritten"], more].concat());
+    // Each is named with the option that says it.
+    rewritten(&[]).exits(2).says("--start G");
+    let start = ["--start", "G90,G21,G17,G94,G98"];
+    rewritten(&start)
+        .exits(2)
+        .says("--dialect fanuc or linuxcnc");
+    let of = |dialect| [&start[..], &["--dialect", dialect]].concat();
+    rewritten(&of("linuxcnc"))
+        .exits(2)
+        .says("--allow-call P9100");
+    let call = ["--allow-call", "P9100"];
+    let all = [&of("linuxcnc")[..], &call].concat();
+    let said = rewritten(&all).exits(0).out;
+    assert!(said.contains("begins in G90 G21 G17 G94 G98"), "{said}");
+    assert!(
+        said.contains("as LinuxCNC means it, may call O9100"),
+        "{said}"
+    );
+    let list = umi(&["program", "list", "--json", "--port", port]);
+    let stated = list.exits(0).json()["programs"][0]["stated"].clone();
+    let expected = serde_json::json!({
+        "start_tenths": [900, 210, 170, 940, 980],
+        "dialect": "linux_cnc",
+        "allow_call": 9100,
+    });
+    assert_eq!(stated, expected);
+    // The same once more is there already; said otherwise it is put anew.
+    let again = rewritten(&[&all[..], &["--json"]].concat());
+    assert_eq!(again.exits(0).json()["was_there"], true);
+    let other = [&of("fanuc")[..], &call, &["--json"]].concat();
+    assert_eq!(rewritten(&other).exits(0).json()["was_there"], false);
+    for (option, value, named) in [
+        ("--start", "G59.1", "G54 to G59"),
+        ("--allow-call", "<finish>", "no name"),
+        ("--allow-call", "P70000", "P1 to P65535"),
+    ] {
+        rewritten(&[option, value]).exits(1).says(named);
+    }
+    let two = ["--allow-call", "P1", "--allow-call", "P2"];
+    rewritten(&two).exits(1).says("one number");
+    put(&start).exits(1).says("needs --release rewritten");
+}

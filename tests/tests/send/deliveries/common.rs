@@ -9,7 +9,7 @@ use umi_core::units::Mm;
 use umi_protocol::job::Job;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
-    IntegerRule, Piece, ProgramInfo, Release, RewriteSpec, UnitRule, Withheld,
+    IntegerRule, Piece, ProgramInfo, Release, RewriteSpec, Stated, UnitRule, Withheld,
 };
 use umi_protocol::verdict::{RegistrationReport, Verdict};
 use umi_tests::cases::*;
@@ -44,6 +44,7 @@ pub fn info(number: u32, text: &str, release: Release) -> ProgramInfo {
         crc32: programs::check_value(text.as_bytes()),
         release,
         hold_s: 5,
+        stated: Stated::default(),
     }
 }
 
@@ -111,6 +112,16 @@ pub fn alarm_of(number: u32, why: &Withheld) -> String {
 
 /// The same program, rewritten by the same code on the host.
 pub fn rewritten(text: &str, job: &Job, verdict: &Verdict) -> String {
+    rewritten_with(text, job, verdict, |settings| settings)
+}
+
+/// The same, by other settings.
+pub fn rewritten_with(
+    text: &str,
+    job: &Job,
+    verdict: &Verdict,
+    with: impl FnOnce(RewriteSettings) -> RewriteSettings,
+) -> String {
     let RegistrationReport {
         rotation,
         translation_mm,
@@ -130,7 +141,7 @@ pub fn rewritten(text: &str, job: &Job, verdict: &Verdict) -> String {
     };
     let mut out = Vec::new();
     let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
-    let mut rewriter = Rewriter::new(&settings).unwrap();
+    let mut rewriter = Rewriter::new(&with(settings)).unwrap();
     rewriter.push(text.as_bytes(), &mut sink).unwrap();
     rewriter.finish(&mut sink).unwrap();
     String::from_utf8(out).unwrap()

@@ -7,9 +7,12 @@ mod refusals;
 
 use umi_client::programs;
 use umi_core::correction::withheld;
+use umi_core::rewrite::{RewriteDialect, RewriteSettings, StartModes};
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
-use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Withheld};
+use umi_protocol::program::{
+    ProgramInfo, ProgramRefusal, Release, Stated, StatedDialect, Withheld,
+};
 use umi_tests::cases::*;
 use umi_tests::rig::Rig;
 
@@ -18,6 +21,7 @@ use common::*;
 umi_tests::on_every_board! {
     reads_programs_by_their_number
     rewrites_a_program_by_the_verdict
+    rewrites_by_what_was_said_of_a_program
     refuses_what_cannot_be_rewritten_before_its_first_byte
     begins_anew_what_the_control_broke_off
     sends_nothing_runnable_after_a_reset
@@ -135,6 +139,48 @@ fn rewrites_a_program_by_the_verdict(rig: &mut dyn Rig) {
     judged(rig, &mut client, 4);
     read(rig, 1234);
     receive_text(rig, &alarm_of(1234, &Withheld::CorrectedTwice));
+}
+
+/// A program that says neither its modes nor whose it is, and calls another: by what was said of
+/// it the board writes the same bytes as the host. Without a word of that it is refused.
+fn rewrites_by_what_was_said_of_a_program(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let job = plain_job();
+    client.set_job(&job).unwrap().unwrap();
+    let bare = "%\nO0088\nG0 X0. Y0. Z5.\nG81 X1. Y1. Z-1. R6. F100.\nG80\nM98 P9100\nM30\n%\n";
+    let mut program = info(88, bare, Release::Rewritten(SPEC));
+    program.stated = Stated {
+        start_tenths: [900, 210, 170, 940, 980].into_iter().collect(),
+        dialect: StatedDialect::LinuxCnc,
+        allow_call: 9100,
+    };
+    programs::put(&mut client, &program, bare.as_bytes(), |_| {}).unwrap();
+    let mute = ProgramInfo {
+        number: 89,
+        stated: Stated::default(),
+        ..program.clone()
+    };
+    programs::put(&mut client, &mute, bare.as_bytes(), |_| {}).unwrap();
+    let kept = client.programs(0).unwrap().unwrap().1;
+    assert!(kept.contains(&program) && kept.contains(&mute), "{kept:?}");
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, &mut client, 2);
+    let verdict = client.verdict().unwrap().unwrap();
+    let start = [900, 210, 170, 940, 980]
+        .into_iter()
+        .try_fold(StartModes::default(), StartModes::with);
+    let expected = rewritten_with(bare, &job, &verdict, |settings| RewriteSettings {
+        start: start.unwrap(),
+        dialect: Some(RewriteDialect::LinuxCnc),
+        allowed_calls: "9100".parse().unwrap(),
+        ..settings
+    });
+    read(rig, 88);
+    assert_eq!(receive(rig, expected.len()), expected);
+    assert_eq!(receive_all(rig), "");
+    read(rig, 89);
+    let why = Withheld::NotRewritable { line: 3, column: 4 };
+    receive_text(rig, &alarm_of(89, &why));
 }
 
 /// The alarm names the line, and not a byte of the program goes out.

@@ -13,8 +13,10 @@ use umi_virtual::nc::{
 
 pub type V = Vector3<f64>;
 
-/// Where axes at home are: no program goes there otherwise.
-pub const HOME_MM: [f64; 3] = [1.111, 2.222, 777.777];
+/// Where axes at home are: no program goes there otherwise. Four decimals, as LinuxCNC's
+/// interpreter prints; the tests' programs have three of a millimetre, or four of an inch, which
+/// is a multiple of 0.00254 mm.
+pub const HOME_MM: [f64; 3] = [1.1113, 2.2227, 777.7773];
 /// Where the corpus goes by G53, in mm or in inches.
 pub const AWAY_MM: f64 = 666.666;
 
@@ -26,6 +28,17 @@ pub struct Move {
     pub path: MotionPath,
     /// Along the path, mm/min; none: rapid.
     pub feed_mm_min: Option<f64>,
+    /// Axes that are at its end where the machine says, not the program.
+    pub by_machine: [bool; 3],
+}
+
+/// Axes that are where only the machine can have sent them: at home, or by the corpus' G53.
+pub fn by_machine(p: &V) -> [bool; 3] {
+    core::array::from_fn(|axis| {
+        let by_g53 = [AWAY_MM, AWAY_MM * 25.4];
+        (p[axis] - HOME_MM[axis]).abs() < 1e-6
+            || (axis == 2 && by_g53.iter().any(|away| (p.z - away).abs() < 1e-6))
+    })
 }
 
 impl Move {
@@ -97,6 +110,7 @@ pub fn interpreted(dialect: ControlFamily, program: &str) -> Result<Vec<Move>, S
             MotionRate::Rapid => None,
             MotionRate::Feed(feed) => Some(feed),
         },
+        by_machine: by_machine(&motion.to.mm),
     });
     Ok(moves.collect())
 }
@@ -130,15 +144,6 @@ impl Judge {
             + self.origin
     }
 
-    /// Whether axes are where the machine says, not the program: at home, or sent by G53.
-    fn machine(p: &V) -> [bool; 3] {
-        core::array::from_fn(|axis| {
-            let by_g53 = [AWAY_MM, AWAY_MM * 25.4];
-            (p[axis] - HOME_MM[axis]).abs() < 1e-6
-                || (axis == 2 && by_g53.iter().any(|away| (p.z - away).abs() < 1e-6))
-        })
-    }
-
     /// How much the axes that the machine has placed may move the others.
     fn allowance(&self, machine: [bool; 3]) -> f64 {
         if !machine.contains(&true) {
@@ -155,9 +160,9 @@ impl Judge {
     }
 
     /// The distance of a place from the image of an end, over the axes of the program.
-    fn apart(&self, end: &V, place: &V) -> (f64, f64) {
-        let machine = Self::machine(end);
-        let image = self.image(*end);
+    fn apart(&self, nominal: &Move, place: &V) -> (f64, f64) {
+        let (end, machine) = (nominal.to, nominal.by_machine);
+        let image = self.image(end);
         let apart = (0..3)
             .map(|axis| {
                 let wanted = if machine[axis] {
@@ -182,7 +187,7 @@ impl Judge {
     /// any. Returns how many of the written ends belong to each.
     pub fn ends(
         &self,
-        nominal: &[V],
+        nominal: &[Move],
         written: &[V],
         may_end: impl Fn(usize, Option<usize>) -> bool,
     ) -> Result<(Compared, Vec<usize>), String> {
@@ -198,7 +203,7 @@ impl Judge {
             let stays = here.is_some_and(|(apart, allowed)| apart <= allowed)
                 && number > 0
                 && may_end(number, None)
-                && (nominal[number - 1] - end).norm() < 2.0 * self.rounding_mm;
+                && (nominal[number - 1].to - end.to).norm() < 2.0 * self.rounding_mm;
             let mut count = 0;
             let mut closest = f64::INFINITY;
             let found = stays
@@ -210,7 +215,7 @@ impl Judge {
                     let (apart, allowed) = self.apart(end, place);
                     closest = closest.min(apart);
                     if apart <= allowed && may_end(number, Some(next + count - 1)) {
-                        if !Self::machine(end).contains(&true) {
+                        if !end.by_machine.contains(&true) {
                             compared.ends += 1;
                             compared.largest_end_mm = compared.largest_end_mm.max(apart);
                         }
@@ -222,8 +227,8 @@ impl Judge {
                     "end {number} of {}: {:?}, its image {:?} never comes after {next}, closest \
                      {closest}",
                     nominal.len(),
-                    end.as_slice(),
-                    self.image(*end).as_slice()
+                    end.to.as_slice(),
+                    self.image(end.to).as_slice()
                 ));
             }
             if !found {
@@ -250,18 +255,17 @@ impl Judge {
     pub fn moves(&self, nominal: &[Move], written: &[Move]) -> Result<Compared, String> {
         let ends = |moves: &[Move]| -> Vec<V> { moves.iter().map(|m| m.to).collect() };
         let is_still = |m: &Move| m.length_mm() < 3.0 * self.rounding_mm;
-        let (mut compared, counts) =
-            self.ends(&ends(nominal), &ends(written), |number, last| {
-                let MotionPath::Arc { center, sweep, .. } = nominal[number].path else {
-                    return true;
-                };
-                // A circle ends where it begins: what has not moved has not gone round.
-                let wanted = &nominal[number];
-                let is_closed = (wanted.to - wanted.from).norm() < 3.0 * self.rounding_mm
-                    && sweep.0.abs() > PI
-                    && (wanted.from - center.mm).norm() > 3.0 * self.rounding_mm;
-                last.is_some_and(|last| !(is_closed && is_still(&written[last])))
-            })?;
+        let (mut compared, counts) = self.ends(nominal, &ends(written), |number, last| {
+            let MotionPath::Arc { center, sweep, .. } = nominal[number].path else {
+                return true;
+            };
+            // A circle ends where it begins: what has not moved has not gone round.
+            let wanted = &nominal[number];
+            let is_closed = (wanted.to - wanted.from).norm() < 3.0 * self.rounding_mm
+                && sweep.0.abs() > PI
+                && (wanted.from - center.mm).norm() > 3.0 * self.rounding_mm;
+            last.is_some_and(|last| !(is_closed && is_still(&written[last])))
+        })?;
         let more = written.len() - counts.iter().sum::<usize>();
         if !written[written.len() - more..].iter().all(is_still) {
             return Err(format!("{more} motions more"));
@@ -270,10 +274,12 @@ impl Judge {
         for (number, (wanted, count)) in nominal.iter().zip(counts).enumerate() {
             let made = &written[next..next + count];
             next += count;
-            let machine = [wanted.from, wanted.to]
-                .iter()
-                .any(|p| Self::machine(p).contains(&true));
-            if machine || number == 0 {
+            let before = number.checked_sub(1).map(|before| &nominal[before]);
+            let machine = before
+                .into_iter()
+                .chain([wanted])
+                .any(|moved| moved.by_machine.contains(&true));
+            if machine || before.is_none() {
                 continue;
             }
             for part in made {

@@ -86,6 +86,7 @@ fn moves(run: &RefereeRun) -> Vec<follow::Move> {
             to,
             path,
             feed_mm_min: made.is_feed.then_some(100.0),
+            by_machine: follow::by_machine(&to),
         });
         from = to;
     }

@@ -1,7 +1,7 @@
 //! What one setup alone cannot show, and the guards against it.
 
 use umi_protocol::job::ProbingSpec;
-use umi_protocol::message::TeachRefusal;
+use umi_protocol::message::{TeachRefusal, TeachWhat};
 
 use super::*;
 use crate::dprnt::{Announced, Moved, Said};
@@ -155,11 +155,17 @@ fn teaching_is_an_act() {
         }
     };
     clamp(&mut run, &mut outcome, 0, 0.0);
-    assert_eq!(run.teach(false, &mut |d| outcome.take(d)), Ok(()));
+    assert_eq!(
+        run.teach(TeachWhat::Reference, &mut |d| outcome.take(d)),
+        Ok(())
+    );
     clamp(&mut run, &mut outcome, 1, 0.2);
     clamp(&mut run, &mut outcome, 2, 0.0);
     assert_eq!(outcome.taught, 0);
-    assert_eq!(run.teach(false, &mut |d| outcome.take(d)), Ok(()));
+    assert_eq!(
+        run.teach(TeachWhat::Reference, &mut |d| outcome.take(d)),
+        Ok(())
+    );
     clamp(&mut run, &mut outcome, 3, 0.0);
     clamp(&mut run, &mut outcome, 4, 0.0);
     let summary = outcome.summary();
@@ -168,9 +174,12 @@ fn teaching_is_an_act() {
     assert_eq!(summary[2..], ["no_reference", "OK", "OK"]);
     assert_eq!(outcome.taught, 1);
     // Again only if somebody says so; then the old one is none any more.
-    let again = run.teach(false, &mut |d| outcome.take(d));
+    let again = run.teach(TeachWhat::Reference, &mut |d| outcome.take(d));
     assert_eq!(again, Err(TeachRefusal::AlreadyTaught));
-    assert_eq!(run.teach(true, &mut |d| outcome.take(d)), Ok(()));
+    assert_eq!(
+        run.teach(TeachWhat::Again, &mut |d| outcome.take(d)),
+        Ok(())
+    );
     assert_eq!(run.taught(), None);
     assert_eq!(outcome.taught, 2);
 }
@@ -275,6 +284,115 @@ fn a_worn_stylus_is_named() {
     assert!(named.contains("SPHERE2:radius_since_taught"), "{named}");
     let named = worn(learning, 3, 0, 0.012);
     assert!(named.contains("SPHERE2:centring_since_taught"), "{named}");
+}
+
+/// What one clamping showed is one sample: further ones that are taught widen the limits to the
+/// smallest and the largest, and no more. The reference stays; NG widens nothing, and neither
+/// does one that is revoked.
+#[test]
+fn several_teachings_widen_the_limits() {
+    let mut learning = job();
+    learning.guards.learned = Some(LearnedLimits {
+        radius_mm: 0.003,
+        rms_mm: 0.002,
+        centring_mm: 0.004,
+    });
+    // What is learned is all that is at stake.
+    (
+        learning.limits.distance_error_mm,
+        learning.limits.registration_rms_mm,
+    ) = (0.05, 0.05);
+    let blocks = session_a();
+    // The first side hit of the second ball is off: its radius is larger by about a third.
+    let clamp = |run: &mut Run, outcome: &mut Outcome, number: usize, off_mm: f64, ng: bool| {
+        for (name, points) in &blocks[3 * number..3 * number + 3] {
+            let mut points = points.clone();
+            if name == "SPHERE2" {
+                points[1][0] += off_mm;
+            }
+            if ng {
+                points[0][2] += 0.2;
+            }
+            feed(run, outcome, name, &points, 5);
+        }
+    };
+    let more =
+        |run: &mut Run, outcome: &mut Outcome| run.teach(TeachWhat::More, &mut |d| outcome.take(d));
+    let start = || (Run::new(learning.clone()), Outcome::default());
+    let (mut run, mut outcome) = start();
+    assert_eq!(more(&mut run, &mut outcome), Err(TeachRefusal::NotTaught));
+    clamp(&mut run, &mut outcome, 0, 0.0, false);
+    let first = run.taught().unwrap().learned.clone();
+    let places = run.taught().unwrap().places.to_vec();
+    assert_eq!((first.further, first.largest.len()), (0, 0));
+    clamp(&mut run, &mut outcome, 1, 0.018, false);
+    // Taught more: it is OK, corrects by the same reference, and says so.
+    assert_eq!(more(&mut run, &mut outcome), Ok(()));
+    clamp(&mut run, &mut outcome, 2, 0.018, false);
+    let taught = run.taught().unwrap().learned.clone();
+    assert_eq!(run.taught().unwrap().places, places);
+    let verdict = outcome.verdicts.last().unwrap();
+    assert!(verdict.registration.is_some());
+    assert!(
+        verdict
+            .remarks
+            .iter()
+            .any(|r| r.reason == Reason::TaughtMore { further: 1 })
+    );
+    // Of each ball the smallest and the largest of the two.
+    for (place, one) in first.smallest.iter().enumerate() {
+        let (low, high) = taught.of(place).unwrap();
+        assert!(low.radius_mm <= one.radius_mm && one.radius_mm <= high.radius_mm);
+        assert!(low.rms_mm <= one.rms_mm && one.rms_mm <= high.rms_mm);
+        assert!(low.centring_mm <= one.centring_mm && one.centring_mm <= high.centring_mm);
+    }
+    let (low, high) = taught.of(1).unwrap();
+    let span_mm = high.radius_mm - low.radius_mm;
+    assert!((0.003..0.012).contains(&span_mm), "{span_mm}");
+    // What is as large is OK now; what is larger still by more than the limit is not.
+    clamp(&mut run, &mut outcome, 3, 0.018, false);
+    clamp(&mut run, &mut outcome, 4, 0.036, false);
+    let summary = outcome.summary();
+    assert_eq!(summary[0], "OK");
+    assert!(
+        summary[1].contains("SPHERE2:radius_since_taught"),
+        "{summary:?}"
+    );
+    assert_eq!(summary[2..4], ["OK", "OK"]);
+    assert!(
+        summary[4].contains("SPHERE2:radius_since_taught"),
+        "{summary:?}"
+    );
+    // An NG clamping widens nothing, and asks no further.
+    assert_eq!(more(&mut run, &mut outcome), Ok(()));
+    clamp(&mut run, &mut outcome, 3, 0.0, true);
+    assert_eq!(*run.taught().unwrap().learned, taught);
+    clamp(&mut run, &mut outcome, 1, 0.036, false);
+    assert_eq!(*run.taught().unwrap().learned, taught);
+    // One that is NG after all has widened nothing.
+    assert_eq!(more(&mut run, &mut outcome), Ok(()));
+    clamp(&mut run, &mut outcome, 2, 0.020, false);
+    assert_eq!(run.taught().unwrap().learned.further, 2);
+    let count = FaultKind::BlockCountMismatch {
+        expected: 6,
+        got: 5,
+    };
+    run.fault(&count, &mut |d| outcome.take(d));
+    assert!(!outcome.verdicts.last().unwrap().ok);
+    assert_eq!(*run.taught().unwrap().learned, taught);
+    // What was kept over a restart is what holds.
+    let (mut restarted, mut after) = start();
+    restarted.restore_reference(Teaching {
+        places: &places,
+        learned: &taught,
+    });
+    clamp(&mut restarted, &mut after, 2, 0.018, false);
+    clamp(&mut restarted, &mut after, 3, 0.036, false);
+    assert_eq!(after.summary()[0], "OK");
+    assert!(after.summary()[1].contains("radius_since_taught"));
+    // A job that holds nothing against what was learned has nothing to widen.
+    let mut run = Run::new(job());
+    assert_eq!(more(&mut run, &mut outcome), Err(TeachRefusal::NoLearned));
 }
 
 /// The first ball probed again at the end, and a ball that stays on the table.

@@ -187,3 +187,31 @@ fn modes_to_begin_with_are_stated() {
     }
     assert!(stated(&[900, 900]).is_some());
 }
+
+/// What is kept of stated modes with a program is what was stated, or nothing is kept.
+#[test]
+fn stated_modes_are_kept_as_they_are() {
+    let of = |tenths: &[u16]| {
+        tenths
+            .iter()
+            .try_fold(StartModes::default(), |modes, code| modes.with(*code))
+    };
+    assert_eq!(of(&[]).unwrap().packed(), Some(0));
+    let mut seen = 0;
+    for packed in 0..=u16::MAX {
+        let Some(modes) = StartModes::unpacked(packed) else {
+            continue;
+        };
+        seen += 1;
+        assert_eq!(modes.packed(), Some(packed));
+        assert_eq!(of(&modes.tenths()), Some(modes));
+    }
+    // Two of distance, units, centres and returns, three of planes and feeds, six offsets,
+    // four motions, and none of each.
+    assert_eq!(seen, 3 * 3 * 4 * 3 * 4 * 3 * 7 * 5);
+    let all = [910, 200, 180, 901, 950, 990, 570, 20];
+    assert_eq!(of(&all).unwrap().tenths(), all);
+    // G59.1 finds no room, and G40 is what begins anyway.
+    assert_eq!(of(&[591]).unwrap().packed(), None);
+    assert_eq!(of(&[400]).unwrap().packed(), Some(0));
+}

@@ -167,6 +167,7 @@ impl Transport for Board {
                     Request::JobGet => Response::Job {
                         job: None,
                         taught_mm: Some(heapless::Vec::from_slice(&[[1.0, 2.0, 3.0]]).unwrap()),
+                        learned: Default::default(),
                     },
                     Request::IdentityGet => Response::StorageFailed,
                     _ => Response::Done,
