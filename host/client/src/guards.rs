@@ -90,7 +90,7 @@ impl GuardTable {
             ),
             row(
                 "stale_read",
-                "READ gets the last correction",
+                "READ gets an older, unread correction",
                 when(has_run),
                 "run_variable",
             ),
