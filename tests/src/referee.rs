@@ -11,12 +11,17 @@
 use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 
 /// Millimetres of an inch.
 const INCH_MM: f64 = 25.4;
+
+/// How long a program may take: one that loops has no end.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 /// An installed `rs274`.
 #[derive(Clone, Debug)]
@@ -175,7 +180,13 @@ impl Referee {
             }
         }
         write("parameters.var", &parameters)?;
-        let output = Command::new(&self.start)
+        // Into a file: a program without an end prints without end.
+        let text = |error: std::io::Error| error.to_string();
+        let printed = folder.join("canon.txt");
+        let out = fs::File::create(&printed).map_err(text)?;
+        let complaints = folder.join("errors.txt");
+        let err = fs::File::create(&complaints).map_err(text)?;
+        let mut interpreter = Command::new(&self.start)
             .args(options)
             .args([
                 "-g",
@@ -188,14 +199,34 @@ impl Referee {
             .current_dir(folder)
             // Where it keeps its tool table while it runs.
             .env("HOME", folder)
-            .output()
+            .stdin(Stdio::null())
+            .stdout(out)
+            .stderr(err)
+            .spawn()
             .map_err(|error| format!("{}: {error}", self.start.display()))?;
-        let said = String::from_utf8_lossy(&output.stdout).into_owned();
-        if output.status.success() {
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = interpreter.try_wait().map_err(text)? {
+                break status;
+            }
+            if begun.elapsed() > PATIENCE {
+                interpreter.kill().map_err(text)?;
+                interpreter.wait().map_err(text)?;
+                fs::write(&printed, "").map_err(text)?;
+                return Err(format!("it does not end within {} s", PATIENCE.as_secs()));
+            }
+            sleep(Duration::from_millis(2));
+        };
+        let read = |path| fs::read(path).map_err(text);
+        let said = String::from_utf8_lossy(&read(&printed)?).into_owned();
+        if status.success() {
             Ok(said)
         } else {
-            let error = String::from_utf8_lossy(&output.stderr);
-            Err(format!("{}\n{said}", error.trim()))
+            let error = read(&complaints)?;
+            Err(format!(
+                "{}\n{said}",
+                String::from_utf8_lossy(&error).trim()
+            ))
         }
     }
 }

@@ -127,27 +127,25 @@ fn nominal_moves(text: &str, run: &RefereeRun) -> Vec<Move> {
     let lines: Vec<&str> = text.lines().collect();
     let mut all = moves(run);
     let mut by_machine = [true; 3];
-    for at in 1..all.len() {
-        let line = run.moves[at]
-            .block
-            .and_then(|number| lines.get(number as usize - 1));
+    for (moved, made) in all.iter_mut().zip(&run.moves).skip(1) {
+        let line = made.block.and_then(|number| lines.get(number as usize - 1));
         let words = line.map_or_else(Vec::new, |line| words(line));
         let says = |code: f64| words.contains(&('G', Some(code)));
         let named = ['X', 'Y', 'Z'].map(|axis| words.iter().any(|(letter, _)| *letter == axis));
-        let (from, to) = (all[at].from, all[at].to);
+        let (from, to) = (moved.from, moved.to);
         let refers = says(28.0) || says(30.0);
         for axis in 0..3 {
-            let moved = (to[axis] - from[axis]).abs() > 1e-4;
+            let goes = (to[axis] - from[axis]).abs() > 1e-4;
             let at_home = (to[axis] - HOME_MM[axis]).abs() < 0.0026;
             by_machine[axis] = if says(53.0) {
                 named[axis] || by_machine[axis]
             } else if refers {
-                at_home || (by_machine[axis] && !moved)
+                at_home || (by_machine[axis] && !goes)
             } else {
-                by_machine[axis] && !moved && !named[axis]
+                by_machine[axis] && !goes && !named[axis]
             };
         }
-        all[at].by_machine = by_machine;
+        moved.by_machine = by_machine;
     }
     all[0].by_machine = [true; 3];
     all
