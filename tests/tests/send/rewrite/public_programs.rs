@@ -121,12 +121,18 @@ fn words(line: &str) -> Vec<(char, Option<f64>)> {
     words
 }
 
+/// The last digit that is printed of a place.
+fn printed_mm(run: &RefereeRun) -> f64 {
+    if run.has_inches { 0.00254 } else { 1e-4 }
+}
+
 /// The nominal motions, with the axes that the machine has placed: by G53, or at the reference
 /// points. An axis is the program's again with its next word, or when it moves.
 fn nominal_moves(text: &str, run: &RefereeRun) -> Vec<Move> {
     let lines: Vec<&str> = text.lines().collect();
     let mut all = moves(run);
     let mut by_machine = [true; 3];
+    let printed_mm = printed_mm(run);
     for (moved, made) in all.iter_mut().zip(&run.moves).skip(1) {
         let line = made.block.and_then(|number| lines.get(number as usize - 1));
         let words = line.map_or_else(Vec::new, |line| words(line));
@@ -135,8 +141,8 @@ fn nominal_moves(text: &str, run: &RefereeRun) -> Vec<Move> {
         let (from, to) = (moved.from, moved.to);
         let refers = says(28.0) || says(30.0);
         for axis in 0..3 {
-            let goes = (to[axis] - from[axis]).abs() > 1e-4;
-            let at_home = (to[axis] - HOME_MM[axis]).abs() < 0.0026;
+            let goes = (to[axis] - from[axis]).abs() > printed_mm;
+            let at_home = (to[axis] - HOME_MM[axis]).abs() <= printed_mm;
             by_machine[axis] = if says(53.0) {
                 named[axis] || by_machine[axis]
             } else if refers {
@@ -233,7 +239,7 @@ fn public_programs_move_as_they_say() {
                         continue;
                     }
                 };
-                let printed = if nominal.has_inches { 0.00254 } else { 1e-4 };
+                let printed = printed_mm(&nominal);
                 let judge = Judge {
                     transform,
                     origin: V::from(nominal.origins_mm[1]),
