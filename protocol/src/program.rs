@@ -40,15 +40,12 @@ pub struct ProgramInfo {
     pub stated: Stated,
 }
 
-/// Modes to begin with that can be stated of a program: one of each group.
-pub const MAX_START: usize = 8;
-
 /// What whoever puts a program says of it, because its text does not: see `umi nc rewrite`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub struct Stated {
-    /// Modes in force when it starts: G codes in tenths (900 is G90), one of a group.
-    pub start_tenths: Vec<u16, MAX_START, u8>,
+    /// Modes in force when it starts, packed: `umi_core::rewrite::StartModes::packed`. 0: none.
+    pub start_packed: u16,
     /// Whose meaning counts where controls differ.
     pub dialect: StatedDialect,
     /// A program that it may call although its text is not there; 0: none.

@@ -300,7 +300,7 @@ fn program() -> ProgramInfo {
         }),
         hold_s: 600,
         stated: Stated {
-            start_tenths: list([900, 170]),
+            start_packed: 16_380,
             dialect: StatedDialect::Fanuc,
             allow_call: 9010,
         },

@@ -509,13 +509,8 @@ fn settings(
             bytes: info.bytes.into(),
         }),
         source,
-        // One that is no mode is not taken; with nothing stated the program is refused by name.
-        start: info
-            .stated
-            .start_tenths
-            .iter()
-            .try_fold(StartModes::default(), |modes, tenths| modes.with(*tenths))
-            .unwrap_or_default(),
+        // What is no mode is not taken; with nothing stated the program is refused by name.
+        start: StartModes::unpacked(info.stated.start_packed).unwrap_or_default(),
         dialect: match info.stated.dialect {
             StatedDialect::NotSaid => None,
             StatedDialect::Fanuc => Some(RewriteDialect::Fanuc),

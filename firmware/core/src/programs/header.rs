@@ -45,7 +45,6 @@ use umi_protocol::program::{
 
 use crate::journal::sector::{put, seal, take, unseal};
 use crate::journal::{Geometry, GeometryFault};
-use crate::rewrite::StartModes;
 
 /// Size of a header.
 pub(super) const SIZE: usize = 64;
@@ -179,9 +178,7 @@ impl Header {
         };
         put(&mut rest, &[dialect]);
         put(&mut rest, &lengths);
-        // The store takes none that cannot be packed.
-        let start = start_modes(&stated.start_tenths).and_then(|modes| modes.packed());
-        put(&mut rest, &start.unwrap_or_default().to_le_bytes());
+        put(&mut rest, &stated.start_packed.to_le_bytes());
         put(&mut rest, &stated.allow_call.to_le_bytes());
         seal(&mut header);
         header
@@ -207,9 +204,8 @@ impl Header {
         let how = take(&mut rest)?;
         let [dialect] = take(&mut rest)?;
         let release = release(kind, how, take(&mut rest)?)?;
-        let start = StartModes::unpacked(u16::from_le_bytes(take(&mut rest)?))?;
         let stated = Stated {
-            start_tenths: start.tenths().into_iter().collect(),
+            start_packed: u16::from_le_bytes(take(&mut rest)?),
             dialect: match dialect {
                 0 => StatedDialect::NotSaid,
                 1 => StatedDialect::Fanuc,
@@ -234,13 +230,6 @@ impl Header {
             generation,
         })
     }
-}
-
-/// The modes that are stated of a program, if all of them are modes.
-pub(super) fn start_modes(tenths: &[u16]) -> Option<StartModes> {
-    tenths
-        .iter()
-        .try_fold(StartModes::default(), |modes, code| modes.with(*code))
 }
 
 /// The kind of release, and of a rewritten one decimals, integers and unit, then lengths.

@@ -47,6 +47,7 @@ use crate::journal::chain::CRC32;
 use crate::journal::flash::LARGEST_WRITE;
 use crate::journal::write::{Buffer, program_kept};
 use crate::journal::{self, ERASED, Flash, GeometryFault};
+use crate::rewrite::StartModes;
 use header::{Header, Layout, PAGE};
 use punched::Sum;
 
@@ -265,8 +266,7 @@ impl<F: Flash> Store<F> {
         if program.bytes == 0 {
             return Err(ProgramRefusal::Empty.into());
         }
-        let start = header::start_modes(&program.stated.start_tenths);
-        if start.and_then(|modes| modes.packed()).is_none() {
+        if StartModes::unpacked(program.stated.start_packed).is_none() {
             return Err(ProgramRefusal::BadStart.into());
         }
         if self.is_punched() {

@@ -50,7 +50,7 @@ fn info(number: u32, text: &[u8]) -> ProgramInfo {
         }),
         hold_s: 600,
         stated: Stated {
-            start_tenths: [900, 170, 911, 930, 990, 590, 30].into_iter().collect(),
+            start_packed: 45_359,
             dialect: StatedDialect::LinuxCnc,
             allow_call: 0xFEDC,
         },
@@ -108,13 +108,13 @@ fn refusal<T: core::fmt::Debug>(result: Result<T, StoreError<MockError>>) -> Pro
     }
 }
 
-/// Modes that are none, twice the same group, or a work offset for which there is no room.
+/// A number that is none of packed modes.
 #[test]
 fn modes_that_are_none_are_refused() {
     let mut store = store();
-    for start in [&[811_u16][..], &[900, 910], &[591], &[900, 65_535]] {
+    for start_packed in [45_360, u16::MAX] {
         let mut info = info(7, b"%");
-        info.stated.start_tenths = start.iter().copied().collect();
+        info.stated.start_packed = start_packed;
         assert_eq!(refusal(store.begin(&info)), ProgramRefusal::BadStart);
     }
     assert!(store.programs().is_empty());

@@ -66,7 +66,9 @@ impl Letters {
 /// What uses the axis words of a block for itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Taker {
-    /// G4: they are times. G22: they are machine coordinates.
+    /// G4: X is a time.
+    Dwell,
+    /// G22: they are machine coordinates.
     Nothing,
     /// G65: they are what the macro is given.
     Call,
@@ -126,7 +128,8 @@ pub(super) const fn code(tenths: u16) -> Code {
         10 => Code::Motion(Motion::Line),
         20 => Code::Motion(Motion::Clockwise),
         30 => Code::Motion(Motion::Counter),
-        40 | 220 => Code::Takes(Taker::Nothing),
+        40 => Code::Takes(Taker::Dwell),
+        220 => Code::Takes(Taker::Nothing),
         100 => Code::Takes(Taker::Data),
         280 | 300 => Code::Takes(Taker::Reference),
         520 => Code::Takes(Taker::Local),

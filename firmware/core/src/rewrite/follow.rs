@@ -25,7 +25,7 @@ impl Rewriter {
         if given.letters.has_any(SECONDARY)
             && !matches!(
                 wanted.taker,
-                Some((_, Taker::Nothing | Taker::Data | Taker::Call))
+                Some((_, Taker::Nothing | Taker::Dwell | Taker::Data | Taker::Call))
             )
         {
             for letter in *b"UVW" {
@@ -56,6 +56,9 @@ impl Rewriter {
             // The control is in the mode that the block says, too.
             if wanted.motion.is_some() {
                 self.out_motion = self.motion;
+            }
+            if taker == Taker::Dwell {
+                dwells(&given, &wanted)?;
             }
             self.taken(taker, word, &given)?;
         } else {
@@ -279,7 +282,7 @@ impl Rewriter {
 
     fn taken(&mut self, taker: Taker, word: usize, given: &Given<'_>) -> At<()> {
         match taker {
-            Taker::Nothing => Ok(()),
+            Taker::Nothing | Taker::Dwell => Ok(()),
             Taker::Call => self.call(given, given.column(word)),
             Taker::Data => self.data(word, given),
             Taker::Reference => {
@@ -647,4 +650,16 @@ fn agree(sub: &super::Modes, caller: &super::Modes) -> bool {
         ..*caller
     };
     merged == caller
+}
+
+/// A dwell has one word: P, U, or X, which is a time for Fanuc. With another one beside it, or
+/// with a motion's code, X moves on a control that takes the time from P alone (LinuxCNC).
+fn dwells(given: &Given<'_>, wanted: &Wanted) -> At<()> {
+    let x_is_time = !given.has(b'P') && wanted.motion.is_none();
+    for (letter, is_time) in [(b'X', x_is_time), (b'Y', false), (b'Z', false)] {
+        if let Some(index) = given.find(letter).filter(|_| !is_time) {
+            return Err((given.column(index), RewriteRefusal::TwoMotions));
+        }
+    }
+    Ok(())
 }

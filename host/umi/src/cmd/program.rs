@@ -340,6 +340,12 @@ impl List {
     fn run(self) -> Result<(), Failure> {
         let (room, programs) = programs::list(&mut self.board.connect()?)?;
         if self.format.json {
+            let told = |program: &ProgramInfo| {
+                let mut told = json!(program);
+                told["begins_in"] = json!(crate::show::text::begins_in(&program.stated));
+                told
+            };
+            let programs: Vec<_> = programs.iter().map(told).collect();
             return print_json(&json!({ "room": room, "programs": programs }));
         }
         let mut text = String::new();

@@ -97,14 +97,13 @@ impl Said {
     /// What a board keeps of it with a program: work offsets to G59, and one number that may
     /// be called.
     pub fn kept(&self) -> Result<Stated, Failure> {
-        let start = self.start.unwrap_or_default();
-        if start.packed().is_none() {
-            return Err(Failure::trouble(
+        let start_packed = self.start.unwrap_or_default().packed().ok_or_else(|| {
+            Failure::trouble(
                 "usage",
                 "--start: a board keeps G54 to G59 and none beyond: state the work offset in the \
                  program",
-            ));
-        }
+            )
+        })?;
         let allow_call = match self.allow_call.as_slice() {
             [] => Some(0),
             [one] => one.parse().ok().filter(|number| *number > 0),
@@ -118,7 +117,7 @@ impl Said {
             )
         })?;
         Ok(Stated {
-            start_tenths: start.tenths().into_iter().collect(),
+            start_packed,
             dialect: match self.dialect {
                 None => StatedDialect::NotSaid,
                 Some(Family::Fanuc) => StatedDialect::Fanuc,

@@ -14,6 +14,7 @@ use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, fixe
 use umi_client::axes::{self, Scale};
 use umi_client::quantities::{Amount, QuantityUnit, parameters};
 use umi_client::timeline::{Loss, Lost};
+use umi_core::rewrite::StartModes;
 
 /// A time on the board's clock: since it started.
 #[must_use]
@@ -211,15 +212,21 @@ pub const fn release(release: &Release) -> &'static str {
     }
 }
 
+/// The modes that a program is said to begin with, as G90.
+#[must_use]
+pub fn begins_in(stated: &Stated) -> Vec<String> {
+    let start = StartModes::unpacked(stated.start_packed).unwrap_or_default();
+    let codes = start.tenths().into_iter();
+    codes
+        .map(|tenths| format!("G{}", f64::from(tenths) / 10.0))
+        .collect()
+}
+
 /// What was said of a program, as an addition to how it is rewritten.
 #[must_use]
 pub fn stated(stated: &Stated) -> String {
     let mut said = Vec::new();
-    let start: Vec<String> = stated
-        .start_tenths
-        .iter()
-        .map(|tenths| format!("G{}", f64::from(*tenths) / 10.0))
-        .collect();
+    let start = begins_in(stated);
     if !start.is_empty() {
         said.push(format!("begins in {}", start.join(" ")));
     }

@@ -208,13 +208,15 @@ fn what_is_said_of_a_program_goes_with_it() {
         "{said}"
     );
     let list = umi(&["program", "list", "--json", "--port", port]);
-    let stated = list.exits(0).json()["programs"][0]["stated"].clone();
+    let kept = list.exits(0).json()["programs"][0].clone();
+    let begins_in = serde_json::json!(["G90", "G21", "G17", "G94", "G98"]);
+    assert_eq!(kept["begins_in"], begins_in);
     let expected = serde_json::json!({
-        "start_tenths": [900, 210, 170, 940, 980],
+        "start_packed": 26_705,
         "dialect": "linux_cnc",
         "allow_call": 9100,
     });
-    assert_eq!(stated, expected);
+    assert_eq!(kept["stated"], expected);
     // The same once more is there already; said otherwise it is put anew.
     let again = rewritten(&[&all[..], &["--json"]].concat());
     assert_eq!(again.exits(0).json()["was_there"], true);

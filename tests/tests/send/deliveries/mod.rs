@@ -148,9 +148,13 @@ fn rewrites_by_what_was_said_of_a_program(rig: &mut dyn Rig) {
     let job = plain_job();
     client.set_job(&job).unwrap().unwrap();
     let bare = "%\nO0088\nG0 X0. Y0. Z5.\nG81 X1. Y1. Z-1. R6. F100.\nG80\nM98 P9100\nM30\n%\n";
+    let start = [900, 210, 170, 940, 980]
+        .into_iter()
+        .try_fold(StartModes::default(), StartModes::with)
+        .unwrap();
     let mut program = info(88, bare, Release::Rewritten(SPEC));
     program.stated = Stated {
-        start_tenths: [900, 210, 170, 940, 980].into_iter().collect(),
+        start_packed: start.packed().unwrap(),
         dialect: StatedDialect::LinuxCnc,
         allow_call: 9100,
     };
@@ -166,11 +170,8 @@ fn rewrites_by_what_was_said_of_a_program(rig: &mut dyn Rig) {
     rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
     judged(rig, &mut client, 2);
     let verdict = client.verdict().unwrap().unwrap();
-    let start = [900, 210, 170, 940, 980]
-        .into_iter()
-        .try_fold(StartModes::default(), StartModes::with);
     let expected = rewritten_with(bare, &job, &verdict, |settings| RewriteSettings {
-        start: start.unwrap(),
+        start,
         dialect: Some(RewriteDialect::LinuxCnc),
         allowed_calls: "9100".parse().unwrap(),
         ..settings
