@@ -153,6 +153,7 @@ impl Check {
                 "status": "ok",
                 "job": job,
                 "guards": job_text::guards_json(&GuardTable::of(&job)),
+                "read_raises_alarm": job_text::has_alarm(&job),
                 "not_guarded": open.as_ref().map(json::reason),
             }));
         }

@@ -4,7 +4,9 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Job, Lessons, Limits, ProgramEnd, Reference, SendWhen,
     Teach, WitnessSpec,
 };
-use umi_protocol::pattern::{FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig};
+use umi_protocol::pattern::{
+    Coding, FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig,
+};
 
 use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
 use serde_json::{Value, json};
@@ -42,10 +44,22 @@ pub fn text(job: &Job) -> String {
         Some(spec) => correction(spec).to_string(),
         None => "  no correction: the job only measures\n".to_owned(),
     };
+    if job.correction.is_some() && !has_alarm(job) {
+        let said = "a READ without an OK verdict gets nothing: this control has no word that \
+                    raises an alarm";
+        text += &format!("\n  {}\n", paint(CAUTION, said));
+    }
     if let Some(open) = umi_core::job::not_guarded(job) {
         text += &format!("\n  {}\n", paint(CAUTION, open));
     }
     text
+}
+
+/// Whether a READ that finds no correction gets a program that raises an alarm.
+#[must_use]
+pub fn has_alarm(job: &Job) -> bool {
+    job.correction
+        .is_some_and(|spec| umi_core::correction::alarm(&spec, Coding::Ascii).is_some())
 }
 
 fn compensation(compensation: Compensation) -> String {

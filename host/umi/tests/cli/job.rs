@@ -144,3 +144,35 @@ fn a_new_job_is_explicit() {
         "{said}"
     );
 }
+
+/// GRBL has no word that raises an alarm, and no variable for a run: the job says both.
+#[test]
+fn a_control_without_an_alarm_is_said() {
+    let folder = Folder::new();
+    let example = std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap();
+    let has = |file: &str| {
+        let value = umi(&["job", "check", file, "--json"]).exits(0).json();
+        assert_eq!(
+            value["not_guarded"]["details"]["late_text"], true,
+            "{value}"
+        );
+        value["read_raises_alarm"].clone()
+    };
+    assert_eq!(has(&project("examples/three-spheres.toml")), true);
+    let dialect = example
+        .lines()
+        .find(|line| line.starts_with("dialect"))
+        .unwrap();
+    let text = example.replace(dialect, "dialect = \"grbl\"");
+    let grbl = folder.file("grbl.toml", text);
+    assert_eq!(has(&grbl), false);
+    let said = umi(&["job", "check", &grbl]).exits(0).out;
+    assert!(
+        said.contains("a READ without an OK verdict gets nothing"),
+        "{said}"
+    );
+    assert!(
+        said.contains("not guarded: text of another clamping"),
+        "{said}"
+    );
+}
