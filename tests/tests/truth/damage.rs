@@ -157,7 +157,7 @@ const HEAD: &str = "# Damaged sessions with known truth\n\n\
 fn row(kind: DamageKind, of: &DamageTally) -> String {
     let share = |count: u32| 100.0 * f64::from(count) / f64::from(of.clampings);
     format!(
-        "| {} | {} | {:.1} % | {:.2} %, {} | {:.1} | {:.1} % | {:.1} % |",
+        "| {} | {} | {:.1} % | {:.2} %, {} | {:.0} | {:.1} % | {:.1} % |",
         kind.name(),
         of.clampings,
         share(of.right),
