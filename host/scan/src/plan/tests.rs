@@ -207,6 +207,64 @@ fn a_ridge_under_the_pole_is_passed_without_whirling() {
 }
 
 #[test]
+fn a_sharp_ridge_is_seen_up_to_its_edge() {
+    // The normals on either side say nothing about the other: 53 degrees lie between them.
+    let raw = height_field([30.0, 20.0], 16, |x, _| -x.abs() * 0.5);
+    let part = PartMesh::weld(raw, true).unwrap();
+    let spec = upright();
+    let plan = plan(&part, &[], &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    assert!(plan.figures.coverage > 0.98, "{}", plan.figures.coverage);
+}
+
+#[test]
+fn without_any_turning_axis_passes_run_across_the_fixed_line() {
+    let text = std::fs::read_to_string(folder().join("three_axes.toml")).unwrap();
+    let fixed: String = text
+        .lines()
+        .filter(|l| !l.starts_with("spindle"))
+        .map(|l| format!("{l}\n"))
+        .collect();
+    assert_ne!(fixed, text);
+    let spec = spec(&fixed).unwrap();
+    let part = read_part(&folder().join("three_axes.obj")).unwrap();
+    let plan = plan(&part, &[], &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    let most = case("three_axes")["max_scan_length_mm"].as_f64().unwrap();
+    assert!(
+        plan.figures.scan_length_mm < most,
+        "{}",
+        plan.figures.scan_length_mm
+    );
+}
+
+#[test]
+fn a_narrow_strip_is_seen_as_far_as_wanted() {
+    let raw = height_field([100.0, 3.0], 40, |x, _| x * x / 2000.0);
+    let part = PartMesh::weld(raw, true).unwrap();
+    let spec = upright();
+    let plan = plan(&part, &[], &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    assert!(plan.figures.coverage >= 0.97);
+}
+
+#[test]
+fn a_step_surface_is_planned_like_a_mesh() {
+    let case = case("step_wavy");
+    let spec = ScanSpec::open(&folder().join("step_wavy.toml")).unwrap();
+    let part = read_part(&folder().join("step_wavy.step")).unwrap();
+    let plan = plan(&part, &[], &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    assert!(plan.figures.coverage > 0.99, "{}", plan.figures.coverage);
+    let raster = case["baseline"]["scan_length_mm"].as_f64().unwrap();
+    assert!(
+        plan.figures.scan_length_mm < 0.95 * raster,
+        "{}",
+        plan.figures.scan_length_mm
+    );
+}
+
+#[test]
 fn what_no_surface_is_is_refused_by_name() {
     let square = height_field([20.0, 20.0], 2, |_, _| 0.0);
     let code = |change: &dyn Fn(&mut RawMesh)| {

@@ -13,7 +13,7 @@ use super::field::HeightField;
 pub struct LinePoint {
     /// Where it lies: on an edge of the surface.
     pub at: Vector3<f64>,
-    /// Normal there, between those of the edge's vertices.
+    /// Normal there, between those that the edge's vertices have on the chart.
     pub normal: Vector3<f64>,
     /// The edge's direction.
     pub edge: Vector3<f64>,
@@ -52,12 +52,11 @@ pub fn lines(
                     chart.map.vertices[b as usize] as usize,
                 );
                 let (pa, pb) = (part.vertices[va], part.vertices[vb]);
-                let normal = part.vertex_normals[va] * (1.0 - w) + part.vertex_normals[vb] * w;
+                let (na, nb) = (chart.normals[a as usize], chart.normals[b as usize]);
+                let normal = na * (1.0 - w) + nb * w;
                 points.push(LinePoint {
                     at: pa + (pb - pa) * w,
-                    normal: normal
-                        .try_normalize(1e-9)
-                        .unwrap_or(part.vertex_normals[va]),
+                    normal: normal.try_normalize(1e-9).unwrap_or(na),
                     edge: (pb - pa).try_normalize(1e-12).unwrap_or_else(Vector3::x),
                 });
                 links.push([NONE; 2]);

@@ -102,16 +102,27 @@ impl<'a> Driver<'a> {
         angle_deg(beam, &-normal) <= self.tilt_deg
     }
 
-    /// The line's direction where the beam is exactly against this normal, one for each branch; for machines whose
-    /// line follows from the beam.
+    /// The line's direction where the beam is against this normal as well as the axes can, one for each branch; none where
+    /// two axes do not reach it. For machines whose line follows from the beam.
     pub fn lines_for(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        match self.machine.inverse(&Vector3::zeros(), &-normal, None) {
-            Ok(reached) => reached
-                .solutions
-                .iter()
-                .map(|axes| self.machine.pointing(&axes[3..]).1)
-                .collect(),
-            Err(_) => Vec::new(),
+        let mut angles = vec![0.0; self.limits.len()];
+        match self.aiming.as_slice() {
+            [] => vec![self.machine.pointing(&angles).1],
+            [(place, turn)] => {
+                let beam = self.machine.part_direction(&-normal);
+                let [low, high] = turn.limits_deg;
+                let best = best_about(&turn.direction, &beam, &self.machine.mounted().0);
+                angles[*place] = best.unwrap_or(0.0).clamp(low, high);
+                vec![self.machine.pointing(&angles).1]
+            }
+            _ => match self.machine.inverse(&Vector3::zeros(), &-normal, None) {
+                Ok(reached) => reached
+                    .solutions
+                    .iter()
+                    .map(|axes| self.machine.pointing(&axes[3..]).1)
+                    .collect(),
+                Err(_) => Vec::new(),
+            },
         }
     }
 

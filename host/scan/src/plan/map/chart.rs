@@ -15,6 +15,32 @@ pub struct Chart {
     pub faces: Vec<u32>,
     /// The same triangles in the plane.
     pub map: FlatMap,
+    /// Unit normal of each of the map's vertices: the mean of this chart's triangles by their angles there. Beyond a sharp
+    /// edge the part looks elsewhere; that says nothing here.
+    pub normals: Vec<Vector3<f64>>,
+}
+
+impl Chart {
+    /// A chart of these triangles.
+    fn new(part: &PartMesh, faces: Vec<u32>, map: FlatMap) -> Self {
+        let mut normals = vec![Vector3::zeros(); map.vertices.len()];
+        for (&face, corners) in faces.iter().zip(&map.faces) {
+            let t = part.corners(face as usize);
+            for k in 0..3 {
+                let (u, v) = (t[(k + 1) % 3] - t[k], t[(k + 2) % 3] - t[k]);
+                let angle = u.cross(&v).norm().atan2(u.dot(&v));
+                normals[corners[k] as usize] += part.normal(face as usize) * angle;
+            }
+        }
+        for n in &mut normals {
+            *n = n.try_normalize(1e-12).unwrap_or_else(Vector3::z);
+        }
+        Self {
+            faces,
+            map,
+            normals,
+        }
+    }
 }
 
 /// How unlike the least and largest scale of a map may be before its piece is parted.
@@ -74,14 +100,14 @@ fn part_piece(part: &PartMesh, piece: Vec<u32>) -> Vec<Chart> {
         let map = FlatMap::new(part, &piece);
         let q = map.quality;
         if q.flips == 0 && q.scale_max < SCALE_RATIO * q.scale_min && !wraps(part, &piece) {
-            return vec![Chart { faces: piece, map }];
+            return vec![Chart::new(part, piece, map)];
         }
     }
     caps(part, piece)
         .into_iter()
-        .map(|faces| Chart {
-            map: FlatMap::new(part, &faces),
-            faces,
+        .map(|faces| {
+            let map = FlatMap::new(part, &faces);
+            Chart::new(part, faces, map)
         })
         .collect()
 }

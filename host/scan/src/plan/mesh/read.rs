@@ -7,7 +7,7 @@ use super::{PartMesh, RawMesh, obj, ply, step, weld};
 use crate::ScanError;
 use crate::surface::{Mesh, stl_from_bytes};
 
-/// Reads the part: STL, OBJ or PLY. STEP is refused by `super::step`, which says what to export instead.
+/// Reads the part: STL, OBJ, PLY or STEP.
 ///
 /// # Errors
 /// A missing file is `file` (status 1); all else is refused as `mesh_format`, `mesh_unreadable`, `mesh_empty`,

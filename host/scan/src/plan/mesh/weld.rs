@@ -30,8 +30,6 @@ pub struct PartMesh {
     pub component: Vec<u32>,
     /// How many connected pieces there are.
     pub components: u32,
-    /// Unit normal of each vertex: the mean of its triangles by their angles there.
-    pub vertex_normals: Vec<Vector3<f64>>,
     /// The same triangles in a tree, with normals and areas.
     pub surface: Mesh,
     /// Triangles without area that were left out.
@@ -159,12 +157,10 @@ impl PartMesh {
             neighbours: vec![[BORDER; 3]; faces.len()],
             component: vec![0; faces.len()],
             components: 1,
-            vertex_normals: Vec::new(),
             vertices,
             faces,
             surface,
         };
-        part.vertex_normals = part.normals_of_vertices();
         if surface_wanted {
             part.join()?;
             part.count_components();
@@ -248,26 +244,6 @@ impl PartMesh {
             number += 1;
         }
         self.components = number;
-    }
-
-    fn normals_of_vertices(&self) -> Vec<Vector3<f64>> {
-        let mut sums = vec![Vector3::zeros(); self.vertices.len()];
-        for (face, t) in self.faces.iter().zip(self.surface.triangles()) {
-            for k in 0..3 {
-                let (a, b, c) = (t.corners[k], t.corners[(k + 1) % 3], t.corners[(k + 2) % 3]);
-                let (u, v) = (b - a, c - a);
-                sums[face[k] as usize] += t.normal * u.cross(&v).norm().atan2(u.dot(&v));
-            }
-        }
-        for n in &mut sums {
-            let length = n.norm();
-            *n = if length > 1e-12 {
-                *n / length
-            } else {
-                Vector3::z()
-            };
-        }
-        sums
     }
 
     /// The corners of a triangle.

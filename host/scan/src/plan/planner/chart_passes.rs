@@ -20,6 +20,9 @@ const TRIED: usize = 6;
 /// What a strip of the part that is not seen costs, against the way that would see it.
 const UNSEEN_WEIGHT: f64 = 3.0;
 
+/// The same for what is beyond half of what may stay unseen: the other half is for the part's other pieces.
+const BEYOND_WEIGHT: f64 = 12.0;
+
 /// Share of the line that is counted on at the outer ends of the first and last pass.
 const EDGE_SHARE: f64 = 0.97;
 
@@ -139,8 +142,11 @@ fn driven(
         let length: f64 = passes.iter().map(|p| p.length_mm(shop.spec)).sum();
         let short = overlap(shop.spec, &all, &seen)
             .is_some_and(|o| o.min < enough_overlap(shop, per_sample));
-        let cost =
-            length + UNSEEN_WEIGHT * unseen / line_mm + if short { 0.1 * length } else { 0.0 };
+        let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * samples.len() as f64 * per_sample;
+        let beyond = (unseen - may).max(0.0);
+        let cost = length
+            + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / line_mm
+            + if short { 0.1 * length } else { 0.0 };
         if best.as_ref().is_none_or(|b| cost < b.cost) {
             best = Some(Driven {
                 cost,
@@ -227,17 +233,12 @@ fn line_share(shop: &Workshop<'_>, chart: &Chart, field: &HeightField) -> Vec<f6
         .map(|(k, &f)| {
             if k % stride == 0 {
                 let slope = field.slope[k].try_normalize(1e-12);
-                share = slope.map_or(1.0, |s| {
-                    driver
-                        .lines_for(&shop.part.normal(f as usize))
-                        .iter()
-                        .map(|l| l.dot(&s).abs())
-                        .fold(0.0, f64::max)
-                });
+                let lines = driver.lines_for(&shop.part.normal(f as usize));
                 // Where the beam cannot point at all, the line is no reason for denser courses.
-                if share < 0.05 {
-                    share = 0.05;
-                }
+                share = slope.filter(|_| !lines.is_empty()).map_or(1.0, |s| {
+                    let across = lines.iter().map(|l| l.dot(&s).abs());
+                    across.fold(0.05, f64::max)
+                });
             }
             share
         })

@@ -30,6 +30,12 @@ const FIXED_SHARE: f64 = 0.1;
 /// Lines tried at most, over all charts.
 const MOST_LINES: usize = 240;
 
+/// Share of its strip that a pass must see anew.
+const WORTH: f64 = 0.2;
+
+/// The same while less than the wanted share of the part is seen.
+const NEED: f64 = 0.01;
+
 /// A pass that could be added, and which open samples it sees.
 struct Offer {
     pass: Pass,
@@ -82,16 +88,20 @@ pub fn fill(
         if left == 0 || (enough(left) && !all) {
             break;
         }
-        let worth = |o: &Offer| {
-            let area = o.sees.iter().filter(|i| unseen[**i as usize]).count() as f64 * per_sample;
-            // A pass costs its way and a link; what sees less than a fifth of its strip anew is not worth it.
-            area - 0.2 * (o.length_mm + 2.0) * sensor.line_mm
+        let best = |least: f64| {
+            let worth = |o: &Offer| {
+                let open = o.sees.iter().filter(|i| unseen[**i as usize]).count();
+                open as f64 * per_sample - least * (o.length_mm + 2.0) * sensor.line_mm
+            };
+            (0..offers.len())
+                .map(|k| (worth(&offers[k]) / (offers[k].length_mm + 4.0), k))
+                .filter(|(w, _)| *w > 0.0)
+                .max_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let best = (0..offers.len())
-            .map(|k| (worth(&offers[k]) / (offers[k].length_mm + 4.0), k))
-            .filter(|(w, _)| *w > 0.0)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, k)) = best else { break };
+        // A pass costs its way and a link; what sees less than a fifth of its strip anew is not worth it, unless too
+        // little would be seen without.
+        let found = best(WORTH).or_else(|| (!enough(left)).then(|| best(NEED)).flatten());
+        let Some((_, k)) = found else { break };
         let offer = offers.swap_remove(k);
         for &i in &offer.sees {
             unseen[i as usize] = false;

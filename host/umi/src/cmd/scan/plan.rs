@@ -24,7 +24,7 @@ use super::answer::answer;
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Plan {
-    /// The part's surface: STL, OBJ or PLY, in mm
+    /// The part's surface: STL, OBJ, PLY (in mm) or STEP
     #[arg(value_name = "MESH")]
     mesh: PathBuf,
     /// Part, sensor, plan and machine

@@ -17,7 +17,7 @@ use super::plan::inputs;
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Verify {
-    /// The part's surface: STL, OBJ or PLY, in mm
+    /// The part's surface: STL, OBJ, PLY (in mm) or STEP
     #[arg(value_name = "MESH")]
     mesh: PathBuf,
     /// Part, sensor, plan and machine

@@ -1,0 +1,204 @@
+//! STEP files (ISO 10303-21, shapes of AP 203, 214 and 242): the faces of their shells become triangles that leave the
+//! surfaces by no more than [`CHORD_MM`].
+//!
+//! Read are planes, cylinders, cones, spheres, tori and B-splines (rational ones too), with borders of lines, circles,
+//! ellipses and B-splines. All else is refused by its name: assemblies, other surfaces, a face that goes round without a
+//! seam or reaches a pole.
+//!
+//! * [`part21`]: the text; [`frame`]: points and placements; [`spline`], [`surface`], [`curve`]: geometry.
+//! * [`face`]: a face as triangles.
+
+mod curve;
+mod face;
+mod frame;
+mod part21;
+mod spline;
+mod surface;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use nalgebra::Vector3;
+
+use super::RawMesh;
+use super::unreadable::unreadable;
+use crate::ScanError;
+use frame::Drawing;
+use part21::Values;
+
+/// Triangles and edges leave the surface by no more than this.
+const CHORD_MM: f64 = 0.005;
+
+/// Edges of triangles are no longer than this share of the part: long ones make a bad map.
+const LONGEST_SHARE: f64 = 1.0 / 40.0;
+
+/// What the reader does not know.
+fn not_read(what: &str) -> ScanError {
+    ScanError::refused(
+        "mesh_format",
+        format_args!(
+            "In this STEP file {what} is not read. Export the part as STL, OBJ or PLY with a chord of 0.01 mm."
+        ),
+    )
+}
+
+/// Reads the shells of a file.
+///
+/// # Errors
+/// `mesh_unreadable` for damage, `mesh_format` for what is not read, `mesh_empty` without faces.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
+    let entities = part21::parse(bytes)?;
+    for (kind, what) in [
+        ("NEXT_ASSEMBLY_USAGE_OCCURRENCE", "an assembly"),
+        ("MAPPED_ITEM", "a shape that is placed several times"),
+    ] {
+        if !entities.having(kind).is_empty() {
+            return Err(not_read(what));
+        }
+    }
+    let mm_per_unit = unit(&entities)?;
+    let drawing = Drawing {
+        entities,
+        mm_per_unit,
+    };
+    let mut shells = Vec::new();
+    for kind in ["OPEN_SHELL", "CLOSED_SHELL"] {
+        for shell in drawing.entities.having(kind) {
+            shells.push(drawing.get(shell, kind)?.entities(1)?);
+        }
+    }
+    let faces: Vec<u64> = shells.into_iter().flatten().collect();
+    let longest_mm = LONGEST_SHARE * across(&drawing)?;
+    let mut edges: HashMap<u64, Vec<Vector3<f64>>> = HashMap::new();
+    let mut raw = RawMesh::default();
+    for number in faces {
+        let entity = drawing.entities.at(number)?;
+        let Some(values) = entity
+            .get("ADVANCED_FACE")
+            .or_else(|| entity.get("FACE_SURFACE"))
+        else {
+            return Err(not_read(&format!("the face #{number}, {}", entity.name())));
+        };
+        let surface = surface::read(&drawing, values.entity(2)?)?;
+        let turned = !values.flag(3)?;
+        let mut borders = Vec::new();
+        for bound in values.entities(1)? {
+            let entity = drawing.entities.at(bound)?;
+            let Some(bound) = entity
+                .get("FACE_OUTER_BOUND")
+                .or_else(|| entity.get("FACE_BOUND"))
+            else {
+                return Err(unreadable(format_args!("#{bound} is no border of a face")));
+            };
+            let mut border: face::Border = Vec::new();
+            for (edge, along) in curve::loop_edges(&drawing, bound.entity(1)?)? {
+                let points = match edges.entry(edge) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(new) => new.insert(curve::edge(&drawing, edge, longest_mm)?),
+                };
+                let way: Vec<_> = if along {
+                    points.clone()
+                } else {
+                    points.iter().rev().copied().collect()
+                };
+                // Each edge ends where the next begins.
+                if let (Some(end), Some(begin)) = (border.pop(), way.first())
+                    && (end - begin).norm() > 0.05
+                {
+                    return Err(unreadable(format_args!(
+                        "the border of face #{number} has a gap of {:.3} mm",
+                        (end - begin).norm()
+                    )));
+                }
+                border.extend(way);
+            }
+            if let (Some(end), Some(begin)) = (border.pop(), border.first())
+                && (end - begin).norm() > 0.05
+            {
+                return Err(unreadable(format_args!(
+                    "the border of face #{number} does not close"
+                )));
+            }
+            borders.push(border);
+        }
+        if borders.is_empty() {
+            return Err(not_read("a face without a border"));
+        }
+        face::triangles(&surface, &borders, turned, longest_mm, &mut raw).map_err(|mut e| {
+            e.message = format!("Face #{number}: {}", e.message);
+            e
+        })?;
+    }
+    Ok(raw)
+}
+
+/// How large the part is, by its vertices and control points.
+fn across(drawing: &Drawing) -> Result<f64, ScanError> {
+    let mut low = Vector3::repeat(f64::INFINITY);
+    let mut high = Vector3::repeat(f64::NEG_INFINITY);
+    for vertex in drawing.entities.having("VERTEX_POINT") {
+        let at = drawing.point(drawing.get(vertex, "VERTEX_POINT")?.entity(1)?)?;
+        low = low.inf(&at);
+        high = high.sup(&at);
+    }
+    let across = (high - low).norm();
+    if !across.is_finite() {
+        return Err(ScanError::refused(
+            "mesh_empty",
+            "The STEP file has no shell with faces and vertices.",
+        ));
+    }
+    Ok(across.max(1e-3))
+}
+
+/// Millimetres of the file's unit of length.
+fn unit(entities: &part21::Entities) -> Result<f64, ScanError> {
+    let mut found: Option<f64> = None;
+    for number in entities.having("LENGTH_UNIT") {
+        let entity = entities.at(number)?;
+        let here = if let Some(values) = entity.get("SI_UNIT") {
+            match values.value(0) {
+                Some(part21::Value::Word(prefix)) => match prefix.as_str() {
+                    "MILLI" => 1.0,
+                    "CENTI" => 10.0,
+                    "DECI" => 100.0,
+                    "MICRO" => 1e-3,
+                    "KILO" => 1e6,
+                    _ => return Err(not_read("a unit of length with an odd prefix")),
+                },
+                _ => 1000.0,
+            }
+        } else if let Some(values) = entity.get("CONVERSION_BASED_UNIT") {
+            // So many of another unit: an inch is 25.4 mm, and mm is the file's other unit.
+            let measure = entities.at(values.entity(1)?)?;
+            let Some(measure) = measure
+                .get("LENGTH_MEASURE_WITH_UNIT")
+                .or_else(|| measure.get("MEASURE_WITH_UNIT"))
+            else {
+                return Err(not_read("a unit of length that no other one measures"));
+            };
+            let base = entities.at(measure.entity(1)?)?;
+            let base = match base.get("SI_UNIT").and_then(|v| v.value(0)) {
+                Some(part21::Value::Word(prefix)) if prefix == "MILLI" => 1.0,
+                Some(part21::Value::Word(prefix)) if prefix == "CENTI" => 10.0,
+                Some(part21::Value::Word(_)) | None => {
+                    return Err(not_read("a unit of length with an odd base"));
+                }
+                Some(_) => 1000.0,
+            };
+            // What is made of others is the file's own; the one that measures it is not.
+            return Ok(measure.number(0)? * base);
+        } else {
+            return Err(not_read(
+                "a unit of length that is neither metric nor measured",
+            ));
+        };
+        if found.is_some_and(|f| f != here) {
+            return Err(not_read("a second unit of length"));
+        }
+        found = Some(here);
+    }
+    found.ok_or_else(|| not_read("a shape without a unit of length"))
+}
