@@ -233,4 +233,31 @@ mod tests {
             assert!(read(&bytes[..bytes.len() - less]).is_err(), "{less}");
         }
     }
+
+    /// A program that was kept, and a teaching that was asked for, before anything was said of
+    /// the one and before there was more to teach: they end there.
+    #[test]
+    fn what_was_kept_before_it_grew_is_read() {
+        let kept = Record::ProgramKept(umi_protocol::program::ProgramInfo {
+            number: 7,
+            name: umi_protocol::job::name("PART"),
+            bytes: 12,
+            crc32: 0x1234_5678,
+            release: umi_protocol::program::Release::Always,
+            hold_s: 5,
+            stated: Stated::default(),
+        });
+        for (record_now, added) in [(kept, 3), (Record::TeachAsked { more: false }, 1)] {
+            let mut room = [0; umi_protocol::message::MAX_RECORD];
+            let bytes = postcard::to_slice(&record_now, &mut room).unwrap();
+            let before = &bytes[..bytes.len() - added];
+            let read = record(&Entry {
+                seq: 1,
+                t: Micros(1),
+                kind: record_now.kind(),
+                payload: before,
+            });
+            assert_eq!(read, Ok(record_now));
+        }
+    }
 }
