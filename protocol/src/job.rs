@@ -11,7 +11,9 @@ use heapless::{String, Vec};
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::latch::SignalLevel;
 use crate::pattern::ReceiverConfig;
+use crate::serial::LineSpec;
 
 /// Features in a job, at most.
 pub const MAX_FEATURES: usize = 12;
@@ -68,6 +70,12 @@ pub struct Job {
     /// What guards against errors that one setup alone cannot show.
     #[serde(default)]
     pub guards: Guards,
+    /// The serial line to the control.
+    #[serde(default)]
+    pub line: LineSpec,
+    /// Which edge of the probe's skip line is the touch.
+    #[serde(default)]
+    pub skip: SkipSpec,
 }
 
 // What a job has beyond its first version stands behind all else and is zero where it is
@@ -412,6 +420,51 @@ pub struct WitnessSpec {
     pub delay_ms: f64,
     /// What the two witnesses may differ by beyond that delay: rounding, jitter.
     pub tolerance_mm: f64,
+}
+
+/// How the probe's skip line is conditioned: which of its edges is the touch. How, is with the
+/// board's brain (`umi_core::job::skip`).
+///
+/// ```toml
+/// [skip]
+/// active = "low"         # the line rests high and falls when the probe touches
+/// min_width_us = 5       # what is narrower is a spark
+/// hold_off_ms = 20       # the line rests so long before a touch
+/// delay_us = 12.5        # from the probe to the board's input: isolator, interface
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields, default)]
+pub struct SkipSpec {
+    /// The level at the board's input while the probe touches.
+    pub active: SignalLevel,
+    /// A pulse that is narrower is a spark, microseconds: 5 where absent.
+    pub min_width_us: Option<u16>,
+    /// The line rests for so long before a touch, milliseconds: 20 where absent.
+    pub hold_off_ms: Option<u16>,
+    /// The constant delay of the signal until the board's input, microseconds: the way at the
+    /// gauging feed in it is taken off each touch.
+    pub delay_us: f64,
+}
+
+impl SkipSpec {
+    /// The narrowest pulse that counts, microseconds.
+    #[must_use]
+    pub const fn min_width_us(&self) -> u16 {
+        match self.min_width_us {
+            Some(us) => us,
+            None => 5,
+        }
+    }
+
+    /// How long the line rests before a touch, milliseconds.
+    #[must_use]
+    pub const fn hold_off_ms(&self) -> u16 {
+        match self.hold_off_ms {
+            Some(ms) => ms,
+            None => 20,
+        }
+    }
 }
 
 /// What an OK verdict must keep. All limits apply to absolute values.

@@ -122,6 +122,17 @@ pub enum JobError {
     /// No line pattern is given: nothing could ever be measured.
     #[error("`receiver.patterns` is empty; name at least one line pattern")]
     NoPatterns,
+    /// The job asks for something that this board does not have.
+    #[error("`{}` asks for what this board does not have: see its README", .field.name())]
+    NotOnThisBoard {
+        /// The field, as in the file.
+        field: Field,
+    },
+    /// Seven data bits come with a parity bit.
+    #[error(
+        "`line.data_bits` is 7 and `receiver.coding` is `ascii`: seven bits come with a parity bit; set `coding` to `auto`, or the control to 8 bits"
+    )]
+    ParityMissing,
 }
 
 /// A field of a job, by its name in the file.
@@ -200,6 +211,22 @@ pub enum Field {
     WriteTo,
     #[strum(serialize = "correction.set")]
     Set,
+    #[strum(serialize = "line.baud")]
+    LineBaud,
+    #[strum(serialize = "line.data_bits")]
+    LineDataBits,
+    #[strum(serialize = "line.stop_bits")]
+    LineStopBits,
+    #[strum(serialize = "line.rts_cts")]
+    LineRtsCts,
+    #[strum(serialize = "skip.active")]
+    SkipActive,
+    #[strum(serialize = "skip.min_width_us")]
+    SkipMinWidthUs,
+    #[strum(serialize = "skip.hold_off_ms")]
+    SkipHoldOffMs,
+    #[strum(serialize = "skip.delay_us")]
+    SkipDelayUs,
 }
 
 impl Field {

@@ -64,6 +64,20 @@ pub enum LatchCause {
         /// Of this axis, from 0.
         axis: u8,
     },
+    /// The probe's skip signal fell again. Only from boards that capture both of its edges.
+    SkipEnd,
+}
+
+/// The level of a signal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum SignalLevel {
+    /// As it is wired to the board's input.
+    #[default]
+    High,
+    /// The other one.
+    Low,
 }
 
 /// Latches of one cause that came one after the other: the first in full, the others as

@@ -30,6 +30,7 @@ pub mod pattern;
 pub mod program;
 pub mod reason;
 pub mod schema;
+pub mod serial;
 pub mod verdict;
 
 pub use schema::Schema;

@@ -29,6 +29,7 @@
 //! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
 //! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to teach |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
+//! | `LineListen` | `Done` or `LineRefused` | sets the control's line for as long as this host is there, to find out how the control's is set |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
 //! does what it does once.
@@ -47,11 +48,12 @@ use thiserror::Error;
 use crate::fault::{Counters, Fault};
 use crate::feature::FeatureResult;
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
-use crate::job_error::JobError;
+use crate::job_error::{Field, JobError};
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
 use crate::line::{HitReport, LineReport};
 use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom, Withheld};
 use crate::schema::max_len;
+use crate::serial::LineSettings;
 use crate::verdict::Verdict;
 
 /// Raw bytes in one [`Record::Bytes`], at most.
@@ -238,6 +240,9 @@ requests! {
             /// What.
             what: TeachWhat,
         } => State, Work, Done | TeachRefused;
+        /// Set the control's line like this while this host is there, whatever the job says; none:
+        /// as the job says again.
+        LineListen(Option<LineSettings>) => State, Work, Done | LineRefused;
     }
 }
 
@@ -315,6 +320,8 @@ pub enum Response {
     ProgramRefused(ProgramRefusal),
     /// To `Teach`: nothing is to be taught.
     TeachRefused(TeachRefusal),
+    /// To `LineListen`: the line is as it was.
+    LineRefused(LineRefusal),
 }
 
 /// Why nothing is to be taught.
@@ -362,6 +369,33 @@ pub enum TeachWhat {
 }
 
 impl TeachRefusal {
+    /// The stable code.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// Why a line is not set.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum LineRefusal {
+    /// A setup is being measured, or something is on its way to the control.
+    #[error("a clamping is being measured or a program is on its way: ask when the line is idle")]
+    UnderWay,
+    /// The board cannot set its line like that.
+    #[error("`{}` is not to be had on this board: see its README", .field.name())]
+    NotOnThisBoard {
+        /// What of it.
+        field: Field,
+    },
+}
+
+impl LineRefusal {
     /// The stable code.
     #[must_use]
     pub fn code(self) -> &'static str {

@@ -585,6 +585,17 @@ pub enum Reason {
         /// Setups that have taught after the first.
         further: u16,
     },
+    /// The probe's skip line bounced, or there were sparks on it, since the verdict before: each
+    /// touch is its first edge.
+    #[error(
+        "the skip line had {bounces} bounces and {sparks} sparks: each touch is its first edge; look at probe, cable and shield if there are many"
+    )]
+    SkipChatter {
+        /// Pulses that belong to a touch and are not its first.
+        bounces: u32,
+        /// Pulses below the minimum width.
+        sparks: u32,
+    },
 }
 
 /// Why a fit or a registration was refused.

@@ -71,12 +71,12 @@ test('without its FIFO the receiver holds one character, and tells what it lost'
   it.control.send([1, 2, 3]);
   const begun = it.cycle;
   it.run(begun + 4 * 10 * 1085);
-  assert.equal(rp.readUint32(UART0), 1);
+  assert.equal(rp.readUint32(UART0), 1 | (1 << 11), 'what was lost came behind it');
   assert.equal(it.control.overruns, 2);
   assert.notEqual(rp.readUint32(UART0 + 0x3c) & (1 << 10), 0, 'OERIS');
   it.control.send([4]);
   it.run(it.cycle + 11 * 1085);
-  assert.equal(rp.readUint32(UART0), 4 | (1 << 11), 'the next one says so');
+  assert.equal(rp.readUint32(UART0), 4, 'once');
   // One in the shifter, one behind it, and no more.
   for (const byte of [5, 6]) rp.writeUint32(UART0, byte);
   assert.notEqual(rp.readUint32(UART0 + 0x18) & (1 << 5), 0, 'TXFF');

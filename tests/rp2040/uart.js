@@ -134,7 +134,8 @@ export class Uart extends BasePeripheral {
         this.control.overruns++;
         this.raw |= INT_OE;
       } else {
-        this.rx.push(byte | (this.overrun ? DR_OE : 0));
+        this.rx.push(byte);
+        // There was room for it: what is lost is told with what came before.
         this.overrun = false;
       }
       if (this.rx.length >= (this.hasFifos ? this.level(3) : 1)) this.raw |= INT_RX;
@@ -161,7 +162,8 @@ export class Uart extends BasePeripheral {
     const r = this.registers;
     switch (offset) {
       case DR: {
-        const value = this.rx.shift() ?? 0;
+        // Of no character in particular: lost since there was no room, behind what is read now.
+        const value = (this.rx.shift() ?? 0) | (this.overrun ? DR_OE : 0);
         if (this.rx.length < (this.hasFifos ? this.level(3) : 1)) this.raw &= ~INT_RX;
         if (this.rx.length === 0) this.raw &= ~INT_RT;
         this.checkInterrupts();

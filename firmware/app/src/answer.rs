@@ -37,7 +37,7 @@ pub(crate) fn answer<F: Flash>(
         Request::IdentityGet => Response::Identity(measure.ledger.identity.clone()),
         Request::StatusGet => Response::Status(status(measure, &around)),
         Request::JobGet => job(measure.brain().run()),
-        Request::JobCheck(job) => match umi_core::job::check(job) {
+        Request::JobCheck(job) => match measure.check(job) {
             Ok(()) => Response::Done,
             Err(error) => Response::JobRefused(error),
         },
@@ -49,6 +49,10 @@ pub(crate) fn answer<F: Flash>(
         Request::Teach { what } => match measure.teach(around.now, *what) {
             Ok(()) => Response::Done,
             Err(refusal) => Response::TeachRefused(refusal),
+        },
+        Request::LineListen(line) => match measure.listen(*line) {
+            Ok(()) => Response::Done,
+            Err(refusal) => Response::LineRefused(refusal),
         },
         Request::LiveSet { on } => {
             measure.ledger.events.switch(*on);

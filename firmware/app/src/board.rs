@@ -7,7 +7,11 @@
 //! for that task.
 
 use umi_core::units::Micros;
+use umi_protocol::job_error::Field;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
+use umi_protocol::serial::{Cts, LineSettings};
+
+use crate::intake::PIECE;
 
 /// What came in on the control's port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,8 +26,8 @@ pub enum CncInput {
 
 /// Receives from the control.
 ///
-/// The port is set to 8 data bits, no parity, 1 stop bit, which takes 7E1, 7E2 and
-/// 7O1 as well. The driver must always drain it; only the application holds the control.
+/// The port is set to 8 data bits and no parity, which takes 7E1, 7E2 and 7O1 as well. The
+/// driver must always drain it; only the application holds the control.
 pub trait CncRx {
     /// Waits for input.
     async fn read(&mut self, buffer: &mut [u8]) -> CncInput;
@@ -38,6 +42,63 @@ pub trait CncTx {
     /// # Errors
     /// [`Broken`]: the byte will never leave.
     async fn write(&mut self, byte: u8) -> Result<(), Broken>;
+
+    /// Sets the line, both directions of it, as soon as the last character has left: one that
+    /// [`LineAbilities::check`] lets pass. What comes in this instant may be damaged.
+    async fn set_line(&mut self, line: LineSettings);
+}
+
+/// How a board's line to the control can be set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LineAbilities {
+    /// The slowest, baud.
+    pub least_baud: u32,
+    /// The fastest, baud.
+    pub most_baud: u32,
+    /// It can send two stop bits. Any board takes them.
+    pub two_stop_bits: bool,
+    /// It has a wire for the control's CTS.
+    pub cts: bool,
+}
+
+impl LineAbilities {
+    /// Whether the line can be set like this.
+    ///
+    /// # Errors
+    /// What the board does not have.
+    pub fn check(&self, line: &LineSettings) -> Result<(), Field> {
+        let bauds = self.least_baud..=self.most_baud;
+        if !bauds.contains(&line.baud) {
+            return Err(Field::LineBaud);
+        }
+        if !matches!(line.data_bits, 7 | 8) {
+            return Err(Field::LineDataBits);
+        }
+        match line.stop_bits {
+            1 => {}
+            2 if self.two_stop_bits => {}
+            _ => return Err(Field::LineStopBits),
+        }
+        if line.cts == Cts::Followed && !self.cts {
+            return Err(Field::LineRtsCts);
+        }
+        Ok(())
+    }
+}
+
+/// How long a driver waits for more before it hands bytes on that no line end has ended: two
+/// characters, and not less than its clock can tell, microseconds.
+#[must_use]
+pub fn pause_us(line: &LineSettings) -> u64 {
+    (2 * line.character_us()).max(5_000)
+}
+
+/// How many bytes a driver hands on at once, at most: a piece of the intake, and what comes in
+/// a quarter of a second, so that who waits for a byte is not kept waiting on a slow line.
+#[must_use]
+pub fn most_at_once(line: &LineSettings) -> usize {
+    let come = 250_000 / line.character_us();
+    usize::try_from(come).map_or(PIECE, |come| come.clamp(1, PIECE))
 }
 
 /// The line is broken.
@@ -137,4 +198,68 @@ pub trait Clock {
 
     /// Waits until it is at least this time.
     async fn wait_until(&self, time: Micros);
+}
+
+#[cfg(test)]
+mod tests {
+    use umi_protocol::serial::{LineFamily, LineSpec};
+
+    use super::*;
+
+    /// A board refuses by name what it does not have, and takes what every board has.
+    #[test]
+    fn what_a_board_does_not_have_is_named() {
+        let bare = LineAbilities {
+            least_baud: 1200,
+            most_baud: 115_200,
+            two_stop_bits: false,
+            cts: false,
+        };
+        let of = |text: LineSpec| bare.check(&text.settings());
+        let any = LineSpec::default();
+        assert_eq!(of(any), Ok(()));
+        let fanuc = LineSpec {
+            control: LineFamily::Fanuc,
+            ..any
+        };
+        assert_eq!(of(fanuc), Err(Field::LineStopBits));
+        for baud in [300, 230_400] {
+            let line = LineSpec {
+                baud: Some(baud),
+                ..any
+            };
+            assert_eq!(of(line), Err(Field::LineBaud));
+        }
+        for (rts_cts, expected) in [(true, Err(Field::LineRtsCts)), (false, Ok(()))] {
+            let line = LineSpec {
+                rts_cts: Some(rts_cts),
+                ..any
+            };
+            assert_eq!(of(line), expected);
+        }
+    }
+
+    /// Pauses follow the speed: two characters, and on a slow line a byte waits a quarter of a
+    /// second for others, at most.
+    #[test]
+    fn pauses_follow_the_speed() {
+        for (baud, pause, most) in [
+            (300, 73_334, 6),
+            (1200, 18_334, 27),
+            (4800, 5_000, PIECE),
+            (115_200, 5_000, PIECE),
+        ] {
+            let line = LineSettings {
+                baud,
+                ..LineSettings::DEFAULT
+            };
+            assert_eq!(
+                (pause_us(&line), most_at_once(&line)),
+                (pause, most),
+                "{baud}"
+            );
+            let waits = most as u64 * line.character_us();
+            assert!(waits <= 250_000, "{baud}: {waits}");
+        }
+    }
 }

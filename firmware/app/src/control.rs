@@ -75,7 +75,15 @@ pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: 
 /// Sends what the control may have, for ever.
 pub(crate) async fn transmit<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> ! {
     loop {
-        let hold_us = while_throttling(app, tx, app.line.send_started.wait()).await;
+        let begins = select(app.line.changed.wait(), app.line.send_started.wait());
+        let hold_us = match while_throttling(app, tx, begins).await {
+            Either::First(()) => {
+                // Nothing is on its way: what would be is in the other speed.
+                tx.set_line(app.line.settings()).await;
+                continue;
+            }
+            Either::Second(hold_us) => hold_us,
+        };
         let (is_in_blocks, is_receiving) = app
             .line
             .with(|talk| (talk.is_in_blocks(), talk.is_receiving()));

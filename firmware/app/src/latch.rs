@@ -24,8 +24,8 @@ const TELL_AGAIN_US: u64 = 10_000;
 /// Captures taken in before others of the same priority have a turn: the control's bytes.
 const AT_ONCE: usize = 8;
 
-/// What found no room, of skips and of each axis' index marks.
-type Missed = [Option<LatchReport>; 1 + MAX_AXES];
+/// What found no room, of skips, of each axis' index marks, and of the ends of skips.
+type Missed = [Option<LatchReport>; 2 + MAX_AXES];
 
 /// Takes in captures for ever.
 pub(crate) async fn take<F: Flash>(
@@ -95,6 +95,7 @@ fn queue<F: Flash>(app: &App<F>, now: Micros, mut latch: LatchReport, missed: &m
     let place = match latch.cause {
         LatchCause::Index { axis } => 1 + usize::from(axis),
         LatchCause::Skip | LatchCause::Trigger | LatchCause::Output => 0,
+        LatchCause::SkipEnd => 1 + MAX_AXES,
     };
     // A board has no axis beyond.
     let Some(missed) = missed.get_mut(place) else {

@@ -80,6 +80,7 @@ use umi_core::control::{Conversation, Exchange};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
+use umi_protocol::serial::LineSettings;
 
 use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
 use intake::Input;
@@ -152,7 +153,15 @@ impl<F: Flash> App<F> {
         now: Micros,
     ) -> Result<Opened<F::Error>, Running> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
-        Ok(measure.start(boot, journal, settings, programs, now))
+        let opened = measure.start(boot, journal, settings, programs, now);
+        self.line.note_settings(measure.line());
+        Ok(opened)
+    }
+
+    /// How the line to the control is to be set: by the job, once it has been started.
+    #[must_use]
+    pub fn line(&self) -> LineSettings {
+        self.line.settings()
     }
 
     /// Runs everything, for ever, on one executor.
@@ -293,6 +302,7 @@ impl<F: Flash> App<F> {
 
     /// Notes what receiving and sending must know of the control.
     fn note(&self, measure: &Instrument<F>) {
+        self.line.note_settings(measure.line());
         let is_new = self.line.with(|talk| {
             talk.note_coding(measure.coding());
             talk.throttle.note_handshake(measure.handshake())

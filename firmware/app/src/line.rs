@@ -10,6 +10,8 @@ use embassy_sync::signal::Signal;
 use umi_core::control::{BlockAnswer, Conversation, Exchange};
 use umi_core::units::Micros;
 use umi_core::xmodem::CAN;
+use umi_core::zero_option::ZeroOption;
+use umi_protocol::serial::LineSettings;
 
 use crate::board::Clock;
 
@@ -35,6 +37,10 @@ pub(crate) struct Line {
     pub send_started: Signal<CriticalSectionRawMutex, u64>,
     /// What the control says to blocks.
     pub answers: Channel<CriticalSectionRawMutex, u8, ANSWERS>,
+    /// How the line is to be set.
+    settings: Mutex<CriticalSectionRawMutex, RefCell<ZeroOption<LineSettings>>>,
+    /// It is to be set otherwise than it is.
+    pub changed: Signal<CriticalSectionRawMutex, ()>,
 }
 
 impl Line {
@@ -49,6 +55,8 @@ impl Line {
             send_done: Signal::new(),
             send_started: Signal::new(),
             answers: Channel::new(),
+            settings: Mutex::new(RefCell::new(ZeroOption::empty())),
+            changed: Signal::new(),
         }
     }
 
@@ -60,6 +68,21 @@ impl Line {
             self.stopped.store(talk.is_stopped(), Ordering::Relaxed);
             done
         })
+    }
+
+    /// How the line is set, or is to be as soon as nothing is on its way.
+    pub fn settings(&self) -> LineSettings {
+        self.settings
+            .lock(|of| of.borrow().get().copied())
+            .unwrap_or_default()
+    }
+
+    /// The line is to be set like this.
+    pub fn note_settings(&self, line: LineSettings) {
+        if self.settings() != line {
+            self.settings.lock(|of| of.borrow_mut().put(line));
+            self.changed.signal(());
+        }
     }
 
     /// Whether the control said XOFF.

@@ -102,6 +102,9 @@ pub(crate) async fn serve<F: Flash>(
         let mut measure = app.measure.lock().await;
         measure.ledger.events.switch(false);
         measure.host_gone();
+        // As the job says again.
+        let _ = measure.listen(None);
+        app.config_changed.signal(());
         if measure.ledger.upload.host_gone() {
             app.line.cancel();
         }

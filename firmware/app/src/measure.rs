@@ -32,16 +32,18 @@ use umi_core::zero_option::ZeroOption;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Lessons, Name};
-use umi_protocol::job_error::JobError;
+use umi_protocol::job_error::{Field, JobError};
+use umi_protocol::latch::SignalLevel;
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JobLoss, MAX_RECORD, Record, ResetReason, TeachRefusal, TeachWhat,
+    Event, Identity, JobLoss, LineRefusal, MAX_RECORD, Record, ResetReason, TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
+use umi_protocol::serial::LineSettings;
 use umi_protocol::verdict::Verdict;
 
-use crate::board::Lights;
+use crate::board::{Lights, LineAbilities};
 use crate::delivery::Delivery;
 use crate::events::Events;
 use crate::intake::Input;
@@ -56,6 +58,10 @@ pub struct Boot {
     pub identity: Identity,
     /// Why it started.
     pub reset: ResetReason,
+    /// How its line to the control can be set.
+    pub line: LineAbilities,
+    /// It captures the skip line's falls, too: polarity and width of its pulses can be told.
+    pub skip_ends: bool,
 }
 
 /// Room in the journal that a setup may need: its bytes, features and verdict.
@@ -97,6 +103,12 @@ pub(crate) struct Ledger<F: Flash> {
     patience_us: u64,
     /// A reference was taught and is not in the settings yet.
     taught: bool,
+    /// How the line to the control can be set.
+    abilities: ZeroOption<LineAbilities>,
+    /// Falls of the skip line are captured.
+    skip_ends: bool,
+    /// How a host wants it, whatever the job says.
+    listening: ZeroOption<LineSettings>,
     /// The journal began with this start.
     is_new: bool,
     /// Why no job was restored at start, until one is set.
@@ -135,6 +147,9 @@ impl<F: Flash> Instrument<F> {
                 armings: 0,
                 patience_us: 0,
                 taught: false,
+                abilities: ZeroOption::empty(),
+                skip_ends: false,
+                listening: ZeroOption::empty(),
                 is_new: false,
                 job_lost: ZeroOption::empty(),
                 verdicts: 0,
@@ -161,7 +176,14 @@ impl<F: Flash> Instrument<F> {
     ) -> Opened<F::Error> {
         self.ledger.identity = boot.identity.clone();
         self.ledger.reset = boot.reset;
-        let Boot { identity, reset } = boot;
+        let Boot {
+            identity,
+            reset,
+            line,
+            skip_ends,
+        } = boot;
+        self.ledger.abilities.put(line);
+        self.ledger.skip_ends = skip_ends;
         let boot = Record::Boot { identity, reset };
         let opened = Opened {
             journal: self.open_journal(now, boot, journal),
@@ -218,7 +240,9 @@ impl<F: Flash> Instrument<F> {
             Ok(kept) => kept,
             Err(why) => return self.ledger.job_lost(now, why),
         };
-        if begin(&mut self.brain, &job).is_err() {
+        // Another board of the same firmware may have kept it.
+        let fits = self.ledger.takes(&job);
+        if fits.is_err() || begin(&mut self.brain, &job).is_err() {
             return self.ledger.job_lost(now, JobLoss::Refused);
         }
         self.ledger.patience_us = patience_us(&job);
@@ -318,7 +342,7 @@ impl<F: Flash> Instrument<F> {
     /// in force still is.
     #[inline(never)]
     pub fn set_job(&mut self, now: Micros, job: &Job) -> Result<(), SetJobError> {
-        umi_core::job::check(job).map_err(SetJobError::Job)?;
+        self.check(job).map_err(SetJobError::Job)?;
         let Self {
             brain,
             settings,
@@ -342,6 +366,45 @@ impl<F: Flash> Instrument<F> {
         // Who reads the lines now knows of no program that has begun.
         ledger.upload.over(false);
         self.keep_punched(now);
+        Ok(())
+    }
+
+    /// Whether the board would take a job.
+    ///
+    /// # Errors
+    /// What is wrong with it, or what of it this board does not have.
+    pub fn check(&self, job: &Job) -> Result<(), JobError> {
+        umi_core::job::check(job)?;
+        let fits = self.ledger.takes(job);
+        fits.map_err(|field| JobError::NotOnThisBoard { field })
+    }
+
+    /// How the line to the control is to be set: as a host listens, or by the job.
+    #[must_use]
+    pub fn line(&self) -> LineSettings {
+        let listening = self.ledger.listening.get().copied();
+        listening.unwrap_or_else(|| {
+            let job = self.brain.job();
+            job.map_or(LineSettings::DEFAULT, |job| job.line.settings())
+        })
+    }
+
+    /// A host wants the line like this as long as it is there; none: as the job says.
+    ///
+    /// # Errors
+    /// Why it stays as it is.
+    pub fn listen(&mut self, line: Option<LineSettings>) -> Result<(), LineRefusal> {
+        let Some(line) = line else {
+            self.ledger.listening.clear();
+            return Ok(());
+        };
+        self.ledger
+            .fits(&line)
+            .map_err(|field| LineRefusal::NotOnThisBoard { field })?;
+        if self.brain.run().is_under_way() || self.delivery.is_some() {
+            return Err(LineRefusal::UnderWay);
+        }
+        self.ledger.listening.put(line);
         Ok(())
     }
 
@@ -495,6 +558,30 @@ pub enum SetJobError {
 }
 
 impl<F: Flash> Ledger<F> {
+    /// Whether this board has what a job asks for.
+    fn takes(&self, job: &Job) -> Result<(), Field> {
+        self.fits(&job.line.settings())?;
+        if self.skip_ends {
+            return Ok(());
+        }
+        if job.skip.active != SignalLevel::High {
+            return Err(Field::SkipActive);
+        }
+        match job.skip.min_width_us {
+            Some(_) => Err(Field::SkipMinWidthUs),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the line to the control can be set like this on this board.
+    fn fits(&self, line: &LineSettings) -> Result<(), Field> {
+        match self.abilities.get() {
+            Some(abilities) => abilities.check(line),
+            // Before the start there is no line.
+            None => Err(Field::LineBaud),
+        }
+    }
+
     /// Journals a record and tells the host. True if it is in the journal.
     ///
     /// A record has kilobytes. It is made as the event that it will be, so that the stack

@@ -67,6 +67,7 @@ mod tests {
     use umi_core::control::codes::{XOFF, XON};
     use umi_core::units::Micros;
     use umi_protocol::pattern::Handshake;
+    use umi_protocol::serial::LineSettings;
 
     use super::*;
     use crate::board::Broken;
@@ -84,6 +85,8 @@ mod tests {
             self.0.borrow_mut().push(byte);
             Ok(())
         }
+
+        async fn set_line(&mut self, _: LineSettings) {}
     }
 
     /// A control sends as many bytes as it may, and so many inputs are measured then; several
@@ -168,6 +171,8 @@ mod tests {
                 self.1.push(byte);
                 Ok(())
             }
+
+            async fn set_line(&mut self, _: LineSettings) {}
         }
         let app = App::<NoFlash>::new();
         let is_stuck = std::cell::Cell::new(true);

@@ -93,7 +93,7 @@ pub(crate) async fn receive<F: Flash>(
     tx: &mut impl CncTx,
     clock: &impl Clock,
 ) -> Sent {
-    let mut receiver = BlockReceiver::new();
+    let mut receiver = BlockReceiver::new(app.line.settings().character_us());
     let mut bytes = 0;
     let outcome = loop {
         match receiver.next(clock.now()) {

@@ -19,8 +19,8 @@ use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 /// Captures that can wait: the application takes them at a high priority.
 pub const WAITING: usize = 64;
 
-/// Skip, trigger, output, and the index marks.
-const CAUSES: usize = 3 + MAX_AXES;
+/// Skip, trigger, output, the ends of skips, and the index marks.
+const CAUSES: usize = 4 + MAX_AXES;
 
 /// How many of a cause came.
 #[derive(Clone, Copy)]
@@ -121,7 +121,8 @@ impl Latches {
             LatchCause::Skip => 0,
             LatchCause::Trigger => 1,
             LatchCause::Output => 2,
-            LatchCause::Index { axis } => 3 + usize::from(axis),
+            LatchCause::SkipEnd => 3,
+            LatchCause::Index { axis } => 4 + usize::from(axis),
         };
         self.state.lock(|state| {
             change(&mut state.borrow_mut(), index);
@@ -149,9 +150,10 @@ impl State {
                 0 => LatchCause::Skip,
                 1 => LatchCause::Trigger,
                 2 => LatchCause::Output,
+                3 => LatchCause::SkipEnd,
                 // There are no more than MAX_AXES.
                 axis => LatchCause::Index {
-                    axis: (axis - 3) as u8,
+                    axis: (axis - 4) as u8,
                 },
             },
             counts: Vec::new(),

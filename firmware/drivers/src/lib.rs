@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | [`task_watchdog`] | every priority level must check in within its own time-out |
 //! | [`latches`] | captures between an interrupt and the application |
+//! | [`collector`] | the control's bytes by the line of text, from an interrupt |
 //! | [`received`] | bytes between an interrupt and the application, losses in their place |
 //! | [`spi_nor`] | serial NOR flash for the journal and the settings |
 //! | [`usb_serial`] | the host's port over USB |
@@ -25,6 +26,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod collector;
 pub mod latches;
 pub mod received;
 pub mod spi_nor;

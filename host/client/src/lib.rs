@@ -5,6 +5,7 @@
 //! | [`problem`] | what is wrong and what to do, with a stable code |
 //! | [`link`], [`port`] | the link to a board: its calls; which board is meant |
 //! | [`journal`] | a board's journal pulled, verified and audited |
+//! | [`line`] | how a control's line is set, by listening |
 //! | [`programs`] | part programs to a board and back |
 //! | [`files`] | job files, point files, tool paths |
 //! | [`correction`] | the rigid motion of a verdict, and its program |
@@ -18,6 +19,7 @@ pub mod correction;
 pub mod files;
 pub mod guards;
 pub mod journal;
+pub mod line;
 pub mod link;
 pub mod port;
 pub mod problem;

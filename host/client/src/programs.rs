@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use umi_core::rewrite::Check;
 use umi_protocol::message::Record;
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
+use umi_protocol::serial::LineSettings;
 
 use crate::journal::{self, PullStep};
 use crate::link::{Client, LinkError};
@@ -17,8 +18,10 @@ use crate::problem::Problem;
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How often a busy board is asked.
 const AGAIN: Duration = Duration::from_millis(200);
-/// How long a control may take to send a program: an hour at 4800 baud is 1.7 MB.
+/// How long a control may take to send a program: 1.7 MB at 4800 baud, and on a slower line
+/// longer for as many.
 const RECEIVING: Duration = Duration::from_secs(3600);
+const RECEIVING_BAUD: u32 = 4800;
 /// What 115200 baud take to make room for more: half of what the board holds.
 const LINE: Duration = Duration::from_millis(10);
 
@@ -167,8 +170,13 @@ pub fn pass(
 /// The link's; the board's refusal, `program_broke_off` among them.
 pub fn receive(board: &mut Client) -> Result<ProgramInfo, Problem> {
     let mut next = board.journal_info()?.next_seq;
+    let job = board.job()?.job;
+    let baud = job
+        .map_or(LineSettings::DEFAULT, |job| job.line.settings())
+        .baud;
     patiently(board, Client::program_receive)?;
-    let give_up = Instant::now() + RECEIVING;
+    let slower = RECEIVING_BAUD.div_ceil(baud.max(1));
+    let give_up = Instant::now() + RECEIVING * slower.max(1);
     while Instant::now() < give_up {
         let mut end = None;
         let stretch = journal::pull(board, Some(next), |step| {

@@ -81,7 +81,7 @@ impl Lost {
 #[derive(Clone, Debug, Default)]
 pub struct Follower {
     /// The number of the next latch of each cause.
-    expected: [Option<u32>; 3 + MAX_AXES],
+    expected: [Option<u32>; 4 + MAX_AXES],
     /// What has been missed so far.
     pub tally: LatchTally,
 }
@@ -293,7 +293,8 @@ fn place(cause: LatchCause) -> usize {
         LatchCause::Skip => 0,
         LatchCause::Trigger => 1,
         LatchCause::Output => 2,
-        LatchCause::Index { axis } => 3 + usize::from(axis),
+        LatchCause::SkipEnd => 3,
+        LatchCause::Index { axis } => 4 + usize::from(axis),
     }
 }
 

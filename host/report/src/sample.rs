@@ -65,6 +65,8 @@ pub fn job() -> Job {
         witness: None,
         teach: Teach::FirstOk,
         guards: Guards::default(),
+        line: umi_protocol::serial::LineSpec::default(),
+        skip: umi_protocol::job::SkipSpec::default(),
     }
 }
 

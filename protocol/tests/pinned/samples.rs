@@ -9,16 +9,17 @@ use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
     Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen,
-    Teach, WarmthSpec, WitnessSpec, WorkOffset,
+    SkipSpec, Teach, WarmthSpec, WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
-    LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, Positions, Scan, TriggerOut,
+    LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, Positions, Scan, SignalLevel,
+    TriggerOut,
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JobLoss, JournalInfo, Record, Request, ResetReason, Response, Status,
-    TeachRefusal, TeachWhat,
+    Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason, Response,
+    Status, TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
@@ -29,6 +30,7 @@ use umi_protocol::program::{
     StatedDialect, UnitRule, Withheld,
 };
 use umi_protocol::reason::Reason;
+use umi_protocol::serial::{Cts, LineFamily, LineSettings, LineSpec};
 use umi_protocol::verdict::{
     CorrectionReport, DistanceReport, RegistrationReport, SetupReason, Verdict,
 };
@@ -77,7 +79,13 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::ProgramOffer { .. }) => Request::Teach {
             what: TeachWhat::Again,
         },
-        Some(Request::Teach { .. }) => return None,
+        Some(Request::Teach { .. }) => Request::LineListen(Some(LineSettings {
+            baud: 4800,
+            data_bits: 7,
+            stop_bits: 2,
+            cts: Cts::Ignored,
+        })),
+        Some(Request::LineListen(_)) => return None,
     })
 }
 
@@ -141,7 +149,10 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             free_bytes: 140_000,
         }),
         Some(Response::ProgramRefused(_)) => Response::TeachRefused(TeachRefusal::AlreadyTaught),
-        Some(Response::TeachRefused(_)) => return None,
+        Some(Response::TeachRefused(_)) => Response::LineRefused(LineRefusal::NotOnThisBoard {
+            field: Field::LineRtsCts,
+        }),
+        Some(Response::LineRefused(_)) => return None,
     })
 }
 
@@ -441,6 +452,19 @@ fn job() -> Job {
             frame: true,
             external_mm: [0.5, 0.0, -0.25],
             tool_length_mm: Some(81.5),
+        },
+        line: LineSpec {
+            control: LineFamily::Fanuc,
+            baud: Some(9600),
+            data_bits: None,
+            stop_bits: Some(1),
+            rts_cts: Some(true),
+        },
+        skip: SkipSpec {
+            active: SignalLevel::Low,
+            min_width_us: Some(8),
+            hold_off_ms: None,
+            delay_us: 12.5,
         },
     }
 }

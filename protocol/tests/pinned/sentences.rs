@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use umi_protocol::Schema;
 use umi_protocol::fault::{BlockEndCause, FaultCode, FaultKind, NumberIssue};
 use umi_protocol::job_error::{Field, JobError};
-use umi_protocol::message::{JobLoss, TeachRefusal};
+use umi_protocol::message::{JobLoss, LineRefusal, TeachRefusal};
 use umi_protocol::program::{ProgramRefusal, Withheld};
 use umi_protocol::reason::{FitRefusal, Reason};
 
@@ -40,6 +40,7 @@ fn codes_and_sentences_stay() {
     page::<ProgramRefusal>(&mut text, |it| it.code().into());
     page::<TeachRefusal>(&mut text, |it| it.code().into());
     page::<JobLoss>(&mut text, |it| it.code().into());
+    page::<LineRefusal>(&mut text, |it| it.code().into());
     writeln!(text, "# Field").unwrap();
     for bytes in every_variant(Field::SCHEMA, &mut 0) {
         let field: Field = postcard::from_bytes(&bytes).unwrap();

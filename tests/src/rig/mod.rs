@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use umi_app::board::Lights;
 use umi_client::link::Transport;
+use umi_protocol::serial::LineSettings;
 
 pub use pico::PicoRig;
 pub use qemu::QemuRig;
@@ -44,6 +45,15 @@ pub trait Rig {
 
     /// The control sends bytes, as fast as its line takes them.
     fn control_sends(&mut self, bytes: &[u8]);
+
+    /// The control's port is set like this from now on. Until then as a board begins.
+    fn control_line(&mut self, line: LineSettings);
+
+    /// The speed that the board's port to the control is really set to, by its registers; none
+    /// where they cannot be seen.
+    fn board_baud(&mut self) -> Option<f64> {
+        None
+    }
 
     /// Whether what is read from the control's line is what is on it now: only then it can
     /// be said how many bytes come after something.

@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use umi_app::board::Lights;
 use umi_client::link::{self, Client, Patience, Transport};
+use umi_protocol::serial::LineSettings;
 
 use super::{Rig, skip_without};
 
@@ -174,6 +175,15 @@ impl Rig for PicoRig {
         self.control
             .write_all(bytes)
             .expect("the emulator takes what the control sends");
+    }
+
+    fn control_line(&mut self, line: LineSettings) {
+        self.emulator
+            .ask(&json!({ "do": "uart", "baud": line.baud }));
+    }
+
+    fn board_baud(&mut self) -> Option<f64> {
+        self.emulator.state().json["uart"]["baud"].as_f64()
     }
 
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {

@@ -21,6 +21,7 @@ use umi_app::board::Lights;
 use umi_client::link::Transport;
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::ResetReason;
+use umi_protocol::serial::LineSettings;
 use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
 
 use super::{Rig, image, is_installed, skip_without};
@@ -30,9 +31,12 @@ const QEMU: &str = "qemu-system-arm";
 /// The PSRAM of the machine, in which the board has its flash.
 const FLASH_BYTES: u64 = 16 << 20;
 
-/// Bytes that the control sends at once, and how long its line takes for one at 115200 baud.
+/// Bytes that the control sends at once, at most.
 const PIECE: usize = 64;
-const BYTE_NS: u64 = 1_000_000_000 / 11_520;
+
+/// The divider of the control's UART in its fifth register, and what it divides.
+const DIVIDER: u32 = 0x4000_4010;
+const CLOCK_HZ: f64 = 25e6;
 
 /// An instruction takes 2 to the power of this many nanoseconds: 31 million in a second,
 /// about as many as the machine's 25 MHz allow for. So the board's time is that of its
@@ -51,6 +55,8 @@ pub struct QemuRig {
     folder: Folder,
     /// None but while the power is off.
     machine: Option<Machine>,
+    /// How the control's port is set.
+    line: LineSettings,
 }
 
 /// QEMU at work, and what is plugged into it.
@@ -106,6 +112,7 @@ impl QemuRig {
             image,
             folder,
             machine,
+            line: LineSettings::DEFAULT,
         })
     }
 
@@ -337,19 +344,48 @@ impl Rig for QemuRig {
     }
 
     fn control_sends(&mut self, bytes: &[u8]) {
+        let LineSettings { baud, .. } = self.line;
+        let byte_ns = 1_000_000_000 * u64::from(self.line.bits()) / u64::from(baud);
+        // A slow line does not give many at once: a tenth of a second of it.
+        let piece = usize::try_from(baud / 100).map_or(PIECE, |bytes| bytes.clamp(1, PIECE));
         let machine = self.machine();
         let mut t_ns = machine.now_ns();
-        for piece in bytes.chunks(PIECE) {
+        for piece in bytes.chunks(piece) {
             let begun = Instant::now();
             machine.control.write_all(piece).expect("QEMU runs");
             machine.from_control += piece.len() as u32;
             // The line's rate is one in the board's time.
-            t_ns = machine.wait_until(t_ns + piece.len() as u64 * BYTE_NS);
+            t_ns = machine.wait_until(t_ns + piece.len() as u64 * byte_ns);
             while machine.state.from_control != machine.from_control {
                 assert!(begun.elapsed() < PATIENCE, "the board does not receive");
                 t_ns = machine.now_ns();
             }
         }
+    }
+
+    fn control_line(&mut self, line: LineSettings) {
+        self.line = line;
+    }
+
+    fn board_baud(&mut self) -> Option<f64> {
+        let monitor = &mut self.machine().monitor;
+        monitor
+            .write_all(format!("xp /1wx {DIVIDER:#x}\n").as_bytes())
+            .ok()?;
+        let mut said = String::new();
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            let mut bytes = [0; 256];
+            let count = monitor.read(&mut bytes).unwrap_or(0);
+            said.push_str(&String::from_utf8_lossy(bytes.get(..count)?));
+            // `0000000040004010: 0x000000d9`
+            let words = said.rsplit_once(&format!("{DIVIDER:016x}: 0x"));
+            if let Some(word) = words.and_then(|(_, word)| word.get(..8)) {
+                let divider = u32::from_str_radix(word, 16).ok()?;
+                return Some(CLOCK_HZ / f64::from(divider));
+            }
+        }
+        panic!("QEMU's monitor does not say the divider: {said:?}")
     }
 
     fn line_takes_time(&self) -> bool {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use umi_app::board::Lights;
 use umi_client::link::Transport;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
+use umi_protocol::serial::LineSettings;
 use umi_virtual::board::BoardTime;
 use umi_virtual::{Config, VirtualBoard};
 
@@ -28,8 +29,7 @@ impl VirtualRig {
     pub fn start() -> io::Result<Self> {
         let config = Config {
             time: BoardTime::Real,
-            // 115200 baud.
-            character: Duration::from_micros(87),
+            control: Some(LineSettings::DEFAULT),
             ..Config::default()
         };
         let mut rig = Self {
@@ -79,6 +79,12 @@ impl Rig for VirtualRig {
 
     fn control_sends(&mut self, bytes: &[u8]) {
         self.board().control_sends(bytes);
+    }
+
+    fn control_line(&mut self, line: LineSettings) {
+        // What it hears of a board that is set otherwise is not what that has said.
+        self.board().set_control(line);
+        self.config.control = Some(line);
     }
 
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {

@@ -12,4 +12,5 @@ mod pico_stack;
 mod pico_watchdog;
 mod qemu;
 mod qemu_figures;
+mod speeds;
 mod virtual_board;

@@ -4,9 +4,18 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use umi_app::board::{Broken, CncInput, CncRx, CncTx};
+use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
+use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
 
 use crate::CONTROL;
+
+/// How the line can be set: this UART sends one stop bit, always. The bench has the CTS.
+pub const ABILITIES: LineAbilities = LineAbilities {
+    least_baud: LEAST_BAUD,
+    most_baud: MOST_BAUD,
+    two_stop_bits: false,
+    cts: true,
+};
 
 /// As many characters as come.
 const ALL: u32 = u32::MAX;
@@ -43,5 +52,8 @@ impl CncTx for Transmitter {
             CLEAR.store(left.saturating_sub(1), Ordering::Relaxed);
         }
         Ok(())
+    }
+    async fn set_line(&mut self, line: LineSettings) {
+        CONTROL.set_baud(line.baud);
     }
 }

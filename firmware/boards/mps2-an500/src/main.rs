@@ -93,6 +93,8 @@ fn main() -> ! {
             firmware: name(env!("CARGO_PKG_VERSION")),
         },
         reset,
+        line: control::ABILITIES,
+        skip_ends: false,
     };
     let app = &APP;
     match app.start(boot, journal, settings, programs, Micros(0)) {
@@ -108,6 +110,7 @@ fn main() -> ! {
     }
 
     CONTROL.start();
+    CONTROL.set_baud(app.line().baud);
     HOST.start();
     BENCH.start();
     vectors::enable(peripherals.NVIC);

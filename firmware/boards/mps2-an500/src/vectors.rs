@@ -102,3 +102,12 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     crash_note::note_fault(&place);
     SCB::sys_reset()
 }
+
+/// An exception or an interrupt that nothing here has asked for.
+#[exception]
+unsafe fn DefaultHandler(number: i16) -> ! {
+    let mut what = heapless::String::<32>::new();
+    let _ = write!(what, "exception {number}");
+    crash_note::note_fault(&what);
+    SCB::sys_reset()
+}

@@ -7,30 +7,39 @@
 //! on the line. The price is an interrupt for each byte that comes: it has 87 µs at
 //! 115200 baud until the next one is lost. What is lost anyway is told in its place.
 
-use core::cell::RefCell;
 use core::future::poll_fn;
 use core::task::Poll;
 
-use critical_section::Mutex;
 use embassy_stm32::gpio::{AfType, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac::USART2;
+use embassy_stm32::pac::usart::vals::{Presc, Stop};
 use embassy_stm32::{peripherals, rcc};
 use embassy_sync::waitqueue::AtomicWaker;
-use umi_app::board::{Broken, CncInput, CncRx, CncTx};
-use umi_drivers::received::Received;
+use embassy_time::{Duration, Timer};
+use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
+use umi_drivers::collector::Collector;
+use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
 
-use crate::resources;
+use crate::resources::{self, SLOW_PRESCALER, baud_divider, is_slow};
 use crate::timers;
 
-/// Bytes that can wait: 90 ms.
+/// Bytes that can wait: 45 ms of the fastest line.
 const RING: usize = 1_024;
 
-static RECEIVED: Mutex<RefCell<Received<RING>>> = Mutex::new(RefCell::new(Received::new()));
-static CAME: AtomicWaker = AtomicWaker::new();
+/// What has come in.
+static LINE: Collector<RING> = Collector::new();
 static WENT: AtomicWaker = AtomicWaker::new();
 
-/// Starts the line: 8 data bits, no parity, 1 stop bit.
+/// How the line can be set: the plan has no pin for CTS.
+pub const ABILITIES: LineAbilities = LineAbilities {
+    least_baud: LEAST_BAUD,
+    most_baud: MOST_BAUD,
+    two_stop_bits: true,
+    cts: false,
+};
+
+/// Starts the line.
 pub fn start() {
     rcc::enable_and_reset::<peripherals::USART2>();
     let [transmit, receive] = &resources::CONTROL;
@@ -38,9 +47,29 @@ pub fn start() {
     core::mem::forget(timers::flex(transmit, output));
     // A line that is not connected rests.
     timers::connect(receive, Pull::Up);
+    set(LineSettings::DEFAULT);
+}
+
+/// Sets the line while nothing goes out: eight data bits, no parity. What comes in at this moment
+/// may be damaged.
+pub fn set(line: LineSettings) {
+    // The settings can be written while the port is off.
+    USART2.cr1().modify(|w| w.set_ue(false));
+    USART2.presc().write(|w| {
+        w.set_prescaler(match is_slow(line.baud) {
+            true => const { slow() },
+            false => Presc::DIV1,
+        });
+    });
     USART2
         .brr()
-        .write(|w| w.set_brr(resources::BAUD_DIVIDER as u16));
+        .write(|w| w.set_brr(baud_divider(line.baud) as u16));
+    USART2.cr2().write(|w| {
+        w.set_stop(match line.stop_bits {
+            2 => Stop::STOP2,
+            _ => Stop::STOP1,
+        });
+    });
     USART2.cr1().write(|w| {
         w.set_fifoen(false);
         w.set_te(true);
@@ -48,6 +77,13 @@ pub fn start() {
         w.set_rxneie(true);
         w.set_ue(true);
     });
+    LINE.set_line(&line);
+}
+
+/// As the plan has it.
+const fn slow() -> Presc {
+    const { assert!(SLOW_PRESCALER == 16) };
+    Presc::DIV16
 }
 
 #[interrupt]
@@ -63,19 +99,10 @@ fn USART2() {
             w.set_ne(status.ne());
             w.set_ore(status.ore());
         });
-        critical_section::with(|section| {
-            let mut received = RECEIVED.borrow(section).borrow_mut();
-            match byte {
-                Some(_) if broken => received.lose(1),
-                Some(byte) => received.take(byte),
-                None => {}
-            }
-            // It has lost the byte behind this one.
-            if status.ore() {
-                received.lose(1);
-            }
-        });
-        CAME.wake();
+        // What was overrun came behind the byte that was there.
+        let is_broken = byte.is_some() && broken;
+        let lost = u32::from(is_broken) + u32::from(status.ore());
+        LINE.take(byte.filter(|_| !broken), lost);
     }
     if status.txe() && USART2.cr1().read().txeie() {
         // Asked for again by who waits.
@@ -94,14 +121,8 @@ pub struct Receiver;
 
 impl CncRx for Receiver {
     async fn read(&mut self, buffer: &mut [u8]) -> CncInput {
-        poll_fn(|context| {
-            CAME.register(context.waker());
-            let given = critical_section::with(|section| {
-                RECEIVED.borrow(section).borrow_mut().give(buffer)
-            });
-            given.map_or(Poll::Pending, Poll::Ready)
-        })
-        .await
+        LINE.read(buffer, |us| Timer::after(Duration::from_micros(us)))
+            .await
     }
 }
 
@@ -122,4 +143,17 @@ impl CncTx for Transmitter {
         .await;
         Ok(())
     }
+    async fn set_line(&mut self, line: LineSettings) {
+        // The last character may still be on the line.
+        for _ in 0..LONGEST_CHARACTER_MS {
+            if USART2.isr().read().tc() {
+                break;
+            }
+            Timer::after(Duration::from_millis(1)).await;
+        }
+        set(line);
+    }
 }
+
+/// Of the slowest line: eleven bits.
+const LONGEST_CHARACTER_MS: u32 = 11 * 1000 / LEAST_BAUD + 1;

@@ -141,6 +141,8 @@ fn main() -> ! {
             firmware: name(env!("CARGO_PKG_VERSION")),
         },
         reset,
+        line: control::ABILITIES,
+        skip_ends: false,
     };
     let app = &APP;
     match app.start(boot, journal, settings, programs, BoardClock.now()) {
@@ -154,6 +156,8 @@ fn main() -> ! {
         }
         Err(Running) => stop("the application runs already"),
     }
+    // Until now nobody has read what came; the control prints when its program runs.
+    control::set(app.line());
 
     let mut dog = IndependentWatchdog::new(p.IWDG1, resources::WATCHDOG_US);
     dog.unleash();

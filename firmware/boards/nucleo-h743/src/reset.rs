@@ -1,25 +1,75 @@
 //! Reset: its cause, and the board's last act when it cannot go on.
 
+use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
-use embassy_stm32::pac::RCC;
+use cortex_m_rt::{ExceptionFrame, exception};
+use embassy_stm32::pac::{GPIOF, GPIOG, RCC};
 use umi_protocol::message::ResetReason;
 
-/// Says that a panic was the reason. Any other value, as RAM has after power-up, does not.
-const PANICKED: u32 = 0x554D_4921;
+/// Says that a panic or a fault was the reason. Any other value, as RAM has after power-up, does
+/// not.
+const PANICKED: u64 = 0x554D_4921_6B65_7074;
 
-/// Outside of what is cleared at the start.
+/// A word as wide as the memory's check value is for (RM0433, 2.4 and 3.3): a narrower one is read,
+/// changed and kept in a buffer until another is written, and a reset meanwhile loses it.
+#[repr(C, align(8))]
+struct Note(UnsafeCell<u64>);
+
+// SAFETY: every access is volatile and of a plain number. There is one core; a note that an
+// interrupt writes is followed by a reset.
+unsafe impl Sync for Note {}
+
+/// Outside of what is cleared at the start. The second one is there to be written behind the first.
 #[unsafe(link_section = ".uninit.panicked")]
-static NOTE: AtomicU32 = AtomicU32::new(0);
+static NOTES: [Note; 2] = [const { Note(UnsafeCell::new(0)) }; 2];
+
+fn note(value: u64) {
+    // Twice: the second write pushes the first out of the buffer.
+    for _ in 0..2 {
+        for place in &NOTES {
+            // SAFETY: the place is in RAM and aligned; see `Sync`.
+            unsafe { place.0.get().write_volatile(value) };
+            cortex_m::asm::dsb();
+        }
+    }
+}
+
+/// Whether a panic or a fault was noted. Once.
+fn take_note() -> bool {
+    let [place, _] = &NOTES;
+    // SAFETY: as above; any bits are a number.
+    let found = unsafe { place.0.get().read_volatile() };
+    note(0);
+    found == PANICKED
+}
+
+/// Laser and lamps go off, whatever else is broken: before anything that takes time. The pins are
+/// those of `main`. Before their clocks run, the pins float and this does nothing.
+fn dark() {
+    GPIOG.bsrr().write(|w| w.set_br(0, true));
+    GPIOF.bsrr().write(|w| {
+        for pin in 13..=15 {
+            w.set_br(pin, true);
+        }
+    });
+}
+
+/// Says that the board cannot go on, and starts it anew; laser and lamps first.
+pub fn reset_now() -> ! {
+    cortex_m::interrupt::disable();
+    dark();
+    note(PANICKED);
+    SCB::sys_reset()
+}
 
 /// Why the board started, by the flags of RM0433, 8.7.37 (RCC_RSR), of which several are
 /// set at once: the pin is pulled by every reset. Once: the flags are cleared.
 pub fn reason() -> ResetReason {
     let flags = RCC.rsr().read();
     RCC.rsr().modify(|w| w.set_rmvf(true));
-    let panicked = NOTE.swap(0, Ordering::Relaxed) == PANICKED;
+    let panicked = take_note();
     if flags.porrstf() {
         ResetReason::PowerOn
     } else if flags.borrstf() {
@@ -39,9 +89,23 @@ pub fn reason() -> ResetReason {
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    // A slow debug probe may hold the log.
+    dark();
     if let Some(place) = info.location() {
         defmt::error!("panic at {}:{}", place.file(), place.line());
     }
-    NOTE.store(PANICKED, Ordering::Relaxed);
-    SCB::sys_reset()
+    reset_now()
+}
+
+/// The core cannot go on. Memory, bus and usage faults come here, too: they are not enabled.
+#[exception]
+unsafe fn HardFault(_: &ExceptionFrame) -> ! {
+    reset_now()
+}
+
+/// An exception or an interrupt that nothing here has asked for.
+#[exception]
+unsafe fn DefaultHandler(_: i16) -> ! {
+    reset_now()
 }

@@ -216,12 +216,44 @@ pub const LOOK_US: u64 = 500;
 // An edge of an encoder is longer than the filter, its synchroniser and the decoder need.
 const _: () = assert!(TIMER_HZ / COUNTS_PER_S >= FILTER_SAMPLES + 2);
 
-/// Of the control's line.
-pub const BAUD: u32 = 115_200;
-/// What the peripheral's clock is divided by.
-pub const BAUD_DIVIDER: u32 = (PERIPHERAL_HZ + BAUD / 2) / BAUD;
+/// What the clock of a slow line is divided by first: the divider behind it has 16 bits.
+pub const SLOW_PRESCALER: u32 = 16;
+
+/// Whether a line of this speed needs that.
+pub const fn is_slow(baud: u32) -> bool {
+    baud < 2400
+}
+
+/// What the peripheral's clock is divided by for a line of this speed.
+pub const fn baud_divider(baud: u32) -> u32 {
+    let baud = if baud == 0 { 1 } else { baud };
+    let clock = match is_slow(baud) {
+        true => PERIPHERAL_HZ / SLOW_PRESCALER,
+        false => PERIPHERAL_HZ,
+    };
+    (clock + baud / 2) / baud
+}
+
 // Within 0.5 % of what it should be: two ends may differ by 2 %.
-const _: () = assert!(BAUD.abs_diff(PERIPHERAL_HZ / BAUD_DIVIDER) * 200 < BAUD);
+const _: () = {
+    let mut number = 0;
+    while number < LINES.len() {
+        let baud = LINES[number];
+        let divider = baud_divider(baud);
+        assert!(divider >= 16 && divider < 1 << 16);
+        let clock = match is_slow(baud) {
+            true => PERIPHERAL_HZ / SLOW_PRESCALER,
+            false => PERIPHERAL_HZ,
+        };
+        assert!(baud.abs_diff(clock / divider) * 200 <= baud);
+        number += 1;
+    }
+};
+
+/// Speeds that controls have.
+const LINES: [u32; 11] = [
+    300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400,
+];
 
 /// Of the flash's bus: `03h` reads up to 33 MHz with every chip that is known.
 pub const FLASH_HZ: u32 = 25_000_000;

@@ -14,6 +14,7 @@ use umi_drivers::task_watchdog::TaskWatchdog;
 use umi_protocol::message::ResetReason;
 
 use crate::lights;
+use crate::pins;
 use crate::resources::{HOST_S, MEASURING_S, WATCHDOG_MS};
 use crate::tick;
 
@@ -82,13 +83,28 @@ fn by_the_chip() -> ResetReason {
     }
 }
 
-/// Resets everything but the oscillators, as the watchdog does, at once.
+/// What the watchdog resets: all stages but the two oscillators, which are bits 0 and 1 of 17
+/// on the RP2040 (data sheet 2.13.5), bits 2 and 3 of 25 on the RP2350 (7.4.4).
+#[cfg(not(feature = "rp2350"))]
+const STAGES: u32 = 0x0001_FFFC;
+#[cfg(feature = "rp2350")]
+const STAGES: u32 = 0x01FF_FFF3;
+
+/// The HAL's driver selects the stages of an RP2040 on both chips.
+fn select_stages() {
+    pac::PSM.wdsel().write_value(pac::psm::regs::Wdsel(STAGES));
+}
+
+/// Laser and lamps go off, whatever else is broken: before anything that takes time.
+pub fn dark() {
+    pac::SIO.gpio_out(0).value_clr().write_value(pins::SWITCHED);
+}
+
+/// Resets everything but the oscillators, as the watchdog does, at once. Laser and lamps first.
 pub fn reset_now() -> ! {
     cortex_m::interrupt::disable();
-    // All stages but the two oscillators.
-    pac::PSM
-        .wdsel()
-        .write_value(pac::psm::regs::Wdsel(0x0001_FFFC));
+    dark();
+    select_stages();
     pac::WATCHDOG.ctrl().write(|w| w.set_trigger(true));
     loop {
         cortex_m::asm::nop();
@@ -109,6 +125,7 @@ impl Dog {
         MEASURING.check_in(now_us);
         HOST.check_in(now_us);
         watchdog.start(PATIENCE);
+        select_stages();
         Self { light, fed: 0 }
     }
 }

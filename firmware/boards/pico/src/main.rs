@@ -161,6 +161,8 @@ fn boot() -> Parts {
             firmware: name(env!("CARGO_PKG_VERSION")),
         },
         reset,
+        line: uart::ABILITIES,
+        skip_ends: false,
     };
     let Storage {
         journal,
@@ -181,7 +183,7 @@ fn boot() -> Parts {
     }
     let dog = Dog::start(watchdog, light);
 
-    uart::start();
+    uart::start(APP.line());
     set_priorities();
     Parts {
         usb: chip.USB,
@@ -303,12 +305,20 @@ unsafe fn SWI_IRQ_1() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    guard::dark();
     crash_note::note_fault(frame.pc());
+    guard::reset_now()
+}
+
+/// An exception or an interrupt that nothing here has asked for.
+#[exception]
+unsafe fn DefaultHandler(_: i16) -> ! {
     guard::reset_now()
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
+    guard::dark();
     crash_note::note_panic(info);
     guard::reset_now()
 }

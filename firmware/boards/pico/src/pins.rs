@@ -39,6 +39,10 @@ pub const LASER: u8 = 21;
 /// Trigger pulses to a scanner. High is a pulse.
 pub const TRIGGER_OUT: u8 = 22;
 
+/// Laser, and the outputs OK, NG and busy: what is off whenever the board cannot go on. One bit
+/// each.
+pub const SWITCHED: u32 = 1 << LASER | 1 << 26 | 1 << 27 | 1 << 28;
+
 /// First of the pins that are sampled for edges.
 pub const WATCHED: u8 = INDEX;
 /// So many pins.

@@ -82,9 +82,10 @@ pub const SKIPS_PER_S: u32 = 250;
 /// Captures of either kind that may come at once.
 pub const BURST: u32 = 16;
 
-/// Bits per second on the control's line.
-pub const CNC_BAUD: u32 = 115_200;
-/// Bytes that wait while the receiving task is busy: 90 ms.
+/// The fastest that the control's line can be: a character takes 87 us, and captures may keep
+/// it waiting for 48.
+pub const MOST_BAUD: u32 = 115_200;
+/// Bytes that wait while the receiving task is busy: 90 ms of the fastest line.
 pub const CNC_RING: usize = 1024;
 
 /// Of captures.

@@ -57,12 +57,26 @@ pub fn write_slot(ring: usize) -> u32 {
 /// Turns of waiting for transfers on their way: a few are needed.
 const ABORT_TURNS: u32 = 1000;
 
-/// Stops all transfers.
+/// Stops all transfers. An abort may start the channel again, or the one that it is chained to
+/// (RP2350 erratum E5): so each is switched off and chained to itself, which is to none, before.
+/// And an abort may read as done while a transfer is still on its way (RP2040 E13): so it is
+/// waited for until no channel is busy.
 pub fn abort() {
+    let channels = 0..RINGS * 2;
+    for channel in channels.clone() {
+        let dma = pac::DMA.ch(channel);
+        let mut control = dma.ctrl_trig().read();
+        control.set_en(false);
+        control.set_chain_to(channel as u8);
+        // This register does not trigger.
+        dma.al1_ctrl().write_value(control.0);
+    }
     let all = (1_u16 << (RINGS * 2)) - 1;
     pac::DMA.chan_abort().write(|w| w.set_chan_abort(all));
     for _ in 0..ABORT_TURNS {
-        if pac::DMA.chan_abort().read().chan_abort() == 0 {
+        let is_over = pac::DMA.chan_abort().read().chan_abort() == 0;
+        let is_busy = |channel| pac::DMA.ch(channel).ctrl_trig().read().busy();
+        if is_over && !channels.clone().any(is_busy) {
             break;
         }
     }

@@ -8,9 +8,7 @@
 //! one is lost, and only captures stand above it. What is lost anyway is counted, in its
 //! place between the bytes before and after.
 //!
-//! Bytes are handed on by the line, because each piece that is handed on becomes an
-//! entry of the journal: at the end of a line, at a code that the control means at once
-//! (XON, XOFF), when there are many, or when no more have come for a while.
+//! Bytes are handed on by the line of text ([`umi_drivers::collector`]).
 //!
 //! CTS holds the transmitter between two characters; the one that waits behind the line
 //! waits on. RTS says that the board is there, from now until it is reset: it takes
@@ -21,81 +19,90 @@
 //! A control that takes CTS away and does not give it back before the correction is given up
 //! gets the character behind the line when it does.
 //!
-//! The line's speed is fixed: [`CNC_BAUD`], 8 data bits, no parity, one stop bit, which
-//! takes 7 data bits with parity too. A byte with a framing error is a lost one.
+//! The port always moves 8 bits without parity, which takes 7 bits and parity, too. A byte with a
+//! framing error is a lost one. Without FIFOs a byte has the time of the next one to be taken:
+//! so the line goes up to 115200 baud here, and not to 230400.
 
-use core::cell::RefCell;
 use core::future::poll_fn;
 use core::task::{Context, Poll};
 
-use critical_section::Mutex;
-use embassy_futures::select::{Either, select};
 use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
 use embassy_rp::pac;
 use embassy_rp::pac::uart::Uart;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
-use umi_app::board::{Broken, CncInput, CncRx, CncTx};
-use umi_drivers::received::Received;
+use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
+use umi_drivers::collector::Collector;
+use umi_protocol::serial::{Cts, LEAST_BAUD, LineSettings};
 
-use crate::resources::{CNC_BAUD, CNC_RING, SERIAL};
+use crate::resources::{CLOCK_HZ, CNC_RING, MOST_BAUD, SERIAL};
 
 const UART: Uart = pac::UART0;
 
-/// As many bytes are handed on without an end of the line.
-const PIECE: usize = umi_app::intake::PIECE;
-/// No byte for so long: two characters at 4800 baud.
-const PAUSE: Duration = Duration::from_millis(5);
-
 /// What has come in.
-struct Line {
-    received: Received<CNC_RING>,
-    /// What is there is to be handed on now.
-    urgent: bool,
-    /// Counts bytes: whether one has come meanwhile.
-    came: u32,
-}
-
-static LINE: Mutex<RefCell<Line>> = Mutex::new(RefCell::new(Line {
-    received: Received::new(),
-    urgent: false,
-    came: 0,
-}));
-static CAME: AtomicWaker = AtomicWaker::new();
+static LINE: Collector<CNC_RING> = Collector::new();
 static WENT: AtomicWaker = AtomicWaker::new();
 
+/// How the line can be set.
+pub const ABILITIES: LineAbilities = LineAbilities {
+    least_baud: LEAST_BAUD,
+    most_baud: MOST_BAUD,
+    two_stop_bits: true,
+    cts: true,
+};
+
 /// The divisor of the clock in 64ths, rounded: sixteen clocks make a bit.
-const DIVISOR_64THS: u32 = (crate::resources::CLOCK_HZ * 4 + CNC_BAUD / 2) / CNC_BAUD;
+const fn divisor_64ths(baud: u32) -> u32 {
+    let baud = if baud == 0 { 1 } else { baud };
+    (CLOCK_HZ * 4 + baud / 2) / baud
+}
 
 const _: () = {
-    let made = crate::resources::CLOCK_HZ as u64 * 4 / DIVISOR_64THS as u64;
-    let off = made.abs_diff(CNC_BAUD as u64);
-    assert!(
-        off * 200 < CNC_BAUD as u64,
-        "the line is off by half a percent"
-    );
+    let mut baud = LEAST_BAUD;
+    while baud <= MOST_BAUD {
+        let divisor = divisor_64ths(baud);
+        assert!(divisor >> 6 <= 0xFFFF, "the divisor has 16 bits and 6");
+        let made = CLOCK_HZ as u64 * 4 / divisor as u64;
+        let off = made.abs_diff(baud as u64);
+        assert!(
+            off * 200 <= baud as u64,
+            "the line is off by half a percent"
+        );
+        baud *= 2;
+    }
 };
 
 /// Starts the line. Its pins have been given to it.
-pub fn start() {
-    UART.uartibrd()
-        .write(|w| w.set_baud_divint((DIVISOR_64THS >> 6) as u16));
-    UART.uartfbrd()
-        .write(|w| w.set_baud_divfrac((DIVISOR_64THS & 63) as u8));
-    // Eight bits; the FIFOs stay off. This write takes over the divisor too.
-    UART.uartlcr_h().write(|w| w.set_wlen(0b11));
-    UART.uartcr().write(|w| {
-        w.set_uarten(true);
-        w.set_txe(true);
-        w.set_rxe(true);
-        w.set_ctsen(true);
-        w.set_rts(true);
-    });
+pub fn start(line: LineSettings) {
+    set(line);
     UART.uartimsc().write(|w| w.set_rxim(true));
     interrupt::UART0_IRQ.set_priority(SERIAL);
     // SAFETY: its handler is below; no critical section depends on it being off.
     unsafe { interrupt::UART0_IRQ.enable() };
+}
+
+/// Sets the line while nothing goes out. What comes in at this moment may be damaged.
+fn set(line: LineSettings) {
+    UART.uartcr().write(|_| {});
+    let divisor = divisor_64ths(line.baud);
+    UART.uartibrd()
+        .write(|w| w.set_baud_divint((divisor >> 6) as u16));
+    UART.uartfbrd()
+        .write(|w| w.set_baud_divfrac((divisor & 63) as u8));
+    // Eight bits; the FIFOs stay off. This write takes over the divisor too.
+    UART.uartlcr_h().write(|w| {
+        w.set_wlen(0b11);
+        w.set_stp2(line.stop_bits == 2);
+    });
+    UART.uartcr().write(|w| {
+        w.set_uarten(true);
+        w.set_txe(true);
+        w.set_rxe(true);
+        w.set_ctsen(line.cts != Cts::Ignored);
+        w.set_rts(true);
+    });
+    LINE.set_line(&line);
 }
 
 #[interrupt]
@@ -113,56 +120,15 @@ fn UART0_IRQ() {
 
 /// Takes what has come: one byte, or another that came meanwhile.
 fn receive() {
-    let mut wake = false;
     for _ in 0..2 {
         if UART.uartfr().read().rxfe() {
             break;
         }
         let word = UART.uartdr().read();
-        with(|line| {
-            wake |= line.received.is_empty();
-            if word.oe() {
-                line.lose();
-            }
-            if word.fe() || word.be() {
-                line.lose();
-            } else {
-                line.take(word.data());
-            }
-            wake |= line.urgent;
-        });
-    }
-    if wake {
-        CAME.wake();
-    }
-}
-
-/// Whether a byte is not to wait for others: the end of a line or a code for the flow,
-/// in ISO with any parity or in EIA.
-const fn is_urgent(byte: u8) -> bool {
-    matches!(byte & 0x7F, b'\n' | b'\r' | 0x11..=0x14) || byte == 0x80
-}
-
-impl Line {
-    fn take(&mut self, byte: u8) {
-        self.came = self.came.wrapping_add(1);
-        self.received.take(byte);
-        self.urgent |= is_urgent(byte) || self.is_long();
-    }
-
-    fn lose(&mut self) {
-        self.received.lose(1);
-        self.urgent = true;
-    }
-
-    fn give(&mut self, buffer: &mut [u8]) -> Option<CncInput> {
-        let given = self.received.give(buffer);
-        self.urgent = self.is_long();
-        given
-    }
-
-    fn is_long(&self) -> bool {
-        self.received.has_lost() || self.received.len() >= PIECE
+        let is_whole = !(word.fe() || word.be());
+        // What was overrun came behind the byte that was there.
+        let lost = u32::from(!is_whole) + u32::from(word.oe());
+        LINE.take(is_whole.then(|| word.data()), lost);
     }
 }
 
@@ -171,39 +137,9 @@ pub struct Receiver;
 
 impl CncRx for Receiver {
     async fn read(&mut self, buffer: &mut [u8]) -> CncInput {
-        let mut before = None;
-        loop {
-            let more = poll_fn(|context| {
-                CAME.register(context.waker());
-                match with(|line| line.urgent) {
-                    Some(true) => Poll::Ready(()),
-                    _ => Poll::Pending,
-                }
-            });
-            let first = poll_fn(|context| {
-                CAME.register(context.waker());
-                match with(|line| line.received.is_empty()) {
-                    Some(false) => Poll::Ready(()),
-                    _ => Poll::Pending,
-                }
-            });
-            first.await;
-            let waited = select(more, Timer::after(PAUSE)).await;
-            let came = with(|line| line.came);
-            let is_over = matches!(waited, Either::First(())) || before == came;
-            before = came;
-            if is_over && let Some(input) = with(|line| line.give(buffer)).flatten() {
-                return input;
-            }
-        }
+        LINE.read(buffer, |us| Timer::after(Duration::from_micros(us)))
+            .await
     }
-}
-
-fn with<R>(work: impl FnOnce(&mut Line) -> R) -> Option<R> {
-    critical_section::with(|section| {
-        let mut line = LINE.borrow(section).try_borrow_mut().ok()?;
-        Some(work(&mut line))
-    })
 }
 
 /// To the control.
@@ -218,7 +154,21 @@ impl CncTx for Transmitter {
         poll_fn(room).await;
         Ok(())
     }
+
+    async fn set_line(&mut self, line: LineSettings) {
+        // The last character may still be on the line.
+        for _ in 0..LONGEST_CHARACTER_MS {
+            if !UART.uartfr().read().busy() {
+                break;
+            }
+            Timer::after(Duration::from_millis(1)).await;
+        }
+        set(line);
+    }
 }
+
+/// Of the slowest line: eleven bits. One that CTS holds goes out at the new speed, or never.
+const LONGEST_CHARACTER_MS: u32 = 11 * 1000 / LEAST_BAUD + 1;
 
 /// Whether the place behind the byte on the line is free.
 fn room(context: &mut Context<'_>) -> Poll<()> {

@@ -3,11 +3,12 @@
 
 use umi_protocol::job::{
     Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
-    MAX_DATUMS, MAX_HITS, Name, Reference, Teach, WitnessSpec,
+    MAX_DATUMS, MAX_HITS, Name, Reference, SkipSpec, Teach, WitnessSpec,
 };
 use umi_protocol::job_error::{Field, JobError};
-use umi_protocol::pattern::LinePattern;
+use umi_protocol::pattern::{Coding, LinePattern};
 use umi_protocol::reason::Reason;
+use umi_protocol::serial::{LEAST_BAUD, MOST_BAUD};
 
 use crate::correction;
 use crate::registration;
@@ -45,6 +46,8 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     }
     check_compensation(job.compensation)?;
     check_limits(&job.limits)?;
+    check_line(job)?;
+    check_skip(job)?;
     if let Some(witness) = &job.witness {
         check_witness(job, witness)?;
     }
@@ -117,6 +120,45 @@ pub fn not_guarded(job: &Job) -> Option<Reason> {
 /// Places that a reference has: of the datum features and of those on the table.
 pub fn place_count(job: &Job) -> usize {
     datums(job).count() + fixed(job).count()
+}
+
+fn check_line(job: &Job) -> Result<(), JobError> {
+    let line = job.line.settings();
+    if !(LEAST_BAUD..=MOST_BAUD).contains(&line.baud) {
+        return Err(bad(Field::LineBaud, None, line.baud.into()));
+    }
+    if !matches!(line.data_bits, 7 | 8) {
+        return Err(bad(Field::LineDataBits, None, line.data_bits.into()));
+    }
+    if !matches!(line.stop_bits, 1 | 2) {
+        return Err(bad(Field::LineStopBits, None, line.stop_bits.into()));
+    }
+    match (line.data_bits, job.receiver.coding) {
+        (7, Coding::Ascii) => Err(JobError::ParityMissing),
+        _ => Ok(()),
+    }
+}
+
+fn check_skip(job: &Job) -> Result<(), JobError> {
+    let skip = &job.skip;
+    // Wider than any contact's first closure it would throw touches away.
+    if skip.min_width_us() > 10_000 {
+        return Err(bad(Field::SkipMinWidthUs, None, skip.min_width_us().into()));
+    }
+    if !(1..=1000).contains(&skip.hold_off_ms()) {
+        return Err(bad(Field::SkipHoldOffMs, None, skip.hold_off_ms().into()));
+    }
+    if !(0.0..=100_000.0).contains(&skip.delay_us) {
+        return Err(bad(Field::SkipDelayUs, None, skip.delay_us));
+    }
+    if job.witness.is_none() && *skip != SkipSpec::default() {
+        // Nothing is latched for anything then.
+        return Err(JobError::Missing {
+            field: Field::CountsPerMm,
+            feature: None,
+        });
+    }
+    Ok(())
 }
 
 fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {

@@ -12,6 +12,7 @@ mod report;
 mod run;
 mod scatter;
 mod setup;
+pub mod skip;
 mod witness;
 
 use umi_protocol::job::Job;

@@ -255,7 +255,7 @@ impl Run {
         *taught_here = false;
         witness.clear();
         if let Some(spec) = job.witness {
-            witness.put(Witness::new(spec));
+            witness.put(Witness::new(spec, &job.skip));
         }
         place.put(job);
     }
@@ -809,6 +809,7 @@ impl Run {
                     | Reason::OfRun { .. }
                     | Reason::Witnessed { .. }
                     | Reason::WitnessLearned
+                    | Reason::SkipChatter { .. }
             )
         });
         let mut verdict = setup::blank(self.setup);

@@ -78,6 +78,8 @@ fn job() -> Job {
         witness: None,
         teach: Teach::FirstOk,
         guards: Guards::default(),
+        line: umi_protocol::serial::LineSpec::default(),
+        skip: umi_protocol::job::SkipSpec::default(),
     }
 }
 
@@ -796,9 +798,13 @@ fn checked_job() -> Job {
 fn second_witness_decides() {
     let approaches = job().features[0].approach.clone();
     // What is wrong with the latches of the second setup.
-    let second_plate = |fault: Option<f64>| {
-        let mut run = Run::new(checked_job());
+    let second_plate = |fault: Option<f64>, bounces: u64| {
+        let mut job = checked_job();
+        // The signal comes 40 us late: at 30 mm/min the axes move 20 nm meanwhile.
+        job.skip.delay_us = 40.0;
+        let mut run = Run::new(job);
         let mut outcome = Outcome::default();
+        let mut t_ns = 0;
         for (at, (_, points)) in session_a()[..6].iter().enumerate() {
             for (point, approach) in points.iter().zip(&approaches) {
                 let (axis, sign) = approach.axis_and_sign();
@@ -807,13 +813,25 @@ fn second_witness_decides() {
                 let moved = if at >= 3 { fault } else { Some(0.0) };
                 if let Some(moved) = moved {
                     let counts = tip.map(|mm| libm::round((mm + moved) * 1000.0) as i64);
-                    run.latched(&LatchReport {
-                        number: 0,
-                        cause: LatchCause::Skip,
-                        counts: counts.into_iter().collect(),
-                        t_ns: 0,
-                        missed: 0,
-                    });
+                    t_ns += 1_000_000_000;
+                    // Each bounce is latched further on the machine's way: 0.05 mm beside.
+                    for bounce in 0..=bounces {
+                        let beside = if bounce == 0 { 0 } else { 50 };
+                        let counts = counts.map(|count| count + beside);
+                        let begin_ns = t_ns + bounce * 900_000;
+                        let ends =
+                            (bounces > 0).then_some((LatchCause::SkipEnd, begin_ns + 10_000));
+                        for (cause, t_ns) in [(LatchCause::Skip, begin_ns)].into_iter().chain(ends)
+                        {
+                            run.latched(&LatchReport {
+                                number: 0,
+                                cause,
+                                counts: counts.into_iter().collect(),
+                                t_ns,
+                                missed: 0,
+                            });
+                        }
+                    }
                 }
                 let mut hit = hit(tip);
                 hit.feature_id = Some(u16::try_from(at % 3 + 1).unwrap());
@@ -824,7 +842,7 @@ fn second_witness_decides() {
         }
         outcome
     };
-    let agreeing = second_plate(Some(0.0));
+    let agreeing = second_plate(Some(0.0), 0);
     assert_eq!(agreeing.summary(), ["OK", "OK"]);
     let remarks =
         |v: &Verdict| -> Vec<&str> { v.remarks.iter().map(|r| r.reason.code()).collect() };
@@ -833,12 +851,25 @@ fn second_witness_decides() {
         ["taught", "witnessed", "witness_learned", "not_guarded"]
     );
     assert_eq!(remarks(&agreeing.verdicts[1]), ["witnessed", "not_guarded"]);
-    let moved = second_plate(Some(0.05));
+    // A probe that bounces: each touch is its first edge, and the rest is counted.
+    let bouncing = second_plate(Some(0.0), 5);
+    assert_eq!(bouncing.summary(), ["OK", "OK"]);
+    assert_eq!(
+        remarks(&bouncing.verdicts[1]),
+        ["witnessed", "skip_chatter", "not_guarded"]
+    );
+    let told = bouncing.verdicts[1].remarks.iter().map(|r| &r.reason);
+    let chatter = Reason::SkipChatter {
+        bounces: 15 * 5,
+        sparks: 0,
+    };
+    assert!(told.into_iter().any(|reason| *reason == chatter));
+    let moved = second_plate(Some(0.05), 0);
     assert_eq!(
         moved.summary(),
         ["OK", "witness_shift witness_shift witness_shift"]
     );
-    let blind = second_plate(None).summary();
+    let blind = second_plate(None, 0).summary();
     assert!(blind[1].contains("SPHERE1:not_latched"), "{blind:?}");
 }
 
@@ -879,6 +910,7 @@ fn a_repeat_without_latches_is_dropped() {
     job.correction = None;
     let mut run = Run::new(job);
     let mut outcome = Outcome::default();
+    let mut t_ns = 0;
     let approaches = super::tests::job().features[0].approach.clone();
     let blocks = session_a();
     for (at, (_, points)) in blocks[..3].iter().chain(&blocks[2..3]).enumerate() {
@@ -888,11 +920,12 @@ fn a_repeat_without_latches_is_dropped() {
             tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
             if at < 3 {
                 let counts = tip.map(|mm| libm::round(mm * 1000.0) as i64);
+                t_ns += 1_000_000_000;
                 run.latched(&LatchReport {
                     number: 0,
                     cause: LatchCause::Skip,
                     counts: counts.into_iter().collect(),
-                    t_ns: 0,
+                    t_ns,
                     missed: 0,
                 });
             }
@@ -904,4 +937,43 @@ fn a_repeat_without_latches_is_dropped() {
         }
     }
     assert_eq!(outcome.summary(), ["OK"]);
+}
+
+/// A line that no control has, and seven bits without their parity, are refused by name.
+#[test]
+fn lines_are_checked() {
+    use umi_protocol::serial::{LineFamily, LineSpec};
+    let with = |line: LineSpec, coding| {
+        let mut job = job();
+        job.line = line;
+        job.receiver.coding = coding;
+        crate::job::check(&job)
+    };
+    let any = LineSpec::default();
+    let auto = umi_protocol::pattern::Coding::Auto;
+    for control in LineFamily::ALL {
+        assert_eq!(with(LineSpec { control, ..any }, auto), Ok(()));
+    }
+    let field = |line| match with(line, auto) {
+        Err(JobError::BadValue { field, .. }) => field.name(),
+        other => panic!("{other:?}"),
+    };
+    for baud in [0, 299, 230_401] {
+        let baud = Some(baud);
+        assert_eq!(field(LineSpec { baud, ..any }), "line.baud");
+    }
+    for bits in [0, 5, 6, 9] {
+        let data_bits = Some(bits);
+        assert_eq!(field(LineSpec { data_bits, ..any }), "line.data_bits");
+    }
+    for bits in [0, 3] {
+        let stop_bits = Some(bits);
+        assert_eq!(field(LineSpec { stop_bits, ..any }), "line.stop_bits");
+    }
+    let fanuc = LineSpec {
+        control: LineFamily::Fanuc,
+        ..any
+    };
+    let ascii = umi_protocol::pattern::Coding::Ascii;
+    assert_eq!(with(fanuc, ascii), Err(JobError::ParityMissing));
 }

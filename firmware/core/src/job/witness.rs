@@ -26,20 +26,23 @@
 //! its hits. A latch belongs to the line that follows it: lines that are printed
 //! later, as blocks are, cannot have a second witness.
 
-use umi_protocol::job::{Approach, WitnessSpec};
-use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::job::{Approach, SkipSpec, WitnessSpec};
+use umi_protocol::latch::LatchReport;
 use umi_protocol::reason::Reason;
 
 use super::exceeds;
 use super::feature::{Hit, Seen};
+use super::skip::{Chatter, SkipLine};
 use crate::dprnt::ReportedHit;
 
 /// Both witnesses of a setup's hits.
 #[derive(Debug)]
 pub struct Witness {
     spec: WitnessSpec,
-    /// The latest skip latch that no line has used, in millimetres.
-    latch_mm: Option<[f64; 3]>,
+    /// The probe's skip line: the touch that no line has used.
+    skip: SkipLine,
+    /// From the touch to the board's input, microseconds.
+    skip_delay_us: f64,
     /// Origin of the encoders in the control's coordinates, as far as it is known.
     origins: [Option<Origin>; 3],
     /// Which of them this setup has taught.
@@ -75,7 +78,7 @@ struct Feed {
 
 impl Witness {
     /// Nothing has been seen yet.
-    pub fn new(spec: WitnessSpec) -> Self {
+    pub fn new(spec: WitnessSpec, skip: &SkipSpec) -> Self {
         let mut origins = [None; 3];
         if let Some(counts) = spec.origin_counts {
             for ((origin, count), scale) in origins.iter_mut().zip(counts).zip(spec.counts_per_mm) {
@@ -87,7 +90,8 @@ impl Witness {
         }
         Self {
             spec,
-            latch_mm: None,
+            skip: SkipLine::new(skip),
+            skip_delay_us: skip.delay_us,
             origins,
             learned: [false; 3],
             setup: Setup::default(),
@@ -95,12 +99,9 @@ impl Witness {
         }
     }
 
-    /// A latch came. A later one before the line takes its place: the slow touch
-    /// after the fast one.
+    /// A latch came. A later touch before the line takes its place: the slow touch after the
+    /// fast one.
     pub fn latched(&mut self, latch: &LatchReport) {
-        if latch.cause != LatchCause::Skip {
-            return;
-        }
         let mut mm = [0.0; 3];
         let scales = self.spec.counts_per_mm;
         for ((value, counts), scale) in mm.iter_mut().zip(&latch.counts).zip(scales) {
@@ -111,13 +112,14 @@ impl Witness {
             let counts = *counts as f64;
             *value = counts / scale;
         }
-        self.latch_mm = (latch.counts.len() >= mm.len()).then_some(mm);
+        let mm = (latch.counts.len() >= mm.len()).then_some(mm);
+        self.skip.latched(latch, mm);
     }
 
     /// The latch that belongs to a line; none if there was none, or if the line's feed is
     /// none at which a probe can touch: then nothing could be said about the delay.
     pub fn pair(&mut self, hit: &ReportedHit) -> Option<Seen> {
-        let latched = self.latch_mm.take()?;
+        let latched = self.skip.take()?.mm?;
         let feed_mm_per_min = hit.feed_mm_per_min.or(self.spec.feed_mm_per_min)?;
         if !(feed_mm_per_min.is_finite() && feed_mm_per_min > 0.0) {
             return None;
@@ -148,9 +150,13 @@ impl Witness {
             return;
         };
         self.setup.feed.take(seen.feed_mm_per_min);
+        // The axes were there before the signal came: by the way in its delay.
+        let late_mm = seen.feed_mm_per_min / 60e6 * self.skip_delay_us;
         let position = hit.position.to_array_mm();
         for (number, axis) in self.setup.axes.iter_mut().enumerate() {
-            let difference = at(&seen.difference_mm, number);
+            let (along, sign) = approach.axis_and_sign();
+            let late_mm = if along == number { sign * late_mm } else { 0.0 };
+            let difference = at(&seen.difference_mm, number) + late_mm;
             axis.take(
                 number,
                 approach,
@@ -195,7 +201,7 @@ impl Witness {
     }
 
     /// The setup is OK: what is to be remarked, and the origin if it was unknown.
-    pub fn conclude(&mut self) -> [Option<Reason>; 2] {
+    pub fn conclude(&mut self) -> [Option<Reason>; 3] {
         let mut all: Option<Delays> = None;
         for (axis, origin) in self.setup.axes.iter().zip(self.origins) {
             // An origin that rests on delays says nothing about them.
@@ -219,7 +225,14 @@ impl Witness {
             }
         }
         let learned = self.learned.contains(&true);
-        [witnessed, learned.then_some(Reason::WitnessLearned)]
+        let Chatter { bounces, sparks } = self.skip.chatter();
+        let chatter =
+            (bounces > 0 || sparks > 0).then_some(Reason::SkipChatter { bounces, sparks });
+        [
+            witnessed,
+            learned.then_some(Reason::WitnessLearned),
+            chatter,
+        ]
     }
 
     /// The setup was OK and is not any more: what it taught is forgotten.

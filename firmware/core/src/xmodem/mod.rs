@@ -86,8 +86,11 @@ pub const ASK_US: u64 = 10_000_000;
 pub const BYTE_US: u64 = 1_000_000;
 /// A line that is not quiet by then is asked again all the same.
 pub const PURGE_US: u64 = 10_000_000;
-/// A block is over when nothing came for so long: more than a character at 2400 baud.
+/// A block is over when nothing came for so long and for as long as [`GUARD_CHARACTERS`] take:
+/// longer than a driver waits for more of what it hands on at once.
 pub const GUARD_US: u64 = 5_000;
+/// Characters of the line's speed.
+pub const GUARD_CHARACTERS: u64 = 4;
 /// A sender waits so long to be asked for the first block.
 pub const START_US: u64 = 60_000_000;
 /// A sender repeats what was not answered for so long: a receiver that asks again comes before.

@@ -3,8 +3,8 @@
 use heapless::Vec;
 
 use super::{
-    ACK, ASK_US, BLOCK, BYTE_US, CAN, CANCEL, Cancels, EOT, FRAME, GUARD_US, HEAD, NAK, PURGE_US,
-    REPEATS, SOH, SUB, after, sum,
+    ACK, ASK_US, BLOCK, BYTE_US, CAN, CANCEL, Cancels, EOT, FRAME, GUARD_CHARACTERS, GUARD_US,
+    HEAD, NAK, PURGE_US, REPEATS, SOH, SUB, after, sum,
 };
 use crate::units::Micros;
 
@@ -105,13 +105,16 @@ pub struct BlockReceiver {
     /// Something came since the last new one.
     heard: bool,
     cancels: Cancels,
+    /// Behind a whole block the line is quiet for so long.
+    guard_us: u64,
 }
 
 impl BlockReceiver {
-    /// Asks at once, and every [`ASK_US`].
+    /// Asks at once, and every [`ASK_US`]. A character takes so long on the line.
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn new(character_us: u64) -> Self {
         Self {
+            guard_us: GUARD_US.saturating_add(GUARD_CHARACTERS.saturating_mul(character_us)),
             state: State::Sending(Reply::Again),
             frame: Vec::new(),
             held: Vec::new(),
@@ -246,7 +249,7 @@ impl BlockReceiver {
         let _ = self.frame.push(byte);
         self.state = if self.frame.is_full() {
             State::Whole {
-                until: after(now, GUARD_US),
+                until: after(now, self.guard_us),
             }
         } else {
             State::Inside {
@@ -331,7 +334,7 @@ impl BlockReceiver {
 
 impl Default for BlockReceiver {
     fn default() -> Self {
-        Self::new()
+        Self::new(0)
     }
 }
 

@@ -155,6 +155,14 @@ const fn allowed(field: Field) -> &'static str {
         Field::DelayMs => "give milliseconds above 0",
         Field::WriteTo => "give an offset that the dialect has; `umi dialects` lists them",
         Field::Set => "give one that the dialect has, or none; `umi dialects` lists them",
+        Field::LineBaud => "give 300 to 230400",
+        Field::LineDataBits => "give 7 (and a parity bit) or 8 (and none)",
+        Field::LineStopBits => "give 1 or 2",
+        Field::LineRtsCts => "give true or false",
+        Field::SkipActive => "give high or low",
+        Field::SkipMinWidthUs => "give 0 to 10000 microseconds",
+        Field::SkipHoldOffMs => "give 1 to 1000 milliseconds",
+        Field::SkipDelayUs => "give 0 to 100000 microseconds",
         Field::RadiusMm
         | Field::TipRadiusMm
         | Field::RadiusErrorMm
@@ -213,6 +221,8 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
             path_span(table, &["receiver", "patterns"])
         }
         JobError::WitnessCompensation => key_span(table, "compensation"),
+        JobError::NotOnThisBoard { field } => path_span(table, &path(*field)),
+        JobError::ParityMissing => path_span(table, &["receiver", "coding"]),
     }
 }
 

@@ -5,9 +5,10 @@ use umi_protocol::job::{Job, Lessons};
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::{Positions, TriggerOut};
 use umi_protocol::message::{
-    Identity, JournalInfo, Request, Response, Status, TeachRefusal, TeachWhat,
+    Identity, JournalInfo, LineRefusal, Request, Response, Status, TeachRefusal, TeachWhat,
 };
 use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
+use umi_protocol::serial::LineSettings;
 use umi_protocol::verdict::Verdict;
 
 use super::LinkError;
@@ -109,6 +110,13 @@ calls! {
     teach(what: TeachWhat) -> Result<(), TeachRefusal> = Request::Teach { what } => {
         Response::Done => Ok(()),
         Response::TeachRefused(refusal) => Err(refusal),
+    }
+
+    /// Sets the control's line as long as this program is connected, whatever the job says; none:
+    /// as the job says again.
+    listen(line: Option<LineSettings>) -> Result<(), LineRefusal> = Request::LineListen(line) => {
+        Response::Done => Ok(()),
+        Response::LineRefused(refusal) => Err(refusal),
     }
 
     /// Switches the unasked reports on or off.
@@ -271,5 +279,6 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::ProgramPass(_) => "program pass",
         Request::ProgramPassed { .. } => "passed bytes",
         Request::Teach { .. } => "teach",
+        Request::LineListen(_) => "line listen",
     }
 }

@@ -9,6 +9,7 @@ mod events;
 mod fit;
 mod info;
 mod job;
+mod line;
 mod log;
 mod machine;
 mod nc;
@@ -35,6 +36,7 @@ pub(crate) enum Command {
     Replay(replay::Replay),
     Scan(scan::Scan),
     Job(job::Job),
+    Line(line::Line),
     Teach(teach::Teach),
     Info(info::Info),
     Log(log::Log),
@@ -59,6 +61,7 @@ impl Command {
             Self::Replay(command) => command.run(),
             Self::Scan(command) => command.run(),
             Self::Job(command) => command.run(),
+            Self::Line(command) => command.run(),
             Self::Teach(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),

@@ -4,9 +4,11 @@ use umi_protocol::job::{
     Approach, Compensation, CorrectionSpec, Job, Lessons, Limits, ProgramEnd, Reference, SendWhen,
     Teach, WitnessSpec,
 };
+use umi_protocol::latch::SignalLevel;
 use umi_protocol::pattern::{
     Coding, FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig,
 };
+use umi_protocol::serial::Cts;
 
 use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
 use serde_json::{Value, json};
@@ -30,12 +32,32 @@ pub fn text(job: &Job) -> String {
         &format!("{} s without a hit", job.plate_timeout_s),
     ]);
     general.row(["compensation", &compensation(job.compensation)]);
+    let line = job.line.settings();
+    let cts = match line.cts {
+        Cts::AsWired => "CTS where the board has it",
+        Cts::Ignored => "without CTS",
+        Cts::Followed => "with CTS",
+    };
+    let said = format!("{} baud, {}, {cts}", line.baud, line.frame());
+    general.row(["line to the control", &said]);
     receiver(&mut general, &job.receiver);
     if let Some(of) = &job.witness {
         for (number, said) in witness(of).iter().enumerate() {
             let title = if number == 0 { "second witness" } else { "" };
             general.row([title, said]);
         }
+        let skip = &job.skip;
+        let rests = match skip.active {
+            SignalLevel::High => "low",
+            SignalLevel::Low => "high",
+        };
+        let said = format!(
+            "rests {rests} for {} ms before a touch; narrower than {} us is a spark; {} us late",
+            skip.hold_off_ms(),
+            skip.min_width_us(),
+            skip.delay_us
+        );
+        general.row(["skip line", &said]);
     }
     text += &format!("{general}\n");
     text += &format!("{}\n", features(job));

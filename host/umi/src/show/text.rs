@@ -273,6 +273,7 @@ pub const fn reset_style(reason: ResetReason) -> Style {
 pub fn cause(cause: LatchCause) -> String {
     match cause {
         LatchCause::Skip => "probe".into(),
+        LatchCause::SkipEnd => "probe's line fell".into(),
         LatchCause::Trigger => "trigger".into(),
         LatchCause::Output => "trigger pulse".into(),
         LatchCause::Index { axis } => format!("index mark of {}", axis_name(axis)),

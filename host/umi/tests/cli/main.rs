@@ -10,6 +10,7 @@ mod help;
 mod hostile;
 mod input;
 mod job;
+mod line;
 mod localise;
 mod machine;
 mod nc;

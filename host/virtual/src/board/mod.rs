@@ -19,17 +19,18 @@ mod host;
 mod ports;
 mod pulses;
 pub mod serve;
+mod wire;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::io;
 use std::rc::Rc;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
-use umi_app::board::{Clock as _, Lights};
+use umi_app::board::{Clock as _, Lights, LineAbilities};
 use umi_app::measure::Boot;
 use umi_app::{App, Drivers};
 use umi_core::journal::Geometry;
@@ -37,6 +38,7 @@ use umi_core::units::Micros;
 use umi_protocol::job::name;
 use umi_protocol::latch::{LatchReport, Positions};
 use umi_protocol::message::{Identity, ResetReason};
+use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
 
 pub use clock::VirtualClock;
 pub use flash::VirtualFlash;
@@ -45,7 +47,7 @@ pub use host::HostEnd;
 use host::Waiter;
 use ports::{
     ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
-    NoWatchdog, Station,
+    NoWatchdog, Station, Wire,
 };
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
@@ -96,6 +98,10 @@ pub struct Config {
     pub time: BoardTime,
     /// Time that a character takes on the control's line; zero: none.
     pub character: Duration,
+    /// How the control's port is set: what the board hears of it when its own is set otherwise is
+    /// what a UART would, and the line takes the time that it takes. None: both are set alike,
+    /// always, and `character` is the time.
+    pub control: Option<LineSettings>,
 }
 
 impl Default for Config {
@@ -108,6 +114,7 @@ impl Default for Config {
             programs: VirtualFlash::in_memory(PROGRAMS),
             time: BoardTime::Steered,
             character: Duration::ZERO,
+            control: None,
         }
     }
 }
@@ -123,6 +130,8 @@ pub struct VirtualBoard {
     clock: VirtualClock,
     lamps: Lamps,
     station: Station,
+    /// How the control's port is set.
+    control: Arc<Mutex<Option<LineSettings>>>,
     off: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -150,6 +159,8 @@ impl VirtualBoard {
         let own_clock = clock.clone();
         let station = Station::new(clock.clone());
         let own_station = station.clone();
+        let control = Arc::new(Mutex::new(config.control));
+        let own_control = Arc::clone(&control);
         let board = move || {
             let Config {
                 serial,
@@ -158,6 +169,7 @@ impl VirtualBoard {
                 programs,
                 time: _,
                 character,
+                control: _,
             } = config;
             let boot = Boot {
                 identity: Identity {
@@ -166,6 +178,13 @@ impl VirtualBoard {
                     firmware: name(env!("CARGO_PKG_VERSION")),
                 },
                 reset: ResetReason::PowerOn,
+                line: LineAbilities {
+                    least_baud: LEAST_BAUD,
+                    most_baud: MOST_BAUD,
+                    two_stop_bits: true,
+                    cts: false,
+                },
+                skip_ends: true,
             };
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_time()
@@ -177,16 +196,21 @@ impl VirtualBoard {
             let app = Box::new(App::new());
             // Storage that cannot be opened shows as on a real board: in its answers.
             let _ = app.start(boot, journal, settings, programs, Micros(0));
+            let line = Wire {
+                character,
+                control,
+                board: Rc::new(Cell::new(app.line())),
+            };
             let to_host = Rc::new(RefCell::new(None));
             let drivers = Drivers {
                 cnc_rx: ControlRx {
                     incoming: control_in,
                     rest: Vec::new(),
-                    character,
+                    line: line.clone(),
                 },
                 cnc_tx: ControlTx {
                     outgoing: control_out,
-                    character,
+                    line,
                 },
                 link_rx: HostRx {
                     incoming: host_in,
@@ -225,6 +249,7 @@ impl VirtualBoard {
             clock,
             lamps,
             station,
+            control: own_control,
             off: Some(off),
             thread: Some(thread),
         })
@@ -279,6 +304,11 @@ impl VirtualBoard {
     #[must_use]
     pub fn now(&self) -> Micros {
         self.clock.now()
+    }
+
+    /// The control's port is set like this from now on.
+    pub fn set_control(&self, line: LineSettings) {
+        *self.control.lock().unwrap_or_else(PoisonError::into_inner) = Some(line);
     }
 
     /// The axes are here from now on. Trigger pulses that were asked for and are due on

@@ -1,7 +1,7 @@
 //! The virtual board's drivers: channels between the application in its thread
 //! and whoever plays the control and the host.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -13,9 +13,11 @@ use umi_app::board::{
 };
 use umi_app::intake::PIECE;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
+use umi_protocol::serial::LineSettings;
 
 use super::clock::VirtualClock;
 use super::pulses::Pulses;
+use super::wire::{Heard, heard};
 
 /// What the control sends.
 #[derive(Debug)]
@@ -29,9 +31,32 @@ pub(crate) enum FromControl {
 /// the same pieces always gives the same journal.
 pub(crate) struct ControlRx {
     pub incoming: UnboundedReceiver<FromControl>,
-    pub rest: Vec<u8>,
-    /// Time that a character takes on the line; zero: none.
+    pub rest: Vec<Heard>,
+    pub line: Wire,
+}
+
+/// The line between control and board, and how the board has set it.
+#[derive(Clone)]
+pub(crate) struct Wire {
+    /// Time that a character takes; zero: none.
     pub character: Duration,
+    /// How the control's port is set; none: as the board's, always.
+    pub control: Arc<Mutex<Option<LineSettings>>>,
+    pub board: Rc<Cell<LineSettings>>,
+}
+
+impl Wire {
+    fn control(&self) -> Option<LineSettings> {
+        *self.control.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Time that a character of a port takes.
+    fn time_of(&self, port: &LineSettings) -> Duration {
+        match self.control() {
+            None => self.character,
+            Some(_) => Duration::from_secs(port.bits().into()) / port.baud.max(1),
+        }
+    }
 }
 
 impl CncRx for ControlRx {
@@ -40,20 +65,41 @@ impl CncRx for ControlRx {
         tokio::task::yield_now().await;
         if self.rest.is_empty() {
             match self.incoming.recv().await {
-                Some(FromControl::Bytes(bytes)) => self.rest = bytes,
+                Some(FromControl::Bytes(bytes)) => {
+                    let set = self.line.board.get();
+                    let sent = self.line.control().unwrap_or(set);
+                    self.rest = heard(&bytes, &sent, &set);
+                }
                 Some(FromControl::End) => return CncInput::End,
                 // Whoever played the control is gone, the port is not.
                 None => std::future::pending().await,
             }
         }
-        let count = self.rest.len().min(buffer.len()).min(PIECE);
-        if !self.character.is_zero() {
-            tokio::time::sleep(self.character * u32::try_from(count).unwrap_or(u32::MAX)).await;
+        let is_broken = |heard: &&Heard| **heard == Heard::Broken;
+        let broken = self.rest.iter().take_while(is_broken).count();
+        let most = buffer.len().min(PIECE);
+        let whole = self.rest.iter().take(most).take_while(|of| !is_broken(of));
+        let count = match broken {
+            0 => whole.count(),
+            broken => broken,
+        };
+        let control = self.line.control().unwrap_or_default();
+        let character = self.line.time_of(&control);
+        if !character.is_zero() {
+            tokio::time::sleep(character * u32::try_from(count).unwrap_or(u32::MAX)).await;
         }
-        for (place, byte) in buffer.iter_mut().zip(self.rest.drain(..count)) {
-            *place = byte;
+        let mut places = buffer.iter_mut();
+        for heard in self.rest.drain(..count) {
+            if let Heard::Byte(byte) = heard
+                && let Some(place) = places.next()
+            {
+                *place = byte;
+            }
         }
-        CncInput::Bytes(count)
+        match broken {
+            0 => CncInput::Bytes(count),
+            _ => CncInput::Lost(u32::try_from(broken).unwrap_or(u32::MAX)),
+        }
     }
 }
 
@@ -61,15 +107,27 @@ impl CncRx for ControlRx {
 /// without FIFO.
 pub(crate) struct ControlTx {
     pub outgoing: Sender<u8>,
-    pub character: Duration,
+    pub line: Wire,
 }
 
 impl CncTx for ControlTx {
     async fn write(&mut self, byte: u8) -> Result<(), Broken> {
-        if !self.character.is_zero() {
-            tokio::time::sleep(self.character).await;
+        let set = self.line.board.get();
+        let character = self.line.time_of(&set);
+        if !character.is_zero() {
+            tokio::time::sleep(character).await;
         }
-        self.outgoing.send(byte).await.map_err(|_| Broken)
+        let control = self.line.control().unwrap_or(set);
+        for heard in heard(&[byte], &set, &control) {
+            if let Heard::Byte(byte) = heard {
+                self.outgoing.send(byte).await.map_err(|_| Broken)?;
+            }
+        }
+        Ok(())
+    }
+
+    async fn set_line(&mut self, line: LineSettings) {
+        self.line.board.set(line);
     }
 }
 

@@ -4,6 +4,8 @@ use std::vec::Vec;
 
 use umi_protocol::job::Approach::{MinusX, MinusY, MinusZ, PlusX, PlusY};
 
+use umi_protocol::latch::LatchCause;
+
 use super::*;
 use crate::dprnt::Doubts;
 use crate::units::{Micros, Point};
@@ -19,6 +21,13 @@ fn spec() -> WitnessSpec {
         delay_ms: 4.0,
         tolerance_mm: 0.003,
     }
+}
+
+/// A second after the one before: the line has rested.
+fn later() -> u64 {
+    use std::sync::atomic::{AtomicU64, Ordering};
+    static NOW_NS: AtomicU64 = AtomicU64::new(0);
+    NOW_NS.fetch_add(1_000_000_000, Ordering::Relaxed)
 }
 
 /// A machine whose control and encoders are wrong as wanted.
@@ -79,7 +88,7 @@ impl Machine {
                     number: 0,
                     cause: LatchCause::Skip,
                     counts,
-                    t_ns: 0,
+                    t_ns: later(),
                     missed: 0,
                 });
                 let position = Point::from_mm(printed[0], printed[1], printed[2]);
@@ -101,7 +110,7 @@ impl Machine {
 
     /// The same on a witness that has learned its origin from a sound machine.
     fn probe_after_a_sound_setup(&self) -> Vec<Reason> {
-        let mut witness = Witness::new(spec());
+        let mut witness = Witness::new(spec(), &SkipSpec::default());
         assert_eq!(Self::new().probe(&mut witness), []);
         assert!(witness.conclude().contains(&Some(Reason::WitnessLearned)));
         self.probe(&mut witness)
@@ -131,7 +140,7 @@ fn line(position: Point) -> ReportedHit {
 /// 1 µm leaves at 1 mm/s: 1 ms.
 #[test]
 fn agreement_measures_the_delay() {
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     assert_eq!(Machine::new().probe(&mut witness), []);
     let [
         Some(Reason::Witnessed {
@@ -142,6 +151,7 @@ fn agreement_measures_the_delay() {
             resolution_ms,
         }),
         learned,
+        None,
     ] = witness.conclude()
     else {
         panic!("nothing was witnessed");
@@ -179,10 +189,13 @@ fn given_origin_holds_from_the_first_setup() {
         origin_counts: Some(machine.origin),
         ..spec()
     };
-    assert_eq!(machine.probe(&mut Witness::new(given)), []);
+    assert_eq!(
+        machine.probe(&mut Witness::new(given, &SkipSpec::default())),
+        []
+    );
     let mut moved = machine;
     moved.offset_mm[0] = -0.02;
-    let reasons = moved.probe(&mut Witness::new(given));
+    let reasons = moved.probe(&mut Witness::new(given, &SkipSpec::default()));
     assert!(
         matches!(reasons.as_slice(), [Reason::WitnessShift { axis: 0, shift_mm, .. }] if (shift_mm + 0.02).abs() < 0.001),
         "{reasons:?}"
@@ -195,7 +208,7 @@ fn wrong_scale_is_named() {
     for ppm in [60.0, -250.0, 5000.0] {
         let mut machine = Machine::new();
         machine.scales[1] = SCALES[1] / (1.0 + ppm * 1e-6);
-        let reasons = machine.probe(&mut Witness::new(spec()));
+        let reasons = machine.probe(&mut Witness::new(spec(), &SkipSpec::default()));
         let [
             Reason::WitnessScale {
                 axis: 1,
@@ -214,7 +227,7 @@ fn wrong_scale_is_named() {
 fn inch_is_a_wrong_scale() {
     let mut machine = Machine::new();
     machine.scales = SCALES.map(|scale| scale * 25.4);
-    let reasons = machine.probe(&mut Witness::new(spec()));
+    let reasons = machine.probe(&mut Witness::new(spec(), &SkipSpec::default()));
     assert_eq!(reasons.len(), 3, "{reasons:?}");
     assert!(
         reasons
@@ -230,7 +243,7 @@ fn lost_counts_are_named() {
     for (from, counts) in [(3, 40.0), (5, -40.0), (8, 1000.0), (13, -72.0)] {
         let mut machine = Machine::new();
         machine.lost = (from, counts);
-        let reasons = machine.probe(&mut Witness::new(spec()));
+        let reasons = machine.probe(&mut Witness::new(spec(), &SkipSpec::default()));
         let [
             Reason::LostCounts {
                 axis: 0,
@@ -251,7 +264,7 @@ fn lost_counts_are_named_from_the_tolerance_on() {
     for (counts, named) in [(10.0, false), (20.0, false), (40.0, true), (60.0, true)] {
         let mut machine = Machine::new();
         machine.lost = (7, counts);
-        let reasons = machine.probe(&mut Witness::new(spec()));
+        let reasons = machine.probe(&mut Witness::new(spec(), &SkipSpec::default()));
         assert_eq!(!reasons.is_empty(), named, "{counts}: {reasons:?}");
     }
 }
@@ -283,10 +296,13 @@ fn axis_seen_only_along_is_witnessed() {
         witness.judge(&mut |reason| reasons.push(reason));
         reasons
     };
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     assert_eq!(setup(&mut witness, 25.0), []);
     // Nothing tells the delay from the origin, so no delay is claimed.
-    assert_eq!(witness.conclude(), [None, Some(Reason::WitnessLearned)]);
+    assert_eq!(
+        witness.conclude(),
+        [None, Some(Reason::WitnessLearned), None]
+    );
     assert_eq!(setup(&mut witness, 25.0), []);
     for off_mm in [25.18, 24.82, 25.02, 0.0] {
         let reasons = setup(&mut witness, off_mm);
@@ -300,7 +316,7 @@ fn axis_seen_only_along_is_witnessed() {
 /// What a setup taught is forgotten when it is NG after all, and nothing else is.
 #[test]
 fn revoked_setup_teaches_nothing() {
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     let mut machine = Machine::new();
     machine.offset_mm[0] = 0.05;
     assert_eq!(machine.probe(&mut witness), []);
@@ -316,7 +332,7 @@ fn revoked_setup_teaches_nothing() {
 /// A feature that is probed again replaces its first try.
 #[test]
 fn replaced_feature_is_judged_alone() {
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     assert_eq!(Machine::new().probe(&mut witness), []);
     let hit = |off_mm: f64| Hit {
         position: Point::from_mm(1.0, 2.0, 3.0),
@@ -355,14 +371,14 @@ fn late_control_is_named() {
 /// A line without a latch has no second witness, and a latch is used once.
 #[test]
 fn line_without_latch_is_not_paired() {
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     let line = line(Point::from_mm(1.0, 2.0, 3.0));
     assert_eq!(witness.pair(&line), None);
     let mut latch = LatchReport {
         number: 0,
         cause: LatchCause::Trigger,
         counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-        t_ns: 0,
+        t_ns: later(),
         missed: 0,
     };
     witness.latched(&latch);
@@ -376,13 +392,13 @@ fn line_without_latch_is_not_paired() {
 /// At a feed of zero every delay would be plausible: such a line has no second witness.
 #[test]
 fn line_without_feed_is_not_paired() {
-    let mut witness = Witness::new(spec());
+    let mut witness = Witness::new(spec(), &SkipSpec::default());
     for feed in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         witness.latched(&LatchReport {
             number: 0,
             cause: LatchCause::Skip,
             counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-            t_ns: 0,
+            t_ns: later(),
             missed: 0,
         });
         let mut line = line(Point::from_mm(1.0, 2.0, 3.0));
@@ -399,4 +415,24 @@ fn mixed_feeds_are_refused() {
         feed.take(mm_per_min);
     }
     assert_eq!(feed.changed, Some((3, 100.0)));
+}
+
+/// The constant delay of the skip signal is taken off each touch: the control's delay counts from
+/// the touch, not from where the signal came.
+#[test]
+fn the_delay_of_the_skip_signal_is_taken_off() {
+    let mean_ms = |delay_us| {
+        let skip = SkipSpec {
+            delay_us,
+            ..SkipSpec::default()
+        };
+        let mut witness = Witness::new(spec(), &skip);
+        assert_eq!(Machine::new().probe(&mut witness), []);
+        match witness.conclude()[0] {
+            Some(Reason::Witnessed { mean_ms, .. }) => mean_ms,
+            ref other => panic!("{other:?}"),
+        }
+    };
+    let longer_ms = mean_ms(500.0) - mean_ms(0.0);
+    assert!((longer_ms - 0.5).abs() < 1e-9, "{longer_ms}");
 }

@@ -52,7 +52,7 @@ fn blocks() -> Vec<Vec<u8>> {
 #[test]
 fn r1_a_program_from_the_control() {
     let wanted = program();
-    let mut receiver = BlockReceiver::new();
+    let mut receiver = BlockReceiver::new(0);
     let mut now = 0;
     let mut answers = Vec::new();
     let mut program = Vec::new();

@@ -93,7 +93,7 @@ struct Transfer {
 /// Sends a program in pieces of these lengths; who takes it refuses more than so many bytes.
 fn transfer(program: &[u8], pieces: &[usize], one_in: u64, seed: u64, room: usize) -> Transfer {
     let mut sending = BlockSender::new(Micros(0));
-    let mut receiving = BlockReceiver::new();
+    let mut receiving = BlockReceiver::new(0);
     let mut there = Wire::new(seed, one_in);
     let mut back = Wire::new(!seed, one_in);
     let mut rest = program;

@@ -21,7 +21,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let mut bench = Self {
-            receiver: BlockReceiver::new(),
+            receiver: BlockReceiver::new(0),
             now: 0,
             answers: Vec::new(),
             program: Vec::new(),
