@@ -3,12 +3,14 @@
 //! | room | idea |
 //! | --- | --- |
 //! | [`capture`] | a board as fast as it computes, one event after the other |
+//! | [`digitize`] | a part digitized with a distance sensor |
 //! | [`live`] | a board whose time is that of the wall, for others to be its host |
 //! | [`wiring`] | where the machine's wires lead |
 //! | [`tap`] | a tap on the wires: what the control prints for a listener |
 //! | [`tool_path`] | the motions of a program, as the virtual control drives them |
 
 pub mod capture;
+pub mod digitize;
 pub mod live;
 pub mod tap;
 pub mod tool_path;

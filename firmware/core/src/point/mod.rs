@@ -34,6 +34,7 @@ mod reading;
 mod search;
 mod sensor;
 mod solve;
+pub mod station;
 #[cfg(test)]
 mod tests;
 mod uncertainty;

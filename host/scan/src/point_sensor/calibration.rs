@@ -176,6 +176,8 @@ pub struct KnownSensor {
     pub covariance: Option<OffsetAndDirection>,
     /// The same with the balls' uncertainties.
     pub covariance_total: Option<OffsetAndDirection>,
+    /// Mean of the readings that it was made of, if the file says it.
+    pub stand_off_mm: Option<f64>,
 }
 
 /// Reads the file of a calibration.
@@ -229,6 +231,7 @@ pub fn parse(bytes: &[u8]) -> Result<KnownSensor, ScanError> {
         },
         covariance: matrix(&file, "covariance")?,
         covariance_total: matrix(&file, "covariance_total")?,
+        stand_off_mm: file.get("stand_off_mm").and_then(Value::as_f64),
     })
 }
 

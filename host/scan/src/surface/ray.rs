@@ -23,25 +23,53 @@ pub struct StandingBox {
     pub half_mm: Vec3,
 }
 
-/// A triangle's edges are this much wider to a ray (barycentric), so that none slips between two triangles.
-const WIDER: f64 = 1e-9;
-
 const DEPTH: usize = 64;
 
-/// Where the ray meets one triangle.
-fn meet(t: &[Vec3; 3], origin: &Vec3, direction: &Vec3) -> Option<f64> {
-    let (e1, e2) = (t[1] - t[0], t[2] - t[0]);
-    let p = direction.cross(&e2);
-    let det = p.dot(&e1);
-    // Relative to its factors, so that the size of the part does not matter.
-    if det.abs() <= 1e-14 * p.norm() * e1.norm() {
-        return None;
+/// A ray made ready for triangles: seen along itself, so that a triangle is met where it has the
+/// ray within.
+///
+/// Two triangles with an edge in common make the same products of it with the sign turned, so
+/// that a ray is on one side of it or on it, never between the two (S. Woop, C. Benthin, I. Wald,
+/// "Watertight Ray/Triangle Intersection", JCGT 2 (1), 2013).
+struct Sheared {
+    origin: Vec3,
+    /// The axes: the one along which the ray goes most is the last.
+    axes: [usize; 3],
+    shear: [f64; 3],
+}
+
+impl Sheared {
+    fn new(origin: &Vec3, direction: &Vec3) -> Self {
+        let last = direction.iamax();
+        let axes = [(last + 1) % 3, (last + 2) % 3, last];
+        let along = direction[last];
+        Self {
+            origin: *origin,
+            axes,
+            shear: [
+                direction[axes[0]] / along,
+                direction[axes[1]] / along,
+                1.0 / along,
+            ],
+        }
     }
-    let s = origin - t[0];
-    let u = s.dot(&p) / det;
-    let q = s.cross(&e1);
-    let v = direction.dot(&q) / det;
-    (u >= -WIDER && v >= -WIDER && u + v <= 1.0 + WIDER).then(|| e2.dot(&q) / det)
+
+    /// Where the ray meets one triangle, from either side.
+    fn meet(&self, t: &[Vec3; 3]) -> Option<f64> {
+        let [x, y, z] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let [a, b, c] = t.map(|corner| {
+            let from = corner - self.origin;
+            (from[x] - sx * from[z], from[y] - sy * from[z], sz * from[z])
+        });
+        let u = c.0 * b.1 - c.1 * b.0;
+        let v = a.0 * c.1 - a.1 * c.0;
+        let w = b.0 * a.1 - b.1 * a.0;
+        let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+        let det = u + v + w;
+        // Edge on, it is its neighbours that are met.
+        (inside && det != 0.0).then(|| (u * a.2 + v * b.2 + w * c.2) / det)
+    }
 }
 
 impl Mesh {
@@ -98,6 +126,7 @@ impl Mesh {
             // Rounding must not lose a flat box that the ray only grazes.
             from <= to + 1e-12 * (1.0 + to.abs())
         };
+        let ray = Sheared::new(origin, direction);
         let mut stack = [0_u32; DEPTH];
         let mut height = 1;
         while height > 0 {
@@ -115,7 +144,7 @@ impl Mesh {
             }
             for &k in &self.tree.order[node.start as usize..(node.start + node.count) as usize] {
                 let face = k as usize;
-                if let Some(t) = meet(&self.triangles[face].corners, origin, direction)
+                if let Some(t) = ray.meet(&self.triangles[face].corners)
                     && t > 1e-9
                     && t < far
                 {

@@ -4,6 +4,7 @@ mod board;
 mod connected;
 mod correction;
 mod demo;
+mod digitize;
 mod events;
 mod fits;
 mod help;

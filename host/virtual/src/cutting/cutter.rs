@@ -246,6 +246,10 @@ impl<A: AxisDrives> AxisDrives for Cutter<A> {
         self.axes.print(bytes)
     }
 
+    fn external_program(&mut self, number: u32) -> Result<Option<Vec<u8>>, Trip> {
+        self.axes.external_program(number)
+    }
+
     fn input(&self, number: u16) -> bool {
         self.axes.input(number)
     }

@@ -53,6 +53,9 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
     fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {
         let (from, to) = (self.position, motion.to.mm);
         self.within_travel(&to)?;
+        if self.spindle == Spindle::Sensor && !leaving {
+            return self.sensor_skip(motion);
+        }
         if self.spindle != Spindle::Probe {
             return Err(Trip {
                 message: "a motion with skip needs the probe in the spindle".into(),
@@ -156,8 +159,11 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
     }
 
     fn change_tool(&mut self, number: u32) -> Result<(), Trip> {
+        let sensor = self.scene.point_sensor.as_ref();
         self.spindle = if number == self.scene.probe.tool {
             Spindle::Probe
+        } else if sensor.is_some_and(|sensor| sensor.tool == number) {
+            Spindle::Sensor
         } else {
             match self.scene.tools.iter().find(|(has, _)| *has == number) {
                 Some((_, tool)) => Spindle::Tool(*tool),
@@ -181,9 +187,14 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
     /// stop it.
     fn auxiliary(&mut self, m: u32, s: f64) -> Result<(), Trip> {
         match m {
-            3 | 4 if self.spindle == Spindle::Probe => {
+            3 | 4 if matches!(self.spindle, Spindle::Probe | Spindle::Sensor) => {
+                let what = if self.spindle == Spindle::Probe {
+                    "probe"
+                } else {
+                    "distance sensor"
+                };
                 return Err(Trip {
-                    message: format!("M{m} would turn the spindle with the probe in it"),
+                    message: format!("M{m} would turn the spindle with the {what} in it"),
                 });
             }
             3 | 4 => self.turns = s > 0.0,
@@ -197,9 +208,14 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
         let control = &self.scene.control;
         let character_s = f64::from(control.bits) / f64::from(control.baud);
         self.pass(character_s * bytes.len() as f64);
-        let now = self.now();
+        let (now, counts) = (self.now(), self.counts(&self.position));
+        self.wires.stands(counts);
         self.wires.serial(now, bytes);
         Ok(())
+    }
+
+    fn external_program(&mut self, number: u32) -> Result<Option<Vec<u8>>, Trip> {
+        self.read_program(number)
     }
 
     fn input(&self, number: u16) -> bool {

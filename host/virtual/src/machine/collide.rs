@@ -33,13 +33,11 @@ impl<W: Wires> VirtualMachine<W> {
         let counts = |body: &Body| !(cutting && body.cuttable);
         let what = match self.spindle {
             Spindle::Probe => "the probe",
+            Spindle::Sensor => "the sensor",
             Spindle::Empty | Spindle::Tool(_) => "the tool",
         };
         let mut first: Option<Stop> = None;
-        let stem = self
-            .stem()
-            .into_iter()
-            .map(|ball| (ball, "the stem of the probe"));
+        let stem = self.stem().into_iter().map(|ball| (ball, self.stem_name()));
         for ((down, radius), what) in self.ball().map(|ball| (ball, what)).into_iter().chain(stem) {
             let way: Vec<Vector3<f64>> =
                 chain.iter().map(|at| at + self.truth(at) + down).collect();
@@ -95,7 +93,8 @@ impl<W: Wires> VirtualMachine<W> {
                 let share = share(&way, hit.line, hit.way_mm);
                 if first.as_ref().is_none_or(|(before, _)| share < *before) {
                     let message = format!(
-                        "collision: the stem of the probe ran into {}; come from where only the tip reaches it",
+                        "collision: {} ran into {}; come from where it is clear of the body",
+                        self.stem_name(),
                         body.name
                     );
                     first = Some((share, Trip { message }));
@@ -105,8 +104,19 @@ impl<W: Wires> VirtualMachine<W> {
         first
     }
 
+    fn stem_name(&self) -> &'static str {
+        if self.spindle == Spindle::Sensor {
+            "the housing of the sensor"
+        } else {
+            "the stem of the probe"
+        }
+    }
+
     /// The stem as a row of balls, from the gauge line to their centres and their radius.
     fn stem(&self) -> Vec<(Vector3<f64>, f64)> {
+        if let (Spindle::Sensor, Some(sensing)) = (self.spindle, &self.sensing) {
+            return sensing.housing().to_vec();
+        }
         let probe = &self.scene.probe;
         let radius = probe.stem_radius_mm;
         if self.spindle != Spindle::Probe || radius <= 0.0 {

@@ -48,6 +48,7 @@ mod encoder;
 mod motion;
 mod probe;
 pub(crate) mod random;
+mod sense;
 mod touch;
 mod wires;
 
@@ -64,7 +65,8 @@ use collide::Along;
 pub use encoder::{Encoder, EncoderEdge, Signals};
 use motion::Profile;
 use random::Random;
-pub use wires::{Unwired, Wires};
+use sense::Sensing;
+pub use wires::{SensorOrder, SensorPulses, ServedProgram, Unwired, Wires};
 
 /// A machine tool at work.
 #[derive(Debug)]
@@ -85,6 +87,8 @@ pub struct VirtualMachine<W> {
     outputs: [bool; 36],
     hits: Vec<SkippedTouch>,
     feed_mm_per_min: f64,
+    /// The distance sensor, if there is one.
+    sensing: Option<Sensing>,
 }
 
 fn micros(seconds: f64) -> Micros {
@@ -97,6 +101,8 @@ enum Spindle {
     Empty,
     Probe,
     Tool(ToolSpec),
+    /// The distance sensor.
+    Sensor,
 }
 
 /// A touch, with what everyone has seen of it.
@@ -159,6 +165,10 @@ impl<W: Wires> VirtualMachine<W> {
             outputs: [false; 36],
             hits: Vec::new(),
             feed_mm_per_min: 0.0,
+            sensing: scene
+                .point_sensor
+                .clone()
+                .map(|spec| Sensing::new(spec, seed)),
             scene,
         };
         machine.arrive(start);
@@ -260,20 +270,28 @@ impl<W: Wires> VirtualMachine<W> {
                 time_s += step_s;
             }
         }
-        self.pass(until_s);
+        self.sense_along(chain, profile, until_s);
+        self.wait(until_s);
         self.arrive(rest);
     }
 
     /// The axes rest there.
     fn arrive(&mut self, rest: Vector3<f64>) {
         self.position = rest;
+        self.sense_arrived();
         if self.wires.sampling_s().is_some() {
             let (now, counts) = (self.now(), self.counts(&rest));
             self.wires.moved(now, counts);
         }
     }
 
+    /// Time passes with the axes at rest.
     fn pass(&mut self, seconds: f64) {
+        self.sense_at_rest(self.seconds + seconds.max(0.0));
+        self.wait(seconds);
+    }
+
+    fn wait(&mut self, seconds: f64) {
         self.seconds += seconds.max(0.0);
         let now = self.now();
         self.wires.time(now);
@@ -283,7 +301,8 @@ impl<W: Wires> VirtualMachine<W> {
     fn ball(&self) -> Option<(Vector3<f64>, f64)> {
         let down = |mm: f64| Vector3::new(0.0, 0.0, -mm);
         match self.spindle {
-            Spindle::Empty => None,
+            // The housing of the sensor is more than one ball: its stem, as a probe has one.
+            Spindle::Empty | Spindle::Sensor => None,
             Spindle::Probe => {
                 let probe = &self.scene.probe;
                 Some((down(probe.length_mm), probe.tip_radius_mm))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::alarm::{Checked, Fault};
 use super::block::Word;
-use super::control::{Call, Control, Go, ModalCall};
+use super::control::{Call, Control, Go, ModalCall, read};
 use super::evaluate::{evaluate, whole};
 use super::motion::AxisDrives;
 use super::program::Program;
@@ -263,6 +263,51 @@ impl Control {
                 next: begin,
                 begin,
                 repeats: repeats - 1,
+                has_level: false,
+                arguments: Level::default(),
+                is_modal: false,
+                passes: HashMap::new(),
+                branch: None,
+            },
+            None,
+        )?;
+        Ok(Go::Called)
+    }
+
+    /// `M198 P_`: a subprogram that is read from an external device and carried out, once.
+    /// It is not kept in memory: each call reads it anew.
+    pub(crate) fn external_call(
+        &mut self,
+        words: &Words,
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<Go> {
+        if !self.settings.dialect.is_macro_b() {
+            return Err(Fault::new("M198 is not a code of this control"));
+        }
+        let number = words
+            .whole(b'P', 99_999_999)?
+            .ok_or_else(|| Fault::ps(76, "M198 needs P"))?;
+        let Some(bytes) = axes.external_program(number)? else {
+            return Err(Fault::new(
+                "M198: there is no external device, load the program and call it with M98",
+            ));
+        };
+        let text = String::from_utf8_lossy(&bytes);
+        let mut programs = read(&text, &self.settings)?;
+        let wanted = programs.iter().position(|program| program.number == number);
+        let Some(place) = wanted else {
+            return Err(Fault::ps(
+                79,
+                format!("M198: the device has sent a program, but not O{number:04}"),
+            ));
+        };
+        let program = Arc::new(programs.swap_remove(place));
+        self.push(
+            Call {
+                program,
+                next: 0,
+                begin: 0,
+                repeats: 0,
                 has_level: false,
                 arguments: Level::default(),
                 is_modal: false,

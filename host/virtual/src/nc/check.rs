@@ -196,7 +196,9 @@ fn check_words(
         .and_then(|word| word.value.constant())
         .and_then(|value| whole(value, 99_999_999));
     match (m, p) {
-        (Some(198), _) => faults.push(Fault::new("M198: there is no external device")),
+        (Some(198), _) => faults.push(Fault::warning(
+            "M198 reads its program from an external device: there must be one",
+        )),
         (Some(98), Some(p)) => {
             let has = |number: u32| programs.iter().any(|program| program.number == number);
             if !has(p) && !has(p % 10_000) {

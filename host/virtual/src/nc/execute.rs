@@ -168,11 +168,6 @@ impl Control {
                 axes.change_tool(self.modal.t)?;
                 self.modal.tool = self.modal.t;
             }
-            198 => {
-                return Err(Fault::new(
-                    "M198: there is no external device, load the program and call it with M98",
-                ));
-            }
             _ => axes.auxiliary(code, self.modal.s)?,
         }
         Ok(())
@@ -190,6 +185,7 @@ impl Control {
                 Ok(Go::End)
             }
             97 | 98 => self.sub_call(code, words),
+            198 => self.external_call(words, axes),
             99 => self.return_from(words),
             _ => {
                 axes.auxiliary(code, self.modal.s)?;
@@ -376,5 +372,5 @@ pub(crate) fn finite(mm: Vector3<f64>) -> Checked<Point> {
 }
 
 const fn is_after_motion(m: u32) -> bool {
-    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 97 | 98 | 99)
+    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 97 | 98 | 99 | 198)
 }

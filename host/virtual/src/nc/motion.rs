@@ -112,6 +112,15 @@ pub trait AxisDrives {
     /// The line is broken.
     fn print(&mut self, bytes: &[u8]) -> Result<(), Trip>;
 
+    /// A program of this number from an external device (`M198`), as its bytes came; none where
+    /// there is no such device.
+    ///
+    /// # Errors
+    /// The device does not answer.
+    fn external_program(&mut self, _number: u32) -> Result<Option<Vec<u8>>, Trip> {
+        Ok(None)
+    }
+
     /// Interface input #1000 to #1035.
     fn input(&self, number: u16) -> bool;
 

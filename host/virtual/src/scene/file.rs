@@ -1,6 +1,7 @@
 //! The scene as a file.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use serde::Deserialize;
 use umi_core::registration::RigidTransform;
@@ -250,7 +251,7 @@ struct BodyEntry {
     stock_mm: f64,
 }
 
-pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
+pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
     let refuse = |message: String| Err(SceneError { message });
     let unread = |error: toml::de::Error| SceneError {
         message: error.to_string().trim_end().to_owned(),
@@ -283,13 +284,18 @@ pub(super) fn parse(text: &str) -> Result<Scene, SceneError> {
         });
     }
     let mut bodies: Vec<Body> = Vec::new();
-    for entry in file.bodies {
+    for mut entry in file.bodies {
         let name = &entry.name;
         if bodies.iter().any(|body| body.name == *name) {
             return refuse(format!("body {name}: there are two of this name"));
         }
         if let Some(fault) = entry.shape.fault() {
             return refuse(format!("body {name}: {fault}"));
+        }
+        if let SceneShape::Mesh(mesh) = &mut entry.shape {
+            mesh.load(folder).map_err(|message| SceneError {
+                message: format!("body {name}: {message}"),
+            })?;
         }
         if !(entry.stock_mm >= 0.0 && entry.stock_mm.is_finite()) {
             return refuse(format!("body {name}: `stock_mm` is 0 or more"));
@@ -427,7 +433,8 @@ impl SceneShape {
     fn fault(&self) -> Option<&'static str> {
         let positive = |values: &[f64]| values.iter().all(|v| *v > 0.0 && v.is_finite());
         let sound = match *self {
-            Self::HalfSpace => true,
+            // What a mesh may be is known once its file is read.
+            Self::HalfSpace | Self::Mesh(_) => true,
             Self::Sphere { radius_mm } => positive(&[radius_mm]),
             Self::Block { size_mm } => positive(&size_mm),
             Self::Cylinder {

@@ -26,6 +26,7 @@
 
 mod error;
 mod file;
+mod mesh;
 mod range;
 mod sensor;
 mod shape;
@@ -34,6 +35,8 @@ mod trace;
 #[cfg(test)]
 mod tests;
 
+use std::path::Path;
+
 use nalgebra::{Matrix3, Vector3};
 use umi_core::registration::RigidTransform;
 
@@ -41,6 +44,7 @@ use crate::nc::OffsetSystem;
 
 pub use error::SceneError;
 pub use file::{ControlSpec, MachineSpec, ProbeSpec, Stores, ToolSpec};
+pub use mesh::{BeamEnd, SceneMesh};
 pub use sensor::PointSensorSpec;
 pub use shape::SceneShape;
 pub use trace::Collision;
@@ -115,7 +119,34 @@ impl Scene {
     /// # Errors
     /// What is wrong, with line and column.
     pub fn parse(text: &str) -> Result<Self, SceneError> {
-        file::parse(text)
+        Self::parse_in(text, Path::new(""))
+    }
+
+    /// Reads a scene whose text stands in this folder: from there the names of its files count.
+    ///
+    /// # Errors
+    /// As [`Self::parse`], and a mesh that cannot be read or is not closed.
+    pub fn parse_in(text: &str, folder: &Path) -> Result<Self, SceneError> {
+        file::parse(text, folder)
+    }
+
+    /// The first body that a beam meets within a way, of those that count, and where;
+    /// `direction` is a unit vector.
+    pub fn beam(
+        &self,
+        from_mm: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        far_mm: f64,
+        counts: impl Fn(&Body) -> bool,
+    ) -> Option<(&Body, BeamEnd)> {
+        let mut first: Option<(&Body, BeamEnd)> = None;
+        for body in self.bodies.iter().filter(|body| counts(body)) {
+            let far_mm = first.map_or(far_mm, |(_, end)| end.way_mm);
+            if let Some(end) = body.beam(from_mm, direction, far_mm) {
+                first = Some((body, end));
+            }
+        }
+        first
     }
 
     /// The bodies, placed.
@@ -205,6 +236,22 @@ impl Body {
     #[must_use]
     pub fn normal(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.placed.rotation * self.shape.normal(&self.local(p))
+    }
+
+    /// Where a beam first meets it within a way; `direction` is a unit vector.
+    #[must_use]
+    pub fn beam(
+        &self,
+        from_mm: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        far_mm: f64,
+    ) -> Option<BeamEnd> {
+        let own = self.placed.rotation.transpose() * direction;
+        let end = self.shape.beam(&self.local(from_mm), &own, far_mm)?;
+        Some(BeamEnd {
+            normal: self.placed.rotation * end.normal,
+            ..end
+        })
     }
 
     fn local(&self, p: &Vector3<f64>) -> Vector3<f64> {

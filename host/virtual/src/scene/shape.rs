@@ -8,8 +8,11 @@
 use nalgebra::Vector3;
 use serde::Deserialize;
 
+use super::mesh::{BeamEnd, SceneMesh};
+use super::trace;
+
 /// A solid in its own frame.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum SceneShape {
     /// A ball about the origin.
@@ -51,14 +54,39 @@ pub enum SceneShape {
         /// Height of the crown over the bottom.
         height_mm: f64,
     },
+    /// Triangles that enclose a solid, from an STL file.
+    Mesh(SceneMesh),
 }
 
+/// A beam that ends on a distance traced to this is on the surface, mm.
+const ON_SURFACE_MM: f64 = 1e-10;
+
 impl SceneShape {
+    /// Where a beam first meets it within a way; `direction` is a unit vector.
+    #[must_use]
+    pub fn beam(
+        &self,
+        from: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        far_mm: f64,
+    ) -> Option<BeamEnd> {
+        if let Self::Mesh(mesh) = self {
+            return mesh.beam(from, direction, far_mm);
+        }
+        let to = from + direction * far_mm;
+        let way_mm = trace::first_closed(from, &to, |p| self.distance_mm(p) - ON_SURFACE_MM)?;
+        Some(BeamEnd {
+            way_mm,
+            normal: self.normal(&(from + direction * way_mm)),
+        })
+    }
+
     /// Distance of a point from the surface; negative inside.
     #[must_use]
     pub fn distance_mm(&self, p: &Vector3<f64>) -> f64 {
         let from_axis = libm::hypot(p.x, p.y);
         match *self {
+            Self::Mesh(ref mesh) => mesh.distance_mm(p),
             Self::Sphere { radius_mm } => p.norm() - radius_mm,
             Self::HalfSpace => p.z,
             Self::Block { size_mm: [x, y, z] } => {
@@ -99,6 +127,9 @@ impl SceneShape {
     #[must_use]
     pub fn normal(&self, p: &Vector3<f64>) -> Vector3<f64> {
         const STEP_MM: f64 = 1e-5;
+        if let Self::Mesh(mesh) = self {
+            return mesh.normal(p);
+        }
         let mut normal = Vector3::zeros();
         for (axis, component) in normal.iter_mut().enumerate() {
             let mut step = Vector3::zeros();

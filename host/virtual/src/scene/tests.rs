@@ -215,3 +215,4 @@ fn faulty_scenes_are_refused() {
 }
 
 mod distances;
+mod mesh;

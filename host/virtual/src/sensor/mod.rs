@@ -22,15 +22,17 @@
 //! [`linearity_percent`]: PointSensorSpec::linearity_percent
 
 mod reading;
+mod station;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::Vector3;
 
 use crate::machine::random::Random;
-use crate::scene::{PointSensorSpec, Scene};
+use crate::scene::{BeamEnd, PointSensorSpec, Scene};
 
 pub use reading::{NoSignal, SensorCaptures, SensorFault, SensorSignal};
+pub use station::{SensorLineFault, SensorStation};
 
 /// A sensor and its noise: the same seed, the same sensor.
 #[derive(Clone, Debug)]
@@ -62,6 +64,13 @@ const HALF_TOTAL: f64 = 400.0;
 /// variance of a Gaussian beam of that width.
 const SPOT_RAY: f64 = 0.671_4;
 
+/// What a sensor at rest sees, without the noise of a capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StillView {
+    signal: SensorSignal,
+    sigma_mm: f64,
+}
+
 /// How a capture is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
@@ -90,6 +99,27 @@ impl PointSensorHead {
     #[must_use]
     pub const fn spec(&self) -> &PointSensorSpec {
         &self.spec
+    }
+
+    /// What every capture with the axes at rest here sees.
+    ///
+    /// # Errors
+    /// As [`Self::capture`].
+    pub fn still(
+        &self,
+        scene: &Scene,
+        axes_mm: &Vector3<f64>,
+        exposure: Exposure,
+    ) -> Result<StillView, SensorFault> {
+        let (signal, sigma_mm) = self.look(scene, axes_mm, exposure)?;
+        Ok(StillView { signal, sigma_mm })
+    }
+
+    /// One capture of what is seen at rest: each has its own noise.
+    pub fn again(&mut self, view: &StillView) -> SensorSignal {
+        let mut signal = view.signal;
+        signal.gamma_mm += self.random.normal(view.sigma_mm);
+        signal
     }
 
     /// One capture with the axes at rest at `axes_mm`.
@@ -164,7 +194,7 @@ impl PointSensorHead {
         }
         let zero = axes_mm + Vector3::from(spec.offset_mm);
         let seen = self.way(scene, &zero).map_err(SensorFault::NoSignal)?;
-        let cos = seen.cos_incidence;
+        let cos = -seen.normal.dot(&self.direction);
         let steepest = spec.angle_deg.to_radians().cos();
         // On a surface that the beam only grazes nothing comes back either.
         if cos < steepest || cos <= 0.0 {
@@ -192,29 +222,25 @@ impl PointSensorHead {
     }
 
     /// The way to the first surface, within the depth of field.
-    fn way(&self, scene: &Scene, zero: &Vector3<f64>) -> Result<Struck, NoSignal> {
+    fn way(&self, scene: &Scene, zero: &Vector3<f64>) -> Result<BeamEnd, NoSignal> {
         let spec = &self.spec;
         let near = spec.stand_off_mm - spec.range_mm / 2.0;
         let far = spec.stand_off_mm + spec.range_mm / 2.0;
         // The beam leaves the sensor at its zero, or at the lens where that lies behind.
-        let at = |way: f64| zero + self.direction * way;
-        let first = scene.first_contact(&at(0.0), &at(far), 0.0, |_| true);
-        let Some(first) = first else {
+        let Some((body, first)) = scene.beam(zero, &self.direction, far, |_| true) else {
             return Err(NoSignal::OutOfRange);
         };
         if first.way_mm < near {
             // Something stands in the way of a surface that would be in range.
-            let behind = scene.first_contact(&at(near), &at(far), 0.0, |body| body != first.body);
-            return Err(if behind.is_some() {
+            let from = zero + self.direction * near;
+            let behind = scene.beam(&from, &self.direction, far - near, |other| other != body);
+            return Err(if behind.is_some_and(|(_, end)| end.way_mm > 0.0) {
                 NoSignal::Occluded
             } else {
                 NoSignal::OutOfRange
             });
         }
-        Ok(Struck {
-            way_mm: first.way_mm,
-            cos_incidence: -first.normal.dot(&self.direction),
-        })
+        Ok(first)
     }
 
     /// The mean way over the spot, of the rays that come back from the depth of field.
@@ -252,10 +278,4 @@ impl PointSensorHead {
         // 1 + 1/2 + 1/3 + 1/4: the sum is never more.
         most * sum / (25.0 / 12.0)
     }
-}
-
-/// Where a ray ends.
-struct Struck {
-    way_mm: f64,
-    cos_incidence: f64,
 }

@@ -2,7 +2,7 @@
 
 mod check;
 mod floor;
-mod run;
+pub mod run;
 mod show;
 
 use crate::failure::Failure;

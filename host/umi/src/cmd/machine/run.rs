@@ -106,7 +106,9 @@ fn variable(text: &str) -> Result<(u32, f64), String> {
 
 /// Reads a scene.
 pub fn scene(path: &Path) -> Result<Scene, Failure> {
-    Scene::parse(&text(path)?).map_err(|error| {
+    // The files that it names stand beside it.
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Scene::parse_in(&text(path)?, folder).map_err(|error| {
         let file = name(path);
         let problem = Problem::refused("scene", format!("{file}: {error}"));
         problem.with("file", file).into()

@@ -3,6 +3,7 @@
 mod answer;
 mod calibrate;
 mod compare;
+mod digitize;
 mod faces;
 mod kinematics;
 mod localise;
@@ -33,6 +34,8 @@ Examples:
   umi scan pose machine.toml positions.csv
   umi scan calibrate point readings.csv --spheres ball.toml --json > sensor.json
   umi scan localise scan.ply --fiducials table.toml --part part.stl -o moved.json
+  umi scan digitize --scene scene.toml --calibration sensor.json --strategy adaptive --at -8,-8,223.5 \
+    --size 16,16 --step 2,2 -o cloud.csv
   umi scan points readings.csv --calibration sensor.json -o cloud.csv
   umi scan stock part.stl raw.ply --require 0.5
   umi scan plan part.stl --spec spec.toml -o path.csv
@@ -49,6 +52,7 @@ enum What {
     Merge(merge::Merge),
     Calibrate(calibrate::Calibrate),
     Compare(compare::Compare),
+    Digitize(Box<digitize::Digitize>),
     Kinematics(kinematics::Kinematics),
     Points(points::Points),
     Pose(pose::Pose),
@@ -65,6 +69,7 @@ impl Scan {
             What::Merge(command) => command.run(),
             What::Calibrate(command) => command.run(),
             What::Compare(command) => command.run(),
+            What::Digitize(command) => command.run(),
             What::Kinematics(command) => command.run(),
             What::Points(command) => command.run(),
             What::Pose(command) => command.run(),

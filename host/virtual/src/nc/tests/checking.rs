@@ -43,7 +43,6 @@ fn alarms() {
     only("G0X1.X2.", Alarm, 3, "twice");
     only("G41X1.", Alarm, 3, "not interpreted");
     only("G65A1.", Alarm, 3, "need P");
-    only("M198P2", Alarm, 3, "no external device");
     only("G0 X1. (OPEN", Alarm, 3, "not closed");
     only("#1=2 G0", Alarm, 3, "stands alone");
     only("G1G0X1.", Alarm, 3, "one block");
@@ -55,6 +54,7 @@ fn alarms() {
 fn warnings() {
     use Severity::Warning;
     only("M98P20007", Warning, 3, "O0007 is not in this text");
+    only("M198P2", Warning, 3, "external device");
     only("G65P7", Warning, 3, "O0007 is not in this text");
     only("POPEN\nDPRNT[X#1[54]]\nPCLOS", Warning, 4, "nine places");
     only("POPEN\nDPRNT[X\nPCLOS", Warning, 4, "not closed");

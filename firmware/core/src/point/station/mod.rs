@@ -1,0 +1,478 @@
+//! Digitizing under a control's own command: captures, their places, and what the control hears.
+//!
+//! A macro on the control prints short checked lines ([`command`]); the sensor sends its readings
+//! as text ([`text`]); each capture pulse latches the axes. This station joins them: reading n
+//! belongs to latch n, or the loss is named ([`pairing`]). Captures at rest are averaged
+//! ([`collect`]) and become points P = Q + t + γ g a. The control hears of it in three ways:
+//! by a program that sets variables ([`answer`]), by the skip input ([`Station::skip`]), or not
+//! at all, where pulses are made on the way.
+//!
+//! Nothing here waits and nothing is asked: bytes, latches and time come in, what is to be done
+//! next is read ([`Station::order`]).
+
+mod answer;
+mod collect;
+mod command;
+mod pairing;
+mod record;
+#[cfg(test)]
+mod tests;
+mod text;
+mod watch;
+
+use heapless::Deque;
+use nalgebra::Vector3;
+
+pub use answer::{ANSWER_BYTES, ANSWER_PROGRAM, SensorAnswer};
+pub use command::{CommandFault, SensorCommand, SensorConfiguration, check_value};
+pub use record::{PlacePoint, PlaceState, StationRecord};
+pub use text::{ReadingText, SensorReading, SignalLoss};
+
+use super::sensor::PointSensor;
+use crate::units::{Micros, Mm, Point};
+use collect::Collected;
+use command::CommandLine;
+use pairing::{Latched, Pairing};
+use text::TextLine;
+use watch::{Trip, Watch};
+
+/// Readings that a board takes to bring a sensor to its place.
+const ADAPT_CAPTURES: u32 = 16;
+
+/// A reading that has not come this long after its pulse is lost.
+const LATE_US: u64 = 50_000;
+
+/// Along the beam the reading must change as the axes move, to this and a twentieth of the way.
+const BEAM_MM: f64 = 0.01;
+
+/// A shorter way says nothing about the beam.
+const BEAM_WAY_MM: f64 = 0.05;
+
+/// What a station knows of its machine and its sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StationSetup {
+    /// The calibration.
+    pub sensor: PointSensor,
+    /// Encoder counts per millimetre of X, Y and Z, negative where they count down.
+    pub counts_per_mm: [f64; 3],
+    /// Counts where the axes' coordinates are zero.
+    pub origin_counts: [i64; 3],
+    /// Most captures a second.
+    pub max_rate_hz: f64,
+    /// Largest value of the laser's power.
+    pub power_max: f64,
+    /// How the sensor writes a reading.
+    pub text: ReadingText,
+}
+
+/// When the sensor is to be triggered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CapturePulses {
+    /// Not at all.
+    Off,
+    /// Again and again, as fast as it was configured.
+    Time,
+    /// Where X crosses lines this many counts apart, one of them at a count.
+    Distance {
+        /// A line.
+        origin_counts: i64,
+        /// From line to line.
+        interval_counts: i64,
+    },
+}
+
+/// What a station does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Doing {
+    Idle,
+    /// One capture by which the numbers of readings and latches are brought together.
+    Joining,
+    /// Captures at rest.
+    Collecting {
+        left: u32,
+        place: bool,
+    },
+    /// Readings are looked at, and the skip line may rise.
+    Watching,
+    /// Captures on the way.
+    Pulsing {
+        origin_counts: i64,
+        interval_counts: i64,
+    },
+}
+
+/// Where the axes stood, and what was read there.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    axes: Vector3<f64>,
+    gamma: f64,
+}
+
+/// The station.
+#[derive(Debug)]
+pub struct Station {
+    setup: StationSetup,
+    configuration: Option<SensorConfiguration>,
+    doing: Doing,
+    line: CommandLine,
+    text: TextLine,
+    pairing: Pairing,
+    collected: Collected,
+    watch: Watch,
+    answer: Option<SensorAnswer>,
+    sequence: u16,
+    /// Places measured so far.
+    places: u32,
+    seen: Option<Seen>,
+    /// Readings do not change with the axes as the calibration says.
+    is_beam_wrong: bool,
+    latest: Option<[i64; 3]>,
+    records: Deque<StationRecord, 16>,
+    /// Records that found no room.
+    dropped: u32,
+}
+
+impl Station {
+    /// A station that waits for its configuration.
+    #[must_use]
+    pub fn new(setup: StationSetup) -> Self {
+        Self {
+            setup,
+            configuration: None,
+            doing: Doing::Idle,
+            line: CommandLine::default(),
+            text: TextLine::default(),
+            pairing: Pairing::default(),
+            collected: Collected::default(),
+            watch: Watch::default(),
+            answer: None,
+            sequence: 0,
+            places: 0,
+            seen: None,
+            is_beam_wrong: false,
+            latest: None,
+            records: Deque::new(),
+            dropped: 0,
+        }
+    }
+
+    /// How the sensor was configured; none before.
+    #[must_use]
+    pub fn configuration(&self) -> Option<SensorConfiguration> {
+        self.configuration
+    }
+
+    /// When the sensor is to be triggered from now on.
+    #[must_use]
+    pub fn order(&self) -> CapturePulses {
+        match self.doing {
+            Doing::Joining if self.pairing.is_empty() => CapturePulses::Time,
+            Doing::Collecting { left, .. } if left > 0 => CapturePulses::Time,
+            Doing::Watching if self.watch.is_on() => CapturePulses::Time,
+            Doing::Pulsing {
+                origin_counts,
+                interval_counts,
+            } => CapturePulses::Distance {
+                origin_counts,
+                interval_counts,
+            },
+            _ => CapturePulses::Off,
+        }
+    }
+
+    /// Whether the control's skip input is to be on.
+    #[must_use]
+    pub fn skip(&self) -> bool {
+        self.doing == Doing::Watching && self.watch.has_tripped()
+    }
+
+    /// The oldest record that was not taken yet.
+    pub fn take_record(&mut self) -> Option<StationRecord> {
+        self.records.pop_front()
+    }
+
+    /// Records that found no room, since they were asked for last.
+    pub fn take_dropped(&mut self) -> u32 {
+        core::mem::take(&mut self.dropped)
+    }
+
+    /// The answer to the last command, once it is there; it is given once.
+    pub fn take_answer(&mut self) -> Option<SensorAnswer> {
+        self.answer.take()
+    }
+
+    /// A byte that the control has printed; the axes stand at these counts.
+    pub fn command_byte(&mut self, byte: u8, counts: [i64; 3]) {
+        match self.line.byte(byte) {
+            None => {}
+            Some(Ok((sequence, command))) => self.carry_out(sequence, command, counts),
+            Some(Err(fault)) => self.record(StationRecord::Refused(fault)),
+        }
+    }
+
+    /// The sensor was triggered, and the axes stood at these counts.
+    pub fn latched(&mut self, counts: [i64; 3], now: Micros) {
+        self.latest = Some(counts);
+        if let Doing::Collecting { left, .. } = &mut self.doing {
+            *left = left.saturating_sub(1);
+        }
+        if let Some(lost) = self.pairing.latched(counts, now) {
+            self.lost(lost);
+        }
+    }
+
+    /// A byte from the sensor.
+    pub fn sensor_byte(&mut self, byte: u8) {
+        match self.text.byte(byte, &self.setup.text) {
+            None => {}
+            Some(Ok(reading)) => self.read(reading),
+            Some(Err(())) => self.record(StationRecord::Unreadable),
+        }
+    }
+
+    /// Time passes: a reading that is late is lost.
+    pub fn tick(&mut self, now: Micros) {
+        while let Some(lost) = self
+            .pairing
+            .older_than(Micros(now.0.saturating_sub(LATE_US)))
+        {
+            self.lost(lost);
+        }
+    }
+
+    #[cfg(test)]
+    fn pairing_next(&self) -> u32 {
+        self.pairing.next()
+    }
+
+    fn record(&mut self, record: StationRecord) {
+        if self.records.push_back(record).is_err() {
+            self.dropped = self.dropped.saturating_add(1);
+        }
+    }
+
+    fn carry_out(&mut self, sequence: u16, command: SensorCommand, counts: [i64; 3]) {
+        // What has not come for the command before is not what this one asks for.
+        while let Some(lost) = self.pairing.oldest() {
+            self.lost(lost);
+        }
+        self.answer = None;
+        self.sequence = sequence;
+        match (command, self.configuration) {
+            (SensorCommand::Configure(wanted), _) => self.configure(wanted),
+            (SensorCommand::Finish, _) => {
+                self.doing = Doing::Idle;
+                self.configuration = None;
+                self.reply(Mm(0.0), PlaceState::Ok);
+            }
+            (_, None) => self.refuse(),
+            (SensorCommand::Adapt, Some(_)) => self.collect(ADAPT_CAPTURES, false),
+            (SensorCommand::Measure, Some(with)) => self.collect(with.captures, true),
+            (SensorCommand::TripNear, Some(with)) => {
+                self.watch(Watch::trip(Trip::AtMost(with.target.0)));
+            }
+            (SensorCommand::TripFar, Some(with)) => {
+                self.watch(Watch::trip(Trip::AtLeast(with.target.0 + with.overshoot.0)));
+            }
+            (SensorCommand::Pulses, Some(with)) => self.pulse(with, counts),
+            (SensorCommand::Rest, Some(_)) => self.doing = Doing::Idle,
+        }
+    }
+
+    fn configure(&mut self, wanted: SensorConfiguration) {
+        let is_possible = wanted.rate_hz > 0.0
+            && wanted.rate_hz <= self.setup.max_rate_hz
+            && (0.0..=self.setup.power_max).contains(&wanted.power)
+            && wanted.captures > 0;
+        if !is_possible {
+            self.refuse();
+            return;
+        }
+        self.configuration = Some(wanted);
+        self.pairing = Pairing::default();
+        self.places = 0;
+        self.seen = None;
+        self.is_beam_wrong = false;
+        self.doing = Doing::Joining;
+    }
+
+    fn refuse(&mut self) {
+        self.doing = Doing::Idle;
+        self.record(StationRecord::Refused(CommandFault::Value));
+        self.reply(Mm(0.0), PlaceState::Refused);
+    }
+
+    fn collect(&mut self, captures: u32, place: bool) {
+        self.collected = Collected::of(captures);
+        self.doing = Doing::Collecting {
+            left: captures,
+            place,
+        };
+    }
+
+    fn watch(&mut self, watch: Watch) {
+        self.watch = watch;
+        self.doing = Doing::Watching;
+    }
+
+    fn pulse(&mut self, with: SensorConfiguration, counts: [i64; 3]) {
+        let [per_mm, _, _] = self.setup.counts_per_mm;
+        let interval = libm::round(libm::fabs(with.interval.0 * per_mm)) as i64;
+        let [at, _, _] = counts;
+        if interval < 2 {
+            self.refuse();
+            return;
+        }
+        // The axes stand half a step before the first place, on either side.
+        self.doing = Doing::Pulsing {
+            origin_counts: at.saturating_add(interval / 2),
+            interval_counts: interval,
+        };
+    }
+
+    fn reply(&mut self, gamma: Mm, state: PlaceState) {
+        self.answer = Some(SensorAnswer {
+            gamma,
+            state,
+            sequence: self.sequence,
+        });
+    }
+
+    /// A latch whose reading never came.
+    fn lost(&mut self, latch: Latched) {
+        self.record(StationRecord::Lost {
+            latch: latch.number,
+        });
+        match self.doing {
+            Doing::Joining => {
+                self.doing = Doing::Idle;
+                self.reply(Mm(0.0), PlaceState::LostCapture);
+            }
+            Doing::Collecting { .. } => {
+                self.collected.lost();
+                self.close();
+            }
+            Doing::Pulsing { .. } => self.place(PlacePoint {
+                state: PlaceState::LostCapture,
+                axes: self.axes(latch.counts),
+                lost: 1,
+                ..PlacePoint::default()
+            }),
+            Doing::Idle | Doing::Watching => {}
+        }
+    }
+
+    fn read(&mut self, reading: SensorReading) {
+        if self.doing == Doing::Joining {
+            // One pulse, one reading: their numbers belong together from here on.
+            self.pairing.join(reading.number);
+        }
+        while let Some(lost) = self.pairing.before(reading.number) {
+            self.lost(lost);
+        }
+        let Some(latch) = self.pairing.take(reading.number) else {
+            self.record(StationRecord::Unpaired {
+                reading: reading.number,
+            });
+            return;
+        };
+        let axes = self.axes(latch.counts);
+        match self.doing {
+            Doing::Joining => {
+                self.doing = Doing::Idle;
+                self.reply(Mm(0.0), PlaceState::Ok);
+            }
+            Doing::Collecting { .. } => {
+                self.collected.add(axes, &reading);
+                self.close();
+            }
+            Doing::Watching => {
+                if let (Ok(signal), None) = (reading.signal, self.seen) {
+                    self.seen = Some(Seen {
+                        axes: axes.mm,
+                        gamma: signal.gamma.0,
+                    });
+                }
+                self.watch.look(reading.signal.ok().map(|s| s.gamma.0));
+            }
+            Doing::Pulsing { .. } => {
+                let mut one = Collected::of(1);
+                one.add(axes, &reading);
+                self.place(one.place());
+            }
+            Doing::Idle => {}
+        }
+    }
+
+    /// Where the axes stand at these counts.
+    fn axes(&self, counts: [i64; 3]) -> Point {
+        let setup = &self.setup;
+        let mut mm = Vector3::zeros();
+        let each = counts.iter().zip(&setup.origin_counts);
+        for (slot, ((count, origin), per_mm)) in mm.iter_mut().zip(each.zip(&setup.counts_per_mm)) {
+            *slot = (count - origin) as f64 / per_mm;
+        }
+        Point { mm }
+    }
+
+    /// Ends the captures at rest once each has its reading or is lost.
+    fn close(&mut self) {
+        let Doing::Collecting { left: 0, place } = self.doing else {
+            return;
+        };
+        if !self.collected.is_complete() {
+            return;
+        }
+        let mut found = self.collected.place();
+        if found.state == PlaceState::Ok {
+            self.check_beam(&mut found);
+        } else {
+            self.seen = None;
+        }
+        self.reply(found.gamma, found.state);
+        if place {
+            self.place(found);
+            self.seen = None;
+        }
+        let guards = self.configuration.is_some_and(|with| with.guards);
+        if guards {
+            self.watch(Watch::guard());
+        } else {
+            self.doing = Doing::Idle;
+        }
+    }
+
+    /// Where the axes have moved along the beam since the last reading of this place, the
+    /// reading must have changed by as much.
+    fn check_beam(&mut self, found: &mut PlacePoint) {
+        let sensor = &self.setup.sensor;
+        if let Some(seen) = self.seen {
+            let way = found.axes.mm - seen.axes;
+            let along = way.dot(&sensor.direction);
+            let aside = crate::fit::linalg::norm(&(way - sensor.direction * along));
+            if libm::fabs(along) >= BEAM_WAY_MM && aside <= 0.01 {
+                let off = (found.gamma.0 - seen.gamma) * sensor.gain + along;
+                self.is_beam_wrong |= libm::fabs(off) > BEAM_MM + 0.05 * libm::fabs(along);
+            }
+        }
+        if self.is_beam_wrong {
+            found.state = PlaceState::BeamMismatch;
+        }
+        self.seen = Some(Seen {
+            axes: found.axes.mm,
+            gamma: found.gamma.0,
+        });
+    }
+
+    fn place(&mut self, mut found: PlacePoint) {
+        if self.is_beam_wrong && found.state == PlaceState::Ok {
+            found.state = PlaceState::BeamMismatch;
+        }
+        found.number = self.places;
+        self.places = self.places.saturating_add(1);
+        if found.state == PlaceState::Ok {
+            found.point = Some(self.setup.sensor.place(found.axes, found.gamma));
+        }
+        self.record(StationRecord::Place(found));
+    }
+}

@@ -1,0 +1,98 @@
+//! Reading n belongs to latch n.
+
+use heapless::Deque;
+
+use crate::units::Micros;
+
+/// Latches that wait for their readings at most: a sensor that is this far behind is lost.
+const WAITING: usize = 64;
+
+/// Where the axes were at a trigger pulse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Latched {
+    pub number: u32,
+    pub counts: [i64; 3],
+    at: Micros,
+}
+
+/// Latches without a reading yet, and the numbers of both.
+#[derive(Debug, Default)]
+pub(super) struct Pairing {
+    waiting: Deque<Latched, WAITING>,
+    next: u32,
+    /// Number of a reading less that of its latch.
+    ahead: u32,
+}
+
+impl Pairing {
+    pub fn is_empty(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    #[cfg(test)]
+    pub fn next(&self) -> u32 {
+        self.next
+    }
+
+    /// The axes are latched; the oldest latch, if it had to go for this one.
+    pub fn latched(&mut self, counts: [i64; 3], at: Micros) -> Option<Latched> {
+        let gone = if self.waiting.is_full() {
+            self.waiting.pop_front()
+        } else {
+            None
+        };
+        let number = self.next;
+        self.next = self.next.wrapping_add(1);
+        // There is room now.
+        let _ = self.waiting.push_back(Latched { number, counts, at });
+        gone
+    }
+
+    /// This reading belongs to the latch that waits.
+    pub fn join(&mut self, reading: u32) {
+        if let Some(latch) = self.waiting.front() {
+            self.ahead = reading.wrapping_sub(latch.number);
+        }
+    }
+
+    /// The latch of a reading.
+    pub fn take(&mut self, reading: u32) -> Option<Latched> {
+        let number = reading.wrapping_sub(self.ahead);
+        let is_next = self.waiting.front().is_some_and(|l| l.number == number);
+        if is_next {
+            self.waiting.pop_front()
+        } else {
+            None
+        }
+    }
+
+    /// A latch that a later one's reading has passed.
+    pub fn before(&mut self, reading: u32) -> Option<Latched> {
+        let number = reading.wrapping_sub(self.ahead);
+        let newest = self.waiting.back()?.number;
+        // Only where its own latch is there: a number from nowhere loses nothing.
+        let is_here = newest.wrapping_sub(number) < WAITING as u32;
+        let first = self.waiting.front()?.number;
+        let is_passed = number.wrapping_sub(first).wrapping_sub(1) < WAITING as u32;
+        if is_here && is_passed {
+            self.waiting.pop_front()
+        } else {
+            None
+        }
+    }
+
+    /// A latch that has waited since before this.
+    pub fn older_than(&mut self, since: Micros) -> Option<Latched> {
+        let is_late = self.waiting.front()?.at < since;
+        if is_late {
+            self.waiting.pop_front()
+        } else {
+            None
+        }
+    }
+
+    /// The oldest latch that waits.
+    pub fn oldest(&mut self) -> Option<Latched> {
+        self.waiting.pop_front()
+    }
+}

@@ -1,0 +1,275 @@
+//! The station before a sensor of text and a control of lines.
+
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+use nalgebra::Vector3;
+
+use super::*;
+
+const COUNTS: [i64; 3] = [10_000, -20_000, 30_000];
+
+fn station() -> Station {
+    Station::new(StationSetup {
+        sensor: PointSensor {
+            offset: Point::from_mm(1.0, -1.0, -100.0),
+            direction: Vector3::new(0.0, 0.0, -1.0),
+            gain: 1.0,
+        },
+        counts_per_mm: [10_000.0; 3],
+        origin_counts: [0; 3],
+        max_rate_hz: 9000.0,
+        power_max: 4095.0,
+        text: ReadingText::default(),
+    })
+}
+
+fn line(sequence: i64, values: &[i64]) -> String {
+    let mut all = std::vec![sequence * 1000];
+    all.extend(values.iter().map(|v| v * 1000));
+    let check = check_value(&all);
+    let letters = ["K", "A", "B", "D", "E", "F", "H"];
+    let words: String = letters
+        .iter()
+        .zip(values)
+        .map(|(letter, value)| format!("{letter} {value}.000 "))
+        .collect();
+    format!("\x12UMIP S  {sequence} {words}C {check}\n\x14")
+}
+
+fn say(station: &mut Station, text: &str) {
+    for byte in text.bytes() {
+        station.command_byte(byte, COUNTS);
+    }
+}
+
+fn read(station: &mut Station, text: &str) {
+    for byte in text.bytes() {
+        station.sensor_byte(byte);
+    }
+}
+
+fn records(station: &mut Station) -> Vec<StationRecord> {
+    core::iter::from_fn(|| station.take_record()).collect()
+}
+
+/// Configured for so many captures, its numbers joined at 100.
+fn configured(captures: i64, guards: i64) -> Station {
+    let mut station = station();
+    say(
+        &mut station,
+        &line(1, &[1, 2000, 2000, captures, 44, guards, 1]),
+    );
+    assert_eq!(station.order(), CapturePulses::Time);
+    station.latched(COUNTS, Micros(0));
+    assert_eq!(station.order(), CapturePulses::Off);
+    read(&mut station, "00100 44.5 90.0 3000\r\n");
+    assert_eq!(station.take_answer().unwrap().state, PlaceState::Ok);
+    station
+}
+
+fn measured(station: &mut Station) -> PlacePoint {
+    match records(station).as_slice() {
+        [.., StationRecord::Place(place)] => *place,
+        other => panic!("no place: {other:?}"),
+    }
+}
+
+#[test]
+fn captures_at_rest_become_a_point() {
+    let mut station = configured(3, 0);
+    say(&mut station, &line(2, &[3]));
+    for (n, gamma) in [44.000, 44.002, 44.004].into_iter().enumerate() {
+        assert_eq!(station.order(), CapturePulses::Time);
+        station.latched(COUNTS, Micros(500));
+        read(&mut station, &format!("{} {gamma} 90 3000\n", 101 + n));
+    }
+    assert_eq!(station.order(), CapturePulses::Off);
+    let place = measured(&mut station);
+    assert_eq!((place.state, place.captures), (PlaceState::Ok, 3));
+    assert!((place.gamma.0 - 44.002).abs() < 1e-12);
+    assert!((place.spread.0 - 0.001_633).abs() < 1e-6);
+    let off = place.point.unwrap().mm - Vector3::new(2.0, -3.0, 3.0 - 100.0 - 44.002);
+    assert!(off.amax() < 1e-9, "{off:?}");
+    let answer = station.take_answer().unwrap();
+    let check = check_value(&[440_020, 1000, 2000]);
+    assert_eq!(
+        answer.program().as_str(),
+        format!("%\nO8849\n#501=44.0020\n#502=1.\n#503=2.\n#504={check}.\nM99\n%\n")
+    );
+    assert!(station.take_answer().is_none(), "an answer is given once");
+}
+
+#[test]
+fn no_signal_has_its_reason_and_no_point() {
+    let mut station = configured(2, 0);
+    say(&mut station, &line(2, &[3]));
+    for n in 101..103 {
+        station.latched(COUNTS, Micros(0));
+        read(&mut station, &format!("{n} - too_steep\n"));
+    }
+    let place = measured(&mut station);
+    assert_eq!(place.state, PlaceState::NoSignal(SignalLoss::TooSteep));
+    assert_eq!(
+        (place.point, station.take_answer().unwrap().state.number()),
+        (None, 3)
+    );
+}
+
+/// A reading that is lost, one that comes twice, and numbers that are off by one: none of them
+/// gives a point.
+#[test]
+fn wrong_pairs_are_named() {
+    let three = |station: &mut Station, numbers: &[u32]| {
+        say(station, &line(2, &[3]));
+        for _ in 0..3 {
+            station.latched(COUNTS, Micros(1000));
+        }
+        for n in numbers {
+            read(station, &format!("{n} 44.0 90 3000\n"));
+        }
+        station.tick(Micros(200_000));
+        records(station)
+    };
+    let lost = |records: &[StationRecord]| {
+        records
+            .iter()
+            .filter(|r| matches!(r, StationRecord::Lost { .. }))
+            .count()
+    };
+    let state = |records: &[StationRecord]| {
+        records.iter().find_map(|r| match r {
+            StationRecord::Place(place) => Some(place.state),
+            _ => None,
+        })
+    };
+    let good = three(&mut configured(3, 0), &[101, 102, 103]);
+    assert_eq!((lost(&good), state(&good)), (0, Some(PlaceState::Ok)));
+    for numbers in [
+        &[101, 103][..],  // the middle one is lost
+        &[101, 102],      // the last one
+        &[102, 103, 104], // off by one
+        &[100, 101, 102], // off by one the other way
+        &[101, 101, 103], // a stale one
+        &[],              // the sensor is gone
+        &[900, 901, 902], // another sensor's
+    ] {
+        let found = three(&mut configured(3, 0), numbers);
+        assert!(lost(&found) >= 1, "{numbers:?}: {found:?}");
+        assert_eq!(state(&found), Some(PlaceState::LostCapture), "{numbers:?}");
+    }
+}
+
+/// The axes move along the beam, and the reading must follow: a swapped sign, a stale reading.
+#[test]
+fn a_beam_that_does_not_follow_is_named() {
+    for (second, state) in [
+        (44.2, PlaceState::Ok),
+        (43.8, PlaceState::BeamMismatch),
+        (44.0, PlaceState::BeamMismatch),
+    ] {
+        let mut station = configured(1, 0);
+        say(&mut station, &line(2, &[2]));
+        for n in 0..ADAPT_CAPTURES {
+            station.latched(COUNTS, Micros(0));
+            read(&mut station, &format!("{} 44.0 90 3000\n", 101 + n));
+        }
+        // Up by 0.2 mm, away from the surface.
+        let up = [COUNTS[0], COUNTS[1], COUNTS[2] + 2000];
+        say(&mut station, &line(3, &[3]));
+        station.latched(up, Micros(0));
+        read(&mut station, &format!("117 {second} 90 3000\n"));
+        let place = measured(&mut station);
+        assert_eq!(place.state, state, "{second}");
+        assert_eq!(place.point.is_some(), state == PlaceState::Ok);
+    }
+}
+
+#[test]
+fn the_skip_line_follows_the_reading() {
+    let mut station = configured(1, 1);
+    let mut watch = |command: i64, readings: &[&str]| -> Vec<bool> {
+        say(&mut station, &line(9, &[command]));
+        let next = station.pairing_next();
+        readings
+            .iter()
+            .zip(next..)
+            .map(|(reading, n)| {
+                station.latched(COUNTS, Micros(0));
+                read(&mut station, &format!("{} {reading} 90 3000\n", n + 100));
+                station.skip()
+            })
+            .collect()
+    };
+    assert_eq!(watch(5, &["44.3", "44.1", "44.0"]), [false, false, true]);
+    assert_eq!(watch(6, &["43.9", "44.0", "44.06"]), [false, false, true]);
+    // A signal that is lost on the way, and one that was never there.
+    let gone = "- out_of_range";
+    assert_eq!(
+        watch(5, &["44.3", gone, gone, gone]),
+        [false, false, false, true]
+    );
+    assert_eq!(watch(5, &[gone, gone]), [true, true]);
+}
+
+#[test]
+fn broken_lines_are_refused() {
+    let good = line(2, &[3]);
+    for (text, fault) in [
+        (good.replace("K 3", "K 2"), CommandFault::CheckValue),
+        (good.replace("UMIP", "UMIQ"), CommandFault::Unreadable),
+        (good.replace("K 3.000", "K"), CommandFault::Unreadable),
+        (line(2, &[9]), CommandFault::Value),
+        (line(3, &[1, 9001, 2000, 10, 44, 0, 1]), CommandFault::Value),
+        (format!("{}\n", "X".repeat(200)), CommandFault::Unreadable),
+    ] {
+        let mut station = configured(1, 0);
+        say(&mut station, &text);
+        assert_eq!(
+            records(&mut station),
+            [StationRecord::Refused(fault)],
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn pulses_lie_on_the_places() {
+    let mut station = configured(1, 0);
+    say(&mut station, &line(2, &[7]));
+    assert_eq!(
+        station.order(),
+        CapturePulses::Distance {
+            origin_counts: 15_000,
+            interval_counts: 10_000
+        }
+    );
+    station.latched([15_000, 0, 0], Micros(0));
+    station.latched([25_000, 0, 0], Micros(10));
+    read(&mut station, "102 44 90 3000\n");
+    let states: Vec<_> = records(&mut station)
+        .iter()
+        .filter_map(|r| match r {
+            StationRecord::Place(place) => Some((place.number, place.state)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(states, [(0, PlaceState::LostCapture), (1, PlaceState::Ok)]);
+}
+
+/// Any bytes at all: no panic, and no point from nothing.
+#[test]
+fn any_bytes() {
+    let mut station = configured(2, 1);
+    let mut seed = 1_u32;
+    for _ in 0..20_000 {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let byte = b"UMIPSKABDEFHC0123456789.- \n"[(seed >> 8) as usize % 27];
+        station.command_byte(byte, COUNTS);
+        station.sensor_byte(byte);
+        for record in records(&mut station) {
+            assert!(!matches!(record, StationRecord::Place(_)), "{record:?}");
+        }
+    }
+}

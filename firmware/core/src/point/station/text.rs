@@ -1,0 +1,159 @@
+//! A sensor's readings as text.
+//!
+//! ```text
+//! 00017 43.998213 87.2 3391
+//! 00018 - out_of_range
+//! ```
+
+use crate::units::Mm;
+
+/// Longest line.
+const LINE: usize = 80;
+
+/// Most columns.
+const COLUMNS: usize = 8;
+
+/// How a sensor writes a reading: columns, counted from 0, with something between them. A
+/// distance that begins with no digit and no sign before one is no signal; its reason is then
+/// in the column behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadingText {
+    /// What stands between columns; several blanks count as one.
+    pub separator: u8,
+    /// The reading's own number.
+    pub number: usize,
+    /// Distance, mm.
+    pub gamma: usize,
+    /// Signal to noise, per cent.
+    pub snr: usize,
+    /// Light received.
+    pub total: usize,
+}
+
+impl Default for ReadingText {
+    /// Number, distance, SNR, Total with blanks between them.
+    fn default() -> Self {
+        Self {
+            separator: b' ',
+            number: 0,
+            gamma: 1,
+            snr: 2,
+            total: 3,
+        }
+    }
+}
+
+/// Why there is no reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SignalLoss {
+    /// No surface within the depth of field.
+    OutOfRange,
+    /// The surface is steeper than the sensor's angle.
+    TooSteep,
+    /// Something stands before the surface.
+    Occluded,
+    /// Too little light comes back.
+    Underexposed,
+}
+
+/// A reading with its quality.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GoodReading {
+    /// Distance along the beam.
+    pub gamma: Mm,
+    /// Signal to noise, per cent.
+    pub snr: f64,
+    /// Light received.
+    pub total: f64,
+}
+
+/// What a line says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorReading {
+    /// The reading's own number.
+    pub number: u32,
+    /// What was read, or why nothing was.
+    pub signal: Result<GoodReading, SignalLoss>,
+}
+
+/// A line as it comes.
+#[derive(Debug)]
+pub(super) struct TextLine {
+    bytes: [u8; LINE],
+    length: usize,
+    is_too_long: bool,
+}
+
+impl Default for TextLine {
+    fn default() -> Self {
+        Self {
+            bytes: [0; LINE],
+            length: 0,
+            is_too_long: false,
+        }
+    }
+}
+
+impl TextLine {
+    /// The next byte; at the end of a line, what it says. Empty lines say nothing.
+    pub fn byte(&mut self, byte: u8, text: &ReadingText) -> Option<Result<SensorReading, ()>> {
+        let byte = byte & 0x7F;
+        if byte != b'\n' && byte != b'\r' {
+            match self.bytes.get_mut(self.length) {
+                Some(slot) => {
+                    *slot = byte;
+                    self.length += 1;
+                }
+                None => self.is_too_long = true,
+            }
+            return None;
+        }
+        let is_too_long = core::mem::take(&mut self.is_too_long);
+        let length = core::mem::take(&mut self.length);
+        let line = self.bytes.get(..length).unwrap_or_default();
+        if line.is_empty() {
+            return None;
+        }
+        if is_too_long {
+            return Some(Err(()));
+        }
+        Some(reading(line, text).ok_or(()))
+    }
+}
+
+/// What a line says.
+fn reading(line: &[u8], text: &ReadingText) -> Option<SensorReading> {
+    let line = core::str::from_utf8(line).ok()?;
+    let mut columns = [""; COLUMNS];
+    let mut parts = line
+        .split(char::from(text.separator))
+        .map(str::trim)
+        .filter(|part| text.separator != b' ' || !part.is_empty());
+    for (slot, part) in columns.iter_mut().zip(&mut parts) {
+        *slot = part;
+    }
+    let column = |place: usize| columns.get(place).copied().unwrap_or("");
+    let number = column(text.number).parse().ok()?;
+    let finite = |word: &str| word.parse().ok().filter(|x: &f64| x.is_finite());
+    let Some(gamma) = finite(column(text.gamma)) else {
+        let loss = match column(text.gamma + 1) {
+            "out_of_range" => SignalLoss::OutOfRange,
+            "too_steep" => SignalLoss::TooSteep,
+            "occluded" => SignalLoss::Occluded,
+            "underexposed" => SignalLoss::Underexposed,
+            _ => return None,
+        };
+        return Some(SensorReading {
+            number,
+            signal: Err(loss),
+        });
+    };
+    Some(SensorReading {
+        number,
+        signal: Ok(GoodReading {
+            gamma: Mm(gamma),
+            snr: finite(column(text.snr))?,
+            total: finite(column(text.total))?,
+        }),
+    })
+}

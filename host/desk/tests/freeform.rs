@@ -1,0 +1,268 @@
+//! The freeform part of Zapico and others, "CNC centralized control for digitizing freeform
+//! surfaces", section 6, again: 90 x 90 mm with a relief of 7 mm, 80 x 80 mm of it at 1 mm, two
+//! lenses, three strategies, each way in which the control may hear of a reading.
+//!
+//! Long, so run by hand (`cargo test --release -p umi-desk --test freeform -- --ignored
+//! --nocapture`); what it printed last is in `docs/point-sensor.md`.
+
+use nalgebra::Vector3;
+use umi_core::point::PointSensor;
+use umi_core::point::station::PlaceState;
+use umi_core::units::Point;
+use umi_desk::digitize::{DigitizeQuestion, Digitized, HeardBy, Strategy, run};
+use umi_virtual::scene::Scene;
+use umi_virtual::sensor::SensorLineFault;
+
+/// Height of the relief over the part's datum, mm: waves between -3.5 and 3.5.
+fn height(x: f64, y: f64) -> f64 {
+    3.5 * (x / 17.0).sin() * (y / 21.0 + 0.5).cos()
+}
+
+/// An STL of the part: the relief at a pitch, walls and a floor.
+fn part(pitch_mm: f64) -> Vec<u8> {
+    let half = 45.0;
+    let n = (2.0 * half / pitch_mm).round() as usize;
+    let at = |k: usize| -half + 2.0 * half * k as f64 / n as f64;
+    let top = |i: usize, j: usize| [at(i), at(j), height(at(i), at(j))];
+    let low = |i: usize, j: usize| [at(i), at(j), -30.0];
+    let mut triangles: Vec<[[f64; 3]; 3]> = Vec::new();
+    for i in 0..n {
+        for j in 0..n {
+            let (a, b, c, d) = (top(i, j), top(i + 1, j), top(i + 1, j + 1), top(i, j + 1));
+            triangles.extend([[a, b, c], [a, c, d]]);
+            let (a, b, c, d) = (low(i, j), low(i + 1, j), low(i + 1, j + 1), low(i, j + 1));
+            triangles.extend([[a, c, b], [a, d, c]]);
+        }
+        for (p, q) in [
+            ((i + 1, 0), (i, 0)),
+            ((i, n), (i + 1, n)),
+            ((0, i), (0, i + 1)),
+            ((n, i + 1), (n, i)),
+        ] {
+            let (a, b) = (top(p.0, p.1), top(q.0, q.1));
+            let (c, d) = (low(q.0, q.1), low(p.0, p.1));
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let mut bytes = vec![0; 80];
+    bytes.extend((triangles.len() as u32).to_le_bytes());
+    for triangle in triangles {
+        bytes.extend([0; 12]);
+        for number in triangle.iter().flatten() {
+            bytes.extend((*number as f32).to_le_bytes());
+        }
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+/// The lenses of the paper's table 1: stand-off, depth of field, spot, linearity, half angle,
+/// noise of one capture (0.6 s at 3000 Hz, averaged, scatter by 0.06 and 0.10 um).
+const LENSES: [(&str, [f64; 6]); 2] = [
+    ("50 mm", [44.0, 8.0, 37.0, 0.08, 85.0, 4.2]),
+    ("25 mm", [18.0, 1.8, 20.0, 0.17, 75.0, 2.5]),
+];
+
+fn scene(lens: &[f64; 6], baud: u32, folder: &std::path::Path) -> Scene {
+    let [stand_off, range, spot, linearity, angle, noise] = lens;
+    let text = format!(
+        r#"
+        [machine]
+        travel_min_mm = [-500.0, -260.0, -50.0]
+        travel_max_mm = [500.0, 260.0, 460.0]
+        reference_mm = [0.0, 0.0, 460.0]
+        start_mm = [0.0, 0.0, 400.0]
+        position_gain_per_s = 50.0
+        position_noise_um = 1.0
+        [control]
+        baud = {baud}
+        [control.nc]
+        dialect = "fanuc"
+        [point_sensor]
+        tool = 98
+        offset_mm = [1.3, -0.8, -120.0]
+        direction = [0.003490646098723725, -0.0017453177327930258, -0.9999923845989154]
+        stand_off_mm = {stand_off}
+        range_mm = {range}
+        spot_um = {spot}
+        noise_um = {noise}
+        linearity_percent = {linearity}
+        angle_deg = {angle}
+        max_rate_hz = 9000
+        [[body]]
+        name = "PART"
+        shape = {{ mesh = {{ file = "part.stl" }} }}
+        "#
+    );
+    Scene::parse_in(&text, folder).unwrap()
+}
+
+fn sensor(scene: &Scene) -> PointSensor {
+    let spec = scene.point_sensor.as_ref().unwrap();
+    PointSensor {
+        offset: Point::from_array_mm(spec.offset_mm),
+        direction: Vector3::from(spec.direction).normalize(),
+        gain: 1.0,
+    }
+}
+
+fn asked(scene: &Scene, strategy: Strategy, by: HeardBy, size_mm: f64) -> DigitizeQuestion {
+    let stand_off = scene.point_sensor.as_ref().unwrap().stand_off_mm;
+    let corner = -size_mm / 2.0;
+    // Adaptive runs begin over the surface, the others over its middle height.
+    let z = if strategy == Strategy::NonAdaptive {
+        0.0
+    } else {
+        height(corner + 1.3, corner - 0.8)
+    };
+    DigitizeQuestion {
+        strategy,
+        at_mm: [corner, corner, z + 120.0 + stand_off],
+        size_mm: [size_mm; 2],
+        step_mm: [1.0, 1.0],
+        feed_mm_per_min: 1000.0,
+        safe_z_mm: 300.0,
+        adaptations: 1.0,
+        dof_position: 50.0,
+        rate_hz: 2000.0,
+        power: 4000.0,
+        captures: 400.0,
+        by,
+    }
+}
+
+/// Errors along the surface's normal after the best fit of height and tilt: rms, sigma, range, um.
+fn errors(done: &Digitized) -> Option<[f64; 3]> {
+    let mut rows = Vec::new();
+    for place in &done.places {
+        if let Some(point) = place.found.point {
+            let (x, y, z) = (point.mm.x, point.mm.y, point.mm.z);
+            let h = 1e-4;
+            let gx = (height(x + h, y) - height(x - h, y)) / (2.0 * h);
+            let gy = (height(x, y + h) - height(x, y - h)) / (2.0 * h);
+            let cos = 1.0 / (1.0 + gx * gx + gy * gy).sqrt();
+            // A shift along X, Y and Z, and a small turn about each.
+            let n = Vector3::new(-gx, -gy, 1.0) * cos;
+            let turn = point.mm.cross(&n);
+            rows.push((
+                [n.x, n.y, n.z, turn.x, turn.y, turn.z],
+                (z - height(x, y)) * cos,
+            ));
+        }
+    }
+    if rows.len() < 10 {
+        return None;
+    }
+    let mut a = nalgebra::Matrix6::<f64>::zeros();
+    let mut b = nalgebra::Vector6::<f64>::zeros();
+    for (row, d) in &rows {
+        let row = nalgebra::Vector6::from(*row);
+        a += row * row.transpose();
+        b += row * *d;
+    }
+    let fit = a.lu().solve(&b)?;
+    let left: Vec<f64> = rows
+        .iter()
+        .map(|(row, d)| (d - nalgebra::Vector6::from(*row).dot(&fit)) * 1e3)
+        .collect();
+    let n = left.len() as f64;
+    let mean = left.iter().sum::<f64>() / n;
+    let squares: f64 = left.iter().map(|d| d * d).sum();
+    let rms = (squares / n).sqrt();
+    let sigma = (squares / n - mean * mean).sqrt();
+    let least = left.iter().fold(f64::INFINITY, |a, b| a.min(*b));
+    let most = left.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+    Some([rms, sigma, most - least])
+}
+
+fn folder() -> std::path::PathBuf {
+    let folder = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("freeform");
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("part.stl");
+    // Written once under another name: several tests may begin at once.
+    let own = folder.join(format!("{:?}.stl", std::thread::current().id()));
+    std::fs::write(&own, part(0.5)).unwrap();
+    std::fs::rename(&own, &path).unwrap();
+    folder
+}
+
+/// A corner of the part, every day: what adaptive and predictive-adaptive see is the same, no
+/// place is lost, and the surface is that of the part.
+#[test]
+fn a_corner_of_the_relief() {
+    let folder = folder();
+    let scene = scene(&LENSES[0].1, 115_200, &folder);
+    let sensor = sensor(&scene);
+    let mut found = Vec::new();
+    for (strategy, by) in [
+        (Strategy::Adaptive, HeardBy::Served),
+        (Strategy::PredictiveAdaptive, HeardBy::Trip),
+    ] {
+        let mut asked = asked(&scene, strategy, by, 6.0);
+        asked.captures = 20.0;
+        let done = run(scene.clone(), &sensor, &asked, 1, SensorLineFault::None).unwrap();
+        assert_eq!((done.points(), done.losses), (49, 0));
+        let [rms, ..] = errors(&done).unwrap();
+        assert!(rms < 6.0, "{rms}");
+        found.push(rms);
+    }
+    assert!((found[0] - found[1]).abs() < 3.0, "{found:?}");
+}
+
+/// The whole of table 5.
+#[test]
+#[ignore = "long: run by hand"]
+fn table_5_again() {
+    let folder = folder();
+    let floor_s = 6561.0 * (400.0 / 2000.0) + 6560.0 / (1000.0 / 60.0);
+    println!("floor: {floor_s:.0} s");
+    println!(
+        "lens, strategy, by, baud, seeds: rms sigma range um; time s, of the floor; way mm; lines, s; missing"
+    );
+    let all: &[(usize, Strategy, HeardBy, u32, u64)] = &[
+        (0, Strategy::NonAdaptive, HeardBy::Served, 9600, 1),
+        (0, Strategy::NonAdaptive, HeardBy::Pulses, 9600, 3),
+        (0, Strategy::Adaptive, HeardBy::Served, 9600, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Served, 9600, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Served, 19_200, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 9600, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 3),
+        (1, Strategy::NonAdaptive, HeardBy::Served, 115_200, 1),
+        (1, Strategy::Adaptive, HeardBy::Served, 115_200, 1),
+        (1, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
+        (1, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 1),
+    ];
+    for (lens, strategy, by, baud, seeds) in all {
+        let (name, lens) = &LENSES[*lens];
+        for seed in 1..=*seeds {
+            let scene = scene(lens, *baud, &folder);
+            let sensor = sensor(&scene);
+            let asked = asked(&scene, *strategy, *by, 80.0);
+            match run(scene, &sensor, &asked, seed, SensorLineFault::None) {
+                Err(refusal) => println!("{name} {strategy:?} {by:?} {baud}: {refusal}"),
+                Ok(done) => {
+                    let e = errors(&done).unwrap_or([f64::NAN; 3]);
+                    let missing = done.places.len() - done.points();
+                    let named = done
+                        .places
+                        .iter()
+                        .filter(|p| matches!(p.found.state, PlaceState::NoSignal(_)))
+                        .count();
+                    println!(
+                        "{name} {strategy:?} {by:?} {baud} {seed}: {:.2} {:.2} {:.1}; {:.0} {:.3}; {:.0}; {} {:.0}; {missing} ({named} by name) {}",
+                        e[0],
+                        e[1],
+                        e[2],
+                        done.duration_s,
+                        done.duration_s / floor_s,
+                        done.path_mm,
+                        done.exchanges,
+                        done.exchange_s,
+                        done.alarm.map_or_else(String::new, |alarm| alarm.message),
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! The board between the sensor and the control: the station of the firmware on the wires of
+//! the virtual machine.
+//!
+//! The sensor's line is taken to be so fast that a reading is there when its capture is; the
+//! control's line has its own speed. What may go wrong on the way is made on purpose
+//! ([`SensorLineFault`]).
+
+use umi_core::point::station::{CapturePulses, Station, StationRecord, StationSetup};
+use umi_core::units::Micros;
+
+use super::{Exposure, SensorFault, SensorSignal};
+use crate::machine::{SensorOrder, SensorPulses, ServedProgram, Wires};
+
+/// What goes wrong between sensor and board, or between board and control.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SensorLineFault {
+    /// Nothing.
+    #[default]
+    None,
+    /// From this reading on all come under the next one's number.
+    OffByOne(u32),
+    /// This reading does not come.
+    Lost(u32),
+    /// From this reading on the sensor repeats what it has sent before.
+    Stale(u32),
+    /// The control gets the answer before the last once more, at this answer.
+    StaleAnswer(u32),
+    /// One figure of this answer is another one.
+    WrongAnswer(u32),
+}
+
+/// A station wired to a machine.
+#[derive(Debug)]
+pub struct SensorStation {
+    station: Station,
+    fault: SensorLineFault,
+    /// Captures so far: the sensor's own number of a reading.
+    captures: u32,
+    last: Option<SensorSignal>,
+    records: Vec<StationRecord>,
+    dropped: u32,
+    counts: [i64; 3],
+    answers: u32,
+    before: Option<Vec<u8>>,
+    commands: u32,
+    text: String,
+}
+
+impl SensorStation {
+    /// A station that waits for its configuration.
+    #[must_use]
+    pub fn new(setup: StationSetup, fault: SensorLineFault) -> Self {
+        Self {
+            station: Station::new(setup),
+            fault,
+            captures: 0,
+            last: None,
+            records: Vec::new(),
+            dropped: 0,
+            counts: [0; 3],
+            answers: 0,
+            before: None,
+            commands: 0,
+            text: String::new(),
+        }
+    }
+
+    /// What the station has told so far, oldest first.
+    #[must_use]
+    pub fn records(&self) -> &[StationRecord] {
+        &self.records
+    }
+
+    /// Records that found no room at the station.
+    #[must_use]
+    pub fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// Captures so far.
+    #[must_use]
+    pub fn captures(&self) -> u32 {
+        self.captures
+    }
+
+    /// Lines that the control has printed.
+    #[must_use]
+    pub fn commands(&self) -> u32 {
+        self.commands
+    }
+
+    fn drain(&mut self) {
+        while let Some(record) = self.station.take_record() {
+            self.records.push(record);
+        }
+        self.dropped = self.dropped.saturating_add(self.station.take_dropped());
+    }
+}
+
+impl Wires for SensorStation {
+    fn stands(&mut self, counts: [i64; 3]) {
+        self.counts = counts;
+    }
+
+    fn serial(&mut self, _: Micros, bytes: &[u8]) {
+        for byte in bytes {
+            self.commands += u32::from(*byte == b'\n');
+            self.station.command_byte(*byte, self.counts);
+            self.drain();
+        }
+    }
+
+    fn skip(&mut self, _: Micros, _: [i64; 3]) {}
+
+    fn time(&mut self, now: Micros) {
+        self.station.tick(now);
+        self.drain();
+    }
+
+    fn sensor_order(&self) -> Option<SensorOrder> {
+        let pulses = match self.station.order() {
+            CapturePulses::Off => return None,
+            CapturePulses::Time => SensorPulses::Time,
+            CapturePulses::Distance {
+                origin_counts,
+                interval_counts,
+            } => SensorPulses::Distance {
+                origin_counts,
+                interval_counts,
+            },
+        };
+        let with = self.station.configuration()?;
+        Some(SensorOrder {
+            exposure: Exposure {
+                rate_hz: with.rate_hz,
+                power: with.power,
+            },
+            pulses,
+        })
+    }
+
+    fn captured(&mut self, at: Micros, counts: [i64; 3], read: Result<SensorSignal, SensorFault>) {
+        use std::fmt::Write as _;
+        self.station.latched(counts, at);
+        let number = self.captures;
+        self.captures = self.captures.wrapping_add(1);
+        let read = match (self.fault, self.last) {
+            (SensorLineFault::Stale(from), Some(last)) if number >= from => Ok(last),
+            _ => read,
+        };
+        let shown = match self.fault {
+            SensorLineFault::OffByOne(from) if number >= from => number.wrapping_add(1),
+            _ => number,
+        };
+        if self.fault != SensorLineFault::Lost(number) {
+            self.text.clear();
+            // Writing to a string cannot fail.
+            let _ = match read {
+                Ok(signal) => writeln!(
+                    self.text,
+                    "{shown:05} {:.6} {:.1} {:.0}\r",
+                    signal.gamma_mm, signal.snr, signal.total
+                ),
+                Err(fault) => writeln!(self.text, "{shown:05} - {}\r", fault.code()),
+            };
+            for byte in self.text.bytes() {
+                self.station.sensor_byte(byte);
+            }
+        }
+        self.last = read.ok().or(self.last);
+        self.drain();
+    }
+
+    fn skip_input(&self) -> bool {
+        self.station.skip()
+    }
+
+    fn is_silent(&self) -> bool {
+        false
+    }
+
+    fn program(&mut self, _: Micros, _: u32) -> Option<ServedProgram> {
+        let answer = self.station.take_answer()?;
+        let mut bytes = answer.program().as_bytes().to_vec();
+        let number = self.answers;
+        self.answers = self.answers.wrapping_add(1);
+        match (self.fault, &self.before) {
+            (SensorLineFault::StaleAnswer(at), Some(before)) if at == number => {
+                bytes.clone_from(before);
+            }
+            (SensorLineFault::WrongAnswer(at), _) if at == number => {
+                // The first figure behind the first `=`: the distance.
+                if let Some(figure) = bytes
+                    .iter()
+                    .position(|byte| *byte == b'=')
+                    .and_then(|place| bytes.get_mut(place + 1))
+                {
+                    *figure = if *figure == b'9' { b'1' } else { *figure + 1 };
+                }
+            }
+            _ => {}
+        }
+        self.before = Some(bytes.clone());
+        Some(ServedProgram { bytes })
+    }
+}
