@@ -150,7 +150,7 @@ pub fn run(
         places,
         duration_s: meter.duration_s,
         path_mm: meter.path_mm,
-        captures: station.captures(),
+        captures: station.measured(),
         exchanges: station.commands(),
         exchange_s: meter.exchange_s,
         losses: losses + station.dropped() as usize,
@@ -201,7 +201,7 @@ impl Meter {
     /// A block of this program is done.
     fn block(&mut self, machine: &VirtualMachine<SensorStation>, program: u32, rate_hz: f64) {
         let status = machine.status();
-        let captures = machine.wires().captures();
+        let captures = machine.wires().measured();
         let now = (status.seconds, status.position.mm, captures);
         if let Some((seconds, at, before)) = self.at
             && matches!(program, CYCLE | COMMAND | 8849)

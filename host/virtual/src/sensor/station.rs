@@ -36,6 +36,8 @@ pub struct SensorStation {
     fault: SensorLineFault,
     /// Captures so far: the sensor's own number of a reading.
     captures: u32,
+    /// Those that were not only looked at.
+    measured: u32,
     last: Option<SensorSignal>,
     records: Vec<StationRecord>,
     dropped: u32,
@@ -54,6 +56,7 @@ impl SensorStation {
             station: Station::new(setup),
             fault,
             captures: 0,
+            measured: 0,
             last: None,
             records: Vec::new(),
             dropped: 0,
@@ -77,10 +80,11 @@ impl SensorStation {
         self.dropped
     }
 
-    /// Captures so far.
+    /// Captures so far of which something was made; those that were only looked at on the way
+    /// are not in it.
     #[must_use]
-    pub fn captures(&self) -> u32 {
-        self.captures
+    pub fn measured(&self) -> u32 {
+        self.measured
     }
 
     /// Lines that the control has printed.
@@ -141,6 +145,7 @@ impl Wires for SensorStation {
 
     fn captured(&mut self, at: Micros, counts: [i64; 3], read: Result<SensorSignal, SensorFault>) {
         use std::fmt::Write as _;
+        self.measured += u32::from(!self.station.is_watching());
         self.station.latched(counts, at);
         let number = self.captures;
         self.captures = self.captures.wrapping_add(1);

@@ -186,6 +186,12 @@ impl Station {
         self.doing == Doing::Watching && self.watch.has_tripped()
     }
 
+    /// Whether captures are only looked at: no place is made of them.
+    #[must_use]
+    pub fn is_watching(&self) -> bool {
+        self.doing == Doing::Watching
+    }
+
     /// The oldest record that was not taken yet.
     pub fn take_record(&mut self) -> Option<StationRecord> {
         self.records.pop_front()
@@ -269,9 +275,12 @@ impl Station {
             (SensorCommand::Adapt, Some(_)) => self.collect(ADAPT_CAPTURES, false),
             (SensorCommand::Measure, Some(with)) => self.collect(with.captures, true),
             (SensorCommand::TripNear, Some(with)) => {
+                // What is read first is where the way along the beam begins.
+                self.seen = None;
                 self.watch(Watch::trip(Trip::AtMost(with.target.0)));
             }
             (SensorCommand::TripFar, Some(with)) => {
+                self.seen = None;
                 self.watch(Watch::trip(Trip::AtLeast(with.target.0 + with.overshoot.0)));
             }
             (SensorCommand::Pulses, Some(with)) => self.pulse(with, counts),
