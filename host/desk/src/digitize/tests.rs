@@ -141,7 +141,7 @@ fn faults_are_named() {
         assert!(message.contains(says), "{fault:?}: {message}");
     };
     stops(&sensor, SensorLineFault::OffByOne(60), "LOST A CAPTURE");
-    stops(&sensor, SensorLineFault::Lost(20), "LOST A CAPTURE");
+    stops(&sensor, SensorLineFault::Lost(5), "LOST A CAPTURE");
     stops(
         &sensor,
         SensorLineFault::Stale(20),
