@@ -149,7 +149,7 @@ fn the_reference_scenes_hold() {
 fn what_cannot_be_is_refused_by_name() {
     let folder = Folder::new();
     let sensor = calibration(&folder, |_| {});
-    let mut refused = |changed: &[(&str, &str)]| {
+    let refused = |changed: &[(&str, &str)]| {
         let (ran, _) = digitize(&folder, "ball_8mm", &sensor, "adaptive", changed);
         ran.exits(2).json()["error"].clone()
     };
