@@ -11,7 +11,7 @@ use umi_core::point::station::PlaceState;
 use umi_core::units::Point;
 use umi_desk::digitize::{DigitizeQuestion, Digitized, HeardBy, Strategy, run};
 use umi_virtual::scene::Scene;
-use umi_virtual::sensor::SensorLineFault;
+use umi_virtual::station::SensorLineFault;
 
 /// Height of the relief over the part's datum, mm: waves between -3.5 and 3.5.
 fn height(x: f64, y: f64) -> f64 {
@@ -221,15 +221,15 @@ fn table_5_again() {
         "lens, strategy, by, baud, seeds: rms sigma range um; time s, of the floor; way mm; lines, s; missing"
     );
     let all: &[(usize, Strategy, HeardBy, u32, u64)] = &[
-        (0, Strategy::NonAdaptive, HeardBy::Served, 9600, 1),
-        (0, Strategy::NonAdaptive, HeardBy::Pulses, 9600, 3),
-        (0, Strategy::Adaptive, HeardBy::Served, 9600, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 1),
+        (0, Strategy::NonAdaptive, HeardBy::Pulses, 9600, 1),
+        (1, Strategy::NonAdaptive, HeardBy::Served, 115_200, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
+        (0, Strategy::Adaptive, HeardBy::Served, 115_200, 1),
         (0, Strategy::PredictiveAdaptive, HeardBy::Served, 9600, 1),
         (0, Strategy::PredictiveAdaptive, HeardBy::Served, 19_200, 1),
-        (0, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
+        (0, Strategy::NonAdaptive, HeardBy::Served, 9600, 1),
         (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 9600, 1),
-        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 3),
-        (1, Strategy::NonAdaptive, HeardBy::Served, 115_200, 1),
         (1, Strategy::Adaptive, HeardBy::Served, 115_200, 1),
         (1, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
         (1, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 1),

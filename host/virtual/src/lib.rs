@@ -6,6 +6,7 @@
 //!   and printed text out.
 //! * [`machine`]: the machine tool that carries them out: axes, encoders, probe.
 //! * [`sensor`]: a distance sensor in its spindle.
+//! * [`station`]: the board between that sensor and the control.
 //! * [`scene`]: what stands on the machine's table.
 //! * [`cutting`]: what a tool path leaves on a workpiece.
 //! * [`cell`]: a control in front of its machine.
@@ -20,5 +21,6 @@ pub mod machine;
 pub mod nc;
 pub mod scene;
 pub mod sensor;
+pub mod station;
 
 pub use board::*;

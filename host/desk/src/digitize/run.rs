@@ -7,7 +7,7 @@ use umi_virtual::cell::Cell;
 use umi_virtual::machine::VirtualMachine;
 use umi_virtual::nc::Alarm;
 use umi_virtual::scene::Scene;
-use umi_virtual::sensor::{SensorLineFault, SensorStation};
+use umi_virtual::station::{SensorLineFault, SensorStation};
 
 use super::program::program;
 use super::question::{DigitizeQuestion, DigitizeRefusal};

@@ -5,7 +5,7 @@ use umi_core::point::PointSensor;
 use umi_core::point::station::PlaceState;
 use umi_core::units::Point;
 use umi_virtual::scene::Scene;
-use umi_virtual::sensor::SensorLineFault;
+use umi_virtual::station::SensorLineFault;
 
 use super::*;
 

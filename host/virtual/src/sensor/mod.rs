@@ -22,7 +22,6 @@
 //! [`linearity_percent`]: PointSensorSpec::linearity_percent
 
 mod reading;
-mod station;
 #[cfg(test)]
 mod tests;
 
@@ -32,7 +31,6 @@ use crate::machine::random::Random;
 use crate::scene::{BeamEnd, PointSensorSpec, Scene};
 
 pub use reading::{NoSignal, SensorCaptures, SensorFault, SensorSignal};
-pub use station::{SensorLineFault, SensorStation};
 
 /// A sensor and its noise: the same seed, the same sensor.
 #[derive(Clone, Debug)]

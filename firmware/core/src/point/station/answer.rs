@@ -16,7 +16,7 @@ pub const ANSWER_BYTES: usize = 96;
 
 /// An answer to a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SensorAnswer {
+pub struct CommandAnswer {
     /// Mean reading; 0 where there is none.
     pub gamma: Mm,
     /// How it ended.
@@ -25,7 +25,7 @@ pub struct SensorAnswer {
     pub sequence: u16,
 }
 
-impl SensorAnswer {
+impl CommandAnswer {
     /// The program: `#501` distance with four decimals, `#502` state, `#503` the command's
     /// number, `#504` the check value of the three.
     #[must_use]

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::record::{PlacePoint, PlaceState};
-use super::text::{SensorReading, SignalLoss};
+use super::text::{NumberedReading, SignalLoss};
 use crate::units::{Mm, Point};
 
 /// Axes that stand do not leave their first latch by more.
@@ -62,7 +62,7 @@ impl Collected {
     }
 
     /// A reading with its latch.
-    pub fn add(&mut self, axes: Point, reading: &SensorReading) {
+    pub fn add(&mut self, axes: Point, reading: &NumberedReading) {
         let signal = match reading.signal {
             Ok(signal) => signal,
             Err(loss) => {

@@ -4,11 +4,11 @@
 //! as text ([`text`]); each capture pulse latches the axes. This station joins them: reading n
 //! belongs to latch n, or the loss is named ([`pairing`]). Captures at rest are averaged
 //! ([`collect`]) and become points P = Q + t + γ g a. The control hears of it in three ways:
-//! by a program that sets variables ([`answer`]), by the skip input ([`Station::skip`]), or not
+//! by a program that sets variables ([`answer`]), by the skip input ([`CaptureStation::skip`]), or not
 //! at all, where pulses are made on the way.
 //!
 //! Nothing here waits and nothing is asked: bytes, latches and time come in, what is to be done
-//! next is read ([`Station::order`]).
+//! next is read ([`CaptureStation::order`]).
 
 mod answer;
 mod collect;
@@ -23,10 +23,10 @@ mod watch;
 use heapless::Deque;
 use nalgebra::Vector3;
 
-pub use answer::{ANSWER_BYTES, ANSWER_PROGRAM, SensorAnswer};
+pub use answer::{ANSWER_BYTES, ANSWER_PROGRAM, CommandAnswer};
 pub use command::{CommandFault, SensorCommand, SensorConfiguration, check_value};
 pub use record::{PlacePoint, PlaceState, StationRecord};
-pub use text::{ReadingText, SensorReading, SignalLoss};
+pub use text::{NumberedReading, ReadingText, SignalLoss};
 
 use super::sensor::PointSensor;
 use crate::units::{Micros, Mm, Point};
@@ -110,7 +110,7 @@ struct Seen {
 
 /// The station.
 #[derive(Debug)]
-pub struct Station {
+pub struct CaptureStation {
     setup: StationSetup,
     configuration: Option<SensorConfiguration>,
     doing: Doing,
@@ -119,7 +119,7 @@ pub struct Station {
     pairing: Pairing,
     collected: Collected,
     watch: Watch,
-    answer: Option<SensorAnswer>,
+    answer: Option<CommandAnswer>,
     sequence: u16,
     /// Places measured so far.
     places: u32,
@@ -132,7 +132,7 @@ pub struct Station {
     dropped: u32,
 }
 
-impl Station {
+impl CaptureStation {
     /// A station that waits for its configuration.
     #[must_use]
     pub fn new(setup: StationSetup) -> Self {
@@ -203,7 +203,7 @@ impl Station {
     }
 
     /// The answer to the last command, once it is there; it is given once.
-    pub fn take_answer(&mut self) -> Option<SensorAnswer> {
+    pub fn take_answer(&mut self) -> Option<CommandAnswer> {
         self.answer.take()
     }
 
@@ -340,7 +340,7 @@ impl Station {
     }
 
     fn reply(&mut self, gamma: Mm, state: PlaceState) {
-        self.answer = Some(SensorAnswer {
+        self.answer = Some(CommandAnswer {
             gamma,
             state,
             sequence: self.sequence,
@@ -371,7 +371,7 @@ impl Station {
         }
     }
 
-    fn read(&mut self, reading: SensorReading) {
+    fn read(&mut self, reading: NumberedReading) {
         if self.doing == Doing::Joining {
             // One pulse, one reading: their numbers belong together from here on.
             self.pairing.join(reading.number);

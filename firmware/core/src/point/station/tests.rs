@@ -10,8 +10,8 @@ use super::*;
 
 const COUNTS: [i64; 3] = [10_000, -20_000, 30_000];
 
-fn station() -> Station {
-    Station::new(StationSetup {
+fn station() -> CaptureStation {
+    CaptureStation::new(StationSetup {
         sensor: PointSensor {
             offset: Point::from_mm(1.0, -1.0, -100.0),
             direction: Vector3::new(0.0, 0.0, -1.0),
@@ -38,24 +38,24 @@ fn line(sequence: i64, values: &[i64]) -> String {
     format!("\x12UMIP S  {sequence} {words}C {check}\n\x14")
 }
 
-fn say(station: &mut Station, text: &str) {
+fn say(station: &mut CaptureStation, text: &str) {
     for byte in text.bytes() {
         station.command_byte(byte, COUNTS);
     }
 }
 
-fn read(station: &mut Station, text: &str) {
+fn read(station: &mut CaptureStation, text: &str) {
     for byte in text.bytes() {
         station.sensor_byte(byte);
     }
 }
 
-fn records(station: &mut Station) -> Vec<StationRecord> {
+fn records(station: &mut CaptureStation) -> Vec<StationRecord> {
     core::iter::from_fn(|| station.take_record()).collect()
 }
 
 /// Configured for so many captures, its numbers joined at 100.
-fn configured(captures: i64, guards: i64) -> Station {
+fn configured(captures: i64, guards: i64) -> CaptureStation {
     let mut station = station();
     say(
         &mut station,
@@ -69,7 +69,7 @@ fn configured(captures: i64, guards: i64) -> Station {
     station
 }
 
-fn measured(station: &mut Station) -> PlacePoint {
+fn measured(station: &mut CaptureStation) -> PlacePoint {
     match records(station).as_slice() {
         [.., StationRecord::Place(place)] => *place,
         other => panic!("no place: {other:?}"),
@@ -121,7 +121,7 @@ fn no_signal_has_its_reason_and_no_point() {
 /// gives a point.
 #[test]
 fn wrong_pairs_are_named() {
-    let three = |station: &mut Station, numbers: &[u32]| {
+    let three = |station: &mut CaptureStation, numbers: &[u32]| {
         say(station, &line(2, &[3]));
         for _ in 0..3 {
             station.latched(COUNTS, Micros(1000));

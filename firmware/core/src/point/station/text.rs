@@ -69,7 +69,7 @@ pub struct GoodReading {
 
 /// What a line says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SensorReading {
+pub struct NumberedReading {
     /// The reading's own number.
     pub number: u32,
     /// What was read, or why nothing was.
@@ -96,7 +96,7 @@ impl Default for TextLine {
 
 impl TextLine {
     /// The next byte; at the end of a line, what it says. Empty lines say nothing.
-    pub fn byte(&mut self, byte: u8, text: &ReadingText) -> Option<Result<SensorReading, ()>> {
+    pub fn byte(&mut self, byte: u8, text: &ReadingText) -> Option<Result<NumberedReading, ()>> {
         let byte = byte & 0x7F;
         if byte != b'\n' && byte != b'\r' {
             match self.bytes.get_mut(self.length) {
@@ -122,7 +122,7 @@ impl TextLine {
 }
 
 /// What a line says.
-fn reading(line: &[u8], text: &ReadingText) -> Option<SensorReading> {
+fn reading(line: &[u8], text: &ReadingText) -> Option<NumberedReading> {
     let line = core::str::from_utf8(line).ok()?;
     let mut columns = [""; COLUMNS];
     let mut parts = line
@@ -143,12 +143,12 @@ fn reading(line: &[u8], text: &ReadingText) -> Option<SensorReading> {
             "underexposed" => SignalLoss::Underexposed,
             _ => return None,
         };
-        return Some(SensorReading {
+        return Some(NumberedReading {
             number,
             signal: Err(loss),
         });
     };
-    Some(SensorReading {
+    Some(NumberedReading {
         number,
         signal: Ok(GoodReading {
             gamma: Mm(gamma),

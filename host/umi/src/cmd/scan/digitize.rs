@@ -9,7 +9,7 @@ use umi_desk::digitize::{self, DigitizeQuestion, DigitizeRefusal, Digitized};
 use umi_scan::ScanError;
 use umi_scan::point_sensor::calibration::{self, KnownSensor};
 use umi_virtual::scene::{PointSensorSpec, Scene};
-use umi_virtual::sensor::SensorLineFault;
+use umi_virtual::station::SensorLineFault;
 
 use super::super::Format;
 use super::super::machine::run::scene;

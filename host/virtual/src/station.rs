@@ -5,11 +5,11 @@
 //! control's line has its own speed. What may go wrong on the way is made on purpose
 //! ([`SensorLineFault`]).
 
-use umi_core::point::station::{CapturePulses, Station, StationRecord, StationSetup};
+use umi_core::point::station::{CapturePulses, CaptureStation, StationRecord, StationSetup};
 use umi_core::units::Micros;
 
-use super::{Exposure, SensorFault, SensorSignal};
 use crate::machine::{SensorOrder, SensorPulses, ServedProgram, Wires};
+use crate::sensor::{Exposure, SensorFault, SensorSignal};
 
 /// What goes wrong between sensor and board, or between board and control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub enum SensorLineFault {
 /// A station wired to a machine.
 #[derive(Debug)]
 pub struct SensorStation {
-    station: Station,
+    station: CaptureStation,
     fault: SensorLineFault,
     /// Captures so far: the sensor's own number of a reading.
     captures: u32,
@@ -53,7 +53,7 @@ impl SensorStation {
     #[must_use]
     pub fn new(setup: StationSetup, fault: SensorLineFault) -> Self {
         Self {
-            station: Station::new(setup),
+            station: CaptureStation::new(setup),
             fault,
             captures: 0,
             measured: 0,
