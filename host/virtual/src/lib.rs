@@ -19,6 +19,7 @@ pub mod cell;
 pub mod cutting;
 pub mod machine;
 pub mod nc;
+pub(crate) mod random;
 pub mod scene;
 pub mod sensor;
 pub mod station;

@@ -47,7 +47,6 @@ mod collide;
 mod encoder;
 mod motion;
 mod probe;
-pub(crate) mod random;
 mod sense;
 mod touch;
 mod wires;
@@ -61,10 +60,10 @@ use umi_core::units::{Micros, Point};
 use crate::nc::Trip;
 use crate::scene::{Scene, ToolSpec};
 
+use crate::random::Random;
 use collide::Along;
 pub use encoder::{Encoder, EncoderEdge, Signals};
 use motion::Profile;
-use random::Random;
 use sense::Sensing;
 pub use wires::{SensorOrder, SensorPulses, ServedProgram, Unwired, Wires};
 

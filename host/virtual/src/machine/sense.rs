@@ -9,10 +9,10 @@ use umi_core::units::Point;
 
 use super::collide::Along;
 use super::motion::Profile;
-use super::random::Random;
 use super::wires::{SensorOrder, SensorPulses};
 use super::{Spindle, VirtualMachine, Wires, micros};
 use crate::nc::{AxisMotion, Skip, Trip};
+use crate::random::Random;
 use crate::scene::PointSensorSpec;
 use crate::sensor::{Exposure, PointSensorHead, SensorFault, StillView};
 

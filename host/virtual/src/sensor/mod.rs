@@ -27,7 +27,7 @@ mod tests;
 
 use nalgebra::Vector3;
 
-use crate::machine::random::Random;
+use crate::random::Random;
 use crate::scene::{BeamEnd, PointSensorSpec, Scene};
 
 pub use reading::{NoSignal, SensorCaptures, SensorFault, SensorSignal};
