@@ -275,7 +275,7 @@ impl CaptureStation {
             (SensorCommand::Adapt, Some(_)) => self.collect(ADAPT_CAPTURES, false),
             (SensorCommand::Measure, Some(with)) => self.collect(with.captures, true),
             (SensorCommand::TripNear, Some(with)) => {
-                // What is read first is where the way along the beam begins.
+                // One reading on the way is too noisy to hold the beam against.
                 self.seen = None;
                 self.watch(Watch::trip(Trip::AtMost(with.target.0)));
             }
@@ -396,12 +396,6 @@ impl CaptureStation {
                 self.close();
             }
             Doing::Watching => {
-                if let (Ok(signal), None) = (reading.signal, self.seen) {
-                    self.seen = Some(Seen {
-                        axes: axes.mm,
-                        gamma: signal.gamma.0,
-                    });
-                }
                 self.watch.look(reading.signal.ok().map(|s| s.gamma.0));
             }
             Doing::Pulsing { .. } => {
