@@ -1,5 +1,7 @@
 //! Points of a scan, and the files they come in.
 
+mod las;
+mod pcd;
 mod ply;
 mod table;
 #[cfg(test)]
@@ -23,7 +25,8 @@ pub struct ScanCloud {
     pub not_finite: usize,
 }
 
-/// The points of a file: PLY by its first bytes, else numbers in columns (CSV). As they stand there: mm if the file is in mm.
+/// The points of a file: PLY, PCD, LAS or STL (the corners of its triangles, each once) by its first bytes, else numbers
+/// in columns (CSV). As they stand there: mm if the file is in mm.
 ///
 /// # Errors
 /// `bad_file` with what is wrong.
@@ -47,9 +50,33 @@ pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
 pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     if bytes.starts_with(b"ply") {
         ply::read(bytes)
+    } else if bytes.starts_with(b"LASF") {
+        las::read(bytes)
+    } else if bytes.starts_with(b"ASTM-E57") {
+        Err(ScanError::unreadable(
+            "bad_file",
+            "it is an E57 file, which is not read: write it as PLY, PCD or LAS",
+        ))
+    } else if pcd::is_pcd(bytes) {
+        pcd::read(bytes)
+    } else if crate::surface::is_stl(bytes) {
+        Ok(corners(&crate::surface::stl_from_bytes(bytes)?))
     } else {
         table::read(bytes)
     }
+}
+
+/// The corners of triangles, each once, in their order.
+fn corners(mesh: &crate::surface::Mesh) -> ScanCloud {
+    let mut known = std::collections::HashSet::new();
+    let mut cloud = ScanCloud::default();
+    for corner in mesh.triangles().iter().flat_map(|t| t.corners) {
+        // Zero has two signs.
+        if known.insert([corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits())) {
+            cloud.push(corner);
+        }
+    }
+    cloud
 }
 
 impl ScanCloud {

@@ -74,6 +74,149 @@ fn columns_are_found_by_their_names_or_taken_in_order() {
     assert_eq!(in_order.points.len(), 2);
 }
 
+/// A PCD header with a column before, between and behind.
+fn pcd(points: usize, data: &str) -> Vec<u8> {
+    format!(
+        "# .PCD v0.7 - a scan\nVERSION 0.7\nFIELDS rgb x normal y z\nSIZE 4 8 4 8 8\nTYPE U F F F F\nCOUNT 1 1 3 1 1\nWIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+    )
+    .into_bytes()
+}
+
+#[test]
+fn every_kind_of_pcd_gives_the_same_points() {
+    let mut text = pcd(3, "ascii");
+    text.extend(b"7 1 0 0 1 2.5 -3\r\n7 300000.125 0 0 1 -0.5 0.25\n\n7 0 0 0 1 0 0\n");
+    assert_eq!(cloud_from_bytes(&text).unwrap().points, points());
+    let mut binary = pcd(3, "binary");
+    let mut columns: [Vec<u8>; 5] = Default::default();
+    for p in points() {
+        let record = [
+            vec![9; 4],
+            p.x.to_le_bytes().to_vec(),
+            vec![1; 12],
+            p.y.to_le_bytes().to_vec(),
+            p.z.to_le_bytes().to_vec(),
+        ];
+        binary.extend(record.concat());
+        for (column, bytes) in columns.iter_mut().zip(record) {
+            column.extend(bytes);
+        }
+    }
+    assert_eq!(cloud_from_bytes(&binary).unwrap().points, points());
+    // Twelve times 9 as one 9 and a reference to it, 36 times 1 with a long one; all else as it is.
+    let whole = columns.concat();
+    let mut packed = vec![0, 9, (7 << 5), 2, 0];
+    let mut at = 12;
+    for run in [24_usize, 0, 24, 24] {
+        if run == 0 {
+            packed.extend([0, 1, (7 << 5), 26, 0]);
+            at += 36;
+        } else {
+            packed.push(run as u8 - 1);
+            packed.extend(&whole[at..at + run]);
+            at += run;
+        }
+    }
+    assert_eq!(at, whole.len());
+    let compressed = |packed: &[u8]| {
+        let mut file = pcd(3, "binary_compressed");
+        file.extend((packed.len() as u32).to_le_bytes());
+        file.extend((whole.len() as u32).to_le_bytes());
+        file.extend(packed);
+        cloud_from_bytes(&file)
+    };
+    assert_eq!(compressed(&packed).unwrap().points, points());
+    // Whatever byte is damaged: an answer or a refusal, and no panic.
+    for i in 0..packed.len() {
+        for value in [0, 31, 32, 224, 255] {
+            let mut damaged = packed.clone();
+            damaged[i] = value;
+            let _ = compressed(&damaged);
+            let _ = compressed(&damaged[..i]);
+        }
+    }
+}
+
+#[test]
+fn a_las_file_has_its_scale_and_offset() {
+    let mut file = vec![0; 227];
+    file[..4].copy_from_slice(b"LASF");
+    file[24..26].copy_from_slice(&[1, 2]);
+    file[94..96].copy_from_slice(&227_u16.to_le_bytes());
+    file[96..100].copy_from_slice(&227_u32.to_le_bytes());
+    file[105..107].copy_from_slice(&20_u16.to_le_bytes());
+    file[107..111].copy_from_slice(&2_u32.to_le_bytes());
+    for (i, (scale, offset)) in [(0.5, 100.0), (0.25, 0.0), (1.0, -3.0)].iter().enumerate() {
+        file[131 + 8 * i..139 + 8 * i].copy_from_slice(&f64::to_le_bytes(*scale));
+        file[155 + 8 * i..163 + 8 * i].copy_from_slice(&f64::to_le_bytes(*offset));
+    }
+    for point in [[2_i32, -4, 7], [0, 0, i32::MIN]] {
+        file.extend(point.iter().flat_map(|x| x.to_le_bytes()));
+        file.extend([0; 8]);
+    }
+    let cloud = cloud_from_bytes(&file).unwrap();
+    assert_eq!(cloud.points[0], Vec3::new(101.0, -1.0, 4.0));
+    assert_eq!(cloud.points[1].z, -2_147_483_651.0);
+    let code = |bytes: &[u8]| cloud_from_bytes(bytes).map_err(|refusal| refusal.code);
+    for cut in [10, 226, 260, file.len() - 1] {
+        assert_eq!(code(&file[..cut]), Err("bad_file"), "{cut}");
+    }
+    for (at, value) in [(110, 0xff), (104, 0x80), (105, 12), (99, 0xff), (96, 0)] {
+        let mut damaged = file.clone();
+        damaged[at] = value;
+        assert_eq!(code(&damaged), Err("bad_file"), "{at}");
+    }
+}
+
+#[test]
+fn the_corners_of_a_scan_in_triangles_count_once() {
+    let text = b"solid scan\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 1 0 -0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid scan\n";
+    assert_eq!(cloud_from_bytes(text).unwrap().points.len(), 4);
+    let mut binary = vec![b' '; 80];
+    binary.extend(1_u32.to_le_bytes());
+    binary.extend([0; 12]);
+    binary.extend(
+        [0.0_f32, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 5.0, 0.0]
+            .map(f32::to_le_bytes)
+            .concat(),
+    );
+    binary.extend([0; 2]);
+    assert_eq!(cloud_from_bytes(&binary).unwrap().points.len(), 3);
+    for cut in [&text[..60], b"ASTM-E57 and more"] {
+        let code = cloud_from_bytes(cut).map_err(|refusal| refusal.code);
+        assert_eq!(code, Err("bad_file"));
+    }
+}
+
+#[test]
+fn a_pcd_file_is_refused_before_memory_is_taken() {
+    let code = |bytes: &[u8]| cloud_from_bytes(bytes).map_err(|refusal| refusal.code);
+    for data in ["ascii", "binary", "binary_compressed", "odd"] {
+        for points in [1, 4_000_000_000, usize::MAX / 30, usize::MAX] {
+            let mut file = pcd(points, data);
+            assert_eq!(code(&file), Err("bad_file"), "{points} {data}");
+            // A stated size that is as large as the points, packed into nothing.
+            file.extend([4, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0]);
+            assert_eq!(code(&file), Err("bad_file"), "{points} {data}");
+        }
+    }
+    let whole = String::from_utf8(pcd(0, "ascii")).unwrap();
+    for (from, to) in [
+        ("FIELDS rgb x", "FIELDS rgb w"),
+        ("SIZE 4 8", "SIZE 4 3"),
+        ("COUNT 1 1 3", "COUNT 1 1"),
+        ("DATA", "DITO"),
+    ] {
+        assert_eq!(
+            code(whole.replace(from, to).as_bytes()),
+            Err("bad_file"),
+            "{from}"
+        );
+    }
+    let huge = whole.replace("COUNT 1 1 3", "COUNT 1 1 18446744073709551615");
+    assert_eq!(code(huge.as_bytes()), Err("bad_file"));
+}
+
 #[test]
 fn a_bad_file_is_refused_before_memory_is_taken() {
     let code = |bytes: &[u8]| cloud_from_bytes(bytes).map_err(|refusal| refusal.code);

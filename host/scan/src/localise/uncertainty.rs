@@ -13,7 +13,7 @@ pub struct Certainty {
     pub cov: Matrix6<f64>,
     /// The scale beside the pose: the scan is so many times as large as the model. Not applied.
     pub scale: f64,
-    /// Its standard uncertainty.
+    /// Its standard uncertainty; infinite, with a scale of 1, where the points do not say.
     pub u_scale: f64,
     /// How much larger shared errors make the standard uncertainty, at the worst; 1 if neighbours share nothing.
     pub shared: f64,
@@ -26,6 +26,8 @@ pub struct Certainty {
 
 /// A direction is free if the points hold it less than this share of the best one, in squares.
 const FREE: f64 = 2e-4;
+/// The scale is not held if less than this share of what the points say of it is left beside the pose.
+const SCALED: f64 = 1e-5;
 /// Points whose pairs are looked at.
 const PAIRED: usize = 1200;
 /// What Tukey's kernel keeps of the information of normal noise.
@@ -114,7 +116,10 @@ pub(super) fn certainty(
     let mut rights = vec![SVector::<f64, 7>::zeros(); count];
     for &i in on_part {
         let r = row(i);
-        let grow = -measured[i].direction.dot(&(points[i] - about)) / arm;
+        // Of the foot on the model: the point's own noise would look like growth.
+        let m = &measured[i];
+        let foot = points[i] - m.direction * m.distance_mm;
+        let grow = -m.direction.dot(&(foot - about)) / arm;
         let full = SVector::<f64, 7>::from([r[0], r[1], r[2], r[3], r[4], r[5], grow]);
         let k = groups.of(i);
         sevens[k] += full * full.transpose();
@@ -161,14 +166,19 @@ pub(super) fn certainty(
             }
         })
         .fold(1.0, f64::max);
-    let solved = seven.try_inverse().map(|inverse| {
+    // What holds the scale, with all that the pose can do taken out: faces that meet in one point hold none of it.
+    let growth: Vector6<f64> = seven.fixed_view::<6, 1>(0, 6).into_owned();
+    let held = seven[(6, 6)] - growth.dot(&(inverse * growth));
+    let solved = seven
+        .try_inverse()
+        .filter(|_| held > SCALED * seven[(6, 6)]);
+    let (scale, u_scale) = solved.map_or((1.0, f64::INFINITY), |inverse| {
         let delta = inverse * right;
         (
             1.0 + delta[6] / arm,
             inverse[(6, 6)].max(0.0).sqrt() * sigma_mm / arm * ratio,
         )
     });
-    let (scale, u_scale) = solved.unwrap_or((1.0, f64::INFINITY));
     Certainty {
         cov: at_origin(&cov, arm, &about, motion),
         scale,

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector6;
 
+use super::borders::Borders;
 use super::demand::Rule;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
@@ -44,11 +45,15 @@ impl Range {
     }
 }
 
-struct Place {
+/// A place that was tried.
+pub(super) struct Place {
     x: Vector6<f64>,
-    motion: Pose,
-    measured: Vec<Measured>,
-    least: f64,
+    /// Scan from part.
+    pub motion: Pose,
+    /// Every point there.
+    pub measured: Vec<Measured>,
+    /// The least margin in mm.
+    pub least: f64,
 }
 
 impl Search<'_> {
@@ -123,15 +128,17 @@ impl Search<'_> {
             here = self.place(x * 0.0, &[]);
         }
         let mut reach = REACH_MM;
+        let mut borders = Borders::default();
         for _ in 0..PROGRAMMES {
             if reach < RESOLUTION_MM {
                 // A point beside an edge may demand more by one face than by the other: past the edge it is well.
                 match self.past_an_edge(&here, arm, range) {
-                    Some(there) => (here, reach) = (there, 0.2),
+                    Some(there) => (here, reach, borders) = (there, 0.2, Borders::default()),
                     None => break,
                 }
             }
-            let rows = self.rows(&here, arm, reach, 0);
+            let mut rows = self.rows(&here, arm, reach, 0);
+            rows.extend(borders.rows(self, &here, arm));
             let Some(best) = highest(&rows, reach) else {
                 break;
             };
@@ -150,11 +157,28 @@ impl Search<'_> {
                     0.7
                 };
                 here = there;
-            } else {
+            } else if !borders.learn(self, &here, &there) {
                 reach *= 0.4;
             }
         }
         here
+    }
+
+    /// How the distance from `q` to a plane that stands still changes with a step from `here`, the plane's normal or the
+    /// direction of a distance being `direction`; with the sign turned.
+    pub fn slopes(&self, here: &Place, q: &Vec3, direction: &Vec3, arm: f64) -> [f64; WIDTH] {
+        let pivot = self.pivot + Vec3::new(here.x[3], here.x[4], here.x[5]);
+        let turned = crate::solve::left_jacobian(&Vec3::new(here.x[0], here.x[1], here.x[2]));
+        let turn = turned.tr_mul(&(q - pivot).cross(direction)) / arm;
+        let all = [
+            turn.x,
+            turn.y,
+            turn.z,
+            direction.x,
+            direction.y,
+            direction.z,
+        ];
+        std::array::from_fn(|i| if self.locked[i] { 0.0 } else { all[i] })
     }
 
     /// A better place that is found by overlooking the worst few points.
@@ -181,8 +205,6 @@ impl Search<'_> {
     /// The rows that can hold a step of this reach: a margin changes by at most twice what the furthest point moves.
     fn rows(&self, here: &Place, arm: f64, reach: f64, without: usize) -> Vec<MarginRow> {
         let far = here.least + 2.0 * reach * (3_f64.sqrt() * 2.0);
-        let pivot = self.pivot + Vec3::new(here.x[3], here.x[4], here.x[5]);
-        let turned = crate::solve::left_jacobian(&Vec3::new(here.x[0], here.x[1], here.x[2]));
         let mut rows: Vec<MarginRow> = here
             .measured
             .iter()
@@ -194,21 +216,7 @@ impl Search<'_> {
                     return None;
                 }
                 let slope = rule.slope(m.distance_mm);
-                let turn = turned.tr_mul(&(q - pivot).cross(&m.direction)) / arm;
-                let all = [
-                    turn.x,
-                    turn.y,
-                    turn.z,
-                    m.direction.x,
-                    m.direction.y,
-                    m.direction.z,
-                ];
-                let mut gradient = [0.0; WIDTH];
-                for i in 0..WIDTH {
-                    if !self.locked[i] {
-                        gradient[i] = -slope * all[i];
-                    }
-                }
+                let gradient = self.slopes(here, q, &m.direction, arm).map(|x| -slope * x);
                 Some(MarginRow { value, gradient })
             })
             .collect();

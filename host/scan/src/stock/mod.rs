@@ -2,6 +2,7 @@
 //!
 //! Stock is the signed distance from the nominal surface to a scanned point: positive is material.
 
+mod borders;
 mod demand;
 mod highest;
 mod patches;

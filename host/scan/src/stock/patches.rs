@@ -37,7 +37,9 @@ pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)
         .map(|p| (middle[p] / area[p], area[p] / all))
         .collect();
     bare.sort_by(|a, b| b.1.total_cmp(&a.1));
-    (bare.iter().map(|(_, share)| share).sum(), bare)
+    // A sum of nothing is −0: it is printed as 0.
+    let share = bare.iter().map(|(_, share)| share).sum::<f64>() + 0.0;
+    (share, bare)
 }
 
 /// The number of the patch of each triangle.

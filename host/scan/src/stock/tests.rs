@@ -203,6 +203,78 @@ fn faces_have_demands_of_their_own() {
     assert_eq!(found.faces[0].n, 400);
 }
 
+/// Points of one face that a small motion would bring over an edge, to a face that demands more.
+#[test]
+fn no_small_motion_improves_a_place_at_the_border_of_two_demands() {
+    let model = block();
+    let face = |name: &str, top: bool, rule: Rule| Demand {
+        name: name.into(),
+        mesh: Mesh::new(
+            &model
+                .triangles()
+                .iter()
+                .filter(|t| (t.normal.z > 0.5) == top)
+                .map(|t| t.corners)
+                .collect::<Vec<_>>(),
+        )
+        .unwrap(),
+        rule,
+    };
+    let demands = [
+        face("top", true, Rule::Stock(0.3)),
+        face("others", false, Rule::Profile(1.2)),
+    ];
+    let mut state = 3_u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (state >> 33) as f64 / (1_u64 << 31) as f64 - 0.5
+    };
+    // Sides up to the edge, and beyond it as high as what they have beside it.
+    let mut points = raw(
+        [
+            Some(0.1),
+            Some(0.15),
+            Some(0.1),
+            Some(0.05),
+            Some(0.1),
+            Some(0.7),
+        ],
+        &Pose::identity(),
+    );
+    for _ in 0..300 {
+        let along = random() * 50.0;
+        let over = random() * 0.3;
+        points.push(Vec3::new(along, 20.0 + 0.1 + 0.1 * random(), 10.0 + over));
+        points.push(Vec3::new(along, -20.0 - 0.1 + 0.1 * random(), 10.0 + over));
+    }
+    let points: Vec<Vec3> = points.iter().map(|p| moved().point(p)).collect();
+    let mut task = task(&model, &points);
+    task.demands = &demands;
+    let found = task.find().unwrap();
+    let rules = demand::rules(&model, &demands, None);
+    let surface = CompositeSurface::from(model.clone());
+    let kept: Vec<Vec3> = (0..points.len())
+        .filter(|i| found.spikes.binary_search(i).is_err())
+        .map(|i| points[i])
+        .collect();
+    for k in 0..400 {
+        let size = [1.0, 0.1][k % 2];
+        let step = Vector6::from_fn(|i, _| size * random() * if i < 3 { 4e-4 } else { 1e-2 });
+        let other = crate::rigid::stepped(&found.motion, &step, &Vec3::zeros());
+        let margin = measure(&surface, &kept, &other, &[], Threads::new(1))
+            .iter()
+            .map(|m| rules[m.face].margin(m.distance_mm))
+            .fold(f64::INFINITY, f64::min);
+        assert!(
+            margin <= found.margin_mm + 5e-4,
+            "{margin} {}",
+            found.margin_mm
+        );
+    }
+}
+
 #[test]
 fn five_points_are_too_few() {
     let model = block();

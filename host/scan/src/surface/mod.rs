@@ -15,6 +15,7 @@ pub(crate) use mesh::box_corners;
 pub use nearest::Near;
 pub use ray::{RayHit, StandingBox};
 pub use shapes::{BallShape, CompositeSurface, Cone};
+pub(crate) use stl::is_stl;
 pub use stl::{read_stl, stl_from_bytes};
 pub use triangle::Triangle;
 pub(crate) use triangle::bounds;

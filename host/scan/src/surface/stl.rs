@@ -24,6 +24,22 @@ pub fn read_stl(path: &Path) -> Result<Mesh, ScanError> {
     })
 }
 
+/// Whether these are the bytes of an STL file, whole or cut: its size is what its header states, or its text begins as one.
+pub(crate) fn is_stl(bytes: &[u8]) -> bool {
+    let text = bytes.trim_ascii_start();
+    let solid = text.starts_with(b"solid")
+        && text.get(5).is_none_or(u8::is_ascii_whitespace)
+        && std::str::from_utf8(text).is_ok();
+    solid || is_binary(bytes)
+}
+
+/// Whether the file is as large as a binary header states.
+fn is_binary(bytes: &[u8]) -> bool {
+    let stated = bytes.get(80..HEADER).and_then(|b| b.try_into().ok());
+    let stated = stated.map(|b| u32::from_le_bytes(b) as usize);
+    stated.is_some_and(|n| n.checked_mul(RECORD) == Some(bytes.len() - HEADER))
+}
+
 /// The model in the bytes of an STL file. Which of the two kinds it is, its size says: binary files begin with `solid` too.
 ///
 /// # Errors
@@ -34,8 +50,7 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
         .and_then(|b| b.try_into().ok())
         .map(|b| u32::from_le_bytes(b) as usize);
     let there = bytes.len().saturating_sub(HEADER) / RECORD;
-    let whole = stated.is_some_and(|n| n.checked_mul(RECORD) == Some(bytes.len() - HEADER));
-    let corners = if whole {
+    let corners = if is_binary(bytes) {
         binary(&bytes[HEADER..])
     } else if bytes.trim_ascii_start().starts_with(b"solid") {
         text(bytes)?

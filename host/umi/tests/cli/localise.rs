@@ -72,6 +72,15 @@ fn a_stated_problem_is_answered_with_its_optimum() {
     }
 }
 
+/// Two corners, an inner one among them of which the scanner does not see one side.
+#[test]
+fn a_corner_of_which_one_side_is_hidden_is_found() {
+    let (_, got) = answered("fiducials_corners");
+    for fiducial in got["fiducials"].as_array().unwrap() {
+        assert_eq!(fiducial["found"], true, "{fiducial}");
+    }
+}
+
 /// The part had been turned by a right angle about the machine's X between the two scans: both say where it is.
 #[test]
 fn scans_of_a_part_that_was_turned_are_carried_back() {

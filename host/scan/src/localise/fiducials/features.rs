@@ -3,7 +3,7 @@
 use super::super::oriented::{from_seed, orient, thin};
 use super::super::pairs::spread;
 use super::own::Own;
-use super::{FiducialTask, Sought, balls, cones, meshes};
+use super::{FiducialTask, Sought, balls, cones, meshes, own};
 use crate::rigid::{Pose, Vec3};
 
 use super::FiducialShape;
@@ -56,6 +56,12 @@ impl<'a> Sought<'a> {
         Self {
             task,
             surfaces: shapes().map(FiducialShape::surface).collect(),
+            rims: shapes()
+                .map(|s| match s {
+                    FiducialShape::Mesh(mesh) => own::rims(mesh),
+                    _ => Vec::new(),
+                })
+                .collect(),
             class: shapes()
                 .map(|s| shapes().position(|o| o.is_like(s)).unwrap_or(0))
                 .collect(),

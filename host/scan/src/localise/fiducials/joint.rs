@@ -5,7 +5,7 @@ use nalgebra::Matrix6;
 use super::super::fit::{self, INLIER};
 use super::super::uncertainty::{Group, Groups, certainty};
 use super::super::{Located, degenerate, scene, verdict_reasons};
-use super::own::Own;
+use super::own::{self, Own};
 use super::{
     Fiducial, FiducialSeen, FiducialShape, FiducialTask, LEAST_POINTS, ScannerFound, SymmetryAxis,
 };
@@ -19,6 +19,8 @@ struct Bodies {
     surface: CompositeSurface,
     /// The fiducial of each face.
     of_face: Vec<usize>,
+    /// The rims of each, and how large its features are.
+    rims: Vec<(Vec<[Vec3; 2]>, f64)>,
     origin: Vec3,
 }
 
@@ -32,12 +34,21 @@ impl Bodies {
             / n;
         let mut surface = CompositeSurface::default();
         let mut corners: Vec<[Vec3; 3]> = Vec::new();
+        let mut rims = Vec::new();
         let (mut of_mesh, mut of_ball, mut of_cone) = (Vec::new(), Vec::new(), Vec::new());
         for (k, fiducial) in fiducials.iter().enumerate() {
             let pose = Pose {
                 translation_mm: fiducial.pose.translation_mm - origin,
                 ..fiducial.pose
             };
+            let own = match &fiducial.shape {
+                FiducialShape::Mesh(mesh) => own::rims(mesh),
+                _ => Vec::new(),
+            };
+            rims.push((
+                own.iter().map(|r| r.map(|p| pose.point(&p))).collect(),
+                fiducial.shape.size_mm(),
+            ));
             match &fiducial.shape {
                 FiducialShape::Mesh(mesh) => {
                     for t in mesh.triangles() {
@@ -71,6 +82,7 @@ impl Bodies {
         Ok(Self {
             surface,
             of_face: [of_mesh, of_ball, of_cone].concat(),
+            rims,
             origin,
         })
     }
@@ -108,12 +120,16 @@ impl Bodies {
             .collect()
     }
 
-    /// Whether a foot lies within a surface and not on its rim.
-    fn is_within(&self, m: &Measured, motion: &Pose) -> bool {
+    /// Whether the foot of a point lies within a surface and not beside its rim, for this noise.
+    fn is_within(&self, q: &Vec3, m: &Measured, motion: &Pose, noise_mm: f64) -> bool {
         let triangles = self.surface.mesh.as_ref().map_or(&[][..], Mesh::triangles);
-        triangles
-            .get(m.face)
-            .is_none_or(|t| (motion.rotation * t.normal).dot(&m.direction).abs() > 0.7)
+        let Some(t) = triangles.get(m.face) else {
+            return true;
+        };
+        let (rims, size) = &self.rims[self.of(m)];
+        let foot = motion.undo(&(q - m.direction * m.distance_mm));
+        (motion.rotation * t.normal).dot(&m.direction).abs() > 0.7
+            && own::is_apart(&foot, rims, own::margin(noise_mm, *size))
     }
 }
 
@@ -154,8 +170,11 @@ pub(super) fn finish(
         let there = measure(surface, points, &settled.motion, &[], threads);
         let near = |limit: f64| -> Vec<usize> {
             let motion = &settled.motion;
-            let is_near = |m: &Measured| m.distance_mm.abs() < limit && bodies.is_within(m, motion);
-            (0..points.len()).filter(|&i| is_near(&there[i])).collect()
+            let is_near = |i: usize| {
+                there[i].distance_mm.abs() < limit
+                    && bodies.is_within(&points[i], &there[i], motion, sigma)
+            };
+            (0..points.len()).filter(|&i| is_near(i)).collect()
         };
         let standing = bodies.standing(task, &near(INLIER * sigma), &there);
         let mut kept = near(10.0 * sigma);
@@ -181,7 +200,7 @@ pub(super) fn finish(
     let mut on: Vec<usize> = (0..points.len())
         .filter(|&i| {
             all || (measured[i].distance_mm.abs() < INLIER * sigma
-                && bodies.is_within(&measured[i], &motion))
+                && bodies.is_within(&points[i], &measured[i], &motion, sigma))
         })
         .collect();
     let standing = bodies.standing(task, &on, &measured);

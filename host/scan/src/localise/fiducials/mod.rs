@@ -249,6 +249,8 @@ struct Sought<'a> {
     task: &'a FiducialTask<'a>,
     /// Every fiducial in its own frame.
     surfaces: Vec<CompositeSurface>,
+    /// The rims of each, in its own frame; none of a closed shape.
+    rims: Vec<Vec<[Vec3; 2]>>,
     /// The first fiducial that looks like this one.
     class: Vec<usize>,
     /// Points to refine with.

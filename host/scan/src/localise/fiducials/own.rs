@@ -1,11 +1,13 @@
 //! One fiducial fitted by itself.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
 use super::super::fit::{self, INLIER, row};
 use super::{FiducialShape, Sought};
 use crate::parallel::Threads;
-use crate::rigid::{Pose, Vec3, rotation_vector};
+use crate::rigid::{Pose, Vec3, rotation_vector, stepped};
 use crate::solve::{Measured, eigen, measure};
 use crate::surface::Mesh;
 
@@ -24,45 +26,91 @@ pub(super) struct Own {
 
 /// Points that a fiducial needs.
 const LEAST: usize = 12;
+/// A motion is held if the points hold it by this share of the best one, in squares.
+const HELD: f64 = 1e-3;
 
 impl Sought<'_> {
-    /// The fiducial `k` by its own points, from a start that is right to about `reach` mm.
+    /// The fiducial `k` by its own points, from a start that is right to about `reach` mm. What its points do not hold is
+    /// as it was at the start.
     pub fn own(&self, k: usize, start: &Pose, reach: f64) -> Option<Own> {
-        let one = Threads::new(1);
-        let surface = &self.surfaces[k];
-        let settled = fit::settle(surface, &self.fine, start, reach, self.floor_mm(), 30, one)?;
-        let sigma = settled.sigma_mm;
-        let inside = fit::boxed(surface, &settled.motion, 3.0 * INLIER * sigma);
-        let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
-        let measured = measure(surface, &near, &settled.motion, &[], one);
-        let mut on = Vec::new();
-        let mut beside = 0;
-        let triangles = surface.mesh.as_ref().map_or(&[][..], Mesh::triangles);
-        for (q, m) in near.into_iter().zip(measured) {
-            // A foot on a rim says nothing: what lies beyond it is not known.
-            let normal = triangles
-                .get(m.face)
-                .map(|t| settled.motion.rotation * t.normal);
-            if normal.is_some_and(|n| n.dot(&m.direction).abs() < 0.9) {
-                continue;
-            }
-            let far = m.distance_mm.abs() / sigma;
-            if far < INLIER {
-                on.push((q, m));
-            } else if far < 3.0 * INLIER {
-                beside += 1;
-            }
+        let mut found = self.settled_at(k, start, reach)?;
+        if !self.rims[k].is_empty() {
+            // Once more from there: which points lie beside a rim is known better now.
+            let again = (4.0 * INLIER * found.sigma_mm).min(reach);
+            found = self.settled_at(k, &found.held_from(start), again)?;
+            found = self.seen_at(k, &found.held_from(start), found.sigma_mm);
         }
         let size = self.task.fiducials[k].shape.size_mm();
         // A wrong place has as many points a little off the surface as on it, and is rougher than the scan.
-        let stands =
-            on.len() >= LEAST && beside <= on.len() && sigma < 4.0 * self.noise_mm + 0.02 * size;
-        stands.then_some(Own {
-            motion: settled.motion,
-            sigma_mm: sigma,
-            on,
-            beside,
-        })
+        let stands = found.on.len() >= LEAST
+            && found.beside <= found.on.len()
+            && found.sigma_mm < 4.0 * self.noise_mm + 0.02 * size;
+        stands.then_some(found)
+    }
+
+    /// The fit of the points near to where `start` puts the fiducial, without those beside a rim: what lies beyond a rim
+    /// is not known, and a ledge there would draw the body along a side that the scan does not show.
+    fn settled_at(&self, k: usize, start: &Pose, reach: f64) -> Option<Own> {
+        let one = Threads::new(1);
+        let surface = &self.surfaces[k];
+        let floor = self.floor_mm();
+        let settled = if self.rims[k].is_empty() {
+            fit::settle(surface, &self.fine, start, reach, floor, 30, one)?
+        } else {
+            let inside = fit::boxed(surface, start, 3.0 * reach);
+            let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
+            let measured = measure(surface, &near, start, &[], one);
+            let within: Vec<Vec3> = near
+                .iter()
+                .zip(&measured)
+                .filter(|(q, m)| self.is_within(k, start, q, m))
+                .map(|(q, _)| *q)
+                .collect();
+            fit::settle(surface, &within, start, reach, floor, 30, one)?
+        };
+        let found = self.seen_at(k, &settled.motion, settled.sigma_mm);
+        (found.on.len() >= LEAST).then_some(found)
+    }
+
+    /// What the points say where the fiducial is.
+    fn seen_at(&self, k: usize, motion: &Pose, sigma_mm: f64) -> Own {
+        let surface = &self.surfaces[k];
+        let inside = fit::boxed(surface, motion, 3.0 * INLIER * sigma_mm);
+        let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
+        let measured = measure(surface, &near, motion, &[], Threads::new(1));
+        let mut own = Own {
+            motion: *motion,
+            sigma_mm,
+            on: Vec::new(),
+            beside: 0,
+        };
+        for (q, m) in near.into_iter().zip(measured) {
+            if !self.is_within(k, motion, &q, &m) {
+                continue;
+            }
+            let far = m.distance_mm.abs() / sigma_mm;
+            if far < INLIER {
+                own.on.push((q, m));
+            } else if far < 3.0 * INLIER {
+                own.beside += 1;
+            }
+        }
+        own
+    }
+
+    /// Whether the foot of a point lies within the surface of the fiducial `k`, away from its rims.
+    fn is_within(&self, k: usize, motion: &Pose, q: &Vec3, m: &Measured) -> bool {
+        let surface = &self.surfaces[k];
+        let triangles = surface.mesh.as_ref().map_or(&[][..], Mesh::triangles);
+        let Some(t) = triangles.get(m.face) else {
+            return true;
+        };
+        if (motion.rotation * t.normal).dot(&m.direction).abs() < 0.9 {
+            return false;
+        }
+        let foot = motion.undo(&(q - m.direction * m.distance_mm));
+        let size = self.task.fiducials[k].shape.size_mm();
+        is_apart(&foot, &self.rims[k], margin(self.noise_mm, size))
     }
 
     /// Whether what was found is as large (a ball) or as steep (a cone) as it should be.
@@ -111,7 +159,55 @@ impl Sought<'_> {
     }
 }
 
+/// The edges that one triangle alone has: nothing is said of what lies beyond them.
+pub(super) fn rims(mesh: &Mesh) -> Vec<[Vec3; 2]> {
+    // Zero has two signs.
+    let key = |v: &Vec3| [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits());
+    let mut count: BTreeMap<[[u64; 3]; 2], (usize, [Vec3; 2])> = BTreeMap::new();
+    for t in mesh.triangles() {
+        for i in 0..3 {
+            let edge = [t.corners[i], t.corners[(i + 1) % 3]];
+            let mut ends = edge.map(|v| key(&v));
+            ends.sort_unstable();
+            count.entry(ends).or_insert((0, edge)).0 += 1;
+        }
+    }
+    let alone = count.into_values().filter(|(n, _)| *n == 1);
+    alone.map(|(_, edge)| edge).collect()
+}
+
+/// How far a foot stays from a rim to count, in mm, for this noise and size of a fiducial.
+pub(super) fn margin(noise_mm: f64, size_mm: f64) -> f64 {
+    (3.0 * noise_mm).clamp(0.02 * size_mm, 0.1 * size_mm)
+}
+
+/// Whether a place is further than `margin` mm from all rims.
+pub(super) fn is_apart(foot: &Vec3, rims: &[[Vec3; 2]], margin: f64) -> bool {
+    rims.iter().all(|[a, b]| {
+        let along = b - a;
+        let t = (foot - a).dot(&along) / along.norm_squared();
+        (a + along * t.clamp(0.0, 1.0) - foot).norm() > margin
+    })
+}
+
 impl Own {
+    /// Where it is, with what its points do not hold as `start` has it.
+    fn held_from(&self, start: &Pose) -> Pose {
+        let about = self.middle();
+        let arm = self.arm(&about);
+        let (values, vectors) = eigen(&self.information(&about, arm));
+        let whole = self.step_from(start, &about, arm);
+        let mut step = Vector6::zeros();
+        for k in (0..6).filter(|&k| values[k] > HELD * values[5]) {
+            let v = vectors.column(k);
+            step += v * v.dot(&whole);
+        }
+        for i in 0..3 {
+            step[i] /= arm;
+        }
+        stepped(start, &step, &about)
+    }
+
     pub fn middle(&self) -> Vec3 {
         let first = self.on[0].0;
         first + self.on.iter().map(|(q, _)| q - first).sum::<Vec3>() / self.on.len() as f64
@@ -141,7 +237,7 @@ impl Own {
     pub fn rank(&self) -> usize {
         let about = self.middle();
         let (values, _) = eigen(&self.information(&about, self.arm(&about)));
-        values.iter().filter(|v| **v > 1e-3 * values[5]).count()
+        values.iter().filter(|v| **v > HELD * values[5]).count()
     }
 
     /// Whether the points surround it enough to be it and not something flat beside it.

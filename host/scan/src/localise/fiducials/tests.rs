@@ -169,6 +169,27 @@ fn balls_and_cones_say_where_the_scanner_is_among_decoys() {
     }
 }
 
+/// Faces that meet in one point are of any size.
+#[test]
+fn one_corner_says_nothing_of_the_scale() {
+    let mut random = Random(13);
+    let all = vec![corner(
+        "A",
+        [64.0, 42.0, 26.0],
+        [100.0, 60.0, 40.0],
+        [0.0, 0.0, -1.38],
+    )];
+    let scanner = random.pose();
+    let seen = found(&all, &scan(&all, &scanner, &mut random), &scanner);
+    let certainty = &seen.located.certainty;
+    assert_eq!((certainty.scale, certainty.u_scale), (1.0, f64::INFINITY));
+    assert!(
+        seen.located.reasons.is_empty(),
+        "{:?}",
+        seen.located.reasons
+    );
+}
+
 #[test]
 fn one_that_is_not_there_is_not_found_and_one_that_has_moved_is_named() {
     let mut random = Random(8);

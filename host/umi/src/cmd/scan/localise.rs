@@ -25,7 +25,7 @@ use crate::output::Force;
 #[derive(Args)]
 #[command(after_help = HELP, group = ArgGroup::new("points").required(true), group = ArgGroup::new("sought").required(true).multiple(true))]
 pub(crate) struct Localise {
-    /// The scan: PLY or columns x,y,z
+    /// The scan: PLY, PCD, LAS, STL or columns x,y,z
     #[arg(value_name = "SCAN", group = "points")]
     scan: Option<PathBuf>,
     /// Several scans, and by what the machine had moved the part in each: `[[scan]]` file, moved, carried
@@ -94,7 +94,7 @@ Examples:
   umi scan localise --scans turned.toml --fiducials table.toml --part part.stl
 
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
-any shape, seen from all their sides; where they stand, and how sure, is in their file:
+any shape; where they stand, and how sure, is in their file:
   [[fiducial]]
   name = \"B1\"
   shape = { sphere = { radius_mm = 12.7 } }
@@ -277,7 +277,7 @@ impl Localise {
             "reasons": placed.reasons(),
             "n": found.n, "n_used": located.n_used, "overlap": located.overlap,
             "rms_mm": located.rms_mm, "sigma_mm": located.sigma_mm,
-            "scale": c.scale, "u_scale": c.u_scale,
+            "scale": c.scale, "u_scale": c.u_scale.is_finite().then_some(c.u_scale),
             "cov": rows(&c.cov), "at": at,
             "fiducials": seen(fiducials), "scans": scans, "symmetries": symmetries,
         });
@@ -301,8 +301,9 @@ impl Localise {
         let c = &found.certainty;
         let _ = writeln!(
             text,
-            "scale   {:.6} ± {:.6}   shared errors make the uncertainty {:.1} times as large",
-            c.scale, c.u_scale, c.shared
+            "scale   {}   shared errors make the uncertainty {:.1} times as large",
+            super::placed::scale(c),
+            c.shared
         );
         for f in &answer.fiducials {
             let _ = if f.motion.is_some() {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
+use umi_scan::localise::Certainty;
 use umi_scan::rigid::Pose;
 
 use super::answer::failure;
@@ -18,6 +19,15 @@ pub(crate) struct Placed<'a> {
     pub motion: &'a Pose,
     /// None: the verdict is OK.
     pub reasons: &'a [ScanError],
+}
+
+/// The scale of a scan with its standard uncertainty, for people.
+pub(crate) fn scale(of: &Certainty) -> String {
+    if of.u_scale.is_finite() {
+        format!("{:.6} ± {:.6}", of.scale, of.u_scale)
+    } else {
+        "not told by what the scan shows".into()
+    }
 }
 
 impl Placed<'_> {

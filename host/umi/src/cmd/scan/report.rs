@@ -28,7 +28,7 @@ pub fn html(what: &str, answer: &ScanAnswer, corners: &[Vec3]) -> String {
         ("surface shown", format!("{:.0} %", located.overlap * 100.0)),
         ("noise", format!("{:.4} mm", located.sigma_mm)),
         ("rms", format!("{:.4} mm", located.rms_mm)),
-        ("scale", format!("{:.6} ± {:.6}", c.scale, c.u_scale)),
+        ("scale", super::placed::scale(c)),
         (
             "shared errors",
             format!(

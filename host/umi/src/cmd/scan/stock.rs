@@ -26,7 +26,7 @@ pub(crate) struct Stock {
     /// The finished part, STL in mm
     #[arg(value_name = "MODEL.stl")]
     model: PathBuf,
-    /// The scan of the raw part, PLY or columns x,y,z in mm
+    /// The scan of the raw part: PLY, PCD, LAS, STL or columns x,y,z, in mm
     #[arg(value_name = "SCAN")]
     scan: PathBuf,
     /// What is best: the least stock the largest (min), the stock the most even

@@ -1,0 +1,56 @@
+//! LAS files (ASPRS LAS 1.0 to 1.4), not compressed: coordinates are integers with a scale and an offset.
+
+use super::ScanCloud;
+use crate::ScanError;
+use crate::rigid::Vec3;
+
+/// What every header has.
+const HEADER: usize = 227;
+
+pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
+    let bad = |what: &str| ScanError::unreadable("bad_file", what);
+    if bytes.len() < HEADER {
+        return Err(bad("it is a LAS file cut short in its header"));
+    }
+    let two = |at: usize| usize::from(u16::from_le_bytes([bytes[at], bytes[at + 1]]));
+    let four = |at: usize| u32::from_le_bytes(array(bytes, at)) as usize;
+    let number = |at: usize| f64::from_le_bytes(array(bytes, at));
+    let (minor, start, format, stride) = (bytes[25], four(96), bytes[104], two(105));
+    if format & 0xc0 != 0 {
+        return Err(bad(
+            "its points are compressed (LAZ), which is not read: write it as LAS or PLY",
+        ));
+    }
+    let mut count = four(107) as u64;
+    // From 1.4 on a longer header states the number in 64 bits.
+    if minor >= 4 && count == 0 && bytes.len() >= 255 {
+        count = u64::from_le_bytes(array(bytes, 247));
+    }
+    let scale: [f64; 3] = std::array::from_fn(|i| number(131 + 8 * i));
+    let offset: [f64; 3] = std::array::from_fn(|i| number(155 + 8 * i));
+    let body = bytes.get(start..).unwrap_or_default();
+    let needed = count.checked_mul(stride as u64);
+    if stride < 20 || start < HEADER || needed.is_none_or(|needed| needed > body.len() as u64) {
+        return Err(ScanError::unreadable(
+            "bad_file",
+            format_args!(
+                "the header states {count} points of {stride} bytes, the file has {} for them: it is cut short or damaged",
+                body.len()
+            ),
+        ));
+    }
+    let mut cloud = ScanCloud::default();
+    cloud.points.reserve_exact(count as usize);
+    for record in body.chunks_exact(stride).take(count as usize) {
+        let [x, y, z] = std::array::from_fn(|i| {
+            f64::from(i32::from_le_bytes(array(record, 4 * i))) * scale[i] + offset[i]
+        });
+        cloud.push(Vec3::new(x, y, z));
+    }
+    Ok(cloud)
+}
+
+/// The bytes from `at` on, which are there.
+fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    std::array::from_fn(|i| bytes[at + i])
+}
