@@ -249,7 +249,7 @@ struct Sought<'a> {
     task: &'a FiducialTask<'a>,
     /// Every fiducial in its own frame.
     surfaces: Vec<CompositeSurface>,
-    /// The rims of each, in its own frame; none of a closed shape.
+    /// The rims and sharp edges of each, in its own frame; none of a ball or a cone.
     rims: Vec<Vec<[Vec3; 2]>>,
     /// The first fiducial that looks like this one.
     class: Vec<usize>,

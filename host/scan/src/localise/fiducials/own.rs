@@ -28,6 +28,8 @@ pub(super) struct Own {
 const LEAST: usize = 12;
 /// A motion is held if the points hold it by this share of the best one, in squares.
 const HELD: f64 = 1e-3;
+/// An edge is sharp if the normals beside it differ by more than 30 degrees (their cosine).
+const SHARP: f64 = 0.866;
 
 impl Sought<'_> {
     /// The fiducial `k` by its own points, from a start that is right to about `reach` mm. What its points do not hold is
@@ -159,21 +161,27 @@ impl Sought<'_> {
     }
 }
 
-/// The edges that one triangle alone has: nothing is said of what lies beyond them.
+/// The edges that one triangle alone has, and those over which the surface turns sharply. Nothing is said of what lies
+/// beyond the former; a body that ends flush with another one shows none of the latter.
 pub(super) fn rims(mesh: &Mesh) -> Vec<[Vec3; 2]> {
     // Zero has two signs.
     let key = |v: &Vec3| [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits());
-    let mut count: BTreeMap<[[u64; 3]; 2], (usize, [Vec3; 2])> = BTreeMap::new();
+    let mut all: BTreeMap<[[u64; 3]; 2], ([Vec3; 2], Vec<Vec3>)> = BTreeMap::new();
     for t in mesh.triangles() {
         for i in 0..3 {
             let edge = [t.corners[i], t.corners[(i + 1) % 3]];
             let mut ends = edge.map(|v| key(&v));
             ends.sort_unstable();
-            count.entry(ends).or_insert((0, edge)).0 += 1;
+            all.entry(ends)
+                .or_insert((edge, Vec::new()))
+                .1
+                .push(t.normal);
         }
     }
-    let alone = count.into_values().filter(|(n, _)| *n == 1);
-    alone.map(|(_, edge)| edge).collect()
+    all.into_values()
+        .filter(|(_, sides)| sides.len() == 1 || sides.iter().any(|n| n.dot(&sides[0]) < SHARP))
+        .map(|(edge, _)| edge)
+        .collect()
 }
 
 /// How far a foot stays from a rim to count, in mm, for this noise and size of a fiducial.

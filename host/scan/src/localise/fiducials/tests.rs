@@ -169,6 +169,42 @@ fn balls_and_cones_say_where_the_scanner_is_among_decoys() {
     }
 }
 
+/// A side that is not seen leaves a motion free, and a ledge beside its rim must not draw the body that way.
+#[test]
+fn a_corner_of_which_one_side_is_hidden_holds_what_it_shows() {
+    let mut random = Random(12);
+    let all = vec![
+        corner(
+            "A",
+            [64.0, 42.0, 26.0],
+            [100.0, 60.0, 40.0],
+            [0.0, 0.0, -1.38],
+        ),
+        corner(
+            "B",
+            [52.0, 44.0, 24.0],
+            [250.0, 120.0, 30.0],
+            [0.0, 0.0, -2.16],
+        ),
+    ];
+    let mut bodies = all.clone();
+    let ledge = all[1].pose.point(&Vec3::new(10.0, 0.0, 0.0));
+    bodies.push(corner(
+        "",
+        [10.0, 44.0, 24.0],
+        ledge.into(),
+        [0.0, 0.0, -2.16],
+    ));
+    let scanner = random.pose();
+    let points = scan(&bodies, &scanner, &mut random);
+    let seen = found(&all, &points, &scanner);
+    assert!(
+        seen.fiducials
+            .iter()
+            .all(|f| f.motion.is_some() && f.n > 100)
+    );
+}
+
 /// Faces that meet in one point are of any size.
 #[test]
 fn one_corner_says_nothing_of_the_scale() {
