@@ -161,12 +161,16 @@ impl Sought<'_> {
     }
 }
 
+/// From where to where; and the same by its bits, of either direction.
+type Edge = [Vec3; 2];
+type Ends = [[u64; 3]; 2];
+
 /// The edges that one triangle alone has, and those over which the surface turns sharply. Nothing is said of what lies
 /// beyond the former; a body that ends flush with another one shows none of the latter.
-pub(super) fn rims(mesh: &Mesh) -> Vec<[Vec3; 2]> {
+pub(super) fn rims(mesh: &Mesh) -> Vec<Edge> {
     // Zero has two signs.
     let key = |v: &Vec3| [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits());
-    let mut all: BTreeMap<[[u64; 3]; 2], ([Vec3; 2], Vec<Vec3>)> = BTreeMap::new();
+    let mut all: BTreeMap<Ends, (Edge, Vec<Vec3>)> = BTreeMap::new();
     for t in mesh.triangles() {
         for i in 0..3 {
             let edge = [t.corners[i], t.corners[(i + 1) % 3]];
