@@ -1,7 +1,7 @@
 //! Borders between faces of unlike demands. A point that crosses one demands more at once, which no slope foretells: a
 //! programme is told of the border, and its solution slides along it.
 
-use super::highest::{Place, Search};
+use super::place::{Place, Search};
 use crate::rigid::{Pose, Vec3};
 use crate::solve::linear::MarginRow;
 use crate::surface::Mesh;

@@ -3,25 +3,10 @@
 use nalgebra::Vector6;
 
 use super::borders::Borders;
-use super::demand::Rule;
-use crate::parallel::Threads;
-use crate::rigid::{Pose, Vec3, stepped};
-use crate::solve::linear::{MarginRow, WIDTH, highest};
-use crate::solve::{Measured, measure};
-use crate::surface::CompositeSurface;
-
-pub(super) struct Search<'a> {
-    pub surface: &'a CompositeSurface,
-    pub points: &'a [Vec3],
-    pub rules: &'a [Rule],
-    /// Turns, then shifts.
-    pub locked: [bool; 6],
-    pub pivot: Vec3,
-    pub start: Pose,
-    /// The corners of the part, in its coordinates.
-    pub corners: [Vec3; 8],
-    pub threads: Threads,
-}
+use super::place::{Place, Search};
+use crate::rigid::{Pose, Vec3};
+use crate::solve::linear::{MarginRow, highest};
+use crate::solve::measure;
 
 /// The first reach of a programme in mm, at the point that is furthest from the pivot.
 const REACH_MM: f64 = 2.0;
@@ -43,17 +28,6 @@ impl Range {
     fn holds(&self, motion: &Pose, corners: &[Vec3]) -> bool {
         motion.apart_mm(&self.even, corners) <= self.limit_mm
     }
-}
-
-/// A place that was tried.
-pub(super) struct Place {
-    x: Vector6<f64>,
-    /// Scan from part.
-    pub motion: Pose,
-    /// Every point there.
-    pub measured: Vec<Measured>,
-    /// The least margin in mm.
-    pub least: f64,
 }
 
 impl Search<'_> {
@@ -101,27 +75,6 @@ impl Search<'_> {
         best.motion
     }
 
-    fn place(&self, x: Vector6<f64>, faces: &[usize]) -> Place {
-        let mut x = x;
-        for i in 0..6 {
-            if self.locked[i] {
-                x[i] = 0.0;
-            }
-        }
-        let motion = stepped(&self.start, &x, &self.pivot);
-        let measured = measure(self.surface, self.points, &motion, faces, self.threads);
-        let least = measured
-            .iter()
-            .map(|m| self.rules[m.face].margin(m.distance_mm))
-            .fold(f64::INFINITY, f64::min);
-        Place {
-            x,
-            motion,
-            measured,
-            least,
-        }
-    }
-
     fn climb(&self, x: Vector6<f64>, arm: f64, range: &Range) -> Place {
         let mut here = self.place(x, &[]);
         if !range.holds(&here.motion, &self.corners) {
@@ -162,23 +115,6 @@ impl Search<'_> {
             }
         }
         here
-    }
-
-    /// How the distance from `q` to a plane that stands still changes with a step from `here`, the plane's normal or the
-    /// direction of a distance being `direction`; with the sign turned.
-    pub fn slopes(&self, here: &Place, q: &Vec3, direction: &Vec3, arm: f64) -> [f64; WIDTH] {
-        let pivot = self.pivot + Vec3::new(here.x[3], here.x[4], here.x[5]);
-        let turned = crate::solve::left_jacobian(&Vec3::new(here.x[0], here.x[1], here.x[2]));
-        let turn = turned.tr_mul(&(q - pivot).cross(direction)) / arm;
-        let all = [
-            turn.x,
-            turn.y,
-            turn.z,
-            direction.x,
-            direction.y,
-            direction.z,
-        ];
-        std::array::from_fn(|i| if self.locked[i] { 0.0 } else { all[i] })
     }
 
     /// A better place that is found by overlooking the worst few points.

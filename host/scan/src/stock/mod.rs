@@ -6,6 +6,7 @@ mod borders;
 mod demand;
 mod highest;
 mod patches;
+mod place;
 mod spikes;
 #[cfg(test)]
 mod tests;
@@ -141,7 +142,7 @@ impl StockTask<'_> {
                 self.least(&surface, &kept, locked, pivot, Offset::Zero)
                     .motion
             }
-            Objective::Min => highest::Search {
+            Objective::Min => place::Search {
                 surface: &surface,
                 points: &kept,
                 rules: &rules,
