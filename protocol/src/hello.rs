@@ -17,7 +17,10 @@ pub use crate::envelope::KEY;
 /// The major number is raised when a host must be rebuilt for more than new
 /// data, the minor one otherwise. To the link both are the same: only equal
 /// versions with equal keys talk, so that no message is ever half understood.
-pub const VERSION: Version = Version { major: 2, minor: 9 };
+pub const VERSION: Version = Version {
+    major: 2,
+    minor: 11,
+};
 
 /// First bytes of every Hello.
 pub const MAGIC: [u8; 4] = *b"oUMI";

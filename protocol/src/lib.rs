@@ -19,6 +19,7 @@ pub mod envelope;
 pub mod fault;
 pub mod feature;
 pub mod frame;
+pub mod head;
 pub mod hello;
 pub mod immediate;
 pub mod job;

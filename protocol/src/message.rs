@@ -30,6 +30,7 @@
 //! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to teach |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //! | `LineListen` | `Done` or `LineRefused` | sets the control's line for as long as this host is there, to find out how the control's is set |
+//! | `HeadGet` | `Head` | the newest signed head; with a nonce: one over it, as soon as nothing is under way |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
 //! does what it does once.
@@ -47,6 +48,7 @@ use thiserror::Error;
 
 use crate::fault::{Counters, Fault};
 use crate::feature::FeatureResult;
+use crate::head::{Head, HeadAnswer};
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
 use crate::job_error::{Field, JobError};
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
@@ -243,6 +245,11 @@ requests! {
         /// Set the control's line like this while this host is there, whatever the job says; none:
         /// as the job says again.
         LineListen(Option<LineSettings>) => State, Work, Done | LineRefused;
+        /// The newest signed head of the journal.
+        HeadGet {
+            /// One over this nonce, which nobody can have signed before.
+            nonce: Option<[u8; 32]>,
+        } => State, Look, Head;
     }
 }
 
@@ -322,6 +329,8 @@ pub enum Response {
     TeachRefused(TeachRefusal),
     /// To `LineListen`: the line is as it was.
     LineRefused(LineRefusal),
+    /// To `HeadGet`.
+    Head(HeadAnswer),
 }
 
 /// Why nothing is to be taught.
@@ -583,6 +592,8 @@ pub enum Record {
         /// Why.
         why: JobLoss,
     },
+    /// The board vouches for everything before this entry.
+    Head(Head),
 }
 
 impl Record {
@@ -614,6 +625,7 @@ impl Record {
             Self::ProgramBegun { .. } => 21,
             Self::TeachAsked { .. } => 22,
             Self::JobLost { .. } => 23,
+            Self::Head(_) => 24,
         }
     }
 }

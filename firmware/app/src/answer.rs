@@ -59,6 +59,7 @@ pub(crate) fn answer<F: Flash>(
             around.scans.switch(*on);
             Response::Done
         }
+        Request::HeadGet { nonce } => Response::Head(measure.head_answer(around.now, *nonce)),
         Request::FeatureGet { feature: place } => feature(measure.brain().run(), *place),
         Request::VerdictGet => verdict(measure.brain().run()),
         Request::JournalInfo => journal(measure, |journal| Response::JournalInfo(info(journal))),

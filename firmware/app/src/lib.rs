@@ -25,6 +25,7 @@
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
 //! | `events` | what waits to be told to the host |
+//! | [`heads`] | when the board signs for its journal |
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
@@ -54,6 +55,7 @@ pub mod board;
 mod control;
 mod delivery;
 mod events;
+pub mod heads;
 pub mod intake;
 mod latch;
 mod line;
@@ -230,7 +232,12 @@ impl<F: Flash> App<F> {
         self.note(&measure);
         drop(measure);
         loop {
-            let deadline = self.measure.lock().await.deadline();
+            let deadline = {
+                let measure = self.measure.lock().await;
+                // Nothing is signed while something goes out.
+                let head = measure.head_deadline().filter(|_| self.line.is_free());
+                measure.deadline().into_iter().chain(head).min()
+            };
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
             let came = select6(
@@ -297,6 +304,11 @@ impl<F: Flash> App<F> {
                 self.line.requested.signal(Exchange::Verdict);
             }
             self.events_pending.signal(());
+            // Behind all that others wait for; and not only when it is due, because a line that
+            // is never quiet comes before any time.
+            if self.line.is_free() {
+                measure.sign_head(clock.now());
+            }
         }
     }
 

@@ -46,13 +46,14 @@ use umi_protocol::verdict::Verdict;
 use crate::board::{Lights, LineAbilities};
 use crate::delivery::Delivery;
 use crate::events::Events;
+use crate::heads::{HeadSigner, Heads};
 use crate::intake::Input;
 use crate::release::{Passed, Released, Wanted, transform};
 use crate::settings::{JobStore, PlacesMm, kept, points};
 use crate::upload::{ProgramUpload, UploadEnd};
 
 /// How the board came up.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Boot {
     /// Who it is.
     pub identity: Identity,
@@ -62,6 +63,8 @@ pub struct Boot {
     pub line: LineAbilities,
     /// It captures the skip line's falls, too: polarity and width of its pulses can be told.
     pub skip_ends: bool,
+    /// Signs for it; none: this board has no key, and its journal is not signed.
+    pub signer: Option<&'static dyn HeadSigner>,
 }
 
 /// Room in the journal that a setup may need: its bytes, features and verdict.
@@ -84,6 +87,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub reset: ResetReason,
     pub journal: ZeroOption<Journal<F>>,
     pub events: Events,
+    /// What the board has signed.
+    pub heads: Heads,
     pub scratch: [u8; MAX_RECORD],
     /// Entries that the storage refused.
     pub failures: u32,
@@ -137,6 +142,7 @@ impl<F: Flash> Instrument<F> {
                 reset: ResetReason::Unknown,
                 journal: ZeroOption::empty(),
                 events: Events::new(),
+                heads: Heads::new(),
                 scratch: [0; MAX_RECORD],
                 failures: 0,
                 unaudited: false,
@@ -181,9 +187,11 @@ impl<F: Flash> Instrument<F> {
             reset,
             line,
             skip_ends,
+            signer,
         } = boot;
         self.ledger.abilities.put(line);
         self.ledger.skip_ends = skip_ends;
+        self.ledger.heads.start(signer, now);
         let boot = Record::Boot { identity, reset };
         let opened = Opened {
             journal: self.open_journal(now, boot, journal),
@@ -217,6 +225,7 @@ impl<F: Flash> Instrument<F> {
         self.ledger.record(now, boot);
         let recovery = opened?;
         self.ledger.is_new = recovery.fresh;
+        self.ledger.heads.opened(recovery.next_seq);
         if !recovery.is_clean() {
             let record = Record::Recovered {
                 torn_bytes: recovery.torn_bytes,
@@ -259,6 +268,7 @@ impl<F: Flash> Instrument<F> {
     /// Something came in. Without a job it is journaled and that is all.
     pub fn input(&mut self, now: Micros, input: &Input) {
         let Self { brain, ledger, .. } = self;
+        ledger.heads.came(now);
         ledger.came(now, input);
         if brain.job().is_none() {
             return;
@@ -761,6 +771,7 @@ impl<F: Flash> Ledger<F> {
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
                 self.released.clear();
+                self.heads.judged();
                 if self.judged(now, verdict) && verdict.ok && !self.unaudited {
                     self.release(now, verdict);
                 }

@@ -99,7 +99,8 @@ impl Replay {
             | Record::ProgramNotKept { .. }
             | Record::CorrectionBegun { .. }
             | Record::ProgramBegun { .. }
-            | Record::JobLost { .. } => Ok(()),
+            | Record::JobLost { .. }
+            | Record::Head(_) => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {

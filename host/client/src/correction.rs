@@ -12,7 +12,7 @@ use umi_protocol::verdict::Verdict;
 
 use crate::files::points::name;
 use crate::files::tool_path::{self, ProgramSource};
-use crate::journal;
+use crate::journal::{self, FileItem};
 use crate::link::Client;
 use crate::problem::Problem;
 
@@ -40,7 +40,12 @@ impl Basis {
         }
         let mut job = None;
         let mut found = None;
-        journal::read(&bytes, |entry| {
+        journal::read(&bytes, |item| {
+            let FileItem::Entry(entry) = item else {
+                // Another job may have been set in between, and another verdict reached.
+                (job, found) = (None, None);
+                return Ok(());
+            };
             match journal::record(&entry) {
                 Ok(Record::JobSet(set)) => {
                     job = Some(set);

@@ -9,7 +9,7 @@ use umi_protocol::message::Record;
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::serial::LineSettings;
 
-use crate::journal::{self, PullStep};
+use crate::journal::{self, PullStep, Wanted};
 use crate::link::{Client, LinkError};
 use crate::problem::Problem;
 
@@ -179,7 +179,11 @@ pub fn receive(board: &mut Client) -> Result<ProgramInfo, Problem> {
     let give_up = Instant::now() + RECEIVING * slower.max(1);
     while Instant::now() < give_up {
         let mut end = None;
-        let stretch = journal::pull(board, Some(next), |step| {
+        let wanted = Wanted {
+            from: Some(next),
+            ..Wanted::default()
+        };
+        let pulled = journal::pull(board, wanted, |step| {
             if let PullStep::Entry(entry, _) = step {
                 match journal::record(&entry) {
                     Ok(Record::ProgramKept(program)) => end = Some(Ok(program)),
@@ -193,7 +197,7 @@ pub fn receive(board: &mut Client) -> Result<ProgramInfo, Problem> {
         if let Some(end) = end {
             return end;
         }
-        next = stretch.next;
+        next = pulled.stretch.next;
         sleep(AGAIN);
     }
     Err(refusal(&ProgramRefusal::BrokeOff))

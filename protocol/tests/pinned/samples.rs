@@ -5,7 +5,9 @@
 use heapless::{String, Vec};
 use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
 use umi_protocol::feature::{FeatureResult, FitReport, Shape};
+use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::hello::{Hello, Version};
+use umi_protocol::job::name;
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
     Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen,
@@ -85,7 +87,10 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
             stop_bits: 2,
             cts: Cts::Ignored,
         })),
-        Some(Request::LineListen(_)) => return None,
+        Some(Request::LineListen(_)) => Request::HeadGet {
+            nonce: Some([0x5A; 32]),
+        },
+        Some(Request::HeadGet { .. }) => return None,
     })
 }
 
@@ -152,7 +157,8 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         Some(Response::TeachRefused(_)) => Response::LineRefused(LineRefusal::NotOnThisBoard {
             field: Field::LineRtsCts,
         }),
-        Some(Response::LineRefused(_)) => return None,
+        Some(Response::LineRefused(_)) => Response::Head(HeadAnswer::Signed(head())),
+        Some(Response::Head(_)) => return None,
     })
 }
 
@@ -279,7 +285,8 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::TeachAsked { .. }) => Record::JobLost {
             why: JobLoss::OtherSchema,
         },
-        Some(Record::JobLost { .. }) => return None,
+        Some(Record::JobLost { .. }) => Record::Head(head()),
+        Some(Record::Head(_)) => return None,
     })
 }
 
@@ -293,6 +300,22 @@ fn lessons() -> Lessons {
         smallest: list([learned(0.0)]),
         largest: list([learned(0.0005)]),
         further: 2,
+    }
+}
+
+fn head() -> Head {
+    Head {
+        seq: 4096,
+        t_us: 1_234_567,
+        first_seq: 17,
+        chain: [0xC1; 32],
+        boot: 3,
+        key: [0xA1; 32],
+        image: [0; 32],
+        serial: name("0042"),
+        firmware: name("0.1.0"),
+        nonce: Some([0x5A; 32]),
+        signature: [[0x51; 32], [0x52; 32]],
     }
 }
 

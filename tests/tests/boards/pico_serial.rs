@@ -621,7 +621,7 @@ fn umi_talks_to_it_through_a_serial_device() {
 fn entries(client: &mut Client) -> Vec<(Vec<u8>, Record)> {
     let mut entries = Vec::new();
     let mut audit = Audit::default();
-    let stretch = journal::pull(client, None, |step| {
+    let stretch = journal::pull(client, journal::Wanted::default(), |step| {
         if let PullStep::Entry(entry, raw) = step {
             let record = journal::record(&entry).unwrap();
             audit.take(&entry, &record);
@@ -629,7 +629,7 @@ fn entries(client: &mut Client) -> Vec<(Vec<u8>, Record)> {
         }
         Ok::<_, Problem>(())
     });
-    assert_eq!(audit.finish(stretch.unwrap().next).differences, []);
+    assert_eq!(audit.finish(stretch.unwrap().stretch.next).differences, []);
     entries
 }
 

@@ -319,7 +319,7 @@ fn a_refused_job_changes_nothing_and_the_audit_finds_changes() {
 
     let mut audit = Audit::default();
     let mut changed = 0;
-    let stretch = journal::pull(bench.client(), None, |step| {
+    let stretch = journal::pull(bench.client(), journal::Wanted::default(), |step| {
         if let PullStep::Entry(entry, _) = step {
             let mut record = journal::record(&entry).unwrap();
             if let Record::Feature(feature) = &mut record
@@ -335,7 +335,7 @@ fn a_refused_job_changes_nothing_and_the_audit_finds_changes() {
         Ok::<_, Problem>(())
     })
     .unwrap();
-    let findings = audit.finish(stretch.next);
+    let findings = audit.finish(stretch.stretch.next);
     let places: Vec<u64> = findings.differences.iter().map(|(seq, _)| *seq).collect();
     assert_eq!(places, [changed]);
 }

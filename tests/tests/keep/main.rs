@@ -1,4 +1,5 @@
 //! What is kept stays: the journal through every power cut, storage that does not open.
 
+mod heads;
 mod journal_power_cut;
 mod storage;

@@ -95,6 +95,7 @@ fn main() -> ! {
         reset,
         line: control::ABILITIES,
         skip_ends: false,
+        signer: None,
     };
     let app = &APP;
     match app.start(boot, journal, settings, programs, Micros(0)) {

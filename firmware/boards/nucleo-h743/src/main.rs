@@ -143,6 +143,7 @@ fn main() -> ! {
         reset,
         line: control::ABILITIES,
         skip_ends: false,
+        signer: None,
     };
     let app = &APP;
     match app.start(boot, journal, settings, programs, BoardClock.now()) {

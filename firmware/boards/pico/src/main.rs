@@ -163,6 +163,7 @@ fn boot() -> Parts {
         reset,
         line: uart::ABILITIES,
         skip_ends: false,
+        signer: None,
     };
     let Storage {
         journal,

@@ -4,17 +4,33 @@
 //! ```text
 //! offset  size  field (little endian)
 //!      0     4  magic "UMIJ"
-//!      4     1  format version, 1
+//!      4     1  format version, 2
 //!      5     3  zero
 //!      8     8  seq of the first entry in this file
 //!     16    32  chain value before that entry
-//!     48     4  CRC-32 of everything before it
-//!     52        entries, one behind the other
+//!     48    32  nonce of the head that ends it; zeros: none was asked for
+//!     80     4  CRC-32 of everything before it
+//!     84        entries, one behind the other
 //! ```
 //!
-//! A file that was cut between two entries is a shorter, valid file: compare
-//! [`EntryIter::next_seq`] and [`EntryIter::chain_head`] at its end with what the
-//! board said.
+//! Between two entries a gap may stand, for entries that the board's ring had overwritten before
+//! they were read:
+//!
+//! ```text
+//! offset  size  field (little endian)
+//!      0     1  marker 0x5A
+//!      1     3  zero
+//!      4     8  seq of the first entry that is not there
+//!     12     8  seq of the entry behind the gap
+//!     20    32  chain value before that entry
+//!     52     4  CRC-32 of everything before it
+//! ```
+//!
+//! Version 1 has neither nonce nor gaps: its header ends with the CRC-32 at offset 48, and its
+//! entries stand at 52. It is read for ever.
+//!
+//! A file that was cut between two entries is a shorter, valid file. What tells is a head
+//! ([`umi_protocol::head`]): the board's signature over everything before it.
 
 use core::fmt;
 
@@ -22,12 +38,24 @@ use super::chain::Chain;
 use super::entry::{Entry, Found, NoEntry, Source, chain_over, probe};
 use super::error::JournalFault;
 use super::layout::OVERHEAD;
-use super::sector::{VERSION, put, seal, take, unseal};
+use super::sector::{put, seal, take, unseal};
 
 /// Size of an encoded [`FileHeader`].
-pub const FILE_HEADER_SIZE: usize = 52;
+pub const FILE_HEADER_SIZE: usize = 84;
+
+/// Size of the header of version 1.
+pub const FILE_HEADER_SIZE_1: usize = 52;
+
+/// Size of an encoded [`Gap`].
+pub const GAP_SIZE: usize = 56;
+
+/// The version that is written.
+pub const FILE_VERSION: u8 = 2;
 
 const MAGIC: [u8; 4] = *b"UMIJ";
+
+/// First byte of a gap.
+const GAP_MARKER: u8 = 0x5A;
 
 /// What a `.umij` file starts with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +64,8 @@ pub struct FileHeader {
     pub first_seq: u64,
     /// Chain value before that entry.
     pub chain_before: Chain,
+    /// Nonce of the head that ends the file; none: none was asked for.
+    pub nonce: Option<[u8; 32]>,
 }
 
 impl FileHeader {
@@ -45,38 +75,101 @@ impl FileHeader {
         let mut bytes = [0; FILE_HEADER_SIZE];
         let mut rest = bytes.as_mut_slice();
         put(&mut rest, &MAGIC);
-        put(&mut rest, &[VERSION, 0, 0, 0]);
+        put(&mut rest, &[FILE_VERSION, 0, 0, 0]);
         put(&mut rest, &self.first_seq.to_le_bytes());
+        put(&mut rest, &self.chain_before.0);
+        put(&mut rest, &self.nonce.unwrap_or_default());
+        seal(&mut bytes);
+        bytes
+    }
+
+    /// Reads a header of any version, and says how many bytes it takes.
+    ///
+    /// # Errors
+    /// [`FileError::NotAJournal`], [`FileError::Version`],
+    /// [`FileError::HeaderDamaged`].
+    pub fn decode(bytes: &[u8]) -> Result<(Self, usize), FileError> {
+        if !bytes.starts_with(&MAGIC) {
+            return Err(FileError::NotAJournal);
+        }
+        // The version is believed only where the check value of its own header is right.
+        match (
+            whole::<FILE_HEADER_SIZE_1>(bytes),
+            whole::<FILE_HEADER_SIZE>(bytes),
+        ) {
+            (Some((1, header)), _) => Ok((header, FILE_HEADER_SIZE_1)),
+            (_, Some((FILE_VERSION, header))) => Ok((header, FILE_HEADER_SIZE)),
+            (Some((found, _)), _) | (_, Some((found, _))) => Err(FileError::Version { found }),
+            (None, None) => Err(FileError::HeaderDamaged),
+        }
+    }
+
+    /// The header of a file whose first bytes are not those of a journal, and all others are.
+    #[must_use]
+    pub fn lost_its_magic(bytes: &[u8]) -> bool {
+        let mut repaired = [0; FILE_HEADER_SIZE];
+        let length = bytes.len().min(FILE_HEADER_SIZE);
+        let (place, _) = repaired.split_at_mut(length);
+        let (start, _) = bytes.split_at(length);
+        place.copy_from_slice(start);
+        for (place, byte) in repaired.iter_mut().zip(MAGIC) {
+            *place = byte;
+        }
+        let (repaired, _) = repaired.split_at(length);
+        !bytes.starts_with(&MAGIC) && Self::decode(repaired).is_ok()
+    }
+}
+
+/// A header of `N` bytes with its version, if its check value is right.
+fn whole<const N: usize>(bytes: &[u8]) -> Option<(u8, FileHeader)> {
+    let header: &[u8; N] = bytes.first_chunk()?;
+    let mut rest = unseal(header)?;
+    let [_, _, _, _, version, _, _, _] = take(&mut rest)?;
+    let first_seq = u64::from_le_bytes(take(&mut rest)?);
+    let chain_before = Chain(take(&mut rest)?);
+    let nonce = take::<32>(&mut rest).filter(|nonce| *nonce != [0; 32]);
+    let header = FileHeader {
+        first_seq,
+        chain_before,
+        nonce,
+    };
+    Some((version, header))
+}
+
+/// Entries that the board had overwritten before they were read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// The first that is not there.
+    pub first: u64,
+    /// The entry behind them.
+    pub next: u64,
+    /// Chain value before that entry.
+    pub chain_before: Chain,
+}
+
+impl Gap {
+    /// The gap as bytes.
+    #[must_use]
+    pub fn encode(&self) -> [u8; GAP_SIZE] {
+        let mut bytes = [0; GAP_SIZE];
+        let mut rest = bytes.as_mut_slice();
+        put(&mut rest, &[GAP_MARKER, 0, 0, 0]);
+        put(&mut rest, &self.first.to_le_bytes());
+        put(&mut rest, &self.next.to_le_bytes());
         put(&mut rest, &self.chain_before.0);
         seal(&mut bytes);
         bytes
     }
 
-    /// Reads a header.
-    ///
-    /// # Errors
-    /// [`FileError::NotAJournal`], [`FileError::Version`],
-    /// [`FileError::HeaderDamaged`].
-    pub fn decode(bytes: &[u8]) -> Result<Self, FileError> {
-        if !bytes.starts_with(&MAGIC) {
-            return Err(FileError::NotAJournal);
-        }
-        let header: &[u8; FILE_HEADER_SIZE] =
-            bytes.first_chunk().ok_or(FileError::HeaderDamaged)?;
-        let mut rest = unseal(header).ok_or(FileError::HeaderDamaged)?;
-        Self::fields(&mut rest).unwrap_or(Err(FileError::HeaderDamaged))
-    }
-
-    fn fields(rest: &mut &[u8]) -> Option<Result<Self, FileError>> {
-        let [_, _, _, _, found, _, _, _] = take(rest)?;
-        if found != VERSION {
-            return Some(Err(FileError::Version { found }));
-        }
-        let first_seq = u64::from_le_bytes(take(rest)?);
-        Some(Ok(Self {
-            first_seq,
-            chain_before: Chain(take(rest)?),
-        }))
+    fn decode(bytes: &[u8; GAP_SIZE]) -> Option<Self> {
+        let mut rest = unseal(bytes)?;
+        let [marker, a, b, c] = take(&mut rest)?;
+        let gap = Self {
+            first: u64::from_le_bytes(take(&mut rest)?),
+            next: u64::from_le_bytes(take(&mut rest)?),
+            chain_before: Chain(take(&mut rest)?),
+        };
+        ([marker, a, b, c] == [GAP_MARKER, 0, 0, 0] && gap.first < gap.next).then_some(gap)
     }
 }
 
@@ -106,12 +199,11 @@ pub fn encode_entry(entry: &Entry<'_>, chain: &mut Chain, out: &mut [u8]) -> Opt
 /// # Errors
 /// As [`FileHeader::decode`]; the entries report their own faults.
 pub fn decode_file(bytes: &[u8]) -> Result<(FileHeader, EntryIter<'_>), FileError> {
-    let header = FileHeader::decode(bytes)?;
-    let (_, entries) = bytes.split_at_checked(FILE_HEADER_SIZE).unwrap_or_default();
-    Ok((
-        header,
-        EntryIter::new(entries, header.first_seq, header.chain_before),
-    ))
+    let (header, size) = FileHeader::decode(bytes)?;
+    let (_, entries) = bytes.split_at_checked(size).unwrap_or_default();
+    let mut entries = EntryIter::new(entries, header.first_seq, header.chain_before);
+    entries.has_gaps = size == FILE_HEADER_SIZE;
+    Ok((header, entries))
 }
 
 /// The entries in a slice, each checked: number, CRC and chain. Ends behind the
@@ -123,6 +215,9 @@ pub struct EntryIter<'a> {
     next_seq: u64,
     chain: Chain,
     failed: bool,
+    /// Gaps may stand between entries.
+    has_gaps: bool,
+    gap: Option<Gap>,
 }
 
 impl<'a> EntryIter<'a> {
@@ -136,6 +231,8 @@ impl<'a> EntryIter<'a> {
             next_seq: first_seq,
             chain: chain_before,
             failed: false,
+            has_gaps: false,
+            gap: None,
         }
     }
 
@@ -156,6 +253,29 @@ impl<'a> EntryIter<'a> {
     #[must_use]
     pub fn offset(&self) -> usize {
         self.offset
+    }
+
+    /// The gap that stood before the latest entry, or at the end; once.
+    pub fn take_gap(&mut self) -> Option<Gap> {
+        self.gap.take()
+    }
+
+    /// Passes a gap, if one stands here.
+    fn pass_gap(&mut self) -> Result<(), JournalFault> {
+        let rest = self.bytes.get(self.offset..).unwrap_or_default();
+        self.gap = None;
+        if !self.has_gaps || rest.first() != Some(&GAP_MARKER) {
+            return Ok(());
+        }
+        let seq = self.next_seq;
+        let bytes = rest.first_chunk().ok_or(JournalFault::CutShort { seq })?;
+        let gap = Gap::decode(bytes).filter(|gap| gap.first == seq);
+        let gap = gap.ok_or(JournalFault::Damaged { seq })?;
+        self.gap = Some(gap);
+        self.next_seq = gap.next;
+        self.chain = gap.chain_before;
+        self.offset += GAP_SIZE;
+        Ok(())
     }
 
     fn decode(&mut self) -> Result<Entry<'a>, JournalFault> {
@@ -201,7 +321,11 @@ impl<'a> Iterator for EntryIter<'a> {
         if self.failed || self.offset == self.bytes.len() {
             return None;
         }
-        let result = self.decode();
+        let passed = self.pass_gap();
+        if passed.is_ok() && self.offset == self.bytes.len() {
+            return None;
+        }
+        let result = passed.and_then(|()| self.decode());
         self.failed = result.is_err();
         Some(result)
     }
@@ -261,7 +385,7 @@ impl fmt::Display for FileError {
             Self::Version { found } => {
                 write!(
                     f,
-                    "this journal file has format version {found}, this tool reads 1"
+                    "this journal file has format version {found}, this tool reads 1 and 2"
                 )?;
                 f.write_str(": update umi")
             }

@@ -66,9 +66,9 @@
 //!
 //! * Taking the newest entries away leaves a shorter, valid record. Whoever must
 //!   exclude that notes [`chain_head`](Journal::chain_head) and
-//!   [`next_seq`](Journal::next_seq) outside of the board, for instance on each
-//!   verdict's report. There is no key: who can write the flash can write another
-//!   record, and only a noted value tells the two apart.
+//!   [`next_seq`](Journal::next_seq) outside of the board, or keeps a signed head
+//!   ([`crate::board_key`]). The chain itself has no key: who can write the flash can
+//!   write another record, and only a head or a noted value tells the two apart.
 //! * If the newest entry is damaged later, it cannot be told from a torn one: it
 //!   is reported as `torn_bytes` and its number is used again. Damage to any
 //!   other entry is reported as such, and no number is used twice.
@@ -110,7 +110,10 @@ mod tests;
 pub use chain::{Chain, TAG_SIZE};
 pub use entry::Entry;
 pub use error::{GeometryFault, JournalError, JournalFault};
-pub use export::{EntryIter, FILE_HEADER_SIZE, FileError, FileHeader, decode_file, encode_entry};
+pub use export::{
+    EntryIter, FILE_HEADER_SIZE, FILE_HEADER_SIZE_1, FILE_VERSION, FileError, FileHeader, GAP_SIZE,
+    Gap, decode_file, encode_entry,
+};
 pub use flash::{ERASED, Flash, Geometry};
 pub use open::Recovery;
 pub use read::{ReadEntry, Verified};

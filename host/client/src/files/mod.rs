@@ -1,5 +1,7 @@
-//! Files that a user writes or gets: jobs, points, tool paths.
+//! Files that a user writes or gets: jobs, points, tool paths, keys, heads.
 
+pub mod head_file;
 pub mod job_file;
+pub mod key_file;
 pub mod points;
 pub mod tool_path;

@@ -55,6 +55,13 @@ impl Audit {
         }
     }
 
+    /// Entries are not there: what goes on behind them is not known before the next start or
+    /// job.
+    pub fn gap(&mut self) {
+        *self.replay = Replay::new();
+        self.begun = false;
+    }
+
     /// The journal has ended before entry `next_seq`.
     #[must_use]
     pub fn finish(mut self, next_seq: u64) -> Findings {

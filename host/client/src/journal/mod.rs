@@ -2,19 +2,22 @@
 //! pulled files back.
 
 pub mod audit;
+mod pull;
+pub mod verify;
 
 use std::fmt;
 
-use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, JournalFault};
+use umi_core::journal::{Chain, Entry, Gap, JournalFault};
 use umi_protocol::job::{Guards, Teach};
 use umi_protocol::message::{JournalInfo, Record};
 use umi_protocol::program::Stated;
 
-use crate::link::{Client, JournalChain, JournalEntry};
+pub use pull::{Begun, PATIENCE, PullStep, Pulled, Unsigned, Wanted, head, nonce, pull};
+
 use crate::problem::Problem;
 
 /// A verified stretch of a journal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stretch {
     /// First entry.
     pub first: u64,
@@ -22,96 +25,60 @@ pub struct Stretch {
     pub next: u64,
     /// Chain value that includes the last entry.
     pub chain: Chain,
+    /// Entries that the board had overwritten before they were read: first and next.
+    pub overwritten: Vec<(u64, u64)>,
 }
 
-/// What happens while a journal is pulled, in this order.
+/// What stands in a journal's file.
 #[derive(Debug)]
-pub enum PullStep<'a> {
-    /// What a file begins with, and the entry after the last one to come.
-    Header(FileHeader, u64),
-    /// An entry whose check value and chain are right, as it is stored.
-    Entry(Entry<'a>, &'a [u8]),
+pub enum FileItem<'a> {
+    /// An entry whose check value and chain are right.
+    Entry(Entry<'a>),
+    /// Entries that the board had overwritten before they were read.
+    Gap(Gap),
 }
 
-/// Pulls all entries from `from` on (by default from the oldest) that are there
-/// when it begins.
-///
-/// # Errors
-/// The link's; `out_of_range`; an entry that is damaged, missing or does not follow
-/// from those before it, by the code of its [`JournalFault`]; what `step` returns.
-pub fn pull<E: From<Problem>>(
-    board: &mut Client,
-    from: Option<u64>,
-    mut step: impl FnMut(PullStep<'_>) -> Result<(), E>,
-) -> Result<Stretch, E> {
-    let info = board.journal_info().map_err(Problem::from)?;
-    let first = from.unwrap_or(info.first_seq);
-    if !(info.first_seq..=info.next_seq).contains(&first) {
-        return Err(gone(first, info).into());
-    }
-    let chain_before = chain_before(board, first)?;
-    step(PullStep::Header(
-        FileHeader {
-            first_seq: first,
-            chain_before,
-        },
-        info.next_seq,
-    ))?;
-    let mut chain = chain_before;
-    for seq in first..info.next_seq {
-        let raw = match board.journal_read(seq).map_err(Problem::from)? {
-            JournalEntry::Stored(raw) => raw,
-            JournalEntry::None(info) => return Err(gone(seq, info).into()),
-        };
-        let mut entries = EntryIter::new(&raw, seq, chain);
-        let entry = entries
-            .next()
-            .unwrap_or(Err(JournalFault::CutShort { seq }));
-        let entry = entry.map_err(|fault| faulty(&fault))?;
-        if entries.offset() != raw.len() {
-            return Err(faulty(&JournalFault::Damaged { seq }).into());
-        }
-        step(PullStep::Entry(entry, &raw))?;
-        chain = entries.chain_head();
-    }
-    // The entries follow from each other; this says that they are the board's.
-    if self::chain_before(board, info.next_seq)? != chain {
-        return Err(faulty(&JournalFault::ChainBroken { seq: info.next_seq }).into());
-    }
-    Ok(Stretch {
-        first,
-        next: info.next_seq,
-        chain,
-    })
-}
-
-/// The board's chain value before an entry.
-fn chain_before(board: &mut Client, seq: u64) -> Result<Chain, Problem> {
-    match board.journal_chain(seq)? {
-        JournalChain::Before(value) => Ok(Chain(value)),
-        JournalChain::Hidden => Err(hidden(seq)),
-        JournalChain::None(info) => Err(gone(seq, info)),
-    }
-}
-
-/// Reads the entries of a pulled file, verified as they come.
+/// Reads a pulled file, verified as it comes. Whether it is the board's word is another
+/// question: [`verify::verify`].
 ///
 /// # Errors
 /// The file is no journal; a faulty entry; what `step` returns.
 pub fn read<E: From<Problem>>(
     bytes: &[u8],
-    mut step: impl FnMut(Entry<'_>) -> Result<(), E>,
+    mut step: impl FnMut(FileItem<'_>) -> Result<(), E>,
 ) -> Result<Stretch, E> {
     let (header, mut entries) = umi_core::journal::decode_file(bytes)
         .map_err(|error| Problem::trouble(error.code(), error))?;
-    for entry in entries.by_ref() {
-        step(entry.map_err(|fault| faulty(&fault))?)?;
+    let mut overwritten = Vec::new();
+    loop {
+        let entry = entries.next();
+        if let Some(gap) = entries.take_gap() {
+            overwritten.push((gap.first, gap.next));
+            step(FileItem::Gap(gap))?;
+        }
+        match entry {
+            Some(entry) => step(FileItem::Entry(entry.map_err(|fault| faulty(&fault))?))?,
+            None => break,
+        }
     }
     Ok(Stretch {
         first: header.first_seq,
         next: entries.next_seq(),
         chain: entries.chain_head(),
+        overwritten,
     })
+}
+
+/// A short name of a public key: the first 8 bytes of its SHA-256, as hexadecimal digits.
+#[must_use]
+pub fn key_id(key: &[u8; 32]) -> String {
+    hex(&umi_core::board_key::key_id(key))
+}
+
+/// Bytes as hexadecimal digits.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// What an entry says.

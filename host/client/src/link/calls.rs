@@ -1,6 +1,7 @@
 //! What a host can ask a board: one table of calls, each with its request and its answers.
 
 use umi_protocol::feature::FeatureResult;
+use umi_protocol::head::HeadAnswer;
 use umi_protocol::job::{Job, Lessons};
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::{Positions, TriggerOut};
@@ -163,6 +164,11 @@ calls! {
         Response::JournalNoEntry(info) => JournalEntry::None(info),
     }
 
+    /// The newest signed head; over this nonce, if one is given.
+    head(nonce: Option<[u8; 32]>) -> HeadAnswer = Request::HeadGet { nonce } => {
+        Response::Head(answer) => answer,
+    }
+
     /// The chain value before an entry; before the next one to come: that of the
     /// whole journal.
     journal_chain(seq: u64) -> JournalChain = Request::JournalChain { seq } => {
@@ -280,5 +286,6 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::ProgramPassed { .. } => "passed bytes",
         Request::Teach { .. } => "teach",
         Request::LineListen(_) => "line listen",
+        Request::HeadGet { .. } => "head",
     }
 }

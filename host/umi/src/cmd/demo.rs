@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi_client::files::job_file;
 use umi_client::journal::audit::{Audit, Findings};
-use umi_client::journal::{self, PullStep};
+use umi_client::journal::{self, PullStep, Stretch, Wanted};
 use umi_client::session::Fact;
 use umi_desk::capture::Desk;
 use umi_experiment::cases::{self, ExperimentCase};
@@ -207,9 +207,13 @@ impl Demo {
     fn pull(&self, bench: &mut Desk) -> Result<(u64, Findings), Failure> {
         let mut file = Vec::new();
         let mut audit = Audit::default();
-        let stretch = journal::pull(bench.client(), None, |step| {
+        let pulled = journal::pull(bench.client(), Wanted::default(), |step| {
             match step {
                 PullStep::Header(header, _) => file.extend_from_slice(&header.encode()),
+                PullStep::Gap(gap) => {
+                    file.extend_from_slice(&gap.encode());
+                    audit.gap();
+                }
                 PullStep::Entry(entry, raw) => {
                     file.extend_from_slice(raw);
                     let record = journal::record(&entry)
@@ -221,7 +225,8 @@ impl Demo {
         })?;
         let path = self.out.join("journal.umij");
         std::fs::write(&path, file).map_err(|error| Failure::file("write", &path, &error))?;
-        Ok((stretch.next - stretch.first, audit.finish(stretch.next)))
+        let Stretch { first, next, .. } = pulled.stretch;
+        Ok((next - first, audit.finish(next)))
     }
 
     fn print_text(

@@ -1,5 +1,6 @@
 //! The commands: one file each, with options, help and what is done.
 
+mod access;
 mod basis;
 mod control;
 mod correction;
@@ -9,6 +10,7 @@ mod events;
 mod fit;
 mod info;
 mod job;
+mod key;
 mod line;
 mod log;
 mod machine;
@@ -40,6 +42,8 @@ pub(crate) enum Command {
     Teach(teach::Teach),
     Info(info::Info),
     Log(log::Log),
+    Key(key::Key),
+    Access(access::Access),
     Events(events::Events),
     Watch(watch::Watch),
     Machine(machine::Machine),
@@ -65,6 +69,8 @@ impl Command {
             Self::Teach(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Log(command) => command.run(),
+            Self::Key(command) => command.run(),
+            Self::Access(command) => command.run(),
             Self::Events(command) => command.run(),
             Self::Watch(command) => command.run(),
             Self::Machine(command) => command.run(),

@@ -7,8 +7,8 @@ use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json}
 use clap::Args;
 use serde_json::json;
 use umi_client::files::job_file;
-use umi_client::journal;
 use umi_client::journal::audit::{Audit, Findings};
+use umi_client::journal::{self, FileItem};
 use umi_client::session::DecisionRecord;
 use umi_client::session::SessionBuilder;
 use umi_desk::capture::Desk;
@@ -54,6 +54,8 @@ impl Replay {
         let bytes =
             std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
         if umi_core::journal::decode_file(&bytes).is_ok() {
+            // What nobody would vouch for is not replayed.
+            journal::verify::verify(&bytes, None, None)?;
             return self.audit(&bytes);
         }
         let Some(job) = &self.job else {
@@ -81,7 +83,11 @@ impl Replay {
         let mut audit = Audit::default();
         let mut shown: Option<Shown> = None;
         let json = self.format.json;
-        let stretch = journal::read(bytes, |entry| {
+        let stretch = journal::read(bytes, |item| {
+            let FileItem::Entry(entry) = item else {
+                audit.gap();
+                return Ok(());
+            };
             let record = journal::record(&entry)
                 .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
             audit.take(&entry, &record);

@@ -9,7 +9,9 @@ use crate::show::terminal::{TITLE, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
 use umi_virtual::serve::{Port, PortPlace};
-use umi_virtual::{BoardTime, Config, JOURNAL, PROGRAMS, SETTINGS, VirtualBoard, VirtualFlash};
+use umi_virtual::{
+    BoardTime, Config, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard, VirtualFlash,
+};
 
 use super::Format;
 
@@ -27,7 +29,7 @@ pub(crate) struct Virtual {
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
     baud: u32,
-    /// Keep the board's flash (job, reference, journal, programs) in this folder; without it
+    /// Keep the board's flash (job, reference, journal, programs, its key) in this folder; without it
     /// every start is a new board
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -69,6 +71,7 @@ impl Virtual {
             time: BoardTime::Real,
             // A start bit, eight data bits and a stop bit.
             character: Duration::from_secs(10) / self.baud,
+            key: Some(VirtualFlash::in_memory(KEY)),
             ..Config::default()
         };
         if let Some(state) = &self.state {
@@ -80,6 +83,8 @@ impl Virtual {
                 VirtualFlash::in_file(SETTINGS, &state.join("settings.flash")).map_err(failed)?;
             config.programs =
                 VirtualFlash::in_file(PROGRAMS, &state.join("programs.flash")).map_err(failed)?;
+            config.key =
+                Some(VirtualFlash::in_file(KEY, &state.join("key.flash")).map_err(failed)?);
         }
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;

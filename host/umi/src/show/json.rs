@@ -339,6 +339,17 @@ fn record(record: &Record) -> Value {
         Record::Feature(of) => return feature(of),
         Record::Verdict(of) => return verdict(of),
         Record::Latch(of) => return latch(of, &Scale::default()),
+        Record::Head(of) => {
+            let mut object = tagged("head");
+            if let Value::Object(fields) = umi_client::files::head_file::json(of) {
+                // The entry has its own number and time.
+                let fields = fields
+                    .into_iter()
+                    .filter(|(name, _)| name != "seq" && name != "t_us");
+                object.extend(fields);
+            }
+            return Value::Object(object);
+        }
         Record::JobSet(job) => return json!({"type": "job_set", "job": job}),
         Record::ReferenceRestored { positions_mm, .. } => {
             return json!({"type": "reference_restored", "positions_mm": positions_mm});

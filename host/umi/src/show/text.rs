@@ -172,6 +172,11 @@ pub fn record(record: &Record) -> String {
             "program O{number:04}{} begins, check value of the original {crc32:08X}",
             rewritten(*rewritten_for)
         ),
+        Record::Head(head) => format!(
+            "head: signed to here by key {}, start {} of the board",
+            umi_client::journal::key_id(&head.key),
+            head.boot
+        ),
         Record::JobLost { why } => paint(CAUTION, format_args!("no job is in force: {why}")),
         Record::ProgramNotKept { number, why } => paint(
             CAUTION,

@@ -9,6 +9,7 @@ use umi_core::units::Micros;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::fault::{Counters, FaultCode};
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
+use umi_protocol::head::HeadAnswer;
 use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCounters, Positions};
@@ -205,6 +206,7 @@ impl Board {
                 None => Response::JournalNoEntry(self.info()),
             },
             Request::PositionsGet => Response::Positions(self.positions.clone()),
+            Request::HeadGet { .. } => Response::Head(HeadAnswer::NoKey),
             Request::VerdictGet => Response::Verdict(self.verdict.clone()),
             Request::TriggerOutSet(_) | Request::LaserSet { .. } if !self.scanner => {
                 Response::NotOnThisBoard

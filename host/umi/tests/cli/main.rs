@@ -23,4 +23,5 @@ mod readme;
 mod run;
 mod scan;
 mod teach;
+mod trust;
 mod watch;

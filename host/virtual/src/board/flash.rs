@@ -35,12 +35,15 @@ impl VirtualFlash {
     /// # Errors
     /// The file cannot be read or written, has another size, or is in use.
     pub fn in_file(geometry: Geometry, path: &Path) -> io::Result<Self> {
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)?;
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        // A board's key and part programs are nobody else's.
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::OpenOptionsExt as _;
+            options.mode(0o600);
+        }
+        let mut file = options.open(path)?;
         if file.try_lock().is_err() {
             let message = format!("{} is in use by another virtual board", path.display());
             return Err(io::Error::new(io::ErrorKind::ResourceBusy, message));

@@ -16,6 +16,7 @@
 mod clock;
 mod flash;
 mod host;
+mod key;
 mod ports;
 mod pulses;
 pub mod serve;
@@ -74,6 +75,14 @@ pub const PROGRAMS: Geometry = Geometry {
     page_size: 256,
 };
 
+/// The board's key, and how often it has started.
+pub const KEY: Geometry = Geometry {
+    sectors: 2,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
 /// How time passes on a virtual board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardTime {
@@ -94,6 +103,8 @@ pub struct Config {
     pub settings: VirtualFlash,
     /// Flash of the part programs.
     pub programs: VirtualFlash,
+    /// Flash of the board's key; none: a board without a key, which signs nothing.
+    pub key: Option<VirtualFlash>,
     /// How time passes.
     pub time: BoardTime,
     /// Time that a character takes on the control's line; zero: none.
@@ -105,13 +116,14 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// New flash in memory, steered time, an infinitely fast line.
+    /// New flash in memory and no key, steered time, an infinitely fast line.
     fn default() -> Self {
         Self {
             serial: "VIRTUAL".into(),
             journal: VirtualFlash::in_memory(JOURNAL),
             settings: VirtualFlash::in_memory(SETTINGS),
             programs: VirtualFlash::in_memory(PROGRAMS),
+            key: None,
             time: BoardTime::Steered,
             character: Duration::ZERO,
             control: None,
@@ -167,10 +179,12 @@ impl VirtualBoard {
                 journal,
                 settings,
                 programs,
+                key,
                 time: _,
                 character,
                 control: _,
             } = config;
+            let signer = key.and_then(key::signer);
             let boot = Boot {
                 identity: Identity {
                     board: name("virtual"),
@@ -185,6 +199,7 @@ impl VirtualBoard {
                     cts: false,
                 },
                 skip_ends: true,
+                signer,
             };
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_time()

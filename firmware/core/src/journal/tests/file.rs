@@ -9,6 +9,7 @@ fn pull(journal: &mut Journal<MockFlash>, first_seq: u64) -> Vec<u8> {
     let header = FileHeader {
         first_seq,
         chain_before: journal.chain_before(first_seq).unwrap(),
+        nonce: None,
     };
     let mut file = header.encode().to_vec();
     let mut buffer = [0; MAX_PAYLOAD + OVERHEAD];
@@ -29,6 +30,7 @@ fn sample() -> (Vec<u8>, Vec<usize>) {
             file = FileHeader {
                 first_seq: 20,
                 chain_before: chain,
+                nonce: None,
             }
             .encode()
             .to_vec();
@@ -138,14 +140,14 @@ fn any_changed_byte_of_the_header_is_found() {
         assert!(!expected.to_string().is_empty());
     }
     let mut newer = file.clone();
-    newer[4] = 2;
+    newer[4] = 3;
     fix_crc(&mut newer[..FILE_HEADER_SIZE]);
     assert_eq!(
         decode_file(&newer).unwrap_err(),
-        FileError::Version { found: 2 }
+        FileError::Version { found: 3 }
     );
     assert_eq!(
-        decode_file(&file[..51]).unwrap_err(),
+        decode_file(&file[..83]).unwrap_err(),
         FileError::HeaderDamaged
     );
     assert_eq!(decode_file(&[]).unwrap_err(), FileError::NotAJournal);
@@ -266,4 +268,74 @@ fn encoding_refuses_what_does_not_fit() {
         encode_entry(&entry(&[0; 10]), &mut chain, &mut [0; 42]),
         Some(42)
     );
+}
+
+/// A file of version 1: as `sample`, with the header that it had then.
+#[test]
+fn version_1_is_read_for_ever() {
+    let (file, _) = sample();
+    let mut old = b"UMIJ\x01\0\0\0".to_vec();
+    old.extend_from_slice(&file[8..48]);
+    old.extend_from_slice(&[0; 4]);
+    fix_crc(&mut old);
+    assert_eq!(old.len(), FILE_HEADER_SIZE_1);
+    old.extend_from_slice(&file[FILE_HEADER_SIZE..]);
+    assert_eq!(read(&old), (30, None));
+    // A gap is no part of it.
+    let gap = Gap {
+        first: 50,
+        next: 60,
+        chain_before: Chain::GENESIS,
+    };
+    old.extend_from_slice(&gap.encode());
+    assert_eq!(read(&old).1, Some(JournalFault::Damaged { seq: 50 }));
+}
+
+/// Entries that were overwritten are named, and what is behind them is read; a gap that does not
+/// begin where it stands, or whose bytes were changed, is none.
+#[test]
+fn a_gap_is_passed_and_named() {
+    let (file, starts) = sample();
+    let (_, mut entries) = decode_file(&file).unwrap();
+    let mut chain = Chain::GENESIS;
+    while entries.next_seq() < 28 {
+        entries.next().unwrap().unwrap();
+        chain = entries.chain_head();
+    }
+    let gap = Gap {
+        first: 25,
+        next: 28,
+        chain_before: chain,
+    };
+    let with = |gap: &[u8]| [&file[..starts[5]], gap, &file[starts[8]..]].concat();
+    let whole = with(&gap.encode());
+    let (_, mut entries) = decode_file(&whole).unwrap();
+    let mut gaps = Vec::new();
+    let mut seqs = Vec::new();
+    while let Some(entry) = entries.next() {
+        seqs.push(entry.unwrap().seq);
+        gaps.extend(entries.take_gap());
+    }
+    assert_eq!(gaps, [gap]);
+    assert_eq!(seqs, (20..25).chain(28..50).collect::<Vec<_>>());
+    for at in 0..GAP_SIZE {
+        let mut bytes = gap.encode();
+        bytes[at] ^= 0x10;
+        assert_eq!(
+            read(&with(&bytes)).1.map(|fault| fault.seq()),
+            Some(25),
+            "{at}"
+        );
+    }
+    for wrong in [Gap { first: 24, ..gap }, Gap { next: 25, ..gap }] {
+        let found = read(&with(&wrong.encode())).1;
+        assert_eq!(found, Some(JournalFault::Damaged { seq: 25 }));
+    }
+    // At the end of a file it says how far the board was.
+    let end = [&file[..starts[5]], &gap.encode()[..]].concat();
+    let (_, mut entries) = decode_file(&end).unwrap();
+    assert_eq!(entries.by_ref().count(), 5);
+    assert_eq!((entries.take_gap(), entries.next_seq()), (Some(gap), 28));
+    let cut = JournalFault::CutShort { seq: 25 };
+    assert_eq!(read(&end[..end.len() - 1]).1, Some(cut));
 }

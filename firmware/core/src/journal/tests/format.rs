@@ -4,6 +4,7 @@
 //! count `VERSION` up instead of changing them.
 
 use std::string::String;
+use std::vec::Vec;
 
 use super::*;
 
@@ -14,8 +15,13 @@ const CHAIN_0: &str = "f54529d420db398215f497575f4625b6376af99fac2fbc2cc6045424c
 const CHAIN_1: &str = "bfe44517995c5f7b59f7213acf69cb3042ca9c86b0118a15fd635e7727fab3be";
 const SECTOR_HEADER: &str = "554d4a530103040000040000010000000000000000000000000000000000000000\
                              000000000000000000000000000000000000000000000000000000e5d419d4";
-const FILE_HEADER: &str = "554d494a010000000100000000000000\
+const FILE_HEADER_1: &str = "554d494a010000000100000000000000\
                            f54529d420db398215f497575f4625b6376af99fac2fbc2cc6045424c31d30c9f5df8141";
+const FILE_HEADER: &str = "554d494a020000000100000000000000\
+                           f54529d420db398215f497575f4625b6376af99fac2fbc2cc6045424c31d30c9\
+                           5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5a5af7941158";
+const GAP: &str = "5a00000007000000000000000900000000000000\
+                   f54529d420db398215f497575f4625b6376af99fac2fbc2cc6045424c31d30c95decb2eb";
 
 fn hex(bytes: &[u8]) -> String {
     bytes
@@ -65,9 +71,28 @@ fn file() {
     let header = FileHeader {
         first_seq: 1,
         chain_before: journal.chain_before(1).unwrap(),
+        nonce: Some([0x5A; 32]),
     };
     assert_eq!(hex(&header.chain_before.0), CHAIN_0);
     assert_eq!(hex(&header.encode()), FILE_HEADER);
+    assert_eq!(
+        FileHeader::decode(&header.encode()),
+        Ok((header, FILE_HEADER_SIZE))
+    );
+    let first: Vec<u8> = (0..FILE_HEADER_1.len() / 2)
+        .map(|n| u8::from_str_radix(&FILE_HEADER_1[2 * n..2 * n + 2], 16).unwrap())
+        .collect();
+    let header = FileHeader {
+        nonce: None,
+        ..header
+    };
+    assert_eq!(FileHeader::decode(&first), Ok((header, FILE_HEADER_SIZE_1)));
+    let gap = Gap {
+        first: 7,
+        next: 9,
+        chain_before: header.chain_before,
+    };
+    assert_eq!(hex(&gap.encode()), GAP);
     let mut buffer = [0; 64];
     assert_eq!(hex(journal.read_encoded(0, &mut buffer).unwrap()), ENTRY_0);
     assert_eq!(hex(journal.read_encoded(1, &mut buffer).unwrap()), ENTRY_1);

@@ -12,6 +12,7 @@ use serde_json::json;
 use umi_client::axes::{NAMES, Scale};
 use umi_client::journal::Unreadable;
 use umi_client::timeline::{Loss, Lost, TimelineEntry};
+use umi_core::journal::Gap;
 
 use super::{Events, Kind, kind};
 
@@ -143,6 +144,28 @@ impl Sink {
                     "kind": what.kind,
                     "message": what.to_string(),
                 });
+                self.write(&format!("{value}\n"))
+            }
+            Form::Table => Ok(()),
+        }
+    }
+
+    /// Entries that the board had overwritten before they were read.
+    ///
+    /// # Errors
+    /// As [`Self::take`].
+    pub fn overwritten(&mut self, gap: Gap) -> Result<(), Failure> {
+        let Gap { first, next, .. } = gap;
+        match self.form {
+            Form::Text => {
+                let text = format!(
+                    "entries {first} to {} were overwritten on the board",
+                    next - 1
+                );
+                self.write(&line(None, &paint(CAUTION, text)))
+            }
+            Form::Json => {
+                let value = json!({"type": "overwritten", "first_seq": first, "next_seq": next});
                 self.write(&format!("{value}\n"))
             }
             Form::Table => Ok(()),

@@ -1,0 +1,202 @@
+//! Signed heads: when the board vouches for its journal.
+//!
+//! # Design
+//!
+//! A signature takes a while, on a chip without a multiplier for long numbers a tenth of a
+//! second. So none is made while something waits for the measuring: while a clamping is under
+//! way, while something goes out to the control, while a correction waits for it (but for a host
+//! that asks), while the control punches, and until the inputs have been quiet for [`QUIET_US`]. Captures and characters never wait for
+//! it: their tasks are of a higher priority.
+//!
+//! A head is due at the start and behind each verdict, when a host asks for one over its nonce,
+//! and when [`MOST_ENTRIES`] entries have no head behind them. In that last case nothing but a
+//! transmission is waited for: noise on the line that never ends must not keep the board from
+//! signing.
+//!
+//! # Limitations
+//!
+//! An input that comes while a signature is made waits for its end, a READ too. A verdict whose
+//! clamping begins and ends within that time is that much later. Behind [`MOST_ENTRIES`] entries
+//! within one clamping it is signed in that clamping.
+
+use umi_core::journal::Flash;
+use umi_core::units::Micros;
+use umi_core::zero_option::ZeroOption;
+use umi_protocol::head::{Head, HeadAnswer};
+use umi_protocol::message::Record;
+
+use crate::measure::Instrument;
+
+/// Without an input for so long, the control waits for nothing.
+pub const QUIET_US: u64 = 300_000;
+
+/// A host that asks waits so long for a line that is never quiet.
+pub const ASKED_US: u64 = 1_000_000;
+
+/// Entries of the journal that may stand without a head behind them.
+pub const MOST_ENTRIES: u64 = 4096;
+
+/// Signs for the board.
+pub trait HeadSigner: Sync {
+    /// The board's public key.
+    fn key(&self) -> [u8; 32];
+
+    /// Starts of the board so far, this one included.
+    fn boot(&self) -> u32;
+
+    /// The Ed25519 signature of these bytes, R and S.
+    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2];
+}
+
+/// What is known of heads. All zeros before the start.
+pub(crate) struct Heads {
+    signer: ZeroOption<&'static dyn HeadSigner>,
+    /// The nonce of a host that waits, and since when.
+    asked: ZeroOption<([u8; 32], Micros)>,
+    /// Entries before this one stand before a head, or were there at the start.
+    since: u64,
+    /// Entry `since` is a head.
+    has_signed: bool,
+    /// A start or a verdict has no head behind it.
+    is_due: bool,
+    /// When the latest input came.
+    latest: Micros,
+}
+
+impl Heads {
+    pub const fn new() -> Self {
+        Self {
+            signer: ZeroOption::empty(),
+            asked: ZeroOption::empty(),
+            since: 0,
+            has_signed: false,
+            is_due: false,
+            latest: Micros(0),
+        }
+    }
+
+    /// The board has started, with a key or without.
+    pub fn start(&mut self, signer: Option<&'static dyn HeadSigner>, now: Micros) {
+        if let Some(signer) = signer {
+            self.signer.put(signer);
+            self.is_due = true;
+            self.latest = now;
+        }
+    }
+
+    /// A verdict is in the journal.
+    pub fn judged(&mut self) {
+        self.is_due = true;
+    }
+
+    /// Entries before this one were there at the start.
+    pub fn opened(&mut self, next_seq: u64) {
+        self.since = next_seq;
+    }
+
+    /// Something came in.
+    pub fn came(&mut self, now: Micros) {
+        self.latest = now;
+    }
+
+    /// Whether a host has asked for this one already.
+    fn has_asked(&self, nonce: &[u8; 32]) -> bool {
+        self.asked.get().is_some_and(|(of, _)| of == nonce)
+    }
+}
+
+impl<F: Flash> Instrument<F> {
+    /// The answer to a host that asks for a head. What was signed stands in the journal, and not
+    /// in memory besides.
+    #[inline(never)]
+    pub(crate) fn head_answer(&mut self, now: Micros, nonce: Option<[u8; 32]>) -> HeadAnswer {
+        let ledger = &mut self.ledger;
+        if !ledger.heads.signer.is_some() {
+            return HeadAnswer::NoKey;
+        }
+        let newest = ledger.heads.has_signed.then_some(ledger.heads.since);
+        let found = newest
+            .zip(ledger.journal.get_mut())
+            .and_then(|(seq, journal)| {
+                let found = journal.read(seq, &mut ledger.scratch).ok()?;
+                // Its kind stands before it. A board that could read every record would be
+                // 40 KB larger.
+                let (_, head) = found.entry.payload.split_first()?;
+                postcard::from_bytes::<Head>(head).ok()
+            });
+        match found.filter(|head| nonce.is_none() || head.nonce == nonce) {
+            Some(head) => HeadAnswer::Signed(head),
+            None => {
+                if let Some(nonce) = nonce.filter(|nonce| !ledger.heads.has_asked(nonce)) {
+                    ledger.heads.asked.put((nonce, now));
+                }
+                HeadAnswer::Pending
+            }
+        }
+    }
+
+    /// When a head is to be signed, if nothing happens before; none: not as things stand.
+    #[must_use]
+    pub fn head_deadline(&self) -> Option<Micros> {
+        let heads = &self.ledger.heads;
+        let journal = self.ledger.journal.get()?;
+        if !heads.signer.is_some() || self.delivery.is_some() {
+            return None;
+        }
+        if journal.next_seq().saturating_sub(heads.since) >= MOST_ENTRIES {
+            return Some(heads.latest);
+        }
+        let asked = heads.asked.get().map(|(_, since)| *since);
+        let is_asked = asked.is_some();
+        let may_be_read = self.waiting().is_some() && !is_asked;
+        let waits = self.brain().run().is_under_way()
+            || may_be_read
+            || self.ledger.upload.waits()
+            || self.ledger.upload.is_busy();
+        let quiet = heads.latest.0.saturating_add(QUIET_US);
+        let due = match asked {
+            // A line that is never quiet must not keep a host waiting.
+            Some(since) => Some(quiet.min(since.0.saturating_add(ASKED_US))),
+            None => heads.is_due.then_some(quiet),
+        };
+        due.filter(|_| !waits).map(Micros)
+    }
+
+    /// Signs a head if one is to be signed now.
+    pub fn sign_head(&mut self, now: Micros) {
+        if self.head_deadline().is_some_and(|due| now >= due) {
+            self.make_head(now);
+        }
+    }
+
+    #[inline(never)]
+    fn make_head(&mut self, now: Micros) {
+        let ledger = &mut self.ledger;
+        let nonce = ledger.heads.asked.take().map(|(nonce, _)| nonce);
+        ledger.heads.is_due = false;
+        let (Some(signer), Some(journal)) =
+            (ledger.heads.signer.get().copied(), ledger.journal.get())
+        else {
+            return;
+        };
+        let mut head = Head {
+            seq: journal.next_seq(),
+            t_us: now.0,
+            first_seq: journal.first_seq(),
+            chain: journal.chain_head().0,
+            boot: signer.boot(),
+            key: signer.key(),
+            image: [0; 32],
+            serial: ledger.identity.serial.clone(),
+            firmware: ledger.identity.firmware.clone(),
+            nonce,
+            signature: [[0; 32]; 2],
+        };
+        head.signature = signer.sign(&head.signed());
+        let seq = head.seq;
+        if ledger.record(now, Record::Head(head)) {
+            ledger.heads.since = seq;
+            ledger.heads.has_signed = true;
+        }
+    }
+}

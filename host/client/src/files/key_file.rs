@@ -1,0 +1,153 @@
+//! Keys as files: Ed25519 as PKCS #8 and SPKI in PEM (RFC 8410), as other programs read them, too.
+
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
+use ed25519_dalek::pkcs8::{DecodePublicKey as _, EncodePrivateKey as _, EncodePublicKey as _};
+use ed25519_dalek::{SigningKey, VerifyingKey};
+
+use crate::journal::nonce;
+use crate::problem::Problem;
+
+/// A public key as text.
+///
+/// # Errors
+/// `not_a_key`: it is none.
+pub fn public_text(key: &[u8; 32]) -> Result<String, Problem> {
+    let key = VerifyingKey::from_bytes(key).map_err(|_| not_a_key("this"))?;
+    key.to_public_key_pem(LineEnding::LF)
+        .map_err(|_| not_a_key("this"))
+}
+
+/// Reads a public key.
+///
+/// # Errors
+/// The file cannot be read; `not_a_key`.
+pub fn read_public(path: &Path) -> Result<[u8; 32], Problem> {
+    let text =
+        std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
+    VerifyingKey::from_public_key_pem(&text)
+        .map(|key| key.to_bytes())
+        .map_err(|_| not_a_key(&path.display().to_string()))
+}
+
+fn not_a_key(what: &str) -> Problem {
+    let message = format_args!(
+        "{what} is no Ed25519 public key: give a file that `umi access board-key` or `umi key new` wrote"
+    );
+    Problem::trouble("not_a_key", message)
+}
+
+/// A new key pair.
+pub struct NewKey {
+    /// The public key.
+    pub public: [u8; 32],
+    /// Where it is.
+    pub public_file: PathBuf,
+}
+
+/// Makes a new key pair in two files, FILE and FILE.pub, neither of which may be there. Only their
+/// owner can read the secret one; with a passphrase it is encrypted (PBES2: scrypt, AES-256).
+///
+/// # Errors
+/// The files are there or cannot be written; the system has no entropy.
+pub fn new(path: &Path, passphrase: Option<&str>) -> Result<NewKey, Problem> {
+    let signing = SigningKey::from_bytes(&nonce()?);
+    let public = signing.verifying_key().to_bytes();
+    let text = match passphrase {
+        None => signing.to_pkcs8_pem(LineEnding::LF),
+        Some(passphrase) => signing.to_pkcs8_encrypted_pem(passphrase, LineEnding::LF),
+    };
+    let text = text.map_err(|error| Problem::trouble("key", error))?;
+    let mut name = path.as_os_str().to_owned();
+    name.push(".pub");
+    let public_file = PathBuf::from(name);
+    if public_file.symlink_metadata().is_ok() {
+        let there = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
+        return Err(Problem::file("write", &public_file, &there));
+    }
+    create(path, true, text.as_bytes())?;
+    create(&public_file, false, public_text(&public)?.as_bytes())?;
+    Ok(NewKey {
+        public,
+        public_file,
+    })
+}
+
+/// Writes a file that is not there yet; follows no link.
+fn create(path: &Path, is_secret: bool, bytes: &[u8]) -> Result<(), Problem> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if is_secret {
+        use std::os::unix::fs::OpenOptionsExt as _;
+        options.mode(0o600);
+    }
+    #[cfg(not(unix))]
+    let _ = is_secret;
+    let written = options.open(path).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()
+    });
+    written.map_err(|error| Problem::file("write", path, &error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ed25519_dalek::pkcs8::DecodePrivateKey as _;
+
+    fn folder(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("umi-key-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        path
+    }
+
+    /// The secret key is its owner's alone and opens with its passphrase only; nothing that is
+    /// there is replaced.
+    #[test]
+    fn a_new_key_is_two_files() {
+        let folder = folder("new");
+        let (plain, locked) = (folder.join("plain"), folder.join("locked"));
+        let made = new(&plain, None).unwrap();
+        assert_eq!(read_public(&made.public_file).unwrap(), made.public);
+        let text = std::fs::read_to_string(&plain).unwrap();
+        let signing = SigningKey::from_pkcs8_pem(&text).unwrap();
+        assert_eq!(signing.verifying_key().to_bytes(), made.public);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt as _;
+            let mode = std::fs::metadata(&plain).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o600);
+        }
+        assert_eq!(new(&plain, None).err().unwrap().code, "file");
+        std::fs::remove_file(&plain).unwrap();
+        assert_eq!(new(&plain, None).err().unwrap().code, "file");
+        assert!(!plain.exists());
+
+        let made = new(&locked, Some("open sesame")).unwrap();
+        let text = std::fs::read_to_string(&locked).unwrap();
+        assert!(text.starts_with("-----BEGIN ENCRYPTED PRIVATE KEY-----"));
+        assert!(SigningKey::from_pkcs8_encrypted_pem(&text, "open").is_err());
+        let signing = SigningKey::from_pkcs8_encrypted_pem(&text, "open sesame").unwrap();
+        assert_eq!(signing.verifying_key().to_bytes(), made.public);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// The form of RFC 8410, section 10.1 and its key.
+    #[test]
+    fn public_keys_are_as_in_the_standard() {
+        let text = "-----BEGIN PUBLIC KEY-----\nMCowBQYDK2VwAyEAGb9ECWmEzf6FQbrBZ9w7lshQhqowtrbLDFw4rXAxZuE=\n-----END PUBLIC KEY-----\n";
+        let folder = folder("standard");
+        let path = folder.join("key.pub");
+        std::fs::write(&path, text).unwrap();
+        let key = read_public(&path).unwrap();
+        assert_eq!(key[..4], [0x19, 0xBF, 0x44, 0x09]);
+        assert_eq!(public_text(&key).unwrap(), text);
+        std::fs::write(&path, "no key").unwrap();
+        assert_eq!(read_public(&path).unwrap_err().code, "not_a_key");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

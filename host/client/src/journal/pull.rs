@@ -1,0 +1,307 @@
+//! A board's journal, entry by entry, verified as it comes; and its signed head.
+//!
+//! The head is asked for at the end, over a nonce that nobody can have signed before; what is pulled
+//! ends with it. Entries that the board overwrites meanwhile are named, and the pull goes on.
+
+use std::time::{Duration, Instant};
+
+use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, Gap, JournalFault};
+use umi_protocol::head::{Head, HeadAnswer};
+use umi_protocol::message::JournalInfo;
+
+use super::{Stretch, faulty, gone, hidden};
+use crate::link::{Client, JournalChain, JournalEntry};
+use crate::problem::Problem;
+
+/// How long a head is waited for: a board signs when nothing is under way.
+pub const PATIENCE: Duration = Duration::from_secs(5);
+
+/// From one question for the head to the next.
+const INTERVAL: Duration = Duration::from_millis(20);
+
+/// Heads that are asked for while the board overwrites faster than it can be read.
+const TRIES: u32 = 5;
+
+/// What happens while a journal is pulled, in this order.
+#[derive(Debug)]
+pub enum PullStep<'a> {
+    /// What a file begins with as far as that is known, and the entry after the last one to come
+    /// but for a head.
+    Header(FileHeader, u64),
+    /// Entries that the board has overwritten before they could be read.
+    Gap(Gap),
+    /// An entry whose check value and chain are right, as it is stored.
+    Entry(Entry<'a>, &'a [u8]),
+}
+
+/// What of a journal has been pulled already.
+#[derive(Clone, Copy, Debug)]
+pub struct Begun {
+    /// What the file begins with.
+    pub header: FileHeader,
+    /// The entry that is wanted next.
+    pub next: u64,
+    /// Chain value before it.
+    pub chain: Chain,
+}
+
+/// A journal that was pulled.
+#[derive(Clone, Debug)]
+pub struct Pulled {
+    /// What it holds.
+    pub stretch: Stretch,
+    /// What its file begins with, now that its end is known.
+    pub header: FileHeader,
+    /// The head that it ends with, if one was wanted; none: see `unsigned`.
+    pub head: Option<Head>,
+    /// Why there is no head where one was wanted.
+    pub unsigned: Option<Unsigned>,
+}
+
+/// Why a journal has no head at its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unsigned {
+    /// The board has no key.
+    NoKey,
+    /// Something was under way for longer than it was waited.
+    Busy,
+}
+
+impl Unsigned {
+    /// A stable name for machines.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::NoKey => "no_board_key",
+            Self::Busy => "board_busy",
+        }
+    }
+}
+
+/// 32 bytes that nobody can have known before.
+///
+/// # Errors
+/// The operating system gives none.
+pub fn nonce() -> Result<[u8; 32], Problem> {
+    let mut nonce = [0; 32];
+    getrandom::fill(&mut nonce).map_err(|error| {
+        Problem::trouble(
+            "entropy",
+            format_args!("no random numbers from the system: {error}"),
+        )
+    })?;
+    Ok(nonce)
+}
+
+/// The board's head over a nonce.
+///
+/// # Errors
+/// The link's; `head_signature`: the board's signature is wrong, or over another nonce.
+pub fn head(
+    board: &mut Client,
+    nonce: [u8; 32],
+    patience: Duration,
+) -> Result<Result<Head, Unsigned>, Problem> {
+    let until = Instant::now() + patience;
+    loop {
+        match board.head(Some(nonce))? {
+            HeadAnswer::NoKey => return Ok(Err(Unsigned::NoKey)),
+            HeadAnswer::Signed(head) => {
+                if head.nonce != Some(nonce) || !umi_core::board_key::is_signed(&head) {
+                    let message = "the board's head is not signed by the key that it names: this is not the board that it says it is";
+                    return Err(Problem::refused("head_signature", message).with("seq", head.seq));
+                }
+                return Ok(Ok(head));
+            }
+            HeadAnswer::Pending if Instant::now() >= until => return Ok(Err(Unsigned::Busy)),
+            HeadAnswer::Pending => std::thread::sleep(INTERVAL),
+        }
+    }
+}
+
+/// What is to be pulled.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted {
+    /// From this entry on; none: from the oldest.
+    pub from: Option<u64>,
+    /// What an earlier pull has brought; then `from` says nothing.
+    pub begun: Option<Begun>,
+    /// A head over a new nonce at the end.
+    pub head: bool,
+}
+
+/// Pulls all entries that are there when it begins, and the head behind them if one is wanted.
+///
+/// # Errors
+/// The link's; `out_of_range`; an entry that is damaged, missing or does not follow
+/// from those before it, by the code of its [`JournalFault`]; `head_signature`; `other_journal`:
+/// what was pulled before is not of this board; what `step` returns.
+pub fn pull<E: From<Problem>>(
+    board: &mut Client,
+    wanted: Wanted,
+    mut step: impl FnMut(PullStep<'_>) -> Result<(), E>,
+) -> Result<Pulled, E> {
+    let info = board.journal_info().map_err(Problem::from)?;
+    let (mut header, mut walk) = begin(board, wanted, info)?;
+    step(PullStep::Header(header, info.next_seq))?;
+    walk.to(board, info.next_seq, &mut step)?;
+    let (mut signed, mut unsigned) = (None, None);
+    for _ in 0..if wanted.head { TRIES } else { 0 } {
+        match head(board, nonce()?, PATIENCE)? {
+            Err(why) => unsigned = Some(why),
+            Ok(head) => {
+                let gaps = walk.overwritten.len();
+                walk.to(board, head.seq.saturating_add(1), &mut step)?;
+                // What was overwritten is vouched for by a head that was signed behind that.
+                if walk.overwritten.len() != gaps || walk.seq != head.seq.saturating_add(1) {
+                    unsigned = Some(Unsigned::Busy);
+                    continue;
+                }
+                header.nonce = head.nonce;
+                (signed, unsigned) = (Some(head), None);
+            }
+        }
+        break;
+    }
+    // The entries follow from each other; this says that they are the board's, unless it has
+    // overwritten them all since.
+    if chain_before(board, walk.seq)?.is_ok_and(|chain| chain != walk.chain) {
+        return Err(faulty(&JournalFault::ChainBroken { seq: walk.seq }).into());
+    }
+    Ok(Pulled {
+        stretch: Stretch {
+            first: header.first_seq,
+            next: walk.seq,
+            chain: walk.chain,
+            overwritten: walk.overwritten,
+        },
+        header,
+        head: signed,
+        unsigned,
+    })
+}
+
+/// Where the pull begins, and what its file begins with.
+fn begin(
+    board: &mut Client,
+    wanted: Wanted,
+    info: JournalInfo,
+) -> Result<(FileHeader, Walk), Problem> {
+    let overwritten = Vec::new();
+    if let Some(Begun {
+        header,
+        next,
+        chain,
+    }) = wanted.begun
+    {
+        let is_other = next > info.next_seq
+            || chain_before(board, next)?.is_ok_and(|of_board| of_board != chain);
+        if is_other {
+            let message = "what was pulled before is not of this board's journal: give another name, or take it away";
+            return Err(Problem::refused("other_journal", message).with("seq", next));
+        }
+        let walk = Walk {
+            seq: next,
+            chain,
+            overwritten,
+        };
+        return Ok((header, walk));
+    }
+    let first = wanted.from.unwrap_or(info.first_seq);
+    if !(info.first_seq..=info.next_seq).contains(&first) {
+        return Err(gone(first, info));
+    }
+    let chain = chain_before(board, first)?.map_err(|info| gone(first, info))?;
+    let header = FileHeader {
+        first_seq: first,
+        chain_before: chain,
+        nonce: None,
+    };
+    let walk = Walk {
+        seq: first,
+        chain,
+        overwritten,
+    };
+    Ok((header, walk))
+}
+
+/// Where the pull is.
+struct Walk {
+    seq: u64,
+    chain: Chain,
+    overwritten: Vec<(u64, u64)>,
+}
+
+impl Walk {
+    /// Reads up to entry `end`, or to where the board still has entries behind it.
+    fn to<E: From<Problem>>(
+        &mut self,
+        board: &mut Client,
+        end: u64,
+        step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        while self.seq < end {
+            match board.journal_read(self.seq).map_err(Problem::from)? {
+                JournalEntry::Stored(raw) => {
+                    let entry = self.entry(&raw)?;
+                    step(PullStep::Entry(entry, &raw))?;
+                }
+                JournalEntry::None(info) => {
+                    let gap = self.gap(board, info)?;
+                    self.overwritten.push((gap.first, gap.next));
+                    step(PullStep::Gap(gap))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn entry<'a>(&mut self, raw: &'a [u8]) -> Result<Entry<'a>, Problem> {
+        let seq = self.seq;
+        let mut entries = EntryIter::new(raw, seq, self.chain);
+        let entry = entries
+            .next()
+            .unwrap_or(Err(JournalFault::CutShort { seq }));
+        let entry = entry.map_err(|fault| faulty(&fault))?;
+        if entries.offset() != raw.len() {
+            return Err(faulty(&JournalFault::Damaged { seq }));
+        }
+        self.chain = entries.chain_head();
+        self.seq = seq + 1;
+        Ok(entry)
+    }
+
+    /// Passes what the board does not hold any more.
+    fn gap(&mut self, board: &mut Client, mut info: JournalInfo) -> Result<Gap, Problem> {
+        let first = self.seq;
+        loop {
+            let next = info.first_seq;
+            if next <= first {
+                return Err(gone(first, info));
+            }
+            // It may be overwritten, too, before its chain value is there.
+            match chain_before(board, next)? {
+                Ok(chain) => {
+                    self.seq = next;
+                    self.chain = chain;
+                    return Ok(Gap {
+                        first,
+                        next,
+                        chain_before: chain,
+                    });
+                }
+                Err(later) if later.first_seq > next => info = later,
+                Err(info) => return Err(gone(next, info)),
+            }
+        }
+    }
+}
+
+/// The board's chain value before an entry; or what there is, if that is not there any more.
+fn chain_before(board: &mut Client, seq: u64) -> Result<Result<Chain, JournalInfo>, Problem> {
+    match board.journal_chain(seq)? {
+        JournalChain::Before(value) => Ok(Ok(Chain(value))),
+        JournalChain::Hidden => Err(hidden(seq)),
+        JournalChain::None(info) => Ok(Err(info)),
+    }
+}

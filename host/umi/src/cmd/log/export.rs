@@ -1,0 +1,92 @@
+//! `umi log export`: a journal for other programs.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use umi_client::journal::{self, FileItem};
+use umi_core::journal::Entry;
+
+use crate::failure::Failure;
+use crate::output::Force;
+
+/// Write a pulled journal as a table or as lines of JSON
+#[derive(Args)]
+#[command(after_help = "\
+csv: one row for each entry, as RFC 4180: seq, t_us, type, and the record as JSON. jsonl: one
+object on a line, as `umi log --json` prints them. The file is checked first, heads and all.
+
+Examples:
+  umi log export monday.umij --format csv -o monday.csv
+  umi log export monday.umij --format jsonl -o monday.jsonl")]
+pub(super) struct Export {
+    /// The journal
+    #[arg(value_name = "FILE.umij")]
+    file: PathBuf,
+    /// What to write
+    #[arg(long, value_enum)]
+    format: Form,
+    /// Where
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Form {
+    /// A table
+    Csv,
+    /// Lines of JSON
+    Jsonl,
+}
+
+impl Export {
+    pub fn run(self) -> Result<(), Failure> {
+        let bytes =
+            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
+        journal::verify::verify(&bytes, None, None)?;
+        let mut out = Vec::new();
+        if let Form::Csv = self.format {
+            out.extend_from_slice(b"seq,t_us,type,record\r\n");
+        }
+        journal::read(&bytes, |item| {
+            let (seq, t_us, value) = match item {
+                FileItem::Entry(entry) => (entry.seq, Some(entry.t.0), value(&entry)),
+                FileItem::Gap(gap) => {
+                    let value = json!({
+                        "type": "overwritten",
+                        "first_seq": gap.first,
+                        "next_seq": gap.next,
+                    });
+                    (gap.first, None, value)
+                }
+            };
+            let written = match self.format {
+                Form::Jsonl => writeln!(out, "{value}"),
+                Form::Csv => {
+                    let time = t_us.map_or(String::new(), |t_us| t_us.to_string());
+                    let name = value["type"].as_str().unwrap_or_default();
+                    let record = value.to_string().replace('"', "\"\"");
+                    write!(out, "{seq},{time},{name},\"{record}\"\r\n")
+                }
+            };
+            written.map_err(|error| Failure::file("write", &self.output, &error))
+        })?;
+        self.force.write(&self.output, &[&self.file], out)
+    }
+}
+
+fn value(entry: &Entry<'_>) -> Value {
+    match journal::record(entry) {
+        Ok(record) => crate::show::json::entry(entry.seq, entry.t.0, &record),
+        Err(unreadable) => json!({
+            "seq": entry.seq,
+            "t_us": entry.t.0,
+            "type": "unreadable",
+            "kind": unreadable.kind,
+            "message": unreadable.to_string(),
+        }),
+    }
+}

@@ -1,0 +1,176 @@
+//! `umi log pull`: a board's journal as a file, with the head that the board signs at its end.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use umi_client::journal::verify::Verified;
+use umi_client::journal::{self, Begun, PullStep, Unsigned, Wanted};
+use umi_client::link::Client;
+use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
+
+use super::{Board, Format, sum_up};
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{CAUTION, paint, print_error};
+
+/// Pull the journal of a board into a file, or go on where that broke off
+#[derive(Args)]
+#[command(after_help = "\
+The board signs the end of the file over a number that nobody knew before, as soon as no
+clamping is under way. A pull that broke off goes on from what is in FILE.part. Entries that the
+board overwrites meanwhile are named in the file and in what is printed.
+
+Examples:
+  umi log pull monday.umij --port /dev/ttyACM0
+  umi log pull monday.umij --from 1200 --force")]
+pub(super) struct PullFile {
+    /// The file
+    #[arg(value_name = "FILE.umij")]
+    file: PathBuf,
+    /// Begin with this entry instead of the oldest
+    #[arg(long, value_name = "SEQ")]
+    from: Option<u64>,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+impl PullFile {
+    pub fn run(self) -> Result<(), Failure> {
+        self.force.check(&self.file, &[])?;
+        let pull = Pull {
+            file: &self.file,
+            from: self.from,
+            goes_on: true,
+        };
+        let verified = pull.run(&mut self.board.connect()?)?;
+        sum_up(self.format.json, &verified, Some(&self.file))
+    }
+}
+
+/// What is pulled where.
+pub(super) struct Pull<'a> {
+    pub file: &'a Path,
+    pub from: Option<u64>,
+    /// What an earlier pull has left is gone on with. Whether `file` may be replaced has been
+    /// asked before.
+    pub goes_on: bool,
+}
+
+impl Pull<'_> {
+    pub fn run(&self, board: &mut Client) -> Result<Verified, Failure> {
+        let path = self.file;
+        // Under its own name only when it is complete.
+        let part = part_of(path);
+        let failed = |error| Failure::file("write", &part, &error);
+        let (file, begun) = self.begin(&part).map_err(failed)?;
+        let mut file = BufWriter::new(file);
+        let bar = ProgressBar::no_length().with_style(style());
+        let wanted = Wanted {
+            from: self.from,
+            begun,
+            head: true,
+        };
+        let pulled = journal::pull(board, wanted, |step| match step {
+            PullStep::Header(header, next) => {
+                bar.set_length(next - header.first_seq);
+                match begun {
+                    Some(begun) => bar.set_position(begun.next - header.first_seq),
+                    None => file.write_all(&header.encode()).map_err(failed)?,
+                }
+                Ok(())
+            }
+            PullStep::Gap(gap) => {
+                bar.inc(gap.next - gap.first);
+                file.write_all(&gap.encode()).map_err(failed)
+            }
+            PullStep::Entry(_, raw) => {
+                bar.inc(1);
+                file.write_all(raw).map_err(failed)
+            }
+        });
+        bar.finish_and_clear();
+        let closed = file
+            .into_inner()
+            .map_err(|error| failed(error.into_error()));
+        let pulled = pulled.map_err(|failure| kept(failure, &part))?;
+        let mut file = closed?;
+        file.seek(SeekFrom::Start(0)).map_err(failed)?;
+        file.write_all(&pulled.header.encode()).map_err(failed)?;
+        file.sync_all().map_err(failed)?;
+        // What is in the file is what is told of it.
+        let bytes = std::fs::read(&part).map_err(failed)?;
+        let verified = journal::verify::verify(&bytes, None, None)?;
+        std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))?;
+        if pulled.unsigned == Some(Unsigned::Busy) {
+            let text = "the end of the file is not signed: a clamping is under way, or the board overwrites its entries faster than they can be read; pull it again later";
+            print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
+        }
+        Ok(verified)
+    }
+
+    /// The file, and what of it is there already.
+    fn begin(&self, part: &Path) -> io::Result<(File, Option<Begun>)> {
+        if self.goes_on
+            && let Some(found) = self.found(part)?
+        {
+            return Ok(found);
+        }
+        // A link that somebody has put under its name is taken away, not followed.
+        match std::fs::remove_file(part) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok((File::create_new(part)?, None)),
+        }
+    }
+
+    fn found(&self, part: &Path) -> io::Result<Option<(File, Option<Begun>)>> {
+        // Not a link.
+        if !part.symlink_metadata().is_ok_and(|found| found.is_file()) {
+            return Ok(None);
+        }
+        let bytes = std::fs::read(part)?;
+        let Ok((header, mut entries)) = decode_file(&bytes) else {
+            return Ok(None);
+        };
+        let is_other = self.from.is_some_and(|from| from != header.first_seq);
+        if is_other || !bytes.starts_with(&header.encode()) {
+            return Ok(None);
+        }
+        while let Some(Ok(_)) = entries.next() {}
+        let begun = Begun {
+            header,
+            next: entries.next_seq(),
+            chain: entries.chain_head(),
+        };
+        let mut file = File::options().write(true).open(part)?;
+        let whole = (FILE_HEADER_SIZE + entries.offset()) as u64;
+        file.set_len(whole)?;
+        file.seek(SeekFrom::Start(whole))?;
+        Ok(Some((file, Some(begun))))
+    }
+}
+
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
+}
+
+/// Says where that is which came before the failure.
+fn kept(failure: Failure, part: &Path) -> Failure {
+    let part = part.display();
+    failure.noted(&format!(
+        "\nwhat came before is verified and stays in {part}"
+    ))
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{bar:40} {pos}/{len} entries, {per_sec}, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+}

@@ -1,0 +1,149 @@
+//! A signed head: the board's word for everything that its journal held up to an entry.
+//!
+//! The signature is Ed25519 (RFC 8032) by the board's key over these bytes:
+//!
+//! ```text
+//! offset  size  field (little endian)
+//!      0    16  tag "openumi head v1\n"
+//!     16    32  the board's public key
+//!     48    32  SHA-256 of the firmware image; zeros: the board does not know it
+//!     80     4  starts of the board so far, this one included
+//!     84     8  t_us: the board's clock when it signed
+//!     92     8  seq: entries 0..seq are what it vouches for
+//!    100     8  the oldest entry that it still held then
+//!    108    32  chain value before entry seq
+//!    140     1  1 with a nonce, 0 without one
+//!    141    32  the nonce that the host gave; zeros without one
+//!    173   1+n  length of the serial number, and its bytes
+//!          1+m  length of the firmware's version, and its bytes
+//! ```
+//!
+//! In a journal the head stands as entry `seq`, right behind what it vouches for. It says all of
+//! that entry's content, its time too: so nothing of the entry can be changed either.
+
+use heapless::Vec;
+use postcard_derive::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::job::{MAX_NAME, Name};
+
+/// First bytes of what is signed. No other message of this project begins like this.
+pub const TAG: [u8; 16] = *b"openumi head v1\n";
+
+/// Bytes of what is signed, at most.
+pub const MAX_SIGNED: usize = 173 + 2 * (1 + MAX_NAME);
+
+/// What a board signs, and its signature.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct Head {
+    /// It vouches for the entries before this one.
+    pub seq: u64,
+    /// The board's clock when it signed.
+    pub t_us: u64,
+    /// The oldest entry that it still held then: older ones had been overwritten.
+    pub first_seq: u64,
+    /// The chain value before entry `seq`.
+    pub chain: [u8; 32],
+    /// Starts of the board so far, this one included.
+    pub boot: u32,
+    /// The board's public key.
+    pub key: [u8; 32],
+    /// SHA-256 of the firmware image; zeros: the board does not know it.
+    pub image: [u8; 32],
+    /// The board's serial number.
+    pub serial: Name,
+    /// Firmware version, as "0.1.0".
+    pub firmware: Name,
+    /// What the host gave so that nobody can have signed before; none without a host.
+    pub nonce: Option<[u8; 32]>,
+    /// The signature's two halves, R and S.
+    pub signature: [[u8; 32]; 2],
+}
+
+impl Head {
+    /// The bytes that are signed.
+    #[must_use]
+    pub fn signed(&self) -> Vec<u8, MAX_SIGNED> {
+        let mut bytes = Vec::new();
+        let is_asked = [u8::from(self.nonce.is_some())];
+        let nonce = self.nonce.unwrap_or_default();
+        let length = |text: &Name| [u8::try_from(text.len()).unwrap_or(u8::MAX)];
+        for piece in [
+            &TAG[..],
+            &self.key,
+            &self.image,
+            &self.boot.to_le_bytes(),
+            &self.t_us.to_le_bytes(),
+            &self.seq.to_le_bytes(),
+            &self.first_seq.to_le_bytes(),
+            &self.chain,
+            &is_asked,
+            &nonce,
+            &length(&self.serial),
+            self.serial.as_bytes(),
+            &length(&self.firmware),
+            self.firmware.as_bytes(),
+        ] {
+            // There is room for the longest.
+            let _ = bytes.extend_from_slice(piece);
+        }
+        bytes
+    }
+}
+
+/// The answer to a question for a head.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
+pub enum HeadAnswer {
+    /// The newest head; over the nonce, if one was given.
+    Signed(Head),
+    /// The board signs when nothing is under way that a signature could delay: ask again.
+    Pending,
+    /// This board has no key: it signs nothing.
+    NoKey,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::name;
+
+    /// What is signed, byte by byte. If this changes, heads that boards have signed cannot be
+    /// checked any more: another tag instead.
+    #[test]
+    fn the_signed_bytes_stand_where_the_drawing_says() {
+        let head = Head {
+            seq: 0x0102_0304_0506_0708,
+            t_us: 0x1112_1314_1516_1718,
+            first_seq: 0x2122_2324_2526_2728,
+            chain: [0xC4; 32],
+            boot: 0x3132_3334,
+            key: [0xAA; 32],
+            image: [0xBB; 32],
+            serial: name("0042"),
+            firmware: name("0.1.0"),
+            nonce: Some([0xDD; 32]),
+            signature: [[0; 32]; 2],
+        };
+        let bytes = head.signed();
+        assert_eq!(bytes.len(), 173 + 5 + 6);
+        assert_eq!(bytes[..16], *b"openumi head v1\n");
+        assert_eq!(bytes[16..48], [0xAA; 32]);
+        assert_eq!(bytes[48..80], [0xBB; 32]);
+        assert_eq!(bytes[80..84], [0x34, 0x33, 0x32, 0x31]);
+        assert_eq!(bytes[84..92], 0x1112_1314_1516_1718_u64.to_le_bytes());
+        assert_eq!(bytes[92..100], 0x0102_0304_0506_0708_u64.to_le_bytes());
+        assert_eq!(bytes[100..108], 0x2122_2324_2526_2728_u64.to_le_bytes());
+        assert_eq!(bytes[108..140], [0xC4; 32]);
+        assert_eq!(bytes[140], 1);
+        assert_eq!(bytes[141..173], [0xDD; 32]);
+        assert_eq!(bytes[173..], *b"\x040042\x050.1.0");
+        let alone = Head {
+            nonce: None,
+            ..head
+        };
+        assert_eq!(alone.signed()[140..173], [0; 33]);
+    }
+}
