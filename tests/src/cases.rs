@@ -117,7 +117,7 @@ pub fn judged(rig: &mut dyn Rig, client: &mut Client, verdicts: u32) -> Status {
 pub fn journal(client: &mut Client) -> (Vec<Record>, Findings) {
     let mut audit = Audit::default();
     let mut records = Vec::new();
-    let stretch = journal::pull(client, journal::Wanted::default(), |step| {
+    let stretch = journal::pull(client, journal::PullRequest::default(), |step| {
         if let PullStep::Entry(entry, _) = step {
             let record = journal::record(&entry).unwrap();
             audit.take(&entry, &record);

@@ -9,9 +9,9 @@ use heapless::Deque;
 use umi_protocol::frame::{self, MAX_BOARD_FRAME};
 use umi_protocol::message::Event;
 
-/// Bytes of frames that can wait: nearly three of the longest, or some two hundred lines. So many that
+/// Bytes of frames that can wait: more than two of the longest, or some two hundred lines. So many that
 /// the rings of the Pico, which stand at a round address behind all of this, lose no page.
-const CAPACITY: usize = 3 * MAX_BOARD_FRAME - 128;
+const CAPACITY: usize = 3 * MAX_BOARD_FRAME - 3072;
 /// A frame's length stands before it.
 const PREFIX: usize = 2;
 

@@ -21,11 +21,11 @@
 
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
-use umi_core::zero_option::ZeroOption;
 use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::message::Record;
 
 use crate::measure::Instrument;
+pub use crate::signer::HeadSigner;
 
 /// Without an input for so long, the control waits for nothing.
 pub const QUIET_US: u64 = 300_000;
@@ -35,75 +35,6 @@ pub const ASKED_US: u64 = 1_000_000;
 
 /// Entries of the journal that may stand without a head behind them.
 pub const MOST_ENTRIES: u64 = 4096;
-
-/// Signs for the board.
-pub trait HeadSigner: Sync {
-    /// The board's public key.
-    fn key(&self) -> [u8; 32];
-
-    /// Starts of the board so far, this one included.
-    fn boot(&self) -> u32;
-
-    /// The Ed25519 signature of these bytes, R and S.
-    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2];
-}
-
-/// What is known of heads. All zeros before the start.
-pub(crate) struct Heads {
-    signer: ZeroOption<&'static dyn HeadSigner>,
-    /// The nonce of a host that waits, and since when.
-    asked: ZeroOption<([u8; 32], Micros)>,
-    /// Entries before this one stand before a head, or were there at the start.
-    since: u64,
-    /// Entry `since` is a head.
-    has_signed: bool,
-    /// A start or a verdict has no head behind it.
-    is_due: bool,
-    /// When the latest input came.
-    latest: Micros,
-}
-
-impl Heads {
-    pub const fn new() -> Self {
-        Self {
-            signer: ZeroOption::empty(),
-            asked: ZeroOption::empty(),
-            since: 0,
-            has_signed: false,
-            is_due: false,
-            latest: Micros(0),
-        }
-    }
-
-    /// The board has started, with a key or without.
-    pub fn start(&mut self, signer: Option<&'static dyn HeadSigner>, now: Micros) {
-        if let Some(signer) = signer {
-            self.signer.put(signer);
-            self.is_due = true;
-            self.latest = now;
-        }
-    }
-
-    /// A verdict is in the journal.
-    pub fn judged(&mut self) {
-        self.is_due = true;
-    }
-
-    /// Entries before this one were there at the start.
-    pub fn opened(&mut self, next_seq: u64) {
-        self.since = next_seq;
-    }
-
-    /// Something came in.
-    pub fn came(&mut self, now: Micros) {
-        self.latest = now;
-    }
-
-    /// Whether a host has asked for this one already.
-    fn has_asked(&self, nonce: &[u8; 32]) -> bool {
-        self.asked.get().is_some_and(|(of, _)| of == nonce)
-    }
-}
 
 impl<F: Flash> Instrument<F> {
     /// The answer to a host that asks for a head. What was signed stands in the journal, and not

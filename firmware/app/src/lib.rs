@@ -25,7 +25,7 @@
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
 //! | `events` | what waits to be told to the host |
-//! | [`heads`] | when the board signs for its journal |
+//! | [`heads`], [`signer`] | when the board signs for its journal, and by whom |
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
@@ -67,6 +67,7 @@ pub mod replay;
 mod scan;
 mod settings;
 mod shared;
+pub mod signer;
 #[cfg(test)]
 mod test_board;
 mod throttle;

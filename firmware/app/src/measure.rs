@@ -46,10 +46,10 @@ use umi_protocol::verdict::Verdict;
 use crate::board::{Lights, LineAbilities};
 use crate::delivery::Delivery;
 use crate::events::Events;
-use crate::heads::{HeadSigner, Heads};
 use crate::intake::Input;
 use crate::release::{Passed, Released, Wanted, transform};
 use crate::settings::{JobStore, PlacesMm, kept, points};
+use crate::signer::{HeadSigner, Heads};
 use crate::upload::{ProgramUpload, UploadEnd};
 
 /// How the board came up.

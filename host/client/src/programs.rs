@@ -9,7 +9,7 @@ use umi_protocol::message::Record;
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::serial::LineSettings;
 
-use crate::journal::{self, PullStep, Wanted};
+use crate::journal::{self, PullRequest, PullStep};
 use crate::link::{Client, LinkError};
 use crate::problem::Problem;
 
@@ -179,9 +179,9 @@ pub fn receive(board: &mut Client) -> Result<ProgramInfo, Problem> {
     let give_up = Instant::now() + RECEIVING * slower.max(1);
     while Instant::now() < give_up {
         let mut end = None;
-        let wanted = Wanted {
+        let wanted = PullRequest {
             from: Some(next),
-            ..Wanted::default()
+            ..PullRequest::default()
         };
         let pulled = journal::pull(board, wanted, |step| {
             if let PullStep::Entry(entry, _) = step {

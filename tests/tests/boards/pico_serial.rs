@@ -621,7 +621,7 @@ fn umi_talks_to_it_through_a_serial_device() {
 fn entries(client: &mut Client) -> Vec<(Vec<u8>, Record)> {
     let mut entries = Vec::new();
     let mut audit = Audit::default();
-    let stretch = journal::pull(client, journal::Wanted::default(), |step| {
+    let stretch = journal::pull(client, journal::PullRequest::default(), |step| {
         if let PullStep::Entry(entry, raw) = step {
             let record = journal::record(&entry).unwrap();
             audit.take(&entry, &record);

@@ -17,14 +17,18 @@ fn client(rig: &mut QemuRig) -> Client {
 /// The reasons of all starts that the journal knows of.
 fn starts(client: &mut Client) -> Vec<ResetReason> {
     let mut starts = Vec::new();
-    umi_client::journal::pull(client, umi_client::journal::Wanted::default(), |step| {
-        if let umi_client::journal::PullStep::Entry(entry, _) = step
-            && let Record::Boot { reset, .. } = umi_client::journal::record(&entry).unwrap()
-        {
-            starts.push(reset);
-        }
-        Ok::<_, Problem>(())
-    })
+    umi_client::journal::pull(
+        client,
+        umi_client::journal::PullRequest::default(),
+        |step| {
+            if let umi_client::journal::PullStep::Entry(entry, _) = step
+                && let Record::Boot { reset, .. } = umi_client::journal::record(&entry).unwrap()
+            {
+                starts.push(reset);
+            }
+            Ok::<_, Problem>(())
+        },
+    )
     .unwrap();
     starts
 }
@@ -71,14 +75,18 @@ fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
 /// The latches that the journal has.
 fn latches(client: &mut Client) -> Vec<umi_protocol::latch::LatchReport> {
     let mut latches = Vec::new();
-    umi_client::journal::pull(client, umi_client::journal::Wanted::default(), |step| {
-        if let umi_client::journal::PullStep::Entry(entry, _) = step
-            && let Record::Latch(latch) = umi_client::journal::record(&entry).unwrap()
-        {
-            latches.push(latch);
-        }
-        Ok::<_, Problem>(())
-    })
+    umi_client::journal::pull(
+        client,
+        umi_client::journal::PullRequest::default(),
+        |step| {
+            if let umi_client::journal::PullStep::Entry(entry, _) = step
+                && let Record::Latch(latch) = umi_client::journal::record(&entry).unwrap()
+            {
+                latches.push(latch);
+            }
+            Ok::<_, Problem>(())
+        },
+    )
     .unwrap();
     latches
 }

@@ -319,7 +319,7 @@ fn a_refused_job_changes_nothing_and_the_audit_finds_changes() {
 
     let mut audit = Audit::default();
     let mut changed = 0;
-    let stretch = journal::pull(bench.client(), journal::Wanted::default(), |step| {
+    let stretch = journal::pull(bench.client(), journal::PullRequest::default(), |step| {
         if let PullStep::Entry(entry, _) = step {
             let mut record = journal::record(&entry).unwrap();
             if let Record::Feature(feature) = &mut record

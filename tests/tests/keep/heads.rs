@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use umi_app::heads::{MOST_ENTRIES, QUIET_US};
 use umi_client::journal::verify::verify;
-use umi_client::journal::{self, PullStep, Pulled, Wanted};
+use umi_client::journal::{self, PullRequest, PullStep, Pulled};
 use umi_client::link::Client;
 use umi_client::problem::Problem;
 use umi_core::journal::Geometry;
@@ -56,9 +56,9 @@ fn signed(client: &mut Client, nonce: Option<[u8; 32]>) -> Option<Head> {
 /// The file of a whole pull, whose reader is away for a while at its first entry.
 fn pulled(client: &mut Client, mut away: Duration) -> (Vec<u8>, Pulled) {
     let mut items = Vec::new();
-    let wanted = Wanted {
+    let wanted = PullRequest {
         head: true,
-        ..Wanted::default()
+        ..PullRequest::default()
     };
     let pulled = journal::pull(client, wanted, |step| {
         match step {

@@ -12,7 +12,7 @@ use umi_protocol::job::{Guards, Teach};
 use umi_protocol::message::{JournalInfo, Record};
 use umi_protocol::program::Stated;
 
-pub use pull::{Begun, PATIENCE, PullStep, Pulled, Unsigned, Wanted, head, nonce, pull};
+pub use pull::{Begun, PATIENCE, PullRequest, PullStep, Pulled, Unsigned, head, nonce, pull};
 
 use crate::problem::Problem;
 

@@ -121,7 +121,7 @@ pub fn head(
 
 /// What is to be pulled.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Wanted {
+pub struct PullRequest {
     /// From this entry on; none: from the oldest.
     pub from: Option<u64>,
     /// What an earlier pull has brought; then `from` says nothing.
@@ -138,7 +138,7 @@ pub struct Wanted {
 /// what was pulled before is not of this board; what `step` returns.
 pub fn pull<E: From<Problem>>(
     board: &mut Client,
-    wanted: Wanted,
+    wanted: PullRequest,
     mut step: impl FnMut(PullStep<'_>) -> Result<(), E>,
 ) -> Result<Pulled, E> {
     let info = board.journal_info().map_err(Problem::from)?;
@@ -184,7 +184,7 @@ pub fn pull<E: From<Problem>>(
 /// Where the pull begins, and what its file begins with.
 fn begin(
     board: &mut Client,
-    wanted: Wanted,
+    wanted: PullRequest,
     info: JournalInfo,
 ) -> Result<(FileHeader, Walk), Problem> {
     let overwritten = Vec::new();

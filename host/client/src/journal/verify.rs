@@ -15,7 +15,7 @@ use crate::problem::Problem;
 
 /// A file that holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Verified {
+pub struct VerifiedFile {
     /// What it holds.
     pub stretch: Stretch,
     /// Everything in it stands before a good head, or is one.
@@ -40,7 +40,7 @@ pub fn verify(
     bytes: &[u8],
     key: Option<[u8; 32]>,
     after: Option<&Head>,
-) -> Result<Verified, Problem> {
+) -> Result<VerifiedFile, Problem> {
     if let Some(after) = after
         && !is_signed(after)
     {
@@ -161,7 +161,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    fn end(self, header: &FileHeader, stretch: Stretch) -> Result<Verified, Problem> {
+    fn end(self, header: &FileHeader, stretch: Stretch) -> Result<VerifiedFile, Problem> {
         let next = stretch.next;
         if let (Some(newest), Some(&(first, next))) = (&self.newest, self.gaps.last())
             && newest.first_seq < next
@@ -204,7 +204,7 @@ impl Check<'_> {
             let message = "nothing in the file shows that it goes on from the head that was kept";
             return Err(Problem::refused("head_older", message).with("seq", stretch.first));
         }
-        Ok(Verified {
+        Ok(VerifiedFile {
             signed,
             signed_to: self.newest.as_ref().map(|head| head.seq),
             key: self.newest.map(|head| head.key),

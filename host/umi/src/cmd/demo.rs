@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi_client::files::job_file;
 use umi_client::journal::audit::{Audit, Findings};
-use umi_client::journal::{self, PullStep, Stretch, Wanted};
+use umi_client::journal::{self, PullRequest, PullStep, Stretch};
 use umi_client::session::Fact;
 use umi_desk::capture::Desk;
 use umi_experiment::cases::{self, ExperimentCase};
@@ -207,7 +207,7 @@ impl Demo {
     fn pull(&self, bench: &mut Desk) -> Result<(u64, Findings), Failure> {
         let mut file = Vec::new();
         let mut audit = Audit::default();
-        let pulled = journal::pull(bench.client(), Wanted::default(), |step| {
+        let pulled = journal::pull(bench.client(), PullRequest::default(), |step| {
             match step {
                 PullStep::Header(header, _) => file.extend_from_slice(&header.encode()),
                 PullStep::Gap(gap) => {

@@ -12,7 +12,7 @@ use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_j
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use umi_client::axes::{self, Scale};
-use umi_client::journal::{self, FileItem, Wanted};
+use umi_client::journal::{self, FileItem, PullRequest};
 use umi_client::link::Client;
 use umi_client::timeline::{Follower, LatchTally, TimelineEntry};
 use umi_core::journal::Entry;
@@ -188,7 +188,7 @@ impl Events {
     fn tell_board(&self, sink: &mut Sink, follower: &mut Follower) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
         if self.journal {
-            journal::pull(&mut board, Wanted::default(), |step| match step {
+            journal::pull(&mut board, PullRequest::default(), |step| match step {
                 journal::PullStep::Header(..) => Ok(()),
                 journal::PullStep::Gap(gap) => sink.overwritten(gap),
                 journal::PullStep::Entry(entry, _) => self.entry(&entry, sink, follower),

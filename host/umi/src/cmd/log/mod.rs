@@ -13,8 +13,8 @@ use crate::show::terminal::{CAUTION, FAINT, GOOD, paint, print, print_json};
 use crate::show::text;
 use clap::{Args, Subcommand};
 use serde_json::{Map, Value, json};
-use umi_client::journal::verify::Verified;
-use umi_client::journal::{self, FileItem, PullStep, Stretch, Wanted, key_id};
+use umi_client::journal::verify::VerifiedFile;
+use umi_client::journal::{self, FileItem, PullRequest, PullStep, Stretch, key_id};
 use umi_core::journal::Entry;
 
 pub(super) use head::unsigned;
@@ -120,9 +120,9 @@ impl Log {
 
     fn list_board(&self) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
-        let wanted = Wanted {
+        let wanted = PullRequest {
             from: self.from,
-            ..Wanted::default()
+            ..PullRequest::default()
         };
         let pulled = journal::pull(&mut board, wanted, |step| match step {
             PullStep::Header(..) => Ok(()),
@@ -177,7 +177,7 @@ impl Log {
 }
 
 /// What was read and proven, in a line for machines or in words.
-fn sum_up(json: bool, verified: &Verified, file: Option<&Path>) -> Result<(), Failure> {
+fn sum_up(json: bool, verified: &VerifiedFile, file: Option<&Path>) -> Result<(), Failure> {
     if json {
         return print_json(&machine(verified, file));
     }
@@ -211,7 +211,7 @@ fn sum_up(json: bool, verified: &Verified, file: Option<&Path>) -> Result<(), Fa
 }
 
 /// The same for machines.
-fn machine(verified: &Verified, file: Option<&Path>) -> Value {
+fn machine(verified: &VerifiedFile, file: Option<&Path>) -> Value {
     let mut object = summary(&verified.stretch, file);
     object.insert("signed".into(), verified.signed.into());
     object.insert("signed_to".into(), verified.signed_to.into());

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use umi_client::journal::verify::Verified;
-use umi_client::journal::{self, Begun, PullStep, Unsigned, Wanted};
+use umi_client::journal::verify::VerifiedFile;
+use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned};
 use umi_client::link::Client;
 use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
 
@@ -64,7 +64,7 @@ pub(super) struct Pull<'a> {
 }
 
 impl Pull<'_> {
-    pub fn run(&self, board: &mut Client) -> Result<Verified, Failure> {
+    pub fn run(&self, board: &mut Client) -> Result<VerifiedFile, Failure> {
         let path = self.file;
         // Under its own name only when it is complete.
         let part = part_of(path);
@@ -72,7 +72,7 @@ impl Pull<'_> {
         let (file, begun) = self.begin(&part).map_err(failed)?;
         let mut file = BufWriter::new(file);
         let bar = ProgressBar::no_length().with_style(style());
-        let wanted = Wanted {
+        let wanted = PullRequest {
             from: self.from,
             begun,
             head: true,
