@@ -8,6 +8,7 @@
 //! * [`point_sensor`]: a sensor that measures along one beam.
 //! * [`plan`]: a scan path on the part's surface, proved.
 //! * [`cloud`], [`surface`], [`rigid`]: points, nominals with exact signed distances, motions.
+//! * [`thin`]: clouds filtered, cropped, sampled.
 //! * [`localise`]: where the part is in a scan, or why the scan does not say.
 //! * [`stock`]: the best place of the finished part in the raw one.
 //! * [`solve`], [`parallel`]: least squares, small linear programmes, threads.
@@ -30,5 +31,6 @@ pub mod rigid;
 pub mod solve;
 pub mod stock;
 pub mod surface;
+pub mod thin;
 
 pub use error::{Ending, ScanError};

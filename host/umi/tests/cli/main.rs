@@ -1,6 +1,7 @@
 //! The tool as its users run it: its output, its exit status, its help.
 
 mod board;
+mod clouds;
 mod connected;
 mod correction;
 mod demo;

@@ -3,10 +3,14 @@
 mod answer;
 mod calibrate;
 mod compare;
+mod convert;
+mod crop;
 mod digitize;
 mod faces;
+mod filter;
 mod kinematics;
 mod localise;
+mod machine;
 mod merge;
 mod pair;
 mod placed;
@@ -14,8 +18,10 @@ mod plan;
 mod points;
 mod pose;
 mod report;
+mod sample;
 mod scans;
 mod stock;
+mod thin;
 mod transform;
 mod triple;
 mod verify;
@@ -31,6 +37,11 @@ Examples:
   umi scan merge part.gocator scan.csv --machine machine.toml -o cloud.ply
   umi scan calibrate sensor seen.csv positions.csv --machine machine.toml --on plane
   umi scan compare cloud.ply --nominal part.stl
+  umi scan filter cloud.csv --spike 0.5 -o clean.ply
+  umi scan crop cloud.ply --box -10,-10,0,60,40,25 -o part.ply
+  umi scan sample cloud.ply --voxel 0.5 -o even.ply
+  umi scan convert cloud.ply -o cloud.laz
+  umi scan machine new c800u -o machine.toml
   umi scan pose machine.toml positions.csv
   umi scan calibrate point readings.csv --spheres ball.toml --json > sensor.json
   umi scan localise scan.ply --fiducials table.toml --part part.stl -o moved.json
@@ -53,9 +64,14 @@ enum What {
     Calibrate(calibrate::Calibrate),
     Compare(compare::Compare),
     Digitize(Box<digitize::Digitize>),
+    Filter(filter::Filter),
+    Crop(crop::Crop),
+    Sample(sample::Sample),
+    Convert(convert::Convert),
     Kinematics(kinematics::Kinematics),
     Points(points::Points),
     Pose(pose::Pose),
+    Machine(machine::Machine),
     Localise(Box<localise::Localise>),
     Stock(Box<stock::Stock>),
     Plan(Box<plan::Plan>),
@@ -70,9 +86,14 @@ impl Scan {
             What::Calibrate(command) => command.run(),
             What::Compare(command) => command.run(),
             What::Digitize(command) => command.run(),
+            What::Filter(command) => command.run(),
+            What::Crop(command) => command.run(),
+            What::Sample(command) => command.run(),
+            What::Convert(command) => command.run(),
             What::Kinematics(command) => command.run(),
             What::Points(command) => command.run(),
             What::Pose(command) => command.run(),
+            What::Machine(command) => command.run(),
             What::Localise(command) => command.run(),
             What::Stock(command) => command.run(),
             What::Plan(command) => command.run(),

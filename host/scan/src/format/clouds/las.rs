@@ -1,0 +1,72 @@
+//! LAS 1.2 and LAZ by the crate `las`: coordinates as whole steps of 0.1 µm about the first point, and intensity.
+
+use std::io::BufWriter;
+
+use las::point::Format;
+use las::{Builder, Point, Transform, Vector, Writer};
+
+use super::CloudStyle;
+use super::partial::Partial;
+use super::write::Counted;
+use crate::ScanError;
+
+/// A step in mm. The farthest point is 2^31 steps away: 214 m.
+const STEP_MM: f64 = 1e-4;
+
+pub(super) fn write(
+    partial: &Partial,
+    _: CloudStyle,
+    points: &mut Counted<'_>,
+    compressed: bool,
+) -> Result<(), ScanError> {
+    let refused = |error: las::Error| partial.refused(error);
+    let first = points.next_point()?;
+    let about = first.map_or([0.0; 3], |p| p.at);
+    let transform = |k: usize| Transform {
+        scale: STEP_MM,
+        // Whole millimetres, so that steps of different clouds meet.
+        offset: about[k].round(),
+    };
+    let mut builder = Builder::from((1, 2));
+    builder.generating_software = "openumi".into();
+    builder.point_format = Format::new(0).map_err(refused)?;
+    builder.point_format.is_compressed = compressed;
+    builder.transforms = Vector {
+        x: transform(0),
+        y: transform(1),
+        z: transform(2),
+    };
+    let header = builder.into_header().map_err(refused)?;
+    let file = partial.begin()?;
+    let mut writer =
+        Writer::new(BufWriter::with_capacity(1 << 20, file), header).map_err(refused)?;
+    let mut next = first;
+    while let Some(p) = next {
+        let far = (0..3).find(|&k| (p.at[k] - about[k].round()).abs() > STEP_MM * 2e9);
+        if far.is_some() || !(0.0..=65535.0).contains(&p.intensity) {
+            let what = if far.is_some() {
+                "a point lies more than 200 m from the first one"
+            } else {
+                "an intensity is not within 0 to 65535"
+            };
+            // The writer closes its file when it is dropped; nothing of it is kept.
+            let _ = writer.close();
+            return Err(partial.refused(format_args!(
+                "{what}: LAS cannot hold it; write .ply instead"
+            )));
+        }
+        writer
+            .write_point(Point {
+                x: p.at[0],
+                y: p.at[1],
+                z: p.at[2],
+                intensity: p.intensity.round() as u16,
+                return_number: 1,
+                number_of_returns: 1,
+                ..Point::default()
+            })
+            .map_err(refused)?;
+        next = points.next_point()?;
+    }
+    writer.close().map_err(refused)
+}

@@ -1,0 +1,46 @@
+//! CSV: `profile,index,x_mm,y_mm,z_mm,intensity`, without the columns that a cloud does not have.
+
+use std::io::{BufWriter, Write};
+
+use super::CloudStyle;
+use super::partial::Partial;
+use super::write::Counted;
+use crate::ScanError;
+
+pub(super) fn write(
+    partial: &Partial,
+    style: CloudStyle,
+    points: &mut Counted<'_>,
+) -> Result<(), ScanError> {
+    let io = |error: std::io::Error| partial.failed(&error);
+    let mut out = BufWriter::with_capacity(1 << 20, partial.begin()?);
+    let columns = style.columns;
+    let mut names = Vec::new();
+    if columns.profile {
+        names.push("profile");
+    }
+    if columns.index {
+        names.push("index");
+    }
+    names.extend(["x_mm", "y_mm", "z_mm"]);
+    if columns.intensity {
+        names.push("intensity");
+    }
+    writeln!(out, "{}", names.join(",")).map_err(io)?;
+    while let Some(p) = points.next_point()? {
+        if columns.profile {
+            write!(out, "{},", p.profile).map_err(io)?;
+        }
+        if columns.index {
+            write!(out, "{},", p.index).map_err(io)?;
+        }
+        let [x, y, z] = p.at;
+        // Rust prints the shortest digits that give back the same double.
+        write!(out, "{x},{y},{z}").map_err(io)?;
+        if columns.intensity {
+            write!(out, ",{}", p.intensity).map_err(io)?;
+        }
+        writeln!(out).map_err(io)?;
+    }
+    out.flush().map_err(io)
+}

@@ -1,0 +1,131 @@
+//! What each tool leaves out, and why.
+
+use std::cell::RefCell;
+
+use super::crop::{Region, crop};
+use super::filter::{intensity, isolated, spikes, statistical};
+use super::sample::{every, voxels};
+use super::{Drops, drops::Dropped};
+use crate::format::clouds::{CloudPoint, Points};
+use crate::rigid::Vec3;
+
+fn point(x: f64, y: f64, z: f64, profile: u64, index: u32) -> CloudPoint {
+    CloudPoint {
+        at: [x, y, z],
+        profile,
+        index,
+        intensity: 10.0 * x,
+    }
+}
+
+/// Profiles of a plane, 0.5 mm apart in both directions.
+fn plane(profiles: u64, width: u32) -> Vec<CloudPoint> {
+    (0..profiles)
+        .flat_map(|p| (0..width).map(move |i| point(0.5 * f64::from(i), 0.5 * p as f64, 0.0, p, i)))
+        .collect()
+}
+
+fn points(list: &[CloudPoint]) -> Points<'_> {
+    Box::new(list.iter().copied().map(Ok))
+}
+
+fn all(points: Points<'_>) -> Vec<CloudPoint> {
+    points.map(Result::unwrap).collect()
+}
+
+fn counts(drops: RefCell<Drops>) -> Vec<(&'static str, u64)> {
+    let list: Vec<Dropped> = drops.into_inner().finish().unwrap();
+    list.iter().map(|d| (d.reason, d.points)).collect()
+}
+
+#[test]
+fn regions_hold_what_lies_in_all_of_them() {
+    let list = plane(5, 11);
+    let drops = RefCell::default();
+    let regions = vec![
+        Region::Box(Vec3::new(0.0, 0.0, -1.0), Vec3::new(3.0, 9.0, 1.0)),
+        Region::Profiles(1..=3),
+        Region::Side(Vec3::new(1.0, 0.0, 0.0), Vec3::x()),
+        Region::Ball(Vec3::new(2.0, 1.0, 0.0), 1.0),
+    ];
+    let kept = all(crop(points(&list), regions, &drops));
+    // 7 of 11 columns in the box, 3 of 5 profiles, x from 1 on, then within 1 mm of (2, 1, 0).
+    let ball = |p: &CloudPoint| (p.at[0] - 2.0).hypot(p.at[1] - 1.0) <= 1.0;
+    assert_eq!(kept.len(), 3 * 3 + 2);
+    assert!(kept.iter().all(ball));
+    let counts = counts(drops);
+    assert_eq!(
+        counts,
+        [
+            ("other_profile", 2 * 7),
+            ("outside_box", 5 * 4),
+            ("behind_plane", 3 * 2),
+            ("outside_ball", 3 * 5 - 11),
+        ]
+    );
+    assert_eq!(counts.iter().map(|c| c.1).sum::<u64>() + 11, 55);
+}
+
+#[test]
+fn a_spike_is_one_point_off_neighbours_that_agree() {
+    let mut list = plane(2, 8);
+    list[3].at[2] = 5.0;
+    // A step is none: from here on all lie higher.
+    for p in &mut list[12..] {
+        p.at[2] = 5.0;
+    }
+    // At the end of a profile nobody can say.
+    list[7].at[2] = -4.0;
+    let drops = RefCell::default();
+    let kept = all(spikes(points(&list), 1.5, &drops));
+    assert_eq!(kept.len(), list.len() - 1);
+    assert!(!kept.iter().any(|p| p.profile == 0 && p.index == 3));
+    assert_eq!(counts(drops), [("spike", 1)]);
+}
+
+#[test]
+fn dark_and_bright_points_are_told_apart() {
+    let mut list = plane(1, 10);
+    list[4].intensity = f64::NAN;
+    let drops = RefCell::default();
+    assert_eq!(all(intensity(points(&list), 5.0, 30.0, &drops)).len(), 5);
+    assert_eq!(counts(drops), [("dark", 2), ("bright", 3)]);
+}
+
+#[test]
+fn lonely_points_go_and_the_surface_stays() {
+    let mut list = plane(20, 20);
+    list.push(point(5.0, 5.0, 6.0, 20, 0));
+    list.push(point(5.1, 5.0, 6.0, 20, 1));
+    let drops = RefCell::default();
+    let kept = isolated(list.clone(), 1.0, 3, &drops).unwrap();
+    assert_eq!(kept.len(), 400);
+    assert_eq!(counts(drops), [("isolated", 2)]);
+    let drops = RefCell::default();
+    let kept = statistical(list.clone(), 6, 4.0, &drops).unwrap();
+    assert_eq!(kept.len(), 400);
+    assert_eq!(counts(drops), [("outlier", 2)]);
+    let refused = statistical(list[..4].to_vec(), 6, 4.0, &RefCell::default()).unwrap_err();
+    assert_eq!(refused.code, "too_few_points");
+}
+
+#[test]
+fn a_sample_has_each_cell_once_and_each_nth_point() {
+    let list = plane(20, 20);
+    let drops = RefCell::default();
+    assert_eq!(all(every(points(&list), 7, &drops)).len(), 58);
+    assert_eq!(counts(drops), [("sampled", 342)]);
+    let drops = RefCell::default();
+    let cells = voxels(points(&list), 2.0, &drops).unwrap();
+    // 10 mm are five cells of 2 mm, each with 4 by 4 points about its middle.
+    assert_eq!(cells.len(), 25);
+    assert_eq!(cells[0].at, [0.75, 0.75, 0.0]);
+    assert_eq!(counts(drops), [("merged", 375)]);
+    let far = [point(1e300, 0.0, 0.0, 0, 0)];
+    assert_eq!(
+        voxels(points(&far), 1.0, &RefCell::default())
+            .unwrap_err()
+            .code,
+        "not_finite"
+    );
+}

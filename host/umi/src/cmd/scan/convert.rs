@@ -1,0 +1,35 @@
+//! `umi scan convert`
+
+use clap::Args;
+
+use super::thin::Clouds;
+use crate::failure::Failure;
+
+/// A cloud in another format, by the extension
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Convert {
+    #[command(flatten)]
+    clouds: Clouds,
+}
+
+const HELP: &str = "\
+Points go through one by one: the memory does not grow with the cloud. Points that are
+no finite numbers are left out and counted. E57 has metres, because its standard says so;
+all others have mm. LAS and LAZ hold steps of 0.1 µm, and of the columns beside the
+coordinates the intensity alone. A file appears only when it is complete.
+
+Examples:
+  umi scan convert cloud.csv -o cloud.ply --double
+  umi scan convert cloud.ply -o cloud.laz
+  umi scan convert cloud.ply -o cloud.parquet --json
+
+Exit status: 1 for a cloud that cannot be understood: bad_file, corrupt, truncated,
+missing_column, format.";
+
+impl Convert {
+    pub fn run(&self) -> Result<(), Failure> {
+        self.clouds
+            .run("convert", None, |_| Ok(()), false, &|points, _| Ok(points))
+    }
+}
