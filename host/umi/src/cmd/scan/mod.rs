@@ -45,8 +45,8 @@ Examples:
   umi scan pose machine.toml positions.csv
   umi scan calibrate point readings.csv --spheres ball.toml --json > sensor.json
   umi scan localise scan.ply --fiducials table.toml --part part.stl -o moved.json
-  umi scan digitize --scene scene.toml --calibration sensor.json --strategy adaptive --at -8,-8,223.5 \
-    --size 16,16 --step 2,2 -o cloud.csv
+  umi scan digitize --scene scene.toml --calibration sensor.json --strategy adaptive \\
+    --at -8,-8,223.5 --size 16,16 --step 2,2 -o cloud.csv
   umi scan points readings.csv --calibration sensor.json -o cloud.csv
   umi scan stock part.stl raw.ply --require 0.5
   umi scan plan part.stl --spec spec.toml -o path.csv

@@ -9,6 +9,12 @@ use crate::failure::Failure;
 
 /// Machine files: presets with comments, and what a file says
 #[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi scan machine new mill -o mill.toml
+  umi scan machine check mill.toml
+
+Exit status: 0 answered, 1 usage or a file that cannot be understood, 2 refused.")]
 pub(crate) struct Machine {
     #[command(subcommand)]
     what: What,
