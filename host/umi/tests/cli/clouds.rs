@@ -195,7 +195,7 @@ fn a_preset_of_a_machine_is_one_and_is_shown() {
     }
     umi(&["scan", "machine", "new", "mill", "-o", &path]).exits(1);
     let text = std::fs::read_to_string(&path).unwrap();
-    let wrong = folder.file("wrong.toml", &text.replace("\"Z\", \"B\"", "\"Q\", \"B\""));
+    let wrong = folder.file("wrong.toml", text.replace("\"Z\", \"B\"", "\"Q\", \"B\""));
     let args = ["scan", "machine", "check", &wrong, "--json"];
     assert_eq!(umi(&args).exits(2).json()["error"]["code"], "machine");
 }
