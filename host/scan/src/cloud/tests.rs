@@ -205,7 +205,7 @@ fn a_pcd_file_is_refused_before_memory_is_taken() {
         ("FIELDS rgb x", "FIELDS rgb w"),
         ("SIZE 4 8", "SIZE 4 3"),
         ("COUNT 1 1 3", "COUNT 1 1"),
-        ("DATA", "DITO"),
+        ("DATA", "DUTY"),
     ] {
         assert_eq!(
             code(whole.replace(from, to).as_bytes()),

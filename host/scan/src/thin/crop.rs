@@ -9,7 +9,7 @@ use crate::rigid::Vec3;
 
 /// What a cloud is cropped to. Points on a border stay.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Region {
+pub enum CropRegion {
     /// Between two corners.
     Box(Vec3, Vec3),
     /// About a centre, within a radius.
@@ -20,7 +20,7 @@ pub enum Region {
     Profiles(RangeInclusive<u64>),
 }
 
-impl Region {
+impl CropRegion {
     /// Why a point outside is left out.
     const fn reason(&self) -> &'static str {
         match self {
@@ -44,12 +44,16 @@ impl Region {
 }
 
 /// The points that lie in all regions; the first region that does not hold a point is its reason.
-pub fn crop<'a>(points: Points<'a>, regions: Vec<Region>, drops: &'a RefCell<Drops>) -> Points<'a> {
+pub fn crop<'a>(
+    points: Points<'a>,
+    regions: Vec<CropRegion>,
+    drops: &'a RefCell<Drops>,
+) -> Points<'a> {
     judged(points, drops, move |p| {
         let at = Vec3::from(p.at);
         regions
             .iter()
             .find(|r| !r.holds(&at, p.profile))
-            .map(Region::reason)
+            .map(CropRegion::reason)
     })
 }

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-use super::crop::{Region, crop};
+use super::crop::{CropRegion, crop};
 use super::filter::{intensity, isolated, spikes, statistical};
 use super::sample::{every, voxels};
 use super::{Drops, drops::Dropped};
@@ -43,10 +43,10 @@ fn regions_hold_what_lies_in_all_of_them() {
     let list = plane(5, 11);
     let drops = RefCell::default();
     let regions = vec![
-        Region::Box(Vec3::new(0.0, 0.0, -1.0), Vec3::new(3.0, 9.0, 1.0)),
-        Region::Profiles(1..=3),
-        Region::Side(Vec3::new(1.0, 0.0, 0.0), Vec3::x()),
-        Region::Ball(Vec3::new(2.0, 1.0, 0.0), 1.0),
+        CropRegion::Box(Vec3::new(0.0, 0.0, -1.0), Vec3::new(3.0, 9.0, 1.0)),
+        CropRegion::Profiles(1..=3),
+        CropRegion::Side(Vec3::new(1.0, 0.0, 0.0), Vec3::x()),
+        CropRegion::Ball(Vec3::new(2.0, 1.0, 0.0), 1.0),
     ];
     let kept = all(crop(points(&list), regions, &drops));
     // 7 of 11 columns in the box, 3 of 5 profiles, x from 1 on, then within 1 mm of (2, 1, 0).

@@ -3,8 +3,8 @@
 use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
-use super::write::Counted;
 use crate::ScanError;
 
 const MM_PER_M: f64 = 1000.0;

@@ -6,8 +6,8 @@ use las::point::Format;
 use las::{Builder, Point, Transform, Vector, Writer};
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
-use super::write::Counted;
 use crate::ScanError;
 
 /// A step in mm. The farthest point is 2^31 steps away: 214 m.

@@ -6,6 +6,7 @@
 //!
 //! * [`read`]: [`CloudReader`]; [`write`]: by the extension.
 
+mod counted;
 #[cfg(feature = "cloud-formats")]
 mod e57;
 #[cfg(feature = "cloud-formats")]

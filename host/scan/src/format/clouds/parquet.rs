@@ -7,8 +7,8 @@ use parquet::errors::ParquetError;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 
+use super::counted::Counted;
 use super::partial::Partial;
-use super::write::Counted;
 use super::{CloudPoint, CloudStyle};
 use crate::ScanError;
 

@@ -1,9 +1,9 @@
 //! PCD 0.7, binary: the Point Cloud Library's format.
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
 use super::records::{self, Kind};
-use super::write::Counted;
 use crate::ScanError;
 
 pub(super) fn write(

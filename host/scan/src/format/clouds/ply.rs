@@ -1,9 +1,9 @@
 //! PLY, binary, little endian (Turk, The PLY Polygon File Format, 1994).
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
 use super::records::{self, Kind};
-use super::write::Counted;
 use crate::ScanError;
 
 pub(super) fn write(

@@ -4,8 +4,8 @@
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
-use super::write::Counted;
 use crate::ScanError;
 
 /// Writes header and records; `header` gives a text of one length for any number of points.

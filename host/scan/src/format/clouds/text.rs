@@ -3,8 +3,8 @@
 use std::io::{BufWriter, Write};
 
 use super::CloudStyle;
+use super::counted::Counted;
 use super::partial::Partial;
-use super::write::Counted;
 use crate::ScanError;
 
 pub(super) fn write(

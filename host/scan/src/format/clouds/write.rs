@@ -2,28 +2,13 @@
 
 use std::path::Path;
 
+use super::counted::Counted;
 use super::partial::Partial;
-use super::{CloudPoint, CloudStyle, Points};
+use super::{CloudStyle, Points};
 use crate::ScanError;
 
 /// What a format does: points to the file under its partial name; how many there were.
 type Write = fn(&Partial, CloudStyle, &mut Counted<'_>) -> Result<(), ScanError>;
-
-/// Points that count themselves.
-pub(super) struct Counted<'a> {
-    points: Points<'a>,
-    /// How many were taken.
-    pub count: u64,
-}
-
-impl Counted<'_> {
-    /// The next point, if there is one more.
-    pub fn next_point(&mut self) -> Result<Option<CloudPoint>, ScanError> {
-        let point = self.points.next().transpose()?;
-        self.count += u64::from(point.is_some());
-        Ok(point)
-    }
-}
 
 /// The extensions that clouds are written under.
 pub const EXTENSIONS: &str = if cfg!(feature = "cloud-formats") {
@@ -77,7 +62,7 @@ pub fn check_extension(path: &Path) -> Result<(), ScanError> {
 pub fn write_cloud(path: &Path, style: CloudStyle, points: Points<'_>) -> Result<u64, ScanError> {
     let write = format_of(path)?;
     let partial = Partial::new(path);
-    let mut counted = Counted { points, count: 0 };
+    let mut counted = Counted::new(points);
     write(&partial, style, &mut counted)?;
     partial.complete()?;
     Ok(counted.count)

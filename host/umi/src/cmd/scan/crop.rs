@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use umi_scan::ScanError;
 use umi_scan::rigid::Vec3;
-use umi_scan::thin::crop::{Region, crop};
+use umi_scan::thin::crop::{CropRegion, crop};
 
 use super::thin::{Clouds, numbers};
 use crate::failure::Failure;
@@ -73,16 +73,16 @@ impl Crop {
         let mut regions = Vec::new();
         if let Some(c) = &self.corners {
             let (a, b) = (three(&c[..3]), three(&c[3..]));
-            regions.push(Region::Box(a.inf(&b), a.sup(&b)));
+            regions.push(CropRegion::Box(a.inf(&b), a.sup(&b)));
         }
         if let Some(b) = &self.ball {
-            regions.push(Region::Ball(three(&b[..3]), b[3]));
+            regions.push(CropRegion::Ball(three(&b[..3]), b[3]));
         }
         if let Some(s) = &self.side {
-            regions.push(Region::Side(three(&s[..3]), three(&s[3..])));
+            regions.push(CropRegion::Side(three(&s[..3]), three(&s[3..])));
         }
         if let Some(range) = &self.profiles {
-            regions.push(Region::Profiles(range.clone()));
+            regions.push(CropRegion::Profiles(range.clone()));
         }
         self.clouds.run(
             "crop",

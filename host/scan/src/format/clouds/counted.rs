@@ -1,0 +1,25 @@
+//! Points on their way to a file, counted.
+
+use super::{CloudPoint, Points};
+use crate::ScanError;
+
+/// Points that count themselves.
+pub(super) struct Counted<'a> {
+    points: Points<'a>,
+    /// How many were taken.
+    pub count: u64,
+}
+
+impl<'a> Counted<'a> {
+    /// None is taken yet.
+    pub fn new(points: Points<'a>) -> Self {
+        Self { points, count: 0 }
+    }
+
+    /// The next point, if there is one more.
+    pub fn next_point(&mut self) -> Result<Option<CloudPoint>, ScanError> {
+        let point = self.points.next().transpose()?;
+        self.count += u64::from(point.is_some());
+        Ok(point)
+    }
+}
