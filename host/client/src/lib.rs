@@ -5,7 +5,7 @@
 //! | [`problem`] | what is wrong and what to do, with a stable code |
 //! | [`link`], [`port`] | the link to a board: its calls; which board is meant |
 //! | [`journal`] | a board's journal pulled, verified and audited |
-//! | [`line`] | how a control's line is set, by listening |
+//! | [`mod@line`] | how a control's line is set, by listening |
 //! | [`programs`] | part programs to a board and back |
 //! | [`files`] | job files, point files, tool paths |
 //! | [`correction`] | the rigid motion of a verdict, and its program |

@@ -1,10 +1,10 @@
 //! Digitizing under a control's own command: captures, their places, and what the control hears.
 //!
-//! A macro on the control prints short checked lines ([`command`]); the sensor sends its readings
-//! as text ([`text`]); each capture pulse latches the axes. This station joins them: reading n
-//! belongs to latch n, or the loss is named ([`pairing`]). Captures at rest are averaged
-//! ([`collect`]) and become points P = Q + t + γ g a. The control hears of it in three ways:
-//! by a program that sets variables ([`answer`]), by the skip input ([`CaptureStation::skip`]), or not
+//! A macro on the control prints short checked lines (`command`); the sensor sends its readings
+//! as text (`text`); each capture pulse latches the axes. This station joins them: reading n
+//! belongs to latch n, or the loss is named (`pairing`). Captures at rest are averaged
+//! (`collect`) and become points P = Q + t + γ g a. The control hears of it in three ways:
+//! by a program that sets variables (`answer`), by the skip input ([`CaptureStation::skip`]), or not
 //! at all, where pulses are made on the way.
 //!
 //! Nothing here waits and nothing is asked: bytes, latches and time come in, what is to be done

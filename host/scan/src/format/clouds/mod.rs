@@ -4,7 +4,7 @@
 //! `.laz`, `.e57`, `.parquet`. Coordinates are in mm; E57 has metres, because its standard says so. A file appears under
 //! its name only when it is complete.
 //!
-//! * [`read`]: [`CloudReader`]; [`write`]: by the extension.
+//! * [`read`]: [`CloudReader`]; [`mod@write`]: by the extension.
 
 mod counted;
 #[cfg(feature = "cloud-formats")]

@@ -21,7 +21,7 @@ use crate::output::Force;
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Digitize {
-    /// The machine with its [point_sensor], and the part
+    /// The machine with its `[point_sensor]`, and the part
     #[arg(long, value_name = "SCENE.toml")]
     scene: PathBuf,
     /// What umi scan calibrate point --json has printed
