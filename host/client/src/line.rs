@@ -200,6 +200,10 @@ mod tests {
             for place in 0..TEXT.len() {
                 let mut wrong = of.clone();
                 wrong.bytes[place] ^= 0x80;
+                if wrong.bytes[place] == 0x93 {
+                    // EIA's digit 3 with another parity is XOFF.
+                    continue;
+                }
                 assert!(!wrong.judge().fits, "{coding} {place}");
             }
             let mut open = of.clone();
