@@ -180,7 +180,7 @@ fn refusal(alarm: &Alarm) -> DigitizeRefusal {
         "over_travel"
     } else if message.starts_with("collision") {
         "collision"
-    } else if message.contains("NO SIGNAL AT THE FIRST PLACE") {
+    } else if message.contains("NO SIGNAL AT FIRST PLACE") {
         "no_signal"
     } else {
         "alarm"

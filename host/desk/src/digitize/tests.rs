@@ -145,7 +145,7 @@ fn faults_are_named() {
     stops(
         &sensor,
         SensorLineFault::Stale(20),
-        "DO NOT FOLLOW THE BEAM",
+        "BEAM WRONG",
     );
     stops(&sensor, SensorLineFault::StaleAnswer(6), "STALE ANSWER");
     stops(&sensor, SensorLineFault::WrongAnswer(6), "DAMAGED");
@@ -156,7 +156,7 @@ fn faults_are_named() {
         direction: -sensor.direction,
         ..sensor
     };
-    stops(&swapped, SensorLineFault::None, "DO NOT FOLLOW THE BEAM");
+    stops(&swapped, SensorLineFault::None, "BEAM WRONG");
 }
 
 /// A step down beyond the depth of field, and a hole: the places over them have their reason,

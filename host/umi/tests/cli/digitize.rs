@@ -181,7 +181,7 @@ fn what_cannot_be_is_refused_by_name() {
     let error = ran.exits(2).json()["error"].clone();
     assert_eq!(error["code"], "alarm");
     assert!(
-        error["message"].as_str().unwrap().contains("DO NOT FOLLOW"),
+        error["message"].as_str().unwrap().contains("BEAM WRONG"),
         "{error}"
     );
 }
