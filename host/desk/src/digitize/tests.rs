@@ -142,11 +142,7 @@ fn faults_are_named() {
     };
     stops(&sensor, SensorLineFault::OffByOne(60), "LOST A CAPTURE");
     stops(&sensor, SensorLineFault::Lost(5), "LOST A CAPTURE");
-    stops(
-        &sensor,
-        SensorLineFault::Stale(20),
-        "BEAM WRONG",
-    );
+    stops(&sensor, SensorLineFault::Stale(20), "BEAM WRONG");
     stops(&sensor, SensorLineFault::StaleAnswer(6), "STALE ANSWER");
     stops(&sensor, SensorLineFault::WrongAnswer(6), "DAMAGED");
     // A capture that is only looked at on the way: a record, and no harm to a point.
