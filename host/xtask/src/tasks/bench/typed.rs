@@ -37,7 +37,7 @@ pub fn rewriting(workspace: &Workspace, bench: &Path, folder: &Path) -> Result<F
     for _ in 0..ROUNDS {
         let mut command = workspace.command(workspace.target.join("release").join("umi"));
         command
-            .args(["nc", "rewrite", "--force"])
+            .args(["nc", "rewrite"])
             .arg(&program)
             .arg("-o")
             .arg(folder.join("out.nc"))
