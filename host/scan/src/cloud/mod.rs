@@ -66,6 +66,12 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     }
 }
 
+/// Whether the first bytes are those of a format that has no reader point by point, here: PCD, LAS, or E57, which is
+/// refused by name.
+pub(crate) fn is_whole(begin: &[u8]) -> bool {
+    begin.starts_with(b"LASF") || begin.starts_with(b"ASTM-E57") || pcd::is_pcd(begin)
+}
+
 /// The corners of triangles, each once, in their order.
 fn corners(mesh: &crate::surface::Mesh) -> ScanCloud {
     let mut known = std::collections::HashSet::new();

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use crate::format::ply;
 use crate::rigid::Vec3;
 
 /// Writes `points` (mm) as binary PLY of double precision; `scalar`: a name and a figure for each point.
@@ -13,15 +14,11 @@ pub fn write_ply(
     points: &[Vec3],
     scalar: Option<(&str, &[f64])>,
 ) -> io::Result<()> {
-    write!(
-        out,
-        "ply\nformat binary_little_endian 1.0\ncomment unit mm\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n",
-        points.len()
-    )?;
-    if let Some((name, _)) = scalar {
-        writeln!(out, "property double {name}")?;
-    }
-    out.write_all(b"end_header\n")?;
+    let names = ["x", "y", "z"]
+        .into_iter()
+        .chain(scalar.map(|(name, _)| name));
+    let header = ply::begin(points.len() as u64, names.map(|name| ("double", name)));
+    out.write_all(header.as_bytes())?;
     for (i, p) in points.iter().enumerate() {
         for x in p.iter() {
             out.write_all(&x.to_le_bytes())?;

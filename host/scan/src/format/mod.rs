@@ -3,11 +3,14 @@
 //! * [`table`]: CSV with named columns, row by row.
 //! * [`machine`]: the machine file.
 //! * [`clouds`]: clouds point by point, in and out, by the extension of the file.
+//! * `ply`: what clouds and meshes share of PLY files.
 //! * [`points`]: merged points out, by the extension of the file.
 //! * [`profiles`]: what the sensor tells; [`triggers`]: what the board tells.
 
 pub mod clouds;
 pub mod machine;
+mod partial;
+pub(crate) mod ply;
 pub mod points;
 pub mod profiles;
 pub mod table;

@@ -4,8 +4,8 @@ use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
 
 use super::CloudStyle;
 use super::counted::Counted;
-use super::partial::Partial;
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 const MM_PER_M: f64 = 1000.0;
 

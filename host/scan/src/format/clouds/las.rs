@@ -7,8 +7,8 @@ use las::{Builder, Point, Transform, Vector, Writer};
 
 use super::CloudStyle;
 use super::counted::Counted;
-use super::partial::Partial;
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 /// A step in mm. The farthest point is 2^31 steps away: 214 m.
 const STEP_MM: f64 = 1e-4;

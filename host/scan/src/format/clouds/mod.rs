@@ -13,10 +13,8 @@ mod e57;
 mod las;
 #[cfg(feature = "cloud-formats")]
 mod parquet;
-mod partial;
 mod pcd;
 mod ply;
-mod ply_in;
 pub mod read;
 mod records;
 #[cfg(test)]

@@ -8,9 +8,9 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 
 use super::counted::Counted;
-use super::partial::Partial;
 use super::{CloudPoint, CloudStyle};
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 /// Points that are held until they are written.
 const GROUP: usize = 1 << 20;

@@ -2,9 +2,9 @@
 
 use super::CloudStyle;
 use super::counted::Counted;
-use super::partial::Partial;
 use super::records::{self, Kind};
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 pub(super) fn write(
     partial: &Partial,

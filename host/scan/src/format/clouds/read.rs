@@ -4,10 +4,12 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use super::ply_in::PlyReader;
 use super::{CloudColumns, CloudPoint, Points};
 use crate::ScanError;
+use crate::cloud::{is_whole, read_cloud};
+use crate::format::ply::PlyReader;
 use crate::format::table::{Column, TableReader};
+use crate::rigid::Vec3;
 
 /// A cloud that is read from its beginning to its end.
 pub struct CloudReader {
@@ -20,7 +22,10 @@ pub struct CloudReader {
 
 enum Source {
     Table(Box<TableReader<BufReader<File>>>, Places),
-    Ply(PlyReader<BufReader<File>>),
+    /// The reader, and the file's name for what it says.
+    Ply(PlyReader<BufReader<File>>, String),
+    /// Points of a format that is read at once.
+    Whole(std::vec::IntoIter<Vec3>),
 }
 
 /// The columns of a table.
@@ -32,8 +37,10 @@ struct Places {
 }
 
 impl CloudReader {
-    /// Opens a cloud: PLY by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and, where it has
-    /// them, `profile`, `index`, `intensity`.
+    /// Opens a cloud: PLY, PCD or LAS by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
+    /// where it has them, `profile`, `index`, `intensity`.
+    ///
+    /// PLY and tables are read point by point, in constant memory; of PCD and LAS all coordinates are held, and only they.
     ///
     /// # Errors
     /// `file`, `bad_file` for a PLY header, `missing_column` and `corrupt` for a table's first line.
@@ -45,11 +52,19 @@ impl CloudReader {
             .map_err(|error| ScanError::file("read", path, &error))?;
         let name = path.display().to_string();
         if begin.starts_with(b"ply") {
-            let ply = PlyReader::new(input, name)?;
+            let ply = PlyReader::new(input).map_err(|refusal| named(refusal, &name))?;
             return Ok(Self {
                 columns: ply.columns(),
                 not_finite: 0,
-                source: Source::Ply(ply),
+                source: Source::Ply(ply, name),
+            });
+        }
+        if is_whole(begin) {
+            let cloud = read_cloud(path)?;
+            return Ok(Self {
+                columns: CloudColumns::default(),
+                not_finite: cloud.not_finite as u64,
+                source: Source::Whole(cloud.points.into_iter()),
             });
         }
         let table = TableReader::new(input, name)?;
@@ -86,7 +101,15 @@ impl CloudReader {
     pub fn next_point(&mut self) -> Result<Option<CloudPoint>, ScanError> {
         loop {
             let point = match &mut self.source {
-                Source::Ply(ply) => ply.next_point()?,
+                Source::Ply(ply, name) => {
+                    ply.next_point().map_err(|refusal| named(refusal, name))?
+                }
+                Source::Whole(points) => points.next().map(|p| CloudPoint {
+                    at: p.into(),
+                    profile: 0,
+                    index: 0,
+                    intensity: 0.0,
+                }),
                 Source::Table(table, places) => match table.next_row()? {
                     None => None,
                     Some(row) => {
@@ -106,5 +129,12 @@ impl CloudReader {
             }
             self.not_finite += 1;
         }
+    }
+}
+
+fn named(refusal: ScanError, name: &str) -> ScanError {
+    ScanError {
+        message: format!("{name}: {}", refusal.message),
+        ..refusal
     }
 }

@@ -5,8 +5,8 @@ use std::io::{BufWriter, Seek, SeekFrom, Write};
 
 use super::CloudStyle;
 use super::counted::Counted;
-use super::partial::Partial;
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 /// Writes header and records; `header` gives a text of one length for any number of points.
 pub(super) fn write(

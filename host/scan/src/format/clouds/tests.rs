@@ -72,6 +72,26 @@ fn tables_and_ply_come_back_as_they_were() {
 }
 
 #[test]
+fn coordinates_of_pcd_and_las_come_back() {
+    let folder = folder("whole");
+    for name in ["a.pcd", "a.las"] {
+        if cfg!(not(feature = "cloud-formats")) && name == "a.las" {
+            continue;
+        }
+        let path = folder.join(name);
+        write(&path, true);
+        let mut reader = CloudReader::open(&path).unwrap();
+        assert_eq!(reader.columns, CloudColumns::default());
+        for wanted in cloud() {
+            // A step of LAS is 0.1 µm.
+            near(reader.next_point().unwrap().unwrap().at, wanted.at, 5.1e-5);
+        }
+        assert_eq!(reader.next_point().unwrap(), None);
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
 fn pcd_has_its_header_and_records() {
     let folder = folder("pcd");
     let path = folder.join("a.pcd");

@@ -4,8 +4,8 @@ use std::io::{BufWriter, Write};
 
 use super::CloudStyle;
 use super::counted::Counted;
-use super::partial::Partial;
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 pub(super) fn write(
     partial: &Partial,

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::counted::Counted;
-use super::partial::Partial;
 use super::{CloudStyle, Points};
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 /// What a format does: points to the file under its partial name; how many there were.
 type Write = fn(&Partial, CloudStyle, &mut Counted<'_>) -> Result<(), ScanError>;
@@ -61,7 +61,7 @@ pub fn check_extension(path: &Path) -> Result<(), ScanError> {
 /// `format` for an unknown extension, `file`, or what the points themselves answer. Then no file is left.
 pub fn write_cloud(path: &Path, style: CloudStyle, points: Points<'_>) -> Result<u64, ScanError> {
     let write = format_of(path)?;
-    let partial = Partial::new(path);
+    let mut partial = Partial::new(path);
     let mut counted = Counted::new(points);
     write(&partial, style, &mut counted)?;
     partial.complete()?;

@@ -8,11 +8,11 @@
 mod csv;
 mod ply;
 
-use std::fs::File;
-use std::io::{self, BufWriter};
-use std::path::{Path, PathBuf};
+use std::io::BufWriter;
+use std::path::Path;
 
 use crate::ScanError;
+use crate::format::partial::Partial;
 
 /// Takes the points of a scan.
 pub trait PointSink {
@@ -31,11 +31,9 @@ pub trait PointSink {
 
 /// A file of points that is being written.
 pub struct PointFile {
-    path: PathBuf,
-    /// Where it is until it is complete.
-    partial: PathBuf,
+    // Closed before the partial file is taken away.
     sink: Box<dyn PointSink>,
-    complete: bool,
+    partial: Partial,
 }
 
 impl PointFile {
@@ -57,32 +55,15 @@ impl PointFile {
                 ),
             ));
         }
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(".part");
-        let partial = path.with_file_name(name);
-        let file = begin(&partial).map_err(|error| ScanError::file("write", &partial, &error))?;
-        let out = BufWriter::with_capacity(1 << 20, file);
+        let partial = Partial::new(path);
+        let out = BufWriter::with_capacity(1 << 20, partial.begin()?);
         let shown = path.display().to_string();
-        let mut file = Self {
-            path: path.to_owned(),
-            partial,
-            sink: Box::new(Nothing),
-            complete: false,
-        };
-        file.sink = if extension == "csv" {
+        let sink: Box<dyn PointSink> = if extension == "csv" {
             Box::new(csv::CsvPoints::new(out, shown)?)
         } else {
             Box::new(ply::PlyPoints::new(out, shown, double)?)
         };
-        Ok(file)
-    }
-}
-
-/// Begins a file anew. A link that somebody has put under its name is taken away, not followed.
-fn begin(partial: &Path) -> io::Result<File> {
-    match std::fs::remove_file(partial) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => File::create_new(partial),
+        Ok(Self { sink, partial })
     }
 }
 
@@ -94,23 +75,11 @@ impl PointSink for PointFile {
     fn finish(&mut self, points: u64) -> Result<(), ScanError> {
         self.sink.finish(points)?;
         self.sink = Box::new(Nothing);
-        std::fs::rename(&self.partial, &self.path)
-            .map_err(|error| ScanError::file("write", &self.path, &error))?;
-        self.complete = true;
-        Ok(())
+        self.partial.complete()
     }
 }
 
-impl Drop for PointFile {
-    fn drop(&mut self) {
-        if !self.complete {
-            // Nothing is left of a scan that was refused; if that fails, nobody can be told.
-            let _ = std::fs::remove_file(&self.partial);
-        }
-    }
-}
-
-/// Takes nothing: before a file is open and behind its end.
+/// Takes nothing: behind the end of a file.
 struct Nothing;
 
 impl PointSink for Nothing {

@@ -8,10 +8,7 @@ use std::io::{Seek, SeekFrom, Write};
 use super::PointSink;
 use super::csv::failed;
 use crate::ScanError;
-
-const BEGIN: &str = "ply\nformat binary_little_endian 1.0\ncomment unit mm\nelement vertex ";
-/// Digits of the greatest number of points.
-const DIGITS: usize = 20;
+use crate::format::ply;
 
 pub(super) struct PlyPoints<W> {
     out: W,
@@ -22,8 +19,7 @@ pub(super) struct PlyPoints<W> {
 
 impl<W: Write + Seek> PlyPoints<W> {
     pub(super) fn new(mut out: W, name: String, double: bool) -> Result<Self, ScanError> {
-        let kind = if double { "double" } else { "float" };
-        let header = header(0, kind);
+        let header = header(0, double);
         out.write_all(header.as_bytes())
             .map_err(|error| failed(&name, &error))?;
         Ok(Self {
@@ -35,14 +31,9 @@ impl<W: Write + Seek> PlyPoints<W> {
     }
 }
 
-/// Of one length for any number of points: a comment takes up the digits that are missing.
-fn header(points: u64, kind: &str) -> String {
-    let number = points.to_string();
-    let fill = "-".repeat(DIGITS - number.len().min(DIGITS));
-    format!(
-        "{BEGIN}{number}\ncomment {fill}\nproperty {kind} x\nproperty {kind} y\n\
-         property {kind} z\nend_header\n"
-    )
+fn header(points: u64, double: bool) -> String {
+    let kind = if double { "double" } else { "float" };
+    ply::begin(points, ["x", "y", "z"].map(|name| (kind, name)))
 }
 
 impl<W: Write + Seek> PointSink for PlyPoints<W> {
@@ -67,8 +58,7 @@ impl<W: Write + Seek> PointSink for PlyPoints<W> {
     }
 
     fn finish(&mut self, points: u64) -> Result<(), ScanError> {
-        let kind = if self.double { "double" } else { "float" };
-        let header = header(points, kind);
+        let header = header(points, self.double);
         self.out
             .seek(SeekFrom::Start(0))
             .and_then(|_| self.out.write_all(header.as_bytes()))

@@ -18,7 +18,7 @@ use crate::output::Force;
 /// A cloud in and a cloud out.
 #[derive(Args)]
 pub(crate) struct Clouds {
-    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), or PLY
+    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD or LAS
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
     /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet

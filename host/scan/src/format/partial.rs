@@ -50,7 +50,7 @@ impl Partial {
         )
     }
 
-    pub fn complete(mut self) -> Result<(), ScanError> {
+    pub fn complete(&mut self) -> Result<(), ScanError> {
         std::fs::rename(&self.at, &self.path).map_err(|error| self.failed(&error))?;
         self.complete = true;
         Ok(())
