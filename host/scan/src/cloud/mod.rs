@@ -1,20 +1,9 @@
-//! Points of a scan, and the files they come in.
+//! Points of a scan: all at once ([`ScanCloud`]), or one after the other ([`Points`]).
 
-mod las;
-mod pcd;
-mod ply;
-mod table;
-#[cfg(test)]
-mod tests;
 pub mod tree;
-mod write;
-
-use std::path::Path;
 
 use crate::ScanError;
 use crate::rigid::Vec3;
-
-pub use write::write_ply;
 
 /// The points of a scan, all finite.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,68 +14,9 @@ pub struct ScanCloud {
     pub not_finite: usize,
 }
 
-/// The points of a file: PLY, PCD, LAS or STL (the corners of its triangles, each once) by its first bytes, else numbers
-/// in columns (CSV). As they stand there: mm if the file is in mm.
-///
-/// # Errors
-/// `bad_file` with what is wrong.
-pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
-    let bytes = std::fs::read(path).map_err(|error| {
-        ScanError::unreadable(
-            "bad_file",
-            format_args!("{}: cannot be read: {error}", path.display()),
-        )
-    })?;
-    cloud_from_bytes(&bytes).map_err(|refusal| ScanError {
-        message: format!("{}: {}", path.display(), refusal.message),
-        ..refusal
-    })
-}
-
-/// The points in the bytes of a file, as [`read_cloud`] reads them.
-///
-/// # Errors
-/// `bad_file` with what is wrong.
-pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
-    if bytes.starts_with(b"ply") {
-        ply::read(bytes)
-    } else if bytes.starts_with(b"LASF") {
-        las::read(bytes)
-    } else if bytes.starts_with(b"ASTM-E57") {
-        Err(ScanError::unreadable(
-            "bad_file",
-            "it is an E57 file, which is not read: write it as PLY, PCD or LAS",
-        ))
-    } else if pcd::is_pcd(bytes) {
-        pcd::read(bytes)
-    } else if crate::surface::is_stl(bytes) {
-        Ok(corners(&crate::surface::stl_from_bytes(bytes)?))
-    } else {
-        table::read(bytes)
-    }
-}
-
-/// Whether the first bytes are those of a format that has no reader point by point, here: PCD, LAS, or E57, which is
-/// refused by name.
-pub(crate) fn is_whole(begin: &[u8]) -> bool {
-    begin.starts_with(b"LASF") || begin.starts_with(b"ASTM-E57") || pcd::is_pcd(begin)
-}
-
-/// The corners of triangles, each once, in their order.
-fn corners(mesh: &crate::surface::Mesh) -> ScanCloud {
-    let mut known = std::collections::HashSet::new();
-    let mut cloud = ScanCloud::default();
-    for corner in mesh.triangles().iter().flat_map(|t| t.corners) {
-        // Zero has two signs.
-        if known.insert([corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits())) {
-            cloud.push(corner);
-        }
-    }
-    cloud
-}
-
 impl ScanCloud {
-    fn push(&mut self, point: Vec3) {
+    /// Takes a point, or counts it if it is not finite.
+    pub(crate) fn push(&mut self, point: Vec3) {
         if point.iter().all(|x| x.is_finite()) {
             self.points.push(point);
         } else {
@@ -101,3 +31,30 @@ impl ScanCloud {
         }
     }
 }
+
+/// A point of a cloud with what its file says of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CloudPoint {
+    /// x, y, z in mm.
+    pub at: [f64; 3],
+    /// The profile it is of; 0 where the cloud does not say.
+    pub profile: u64,
+    /// Its place in the sensor's array; 0 where the cloud does not say.
+    pub index: u32,
+    /// How bright it was, in the sensor's own measure; 0 where the cloud does not say.
+    pub intensity: f64,
+}
+
+/// What a cloud says of its points beside their coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CloudColumns {
+    /// Their profiles.
+    pub profile: bool,
+    /// Their places in the profiles.
+    pub index: bool,
+    /// Their intensity.
+    pub intensity: bool,
+}
+
+/// Points one after the other, all finite.
+pub type Points<'a> = Box<dyn Iterator<Item = Result<CloudPoint, ScanError>> + 'a>;

@@ -8,7 +8,7 @@ use umi_core::units::{Mm, Point};
 use super::calibration::{KnownSensor, OffsetAndDirection};
 use super::readings::SensorReadings;
 use crate::ScanError;
-use crate::cloud::write_ply;
+use crate::format::clouds::write_ply;
 use crate::rigid::Vec3;
 
 /// Points with what the calibration leaves uncertain of them.

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::ops::RangeInclusive;
 
 use super::drops::{Drops, judged};
-use crate::format::clouds::Points;
+use crate::cloud::Points;
 use crate::rigid::Vec3;
 
 /// What a cloud is cropped to. Points on a border stay.

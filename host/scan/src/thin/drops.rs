@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::ScanError;
-use crate::format::clouds::{CloudPoint, Points};
+use crate::cloud::{CloudPoint, Points};
 use crate::format::points::{PointFile, PointSink};
 
 /// How many points were left out for a reason.

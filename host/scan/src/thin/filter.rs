@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use super::drops::{Drops, judged};
 use crate::ScanError;
 use crate::cloud::tree::PointTree;
-use crate::format::clouds::{CloudPoint, Points};
+use crate::cloud::{CloudPoint, Points};
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
 

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use super::drops::{Drops, judged};
 use crate::ScanError;
-use crate::format::clouds::{CloudPoint, Points};
+use crate::cloud::{CloudPoint, Points};
 
 /// Each n-th point, the first among them.
 pub fn every<'a>(points: Points<'a>, n: u64, drops: &'a RefCell<Drops>) -> Points<'a> {

@@ -6,7 +6,7 @@ use super::crop::{CropRegion, crop};
 use super::filter::{intensity, isolated, spikes, statistical};
 use super::sample::{every, voxels};
 use super::{Drops, drops::Dropped};
-use crate::format::clouds::{CloudPoint, Points};
+use crate::cloud::{CloudPoint, Points};
 use crate::rigid::Vec3;
 
 fn point(x: f64, y: f64, z: f64, profile: u64, index: u32) -> CloudPoint {

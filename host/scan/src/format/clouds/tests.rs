@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::{CloudColumns, CloudPoint, CloudReader, CloudStyle, write_cloud};
+use super::{CloudReader, CloudStyle, write_cloud};
 use crate::ScanError;
+use crate::cloud::{CloudColumns, CloudPoint};
 
 /// A folder of this test's own.
 fn folder(name: &str) -> PathBuf {
@@ -60,7 +61,13 @@ fn tables_and_ply_come_back_as_they_were() {
         }
         assert_eq!(reader.next_point().unwrap(), None);
         // The other reader of the house, which holds the whole cloud.
-        assert_eq!(crate::cloud::read_cloud(&path).unwrap().points.len(), 5000);
+        assert_eq!(
+            crate::format::clouds::read_cloud(&path)
+                .unwrap()
+                .points
+                .len(),
+            5000
+        );
     }
     let path = folder.join("f.ply");
     write(&path, false);

@@ -5,7 +5,7 @@ use std::io::{BufRead, ErrorKind, Read};
 use super::header::Element;
 use super::{Encoding, Header, Scalar};
 use crate::ScanError;
-use crate::format::clouds::{CloudColumns, CloudPoint};
+use crate::cloud::{CloudColumns, CloudPoint};
 
 /// Bytes of a line at most.
 const LONGEST_LINE: u64 = 1 << 16;

@@ -83,7 +83,7 @@ mod tests {
                 ply.profile(1, &[]).unwrap();
                 ply.finish(2).unwrap();
             }
-            let cloud = crate::cloud::cloud_from_bytes(bytes.get_ref()).unwrap();
+            let cloud = crate::format::clouds::cloud_from_bytes(bytes.get_ref()).unwrap();
             assert_eq!(cloud.points.len(), 2);
             for (read, (_, written)) in cloud.points.iter().zip(points) {
                 assert_eq!(<[f64; 3]>::from(*read), written);

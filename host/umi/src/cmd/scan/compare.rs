@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use crate::failure::Failure;
 use clap::Args;
 use umi_scan::ScanError;
-use umi_scan::cloud::read_cloud;
 use umi_scan::compare::{Deviations, Nominal, deviations_mm, summary};
+use umi_scan::format::clouds::read_cloud;
 
 use super::super::Format;
 use super::answer::answer;

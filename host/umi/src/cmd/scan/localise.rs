@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
-use umi_scan::cloud::read_cloud;
+use umi_scan::format::clouds::read_cloud;
 use umi_scan::localise::fiducials::{FiducialSeen, read_fiducials};
 use umi_scan::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
 use umi_scan::parallel::Threads;

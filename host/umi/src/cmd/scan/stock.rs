@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use umi_scan::ScanError;
-use umi_scan::cloud::read_cloud;
+use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
 use umi_scan::rigid::{Pose, Vec3};
 use umi_scan::stock::{Objective, StockFound, StockTask};
@@ -167,7 +167,8 @@ impl Stock {
                 .map(|i| cloud.points[i])
                 .collect();
             let stock: Vec<f64> = found.measured.iter().map(|m| m.distance_mm).collect();
-            umi_scan::cloud::write_ply(&mut file, &kept, Some(("stock_mm", &stock))).map_err(io)?;
+            umi_scan::format::clouds::write_ply(&mut file, &kept, Some(("stock_mm", &stock)))
+                .map_err(io)?;
         }
         Ok((found, cloud.points.len() + cloud.not_finite))
     }

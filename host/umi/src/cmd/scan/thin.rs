@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 use umi_scan::ScanError;
-use umi_scan::format::clouds::{CloudColumns, CloudReader, CloudStyle, Points, write, write_cloud};
+use umi_scan::cloud::{CloudColumns, Points};
+use umi_scan::format::clouds::{CloudReader, CloudStyle, write, write_cloud};
 use umi_scan::thin::drops::{Dropped, Drops};
 
 use super::super::Format;

@@ -7,9 +7,10 @@ use parquet::errors::ParquetError;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 
+use super::CloudStyle;
 use super::counted::Counted;
-use super::{CloudPoint, CloudStyle};
 use crate::ScanError;
+use crate::cloud::CloudPoint;
 use crate::format::partial::Partial;
 
 /// Points that are held until they are written.

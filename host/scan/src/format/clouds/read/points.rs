@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use super::{CloudColumns, CloudPoint, Points};
+use super::whole::{is_whole, read_cloud};
 use crate::ScanError;
-use crate::cloud::{is_whole, read_cloud};
+use crate::cloud::{CloudColumns, CloudPoint, Points};
 use crate::format::ply::PlyReader;
 use crate::format::table::{Column, TableReader};
 use crate::rigid::Vec3;

@@ -1,4 +1,6 @@
-use super::*;
+use super::cloud_from_bytes;
+use crate::format::clouds::write_ply;
+use crate::rigid::Vec3;
 
 fn points() -> Vec<Vec3> {
     vec![

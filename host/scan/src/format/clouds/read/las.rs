@@ -1,7 +1,7 @@
 //! LAS files (ASPRS LAS 1.0 to 1.4), not compressed: coordinates are integers with a scale and an offset.
 
-use super::ScanCloud;
 use crate::ScanError;
+use crate::cloud::ScanCloud;
 use crate::rigid::Vec3;
 
 /// What every header has.

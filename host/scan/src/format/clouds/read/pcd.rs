@@ -1,7 +1,7 @@
 //! PCD files of the Point Cloud Library, version 0.7: text, binary, and binary compressed by LZF.
 
-use super::ScanCloud;
 use crate::ScanError;
+use crate::cloud::ScanCloud;
 use crate::rigid::Vec3;
 
 /// Lines of a header at most.

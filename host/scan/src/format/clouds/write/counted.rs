@@ -1,7 +1,7 @@
 //! Points on their way to a file, counted.
 
-use super::{CloudPoint, Points};
 use crate::ScanError;
+use crate::cloud::{CloudPoint, Points};
 
 /// Points that count themselves.
 pub(super) struct Counted<'a> {

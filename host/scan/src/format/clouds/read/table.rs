@@ -1,7 +1,7 @@
 //! Numbers in columns: CSV with `x,y,z`, or the same parted by semicolons, tabs or spaces.
 
-use super::ScanCloud;
 use crate::ScanError;
+use crate::cloud::ScanCloud;
 use crate::rigid::Vec3;
 
 pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {

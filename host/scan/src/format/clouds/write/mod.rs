@@ -1,11 +1,35 @@
 //! Points to a file, by its extension.
 
+mod counted;
+#[cfg(feature = "cloud-formats")]
+mod e57;
+mod figures;
+#[cfg(feature = "cloud-formats")]
+mod las;
+#[cfg(feature = "cloud-formats")]
+mod parquet;
+mod pcd;
+mod ply;
+mod records;
+mod text;
+
 use std::path::Path;
 
-use super::counted::Counted;
-use super::{CloudStyle, Points};
 use crate::ScanError;
+use crate::cloud::{CloudColumns, Points};
 use crate::format::partial::Partial;
+use counted::Counted;
+
+pub use figures::write_ply;
+
+/// How a cloud is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CloudStyle {
+    /// What is written beside the coordinates.
+    pub columns: CloudColumns,
+    /// Coordinates of PLY and PCD as doubles instead of floats.
+    pub double: bool,
+}
 
 /// What a format does: points to the file under its partial name; how many there were.
 type Write = fn(&Partial, CloudStyle, &mut Counted<'_>) -> Result<(), ScanError>;
@@ -24,17 +48,17 @@ fn format_of(path: &Path) -> Result<Write, ScanError> {
         .map(|e| e.to_string_lossy().to_lowercase())
         .unwrap_or_default();
     Ok(match extension.as_str() {
-        "csv" => super::text::write,
-        "ply" => super::ply::write,
-        "pcd" => super::pcd::write,
+        "csv" => text::write,
+        "ply" => ply::write,
+        "pcd" => pcd::write,
         #[cfg(feature = "cloud-formats")]
-        "las" => |file, style, points| super::las::write(file, style, points, false),
+        "las" => |file, style, points| las::write(file, style, points, false),
         #[cfg(feature = "cloud-formats")]
-        "laz" => |file, style, points| super::las::write(file, style, points, true),
+        "laz" => |file, style, points| las::write(file, style, points, true),
         #[cfg(feature = "cloud-formats")]
-        "e57" => super::e57::write,
+        "e57" => e57::write,
         #[cfg(feature = "cloud-formats")]
-        "parquet" => super::parquet::write,
+        "parquet" => parquet::write,
         _ => {
             return Err(ScanError::unreadable(
                 "format",

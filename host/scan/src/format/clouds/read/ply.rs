@@ -1,7 +1,7 @@
 //! The vertices of a PLY file.
 
-use super::ScanCloud;
 use crate::ScanError;
+use crate::cloud::ScanCloud;
 use crate::format::ply::PlyReader;
 
 pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {

@@ -1,0 +1,67 @@
+//! A cloud read at once, by its first bytes.
+
+use std::path::Path;
+
+use super::{las, pcd, ply, table};
+use crate::ScanError;
+use crate::cloud::ScanCloud;
+
+/// The points of a file: PLY, PCD, LAS or STL (the corners of its triangles, each once) by its first bytes, else numbers
+/// in columns (CSV). As they stand there: mm if the file is in mm.
+///
+/// # Errors
+/// `bad_file` with what is wrong.
+pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
+    let bytes = std::fs::read(path).map_err(|error| {
+        ScanError::unreadable(
+            "bad_file",
+            format_args!("{}: cannot be read: {error}", path.display()),
+        )
+    })?;
+    cloud_from_bytes(&bytes).map_err(|refusal| ScanError {
+        message: format!("{}: {}", path.display(), refusal.message),
+        ..refusal
+    })
+}
+
+/// The points in the bytes of a file, as [`read_cloud`] reads them.
+///
+/// # Errors
+/// `bad_file` with what is wrong.
+pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
+    if bytes.starts_with(b"ply") {
+        ply::read(bytes)
+    } else if bytes.starts_with(b"LASF") {
+        las::read(bytes)
+    } else if bytes.starts_with(b"ASTM-E57") {
+        Err(ScanError::unreadable(
+            "bad_file",
+            "it is an E57 file, which is not read: write it as PLY, PCD or LAS",
+        ))
+    } else if pcd::is_pcd(bytes) {
+        pcd::read(bytes)
+    } else if crate::surface::is_stl(bytes) {
+        Ok(corners(&crate::surface::stl_from_bytes(bytes)?))
+    } else {
+        table::read(bytes)
+    }
+}
+
+/// Whether the first bytes are those of a format that has no reader point by point, here: PCD, LAS, or E57, which is
+/// refused by name.
+pub(crate) fn is_whole(begin: &[u8]) -> bool {
+    begin.starts_with(b"LASF") || begin.starts_with(b"ASTM-E57") || pcd::is_pcd(begin)
+}
+
+/// The corners of triangles, each once, in their order.
+fn corners(mesh: &crate::surface::Mesh) -> ScanCloud {
+    let mut known = std::collections::HashSet::new();
+    let mut cloud = ScanCloud::default();
+    for corner in mesh.triangles().iter().flat_map(|t| t.corners) {
+        // Zero has two signs.
+        if known.insert([corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits())) {
+            cloud.push(corner);
+        }
+    }
+    cloud
+}
