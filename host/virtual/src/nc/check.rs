@@ -1,16 +1,16 @@
 //! A control's alarms, found in a program's text without running it.
 
-use super::alarm::{Alarm, Fault, Severity};
-use super::block::{Block, Statement, Word};
-use super::codes;
-use super::control::{Control, comes_twice, read};
-use super::evaluate::whole;
-use super::modal::g_text;
-use super::offsets::MAX_EXTENDED;
-use super::oword::Flow;
-use super::program::Program;
-use super::settings::{ControlFamily, ControlSettings};
-use super::words::AXES;
+use crate::nc::memory::alarm::{Alarm, Fault, Severity};
+use crate::nc::memory::modal::g_text;
+use crate::nc::memory::offsets::MAX_EXTENDED;
+use crate::nc::memory::settings::{ControlFamily, ControlSettings};
+use crate::nc::run::codes;
+use crate::nc::run::control::{Control, comes_twice, read};
+use crate::nc::run::words::AXES;
+use crate::nc::text::block::{Block, Statement, Word};
+use crate::nc::text::evaluate::whole;
+use crate::nc::text::oword::Flow;
+use crate::nc::text::program::Program;
 
 mod flow;
 mod values;

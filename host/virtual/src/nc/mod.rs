@@ -2,8 +2,8 @@
 //! ([`AxisDrives`]) and printed text out.
 //!
 //! ```text
-//! text ─► program (split, loops paired) ─► block (statement) ─► execute ─► Axes
-//!          cursor, expression, oword        evaluate, words       motion, print
+//! text ─► program (split, loops paired) ─► run (block by block) ─► moves ─► AxisDrives
+//!          cursor, expression, block         codes, calls, words     lines, arcs, cycles
 //! ```
 //!
 //! A [`Control`] holds programs, variables and offsets as the memory of a real one does.
@@ -14,45 +14,23 @@
 //! What it does not know it refuses with an [`Alarm`]: no word is passed over. There is
 //! no look-ahead: a block is complete before the next one is read.
 
-mod alarm;
-mod arcs;
-mod block;
-mod calls;
 mod check;
-mod codes;
-mod control;
-mod coordinates;
-mod cursor;
-mod cycles;
-mod dprnt;
-mod evaluate;
-mod execute;
-mod expression;
-mod linuxcnc;
-mod modal;
-mod motion;
-mod offsets;
-mod oword;
-mod position;
-mod probing;
-mod program;
+mod memory;
+mod moves;
 mod recorder;
-mod settings;
-mod statement;
-mod status;
-mod system;
-mod transform;
-mod variables;
-mod words;
+mod run;
+mod text;
 
 #[cfg(test)]
 mod tests;
 
-pub use alarm::{Alarm, Severity};
 pub use check::check;
-pub use control::{BlockStep, Control, ProgramState};
-pub use motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip, Trip};
-pub use offsets::{OffsetSystem, Offsets};
+pub use memory::alarm::{Alarm, Severity};
+pub use memory::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip, Trip};
+pub use memory::offsets::{OffsetSystem, Offsets};
+pub use memory::settings::{
+    ControlFamily, ControlSettings, DecimalPoint, ExecutionLimits, LineEnd,
+};
 pub use recorder::Recorder;
-pub use settings::{ControlFamily, ControlSettings, DecimalPoint, ExecutionLimits, LineEnd};
-pub use status::ControlStatus;
+pub use run::control::{BlockStep, Control, ProgramState};
+pub use run::status::ControlStatus;

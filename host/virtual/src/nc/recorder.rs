@@ -2,7 +2,7 @@
 
 use umi_core::units::Point;
 
-use super::motion::{AxisDrives, AxisMotion, Skip, Trip};
+use crate::nc::memory::motion::{AxisDrives, AxisMotion, Skip, Trip};
 
 /// Axes that go wherever they are sent, at once, and keep how. Nothing is ever touched, and
 /// nothing that is not a motion matters.

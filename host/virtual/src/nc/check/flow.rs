@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::alarm::Fault;
-use super::super::block::{Block, Statement, Word};
-use super::super::evaluate::whole;
-use super::super::program::Program;
-use super::super::settings::{ControlFamily, ControlSettings};
+use crate::nc::memory::alarm::Fault;
+use crate::nc::memory::settings::{ControlFamily, ControlSettings};
+use crate::nc::text::block::{Block, Statement, Word};
+use crate::nc::text::evaluate::whole;
+use crate::nc::text::program::Program;
 
 /// A fault with its line and the line's text.
 pub(super) type Found<'a> = (u32, &'a str, Fault);

@@ -1,12 +1,12 @@
 //! What can be computed from the text alone, and cannot: `1/0`, `SQRT[-1]`, `#0=1`.
 
-use super::super::alarm::{Checked, Fault};
-use super::super::block::{Assign, Statement};
-use super::super::control::Control;
-use super::super::evaluate::{Lookup, evaluate, variable_number};
-use super::super::expression::Expr;
-use super::super::oword::Flow;
-use super::super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::run::control::Control;
+use crate::nc::text::block::{Assign, Statement};
+use crate::nc::text::evaluate::{Lookup, evaluate, variable_number};
+use crate::nc::text::expression::Expr;
+use crate::nc::text::oword::Flow;
 
 /// Adds what is wrong with the values of a statement.
 pub(super) fn check(statement: &Statement, control: &mut Control, faults: &mut Vec<Fault>) {

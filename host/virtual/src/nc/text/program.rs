@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use super::alarm::{Checked, Fault};
 use super::block::{Block, Statement};
 use super::expression::Expr;
 use super::oword::Flow;
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// A program in memory.
 #[derive(Clone, Debug)]

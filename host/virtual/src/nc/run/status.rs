@@ -2,11 +2,11 @@
 
 use umi_core::units::Point;
 
-use super::alarm::{Alarm, Fault};
 use super::control::Control;
-use super::modal::g_text;
-use super::offsets::{OffsetSystem, Offsets};
 use super::system::Written;
+use crate::nc::memory::alarm::{Alarm, Fault};
+use crate::nc::memory::modal::g_text;
+use crate::nc::memory::offsets::{OffsetSystem, Offsets};
 
 /// What a control's screen shows.
 #[derive(Clone, Debug, PartialEq)]

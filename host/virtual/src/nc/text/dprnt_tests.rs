@@ -1,8 +1,8 @@
 use std::collections::HashMap;
 
 use super::*;
-use crate::nc::cursor::Line;
-use crate::nc::settings::LineEnd;
+use crate::nc::memory::settings::LineEnd;
+use crate::nc::text::cursor::Line;
 
 struct Few(HashMap<u32, f64>);
 

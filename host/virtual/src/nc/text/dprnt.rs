@@ -16,11 +16,11 @@
 use umi_core::dprnt::encode;
 use umi_protocol::pattern::Coding;
 
-use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
 use super::evaluate::{Lookup, evaluate};
 use super::expression::{Expr, Parser};
-use super::settings::{ControlFamily, ControlSettings};
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::{ControlFamily, ControlSettings};
 
 /// DC2, sent by `POPEN`: punch on.
 pub(crate) const DC2: u8 = 0x12;

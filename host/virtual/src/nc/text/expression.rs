@@ -1,8 +1,8 @@
 //! Expressions of macro statements: from text to a tree.
 
-use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// An expression.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use super::alarm::{Checked, Fault};
-use super::block::{Block, Statement};
 use super::control::{Control, Go};
-use super::dprnt::{DC2, DC4};
-use super::evaluate::{evaluate, holds, variable_number, whole};
-use super::expression::Expr;
-use super::motion::AxisDrives;
-use super::program::Program;
-use super::settings::ControlFamily;
 use super::system::{View, Written};
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::AxisDrives;
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::text::block::{Block, Statement};
+use crate::nc::text::dprnt::{DC2, DC4};
+use crate::nc::text::evaluate::{evaluate, holds, variable_number, whole};
+use crate::nc::text::expression::Expr;
+use crate::nc::text::program::Program;
 
 impl Control {
     /// Carries out a statement.

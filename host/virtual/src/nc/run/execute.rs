@@ -3,16 +3,16 @@
 //! F, S, T, H, D; then the modes; M codes that act before motion; work coordinate
 //! system, length, rotation; motion; M0, M1, M2, M5, M9, M30, M98, M99.
 
-use super::alarm::{Checked, Fault};
-use super::block::Word;
 use super::codes;
 use super::control::{Control, Go};
-use super::evaluate::{evaluate, whole};
-use super::modal::Plane;
-use super::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate};
-use super::offsets::MAX_TOOL;
-use super::settings::ControlFamily;
 use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::modal::Plane;
+use crate::nc::memory::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate};
+use crate::nc::memory::offsets::MAX_TOOL;
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::text::block::Word;
+use crate::nc::text::evaluate::{evaluate, whole};
 use nalgebra::Vector3;
 use umi_core::units::Point;
 
@@ -206,7 +206,7 @@ impl Control {
                 self.modal.feed = None;
             }
             self.modal.motion = 10;
-            self.modal.work = super::offsets::OffsetSystem::Standard(1);
+            self.modal.work = crate::nc::memory::offsets::OffsetSystem::Standard(1);
         }
     }
 
@@ -341,7 +341,7 @@ impl Control {
             return Err(Fault::new("G53 goes to machine coordinates: it needs G90"));
         }
         let mut to = axes.position().mm;
-        for (axis, letter) in super::words::AXES.iter().enumerate() {
+        for (axis, letter) in crate::nc::run::words::AXES.iter().enumerate() {
             if let (Some(value), Some(slot)) = (self.length_word(words, *letter), to.get_mut(axis))
             {
                 *slot = value;

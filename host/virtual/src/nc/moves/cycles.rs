@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::alarm::{Checked, Fault};
-use super::control::Control;
-use super::modal::Cycle;
-use super::motion::{AxisDrives, MotionRate};
-use super::settings::ControlFamily;
-use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::modal::Cycle;
+use crate::nc::memory::motion::{AxisDrives, MotionRate};
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::run::control::Control;
+use crate::nc::run::words::Words;
 
 /// How far a peck retracts (G73), and stops short of the last depth (G83), mm: a
 /// parameter on a control (Fanuc 5114, 5115), a constant of 0.01 inch in LinuxCNC.

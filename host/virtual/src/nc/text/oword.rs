@@ -1,9 +1,9 @@
 //! The O words of LinuxCNC.
 
-use super::alarm::{Checked, Fault};
 use super::cursor::Cursor;
 use super::expression::{Expr, Parser, name};
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// `o<label> keyword ...`.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,11 +5,11 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 use umi_core::units::Rad;
 
-use super::alarm::{Checked, Fault};
-use super::control::Control;
-use super::execute::finite;
-use super::motion::{AxisDrives, AxisMotion, MotionPath};
-use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::{AxisDrives, AxisMotion, MotionPath};
+use crate::nc::run::control::Control;
+use crate::nc::run::execute::finite;
+use crate::nc::run::words::Words;
 
 impl Control {
     /// Moves on an arc in the selected plane; travel along its normal makes a helix.

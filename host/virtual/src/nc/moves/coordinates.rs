@@ -3,14 +3,14 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::alarm::{Checked, Fault};
-use super::control::Control;
-use super::modal::g_text;
-use super::motion::{AxisDrives, MotionRate};
-use super::offsets::{MAX_EXTENDED, MAX_TOOL, OffsetSystem};
-use super::settings::ControlFamily;
-use super::transform::{Frame, rotation};
-use super::words::{AXES, Words};
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::modal::g_text;
+use crate::nc::memory::motion::{AxisDrives, MotionRate};
+use crate::nc::memory::offsets::{MAX_EXTENDED, MAX_TOOL, OffsetSystem};
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::memory::transform::{Frame, rotation};
+use crate::nc::run::control::Control;
+use crate::nc::run::words::{AXES, Words};
 
 impl Control {
     /// Carries out the codes that set coordinates, before the motion of the block.

@@ -4,9 +4,9 @@
 //! as zero in a computation; a comparison with EQ and NE tells it from zero. A variable
 //! alone, also in brackets, stays null, so that `#2 = #1` and `X#1` hand it on.
 
-use super::alarm::{Checked, Fault};
 use super::expression::{Expr, Func, Op};
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// Where the values of variables come from.
 pub(crate) trait Lookup {

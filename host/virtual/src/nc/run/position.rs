@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::control::Control;
-use super::transform::Frame;
+use crate::nc::memory::transform::Frame;
 
 impl Control {
     /// From the coordinates of the program to the machine's, without the tool's length.

@@ -16,13 +16,13 @@
 
 use nalgebra::Vector3;
 
-use super::alarm::{Checked, Fault};
 use super::control::Control;
-use super::evaluate::Lookup;
-use super::motion::AxisDrives;
-use super::offsets::{MAX_EXTENDED, OffsetSystem};
-use super::settings::ControlFamily;
-use super::variables::Variables;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::AxisDrives;
+use crate::nc::memory::offsets::{MAX_EXTENDED, OffsetSystem};
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::memory::variables::Variables;
+use crate::nc::text::evaluate::Lookup;
 
 /// What a write asks of the control.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,16 +3,16 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::alarm::{Checked, Fault};
-use super::block::Block;
 use super::control::{Call, Control, Go};
-use super::cursor::{Cursor, Line};
-use super::expression::{Expr, Parser};
-use super::motion::AxisDrives;
-use super::oword::{Flow, OWord};
-use super::program::{Link, Program};
-use super::settings::ControlFamily;
-use super::variables::Level;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::AxisDrives;
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::memory::variables::Level;
+use crate::nc::text::block::Block;
+use crate::nc::text::cursor::{Cursor, Line};
+use crate::nc::text::expression::{Expr, Parser};
+use crate::nc::text::oword::{Flow, OWord};
+use crate::nc::text::program::{Link, Program};
 
 impl Control {
     /// Carries out an O word.

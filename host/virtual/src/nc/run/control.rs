@@ -6,14 +6,14 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use umi_core::units::Point;
 
-use super::alarm::{Alarm, Checked, Fault};
-use super::block::Block;
-use super::modal::Modal;
-use super::motion::{AxisDrives, Trip};
-use super::offsets::Offsets;
-use super::program::{Program, split};
-use super::settings::ControlSettings;
-use super::variables::{Level, Variables};
+use crate::nc::memory::alarm::{Alarm, Checked, Fault};
+use crate::nc::memory::modal::Modal;
+use crate::nc::memory::motion::{AxisDrives, Trip};
+use crate::nc::memory::offsets::Offsets;
+use crate::nc::memory::settings::ControlSettings;
+use crate::nc::memory::variables::{Level, Variables};
+use crate::nc::text::block::Block;
+use crate::nc::text::program::{Program, split};
 
 /// Where a program is after a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +103,7 @@ pub struct Control {
     pub(crate) modal: Modal,
     pub(crate) modal_call: Option<ModalCall>,
     pub(crate) seen: Seen,
-    /// The stored skip position, as [`super::system`] says, mm.
+    /// The stored skip position, as [`crate::nc::run::system`] says, mm.
     pub(crate) skip_mm: Vector3<f64>,
     pub(crate) has_touched: bool,
     pub(crate) outputs: BTreeSet<u32>,

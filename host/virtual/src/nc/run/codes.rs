@@ -1,9 +1,9 @@
 //! Which G codes each dialect has, and which addresses they take.
 
-use super::alarm::{Checked, Fault};
-use super::modal::g_text;
-use super::settings::ControlFamily;
 use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::modal::g_text;
+use crate::nc::memory::settings::ControlFamily;
 
 /// Addresses that may stand in any block.
 const EVERYWHERE: &str = "NFSTHD";

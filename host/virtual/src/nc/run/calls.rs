@@ -3,15 +3,15 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::alarm::{Checked, Fault};
-use super::block::Word;
 use super::control::{Call, Control, Go, ModalCall, read};
-use super::evaluate::{evaluate, whole};
-use super::motion::AxisDrives;
-use super::program::Program;
-use super::settings::{ControlFamily, DecimalPoint};
-use super::variables::Level;
 use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::AxisDrives;
+use crate::nc::memory::settings::{ControlFamily, DecimalPoint};
+use crate::nc::memory::variables::Level;
+use crate::nc::text::block::Word;
+use crate::nc::text::evaluate::{evaluate, whole};
+use crate::nc::text::program::Program;
 
 /// Repetitions of a call (L).
 const MAX_REPEATS: u32 = 9999;

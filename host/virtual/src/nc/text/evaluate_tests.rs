@@ -1,6 +1,6 @@
 use super::*;
-use crate::nc::cursor::{Cursor, Line};
-use crate::nc::expression::Parser;
+use crate::nc::text::cursor::{Cursor, Line};
+use crate::nc::text::expression::Parser;
 
 /// #1 = 10, #2 null, #3 = 1, #10 = 3.
 struct Four(ControlFamily);

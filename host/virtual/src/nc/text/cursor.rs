@@ -1,8 +1,8 @@
 //! A line of a program as its reader sees it: without comments, in capital letters,
 //! every character at its column.
 
-use super::alarm::{Checked, Fault};
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// The longest line, bytes. It also bounds how deep an expression can be.
 pub(crate) const MAX_LINE: usize = 1000;

@@ -1,14 +1,14 @@
 //! Motions with skip: `G31`, `G38.2` to `G38.5`.
 
-use super::alarm::{Checked, Fault};
-use super::control::Control;
-use super::execute::finite;
-use super::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip};
-use super::settings::ControlFamily;
-use super::words::Words;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate, Skip};
+use crate::nc::memory::settings::ControlFamily;
+use crate::nc::run::control::Control;
+use crate::nc::run::execute::finite;
+use crate::nc::run::words::Words;
 
 impl Control {
-    /// `G31`. The stored position is #5061.. as [`super::system`] says. Without a touch
+    /// `G31`. The stored position is #5061.. as [`crate::nc::run::system`] says. Without a touch
     /// the program goes on, and it is the end of the motion: a macro must compare.
     pub(crate) fn skip(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         if !words.has_axes() {

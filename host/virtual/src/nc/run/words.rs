@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::alarm::{Checked, Fault};
-use super::block::Word;
 use super::control::Control;
-use super::evaluate::{evaluate_word, whole};
-use super::motion::AxisDrives;
-use super::settings::DecimalPoint;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::motion::AxisDrives;
+use crate::nc::memory::settings::DecimalPoint;
+use crate::nc::text::block::Word;
+use crate::nc::text::evaluate::{evaluate_word, whole};
 
 /// A word with its value.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! One block of a program: from text to a statement.
 
-use super::alarm::{Checked, Fault};
 use super::cursor::{Cursor, Line};
 use super::dprnt::{Format, Kind};
 use super::expression::{Expr, Parser};
 use super::oword::{self, OWord};
-use super::settings::ControlFamily;
+use crate::nc::memory::alarm::{Checked, Fault};
+use crate::nc::memory::settings::ControlFamily;
 
 /// A block, read.
 #[derive(Clone, Debug)]
