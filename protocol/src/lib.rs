@@ -13,25 +13,14 @@
 #[cfg(test)]
 extern crate std;
 
-mod cobs;
-pub mod decoder;
-pub mod envelope;
-pub mod fault;
-pub mod feature;
-pub mod frame;
-pub mod head;
-pub mod hello;
-pub mod immediate;
 pub mod job;
-pub mod job_error;
 pub mod latch;
-pub mod line;
 pub mod message;
-pub mod pattern;
-pub mod program;
-pub mod reason;
+pub mod records;
 pub mod schema;
-pub mod serial;
-pub mod verdict;
+pub mod wire;
 
+pub use job::{job_error, pattern, serial};
+pub use records::{fault, feature, head, line, program, reason, verdict};
 pub use schema::Schema;
+pub use wire::{decoder, envelope, frame, hello, immediate};

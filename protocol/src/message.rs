@@ -1,6 +1,6 @@
 //! The link between board and host: what the host may ask, what the board
 //! answers, and what it reports unasked. This page is the protocol;
-//! [`crate::frame`] says how a message becomes bytes.
+//! [`crate::wire::frame`] says how a message becomes bytes.
 //!
 //! | request | answer | what it does |
 //! | --- | --- | --- |
@@ -46,17 +46,19 @@ use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 use thiserror::Error;
 
-use crate::fault::{Counters, Fault};
-use crate::feature::FeatureResult;
-use crate::head::{Head, HeadAnswer};
+use crate::job::job_error::{Field, JobError};
+use crate::job::serial::LineSettings;
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
-use crate::job_error::{Field, JobError};
 use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
-use crate::line::{HitReport, LineReport};
-use crate::program::{MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom, Withheld};
+use crate::records::fault::{Counters, Fault};
+use crate::records::feature::FeatureResult;
+use crate::records::head::{Head, HeadAnswer};
+use crate::records::line::{HitReport, LineReport};
+use crate::records::program::{
+    MAX_LISTED, Piece, ProgramInfo, ProgramRefusal, ProgramRoom, Withheld,
+};
+use crate::records::verdict::Verdict;
 use crate::schema::max_len;
-use crate::serial::LineSettings;
-use crate::verdict::Verdict;
 
 /// Raw bytes in one [`Record::Bytes`], at most.
 pub const MAX_BYTES: usize = 256;

@@ -2,8 +2,12 @@
 //! limits that decide the verdict, and the correction that is wanted.
 //!
 //! A job is data. It is written as TOML, checked by `umi job check`, sent over
-//! the link and kept in the journal; [`crate::pattern::ReceiverConfig`] says
+//! the link and kept in the journal; [`pattern::ReceiverConfig`] says
 //! how the control's lines look.
+
+pub mod job_error;
+pub mod pattern;
+pub mod serial;
 
 use core::fmt;
 
@@ -12,8 +16,8 @@ use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::latch::SignalLevel;
-use crate::pattern::ReceiverConfig;
-use crate::serial::LineSpec;
+use pattern::ReceiverConfig;
+use serial::LineSpec;
 
 /// Features in a job, at most.
 pub const MAX_FEATURES: usize = 12;

@@ -12,7 +12,7 @@
 //! * **Sequence**: of a request, chosen by the host; its answer repeats it. Of an
 //!   event, the board's count of events, sent or dropped, so that a lost one leaves a gap;
 //!   [`Event::Dropped`] follows directly on the gap of those that it tells of.
-//! * **Key**: the low 32 bits of the sender's schema key ([`crate::envelope::KEY`]).
+//! * **Key**: the low 32 bits of the sender's schema key ([`crate::wire::envelope::KEY`]).
 //!   A frame with another key is recognised and never opened.
 //! * **Payload**: the message in postcard's wire format 1.0; the whole payload,
 //!   not one byte more.
@@ -23,7 +23,7 @@
 //!
 //! # Rules of the link
 //!
-//! * All of the above and the layout of [`crate::hello::Hello`] are frozen for ever: any
+//! * All of the above and the layout of [`crate::wire::hello::Hello`] are frozen for ever: any
 //!   two versions can at least say who they are.
 //! * The host begins with a Hello; the board answers with its own, same sequence.
 //! * One request at a time: the host waits for the answer or gives up. Asking again, it
@@ -32,7 +32,7 @@
 //!   payload that does not fit the types) it answers with a Hello of the same
 //!   sequence. So the host never waits in vain for a board of another version.
 //! * A damaged frame is discarded up to the next delimiter and counted
-//!   ([`crate::decoder::FrameCounters`]). Nobody answers it; the host asks again.
+//!   ([`crate::wire::decoder::FrameCounters`]). Nobody answers it; the host asks again.
 //!
 //! # Why not postcard-rpc
 //!
@@ -47,12 +47,12 @@ use core::ops::Range;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-use crate::cobs::{Full, Stuffer, max_overhead};
-use crate::envelope::KEY;
-use crate::hello::Hello;
 use crate::message::{Event, Request, Response};
+use crate::wire::cobs::{Full, Stuffer, max_overhead};
+use crate::wire::envelope::KEY;
+use crate::wire::hello::Hello;
 
-pub use crate::envelope::{Kind, Message};
+pub use crate::wire::envelope::{Kind, Message};
 
 /// The byte between frames.
 pub const DELIMITER: u8 = 0;
@@ -65,7 +65,7 @@ const TRAILER: usize = 4;
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Bytes of the longest frame with such a payload, delimiters included. Enough
-/// for the buffer given to [`encode`] and for a [`crate::decoder::Decoder`].
+/// for the buffer given to [`encode`] and for a [`crate::wire::decoder::Decoder`].
 #[must_use]
 pub const fn frame_len(payload: usize) -> usize {
     let content = HEADER + payload + TRAILER;

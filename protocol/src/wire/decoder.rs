@@ -1,10 +1,10 @@
 //! Decoder: frames out of a stream of bytes, whatever else is in it.
 
-use crate::cobs::Unstuffer;
-use crate::frame::{DELIMITER, Frame};
+use crate::wire::cobs::Unstuffer;
+use crate::wire::frame::{DELIMITER, Frame};
 
 /// Finds frames in a stream of bytes with a buffer of `N` bytes
-/// ([`crate::frame::MAX_HOST_FRAME`] on a board, [`crate::frame::MAX_BOARD_FRAME`] on a host).
+/// ([`crate::wire::frame::MAX_HOST_FRAME`] on a board, [`crate::wire::frame::MAX_BOARD_FRAME`] on a host).
 ///
 /// After any damage it discards up to the next delimiter and counts what it
 /// discarded; a tail is never taken for a frame.

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use strum::{Display, EnumCount, IntoStaticStr, VariantArray};
 use thiserror::Error;
 
-use crate::pattern::Coding;
-use crate::reason::axis_name;
+use crate::job::pattern::Coding;
+use crate::records::reason::axis_name;
 
 /// Characters of a line that a fault quotes, at most.
 pub const MAX_EXCERPT: usize = 40;

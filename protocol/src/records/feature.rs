@@ -8,7 +8,7 @@ use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::job::{FeatureKind, MAX_HITS, Name};
-use crate::reason::Reason;
+use crate::records::reason::Reason;
 
 /// Reasons kept with one feature, at most; a feature has no more kinds of doubt.
 pub const MAX_FEATURE_REASONS: usize = 12;

@@ -7,9 +7,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use super::*;
-use crate::frame::{MAX_HOST_FRAME, encode};
-use crate::hello::Hello;
 use crate::message::Request;
+use crate::wire::frame::{MAX_HOST_FRAME, encode};
+use crate::wire::hello::Hello;
 
 const N: usize = MAX_HOST_FRAME;
 

@@ -13,7 +13,7 @@
 //!
 //! The board's port always moves 8 bits between start and stop. A frame of 7 data bits and a
 //! parity bit is as long: its eighth bit is checked and made in software
-//! ([`crate::pattern::Coding`]). So 8 data bits with a ninth for parity, and 7 without, are
+//! ([`crate::job::pattern::Coding`]). So 8 data bits with a ninth for parity, and 7 without, are
 //! refused by name.
 //!
 //! # Sources

@@ -3,9 +3,9 @@
 use std::string::ToString;
 
 use super::*;
-use crate::decoder::Decoder;
-use crate::frame::{MAX_BOARD_FRAME, OpenError, encode};
 use crate::message::Request;
+use crate::wire::decoder::Decoder;
+use crate::wire::frame::{MAX_BOARD_FRAME, OpenError, encode};
 
 fn hello(major: u8, minor: u8, key: u64) -> Hello {
     Hello::of(Version { major, minor }, key, "virtual 0001 0.1.0")

@@ -7,9 +7,9 @@ use heapless::String;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::envelope::{Kind, Message};
+use crate::wire::envelope::{Kind, Message};
 
-pub use crate::envelope::KEY;
+pub use crate::wire::envelope::KEY;
 
 /// The version of the protocol: raised by hand with every change of a message
 /// or of its meaning, so that two sides that differ know which one is older.

@@ -2,9 +2,9 @@
 
 use serde::Deserialize;
 
-use crate::frame::{Frame, Kind};
-use crate::hello::KEY;
 use crate::latch::TriggerOut;
+use crate::wire::frame::{Frame, Kind};
+use crate::wire::hello::KEY;
 
 /// A request of [`RequestClass::Immediate`](crate::message::RequestClass::Immediate). Small: a
 /// [`Request`](crate::message::Request) has kilobytes, because a job may be in it.

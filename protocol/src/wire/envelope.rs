@@ -11,7 +11,7 @@ pub const KEY: u64 = schema_key::<(Request, Response, Event)>();
 /// What a frame carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Who speaks, and in which version: [`crate::hello::Hello`].
+    /// Who speaks, and in which version: [`crate::wire::hello::Hello`].
     Hello,
     /// From the host: [`Request`].
     Request,
@@ -52,7 +52,7 @@ pub trait Message: Serialize + DeserializeOwned + Schema {
     /// Bytes of the longest payload.
     const MAX_LEN: usize = max_len::<Self>();
     /// Whether it can be opened whatever the key, and with bytes after it that a later
-    /// version added. Only for the frozen [`crate::hello::Hello`].
+    /// version added. Only for the frozen [`crate::wire::hello::Hello`].
     const FROZEN: bool = false;
 }
 

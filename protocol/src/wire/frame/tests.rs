@@ -1,8 +1,8 @@
 //! What a frame promises.
 
 use super::*;
-use crate::decoder::Decoder;
 use crate::message::JournalInfo;
+use crate::wire::decoder::Decoder;
 
 fn frame<'b, M: Message>(sequence: u16, message: &M, out: &'b mut [u8]) -> &'b [u8] {
     encode(sequence, message, out).unwrap()

@@ -6,9 +6,9 @@ use heapless::{String, Vec};
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::feature::Matrix3;
 use crate::job::{Dialect, MAX_DATUMS, Name};
-use crate::reason::Reason;
+use crate::records::feature::Matrix3;
+use crate::records::reason::Reason;
 
 /// Reasons kept with one verdict, at most. More are counted in `reasons_dropped`.
 pub const MAX_VERDICT_REASONS: usize = 16;
