@@ -28,6 +28,14 @@ const MOST_STEPS: u64 = 3_000_000_000;
 const SMALLEST_US: f64 = 0.01;
 /// Lines within so many times the jitter of each other are the same shift.
 const SAME_SHIFT: f64 = 2.0;
+/// Profiles of a long scan that are looked at before all of them, at the fewest, and for each
+/// profile that may stay unexplained.
+const FEWEST_LOOKS: usize = 512;
+const LOOKS_EACH: usize = 4;
+/// A box that reaches no farther than so many times the jitter is looked at in full.
+const FINE_BOX: f64 = 4.0;
+/// With more latches than these about a profile its encoder says nothing of the box.
+const CROWD: usize = 32;
 /// How many first and last latches are tried for a first guess.
 const FIRST_GUESSES: usize = 12;
 
@@ -455,6 +463,17 @@ impl Search<'_> {
         let trains = self.trains;
         let needed = self.needed();
         let allowed = trains.profiles().checked_sub(needed)?;
+        let reach = shifts.half_offset + shifts.half_drift * trains.half_sensor();
+        if let Some((outside, missing)) = self.missing_looks(shifts, allowed) {
+            if outside + missing > allowed {
+                return None;
+            }
+            // A box that explains all that was looked at is large or right: to look at every
+            // profile of a long scan pays only where it is small.
+            if missing == 0 && reach > FINE_BOX * trains.jitter_us {
+                return Some(trains.profiles() - outside);
+            }
+        }
         let (mut missing, mut begin) = (0, 0);
         self.differences.clear();
         for (place, &sensor) in trains.sensor.iter().enumerate() {
@@ -486,6 +505,61 @@ impl Search<'_> {
             bound = bound.min(widest(&self.differences, trains.spread));
         }
         (bound >= needed).then_some(bound)
+    }
+
+    /// How many profiles lie before the first latch or behind the last for all of the shifts, and
+    /// how many of a part of the others, spread over the scan, the shifts cannot explain: as many
+    /// at least are missing of all. None where a scan is so short that all are looked at.
+    ///
+    /// In a long scan most boxes end here. A box reaches farthest at both ends, so that a look
+    /// from the beginning on would come to what it misses only half a scan later.
+    fn missing_looks(&mut self, shifts: &Shifts, allowed: usize) -> Option<(usize, usize)> {
+        let trains = self.trains;
+        let looks = FEWEST_LOOKS.saturating_add(allowed.saturating_mul(LOOKS_EACH));
+        let stride = trains.profiles() / looks;
+        if stride < 2 || trains.drift > 0.5 {
+            return None;
+        }
+        let at = |sensor: f64| shifts.offset + (1.0 + shifts.drift) * sensor;
+        let reach =
+            |sensor: f64| trains.jitter_us + shifts.half_offset + shifts.half_drift * sensor.abs();
+        let (first, last) = (*trains.board.first()?, *trains.board.last()?);
+        // Both ends of what a profile reaches rise with its time, as the clocks hardly drift.
+        let inside = trains.sensor.partition_point(|&s| at(s) + reach(s) < first)
+            ..trains.sensor.partition_point(|&s| at(s) - reach(s) <= last);
+        self.steps += 40;
+        let outside = trains.profiles() - inside.len();
+        if outside > allowed {
+            return Some((outside, 0));
+        }
+        let (mut missing, mut seen, mut crowded) = (0, 0, false);
+        self.differences.clear();
+        for place in inside.step_by(stride) {
+            let (at, reach) = (at(trains.sensor[place]), reach(trains.sensor[place]));
+            let begin = trains.board.partition_point(|&t| t < at - reach);
+            let end = trains.board.partition_point(|&t| t <= at + reach);
+            // As many steps as two searches among a million take.
+            self.steps += 40;
+            if begin == end {
+                missing += 1;
+                if outside + missing > allowed {
+                    return Some((outside, missing));
+                }
+                continue;
+            }
+            seen += 1;
+            crowded |= end - begin > CROWD;
+            if trains.counters.is_some() && !crowded {
+                self.steps += 8 * (end - begin) as u64;
+                let near = (begin..end).filter_map(|latch| trains.difference(place, latch));
+                self.differences.extend(near);
+            }
+        }
+        if trains.counters.is_some() && !crowded {
+            self.differences.sort_unstable();
+            missing += seen - widest(&self.differences, trains.spread).min(seen);
+        }
+        Some((outside, missing))
     }
 
     /// Takes what this very shift explains, if it is the best so far or the runner-up.

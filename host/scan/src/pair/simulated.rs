@@ -177,3 +177,38 @@ fn random_scans_are_paired_rightly_or_refused() {
     );
     assert!(refused_even < even);
 }
+
+/// A scan of some minutes at 1 kHz, as even as a clock: lost profiles shift nothing, and it is
+/// decided. (A search that looked at every profile in each step did not come to an end.)
+#[test]
+fn a_long_even_scan_is_decided() {
+    const LATCHES: u64 = 300_000;
+    let mut random = Random(0x10_06);
+    let first = [0; 6].map(Some);
+    let triggers = Triggers {
+        cause: LatchSignal::Output,
+        latches: (0..LATCHES)
+            .map(|number| TriggerLatch {
+                number,
+                t_ns: 5_000_000_000 + i64::try_from(number).unwrap() * 1_000_000,
+                counts: first,
+            })
+            .collect(),
+        missed: 0,
+    };
+    let kept: Vec<u64> = (0..LATCHES).filter(|_| !random.chance(1e-4)).collect();
+    assert!(kept.len() < LATCHES as usize);
+    let stamps: Vec<Stamp> = kept
+        .iter()
+        .zip(0..)
+        .map(|(number, profile)| Stamp {
+            profile,
+            frame: number + 7,
+            t_us: (5e6 + *number as f64 * 1e3 - 123_456.7) / (1.0 + 37e-6) + 3.0 * random.unit(),
+            encoder: None,
+        })
+        .collect();
+    let pairing = pair(&stamps, &triggers, &PairOptions::default()).unwrap();
+    let got: Vec<u64> = pairing.pairs.iter().map(|pair| pair.number).collect();
+    assert_eq!(got, kept);
+}
