@@ -83,7 +83,7 @@ pub struct DigitizeQuestion {
     pub rate_hz: f64,
     /// Power of the laser (X).
     pub power: f64,
-    /// Captures at a place (Z).
+    /// Captures at a place (Z). On the way: as many a step at most, and no more than rate and feed allow.
     pub captures: f64,
     /// How the control hears of a reading.
     pub by: HeardBy,
@@ -212,7 +212,7 @@ impl DigitizeQuestion {
                  variables or the trip with this strategy",
             ));
         }
-        let [at_x, at_y, at_z] = self.at_mm;
+        let [_, _, at_z] = self.at_mm;
         if !self.at_mm.iter().all(|mm| mm.is_finite()) || !self.safe_z_mm.is_finite() {
             return Err(DigitizeRefusal::letter('Q', "give finite coordinates"));
         }
@@ -232,14 +232,23 @@ impl DigitizeQuestion {
                 format_args!("{} places; {MOST_PLACES} at most", columns * rows),
             ));
         }
-        self.within_travel(scene, [at_x + d, at_y + e])
+        self.within_travel(scene)
     }
 
-    fn within_travel(&self, scene: &Scene, far: [f64; 2]) -> Result<(), DigitizeRefusal> {
+    fn within_travel(&self, scene: &Scene) -> Result<(), DigitizeRefusal> {
         let machine = &scene.machine;
-        let [x, y, z] = self.at_mm;
-        let [far_x, far_y] = far;
-        let wanted = [[x, far_x], [y, far_y], [z, self.safe_z_mm]];
+        let ([x, y, z], [d, e], [f, _]) = (self.at_mm, self.size_mm, self.step_mm);
+        // On the way a line begins and ends a step and a half beside its places.
+        let beside = if self.by == HeardBy::Pulses {
+            1.5 * f
+        } else {
+            0.0
+        };
+        let wanted = [
+            [x - beside, x + d + beside],
+            [y, y + e],
+            [z, self.safe_z_mm],
+        ];
         let limits = machine.travel_min_mm.iter().zip(&machine.travel_max_mm);
         for ((axis, ends), (least, most)) in ["X", "Y", "Z"].iter().zip(wanted).zip(limits) {
             for mm in ends {

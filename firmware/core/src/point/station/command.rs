@@ -35,7 +35,7 @@ pub struct SensorConfiguration {
     pub overshoot: Mm,
     /// Whether a signal that is lost on the way stops the axes.
     pub guards: bool,
-    /// From pulse to pulse along X.
+    /// From place to place along X.
     pub interval: Mm,
 }
 
@@ -54,7 +54,7 @@ pub enum SensorCommand {
     TripNear,
     /// 6: raise the skip line beyond the target, from nearer.
     TripFar,
-    /// 7: pulses along X from here, half a step before the first place.
+    /// 7: pulses along X from here, a step and a half before the first place.
     Pulses,
     /// 8: no more pulses.
     Rest,

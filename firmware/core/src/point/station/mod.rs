@@ -15,6 +15,7 @@ mod collect;
 mod command;
 mod pairing;
 mod record;
+mod sweep;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -33,6 +34,7 @@ use crate::units::{Micros, Mm, Point};
 use collect::Collected;
 use command::CommandLine;
 use pairing::{Latched, Pairing};
+use sweep::Sweep;
 use text::TextLine;
 use watch::{Trip, Watch};
 
@@ -119,6 +121,7 @@ pub struct CaptureStation {
     pairing: Pairing,
     collected: Collected,
     watch: Watch,
+    sweep: Sweep,
     answer: Option<CommandAnswer>,
     sequence: u16,
     /// Places measured so far.
@@ -145,6 +148,7 @@ impl CaptureStation {
             pairing: Pairing::default(),
             collected: Collected::default(),
             watch: Watch::default(),
+            sweep: Sweep::new(0.0, Mm(1.0)),
             answer: None,
             sequence: 0,
             places: 0,
@@ -284,7 +288,7 @@ impl CaptureStation {
                 self.watch(Watch::trip(Trip::AtLeast(with.target.0 + with.overshoot.0)));
             }
             (SensorCommand::Pulses, Some(with)) => self.pulse(with, counts),
-            (SensorCommand::Rest, Some(_)) => self.doing = Doing::Idle,
+            (SensorCommand::Rest, Some(_)) => self.rest(),
         }
     }
 
@@ -326,17 +330,45 @@ impl CaptureStation {
 
     fn pulse(&mut self, with: SensorConfiguration, counts: [i64; 3]) {
         let [per_mm, _, _] = self.setup.counts_per_mm;
-        let interval = libm::round(libm::fabs(with.interval.0 * per_mm)) as i64;
+        let step = libm::fabs(with.interval.0 * per_mm);
+        // Not more often than was asked for.
+        let interval = libm::ceil(step / f64::from(with.captures) - 1e-6) as i64;
         let [at, _, _] = counts;
         if interval < 2 {
             self.refuse();
             return;
         }
-        // The axes stand half a step before the first place, on either side.
+        let Point { mm } = self.axes(counts);
+        // A capture in the middle of a cell where there is one only.
+        self.sweep = Sweep::new(mm.x, with.interval);
         self.doing = Doing::Pulsing {
             origin_counts: at.saturating_add(interval / 2),
             interval_counts: interval,
         };
+    }
+
+    /// Ends the captures on the way.
+    fn rest(&mut self) {
+        if matches!(self.doing, Doing::Pulsing { .. })
+            && let Some(place) = self.sweep.end()
+        {
+            self.place(place);
+        }
+        self.doing = Doing::Idle;
+    }
+
+    /// Takes a capture on the way, with its reading if that came.
+    fn on_the_way(&mut self, axes: Point, reading: Option<&NumberedReading>) {
+        // Three cells at most.
+        while let Some(done) = self.sweep.go_on(axes) {
+            if let Some(place) = done {
+                self.place(place);
+            }
+        }
+        match reading {
+            Some(reading) => self.sweep.add(axes, reading),
+            None => self.sweep.lost(),
+        }
     }
 
     fn reply(&mut self, gamma: Mm, state: PlaceState) {
@@ -361,12 +393,7 @@ impl CaptureStation {
                 self.collected.lost();
                 self.close();
             }
-            Doing::Pulsing { .. } => self.place(PlacePoint {
-                state: PlaceState::LostCapture,
-                axes: self.axes(latch.counts),
-                lost: 1,
-                ..PlacePoint::default()
-            }),
+            Doing::Pulsing { .. } => self.on_the_way(self.axes(latch.counts), None),
             Doing::Idle | Doing::Watching => {}
         }
     }
@@ -398,11 +425,7 @@ impl CaptureStation {
             Doing::Watching => {
                 self.watch.look(reading.signal.ok().map(|s| s.gamma.0));
             }
-            Doing::Pulsing { .. } => {
-                let mut one = Collected::of(1);
-                one.add(axes, &reading);
-                self.place(one.place());
-            }
+            Doing::Pulsing { .. } => self.on_the_way(axes, Some(&reading)),
             Doing::Idle => {}
         }
     }

@@ -39,6 +39,8 @@ pub enum PlaceState {
     Moved,
     /// Readings do not change with the axes as the calibration says.
     BeamMismatch,
+    /// The captures on the way to it and from it follow no smooth surface.
+    Edge,
     /// The command cannot be carried out.
     Refused,
 }
@@ -56,6 +58,7 @@ impl PlaceState {
             Self::LostCapture => "lost_capture",
             Self::Moved => "moved",
             Self::BeamMismatch => "beam_mismatch",
+            Self::Edge => "edge",
             Self::Refused => "refused",
         }
     }
@@ -74,6 +77,7 @@ impl PlaceState {
             Self::Moved => 7,
             Self::BeamMismatch => 8,
             Self::Refused => 9,
+            Self::Edge => 10,
         }
     }
 }

@@ -234,28 +234,119 @@ fn broken_lines_are_refused() {
     }
 }
 
-#[test]
-fn pulses_lie_on_the_places() {
-    let mut station = configured(1, 0);
+/// A line of places a millimetre apart, from the left or the right: the reading at each capture is `gamma` of the way
+/// since the start, in steps; some captures have another text.
+fn swept(
+    captures: i64,
+    sign: i64,
+    gamma: impl Fn(f64) -> f64,
+    other: impl Fn(usize) -> Option<&'static str>,
+) -> Vec<PlacePoint> {
+    let mut station = configured(captures, 0);
     say(&mut station, &line(2, &[7]));
-    assert_eq!(
-        station.order(),
-        CapturePulses::Distance {
-            origin_counts: 15_000,
-            interval_counts: 10_000
+    let CapturePulses::Distance {
+        interval_counts, ..
+    } = station.order()
+    else {
+        panic!("no pulses");
+    };
+    let mut found = Vec::new();
+    // Four places, a step and a half on either side, and a little beyond: axes do not stop at once.
+    let pulses = 6 * 10_000 / interval_counts + i64::from(captures > 1);
+    for n in 0..pulses {
+        let way = interval_counts / 2 + n * interval_counts;
+        let [x, y, z] = COUNTS;
+        station.latched([x + sign * way, y, z], Micros(n as u64 * 500));
+        let number = 101 + n;
+        let text = other(n as usize).map_or_else(
+            || format!("{number} {:.6} 90 3000\n", gamma(way as f64 / 10_000.0)),
+            |text| text.replace('#', &format!("{number}")),
+        );
+        read(&mut station, &text);
+        found.extend(records(&mut station));
+    }
+    say(&mut station, &line(3, &[8]));
+    found.extend(records(&mut station));
+    let places = found.iter().filter_map(|record| match record {
+        StationRecord::Place(place) => Some(*place),
+        _ => None,
+    });
+    places.collect()
+}
+
+/// Noise without a generator: the same for each capture, of standard deviation 1.
+fn noise(way: f64, seed: u64) -> f64 {
+    let bits = ((way * 1e4) as u64 + (seed << 32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let bits = (bits ^ (bits >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let bits = (bits ^ (bits >> 29)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    let bits = bits ^ (bits >> 32);
+    ((bits >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
+}
+
+/// The reading at a place is that of the surface there, whatever its slope and curvature.
+#[test]
+fn captures_on_the_way_become_points() {
+    let surface = |x: f64| 44.0 + 0.3 * x + 0.02 * (x - 2.0) * (x - 2.0);
+    for (sign, captures) in [(1, 1), (-1, 1), (1, 50), (-1, 50), (1, 100)] {
+        let places = swept(captures, sign, surface, |_| None);
+        assert_eq!(places.len(), 4, "{captures}");
+        for (k, place) in places.iter().enumerate() {
+            assert_eq!((place.state, place.number), (PlaceState::Ok, k as u32));
+            assert_eq!(i64::from(place.captures), captures);
+            let x = 1.5 + k as f64;
+            let off = place.gamma.0 - surface(x);
+            assert!(off.abs() < 1e-6, "{captures} {k}: {off}");
+            let at = place.axes.mm.x - 1.0 - sign as f64 * x;
+            assert!(at.abs() < 1e-9, "{captures} {k}: {at}");
         }
-    );
-    station.latched([15_000, 0, 0], Micros(0));
-    station.latched([25_000, 0, 0], Micros(10));
-    read(&mut station, "102 44 90 3000\n");
-    let states: Vec<_> = records(&mut station)
-        .iter()
-        .filter_map(|r| match r {
-            StationRecord::Place(place) => Some((place.number, place.state)),
-            _ => None,
-        })
-        .collect();
-    assert_eq!(states, [(0, PlaceState::LostCapture), (1, PlaceState::Ok)]);
+    }
+}
+
+/// Three hundred captures of 5 um make a place of 0.43 um, and a smooth surface is nowhere an edge.
+#[test]
+fn captures_on_the_way_are_averaged() {
+    let (lines, mut squares) = (200, 0.0);
+    for seed in 0..lines {
+        let places = swept(100, 1, |x| 44.0 + 0.3 * x + 5e-3 * noise(x, seed), |_| None);
+        for (k, place) in places.iter().enumerate() {
+            assert_eq!(place.state, PlaceState::Ok, "{seed}");
+            let off = place.gamma.0 - 44.0 - 0.3 * (1.5 + k as f64);
+            squares += off * off;
+        }
+    }
+    let rms = (squares / (4 * lines) as f64).sqrt();
+    assert!((0.40e-3..0.47e-3).contains(&rms), "{rms}");
+}
+
+/// A step of the surface within a step of the line gives no point there, and does not reach its neighbours.
+#[test]
+fn an_edge_on_the_way_is_named() {
+    let surface = |x: f64| 44.0 + if x > 2.4 { 0.05 } else { 0.0 };
+    let places = swept(100, 1, |x| surface(x) + 5e-3 * noise(x, 1), |_| None);
+    let states: Vec<_> = places.iter().map(|place| place.state).collect();
+    let ok = PlaceState::Ok;
+    assert_eq!(states, [ok, PlaceState::Edge, ok, ok]);
+    for (k, place) in places.iter().enumerate() {
+        let off = place.gamma.0 - surface(1.5 + k as f64);
+        assert!(k == 1 || off.abs() < 3e-3, "{k}: {off}");
+    }
+}
+
+/// A capture on the way without reading or signal takes its place with it, and not the one beside it.
+#[test]
+fn a_gap_on_the_way_is_named() {
+    for (text, state) in [
+        ("", PlaceState::LostCapture),
+        ("# - occluded\n", PlaceState::NoSignal(SignalLoss::Occluded)),
+    ] {
+        // The second place is 2 to 3 steps from the start.
+        let places = swept(20, 1, |_| 44.0, |n| (n == 45).then_some(text));
+        let states: Vec<_> = places.iter().map(|place| place.state).collect();
+        assert_eq!(
+            states,
+            [PlaceState::Ok, state, PlaceState::Ok, PlaceState::Ok]
+        );
+    }
 }
 
 /// Any bytes at all: no panic, and no point from nothing.
