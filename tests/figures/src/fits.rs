@@ -8,6 +8,7 @@ use umi_core::fit::{self, FitError, Statistics};
 use umi_core::registration::{Registration, register};
 use umi_core::units::Point;
 
+use crate::calibration::Readings;
 use crate::{CASES, Case, MAX_POINTS};
 
 type Points = Vec<Point, MAX_POINTS>;
@@ -88,6 +89,18 @@ pub fn print_case(case: &Case, out: &mut impl Write) -> Result {
                     .try_for_each(|(p, q)| page.vector("residual", &fit.residual_mm(*p, *q)))
             })
         }
+        "point_sensor" => match Readings::of(case).map(|of| of.calibrate()) {
+            Some(Ok(found)) => {
+                page.point("offset", found.sensor.offset)?;
+                page.vector("direction", &found.sensor.direction)?;
+                page.numbers("gain_radius", &[found.sensor.gain, found.radius_error.0])?;
+                page.numbers("cov_unit", found.cov_unit.as_flattened())?;
+                page.numbers("cov_balls", found.cov_balls.as_flattened())?;
+                page.statistics(&found.stats)
+            }
+            Some(Err(refusal)) => page.word("fit", refusal.code()),
+            None => page.word("unknown", case.kind),
+        },
         other => page.word("unknown", other),
     }
 }

@@ -1,28 +1,31 @@
 //! The reference fits and the measured work in a form that a board can carry.
 //!
-//! [`fits::print`] computes every case of `tests/reference/fits` and prints every number of
+//! [`fits::print`] computes every case of `tests/reference/fits` and `point` and prints every number of
 //! every answer bit for bit; what a board prints must be what a host prints. [`work::all`]
 //! is what instructions are counted for.
 //!
 //! No file, no heap: the data are compiled in.
 #![no_std]
 
+pub mod calibration;
 pub mod fits;
 mod half_sphere;
 pub mod work;
 
 pub use half_sphere::half_sphere;
 
-/// A case of `tests/reference/fits`.
+/// A case of `tests/reference/fits` or `point`.
 pub struct Case {
     /// Its name there.
     pub id: &'static str,
-    /// What is fitted: `sphere`, `registration`, …
+    /// What is fitted: `sphere`, `registration`, `point_sensor`, …
     pub kind: &'static str,
-    /// The axis that an operator would name, where one is needed.
+    /// The axis that an operator would name, where one is needed. A point sensor: 1 where the
+    /// radius is free, 1 where the gain is.
     pub hint: [f64; 3],
     /// Points in the first three columns; in the others those that a registration pairs
-    /// them with, mm.
+    /// them with, mm. A point sensor: first the ball (centre, radius, their uncertainties), then
+    /// the axes and the reading.
     pub rows: &'static [[f64; 6]],
 }
 
@@ -62,7 +65,7 @@ mod tests {
         }
         let mut runs = Runs(Vec::new());
         assert_eq!(work::all(&mut runs), Ok(()));
-        assert_eq!(runs.0.len(), 11);
+        assert_eq!(runs.0.len(), 13);
     }
 
     /// Every case of the index gives numbers, or a refusal where one is right.
@@ -80,10 +83,10 @@ mod tests {
                 said.is_some_and(|word| u64::from_str_radix(word, 16).is_err())
             };
             let refused = lines.next().is_some_and(is_refused);
-            assert_eq!(refused, case.id.contains("_bad_"), "{}", case.id);
+            assert_eq!(refused, case.id.contains("bad_"), "{}", case.id);
             assert!(lines.all(|line| is_refused(line) == refused), "{}", case.id);
         }
         assert!(!page.contains("unknown"), "{page}");
-        assert_eq!(CASES.len(), 34);
+        assert_eq!(CASES.len(), 44);
     }
 }

@@ -14,6 +14,7 @@ use umi_core::units::{Micros, Point};
 use umi_protocol::job::Job;
 use umi_protocol::pattern::{BlockPattern, LinePattern};
 
+use crate::calibration::Readings;
 use crate::half_sphere::half_sphere;
 use crate::{CASES, Case};
 
@@ -54,7 +55,8 @@ pub fn all(meter: &mut impl Meter) -> Result<(), Failed> {
     fits(meter)?;
     journal(meter)?;
     setup(meter)?;
-    rewriting(meter)
+    rewriting(meter)?;
+    point_sensor(meter)
 }
 
 /// Does something a few times and counts it; `what` says whether it worked.
@@ -95,6 +97,10 @@ pub mod names {
     pub const LACES: &str = "tool path of lines rewritten, a byte read";
     /// A tool path on its way to a control: what it becomes.
     pub const CHORDS: &str = "tool path of arcs rewritten as chords, a byte written";
+    /// A point sensor on a ball: the paper's spiral.
+    pub const CALIBRATION_100: &str = "calibration of a point sensor by 100 readings";
+    /// P = Q + t + γ g a.
+    pub const PLACE: &str = "point of a reading of a point sensor";
     /// All of it.
     pub const SETUP: &str = "setup of 15 hits, from its first byte to its correction";
 }
@@ -244,6 +250,21 @@ fn rewritten(
         Ok(summary) if summary.feeds + summary.chorded > 0 => Ok([program.len() as u32, written]),
         _ => Err(Failed(work)),
     }
+}
+
+fn point_sensor(meter: &mut impl Meter) -> Result<(), Failed> {
+    let failed = Failed(names::CALIBRATION_100);
+    let readings = Readings::of(case("paper_spiral_1um")?).ok_or(failed)?;
+    repeated(meter, names::CALIBRATION_100, 1, || {
+        black_box(black_box(&readings).calibrate()).is_ok()
+    })?;
+    let found = readings.calibrate().map_err(|_| failed)?;
+    let (sensor, reading) = (found.sensor, readings.first().ok_or(failed)?);
+    repeated(meter, names::PLACE, TIMES, || {
+        let reading = black_box(&reading);
+        let place = black_box(sensor.place(reading.axes, reading.gamma));
+        place.mm.x.is_finite()
+    })
 }
 
 const SECTOR: usize = 4096;
