@@ -222,14 +222,14 @@ fn table_5_again() {
         "lens, strategy, by, baud, seeds: rms sigma range um; time s, of the floor; way mm; lines, s; missing"
     );
     let all: &[(usize, Strategy, HeardBy, u32, u64)] = &[
-        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 1),
-        (0, Strategy::NonAdaptive, HeardBy::Pulses, 9600, 1),
+        (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 115_200, 10),
+        (0, Strategy::NonAdaptive, HeardBy::Pulses, 9600, 10),
         (1, Strategy::NonAdaptive, HeardBy::Served, 115_200, 1),
         (0, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
-        (0, Strategy::Adaptive, HeardBy::Served, 115_200, 1),
+        (0, Strategy::Adaptive, HeardBy::Served, 115_200, 10),
         (0, Strategy::PredictiveAdaptive, HeardBy::Served, 9600, 1),
         (0, Strategy::PredictiveAdaptive, HeardBy::Served, 19_200, 1),
-        (0, Strategy::NonAdaptive, HeardBy::Served, 9600, 1),
+        (0, Strategy::NonAdaptive, HeardBy::Served, 9600, 10),
         (0, Strategy::PredictiveAdaptive, HeardBy::Trip, 9600, 1),
         (1, Strategy::Adaptive, HeardBy::Served, 115_200, 1),
         (1, Strategy::PredictiveAdaptive, HeardBy::Served, 115_200, 1),
@@ -237,6 +237,7 @@ fn table_5_again() {
     ];
     for (lens, strategy, by, baud, seeds) in all {
         let (name, lens) = &LENSES[*lens];
+        let mut rms_um = Vec::new();
         for seed in 1..=*seeds {
             let scene = scene(lens, *baud, &folder);
             let sensor = sensor(&scene);
@@ -245,6 +246,7 @@ fn table_5_again() {
                 Err(refusal) => println!("{name} {strategy:?} {by:?} {baud}: {refusal}"),
                 Ok(done) => {
                     let e = errors(&done).unwrap_or([f64::NAN; 3]);
+                    rms_um.push(e[0]);
                     let missing = done.places.len() - done.points();
                     let named = done
                         .places
@@ -266,5 +268,12 @@ fn table_5_again() {
                 }
             }
         }
+        let n = rms_um.len() as f64;
+        let mean = rms_um.iter().sum::<f64>() / n;
+        let squares: f64 = rms_um.iter().map(|of| (of - mean) * (of - mean)).sum();
+        let spread = (squares / (n - 1.0).max(1.0)).sqrt();
+        println!(
+            "{name} {strategy:?} {by:?} {baud}: rms {mean:.2} um, spread {spread:.2} over {n}"
+        );
     }
 }

@@ -87,8 +87,8 @@ const BUDGETS: [(&str, u64); 13] = [
     // bytes a second is 4166.
     (names::LACES, 158),
     (names::CHORDS, 171),
-    (names::CALIBRATION_100, 2_000_000),
-    (names::PLACE, 300),
+    (names::CALIBRATION_100, 10_000_000),
+    (names::PLACE, 140),
 ];
 
 /// The counts stay within their budgets, and repeat to the last instruction, so that they
