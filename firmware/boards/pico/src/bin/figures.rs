@@ -27,7 +27,7 @@ fn main() -> ! {
         is_new: true,
     };
     // The port takes everything.
-    let _ = umi_figures::fits::print(&mut line);
+    let _ = umi_figures::fits::print_quick(&mut line);
     let _ = line.port.blocking_write(b"end\n");
     loop {
         cortex_m::asm::wfi();
