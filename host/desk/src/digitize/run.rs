@@ -10,11 +10,14 @@ use umi_virtual::scene::Scene;
 use umi_virtual::station::{SensorLineFault, SensorStation};
 
 use super::program::program;
-use super::question::{DigitizeQuestion, DigitizeRefusal};
+use super::question::{DigitizeQuestion, DigitizeRefusal, HeardBy};
 
 /// The macros: the cycle, and the line to the board.
 const CYCLE: u32 = 8840;
 const COMMAND: u32 = 8842;
+
+/// Alarm of the cycle: no signal at the first place of an adaptive run.
+const NO_SIGNAL: u32 = 154;
 
 /// A place of the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,6 +139,9 @@ pub fn run(
         Some(alarm) if places.is_empty() || alarm.code != "alarm" => return Err(alarm),
         _ => {}
     }
+    if asked.by == HeardBy::Pulses {
+        on_their_grid(&places, asked)?;
+    }
     let losses = station
         .records()
         .iter()
@@ -155,6 +161,29 @@ pub fn run(
         exchange_s: meter.exchange_s,
         losses: losses + station.dropped() as usize,
         alarm,
+    })
+}
+
+/// On the way places are counted: one too few, and all behind it would stand beside their own.
+fn on_their_grid(
+    places: &[DigitizedPlace],
+    asked: &DigitizeQuestion,
+) -> Result<(), DigitizeRefusal> {
+    let ([x, y, _], [f, h]) = (asked.at_mm, asked.step_mm);
+    let strays = places.iter().find(|place| {
+        let at = place.found.axes.mm;
+        let off_x = at.x - x - f * place.column as f64;
+        let off_y = at.y - y - h * place.row as f64;
+        place.found.point.is_some() && (off_x.abs() > f / 2.0 || off_y.abs() > h / 2.0)
+    });
+    strays.map_or(Ok(()), |place| {
+        Err(DigitizeRefusal::new(
+            "lost_places",
+            format!(
+                "on the way to row {}, column {} the captures of a place were lost; digitize again, slower",
+                place.row, place.column
+            ),
+        ))
     })
 }
 
@@ -180,12 +209,19 @@ fn refusal(alarm: &Alarm) -> DigitizeRefusal {
         "over_travel"
     } else if message.starts_with("collision") {
         "collision"
-    } else if message.contains("NO SIGNAL AT FIRST PLACE") {
+    } else if is_cycles(alarm, NO_SIGNAL) {
         "no_signal"
     } else {
         "alarm"
     };
     DigitizeRefusal::new(code, alarm.to_string())
+}
+
+/// Whether it is this alarm of the cycle: a control adds a number of its own, or shows it as it stands.
+fn is_cycles(alarm: &Alarm, number: u32) -> bool {
+    let shown = format!("#3000={number}:");
+    alarm.program == CYCLE
+        && (alarm.number.is_some_and(|of| of % 1000 == number) || alarm.message.starts_with(&shown))
 }
 
 /// Time and way of the cycle.
