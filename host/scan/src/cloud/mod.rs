@@ -12,6 +12,8 @@ pub struct ScanCloud {
     pub points: Vec<Vec3>,
     /// How many points of the file were not finite numbers; they are not among the points.
     pub not_finite: usize,
+    /// The file's format states the unit, and they are in mm by it.
+    pub states_unit: bool,
 }
 
 impl ScanCloud {
@@ -24,8 +26,11 @@ impl ScanCloud {
         }
     }
 
-    /// Every coordinate times `factor`: a file in inches becomes mm by 25.4.
+    /// Every coordinate times `factor`, unless the file's format states the unit: a file in inches becomes mm by 25.4.
     pub fn scale(&mut self, factor: f64) {
+        if self.states_unit {
+            return;
+        }
         for p in &mut self.points {
             *p *= factor;
         }

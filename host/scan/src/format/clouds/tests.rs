@@ -79,10 +79,10 @@ fn tables_and_ply_come_back_as_they_were() {
 }
 
 #[test]
-fn coordinates_of_pcd_and_las_come_back() {
+fn coordinates_of_other_formats_come_back() {
     let folder = folder("whole");
-    for name in ["a.pcd", "a.las"] {
-        if cfg!(not(feature = "cloud-formats")) && name == "a.las" {
+    for name in ["a.pcd", "a.las", "a.laz", "a.e57"] {
+        if cfg!(not(feature = "cloud-formats")) && name != "a.pcd" {
             continue;
         }
         let path = folder.join(name);

@@ -47,7 +47,7 @@ pub(crate) struct Localise {
     /// Any of several poses that look alike will do
     #[arg(long)]
     accept_symmetry: bool,
-    /// The unit of the scan
+    /// The unit of the scan; an E57 file has its own
     #[arg(long, value_enum, default_value = "mm")]
     unit: Unit,
     /// The largest standard uncertainty at a corner of the part, or of the scan without a part

@@ -19,7 +19,7 @@ use crate::output::Force;
 /// A cloud in and a cloud out.
 #[derive(Args)]
 pub(crate) struct Clouds {
-    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD or LAS
+    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD, LAS, LAZ or E57
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
     /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet

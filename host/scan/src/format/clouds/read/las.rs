@@ -17,8 +17,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     let number = |at: usize| f64::from_le_bytes(array(bytes, at));
     let (minor, start, format, stride) = (bytes[25], four(96), bytes[104], two(105));
     if format & 0xc0 != 0 {
+        #[cfg(feature = "cloud-formats")]
+        return super::laz::read(bytes);
+        #[cfg(not(feature = "cloud-formats"))]
         return Err(bad(
-            "its points are compressed (LAZ), which is not read: write it as LAS or PLY",
+            "its points are compressed (LAZ), which this build does not read: write it as LAS or PLY",
         ));
     }
     let mut count = four(107) as u64;

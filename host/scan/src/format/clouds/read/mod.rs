@@ -3,7 +3,13 @@
 //! * [`CloudReader`]: point by point, with what the file says of each.
 //! * [`read_cloud`]: all points at once, of every format that is known.
 
+#[cfg(feature = "cloud-formats")]
+mod e57;
+#[cfg(feature = "cloud-formats")]
+mod foreign;
 mod las;
+#[cfg(feature = "cloud-formats")]
+mod laz;
 mod pcd;
 mod ply;
 mod points;

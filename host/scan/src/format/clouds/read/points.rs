@@ -37,10 +37,10 @@ struct Places {
 }
 
 impl CloudReader {
-    /// Opens a cloud: PLY, PCD or LAS by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
+    /// Opens a cloud: PLY, PCD, LAS, LAZ or E57 by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
     /// where it has them, `profile`, `index`, `intensity`.
     ///
-    /// PLY and tables are read point by point, in constant memory; of PCD and LAS all coordinates are held, and only they.
+    /// PLY and tables are read point by point, in constant memory; of the others all coordinates are held, and only they.
     ///
     /// # Errors
     /// `file`, `bad_file` for a PLY header, `missing_column` and `corrupt` for a table's first line.

@@ -256,3 +256,48 @@ fn what_is_written_is_read_back() {
     write_ply(&mut bytes, &points(), Some(("stock", &[0.1, 0.2, 0.3]))).unwrap();
     assert_eq!(cloud_from_bytes(&bytes).unwrap().points, points());
 }
+
+/// Damaged files of formats that others read: a name, never the end of the program, never memory on a header's word.
+#[cfg(feature = "cloud-formats")]
+#[test]
+fn damage_in_the_files_of_others_is_named() {
+    use crate::cloud::CloudPoint;
+    use crate::format::clouds::{CloudStyle, write_cloud};
+    let folder = std::env::temp_dir().join(format!("umi-foreign-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let point = |k: u32| CloudPoint {
+        at: [f64::from(k), 0.5, -1.25],
+        profile: 0,
+        index: 0,
+        intensity: 0.0,
+    };
+    let mut refused = 0;
+    for name in ["a.laz", "a.e57"] {
+        let path = folder.join(name);
+        let points = (0..40).map(|k| Ok(point(k)));
+        write_cloud(&path, CloudStyle::default(), Box::new(points)).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(cloud_from_bytes(&whole).unwrap().points.len(), 40);
+        let mut seed = 5_u64;
+        for _ in 0..400 {
+            let mut bytes = whole.clone();
+            seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            let at = (seed >> 33) as usize % bytes.len();
+            bytes[at] ^= (seed >> 24) as u8 | 1;
+            if seed % 4 == 0 {
+                bytes.truncate(at);
+            }
+            match cloud_from_bytes(&bytes) {
+                Ok(cloud) => assert!(cloud.points.len() + cloud.not_finite < 100_000),
+                Err(refusal) => {
+                    assert_eq!(refusal.code, "bad_file");
+                    refused += 1;
+                }
+            }
+        }
+    }
+    assert!(refused > 300, "{refused}");
+    std::fs::remove_dir_all(folder).unwrap();
+}

@@ -6,8 +6,8 @@ use super::{las, pcd, ply, table};
 use crate::ScanError;
 use crate::cloud::ScanCloud;
 
-/// The points of a file: PLY, PCD, LAS or STL (the corners of its triangles, each once) by its first bytes, else numbers
-/// in columns (CSV). As they stand there: mm if the file is in mm.
+/// The points of a file: PLY, PCD, LAS, LAZ, E57 or STL (the corners of its triangles, each once) by its first bytes, else
+/// numbers in columns (CSV). As they stand there: mm if the file is in mm. An E57 file has metres, which become mm.
 ///
 /// # Errors
 /// `bad_file` with what is wrong.
@@ -34,10 +34,13 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     } else if bytes.starts_with(b"LASF") {
         las::read(bytes)
     } else if bytes.starts_with(b"ASTM-E57") {
-        Err(ScanError::unreadable(
+        #[cfg(feature = "cloud-formats")]
+        return super::e57::read(bytes);
+        #[cfg(not(feature = "cloud-formats"))]
+        return Err(ScanError::unreadable(
             "bad_file",
-            "it is an E57 file, which is not read: write it as PLY, PCD or LAS",
-        ))
+            "it is an E57 file, which this build does not read: write it as PLY, PCD or LAS",
+        ));
     } else if pcd::is_pcd(bytes) {
         pcd::read(bytes)
     } else if crate::surface::is_stl(bytes) {
@@ -47,9 +50,8 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     }
 }
 
-/// Whether the first bytes are those of a format that has no reader point by point, here: PCD, LAS, or E57, which is
-/// refused by name.
-pub(crate) fn is_whole(begin: &[u8]) -> bool {
+/// Whether the first bytes are those of a format that has no reader point by point: PCD, LAS, LAZ, E57.
+pub(super) fn is_whole(begin: &[u8]) -> bool {
     begin.starts_with(b"LASF") || begin.starts_with(b"ASTM-E57") || pcd::is_pcd(begin)
 }
 
