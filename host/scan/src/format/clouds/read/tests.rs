@@ -286,7 +286,7 @@ fn damage_in_the_files_of_others_is_named() {
                 .wrapping_add(1_442_695_040_888_963_407);
             let at = (seed >> 33) as usize % bytes.len();
             bytes[at] ^= (seed >> 24) as u8 | 1;
-            if seed % 4 == 0 {
+            if seed.is_multiple_of(4) {
                 bytes.truncate(at);
             }
             match cloud_from_bytes(&bytes) {
