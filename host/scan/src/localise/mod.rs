@@ -1,5 +1,6 @@
 //! Where a part is in a scan, without a first guess, or why the scan does not say.
 
+mod alone;
 pub mod fiducials;
 mod field;
 mod fit;

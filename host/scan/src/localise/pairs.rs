@@ -4,12 +4,13 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix6, Vector6};
 
 use super::field::HeightField;
 use super::oriented::{Oriented, sample};
 use crate::parallel::Threads;
-use crate::rigid::{Pose, Vec3};
+use crate::rigid::{Pose, Vec3, stepped};
+use crate::solve::pseudo_solve;
 use crate::surface::Mesh;
 
 /// Points of the model that pairs are made of.
@@ -32,7 +33,8 @@ pub(super) struct Prepared {
     pub field: HeightField,
     pub diagonal: f64,
     pub corners: [Vec3; 8],
-    normals: Vec<Vec3>,
+    /// Of each triangle its normal, and how far from the origin its plane is along it, in mm.
+    planes: Vec<(Vec3, f64)>,
     /// Whether there is an inside in which no point can be.
     closed: bool,
     pairs: HashMap<u32, Vec<(u16, f32)>>,
@@ -120,7 +122,11 @@ impl Prepared {
         Self {
             field: HeightField::new(mesh, threads),
             corners: mesh.corners(),
-            normals: mesh.triangles().iter().map(|t| t.normal).collect(),
+            planes: mesh
+                .triangles()
+                .iter()
+                .map(|t| (t.normal, t.normal.dot(&t.corners[0])))
+                .collect(),
             samples,
             diagonal,
             closed: mesh.is_closed(),
@@ -145,7 +151,7 @@ impl Prepared {
                 let looks = motion
                     .rotation
                     .tr_mul(&q.normal)
-                    .dot(&self.normals[face])
+                    .dot(&self.planes[face].0)
                     .abs();
                 if looks > 0.8 || q.normal == Vec3::zeros() {
                     score += 1.0 - distance.abs() / coarse;
@@ -157,6 +163,40 @@ impl Prepared {
         score
     }
 
+    /// A pose moved to where the points near its surface fit its planes: a few rough steps, with the field alone. What
+    /// votes propose is off by half a step of each angle.
+    fn moved_near(&self, scene: &[Oriented], motion: &Pose) -> Pose {
+        let about = self.corners.iter().sum::<Vec3>() / 8.0;
+        let arm = self.diagonal / 2.0;
+        let mut motion = *motion;
+        for reach in [4.0, 3.5, 3.0, 2.0, 1.5, 1.0] {
+            let reach = reach * self.coarse_mm();
+            let mut h = Matrix6::zeros();
+            let mut g = Vector6::zeros();
+            for q in scene {
+                let p = motion.undo(&q.at);
+                let Some((_, face)) = self.field.at(&p).filter(|(d, _)| d.abs() < reach) else {
+                    continue;
+                };
+                let (normal, height) = self.planes[face];
+                let off = normal.dot(&p) - height;
+                let looks = motion.rotation.tr_mul(&q.normal).dot(&normal).abs();
+                if off.abs() >= reach || (q.is_oriented() && looks < 0.7) {
+                    continue;
+                }
+                let weight = (1.0 - (off / reach).powi(2)).powi(2);
+                let turn = (p - about).cross(&normal) / arm;
+                let row = Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z);
+                h += row * row.transpose() * weight;
+                g -= row * (weight * off);
+            }
+            let x = pseudo_solve(&h, &g, 1e-3);
+            let x = Vector6::new(x[0] / arm, x[1] / arm, x[2] / arm, x[3], x[4], x[5]);
+            motion = motion.after(&stepped(&Pose::identity(), &x, &about).inverse());
+        }
+        motion
+    }
+
     /// The best proposals for a scene, distinct, best first.
     pub fn search(&self, scene: &[Oriented], count: usize, threads: Threads) -> Vec<Proposal> {
         let with_normal: Vec<Oriented> = scene
@@ -165,10 +205,11 @@ impl Prepared {
             .copied()
             .collect();
         let voters = spread(with_normal.len(), VOTERS);
-        let few: Vec<Oriented> = spread(scene.len(), 400)
-            .into_iter()
-            .map(|i| scene[i])
-            .collect();
+        let some = |most: usize| -> Vec<Oriented> {
+            let chosen = spread(scene.len(), most);
+            chosen.into_iter().map(|i| scene[i]).collect()
+        };
+        let (few, more, many) = (some(400), some(1200), some(2000));
         let mut all: Vec<Proposal> = threads
             .each(voters.len(), |k| {
                 let mut all = Vec::new();
@@ -182,18 +223,23 @@ impl Prepared {
             })
             .concat();
         sort(&mut all);
-        let mut best = self.distinct(&all, count * 8, 0.06);
-        let many: Vec<Oriented> = spread(scene.len(), 2000)
-            .into_iter()
-            .map(|i| scene[i])
-            .collect();
-        let scores = threads.each(best.len(), |i| self.score(&many, &best[i].motion));
-        for (proposal, score) in best.iter_mut().zip(scores) {
-            proposal.score = score;
+        let mut best = self.distinct(&all, count * 12, 0.06);
+        let moved = threads.each(best.len(), |i| {
+            let motion = self.moved_near(&more, &best[i].motion);
+            [motion, best[i].motion].map(|motion| Proposal {
+                motion,
+                score: self.score(&many, &motion),
+            })
+        });
+        for (proposal, [moved, voted]) in best.iter_mut().zip(moved) {
+            *proposal = if moved.score > voted.score {
+                moved
+            } else {
+                voted
+            };
         }
         sort(&mut best);
-        best.truncate(count);
-        best
+        self.distinct(&best, count, 0.03)
     }
 
     /// The first of `sorted` that lie apart by more than `share` of the diagonal, `count` at most.

@@ -1,10 +1,35 @@
 //! Poses against each other: which points one explains and the other does not.
 
+use std::cmp::Ordering;
+
 use super::fit::{Fit, INLIER, boxed};
+use super::oriented::Oriented;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::measure;
 use crate::surface::CompositeSurface;
+
+/// How far each point lies from the part where `motion` puts it, in units of `sigma_mm`, negative within the material;
+/// infinite far outside.
+pub(super) fn off(
+    surface: &CompositeSurface,
+    points: &[Vec3],
+    motion: &Pose,
+    sigma_mm: f64,
+    threads: Threads,
+) -> Vec<f64> {
+    let inside = boxed(surface, motion, CLEARLY * sigma_mm);
+    let place: Vec<usize> = (0..points.len()).filter(|&i| inside(&points[i])).collect();
+    let near: Vec<Vec3> = place.iter().map(|&i| points[i]).collect();
+    let mut off = vec![f64::INFINITY; points.len()];
+    for (m, i) in measure(surface, &near, motion, &[], threads)
+        .iter()
+        .zip(place)
+    {
+        off[i] = m.distance_mm / sigma_mm;
+    }
+    off
+}
 
 /// Which points lie on the part where `motion` puts it.
 pub(super) fn explained(
@@ -14,18 +39,8 @@ pub(super) fn explained(
     sigma_mm: f64,
     threads: Threads,
 ) -> Vec<bool> {
-    let limit = INLIER * sigma_mm;
-    let inside = boxed(surface, motion, limit);
-    let place: Vec<usize> = (0..points.len()).filter(|&i| inside(&points[i])).collect();
-    let near: Vec<Vec3> = place.iter().map(|&i| points[i]).collect();
-    let mut seen = vec![false; points.len()];
-    for (m, i) in measure(surface, &near, motion, &[], threads)
-        .iter()
-        .zip(place)
-    {
-        seen[i] = m.distance_mm.abs() < limit;
-    }
-    seen
+    let off = off(surface, points, motion, sigma_mm, threads);
+    off.into_iter().map(on).collect()
 }
 
 /// By how many points the first explains more than the second, and what of that chance can be.
@@ -35,6 +50,78 @@ pub(super) fn advantage(first: &[bool], second: &[bool]) -> (f64, f64) {
     (mine - theirs, 5.0 * (mine + theirs).sqrt() + 8.0)
 }
 
+/// A point this many times the noise off is none of the part's, whatever the noise of either pose does.
+const CLEARLY: f64 = 3.0 * INLIER;
+
+/// Points in the air that what lies within material can support.
+const LEAST_IN_AIR: f64 = 3.0;
+
+/// Whether a point at this distance ([`off`]) lies on the part.
+pub(super) fn on(off: f64) -> bool {
+    off.abs() < INLIER
+}
+
+/// Which of two poses the points ([`off`]) speak for: the first if greater, the second if less, neither if equal.
+///
+/// Points on the one that stand clearly in the air by the other are not of the other: few of them are enough, more than
+/// stray points make where the surfaces part (`own_share` of the model's surface). Points that lie within the other's
+/// material only say that something of it is missing there. A pin that no scan shows may have been left out, so they
+/// must be many.
+pub(super) fn compare(first: &[f64], second: &[f64], own_share: f64) -> Ordering {
+    let (mut air, mut all, mut strays) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    for (a, b) in first.iter().zip(second) {
+        for (k, (here, there)) in [(a, b), (b, a)].into_iter().enumerate() {
+            if on(*here) && there.abs() > CLEARLY {
+                all[k] += 1.0;
+                if *there > 0.0 {
+                    air[k] += 1.0;
+                }
+            } else if !on(*here) && here.abs() <= CLEARLY {
+                strays[k] += 1.0;
+            }
+        }
+    }
+    let net = |of: [f64; 2]| of[0] - of[1];
+    let sum = |of: [f64; 2]| of[0] + of[1];
+    // Stray points fall to either pose by the toss of a coin; and the layers beside the surface, twice as thick as that
+    // on it, tell how many there are at all.
+    let tossed = 3.0 * sum(air).sqrt();
+    let strays = (f64::max(strays[0], strays[1]) / 2.0 + 1.0) * own_share;
+    let stray = strays + 3.0 * strays.sqrt() + 5.0;
+    let many = 5.0 * sum(all).sqrt() + 8.0;
+    let speaks = net(air).abs();
+    // What lies within the other's material supports them, if they are some.
+    let inside = (net(all) - net(air)) * net(air).signum();
+    let supported = if speaks >= LEAST_IN_AIR {
+        speaks + inside.max(0.0) / 3.0
+    } else {
+        speaks
+    };
+    let by_air = (speaks > tossed || supported > stray) && speaks + inside > 0.5 * speaks;
+    if by_air {
+        net(air).total_cmp(&0.0)
+    } else if net(all).abs() > many {
+        net(all).total_cmp(&0.0)
+    } else {
+        Ordering::Equal
+    }
+}
+
+/// The share of the model's surface that is clearly off the surface after a motion of the model.
+pub(super) fn own_share(
+    surface: &CompositeSurface,
+    samples: &[Oriented],
+    turn: &Pose,
+    sigma_mm: f64,
+    threads: Threads,
+) -> f64 {
+    let points: Vec<Vec3> = samples.iter().map(|s| s.at).collect();
+    let off = off(surface, &points, turn, sigma_mm, threads);
+    let apart = off.iter().filter(|off| off.abs() > CLEARLY).count();
+    // As many more as chance may have left out.
+    (apart as f64 + 3.0) / points.len().max(1) as f64
+}
+
 /// The best first.
 pub(super) fn sort(fits: &mut [Fit]) {
     fits.sort_by(|a, b| {
@@ -42,4 +129,42 @@ pub(super) fn sort(fits: &mut [Fit]) {
             .cmp(&a.inliers)
             .then(a.sigma_mm.total_cmp(&b.sigma_mm))
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Distances of points to two poses: so many on both, and on the one alone where the other has this.
+    fn seen(both: usize, alone: &[(usize, f64)]) -> [Vec<f64>; 2] {
+        let mut of = [vec![0.5; both], vec![0.5; both]];
+        for &(count, there) in alone {
+            of[0].extend(std::iter::repeat_n(-0.5, count));
+            of[1].extend(std::iter::repeat_n(there, count));
+        }
+        of
+    }
+
+    fn says(alone: &[(usize, f64)], strays: usize) -> Ordering {
+        let [mut first, mut second] = seen(1000, alone);
+        first.extend(vec![8.0; strays]);
+        second.extend(vec![-8.0; strays]);
+        let way = compare(&first, &second, 0.02);
+        assert_eq!(compare(&second, &first, 0.02), way.reverse());
+        way
+    }
+
+    #[test]
+    fn few_points_in_the_air_of_the_other_pose_decide_and_as_few_within_it_do_not() {
+        assert_eq!(says(&[(7, 50.0)], 4), Ordering::Greater);
+        assert_eq!(says(&[(4, 50.0)], 4), Ordering::Equal);
+        // Just off, as the noise of either pose makes them: no word.
+        assert_eq!(says(&[(30, 8.0)], 4), Ordering::Equal);
+        // Where a pin would hide them, if it were there.
+        assert_eq!(says(&[(14, -50.0)], 4), Ordering::Equal);
+        assert_eq!(says(&[(60, -50.0)], 4), Ordering::Greater);
+        assert_eq!(says(&[(5, 50.0), (14, -50.0)], 4), Ordering::Greater);
+        // Among many stray points seven are nothing.
+        assert_eq!(says(&[(7, 50.0)], 900), Ordering::Equal);
+    }
 }

@@ -1,18 +1,15 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
-use nalgebra::{Matrix3, Vector6};
-
+use super::LocaliseTask;
 use super::fit::{self, Fit};
 use super::oriented::from_seed;
-use super::pairs::{Prepared, Proposal};
+use super::pairs::Prepared;
 use super::rivals::{advantage, explained};
 use super::scene::{Scene, coverage};
-use super::symmetry::{self, SymmetryAxis};
-use super::uncertainty::{Groups, certainty};
-use super::{LocaliseTask, degenerate};
+use super::symmetry::SymmetryAxis;
 use crate::ScanError;
-use crate::rigid::{Pose, Vec3, rotation};
-use crate::solve::{eigen, measure};
+use crate::rigid::{Pose, Vec3};
+use crate::solve::measure;
 use crate::surface::CompositeSurface;
 
 /// A pose that stands.
@@ -40,10 +37,10 @@ pub(super) const UNITS: [(f64, &str); 5] = [
     (0.001, "micrometres"),
 ];
 
-struct Judge<'a> {
-    task: &'a LocaliseTask<'a>,
-    surface: &'a CompositeSurface,
-    prepared: Prepared,
+pub(super) struct Judge<'a> {
+    pub task: &'a LocaliseTask<'a>,
+    pub surface: &'a CompositeSurface,
+    pub prepared: Prepared,
 }
 
 /// How a fit is worth it.
@@ -105,7 +102,7 @@ pub(super) fn wrong_scale(factor: f64, unit: &str) -> ScanError {
     .with("unit", unit)
 }
 
-fn no_fit() -> ScanError {
+pub(super) fn no_fit() -> ScanError {
     ScanError::refused(
         "no_fit",
         "the part is not in this scan, or not as the model has it: no pose explains the points to within their noise",
@@ -174,7 +171,7 @@ impl Judge<'_> {
     }
 
     /// Points about where `motion` puts the part, few enough to try many poses.
-    fn around(&self, points: &[Vec3], motion: &Pose) -> Vec<Vec3> {
+    pub(super) fn around(&self, points: &[Vec3], motion: &Pose) -> Vec<Vec3> {
         let limit = 0.15 * self.prepared.diagonal;
         let near: Vec<Vec3> = points
             .iter()
@@ -190,7 +187,7 @@ impl Judge<'_> {
             .collect()
     }
 
-    fn floor(&self, scene: &Scene) -> f64 {
+    pub(super) fn floor(&self, scene: &Scene) -> f64 {
         (scene.noise_mm * 0.3).max(self.prepared.diagonal * 1e-7)
     }
 
@@ -211,7 +208,7 @@ impl Judge<'_> {
         })
     }
 
-    fn refine(&self, scene: &Scene, motion: &Pose) -> Option<Fit> {
+    pub(super) fn refine(&self, scene: &Scene, motion: &Pose) -> Option<Fit> {
         // Enough to tell poses apart; what is printed uses all points.
         let few: Vec<Vec3> = super::pairs::spread(scene.fine.len(), COMPARED)
             .into_iter()
@@ -359,236 +356,9 @@ impl Judge<'_> {
         }
         Ok(())
     }
-
-    /// The best fit if no other explains the scan as well.
-    fn only_one(&self, scene: &Scene, fits: &[Fit]) -> Result<Decided, ScanError> {
-        let threads = self.task.threads;
-        let best = &fits[0];
-        let sigma = best.sigma_mm.max(scene.noise_mm);
-        let own = explained(self.surface, &scene.fine, &best.motion, sigma, threads);
-        let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
-        let on: Vec<usize> = (0..own.len()).filter(|&i| own[i]).collect();
-        let mut sure = certainty(
-            &scene.fine,
-            &measured,
-            &on,
-            &best.motion,
-            sigma,
-            Groups::default(),
-        );
-        if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
-            sure.free = sliding(&axis);
-            return Err(degenerate(&sure, "part"));
-        }
-        if !sure.free.is_empty() {
-            return self.free(scene, best, &own, sigma, &sure);
-        }
-        let thinned: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let reach = 0.03 * self.prepared.diagonal;
-        let mut tried = vec![best.motion];
-        let mut equal: Vec<Pose> = Vec::new();
-        let mut try_one = |motion: &Pose, equal: &mut Vec<Pose>| {
-            // Most turns of a part are far from fitting: seen without refining all points.
-            let rough = fit::settle(
-                self.surface,
-                &self.around(&thinned, motion),
-                motion,
-                reach,
-                self.floor(scene),
-                3,
-                threads,
-            );
-            let Some(rough) = rough else {
-                return;
-            };
-            let other = explained(
-                self.surface,
-                &scene.fine,
-                &rough.motion,
-                2.0 * sigma,
-                threads,
-            );
-            let (more, chance) = advantage(&own, &other);
-            if more > 2.0 * chance + 0.15 * on.len() as f64 {
-                return;
-            }
-            let Some(fit) = self.refine(scene, &rough.motion) else {
-                return;
-            };
-            if tried.iter().any(|t| {
-                t.apart_mm(&fit.motion, &self.prepared.corners) < 0.02 * self.prepared.diagonal
-            }) {
-                return;
-            }
-            tried.push(fit.motion);
-            let other = explained(self.surface, &scene.fine, &fit.motion, sigma, threads);
-            let (more, chance) = advantage(&own, &other);
-            if more < chance {
-                equal.push(fit.motion);
-            }
-        };
-        for fit in &fits[1..] {
-            try_one(&fit.motion, &mut equal);
-        }
-        for own_turn in self.turns() {
-            try_one(&best.motion.after(&own_turn), &mut equal);
-        }
-        // What two of them make together is one more.
-        for _ in 0..2 {
-            let known = equal.clone();
-            for a in &known {
-                for b in &known {
-                    if equal.len() < 24 {
-                        let turn = best.motion.inverse().after(a);
-                        try_one(&b.after(&turn), &mut equal);
-                    }
-                }
-            }
-        }
-        if equal.is_empty() {
-            return Ok(Decided {
-                fit: best.clone(),
-                symmetries: Vec::new(),
-            });
-        }
-        let motions: Vec<Pose> = equal
-            .iter()
-            .map(|m| best.motion.inverse().after(m))
-            .collect();
-        let axes = symmetry::axes(&motions);
-        self.alike(best, axes, &equal)
-    }
-
-    /// The normal of the only side that the scan shows of the part, if it shows but one. Along such a side only the
-    /// outline holds the part, and an outline is far worse than the noise of the points claims.
-    fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
-        let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let own = explained(self.surface, &at, motion, sigma, self.task.threads);
-        let spread: Matrix3<f64> = scene
-            .places
-            .iter()
-            .zip(own)
-            .filter(|(_, own)| *own)
-            .map(|(o, _)| o.normal * o.normal.transpose())
-            .sum();
-        let (values, vectors) = eigen(&spread);
-        (values[1] < ONE_SIDE * values[2]).then(|| vectors.column(2).into_owned())
-    }
-
-    /// Turns of the part that leave half of it about where it was.
-    fn turns(&self) -> Vec<Pose> {
-        let prepared = &self.prepared;
-        let mut all: Vec<Proposal> = symmetry::candidates(prepared)
-            .into_iter()
-            .map(|motion| Proposal { motion, score: 0.0 })
-            .chain(prepared.search(&prepared.samples, 60, self.task.threads))
-            .collect();
-        for proposal in &mut all {
-            proposal.score = prepared.score(&prepared.samples, &proposal.motion);
-        }
-        let whole = prepared.score(&prepared.samples, &Pose::identity());
-        super::pairs::sort(&mut all);
-        prepared
-            .distinct(&all, 40, 0.05)
-            .into_iter()
-            .filter(|p| p.score > 0.45 * whole)
-            .map(|p| p.motion)
-            .collect()
-    }
-
-    /// A motion is free: an axis of the part, or a scan that shows too little.
-    fn free(
-        &self,
-        scene: &Scene,
-        best: &Fit,
-        own: &[bool],
-        sigma: f64,
-        sure: &super::Certainty,
-    ) -> Result<Decided, ScanError> {
-        let [v] = sure.free.as_slice() else {
-            return Err(degenerate(sure, "part"));
-        };
-        let w = Vec3::new(v[0], v[1], v[2]);
-        let d = Vec3::new(v[3], v[4], v[5]);
-        if w.norm() * self.prepared.diagonal < 0.05 * d.norm() {
-            return Err(degenerate(sure, "part"));
-        }
-        let direction = w.normalize();
-        // q moves by w × (q − about) + d: none of it on the axis.
-        let point = sure.about_mm + w.cross(&d) / w.norm_squared();
-        let turned = |angle: f64| {
-            let r = rotation(&(direction * angle));
-            Pose {
-                rotation: r * best.motion.rotation,
-                translation_mm: r * (best.motion.translation_mm - point) + point,
-            }
-        };
-        let alike: Vec<Pose> = [1.0, 2.1, 3.2, 4.3, 5.4]
-            .iter()
-            .map(|angle| turned(*angle))
-            .filter_map(|motion| self.refine(scene, &motion))
-            .filter(|fit| {
-                let other = explained(
-                    self.surface,
-                    &scene.fine,
-                    &fit.motion,
-                    sigma,
-                    self.task.threads,
-                );
-                let (more, chance) = advantage(own, &other);
-                more < chance + 0.01 * count(own) as f64
-            })
-            .map(|fit| fit.motion)
-            .collect();
-        if alike.len() < 5 {
-            return Err(degenerate(sure, "part"));
-        }
-        let axis = SymmetryAxis {
-            axis: best.motion.rotation.tr_mul(&direction),
-            point_mm: best.motion.undo(&point),
-            order: 0,
-        };
-        self.alike(best, vec![axis], &alike)
-    }
-
-    fn alike(
-        &self,
-        best: &Fit,
-        axes: Vec<SymmetryAxis>,
-        equal: &[Pose],
-    ) -> Result<Decided, ScanError> {
-        if self.task.accept_symmetry {
-            return Ok(Decided {
-                fit: best.clone(),
-                symmetries: axes,
-            });
-        }
-        let poses: Vec<Pose> = std::iter::once(&best.motion)
-            .chain(equal)
-            .copied()
-            .collect();
-        Err(symmetry::ambiguous(
-            &axes,
-            &poses,
-            "the scan looks the same in other poses of the part",
-            "scan what tells them apart, or say --accept-symmetry if any of them will do",
-        ))
-    }
 }
 
 /// How many.
-fn count(seen: &[bool]) -> usize {
+pub(super) fn count(seen: &[bool]) -> usize {
     seen.iter().filter(|s| **s).count()
-}
-
-/// A scan shows one side if its normals spread less than this to all others, in squares.
-const ONE_SIDE: f64 = 0.01;
-
-/// What a flat side leaves free: both shifts along it, and the turn about its normal.
-fn sliding(normal: &Vec3) -> Vec<Vector6<f64>> {
-    let along = normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize();
-    let across = normal.cross(&along);
-    let shift = |v: &Vec3| Vector6::new(0.0, 0.0, 0.0, v.x, v.y, v.z);
-    let turn = Vector6::new(normal.x, normal.y, normal.z, 0.0, 0.0, 0.0);
-    vec![shift(&along), shift(&across), turn]
 }

@@ -10,7 +10,7 @@ const ASKED: usize = 16;
 
 /// The numbers of the spikes, and the other points.
 ///
-/// A spike differs from the median of its neighbours by more than twenty times what neighbours differ by and 0.2 mm,
+/// A spike differs from the median of its neighbours by more than twelve times what neighbours differ by and 0.2 mm,
 /// and none of them differs by more than three quarters as much: an edge, or a dent that two points show, is no spike.
 /// When in doubt a point stays: to leave out a true one could turn NG into OK.
 pub(super) fn part(
@@ -36,7 +36,7 @@ pub(super) fn part(
         (own, alike)
     });
     let mut sizes: Vec<f64> = around.iter().map(|(own, _)| own.abs()).collect();
-    let limit = 20.0 * 1.4826 * median(&mut sizes) + 0.2;
+    let limit = 12.0 * 1.4826 * median(&mut sizes) + 0.2;
     let is_spike = |i: usize| {
         let (own, alike) = around[i];
         own.abs() > limit && alike < 0.75 * own.abs()

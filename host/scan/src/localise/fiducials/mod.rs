@@ -296,8 +296,8 @@ struct Searched {
     /// Scan from machine.
     machine: Pose,
     symmetries: Vec<SymmetryAxis>,
-    /// Fiducials that hold it; 0 if they leave a motion free.
-    agreeing: usize,
+    /// Whether no motion is left free.
+    held: bool,
     /// Whether something looks like a fiducial that is not at its place.
     elsewhere: bool,
 }

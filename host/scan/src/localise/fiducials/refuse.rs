@@ -23,6 +23,8 @@ const LOOSE: Tolerance = Tolerance {
 };
 /// Matches that are tried with the points themselves.
 const TRIED: usize = 12;
+/// A mirror image that shows this many times the points is the right one.
+const FAR_MORE: f64 = 1.3;
 
 /// A match tried with the points.
 struct Tried {
@@ -39,26 +41,49 @@ struct Tried {
 }
 
 impl Tried {
+    /// Fiducials that agree: one at least, of two that disagree too.
+    fn agreeing(&self) -> usize {
+        agreeing(&self.seen, &self.strays)
+    }
+
     /// What speaks for it, the most important first.
     fn worth(&self) -> (bool, usize, bool, usize) {
-        let agreeing = self.seen.own.len() - self.strays.len();
-        (self.held, agreeing, self.strays.is_empty(), self.points)
+        // One that stands near its place and disagrees speaks for the pose too, half as much: by a wrong pose it would
+        // not stand there at all.
+        let standing = self.seen.own.len() + self.agreeing();
+        (self.held, standing, self.strays.is_empty(), self.points)
     }
+}
+
+/// What speaks for a pose, or for the best one of those that were refused.
+#[derive(Clone, Copy, Debug, Default)]
+struct Evidence {
+    /// Fiducials that agree.
+    agreeing: usize,
+    /// The points on all of them.
+    points: usize,
+}
+
+/// How many of those seen agree with each other.
+fn agreeing(seen: &Seen, strays: &[Stray]) -> usize {
+    seen.own.len().saturating_sub(strays.len()).max(1)
 }
 
 /// The pose that the scan stands for.
 pub(super) fn search(task: &FiducialTask<'_>) -> Result<Searched, ScanError> {
     let sought = Sought::new(task);
-    let result = direct(&sought);
+    let (here, result) = direct(&sought);
+    // The faces of a box and its mirror image are the same: only how many of them are where they should be differs.
+    let is_body = |f: &super::Fiducial| matches!(f.shape, super::FiducialShape::Mesh(_));
+    let bodies = task.fiducials.iter().any(is_body);
     match &result {
-        Ok(found) if !found.elsewhere => {}
-        Ok(found) => mirrored(task, found.agreeing)?,
+        Ok(found) if !found.elsewhere && !bodies => {}
+        Ok(_) => mirrored(task, here)?,
         Err(error) if ["fiducials_disagree", "ambiguous"].contains(&error.code) => {
-            let here = error.details.get("agreeing").and_then(Value::as_u64);
-            mirrored(task, here.unwrap_or(0) as usize)?;
+            mirrored(task, here)?;
         }
         Err(error) if error.code == "no_fiducial" => {
-            mirrored(task, 0)?;
+            mirrored(task, Evidence::default())?;
             other_unit(task)?;
         }
         Err(_) => {}
@@ -66,23 +91,31 @@ pub(super) fn search(task: &FiducialTask<'_>) -> Result<Searched, ScanError> {
     result
 }
 
-/// How many fiducials hold the pose in other points than those of the scan.
-fn agreeing(task: &FiducialTask<'_>, points: &[Vec3]) -> usize {
+/// What speaks for a pose in other points than those of the scan; nothing if there is none.
+fn evidence(task: &FiducialTask<'_>, points: &[Vec3]) -> Evidence {
     let task = FiducialTask {
         points,
         ..task.clone()
     };
-    direct(&Sought::new(&task)).map_or(0, |found| found.agreeing)
+    let (evidence, result) = direct(&Sought::new(&task));
+    match result {
+        Ok(found) if found.held => evidence,
+        _ => Evidence::default(),
+    }
 }
 
-/// Refuses if the scan shows more than `here` fiducials in a mirror.
-fn mirrored(task: &FiducialTask<'_>, here: usize) -> Result<(), ScanError> {
+/// Refuses if the mirror image of the scan shows more than is seen `here`: more fiducials, or as many and far more of them.
+fn mirrored(task: &FiducialTask<'_>, here: Evidence) -> Result<(), ScanError> {
     let mirrored: Vec<Vec3> = task
         .points
         .iter()
         .map(|p| Vec3::new(-p.x, p.y, p.z))
         .collect();
-    if agreeing(task, &mirrored) > here {
+    let there = evidence(task, &mirrored);
+    let share = there.points as f64 / here.points.max(1) as f64;
+    if there.agreeing > here.agreeing && share > 0.9
+        || there.agreeing == here.agreeing && share > FAR_MORE
+    {
         return Err(ScanError::refused(
             "mirrored",
             "the fiducials fit the mirror image of the scan: an axis of the scanner has its sign lost, or the file of fiducials does",
@@ -108,14 +141,15 @@ fn other_unit(task: &FiducialTask<'_>) -> Result<(), ScanError> {
             continue;
         }
         let points: Vec<Vec3> = task.points.iter().map(|p| p * factor).collect();
-        if agreeing(task, &points) > 0 {
+        if evidence(task, &points).agreeing > 0 {
             return Err(super::super::verdict::wrong_scale(factor, name));
         }
     }
     Ok(())
 }
 
-fn direct(sought: &Sought<'_>) -> Result<Searched, ScanError> {
+/// The pose by the scan as it is, with what speaks for the best one.
+fn direct(sought: &Sought<'_>) -> (Evidence, Result<Searched, ScanError>) {
     let features = sought.features();
     let matching = Matching::new(sought, &features, TIGHT);
     let mut tried: Vec<Tried> = matching
@@ -125,20 +159,33 @@ fn direct(sought: &Sought<'_>) -> Result<Searched, ScanError> {
         .filter_map(|m| attempt(sought, &features, &matching, m))
         .collect();
     tried.sort_by_key(|t| std::cmp::Reverse(t.worth()));
-    let loose = |least: usize| {
-        let matching = Matching::new(sought, &features, LOOSE);
+    let mut evidence = tried.first().map_or_else(Evidence::default, |t| Evidence {
+        agreeing: t.agreeing(),
+        points: t.points,
+    });
+    let result = judged(sought, &features, &tried, &mut evidence);
+    (evidence, result)
+}
+
+fn judged(
+    sought: &Sought<'_>,
+    features: &[Feature],
+    tried: &[Tried],
+    evidence: &mut Evidence,
+) -> Result<Searched, ScanError> {
+    let mut loose = |least: usize| {
+        let matching = Matching::new(sought, features, LOOSE);
         let found = matching.all().into_iter().find(|m| m.pairs.len() > least);
-        found.map(|m| loosely(sought, &features, &m))
+        found.map(|m| loosely(sought, features, &m, evidence))
     };
     let Some(best) = tried.first() else {
         return Err(match loose(1) {
             Some(error) => error,
-            None => nothing(sought, &features),
+            None => nothing(sought, features),
         });
     };
     if !best.strays.is_empty() {
-        let agreeing = best.seen.own.len() - best.strays.len();
-        return Err(disagree(sought, &best.strays).with("agreeing", agreeing));
+        return Err(disagree(sought, &best.strays));
     }
     if !best.near.is_empty() {
         let strays: Vec<Stray> = best
@@ -149,7 +196,7 @@ fn direct(sought: &Sought<'_>) -> Result<Searched, ScanError> {
                 off_mm: *off_mm,
             })
             .collect();
-        return Err(disagree(sought, &strays).with("agreeing", best.seen.own.len()));
+        return Err(disagree(sought, &strays));
     }
     if !best.held {
         return match loose(best.seen.own.len()) {
@@ -158,15 +205,15 @@ fn direct(sought: &Sought<'_>) -> Result<Searched, ScanError> {
             None => Ok(found(best, Vec::new())),
         };
     }
-    alone(sought, &tried)?;
-    only_one(sought, &tried)
+    alone(sought, tried)?;
+    only_one(sought, tried)
 }
 
 fn found(best: &Tried, symmetries: Vec<super::SymmetryAxis>) -> Searched {
     Searched {
         machine: best.seen.machine,
         symmetries,
-        agreeing: if best.held { best.seen.own.len() } else { 0 },
+        held: best.held,
         elsewhere: !best.elsewhere.is_empty(),
     }
 }
@@ -415,7 +462,12 @@ fn nothing(sought: &Sought<'_>, features: &[Feature]) -> ScanError {
 }
 
 /// Fiducials that are all there, but not where the file has them.
-fn loosely(sought: &Sought<'_>, features: &[Feature], m: &Match) -> ScanError {
+fn loosely(
+    sought: &Sought<'_>,
+    features: &[Feature],
+    m: &Match,
+    evidence: &mut Evidence,
+) -> ScanError {
     let fiducials = sought.task.fiducials;
     let mut seen = Seen {
         machine: m.machine,
@@ -431,11 +483,16 @@ fn loosely(sought: &Sought<'_>, features: &[Feature], m: &Match) -> ScanError {
     let strays = if seen.own.is_empty() {
         Vec::new()
     } else {
-        seen.settled(sought).strays(sought)
+        seen = seen.settled(sought);
+        seen.strays(sought)
     };
     if strays.is_empty() {
         nothing(sought, features)
     } else {
+        *evidence = Evidence {
+            agreeing: agreeing(&seen, &strays),
+            points: seen.own.iter().map(|(_, own)| own.on.len()).sum(),
+        };
         disagree(sought, &strays)
     }
 }

@@ -1,0 +1,277 @@
+//! Whether a fit is the only one that explains the scan.
+
+use std::cmp::Ordering;
+
+use nalgebra::{Matrix3, Vector6};
+
+use super::degenerate;
+use super::fit::{self, Fit};
+use super::pairs::Proposal;
+use super::rivals::{advantage, compare, explained, off, on, own_share};
+use super::scene::Scene;
+use super::symmetry::{self, SymmetryAxis};
+use super::uncertainty::{Groups, certainty};
+use super::verdict::{Decided, Judge, count, no_fit};
+use crate::ScanError;
+use crate::rigid::{Pose, Vec3, rotation};
+use crate::solve::{eigen, measure};
+
+/// What else explains a scan.
+enum Rivals {
+    None,
+    /// These as well, by these axes of the part.
+    Equal(Vec<SymmetryAxis>, Vec<Pose>),
+    Better(Fit),
+}
+
+/// How often a better pose takes the place of the best one at most.
+const BETTER: usize = 6;
+
+impl Judge<'_> {
+    /// The best fit if no other explains the scan as well.
+    pub(super) fn only_one(&self, scene: &Scene, fits: &[Fit]) -> Result<Decided, ScanError> {
+        let mut best = fits[0].clone();
+        // A rival may turn out to be better than what stood first by the mere number of points.
+        for _ in 0..BETTER {
+            match self.rivals(scene, fits, &best)? {
+                Rivals::None => {
+                    return Ok(Decided {
+                        fit: best,
+                        symmetries: Vec::new(),
+                    });
+                }
+                Rivals::Equal(axes, equal) => return self.alike(&best, axes, &equal),
+                Rivals::Better(better) => best = better,
+            }
+        }
+        Err(no_fit())
+    }
+
+    /// The poses that explain the scan as well as `best`.
+    fn rivals(&self, scene: &Scene, fits: &[Fit], best: &Fit) -> Result<Rivals, ScanError> {
+        let threads = self.task.threads;
+        let sigma = best.sigma_mm.max(scene.noise_mm);
+        let own = off(self.surface, &scene.fine, &best.motion, sigma, threads);
+        let explained_own: Vec<bool> = own.iter().map(|o| on(*o)).collect();
+        let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
+        let held: Vec<usize> = (0..own.len()).filter(|&i| explained_own[i]).collect();
+        let mut sure = certainty(
+            &scene.fine,
+            &measured,
+            &held,
+            &best.motion,
+            sigma,
+            Groups::default(),
+        );
+        if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
+            sure.free = sliding(&axis);
+            return Err(degenerate(&sure, "part"));
+        }
+        if !sure.free.is_empty() {
+            let (axis, alike) = self.free(scene, best, &explained_own, sigma, &sure)?;
+            return Ok(Rivals::Equal(vec![axis], alike));
+        }
+        let thinned: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
+        let reach = 0.03 * self.prepared.diagonal;
+        let mut tried = vec![best.motion];
+        let mut equal: Vec<Pose> = Vec::new();
+        // Some if it is better.
+        let mut try_one = |motion: &Pose, equal: &mut Vec<Pose>| -> Option<Fit> {
+            // Most turns of a part are far from fitting: seen without refining all points.
+            let rough = fit::settle(
+                self.surface,
+                &self.around(&thinned, motion),
+                motion,
+                reach,
+                self.floor(scene),
+                3,
+                threads,
+            )?;
+            let other = explained(
+                self.surface,
+                &scene.fine,
+                &rough.motion,
+                2.0 * sigma,
+                threads,
+            );
+            let (more, chance) = advantage(&explained_own, &other);
+            if more > 2.0 * chance + 0.15 * held.len() as f64 {
+                return None;
+            }
+            let fit = self.refine(scene, &rough.motion)?;
+            if tried.iter().any(|t| {
+                t.apart_mm(&fit.motion, &self.prepared.corners) < 0.02 * self.prepared.diagonal
+            }) {
+                return None;
+            }
+            tried.push(fit.motion);
+            let other = off(self.surface, &scene.fine, &fit.motion, sigma, threads);
+            let turn = best.motion.inverse().after(&fit.motion);
+            let samples = &self.prepared.samples;
+            let share = own_share(self.surface, samples, &turn, sigma, threads);
+            match compare(&own, &other, share) {
+                Ordering::Greater => None,
+                Ordering::Equal => {
+                    equal.push(fit.motion);
+                    None
+                }
+                Ordering::Less => Some(fit),
+            }
+        };
+        let others = fits.iter().map(|fit| fit.motion);
+        let turned = self.turns().into_iter().map(|own| best.motion.after(&own));
+        for motion in others.chain(turned) {
+            if let Some(better) = try_one(&motion, &mut equal) {
+                return Ok(Rivals::Better(better));
+            }
+        }
+        // What two of them make together is one more.
+        for _ in 0..2 {
+            let known = equal.clone();
+            for (a, b) in known.iter().flat_map(|a| known.iter().map(move |b| (a, b))) {
+                if equal.len() < 24 {
+                    let turn = best.motion.inverse().after(a);
+                    if let Some(better) = try_one(&b.after(&turn), &mut equal) {
+                        return Ok(Rivals::Better(better));
+                    }
+                }
+            }
+        }
+        if equal.is_empty() {
+            return Ok(Rivals::None);
+        }
+        let motions: Vec<Pose> = equal
+            .iter()
+            .map(|m| best.motion.inverse().after(m))
+            .collect();
+        Ok(Rivals::Equal(symmetry::axes(&motions), equal))
+    }
+
+    /// The normal of the only side that the scan shows of the part, if it shows but one. Along such a side only the
+    /// outline holds the part, and an outline is far worse than the noise of the points claims.
+    fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
+        let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
+        let own = explained(self.surface, &at, motion, sigma, self.task.threads);
+        let spread: Matrix3<f64> = scene
+            .places
+            .iter()
+            .zip(own)
+            .filter(|(_, own)| *own)
+            .map(|(o, _)| o.normal * o.normal.transpose())
+            .sum();
+        let (values, vectors) = eigen(&spread);
+        (values[1] < ONE_SIDE * values[2]).then(|| vectors.column(2).into_owned())
+    }
+
+    /// Turns of the part that leave half of it about where it was.
+    fn turns(&self) -> Vec<Pose> {
+        let prepared = &self.prepared;
+        let mut all: Vec<Proposal> = symmetry::candidates(prepared)
+            .into_iter()
+            .map(|motion| Proposal { motion, score: 0.0 })
+            .chain(prepared.search(&prepared.samples, 60, self.task.threads))
+            .collect();
+        for proposal in &mut all {
+            proposal.score = prepared.score(&prepared.samples, &proposal.motion);
+        }
+        let whole = prepared.score(&prepared.samples, &Pose::identity());
+        super::pairs::sort(&mut all);
+        prepared
+            .distinct(&all, 40, 0.05)
+            .into_iter()
+            .filter(|p| p.score > 0.45 * whole)
+            .map(|p| p.motion)
+            .collect()
+    }
+
+    /// A motion is free: an axis of the part, or a scan that shows too little.
+    fn free(
+        &self,
+        scene: &Scene,
+        best: &Fit,
+        own: &[bool],
+        sigma: f64,
+        sure: &super::Certainty,
+    ) -> Result<(SymmetryAxis, Vec<Pose>), ScanError> {
+        let [v] = sure.free.as_slice() else {
+            return Err(degenerate(sure, "part"));
+        };
+        let w = Vec3::new(v[0], v[1], v[2]);
+        let d = Vec3::new(v[3], v[4], v[5]);
+        if w.norm() * self.prepared.diagonal < 0.05 * d.norm() {
+            return Err(degenerate(sure, "part"));
+        }
+        let direction = w.normalize();
+        // q moves by w × (q − about) + d: none of it on the axis.
+        let point = sure.about_mm + w.cross(&d) / w.norm_squared();
+        let turned = |angle: f64| {
+            let r = rotation(&(direction * angle));
+            Pose {
+                rotation: r * best.motion.rotation,
+                translation_mm: r * (best.motion.translation_mm - point) + point,
+            }
+        };
+        let alike: Vec<Pose> = [1.0, 2.1, 3.2, 4.3, 5.4]
+            .iter()
+            .map(|angle| turned(*angle))
+            .filter_map(|motion| self.refine(scene, &motion))
+            .filter(|fit| {
+                let other = explained(
+                    self.surface,
+                    &scene.fine,
+                    &fit.motion,
+                    sigma,
+                    self.task.threads,
+                );
+                let (more, chance) = advantage(own, &other);
+                more < chance + 0.01 * count(own) as f64
+            })
+            .map(|fit| fit.motion)
+            .collect();
+        if alike.len() < 5 {
+            return Err(degenerate(sure, "part"));
+        }
+        let axis = SymmetryAxis {
+            axis: best.motion.rotation.tr_mul(&direction),
+            point_mm: best.motion.undo(&point),
+            order: 0,
+        };
+        Ok((axis, alike))
+    }
+
+    fn alike(
+        &self,
+        best: &Fit,
+        axes: Vec<SymmetryAxis>,
+        equal: &[Pose],
+    ) -> Result<Decided, ScanError> {
+        if self.task.accept_symmetry {
+            return Ok(Decided {
+                fit: best.clone(),
+                symmetries: axes,
+            });
+        }
+        let poses: Vec<Pose> = std::iter::once(&best.motion)
+            .chain(equal)
+            .copied()
+            .collect();
+        Err(symmetry::ambiguous(
+            &axes,
+            &poses,
+            "the scan looks the same in other poses of the part",
+            "scan what tells them apart, or say --accept-symmetry if any of them will do",
+        ))
+    }
+}
+
+/// A scan shows one side if its normals spread less than this to all others, in squares.
+const ONE_SIDE: f64 = 0.01;
+
+/// What a flat side leaves free: both shifts along it, and the turn about its normal.
+fn sliding(normal: &Vec3) -> Vec<Vector6<f64>> {
+    let along = normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize();
+    let across = normal.cross(&along);
+    let shift = |v: &Vec3| Vector6::new(0.0, 0.0, 0.0, v.x, v.y, v.z);
+    let turn = Vector6::new(normal.x, normal.y, normal.z, 0.0, 0.0, 0.0);
+    vec![shift(&along), shift(&across), turn]
+}
