@@ -168,6 +168,45 @@ fn a_block_is_ambiguous_about_three_axes_and_accepted_if_told() {
     assert_eq!(task.find().unwrap().symmetries.len(), 3);
 }
 
+/// The block with a square pin on it, off its middle.
+fn pinned() -> Mesh {
+    let pin = prism(
+        &[[15.0, 7.0], [21.0, 7.0], [21.0, 13.0], [15.0, 13.0]],
+        &[[0, 1, 2, 3]],
+        6.1,
+        [0.0, 0.0],
+    );
+    let corners = |m: &Mesh, up: f64| -> Vec<[Vec3; 3]> {
+        let lifted = |t: [Vec3; 3]| t.map(|c| c + Vec3::z() * up);
+        let all = m.triangles().iter();
+        all.map(|t| lifted(t.corners)).collect()
+    };
+    Mesh::new(&[corners(&block(), 0.0), corners(&pin, 14.9)].concat()).unwrap()
+}
+
+#[test]
+fn a_pin_that_ten_points_show_tells_the_poses_apart_and_one_that_none_shows_does_not() {
+    let model = pinned();
+    let mut random = Random(31);
+    let pose = random.pose();
+    let all = scan(&model, 4000, 0.02, &pose, &mut random, |_| true);
+    let on_pin = |q: &Vec3| pose.undo(q).z > 15.5;
+    // What the pin hides of the block, and what of it stands within.
+    let hidden = |q: &Vec3| {
+        let off = pose.undo(q) - Vec3::new(18.0, 10.0, 15.0);
+        off.xy().amax() < 3.2 && off.z.abs() < 0.5
+    };
+    let shown = |q: &&Vec3| !on_pin(q) && !hidden(q);
+    let block: Vec<Vec3> = all.iter().filter(shown).copied().collect();
+    let pin: Vec<Vec3> = all.iter().filter(|q| on_pin(q)).copied().collect();
+    assert_eq!(code(&model, &block), "ambiguous");
+    let few: Vec<Vec3> = pin.iter().step_by(pin.len() / 10).copied().collect();
+    assert!((10..13).contains(&few.len()), "{}", few.len());
+    let all = [block, few].concat();
+    let found = task(&model, &all).find().unwrap();
+    assert!(found.motion.apart_mm(&pose, &model.corners()) < 0.02);
+}
+
 #[test]
 fn what_is_not_this_part_is_refused_by_its_name() {
     let model = bracket();

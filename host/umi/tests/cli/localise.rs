@@ -165,3 +165,96 @@ fn a_file_of_fiducials_that_is_wrong_is_told_so() {
     let neither = run(&["scan", "localise", "optimum_balls.ply"]);
     assert_eq!(neither.status, 1);
 }
+
+/// Three balls on a table: what the scanner of a scene sees, and where they say that it stands.
+const SCENE: &str = "
+[scanner]
+position_mm = [60.0, -250.0, 380.0]
+look_at_mm = [70.0, 60.0, 30.0]
+field_deg = [34.0, 30.0]
+distance_mm = 460.0
+spacing_mm = 1.2
+noise_mm = 0.02
+drop_out = 0.02
+grazing_deg = 75.0
+baseline_mm = 100.0
+[[body]]
+name = \"TABLE\"
+shape = \"half_space\"
+[[body]]
+name = \"B1\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [0.0, 0.0, 50.0]
+[[body]]
+name = \"B2\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [150.0, 20.0, 35.0]
+[[body]]
+name = \"B3\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [40.0, 130.0, 60.0]
+[[body]]
+name = \"POST\"
+shape = { cone = { half_angle_deg = 20.0, height_mm = 40.0 } }
+position_mm = [90.0, 70.0, 40.0]
+";
+
+#[test]
+fn what_a_scanner_of_a_scene_sees_is_placed_where_it_stands() {
+    let folder = Folder::new();
+    let cell = folder.file("cell.toml", SCENE);
+    let balls: String = [
+        ("B1", "0, 0, 50"),
+        ("B2", "150, 20, 35"),
+        ("B3", "40, 130, 60"),
+    ]
+    .iter()
+    .map(|(name, at)| {
+        format!(
+            "[[fiducial]]\nname = \"{name}\"\nposition_mm = [{at}]\n\
+             shape = {{ sphere = {{ radius_mm = 12.7 }} }}\n"
+        )
+    })
+    .collect();
+    let balls = folder.file("balls.toml", balls);
+    let [cloud, again, pose] = ["scan.ply", "again.ply", "truth.json"].map(|f| folder.path(f));
+    let simulate = |out: &str, more: &[&str]| {
+        let args = ["scan", "simulate", &cell, "-o", out];
+        run(&[&args[..], more].concat()).exits(0).json()
+    };
+    let truth = simulate(&cloud, &["--pose", &pose, "--threads", "1"]);
+    assert!(truth["points"].as_u64().unwrap() > 20_000, "{truth}");
+    assert!(truth["shadowed"].as_u64().unwrap() > 100, "{truth}");
+    simulate(&again, &["--threads", "3"]);
+    assert_eq!(
+        std::fs::read(&cloud).unwrap(),
+        std::fs::read(&again).unwrap()
+    );
+    let got = run(&["scan", "localise", &cloud, "--fiducials", &balls])
+        .exits(0)
+        .json();
+    let written: Value = serde_json::from_slice(&std::fs::read(&pose).unwrap()).unwrap();
+    for p in ["[0, 0, 450]", "[80, 80, 400]", "[-80, 60, 500]"] {
+        let p: Value = serde_json::from_str(p).unwrap();
+        let (a, b) = (image(&got, &p), image(&written, &p));
+        let off = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.03, "{off}");
+    }
+    // What it cannot be asked.
+    let none = folder.path("none.ply");
+    let refused = |scene: &str, code: &str| {
+        let scene = folder.file("other.toml", scene);
+        let got = run(&["scan", "simulate", &scene, "-o", &none])
+            .exits(2)
+            .json();
+        assert_eq!(got["error"]["code"], code);
+        assert!(!std::path::Path::new(&none).exists());
+    };
+    refused("", "no_scanner");
+    let up = SCENE.replace("[70.0, 60.0, 30.0]", "[60.0, -250.0, 900.0]");
+    refused(&up, "nothing_seen");
+    refused(
+        &SCENE.replace("spacing_mm = 1.2", "spacing_mm = 0"),
+        "scene",
+    );
+}

@@ -6,7 +6,10 @@ use std::path::Path;
 use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
-use super::{Body, Group, PointSensorSpec, Scene, SceneError, SceneShape, joined, pose, range};
+use super::{
+    AreaScannerSpec, Body, Group, PointSensorSpec, Scene, SceneError, SceneShape, joined, pose,
+    range,
+};
 use crate::nc::{ControlSettings, OffsetSystem};
 
 /// The machine tool and its errors. All defaults are those of an ideal machine.
@@ -197,6 +200,7 @@ struct File {
     #[serde(default)]
     probe: ProbeSpec,
     point_sensor: Option<PointSensorSpec>,
+    scanner: Option<AreaScannerSpec>,
     #[serde(default)]
     offsets_mm: BTreeMap<String, [f64; 3]>,
     #[serde(default)]
@@ -272,6 +276,9 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
     }
     if let Some(sensor) = &file.point_sensor {
         sensor.check(file.probe.tool)?;
+    }
+    if let Some(scanner) = &file.scanner {
+        scanner.check()?;
     }
     let mut groups: Vec<Group> = Vec::new();
     for entry in file.groups {
@@ -380,6 +387,7 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
         control: file.control,
         probe: file.probe,
         point_sensor: file.point_sensor,
+        scanner: file.scanner,
         offsets_mm,
         setting_errors,
         tools,
@@ -441,6 +449,10 @@ impl SceneShape {
                 radius_mm,
                 height_mm,
             } => positive(&[radius_mm, height_mm]),
+            Self::Cone {
+                half_angle_deg,
+                height_mm,
+            } => positive(&[half_angle_deg, 90.0 - half_angle_deg, height_mm]),
             Self::Ring {
                 radius_mm,
                 outer_radius_mm,
@@ -459,8 +471,8 @@ impl SceneShape {
             }
         };
         (!sound).then_some(
-            "its dimensions must be above 0, `outer_radius_mm` larger than `radius_mm`, an arc no \
-             wider than its cylinder and higher than its sagitta",
+            "its dimensions must be above 0, `outer_radius_mm` larger than `radius_mm`, a cone's half \
+             angle below 90, an arc no wider than its cylinder and higher than its sagitta",
         )
     }
 }

@@ -24,6 +24,7 @@
 //! # Ok::<(), umi_virtual::scene::SceneError>(())
 //! ```
 
+mod area_scanner;
 mod error;
 mod file;
 mod mesh;
@@ -42,6 +43,7 @@ use umi_core::registration::RigidTransform;
 
 use crate::nc::OffsetSystem;
 
+pub use area_scanner::AreaScannerSpec;
 pub use error::SceneError;
 pub use file::{ControlSpec, MachineSpec, ProbeSpec, Stores, ToolSpec};
 pub use mesh::{BeamEnd, SceneMesh};
@@ -60,6 +62,8 @@ pub struct Scene {
     pub probe: ProbeSpec,
     /// Its distance sensor, if it has one.
     pub point_sensor: Option<PointSensorSpec>,
+    /// Its area scanner, if it has one.
+    pub scanner: Option<AreaScannerSpec>,
     /// Work offsets of the control at the start, machine coordinates.
     pub offsets_mm: Vec<(OffsetSystem, [f64; 3])>,
     /// Workpiece setting errors of the control (`G54.4 P`) by number: along X, Y, Z in mm,

@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 62] = [
+const RANGES: [(&str, f64, f64); 75] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -70,6 +70,19 @@ const RANGES: [(&str, f64, f64); 62] = [
     ("point_sensor.max_rate_hz", 1.0, 1e7),
     ("point_sensor.gain_error_ppm", -1e5, 1e5),
     ("point_sensor.power_max", 1e-3, 1e9),
+    ("scanner.position_mm", -FAR_MM, FAR_MM),
+    ("scanner.look_at_mm", -FAR_MM, FAR_MM),
+    ("scanner.field_deg", 0.1, 170.0),
+    ("scanner.distance_mm", 1.0, FAR_MM),
+    ("scanner.spacing_mm", 1e-3, 1000.0),
+    ("scanner.range_mm", 0.0, FAR_MM),
+    ("scanner.noise_mm", 0.0, 100.0),
+    ("scanner.shared_noise_mm", 0.0, 100.0),
+    ("scanner.shared_length_mm", 1e-2, FAR_MM),
+    ("scanner.grazing_deg", 1.0, 90.0),
+    ("scanner.drop_out", 0.0, 0.999),
+    ("scanner.spot_mm", 0.0, 100.0),
+    ("scanner.baseline_mm", -FAR_MM, FAR_MM),
     ("offsets_mm.*", -FAR_MM, FAR_MM),
     ("tools.*.length_mm", 0.0, 1000.0),
     ("tools.*.radius_mm", 1e-3, 500.0),
@@ -212,6 +225,20 @@ mod tests {
         max_rate_hz = 9000.0
         gain_error_ppm = 20.0
         power_max = 4095.0
+        [scanner]
+        position_mm = [0, 0, 300]
+        look_at_mm = [0, 0, 0]
+        field_deg = [20, 20]
+        distance_mm = 300
+        spacing_mm = 1
+        range_mm = [100, 500]
+        noise_mm = 0.02
+        shared_noise_mm = 0.01
+        shared_length_mm = 15
+        grazing_deg = 75
+        drop_out = 0.01
+        spot_mm = 0.3
+        baseline_mm = 120
         [offsets_mm]
         "G54.1P1" = [1.0, 2.0, 3.0]
         [tools.1]

@@ -34,6 +34,13 @@ pub enum SceneShape {
         /// Its height.
         height_mm: f64,
     },
+    /// A cone about Z with its apex at the origin, opening to −Z.
+    Cone {
+        /// Half of the angle at the apex, degrees.
+        half_angle_deg: f64,
+        /// From the apex to the base.
+        height_mm: f64,
+    },
     /// A ring about Z, its top at Z 0: a ring gauge, a bore in a plate.
     Ring {
         /// Radius of the bore.
@@ -101,6 +108,10 @@ impl SceneShape {
                 radius_mm,
                 height_mm,
             } => outside([from_axis - radius_mm, beyond(p.z, height_mm)]),
+            Self::Cone {
+                half_angle_deg,
+                height_mm,
+            } => in_cone(from_axis, p.z, half_angle_deg.to_radians(), height_mm),
             Self::Ring {
                 radius_mm,
                 outer_radius_mm,
@@ -161,6 +172,19 @@ fn under_arc(y: f64, z: f64, r: f64, width: f64, height: f64) -> f64 {
     let to_bottom = libm::hypot((y - width).max(0.0), z + height);
     let distance = to_arc.min(to_flank).min(to_bottom);
     let inside = y <= width && z >= -height && (z <= edge || from_axis <= r);
+    if inside { -distance } else { distance }
+}
+
+/// Distance in the section of [`SceneShape::Cone`], for r >= 0: a triangle with its apex at the origin.
+fn in_cone(r: f64, z: f64, half_angle: f64, height: f64) -> f64 {
+    let (s, c) = (libm::sin(half_angle), libm::cos(half_angle));
+    let slant = height / c;
+    // Along the slant line from the apex, and across it.
+    let along = (r * s - z * c).clamp(0.0, slant);
+    let to_slant = libm::hypot(r - along * s, z + along * c);
+    let to_base = libm::hypot((r - slant * s).max(0.0), z + height);
+    let inside = r * c + z * s <= 0.0 && z >= -height;
+    let distance = to_slant.min(to_base);
     if inside { -distance } else { distance }
 }
 

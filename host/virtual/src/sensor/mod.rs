@@ -21,6 +21,7 @@
 //!
 //! [`linearity_percent`]: PointSensorSpec::linearity_percent
 
+pub mod area;
 mod reading;
 #[cfg(test)]
 mod tests;

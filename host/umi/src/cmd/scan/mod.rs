@@ -20,6 +20,7 @@ mod pose;
 mod report;
 mod sample;
 mod scans;
+mod simulate;
 mod stock;
 mod thin;
 mod transform;
@@ -49,6 +50,7 @@ Examples:
     --at -8,-8,223.5 --size 16,16 --step 2,2 -o cloud.csv
   umi scan points readings.csv --calibration sensor.json -o cloud.csv
   umi scan stock part.stl raw.ply --require 0.5
+  umi scan simulate cell.toml -o scan.ply
   umi scan plan part.stl --spec spec.toml -o path.csv
 
 Exit status: 0 answered, 1 usage or a file that cannot be understood, 2 refused.")]
@@ -73,6 +75,7 @@ enum What {
     Pose(pose::Pose),
     Machine(machine::Machine),
     Localise(Box<localise::Localise>),
+    Simulate(simulate::Simulate),
     Stock(Box<stock::Stock>),
     Plan(Box<plan::Plan>),
     Verify(verify::Verify),
@@ -95,6 +98,7 @@ impl Scan {
             What::Pose(command) => command.run(),
             What::Machine(command) => command.run(),
             What::Localise(command) => command.run(),
+            What::Simulate(command) => command.run(),
             What::Stock(command) => command.run(),
             What::Plan(command) => command.run(),
             What::Verify(command) => command.run(),

@@ -62,6 +62,10 @@ fn distances_are_lipschitz() {
             radius_mm: 6.0,
             height_mm: 9.0,
         },
+        SceneShape::Cone {
+            half_angle_deg: 30.0,
+            height_mm: 12.0,
+        },
         SceneShape::Ring {
             radius_mm: 6.0,
             outer_radius_mm: 11.0,
