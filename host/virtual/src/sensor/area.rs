@@ -63,7 +63,7 @@ struct Shared {
 
 impl Shared {
     fn new(spec: &AreaScannerSpec, seed: u64) -> Self {
-        let mut random = Random::new(seed ^ 0x5ee_d0f_fee1);
+        let mut random = Random::new(seed ^ 0x5eed_0ffe_e150_0015);
         let turn = 2.0 * std::f64::consts::PI;
         let waves = (0..WAVES).map(|_| {
             let [x, y] = [(); 2].map(|()| random.normal(1.0 / spec.shared_length_mm));
