@@ -583,7 +583,7 @@ pub enum Record {
         /// By the registration of which setup it is rewritten; none: it goes out as it is.
         rewritten_for: Option<u32>,
     },
-    /// The setup that comes next is to teach, as a host or the board's input asked. An input too.
+    /// The setup that comes next is to teach, as a host asked. An input too.
     TeachAsked {
         /// True: limits that were learned, and no reference. Older records have none of it.
         more: bool,
@@ -596,6 +596,12 @@ pub enum Record {
     },
     /// The board vouches for everything before this entry.
     Head(Head),
+    /// Somebody held the board's button for a second: the setup that comes next is to teach.
+    /// An input too.
+    ButtonHeld {
+        /// Why it does not; none: it does.
+        refused: Option<TeachRefusal>,
+    },
 }
 
 impl Record {
@@ -628,6 +634,7 @@ impl Record {
             Self::TeachAsked { .. } => 22,
             Self::JobLost { .. } => 23,
             Self::Head(_) => 24,
+            Self::ButtonHeld { .. } => 25,
         }
     }
 }

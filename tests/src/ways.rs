@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fs, io};
 
+use umi_core::dprnt::checked::CheckedLine;
 use umi_core::units::Micros;
-use umi_protocol::job::{Job, Teach};
+use umi_protocol::job::{Approach, Job, Teach};
 use umi_virtual::machine::{VirtualMachine, Wires};
 use umi_virtual::nc::{Alarm, Control, ControlFamily, ControlSettings};
 use umi_virtual::scene::Scene;
@@ -96,7 +97,7 @@ impl Probing {
         }
         program = program.replace(
             "M30",
-            "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40.\nG53 G0 Z300.\nM30",
+            "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40. H2.\nG53 G0 Z300.\nM30",
         );
         let [x, y, turn] = self.stands;
         let scene = read("examples/scenes/four-spheres.toml")
@@ -143,10 +144,84 @@ fn guarded() -> Job {
     let mut table = job.features[0].clone();
     (table.name, table.id) = ("TABLE".try_into().expect("a name"), Some(6));
     job.guards.fixed.push(table.name.clone()).expect("room");
-    job.guards.fixed_mm = Some(0.008);
+    job.guards.fixed_mm = Some(0.007);
     job.features.push(table).expect("room");
     assert_eq!(job.teach, Teach::Asked);
     job
+}
+
+/// The lines of a ball whose first touch of the top came early: all but the last, higher.
+fn early_once(step: Step, ball: u16, mm: f64) -> Step {
+    let Step::Prints(text) = step else {
+        return step;
+    };
+    let ended = text.split(['\r', '\n']).filter(|line| !line.is_empty());
+    let mut lines: Vec<String> = ended.map(str::to_owned).collect();
+    let mut of_ball: Vec<(usize, CheckedLine)> = (0..)
+        .zip(&lines)
+        .filter_map(|(at, line)| Some((at, hit_line(line)?)))
+        .filter(|(_, line)| line.feature == ball)
+        .collect();
+    assert_eq!(of_ball.len(), 6, "the top is touched twice");
+    of_ball.pop();
+    for (at, mut line) in of_ball {
+        #[allow(clippy::cast_possible_truncation, reason = "a machine is small")]
+        let um = (mm * 1000.0).round() as i32;
+        line.point_um[2] += um;
+        // Behind the character that switches a punch on.
+        let (before, _) = lines[at].split_once("UMI1").expect("it was read");
+        lines[at] = format!("{before}{line}");
+    }
+    Step::Prints(lines.join("\r\n") + "\r\n")
+}
+
+/// A hit's checked line from its text.
+fn hit_line(text: &str) -> Option<CheckedLine> {
+    let value = |letter: char| -> Option<f64> {
+        let (_, rest) = text.split_once("UMI1")?.1.split_once(letter)?;
+        let end = rest
+            .find(|c: char| c.is_ascii_uppercase())
+            .unwrap_or(rest.len());
+        rest[..end].replace(' ', "").parse().ok()
+    };
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small numbers"
+    )]
+    let (whole, um) = (|v: f64| v as u32, |v: f64| (v * 1000.0).round() as i32);
+    let approach = *[
+        Approach::PlusX,
+        Approach::MinusX,
+        Approach::PlusY,
+        Approach::MinusY,
+        Approach::PlusZ,
+        Approach::MinusZ,
+    ]
+    .get((whole(value('A')?) as usize).checked_sub(1)?)?;
+    Some(CheckedLine {
+        run: whole(value('R')?),
+        sequence: whole(value('S')?),
+        feature: u16::try_from(whole(value('B')?)).ok()?,
+        approach: Some(approach),
+        touched: value('T')? == 1.0,
+        feed_um_per_min: whole(value('F')? * 1000.0),
+        point_um: [um(value('X')?), um(value('Y')?), um(value('Z')?)],
+    })
+}
+
+/// What O8811 prints alone, before a program of another kind prints its blocks.
+fn announced(run: u32, words: &str, before: &str) -> String {
+    let scene = Scene::parse(&read("examples/scenes/four-spheres.toml")).expect("a scene");
+    let mut machine = VirtualMachine::new(scene, 1, Serial(Vec::new()));
+    let mut control = control().expect("macros");
+    let start = run - 1;
+    let program =
+        format!("%\nO0001\nG54\n#531={start}\n{before}\nG65 P8811 W54. {words}\nM30\n%\n");
+    let main = control.load(&program).expect("a program");
+    control.select(main[0]).expect("it is there");
+    control.run(&mut machine).expect("no alarm");
+    String::from_utf8_lossy(&machine.wires().0).into_owned()
 }
 
 /// The session: what is done, and the steps.
@@ -175,7 +250,7 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
         (2, 138.0, -134.7),
     ];
     let in_turn = |(number, x, y): (u32, f64, f64)| {
-        format!("G0 X{x:?} Y{y:?}\nG0 Z165.\nG65 P8820 D25.4 B{number}. Q50.\nG0 Z171.\n")
+        format!("G0 X{x:?} Y{y:?}\nG0 Z165.\nG65 P8820 D25.4 B{number}. Q50. H2.\nG0 Z171.\n")
     };
     let without_third = |text: String| -> String {
         let lines = text.split_inclusive('\n');
@@ -215,6 +290,10 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             }.step(),
             Step::Reads(14),
         ]),
+        ("Top of ball 2 touched 30 µm early once, and the sides follow: its second touch is where it is", vec![
+            early_once(clean(17, HERE).step(), 2, 0.03),
+            Step::Reads(17),
+        ]),
         ("Bent stylus: all hits off by 30 µm", vec![Probing { bent_mm: 0.03, ..clean(15, HERE) }.step(), Step::Reads(15)]),
         ("As it should be, again", vec![clean(16, THERE).step(), Step::Reads(16)]),
         ("Blocks without run numbers, balls in order 2, 3, 1", vec![
@@ -231,6 +310,25 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(clamping(1)),
             Step::Reads(2),
             Step::Reads(3),
+        ]),
+        ("Blocks behind the lines of O8811 (`examples/three-spheres-run.toml`): taught, corrected; and the control reads in the next run", vec![
+            Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
+            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(2, "", "") + &clamping(1)),
+            Step::Reads(2),
+            Step::Reads(3),
+        ]),
+        ("The same, text late: run 4 is probed, and what comes is of run 3", vec![
+            Step::Prints(announced(3, "", "") + &clamping(2)),
+            Step::Reads(4),
+        ]),
+        ("The same, work offset moved by 1 mm after teaching", vec![
+            Step::Prints(announced(5, "", "#5221=1.") + &clamping(3)),
+            Step::Reads(5),
+        ]),
+        ("The same, from a program that does not call O8811", vec![
+            Step::Prints(clamping(4)),
+            Step::Reads(5),
         ]),
     ]
 }

@@ -164,6 +164,12 @@ pub trait Scanner {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unsupported;
 
+/// A button to teach by. A board need not have one: then [`crate::App::button`] is not run.
+pub trait Button {
+    /// Whether it is pressed, as its contact says, bounces and all.
+    fn is_pressed(&mut self) -> bool;
+}
+
 /// Resets the board unless it is fed often enough: at least every
 /// [`crate::FEED_INTERVAL_US`] and whatever an erasure of the storage takes.
 pub trait Watchdog {

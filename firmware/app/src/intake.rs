@@ -44,6 +44,8 @@ pub enum Input {
     Latch(LatchReport),
     /// A scan is over.
     Scan(Scan),
+    /// The board's button was held.
+    Held,
 }
 
 /// Places: 6 KB of bytes, which is 0.5 s at 115200 baud without a pause. Fits take a fraction

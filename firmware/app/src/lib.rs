@@ -79,13 +79,16 @@ use embassy_futures::select::{Either6, select6};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use umi_core::button::HeldButton;
 use umi_core::control::{Conversation, Exchange};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
 use umi_protocol::serial::LineSettings;
 
-use board::{Axes, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog};
+use board::{
+    Axes, Button, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog,
+};
 use intake::Input;
 use measure::{Boot, Instrument, Opened};
 
@@ -310,6 +313,21 @@ impl<F: Flash> App<F> {
             if self.line.is_free() {
                 measure.sign_head(clock.now());
             }
+        }
+    }
+
+    /// Looks at the board's button, for ever: held for a second it asks to teach, as a host may.
+    /// At a priority above measuring, whose fits take longer than a press.
+    pub async fn button(&self, button: &mut impl Button, clock: &impl Clock) {
+        let mut held = HeldButton::new();
+        let mut is_due = false;
+        loop {
+            let now = clock.now();
+            is_due |= held.look(now, button.is_pressed());
+            // Without room in the queue it waits for the next look.
+            is_due = is_due && self.intake.put(now, Input::Held).is_err();
+            let next = Micros(now.0.saturating_add(umi_core::button::LOOK_US));
+            clock.wait_until(next).await;
         }
     }
 

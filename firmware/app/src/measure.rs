@@ -269,6 +269,9 @@ impl<F: Flash> Instrument<F> {
     pub fn input(&mut self, now: Micros, input: &Input) {
         let Self { brain, ledger, .. } = self;
         ledger.heads.came(now);
+        if matches!(input, Input::Held) {
+            return self.held(now);
+        }
         ledger.came(now, input);
         if brain.job().is_none() {
             return;
@@ -284,7 +287,7 @@ impl<F: Flash> Instrument<F> {
             // Into the brain whether or not it found room in the journal: then no
             // correction is armed anyway.
             Input::Latch(latch) => brain.latched(latch),
-            Input::Scan(_) => {}
+            Input::Scan(_) | Input::Held => {}
         }
         self.keep_punched(now);
         self.keep_taught(now);
@@ -430,6 +433,22 @@ impl<F: Flash> Instrument<F> {
         brain.teach(what, &mut ledger.listen(now))?;
         self.keep_taught(now);
         Ok(())
+    }
+
+    /// The board's button was held: as a host that asks to teach, and as little as it does a
+    /// button replace a reference that there is.
+    fn held(&mut self, now: Micros) {
+        let Self { brain, ledger, .. } = self;
+        let refused = brain.run().may_teach(TeachWhat::Reference).err();
+        if refused.is_none() {
+            ledger.forget();
+        }
+        ledger.button_held(now, refused);
+        if refused.is_none() {
+            // It was asked a moment ago: it is taken.
+            let _ = brain.teach(TeachWhat::Reference, &mut ledger.listen(now));
+            self.keep_taught(now);
+        }
     }
 
     /// The brain; idle without a job.
@@ -639,6 +658,8 @@ impl<F: Flash> Ledger<F> {
                 Input::End => Record::InputEnd,
                 Input::Latch(latch) => Record::Latch(latch.clone()),
                 Input::Scan(scan) => Record::Scan(scan.clone()),
+                // Journaled with what becomes of it.
+                Input::Held => return,
             },
         );
     }
@@ -695,6 +716,11 @@ impl<F: Flash> Ledger<F> {
     #[inline(never)]
     fn teach_asked(&mut self, now: Micros, more: bool) {
         self.record(now, Record::TeachAsked { more });
+    }
+
+    #[inline(never)]
+    fn button_held(&mut self, now: Micros, refused: Option<TeachRefusal>) {
+        self.record(now, Record::ButtonHeld { refused });
     }
 
     #[inline(never)]

@@ -135,7 +135,8 @@ impl Replay {
             | Record::BytesLost { .. }
             | Record::Time
             | Record::InputEnd
-            | Record::TeachAsked { .. } => {
+            | Record::TeachAsked { .. }
+            | Record::ButtonHeld { .. } => {
                 let complete = self.nothing_expected();
                 self.input(now, record, scratch)?;
                 complete
@@ -198,6 +199,10 @@ impl Replay {
                 };
                 let _ = brain.teach(what, out);
             }
+            Record::ButtonHeld { refused: None } => {
+                let _ = brain.teach(TeachWhat::Reference, out);
+            }
+            Record::ButtonHeld { refused: Some(_) } => {}
             _ => brain.input_ended(now, out),
         }
         if fits {

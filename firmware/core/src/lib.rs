@@ -19,6 +19,7 @@ extern crate std;
 
 pub mod board_key;
 pub mod brain;
+pub mod button;
 pub mod capture;
 pub mod control;
 pub mod correction;

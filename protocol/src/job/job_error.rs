@@ -227,6 +227,8 @@ pub enum Field {
     SkipHoldOffMs,
     #[strum(serialize = "skip.delay_us")]
     SkipDelayUs,
+    #[strum(serialize = "again.within_mm")]
+    Again,
 }
 
 impl Field {

@@ -80,6 +80,9 @@ pub struct Job {
     /// Which edge of the probe's skip line is the touch.
     #[serde(default)]
     pub skip: SkipSpec,
+    /// A ball's first touch is held against its last one, where the two are at one place.
+    #[serde(default)]
+    pub again: Option<AgainSpec>,
 }
 
 // What a job has beyond its first version stands behind all else and is zero where it is
@@ -469,6 +472,21 @@ impl SkipSpec {
             None => 20,
         }
     }
+}
+
+/// Spheres whose last hit touches once more where the first one did (`approach` begins and
+/// ends alike): a first touch that came early shows, although the hits between follow it.
+///
+/// ```toml
+/// [again]
+/// within_mm = 0.008
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(deny_unknown_fields)]
+pub struct AgainSpec {
+    /// How far the two may be apart along their approach.
+    pub within_mm: f64,
 }
 
 /// What an OK verdict must keep. All limits apply to absolute values.

@@ -596,6 +596,38 @@ pub enum Reason {
         /// Pulses below the minimum width.
         sparks: u32,
     },
+    /// The last hit of a ball is not where its first one was.
+    #[error(
+        "hit {hit} touches where hit {first} did, and is off by {off_mm:+.4} mm, limit {limit_mm:.4} mm; clean ball and stylus, and probe it again"
+    )]
+    NotRepeated {
+        /// The later hit.
+        hit: u16,
+        /// The earlier one.
+        first: u16,
+        /// The later less the earlier, against their approach: negative where the first one
+        /// came too early.
+        off_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// Two hits that should be at one place are apart across their approach.
+    #[error(
+        "hit {hit} should touch where hit {first} did and is {off_mm:.3} mm beside it; the macro must touch the top once more at the end (`H2.`)"
+    )]
+    NotSamePlace {
+        /// The later hit.
+        hit: u16,
+        /// The earlier one.
+        first: u16,
+        /// How far beside.
+        off_mm: f64,
+    },
+    /// No line said in which run the hits were probed, and the job compares runs.
+    #[error(
+        "no line says in which run this was probed; the part program must call O8811 (`umi_start`) before each probing"
+    )]
+    RunUnknown,
 }
 
 /// Why a fit or a registration was refused.

@@ -9,9 +9,9 @@ use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::name;
 use umi_protocol::job::{
-    Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
-    Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference, SendWhen,
-    SkipSpec, Teach, WarmthSpec, WitnessSpec, WorkOffset,
+    AgainSpec, Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec,
+    Guards, Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference,
+    SendWhen, SkipSpec, Teach, WarmthSpec, WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
@@ -286,7 +286,10 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             why: JobLoss::OtherSchema,
         },
         Some(Record::JobLost { .. }) => Record::Head(head()),
-        Some(Record::Head(_)) => return None,
+        Some(Record::Head(_)) => Record::ButtonHeld {
+            refused: Some(TeachRefusal::UnderWay),
+        },
+        Some(Record::ButtonHeld { .. }) => return None,
     })
 }
 
@@ -489,6 +492,7 @@ fn job() -> Job {
             hold_off_ms: None,
             delay_us: 12.5,
         },
+        again: Some(AgainSpec { within_mm: 0.008 }),
     }
 }
 

@@ -35,7 +35,7 @@ pub enum DamageKind {
     OtherOrder,
     /// One or two balls are those of the clamping before, which stood elsewhere by 10 to 100 µm.
     BallsOfTwo,
-    /// The top is touched 10 to 50 µm early, and the sides follow.
+    /// The top is touched 10 to 50 µm early at first, and the sides follow.
     EarlyTop,
     /// A longer probe or a bent stylus: all hits off by 10 to 60 µm.
     BentStylus,
@@ -49,11 +49,13 @@ pub enum DamageKind {
     ZScale,
     /// The same digit is wrong in all hits of a ball.
     SameDigit,
+    /// A chip of 10 to 50 µm lies on a ball: each touch of its top is early.
+    ChipOnTop,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -77,6 +79,7 @@ impl DamageKind {
         Self::Slip,
         Self::ZScale,
         Self::SameDigit,
+        Self::ChipOnTop,
     ];
 
     /// For the table.
@@ -99,13 +102,14 @@ impl DamageKind {
             Self::NothingCame => "nothing came, READ all the same",
             Self::OtherOrder => "balls in order 2-3-1 or 3-1-2",
             Self::BallsOfTwo => "balls of two clampings",
-            Self::EarlyTop => "early top, sides follow, 10-50 µm",
+            Self::EarlyTop => "top touched early once, sides follow, 10-50 µm",
             Self::BentStylus => "longer probe, bent stylus, 10-60 µm",
             Self::WornStylus => "worn stylus, 5-20 µm",
             Self::Drift => "drift while probing, 5-50 µm",
             Self::Slip => "slip while probing, 5-50 µm",
             Self::ZScale => "Z scale, 10-100 ppm",
             Self::SameDigit => "same digit wrong in a block",
+            Self::ChipOnTop => "chip on a top, every touch early, 10-50 µm",
         }
     }
 

@@ -120,9 +120,15 @@ impl<'a> Session<'a> {
         };
         let mut taught = self.clamping(TruePose::taught(), kind, asked);
         if spoils_teaching {
-            text::spoil(DamageKind::CharacterLost, &mut taught.lines, &mut self.dice);
+            let hits = self.plan.job.features[0].hits;
+            text::spoil(
+                DamageKind::CharacterLost,
+                hits,
+                &mut taught.lines,
+                &mut self.dice,
+            );
         }
-        if asked && !self.checked() {
+        if asked && !self.plan.job.guards.frame {
             // There is no line for it: somebody asks at the host.
             let _ = self.brain.teach(TeachWhat::Again, &mut |_| {});
         }
@@ -170,10 +176,6 @@ impl<'a> Session<'a> {
             }
             before = Some(clamping);
         }
-    }
-
-    fn checked(&self) -> bool {
-        matches!(self.plan.job.compensation, Compensation::OnBoard { .. })
     }
 
     /// Where the middle of the datum balls is when taught.
@@ -240,10 +242,15 @@ impl<'a> Session<'a> {
                 nominal
             };
             let mut probing = probing;
-            if kind == DamageKind::EarlyTop && place == one {
-                probing.early_top_mm = early;
+            match kind {
+                DamageKind::EarlyTop if place == one => probing.early_top_mm = early,
+                DamageKind::ChipOnTop if place == one => probing.chip_mm = early,
+                // It is the first ball, and the chip is still there.
+                DamageKind::ChipOnTop if self.plan.places[one] == *at => probing.chip_mm = early,
+                _ => {}
             }
-            let mut points = hits(center, &probing, &mut self.dice);
+            let count = self.plan.job.features[place].hits;
+            let mut points = hits(center, count, &probing, &mut self.dice);
             for point in &mut points {
                 point[0] -= origin;
                 if kind == DamageKind::SameDigit && place == one {
@@ -265,7 +272,8 @@ impl<'a> Session<'a> {
             harm_mm,
         };
         if kind.is_of_text() {
-            text::spoil(kind, &mut clamping.lines, &mut self.dice);
+            let hits = self.plan.job.features[0].hits;
+            text::spoil(kind, hits, &mut clamping.lines, &mut self.dice);
         }
         clamping
     }
@@ -276,7 +284,12 @@ impl<'a> Session<'a> {
         } else {
             let names = self.plan.job.features.iter();
             let names: Vec<String> = names.map(|f| f.name.to_string()).collect();
-            text::blocks(balls, &names)
+            let mut lines = Vec::new();
+            if self.plan.job.guards.frame {
+                lines = text::announced(self.run, origin_mm, teaches);
+            }
+            lines.extend(text::blocks(balls, &names));
+            lines
         }
     }
 
@@ -287,7 +300,12 @@ impl<'a> Session<'a> {
         self.run -= 1;
         let old = self.clamping(before, DamageKind::Clean, false);
         let blocks = now.lines.iter().any(|line| line == "***");
-        let lines = if blocks { 9 * stale } else { 2 + 5 * stale };
+        let lines = if blocks {
+            let said = if self.plan.job.guards.frame { 2 } else { 0 };
+            said + 9 * stale
+        } else {
+            2 + usize::from(self.plan.job.features[0].hits) * stale
+        };
         let mixed = old.lines[..lines].iter().chain(&now.lines[lines..]);
         let lines = mixed.cloned().collect();
         // By how much the stale balls are wrong is not more than what it moved.
@@ -307,7 +325,7 @@ impl<'a> Session<'a> {
         let to: Vec<Point> = balls[..self.plan.datums]
             .iter()
             .map(|(_, hits)| {
-                let points = hits.map(Point::from_array_mm);
+                let points: Vec<Point> = hits.iter().copied().map(Point::from_array_mm).collect();
                 umi_core::fit::sphere::fit(&points).map_or(points[0], |fit| fit.center)
             })
             .collect();

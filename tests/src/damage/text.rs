@@ -7,14 +7,16 @@ use super::kind::DamageKind;
 use super::world::Dice;
 
 /// The hits of one ball, with its number from 1.
-pub type SimulatedBall = (u16, [[f64; 3]; 5]);
+pub type SimulatedBall = (u16, Vec<[f64; 3]>);
 
-const APPROACHES: [Approach; 5] = [
+/// In turn; a ball of five hits ends before the last.
+const APPROACHES: [Approach; 6] = [
     Approach::MinusZ,
     Approach::MinusX,
     Approach::PlusX,
     Approach::MinusY,
     Approach::PlusY,
+    Approach::MinusZ,
 ];
 
 /// As the thesis' routine prints blocks.
@@ -23,7 +25,7 @@ pub fn blocks(balls: &[SimulatedBall], names: &[String]) -> Vec<String> {
     for (number, points) in balls {
         lines.push(names[usize::from(*number) - 1].clone());
         lines.push("***".into());
-        lines.push("5".into());
+        lines.push(points.len().to_string());
         for [x, y, z] in points {
             lines.push(format!("*{x:.4}*{y:.4}*{z:.4}"));
         }
@@ -42,17 +44,12 @@ pub fn checked(
     teaches: bool,
     tip_mm: f64,
 ) -> Vec<String> {
-    let mut lines = Vec::new();
-    let mut sequence = 0;
+    let mut lines = announced(run, origin_x_mm, teaches);
+    let mut sequence = u32::try_from(lines.len()).unwrap_or(u32::MAX);
     let mut next = || {
         sequence += 1;
         sequence
     };
-    lines.push(said(run, next(), 1, 7, origin_x_mm));
-    lines.push(said(run, next(), 0, 9, 0.0));
-    if teaches {
-        lines.push(said(run, next(), 0, 8, 0.0));
-    }
     for (feature, points) in balls {
         for (point, approach) in points.iter().zip(APPROACHES) {
             let (axis, sign) = approach.axis_and_sign();
@@ -73,6 +70,15 @@ pub fn checked(
             };
             lines.push(line.to_string());
         }
+    }
+    lines
+}
+
+/// What O8811 prints before a run's hits, whatever these look like.
+pub fn announced(run: u32, origin_x_mm: f64, teaches: bool) -> Vec<String> {
+    let mut lines = vec![said(run, 1, 1, 7, origin_x_mm), said(run, 2, 0, 9, 0.0)];
+    if teaches {
+        lines.push(said(run, 3, 0, 8, 0.0));
     }
     lines
 }
@@ -102,7 +108,7 @@ fn said(run: u32, sequence: u32, body: u32, code: u32, x_mm: f64) -> String {
 }
 
 /// Spoils the lines of a clamping.
-pub fn spoil(kind: DamageKind, lines: &mut Vec<String>, dice: &mut Dice) {
+pub fn spoil(kind: DamageKind, hits: u16, lines: &mut Vec<String>, dice: &mut Dice) {
     let place = dice.below(lines.len());
     match kind {
         DamageKind::LineTwice => lines.insert(place, lines[place].clone()),
@@ -113,7 +119,7 @@ pub fn spoil(kind: DamageKind, lines: &mut Vec<String>, dice: &mut Dice) {
         }
         DamageKind::BallLost => {
             let blocks = lines.iter().any(|line| line == "***");
-            let each = if blocks { 9 } else { 5 };
+            let each = usize::from(hits) + if blocks { 4 } else { 0 };
             let head = lines.len() % each;
             let balls = (lines.len() - head) / each;
             let first = head + each * dice.below(balls);

@@ -127,29 +127,39 @@ pub struct Probing {
     pub bent_mm: [f64; 3],
     /// Z is so much too long.
     pub z_scale: f64,
-    /// The top is touched so early.
+    /// The first touch of the top is so early.
     pub early_top_mm: f64,
+    /// Each touch of the top is so early.
+    pub chip_mm: f64,
 }
 
-/// Five contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
-/// then +X, -X, +Y and -Y, driven exactly one radius below the top hit.
-pub fn hits(center: Vector3<f64>, probing: &Probing, dice: &mut Dice) -> [[f64; 3]; 5] {
+/// Contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
+/// then +X, -X, +Y and -Y, driven exactly one radius below the top hit; with six hits the top
+/// once more.
+pub fn hits(center: Vector3<f64>, count: u16, probing: &Probing, dice: &mut Dice) -> Vec<[f64; 3]> {
     let sigma = (SIGMA_MM * SIGMA_MM + probing.scatter_mm * probing.scatter_mm).sqrt();
     let bent = Vector3::from(probing.bent_mm);
     let mut seen = center + bent;
     seen.z *= 1.0 + probing.z_scale;
     let touch = |dice: &mut Dice| sigma * dice.normal();
-    let top = seen.z + RADIUS_MM + probing.early_top_mm + touch(dice);
+    let is = seen.z + RADIUS_MM + probing.chip_mm;
+    let top = is + probing.early_top_mm + touch(dice);
     let side = top - RADIUS_MM;
     // The routine centres itself before it goes down, to the scatter of its first touches.
     let (beside_x, beside_y) = (touch(dice), touch(dice));
-    [
+    let mut points = vec![
         [seen.x + beside_x, seen.y + beside_y, top],
         [seen.x + RADIUS_MM + touch(dice), seen.y + beside_y, side],
         [seen.x - RADIUS_MM + touch(dice), seen.y + beside_y, side],
         [seen.x + beside_x, seen.y + RADIUS_MM + touch(dice), side],
         [seen.x + beside_x, seen.y - RADIUS_MM + touch(dice), side],
-    ]
+    ];
+    if count == 6 {
+        // Over the centre that the sides have shown.
+        let (beside_x, beside_y) = (touch(dice), touch(dice));
+        points.push([seen.x + beside_x, seen.y + beside_y, is + touch(dice)]);
+    }
     // A machine's increment.
-    .map(|point| point.map(|value| (value * 1000.0).round() / 1000.0))
+    let rounded = |point: [f64; 3]| point.map(|value| (value * 1000.0).round() / 1000.0);
+    points.into_iter().map(rounded).collect()
 }

@@ -28,6 +28,15 @@ fn three(teach: Teach) -> SimulatedPlan {
     }
 }
 
+/// The same blocks behind the lines of O8811.
+fn three_announced() -> SimulatedPlan {
+    let text = include_str!("../../../examples/three-spheres-run.toml");
+    SimulatedPlan {
+        job: toml::from_str(text).unwrap(),
+        ..three(Teach::Asked)
+    }
+}
+
 /// Four balls and the first again, on checked lines.
 fn four() -> SimulatedPlan {
     let job = toml::from_str(include_str!("../../../examples/four-spheres.toml")).unwrap();
@@ -47,7 +56,7 @@ fn four_and_table() -> SimulatedPlan {
     let mut table = plan.job.features[0].clone();
     (table.name, table.id) = ("TABLE".try_into().unwrap(), Some(6));
     plan.job.guards.fixed.push(table.name.clone()).unwrap();
-    plan.job.guards.fixed_mm = Some(0.008);
+    plan.job.guards.fixed_mm = Some(0.007);
     plan.job.features.push(table).unwrap();
     plan.places.push([0.0, 190.0, 60.0]);
     plan
@@ -56,18 +65,22 @@ fn four_and_table() -> SimulatedPlan {
 /// What a job promises about a kind: the largest share of wrong corrections. What is not
 /// promised here is named in the README.
 fn promised(number: usize, kind: DamageKind) -> Option<f64> {
-    let (asked, four, table) = (number > 0, number > 1, number > 2);
+    let (asked, announced) = (number > 0, number > 1);
+    let (four, table) = (number >= FOUR, number > FOUR);
     match kind {
         DamageKind::Clean | DamageKind::Warm | DamageKind::OtherOrder => Some(0.0),
         // A digit of the last place in a block, and three balls that see nothing of it.
         kind if kind.is_of_text() => Some(if four { 0.0 } else { 0.001 }),
         DamageKind::OldBeforeTeaching | DamageKind::TeachingRefused => asked.then_some(0.0),
-        DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => four.then_some(0.0),
+        DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => {
+            announced.then_some(0.0)
+        }
         // One of 43 479, at 10.1 µm.
         DamageKind::WornStylus | DamageKind::Drift => four.then_some(0.0001),
         // What is left lies just below the limits, and is hardly more than 10 µm.
         DamageKind::EarlyTop
         | DamageKind::SameDigit
+        | DamageKind::ChipOnTop
         | DamageKind::BallsOfTwo
         | DamageKind::Slip => four.then_some(0.01),
         // At 10 µm, where wrong begins, both scatter.
@@ -78,7 +91,7 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
 
 /// The jobs that refuse nothing of these: the thesis' limits know no warmth.
 fn refuses_none(number: usize, kind: DamageKind) -> bool {
-    kind == DamageKind::Clean || (kind == DamageKind::Warm && number > 1)
+    kind == DamageKind::Clean || (kind == DamageKind::Warm && number >= FOUR)
 }
 
 #[test]
@@ -94,7 +107,11 @@ fn no_wrong_correction() {
             "three balls, blocks, teaching asked for",
             three(Teach::Asked),
         ),
-        ("four balls, closing, checked lines", four()),
+        (
+            "three balls, blocks behind the lines of O8811, teaching asked for",
+            three_announced(),
+        ),
+        ("four balls, each top twice, closing, checked lines", four()),
         ("the same with a ball on the table", four_and_table()),
     ];
     // In CI 10 000 in all.
@@ -114,8 +131,15 @@ fn no_wrong_correction() {
             "\n## {name}\n\n| what happened | clampings | right | wrong: share, count | worst µm | refused | refused though harmless |\n\
              | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n"
         );
-        for (seed, kind) in (SEED..).zip(DamageKind::ALL) {
-            let of = measure(plan, kind, each, seed);
+        // Each kind has its own seed: the order in which they are done plays no part.
+        let tallies: Vec<DamageTally> = std::thread::scope(|scope| {
+            let kinds = (SEED..).zip(DamageKind::ALL);
+            let started: Vec<_> = kinds
+                .map(|(seed, kind)| scope.spawn(move || measure(plan, kind, each, seed)))
+                .collect();
+            started.into_iter().map(|of| of.join().unwrap()).collect()
+        });
+        for (kind, of) in DamageKind::ALL.into_iter().zip(tallies) {
             let _ = writeln!(page, "{}", row(kind, &of));
             if !of.harmless_by.is_empty() {
                 println!("{name}: {kind:?}: harmless, by {:?}", of.harmless_by);
@@ -145,7 +169,7 @@ fn no_wrong_correction() {
 }
 
 /// The place of the four-ball job among the plans.
-const FOUR: usize = 2;
+const FOUR: usize = 3;
 
 const KEPT: &str = "## What is left, and why";
 

@@ -39,7 +39,7 @@ mod timers;
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use embassy_futures::join::join3;
-use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::{IWDG1, PA11, PA12, USB_OTG_FS};
@@ -50,7 +50,7 @@ use embassy_stm32::{Config, Peri, bind_interrupts, interrupt, rcc, uid, usb};
 use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
-use umi_app::board::{Clock as _, Lights, Outputs, Watchdog};
+use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::Boot;
 use umi_app::{App, Running};
 use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
@@ -104,6 +104,7 @@ fn main() -> ! {
         busy: Output::new(p.PF15, Level::Low, Speed::Low),
         trouble: Output::new(p.PB14, Level::Low, Speed::Low),
     };
+    let blue = Blue(Input::new(p.PC13, Pull::Down));
     if let Some(mut core) = cortex_m::Peripherals::take() {
         // Only this one: the debugger does not see what is in the cache of the data, and
         // a reset forgets it, so neither the log nor the note of a panic would be there.
@@ -167,6 +168,7 @@ fn main() -> ! {
     serial.spawn(first(receive(app)));
     serial.spawn(first(transmit(app)));
     serial.spawn(first(latch(app)));
+    serial.spawn(first(button(app, blue)));
     let link = LINK_TASKS.start(interrupt::UART5);
     link.spawn(first(serve(app, p.USB_OTG_FS, p.PA12, p.PA11, station)));
     TASKS.init(Executor::new()).run(|here| {
@@ -285,6 +287,11 @@ async fn latch(app: &'static Application) {
     app.latch(&mut &axes::LATCHES, &BoardClock).await;
 }
 
+#[embassy_executor::task]
+async fn button(app: &'static Application, mut blue: Blue) {
+    app.button(&mut blue, &BoardClock).await;
+}
+
 /// USB and the application's part of it: in one task, as a controller stays where it was
 /// started.
 #[embassy_executor::task]
@@ -341,6 +348,15 @@ impl Outputs for Lamps {
         self.ok.set_level(lights.ok.into());
         self.ng.set_level(lights.ng.into());
         self.trouble.set_level(lights.trouble.into());
+    }
+}
+
+/// The blue button B1: high while it is pressed.
+struct Blue(Input<'static>);
+
+impl Button for Blue {
+    fn is_pressed(&mut self) -> bool {
+        self.0.is_high()
     }
 }
 

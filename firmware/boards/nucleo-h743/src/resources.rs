@@ -90,14 +90,16 @@ pub const USB: [Signal; 2] = [
     signal(('A', 12), "USB_OTG_FS", "DP", 10),
 ];
 
-/// Plain pins: select line of the flash, OK, NG, busy, laser, and the red LED LD3.
-pub const PLAIN: [(char, u8); 6] = [
+/// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, and the blue
+/// button B1.
+pub const PLAIN: [(char, u8); 7] = [
     ('E', 4),
     ('F', 13),
     ('F', 14),
     ('F', 15),
     ('G', 0),
     ('B', 14),
+    ('C', 13),
 ];
 
 /// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a

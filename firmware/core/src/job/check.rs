@@ -2,7 +2,7 @@
 //! here, by the name of its field.
 
 use umi_protocol::job::{
-    Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
+    Approach, Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
     MAX_DATUMS, MAX_HITS, Name, Reference, SkipSpec, Teach, WitnessSpec,
 };
 use umi_protocol::job_error::{Field, JobError};
@@ -48,6 +48,7 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     check_limits(&job.limits)?;
     check_line(job)?;
     check_skip(job)?;
+    check_again(job)?;
     if let Some(witness) = &job.witness {
         check_witness(job, witness)?;
     }
@@ -161,6 +162,41 @@ fn check_skip(job: &Job) -> Result<(), JobError> {
     Ok(())
 }
 
+fn check_again(job: &Job) -> Result<(), JobError> {
+    let Some(again) = job.again else {
+        // Unless the two are held against each other, two that are alike look like one line
+        // that was printed twice.
+        return match job.features.iter().find(|feature| touches_again(feature)) {
+            None => Ok(()),
+            Some(feature) => Err(JobError::Missing {
+                field: Field::Again,
+                feature: Some(feature.name.clone()),
+            }),
+        };
+    };
+    positive(again.within_mm, Field::Again, None)?;
+    if job.features.iter().any(touches_again) {
+        Ok(())
+    } else {
+        // It would guard nothing.
+        Err(bad(Field::Again, None, again.within_mm))
+    }
+}
+
+/// Whether the last hit of a feature touches once more where its first one did.
+///
+/// A sphere that is probed from one side twice has no other hit there. Without the last one
+/// enough are left for a fit with a degree of freedom.
+pub fn touches_again(feature: &FeatureSpec) -> bool {
+    feature.kind == FeatureKind::Sphere
+        && feature.hits > feature.kind.min_hits() + 1
+        && feature.approach.first() == feature.approach.last()
+        && feature.approach.first().is_some_and(|first| {
+            let alike = |of: &&Approach| *of == first;
+            feature.approach.iter().filter(alike).count() == 2
+        })
+}
+
 fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
     let feature = |name: &Name, field| {
         let found = job.features.iter().find(|f| f.name == *name);
@@ -213,7 +249,7 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
         positive(warmth.expansion_ppm_per_k, Field::Warmth, None)?;
         positive(warmth.at_most_k, Field::Warmth, None)?;
     }
-    let says_run = job.receiver.patterns.iter().all(says_approach);
+    let says_run = says_run(job);
     if let Some(variable) = guards.run_variable {
         let dialect = job.correction.as_ref().map(|spec| spec.dialect);
         let can = dialect.is_some_and(correction::dialect::compares_runs);
@@ -305,6 +341,14 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
 /// Whether lines of this pattern carry the direction of motion, and the feed.
 const fn says_approach(pattern: &LinePattern) -> bool {
     matches!(pattern, LinePattern::Checked(_))
+}
+
+/// Whether each run can say its number: by checked lines, or by those of O8811 (`umi_start`)
+/// before blocks.
+fn says_run(job: &Job) -> bool {
+    let patterns = &job.receiver.patterns;
+    let or_block = |p: &LinePattern| matches!(p, LinePattern::Checked(_) | LinePattern::Block(_));
+    patterns.iter().all(or_block) && patterns.iter().any(says_approach)
 }
 
 /// Whether lines of this pattern say to which feature they belong.

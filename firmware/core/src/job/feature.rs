@@ -82,25 +82,69 @@ pub fn direction(approach: Approach) -> Vector3<f64> {
     direction
 }
 
+/// How far beside its first touch a ball may be touched again.
+const BESIDE_MM: f64 = 0.1;
+
+/// Holds the last hit against the first one, where the two are at one place.
+pub fn against_again(limit_mm: f64, hits: &[Hit], reasons: &mut Reasons) {
+    let (Some(first), Some(last)) = (hits.first(), hits.last()) else {
+        return;
+    };
+    let Some(approach) = first.approach else {
+        // Without it there is no contact point either, and that is told.
+        return;
+    };
+    let hit = u16::try_from(hits.len()).unwrap_or(u16::MAX);
+    let direction = direction(approach);
+    let apart = last.position.mm - first.position.mm;
+    let along_mm = apart.dot(&direction);
+    let off_mm = (apart - direction * along_mm).norm();
+    if last.approach != first.approach || exceeds(off_mm, BESIDE_MM) {
+        add(
+            reasons,
+            Reason::NotSamePlace {
+                hit,
+                first: 1,
+                off_mm,
+            },
+        );
+    } else if exceeds(along_mm.abs(), limit_mm) {
+        add(
+            reasons,
+            Reason::NotRepeated {
+                hit,
+                first: 1,
+                off_mm: -along_mm,
+                limit_mm,
+            },
+        );
+    }
+}
+
 /// Two hits with the same printed coordinates: a repeated line, so a missing
 /// measurement. Two real touches differ, if only in the last digit of noise;
-/// the side hits of a pattern always differ in X or Y.
-pub fn find_duplicates(hits: &[Hit], reasons: &mut Reasons) {
+/// the side hits of a pattern always differ in X or Y. A ball's last touch at the place of
+/// its first one may be the same by chance (`again`).
+pub fn find_duplicates(hits: &[Hit], again: bool, reasons: &mut Reasons) {
     for (first, (at, one)) in (1u16..).zip(hits.iter().enumerate()) {
         for (later, other) in (first + 1..).zip(hits.iter().skip(at + 1)) {
-            if one.position == other.position {
+            let is_again = again && first == 1 && usize::from(later) == hits.len();
+            if one.position == other.position && !is_again {
                 add(reasons, Reason::DuplicatePoint { first, hit: later });
             }
         }
     }
 }
 
-/// Fits the points and holds the result against the limits.
+/// Fits the points and holds the result against the limits. `again`: the last hit is at the
+/// first one's place; what is asked of a lone hit is asked of the first one, by which the
+/// others were driven.
 pub fn judge(
     spec: &FeatureSpec,
     limits: &Limits,
     points: &[Point],
     hits: &[Hit],
+    again: bool,
     reasons: &mut Reasons,
 ) -> Option<FitReport> {
     let fitted = match fit(spec.kind, points) {
@@ -117,9 +161,19 @@ pub fn judge(
     if reasons.len() > before {
         diagnose::suspects(spec, limits, points, reasons);
     }
-    against_lone_hit(spec, limits, points, hits, reasons);
+    let once = if again {
+        (rest(points), rest(hits))
+    } else {
+        (points, hits)
+    };
+    against_lone_hit(spec, limits, once.0, once.1, reasons);
     against_approach(limits, &fitted.shape(), points, hits, reasons);
     Some(fitted.report(points))
+}
+
+/// All but the last.
+fn rest<T>(of: &[T]) -> &[T] {
+    of.split_last().map_or(of, |(_, rest)| rest)
 }
 
 /// Holds the height of a lone hit above the others against the nominal radius.

@@ -19,7 +19,7 @@ use umi_protocol::job::Job;
 
 use crate::units::Point;
 
-pub use check::{check, closing, datums, fixed, not_guarded};
+pub use check::{check, closing, datums, fixed, not_guarded, touches_again};
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching};
 

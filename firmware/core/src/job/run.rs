@@ -31,7 +31,7 @@ use umi_protocol::message::{TeachRefusal, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
-use super::check::{datums, fixed, not_guarded, place_count};
+use super::check::{datums, fixed, not_guarded, place_count, touches_again};
 use super::collecting::Collecting;
 use super::feature;
 use super::reasons::{Reasons, add};
@@ -651,6 +651,13 @@ impl Run {
             Belongs::NextSetup => {
                 self.close(None, out);
                 self.next_setup();
+                if collecting.in_block {
+                    // Blocks do not say it themselves: what was said of the setup before is
+                    // not said of this one.
+                    self.run = None;
+                    self.frame = None;
+                    self.moved.clear();
+                }
             }
         }
         if let Some(witness) = self.witness.get_mut() {
@@ -699,11 +706,24 @@ impl Run {
             let got = got.saturating_add(*excess);
             add(&mut reasons, Reason::WrongCount { got, expected });
         }
-        feature::find_duplicates(hits, &mut reasons);
+        let again = job.again.filter(|_| touches_again(spec));
+        feature::find_duplicates(hits, again.is_some(), &mut reasons);
+        if let Some(again) = again
+            && reasons.is_empty()
+        {
+            feature::against_again(again.within_mm, hits, &mut reasons);
+        }
         let points = feature::contact_points(job.compensation, hits, &mut reasons);
         // What is known to be wrong is not fitted: its figures would only mislead.
         let fit = if reasons.is_empty() {
-            feature::judge(spec, &job.limits, &points, hits, &mut reasons)
+            feature::judge(
+                spec,
+                &job.limits,
+                &points,
+                hits,
+                again.is_some(),
+                &mut reasons,
+            )
         } else {
             None
         };
@@ -904,6 +924,9 @@ impl Run {
             setup::add(verdict, Reason::OrderUnknown { began_with });
         }
         self.against_frame(job, verdict);
+        if job.guards.run_variable.is_some() && self.run.is_none() {
+            setup::add(verdict, Reason::RunUnknown);
+        }
         let all_repeated = self
             .slots
             .iter()

@@ -80,6 +80,7 @@ fn job() -> Job {
         guards: Guards::default(),
         line: umi_protocol::serial::LineSpec::default(),
         skip: umi_protocol::job::SkipSpec::default(),
+        again: None,
     }
 }
 
@@ -622,6 +623,15 @@ fn bad_jobs_are_refused() {
         ("hit_count", |j| j.features[0].hits = 3),
         ("hit_count", |j| j.features[0].hits = 65),
         ("approach_count", |j| j.features[0].hits = 6),
+        // Nothing is touched again.
+        ("bad_value", |j| {
+            j.again = Some(umi_protocol::job::AgainSpec { within_mm: 0.008 });
+        }),
+        // It is touched again, and nothing is held against it.
+        ("missing", |j| {
+            j.features[0].hits = 6;
+            let _ = j.features[0].approach.push(Approach::MinusZ);
+        }),
         ("missing", |j| j.reference = Reference::Given),
         ("missing", |j| j.features[0].radius_mm = None),
         ("bad_value", |j| j.features[0].radius_mm = Some(f64::NAN)),

@@ -120,7 +120,9 @@ const TEACH_ASKED: u8 = 22;
 /// too; entries are whole by their check value, so there is none.
 fn is_plain(record: &Record) -> bool {
     match record {
-        Record::JobSet(job) => job.teach == Teach::FirstOk && job.guards == Guards::default(),
+        Record::JobSet(job) => {
+            job.teach == Teach::FirstOk && job.guards == Guards::default() && job.again.is_none()
+        }
         Record::ReferenceRestored { learned, .. } | Record::Taught { learned, .. } => {
             learned.largest.is_empty() && learned.further == 0
         }

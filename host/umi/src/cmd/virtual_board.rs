@@ -25,6 +25,10 @@ pub(crate) struct Virtual {
     /// The host's port: `pty`, or `tcp:PORT` (0: any free one)
     #[arg(long, value_name = "PLACE", default_value = "pty", value_parser = place)]
     usb: PortPlace,
+    /// The teaching button: a TCP port of this machine, `tcp:PORT` (0: any free one); the button is
+    /// pressed as long as somebody is connected. Held for a second it asks to teach
+    #[arg(long, value_name = "PLACE", value_parser = tcp_place)]
+    button: Option<PortPlace>,
     /// Speed of the control's line: that fast, at most, bytes come and go
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
@@ -49,6 +53,10 @@ then, in other terminals, with the addresses that it prints:
   cat session.txt > /dev/pts/3
   umi log --port /dev/pts/4
 
+A job that teaches when asked: hold the board's button for a second instead of `umi teach`
+  umi virtual --button tcp:5054
+  (sleep 1.5) | nc 127.0.0.1 5054
+
 The control asks for the correction program with DC1 (READ), as in
   printf '\\021' > /dev/pts/3; cat /dev/pts/3";
 
@@ -61,6 +69,14 @@ pub fn place(text: &str) -> Result<PortPlace, String> {
             Err(_) => Err(format!("`{port}` is no TCP port: give 0 to 65535")),
         },
         _ => Err("give `pty` or `tcp:PORT`".into()),
+    }
+}
+
+/// Where the button is to be: a pseudo-terminal does not say whether somebody holds it.
+fn tcp_place(text: &str) -> Result<PortPlace, String> {
+    match place(text) {
+        Ok(PortPlace::Pty) => Err("give `tcp:PORT`".into()),
+        other => other,
     }
 }
 
@@ -89,16 +105,23 @@ impl Virtual {
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;
         let usb = Port::open(&self.usb).map_err(trouble)?;
+        let button = self.button.as_ref().map(Port::open);
+        let button = button.transpose().map_err(trouble)?;
+        let button_at = button.as_ref().map(|button| button.address.clone());
         if self.format.json {
             print_json(&json!({
                 "type": "virtual",
                 "cnc": cnc.address,
                 "usb": usb.address,
                 "baud": self.baud,
+                "button": button_at,
             }))?;
         } else {
+            let button_at = button_at.map_or_else(String::new, |at| {
+                format!("  button   {at}   (pressed as long as somebody is connected)\n")
+            });
             print(&format!(
-                "{}\n  control  {}   (any terminal program, {} baud)\n  host     {}   (umi info --port {})\nCtrl-C ends it.\n",
+                "{}\n  control  {}   (any terminal program, {} baud)\n  host     {}   (umi info --port {})\n{button_at}Ctrl-C ends it.\n",
                 paint(TITLE, "virtual board"),
                 cnc.address,
                 self.baud,
@@ -108,6 +131,9 @@ impl Virtual {
         }
         cnc.serve_control(&board);
         usb.serve_host(&board);
+        if let Some(button) = button {
+            button.serve_button(&board);
+        }
         loop {
             std::thread::park();
         }

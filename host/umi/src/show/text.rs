@@ -83,6 +83,15 @@ pub fn record(record: &Record) -> String {
         Record::TeachAsked { more: true } => {
             "asked to teach more: the setup that comes next is to widen what was learned".into()
         }
+        Record::ButtonHeld { refused: None } => {
+            "the board's button was held: the setup that comes next is to be the reference".into()
+        }
+        Record::ButtonHeld {
+            refused: Some(refused),
+        } => paint(
+            CAUTION,
+            format_args!("the board's button was held, and nothing is to be taught: {refused}"),
+        ),
         Record::ReferenceRestored { positions_mm, .. } => {
             format!("reference restored: {}", positions(positions_mm))
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use umi_virtual::serve::{Port, PortPlace};
-use umi_virtual::{Config, VirtualBoard};
+use umi_virtual::{BoardTime, Config, VirtualBoard};
 
 use crate::run::{Folder, umi};
 
@@ -67,4 +67,59 @@ fn further_clampings_teach_and_are_told() {
     assert!(radius("smallest") < radius("largest"), "{learned}");
     let span = format!("{:.4} to {:.4}", radius("smallest"), radius("largest"));
     assert!(two.contains(&span), "{span} in {two}");
+}
+
+/// The board's button, held for a second, asks to teach as `umi teach` does; a knock does not,
+/// and no press replaces a reference. The journal says who asked, and replays to the same.
+#[test]
+fn the_button_teaches_when_it_is_held() {
+    let config = Config {
+        time: BoardTime::Real,
+        ..Config::default()
+    };
+    let board = Arc::new(VirtualBoard::start(config).unwrap());
+    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let address = port.address.clone();
+    port.serve_host(&board);
+    let button = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let finger = button.address.strip_prefix("tcp://").unwrap().to_owned();
+    button.serve_button(&board);
+    let press = |ms: u64| {
+        let held = std::net::TcpStream::connect(&finger).unwrap();
+        std::thread::sleep(Duration::from_millis(ms));
+        drop(held);
+        std::thread::sleep(Duration::from_millis(150));
+    };
+    let folder = Folder::new();
+    let at = ["--port", address.as_str()];
+    let umi = |arguments: &[&str]| umi(&[arguments, &at].concat());
+    let judged = |clampings: u32| {
+        let begun = Instant::now();
+        loop {
+            let info = umi(&["info", "--json"]).exits(0).json();
+            if info["status"]["verdicts"] == clampings || info["verdicts"] == clampings {
+                return info["teachings"].as_u64().unwrap_or(0);
+            }
+            assert!(begun.elapsed() < Duration::from_secs(20), "{info}");
+        }
+    };
+    let job = JOB.replace("teach = \"first_ok\"", "teach = \"asked\"");
+    let job = folder.file("asked.toml", job);
+    umi(&["job", "set", &job]).exits(0);
+    press(300);
+    board.control_sends(clamping(0).as_bytes());
+    assert_eq!(judged(1), 0, "a knock teaches nothing");
+    press(1300);
+    board.control_sends(clamping(1).as_bytes());
+    assert_eq!(judged(2), 1);
+    press(1300);
+    board.control_sends(clamping(2).as_bytes());
+    assert_eq!(judged(3), 1, "the reference stays");
+    let log = folder.path("held.umij");
+    umi(&["log", "-o", &log]).exits(0);
+    let listed = umi(&["log"]).exits(0).out;
+    let held = "the board's button was held";
+    assert_eq!(listed.matches(held).count(), 2, "{listed}");
+    assert!(listed.contains("there is a reference already"), "{listed}");
+    crate::run::umi(&["replay", &log]).exits(0);
 }

@@ -48,7 +48,7 @@ pub use host::HostEnd;
 use host::Waiter;
 use ports::{
     ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
-    NoWatchdog, Station, Wire,
+    NoWatchdog, Station, TeachButton, Wire,
 };
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
@@ -141,6 +141,7 @@ pub struct VirtualBoard {
     time: watch::Sender<u64>,
     clock: VirtualClock,
     lamps: Lamps,
+    button: TeachButton,
     station: Station,
     /// How the control's port is set.
     control: Arc<Mutex<Option<LineSettings>>>,
@@ -164,6 +165,8 @@ impl VirtualBoard {
         let (started, start) = std::sync::mpsc::channel();
         let lamps = Lamps::default();
         let outputs = lamps.clone();
+        let button = TeachButton::default();
+        let mut own_button = button.clone();
         let clock = match config.time {
             BoardTime::Real => VirtualClock::Real(Instant::now()),
             BoardTime::Steered => VirtualClock::Steered(steered),
@@ -246,6 +249,7 @@ impl VirtualBoard {
             runtime.block_on(async {
                 tokio::select! {
                     () = app.run(drivers, &own_clock) => {}
+                    () = app.button(&mut own_button, &own_clock) => {}
                     _ = switched_off => {}
                 }
             });
@@ -263,6 +267,7 @@ impl VirtualBoard {
             time,
             clock,
             lamps,
+            button,
             station,
             control: own_control,
             off: Some(off),
@@ -348,6 +353,11 @@ impl VirtualBoard {
     #[must_use]
     pub fn laser_is_on(&self) -> bool {
         self.station.laser_is_on()
+    }
+
+    /// Presses the teaching button, or releases it.
+    pub fn press(&self, is_pressed: bool) {
+        self.button.press(is_pressed);
     }
 
     /// What the outputs show.

@@ -3,13 +3,14 @@
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
 use umi_app::board::{
-    Axes, Broken, Clock as _, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx, Outputs,
-    Scanner, Unsupported, Watchdog,
+    Axes, Broken, Button, Clock as _, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx,
+    Outputs, Scanner, Unsupported, Watchdog,
 };
 use umi_app::intake::PIECE;
 use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
@@ -252,6 +253,22 @@ impl Lamps {
 impl Outputs for Lamps {
     fn show(&mut self, lights: Lights) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lights;
+    }
+}
+
+/// A button that somebody else presses.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TeachButton(Arc<AtomicBool>);
+
+impl TeachButton {
+    pub fn press(&self, is_pressed: bool) {
+        self.0.store(is_pressed, Ordering::Relaxed);
+    }
+}
+
+impl Button for TeachButton {
+    fn is_pressed(&mut self) -> bool {
+        self.0.load(Ordering::Relaxed)
     }
 }
 

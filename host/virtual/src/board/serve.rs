@@ -114,6 +114,12 @@ impl Port {
         self.serve(move || Control(Arc::clone(&board)));
     }
 
+    /// This port is the teaching button: pressed as long as somebody is connected.
+    pub fn serve_button(self, board: &Arc<VirtualBoard>) {
+        let board = Arc::clone(board);
+        self.serve(move || Finger::on(&board));
+    }
+
     /// This port is the host's.
     pub fn serve_host(self, board: &Arc<VirtualBoard>) {
         let board = Arc::clone(board);
@@ -207,6 +213,32 @@ impl Side for Control {
             .control_receives(Duration::ZERO)
             .into_iter()
             .collect())
+    }
+}
+
+/// Presses the button as long as it is there.
+struct Finger(Arc<VirtualBoard>);
+
+impl Finger {
+    fn on(board: &Arc<VirtualBoard>) -> Self {
+        board.press(true);
+        Self(Arc::clone(board))
+    }
+}
+
+impl Drop for Finger {
+    fn drop(&mut self) {
+        self.0.press(false);
+    }
+}
+
+impl Side for Finger {
+    fn put(&mut self, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn take(&mut self) -> io::Result<Vec<u8>> {
+        Ok(Vec::new())
     }
 }
 

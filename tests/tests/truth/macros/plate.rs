@@ -121,7 +121,7 @@ fn turned_about_the_middle_and_tilted() {
     }
 }
 
-/// Four balls, and the first one again at the end: the machine has not moved, so it is found
+/// Four balls, each top twice, and the first ball again at the end: the machine has not moved, so it is found
 /// where it was.
 #[test]
 fn four_balls_and_the_first_again() {
@@ -138,13 +138,16 @@ fn four_balls_and_the_first_again() {
             );
             let mut call = call(10.0);
             let [r, s, t] = fourth;
-            call.macro_b += &format!(" R{r:.4} S{s:.4} T{t:.4} C9.");
-            call.linuxcnc += &format!(" [{r:.4}] [{s:.4}] [{t:.4}] [9]");
+            call.macro_b += &format!(" R{r:.4} S{s:.4} T{t:.4} C9. H2.");
+            call.linuxcnc += &format!(" [{r:.4}] [{s:.4}] [{t:.4}] [9] [2]");
             let ran = run(family, &text, START_MM, &[call]);
             let radius = Some(RADIUS_MM);
-            let features = [1, 2, 3, 4, 9].map(|id| (id, "sphere", 5, radius));
+            let features = [1, 2, 3, 4, 9].map(|id| (id, "sphere", 6, radius));
+            let twice = "hits = 6\napproach = [\"-z\", \"-x\", \"+x\", \"-y\", \"+y\", \"-z\"]\n";
+            let job = job(Tip::OnBoard, &features).replace("hits = 6\n", twice)
+                + "[again]\nwithin_mm = 0.002\n";
             let centers: Vec<[f64; 3]> = ran
-                .shapes(&job(Tip::OnBoard, &features))
+                .shapes(&job)
                 .iter()
                 .filter_map(Shape::position_mm)
                 .collect();

@@ -91,6 +91,32 @@ fn five_hits_from_bad_starts() {
     }
 }
 
+/// With the top touched once more, by the job that holds the two against each other: the
+/// ball, and the last hit where the first one was.
+#[test]
+fn six_hits_from_bad_starts() {
+    let job = job(Tip::OnBoard, &[(7, "sphere", 6, Some(RADIUS_MM))])
+        + "approach = [\"-z\", \"-x\", \"+x\", \"-y\", \"+y\", \"-z\"]\n[again]\nwithin_mm = 0.002\n";
+    let call = |tops: f64| {
+        let mut call = five(60.0);
+        call.macro_b += &format!(" H{tops:.1}");
+        call.linuxcnc += &format!(" [{tops:.1}]");
+        call
+    };
+    for family in FAMILIES {
+        for (x, y, above) in [(0.0, 0.0, 11.3), (-0.6, 0.6, 2.0), (0.6, 0.45, 40.0)] {
+            let what = format!("{family:?} from {x} {y} {above}");
+            let ran = run(family, SCENE, start([x, y], above), &[call(2.0)]);
+            assert_ball(&ran, &job, RADIUS_MM, &what);
+        }
+        for tops in [0.5, 3.0, -1.0] {
+            let ran = run(family, SCENE, start([0.0, 0.0], 20.0), &[call(tops)]);
+            ran.refused_as(&["H ", "TOPS"]);
+            assert!(ran.machine.hits().is_empty());
+        }
+    }
+}
+
 /// Pole and rings: hits along the normals, the tip's radius in that of the sphere.
 #[test]
 fn many_hits_from_bad_starts() {

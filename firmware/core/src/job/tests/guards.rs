@@ -1,6 +1,6 @@
 //! What one setup alone cannot show, and the guards against it.
 
-use umi_protocol::job::ProbingSpec;
+use umi_protocol::job::{AgainSpec, ProbingSpec};
 use umi_protocol::message::{TeachRefusal, TeachWhat};
 
 use super::*;
@@ -413,6 +413,109 @@ fn redundant() -> Job {
     job.guards.fixed = ["TABLE".try_into().unwrap()].into_iter().collect();
     job.guards.fixed_mm = Some(0.005);
     job
+}
+
+/// A first touch of a top that came early, with the sides driven by it, shows where the top is
+/// touched once more; a second one beside the first is refused, and the two may be the same to
+/// the last digit.
+#[test]
+fn the_top_once_more() {
+    let session = |early_mm: f64, beside_mm: f64| {
+        let mut job = job();
+        job.again = Some(AgainSpec { within_mm: 0.006 });
+        for feature in &mut job.features {
+            feature.hits = 6;
+            let _ = feature.approach.push(Approach::MinusZ);
+        }
+        check(&job).unwrap();
+        let mut run = Run::new(job);
+        let mut outcome = Outcome::default();
+        for number in 0..2 {
+            for (name, points) in &mut clamping(number, [1, 2, 3]) {
+                let [x, y, z] = points[0];
+                points.push([x + beside_mm, y, z]);
+                if number == 1 && name == "SPHERE2" {
+                    points.iter_mut().take(5).for_each(|p| p[2] += early_mm);
+                }
+                feed(&mut run, &mut outcome, name, points, 6);
+            }
+        }
+        let reasons = outcome.verdicts.last().map(|v| v.reasons.clone());
+        (outcome.summary(), reasons.unwrap())
+    };
+    assert_eq!(session(0.0, 0.0).0, ["OK"; 2]);
+    assert_eq!(session(0.005, 0.0).0, ["OK"; 2]);
+    let (summary, reasons) = session(0.010, 0.0);
+    assert_eq!(summary, ["OK", "SPHERE2:not_repeated"]);
+    let Reason::NotRepeated {
+        hit, first, off_mm, ..
+    } = reasons[0].reason
+    else {
+        panic!("{reasons:?}");
+    };
+    assert_eq!((hit, first), (6, 1));
+    assert!((off_mm + 0.010).abs() < 1e-9, "{off_mm}");
+    let (summary, _) = session(0.0, 0.2);
+    assert!(summary[0].contains("SPHERE1:not_same_place"), "{summary:?}");
+}
+
+/// Blocks behind lines that announce their run: each clamping belongs to its own, and one that
+/// nobody announced belongs to none, whatever was announced before it.
+#[test]
+fn blocks_belong_to_the_run_before_them() {
+    let mut job = job();
+    let checked = LinePattern::Checked(CheckedPattern::default());
+    let _ = job.receiver.patterns.push(checked);
+    (job.guards.run_variable, job.guards.frame) = (Some(531), true);
+    check(&job).unwrap();
+    let mut without = job.clone();
+    without.receiver.patterns.remove(1);
+    assert!(check(&without).is_err(), "nothing says a run");
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    let blocks = |run: &mut Run, outcome: &mut Outcome, number: usize, order: [usize; 3]| {
+        for (name, points) in clamping(number, order) {
+            feed(run, outcome, &name, &points, 5);
+        }
+    };
+    let announce = |run: &mut Run, outcome: &mut Outcome, of_run: u32| {
+        let moved = Moved {
+            is_rotated: false,
+            tool_length_mm: 0.0,
+            external: Point::from_mm(0.0, 0.0, 0.0),
+        };
+        let frame = Said::Frame {
+            offset: 1,
+            origin: Point::from_mm(0.0, 0.0, 0.0),
+        };
+        for said in [frame, Said::Moved(moved)] {
+            let announced = Announced { run: of_run, said };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        }
+    };
+    announce(&mut run, &mut outcome, 7);
+    blocks(&mut run, &mut outcome, 0, [1, 2, 3]);
+    announce(&mut run, &mut outcome, 8);
+    // In any order: the run says what belongs together.
+    blocks(&mut run, &mut outcome, 1, [2, 3, 1]);
+    blocks(&mut run, &mut outcome, 2, [1, 2, 3]);
+    // The last ball of one run is lost, the lines of the next with it.
+    announce(&mut run, &mut outcome, 9);
+    blocks(&mut run, &mut outcome, 3, [1, 2, 2]);
+    blocks(&mut run, &mut outcome, 4, [1, 2, 3]);
+    let summary = outcome.summary();
+    assert_eq!(summary[..2], ["OK", "OK"], "{summary:?}");
+    assert_eq!(summary[2], "frame_unknown run_unknown", "{summary:?}");
+    assert!(summary[3..].iter().all(|of| of != "OK"), "{summary:?}");
+    let text = |at: usize| {
+        outcome.verdicts[at]
+            .correction
+            .as_ref()
+            .unwrap()
+            .text
+            .clone()
+    };
+    assert!(text(1).contains("531EQ8"), "{}", text(1));
 }
 
 /// A part that slips between the first ball and the last shows in the closing one; a stylus
