@@ -67,6 +67,7 @@ pub fn job() -> Job {
         guards: Guards::default(),
         line: umi_protocol::serial::LineSpec::default(),
         skip: umi_protocol::job::SkipSpec::default(),
+        again: None,
     }
 }
 
