@@ -15,7 +15,7 @@ use crate::stack::{self, Level, StackNeed};
 pub struct ImageFigures {
     /// What it puts into flash: code, constants, and the initial values of variables.
     pub flash_bytes: u64,
-    /// Static variables: RAM without the stack.
+    /// Static variables, and code that runs from RAM: RAM without the stack.
     pub static_bytes: u64,
     /// The stack that each level of priority needs at worst; together, what it needs.
     pub stack: Vec<StackNeed>,
@@ -71,14 +71,22 @@ impl ImageFigures {
     }
 }
 
+/// Where an Arm processor has its RAM (Armv6-M and Armv7-M, B3.1).
+const RAM: std::ops::Range<u64> = 0x2000_0000..0x4000_0000;
+
 fn static_bytes(file: &read::File<'_>) -> u64 {
     let is_variables = |flags| match flags {
         SectionFlags::Elf { sh_flags, .. } => sh_flags.contains(SHF_ALLOC | SHF_WRITE),
         _ => false,
     };
-    let sections = file
-        .sections()
-        .filter(|section| is_variables(section.flags()));
+    let is_code = |flags| match flags {
+        SectionFlags::Elf { sh_flags, .. } => sh_flags.contains(SHF_ALLOC),
+        _ => false,
+    };
+    let sections = file.sections().filter(|section| {
+        is_variables(section.flags())
+            || is_code(section.flags()) && RAM.contains(&section.address())
+    });
     sections.map(|section| section.size()).sum()
 }
 

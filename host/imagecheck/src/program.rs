@@ -233,10 +233,7 @@ impl LinkedProgram {
     fn pass_veneers(&mut self) {
         for index in 0..self.functions.len() {
             let name = self.functions[index].name();
-            let Some(name) = name
-                .strip_prefix("__")
-                .and_then(|name| name.strip_suffix("_veneer"))
-            else {
+            let Some(name) = behind_veneer(name) else {
                 continue;
             };
             let name = readable(name);
@@ -375,6 +372,13 @@ fn returning(ends: &[Ends]) -> Vec<bool> {
 fn around(places: &Places, address: u64) -> Option<usize> {
     let (_, (end, index)) = places.range(..=address).next_back()?;
     (address < *end).then_some(*index)
+}
+
+/// The function that a veneer is named after: GNU's linker's, or LLVM's.
+fn behind_veneer(name: &str) -> Option<&str> {
+    let name = name.strip_prefix("__")?;
+    let gnu = name.strip_suffix("_veneer");
+    gnu.or_else(|| Some(name.split_once("LongThunk_")?.1))
 }
 
 /// The function that a pointer of this value points to.
@@ -654,11 +658,16 @@ mod tests {
             ..Function::default()
         };
         let mut program = LinkedProgram {
-            functions: vec![named("__far_veneer"), named("far")],
+            functions: vec![
+                named("__far_veneer"),
+                named("far"),
+                named("__Thumbv6MABSLongThunk_far"),
+            ],
             ..LinkedProgram::default()
         };
         program.pass_veneers();
         assert_eq!(program.functions[0].calls, [1]);
+        assert_eq!(program.functions[2].calls, [1]);
         assert_eq!(
             (program.functions[0].indirect, program.functions[1].indirect),
             (0, 1)

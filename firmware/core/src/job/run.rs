@@ -875,12 +875,14 @@ impl Run {
 
     /// How each feature of this setup is.
     fn shown(&self) -> Vec<Learned, MAX_FEATURES> {
-        let features = self.slots.iter().map(|slot| {
+        let mut shown = Vec::new();
+        for slot in &self.slots {
             let fit = slot.result.as_ref().and_then(|result| result.fit.as_ref());
             let learned = fit.map(|fit| feature::learned(fit, slot.centring_mm));
-            learned.unwrap_or_default()
-        });
-        features.collect()
+            // There are no more slots than that.
+            let _ = shown.push(learned.unwrap_or_default());
+        }
+        shown
     }
 
     /// Widens what was learned by this setup, if it is to and is OK; whether what was learned

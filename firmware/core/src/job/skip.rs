@@ -24,7 +24,8 @@
 //! the oldest are judged at once.
 //!
 //! An edge that a board could not capture has no position. If it may have been the first of a
-//! touch, that touch has none: it is refused rather than placed a bounce too late.
+//! touch, that touch has none: it is refused rather than placed a bounce too late. The same holds
+//! for a pulse whose end was not captured: it may have been a spark.
 //!
 //! # Limitations
 //!
@@ -52,8 +53,10 @@ enum What {
     Begin([f64; 3]),
     /// It rests again.
     End,
-    /// So many edges came by now, at least, and nobody knows where the axes were.
+    /// It became active so often by now, at least, and nobody knows where the axes were.
     Lost(u32),
+    /// It came to rest by now, at least once, and nobody knows when.
+    EndLost,
 }
 
 /// A touch of the probe.
@@ -81,6 +84,8 @@ pub struct SkipLine {
     min_width_ns: u64,
     hold_off_ns: u64,
     waiting: Vec<Edge, ROOM>,
+    /// The board has told an end: then a pulse without one has lost it.
+    tells_ends: bool,
     /// The pulse that has begun and not ended.
     open: Option<(u64, [f64; 3])>,
     /// The line's last activity; nothing narrower than the minimum width counts.
@@ -99,6 +104,7 @@ impl SkipLine {
             min_width_ns: u64::from(spec.min_width_us()) * 1_000,
             hold_off_ns: u64::from(spec.hold_off_ms()) * 1_000_000,
             waiting: Vec::new(),
+            tells_ends: false,
             open: None,
             latest_ns: None,
             began_ns: 0,
@@ -115,14 +121,18 @@ impl SkipLine {
             _ => return,
         };
         let t_ns = latch.t_ns;
+        let begins = rises == (self.active == SignalLevel::High);
+        self.tells_ends |= !begins;
         if latch.missed > 0 {
-            let what = What::Lost(latch.missed);
+            let what = match begins {
+                true => What::Lost(latch.missed),
+                false => What::EndLost,
+            };
             self.put(Edge { t_ns, what });
         }
         if latch.counts.is_empty() {
             return;
         }
-        let begins = rises == (self.active == SignalLevel::High);
         let what = match (begins, mm) {
             (false, _) => What::End,
             (true, Some(mm)) => What::Begin(mm),
@@ -166,10 +176,8 @@ impl SkipLine {
     fn judge(&mut self, edge: Edge) {
         match edge.what {
             What::Begin(mm) => {
-                if let Some((begin_ns, mm)) = self.open.replace((edge.t_ns, mm)) {
-                    // Its end is not told: all that is known is that it was.
-                    self.pulse(begin_ns, begin_ns, Some(mm));
-                }
+                let before = self.open.replace((edge.t_ns, mm));
+                self.without_end(before, !self.tells_ends);
             }
             What::End => match self.open.take() {
                 Some((begin_ns, mm)) => {
@@ -183,13 +191,24 @@ impl SkipLine {
                 None => self.goes_on(edge.t_ns),
             },
             What::Lost(count) => {
-                if let Some((begin_ns, mm)) = self.open.take() {
-                    self.pulse(begin_ns, edge.t_ns, Some(mm));
-                }
+                let before = self.open.take();
+                self.without_end(before, !self.tells_ends);
                 self.pulse(edge.t_ns, edge.t_ns, None);
                 let more = count.saturating_sub(1);
                 self.chatter.bounces = self.chatter.bounces.saturating_add(more);
             }
+            What::EndLost => {
+                let open = self.open.take();
+                self.without_end(open, false);
+            }
+        }
+    }
+
+    /// A pulse of which all that is known is that it was: it counts as wide if the board tells no
+    /// ends. Else it may have been a spark, and where a touch begins by it, that has no position.
+    fn without_end(&mut self, pulse: Option<(u64, [f64; 3])>, is_wide: bool) {
+        if let Some((begin_ns, mm)) = pulse {
+            self.pulse(begin_ns, begin_ns, Some(mm).filter(|_| is_wide));
         }
     }
 

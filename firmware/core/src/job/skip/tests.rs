@@ -275,6 +275,29 @@ fn a_lost_edge_has_no_position() {
     );
 }
 
+/// A pulse whose end was not captured may have been a spark: where a touch begins by it, that has no
+/// position. As a bounce it is counted.
+#[test]
+fn a_lost_end_has_no_position() {
+    let spec = SkipSpec::default();
+    for (first, touch) in [(MS, None), (MS - 40 * US, Some(MS - 40 * US))] {
+        let mut line = SkipLine::new(&spec);
+        if touch.is_some() {
+            feed(&mut line, &[(first, first + 20 * US)]);
+        }
+        line.latched(&edge(LatchCause::Skip, MS), Some(at(MS)));
+        let mut end = edge(LatchCause::SkipEnd, 2 * MS);
+        end.missed = 1;
+        line.latched(
+            &edge(LatchCause::Skip, MS + 50 * US),
+            Some(at(MS + 50 * US)),
+        );
+        line.latched(&end, Some(at(2 * MS)));
+        let taken = line.take().unwrap();
+        assert_eq!(taken.mm, touch.map(at));
+    }
+}
+
 /// A board that tells no ends: the first edge of a train is the touch all the same.
 #[test]
 fn without_ends_the_first_edge_counts() {

@@ -8,6 +8,7 @@
 //! `S` counts the lines, `K` is the command, `C` their check value. Blanks may stand anywhere
 //! between letters and numbers, as DPRNT makes them.
 
+use super::buffer::{LineBuffer, TooLong};
 use crate::units::Mm;
 
 /// Longest line.
@@ -92,22 +93,8 @@ pub fn check_value(values: &[i64]) -> i64 {
 }
 
 /// A line as it comes.
-#[derive(Debug)]
-pub(super) struct CommandLine {
-    bytes: [u8; LINE],
-    length: usize,
-    is_too_long: bool,
-}
-
-impl Default for CommandLine {
-    fn default() -> Self {
-        Self {
-            bytes: [0; LINE],
-            length: 0,
-            is_too_long: false,
-        }
-    }
-}
+#[derive(Debug, Default)]
+pub(super) struct CommandLine(LineBuffer<LINE>);
 
 impl CommandLine {
     /// The next byte; at the end of a line with something on it, what it asks for.
@@ -117,26 +104,15 @@ impl CommandLine {
             // Device controls, fill characters.
             control if control < b' ' => return None,
             byte => {
-                match self.bytes.get_mut(self.length) {
-                    Some(slot) => {
-                        *slot = byte;
-                        self.length += 1;
-                    }
-                    None => self.is_too_long = true,
-                }
+                self.0.push(byte);
                 return None;
             }
         }
-        let is_too_long = core::mem::take(&mut self.is_too_long);
-        let length = core::mem::take(&mut self.length);
-        let line = self.bytes.get(..length).unwrap_or_default().trim_ascii();
-        if line.is_empty() || line == b"%" {
-            return None;
+        match self.0.end().map(<[u8]>::trim_ascii) {
+            Ok(b"" | b"%") => None,
+            Ok(line) => Some(command(line)),
+            Err(TooLong) => Some(Err(CommandFault::Unreadable)),
         }
-        if is_too_long {
-            return Some(Err(CommandFault::Unreadable));
-        }
-        Some(command(line))
     }
 }
 

@@ -11,6 +11,7 @@
 //! next is read ([`CaptureStation::order`]).
 
 mod answer;
+mod buffer;
 mod collect;
 mod command;
 mod pairing;

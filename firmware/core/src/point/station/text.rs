@@ -5,6 +5,7 @@
 //! 00018 - out_of_range
 //! ```
 
+use super::buffer::{LineBuffer, TooLong};
 use crate::units::Mm;
 
 /// Longest line.
@@ -77,47 +78,22 @@ pub struct NumberedReading {
 }
 
 /// A line as it comes.
-#[derive(Debug)]
-pub(super) struct TextLine {
-    bytes: [u8; LINE],
-    length: usize,
-    is_too_long: bool,
-}
-
-impl Default for TextLine {
-    fn default() -> Self {
-        Self {
-            bytes: [0; LINE],
-            length: 0,
-            is_too_long: false,
-        }
-    }
-}
+#[derive(Debug, Default)]
+pub(super) struct TextLine(LineBuffer<LINE>);
 
 impl TextLine {
     /// The next byte; at the end of a line, what it says. Empty lines say nothing.
     pub fn byte(&mut self, byte: u8, text: &ReadingText) -> Option<Result<NumberedReading, ()>> {
         let byte = byte & 0x7F;
         if byte != b'\n' && byte != b'\r' {
-            match self.bytes.get_mut(self.length) {
-                Some(slot) => {
-                    *slot = byte;
-                    self.length += 1;
-                }
-                None => self.is_too_long = true,
-            }
+            self.0.push(byte);
             return None;
         }
-        let is_too_long = core::mem::take(&mut self.is_too_long);
-        let length = core::mem::take(&mut self.length);
-        let line = self.bytes.get(..length).unwrap_or_default();
-        if line.is_empty() {
-            return None;
+        match self.0.end() {
+            Ok(b"") => None,
+            Ok(line) => Some(reading(line, text).ok_or(())),
+            Err(TooLong) => Some(Err(())),
         }
-        if is_too_long {
-            return Some(Err(()));
-        }
-        Some(reading(line, text).ok_or(()))
     }
 }
 
