@@ -16,6 +16,12 @@ const RESOLUTION_MM: f64 = 1e-7;
 const PROGRAMMES: usize = 400;
 /// Starts beside the two that are given.
 const MORE_STARTS: usize = 6;
+/// Where faces demand unlike things, the margin of a point jumps as it comes nearer to another face: starts until so
+/// many of them in turn find nothing better, and at most.
+const IN_VAIN: usize = 18;
+const MOST_STARTS: usize = 60;
+/// How wide they lie about the best place, in turn, in mm.
+const WIDTHS_MM: [f64; 3] = [0.8, 0.3, 2.0];
 
 /// How far the part may go from where its stock is most even: a part that is not scanned all around could leave its
 /// raw part by the side that no point guards.
@@ -31,18 +37,14 @@ impl Range {
 }
 
 impl Search<'_> {
-    /// The best place found from the start, from `even` (where the stock is most even), and from places about the best.
-    pub fn best(&self, even: &Pose) -> Pose {
+    /// The best place found from the start, from `even` (where the stock is most even), from `others`, and from places
+    /// about the best.
+    pub fn best(&self, even: &Pose, others: &[Pose]) -> Pose {
         let arm = self
             .points
             .iter()
             .map(|q| (q - self.pivot).norm())
             .fold(1e-3, f64::max);
-        let turn = even.rotation * self.start.rotation.transpose();
-        let w = crate::rigid::rotation_vector(&turn);
-        let shift =
-            even.translation_mm - self.pivot - turn * (self.start.translation_mm - self.pivot);
-        let at_even = Vector6::new(w.x, w.y, w.z, shift.x, shift.y, shift.z);
         let stocks = measure(self.surface, self.points, even, &[], self.threads);
         let (least, most) = stocks
             .iter()
@@ -53,26 +55,63 @@ impl Search<'_> {
             even: *even,
             limit_mm: 1.0 + 4.0 * (most - least),
         };
-        let mut best = self.climb(at_even, arm, &range);
+        let mut best = self.climb(self.step_to(even), arm, &range);
         let from_start = self.climb(Vector6::zeros(), arm, &range);
         if from_start.least > best.least {
             best = from_start;
         }
         // Directions that are spread evenly and are always the same: the golden sections of six dimensions.
-        for k in 0..MORE_STARTS {
-            let mut x = best.x;
-            for i in 0..6 {
-                if !self.locked[i] {
-                    let spread = (GOLDEN[i] * (k + 1) as f64).fract() - 0.5;
-                    x[i] += spread * if i < 3 { 0.8 / arm } else { 0.8 };
-                }
-            }
-            let other = self.climb(x, arm, &range);
+        for other in others {
+            let other = self.climb(self.step_to(other), arm, &range);
             if other.least > best.least {
                 best = other;
             }
         }
+        let unlike = self.is_unlike();
+        let mut in_vain = 0;
+        for k in 0..if unlike { MOST_STARTS } else { MORE_STARTS } {
+            let (width, about) = if unlike {
+                // About the best and about each that was given, in turn.
+                let about = others.get(k % (others.len() + 1));
+                let width = WIDTHS_MM[k / (others.len() + 1) % 3];
+                (width, about.map_or(best.x, |other| self.step_to(other)))
+            } else {
+                (0.8, best.x)
+            };
+            let mut x = about;
+            for i in 0..6 {
+                if !self.locked[i] {
+                    let spread = (GOLDEN[i] * (k + 1) as f64).fract() - 0.5;
+                    x[i] += spread * if i < 3 { width / arm } else { width };
+                }
+            }
+            let other = self.climb(x, arm, &range);
+            in_vain += 1;
+            if other.least > best.least {
+                if other.least > best.least + 1e-5 {
+                    in_vain = 0;
+                }
+                best = other;
+            }
+            if unlike && in_vain >= IN_VAIN {
+                break;
+            }
+        }
         best.motion
+    }
+
+    /// The step from the start to a place.
+    fn step_to(&self, place: &Pose) -> Vector6<f64> {
+        let turn = place.rotation * self.start.rotation.transpose();
+        let w = crate::rigid::rotation_vector(&turn);
+        let shift =
+            place.translation_mm - self.pivot - turn * (self.start.translation_mm - self.pivot);
+        Vector6::new(w.x, w.y, w.z, shift.x, shift.y, shift.z)
+    }
+
+    /// Whether faces demand unlike things.
+    fn is_unlike(&self) -> bool {
+        self.rules.windows(2).any(|pair| pair[0] != pair[1])
     }
 
     fn climb(&self, x: Vector6<f64>, arm: f64, range: &Range) -> Place {
@@ -119,7 +158,7 @@ impl Search<'_> {
 
     /// A better place that is found by overlooking the worst few points.
     fn past_an_edge(&self, here: &Place, arm: f64, range: &Range) -> Option<Place> {
-        if self.rules.windows(2).all(|pair| pair[0] == pair[1]) {
+        if !self.is_unlike() {
             return None;
         }
         for without in 1..=6 {

@@ -102,6 +102,9 @@ pub struct StockFound {
     pub reasons: Vec<ScanError>,
 }
 
+/// Rounds in which margins are made even.
+const EVENINGS: usize = 6;
+
 /// The share of the model's area that need not be scanned.
 const UNMEASURED: f64 = 0.01;
 
@@ -152,9 +155,79 @@ impl StockTask<'_> {
                 corners: self.model.corners(),
                 threads: self.threads,
             }
-            .best(&even.motion),
+            .best(
+                &even.motion,
+                &self.by_demands(&surface, &kept, (locked, pivot), &rules, &even.motion),
+            ),
         };
         Ok(self.judge(&surface, &motion, spikes, &kept, &rules))
+    }
+
+    /// Where the margins are most even, by least squares: as-built faces on the model, and faces with stock above what
+    /// they demand by one and the same amount. Once with the as-built faces alone at first. None where all demand alike.
+    fn by_demands(
+        &self,
+        surface: &CompositeSurface,
+        points: &[Vec3],
+        (locked, pivot): ([bool; 6], Vec3),
+        rules: &[Rule],
+        even: &Pose,
+    ) -> Vec<Pose> {
+        if rules.windows(2).all(|pair| pair[0] == pair[1]) {
+            return Vec::new();
+        }
+        let solve = |points: &[Vec3], from: &Pose| {
+            let task = Task {
+                surface,
+                points,
+                weights: &[],
+                kernel: Kernel::None,
+                offset: Offset::Zero,
+                pivot,
+                locked,
+                steps: 100,
+                threads: self.threads,
+            };
+            task.solve(from).motion
+        };
+        let at_even = measure(surface, points, even, &[], self.threads);
+        let built: Vec<Vec3> = points
+            .iter()
+            .zip(&at_even)
+            .filter(|(_, m)| matches!(rules[m.face], Rule::Profile(_)))
+            .map(|(q, _)| *q)
+            .collect();
+        let mut starts = vec![*even];
+        if built.len() >= 6 {
+            starts.push(solve(&built, even));
+        }
+        starts
+            .into_iter()
+            .map(|start| {
+                let mut motion = start;
+                for _ in 0..EVENINGS {
+                    let measured = measure(surface, points, &motion, &[], self.threads);
+                    let mut over: Vec<f64> = measured
+                        .iter()
+                        .filter_map(|m| match rules[m.face] {
+                            Rule::Stock(least) => Some(m.distance_mm - least),
+                            Rule::Profile(_) => None,
+                        })
+                        .collect();
+                    let over = median(&mut over);
+                    let lowered: Vec<Vec3> = points
+                        .iter()
+                        .zip(&measured)
+                        .map(|(q, m)| match rules[m.face] {
+                            Rule::Stock(least) => q - m.direction * (least + over),
+                            Rule::Profile(_) => *q,
+                        })
+                        .collect();
+                    motion = solve(&lowered, &motion);
+                }
+                motion
+            })
+            .collect()
     }
 
     fn least(

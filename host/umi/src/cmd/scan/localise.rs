@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
-use umi_scan::format::clouds::read_cloud;
+use umi_scan::format::clouds::read::read_bounded;
 use umi_scan::localise::fiducials::{FiducialSeen, read_fiducials};
 use umi_scan::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
 use umi_scan::parallel::Threads;
@@ -65,6 +65,10 @@ pub(crate) struct Localise {
     /// Threads; the result has the same bits for any number
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// The memory that may be used. Scans with more points than it holds are thinned evenly while they
+    /// are read (PLY; other formats must fit); no file is made for it
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
+    memory_mb: u64,
     /// Write the transform for `umi correction` and `umi nc rewrite`
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
@@ -113,8 +117,8 @@ Scans of a part that the machine had turned in between:
 
 Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
-no_fiducial, fiducials_disagree, too_few_points, empty_model, not_finite; 1 a file
-(bad_file) or usage.";
+no_fiducial, fiducials_disagree, too_few_points, too_many_points (--kernel and
+--memory-mb), empty_model, not_finite; 1 a file (bad_file, too_large) or usage.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Unit {
@@ -134,11 +138,17 @@ impl Unit {
     }
 }
 
+/// The memory that a point takes at the most, with all that is found of it.
+const BYTES_A_POINT: u64 = 300;
+
 /// What was read and found.
 struct Found {
     answer: ScanAnswer,
     /// The points of the files, also those that are not finite.
     n: usize,
+    /// Finite points that were kept, and the edge of the cubes of which one point each was, in mm.
+    kept: usize,
+    cell_mm: Option<f64>,
     /// The corners of the part, or of the scan without one.
     corners: [Vec3; 8],
 }
@@ -191,12 +201,28 @@ impl Localise {
             (None, Some(scan)) => vec![scans::Listed::still(scan)],
             (None, None) => Vec::new(),
         };
-        let mut n = 0;
+        let (mut n, mut kept, mut cell_mm) = (0, 0, None);
+        let most = (self.memory_mb * 1_000_000 / BYTES_A_POINT) as usize / listed.len().max(1);
         let mut taken = Vec::new();
         for scan in listed {
-            let mut cloud = read_cloud(&scan.file)?;
+            let bounded = read_bounded(&scan.file, most, self.memory_mb * 1_000_000 / 3)?;
+            if self.kernel.is_some() && bounded.cell.is_some() {
+                return Err(ScanError::refused(
+                    "too_many_points",
+                    format_args!(
+                        "{}: {} points do not fit in {} MB, and --kernel is about all of them; give more by --memory-mb",
+                        scan.file.display(),
+                        bounded.read,
+                        self.memory_mb
+                    ),
+                ));
+            }
+            let cell = bounded.cell.map(|cell| cell * self.unit.mm());
+            cell_mm = cell.into_iter().chain(cell_mm).reduce(f64::max);
+            let mut cloud = bounded.cloud;
             cloud.scale(self.unit.mm());
-            n += cloud.points.len() + cloud.not_finite;
+            n += bounded.read + cloud.not_finite;
+            kept += cloud.points.len();
             taken.push(TakenScan {
                 name: name(&scan.file),
                 points: cloud.points,
@@ -224,6 +250,8 @@ impl Localise {
         Ok(Found {
             answer: question.answer()?,
             n,
+            kept,
+            cell_mm,
             corners,
         })
     }
@@ -275,7 +303,7 @@ impl Localise {
         let fields = json!({
             "verdict": placed.verdict(),
             "reasons": placed.reasons(),
-            "n": found.n, "n_used": located.n_used, "overlap": located.overlap,
+            "n": found.n, "kept": found.kept, "cell_mm": found.cell_mm, "n_used": located.n_used, "overlap": located.overlap,
             "rms_mm": located.rms_mm, "sigma_mm": located.sigma_mm,
             "scale": c.scale, "u_scale": c.u_scale.is_finite().then_some(c.u_scale),
             "cov": rows(&c.cov), "at": at,
@@ -286,6 +314,7 @@ impl Localise {
 
     fn text(&self, placed: &Placed<'_>, found: &Found) -> String {
         let (answer, n) = (&found.answer, found.n);
+        let (kept, cell_mm) = (found.kept, found.cell_mm);
         let found = &answer.located;
         let mut text = placed.headline();
         text.push_str(&placed.pose(self.what()));
@@ -298,6 +327,12 @@ impl Localise {
             found.sigma_mm,
             found.rms_mm
         );
+        if let Some(cell) = cell_mm {
+            let _ = writeln!(
+                text,
+                "thinned to {kept} points, one of each {cell:.3} mm: all do not fit in --memory-mb"
+            );
+        }
         let c = &found.certainty;
         let _ = writeln!(
             text,
