@@ -6,6 +6,7 @@
 //!   and printed text out.
 //! * [`machine`]: the machine tool that carries them out: axes, encoders, probe.
 //! * [`sensor`]: a distance sensor in its spindle.
+//! * [`scanner`]: a laser line scanner on its axes.
 //! * [`station`]: the board between that sensor and the control.
 //! * [`scene`]: what stands on the machine's table.
 //! * [`cutting`]: what a tool path leaves on a workpiece.
@@ -20,6 +21,7 @@ pub mod cutting;
 pub mod machine;
 pub mod nc;
 pub(crate) mod random;
+pub mod scanner;
 pub mod scene;
 pub mod sensor;
 pub mod station;

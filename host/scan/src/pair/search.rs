@@ -36,8 +36,10 @@ const LOOKS_EACH: usize = 4;
 const FINE_BOX: f64 = 4.0;
 /// With more latches than these about a profile its encoder says nothing of the box.
 const CROWD: usize = 32;
-/// How many first and last latches are tried for a first guess.
+/// How many first and last latches and profiles are tried for a first guess, at the fewest, and
+/// how many steps all of them may take about.
 const FIRST_GUESSES: usize = 12;
+const GUESS_STEPS: f64 = 1.5e8;
 
 /// The times of profiles and latches, about their centres, each in rising order.
 #[derive(Debug, Clone)]
@@ -296,6 +298,7 @@ pub fn search(trains: &Trains) -> SearchOutcome {
         best: None,
         runner_up: 0,
         differences: Vec::new(),
+        within: vec![0; trains.profiles()],
     };
     search.run()
 }
@@ -316,7 +319,10 @@ struct Search<'a> {
     best: Option<Explained>,
     /// The most that another shift explains.
     runner_up: usize,
-    differences: Vec<i64>,
+    /// Encoder less counts, each with the place of its profile.
+    differences: Vec<(i64, usize)>,
+    /// How often each place is in the window of [`widest`].
+    within: Vec<u32>,
 }
 
 impl Search<'_> {
@@ -399,27 +405,33 @@ impl Search<'_> {
         })
     }
 
-    /// Tries the shifts that join one of the first latches to the first profile and one of
-    /// the last to the last: a good pairing early makes the search short.
+    /// Tries the shifts that join the first profile to one of the first latches, or the first latch
+    /// to one of the first profiles, and the same at the end: a good pairing early makes the search
+    /// short, and one of both streams often begins or ends before the other.
     fn guess(&mut self) {
         let trains = self.trains;
-        let (Some(&first), Some(&last)) = (trains.sensor.first(), trains.sensor.last()) else {
+        let (profiles, latches) = (trains.profiles(), trains.latches());
+        if profiles == 0 || latches == 0 {
             return;
-        };
-        let ends = trains.latches().min(FIRST_GUESSES);
-        for begin in 0..ends {
-            for end in 0..ends {
-                let (a, b) = (
-                    trains.board[begin],
-                    trains.board[trains.latches() - 1 - end],
-                );
-                let drift = if last > first {
-                    (b - a) / (last - first) - 1.0
+        }
+        let many = (GUESS_STEPS / (profiles + latches) as f64).sqrt() / 2.0;
+        let many = (many as usize).max(FIRST_GUESSES);
+        let beside: Vec<(usize, usize)> = (0..latches.min(many))
+            .map(|latch| (0, latch))
+            .chain((1..profiles.min(many)).map(|profile| (profile, 0)))
+            .collect();
+        for &(first, begin) in &beside {
+            for &(last, end) in &beside {
+                let (last, end) = (profiles - 1 - last, latches - 1 - end);
+                let (from, to) = (trains.sensor[first], trains.sensor[last]);
+                let (a, b) = (trains.board[begin], trains.board[end]);
+                let drift = if to > from {
+                    (b - a) / (to - from) - 1.0
                 } else {
                     0.0
                 };
                 if drift.abs() <= trains.drift {
-                    self.take(a - (1.0 + drift) * first, drift);
+                    self.take(a - (1.0 + drift) * from, drift);
                 }
             }
         }
@@ -495,14 +507,15 @@ impl Search<'_> {
                     .take_while(|&&t| t <= at + reach);
                 let latches = begin..begin + near.count();
                 self.steps += 8 * latches.len() as u64;
+                let near = latches.filter_map(|latch| trains.difference(place, latch));
                 self.differences
-                    .extend(latches.filter_map(|latch| trains.difference(place, latch)));
+                    .extend(near.map(|difference| (difference, place)));
             }
         }
         let mut bound = trains.profiles() - missing;
         if trains.counters.is_some() {
             self.differences.sort_unstable();
-            bound = bound.min(widest(&self.differences, trains.spread));
+            bound = bound.min(widest(&self.differences, trains.spread, &mut self.within));
         }
         (bound >= needed).then_some(bound)
     }
@@ -552,12 +565,13 @@ impl Search<'_> {
             if trains.counters.is_some() && !crowded {
                 self.steps += 8 * (end - begin) as u64;
                 let near = (begin..end).filter_map(|latch| trains.difference(place, latch));
-                self.differences.extend(near);
+                self.differences
+                    .extend(near.map(|difference| (difference, place)));
             }
         }
         if trains.counters.is_some() && !crowded {
             self.differences.sort_unstable();
-            missing += seen - widest(&self.differences, trains.spread).min(seen);
+            missing += seen - widest(&self.differences, trains.spread, &mut self.within).min(seen);
         }
         Some((outside, missing))
     }
@@ -674,14 +688,26 @@ fn widest_window(sorted: &[i64], spread: i64) -> Option<(i64, i64)> {
     best
 }
 
-/// How many of the sorted values lie within `spread` of each other, at most.
-fn widest(sorted: &[i64], spread: i64) -> usize {
-    let (mut begin, mut most) = (0, 0);
+/// How many places have a value within `spread` of each other, at most. The values are sorted;
+/// `within` is all 0, and is so again.
+///
+/// Places count, not values: at rest an encoder shows the same at many latches.
+fn widest(sorted: &[(i64, usize)], spread: i64, within: &mut [u32]) -> usize {
+    let (mut begin, mut places, mut most) = (0, 0, 0);
     for end in 0..sorted.len() {
-        while sorted[end].saturating_sub(sorted[begin]) > spread {
+        while sorted[end].0.saturating_sub(sorted[begin].0) > spread {
+            let count = &mut within[sorted[begin].1];
+            *count -= 1;
+            places -= usize::from(*count == 0);
             begin += 1;
         }
-        most = most.max(end + 1 - begin);
+        let count = &mut within[sorted[end].1];
+        places += usize::from(*count == 0);
+        *count += 1;
+        most = most.max(places);
+    }
+    for (_, place) in &sorted[begin..] {
+        within[*place] = 0;
     }
     most
 }

@@ -112,6 +112,7 @@ fn scan(random: &mut Random) -> Scan {
             cause,
             latches,
             missed,
+            right_until_ns: None,
         },
         options: PairOptions {
             frame_bits,
@@ -195,6 +196,7 @@ fn a_long_even_scan_is_decided() {
             })
             .collect(),
         missed: 0,
+        right_until_ns: None,
     };
     let kept: Vec<u64> = (0..LATCHES).filter(|_| !random.chance(1e-4)).collect();
     assert!(kept.len() < LATCHES as usize);

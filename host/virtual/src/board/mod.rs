@@ -332,21 +332,23 @@ impl VirtualBoard {
     }
 
     /// The axes are here from now on. Trigger pulses that were asked for and are due on
-    /// the way are sent and latched.
-    pub fn move_to(&self, positions: Positions) {
-        self.moved(positions, false);
+    /// the way are sent and latched: these.
+    pub fn move_to(&self, positions: Positions) -> Vec<LatchReport> {
+        self.moved(positions, false)
     }
 
     /// As [`Self::move_to`], of axes that do not stand there: they were there at the
     /// positions' own instant, and until more is told that is all that is known.
-    pub fn passes(&self, positions: Positions) {
-        self.moved(positions, true);
+    pub fn passes(&self, positions: Positions) -> Vec<LatchReport> {
+        self.moved(positions, true)
     }
 
-    fn moved(&self, positions: Positions, passing: bool) {
-        for pulse in self.station.move_to(positions, passing) {
-            self.latch(pulse);
+    fn moved(&self, positions: Positions, passing: bool) -> Vec<LatchReport> {
+        let pulses = self.station.move_to(positions, passing);
+        for pulse in &pulses {
+            self.latch(pulse.clone());
         }
+        pulses
     }
 
     /// Whether the board enables a scanner's laser.

@@ -7,8 +7,8 @@ use serde::Deserialize;
 use umi_core::registration::RigidTransform;
 
 use super::{
-    AreaScannerSpec, Body, Group, PointSensorSpec, Scene, SceneError, SceneShape, joined, pose,
-    range,
+    AreaScannerSpec, Body, Group, LineScannerSpec, PointSensorSpec, Scene, SceneError, SceneShape,
+    joined, pose, range,
 };
 use crate::nc::{ControlSettings, OffsetSystem};
 
@@ -201,6 +201,7 @@ struct File {
     probe: ProbeSpec,
     point_sensor: Option<PointSensorSpec>,
     scanner: Option<AreaScannerSpec>,
+    line_scanner: Option<LineScannerSpec>,
     #[serde(default)]
     offsets_mm: BTreeMap<String, [f64; 3]>,
     #[serde(default)]
@@ -278,6 +279,9 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
         sensor.check(file.probe.tool)?;
     }
     if let Some(scanner) = &file.scanner {
+        scanner.check()?;
+    }
+    if let Some(scanner) = &file.line_scanner {
         scanner.check()?;
     }
     let mut groups: Vec<Group> = Vec::new();
@@ -388,6 +392,7 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
         probe: file.probe,
         point_sensor: file.point_sensor,
         scanner: file.scanner,
+        line_scanner: file.line_scanner,
         offsets_mm,
         setting_errors,
         tools,

@@ -27,6 +27,7 @@
 mod area_scanner;
 mod error;
 mod file;
+mod line_scanner;
 mod mesh;
 mod range;
 mod sensor;
@@ -46,6 +47,7 @@ use crate::nc::OffsetSystem;
 pub use area_scanner::AreaScannerSpec;
 pub use error::SceneError;
 pub use file::{ControlSpec, MachineSpec, ProbeSpec, Stores, ToolSpec};
+pub use line_scanner::{LineScannerSpec, SCANNER_PRESETS};
 pub use mesh::{BeamEnd, SceneMesh};
 pub use sensor::PointSensorSpec;
 pub use shape::SceneShape;
@@ -64,6 +66,8 @@ pub struct Scene {
     pub point_sensor: Option<PointSensorSpec>,
     /// Its area scanner, if it has one.
     pub scanner: Option<AreaScannerSpec>,
+    /// Its line scanner, if it has one.
+    pub line_scanner: Option<LineScannerSpec>,
     /// Work offsets of the control at the start, machine coordinates.
     pub offsets_mm: Vec<(OffsetSystem, [f64; 3])>,
     /// Workpiece setting errors of the control (`G54.4 P`) by number: along X, Y, Z in mm,

@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 75] = [
+const RANGES: [(&str, f64, f64); 98] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -83,6 +83,29 @@ const RANGES: [(&str, f64, f64); 75] = [
     ("scanner.drop_out", 0.0, 0.999),
     ("scanner.spot_mm", 0.0, 100.0),
     ("scanner.baseline_mm", -FAR_MM, FAR_MM),
+    ("line_scanner.rotation", -1.000001, 1.000001),
+    ("line_scanner.translation_mm", -FAR_MM, FAR_MM),
+    ("line_scanner.clearance_mm", 1e-3, 10_000.0),
+    ("line_scanner.range_mm", 1e-3, 10_000.0),
+    ("line_scanner.field_mm", 1e-3, 10_000.0),
+    ("line_scanner.samples", 2.0, 10_000.0),
+    ("line_scanner.pitch_um", 0.1, 1e5),
+    ("line_scanner.baseline_mm", 1e-3, 10_000.0),
+    ("line_scanner.noise_um", 0.0, 10_000.0),
+    ("line_scanner.speckle_um", 0.0, 10_000.0),
+    ("line_scanner.speckle_samples", 0.0, 1000.0),
+    ("line_scanner.steepest_deg", 1.0, 90.0),
+    ("line_scanner.gloss_deg", 0.0, 90.0),
+    ("line_scanner.edge_share", 0.0, 1.0),
+    ("line_scanner.exposure_us", 0.0, 1e6),
+    ("line_scanner.busy_us", 0.0, 1e7),
+    ("line_scanner.least_pulse_us", 0.0, 1e6),
+    ("line_scanner.every_us", 0.0, 1e9),
+    ("line_scanner.clock_offset_us", 0.0, 1e15),
+    ("line_scanner.clock_drift_ppm", -1e4, 1e4),
+    ("line_scanner.encoder_axis", 0.0, 255.0),
+    ("line_scanner.lost_share", 0.0, 1.0),
+    ("line_scanner.repeated_share", 0.0, 1.0),
     ("offsets_mm.*", -FAR_MM, FAR_MM),
     ("tools.*.length_mm", 0.0, 1000.0),
     ("tools.*.radius_mm", 1e-3, 500.0),
@@ -239,6 +262,31 @@ mod tests {
         drop_out = 0.01
         spot_mm = 0.3
         baseline_mm = 120
+        [line_scanner]
+        preset = "gocator"
+        rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        translation_mm = [0.0, 40.0, -130.0]
+        clearance_mm = 90.0
+        range_mm = 80.0
+        field_mm = [47.0, 85.0]
+        samples = 1280
+        pitch_um = [44.0, 75.0]
+        baseline_mm = 60.0
+        noise_um = [6.0, 14.0]
+        speckle_um = 3.0
+        speckle_samples = 4.0
+        steepest_deg = 80.0
+        gloss_deg = 5.0
+        edge_share = 0.2
+        exposure_us = 300.0
+        busy_us = 1000.0
+        least_pulse_us = 20.0
+        every_us = 2000.0
+        clock_offset_us = 123456.0
+        clock_drift_ppm = -35.0
+        encoder_axis = 0
+        lost_share = 0.001
+        repeated_share = 0.001
         [offsets_mm]
         "G54.1P1" = [1.0, 2.0, 3.0]
         [tools.1]

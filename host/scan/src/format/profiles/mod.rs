@@ -1,10 +1,11 @@
 //! Profiles from files, one after the other in constant memory.
 //!
 //! * [`csv`]: a row per sample.
-//! * [`gocator`]: a sensor's data channel, byte for byte.
+//! * [`gocator`]: a sensor's data channel, byte for byte; [`groups`]: its groups as they come.
 
 pub mod csv;
 pub mod gocator;
+pub mod groups;
 
 use std::fs::File;
 use std::io::BufReader;
