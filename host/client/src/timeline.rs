@@ -36,7 +36,8 @@ pub struct Loss {
     pub what: Lost,
     /// How many.
     pub count: u32,
-    /// When it was noticed, on the board's clock, where that is known.
+    /// When it was noticed, on the board's clock, where that is known; of motion and transitions:
+    /// until when the positions were right.
     pub t_ns: Option<u64>,
 }
 
@@ -220,11 +221,12 @@ impl Follower {
     }
 
     /// What the encoders say between two looks: positions that are not valid, and
-    /// transitions that came in between.
+    /// transitions that came in between; `good_ns` is when the last look was that found none.
     pub fn moved(
         &mut self,
         before: &Positions,
         after: &Positions,
+        good_ns: u64,
         mut tell: impl FnMut(TimelineEntry),
     ) {
         let illegal = |positions: &Positions| {
@@ -241,7 +243,7 @@ impl Follower {
                 tell(self.tally.count(Loss {
                     what,
                     count,
-                    t_ns: Some(after.t_ns),
+                    t_ns: Some(good_ns),
                 }));
             }
         }
@@ -397,8 +399,11 @@ mod tests {
         };
         let follow = |before, after| {
             let (mut follower, mut losses) = (Follower::default(), Vec::new());
-            follower.moved(&before, &after, |happening| match happening {
-                TimelineEntry::Loss(loss) => losses.push((loss.what, loss.count)),
+            follower.moved(&before, &after, 5, |happening| match happening {
+                TimelineEntry::Loss(loss) => {
+                    assert_eq!(loss.t_ns, Some(5));
+                    losses.push((loss.what, loss.count));
+                }
                 other => panic!("{other:?}"),
             });
             assert_eq!(follower.tally.lost(), !losses.is_empty());

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`capture`] | a board as fast as it computes, one event after the other |
 //! | [`digitize`] | a part digitized with a distance sensor |
+//! | [`line_scan`] | a laser line scanner beside a live board |
 //! | [`live`] | a board whose time is that of the wall, for others to be its host |
 //! | [`wiring`] | where the machine's wires lead |
 //! | [`tap`] | a tap on the wires: what the control prints for a listener |
@@ -11,6 +12,7 @@
 
 pub mod capture;
 pub mod digitize;
+pub mod line_scan;
 pub mod live;
 pub mod tap;
 pub mod tool_path;

@@ -15,6 +15,8 @@ use umi_virtual::{Config, VirtualBoard};
 
 use umi_client::problem::Problem;
 
+use crate::line_scan::LineScan;
+
 /// How often the board is told of its axes, at rest and in motion.
 pub const SAMPLING: Duration = Duration::from_millis(5);
 
@@ -30,6 +32,9 @@ pub struct Live {
     offset_us: u64,
     counts: Option<[i64; 3]>,
     skips: u32,
+    scan: Option<LineScan>,
+    /// What the board was told last, and when.
+    told: Option<(u64, [i64; 3])>,
 }
 
 impl Live {
@@ -55,7 +60,22 @@ impl Live {
             address,
             counts: None,
             skips: 0,
+            scan: None,
+            told: None,
         })
+    }
+
+    /// A laser line scanner goes with the axes.
+    #[must_use]
+    pub fn with_scanner(mut self, scan: LineScan) -> Self {
+        self.scan = Some(scan);
+        self
+    }
+
+    /// The scanner, if there is one.
+    #[must_use]
+    pub const fn scanner(&self) -> Option<&LineScan> {
+        self.scan.as_ref()
     }
 
     /// The board itself.
@@ -105,9 +125,14 @@ impl Live {
         }
     }
 
-    fn tell(&self, at_us: u64) {
-        if let Some(counts) = self.counts {
-            self.board.passes(crate::axes(at_us, counts));
+    fn tell(&mut self, at_us: u64) {
+        let Some(counts) = self.counts else { return };
+        let pulses = self.board.passes(crate::axes(at_us, counts));
+        let before = self.told.replace((at_us, counts));
+        if let (Some(scan), Some(before)) = (&mut self.scan, before) {
+            for latch in scan.moved(before, (at_us, counts), &pulses) {
+                self.board.latch(latch);
+            }
         }
     }
 }

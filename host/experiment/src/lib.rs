@@ -11,6 +11,7 @@
 //! | `run` | one run, from the ring gauge to the measured surface |
 //! | `outcome` | what it gives |
 //! | `pages` | the pages on it |
+//! | `scan` | a scanner on a table machine: a washer, a ball, and what time does to both |
 //! | `thesis` | what the thesis prints, for comparison |
 //!
 //! # What each remedy leaves
@@ -40,4 +41,5 @@ pub mod pages;
 pub mod part;
 pub mod path;
 pub mod run;
+pub mod scan;
 pub mod thesis;

@@ -2,6 +2,9 @@
 //!
 //! A `loss` row stands before the latch that told it. With a number: as many latches from
 //! that number on were captured, but not told. Without: edges were not captured.
+//!
+//! Where the column `what` says `motion` or `transitions`, the board could not follow an encoder:
+//! behind `t_ns` its counts are wrong.
 
 use std::collections::BTreeSet;
 use std::io::BufRead;
@@ -52,6 +55,18 @@ pub struct Triggers {
     pub latches: Vec<TriggerLatch>,
     /// How many the table says are missing.
     pub missed: u64,
+    /// Behind this time the counts are wrong: the board lost motion.
+    pub right_until_ns: Option<i64>,
+}
+
+impl Triggers {
+    /// The latches whose counts are right: all, or those up to a loss of motion.
+    #[must_use]
+    pub fn right(&self) -> usize {
+        self.right_until_ns.map_or(self.latches.len(), |until| {
+            self.latches.partition_point(|latch| latch.t_ns <= until)
+        })
+    }
 }
 
 /// Reads the latches of a cause, or of the only one that is there.
@@ -77,12 +92,25 @@ pub fn parse<R: BufRead>(
     let t_ns = table.column("t_ns")?;
     let lost = table.column("lost")?;
     let counts = COLUMNS.map(|axis| table.optional(&format!("{axis}_counts")));
+    let what = table.optional("what");
     let name = table.name().to_owned();
 
+    let mut right_until_ns: Option<i64> = None;
     let mut latches: [Vec<TriggerLatch>; 2] = [Vec::new(), Vec::new()];
     let mut missed = [0_u64; 2];
     let mut others = BTreeSet::new();
     while let Some(row) = table.next_row()? {
+        let of = what.map_or("", |what| row.text(what));
+        if row.text(event) == "loss" && matches!(of, "motion" | "transitions") {
+            // Without a time nobody knows from when on they are wrong.
+            let until = if row.text(t_ns).is_empty() {
+                i64::MIN
+            } else {
+                row.integer(t_ns)?
+            };
+            right_until_ns = Some(right_until_ns.map_or(until, |before| before.min(until)));
+            continue;
+        }
         let side = match row.text(of_cause) {
             "output" => 0,
             "trigger" => 1,
@@ -159,6 +187,7 @@ pub fn parse<R: BufRead>(
         cause,
         latches,
         missed: missed[side],
+        right_until_ns,
     })
 }
 
@@ -201,6 +230,18 @@ mod tests {
             triggers.latches[1].counts,
             [Some(6), None, None, None, None, None]
         );
+    }
+
+    #[test]
+    fn lost_motion_says_until_when_counts_are_right() {
+        let text = "event,number,cause,t_ns,x_counts,lost,what\n\
+            latch,0,output,1000,5,0,\nlatch,1,output,2000,5,0,\nloss,2,output,2500,,1,latches\n\
+            latch,3,output,3000,5,0,\nloss,,,2000,,4,transitions\nloss,,,2500,,1,motion\n";
+        let table = TableReader::new(text.as_bytes(), "t".into()).unwrap();
+        let triggers = parse(table, None).unwrap();
+        assert_eq!((triggers.missed, triggers.right_until_ns), (1, Some(2000)));
+        assert_eq!((triggers.latches.len(), triggers.right()), (3, 2));
+        assert_eq!(read("latch,0,output,1000,5,,0\n", None).unwrap().right(), 1);
     }
 
     #[test]

@@ -169,7 +169,8 @@ fn missing_axis(joint: &str, what: &str) -> ScanError {
 /// a latch.
 ///
 /// # Errors
-/// Those of [`pair`], [`Merger::new`] and the files. What was written until then is for the
+/// `motion_lost` where the counts of a pair are wrong and not only those before (`until_loss`) are
+/// wanted; those of [`pair`], [`Merger::new`] and the files. What was written until then is for the
 /// caller to throw away.
 pub fn merge(
     profiles: &Path,
@@ -177,19 +178,37 @@ pub fn merge(
     machine: &AxisChain,
     latency_us: f64,
     options: &PairOptions,
+    until_loss: bool,
     sink: &mut dyn PointSink,
 ) -> Result<Merged, ScanError> {
     let merger = Merger::new(machine, triggers, latency_us)?;
     let stamps = profiles::stamps(profiles)?;
     let pairing = pair(&stamps, triggers, options)?;
+    let right = triggers.right();
+    let wrong = pairing.pairs.iter().filter(|pair| pair.latch >= right);
+    let wrong = wrong.count();
+    if wrong > 0 && !until_loss {
+        return Err(ScanError::refused(
+            "motion_lost",
+            format_args!(
+                "the board lost motion of an axis, and behind that the counts of {} latches are \
+                 wrong: scan again, or take the {} profiles before it with --until-loss",
+                triggers.latches.len() - right,
+                pairing.pairs.len() - wrong
+            ),
+        )
+        .with("right_latches", right as u64)
+        .with("wrong_profiles", wrong as u64));
+    }
     let latches: HashMap<u64, usize> = pairing
         .pairs
         .iter()
+        .filter(|pair| pair.latch < right)
         .map(|pair| (pair.profile, pair.latch))
         .collect();
     let mut merged = Merged {
         profiles: stamps.len() as u64,
-        paired: pairing.pairs.len() as u64,
+        paired: latches.len() as u64,
         points: 0,
         invalid: 0,
         bounds_mm: None,

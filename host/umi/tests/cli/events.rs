@@ -188,14 +188,14 @@ fn a_table_has_a_row_for_each() {
     assert_eq!(
         rows[1..],
         [
-            "latch,1,trigger,1100000,10,-7,3,,,,1.000000,-0.700000,0.300000,0",
-            "loss,2,trigger,1400000,,,,,,,,,,2",
-            "loss,,trigger,1400000,,,,,,,,,,6",
-            "latch,4,trigger,1400000,40,-7,3,,,,4.000000,-0.700000,0.300000,0",
+            "latch,1,trigger,1100000,10,-7,3,,,,1.000000,-0.700000,0.300000,0,",
+            "loss,2,trigger,1400000,,,,,,,,,,2,latches",
+            "loss,,trigger,1400000,,,,,,,,,,6,edges",
+            "latch,4,trigger,1400000,40,-7,3,,,,4.000000,-0.700000,0.300000,0,",
         ]
     );
     for row in &rows {
-        assert_eq!(row.split(',').count(), 14, "{row}");
+        assert_eq!(row.split(',').count(), 15, "{row}");
     }
     umi(&args).exits(1).says("--force");
 }

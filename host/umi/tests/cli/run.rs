@@ -125,6 +125,52 @@ impl Machine {
     }
 }
 
+/// A machine with a laser line scanner that runs a program; its board's port, its sensor's.
+pub struct ScanningMachine {
+    child: std::process::Child,
+    /// The port of the board's host.
+    pub port: String,
+    /// The data channel of the sensor, as `tcp:HOST:PORT`.
+    pub sensor: String,
+}
+
+impl ScanningMachine {
+    /// Runs a program on the machine of a scene.
+    pub fn start(scene: &str, program: &str) -> Self {
+        use std::io::{BufRead as _, BufReader};
+        let job = project("examples/three-spheres-witnessed.toml");
+        let mut child = command(&["machine", "run", program, "--scene", scene])
+            .args(["--board", "virtual", "--job", &job])
+            .args(["--usb", "tcp:0", "--scanner", "0", "--json"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut next = || {
+            let mut line = String::new();
+            out.read_line(&mut line).unwrap();
+            let line: Value = serde_json::from_str(&line).unwrap();
+            line
+        };
+        let (board, sensor) = (next(), next());
+        // Somebody must read the rest.
+        std::thread::spawn(move || std::io::copy(&mut out, &mut std::io::sink()));
+        Self {
+            child,
+            port: board["usb"].as_str().unwrap().to_owned(),
+            sensor: format!("tcp:{}", sensor["tcp"].as_str().unwrap()),
+        }
+    }
+}
+
+impl Drop for ScanningMachine {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
 impl Drop for Machine {
     fn drop(&mut self) {
         let _ = self.child.kill();

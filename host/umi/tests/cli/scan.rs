@@ -269,6 +269,34 @@ fn a_refused_merge_writes_nothing() {
     assert!(!PathBuf::from(format!("{out}.part")).exists());
 }
 
+/// Behind a loss of motion counts are wrong: nothing of it becomes a point.
+#[test]
+fn what_lies_behind_a_loss_of_motion_is_refused() {
+    let folder = Folder::new();
+    let table = std::fs::read_to_string(cases().join("merge_3axis.triggers.csv")).unwrap();
+    let mut lines: Vec<String> = table.lines().map(|line| format!("{line},")).collect();
+    lines[0] += "what";
+    let good: Vec<&str> = lines[10].split(',').collect();
+    let (number, t_ns): (u64, &str) = (good[1].parse().unwrap(), good[3]);
+    let row = format!("loss,,,{t_ns},,,,,,,,,,4,transitions");
+    assert_eq!(row.matches(',').count(), lines[1].matches(',').count());
+    lines.push(row);
+    let table = folder.file("triggers.csv", lines.join("\n") + "\n");
+    let out = folder.path("cloud.csv");
+    let merge = |more: &[&str]| {
+        let args = ["scan", "merge", "merge_3axis.profiles.csv", &table];
+        let args = [&args, &["--machine", "merge_3axis.toml", "-o", &out], more].concat();
+        run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>())
+    };
+    let error = merge(&[]).exits(2).json();
+    assert_eq!(error["error"]["code"], "motion_lost", "{error}");
+    assert!(!PathBuf::from(&out).exists());
+    let merged = merge(&["--until-loss"]).exits(0).json();
+    let paired = merged["paired"].as_u64().unwrap();
+    assert!(paired > 0 && paired <= number + 1, "{merged}");
+    assert!(merged["points"].as_u64().unwrap() < 879);
+}
+
 /// A capture that is cut anywhere within a message, or whose sizes make no sense, is told so.
 #[test]
 fn a_capture_that_is_cut_or_damaged_is_not_understood() {

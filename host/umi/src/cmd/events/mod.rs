@@ -1,38 +1,37 @@
 //! `umi events`
 
+mod scan;
 mod sink;
 
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::failure::Failure;
-use crate::interrupt;
 use crate::output::Force;
 use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use umi_client::axes::{self, Scale};
+use umi_client::axes::Scale;
 use umi_client::journal::{self, FileItem, PullRequest};
-use umi_client::link::Client;
 use umi_client::timeline::{Follower, LatchTally, TimelineEntry};
 use umi_core::journal::Entry;
-use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::Record;
 
 use super::{Board, Format};
-use sink::Sink;
+pub(in crate::cmd) use scan::{Following, Rhythm, Scan};
+pub(in crate::cmd) use sink::Sink;
 
 /// Show or record what happens on a board; run a scan
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Events {
     /// What happened according to this pulled journal, instead of what happens
-    #[arg(value_name = "FILE.umij")]
+    #[arg(value_name = "FILE.umij", conflicts_with = "Scan")]
     file: Option<PathBuf>,
     #[command(flatten)]
     board: Board,
     /// What happened according to the board's journal, instead of what happens
-    #[arg(long, conflicts_with = "file")]
+    #[arg(long, conflicts_with_all = ["file", "Scan"])]
     journal: bool,
     /// Only these; losses are shown always
     #[arg(long, value_name = "KINDS", value_delimiter = ',')]
@@ -56,32 +55,6 @@ pub(crate) struct Events {
     scan: Scan,
     #[command(flatten)]
     pub format: Format,
-}
-
-/// What the board does for a scanner while the connection lasts.
-#[derive(Args)]
-#[group(multiple = true, conflicts_with_all = ["file", "journal"])]
-#[command(next_help_heading = "A scan, as long as this runs")]
-struct Scan {
-    /// A trigger pulse each so many millimetres along an axis; the job's witness section
-    /// says how many counts that is
-    #[arg(long, value_name = "MM", requires = "axis",
-          conflicts_with_all = ["trigger_every_counts", "trigger_every_us"])]
-    trigger_every_mm: Option<f64>,
-    /// A trigger pulse each so many encoder counts along an axis
-    #[arg(long, value_name = "N", requires = "axis", conflicts_with = "trigger_every_us",
-          value_parser = clap::value_parser!(u32).range(1..))]
-    trigger_every_counts: Option<u32>,
-    /// A trigger pulse each so many microseconds
-    #[arg(long, value_name = "US", conflicts_with = "axis",
-          value_parser = clap::value_parser!(u32).range(1..))]
-    trigger_every_us: Option<u32>,
-    /// The axis of the trigger pulses: x, y, z, w, axis5 or axis6
-    #[arg(long, value_parser = axis)]
-    axis: Option<u8>,
-    /// Enable the scanner's laser
-    #[arg(long)]
-    laser: bool,
 }
 
 /// What is shown.
@@ -110,8 +83,9 @@ them off when this command ends, however it ends, or stands still for five secon
 
 Columns of --csv: event (latch or loss), number (of its cause), cause (skip, trigger,
 output, index), t_ns (board's clock), x_counts, y_counts, z_counts, w_counts,
-axis5_counts, axis6_counts, x_mm, y_mm, z_mm, lost. What a board has not or nobody knows
-is empty. Millimetres need the job's witness section; they are the control's coordinates
+axis5_counts, axis6_counts, x_mm, y_mm, z_mm, lost, what. `what` says what a loss is of:
+`motion` or `transitions`, and counts are wrong from t_ns on; `edges`, `latches`, `counted`
+or `events`, and only a message is missing. What a board has not or nobody knows is empty. Millimetres need the job's witness section; they are the control's coordinates
 if it has origin_counts, else they begin where the counter shows 0.
 
 Examples:
@@ -126,32 +100,12 @@ Examples:
 Exit status: 0 nothing was lost, 1 file, usage or connection, 2 something was lost, or
 the board cannot do that scan.";
 
-fn seconds(text: &str) -> Result<Duration, String> {
+pub(in crate::cmd) fn seconds(text: &str) -> Result<Duration, String> {
     let wrong = || format!("`{text}` is no time: give seconds above 0, as 2.5");
     let seconds: f64 = text.parse().map_err(|_| wrong())?;
     let lasting = Duration::try_from_secs_f64(seconds).map_err(|_| wrong())?;
     (!lasting.is_zero()).then_some(lasting).ok_or_else(wrong)
 }
-
-fn axis(text: &str) -> Result<u8, String> {
-    let place = axes::NAMES
-        .iter()
-        .position(|name| name.eq_ignore_ascii_case(text));
-    place
-        .and_then(|place| u8::try_from(place).ok())
-        .ok_or_else(|| format!("`{text}` is no axis: give {}", axes::NAMES.join(", ")))
-}
-
-/// How long nothing must come after the end of a scan: what is under way arrives.
-const QUIET: Duration = Duration::from_millis(150);
-/// And how long is waited for that, at most.
-const LONGEST_END: Duration = Duration::from_secs(2);
-/// How often it is looked whether to stop.
-const TURN: Duration = Duration::from_millis(100);
-/// How often the board hears of us while it sends pulses or a laser is on; after five seconds
-/// without, it switches them off.
-const BEAT: Duration = Duration::from_secs(1);
-const LONGEST_BEAT: Duration = Duration::from_secs(4);
 
 impl Events {
     pub fn run(self) -> Result<(), Failure> {
@@ -195,56 +149,12 @@ impl Events {
             })?;
             return Ok(());
         }
-        sink.scale = Scale::of(board.job()?.job.as_ref());
-        let pulses = self.scan.pulses(&sink.scale)?;
-        let (before, from) = (board.status()?, board.positions()?);
-        board.live(true)?;
-        // From when the board may have heard us: before it is asked.
-        let mut beat = Instant::now();
-        self.scan.begin(&mut board, pulses)?;
-        let deadline = self.lasting.map(|lasting| Instant::now() + lasting);
-        let is_lit = self.scan.laser || pulses.is_some();
-        interrupt::watch();
-        while !sink.full() && !interrupt::came() {
-            let silent = beat.elapsed();
-            if is_lit && silent >= LONGEST_BEAT {
-                return Err(Failure::trouble(
-                    "stood_still",
-                    format!(
-                        "this program stood still for {:.0} s, and the board switches laser and \
-                     trigger pulses off then: begin the scan again",
-                        silent.as_secs_f64()
-                    ),
-                ));
-            }
-            if is_lit && silent >= BEAT {
-                let now = Instant::now();
-                board.positions()?;
-                beat = now;
-            }
-            let left = deadline.map_or(TURN, |at| at.saturating_duration_since(Instant::now()));
-            if left.is_zero() {
-                break;
-            }
-            if let Some(event) = board.next_event(left.min(TURN))? {
-                sink.take(|tell| follower.event(event, tell))?;
-            } else {
-                sink.flush()?;
-            }
-        }
-        self.scan.end(&mut board, pulses)?;
-        let (after, to) = (board.status()?, board.positions()?);
-        let deadline = Instant::now() + LONGEST_END;
-        while !sink.full() && Instant::now() < deadline {
-            let Some(event) = board.next_event(QUIET)? else {
-                break;
-            };
-            sink.take(|tell| follower.event(event, tell))?;
-        }
-        sink.take(|mut tell| {
-            follower.settle(&before, &after, &mut tell);
-            follower.moved(&from, &to, tell);
-        })
+        let following = Following {
+            scan: &self.scan,
+            lasting: self.lasting,
+            rhythm: Rhythm::Even,
+        };
+        following.run(&mut board, sink, follower, &mut |_, _| Ok(()))
     }
 
     /// An entry of a journal.
@@ -318,80 +228,6 @@ fn said(shown: u64, tally: &LatchTally) -> String {
         paint(BAD, format_args!("lost: {}", lost.join(", ")))
     };
     format!("{}, {verdict}", count(shown, "event"))
-}
-
-impl Scan {
-    /// The pulses that are asked for.
-    fn pulses(&self, scale: &Scale) -> Result<Option<TriggerOut>, Failure> {
-        let usage = |message: String| Failure::trouble("usage", message);
-        if let Some(interval_us) = self.trigger_every_us {
-            return Ok(Some(TriggerOut::Time { interval_us }));
-        }
-        let Some(axis) = self.axis else {
-            return Ok(None);
-        };
-        let interval_counts = match (self.trigger_every_counts, self.trigger_every_mm) {
-            (Some(counts), _) => counts,
-            (None, Some(mm)) => {
-                let Some(per_mm) = scale.counts_per_mm(axis.into()) else {
-                    return Err(usage(
-                        "the board's job does not say how many counts of that axis are a millimetre: \
-                         give --trigger-every-counts, or a job with a [witness] section"
-                            .into(),
-                    ));
-                };
-                if !(mm.is_finite() && mm > 0.0) {
-                    return Err(usage(format!(
-                        "{mm} mm is no interval: give one above 0, as 0.1"
-                    )));
-                }
-                let counts = (mm * per_mm.abs()).round();
-                if !(1.0..=f64::from(u32::MAX)).contains(&counts) {
-                    return Err(usage(format!(
-                        "{mm} mm are {counts} counts of that axis ({per_mm} per mm): give an \
-                         interval of 1 to {} counts",
-                        u32::MAX
-                    )));
-                }
-                counts as u32
-            }
-            (None, None) => {
-                return Err(usage(
-                    "--axis is that of trigger pulses: give --trigger-every-mm or \
-                     --trigger-every-counts too"
-                        .into(),
-                ));
-            }
-        };
-        Ok(Some(TriggerOut::Distance {
-            axis,
-            interval_counts,
-        }))
-    }
-
-    fn begin(&self, board: &mut Client, pulses: Option<TriggerOut>) -> Result<(), Failure> {
-        let refused = |what: &str| Failure::refused("not_on_this_board", what);
-        if self.laser && !board.laser(true)? {
-            return Err(refused("this board has no output for a laser"));
-        }
-        match pulses {
-            Some(pulses) if !board.trigger_out(pulses)? => Err(refused(
-                "this board cannot send such trigger pulses: it has no output for them, no \
-                 such axis, or cannot keep that interval",
-            )),
-            _ => Ok(()),
-        }
-    }
-
-    fn end(&self, board: &mut Client, pulses: Option<TriggerOut>) -> Result<(), Failure> {
-        if pulses.is_some() {
-            board.trigger_out(TriggerOut::Off)?;
-        }
-        if self.laser {
-            board.laser(false)?;
-        }
-        Ok(())
-    }
 }
 
 impl Kind {

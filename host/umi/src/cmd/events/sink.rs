@@ -1,7 +1,7 @@
 //! The output of events: terminal or file, as text, JSON or table.
 
 use std::fs::File;
-use std::io::{BufWriter, IsTerminal as _, Write};
+use std::io::{IsTerminal as _, LineWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
@@ -18,14 +18,14 @@ use super::{Events, Kind, kind};
 
 /// The columns of a table. Documented in the help text.
 const COLUMNS: &str = "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,\
-    axis5_counts,axis6_counts,x_mm,y_mm,z_mm,lost\n";
+    axis5_counts,axis6_counts,x_mm,y_mm,z_mm,lost,what\n";
 
 /// Where happenings go.
 pub(crate) struct Sink {
     form: Form,
     only: Vec<Kind>,
     most: Option<u64>,
-    file: Option<(PathBuf, BufWriter<File>)>,
+    file: Option<(PathBuf, LineWriter<File>)>,
     bar: ProgressBar,
     /// How counts become millimetres.
     pub scale: Scale,
@@ -63,7 +63,7 @@ impl Sink {
             options.force.check(path, &inputs)?;
             let opened =
                 File::create(path).map_err(|error| Failure::file("write", path, &error))?;
-            file = Some((path.clone(), BufWriter::new(opened)));
+            file = Some((path.clone(), LineWriter::new(opened)));
         }
         let bar = if file.is_some() && std::io::stderr().is_terminal() {
             let style = ProgressStyle::with_template("{spinner} {elapsed} {msg}");
@@ -85,6 +85,27 @@ impl Sink {
         if form == Form::Table {
             sink.write(COLUMNS)?;
         }
+        Ok(sink)
+    }
+
+    /// A table of latches in a file that is not there yet.
+    ///
+    /// # Errors
+    /// It is there, or cannot be written.
+    pub fn table(path: &Path) -> Result<Self, Failure> {
+        // A cut leaves whole lines: nothing waits in the process for more.
+        let file = File::create_new(path).map_err(|error| Failure::file("write", path, &error))?;
+        let mut sink = Self {
+            form: Form::Table,
+            only: vec![Kind::Latches],
+            most: None,
+            file: Some((path.to_owned(), LineWriter::new(file))),
+            bar: ProgressBar::hidden(),
+            scale: Scale::default(),
+            shown: 0,
+            lost: 0,
+        };
+        sink.write(COLUMNS)?;
         Ok(sink)
     }
 
@@ -274,7 +295,7 @@ fn row(happening: &TimelineEntry, scale: &Scale) -> String {
             cells.extend((0..NAMES.len()).map(|axis| cell(counts(axis))));
             let mm = |axis| scale.mm(axis, counts(axis)?);
             cells.extend((0..3).map(|axis| cell(mm(axis).map(|mm| format!("{mm:.6}")))));
-            cells.push("0".into());
+            cells.push("0,".into());
             cells.join(",") + "\n"
         }
         TimelineEntry::Loss(Loss { what, count, t_ns }) => {
@@ -288,10 +309,11 @@ fn row(happening: &TimelineEntry, scale: &Scale) -> String {
             let cause = cause.map(|cause| plain(json::cause(cause)));
             let nothing = ",".repeat(NAMES.len() + 3);
             format!(
-                "loss,{},{},{}{nothing},{count}\n",
+                "loss,{},{},{}{nothing},{count},{}\n",
                 cell(number),
                 cell(cause),
-                cell(*t_ns)
+                cell(*t_ns),
+                what.code()
             )
         }
         _ => String::new(),

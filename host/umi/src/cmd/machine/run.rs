@@ -16,6 +16,7 @@ use umi_client::problem::Problem;
 use umi_client::session::DecisionRecord;
 use umi_client::session::SessionBuilder;
 use umi_desk::capture::Desk;
+use umi_desk::line_scan::LineScan;
 use umi_desk::live::Live;
 use umi_desk::wiring::{Peer, WireEvent, Wiring};
 use umi_report::terminal;
@@ -58,6 +59,10 @@ pub(crate) struct Run {
     /// `umi watch` and `umi events`; it runs as slow as the machine would be
     #[arg(long, value_name = "PLACE", requires_all = ["board", "job"], value_parser = place)]
     usb: Option<PortPlace>,
+    /// Open the data channel of the scene's [line_scanner] on this TCP port (0: any free one),
+    /// for `umi scan record`
+    #[arg(long, value_name = "PORT", requires = "usb")]
+    scanner: Option<u16>,
     /// READ after each program: the board's program is loaded, the correction or an alarm
     #[arg(long, requires = "board")]
     read: bool,
@@ -90,6 +95,8 @@ Examples:
   umi machine run probe.nc --scene scene.toml --board virtual --job examples/three-spheres.toml
   umi machine run probe.nc cut.nc --scene scene.toml --board virtual --job job.toml --read
   umi machine run probe.nc --scene scene.toml --board virtual --job job.toml --usb tcp:5053
+  umi machine run scan.nc --scene scene.toml --board virtual --job job.toml \\
+    --usb tcp:5053 --scanner 5054
   umi machine run probe.nc --scene scene.toml --board /dev/ttyUSB0 --real-time
   umi machine run probe.nc --scene scene.toml --set 101=-135 --set 102=-137 --load sub.nc
   umi machine run probe.nc --scene scene.toml --serial session.txt --json";
@@ -226,8 +233,13 @@ impl Run {
                 if let Some(usb) = &self.usb {
                     let control = &scene.control;
                     let character = Duration::from_secs(1) * control.bits / control.baud;
-                    let live = Live::new(&job, character, usb)?;
+                    let mut live = Live::new(&job, character, usb)?;
                     self.say_where(&live.address)?;
+                    if let Some(port) = self.scanner {
+                        let scan = LineScan::new(scene, self.seed, port)?;
+                        self.say_scanner(&scan.address)?;
+                        live = live.with_scanner(scan);
+                    }
                     return Ok((Wiring::new(Peer::Live(Box::new(live))), None));
                 }
                 let gather = SessionBuilder::new("Virtual machine", "", &job, None);
@@ -247,6 +259,18 @@ impl Run {
         print(&format!(
             "{}  host {address}   (umi watch --port {address})\n",
             paint(TITLE, "virtual board"),
+        ))
+    }
+}
+
+impl Run {
+    fn say_scanner(&self, address: &str) -> Result<(), Failure> {
+        if self.format.json {
+            return print_json(&json!({ "type": "scanner", "tcp": address }));
+        }
+        print(&format!(
+            "{}  data {address}   (umi scan record --sensor tcp:{address} -o FOLDER)\n",
+            paint(TITLE, "virtual scanner"),
         ))
     }
 }

@@ -38,6 +38,9 @@ pub(crate) struct Merge {
     /// Coordinates of a PLY file as doubles instead of floats
     #[arg(long)]
     double: bool,
+    /// If the board lost motion of an axis, take the profiles before
+    #[arg(long)]
+    until_loss: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -57,7 +60,7 @@ Examples:
   umi scan merge part.gocator scan.csv --machine c800u.toml --latency-us 150 -o cloud.csv
   umi scan merge part.gocator scan.csv --machine c800u.toml --encoder x -o cloud.ply --double
 
-Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite.";
+Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost.";
 
 impl Merge {
     pub fn run(self) -> Result<(), Failure> {
@@ -82,6 +85,7 @@ impl Merge {
             &machine,
             self.latency_us,
             &self.streams.options(),
+            self.until_loss,
             &mut file,
         )
     }

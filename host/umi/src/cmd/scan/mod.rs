@@ -5,6 +5,7 @@ mod calibrate;
 mod compare;
 mod convert;
 mod crop;
+mod demo;
 mod digitize;
 mod faces;
 mod filter;
@@ -17,6 +18,7 @@ mod placed;
 mod plan;
 mod points;
 mod pose;
+mod record;
 mod report;
 mod sample;
 mod scans;
@@ -34,6 +36,7 @@ use clap::{Args, Subcommand};
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
+  umi scan record --sensor tcp:192.168.1.10 -o scan --trigger-every-mm 0.1 --axis y
   umi scan pair part.gocator scan.csv
   umi scan merge part.gocator scan.csv --machine machine.toml -o cloud.ply
   umi scan calibrate sensor seen.csv positions.csv --machine machine.toml --on plane
@@ -61,6 +64,8 @@ pub(crate) struct Scan {
 
 #[derive(Subcommand)]
 enum What {
+    Record(Box<record::Record>),
+    Demo(demo::Demo),
     Pair(pair::Pair),
     Merge(merge::Merge),
     Calibrate(calibrate::Calibrate),
@@ -84,6 +89,8 @@ enum What {
 impl Scan {
     pub fn run(self) -> Result<(), Failure> {
         match self.what {
+            What::Record(command) => command.run(),
+            What::Demo(command) => command.run(),
             What::Pair(command) => command.run(),
             What::Merge(command) => command.run(),
             What::Calibrate(command) => command.run(),

@@ -1,0 +1,14 @@
+//! A laser line scanner on a machine with a tilting and turning table, as S2's (Paludo, "Laser
+//! line scanner on a machine tool"): what is scanned is measured, and held against the truth.
+//!
+//! * [`station`]: the machine, its sensor and the board: stops of the axes to profiles to points.
+//! * [`mount`]: the sensor's place, calibrated on a ball.
+//! * [`washer`]: S2's washer in its three tests, tables 11 to 16.
+//! * [`ball`]: a ball of 25.4 mm, and where it is at several speeds.
+
+pub mod ball;
+pub mod mount;
+pub mod station;
+#[cfg(test)]
+mod tests;
+pub mod washer;
