@@ -8,7 +8,7 @@ use umi_scan::ScanError;
 use umi_virtual::scene::Scene;
 
 use super::mount::MountError;
-use super::station::{Recording, Station, Stop, place};
+use super::station::{Recording, Stop, TableMachine, place};
 
 /// Its diameter.
 pub const DIAMETER_MM: f64 = 25.4;
@@ -27,7 +27,7 @@ fn scene() -> Result<Scene, MountError> {
 }
 
 /// A pass over the ball along X.
-fn pass(station: &Station, speed_mm_per_s: f64, step_mm: f64) -> Vec<Stop> {
+fn pass(station: &TableMachine, speed_mm_per_s: f64, step_mm: f64) -> Vec<Stop> {
     let half = DIAMETER_MM / 2.0 + 1.0;
     let count = (2.0 * half / step_mm).floor() as u32;
     let seen = Vector3::zeros();
@@ -62,7 +62,7 @@ fn fitted(recording: &Recording, machine: &AxisChain) -> Result<SphereFit, ScanE
 ///
 /// # Errors
 /// The scan cannot be paired, or holds no ball.
-pub fn diameter(station: &mut Station, machine: &AxisChain) -> Result<f64, MountError> {
+pub fn diameter(station: &mut TableMachine, machine: &AxisChain) -> Result<f64, MountError> {
     let stops = pass(station, 25.0, 0.25);
     let recording = station.record(&scene()?, &stops);
     Ok(2.0 * fitted(&recording, machine)?.radius.0)
@@ -75,7 +75,7 @@ pub fn diameter(station: &mut Station, machine: &AxisChain) -> Result<f64, Mount
 /// # Errors
 /// As [`diameter`].
 pub fn place_along_x(
-    station: &mut Station,
+    station: &mut TableMachine,
     machine: &AxisChain,
     speed_mm_per_s: f64,
     late_us: f64,

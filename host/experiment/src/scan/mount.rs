@@ -7,7 +7,7 @@ use umi_scan::calibrate::observations::{Observation, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_virtual::scene::{Scene, SceneError};
 
-use super::station::{Station, Stop, place};
+use super::station::{Stop, TableMachine, place};
 
 /// The ball.
 const RADIUS_MM: f64 = 12.7;
@@ -65,7 +65,7 @@ impl std::error::Error for MountError {}
 ///
 /// # Errors
 /// The scan or the calibration has no answer.
-pub fn calibrate(station: &mut Station) -> Result<Mounted, MountError> {
+pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
     let centre = Vector3::from(CENTRE_MM);
     let [x, y, z] = CENTRE_MM;
     let scene = Scene::parse(&format!(

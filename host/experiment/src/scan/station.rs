@@ -89,7 +89,7 @@ pub struct Recording {
 
 /// The machine with its sensor, which nobody knows exactly.
 #[derive(Clone, Debug)]
-pub struct Station {
+pub struct TableMachine {
     /// The machine as it is.
     pub truth: AxisChain,
     /// The machine file: the mount as drawn.
@@ -99,7 +99,7 @@ pub struct Station {
     begin_us: f64,
 }
 
-impl Station {
+impl TableMachine {
     /// The machine with a sensor whose mount is off by some degrees and millimetres.
     ///
     /// # Panics

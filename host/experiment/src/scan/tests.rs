@@ -4,7 +4,7 @@ use umi_virtual::scene::LineScannerSpec;
 
 use super::ball::{self, DIAMETER_MM};
 use super::mount::calibrate;
-use super::station::Station;
+use super::station::TableMachine;
 use super::washer::{TRUE_MM, WasherTest, run};
 
 /// S2's sensor with all its errors: noise, speckle, mixed samples, a washer that mirrors.
@@ -22,7 +22,7 @@ fn s2() -> LineScannerSpec {
 #[test]
 fn the_washer_is_measured() {
     for seed in 1..=3 {
-        let mut station = Station::new(s2(), seed);
+        let mut station = TableMachine::new(s2(), seed);
         let mounted = calibrate(&mut station).unwrap();
         println!("seed {seed}: mount off by {:?}", mounted.off);
         for test in WasherTest::ALL {
@@ -40,7 +40,7 @@ fn the_washer_is_measured() {
 /// fail.
 #[test]
 fn a_mount_that_is_not_calibrated_shows() {
-    let mut station = Station::new(s2(), 1);
+    let mut station = TableMachine::new(s2(), 1);
     let drawn = station.drawn.clone();
     let bad = match run(&mut station, &drawn, WasherTest::AboutC) {
         Ok(found) => found.iter().zip(TRUE_MM).any(|(f, t)| (f - t).abs() > 0.05),
@@ -57,7 +57,7 @@ fn the_ball_is_measured() {
             noise_um: [5.0; 2],
             ..LineScannerSpec::preset("gocator").unwrap()
         };
-        let mut station = Station::new(spec, seed);
+        let mut station = TableMachine::new(spec, seed);
         let mounted = calibrate(&mut station).unwrap();
         let c = mounted.answer.covariance.unwrap();
         let sure = |places: [usize; 3]| {
@@ -86,7 +86,7 @@ fn time_does_not_move_the_ball() {
         exposure_us: 100.0,
         ..LineScannerSpec::preset("gocator").unwrap()
     };
-    let mut station = Station::new(spec, 1);
+    let mut station = TableMachine::new(spec, 1);
     let machine = station.truth.clone();
     for speed in [2.5, -2.5, 100.0, -100.0, 500.0, -500.0] {
         let with_board = ball::place_along_x(&mut station, &machine, speed, 0.0).unwrap();

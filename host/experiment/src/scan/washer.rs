@@ -9,7 +9,7 @@ use umi_scan::ScanError;
 use umi_virtual::scene::Scene;
 
 use super::mount::MountError;
-use super::station::{Placed, Station, Stop, place};
+use super::station::{Placed, Stop, TableMachine, place};
 
 /// S2's table 9: outer and inner diameter, height.
 pub const TRUE_MM: [f64; 3] = [41.20, 19.75, 6.30];
@@ -52,7 +52,7 @@ impl WasherTest {
         }
     }
 
-    fn stops(self, station: &Station) -> Vec<Stop> {
+    fn stops(self, station: &TableMachine) -> Vec<Stop> {
         // The middle of the washer's height in the middle of the range; C turns about its axis.
         let aim = |x: f64, y: f64, c: f64| {
             station.aim(&Vector3::new(x, y, 3.0), &Vector3::zeros(), 0.0, c)
@@ -108,7 +108,7 @@ fn scene() -> Result<Scene, MountError> {
 /// # Errors
 /// The scan cannot be paired, or the washer not be found.
 pub fn run(
-    station: &mut Station,
+    station: &mut TableMachine,
     machine: &AxisChain,
     test: WasherTest,
 ) -> Result<WasherFigures, MountError> {

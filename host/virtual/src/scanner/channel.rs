@@ -1,6 +1,6 @@
 //! The data channel, byte for byte as a Gocator's: little endian, a stamp and its profile.
 
-use super::Profile;
+use super::LineProfile;
 use crate::scene::LineScannerSpec;
 
 /// The sensor's clock counts 1.024 times as fast as microseconds pass.
@@ -32,7 +32,7 @@ pub struct FrameStamp {
 
 /// The messages of a profile: its stamp, and its samples.
 #[must_use]
-pub fn encode(stamp: &FrameStamp, profile: &Profile, spec: &LineScannerSpec) -> Vec<u8> {
+pub fn encode(stamp: &FrameStamp, profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
     let mut bytes = message(STAMP, &stamp_body(stamp));
     let (kind, body) = if spec.evenly_spaced {
         (EVENLY_SPACED, spaced_body(profile, spec))
@@ -95,7 +95,7 @@ fn steps(length_mm: f64, scale_nm: u32) -> i16 {
     steps.clamp(f64::from(i16::MIN) + 1.0, f64::from(i16::MAX)) as i16
 }
 
-fn pairs_body(profile: &Profile, spec: &LineScannerSpec) -> Vec<u8> {
+fn pairs_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
     let [near, far] = spec.field_mm;
     // A reading may lie somewhat outside by its noise.
     let scales = [scale_nm(1.1 * near.max(far)), scale_nm(1.1 * spec.range_mm)];
@@ -112,7 +112,7 @@ fn pairs_body(profile: &Profile, spec: &LineScannerSpec) -> Vec<u8> {
 }
 
 /// Evenly spaced along x: on the line between two neighbours that are not far apart.
-fn spaced_body(profile: &Profile, spec: &LineScannerSpec) -> Vec<u8> {
+fn spaced_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
     let [near, far] = spec.field_mm;
     let [near_um, far_um] = spec.pitch_um;
     let pitch_mm = near_um.max(far_um) * 1e-3;

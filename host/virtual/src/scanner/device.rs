@@ -4,7 +4,7 @@ use umi_kinematics::Pose;
 
 use super::channel::{FrameStamp, encode};
 use super::trigger::{PulseFate, SensorClock, TriggerInput};
-use super::{Optics, Profile, Surface, noise};
+use super::{LaserTarget, LineProfile, Optics, noise};
 use crate::random::Random;
 use crate::scene::LineScannerSpec;
 
@@ -79,20 +79,20 @@ impl LineScanner {
     }
 
     /// The profile of a pulse that was taken; `pose` as for [`Optics::profile`].
-    pub fn take(&mut self, surface: &dyn Surface, pose: impl Fn(f64) -> Pose) -> Profile {
+    pub fn take(&mut self, surface: &dyn LaserTarget, pose: impl Fn(f64) -> Pose) -> LineProfile {
         let profile = self.optics.profile(surface, pose);
         self.noisy(profile)
     }
 
     /// What the sensor makes of what its camera sees.
-    pub fn noisy(&mut self, mut profile: Profile) -> Profile {
+    pub fn noisy(&mut self, mut profile: LineProfile) -> LineProfile {
         noise::add(&mut profile, &self.optics, &mut self.random);
         profile
     }
 
     /// The bytes that the host gets of the next profile: none if they are lost on the way,
     /// twice the same if they are repeated.
-    pub fn send(&mut self, at_us: f64, encoder: i64, profile: &Profile) -> Vec<u8> {
+    pub fn send(&mut self, at_us: f64, encoder: i64, profile: &LineProfile) -> Vec<u8> {
         let stamp = FrameStamp {
             frame: self.tally.taken,
             t_us: self.clock.shows_us(at_us),

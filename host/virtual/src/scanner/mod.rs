@@ -49,10 +49,10 @@ pub struct LineSample {
 }
 
 /// A profile: a place for each column of the camera.
-pub type Profile = Vec<Option<LineSample>>;
+pub type LineProfile = Vec<Option<LineSample>>;
 
 /// What a laser can fall on.
-pub trait Surface: Sync {
+pub trait LaserTarget: Sync {
     /// Where a beam first meets it within a way; `direction` is a unit vector.
     fn beam(
         &self,
@@ -62,7 +62,7 @@ pub trait Surface: Sync {
     ) -> Option<BeamEnd>;
 }
 
-impl Surface for Scene {
+impl LaserTarget for Scene {
     fn beam(
         &self,
         from_mm: &Vector3<f64>,

@@ -1,6 +1,6 @@
 //! What the sensor adds to what its camera sees.
 
-use super::{Optics, Profile};
+use super::{LineProfile, Optics};
 use crate::random::Random;
 use crate::scene::LineScannerSpec;
 
@@ -10,7 +10,7 @@ const EDGE_PITCHES: f64 = 5.0;
 const LEAST_COSINE: f64 = 0.05;
 
 /// Adds noise, speckle and mixed samples, along each sample's column.
-pub fn add(profile: &mut Profile, optics: &Optics, random: &mut Random) {
+pub fn add(profile: &mut LineProfile, optics: &Optics, random: &mut Random) {
     let spec = optics.spec();
     mix_edges(profile, spec, random);
     let kept = if spec.speckle_samples > 0.0 {
@@ -34,7 +34,7 @@ pub fn add(profile: &mut Profile, optics: &Optics, random: &mut Random) {
 }
 
 /// Some samples beside a step lie between both sides of it.
-fn mix_edges(profile: &mut Profile, spec: &LineScannerSpec, random: &mut Random) {
+fn mix_edges(profile: &mut LineProfile, spec: &LineScannerSpec, random: &mut Random) {
     if spec.edge_share == 0.0 {
         return;
     }

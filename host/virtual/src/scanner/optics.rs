@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use umi_kinematics::Pose;
 
-use super::{LineSample, Profile, Surface};
+use super::{LaserTarget, LineProfile, LineSample};
 use crate::scene::LineScannerSpec;
 
 /// So far above a surface a look to the camera begins: it does not meet the place itself.
@@ -57,7 +57,7 @@ impl Optics {
 
     /// What the camera sees without noise. `pose` is the sensor's frame in that of the surface,
     /// so many microseconds after the middle of the exposure.
-    pub fn profile(&self, surface: &dyn Surface, pose: impl Fn(f64) -> Pose) -> Profile {
+    pub fn profile(&self, surface: &dyn LaserTarget, pose: impl Fn(f64) -> Pose) -> LineProfile {
         if self.spec.exposure_us == 0.0 {
             return self.look(surface, &pose(0.0));
         }
@@ -96,9 +96,9 @@ impl Optics {
     }
 
     /// One moment.
-    fn look(&self, surface: &dyn Surface, pose: &Pose) -> Profile {
+    fn look(&self, surface: &dyn LaserTarget, pose: &Pose) -> LineProfile {
         let mut reflexes = Vec::new();
-        let mut profile: Profile = self
+        let mut profile: LineProfile = self
             .columns
             .iter()
             .map(|column| self.column(surface, pose, column, &mut reflexes))
@@ -116,7 +116,7 @@ impl Optics {
 
     fn column(
         &self,
-        surface: &dyn Surface,
+        surface: &dyn LaserTarget,
         pose: &Pose,
         (from, direction): &(Vector3<f64>, Vector3<f64>),
         reflexes: &mut Vec<(usize, LineSample)>,
@@ -152,7 +152,7 @@ impl Optics {
     /// Whether nothing stands between a place and the camera.
     fn sees(
         &self,
-        surface: &dyn Surface,
+        surface: &dyn LaserTarget,
         pose: &Pose,
         at: &Vector3<f64>,
         normal: &Vector3<f64>,
@@ -171,7 +171,7 @@ impl Optics {
     /// on the line of sight.
     fn reflex(
         &self,
-        surface: &dyn Surface,
+        surface: &dyn LaserTarget,
         pose: &Pose,
         at: &Vector3<f64>,
         mirrored: &Vector3<f64>,

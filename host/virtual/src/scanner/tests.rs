@@ -3,7 +3,7 @@
 use umi_kinematics::Pose;
 use umi_scan::format::profiles::{Depth, gocator};
 
-use super::{LineScanner, Optics, Profile, PulseFate};
+use super::{LineProfile, LineScanner, Optics, PulseFate};
 use crate::scene::{LineScannerSpec, Scene};
 
 /// A table at Z 0, and a ring of 41.20 / 19.75 mm, 6.30 mm high, on it.
@@ -35,7 +35,7 @@ fn at(y_mm: f64, z_mm: f64) -> Pose {
     Pose::shift_mm(nalgebra::Vector3::new(0.0, y_mm, z_mm))
 }
 
-fn look(text: &str, spec: &LineScannerSpec, pose: &Pose) -> Profile {
+fn look(text: &str, spec: &LineScannerSpec, pose: &Pose) -> LineProfile {
     Optics::new(spec.clone()).profile(&Scene::parse(text).unwrap(), |_| *pose)
 }
 
@@ -172,7 +172,7 @@ fn a_mirror_gives_false_points_and_is_lost_where_it_dazzles() {
     let clean = look(BALL, &shiny, &at(0.0, 0.0));
     // Half way to the camera the ball mirrors into it: atan(60 / 117) / 2 about X.
     let dazzled = look(BALL, &shiny, &at(12.7 * libm::sin(0.224), 0.0));
-    let middle = |profile: &Profile| {
+    let middle = |profile: &LineProfile| {
         profile
             .iter()
             .flatten()

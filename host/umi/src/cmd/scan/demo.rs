@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use umi_experiment::scan::ball::{self, DIAMETER_MM, THESIS_OFF_MM};
 use umi_experiment::scan::mount::{MountError, calibrate};
-use umi_experiment::scan::station::Station;
+use umi_experiment::scan::station::TableMachine;
 use umi_experiment::scan::washer::{self, TRUE_MM, WasherTest};
 use umi_virtual::scene::LineScannerSpec;
 
@@ -164,7 +164,7 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
         largest_error_mrad: 0.0,
     };
     for seed in &seeds {
-        let mut station = Station::new(of_washer.clone(), *seed);
+        let mut station = TableMachine::new(of_washer.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(failed)?;
         for (test, [sums, most]) in WasherTest::ALL.into_iter().zip(&mut washers) {
             let found = washer::run(&mut station, &mounted.machine, test).map_err(failed)?;
@@ -173,7 +173,7 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
                 *most = most.max((found - truth).abs());
             }
         }
-        let mut station = Station::new(of_ball.clone(), *seed);
+        let mut station = TableMachine::new(of_ball.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(failed)?;
         let found = ball::diameter(&mut station, &mounted.machine).map_err(failed)?;
         ball_sum += found;
@@ -242,7 +242,7 @@ fn speeds(of_ball: LineScannerSpec) -> Result<Vec<SpeedRow>, Failure> {
         exposure_us: 100.0,
         ..of_ball
     };
-    let mut station = Station::new(spec, 1);
+    let mut station = TableMachine::new(spec, 1);
     let machine = station.truth.clone();
     let mut at = |speed: f64, late: f64| {
         ball::place_along_x(&mut station, &machine, speed, late).map_err(failed)
