@@ -411,7 +411,7 @@ mod tests {
         let wider = um(seen(&four, "chip_on_top"));
         assert!((wider - 36.0).abs() < 0.2, "{wider}");
         // Touched twice, a top that was early once is seen at the limit of the two.
-        assert_eq!(um(seen(&four, "early_top")), 8.0);
+        assert_eq!(um(seen(&four, "early_top")), 9.0);
         four.again = None;
         assert_eq!(seen(&four, "early_top"), seen(&four, "chip_on_top"));
         let mut three = job(THREE);

@@ -75,14 +75,12 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => {
             announced.then_some(0.0)
         }
-        // One of 43 479, at 10.1 µm.
-        DamageKind::WornStylus | DamageKind::Drift => four.then_some(0.0001),
+        DamageKind::WornStylus
+        | DamageKind::Drift
+        | DamageKind::EarlyTop
+        | DamageKind::BallsOfTwo => four.then_some(0.0),
         // What is left lies just below the limits, and is hardly more than 10 µm.
-        DamageKind::EarlyTop
-        | DamageKind::SameDigit
-        | DamageKind::ChipOnTop
-        | DamageKind::BallsOfTwo
-        | DamageKind::Slip => four.then_some(0.01),
+        DamageKind::SameDigit | DamageKind::ChipOnTop | DamageKind::Slip => four.then_some(0.001),
         // At 10 µm, where wrong begins, both scatter.
         DamageKind::BentStylus => table.then_some(0.01),
         _ => None,

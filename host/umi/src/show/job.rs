@@ -1,8 +1,8 @@
 //! A job as text for people.
 
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Job, Lessons, Limits, ProgramEnd, Reference, SendWhen,
-    Teach, WitnessSpec,
+    Approach, Compensation, CorrectionSpec, Job, Lessons, ProgramEnd, Reference, SendWhen, Teach,
+    WitnessSpec,
 };
 use umi_protocol::latch::SignalLevel;
 use umi_protocol::pattern::{
@@ -61,7 +61,7 @@ pub fn text(job: &Job) -> String {
     }
     text += &format!("{general}\n");
     text += &format!("{}\n", features(job));
-    text += &format!("{}\n", limits(&job.limits));
+    text += &format!("{}\n", limits(job));
     text += &match &job.correction {
         Some(spec) => correction(spec).to_string(),
         None => "  no correction: the job only measures\n".to_owned(),
@@ -246,7 +246,8 @@ const fn approach(approach: Approach) -> &'static str {
     }
 }
 
-fn limits(limits: &Limits) -> Table {
+fn limits(job: &Job) -> Table {
+    let limits = &job.limits;
     let mut table = Table::new("<>").titles(&["limit", "at most"]);
     let optional = |value: Option<f64>, unit| {
         value.map_or("not checked".into(), |value| format!("{value} {unit}"))
@@ -257,6 +258,10 @@ fn limits(limits: &Limits) -> Table {
         ("rms of a feature", format!("{} mm", limits.rms_mm)),
         ("approach to normal", optional(limits.approach_deg, "deg")),
         ("lone hit of a sphere", optional(limits.lone_hit_mm, "mm")),
+        (
+            "last touch from the first",
+            optional(job.again.map(|again| again.within_mm), "mm"),
+        ),
         ("distance error", format!("{} mm", limits.distance_error_mm)),
         (
             "rms of the registration",
