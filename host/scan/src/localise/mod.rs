@@ -137,6 +137,8 @@ impl LocaliseTask<'_> {
     ) -> Result<Located, ScanError> {
         let mut motion = *motion;
         let mut measured;
+        // How many times the points are that the pose was fitted to.
+        let mut more = 1.0;
         if let Some(kernel) = self.kernel {
             let settled = fit::task(surface, self.points, kernel, 300, self.threads).solve(&motion);
             motion = settled.motion;
@@ -157,25 +159,25 @@ impl LocaliseTask<'_> {
             None => {
                 let sigma = sigma_mm
                     .unwrap_or_else(|| fit::noise(&measured, self.model.diagonal_mm() * 0.01));
-                // All points now: the search and its refinement may have used fewer.
-                let close = self.points.len() <= MANY;
-                if close {
-                    let kernel = Kernel::Tukey(fit::TUKEY * sigma);
-                    let places = near(&measured, 10.0 * sigma);
-                    let kept: Vec<Vec3> = places.iter().map(|&i| self.points[i]).collect();
-                    motion = fit::task(surface, &kept, kernel, 40, self.threads)
-                        .solve(&motion)
-                        .motion;
-                    if self.groups.all.len() > 1 {
-                        let of: Vec<usize> = places.iter().map(|&i| self.groups.of(i)).collect();
-                        let groups = Groups {
-                            of: &of,
-                            ..self.groups
-                        };
-                        motion = fit::weighed(surface, &kept, groups, &motion, sigma, self.threads);
-                    }
-                    measured = measure(surface, self.points, &motion, &[], self.threads);
+                // All points now: the search and its refinement have used some thousands.
+                let places = near(&measured, 10.0 * sigma);
+                let used = pairs::spread(places.len(), MANY);
+                more = places.len() as f64 / used.len().max(1) as f64;
+                let places: Vec<usize> = used.into_iter().map(|k| places[k]).collect();
+                let kernel = Kernel::Tukey(fit::TUKEY * sigma);
+                let kept: Vec<Vec3> = places.iter().map(|&i| self.points[i]).collect();
+                motion = fit::task(surface, &kept, kernel, 40, self.threads)
+                    .solve(&motion)
+                    .motion;
+                if self.groups.all.len() > 1 {
+                    let of: Vec<usize> = places.iter().map(|&i| self.groups.of(i)).collect();
+                    let groups = Groups {
+                        of: &of,
+                        ..self.groups
+                    };
+                    motion = fit::weighed(surface, &kept, groups, &motion, sigma, self.threads);
                 }
+                measured = measure(surface, self.points, &motion, &[], self.threads);
                 (sigma, near(&measured, fit::INLIER * sigma))
             }
         };
@@ -187,7 +189,8 @@ impl LocaliseTask<'_> {
             sigma,
             self.groups,
         )
-        .widened(self.spread(&measured, &on_part, sigma));
+        .widened(self.spread(&measured, &on_part, sigma))
+        .widened(more);
         if !certainty.free.is_empty() {
             return Err(degenerate(&certainty, "part"));
         }
@@ -300,8 +303,8 @@ fn verdict_reasons(
     reasons
 }
 
-/// More points than these are thinned before the last step too.
-const MANY: usize = 2_000_000;
+/// Of more points on the part than these, so many are fitted to, spread evenly; the covariance is theirs.
+const MANY: usize = 300_000;
 
 /// The points within `limit` mm.
 fn near(measured: &[Measured], limit: f64) -> Vec<usize> {
