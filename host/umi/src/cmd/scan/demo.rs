@@ -12,7 +12,7 @@ use umi_virtual::scene::LineScannerSpec;
 
 use super::super::Format;
 use crate::failure::Failure;
-use crate::show::terminal::{BAD, GOOD, Table, paint, print, print_json};
+use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 
 /// Published scans again on a virtual machine: a washer, a ball, and what time does to both
 #[derive(Args)]
@@ -259,6 +259,16 @@ fn speeds(of_ball: LineScannerSpec) -> Result<Vec<SpeedRow>, Failure> {
         .collect()
 }
 
+/// With its sign; what rounds to zero has none.
+fn signed(mm: f64) -> String {
+    let text = format!("{mm:+.4}");
+    if text.trim_start_matches(['+', '-']) == "0.0000" {
+        "0.0000".into()
+    } else {
+        text
+    }
+}
+
 fn text(shown: &Shown) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
@@ -268,8 +278,8 @@ fn text(shown: &Shown) -> String {
     };
     let [outer, inner, height] = shown.true_mm;
     line(format_args!(
-        "Washer {outer:.2} / {inner:.2} / {height:.2} mm: outer and inner diameter, height; {} seeds from {}",
-        shown.seeds.len(),
+        "Washer {outer:.2} / {inner:.2} / {height:.2} mm: outer and inner diameter, height; {} from {}",
+        count(shown.seeds.len() as u64, "seed"),
         shown.seeds.first().copied().unwrap_or(0)
     ));
     let mut table =
@@ -313,8 +323,8 @@ fn text(shown: &Shown) -> String {
     for row in &shown.speed {
         table.row(vec![
             format!("{:+}", row.speed_mm_per_s),
-            format!("{:+.4}", row.with_board_mm),
-            format!("{:+.4}", row.with_timer_mm),
+            signed(row.with_board_mm),
+            signed(row.with_timer_mm),
         ]);
     }
     line(format_args!("{table}"));
