@@ -61,7 +61,7 @@ impl std::fmt::Display for MountError {
 
 impl std::error::Error for MountError {}
 
-/// Looks at a ball from [`PROFILES`] poses and finds the mount.
+/// Looks at a ball from several poses and finds the mount.
 ///
 /// # Errors
 /// The scan or the calibration has no answer.

@@ -59,7 +59,7 @@ pub(crate) struct Run {
     /// `umi watch` and `umi events`; it runs as slow as the machine would be
     #[arg(long, value_name = "PLACE", requires_all = ["board", "job"], value_parser = place)]
     usb: Option<PortPlace>,
-    /// Open the data channel of the scene's [line_scanner] on this TCP port (0: any free one),
+    /// Open the data channel of the scene's `[line_scanner]` on this TCP port (0: any free one),
     /// for `umi scan record`
     #[arg(long, value_name = "PORT", requires = "usb")]
     scanner: Option<u16>,
