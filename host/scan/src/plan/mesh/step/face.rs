@@ -10,7 +10,7 @@ use super::surface::Surface;
 use crate::ScanError;
 
 /// Points between the borders of one face at most.
-const MOST_INNER: usize = 60_000;
+const MOST_INNER: usize = 200_000;
 
 /// Triangles of less height than this have none.
 const FLAT_MM: f64 = 1e-6;
@@ -49,7 +49,7 @@ pub(super) fn triangles(
     if us.len().saturating_mul(vs.len()) > MOST_INNER {
         return Err(ScanError::refused(
             "mesh_scale",
-            "A face bends so much that more than 60 000 points would stand for it: is the file in millimetres?",
+            "A face bends so much that more than 200 000 points would stand for it: is the file in millimetres?",
         ));
     }
     // Triangles are judged in millimetres, not in parameters.
@@ -95,22 +95,30 @@ pub(super) fn triangles(
         .iter()
         .flat_map(|r| (0..r.len()).map(move |k| [place(&r[k].0), place(&r[(k + 1) % r.len()].0)]))
         .collect();
+    let outline = Outline::new(&ends);
     for (i, u) in us.iter().enumerate() {
+        // A little less than half a step from the border: nearer ones would make slivers.
+        let step = |all: &[f64], k: usize, s: f64| {
+            let before = if k > 0 {
+                all[k] - all[k - 1]
+            } else {
+                f64::INFINITY
+            };
+            let after = all.get(k + 1).map_or(f64::INFINITY, |n| n - all[k]);
+            before.min(after) * s
+        };
+        let most = 0.4 * step(&us, i, scale.x);
+        let x = (u - low.x) * scale.x;
+        let near: Vec<[Point2<f64>; 2]> = ends
+            .iter()
+            .filter(|[a, b]| a.x.min(b.x) - most <= x && x <= a.x.max(b.x) + most)
+            .copied()
+            .collect();
         for (j, v) in vs.iter().enumerate() {
             let q = Vector2::new(*u, *v);
             let here = place(&q);
-            // A little less than half a step from the border: nearer ones would make slivers.
-            let step = |all: &[f64], k: usize, s: f64| {
-                let before = if k > 0 {
-                    all[k] - all[k - 1]
-                } else {
-                    f64::INFINITY
-                };
-                let after = all.get(k + 1).map_or(f64::INFINITY, |n| n - all[k]);
-                before.min(after) * s
-            };
-            let room = 0.4 * step(&us, i, scale.x).min(step(&vs, j, scale.y));
-            if ends.iter().all(|e| distance(&here, e) > room) && within(&here, &ends) {
+            let room = most.min(0.4 * step(&vs, j, scale.y));
+            if near.iter().all(|e| distance(&here, e) > room) && outline.has(&here) {
                 let handle = net.insert(here).map_err(|_| wrong())?;
                 if handle.index() == corners.len() {
                     corners.push(surface.at(*u, *v).0);
@@ -128,7 +136,7 @@ pub(super) fn triangles(
             .map(|e| e.length_2())
             .into_iter()
             .fold(0.0, f64::max);
-        if 2.0 * face.area() < FLAT_MM * longest.sqrt() || !within(&face.center(), &ends) {
+        if 2.0 * face.area() < FLAT_MM * longest.sqrt() || !outline.has(&face.center()) {
             continue;
         }
         let [a, b, c] = [a, b, c].map(|v| first + v.fix().index());
@@ -174,15 +182,52 @@ fn ring(
     Ok(ring)
 }
 
-/// Is a point between the borders? A ray to the right crosses them an odd number of times.
-fn within(p: &Point2<f64>, ends: &[[Point2<f64>; 2]]) -> bool {
-    ends.iter()
-        .filter(|[a, b]| {
-            (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
-        })
-        .count()
-        % 2
-        == 1
+/// The borders' pieces, by the bands of y that they reach into.
+struct Outline {
+    low: f64,
+    per_mm: f64,
+    bands: Vec<Vec<[Point2<f64>; 2]>>,
+}
+
+impl Outline {
+    fn new(ends: &[[Point2<f64>; 2]]) -> Self {
+        let (low, high) = ends
+            .iter()
+            .flatten()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| {
+                (l.min(p.y), h.max(p.y))
+            });
+        let count = ends.len().clamp(1, 1000);
+        let mut outline = Outline {
+            low,
+            per_mm: count as f64 / (high - low).max(1e-300),
+            bands: vec![Vec::new(); count],
+        };
+        for end in ends {
+            let (a, b) = (outline.band(end[0].y), outline.band(end[1].y));
+            for band in &mut outline.bands[a.min(b)..=a.max(b)] {
+                band.push(*end);
+            }
+        }
+        outline
+    }
+
+    /// Never falls while y rises, so that a piece that passes a height is in that height's band.
+    fn band(&self, y: f64) -> usize {
+        (((y - self.low) * self.per_mm) as usize).min(self.bands.len() - 1)
+    }
+
+    /// Is a point between the borders? A ray to the right crosses them an odd number of times.
+    fn has(&self, p: &Point2<f64>) -> bool {
+        self.bands[self.band(p.y)]
+            .iter()
+            .filter(|[a, b]| {
+                (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
+            })
+            .count()
+            % 2
+            == 1
+    }
 }
 
 fn distance(p: &Point2<f64>, [a, b]: &[Point2<f64>; 2]) -> f64 {

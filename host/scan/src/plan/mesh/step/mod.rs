@@ -17,8 +17,8 @@ mod surface;
 #[cfg(test)]
 mod tests;
 
-use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::Vector3;
 
@@ -70,35 +70,27 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
         }
     }
     let faces: Vec<u64> = shells.into_iter().flatten().collect();
-    let longest_mm = LONGEST_SHARE * across(&drawing)?;
-    let mut edges: HashMap<u64, Vec<Vector3<f64>>> = HashMap::new();
+    let faces: Vec<FaceText> = faces
+        .into_iter()
+        .map(|number| face_text(&drawing, number))
+        .collect::<Result<_, _>>()?;
     let mut raw = RawMesh::default();
-    for number in faces {
-        let entity = drawing.entities.at(number)?;
-        let Some(values) = entity
-            .get("ADVANCED_FACE")
-            .or_else(|| entity.get("FACE_SURFACE"))
-        else {
-            return Err(not_read(&format!("the face #{number}, {}", entity.name())));
-        };
-        let surface = surface::read(&drawing, values.entity(2)?)?;
-        let turned = !values.flag(3)?;
+    if faces.is_empty() {
+        return Ok(raw);
+    }
+    let longest_mm = LONGEST_SHARE * across(&drawing, &faces)?;
+    let mut edges: HashMap<u64, Vec<Vector3<f64>>> = HashMap::new();
+    for face in &faces {
+        let number = face.number;
         let mut borders = Vec::new();
-        for bound in values.entities(1)? {
-            let entity = drawing.entities.at(bound)?;
-            let Some(bound) = entity
-                .get("FACE_OUTER_BOUND")
-                .or_else(|| entity.get("FACE_BOUND"))
-            else {
-                return Err(unreadable(format_args!("#{bound} is no border of a face")));
-            };
+        for bound in &face.bounds {
             let mut border: face::Border = Vec::new();
-            for (edge, along) in curve::loop_edges(&drawing, bound.entity(1)?)? {
-                let points = match edges.entry(edge) {
+            for (edge, along) in bound {
+                let points = match edges.entry(*edge) {
                     Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(new) => new.insert(curve::edge(&drawing, edge, longest_mm)?),
+                    Entry::Vacant(new) => new.insert(curve::edge(&drawing, *edge, longest_mm)?),
                 };
-                let way: Vec<_> = if along {
+                let way: Vec<_> = if *along {
                     points.clone()
                 } else {
                     points.iter().rev().copied().collect()
@@ -126,29 +118,71 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
         if borders.is_empty() {
             return Err(not_read("a face without a border"));
         }
-        face::triangles(&surface, &borders, turned, longest_mm, &mut raw).map_err(|mut e| {
-            e.message = format!("Face #{number}: {}", e.message);
-            e
-        })?;
+        face::triangles(&face.surface, &borders, face.turned, longest_mm, &mut raw).map_err(
+            |mut e| {
+                e.message = format!("Face #{number}: {}", e.message);
+                e
+            },
+        )?;
     }
     Ok(raw)
 }
 
-/// How large the part is, by its vertices and control points.
-fn across(drawing: &Drawing) -> Result<f64, ScanError> {
+/// A face as the file has it.
+struct FaceText {
+    number: u64,
+    surface: surface::Surface,
+    /// The outer side is against the surface's normal.
+    turned: bool,
+    /// Edges of each border, with the sense that they are gone in.
+    bounds: Vec<Vec<(u64, bool)>>,
+}
+
+fn face_text(drawing: &Drawing, number: u64) -> Result<FaceText, ScanError> {
+    let entity = drawing.entities.at(number)?;
+    let Some(values) = entity
+        .get("ADVANCED_FACE")
+        .or_else(|| entity.get("FACE_SURFACE"))
+    else {
+        return Err(not_read(&format!("the face #{number}, {}", entity.name())));
+    };
+    let surface = surface::read(drawing, values.entity(2)?)?;
+    let turned = !values.flag(3)?;
+    let mut bounds = Vec::new();
+    for bound in values.entities(1)? {
+        let entity = drawing.entities.at(bound)?;
+        let Some(bound) = entity
+            .get("FACE_OUTER_BOUND")
+            .or_else(|| entity.get("FACE_BOUND"))
+        else {
+            return Err(unreadable(format_args!("#{bound} is no border of a face")));
+        };
+        bounds.push(curve::loop_edges(drawing, bound.entity(1)?)?);
+    }
+    Ok(FaceText {
+        number,
+        surface,
+        turned,
+        bounds,
+    })
+}
+
+/// How large the part is, by the points of its edges: a whole torus has one vertex, and the ends of its edges say nothing.
+fn across(drawing: &Drawing, faces: &[FaceText]) -> Result<f64, ScanError> {
     let mut low = Vector3::repeat(f64::INFINITY);
     let mut high = Vector3::repeat(f64::NEG_INFINITY);
-    for vertex in drawing.entities.having("VERTEX_POINT") {
-        let at = drawing.point(drawing.get(vertex, "VERTEX_POINT")?.entity(1)?)?;
-        low = low.inf(&at);
-        high = high.sup(&at);
+    let mut known: HashSet<u64> = HashSet::new();
+    for (edge, _) in faces.iter().flat_map(|f| &f.bounds).flatten() {
+        if known.insert(*edge) {
+            for at in curve::edge(drawing, *edge, f64::INFINITY)? {
+                low = low.inf(&at);
+                high = high.sup(&at);
+            }
+        }
     }
     let across = (high - low).norm();
     if !across.is_finite() {
-        return Err(ScanError::refused(
-            "mesh_empty",
-            "The STEP file has no shell with faces and vertices.",
-        ));
+        return Err(not_read("a shape without borders"));
     }
     Ok(across.max(1e-3))
 }

@@ -170,6 +170,55 @@ fn a_whole_cylinder_with_its_seam_closes_to_a_ring() {
 }
 
 #[test]
+fn a_whole_torus_closes_though_it_has_one_vertex() {
+    for (ring_mm, tube_mm) in [(30.0, 8.0), (60.0, 15.0)] {
+        let mut o = Outline::new(10);
+        let round: f64 = ring_mm + tube_mm;
+        let point = o.add(&format!("CARTESIAN_POINT('',({round:?},0.,0.))"));
+        let vertex = o.add(&format!("VERTEX_POINT('',#{point})"));
+        let outer = o.add(&format!("CIRCLE('',#5,{round:?})"));
+        let middle = o.add(&format!("CARTESIAN_POINT('',({ring_mm:?},0.,0.))"));
+        // About -y, so that the tube's angle rises towards z.
+        let axis = o.add("DIRECTION('',(0.,-1.,0.))");
+        let frame = o.add(&format!("AXIS2_PLACEMENT_3D('',#{middle},#{axis},#3)"));
+        let tube = o.add(&format!("CIRCLE('',#{frame},{tube_mm:?})"));
+        let seams = [outer, tube]
+            .map(|curve| o.add(&format!("EDGE_CURVE('',#{vertex},#{vertex},#{curve},.T.)")));
+        let edges: Vec<String> = [(0, 'T'), (1, 'T'), (0, 'F'), (1, 'F')]
+            .iter()
+            .map(|(k, sense)| {
+                let n = o.add(&format!("ORIENTED_EDGE('',*,*,#{},.{sense}.)", seams[*k]));
+                format!("#{n}")
+            })
+            .collect();
+        let border = o.add(&format!("EDGE_LOOP('',({}))", edges.join(",")));
+        let bound = o.add(&format!("FACE_OUTER_BOUND('',#{border},.T.)"));
+        let text = o.close(
+            &format!("TOROIDAL_SURFACE('',#5,{ring_mm:?},{tube_mm:?})"),
+            &[bound],
+        );
+        let part = PartMesh::weld(read(text.as_bytes()).unwrap(), true).unwrap();
+        let area = 4.0 * PI * PI * ring_mm * tube_mm;
+        let found = part.surface.area_mm2();
+        assert!((found / area - 1.0).abs() < 2e-3, "{found} for {area}");
+        // Nothing is open, and one handle: V - E + F = 0.
+        assert!(
+            part.neighbours
+                .iter()
+                .flatten()
+                .all(|n| *n != super::super::weld::BORDER)
+        );
+        assert_eq!(2 * part.vertices.len(), part.faces.len());
+        for t in part.surface.triangles() {
+            let middle = (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0;
+            let spine = middle.xy().normalize() * ring_mm;
+            let out = middle - nalgebra::Vector3::new(spine.x, spine.y, 0.0);
+            assert!(t.normal.dot(&out) > 0.9 * out.norm());
+        }
+    }
+}
+
+#[test]
 fn what_is_not_read_is_named() {
     for (from, to, words) in [
         (
