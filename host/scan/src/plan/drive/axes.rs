@@ -390,7 +390,7 @@ impl<'a> Driver<'a> {
         }
         rows.reverse();
         self.unwind(&mut rows);
-        self.smooth(&mut rows, &points[from..]);
+        self.smooth_within_turns(&mut rows, &points[from..]);
         let mut start = 0;
         while start < rows.len() {
             let length = self.within_spindle(&mut rows[start..]);
@@ -459,8 +459,28 @@ impl<'a> Driver<'a> {
         best.0.max(1)
     }
 
+    /// Smooths as much as the largest turn allows.
+    ///
+    /// Smoothing moves the beam, and the line is laid across the way again behind it: where that turns fast, as on a
+    /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept.
+    fn smooth_within_turns(&self, rows: &mut Vec<Vec<f64>>, points: &[RunPoint]) {
+        for rounds in [30, 10, 3] {
+            let mut tried = rows.clone();
+            self.smooth(&mut tried, points, rounds);
+            let kept = tried.windows(2).all(|w| {
+                w[0].iter()
+                    .zip(&w[1])
+                    .all(|(a, b)| (b - a).abs() <= self.turn_deg + 1e-9)
+            });
+            if kept {
+                *rows = tried;
+                return;
+            }
+        }
+    }
+
     /// Takes the steps of the candidates' raster out: each angle moves towards its neighbours' mean where that costs less.
-    fn smooth(&self, rows: &mut [Vec<f64>], points: &[RunPoint]) {
+    fn smooth(&self, rows: &mut [Vec<f64>], points: &[RunPoint], rounds: usize) {
         if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
             return;
         }
@@ -475,7 +495,7 @@ impl<'a> Driver<'a> {
         if !rough {
             return;
         }
-        for _ in 0..30 {
+        for _ in 0..rounds {
             for k in 0..rows.len() {
                 for (p, turn) in &self.aiming {
                     let mean = match (k.checked_sub(1), k + 1 < rows.len()) {

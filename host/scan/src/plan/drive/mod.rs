@@ -9,4 +9,6 @@ pub mod axes;
 pub mod links;
 pub mod order;
 pub mod realise;
+#[cfg(test)]
+mod tests;
 pub mod touch;
