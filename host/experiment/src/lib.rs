@@ -32,7 +32,7 @@
 //! | `rewritten` | +0.0005 | 0.0005 | -0.0006 | +0.0022 | half a step |
 //! | `grbl` | NG: it cannot turn; only the reference is cut | | | | |
 //!
-//! The cusps of the laces are up to 0.0012 mm of it. The probing programs are in Fanuc's
+//! The cusps of the passes are up to 0.0012 mm of it. The probing programs are in Fanuc's
 //! language; for Haas, LinuxCNC and GRBL a second control on the same axes finishes.
 
 pub mod cases;

@@ -50,7 +50,7 @@ pub struct Setting {
     /// No error sources: no noise, no delay, and a pretravel that is alike in all
     /// directions and compensated exactly.
     pub ideal: bool,
-    /// The largest distance of two laces on the surface, mm.
+    /// The largest distance of two passes on the surface, mm.
     pub stepover_mm: f64,
     /// Pitch of the grid on which the surface is measured, X and Y, mm.
     pub pitch_mm: [f64; 2],
@@ -78,13 +78,13 @@ pub struct Surface {
 impl Surface {
     /// Measures a workpiece. None if a section has no node: the grid is too coarse.
     #[must_use]
-    pub fn measure(workpiece: &Workpiece, laces: &Passes, crashes: usize) -> Option<Self> {
-        Self::measure_against(workpiece, laces, crashes, &NOMINAL)
+    pub fn measure(workpiece: &Workpiece, passes: &Passes, crashes: usize) -> Option<Self> {
+        Self::measure_against(workpiece, passes, crashes, &NOMINAL)
     }
 
     fn measure_against(
         workpiece: &Workpiece,
-        laces: &Passes,
+        passes: &Passes,
         crashes: usize,
         nominal: &CylinderArc,
     ) -> Option<Self> {
@@ -92,11 +92,11 @@ impl Surface {
         let whole = deviations.statistics(|_, _| true)?;
         let sections = (0..SECTIONS)
             .map(|section| {
-                let [low, high] = laces.section_y_mm(section);
+                let [low, high] = passes.section_y_mm(section);
                 deviations.statistics(|_, y| y > low && y <= high)
             })
             .collect::<Option<Vec<_>>>()?;
-        let [low, high] = laces.section_y_mm(0);
+        let [low, high] = passes.section_y_mm(0);
         let first = |_: f64, y: f64| y > low && y <= high;
         let against_first = deviations
             .laid_on(nominal, first)
@@ -183,7 +183,7 @@ pub struct ExperimentOutcome {
     /// What the probing routine adds for the pretravel, mm.
     pub compensation_mm: f64,
     /// The finishing path.
-    pub laces: Passes,
+    pub passes: Passes,
     /// What the board decided.
     pub session: Session,
     /// The workpiece that was cut with the corrections.

@@ -1,7 +1,7 @@
 //! The workpiece of A. Sawula's thesis (2013, section 4.1): part of a cylindrical
-//! surface, finished with a ball-nose tool in laces along its axis.
+//! surface, finished with a ball-nose tool in passes along its axis.
 //!
-//! The tips of the laces that appendix E prints lie on a circle about (y 0.003,
+//! The tips of the passes that appendix E prints lie on a circle about (y 0.003,
 //! z -67.53) with radius 92.87. The ball's centres are 4 mm above the tips, and the
 //! surface that they leave is 4 mm inside of them: radius 88.87 about (0.003, -63.53).
 //!
@@ -25,14 +25,14 @@ pub const NOMINAL: CylinderArc = CylinderArc {
     radius_mm: 92.87 - BALL_RADIUS_MM,
 };
 
-/// Where the laces begin and end in X, mm (appendix E).
-pub const LACE_X_MM: [f64; 2] = [-25.399, 25.391];
+/// Where the passes begin and end in X, mm (appendix E).
+pub const PASS_X_MM: [f64; 2] = [-25.399, 25.391];
 
-/// The outermost lace, as the angle about the arc's axis: its tip is at y 35.004
+/// The outermost pass, as the angle about the arc's axis: its tip is at y 35.004
 /// (appendix E), `sin = (35.004 - 0.003) / 92.87`.
 pub const OUTERMOST_SINE: f64 = (35.004 - 0.003) / 92.87;
 
-/// The surface is measured between these borders in X, mm: as far as the laces go.
+/// The surface is measured between these borders in X, mm: as far as the passes go.
 pub const MEASURED_X_MM: [f64; 2] = [-25.39, 25.39];
 
 /// What the band saw has left above the nominal surface, mm. Our choice; the thesis
@@ -42,7 +42,7 @@ pub const STOCK_MM: f64 = 3.0;
 /// Sections of the surface, one for each clamping (figure 4.3).
 pub const SECTIONS: usize = 5;
 
-/// Y of the surface's border, mm: under the outermost lace.
+/// Y of the surface's border, mm: under the outermost pass.
 #[must_use]
 pub fn border_y_mm() -> f64 {
     NOMINAL.radius_mm * OUTERMOST_SINE

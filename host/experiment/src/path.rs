@@ -4,27 +4,27 @@ use std::fmt::Write as _;
 
 use umi_virtual::nc::ControlFamily;
 
-use super::part::{BALL_RADIUS_MM, LACE_X_MM, NOMINAL, OUTERMOST_SINE, SEAT_MM, SECTIONS};
+use super::part::{BALL_RADIUS_MM, NOMINAL, OUTERMOST_SINE, PASS_X_MM, SEAT_MM, SECTIONS};
 
 /// Number of the tool and of its length offset.
 pub const TOOL: u32 = 2;
 
-/// The path between two laces and before the first: far above the part.
+/// The path between two passes and before the first: far above the part.
 const SAFE_Z_MM: f64 = SEAT_MM + 50.0;
 
-/// Rapid ends and feed begins this far above a lace.
+/// Rapid ends and feed begins this far above a pass.
 const APPROACH_MM: f64 = 5.0;
 
-/// The laces of the whole surface.
+/// The passes of the whole surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passes {
-    /// Gaps between two laces.
+    /// Gaps between two passes.
     gaps: u32,
-    /// Between two laces, about the arc's axis, radians.
+    /// Between two passes, about the arc's axis, radians.
     step_rad: f64,
 }
 
-/// Why there are no such laces.
+/// Why there are no such passes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepoverFault(pub f64);
 
@@ -42,14 +42,14 @@ impl std::fmt::Display for StepoverFault {
 
 impl Passes {
     /// The stepovers that can be asked for, mm: below, block numbers outgrow their
-    /// digits; above, a lace no longer meets its neighbour.
+    /// digits; above, a pass no longer meets its neighbour.
     pub const STEPOVER_MM: [f64; 2] = [0.05, 4.0];
 
-    /// The stepover of appendix E on the surface, mm: its laces are 0.5655 mm apart
+    /// The stepover of appendix E on the surface, mm: its passes are 0.5655 mm apart
     /// on the circle of the tips, radius 92.87.
     pub const THESIS_MM: f64 = 0.5655 * (92.87 - BALL_RADIUS_MM) / 92.87;
 
-    /// Laces at most this far from one another on the finished surface, mm.
+    /// Passes at most this far from one another on the finished surface, mm.
     ///
     /// # Errors
     /// Beyond [`Self::STEPOVER_MM`].
@@ -71,19 +71,19 @@ impl Passes {
         })
     }
 
-    /// How many laces there are.
+    /// How many passes there are.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.gaps + 1
     }
 
-    /// Between two laces on the finished surface, mm.
+    /// Between two passes on the finished surface, mm.
     #[must_use]
     pub fn stepover_mm(&self) -> f64 {
         self.step_rad * NOMINAL.radius_mm
     }
 
-    /// Height of the cusps between two laces, mm: where two circles of the ball's
+    /// Height of the cusps between two passes, mm: where two circles of the ball's
     /// radius meet, over the arc.
     #[must_use]
     pub fn cusp_mm(&self) -> f64 {
@@ -93,13 +93,13 @@ impl Passes {
         ball * cos - (BALL_RADIUS_MM * BALL_RADIUS_MM - half * half).sqrt() - NOMINAL.radius_mm
     }
 
-    /// Angle of a lace about the arc's axis, positive to +Y; the first is outermost
+    /// Angle of a pass about the arc's axis, positive to +Y; the first is outermost
     /// at +Y.
-    fn angle_rad(&self, lace: u32) -> f64 {
-        OUTERMOST_SINE.asin() - self.step_rad * f64::from(lace)
+    fn angle_rad(&self, pass: u32) -> f64 {
+        OUTERMOST_SINE.asin() - self.step_rad * f64::from(pass)
     }
 
-    /// The laces of a section, and of sections beyond the last one none.
+    /// The passes of a section, and of sections beyond the last one none.
     fn of_section(&self, section: usize) -> std::ops::Range<u32> {
         let from = |section: usize| {
             let part = section.min(SECTIONS) as u32 * self.count();
@@ -109,23 +109,23 @@ impl Passes {
     }
 
     /// The section's stretch in Y on the finished surface, mm, from the border or the
-    /// middle between its lace and the neighbour's.
+    /// middle between its pass and the neighbour's.
     #[must_use]
     pub fn section_y_mm(&self, section: usize) -> [f64; 2] {
-        let laces = self.of_section(section);
-        let between = |lace: u32| {
-            if lace == 0 || lace == self.count() {
+        let passes = self.of_section(section);
+        let between = |pass: u32| {
+            if pass == 0 || pass == self.count() {
                 // Rounding must not lose the border's nodes.
-                return if lace == 0 {
+                return if pass == 0 {
                     f64::INFINITY
                 } else {
                     f64::NEG_INFINITY
                 };
             }
-            let angle = self.angle_rad(lace) + self.step_rad / 2.0;
+            let angle = self.angle_rad(pass) + self.step_rad / 2.0;
             NOMINAL.axis_y_mm + NOMINAL.radius_mm * angle.sin()
         };
-        [between(laces.end), between(laces.start)]
+        [between(passes.end), between(passes.start)]
     }
 
     /// The program of a section.
@@ -144,10 +144,10 @@ impl Passes {
         blocks.add(&format!("T{TOOL:02} M06 (8.0 MM DIA BALL NOSE MILL)"));
         blocks.add(offset);
         blocks.add("S5000 M3");
-        let [left, right] = LACE_X_MM;
+        let [left, right] = PASS_X_MM;
         let mut first = true;
-        for lace in self.of_section(section) {
-            let (sin, cos) = self.angle_rad(lace).sin_cos();
+        for pass in self.of_section(section) {
+            let (sin, cos) = self.angle_rad(pass).sin_cos();
             let ball = NOMINAL.radius_mm + BALL_RADIUS_MM;
             let y = NOMINAL.axis_y_mm + ball * sin;
             let z = NOMINAL.axis_z_mm + ball * cos - BALL_RADIUS_MM;
@@ -178,15 +178,15 @@ impl Passes {
     }
 
     /// Points of the whole path in the reference clamping, mm: both ends and the
-    /// middle of the outermost laces and of the middle one, at the ball's tip.
+    /// middle of the outermost passes and of the middle one, at the ball's tip.
     #[must_use]
     pub fn landmarks_mm(&self) -> Vec<[f64; 3]> {
-        let [left, right] = LACE_X_MM;
+        let [left, right] = PASS_X_MM;
         let ball = NOMINAL.radius_mm + BALL_RADIUS_MM;
         [0, self.gaps / 2, self.gaps]
             .iter()
-            .flat_map(|&lace| {
-                let (sin, cos) = self.angle_rad(lace).sin_cos();
+            .flat_map(|&pass| {
+                let (sin, cos) = self.angle_rad(pass).sin_cos();
                 let y = NOMINAL.axis_y_mm + ball * sin;
                 let z = NOMINAL.axis_z_mm + ball * cos - BALL_RADIUS_MM;
                 [left, f64::midpoint(left, right), right].map(|x| [x, y, z])
@@ -272,10 +272,10 @@ mod tests {
             .collect()
     }
 
-    /// With the thesis' stepover the laces are those of appendix E: Y and Z of its
+    /// With the thesis' stepover the passes are those of appendix E: Y and Z of its
     /// first seven, 64 mm higher; the CAM's own chord error is 7 µm.
     #[test]
-    fn the_laces_are_those_of_appendix_e() {
+    fn the_passes_are_those_of_appendix_e() {
         const PRINTED: [[f64; 2]; 7] = [
             [35.004, 18.486],
             [34.48, 18.698],
@@ -285,8 +285,8 @@ mod tests {
             [32.37, 19.511],
             [31.84, 19.707],
         ];
-        let laces = Passes::new(Passes::THESIS_MM + 1e-3).unwrap();
-        let program = laces.program(1, 0, "G54");
+        let passes = Passes::new(Passes::THESIS_MM + 1e-3).unwrap();
+        let program = passes.program(1, 0, "G54");
         let cuts: Vec<Vec<f64>> = motions(&program)
             .iter()
             .filter(|block| block.starts_with("G1 X25.391"))
@@ -301,33 +301,33 @@ mod tests {
             assert!((radius - ball).abs() < 0.0008, "{radius}");
         }
         assert!(
-            (laces.cusp_mm() - 0.0095).abs() < 0.0002,
+            (passes.cusp_mm() - 0.0095).abs() < 0.0002,
             "{}",
-            laces.cusp_mm()
+            passes.cusp_mm()
         );
     }
 
-    /// The sections together are every lace once, and their stretches join.
+    /// The sections together are every pass once, and their stretches join.
     #[test]
     fn sections_are_the_whole_surface() {
         for stepover in [0.05, 0.2, 0.541, 4.0] {
-            let laces = Passes::new(stepover).unwrap();
-            assert!(laces.stepover_mm() <= stepover);
+            let passes = Passes::new(stepover).unwrap();
+            assert!(passes.stepover_mm() <= stepover);
             let mut seen = 0;
             let mut above = f64::INFINITY;
             for section in 0..SECTIONS {
-                seen += laces.of_section(section).len() as u32;
-                let [low, high] = laces.section_y_mm(section);
+                seen += passes.of_section(section).len() as u32;
+                let [low, high] = passes.section_y_mm(section);
                 assert!(low < high);
                 assert_eq!(high.to_bits(), above.to_bits());
                 above = low;
             }
-            assert_eq!(seen, laces.count());
+            assert_eq!(seen, passes.count());
             assert!(above == f64::NEG_INFINITY);
             let all: usize = (0..SECTIONS)
-                .map(|section| motions(&laces.program(1, section, "G54")).len())
+                .map(|section| motions(&passes.program(1, section, "G54")).len())
                 .sum();
-            assert_eq!(all, 5 * laces.count() as usize);
+            assert_eq!(all, 5 * passes.count() as usize);
         }
         assert_eq!(Passes::new(0.0), Err(StepoverFault(0.0)));
         assert!(Passes::new(f64::NAN).is_err());

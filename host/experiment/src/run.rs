@@ -98,7 +98,7 @@ pub fn job() -> Result<Job, Problem> {
         let y = part::border_y_mm();
         let nominal = part::NOMINAL;
         let edge = nominal.height_mm(nominal.axis_y_mm + y).unwrap_or(SEAT_MM);
-        let [left, right] = part::LACE_X_MM;
+        let [left, right] = part::PASS_X_MM;
         correction.part_min_mm = [left, nominal.axis_y_mm - y, edge];
         correction.part_max_mm = [
             right,
@@ -218,7 +218,7 @@ pub fn run<E: From<Problem>>(
     mut progress: impl FnMut(ExperimentProgress<'_>) -> Result<(), E>,
 ) -> Result<(ExperimentOutcome, Desk), E> {
     let trouble = |error: &dyn std::fmt::Display| Problem::trouble("experiment", error);
-    let laces = Passes::new(setting.stepover_mm).map_err(|error| trouble(&error))?;
+    let passes = Passes::new(setting.stepover_mm).map_err(|error| trouble(&error))?;
     let blank = part::blank(setting.pitch_mm).map_err(|error| trouble(&error))?;
     let mut job = job()?;
     if let (Some(correction), Method::Program(dialect)) = (&mut job.correction, setting.remedy) {
@@ -231,7 +231,7 @@ pub fn run<E: From<Problem>>(
         &job,
         Some(&bench.identity().clone()),
     );
-    gather.session.path_points_mm = laces.landmarks_mm();
+    gather.session.path_points_mm = passes.landmarks_mm();
 
     let sigma_mm = if setting.ideal { 0.0 } else { CUTTING_SIGMA_MM };
     let mut scene = Scene::parse(SCENE).map_err(|error| trouble(&error))?;
@@ -327,23 +327,23 @@ pub fn run<E: From<Problem>>(
         let number = u32::try_from(section).unwrap_or_default();
         let program = match (&correction, setting.remedy, registration) {
             // The reference clamping is cut as it stands.
-            (None, ..) => ok.then(|| laces.program(FINISH + number, section, "G54")),
+            (None, ..) => ok.then(|| passes.program(FINISH + number, section, "G54")),
             (Some(text), Method::Program(Dialect::LinuxCnc), _) => {
                 let call = "G54\no<umi_correction> call";
-                let main = laces.program(FINISH + number, section, call);
+                let main = passes.program(FINISH + number, section, call);
                 let subroutine = text.strip_suffix("M2\n").unwrap_or(text);
                 Some(format!("{subroutine}{main}"))
             }
             (Some(text), Method::Program(Dialect::Grbl), _) => {
                 let sent = format!("G54\n{}", text.trim_end());
-                Some(laces.program(FINISH + number, section, &sent))
+                Some(passes.program(FINISH + number, section, &sent))
             }
             (Some(_), Method::Program(dialect), _) => {
                 // Where Z leans, X and Y move it: at the top of its travel there is no room.
                 let leans = matches!(form(dialect).turn, Turn::Axis | Turn::Angles);
                 let down = if leans { BELOW_THE_TOP } else { "" };
                 let call = format!("{down}M98 P9010 (CORRECTION)");
-                let program = laces.program(FINISH + number, section, &call);
+                let program = passes.program(FINISH + number, section, &call);
                 // A setting error is not ended by G69.
                 let ends = form(dialect).in_set;
                 let end = if ends { " G69\nG54.4 P0\n" } else { " G69\n" };
@@ -351,7 +351,7 @@ pub fn run<E: From<Problem>>(
             }
             (Some(_), Method::Rewritten, Some(registration)) => {
                 let call = format!("{BELOW_THE_TOP}G54");
-                let nominal = laces.program(FINISH + number, section, &call);
+                let nominal = passes.program(FINISH + number, section, &call);
                 Some(rewritten(&nominal, &registration)?)
             }
             (Some(_), Method::Rewritten, None) => None,
@@ -362,7 +362,7 @@ pub fn run<E: From<Problem>>(
         programs.push(program);
         step("cutting uncorrected")?;
         shop.exchange();
-        let program = laces.program(FINISH_UNCORRECTED + number, section, "G54");
+        let program = passes.program(FINISH_UNCORRECTED + number, section, "G54");
         let cut = shop.cut(&program, 1);
         shop.exchange();
         cut?;
@@ -370,7 +370,7 @@ pub fn run<E: From<Problem>>(
     }
 
     let measure = |workpiece: &Workpiece, crashes| {
-        Surface::measure(workpiece, &laces, crashes).ok_or_else(|| {
+        Surface::measure(workpiece, &passes, crashes).ok_or_else(|| {
             Problem::trouble(
                 "experiment",
                 "the grid is too coarse: a section has no node",
@@ -392,9 +392,9 @@ pub fn run<E: From<Problem>>(
         compensation_mm: COMPENSATION_MM,
         position_error_mm: cases
             .iter()
-            .map(|case| position_error_mm(case, &laces))
+            .map(|case| position_error_mm(case, &passes))
             .collect(),
-        laces,
+        passes,
         session: gather.session,
         corrected,
         uncorrected,
@@ -493,8 +493,8 @@ fn truth(case: &ExperimentCase) -> Truth {
 
 /// How far a point of the path is from where it should be on the part, if nothing is
 /// corrected: the largest, mm.
-fn position_error_mm(case: &ExperimentCase, laces: &Passes) -> f64 {
-    laces
+fn position_error_mm(case: &ExperimentCase, passes: &Passes) -> f64 {
+    passes
         .landmarks_mm()
         .into_iter()
         .map(|p| {

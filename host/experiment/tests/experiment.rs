@@ -150,7 +150,7 @@ fn the_thesis_stepover_and_poses() {
     };
     let outcome = run_with(setting, &cases::printed());
     let corrected = outcome.corrected.whole;
-    assert!((outcome.laces.cusp_mm() - 0.0095).abs() < 2e-4);
+    assert!((outcome.passes.cusp_mm() - 0.0095).abs() < 2e-4);
     assert!(corrected.mean_above_mm <= 0.010, "{corrected:?}");
     assert!(corrected.mean_below_mm >= -0.022, "{corrected:?}");
     assert!(corrected.std_mm <= 0.019, "{corrected:?}");

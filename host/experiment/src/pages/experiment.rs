@@ -32,7 +32,7 @@ pub fn sections(outcome: &ExperimentOutcome, seeds: &[ExperimentSummary]) -> Vec
 }
 
 fn surface_lead(outcome: &ExperimentOutcome) -> Element {
-    let laces = &outcome.laces;
+    let passes = &outcome.passes;
     let setting = &outcome.setting;
     let sources = if setting.ideal {
         "all error sources off"
@@ -40,14 +40,14 @@ fn surface_lead(outcome: &ExperimentOutcome) -> Element {
         "the error sources of table 5.5 and the control\u{2019}s delay on"
     };
     el("p").class("lead").text(format!(
-        "Seed {}, {sources}. {} laces, {} mm apart on the surface, which leaves cusps of {} \u{b5}m \
+        "Seed {}, {sources}. {} passes, {} mm apart on the surface, which leaves cusps of {} \u{b5}m \
          (the thesis: 0.541 mm and 9.6 \u{b5}m). Section 0 is cut in case 0, section 1 in case 1, \
          and so on. The second workpiece was cut in the same clampings by the same programs without \
          the corrections.",
         setting.seed,
-        laces.count(),
-        fixed(laces.stepover_mm(), 3),
-        um(laces.cusp_mm()),
+        passes.count(),
+        fixed(passes.stepover_mm(), 3),
+        um(passes.cusp_mm()),
     ))
 }
 
@@ -169,7 +169,7 @@ fn figure(
         .map(|section| {
             (
                 format!("Case {section}"),
-                outcome.laces.section_y_mm(section),
+                outcome.passes.section_y_mm(section),
             )
         })
         .collect();

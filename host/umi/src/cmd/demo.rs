@@ -42,7 +42,7 @@ pub(crate) struct Demo {
     /// Without error sources
     #[arg(long)]
     ideal: bool,
-    /// Distance of two laces of the finishing path on the surface; the thesis has 0.541
+    /// Distance of two passes of the finishing path on the surface; the thesis has 0.541
     #[arg(long, value_name = "MM", default_value_t = STEPOVER_MM)]
     stepover_mm: f64,
     /// Clamp as the thesis' registrations say (table 4.2), not as its text says
@@ -69,7 +69,7 @@ fn remedies() -> PossibleValuesParser {
 /// Cusps of 1.2 µm: small against the 2 µm that are to be shown.
 const STEPOVER_MM: f64 = 0.2;
 
-/// Pitch of the measured nodes in X and Y, mm. Along the laces little changes; across
+/// Pitch of the measured nodes in X and Y, mm. Along the passes little changes; across
 /// them the pitch is no part of the stepover, so that nodes stand everywhere on a cusp.
 const PITCH_MM: [f64; 2] = [0.5, 0.0437];
 
@@ -244,11 +244,11 @@ impl Demo {
             paint(
                 FAINT,
                 format_args!(
-                    "deviation where a tool has cut, \u{b5}m; seed {}, {} laces {:.3} mm apart (cusps {:.1} \u{b5}m), {}",
+                    "deviation where a tool has cut, \u{b5}m; seed {}, {} passes {:.3} mm apart (cusps {:.1} \u{b5}m), {}",
                     outcome.setting.seed,
-                    outcome.laces.count(),
-                    outcome.laces.stepover_mm(),
-                    outcome.laces.cusp_mm() * 1e3,
+                    outcome.passes.count(),
+                    outcome.passes.stepover_mm(),
+                    outcome.passes.cusp_mm() * 1e3,
                     if outcome.setting.ideal {
                         "no error sources"
                     } else {
@@ -293,8 +293,8 @@ impl Demo {
                 "corrected": corrected,
                 "seed": outcome.setting.seed,
                 "ideal": outcome.setting.ideal,
-                "stepover_mm": outcome.laces.stepover_mm(),
-                "cusp_mm": outcome.laces.cusp_mm(),
+                "stepover_mm": outcome.passes.stepover_mm(),
+                "cusp_mm": outcome.passes.cusp_mm(),
                 "whole": statistics(&surface.whole),
                 "cases_1_to_4_against_case_0": surface.against_first.as_ref().map(statistics),
                 "sections": surface.sections.iter().map(statistics).collect::<Vec<_>>(),
