@@ -18,7 +18,12 @@
 // * An access that is unaligned (A3.2.1), or where there is no memory, is a HardFault, not a log
 //   line; so a stack that grows out of SRAM is seen.
 //
-// Not modelled, here as there: wait states of the flash cache, and of the bus matrix.
+// * Code and constants in flash come through the XIP cache (cache.js): a line that is not there
+//   costs its wait states.
+//
+// Not modelled, here as there: wait states of the bus matrix.
+
+import { Cache } from './cache.js';
 
 const ENTRY_CYCLES = 15;
 /** 13, less the 2 or 3 that the returning BX or POP costs by itself. */
@@ -114,6 +119,7 @@ export class Core {
     this.flash8 = chip.rp.flash;
     this.flash16 = chip.rp.flash16;
     this.flash32 = new Int32Array(chip.rp.flash.buffer);
+    this.cache = new Cache();
     /** Cycles of exceptions taken or left, not yet counted. */
     this.penalty = 0;
     this.instructions = 0;
@@ -139,7 +145,10 @@ export class Core {
         if (a >= this.chip.watchLow && a < this.chip.watchHigh) this.chip.synchronise();
         return this.sram32[offset >> 2];
       }
-    } else if (a >>> 24 === 0x10) return this.flash32[(a & 0xffffff) >> 2];
+    } else if (a >>> 24 === 0x10) {
+      this.chip.now += this.cache.read(a);
+      return this.flash32[(a & 0xffffff) >> 2];
+    }
     if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint32(a) | 0;
   }
@@ -153,7 +162,10 @@ export class Core {
         if (a >= this.chip.watchLow && a < this.chip.watchHigh) this.chip.synchronise();
         return this.sram16[offset >> 1];
       }
-    } else if (a >>> 24 === 0x10) return this.flash16[(a & 0xffffff) >> 1];
+    } else if (a >>> 24 === 0x10) {
+      this.chip.now += this.cache.read(a);
+      return this.flash16[(a & 0xffffff) >> 1];
+    }
     if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint16(a) & 0xffff;
   }
@@ -166,7 +178,10 @@ export class Core {
         if (a >= this.chip.watchLow && a < this.chip.watchHigh) this.chip.synchronise();
         return this.sram8[offset];
       }
-    } else if (a >>> 24 === 0x10) return this.flash8[a & 0xffffff];
+    } else if (a >>> 24 === 0x10) {
+      this.chip.now += this.cache.read(a);
+      return this.flash8[a & 0xffffff];
+    }
     if (isNowhere(a)) return this.noAccess('no memory to read', a);
     return this.chip.rp.readUint8(a) & 0xff;
   }
@@ -230,6 +245,12 @@ export class Core {
     // Else it is the same instruction, which has faulted already.
   }
 
+  /** A fault out of nowhere, at the instruction that comes next. */
+  crash() {
+    this.core.waiting = false;
+    this.hardFault('a fault that the bench asked for');
+  }
+
   /** A fault in the handler of faults: nothing more until a reset (Armv6-M, B1.5.14). */
   lockUp() {
     this.core.waiting = true;
@@ -260,7 +281,7 @@ export class Core {
 
   /** Runs until `chip.limit` or until the core sleeps. */
   run() {
-    const { chip, core: c, registers: r, sram16, flash16 } = this;
+    const { chip, core: c, registers: r, sram16, flash16, cache } = this;
     let count = 0;
     while (chip.now < chip.limit) {
       if (c.interruptsUpdated) c.checkForInterrupts();
@@ -271,8 +292,10 @@ export class Core {
       count++;
       const pc = r[15] & ~1;
       let op;
-      if (pc >>> 24 === 0x10) op = flash16[(pc & 0xffffff) >> 1];
-      else if (pc >>> 24 === 0x20) op = sram16[(pc & 0xfffff) >> 1];
+      if (pc >>> 24 === 0x10) {
+        if (pc >>> 3 !== cache.latest) chip.now += cache.fetch(pc);
+        op = flash16[(pc & 0xffffff) >> 1];
+      } else if (pc >>> 24 === 0x20) op = sram16[(pc & 0xfffff) >> 1];
       else {
         this.fault ??= `program counter outside memory: ${(pc >>> 0).toString(16)}`;
         c.waiting = true;
@@ -622,6 +645,10 @@ export class Core {
 
   wide(pc, op) {
     const { core: c, registers: r } = this;
+    // Its second half may stand in the next line.
+    if (pc >>> 24 === 0x10 && (pc + 2) >>> 3 !== this.cache.latest) {
+      this.chip.now += this.cache.fetch(pc + 2);
+    }
     const second =
       pc >>> 24 === 0x10
         ? this.flash16[((pc + 2) & 0xffffff) >> 1]
@@ -738,6 +765,9 @@ function patchExceptions(taker, core, ppb) {
     }
     enter.call(core, number);
     taker.penalty += ENTRY_CYCLES;
+    // The vector is read like any constant.
+    const vector = core.VTOR + 4 * number;
+    if (vector >>> 24 === 0x10) taker.penalty += taker.cache.read(vector);
     if (number >= 16) {
       core.pended &= ~(1 << (number - 16));
       core.pendingInterrupts = core.lines | core.pended;

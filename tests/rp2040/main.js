@@ -15,7 +15,7 @@
 // | free       | speed = 1                              | runs by itself, at most `speed` times real time (0: as fast as it can) |
 // | pause      |                                        | stands still                                   |
 // | axis       | axis, segments, repeat, skipEvery, bounce, bounceCycles, glitch, glitchCycles, seed, after = 0 | an encoder moves (stimuli.js, Axis); answers start |
-// | pulses     | pin, at or period + count + jitter, width, active, record, seed, after = 0 | pulses (stimuli.js, Pulses); answers start |
+// | pulses     | pin, at or period + count + jitter, width, widths, active, record, both, seed, after = 0 | pulses (stimuli.js, Pulses); answers start |
 // | level      | pin, level                             | a level that stays                             |
 // | stop       |                                        | ends all motion and pulses                     |
 // | axes       |                                        | per axis: position, edges, illegal, isMoving   |
@@ -37,6 +37,8 @@
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
 // | time       |                                        | cycle, and at it timer_us, the chip's own microsecond timer; began: the cycle at which the chip came out of reset, and with it that timer |
 // | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, in cycles |
+// | crash      |                                        | the core has a HardFault; answers cycle |
+// | cache      | line_cycles                            | what a line of the flash costs the core from now on (cache.js; 0: nothing); answers hits and misses since asked last |
 // | dma_hold   | cycles                                 | the bus is taken: no channel gets a transfer for so long |
 
 import { readFileSync } from 'node:fs';
@@ -270,6 +272,19 @@ class Bench {
       case 'interrupts':
         if (chip === null) throw new Error('the board has no power');
         return { rows: chip.core.takeInterruptTimes() };
+      case 'crash':
+        if (chip === null) throw new Error('the board has no power');
+        chip.core.crash();
+        return { cycle: board.cycle };
+      case 'cache': {
+        if (chip === null) throw new Error('the board has no power');
+        const { cache } = chip.core;
+        const { hits, misses } = cache;
+        cache.lineCycles = request.line_cycles ?? cache.lineCycles;
+        cache.hits = 0;
+        cache.misses = 0;
+        return { hits, misses, line_cycles: cache.lineCycles };
+      }
       case 'dma_hold':
         if (chip === null) throw new Error('the board has no power');
         chip.holdTransfers(request.cycles);

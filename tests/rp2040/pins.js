@@ -12,7 +12,7 @@
 
 export const WINDOW = 4096;
 /** Changes are known so far beyond the window: an instruction that begins in it ends there. */
-export const MARGIN = 256;
+export const MARGIN = 1024;
 export const SYNC_CYCLES = 2;
 export const FAR = 0x3fffffff;
 const ROOM = 1 << 16;

@@ -145,14 +145,15 @@ class Axis {
 
 /**
  * Pulses on a pin, `width` cycles long: at the cycles `at`, or `count` of them every `period`
- * cycles from `start`, each moved by up to `jitter` cycles. `active` is the level of a pulse. With
- * `record`, the truth at each leading edge is kept.
+ * cycles from `start`, each moved by up to `jitter` cycles. `widths` are those of the pulses `at`,
+ * where they differ. `active` is the level of a pulse. With `record`, the truth at each leading
+ * edge is kept, with `both` at the other edges, too.
  */
 class Pulses {
   constructor(spec, start) {
-    const { pin, at = null, period = 0, count = 0, jitter = 0, width = 100 } = spec;
-    const { active = 1, record = false, seed = 1 } = spec;
-    Object.assign(this, { pin, at, period, count, jitter, width, active, record, start });
+    const { pin, at = null, period = 0, count = 0, jitter = 0, width = 100, widths = null } = spec;
+    const { active = 1, record = false, both = false, seed = 1 } = spec;
+    Object.assign(this, { pin, at, period, count, jitter, width, widths, active, record, both, start });
     this.random = new Random(seed * 104729 + pin);
     this.index = 0;
     this.isOn = false;
@@ -170,7 +171,7 @@ class Pulses {
 
   step() {
     this.isOn = !this.isOn;
-    if (this.isOn) this.due += this.width;
+    if (this.isOn) this.due += this.widths?.[this.index] ?? this.width;
     else {
       this.index++;
       this.plan();
@@ -247,9 +248,9 @@ export class Stimuli {
         }
       }
       if (train !== null) {
-        const leading = !train.isOn;
+        const recorded = train.isOn ? train.both : true;
         levels = put(levels, train.pin, train.step());
-        if (leading && train.record) this.record(train.pin, at);
+        if (recorded && train.record) this.record(train.pin, at);
       } else if (who >= 0) {
         const axis = axes[who];
         levels = (levels & ~(3 << axis.pin)) | (axis.step() << axis.pin);

@@ -33,7 +33,7 @@ use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Lessons, Name};
 use umi_protocol::job_error::{Field, JobError};
-use umi_protocol::latch::SignalLevel;
+use umi_protocol::latch::{LatchCause, SignalLevel};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
     Event, Identity, JobLoss, LineRefusal, MAX_RECORD, Record, ResetReason, TeachRefusal, TeachWhat,
@@ -268,6 +268,13 @@ impl<F: Flash> Instrument<F> {
     /// Something came in. Without a job it is journaled and that is all.
     pub fn input(&mut self, now: Micros, input: &Input) {
         let Self { brain, ledger, .. } = self;
+        if let Input::Latch(latch) = input
+            && latch.cause == LatchCause::SkipEnd
+            && brain.job().is_none_or(|job| job.witness.is_none())
+        {
+            // Nobody judges touches: the end of one would be one more write of the flash.
+            return;
+        }
         ledger.heads.came(now);
         if matches!(input, Input::Held) {
             return self.held(now);

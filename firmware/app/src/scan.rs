@@ -188,8 +188,8 @@ impl State {
             LatchCause::Trigger => &mut counters.triggers,
             LatchCause::Output => &mut counters.outputs,
             LatchCause::Index { .. } => &mut counters.indices,
-            // The end of what was counted when it began.
-            LatchCause::SkipEnd => &mut 0,
+            // The end of what counted when it began, also where it was missed.
+            LatchCause::SkipEnd => return,
         };
         *counter = counter.saturating_add(u32::from(!latch.counts.is_empty()));
         counters.missed = counters.missed.saturating_add(latch.missed);

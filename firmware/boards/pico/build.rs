@@ -10,8 +10,12 @@ fn main() -> io::Result<()> {
     } else {
         "memory-rp2040.x"
     };
-    fs::copy(memory, out.join("memory.x"))?;
-    println!("cargo::rerun-if-changed={memory}");
+    let parts = [memory, "ram-code.x"];
+    let texts: Result<Vec<String>, io::Error> = parts.iter().map(fs::read_to_string).collect();
+    fs::write(out.join("memory.x"), texts?.concat())?;
+    for part in parts {
+        println!("cargo::rerun-if-changed={part}");
+    }
     println!("cargo::rustc-link-search={}", out.display());
     // Without it the linker pads segments to pages, which flash has not.
     println!("cargo::rustc-link-arg-bins=--nmagic");

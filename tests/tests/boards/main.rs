@@ -2,9 +2,12 @@
 //!
 //! What all of them are asked is in [`conformance`]; the others are about one of them.
 
+mod chatter;
 mod conformance;
 mod pico;
+mod pico_cache;
 mod pico_captures;
+mod pico_faults;
 mod pico_figures;
 mod pico_pulses;
 mod pico_serial;

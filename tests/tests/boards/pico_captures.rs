@@ -216,6 +216,12 @@ fn a_skip_edge_is_latched_where_and_when_it_was() {
         return;
     };
     let mut client = rig.client();
+    // Its job judges touches: so both edges are told.
+    let job = include_str!("../../../examples/three-spheres-witnessed.toml");
+    client
+        .set_job(&toml::from_str(job).unwrap())
+        .unwrap()
+        .unwrap();
     let zero = clock_zero(&mut rig);
     client.live(true).unwrap();
     let (count, period) = (200, 5 * CYCLES_PER_MS);
@@ -230,10 +236,18 @@ fn a_skip_edge_is_latched_where_and_when_it_was() {
         is_recorded: true,
     });
     let end = start + (count + 10) * period;
-    let found = listen(&mut rig, &mut client, end, |all| all.len() as u64 == count);
+    let both = 2 * count;
+    let found = listen(&mut rig, &mut client, end, |all| all.len() as u64 == both);
     let truth = rig.emulator().truth();
-    Distances::of("skip", zero, &found, &truth).hold(STAMP_NS, STAMP_SPREAD_NS);
-    assert_eq!(counters(&mut rig, &mut client).missed, 0);
+    for (what, cause, edge) in [
+        ("skip, rise", LatchCause::Skip, 0),
+        ("skip, fall", LatchCause::SkipEnd, 1),
+    ] {
+        let truth: Vec<_> = truth.iter().skip(edge).step_by(2).cloned().collect();
+        Distances::of(what, zero, &of_cause(&found, cause), &truth).hold(STAMP_NS, STAMP_SPREAD_NS);
+    }
+    let counters = counters(&mut rig, &mut client);
+    assert_eq!((counters.skips.into(), counters.missed), (count, 0));
 }
 
 /// A scanner's triggers while all axes move at a million counts a second: what comes of

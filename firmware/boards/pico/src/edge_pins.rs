@@ -75,7 +75,7 @@ impl EdgePins {
     /// The next change that waits; if pins fell, none rises.
     #[inline(always)]
     pub fn take(&self, axes: &Quadrature) -> Option<Rises> {
-        let word = pio::stamp(EVENTS_MACHINE)?;
+        let word = pio::take_stamp(EVENTS_MACHINE)?;
         let now = clock::now_cycles();
         let pins = risen(word);
         let mut at = None;
@@ -90,7 +90,7 @@ impl EdgePins {
     /// Gives up every rise that waits, pin by pin.
     pub fn give_up(&self, gone: impl Fn(u8)) {
         for _ in 0..FIFO {
-            let Some(word) = pio::stamp(EVENTS_MACHINE) else {
+            let Some(word) = pio::take_stamp(EVENTS_MACHINE) else {
                 break;
             };
             let pins = risen(word);

@@ -36,10 +36,10 @@ use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::quadrature::{AxisCounts, Quadrature};
 use crate::rate_limit::RateLimit;
 use crate::resources::{
-    CAPTURE, CONTROL_TASKS, EXTEND_US, PERIOD_CYCLES, SCANS_PER_S, SERIAL, SKIP_MACHINE,
-    SKIPS_PER_S, SystemClock, TICK_US, TRIGGER_MACHINE,
+    CAPTURE, CONTROL_TASKS, EXTEND_US, PERIOD_CYCLES, SCANS_AT_ONCE, SCANS_PER_S, SERIAL,
+    SKIP_MACHINE, SKIPS_AT_ONCE, SKIPS_PER_S, SystemClock, TICK_US, TRIGGER_MACHINE,
 };
-use crate::stamps::Stamps;
+use crate::stamps::{Lost, Stamped, Stamps};
 use crate::trigger_out::Pulses;
 use crate::{clock, guard, pio, rings, stamps, tick};
 
@@ -83,14 +83,42 @@ struct Edge {
     missed: u32,
 }
 
+/// What a line causes when it rises, and when it falls: of triggers only rises are stamped.
+#[derive(Clone, Copy)]
+struct Causes {
+    rise: LatchCause,
+    fall: LatchCause,
+}
+
+const SKIPS: Causes = Causes {
+    rise: LatchCause::Skip,
+    fall: LatchCause::SkipEnd,
+};
+const TRIGGERS: Causes = Causes {
+    rise: LatchCause::Trigger,
+    fall: LatchCause::Trigger,
+};
+
 impl Edge {
-    fn of(cause: LatchCause, edge: stamps::Edge) -> Self {
-        let stamps::Edge { at, counts, missed } = edge;
+    /// An edge; the other kind of those that were missed before it is told by itself.
+    #[inline(always)]
+    fn of(causes: Causes, edge: stamps::Edge) -> Self {
+        let stamps::Edge {
+            at,
+            counts,
+            rises,
+            missed: before,
+        } = edge;
+        let (cause, before, other, others) = match rises {
+            true => (causes.rise, before.rises, causes.fall, before.falls),
+            false => (causes.fall, before.falls, causes.rise, before.rises),
+        };
+        missed(other, others);
         Self {
             cause,
             at,
             counts,
-            missed,
+            missed: before,
         }
     }
 }
@@ -103,8 +131,8 @@ struct Latches {
     /// With their positions.
     edges: Deque<Edge, WAITING>,
     /// Captures of the probe that may still be made, and of a scanner's or of index marks.
-    skips: RateLimit<SKIPS_PER_S>,
-    scans: RateLimit<SCANS_PER_S>,
+    skips: RateLimit<SKIPS_AT_ONCE, SKIPS_PER_S>,
+    scans: RateLimit<SCANS_AT_ONCE, SCANS_PER_S>,
     pulses: Pulses,
     /// There may have been pulses since the latest look.
     pulsed: bool,
@@ -114,8 +142,8 @@ struct Latches {
 
 static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
     axes: Quadrature::new(),
-    skip: Stamps::new(SKIP_MACHINE),
-    trigger: Stamps::new(TRIGGER_MACHINE),
+    skip: Stamps::new(SKIP_MACHINE, Stamped::Both),
+    trigger: Stamps::new(TRIGGER_MACHINE, Stamped::Rises),
     watched: EdgePins::new(),
     edges: Deque::new(),
     skips: RateLimit::new(),
@@ -193,12 +221,12 @@ impl Latches {
     /// Starts all machines.
     fn start(&mut self) {
         pio::halt();
-        pio::reset();
+        let high = pio::reset();
         rings::arm();
         let start = pio::start();
         self.axes.started(start);
-        self.skip.started(start);
-        self.trigger.started(start);
+        self.skip.started(start, high & 1 << SKIP == 0);
+        self.trigger.started(start, high & 1 << TRIGGER_IN == 0);
         self.watched.started(start);
     }
 
@@ -211,8 +239,8 @@ impl Latches {
         cortex_m::asm::delay(FULL_CYCLES);
         pio::edges(INPUTS.into_iter());
         pio::halt();
-        missed(LatchCause::Skip, self.skip.give_up());
-        missed(LatchCause::Trigger, self.trigger.give_up());
+        all_missed(SKIPS, self.skip.give_up());
+        all_missed(TRIGGERS, self.trigger.give_up());
         self.watched.give_up(watched_missed);
         let lost = self.watched.lost_before_start();
         lost.pins().for_each(watched_missed);
@@ -239,8 +267,8 @@ impl Latches {
             is_over = more == 0;
             taken += more;
         }
-        missed(LatchCause::Skip, self.skip.gone());
-        missed(LatchCause::Trigger, self.trigger.gone());
+        all_missed(SKIPS, self.skip.gone());
+        all_missed(TRIGGERS, self.trigger.gone());
         if is_over {
             self.listen();
         } else {
@@ -265,7 +293,7 @@ impl Latches {
             taken += 1;
             self.skips.spend();
             if let Ok(edge) = edge {
-                self.put(Edge::of(LatchCause::Skip, edge));
+                self.put(Edge::of(SKIPS, edge));
             }
         }
         if self.scans.is_left()
@@ -274,7 +302,7 @@ impl Latches {
             taken += 1;
             self.scans.spend();
             if let Ok(edge) = edge {
-                self.put(Edge::of(LatchCause::Trigger, edge));
+                self.put(Edge::of(TRIGGERS, edge));
             }
         }
         if self.scans.is_left()
@@ -328,8 +356,8 @@ impl Latches {
 
     fn look(&mut self) {
         let now = clock::now_cycles();
-        missed(LatchCause::Skip, self.skip.look(now));
-        missed(LatchCause::Trigger, self.trigger.look(now));
+        all_missed(SKIPS, self.skip.look(now));
+        all_missed(TRIGGERS, self.trigger.look(now));
         self.look_for_dropped(now);
         if !self.axes.look() {
             self.start_again();
@@ -337,11 +365,11 @@ impl Latches {
         // What has waited since the last look, nobody knows the positions of.
         if !self.skips.is_left() {
             self.skip.drop_all();
-            missed(LatchCause::Skip, self.skip.gone());
+            all_missed(SKIPS, self.skip.gone());
         }
         if !self.scans.is_left() {
             self.trigger.drop_all();
-            missed(LatchCause::Trigger, self.trigger.gone());
+            all_missed(TRIGGERS, self.trigger.gone());
             self.watched.give_up(watched_missed);
         }
         self.skips.refill();
@@ -385,6 +413,12 @@ fn missed(cause: LatchCause, edges: u32) {
     if edges > 0 {
         CAPTURES.lost(cause, SystemClock::ns(clock::now_cycles()), edges);
     }
+}
+
+/// Edges of a line that came without a capture.
+fn all_missed(causes: Causes, lost: Lost) {
+    missed(causes.rise, lost.rises);
+    missed(causes.fall, lost.falls);
 }
 
 /// A rise of a watched pin, at least one, came without a capture.

@@ -140,6 +140,11 @@ fn boot() -> Parts {
     if embassy_rp::clocks::clk_sys_freq() != resources::CLOCK_HZ {
         stop(&mut light, "the clock is not what the plan says");
     }
+    // The rings wait for nobody on the bus.
+    embassy_rp::pac::BUSCTRL.bus_priority().write(|w| {
+        w.set_dma_r(true);
+        w.set_dma_w(true);
+    });
     pin_mux::connect();
     latch::start();
 
@@ -162,7 +167,7 @@ fn boot() -> Parts {
         },
         reset,
         line: uart::ABILITIES,
-        skip_ends: false,
+        skip_ends: true,
         signer: None,
     };
     let Storage {

@@ -5,17 +5,17 @@
 //! A few at once, and then so many on average. What comes faster waits in the queue of its
 //! machine, which counts what finds no room.
 
-use crate::resources::{BURST, EXTEND_US};
+use crate::resources::EXTEND_US;
 
-/// Captures that may still be made, [`BURST`] at once and `PER_S` a second on average.
-pub struct RateLimit<const PER_S: u32> {
+/// Captures that may still be made, `AT_ONCE` at once and `PER_S` a second on average.
+pub struct RateLimit<const AT_ONCE: u32, const PER_S: u32> {
     /// In units of which a capture takes [`Self::EACH`].
     left: u32,
 }
 
-impl<const PER_S: u32> RateLimit<PER_S> {
+impl<const AT_ONCE: u32, const PER_S: u32> RateLimit<AT_ONCE, PER_S> {
     const EACH: u32 = 1_000_000;
-    const MOST: u32 = BURST * Self::EACH;
+    const MOST: u32 = AT_ONCE * Self::EACH;
     const PER_LOOK: u32 = PER_S * EXTEND_US;
 
     /// As many as may come at once.

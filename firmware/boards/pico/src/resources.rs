@@ -77,10 +77,16 @@ pub const TRANSFERS: u32 = 1 << 20;
 /// Captures a second at triggers, trigger pulses and index marks, together and on average.
 /// With more, nothing else would get a turn.
 pub const SCANS_PER_S: u32 = 12_000;
-/// The same at skip edges: no probe is that quick, and each takes room in the journal.
-pub const SKIPS_PER_S: u32 = 250;
-/// Captures of either kind that may come at once.
-pub const BURST: u32 = 16;
+/// The same at skip edges, rises and falls: no probe is that quick, and each takes room in the
+/// journal.
+pub const SKIPS_PER_S: u32 = 500;
+/// Captures of triggers, pulses and index marks that may come at once.
+pub const SCANS_AT_ONCE: u32 = 16;
+/// Captures of the skip line that may: both edges of a contact that bounces.
+pub const SKIPS_AT_ONCE: u32 = 32;
+
+/// Trigger pulses are no longer than a millisecond.
+pub const MOST_PULSE_CYCLES: u32 = 1000 * CYCLES_PER_US;
 
 /// The fastest that the control's line can be: a character takes 87 us, and captures may keep
 /// it waiting for 48.

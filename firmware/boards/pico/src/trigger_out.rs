@@ -22,20 +22,23 @@ use umi_core::trigger::{Lines, Motion, PulsePlan, pulse_period};
 use umi_protocol::latch::TriggerOut;
 
 use crate::pio;
-use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES};
+use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES, hold_of};
 use crate::quadrature::{AxisCounts, AxisSeen, Quadrature};
 use crate::resources::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
 
 /// The shortest interval: 10 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
+/// How long a pulse is.
+pub const WIDTH_CYCLES: u32 = 2 * CYCLES_PER_US;
+/// From pulse to pulse, beside the number in the queue.
+const OVERHEAD_CYCLES: u32 = PULSE_OVERHEAD_CYCLES + hold_of(WIDTH_CYCLES);
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
 /// the pulse of the one before still waits, as they are a tick apart at least.
 const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;
 /// From the look at the ring to the write into the queue: instructions, in the emulator.
 const QUEUE_CYCLES: u32 = 18;
 
-const _: () =
-    assert!(LEAST_CYCLES > PULSE_OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
+const _: () = assert!(LEAST_CYCLES > OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
 
 /// When pulses are sent.
 pub enum Pulses {
@@ -66,7 +69,7 @@ impl Pulses {
                 let period =
                     pulse_period::<CLOCK_HZ>(interval_us, LEAST_CYCLES).map_err(|_| Unsupported)?;
                 Ok(Self::Time {
-                    wait_cycles: period.get() - PULSE_OVERHEAD_CYCLES,
+                    wait_cycles: period.get() - OVERHEAD_CYCLES,
                 })
             }
             TriggerOut::Distance {

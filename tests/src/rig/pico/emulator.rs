@@ -314,6 +314,7 @@ impl Emulator {
                 "width": pulses.width,
                 "after": pulses.after,
                 "record": pulses.is_recorded,
+                "both": pulses.pin == super::SKIP_PIN && pulses.is_recorded,
             }))["start"],
         )
     }
@@ -322,6 +323,17 @@ impl Emulator {
     pub fn pulses_at(&mut self, pin: u8, at: &[u64], width: u64) -> u64 {
         let request =
             json!({ "do": "pulses", "pin": pin, "at": at, "width": width, "record": true });
+        number(&self.ask(&request)["start"])
+    }
+
+    /// Pulses of these widths at these cycles after the first that is free; that cycle. The truth is
+    /// kept at both edges of each. `active` is the level of a pulse.
+    pub fn wave(&mut self, pin: u8, pulses: &[(u64, u64)], active: bool) -> u64 {
+        let (at, widths): (Vec<u64>, Vec<u64>) = pulses.iter().copied().unzip();
+        let request = json!({
+            "do": "pulses", "pin": pin, "at": at, "widths": widths, "active": u8::from(active),
+            "record": true, "both": true,
+        });
         number(&self.ask(&request)["start"])
     }
 

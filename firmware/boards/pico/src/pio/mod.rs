@@ -19,9 +19,11 @@ use umi_core::units::Cycles;
 
 use crate::pins::{AXES, AXIS_A, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::resources::{
-    CYCLES_PER_US, EVENTS_MACHINE, PERIOD_CYCLES, PULSE_MACHINE, SKIP_MACHINE, TRIGGER_MACHINE,
+    CYCLES_PER_US, EVENTS_MACHINE, MOST_PULSE_CYCLES, PERIOD_CYCLES, PULSE_MACHINE, SKIP_MACHINE,
+    TRIGGER_MACHINE,
 };
-use programs::{Place, setup};
+use crate::trigger_out::WIDTH_CYCLES;
+use programs::{Place, hold_of, setup, stamp};
 
 /// PIO 1 starts so many cycles after PIO 0: a store takes two on the Cortex-M0+. The
 /// RP2350 starts both by one.
@@ -85,6 +87,8 @@ pub fn prepare() {
                 pins.set_in_base(WATCHED);
             }
             _ => {
+                shift.set_autopull(true);
+                shift.set_pull_thresh(0);
                 shift.set_fjoin_tx(true);
                 pins.set_set_base(TRIGGER_OUT);
                 pins.set_set_count(1);
@@ -93,6 +97,7 @@ pub fn prepare() {
         configure(pac::PIO1, machine, place, shift, pins, jump_pin);
     }
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
+    set_pulse_width(WIDTH_CYCLES);
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_OUT);
     listen(true, true);
 }
@@ -135,12 +140,15 @@ pub fn halt() {
 pub fn edges_counted(machine: usize) -> u32 {
     execute(pac::PIO1, machine, setup::ISR_NOT_Y);
     execute(pac::PIO1, machine, setup::PUSH);
-    stamp(machine).unwrap_or_default()
+    take_stamp(machine).unwrap_or_default()
 }
 
-/// Gets machines that stand still ready for a start; what the decoders have counted stays.
-pub fn reset() {
-    stop_pulses();
+/// Gets machines that stand still ready for a start; what the decoders have counted stays. Returns
+/// the pins of skip and trigger that are high, one bit each: their machines wait for a fall first.
+pub fn reset() -> u32 {
+    // What is half shifted in is cleared.
+    pac::PIO0.ctrl().write(|w| w.set_sm_restart(0xF));
+    pac::PIO1.ctrl().write(|w| w.set_sm_restart(0xF));
     let quadrature = programs::quadrature();
     let captures = programs::captures();
     let [axes] = quadrature.machines;
@@ -152,21 +160,33 @@ pub fn reset() {
         clear(pac::PIO1, machine);
         execute(pac::PIO1, machine, setup::jump(place.entry));
     }
-    for (machine, x) in [
-        (SKIP_MACHINE, setup::X_ALL_ONES),
-        (TRIGGER_MACHINE, setup::X_ALL_ONES),
-        (EVENTS_MACHINE, setup::X_ZERO),
-    ] {
-        execute(pac::PIO1, machine, x);
+    stop_pulses();
+    // An edge that comes between this look and the start is stamped at the start.
+    let high = pac::SIO.gpio_in(0).read() & (1 << SKIP | 1 << TRIGGER_IN);
+    for (machine, pin) in [(SKIP_MACHINE, SKIP), (TRIGGER_MACHINE, TRIGGER_IN)] {
+        let entry = if high & 1 << pin == 0 {
+            stamp::LOW
+        } else {
+            stamp::HIGH
+        };
+        for instruction in [
+            setup::y(entry),
+            setup::OSR_Y,
+            setup::jump(entry),
+            setup::X_ALL_ONES,
+        ] {
+            execute(pac::PIO1, machine, instruction);
+        }
+    }
+    execute(pac::PIO1, EVENTS_MACHINE, setup::X_ZERO);
+    for machine in [SKIP_MACHINE, TRIGGER_MACHINE, EVENTS_MACHINE] {
         execute(pac::PIO1, machine, setup::Y_ALL_ONES);
     }
-    // Restarts clear what is half shifted in.
-    pac::PIO0.ctrl().write(|w| w.set_sm_restart(0xF));
-    pac::PIO1.ctrl().write(|w| w.set_sm_restart(0xF));
     for pio in [pac::PIO0, pac::PIO1] {
         pio.fdebug().write_value(Fdebug(u32::MAX));
         pio.irq().write(|w| w.set_irq(0xFF));
     }
+    high
 }
 
 /// Starts all machines. To be called with interrupts off.
@@ -196,7 +216,7 @@ pub fn stamps_dropped(machine: usize) -> bool {
 
 /// The oldest stamp that waits.
 #[inline(always)]
-pub fn stamp(machine: usize) -> Option<u32> {
+pub fn take_stamp(machine: usize) -> Option<u32> {
     let empty = pac::PIO1.fstat().read().rxempty() & 1 << machine != 0;
     (!empty).then(|| pac::PIO1.rxf(machine).read())
 }
@@ -211,22 +231,43 @@ pub fn queue_pulse(wait_cycles: u32) -> bool {
     !full
 }
 
-/// Takes back every pulse that has not been sent.
+/// Takes back every pulse that has not been sent; one that is on ends.
 pub fn stop_pulses() {
+    with_pulses_stopped(|| {});
+}
+
+/// Takes back every pulse that has not been sent; those that come are so many cycles long.
+pub fn set_pulse_width(width_cycles: u32) {
+    let hold = hold_of(width_cycles);
+    with_pulses_stopped(|| {
+        // By fives: an instruction carries no more. The restart has cleared what was shifted in.
+        for place in (0..HOLD_FIVES).rev() {
+            let five = (hold >> (5 * place)) as u8 & 31;
+            execute(pac::PIO1, PULSE_MACHINE, setup::y(five));
+            execute(pac::PIO1, PULSE_MACHINE, setup::IN_Y);
+        }
+        execute(pac::PIO1, PULSE_MACHINE, setup::Y_ISR);
+    });
+}
+
+/// The longest pulse has 20 bits of cycles.
+const HOLD_FIVES: u32 = 4;
+const _: () = assert!(MOST_PULSE_CYCLES < 1 << (5 * HOLD_FIVES));
+
+fn with_pulses_stopped(work: impl FnOnce()) {
     let bit = 1 << PULSE_MACHINE;
     let ctrl = pac::PIO1.ctrl();
     let running = ctrl.read().sm_enable();
     ctrl.write(|w| w.set_sm_enable(running & !bit));
     clear(pac::PIO1, PULSE_MACHINE);
-    let entry = programs::captures().machines.map(|place| place.entry);
-    execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
-    if let Some(entry) = entry.get(PULSE_MACHINE) {
-        execute(pac::PIO1, PULSE_MACHINE, setup::jump(*entry));
-    }
     ctrl.write(|w| {
         w.set_sm_enable(running & !bit);
         w.set_sm_restart(bit);
     });
+    execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
+    work();
+    let [.., pulse] = programs::captures().machines;
+    execute(pac::PIO1, PULSE_MACHINE, setup::jump(pulse.entry));
     ctrl.write(|w| w.set_sm_enable(running));
 }
 

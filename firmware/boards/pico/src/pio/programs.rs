@@ -30,21 +30,35 @@
 //!
 //! # Stamp (PIO 1, two machines)
 //!
-//! X counts down once each two cycles, on every path, for ever: it is the time. The pin
-//! is looked at each two cycles. A rising edge pushes 13 bits of the number of edges above
-//! 19 bits of time (both inverted) if there is room, and counts in Y anyway: so what
-//! found no room is known from the next that did. The time comes round after 8.4 ms. The
-//! number cannot before somebody looks: at one edge in twelve cycles, it has counted 5209
-//! of its 8192 after half a millisecond.
+//! The pin is looked at each two cycles, and between two looks X counts down: it is the time.
+//! At an edge 13 bits of the number of edges are pushed above 19 bits of time (both inverted)
+//! if there is room, and the edge counts in Y anyway: so what found no room is known from the
+//! next that did. The time comes round after 8.4 ms. The number cannot before somebody looks:
+//! at one edge in twelve cycles, it has counted 5209 of its 8192 after half a millisecond.
 //!
-//! | path | cycles | decrements of X |
-//! | --- | --- | --- |
-//! | low, still low: `low`, `below` | 2 | 1 |
-//! | edge: `low`, `edge` ... `high` | 1 + 4 + 5 | 5 |
-//! | high, still high: `wait`, `high` | 2 | 1 |
-//! | high, now low: `wait`, the jump below it | 2 | 1 |
+//! Both edges go through the same instructions. What to look for next, the next fall or the next
+//! rise, is the address in OSR: the addresses of the two loops are each other's complement
+//! ([`stamp::LOW`], [`stamp::HIGH`]), so that `mov osr, ~osr` exchanges them. The probe's machine
+//! goes on below its loop at a fall, to where the edges are stamped. The machine of triggers wraps
+//! there to `fell`, which stamps nothing.
 //!
-//! A pulse must last two cycles. The next edge is seen if it comes twelve after.
+//! | path | cycles | decrements of X | lost |
+//! | --- | --- | --- | --- |
+//! | low, still low: `low`, `below` | 2 | 1 | |
+//! | high, still high: `watch`, `high` | 2 | 1 | |
+//! | an edge that is stamped: `low` or `watch`, `edge` ... | 1 + 11 | 1 | [`stamp::LOST_AT_EDGE`] |
+//! | a fall that is not: `watch`, `fell` | 2 | 0 | [`stamp::LOST_AT_FALL`] |
+//!
+//! What X has lost is known from the number of edges, and given back to the time
+//! ([`crate::stamps`]).
+//!
+//! A pulse must last two cycles. An edge within twelve cycles of the one before is stamped when
+//! these are over, if the level is still the other one then: so a spark of 16 ns has both its
+//! edges, 96 ns apart. A gap or a pulse in the middle of these twelve is not seen.
+//!
+//! A `jmp x--` that finds zero, each 69 s, does not jump but goes on below. There is what it would
+//! have jumped to; `below` of the probe's machine wraps to it, and that of triggers has a second
+//! loop below it, for one turn.
 //!
 //! # Events (PIO 1, one machine)
 //!
@@ -65,20 +79,38 @@
 //!
 //! # Pulse (PIO 1, one machine)
 //!
-//! Takes a number from its queue, waits that long, sends a pulse, and again. As long as
-//! the queue is not empty, pulses come in exactly [`PULSE_OVERHEAD_CYCLES`] more cycles
-//! than the numbers say.
+//! Takes a number from its queue, waits that long, sends a pulse as long as Y says, and again. As
+//! long as the queue is not empty, pulses come in exactly [`PULSE_OVERHEAD_CYCLES`] more cycles
+//! than the numbers and Y say. OSR is filled by autopull: it holds one number more.
 
 use pio::{Program, pio_asm};
 
-/// From one pulse to the next, beside the number in the queue: `pull`, `mov`, the last
-/// turn of `wait`, `set`, `set`, [`PULSE_CYCLES`] and the `set` at its end.
-pub const PULSE_OVERHEAD_CYCLES: u32 = 1 + 1 + 1 + 1 + 1 + PULSE_HOLD_CYCLES + 1;
-/// From the queue to the pulse, beside the number: the write, `pull`, `mov`, the last
+/// From one pulse to the next, beside the number in the queue and [`hold_of`]: `out`, the last
+/// turn of `wait`, `set`, `mov`, the last turn of `hold`, `set`.
+pub const PULSE_OVERHEAD_CYCLES: u32 = 6;
+/// From the queue to the pulse, beside the number: the write, the pull, `out`, the last
 /// turn of `wait`, `set`.
 pub const PULSE_LEAD_CYCLES: u32 = 2 + 1 + 1 + 1 + 1;
-/// The loop that holds the pulse: eight times 32 cycles.
-const PULSE_HOLD_CYCLES: u32 = 8 * 32;
+
+/// What Y holds for a pulse of so many cycles: `mov`, the last turn of `hold` and `set` take three.
+#[must_use]
+pub const fn hold_of(width_cycles: u32) -> u32 {
+    width_cycles.saturating_sub(3)
+}
+
+/// The stamping machines: addresses, and what their time loses.
+pub mod stamp {
+    /// Looks for a rise.
+    pub const LOW: u8 = 7;
+    /// Looks for a fall.
+    pub const HIGH: u8 = 24;
+    /// Of the twelve cycles of an edge one is counted, six would be right.
+    pub const LOST_AT_EDGE: u32 = 5;
+    /// Of the two cycles of a fall that is not stamped none is counted.
+    pub const LOST_AT_FALL: u32 = 1;
+    // A jump's address has five bits.
+    const _: () = assert!(LOW == !HIGH & 31);
+}
 
 /// Entries and ends of the programs, as addresses in the memory of their PIO.
 pub struct Programs<const N: usize> {
@@ -151,32 +183,31 @@ pub fn quadrature() -> Programs<1> {
     }
 }
 
-/// PIO 1: stamps of skip and trigger, events, pulses.
+/// PIO 1: stamps of skip and trigger, events, pulses. All 32 places are taken.
 pub fn captures() -> Programs<4> {
     let assembled = pio_asm!(
         ".origin 0",
-        "edge:",
-        "in y, 13",
-        "in x, 19",
-        "push noblock",
-        "jmp y-- counted",
-        "counted:",
-        "jmp x-- two",
-        "two:",
-        "jmp x-- three",
-        "three:",
-        "jmp x-- four",
-        "four:",
-        "jmp x-- high",
-        "high:",
-        "jmp x-- wait_low",
-        "public wait_low:",
-        "jmp pin high",
-        "jmp x-- low",
+        "public pulse:",
+        "out x, 32",
+        "delay:",
+        "jmp x-- delay",
+        "set pins, 1",
+        "mov x, y",
+        "hold:",
+        "jmp x-- hold",
+        "public pulse_end:",
+        "set pins, 0",
+        // 6
+        "public fell:",
+        "mov osr, ~osr",
         "public low:",
         "jmp pin edge",
         "public below:",
         "jmp x-- low",
+        // Only of triggers, when X was zero.
+        "jmp pin edge",
+        "jmp x-- low",
+        // 11
         "public events:",
         "in pins, 5",
         "mov osr, x",
@@ -193,23 +224,33 @@ pub fn captures() -> Programs<4> {
         "mov x, osr",
         "public events_end:",
         "jmp x-- events",
-        "public pulse:",
-        "pull block",
-        "mov x, osr",
-        "delay:",
-        "jmp x-- delay",
-        "set pins, 1",
-        "set y, 7",
-        "hold:",
-        "jmp y-- hold [31]",
-        "public pulse_end:",
-        "set pins, 0",
+        // 23
+        "high:",
+        "jmp x-- watch",
+        "public watch:",
+        "jmp pin high",
+        "edge:",
+        "in y, 13",
+        "in x, 19",
+        "push noblock",
+        "jmp y-- counted",
+        "counted:",
+        "mov osr, ~osr [4]",
+        "jmp x-- back",
+        "back:",
+        "mov pc, osr",
     );
     let labels = assembled.public_defines;
-    let stamp = Place {
-        entry: labels.wait_low as u8,
+    debug_assert!(labels.low as u8 == stamp::LOW && labels.watch as u8 == stamp::HIGH);
+    let skip = Place {
+        entry: labels.low as u8,
         wrap_target: labels.low as u8,
         wrap_source: labels.below as u8,
+    };
+    let trigger = Place {
+        entry: labels.low as u8,
+        wrap_target: labels.fell as u8,
+        wrap_source: labels.watch as u8,
     };
     let events = Place {
         entry: labels.events_end as u8,
@@ -223,14 +264,15 @@ pub fn captures() -> Programs<4> {
     };
     Programs {
         code: assembled.program,
-        machines: [stamp, stamp, events, pulse],
+        machines: [skip, trigger, events, pulse],
     }
 }
 
 /// Instructions that set up a machine before it is started.
 pub mod setup {
     use pio::{
-        InstructionOperands, JmpCondition, MovDestination, MovOperation, MovSource, SetDestination,
+        InSource, InstructionOperands, JmpCondition, MovDestination, MovOperation, MovSource,
+        SetDestination,
     };
 
     const fn encoded(operands: InstructionOperands) -> u16 {
@@ -256,6 +298,15 @@ pub mod setup {
     pub const Y_ZERO: u16 = mov(MovDestination::Y, MovOperation::None, MovSource::NULL);
     /// `mov isr, ~y`
     pub const ISR_NOT_Y: u16 = mov(MovDestination::ISR, MovOperation::Invert, MovSource::Y);
+    /// `mov osr, y`
+    pub const OSR_Y: u16 = mov(MovDestination::OSR, MovOperation::None, MovSource::Y);
+    /// `mov y, isr`
+    pub const Y_ISR: u16 = mov(MovDestination::Y, MovOperation::None, MovSource::ISR);
+    /// `in y, 5`
+    pub const IN_Y: u16 = encoded(InstructionOperands::IN {
+        source: InSource::Y,
+        bit_count: 5,
+    });
     /// `push noblock`
     pub const PUSH: u16 = encoded(InstructionOperands::PUSH {
         if_full: false,
@@ -273,6 +324,14 @@ pub mod setup {
         destination: SetDestination::PINDIRS,
         data: 1,
     });
+
+    /// `set y, value`
+    pub const fn y(value: u8) -> u16 {
+        encoded(InstructionOperands::SET {
+            destination: SetDestination::Y,
+            data: value,
+        })
+    }
 
     /// `jmp address`
     pub const fn jump(address: u8) -> u16 {

@@ -1,0 +1,62 @@
+// The cache between the core and the flash that the code runs from (RP2040 datasheet, 2.6.3).
+//
+// 16 KB in two ways, lines of 8 bytes: 1024 sets, by bits 3 to 12 of the address. A hit costs
+// nothing beyond the core's own cycles. A miss fetches the line from the W25Q080 or alike by EBh,
+// "fast read quad I/O", in continuous mode, as embassy-rp's second-stage loader sets it up: 8 clocks
+// for address and mode on four lines, 4 dummy clocks, 16 for the 8 bytes, together 28; and a clock of
+// the flash is two of the core (62.5 MHz). The core stands still for these 56 cycles.
+//
+// The datasheet does not say which way a new line takes: here the one that was used longer ago. It
+// does not say either whether the core may go on with the first half of a line: here it may not.
+// Both are the dearer assumption. What the core fetches ahead is not modelled: a line is asked for
+// when its first instruction is executed.
+
+const WAYS = 2;
+const SETS = 16384 / 8 / WAYS;
+/** Cycles of the core that a line takes. */
+export const LINE_CYCLES = 2 * (8 + 4 + 16);
+
+export class Cache {
+  constructor(lineCycles = LINE_CYCLES) {
+    this.lineCycles = lineCycles;
+    /** The line that the core has executed from last: it is there. */
+    this.latest = -1;
+    this.hits = 0;
+    this.misses = 0;
+    /** Per set: the lines of its ways, the one used last first. */
+    this.lines = new Int32Array(SETS * WAYS).fill(-1);
+  }
+
+  /** The core executes from an address: the cycles for which it waits. */
+  fetch(address) {
+    this.latest = address >>> 3;
+    return this.wait(address >>> 3);
+  }
+
+  /** The core reads from an address. */
+  read(address) {
+    const line = address >>> 3;
+    // It may take the place of the code's line, or make it the older one: that is looked up again.
+    if (line !== this.latest && line % SETS === this.latest % SETS) this.latest = -1;
+    return this.wait(line);
+  }
+
+  wait(line) {
+    const { lines } = this;
+    const first = (line % SETS) * WAYS;
+    if (lines[first] === line) {
+      this.hits++;
+      return 0;
+    }
+    const before = lines[first];
+    lines[first] = line;
+    if (lines[first + 1] === line) {
+      lines[first + 1] = before;
+      this.hits++;
+      return 0;
+    }
+    lines[first + 1] = before;
+    this.misses++;
+    return this.lineCycles;
+  }
+}

@@ -1,0 +1,45 @@
+// The flash's cache: lines, ways, and which of them goes.
+
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Cache, LINE_CYCLES } from './cache.js';
+
+const FLASH = 0x10000000;
+/** So far apart two addresses share a set. */
+const WAY = 8192;
+
+test('a line of eight bytes costs once', () => {
+  const cache = new Cache();
+  assert.equal(LINE_CYCLES, 56);
+  for (const [address, cycles] of [[0, 56], [7, 0], [4, 0], [8, 56], [15, 0], [0, 0]]) {
+    assert.equal(cache.read(FLASH + address), cycles, address);
+  }
+  assert.deepEqual([cache.hits, cache.misses], [4, 2]);
+});
+
+test('of three lines for two ways the one used longest ago goes', () => {
+  const cache = new Cache();
+  const [a, b, c] = [FLASH + 24, FLASH + 24 + WAY, FLASH + 24 + 5 * WAY];
+  const costs = [a, b, a, c, a, b, a, c].map((address) => cache.read(address));
+  assert.deepEqual(costs, [56, 56, 0, 56, 0, 56, 0, 56]);
+});
+
+test('all of 16 KB in a row stays, and one line more takes the place of the first', () => {
+  const cache = new Cache();
+  for (let at = 0; at < 16384; at += 8) assert.equal(cache.fetch(FLASH + at), 56);
+  for (let at = 0; at < 16384; at += 8) assert.equal(cache.fetch(FLASH + at), 0);
+  assert.equal(cache.fetch(FLASH + 16384), 56);
+  assert.equal(cache.fetch(FLASH), 56);
+});
+
+test('a constant that takes the place of the running code makes it come again', () => {
+  const cache = new Cache();
+  cache.fetch(FLASH);
+  assert.equal(cache.latest, FLASH >>> 3);
+  cache.read(FLASH + 8);
+  assert.equal(cache.latest, FLASH >>> 3, 'another set');
+  cache.read(FLASH + WAY);
+  assert.equal(cache.latest, -1);
+  cache.read(FLASH + 2 * WAY);
+  assert.equal(cache.fetch(FLASH), 56);
+});
