@@ -16,9 +16,8 @@ const CAPTURE_INTERRUPT: u64 = 9;
 const UART_INTERRUPT: u64 = 20;
 /// Until a ring's samples are written over, less what a capture takes.
 const CAPTURE_CYCLES: u64 = 75 * CYCLES_PER_US;
-/// What captures and the tick keep from the control's characters, as the README promises; one takes
-/// 87 us.
-const BYTE_CYCLES: u64 = 48 * CYCLES_PER_US;
+/// What the control's characters wait at most, as the README promises; one takes 87 us.
+const BYTE_CYCLES: u64 = 65 * CYCLES_PER_US;
 
 #[test]
 fn no_byte_and_no_capture_is_lost_to_the_flash() {

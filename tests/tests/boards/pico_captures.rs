@@ -584,11 +584,12 @@ fn edges_that_come_close_together_are_told_apart() {
     let mut skips = Vec::new();
     let mut triggers = Vec::new();
     for (place, us) in apart_us.into_iter().enumerate() {
-        // Skip and skip, then skip and trigger, then three of each at once.
+        // Skip and skip, then skip and trigger, then two of each at once, of which both edges of
+        // the skips count: six.
         skips.extend([first(3 * place), first(3 * place) + us * CYCLES_PER_US]);
         skips.push(first(3 * place + 1));
         triggers.push(first(3 * place + 1) + (us - 2) * CYCLES_PER_US);
-        for nth in 0..3 {
+        for nth in 0..2 {
             let at = first(3 * place + 2) + nth * us * CYCLES_PER_US;
             skips.push(at);
             triggers.push(at);
@@ -627,7 +628,7 @@ fn edges_that_come_close_together_are_told_apart() {
 fn lost_samples_are_told_and_no_edge_vanishes() {
     const HOLDS: u64 = 30;
     /// Not counted while all machines are started anew, at most.
-    const START_COUNTS: u64 = 150;
+    const START_COUNTS: u64 = 200;
     let Some(mut rig) = PicoRig::start_or_skip() else {
         return;
     };
