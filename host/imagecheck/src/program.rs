@@ -50,6 +50,11 @@ impl Function {
         name.starts_with("core::") || name.starts_with("<core::")
     }
 
+    /// Whether the linker has put it between a call and its function.
+    pub fn is_veneer(&self) -> bool {
+        behind_veneer(self.name()).is_some()
+    }
+
     /// Whether it is one of the core library's, in which a panic begins.
     pub fn is_panic(&self) -> bool {
         [
@@ -229,8 +234,9 @@ impl LinkedProgram {
     }
 
     /// What the linker puts in between where a call does not reach far enough calls the
-    /// function that it is named after, and nothing else.
+    /// function that it is named after, and nothing else. Who calls it calls that function.
     fn pass_veneers(&mut self) {
+        let mut behind = BTreeMap::new();
         for index in 0..self.functions.len() {
             let name = self.functions[index].name();
             let Some(name) = behind_veneer(name) else {
@@ -245,6 +251,11 @@ impl LinkedProgram {
             self.functions[index].diverges = diverges;
             self.functions[index].calls = target.into_iter().collect();
             self.functions[index].indirect = 0;
+            behind.extend(target.map(|target| (index, target)));
+        }
+        let calls = self.functions.iter_mut().flat_map(|of| &mut of.calls);
+        for call in calls {
+            *call = *behind.get(call).unwrap_or(call);
         }
     }
 
@@ -662,12 +673,17 @@ mod tests {
                 named("__far_veneer"),
                 named("far"),
                 named("__Thumbv6MABSLongThunk_far"),
+                Function {
+                    calls: vec![2, 0, 1],
+                    ..named("caller")
+                },
             ],
             ..LinkedProgram::default()
         };
         program.pass_veneers();
         assert_eq!(program.functions[0].calls, [1]);
         assert_eq!(program.functions[2].calls, [1]);
+        assert_eq!(program.functions[3].calls, [1, 1, 1]);
         assert_eq!(
             (program.functions[0].indirect, program.functions[1].indirect),
             (0, 1)

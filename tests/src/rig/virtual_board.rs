@@ -49,13 +49,19 @@ impl VirtualRig {
             .expect("the board is on but for an instant")
     }
 
-    /// An edge, so long after this instant, with the axes there.
-    pub fn edge(&self, cause: LatchCause, after_ns: u64, counts: [i64; 3]) {
+    /// The board's time.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.board().now().0 * 1000
+    }
+
+    /// An edge at this instant, with the axes there.
+    pub fn edge(&self, cause: LatchCause, t_ns: u64, counts: [i64; 3]) {
         self.board().latch(LatchReport {
             number: 0,
             cause,
             counts: counts.into_iter().collect(),
-            t_ns: self.board().now().0 * 1000 + after_ns,
+            t_ns,
             missed: 0,
         });
     }

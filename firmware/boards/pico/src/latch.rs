@@ -46,8 +46,8 @@ use crate::{clock, guard, pio, rings, stamps, tick};
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();
 
-/// Stamps taken in one interrupt, and two more: with more of them, a character from the control
-/// would be too late out of the UART.
+/// Stamps taken in one interrupt: with more of them, a character from the control would be too late
+/// out of the UART.
 const AT_ONCE: usize = 2;
 /// Edges that wait to be told.
 const WAITING: usize = 32;
@@ -263,7 +263,7 @@ impl Latches {
         let mut taken = 0;
         let mut is_over = false;
         while taken < AT_ONCE && !is_over {
-            let more = self.take();
+            let more = self.take(AT_ONCE - taken);
             is_over = more == 0;
             taken += more;
         }
@@ -283,9 +283,10 @@ impl Latches {
         pio::listen(self.skips.is_left(), self.scans.is_left());
     }
 
-    /// The next stamp of each machine, with the positions at it. How many there were.
+    /// The next stamp of each machine, at most so many, with the positions at it. How many there
+    /// were.
     #[inline(always)]
-    fn take(&mut self) -> usize {
+    fn take(&mut self, most: usize) -> usize {
         let mut taken = 0;
         if self.skips.is_left()
             && let Some(edge) = self.skip.take(&self.axes)
@@ -296,7 +297,8 @@ impl Latches {
                 self.put(Edge::of(SKIPS, edge));
             }
         }
-        if self.scans.is_left()
+        if taken < most
+            && self.scans.is_left()
             && let Some(edge) = self.trigger.take(&self.axes)
         {
             taken += 1;
@@ -305,7 +307,8 @@ impl Latches {
                 self.put(Edge::of(TRIGGERS, edge));
             }
         }
-        if self.scans.is_left()
+        if taken < most
+            && self.scans.is_left()
             && let Some(rises) = self.watched.take(&self.axes)
         {
             taken += 1;
