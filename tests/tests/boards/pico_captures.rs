@@ -683,11 +683,12 @@ fn lost_samples_are_told_and_no_edge_vanishes() {
     }
     let counters = counters(&mut rig, &mut client);
     println!("{counters:?}");
-    // An edge in the microsecond of a stop may count twice, none not at all.
+    // An edge within 50 us of a start may count twice, none not at all: with 1.2 edges a millisecond
+    // that is one start of sixteen, in the mean.
     let counted = u64::from(counters.skips + counters.triggers + counters.missed);
     let edges = skips + triggers;
     assert!(
-        (edges..=edges + 2).contains(&counted),
+        (edges..=edges + lost / 4).contains(&counted),
         "{counted} of {edges}"
     );
     assert!(u64::from(counters.missed) < edges / 10);

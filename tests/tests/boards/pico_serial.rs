@@ -43,7 +43,7 @@ const CHARACTER_CYCLES: u64 = 87 * CYCLES_PER_US;
 const ANSWER_CYCLES: u64 = 300_000 * CYCLES_PER_US;
 /// How long half of them take, at most: the code that answers and the fit take the lines of the
 /// flash's cache from each other.
-const HALF_OF_ANSWERS_CYCLES: u64 = 3_000 * CYCLES_PER_US;
+const HALF_OF_ANSWERS_CYCLES: u64 = 4_000 * CYCLES_PER_US;
 /// Cycles for a byte of a program that is rewritten, before its first byte goes out: the code that
 /// looks through it is larger than the flash's cache.
 const LOOK_CYCLES: f64 = 5_250.0;

@@ -18,8 +18,8 @@
 //! Whoever holds a critical section delays captures, but none is lost by it as long as
 //! it is shorter than a ring, 82 us. Nothing here holds one for longer than a few.
 //!
-//! A start after a loss counts an edge that comes in the very microsecond of the stop, or of
-//! the start, once too often rather than not at all.
+//! A start after a loss counts an edge that comes close to the stop, or to the start, once too
+//! often rather than not at all: code from the flash takes some 50 us there.
 
 use core::cell::RefCell;
 
@@ -39,7 +39,7 @@ use crate::resources::{
     CAPTURE, CONTROL_TASKS, EXTEND_US, PERIOD_CYCLES, SCANS_AT_ONCE, SCANS_PER_S, SERIAL,
     SKIP_MACHINE, SKIPS_AT_ONCE, SKIPS_PER_S, SystemClock, TICK_US, TRIGGER_MACHINE,
 };
-use crate::stamps::{Lost, Stamped, Stamps};
+use crate::stamps::{LostEdges, Stamped, Stamps};
 use crate::trigger_out::Pulses;
 use crate::{clock, guard, pio, rings, stamps, tick};
 
@@ -419,7 +419,7 @@ fn missed(cause: LatchCause, edges: u32) {
 }
 
 /// Edges of a line that came without a capture.
-fn all_missed(causes: Causes, lost: Lost) {
+fn all_missed(causes: Causes, lost: LostEdges) {
     missed(causes.rise, lost.rises);
     missed(causes.fall, lost.falls);
 }

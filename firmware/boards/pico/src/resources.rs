@@ -85,6 +85,9 @@ pub const SCANS_AT_ONCE: u32 = 16;
 /// Captures of the skip line that may: both edges of a contact that bounces.
 pub const SKIPS_AT_ONCE: u32 = 32;
 
+/// How long a trigger pulse is.
+pub const PULSE_WIDTH_CYCLES: u32 = 2 * CYCLES_PER_US;
+
 /// Trigger pulses are no longer than a millisecond.
 pub const MOST_PULSE_CYCLES: u32 = 1000 * CYCLES_PER_US;
 

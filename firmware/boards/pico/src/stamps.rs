@@ -27,14 +27,14 @@ pub enum Stamped {
 
 /// Edges that were lost.
 #[derive(Clone, Copy, Default)]
-pub struct Lost {
+pub struct LostEdges {
     /// Rises among them.
     pub rises: u32,
     /// Falls.
     pub falls: u32,
 }
 
-impl Lost {
+impl LostEdges {
     const fn and(self, more: Self) -> Self {
         Self {
             rises: self.rises.saturating_add(more.rises),
@@ -52,7 +52,7 @@ pub struct Edge {
     /// Whether the line rose.
     pub rises: bool,
     /// Edges before it that found no room, or whose positions were gone.
-    pub missed: Lost,
+    pub missed: LostEdges,
 }
 
 /// Words that the machine's FIFO holds.
@@ -72,7 +72,7 @@ pub struct Stamps {
     /// A stamp found no room, and none has come since that tells how many.
     suspected: bool,
     /// Edges that were looked at too late, and those that found no room before them.
-    gone: Lost,
+    gone: LostEdges,
 }
 
 impl Stamps {
@@ -86,7 +86,7 @@ impl Stamps {
             next: 0,
             told: 0,
             suspected: false,
-            gone: Lost { rises: 0, falls: 0 },
+            gone: LostEdges { rises: 0, falls: 0 },
         }
     }
 
@@ -127,7 +127,7 @@ impl Stamps {
     }
 
     /// Edges that are gone, and that no other edge has told.
-    pub fn gone(&mut self) -> Lost {
+    pub fn gone(&mut self) -> LostEdges {
         core::mem::take(&mut self.gone)
     }
 
@@ -151,24 +151,24 @@ impl Stamps {
     }
 
     /// So many edges from this one on.
-    const fn edges(&self, first: u32, count: u32) -> Lost {
+    const fn edges(&self, first: u32, count: u32) -> LostEdges {
         match self.stamped {
             Stamped::Both => {
                 let like_first = count.div_ceil(2);
                 let others = count / 2;
                 if self.rises(first) {
-                    Lost {
+                    LostEdges {
                         rises: like_first,
                         falls: others,
                     }
                 } else {
-                    Lost {
+                    LostEdges {
                         rises: others,
                         falls: like_first,
                     }
                 }
             }
-            Stamped::Rises => Lost {
+            Stamped::Rises => LostEdges {
                 rises: count,
                 falls: 0,
             },
@@ -176,7 +176,7 @@ impl Stamps {
     }
 
     /// Edges from the next on that found no room, without those that are told already.
-    const fn untold(&self, count: u32) -> Lost {
+    const fn untold(&self, count: u32) -> LostEdges {
         let told = if self.told < count { self.told } else { count };
         self.edges(self.next.wrapping_add(told), count - told)
     }
@@ -210,7 +210,7 @@ impl Stamps {
     /// Gives up every edge that was counted and not taken, when the machines stand still
     /// before they are started again. Returns how many; one that the machine was at in
     /// that cycle may be left out.
-    pub fn give_up(&mut self) -> Lost {
+    pub fn give_up(&mut self) -> LostEdges {
         self.drop_all();
         let uncounted = pio::edges_counted(self.machine).wrapping_sub(self.next) & NUMBER;
         let untold = self.untold(uncounted);
@@ -219,7 +219,7 @@ impl Stamps {
 
     /// To be called each [`crate::resources::EXTEND_US`]. Returns edges that were missed and that
     /// no other edge has told, at least: the second time.
-    pub fn look(&mut self, now: Cycles) -> Lost {
+    pub fn look(&mut self, now: Cycles) -> LostEdges {
         self.stamper.advance(now);
         if self.suspected {
             self.suspected = false;
@@ -228,6 +228,6 @@ impl Stamps {
             return lost;
         }
         self.suspected = pio::stamps_dropped(self.machine);
-        Lost::default()
+        LostEdges::default()
     }
 }

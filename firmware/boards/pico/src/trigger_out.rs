@@ -24,14 +24,12 @@ use umi_protocol::latch::TriggerOut;
 use crate::pio;
 use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES, hold_of};
 use crate::quadrature::{AxisCounts, AxisSeen, Quadrature};
-use crate::resources::{CLOCK_HZ, CYCLES_PER_US, TICK_US};
+use crate::resources::{CLOCK_HZ, CYCLES_PER_US, PULSE_WIDTH_CYCLES, TICK_US};
 
 /// The shortest interval: 10 kHz, what captures can be told of.
 const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
-/// How long a pulse is.
-pub const WIDTH_CYCLES: u32 = 2 * CYCLES_PER_US;
 /// From pulse to pulse, beside the number in the queue.
-const OVERHEAD_CYCLES: u32 = PULSE_OVERHEAD_CYCLES + hold_of(WIDTH_CYCLES);
+const OVERHEAD_CYCLES: u32 = PULSE_OVERHEAD_CYCLES + hold_of(PULSE_WIDTH_CYCLES);
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
 /// the pulse of the one before still waits, as they are a tick apart at least.
 const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;

@@ -19,10 +19,9 @@ use umi_core::units::Cycles;
 
 use crate::pins::{AXES, AXIS_A, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::resources::{
-    CYCLES_PER_US, EVENTS_MACHINE, MOST_PULSE_CYCLES, PERIOD_CYCLES, PULSE_MACHINE, SKIP_MACHINE,
-    TRIGGER_MACHINE,
+    CYCLES_PER_US, EVENTS_MACHINE, MOST_PULSE_CYCLES, PERIOD_CYCLES, PULSE_MACHINE,
+    PULSE_WIDTH_CYCLES, SKIP_MACHINE, TRIGGER_MACHINE,
 };
-use crate::trigger_out::WIDTH_CYCLES;
 use programs::{Place, hold_of, setup, stamp};
 
 /// PIO 1 starts so many cycles after PIO 0: a store takes two on the Cortex-M0+. The
@@ -97,7 +96,7 @@ pub fn prepare() {
         configure(pac::PIO1, machine, place, shift, pins, jump_pin);
     }
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
-    set_pulse_width(WIDTH_CYCLES);
+    set_pulse_width(PULSE_WIDTH_CYCLES);
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_OUT);
     listen(true, true);
 }
