@@ -463,7 +463,7 @@ impl<'a> Driver<'a> {
     ///
     /// Smoothing moves the beam, and the line is laid across the way again behind it: where that turns fast, as on a
     /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept.
-    fn smooth_within_turns(&self, rows: &mut Vec<Vec<f64>>, points: &[RunPoint]) {
+    pub(super) fn smooth_within_turns(&self, rows: &mut Vec<Vec<f64>>, points: &[RunPoint]) {
         for rounds in [30, 10, 3] {
             let mut tried = rows.clone();
             self.smooth(&mut tried, points, rounds);
