@@ -114,7 +114,11 @@ impl GuardTable {
             ),
             row(
                 "mixed_setups",
-                "features of two setups",
+                if has_run {
+                    "features of two runs"
+                } else {
+                    "features of two setups"
+                },
                 or_from(has_run, &|| setup.one(&DIRECTIONS)),
                 "run_variable",
             ),
@@ -132,7 +136,11 @@ impl GuardTable {
             ),
             row(
                 "wrong_digit",
-                "the same digit wrong in a block",
+                if is_checked {
+                    "a digit wrong on the line"
+                } else {
+                    "the same digit wrong in a block"
+                },
                 or_from(is_checked, &|| setup.one(&DIRECTIONS)),
                 "checked lines",
             ),
@@ -154,7 +162,12 @@ impl GuardTable {
                 setup.drift(),
                 "closing",
             ),
-            row("slip", "slip while it is probed", setup.slip(), "closing"),
+            row(
+                "slip",
+                "slip while probed, or moved and resumed",
+                setup.slip(),
+                "closing",
+            ),
             row(
                 "z_scale",
                 "Z scale, error at the part",

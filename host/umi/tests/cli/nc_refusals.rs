@@ -65,6 +65,13 @@ fn a_call_of_what_is_not_there() {
         made.ends_with("M30\nO9010\nG91 G1 X0. Y3. F100\nX0. Y-3.\nG90 M99\n%\n"),
         "{made}"
     );
+    // A control would take either of two programs of a number.
+    for twice in [&called, &program] {
+        bench
+            .rewrite(&program, &["--load", &called, "--load", twice, "--force"])
+            .exits(1)
+            .says("comes twice, in ");
+    }
     let diff = ["nc", "diff", &program, &bench.out, "--load", &called];
     let diff = [&diff[..], &["--transform", &bench.transform, "--json"]].concat();
     let same = umi(&diff).exits(0).json();

@@ -1,5 +1,6 @@
 //! A part program on disk, with the programs that it calls as if they stood in its file.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -40,7 +41,7 @@ impl PartProgram {
     /// The program of a file, with others behind it that it may call.
     ///
     /// # Errors
-    /// A file cannot be read, or another one does not say its O number.
+    /// A file cannot be read, another one does not say its O number, or a program comes twice.
     pub fn new(path: &Path, loaded: &[PathBuf]) -> Result<Self, Problem> {
         let mut program = Self {
             path: path.to_owned(),
@@ -67,6 +68,8 @@ impl PartProgram {
             all.extend_from_slice(end);
         };
         lines.iter().for_each(|line| put(line));
+        let mut known = HashMap::new();
+        once(&mut known, path, &lines)?;
         for path in loaded {
             let text = read(path)?;
             let (lines, leader, _) = body(&text);
@@ -79,6 +82,7 @@ impl PartProgram {
                     format_args!("{}: no O number says which program this is", name(path)),
                 ));
             }
+            once(&mut known, path, lines)?;
             files.push(JoinedFile {
                 path: path.clone(),
                 leader: leader as u64,
@@ -123,6 +127,44 @@ impl PartProgram {
             None => pieces(&self.path, take),
         }
     }
+}
+
+/// Notes the programs that begin on these lines; refuses one that there is already, as a control would take either.
+fn once(known: &mut HashMap<String, PathBuf>, path: &Path, lines: &[&[u8]]) -> Result<(), Problem> {
+    for begun in lines.iter().filter_map(|line| begins(line)) {
+        if let Some(other) = known.insert(begun.clone(), path.to_owned()) {
+            return Err(Problem::trouble(
+                "load",
+                format_args!(
+                    "{begun} comes twice, in {} and in {}: load it once",
+                    name(&other),
+                    name(path)
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The program or subroutine that begins on this line: `O9010`, `:9010`, `o100 sub`, `o<name> sub`.
+fn begins(line: &[u8]) -> Option<String> {
+    let text = String::from_utf8_lossy(line).trim().to_lowercase();
+    let rest = text.strip_prefix(['o', ':'])?.trim_start();
+    if let Some(named) = rest.strip_prefix('<') {
+        let (word, behind) = named.split_once('>')?;
+        let is_sub = behind.trim_start().starts_with("sub");
+        return is_sub.then(|| format!("o<{word}>"));
+    }
+    let end = rest
+        .find(|c: char| !c.is_ascii_digit())
+        .unwrap_or(rest.len());
+    let (digits, behind) = rest.split_at_checked(end)?;
+    let number: u64 = digits.parse().ok()?;
+    let behind = behind.trim_start();
+    // Behind LinuxCNC's other O words stands what they do.
+    let is_begin =
+        behind.is_empty() || behind.starts_with(['(', ';', '<']) || behind.starts_with("sub");
+    is_begin.then(|| format!("O{number:04}"))
 }
 
 /// The lines of a text up to its closing `%`, how many of them lead in, and whether there is a
