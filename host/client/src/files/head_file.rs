@@ -24,7 +24,8 @@ pub fn json(head: &Head) -> Value {
         "t_us": head.t_us,
         "first_seq": head.first_seq,
         "firmware": head.firmware.as_str(),
-        "image": hex(&head.image),
+        // The board does not know the bytes that it runs.
+        "image": (head.image != [0; 32]).then(|| hex(&head.image)),
     })
 }
 
@@ -64,7 +65,10 @@ fn parse(value: &Value) -> Option<Head> {
         chain: bytes(text("chain")?)?,
         boot: u32::try_from(number("boot")?).ok()?,
         key: bytes(text("public")?)?,
-        image: bytes(text("image")?)?,
+        image: match value.get("image")? {
+            Value::Null => [0; 32],
+            image => bytes(image.as_str()?)?,
+        },
         serial: name("serial")?,
         firmware: name("firmware")?,
         nonce: match value.get("nonce")? {

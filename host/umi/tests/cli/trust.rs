@@ -346,6 +346,13 @@ fn a_journal_is_exported() {
         table.starts_with("seq,t_us,type,record\r\n0,0,boot,\"{\"\"seq\"\":0"),
         "{table}"
     );
+    let columns = folder.path("a.parquet");
+    umi(&[
+        "log", "export", &file, "--format", "parquet", "-o", &columns,
+    ])
+    .exits(0);
+    let columns = std::fs::read(columns).unwrap();
+    assert!(columns.starts_with(b"PAR1") && columns.ends_with(b"PAR1"));
 }
 
 /// A key pair is two files, shown by its short name; nothing is replaced.

@@ -15,11 +15,13 @@ use crate::output::Force;
 #[derive(Args)]
 #[command(after_help = "\
 csv: one row for each entry, as RFC 4180: seq, t_us, type, and the record as JSON. jsonl: one
-object on a line, as `umi log --json` prints them. The file is checked first, heads and all.
+object on a line, as `umi log --json` prints them. parquet: the columns of csv; needs a umi that was
+built with cloud-formats, as releases are. The file is checked first, heads and all.
 
 Examples:
   umi log export monday.umij --format csv -o monday.csv
-  umi log export monday.umij --format jsonl -o monday.jsonl")]
+  umi log export monday.umij --format jsonl -o monday.jsonl
+  umi log export monday.umij --format parquet -o monday.parquet")]
 pub(super) struct Export {
     /// The journal
     #[arg(value_name = "FILE.umij")]
@@ -40,6 +42,9 @@ enum Form {
     Csv,
     /// Lines of JSON
     Jsonl,
+    /// A table in columns
+    #[cfg(feature = "cloud-formats")]
+    Parquet,
 }
 
 impl Export {
@@ -48,6 +53,8 @@ impl Export {
             std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
         journal::verify::verify(&bytes, None, None)?;
         let mut out = Vec::new();
+        #[cfg(feature = "cloud-formats")]
+        let mut columns = super::parquet::Columns::default();
         if let Form::Csv = self.format {
             out.extend_from_slice(b"seq,t_us,type,record\r\n");
         }
@@ -64,6 +71,11 @@ impl Export {
                 }
             };
             let written = match self.format {
+                #[cfg(feature = "cloud-formats")]
+                Form::Parquet => {
+                    columns.push(seq, t_us, &value);
+                    Ok(())
+                }
                 Form::Jsonl => writeln!(out, "{value}"),
                 Form::Csv => {
                     let time = t_us.map_or(String::new(), |t_us| t_us.to_string());
@@ -74,6 +86,15 @@ impl Export {
             };
             written.map_err(|error| Failure::file("write", &self.output, &error))
         })?;
+        #[cfg(feature = "cloud-formats")]
+        if let Form::Parquet = self.format {
+            out = columns.file().map_err(|error| {
+                Failure::trouble(
+                    "parquet",
+                    format_args!("{}: {error}", self.output.display()),
+                )
+            })?;
+        }
         self.force.write(&self.output, &[&self.file], out)
     }
 }

@@ -2,6 +2,8 @@
 
 mod export;
 mod head;
+#[cfg(feature = "cloud-formats")]
+mod parquet;
 mod pull;
 mod verify;
 
