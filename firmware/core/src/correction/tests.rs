@@ -189,6 +189,42 @@ fn the_longest_program_fits() {
     }
 }
 
+/// The run is compared for being another one, older or newer, before anything is set; where a dialect cannot, nothing of it
+/// stands there.
+#[test]
+fn the_run_is_compared_before_anything_is_set() {
+    let figures = Figures {
+        job: "three spheres_1",
+        setup: 3,
+        rms_mm: 0.0,
+        turn_deg: 0.0,
+        tilt_deg: 0.0,
+        run: Some((531, 17)),
+    };
+    for dialect in Dialect::ALL {
+        let mut spec = spec();
+        spec.dialect = dialect;
+        spec.set = dialect::form(dialect).set.map(|(_, last, _)| last);
+        let plan = plan(&spec, &RigidTransform::identity()).unwrap();
+        let text = write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).unwrap();
+        if !dialect::compares_runs(dialect) {
+            assert!(!text.contains("531"), "{dialect:?}: {text}");
+            continue;
+        }
+        let check = match dialect {
+            Dialect::LinuxCnc => {
+                "o531 if [#531 NE 17]\n(ABORT, UMI CORRECTION OF RUN 17)\no531 endif\n"
+            }
+            _ => "IF[#531EQ17]GOTO7\n#3000=2(UMI CORRECTION OF RUN 17)\nN7\n",
+        };
+        let (before, _) = text
+            .split_once(check)
+            .unwrap_or_else(|| panic!("{dialect:?}: {text}"));
+        let sets_nothing = |line: &str| line.is_empty() || line.starts_with(['(', '%', 'O', 'o']);
+        assert!(before.lines().all(sets_nothing), "{dialect:?}: {before}");
+    }
+}
+
 /// What is stated is never less than what is left, by any digit of it.
 #[test]
 fn what_is_left_is_stated_rounded_up() {
