@@ -43,6 +43,24 @@ fn documented_line() {
     assert!(is_accepted(documented));
 }
 
+/// A line that asks to teach says whether it is in place of a reference that there is.
+#[test]
+fn a_line_that_teaches_says_whether_again() {
+    for (touched, again) in [(0, false), (1, true)] {
+        let check =
+            check_value(&[1, 1, 0, 8, touched, 0, 0, 0, 0].map(|value: i64| value * 10_000));
+        let (whole, part) = (check / 10_000, check % 10_000);
+        let text = std::format!(
+            "UMI1 R1 S1 B0 A8 T{touched} F0.000 X0.000 Y0.000 Z0.000 C{whole}.{part:04}"
+        );
+        let Outcome::Point(fields) = read(F53, text.as_bytes()) else {
+            panic!("{text}");
+        };
+        let said = fields.ids.and_then(|ids| ids.said);
+        assert_eq!(said, Some(Said::Teach { again }), "{text}");
+    }
+}
+
 /// Blanks, padding and the sign of zero do not matter.
 #[test]
 fn printing_does_not_matter() {

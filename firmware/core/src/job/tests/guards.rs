@@ -211,6 +211,45 @@ fn a_line_teaches() {
     assert!(outcome.verdicts[3].registration.is_none());
 }
 
+/// What was said of a run is not said of the next one.
+#[test]
+fn each_run_says_its_own_offset() {
+    let mut guarded = with_ids(job());
+    guarded.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    guarded.guards.frame = true;
+    let mut run = Run::new(guarded);
+    let mut outcome = Outcome::default();
+    let still = Moved {
+        is_rotated: false,
+        tool_length_mm: 0.0,
+        external: Point::from_mm(0.0, 0.0, 0.0),
+    };
+    let origin = Point::from_mm(0.0, 0.0, 0.0);
+    for said in [Said::Frame { offset: 1, origin }, Said::Moved(still)] {
+        let announced = Announced { run: 1, said };
+        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+    }
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 2);
+    assert_eq!(outcome.summary(), ["OK", "frame_unknown"]);
+}
+
+/// The control reads in the midst of a run: what is missing is told then, and nothing of that run waits for more.
+#[test]
+fn a_read_ends_an_unfinished_run() {
+    let mut run = Run::new(with_ids(job()));
+    let mut outcome = Outcome::default();
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3])[..2], 2);
+    assert_eq!(outcome.summary(), ["OK"]);
+    run.control_asks(&mut |d| outcome.take(d));
+    let summary = outcome.summary();
+    assert_eq!(summary.len(), 2, "{summary:?}");
+    assert!(!outcome.verdicts[1].ok, "{summary:?}");
+}
+
 /// The offset in which a run is probed is held against the job.
 #[test]
 fn a_moved_offset_is_named() {
