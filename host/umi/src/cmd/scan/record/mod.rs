@@ -155,7 +155,7 @@ impl Record {
             }),
             Err(error) => json!({ "error": { "code": error.code, "message": error.message } }),
         };
-        let whole = tally.lost() || came.lost + came.repeated > 0 || came.ended.is_some();
+        let is_lossy = tally.lost() || came.lost + came.repeated > 0 || came.ended.is_some();
         let all_paired = pairing.as_ref().is_ok_and(|pairing| {
             pairing.unpaired_profiles.len() + pairing.unpaired_triggers.len() == 0
         });
@@ -167,6 +167,7 @@ impl Record {
             "latches": latches,
             "latches_lost": tally.latches_lost,
             "positions_lost": tally.positions_lost,
+            "events_lost": tally.events_lost,
             "sensor_ended": came.ended,
             "pairing": paired,
             "folder": self.output.display().to_string(),
@@ -178,7 +179,7 @@ impl Record {
         } else {
             print(&self.words(came, tally, latches, pairing))?;
         }
-        if whole || !all_paired {
+        if is_lossy || !all_paired {
             return Err(Failure::Negative);
         }
         Ok(())
