@@ -431,11 +431,8 @@ fn board(view: &View) -> Vec<Line<'static>> {
             format!("{} OK, {ng} NG", status.verdicts_ok),
             PLAIN,
         ),
-        row(
-            "latches",
-            format!("{} probe, {} index", latches.skips, latches.indices),
-            PLAIN,
-        ),
+        row("probe latches", latches.skips.to_string(), PLAIN),
+        row("index latches", latches.indices.to_string(), PLAIN),
         row(
             "triggers",
             format!("{} in, {} out", latches.triggers, latches.outputs),
