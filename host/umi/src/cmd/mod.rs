@@ -1,28 +1,12 @@
-//! The commands: one file each, with options, help and what is done.
+//! The commands: one file each, with options, help and what is done; grouped by what they act on.
 
-mod access;
-mod basis;
+mod board;
 mod control;
-mod correction;
 mod demo;
-mod dialects;
-mod events;
-mod fit;
-mod info;
-mod job;
-mod key;
-mod line;
-mod log;
 mod machine;
-mod nc;
-mod program;
-mod register;
-mod replay;
+mod record;
 mod scan;
-mod stated;
-mod teach;
-mod virtual_board;
-mod watch;
+mod solve;
 
 use crate::failure::Failure;
 use clap::{Args, Subcommand};
@@ -33,26 +17,26 @@ use umi_client::problem::Problem;
 #[derive(Subcommand)]
 pub(crate) enum Command {
     Demo(demo::Demo),
-    Fit(fit::Fit),
-    Register(register::Register),
-    Replay(replay::Replay),
+    Fit(solve::fit::Fit),
+    Register(solve::register::Register),
+    Replay(record::replay::Replay),
     Scan(scan::Scan),
-    Job(job::Job),
-    Line(line::Line),
-    Teach(teach::Teach),
-    Info(info::Info),
-    Log(log::Log),
-    Key(key::Key),
-    Access(access::Access),
-    Events(events::Events),
-    Watch(watch::Watch),
+    Job(board::job::Job),
+    Line(board::line::Line),
+    Teach(board::teach::Teach),
+    Info(board::info::Info),
+    Log(record::log::Log),
+    Key(record::key::Key),
+    Access(board::access::Access),
+    Events(record::events::Events),
+    Watch(board::watch::Watch),
     Machine(machine::Machine),
-    Nc(nc::Nc),
-    Correction(correction::Correction),
-    Dialects(dialects::Dialects),
-    Program(program::Program),
+    Nc(control::nc::Nc),
+    Correction(control::correction::Correction),
+    Dialects(control::dialects::Dialects),
+    Program(control::program::Program),
     #[command(name = "virtual")]
-    Virtual(virtual_board::Virtual),
+    Virtual(board::virtual_board::Virtual),
 }
 
 impl Command {

@@ -1,6 +1,6 @@
 //! `umi demo`: what it prints and what it leaves behind.
 
-use crate::run::{Folder, umi};
+use crate::rig::run::{Folder, umi};
 
 /// The figures of the surface, every table of the thesis and the maps are there, with a
 /// journal and the corrections; the spread over seeds where there is more than one.

@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::run::{Folder, Ran, project, umi};
+use crate::rig::run::{Folder, Ran, project, umi};
 
 fn read(name: &str) -> Value {
     let path = project(&format!("tests/reference/fits/{name}"));

@@ -1,6 +1,6 @@
 //! Every command has a help text with examples that can be run as they stand.
 
-use crate::run::{Ran, umi};
+use crate::rig::run::{Ran, umi};
 
 /// The commands that a help text lists.
 fn listed(help: &str) -> Vec<String> {

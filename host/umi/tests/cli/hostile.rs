@@ -6,8 +6,8 @@ use umi_protocol::message::Record;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{Config, VirtualBoard};
 
-use crate::board::{Board, identity};
-use crate::run::{Folder, Ran, umi_with};
+use crate::rig::board::{Board, identity};
+use crate::rig::run::{Folder, Ran, umi_with};
 
 /// Sets the title of a terminal and clears it. Fits in a name.
 const HOSTILE: &str = "\u{1b}]0;owned\u{7}\u{9b}2J";

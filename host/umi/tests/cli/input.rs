@@ -1,6 +1,6 @@
 //! What the tool makes of input that is dressed differently, wrong, or not there.
 
-use crate::run::{Folder, project, umi, umi_reads, umi_with};
+use crate::rig::run::{Folder, project, umi, umi_reads, umi_with};
 
 const FOUR: &str = "1,0,0\n-1,0,0\n0,1,0\n0,0,1\n";
 

@@ -1,7 +1,7 @@
 //! One rule for what commands write: a file that is there is replaced with `--force` only, and
 //! what is read never.
 
-use crate::run::{Folder, project, umi};
+use crate::rig::run::{Folder, project, umi};
 
 const PROGRAM: &str = "G21 G90\nG0 X10. Y0. Z5.\nM30\n";
 const QUARTER: &str =

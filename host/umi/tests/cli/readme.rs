@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::run::{Folder, project};
+use crate::rig::run::{Folder, project};
 
 /// Lines that build instead of running `umi`. The test command runs the first; it is the second;
 /// the third builds the crate whose binary this test runs.

@@ -30,7 +30,7 @@ use umi_virtual::serve::PortPlace;
 use super::floor::Floor;
 use super::show;
 use crate::cmd::Format;
-use crate::cmd::virtual_board::place;
+use crate::cmd::board::virtual_board::place;
 
 /// Runs NC programs on a virtual machine tool
 #[derive(Args)]

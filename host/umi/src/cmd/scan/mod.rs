@@ -2,32 +2,14 @@
 
 mod answer;
 mod calibrate;
-mod compare;
-mod convert;
-mod crop;
+mod cloud;
 mod demo;
-mod digitize;
-mod faces;
-mod filter;
-mod kinematics;
-mod localise;
 mod machine;
-mod merge;
-mod pair;
-mod placed;
-mod plan;
-mod points;
-mod pose;
-mod record;
-mod report;
-mod sample;
-mod scans;
-mod simulate;
-mod stock;
-mod thin;
-mod transform;
+mod path;
+mod place;
+mod point;
+mod profile;
 mod triple;
-mod verify;
 
 use crate::failure::Failure;
 use clap::{Args, Subcommand};
@@ -64,26 +46,26 @@ pub(crate) struct Scan {
 
 #[derive(Subcommand)]
 enum What {
-    Record(Box<record::Record>),
+    Record(Box<profile::record::Record>),
     Demo(demo::Demo),
-    Pair(pair::Pair),
-    Merge(merge::Merge),
+    Pair(profile::pair::Pair),
+    Merge(profile::merge::Merge),
     Calibrate(calibrate::Calibrate),
-    Compare(compare::Compare),
-    Digitize(Box<digitize::Digitize>),
-    Filter(filter::Filter),
-    Crop(crop::Crop),
-    Sample(sample::Sample),
-    Convert(convert::Convert),
-    Kinematics(kinematics::Kinematics),
-    Points(points::Points),
-    Pose(pose::Pose),
+    Compare(cloud::compare::Compare),
+    Digitize(Box<point::digitize::Digitize>),
+    Filter(cloud::filter::Filter),
+    Crop(cloud::crop::Crop),
+    Sample(cloud::sample::Sample),
+    Convert(cloud::convert::Convert),
+    Kinematics(path::kinematics::Kinematics),
+    Points(point::points::Points),
+    Pose(profile::pose::Pose),
     Machine(machine::Machine),
-    Localise(Box<localise::Localise>),
-    Simulate(simulate::Simulate),
-    Stock(Box<stock::Stock>),
-    Plan(Box<plan::Plan>),
-    Verify(verify::Verify),
+    Localise(Box<place::localise::Localise>),
+    Simulate(place::simulate::Simulate),
+    Stock(Box<place::stock::Stock>),
+    Plan(Box<path::plan::Plan>),
+    Verify(path::verify::Verify),
 }
 
 impl Scan {

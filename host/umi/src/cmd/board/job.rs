@@ -1,0 +1,237 @@
+//! `umi job`
+
+use std::path::{Path, PathBuf};
+
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::job as job_text;
+use crate::show::json;
+use crate::show::terminal::{GOOD, paint, print, print_json};
+use clap::{Args, Subcommand};
+use serde_json::json;
+use umi_client::files::job_file;
+use umi_client::guards::GuardTable;
+
+use crate::cmd::{Board, Format};
+
+/// Begin or check a job file, or read and replace the job of a board
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Job {
+    #[command(subcommand)]
+    action: Action,
+}
+
+const HELP: &str = "\
+Examples:
+  umi job new -o plate.toml
+  umi job check plate.toml
+  umi job set plate.toml --port /dev/ttyACM0
+  umi job show --port tcp://localhost:7001
+  umi job get --port /dev/ttyACM0 -o backup.toml";
+
+#[derive(Subcommand)]
+enum Action {
+    New(New),
+    Check(Check),
+    Show(Show),
+    Set(Set),
+    Get(Get),
+}
+
+/// Write the job to begin with: four balls, the first again, every guard
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job new > plate.toml
+  umi job new -o plate.toml
+
+It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
+to enter. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
+struct New {
+    /// Write to this file instead of standard output
+    #[arg(short, long, value_name = "JOB.toml")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+}
+
+/// Check a job file and show what it says
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job check examples/three-spheres.toml
+  umi job check plate.toml --json       the job as JSON, or {\"error\":{...}}
+
+The table says which errors between part and correction this job sees, from which size
+on: each is put onto the job's places and judged as on the board, hits taken as exact.
+
+Exit status: 0 good, 1 file or usage, 2 the job is refused.")]
+struct Check {
+    /// The job; `-` is standard input
+    #[arg(value_name = "JOB.toml")]
+    file: PathBuf,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Show the job that a board works on
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job show                          the only board that is plugged in
+  umi job show --port tcp://localhost:7001 --json")]
+struct Show {
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Give a board a job; it forgets the reference that it was taught
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job set plate.toml --port /dev/ttyACM0
+
+The file is checked first, here and on the board. The job is then read back.
+Exit status: 0 set, 1 file, usage or connection, 2 the job is refused.")]
+struct Set {
+    /// The job; `-` is standard input
+    #[arg(value_name = "JOB.toml")]
+    file: PathBuf,
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
+}
+
+/// Write the job of a board as a job file
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi job get > backup.toml
+  umi job get --port /dev/ttyACM0 -o backup.toml")]
+struct Get {
+    #[command(flatten)]
+    board: Board,
+    /// Write to this file instead of standard output
+    #[arg(short, long, value_name = "JOB.toml")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+}
+
+impl Job {
+    pub fn run(self) -> Result<(), Failure> {
+        match self.action {
+            Action::New(action) => action.run(),
+            Action::Check(action) => action.run(),
+            Action::Show(action) => action.run(),
+            Action::Set(action) => action.run(),
+            Action::Get(action) => action.run(),
+        }
+    }
+}
+
+impl New {
+    fn run(self) -> Result<(), Failure> {
+        let text = include_str!("../../../../../examples/four-spheres.toml");
+        match self.output.filter(|path| path != Path::new("-")) {
+            None => print(text),
+            Some(path) => self.force.write(&path, &[], text),
+        }
+    }
+}
+
+impl Check {
+    fn run(self) -> Result<(), Failure> {
+        let job = job_file::load(&self.file)?;
+        if self.format.json {
+            let open = umi_core::job::not_guarded(&job);
+            return print_json(&json!({
+                "status": "ok",
+                "job": job,
+                "guards": job_text::guards_json(&GuardTable::of(&job)),
+                "read_raises_alarm": job_text::has_alarm(&job),
+                "not_guarded": open.as_ref().map(json::reason),
+            }));
+        }
+        let good = format!(
+            "{} can be used",
+            umi_client::files::points::name(&self.file)
+        );
+        print(&format!(
+            "{}\n{}\n{}\n",
+            job_text::text(&job),
+            job_text::guards(&GuardTable::of(&job)),
+            paint(GOOD, good)
+        ))
+    }
+}
+
+impl Show {
+    fn run(self) -> Result<(), Failure> {
+        let in_force = self.board.connect()?.job()?;
+        if self.format.json {
+            return print_json(&json!({
+                "job": in_force.job,
+                "taught_mm": in_force.taught_mm,
+                "learned": in_force.learned,
+            }));
+        }
+        let Some(job) = in_force.job else {
+            return Err(no_job());
+        };
+        let mut text = job_text::text(&job);
+        if let Some(taught) = in_force.taught_mm {
+            text += &format!("\n{}", job_text::taught(&taught, &job));
+            text += &job_text::learned(&in_force.learned, &job);
+        }
+        print(&text)
+    }
+}
+
+impl Set {
+    fn run(self) -> Result<(), Failure> {
+        let job = job_file::load(&self.file)?;
+        let mut board = self.board.connect()?;
+        if let Err(refused) = board.set_job(&job)? {
+            return Err(job_file::refusal(&refused).into());
+        }
+        // What counts is what the board has, not what was sent.
+        if board.job()?.job.as_ref() != Some(&job) {
+            return Err(Failure::trouble(
+                "job_not_kept",
+                "the board took the job but has another one now: is another program connected to it? set the job again",
+            ));
+        }
+        if self.format.json {
+            return print_json(&json!({ "status": "ok", "job": job }));
+        }
+        let done = format!("{} now works on job {}", board.board(), job.name);
+        print(&format!("{}\n", paint(GOOD, done)))
+    }
+}
+
+impl Get {
+    fn run(self) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            self.force.check(path, &[])?;
+        }
+        let job = self.board.connect()?.job()?.job.ok_or_else(no_job)?;
+        let text = job_file::write(&job)?;
+        match self.output.as_deref() {
+            None => print(&text),
+            Some(path) if path == Path::new("-") => print(&text),
+            Some(path) => self.force.write(path, &[], text),
+        }
+    }
+}
+
+fn no_job() -> Failure {
+    Failure::refused(
+        "no_job",
+        "the board has no job; give it one with `umi job set JOB.toml`",
+    )
+}

@@ -1,0 +1,9 @@
+//! A board: what it is, what it is told, what it shows.
+
+pub(super) mod access;
+pub(super) mod info;
+pub(super) mod job;
+pub(super) mod line;
+pub(super) mod teach;
+pub(super) mod virtual_board;
+pub(super) mod watch;

@@ -1,0 +1,58 @@
+//! What a command moves by: a verdict or a transform. The options mean the same everywhere.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use umi_client::correction::Basis;
+use umi_client::files::tool_path;
+
+use crate::cmd::Board;
+use crate::failure::Failure;
+
+/// What is said where nothing was named.
+pub(crate) const WHICH: &str = "by what? give --verdict FILE, --verdict board or --transform FILE";
+
+/// By what a part is moved.
+#[derive(Args)]
+pub(crate) struct MovedBy {
+    /// The last verdict, which must be OK: of a journal (`umi log -o`), of what `umi replay
+    /// --json` printed, or `board`: of the board at --port
+    #[arg(long, value_name = "FILE|board", conflicts_with = "transform")]
+    verdict: Option<PathBuf>,
+    /// The setup of the journal, instead of the last one
+    #[arg(long = "plate", value_name = "NUMBER", requires = "verdict")]
+    setup: Option<u32>,
+    /// A JSON file: {"rotation": 3 rows, "translation_mm": [x, y, z]}
+    #[arg(long, value_name = "FILE")]
+    transform: Option<PathBuf>,
+    #[command(flatten)]
+    board: Board,
+}
+
+impl MovedBy {
+    /// What was named, if anything was.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not OK.
+    pub fn read(&self) -> Result<Option<Basis>, Failure> {
+        Ok(match (&self.verdict, &self.transform) {
+            (Some(path), _) if path == Path::new("board") => {
+                if self.setup.is_some() {
+                    return Err(Failure::trouble("usage", "--plate is for a journal"));
+                }
+                Some(Basis::board(&mut self.board.connect()?)?)
+            }
+            (Some(path), _) => Some(Basis::verdict(path, self.setup)?),
+            (None, Some(path)) => Some(Basis::Given(tool_path::transform(path)?)),
+            (None, None) => None,
+        })
+    }
+
+    /// The files that are read.
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        [&self.verdict, &self.transform]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path)
+    }
+}

@@ -1,0 +1,9 @@
+//! What goes to a control: programs, corrections, and by what they are rewritten.
+
+pub(super) mod basis;
+pub(super) mod correction;
+pub(super) mod dialects;
+pub(super) mod nc;
+pub(super) mod options;
+pub(super) mod program;
+pub(super) mod stated;

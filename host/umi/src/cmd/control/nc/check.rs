@@ -1,0 +1,132 @@
+//! `umi nc check`
+
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
+use clap::Args;
+use serde_json::json;
+use umi_client::files::tool_path::{self, Examined, PartProgram};
+use umi_core::rewrite::RefusedLine;
+
+use super::how::{How, told};
+use super::rewrite::{machine, table};
+use crate::cmd::Format;
+use crate::cmd::control::basis::MovedBy;
+
+/// Can this tool path be rewritten? Every reason against it, without writing
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Check {
+    /// The part program
+    #[arg(value_name = "PROGRAM")]
+    program: PathBuf,
+    #[command(flatten)]
+    moved_by: MovedBy,
+    #[command(flatten)]
+    how: How,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Without a transform it is tried with a part that is turned about Z, and with one
+that leans: cutter compensation and some canned cycles only stand the first.
+What a control itself would complain about says `umi machine check`.
+
+Examples:
+  umi nc check part.nc
+  umi nc check part.ngc --start G90,G17,G21 --dialect linuxcnc --integers units
+  umi nc check part.nc --load pocket.nc --allow-call P9001
+  umi nc check part.nc --transform moved.json --json
+
+Exit status: 0 it can, 1 file or usage, 2 there are reasons against it.";
+
+impl Check {
+    pub fn run(self) -> Result<(), Failure> {
+        let program = self.how.program(&self.program)?;
+        let examine = |transform| {
+            let settings = self.how.settings(transform)?;
+            Ok::<_, Failure>(tool_path::examine(&program, &settings)?)
+        };
+        let Some(basis) = self.moved_by.read()? else {
+            let level = examine(tool_path::LEVEL.transform())?;
+            let leaning = examine(tool_path::LEANING.transform())?;
+            return self.tell(&program, &level, Some(&leaning));
+        };
+        self.tell(&program, &examine(basis.source()?.transform)?, None)
+    }
+
+    fn tell(
+        &self,
+        program: &PartProgram,
+        found: &Examined,
+        leaning: Option<&Examined>,
+    ) -> Result<(), Failure> {
+        let no_others = Vec::new();
+        let others: &Vec<RefusedLine> = leaning.map_or(&no_others, |examined| &examined.refusals);
+        let only_leaning = || {
+            others
+                .iter()
+                .filter(|refusal| !found.refusals.contains(refusal))
+        };
+        for refusal in &found.refusals {
+            self.reason(program, refusal, false)?;
+        }
+        for refusal in only_leaning() {
+            self.reason(program, refusal, true)?;
+        }
+        let reasons = found.refusals.len() as u64 + found.more;
+        let leans = only_leaning().count() as u64;
+        if self.format.json {
+            let mut value = machine(&found.identity, &found.summary);
+            value["type"] = json!("check");
+            value["refusals"] = json!(reasons);
+            value["refusals_only_leaning"] = json!(leaning.map(|_| leans));
+            print_json(&value)?;
+        } else {
+            let style = if reasons > 0 { BAD } else { GOOD };
+            let lean = match leaning {
+                None => String::new(),
+                Some(_) if leans == 0 => ", also where the part leans".into(),
+                Some(_) => format!(", {} only where the part leans", leans),
+            };
+            print(&format!(
+                "{}{lean}\n\n{}",
+                paint(
+                    style,
+                    format_args!("{} against rewriting it", count(reasons, "reason"))
+                ),
+                table(&found.identity, &found.summary)
+            ))?;
+        }
+        if reasons == 0 {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
+    }
+
+    fn reason(
+        &self,
+        program: &PartProgram,
+        refused: &RefusedLine,
+        only_leaning: bool,
+    ) -> Result<(), Failure> {
+        if self.format.json {
+            let (file, refused) = program.place(refused);
+            return print_json(&json!({
+                "type": "refusal",
+                "file": file.display().to_string(),
+                "line": refused.line,
+                "column": refused.column,
+                "message": refused.reason.to_string(),
+                "only_leaning": only_leaning,
+            }));
+        }
+        let style = if only_leaning { CAUTION } else { BAD };
+        let said = told(program, refused);
+        let (file, rest) = said.split_once(", ").unwrap_or((said.as_str(), ""));
+        print(&format!("{} {rest}\n", paint(style, file)))
+    }
+}

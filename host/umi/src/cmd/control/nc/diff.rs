@@ -1,0 +1,222 @@
+//! `umi nc diff`
+
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use umi_client::files::points::name;
+use umi_client::files::tool_path::diff::{self, Largest, PathDifference};
+use umi_core::registration::RigidTransform;
+use umi_report::paths;
+use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
+
+use crate::cmd::Format;
+use crate::cmd::control::basis::MovedBy;
+use crate::output::Force;
+
+/// Compare two programs motion by motion, the first carried by a transform
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Diff {
+    /// The first program, as the nominal one
+    #[arg(value_name = "A")]
+    first: PathBuf,
+    /// The second, as the rewritten one
+    #[arg(value_name = "B")]
+    second: PathBuf,
+    #[command(flatten)]
+    moved_by: MovedBy,
+    /// Programs that both call, as macros (repeatable)
+    #[arg(long, value_name = "FILE")]
+    load: Vec<PathBuf>,
+    /// Write a page with pictures of both paths
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Ends farther apart than this are not the same place
+    #[arg(long, value_name = "MM", default_value_t = 0.05)]
+    near_mm: f64,
+    /// The control whose language both are
+    #[arg(long, value_enum, default_value_t = Language::Fanuc)]
+    control: Language,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Both programs are interpreted by the virtual machine's control, with tools of
+length zero and home at machine zero; numbers without a point are mm. Arcs may
+have become chords. Without a transform the programs are compared as they are. Motions
+in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
+not named yet, have no image and are left out.
+
+Examples:
+  umi nc diff part.nc here.nc --verdict today.jsonl
+  umi nc diff part.nc here.nc --transform moved.json -o diff.html --json
+  umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
+
+Exit status: 0 all motions have their image, 1 file or usage, 2 some have none.";
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Language {
+    /// Fanuc
+    Fanuc,
+    /// Haas
+    Haas,
+    /// Mitsubishi, Mazak EIA
+    Mitsubishi,
+    /// LinuxCNC
+    Linuxcnc,
+}
+
+impl Diff {
+    pub fn run(self) -> Result<(), Failure> {
+        let near_is_good = self.near_mm > 0.0 && self.near_mm <= 100.0;
+        if !near_is_good {
+            return Err(Failure::trouble(
+                "usage",
+                "--near-mm is above 0, at most 100",
+            ));
+        }
+        if let Some(path) = &self.output {
+            let mut inputs = vec![self.first.as_path(), self.second.as_path()];
+            inputs.extend(self.load.iter().map(PathBuf::as_path));
+            inputs.extend(self.moved_by.inputs());
+            self.force.check(path, &inputs)?;
+        }
+        let transform = match self.moved_by.read()? {
+            Some(basis) => basis.source()?.transform,
+            None => RigidTransform::identity(),
+        };
+        let dialect = match self.control {
+            Language::Fanuc => ControlFamily::Fanuc,
+            Language::Haas => ControlFamily::Haas,
+            Language::Mitsubishi => ControlFamily::Mitsubishi,
+            Language::Linuxcnc => ControlFamily::LinuxCnc,
+        };
+        let settings = ControlSettings {
+            decimal_point: DecimalPoint::Calculator,
+            increment_mm: 1e-6,
+            // A program that leaves its feed to what ran before is compared, too.
+            feed_mm_min: Some(100.0),
+            ..ControlSettings::of(dialect)
+        };
+        let first = umi_desk::tool_path::moves(&self.first, &self.load, &settings)?;
+        let second = umi_desk::tool_path::moves(&self.second, &self.load, &settings)?;
+        let found = diff::compare(&first, &second, &transform, self.near_mm);
+        if let Some(path) = &self.output {
+            let title = format!("{} and {}", name(&self.first), name(&self.second));
+            let page = paths::html(
+                &title,
+                &found.in_words(),
+                &facts(&found),
+                &first,
+                &second,
+                &transform,
+                &found,
+            );
+            std::fs::write(path, page).map_err(|error| Failure::file("write", path, &error))?;
+        }
+        if self.format.json {
+            print_json(&machine(&found))?;
+        } else {
+            let style = if found.is_complete() { GOOD } else { BAD };
+            print(&format!(
+                "{}\n\n{}",
+                paint(style, found.in_words()),
+                text(&found)
+            ))?;
+        }
+        if found.is_complete() {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
+    }
+}
+
+fn machine(found: &PathDifference) -> Value {
+    let largest = |of: &Option<Largest>| {
+        of.map_or(Value::Null, |of| {
+            json!({
+                "deviation_mm": of.mm,
+                "line_a": of.lines[0],
+                "line_b": of.lines[1],
+                "at_mm": of.at_mm,
+            })
+        })
+    };
+    json!({
+        "type": "diff",
+        "complete": found.is_complete(),
+        "moves_a": found.moves[0],
+        "moves_b": found.moves[1],
+        "left_out_a": found.away[0],
+        "left_out_b": found.away[1],
+        "matched": found.matched,
+        "missing_lines_a": found.missing,
+        "other_rate": found.other_rate,
+        "left_over_b": found.left_over,
+        "rms_ends_mm": found.rms_mm,
+        "largest_end": largest(&found.largest_end),
+        "largest_way": largest(&found.largest_way),
+    })
+}
+
+/// What is to be said, a name and a value each.
+fn facts(found: &PathDifference) -> Vec<(String, String)> {
+    let mut facts = Vec::new();
+    let mut fact = |name: &str, value: String| facts.push((name.to_owned(), value));
+    let [first, second] = found.moves;
+    fact(
+        "motions",
+        format!("{first} and {second}, {} of the first found", found.matched),
+    );
+    let [first, second] = found.away;
+    if first + second > 0 {
+        fact(
+            "left out",
+            format!(
+                "{first} and {second}: an axis is where G28, G30 or G53 has sent it, or not named yet"
+            ),
+        );
+    }
+    if !found.missing.is_empty() {
+        let lines: Vec<String> = found.missing.iter().take(10).map(u32::to_string).collect();
+        let dots = if found.missing.len() > 10 { " …" } else { "" };
+        fact("not found", format!("line {}{dots}", lines.join(", ")));
+    }
+    if found.other_rate > 0 {
+        let motions = count(found.other_rate as u64, "motion");
+        fact("other rate", format!("{motions} cut in one program only"));
+    }
+    if found.left_over > 0 {
+        fact("left over", count(found.left_over as u64, "motion"));
+    }
+    fact("ends, rms", format!("{:.6} mm", found.rms_mm));
+    for (name, largest) in [
+        ("ends, largest", &found.largest_end),
+        ("cuts, largest", &found.largest_way),
+    ] {
+        if let Some(Largest { mm, lines, at_mm }) = largest {
+            let [a, b] = lines;
+            let [x, y, z] = at_mm;
+            fact(
+                name,
+                format!("{mm:.6} mm, lines {a} and {b}, at {x:.3}, {y:.3}, {z:.3}"),
+            );
+        }
+    }
+    facts
+}
+
+fn text(found: &PathDifference) -> Table {
+    let mut table = Table::new("<<");
+    for (name, value) in facts(found) {
+        table.row([name, value]);
+    }
+    table
+}

@@ -1,0 +1,86 @@
+//! Options that rewriting and checking have in common.
+
+use std::path::{Path, PathBuf};
+
+use crate::failure::Failure;
+use clap::Args;
+use umi_client::files::points::name;
+use umi_client::files::tool_path::PartProgram;
+use umi_client::problem::Problem;
+use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{RefusedLine, RewriteRefusal, RewriteSettings};
+
+use crate::cmd::control::options::Control;
+use crate::cmd::control::stated::{Said, option};
+
+/// What the control takes, and what is known of its work offsets.
+#[derive(Args)]
+pub(crate) struct How {
+    #[command(flatten)]
+    control: Control,
+    /// The origin of a work offset in machine coordinates, as G55=250,0,-40 (repeatable):
+    /// a program with two of them and a rotation needs both
+    #[arg(long, value_name = "G54=X,Y,Z", value_parser = origin)]
+    origin: Vec<(usize, [f64; 3])>,
+    #[command(flatten)]
+    said: Said,
+    /// A program that is called, to be rewritten with this one as if it stood in its file
+    /// (repeatable)
+    #[arg(long, value_name = "FILE")]
+    load: Vec<PathBuf>,
+    /// Rewrite a program that was rewritten before
+    #[arg(long)]
+    again: bool,
+}
+
+fn origin(text: &str) -> Result<(usize, [f64; 3]), String> {
+    let parsed = || {
+        let (name, place) = text.split_once('=')?;
+        let number: usize = name.trim_start_matches(['G', 'g']).parse().ok()?;
+        let index = number.checked_sub(54).filter(|index| *index < 6)?;
+        let numbers: Result<Vec<f64>, _> = place.split(',').map(|x| x.trim().parse()).collect();
+        Some((index, numbers.ok()?.try_into().ok()?))
+    };
+    parsed().ok_or_else(|| "give it as G54=100,-250,-40.5 (G54 to G59, mm)".into())
+}
+
+impl How {
+    /// The settings for a transform.
+    pub fn settings(&self, transform: RigidTransform) -> Result<RewriteSettings, Failure> {
+        let mut origins_mm = [None; 6];
+        for (index, place) in &self.origin {
+            if let Some(slot) = origins_mm.get_mut(*index) {
+                *slot = Some(*place);
+            }
+        }
+        Ok(RewriteSettings {
+            origins_mm,
+            again: self.again,
+            ..self.said.settings(self.control.settings(transform)?)?
+        })
+    }
+
+    /// The program, with those that are loaded.
+    pub fn program(&self, path: &Path) -> Result<PartProgram, Problem> {
+        PartProgram::new(path, &self.load)
+    }
+
+    /// The files that are read with it.
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        self.load.iter().map(PathBuf::as_path)
+    }
+}
+
+/// A refused line with its file, and the option that allows it.
+pub fn told(program: &PartProgram, refused: &RefusedLine) -> String {
+    let (path, refused) = program.place(refused);
+    let option = match refused.reason {
+        RewriteRefusal::NotHere(number) => Some(format!("--load FILE, --allow-call P{number}")),
+        RewriteRefusal::NamedCall => Some("--allow-call '<name>'".to_owned()),
+        RewriteRefusal::Rewritten => Some("--again".to_owned()),
+        RewriteRefusal::WorkOffset => Some("--origin G55=X,Y,Z".to_owned()),
+        other => option(other),
+    };
+    let option = option.map_or_else(String::new, |option| format!(" ({option})"));
+    format!("{}, {refused}{option}", name(path))
+}

@@ -1,0 +1,190 @@
+//! `umi replay`
+
+use std::path::{Path, PathBuf};
+
+use crate::failure::Failure;
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
+use clap::Args;
+use serde_json::json;
+use umi_client::files::job_file;
+use umi_client::journal::audit::{Audit, Findings};
+use umi_client::journal::{self, FileItem};
+use umi_client::session::DecisionRecord;
+use umi_client::session::SessionBuilder;
+use umi_desk::capture::Desk;
+use umi_protocol::job::Job;
+use umi_protocol::message::Record;
+use umi_report::terminal;
+
+use crate::cmd::Format;
+
+/// A captured byte file through a virtual board, or the audit of a journal
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Replay {
+    /// Bytes as they came from a control, in any code; or a journal as pulled by
+    /// `umi log`
+    #[arg(value_name = "SESSION|FILE.umij")]
+    file: PathBuf,
+    /// The job for the bytes; a journal brings its own
+    #[arg(long, value_name = "JOB.toml")]
+    job: Option<PathBuf>,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+The bytes go, piece by piece, into the control's port of a virtual board, and what
+is printed came over its link: one JSON object a line with --json, in the order in
+which things happened (type: feature, fault, verdict).
+
+A journal's inputs go through the same program once more, and every decision is
+compared with the one in the journal, bit for bit (type: audit).
+
+Examples:
+  umi replay monday.txt --job examples/three-spheres.toml
+  umi replay monday.txt --job examples/three-spheres.toml --json | jq .verdict
+  umi replay monday.umij
+
+Exit status: 0 replayed, whatever the verdicts say; 1 a file or the job; 2 the
+journal is faulty, or a decision is not the same.";
+
+impl Replay {
+    pub fn run(self) -> Result<(), Failure> {
+        let bytes =
+            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
+        if umi_core::journal::decode_file(&bytes).is_ok() {
+            // What nobody would vouch for is not replayed.
+            journal::verify::verify(&bytes, None, None)?;
+            return self.audit(&bytes);
+        }
+        let Some(job) = &self.job else {
+            return Err(Failure::trouble(
+                "no_job",
+                format_args!(
+                    "{} is no journal: say with --job what its lines mean",
+                    self.file.display()
+                ),
+            ));
+        };
+        self.capture(&bytes, job)
+    }
+
+    fn capture(&self, bytes: &[u8], job: &Path) -> Result<(), Failure> {
+        let job = job_file::load(job)?;
+        let mut bench = Desk::new(&job)?;
+        let mut shown = Shown::new(&job, self.format.json);
+        bench.play(bytes, |decision| shown.take(decision))?;
+        bench.end(|decision| shown.take(decision))?;
+        shown.finish()
+    }
+
+    fn audit(&self, bytes: &[u8]) -> Result<(), Failure> {
+        let mut audit = Audit::default();
+        let mut shown: Option<Shown> = None;
+        let json = self.format.json;
+        let stretch = journal::read(bytes, |item| {
+            let FileItem::Entry(entry) = item else {
+                audit.gap();
+                return Ok(());
+            };
+            let record = journal::record(&entry)
+                .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
+            audit.take(&entry, &record);
+            if let Record::JobSet(job) = &record {
+                // The setups of another job are another session.
+                if let Some(shown) = shown.replace(Shown::new(job, json)) {
+                    shown.finish()?;
+                }
+            }
+            match (DecisionRecord::of(record), &mut shown) {
+                (Some(decision), Some(shown)) => shown.take(decision),
+                _ => Ok(()),
+            }
+        })?;
+        if let Some(shown) = shown {
+            shown.finish()?;
+        }
+        self.report(&audit.finish(stretch.next))
+    }
+
+    fn report(&self, findings: &Findings) -> Result<(), Failure> {
+        let Findings {
+            identical,
+            differences,
+            skipped,
+        } = findings;
+        if self.format.json {
+            let differences: Vec<_> = differences
+                .iter()
+                .map(|(seq, difference)| json!({"seq": seq, "message": difference.to_string()}))
+                .collect();
+            print_json(&json!({
+                "type": "audit",
+                "identical": identical,
+                "differences": differences,
+                "skipped": skipped,
+            }))?;
+        } else {
+            if *skipped > 0 {
+                let what = count(*skipped, "record");
+                print(&format!(
+                    "{} before the first start that the journal still holds: not replayed\n",
+                    paint(CAUTION, what)
+                ))?;
+            }
+            for (seq, difference) in differences {
+                print(&format!(
+                    "{} entry {seq}: {difference}\n",
+                    paint(BAD, "differs")
+                ))?;
+            }
+            if differences.is_empty() {
+                let what = count(*identical, "decision");
+                let what = format!("{what} replayed, identical to the last bit");
+                print(&format!("{}\n", paint(GOOD, what)))?;
+            }
+        }
+        if differences.is_empty() {
+            Ok(())
+        } else {
+            Err(Failure::Negative)
+        }
+    }
+}
+
+/// Decisions as they are shown.
+struct Shown {
+    gather: SessionBuilder,
+    json: bool,
+}
+
+impl Shown {
+    fn new(job: &Job, json: bool) -> Self {
+        let gather = SessionBuilder::new("Replay", "", job, None);
+        Self { gather, json }
+    }
+
+    fn take(&mut self, decision: DecisionRecord) -> Result<(), Failure> {
+        if self.json {
+            print_json(&crate::show::json::decision(&decision))?;
+        } else if let DecisionRecord::Fault(fault) = &decision {
+            print(&format!("{} {fault}\n", paint(CAUTION, "fault")))?;
+        }
+        let judged = self.gather.take(decision);
+        match judged {
+            Some(place) if !self.json => print(&format!(
+                "{}\n",
+                terminal::setup(&self.gather.session, place, true)
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    fn finish(self) -> Result<(), Failure> {
+        if self.json {
+            return Ok(());
+        }
+        print(&terminal::summary(&self.gather.session, true))
+    }
+}

@@ -1,0 +1,134 @@
+//! What the commands that make a cloud smaller have in common.
+
+use std::cell::RefCell;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+use umi_scan::ScanError;
+use umi_scan::cloud::{CloudColumns, Points};
+use umi_scan::format::clouds::{CloudReader, CloudStyle, write, write_cloud};
+use umi_scan::thin::drops::{Dropped, Drops};
+
+use crate::cmd::Format;
+use crate::cmd::scan::answer::{answer, failure};
+use crate::failure::Failure;
+use crate::output::Force;
+
+/// A cloud in and a cloud out.
+#[derive(Args)]
+pub(crate) struct Clouds {
+    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD, LAS, LAZ or E57
+    #[arg(value_name = "CLOUD")]
+    cloud: PathBuf,
+    /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet
+    #[arg(short, long, value_name = "CLOUD")]
+    output: PathBuf,
+    /// Coordinates of a PLY or PCD file as doubles instead of floats
+    #[arg(long)]
+    double: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+/// What was done.
+#[derive(Serialize)]
+pub(crate) struct Thinned {
+    kind: &'static str,
+    points: u64,
+    kept: u64,
+    not_finite: u64,
+    dropped: Vec<Dropped>,
+}
+
+/// A step from points to fewer points.
+pub(crate) type Step<'s> =
+    dyn for<'a> Fn(Points<'a>, &'a RefCell<Drops>) -> Result<Points<'a>, ScanError> + 's;
+
+impl Clouds {
+    /// Reads, takes the step, writes, answers. `points` is told whether the cloud says enough for the step.
+    pub fn run(
+        &self,
+        kind: &'static str,
+        dropped: Option<&Path>,
+        enough: impl Fn(CloudColumns) -> Result<(), ScanError>,
+        merged: bool,
+        step: &Step<'_>,
+    ) -> Result<(), Failure> {
+        self.force.check(&self.output, &[&self.cloud])?;
+        if let Some(path) = dropped {
+            self.force.check(path, &[&self.cloud])?;
+            if path == self.output {
+                return Err(failure(ScanError::unreadable(
+                    "file",
+                    "the points that stay and those that go need a file each",
+                )));
+            }
+        }
+        let make = || -> Result<Thinned, ScanError> {
+            write::check_extension(&self.output)?;
+            let mut reader = CloudReader::open(&self.cloud)?;
+            enough(reader.columns)?;
+            let style = CloudStyle {
+                columns: if merged {
+                    // A mean of several points is of no profile.
+                    CloudColumns {
+                        intensity: reader.columns.intensity,
+                        ..CloudColumns::default()
+                    }
+                } else {
+                    reader.columns
+                },
+                double: self.double,
+            };
+            let drops = RefCell::new(match dropped {
+                Some(path) => Drops::to_file(path)?,
+                None => Drops::default(),
+            });
+            let kept = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;
+            let dropped = drops.into_inner().finish()?;
+            Ok(Thinned {
+                kind,
+                points: kept + dropped.iter().map(|d| d.points).sum::<u64>() + reader.not_finite,
+                kept,
+                not_finite: reader.not_finite,
+                dropped,
+            })
+        };
+        answer(make(), self.format.json, text)
+    }
+}
+
+fn text(thinned: &Thinned) -> String {
+    let mut text = format!("{} of {} points\n", thinned.kept, thinned.points);
+    for d in &thinned.dropped {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{:>12} {}", d.points, d.reason.replace('_', " "));
+    }
+    if thinned.not_finite > 0 {
+        let _ = writeln!(text, "{:>12} not finite", thinned.not_finite);
+    }
+    text
+}
+
+/// So many numbers, as `1,2,3`.
+pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let found: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
+    found
+        .ok()
+        .and_then(|list| list.try_into().ok())
+        .filter(|list: &[f64; N]| list.iter().all(|x| x.is_finite()))
+        .ok_or_else(|| format!("give {N} numbers with commas between"))
+}
+
+/// A number above 0.
+pub(crate) fn above_zero(text: &str) -> Result<f64, String> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|x: &f64| *x > 0.0 && x.is_finite())
+        .ok_or_else(|| "give a number above 0".into())
+}

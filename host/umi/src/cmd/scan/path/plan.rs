@@ -1,0 +1,192 @@
+//! `umi scan plan`
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::failure::Failure;
+use crate::output::Force;
+use clap::{Args, ValueEnum};
+use umi_scan::ScanError;
+use umi_scan::plan::mesh::read::read_obstacle;
+use umi_scan::plan::mesh::{PartMesh, read_part};
+use umi_scan::plan::planner::result::{PlanFigures, csv};
+use umi_scan::plan::planner::{PlanOptions, plan};
+use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
+use umi_scan::plan::spec::ScanSpec;
+use umi_scan::surface::Mesh;
+
+use crate::cmd::Format;
+use crate::cmd::scan::answer::answer;
+
+/// A path that scans a part's surface: passes, poses and axes, proved by a simulated scan
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Plan {
+    /// The part's surface: STL, OBJ, PLY (in mm) or STEP
+    #[arg(value_name = "MESH")]
+    mesh: PathBuf,
+    /// Part, sensor, plan and machine
+    #[arg(long, value_name = "SPEC.toml")]
+    spec: PathBuf,
+    /// Where the path goes
+    #[arg(short, long, value_name = "PATH.csv")]
+    output: PathBuf,
+    /// Writes a program for a control, too
+    #[arg(long, value_name = "PATH.nc")]
+    nc: Option<PathBuf>,
+    /// The control's language
+    #[arg(long, value_enum, default_value_t = Language::Fanuc, requires = "nc")]
+    dialect: Language,
+    /// Axis values, or the point on the part that the control carries through its rotary axes
+    #[arg(long, value_enum, default_value_t = Mode::Rotary, requires = "nc")]
+    nc_mode: Mode,
+    /// A plan that sees less than min_coverage is a plan
+    #[arg(long)]
+    allow_partial: bool,
+    /// Feed with the laser on, in mm/min on the part
+    #[arg(long, value_name = "MM_PER_MIN", default_value_t = 600.0, value_parser = positive)]
+    feed: f64,
+    /// The longest that planning may take, in seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 300.0, value_parser = positive)]
+    time_limit: f64,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Language {
+    Fanuc,
+    Siemens,
+    Heidenhain,
+    Linuxcnc,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Mode {
+    Rotary,
+    Rtcp,
+}
+
+const HELP: &str = "\
+Examples:
+  umi scan plan part.stl --spec spec.toml -o path.csv
+  umi scan plan part.stl --spec spec.toml -o path.csv --nc path.nc --dialect linuxcnc
+  umi scan plan pocket.ply --spec spec.toml -o path.csv --allow-partial --json | jq .uncovered
+
+The path is written only if a simulated scan of its rows confirms it: what is seen, from how far, how
+steeply, and that the sensor's box with its clearance touches nothing, between rows and on links too.
+
+Exit status: 0 planned, 1 usage or a file that cannot be read, 2 refused (no file is left):
+mesh_format, mesh_unreadable, mesh_empty, mesh_not_finite, mesh_degenerate, mesh_not_manifold,
+mesh_not_oriented, mesh_scale, bad_spec, sensor_spec, plan_spec, machine_spec, coverage_unreachable,
+axis_limit, time_limit, nc_mode, nc_approach, plan_unproved.";
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v <= 1e6 => Ok(v),
+        _ => Err("a number above 0 and up to a million is needed".into()),
+    }
+}
+
+impl Plan {
+    pub fn run(self) -> Result<(), Failure> {
+        for path in std::iter::once(&self.output).chain(&self.nc) {
+            self.force.check(path, &[&self.mesh, &self.spec])?;
+        }
+        answer(self.make(), self.format.json, text)
+    }
+
+    fn make(&self) -> Result<PlanFigures, ScanError> {
+        let made = self.plan();
+        if made.is_err() {
+            // An older path must not be taken for this plan's. Where there is none, that is as well.
+            let _ = fs::remove_file(&self.output);
+            if let Some(nc) = &self.nc {
+                let _ = fs::remove_file(nc);
+            }
+        }
+        made
+    }
+
+    fn plan(&self) -> Result<PlanFigures, ScanError> {
+        let (spec, part, obstacles) = inputs(&self.spec, &self.mesh)?;
+        let options = PlanOptions {
+            allow_partial: self.allow_partial,
+            time_limit: Duration::from_secs_f64(self.time_limit),
+            feed_mm_per_min: self.feed,
+        };
+        let plan = plan(&part, &obstacles, &spec, options)?;
+        if let Some(path) = &self.nc {
+            let meshes = std::iter::once(&part.surface).chain(&obstacles).collect();
+            let style = ProgramStyle {
+                dialect: match self.dialect {
+                    Language::Fanuc => PathDialect::Fanuc,
+                    Language::Siemens => PathDialect::Siemens,
+                    Language::Heidenhain => PathDialect::Heidenhain,
+                    Language::Linuxcnc => PathDialect::LinuxCnc,
+                },
+                mode: match self.nc_mode {
+                    Mode::Rotary => ProgramMode::Rotary,
+                    Mode::Rtcp => ProgramMode::Rtcp,
+                },
+                feed_mm_per_min: self.feed,
+            };
+            write(path, &program(&spec, meshes, &plan.rows, style)?.text)?;
+        }
+        write(&self.output, &csv(&spec.machine, &plan.rows))?;
+        Ok(plan.figures)
+    }
+}
+
+/// The specification, the part, and what stands beside it.
+pub fn inputs(spec: &Path, mesh: &Path) -> Result<(ScanSpec, PartMesh, Vec<Mesh>), ScanError> {
+    let spec = ScanSpec::open(spec)?;
+    let part = read_part(mesh)?;
+    let obstacles = spec.obstacles.iter().map(|path| read_obstacle(path));
+    let obstacles = obstacles.collect::<Result<_, _>>()?;
+    Ok((spec, part, obstacles))
+}
+
+fn write(path: &Path, text: &str) -> Result<(), ScanError> {
+    fs::write(path, text).map_err(|error| ScanError::file("write", path, &error))
+}
+
+fn text(f: &PlanFigures) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "{} passes, {} poses, {:.1} % of the area seen",
+        f.passes,
+        f.poses,
+        f.coverage * 100.0
+    );
+    let _ = writeln!(
+        text,
+        "way with the laser on {:.1} mm, in all {:.1} mm, {:.0} s",
+        f.scan_length_mm, f.path_length_mm, f.duration_s
+    );
+    let _ = writeln!(
+        text,
+        "stand-off within {:.3} mm, tilt up to {:.1} degrees, clearance {:.1} mm",
+        f.stand_off_max_mm, f.tilt_max_deg, f.clearance_mm
+    );
+    if let Some(o) = f.overlap {
+        let _ = writeln!(
+            text,
+            "overlap {:.2} of the line at least, {:.2} in the middle",
+            o.min, o.median
+        );
+    }
+    for u in &f.uncovered {
+        let _ = writeln!(text, "not seen: {:.1} mm2, {}", u.area_mm2, u.reason);
+    }
+    for w in &f.warnings {
+        let _ = writeln!(text, "note: {w}");
+    }
+    text
+}

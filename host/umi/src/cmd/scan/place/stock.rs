@@ -1,0 +1,243 @@
+//! `umi scan stock`
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use umi_scan::ScanError;
+use umi_scan::format::clouds::read_cloud;
+use umi_scan::parallel::Threads;
+use umi_scan::rigid::{Pose, Vec3};
+use umi_scan::stock::{Objective, StockFound, StockTask};
+use umi_scan::surface::read_stl;
+
+use super::placed::Placed;
+use super::{faces, transform};
+use crate::cmd::Format;
+use crate::cmd::scan::answer::failure;
+use crate::failure::Failure;
+use crate::output::Force;
+
+/// How much stock a scanned raw part has on every face, and where the finished part lies best in it
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Stock {
+    /// The finished part, STL in mm
+    #[arg(value_name = "MODEL.stl")]
+    model: PathBuf,
+    /// The scan of the raw part: PLY, PCD, LAS, STL or columns x,y,z, in mm
+    #[arg(value_name = "SCAN")]
+    scan: PathBuf,
+    /// What is best: the least stock the largest (min), the stock the most even
+    /// (balanced), or the least (least-squares)
+    #[arg(long, value_enum, default_value = "min")]
+    objective: Best,
+    /// Directions and turns that stay as they are, of x,y,z,a,b,c
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    lock: Vec<Axis>,
+    /// What the turns go through, in part coordinates
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = transform::point, default_value = "0,0,0")]
+    pivot: [f64; 3],
+    /// Where the part lies about (scan from part); unmoved without
+    #[arg(long, value_name = "T.json")]
+    start: Option<PathBuf>,
+    /// The stock that every face needs
+    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    require: Option<f64>,
+    /// Faces with demands of their own: `[[face]]` name, mesh, stock_mm or profile_mm
+    #[arg(long, value_name = "FACES.toml")]
+    faces: Option<PathBuf>,
+    /// Threads; the result has the same bits for any number
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Write the transform for `umi correction` and `umi nc rewrite`
+    #[arg(short, long, value_name = "T.json")]
+    output: Option<PathBuf>,
+    /// Write the scan with its stock per point as PLY
+    #[arg(long, value_name = "FILE.ply")]
+    map: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Stock is the signed distance from the finished part's surface to a scanned point;
+positive is material. The transform carries part coordinates into the scan's.
+
+Examples:
+  umi scan stock part.stl raw.ply
+  umi scan stock part.stl raw.ply --require 0.5 -o moved.json
+  umi scan stock part.stl raw.ply --lock a,b --pivot 0,0,20      turns about C only
+  umi scan stock part.stl raw.ply --faces faces.toml
+
+With --faces, each face states what it needs:
+  [[face]]
+  name = \"bore\"
+  mesh = \"bore.stl\"      # its triangles, a part of the model
+  stock_mm = 0.3         # or profile_mm = 1.2: as built, half of it to either side
+
+Exit status: 0 verdict OK; 2 verdict NG (no_stock, too_little_stock, unmeasured)
+or refused (too_few_points, empty_model, not_finite); 1 a file (bad_file) or usage.";
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Best {
+    Min,
+    Balanced,
+    LeastSquares,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Axis {
+    X,
+    Y,
+    Z,
+    A,
+    B,
+    C,
+}
+
+const AXES: [(Axis, &str); 6] = [
+    (Axis::X, "x"),
+    (Axis::Y, "y"),
+    (Axis::Z, "z"),
+    (Axis::A, "a"),
+    (Axis::B, "b"),
+    (Axis::C, "c"),
+];
+
+impl Stock {
+    pub fn run(self) -> Result<(), Failure> {
+        let inputs: Vec<&Path> = [&self.model, &self.scan]
+            .into_iter()
+            .chain(&self.start)
+            .chain(&self.faces)
+            .map(PathBuf::as_path)
+            .collect();
+        for path in self.output.iter().chain(&self.map) {
+            self.force.check(path, &inputs)?;
+        }
+        let (found, n) = self.find().map_err(failure)?;
+        let placed = Placed {
+            motion: &found.motion,
+            reasons: &found.reasons,
+        };
+        placed.answer(
+            self.output.as_deref(),
+            self.format.json,
+            || self.machine(&placed, &found, n),
+            || self.text(&placed, &found, n),
+        )
+    }
+
+    fn find(&self) -> Result<(StockFound, usize), ScanError> {
+        let model = read_stl(&self.model)?;
+        let cloud = read_cloud(&self.scan)?;
+        let demands = match &self.faces {
+            Some(path) => faces::read(path)?,
+            None => Vec::new(),
+        };
+        let start = match &self.start {
+            Some(path) => transform::read(path)?,
+            None => Pose::identity(),
+        };
+        let task = StockTask {
+            model: &model,
+            points: &cloud.points,
+            objective: match self.objective {
+                Best::Min => Objective::Min,
+                Best::Balanced => Objective::Balanced,
+                Best::LeastSquares => Objective::LeastSquares,
+            },
+            locked: AXES.map(|(axis, _)| self.lock.contains(&axis)),
+            pivot: Vec3::from(self.pivot),
+            start,
+            require_mm: self.require,
+            demands: &demands,
+            threads: self.threads.map_or_else(Threads::all, Threads::new),
+        };
+        let found = task.find()?;
+        if let Some(path) = &self.map {
+            let io = |error: std::io::Error| ScanError::file("write", path, &error);
+            let mut file = std::io::BufWriter::new(std::fs::File::create(path).map_err(io)?);
+            let kept: Vec<Vec3> = (0..cloud.points.len())
+                .filter(|i| found.spikes.binary_search(i).is_err())
+                .map(|i| cloud.points[i])
+                .collect();
+            let stock: Vec<f64> = found.measured.iter().map(|m| m.distance_mm).collect();
+            umi_scan::format::clouds::write_ply(&mut file, &kept, Some(("stock_mm", &stock)))
+                .map_err(io)?;
+        }
+        Ok((found, cloud.points.len() + cloud.not_finite))
+    }
+
+    fn objective(&self) -> &'static str {
+        match self.objective {
+            Best::Min => "min",
+            Best::Balanced => "balanced",
+            Best::LeastSquares => "least-squares",
+        }
+    }
+
+    fn machine(&self, placed: &Placed<'_>, found: &StockFound, n: usize) -> Value {
+        let locked: Vec<&str> = AXES
+            .iter()
+            .filter(|(axis, _)| self.lock.contains(axis))
+            .map(|(_, name)| *name)
+            .collect();
+        let faces: Vec<Value> = found
+            .faces
+            .iter()
+            .map(|face| {
+                json!({"name": face.name, "n": face.n, "min_mm": face.min_mm, "mean_mm": face.mean_mm,
+                    "max_mm": face.max_mm, "margin_mm": face.margin_mm})
+            })
+            .collect();
+        let fields = json!({
+            "objective": self.objective(),
+            "min_mm": found.min_mm, "mean_mm": found.mean_mm, "max_mm": found.max_mm,
+            "margin_mm": found.margin_mm,
+            "least_at_mm": found.least_at_mm.as_slice(),
+            "n": n, "n_used": found.n_used, "spikes": found.spikes,
+            "locked": locked, "faces": faces, "unmeasured": found.unmeasured,
+            "verdict": placed.verdict(),
+            "reasons": placed.reasons(),
+        });
+        placed.object("stock", fields)
+    }
+
+    fn text(&self, placed: &Placed<'_>, found: &StockFound, n: usize) -> String {
+        let mut text = placed.headline();
+        let p = found.least_at_mm;
+        let _ = writeln!(
+            text,
+            "stock   least {:.4} mm at {:.3}, {:.3}, {:.3}   mean {:.4}   largest {:.4}",
+            found.min_mm, p.x, p.y, p.z, found.mean_mm, found.max_mm
+        );
+        for face in &found.faces {
+            match (face.min_mm, face.mean_mm, face.margin_mm) {
+                (Some(min), Some(mean), Some(margin)) => {
+                    let _ = writeln!(
+                        text,
+                        "  {}: least {min:.4}   mean {mean:.4}   margin {margin:+.4} mm   {} points",
+                        face.name, face.n
+                    );
+                }
+                _ => {
+                    let _ = writeln!(text, "  {}: no points", face.name);
+                }
+            }
+        }
+        let _ = writeln!(
+            text,
+            "points  {} of {n} used, {} left out as spikes; {:.1} % of the surface not scanned",
+            found.n_used,
+            found.spikes.len(),
+            found.unmeasured * 100.0
+        );
+        text.push_str(&placed.pose("scan from part"));
+        text
+    }
+}

@@ -1,0 +1,4 @@
+//! A point sensor in the spindle.
+
+pub(super) mod digitize;
+pub(super) mod points;

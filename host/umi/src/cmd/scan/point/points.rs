@@ -1,0 +1,82 @@
+//! `umi scan points`
+
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use crate::output::Force;
+use clap::Args;
+use serde::Serialize;
+use umi_scan::ScanError;
+use umi_scan::point_sensor::{calibration, cloud, readings};
+
+use crate::cmd::Format;
+use crate::cmd::scan::answer::answer;
+
+/// Readings of a calibrated point distance sensor to points
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Points {
+    /// Readings in mm, a line each: x,y,z,gamma and, where there is more, snr, total
+    #[arg(value_name = "READINGS.csv")]
+    readings: PathBuf,
+    /// What umi scan calibrate point --json has printed
+    #[arg(long, value_name = "CAL.json")]
+    calibration: PathBuf,
+    /// Where the points go: CSV, or PLY by the file's ending
+    #[arg(short, long, value_name = "CLOUD.csv")]
+    output: PathBuf,
+    /// Leave out readings whose snr is below this
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    min_snr: Option<f64>,
+    /// Uncertainties with what the balls of the calibration add (covariance_total)
+    #[arg(long)]
+    total: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+Examples:
+  umi scan points readings.csv --calibration sensor.json -o cloud.csv
+  umi scan points readings.csv --calibration sensor.json -o cloud.ply
+
+Refused (status 2): bad_calibration, missing_column, not_a_number, not_finite.";
+
+/// What was written.
+#[derive(Serialize)]
+struct Written {
+    kind: &'static str,
+    points: usize,
+    left_out: usize,
+    uncertainty: bool,
+}
+
+impl Points {
+    pub fn run(self) -> Result<(), Failure> {
+        self.force
+            .check(&self.output, &[&self.readings, &self.calibration])?;
+        answer(self.make(), self.format.json, |written| {
+            format!("{} points\n", written.points)
+        })
+    }
+
+    fn make(&self) -> Result<Written, ScanError> {
+        let known = calibration::read(&self.calibration)?;
+        let readings = readings::read(&self.readings, self.min_snr)?;
+        let covariance = if self.total {
+            known.covariance_total.as_ref()
+        } else {
+            known.covariance.as_ref()
+        };
+        let made = cloud::points(&readings, &known, covariance);
+        cloud::write(&self.output, &made)?;
+        Ok(Written {
+            kind: "points",
+            points: made.points.len(),
+            left_out: readings.lines - readings.used.len(),
+            uncertainty: made.u_mm.is_some(),
+        })
+    }
+}

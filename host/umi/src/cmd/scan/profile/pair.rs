@@ -1,0 +1,169 @@
+//! `umi scan pair`
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use crate::failure::Failure;
+use clap::{Args, ValueEnum};
+use umi_scan::ScanError;
+use umi_scan::format::profiles;
+use umi_scan::format::triggers::{self, LatchSignal, Triggers};
+use umi_scan::pair::{PairOptions, ScanPairing, pair};
+
+use crate::cmd::Format;
+use crate::cmd::scan::answer::answer;
+
+/// Which profile belongs to which latch of the board
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub(crate) struct Pair {
+    #[command(flatten)]
+    streams: Streams,
+    #[command(flatten)]
+    pub format: Format,
+}
+
+const HELP: &str = "\
+The clocks of sensor and board may differ by any offset and a small drift. The right
+pairing is that of the shift that explains most profiles; a tie is refused, never guessed.
+Lost, repeated and extra profiles, lost triggers and missed latches are named and counted.
+
+Examples:
+  umi scan pair profiles.csv scan.csv
+  umi scan pair part.gocator scan.csv --encoder x
+  umi scan pair profiles.csv scan.csv --frame-bits 16 --strict --json
+
+Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
+board_restarted, missing_axis, no_encoder, faults. Not understood (status 1): truncated,
+corrupt.";
+
+/// What the sensor and the board told, and what their pairing must keep to.
+#[derive(Args)]
+pub(crate) struct Streams {
+    /// Profiles: CSV (profile,frame,t_us,encoder,index,x_mm,z_mm) or a .gocator capture
+    #[arg(value_name = "PROFILES")]
+    pub profiles: PathBuf,
+    /// The board's latches, as `umi events --csv` writes them
+    #[arg(value_name = "TRIGGERS.csv")]
+    pub triggers: PathBuf,
+    /// Whose pulses are meant; needed only if the table has both
+    #[arg(long, value_enum)]
+    cause: Option<CauseName>,
+    /// The axis that the sensor's own encoder counts, too
+    #[arg(long, value_name = "COLUMN", value_parser = axis)]
+    encoder: Option<usize>,
+    /// What belongs together agrees within this, in microseconds
+    #[arg(long, value_name = "US", default_value_t = 20.0, value_parser = at_least_0)]
+    jitter_us: f64,
+    /// The most by which the two clocks drift, in parts per million
+    #[arg(long, value_name = "PPM", default_value_t = 200.0, value_parser = at_least_0)]
+    drift_ppm: f64,
+    /// The sensor's frame counter starts at 0 again after so many bits
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    frame_bits: Option<u32>,
+    /// Refuse a scan with any loss, duplicate or extra
+    #[arg(long)]
+    strict: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum CauseName {
+    /// The board's pulses trigger the sensor
+    Output,
+    /// The sensor's pulses latch the board
+    Trigger,
+}
+
+impl Streams {
+    /// The latches of the cause.
+    pub fn read_triggers(&self) -> Result<Triggers, ScanError> {
+        let cause = self.cause.map(|cause| match cause {
+            CauseName::Output => LatchSignal::Output,
+            CauseName::Trigger => LatchSignal::Trigger,
+        });
+        triggers::read(&self.triggers, cause)
+    }
+
+    /// What a pairing must keep to.
+    pub fn options(&self) -> PairOptions {
+        PairOptions {
+            jitter_us: self.jitter_us,
+            drift_ppm: self.drift_ppm,
+            frame_bits: self.frame_bits,
+            encoder: self.encoder,
+            strict: self.strict,
+        }
+    }
+}
+
+impl Pair {
+    pub fn run(self) -> Result<(), Failure> {
+        answer(self.find(), self.format.json, text)
+    }
+
+    fn find(&self) -> Result<ScanPairing, ScanError> {
+        let triggers = self.streams.read_triggers()?;
+        let stamps = profiles::stamps(&self.streams.profiles)?;
+        pair(&stamps, &triggers, &self.streams.options())
+    }
+}
+
+/// An axis of the board, as its column `x_counts` or as `x`.
+fn axis(text: &str) -> Result<usize, String> {
+    let name = text.strip_suffix("_counts").unwrap_or(text);
+    let known = umi_kinematics::COLUMNS;
+    known
+        .iter()
+        .position(|axis| *axis == name)
+        .ok_or_else(|| format!("`{text}` is no axis of a board: {}", known.join(", ")))
+}
+
+fn at_least_0(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite() && *value >= 0.0)
+        .ok_or_else(|| format!("`{text}` is no number of 0 or more"))
+}
+
+/// What was paired and what was not, as a few lines.
+pub fn text(pairing: &ScanPairing) -> String {
+    let mut text = format!(
+        "{} profiles have their latch\nclock: board = {:.3} µs + (1 {:+.3} ppm) sensor\n",
+        pairing.pairs.len(),
+        pairing.clock.offset_us,
+        pairing.clock.drift_ppm
+    );
+    for (what, numbers) in [
+        ("profiles without latch", &pairing.unpaired_profiles),
+        ("profiles that came again", &pairing.duplicates),
+        ("latches without profile", &pairing.unpaired_triggers),
+    ] {
+        if !numbers.is_empty() {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{what}: {} ({})", numbers.len(), listed(numbers));
+        }
+    }
+    for (what, count) in [
+        ("frames lost by the sensor's counter", pairing.lost_frames),
+        (
+            "latches that the board missed or did not tell",
+            pairing.missed_latches,
+        ),
+    ] {
+        if count > 0 {
+            let _ = writeln!(text, "{what}: {count}");
+        }
+    }
+    for warning in &pairing.warnings {
+        let _ = writeln!(text, "note: {warning}");
+    }
+    text
+}
+
+/// The first of some numbers.
+fn listed(numbers: &[u64]) -> String {
+    const MOST: usize = 12;
+    let first: Vec<String> = numbers.iter().take(MOST).map(u64::to_string).collect();
+    let more = if numbers.len() > MOST { ", …" } else { "" };
+    first.join(", ") + more
+}

@@ -1,0 +1,178 @@
+//! `umi job new`, `umi job check`
+
+use crate::rig::run::{Folder, project, umi, umi_reads};
+
+fn example() -> String {
+    std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap()
+}
+
+/// The example job is good: shown in words, and as JSON with all its fields.
+#[test]
+fn the_example_is_good() {
+    let file = project("examples/three-spheres.toml");
+    let text = umi(&["job", "check", &file]).exits(0).out;
+    for words in [
+        "job THREE SPHERES",
+        "SPHERE3",
+        "12.7 mm",
+        "g10-g68",
+        "can be used",
+    ] {
+        assert!(text.contains(words), "no {words:?} in\n{text}");
+    }
+    let witnessed = project("examples/three-spheres-witnessed.toml");
+    let wide = umi(&["job", "check", &witnessed]).exits(0).out;
+    for line in wide.lines() {
+        assert!(line.chars().count() <= 100, "too wide: {line}");
+    }
+    let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
+    assert_eq!(value["status"], "ok");
+    assert_eq!(value["job"]["features"][2]["name"], "SPHERE3");
+    assert_eq!(value["job"]["limits"]["tilt_deg"], 0.010);
+}
+
+/// The table of guards: the first job to begin with sees what the thesis' one does not, in
+/// words at most 79 wide and as JSON.
+#[test]
+fn a_check_says_what_the_job_sees() {
+    let rows = |example: &str| {
+        let file = project(example);
+        let text = umi(&["job", "check", &file]).exits(0).out;
+        let table: Vec<&str> = text
+            .lines()
+            .skip_while(|line| !line.contains("what may happen"))
+            .take_while(|line| !line.is_empty())
+            .collect();
+        assert!(table.len() > 13, "{text}");
+        for line in &table {
+            assert!(line.chars().count() <= 79, "too wide: {line}");
+        }
+        let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
+        value["guards"]["rows"].as_array().unwrap().clone()
+    };
+    let seen = |rows: &[serde_json::Value], code: &str| {
+        let row = rows.iter().find(|row| row["code"] == code).unwrap();
+        (
+            row["seen"].as_str().unwrap().to_owned(),
+            row["from_um"].as_f64().unwrap_or(f64::NAN),
+        )
+    };
+    let (four, three) = (
+        rows("examples/four-spheres.toml"),
+        rows("examples/three-spheres.toml"),
+    );
+    assert_eq!(four.len(), three.len());
+    for code in ["late_text", "stale_read", "silent_teaching", "wrong_digit"] {
+        assert_eq!(seen(&four, code).0, "always", "{code}");
+        assert_ne!(seen(&three, code).0, "always", "{code}");
+    }
+    // The closing ball sees what moves while it is probed; three balls alone see less of it.
+    assert_eq!(seen(&four, "drift").0, "from");
+    assert!(seen(&four, "drift").1 < 20.0);
+    assert!(seen(&three, "slip").1 > seen(&four, "slip").1 || seen(&three, "slip").0 == "no");
+}
+
+/// A fault is refused with file, line, column, the line itself and what is allowed.
+#[test]
+fn a_fault_is_shown_in_its_line() {
+    let folder = Folder::new();
+    let text = example().replace("tilt_deg = 0.010 ", "tilt_deg = -1.0 ");
+    let line = text
+        .lines()
+        .position(|l| l.starts_with("tilt_deg"))
+        .unwrap()
+        + 1;
+    let file = folder.file("bad.toml", &text);
+    umi(&["job", "check", &file])
+        .exits(2)
+        .says(&format!("{file}:{line}:1: "))
+        .says("`limits.tilt_deg` cannot be -1")
+        .says(&format!("{line} | tilt_deg = -1.0"));
+    let error = umi(&["job", "check", &file, "--json"]).exits(2).json()["error"].clone();
+    assert_eq!(error["code"], "bad_value");
+    assert_eq!(
+        (&error["line"], &error["column"]),
+        (&line.into(), &1.into())
+    );
+    assert_eq!(error["file"], *file);
+}
+
+/// A misspelt name is refused with the names that there are; also from standard input.
+#[test]
+fn a_misspelt_name_is_refused_with_those_that_exist() {
+    let text = example().replace("hits = 5", "hit = 5");
+    let ran = umi_reads(text.as_bytes(), &["job", "check", "-"]).exits(2);
+    ran.says("standard input:").says("`hit`").says("`hits`");
+}
+
+/// A file that is not there is no refusal: status 1.
+#[test]
+fn a_missing_job_is_named() {
+    umi(&["job", "check", "/nowhere/job.toml"])
+        .exits(1)
+        .says("/nowhere/job.toml");
+}
+
+/// A new job is explicit about teaching and has nothing that is not guarded; it is never written
+/// over a file that there is. A job without `teach` says what that risks.
+#[test]
+fn a_new_job_is_explicit() {
+    let folder = Folder::new();
+    let file = &folder.path("plate.toml");
+    umi(&["job", "new", "-o", file]).exits(0);
+    let value = umi(&["job", "check", file, "--json"]).exits(0).json();
+    assert_eq!(value["job"]["teach"], "asked");
+    assert!(value["not_guarded"].is_null(), "{}", value["not_guarded"]);
+    umi(&["job", "new", "-o", file]).exits(1).says("plate.toml");
+    let text = umi(&["job", "new"]).exits(0).out;
+    assert_eq!(std::fs::read_to_string(file).unwrap(), text);
+
+    let old = umi(&[
+        "job",
+        "check",
+        &project("examples/three-spheres.toml"),
+        "--json",
+    ])
+    .exits(0)
+    .json();
+    assert_eq!(old["not_guarded"]["details"]["first_ok"], true, "{old}");
+    let said = umi(&["job", "check", &project("examples/three-spheres.toml")])
+        .exits(0)
+        .out;
+    assert!(
+        said.contains("not guarded: text of another clamping"),
+        "{said}"
+    );
+}
+
+/// GRBL has no word that raises an alarm, and no variable for a run: the job says both.
+#[test]
+fn a_control_without_an_alarm_is_said() {
+    let folder = Folder::new();
+    let example = std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap();
+    let has = |file: &str| {
+        let value = umi(&["job", "check", file, "--json"]).exits(0).json();
+        assert_eq!(
+            value["not_guarded"]["details"]["late_text"], true,
+            "{value}"
+        );
+        value["read_raises_alarm"].clone()
+    };
+    assert_eq!(has(&project("examples/three-spheres.toml")), true);
+    let dialect = example
+        .lines()
+        .find(|line| line.starts_with("dialect"))
+        .unwrap();
+    let text = example.replace(dialect, "dialect = \"grbl\"");
+    let grbl = folder.file("grbl.toml", text);
+    assert_eq!(has(&grbl), false);
+    let said = umi(&["job", "check", &grbl]).exits(0).out;
+    assert!(
+        said.contains("a READ without an OK verdict gets nothing"),
+        "{said}"
+    );
+    assert!(
+        said.contains("not guarded: text of another clamping"),
+        "{said}"
+    );
+}

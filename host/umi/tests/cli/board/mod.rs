@@ -1,0 +1,7 @@
+//! Commands that talk to a board, and the job that it is given.
+
+mod connected;
+mod job;
+mod line;
+mod teach;
+mod watch;

@@ -1,0 +1,7 @@
+//! What goes to a control, and the virtual one.
+
+mod correction;
+mod machine;
+mod nc;
+mod nc_refusals;
+mod program;

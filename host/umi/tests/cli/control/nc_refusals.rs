@@ -1,0 +1,256 @@
+//! `umi nc`: what a program's text alone shows to be wrong is refused by name, and each refusal
+//! names the option that allows it.
+
+use crate::rig::run::{Folder, project, umi};
+
+const QUARTER: &str =
+    r#"{"rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "translation_mm": [1, 0, 0]}"#;
+const LEAN: &str =
+    r#"{"rotation": [[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]], "translation_mm": [1, 2, 3]}"#;
+
+const CALLER: &str =
+    "%\nO7\nG21 G90 G54\nG0 X10. Y0. Z5.\nM98 P9010\nG90 G0 X20. Y0. Z5.\nM30\n%\n";
+const CALLED: &str = "%\nO9010\nG91 G1 X3. F100\nX-3.\nG90 M99\n%\n";
+
+/// Files of a test and how to rewrite one of them.
+struct Bench {
+    folder: Folder,
+    transform: String,
+    out: String,
+}
+
+impl Bench {
+    fn new(transform: &str) -> Self {
+        let folder = Folder::new();
+        Self {
+            transform: folder.file("t.json", transform),
+            out: folder.path("out.nc"),
+            folder,
+        }
+    }
+
+    /// Rewrites, with these options.
+    fn rewrite(&self, program: &str, more: &[&str]) -> crate::rig::run::Ran {
+        let args = ["nc", "rewrite", program, "-o", &self.out];
+        umi(&[&args[..], &["--transform", &self.transform], more].concat())
+    }
+
+    fn made(&self) -> String {
+        std::fs::read_to_string(&self.out).unwrap()
+    }
+}
+
+/// A program that is called and is not in the file: refused; allowed by its number; or brought,
+/// and then rewritten with its caller, which moves as both do.
+#[test]
+fn a_call_of_what_is_not_there() {
+    let bench = Bench::new(QUARTER);
+    let program = bench.folder.file("p.nc", CALLER);
+    bench
+        .rewrite(&program, &[])
+        .exits(2)
+        .says("p.nc, line 5, column 1: calls O9010, which is not in the file")
+        .says("--allow-call P9010");
+    let checked = umi(&["nc", "check", &program]).exits(2);
+    assert!(checked.out.contains("calls O9010"), "{}", checked.out);
+    bench.rewrite(&program, &["--allow-call", "P9010"]).exits(0);
+    assert!(bench.made().contains("M98 P9010\n"), "{}", bench.made());
+
+    let called = bench.folder.file("o9010.nc", CALLED);
+    bench
+        .rewrite(&program, &["--load", &called, "--force"])
+        .exits(0);
+    let made = bench.made();
+    assert!(
+        made.ends_with("M30\nO9010\nG91 G1 X0. Y3. F100\nX0. Y-3.\nG90 M99\n%\n"),
+        "{made}"
+    );
+    // A control would take either of two programs of a number.
+    for twice in [&called, &program] {
+        bench
+            .rewrite(&program, &["--load", &called, "--load", twice, "--force"])
+            .exits(1)
+            .says("comes twice, in ");
+    }
+    let diff = ["nc", "diff", &program, &bench.out, "--load", &called];
+    let diff = [&diff[..], &["--transform", &bench.transform, "--json"]].concat();
+    let same = umi(&diff).exits(0).json();
+    assert_eq!(same["complete"], true);
+    assert_eq!(same["moves_a"], 4);
+
+    // A line of the loaded file is told with its file.
+    let bad = bench.folder.file("bad.nc", CALLED.replace("X-3.", "X#101"));
+    bench
+        .rewrite(&program, &["--load", &bad, "--force"])
+        .exits(2)
+        .says("bad.nc, line 4, column 1: X has a value that only the control knows");
+    let unnamed = bench.folder.file("unnamed.nc", "G91 G1 X3. F100\nM99\n");
+    bench
+        .rewrite(&program, &["--load", &unnamed, "--force"])
+        .exits(1)
+        .says("no O number");
+    // A correction in the control and in the path: its G68 is told.
+    let correction = "%\nO9010\nG10 L2 P2 X1. Y0. Z0.\nG55\nG68 X0. Y0. R5.\nM99\n%\n";
+    let correction = bench.folder.file("correction.nc", correction);
+    bench
+        .rewrite(&program, &["--load", &correction, "--force"])
+        .exits(2)
+        .says("correction.nc, line 5, column 1: G68 changes the coordinates");
+}
+
+/// A rewritten program is moved once more on demand only.
+#[test]
+fn a_second_rewriting() {
+    let bench = Bench::new(QUARTER);
+    let program = bench.folder.file("p.nc", "G21 G90\nG0 X10. Y0. Z5.\nM30\n");
+    bench.rewrite(&program, &[]).exits(0);
+    let once = bench.folder.file("once.nc", bench.made());
+    bench
+        .rewrite(&once, &["--force"])
+        .exits(2)
+        .says("rewritten before")
+        .says("--again");
+    bench.rewrite(&once, &["--force", "--again"]).exits(0);
+    assert!(
+        bench.made().contains("G0 X-9. Y1. Z5.\n"),
+        "{}",
+        bench.made()
+    );
+}
+
+/// Words that controls understand differently: somebody says whose program it is.
+#[test]
+fn whose_program_it_is() {
+    let bench = Bench::new(LEAN);
+    let turns = "G21 G90 G0 X10. Y0. Z0.\nG3 X10. Y0. I-10. J0. P2 F9\nM2\n";
+    let turns = bench.folder.file("turns.ngc", turns);
+    let below = "G21 G90 G0 X0. Y0. Z1.\nG98 G81 X9. Y0. Z-5. R2. F9\nG80\nM2\n";
+    let below = bench.folder.file("below.ngc", below);
+    for (program, says, options) in [
+        (&turns, "P on an arc counts turns", &["linuxcnc"][..]),
+        (&below, "begins below its R", &["fanuc", "linuxcnc"]),
+    ] {
+        bench
+            .rewrite(program, &["--force"])
+            .exits(2)
+            .says(says)
+            .says("--dialect");
+        for dialect in options {
+            bench
+                .rewrite(program, &["--force", "--dialect", dialect])
+                .exits(0);
+        }
+    }
+    bench
+        .rewrite(&turns, &["--force", "--dialect", "fanuc"])
+        .exits(2);
+    let word = "G21 G90 G0 X10. Y0. Z0.\nG3 X10. Y0. I-10. J0. Q2 F9\nM2\n";
+    let word = bench.folder.file("word.ngc", word);
+    bench
+        .rewrite(&word, &["--force", "--dialect", "linuxcnc"])
+        .exits(2)
+        .says("Q has no meaning here");
+}
+
+/// Modes that a program takes for granted are stated; what contradicts itself is none.
+#[test]
+fn modes_are_stated() {
+    let bench = Bench::new(QUARTER);
+    let program = bench
+        .folder
+        .file("p.nc", "G0 X10. Y0. Z5.\nG2 X12. Y0. I1. J0. F9\nM2\n");
+    bench
+        .rewrite(&program, &[])
+        .exits(2)
+        .says("neither G90 nor G91 is in force")
+        .says("--start G90");
+    bench
+        .rewrite(&program, &["--start", "G90,G17,G21"])
+        .exits(0);
+    assert!(
+        bench.made().contains("G2 X1. Y12. I0. J1. F9\n"),
+        "{}",
+        bench.made()
+    );
+    for bad in ["G90,G91", "M3", "G4", "90"] {
+        bench
+            .rewrite(&program, &["--force", "--start", bad])
+            .exits(1)
+            .says("is no mode to begin with");
+    }
+}
+
+/// A verdict moves the same, whether a journal brings it, what a replay printed, or the board.
+#[test]
+fn a_verdict_means_one_thing() {
+    use umi_core::brain::{Brain, Output};
+    use umi_core::units::Micros;
+    use umi_protocol::message::Record;
+
+    let bench = Bench::new(QUARTER);
+    let (session, job) = (
+        project("tests/reference/sessions/session_a.txt"),
+        project("examples/three-spheres.toml"),
+    );
+    let printed = umi(&["replay", &session, "--job", &job, "--json"]).out;
+    let printed = bench.folder.file("v.jsonl", printed);
+    let job: umi_protocol::job::Job =
+        toml::from_str(&std::fs::read_to_string(job).unwrap()).unwrap();
+    let mut board = crate::rig::board::Board::new(0);
+    board.push(&Record::JobSet(job.clone()));
+    board.job = Some(job.clone());
+    let mut brain = Brain::new(job).unwrap();
+    brain.bytes(
+        Micros(1),
+        &std::fs::read(session).unwrap(),
+        &mut |output: Output<'_>| {
+            if let Output::Verdict(verdict) = output {
+                board.verdict = Some(verdict.clone());
+            }
+        },
+    );
+    brain.input_ended(Micros(2), &mut |output: Output<'_>| {
+        if let Output::Verdict(verdict) = output {
+            board.verdict = Some(verdict.clone());
+        }
+    });
+    board.push(&Record::Verdict(board.verdict.clone().unwrap()));
+    let port = board.serve();
+    let journal = bench.folder.path("j.umij");
+    umi(&["log", "--port", &port, "-o", &journal]).exits(0);
+
+    let program = bench.folder.file("p.nc", "G21 G90\nG0 X10. Y0. Z5.\nM30\n");
+    let moved = |verdict: &[&str]| {
+        let args = ["nc", "rewrite", &program, "-o", "-", "--verdict"];
+        let made = umi(&[&args[..], verdict].concat()).exits(0).out;
+        assert!(made.contains("(VERDICT OK - "), "{made}");
+        let kept: Vec<&str> = made
+            .lines()
+            .filter(|line| !line.starts_with("(VERDICT"))
+            .collect();
+        kept.join("\n")
+    };
+    let by_board = moved(&["board", "--port", &port]);
+    assert_eq!(moved(&[&printed]), by_board);
+    assert_eq!(moved(&[&journal]), by_board);
+    assert_eq!(moved(&[&journal, "--plate", "4"]), by_board);
+    // And so does the correction program.
+    for verdict in [&["board", "--port", &port][..], &[&journal]] {
+        let args = [&["correction", "--verdict"], verdict].concat();
+        let made = umi(&args).exits(0).out;
+        assert!(made.contains("G68"), "{made}");
+    }
+    umi(&[
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        "-",
+        "--verdict",
+        &journal,
+        "--plate",
+        "99",
+    ])
+    .exits(1)
+    .says("no such verdict");
+}

@@ -1,0 +1,4 @@
+//! What a board has kept: events, journal, proof.
+
+mod events;
+mod trust;

@@ -1,0 +1,201 @@
+//! `umi scan filter`, `crop`, `sample` and `convert`: what stays, what goes and why, and what is refused.
+
+use std::fmt::Write as _;
+
+use serde_json::{Value, json};
+
+use crate::rig::run::{Folder, umi};
+
+/// Two profiles of a plane, a spike among them, and a point that is none.
+fn cloud(folder: &Folder) -> String {
+    let mut text = String::from("profile,index,x_mm,y_mm,z_mm,intensity\n");
+    for profile in 0..2 {
+        for index in 0..10 {
+            let z = if (profile, index) == (1, 4) {
+                7.5
+            } else {
+                0.25
+            };
+            writeln!(
+                text,
+                "{profile},{index},{index}.5,{profile},{z},{}",
+                10 * index
+            )
+            .unwrap();
+        }
+    }
+    text += "2,0,nan,0,0,5\n";
+    folder.file("cloud.csv", &text)
+}
+
+fn done(args: &[&str]) -> Value {
+    let args: Vec<&str> = [&["scan"][..], args, &["--json"]].concat();
+    umi(&args).exits(0).json()
+}
+
+#[test]
+fn every_point_is_kept_or_counted() {
+    let folder = Folder::new();
+    let cloud = cloud(&folder);
+    let (out, gone) = (folder.path("out.csv"), folder.path("gone.csv"));
+    let found = done(&[
+        "filter",
+        &cloud,
+        "--spike",
+        "3",
+        "--intensity",
+        "0,80",
+        "--dropped",
+        &gone,
+        "-o",
+        &out,
+    ]);
+    assert_eq!(
+        found,
+        json!({"kind": "filter", "points": 21, "kept": 17, "not_finite": 1,
+            "dropped": [{"reason": "bright", "points": 2}, {"reason": "spike", "points": 1}]})
+    );
+    let text = std::fs::read_to_string(&out).unwrap();
+    assert_eq!(text.lines().count(), 18);
+    assert!(text.starts_with("profile,index,x_mm,y_mm,z_mm,intensity\n0,0,0.5,0,0.25,0\n"));
+    let text = std::fs::read_to_string(&gone).unwrap();
+    assert!(text.contains("\n1,4,4.5,1,7.5\n"), "{text}");
+    assert_eq!(text.lines().count(), 4);
+
+    let out = folder.path("crop.ply");
+    let found = done(&[
+        "crop",
+        &cloud,
+        "--box",
+        "9,1,9,2,-1,-9",
+        "--profiles",
+        "1-1",
+        "-o",
+        &out,
+    ]);
+    assert_eq!(found["kept"], 7);
+    assert_eq!(
+        found["dropped"],
+        json!([{"reason": "outside_box", "points": 6}, {"reason": "other_profile", "points": 7}])
+    );
+
+    let out = folder.path("sample.csv");
+    let found = done(&["sample", &cloud, "--voxel", "5", "-o", &out]);
+    assert_eq!(
+        (&found["kept"], &found["dropped"][0]["reason"]),
+        (&json!(3), &json!("merged"))
+    );
+    let found = done(&[
+        "sample",
+        &cloud,
+        "--every",
+        "4",
+        "-o",
+        &folder.path("every.pcd"),
+    ]);
+    assert_eq!(found["kept"], 5);
+}
+
+#[test]
+fn a_cloud_goes_into_every_format_and_stays_the_same() {
+    let folder = Folder::new();
+    let cloud = cloud(&folder);
+    for extension in ["ply", "pcd", "las", "laz", "e57", "parquet", "csv"] {
+        let out = folder.path(&format!("out.{extension}"));
+        let found = done(&["convert", &cloud, "-o", &out, "--double"]);
+        assert_eq!(
+            (&found["kept"], &found["not_finite"]),
+            (&json!(20), &json!(1)),
+            "{extension}"
+        );
+        assert!(std::fs::metadata(&out).unwrap().len() > 200);
+    }
+    let back = folder.path("back.csv");
+    done(&["convert", &folder.path("out.ply"), "-o", &back]);
+    assert_eq!(
+        std::fs::read_to_string(&back).unwrap(),
+        std::fs::read_to_string(folder.path("out.csv")).unwrap()
+    );
+    // What is there stays there without --force; what is read is never written.
+    let args = ["scan", "convert", &cloud, "-o", &back];
+    assert_eq!(
+        umi(&[&args[..], &["--json"]].concat()).exits(1).json()["error"]["code"],
+        "file"
+    );
+    umi(&[&args[..], &["--force"]].concat()).exits(0);
+    umi(&["scan", "convert", &cloud, "-o", &cloud, "--force"]).exits(1);
+}
+
+#[test]
+fn what_cannot_be_done_is_named_and_writes_nothing() {
+    let folder = Folder::new();
+    let cloud = cloud(&folder);
+    let bare = folder.file("bare.csv", "x,y,z\n1,2,3\n");
+    let cut = folder.file(
+        "cut.ply",
+        "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
+    );
+    let out = folder.path("out.ply");
+    for (args, status, code) in [
+        (&["filter", &cloud][..], 2, "no_filter"),
+        (&["filter", &bare, "--spike", "1"], 2, "no_profiles"),
+        (&["filter", &bare, "--intensity", "0,1"], 2, "no_intensity"),
+        (
+            &["filter", &cloud, "--statistical", "50,3"],
+            2,
+            "too_few_points",
+        ),
+        (&["crop", &cloud], 2, "no_region"),
+        (&["crop", &bare, "--profiles", "0-1"], 2, "no_profiles"),
+        (&["convert", &cut], 1, "bad_file"),
+        (
+            &["sample", &folder.path("none.csv"), "--every", "2"],
+            1,
+            "file",
+        ),
+    ] {
+        let args: Vec<&str> = [&["scan"][..], args, &["-o", &out, "--json"]].concat();
+        assert_eq!(
+            umi(&args).exits(status).json()["error"]["code"],
+            code,
+            "{args:?}"
+        );
+        assert!(!std::path::Path::new(&out).exists());
+    }
+    let odd = folder.path("out.xyz");
+    let args = ["scan", "convert", &cloud, "-o", &odd, "--json"];
+    assert_eq!(umi(&args).exits(1).json()["error"]["code"], "format");
+    for args in [
+        ["sample", &cloud, "--every", "0"],
+        ["sample", &cloud, "--voxel", "-1"],
+        ["crop", &cloud, "--ball", "0,0,0,-2"],
+        ["crop", &cloud, "--side", "0,0,0,0,0,0"],
+        ["filter", &cloud, "--isolated", "1,0.5"],
+    ] {
+        umi(&[&["scan"][..], &args[..], &["-o", &out]].concat()).exits(1);
+    }
+}
+
+#[test]
+fn a_preset_of_a_machine_is_one_and_is_shown() {
+    let folder = Folder::new();
+    let path = folder.path("machine.toml");
+    for (preset, joints) in [
+        ("mill", 3),
+        ("c800u", 5),
+        ("fork-head", 5),
+        ("bridge-cmm", 5),
+    ] {
+        umi(&["scan", "machine", "new", preset, "-o", &path, "--force"]).exits(0);
+        let found = done(&["machine", "check", &path]);
+        assert_eq!(found["joints"].as_array().unwrap().len(), joints);
+        assert_eq!(found["warnings"].as_array().unwrap().len(), 1);
+        let shown = umi(&["scan", "machine", "check", &path]).exits(0).out;
+        assert!(shown.starts_with("base\n├─ X"), "{shown}");
+    }
+    umi(&["scan", "machine", "new", "mill", "-o", &path]).exits(1);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let wrong = folder.file("wrong.toml", text.replace("\"Z\", \"B\"", "\"Q\", \"B\""));
+    let args = ["scan", "machine", "check", &wrong, "--json"];
+    assert_eq!(umi(&args).exits(2).json()["error"]["code"], "machine");
+}

@@ -1,0 +1,260 @@
+//! `umi scan localise` against the reference cases, and what it says of files that are wrong.
+
+use serde_json::Value;
+
+use crate::rig::run::{Folder, Ran, command, project};
+
+/// Runs a command in the folder of the cases, with `--json`.
+fn run(args: &[&str]) -> Ran {
+    let args: Vec<&str> = args.iter().copied().chain(["--json"]).collect();
+    let output = command(&args)
+        .current_dir(project("tests/reference/scan/localise"))
+        .output()
+        .unwrap();
+    Ran {
+        status: output.status.code().unwrap(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+fn case(id: &str) -> Value {
+    let path = project(&format!("tests/reference/scan/localise/{id}.json"));
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn three(value: &Value) -> [f64; 3] {
+    std::array::from_fn(|i| value[i].as_f64().unwrap())
+}
+
+/// Where a pose puts a point.
+fn image(pose: &Value, p: &Value) -> [f64; 3] {
+    let (t, p) = (three(&pose["translation_mm"]), three(p));
+    std::array::from_fn(|i| {
+        let row = three(&pose["rotation"][i]);
+        row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + t[i]
+    })
+}
+
+/// The command's answer to a case, judged by its pose.
+fn answered(id: &str) -> (Value, Value) {
+    let case = case(id);
+    let args: Vec<&str> = case["args"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|arg| arg.as_str().unwrap())
+        .collect();
+    let got = run(&args).exits(0).json();
+    assert_eq!(got["verdict"], "OK", "{id}");
+    let tolerance = case["tol_mm"].as_f64().unwrap();
+    for p in case["probes"].as_array().unwrap() {
+        let (a, b) = (image(&got, p), image(&case["pose"], p));
+        let off = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(
+            off <= tolerance,
+            "{id}: {off:e} mm off, {tolerance:e} allowed"
+        );
+    }
+    (case, got)
+}
+
+#[test]
+fn a_stated_problem_is_answered_with_its_optimum() {
+    for id in ["optimum_balls", "optimum_bracket"] {
+        let (case, got) = answered(id);
+        let off = got["rms_mm"].as_f64().unwrap() - case["rms_mm"].as_f64().unwrap();
+        assert!(
+            off.abs() <= case["tol_rms_mm"].as_f64().unwrap(),
+            "{id}: {off:e}"
+        );
+        assert_eq!(got["n_used"], got["n"], "{id}");
+    }
+}
+
+/// Two corners, an inner one among them of which the scanner does not see one side.
+#[test]
+fn a_corner_of_which_one_side_is_hidden_is_found() {
+    let (_, got) = answered("fiducials_corners");
+    for fiducial in got["fiducials"].as_array().unwrap() {
+        assert_eq!(fiducial["found"], true, "{fiducial}");
+    }
+}
+
+/// The part had been turned by a right angle about the machine's X between the two scans: both say where it is.
+#[test]
+fn scans_of_a_part_that_was_turned_are_carried_back() {
+    let folder = Folder::new();
+    let here = project("tests/reference/scan/localise");
+    let list = folder.file(
+        "scans.toml",
+        format!(
+            "[[scan]]\nfile = \"{here}/optimum_balls.ply\"\n\
+             [[scan]]\nfile = \"{here}/optimum_balls.ply\"\ncarried = true\n\
+             moved = {{ rotation = [[1,0,0],[0,0,-1],[0,1,0]], translation_mm = [0,0,5] }}\n"
+        ),
+    );
+    let page = folder.path("page.html");
+    let args = [
+        "scan",
+        "localise",
+        "--scans",
+        &list,
+        "--fiducials",
+        "optimum_balls.toml",
+        "--seed",
+        "3",
+        "--report",
+        &page,
+    ];
+    let got = run(&args).exits(0).json();
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.contains("S3") && page.contains("<circle"), "{page}");
+    let scans = got["scans"].as_array().unwrap();
+    let case = case("optimum_balls");
+    for p in case["probes"].as_array().unwrap() {
+        let first = image(&scans[0], p);
+        let second = image(&scans[1], p);
+        let carried = [first[0], -first[2], first[1] + 5.0];
+        for i in 0..3 {
+            assert!(
+                (second[i] - carried[i]).abs() < 1e-6,
+                "{second:?} {carried:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_file_of_fiducials_that_is_wrong_is_told_so() {
+    let folder = Folder::new();
+    for (text, word) in [
+        ("", "fiducial"),
+        (
+            "[[fiducial]]\nname = \"A\"\nposition_mm = [0,0,0]\n",
+            "shape",
+        ),
+        (
+            "[[fiducial]]\nname = \"A\"\nposition_mm = [0,0,0]\nshape = { sphere = { radius_mm = -1 } }\n",
+            "positive",
+        ),
+        (
+            "[[fiducial]]\nname = \"A\"\nposition_mm = [0,0,0]\nshape = { sphere = { radius_mm = 5 } }\n\
+             rotation = [[1,0,0],[0,1,0],[0,0,-1]]\n",
+            "mirror",
+        ),
+        (
+            "[[fiducial]]\nname = \"A\"\nposition_mm = [0,0,0]\nshape = { sphere = { radius_mm = 5 } }\n\
+             [[fiducial]]\nname = \"A\"\nposition_mm = [9,0,0]\nshape = { sphere = { radius_mm = 5 } }\n",
+            "two of this name",
+        ),
+    ] {
+        let file = folder.file("fiducials.toml", text);
+        let error = &run(&[
+            "scan",
+            "localise",
+            "optimum_balls.ply",
+            "--fiducials",
+            &file,
+        ])
+        .exits(1)
+        .json()["error"];
+        assert_eq!(error["code"], "bad_file", "{error}");
+        assert!(error["message"].as_str().unwrap().contains(word), "{error}");
+    }
+    let neither = run(&["scan", "localise", "optimum_balls.ply"]);
+    assert_eq!(neither.status, 1);
+}
+
+/// Three balls on a table: what the scanner of a scene sees, and where they say that it stands.
+const SCENE: &str = "
+[scanner]
+position_mm = [60.0, -250.0, 380.0]
+look_at_mm = [70.0, 60.0, 30.0]
+field_deg = [34.0, 30.0]
+distance_mm = 460.0
+spacing_mm = 1.2
+noise_mm = 0.02
+drop_out = 0.02
+grazing_deg = 75.0
+baseline_mm = 100.0
+[[body]]
+name = \"TABLE\"
+shape = \"half_space\"
+[[body]]
+name = \"B1\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [0.0, 0.0, 50.0]
+[[body]]
+name = \"B2\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [150.0, 20.0, 35.0]
+[[body]]
+name = \"B3\"
+shape = { sphere = { radius_mm = 12.7 } }
+position_mm = [40.0, 130.0, 60.0]
+[[body]]
+name = \"POST\"
+shape = { cone = { half_angle_deg = 20.0, height_mm = 40.0 } }
+position_mm = [90.0, 70.0, 40.0]
+";
+
+#[test]
+fn what_a_scanner_of_a_scene_sees_is_placed_where_it_stands() {
+    let folder = Folder::new();
+    let cell = folder.file("cell.toml", SCENE);
+    let balls: String = [
+        ("B1", "0, 0, 50"),
+        ("B2", "150, 20, 35"),
+        ("B3", "40, 130, 60"),
+    ]
+    .iter()
+    .map(|(name, at)| {
+        format!(
+            "[[fiducial]]\nname = \"{name}\"\nposition_mm = [{at}]\n\
+             shape = {{ sphere = {{ radius_mm = 12.7 }} }}\n"
+        )
+    })
+    .collect();
+    let balls = folder.file("balls.toml", balls);
+    let [cloud, again, pose] = ["scan.ply", "again.ply", "truth.json"].map(|f| folder.path(f));
+    let simulate = |out: &str, more: &[&str]| {
+        let args = ["scan", "simulate", &cell, "-o", out];
+        run(&[&args[..], more].concat()).exits(0).json()
+    };
+    let truth = simulate(&cloud, &["--pose", &pose, "--threads", "1"]);
+    assert!(truth["points"].as_u64().unwrap() > 20_000, "{truth}");
+    assert!(truth["shadowed"].as_u64().unwrap() > 100, "{truth}");
+    simulate(&again, &["--threads", "3"]);
+    assert_eq!(
+        std::fs::read(&cloud).unwrap(),
+        std::fs::read(&again).unwrap()
+    );
+    let got = run(&["scan", "localise", &cloud, "--fiducials", &balls])
+        .exits(0)
+        .json();
+    let written: Value = serde_json::from_slice(&std::fs::read(&pose).unwrap()).unwrap();
+    for p in ["[0, 0, 450]", "[80, 80, 400]", "[-80, 60, 500]"] {
+        let p: Value = serde_json::from_str(p).unwrap();
+        let (a, b) = (image(&got, &p), image(&written, &p));
+        let off = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.03, "{off}");
+    }
+    // What it cannot be asked.
+    let none = folder.path("none.ply");
+    let refused = |scene: &str, code: &str| {
+        let scene = folder.file("other.toml", scene);
+        let got = run(&["scan", "simulate", &scene, "-o", &none])
+            .exits(2)
+            .json();
+        assert_eq!(got["error"]["code"], code);
+        assert!(!std::path::Path::new(&none).exists());
+    };
+    refused("", "no_scanner");
+    let up = SCENE.replace("[70.0, 60.0, 30.0]", "[60.0, -250.0, 900.0]");
+    refused(&up, "nothing_seen");
+    refused(
+        &SCENE.replace("spacing_mm = 1.2", "spacing_mm = 0"),
+        "scene",
+    );
+}

@@ -1,0 +1,9 @@
+//! `umi scan`.
+
+mod clouds;
+mod demo;
+mod digitize;
+mod localise;
+mod point_sensor;
+mod profiles;
+mod record;

@@ -1,0 +1,178 @@
+//! A point sensor through the tool: every reference case, and its points.
+
+use serde_json::Value;
+
+use crate::rig::run::{Folder, project, umi};
+
+fn reference(name: &str) -> String {
+    project(&format!("tests/reference/point/{name}"))
+}
+
+fn read(name: &str) -> Value {
+    let path = reference(name);
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
+    serde_json::from_str(&text).unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        number => vec![number.as_f64().unwrap()],
+    }
+}
+
+fn close(id: &str, got: &Value, wanted: &Value, tol: f64) {
+    let (got, wanted) = (numbers(got), numbers(wanted));
+    assert_eq!(got.len(), wanted.len(), "{id}");
+    for (got, wanted) in got.iter().zip(wanted) {
+        assert!((got - wanted).abs() <= tol, "{id}: {got} {wanted}");
+    }
+}
+
+#[test]
+fn reference_cases_hold() {
+    let index = read("index.json");
+    for id in index["cases"].as_array().unwrap() {
+        let id = id.as_str().unwrap();
+        let case = read(&format!("{id}.json"));
+        let readings = reference(case["readings_csv"].as_str().unwrap());
+        let spheres = reference(case["spheres"].as_str().unwrap());
+        let mut args = vec![
+            "scan",
+            "calibrate",
+            "point",
+            &readings,
+            "--spheres",
+            &spheres,
+        ];
+        for free in case["free"].as_array().unwrap() {
+            args.extend(["--free", free.as_str().unwrap()]);
+        }
+        args.push("--json");
+        if case["expect"] == "error" {
+            let said = umi(&args).exits(2).json();
+            let names = case["error_any_of"].as_array().unwrap();
+            assert!(names.contains(&said["error"]["code"]), "{id} {said}");
+            continue;
+        }
+        let said = umi(&args).exits(0).json();
+        let (result, tol) = (&case["result"], &case["tol"]);
+        for (ours, theirs) in [
+            ("offset_mm", "offset"),
+            ("direction", "direction"),
+            ("residuals_mm", "residuals"),
+            ("rms_mm", "rms"),
+        ] {
+            close(
+                id,
+                &said[ours],
+                &result[theirs],
+                tol[theirs].as_f64().unwrap(),
+            );
+        }
+        assert_eq!(said["kind"], "point_sensor");
+        assert_eq!(said["used"], result["used"]);
+        assert_eq!(said["dof"], result["dof"]);
+        assert_eq!(
+            said["sigma_mm"].is_null(),
+            result["sigma"].is_null(),
+            "{id}"
+        );
+        assert_eq!(
+            said["covariance"].is_null(),
+            result["sigma"].is_null(),
+            "{id}"
+        );
+    }
+}
+
+#[test]
+fn a_calibration_makes_points() {
+    let folder = Folder::new();
+    let readings = reference("rings_13_exact.csv");
+    let spheres = reference("rings_13_exact.spheres.toml");
+    let calibrate = [
+        "scan",
+        "calibrate",
+        "point",
+        &readings,
+        "--spheres",
+        &spheres,
+    ];
+    let said = umi(&[&calibrate[..], &["--json"]].concat()).exits(0);
+    let sensor = folder.file("sensor.json", said.out.as_bytes());
+    let cloud = folder.path("cloud.csv");
+    let points = [
+        "scan",
+        "points",
+        &readings,
+        "--calibration",
+        &sensor,
+        "-o",
+        &cloud,
+    ];
+    let said = umi(&[&points[..], &["--json"]].concat()).exits(0).json();
+    assert_eq!(said["points"], 13);
+    let text = std::fs::read_to_string(&cloud).unwrap();
+    assert_eq!(text.lines().next(), Some("x_mm,y_mm,z_mm"));
+    assert_eq!(text.lines().count(), 14);
+    // In words, too.
+    assert!(
+        umi(&calibrate)
+            .exits(0)
+            .out
+            .contains("13 of 13 readings used")
+    );
+    umi(&[
+        "scan",
+        "points",
+        &readings,
+        "--calibration",
+        &spheres,
+        "--force",
+        "-o",
+        &cloud,
+    ])
+    .exits(2)
+    .says("no JSON");
+    umi(&[
+        "scan",
+        "points",
+        "nothing.csv",
+        "--calibration",
+        &sensor,
+        "-o",
+        &cloud,
+    ])
+    .exits(1);
+}
+
+#[test]
+fn a_plan_is_written_with_what_to_expect() {
+    let folder = Folder::new();
+    let program = folder.path("plan.nc");
+    let args = [
+        "scan",
+        "calibrate",
+        "plan",
+        "--point-sensor",
+        "--ball",
+        "200,-100,-600",
+        "--radius-mm",
+        "10",
+        "--offset",
+        "3,-54,-138",
+        "--safe-z",
+        "-300",
+        "-o",
+        &program,
+        "--json",
+    ];
+    let said = umi(&args).exits(0).json();
+    assert_eq!(said["places"].as_array().unwrap().len(), 25);
+    assert!(
+        std::fs::read_to_string(&program)
+            .unwrap()
+            .contains("G53 G0")
+    );
+}

@@ -1,0 +1,477 @@
+//! `umi scan` against the reference cases, whose answers were computed with 40 digits, and
+//! against input that must be refused.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::rig::run::{Folder, Ran, command, project, umi};
+
+/// The folder of the cases.
+fn cases() -> PathBuf {
+    PathBuf::from(project("tests/reference/scan"))
+}
+
+fn read(name: &str) -> Value {
+    let text = std::fs::read_to_string(cases().join(name)).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+/// Runs a command in the folder of the cases, with `--json`.
+fn run(args: &[String]) -> Ran {
+    let args: Vec<&str> = args.iter().map(String::as_str).chain(["--json"]).collect();
+    let output = command(&args).current_dir(cases()).output().unwrap();
+    Ran {
+        status: output.status.code().unwrap(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// All numbers of a value, in order.
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(all) => all.iter().flat_map(numbers).collect(),
+        Value::Number(number) => vec![number.as_f64().unwrap()],
+        other => panic!("no number: {other}"),
+    }
+}
+
+/// The largest difference between two values of the same shape.
+fn apart(a: &Value, b: &Value) -> f64 {
+    let (a, b) = (numbers(a), numbers(b));
+    assert_eq!(a.len(), b.len());
+    a.iter()
+        .zip(&b)
+        .fold(0.0, |most, (a, b)| most.max((a - b).abs()))
+}
+
+#[track_caller]
+fn close(id: &str, name: &str, got: &Value, expected: &Value, tolerance: f64) {
+    let apart = apart(got, expected);
+    assert!(
+        apart <= tolerance,
+        "{id}: {name} is {apart:e} off, {tolerance:e} allowed"
+    );
+}
+
+/// Relative to the largest number of the expected.
+#[track_caller]
+fn close_rel(id: &str, name: &str, got: &Value, expected: &Value, tolerance: f64) {
+    let largest = numbers(expected)
+        .iter()
+        .fold(0.0_f64, |m, v| m.max(v.abs()));
+    close(id, name, got, expected, tolerance * largest);
+}
+
+/// The numbers of a CSV file below its first line.
+fn csv(path: &std::path::Path) -> Value {
+    let text = std::fs::read_to_string(path).unwrap();
+    let cells = text.lines().skip(1).flat_map(|line| line.split(','));
+    cells
+        .map(|cell| Value::from(cell.parse::<f64>().unwrap()))
+        .collect()
+}
+
+fn check(id: &str, kind: &str, case: &Value, got: &Value, out: &str) {
+    let (answer, tol) = (&case["answer"], &case["tol"]);
+    let tolerance = |name: &str| tol[name].as_f64().unwrap();
+    let same = |names: &[&str]| {
+        for name in names {
+            if !answer[*name].is_null() {
+                assert_eq!(got[*name], answer[*name], "{id}: {name}");
+            }
+        }
+    };
+    match kind {
+        "pose" => {
+            let (all, expected) = (&got["poses"], &answer["poses"]);
+            assert_eq!(
+                all.as_array().unwrap().len(),
+                expected.as_array().unwrap().len()
+            );
+            for (got, expected) in all
+                .as_array()
+                .unwrap()
+                .iter()
+                .zip(expected.as_array().unwrap())
+            {
+                for name in ["rotation", "translation_mm"] {
+                    close(id, name, &got[name], &expected[name], tolerance(name));
+                }
+            }
+        }
+        "pair" | "merge" => {
+            same(&[
+                "unpaired_profiles",
+                "duplicates",
+                "unpaired_triggers",
+                "lost_frames",
+                "missed_latches",
+                "profiles",
+                "paired",
+                "points",
+                "invalid",
+            ]);
+            if answer["pairs"].is_array() {
+                let pair = |p: &Value| {
+                    Value::from(vec![
+                        p["profile"].clone(),
+                        p["frame"].clone(),
+                        p["number"].clone(),
+                    ])
+                };
+                let pairs: Value = got["pairs"].as_array().unwrap().iter().map(pair).collect();
+                assert_eq!(pairs, answer["pairs"], "{id}: pairs");
+                let drift = &got["clock"]["drift_ppm"];
+                close(
+                    id,
+                    "drift",
+                    drift,
+                    &answer["drift_ppm"],
+                    tolerance("drift_ppm"),
+                );
+            }
+            if let Some(points) = answer["points_csv"].as_str() {
+                let mm = tolerance("point_mm");
+                for end in ["min", "max"] {
+                    close(
+                        id,
+                        end,
+                        &got["bounds_mm"][end],
+                        &answer["bounds_mm"][end],
+                        mm,
+                    );
+                }
+                let written = csv(&PathBuf::from(format!("{out}.csv")));
+                close(id, "points", &written, &csv(&cases().join(points)), mm);
+            }
+        }
+        "calibrate" => {
+            same(&["n", "dof"]);
+            for name in ["rotation", "translation_mm"] {
+                close(id, name, &got[name], &answer[name], tolerance(name));
+            }
+            let unit = "covariance_unit";
+            close_rel(
+                id,
+                unit,
+                &got[unit],
+                &answer[unit],
+                tolerance("covariance_rel"),
+            );
+            if !answer["sigma_mm"].is_null() {
+                let sigma = "sigma_mm";
+                close_rel(
+                    id,
+                    sigma,
+                    &got[sigma],
+                    &answer[sigma],
+                    tolerance("sigma_rel"),
+                );
+                let all = "covariance";
+                close_rel(
+                    id,
+                    all,
+                    &got[all],
+                    &answer[all],
+                    tolerance("covariance_rel"),
+                );
+            }
+        }
+        "axis" => {
+            same(&["n", "dof"]);
+            for name in ["direction", "point_mm"] {
+                close(id, name, &got[name], &answer[name], tolerance(name));
+            }
+            for name in ["cov_direction_unit", "cov_point_unit"] {
+                close_rel(
+                    id,
+                    name,
+                    &got[name],
+                    &answer[name],
+                    tolerance("covariance_rel"),
+                );
+            }
+            let sigma = "sigma_mm";
+            close_rel(
+                id,
+                sigma,
+                &got[sigma],
+                &answer[sigma],
+                tolerance("sigma_rel"),
+            );
+        }
+        "compare" => {
+            for (name, expected) in answer.as_object().unwrap() {
+                close(id, name, &got[name], expected, tolerance("mm"));
+            }
+        }
+        other => panic!("{id}: {other} is no kind"),
+    }
+}
+
+#[test]
+fn every_reference_case_is_answered_or_refused_as_it_must_be() {
+    let folder = Folder::new();
+    let index = read("index.json");
+    let index = index.as_array().unwrap();
+    assert!(index.len() >= 15);
+    for entry in index {
+        let id = entry["id"].as_str().unwrap();
+        let case = read(&format!("{id}.json"));
+        let out = folder.path(id);
+        let args = case["command"].as_array().unwrap().iter();
+        let args: Vec<String> = args
+            .map(|arg| arg.as_str().unwrap().replace("{out}", &out))
+            .collect();
+        let ran = run(&args);
+        if case["expect"] == "refused" {
+            let error = &ran.exits(2).json()["error"];
+            assert!(
+                case["error_any_of"]
+                    .as_array()
+                    .unwrap()
+                    .contains(&error["code"]),
+                "{id}: {error}"
+            );
+            if !case["free"].is_null() {
+                assert_eq!(error["free"], case["free"], "{id}");
+            }
+            continue;
+        }
+        let got = ran.exits(0).json();
+        check(id, entry["kind"].as_str().unwrap(), &case, &got, &out);
+    }
+}
+
+/// A scan that is refused leaves no file, and the one that was there stays as it was.
+#[test]
+fn a_refused_merge_writes_nothing() {
+    let folder = Folder::new();
+    let out = folder.path("cloud.ply");
+    std::fs::write(&out, "old").unwrap();
+    let args = [
+        "scan",
+        "merge",
+        "pair_ambiguous.profiles.csv",
+        "pair_ambiguous.triggers.csv",
+        "--machine",
+        "merge_3axis.toml",
+        "--force",
+        "-o",
+        &out,
+    ];
+    let ran = run(&args.map(str::to_owned));
+    // The table has no counts of Y and Z.
+    assert_eq!(ran.exits(2).json()["error"]["code"], "missing_axis");
+    assert_eq!(std::fs::read(&out).unwrap(), b"old");
+    assert!(!PathBuf::from(format!("{out}.part")).exists());
+}
+
+/// Behind a loss of motion counts are wrong: nothing of it becomes a point.
+#[test]
+fn what_lies_behind_a_loss_of_motion_is_refused() {
+    let folder = Folder::new();
+    let table = std::fs::read_to_string(cases().join("merge_3axis.triggers.csv")).unwrap();
+    let mut lines: Vec<String> = table.lines().map(|line| format!("{line},")).collect();
+    lines[0] += "what";
+    let good: Vec<&str> = lines[10].split(',').collect();
+    let (number, t_ns): (u64, &str) = (good[1].parse().unwrap(), good[3]);
+    let row = format!("loss,,,{t_ns},,,,,,,,,,4,transitions");
+    assert_eq!(row.matches(',').count(), lines[1].matches(',').count());
+    lines.push(row);
+    let table = folder.file("triggers.csv", lines.join("\n") + "\n");
+    let out = folder.path("cloud.csv");
+    let merge = |more: &[&str]| {
+        let args = ["scan", "merge", "merge_3axis.profiles.csv", &table];
+        let args = [&args, &["--machine", "merge_3axis.toml", "-o", &out], more].concat();
+        run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>())
+    };
+    let error = merge(&[]).exits(2).json();
+    assert_eq!(error["error"]["code"], "motion_lost", "{error}");
+    assert!(!PathBuf::from(&out).exists());
+    let merged = merge(&["--until-loss"]).exits(0).json();
+    let paired = merged["paired"].as_u64().unwrap();
+    assert!(paired > 0 && paired <= number + 1, "{merged}");
+    assert!(merged["points"].as_u64().unwrap() < 879);
+}
+
+/// A capture that is cut anywhere within a message, or whose sizes make no sense, is told so.
+#[test]
+fn a_capture_that_is_cut_or_damaged_is_not_understood() {
+    let folder = Folder::new();
+    let whole = std::fs::read(cases().join("merge_gocator.gocator")).unwrap();
+    let path = folder.path("cut.gocator");
+    for (bytes, code) in [
+        (whole[..whole.len() - 1].to_vec(), "truncated"),
+        (whole[..75].to_vec(), "truncated"),
+        ([&[3, 0, 0, 0, 1, 0], &whole[..]].concat(), "corrupt"),
+        (
+            [&[255, 255, 255, 255, 1, 0], &whole[..]].concat(),
+            "corrupt",
+        ),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let args = ["scan", "pair", &path, "merge_gocator.triggers.csv"];
+        let ran = run(&args.map(str::to_owned));
+        assert_eq!(ran.exits(1).json()["error"]["code"], code);
+    }
+}
+
+/// Floats and doubles of one scan, read back by the tool itself.
+#[test]
+fn a_cloud_as_ply_is_the_cloud_as_csv() {
+    let folder = Folder::new();
+    let nominal = folder.file(
+        "nominal.toml",
+        "kind = \"sphere\"\ncenter_mm = [0, 0, 0]\nradius_mm = 1.0\n",
+    );
+    let mut figures = Vec::new();
+    for (name, double) in [("a.csv", false), ("b.ply", false), ("c.ply", true)] {
+        let out = folder.path(name);
+        let mut args = [
+            "scan",
+            "merge",
+            "merge_gocator.gocator",
+            "merge_gocator.triggers.csv",
+            "--machine",
+            "merge_gocator.toml",
+            "-o",
+            &out,
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        if double {
+            args.push("--double".into());
+        }
+        run(&args).exits(0);
+        let args = ["scan", "compare", &out, "--nominal", &nominal].map(str::to_owned);
+        let found = run(&args).exits(0).json();
+        figures.push(["mean_mm", "std_mm", "max_mm"].map(|name| found[name].as_f64().unwrap()));
+    }
+    for i in 0..3 {
+        assert!((figures[0][i] - figures[1][i]).abs() < 1e-4, "{figures:?}");
+        assert!((figures[0][i] - figures[2][i]).abs() < 1e-11, "{figures:?}");
+    }
+}
+
+/// A path that was planned holds when it is verified, and its program goes to its rows, to the
+/// three digits that it prints.
+#[test]
+fn a_planned_path_holds_and_its_program_goes_to_its_rows() {
+    let folder = Folder::new();
+    let part = project("tests/reference/plan/three_axes.obj");
+    let spec = project("tests/reference/plan/three_axes.toml");
+    let (path, program) = (folder.path("path.csv"), folder.path("path.nc"));
+    let planned = umi(&[
+        "scan",
+        "plan",
+        &part,
+        "--spec",
+        &spec,
+        "-o",
+        &path,
+        "--nc",
+        &program,
+        "--dialect",
+        "linuxcnc",
+        "--json",
+    ]);
+    let planned = planned.exits(0).json();
+    let verified = umi(&["scan", "verify", &part, "--spec", &spec, &path, "--json"]);
+    let verified = verified.exits(0).json();
+    assert_eq!(verified["holds"], true, "{verified}");
+    for name in ["passes", "poses", "coverage"] {
+        assert_eq!(verified[name], planned[name], "{name}");
+    }
+
+    let rows = std::fs::read_to_string(&path).unwrap();
+    let rows = rows.lines().skip(1).map(|row| -> Vec<f64> {
+        let fields = row.split(',').skip(11);
+        fields.map(|field| field.parse().unwrap()).collect()
+    });
+    let program = std::fs::read_to_string(&program).unwrap();
+    let blocks = program.lines().filter(|block| block.starts_with("G1 "));
+    let blocks = blocks.map(|block| -> Vec<f64> {
+        let words = block.split(' ').skip(1).take(4);
+        words.map(|word| word[1..].parse().unwrap()).collect()
+    });
+    let (rows, blocks): (Vec<_>, Vec<_>) = (rows.collect(), blocks.collect());
+    assert_eq!(rows.len(), blocks.len());
+    assert_eq!(planned["poses"], rows.len());
+    for (row, block) in rows.iter().zip(&blocks) {
+        for (wanted, printed) in row.iter().zip(block) {
+            assert!((wanted - printed).abs() < 0.000_501, "{row:?} {block:?}");
+        }
+    }
+}
+
+/// A block that lies 2 mm below all sides of its raw part: the stock is 2 mm, what needs more
+/// is NG by name and exit status, and the transform is written for the commands that follow.
+#[test]
+fn the_stock_of_a_block_is_what_was_left_on_it() {
+    let folder = Folder::new();
+    let size = [60.0, 40.0, 20.0];
+    let (mut facets, mut points) = (String::from("solid block\n"), String::from("x,y,z\n"));
+    for axis in 0..3 {
+        for side in [0.0, 1.0] {
+            let at = |u: f64, v: f64, off: f64| {
+                let mut p = [0.0; 3];
+                p[axis] = size[axis] * side + off * (2.0 * side - 1.0);
+                p[(axis + 1) % 3] = size[(axis + 1) % 3] * u;
+                p[(axis + 2) % 3] = size[(axis + 2) % 3] * v;
+                p
+            };
+            let mut square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+            if side == 0.0 {
+                square.reverse();
+            }
+            for corners in [[0, 1, 2], [0, 2, 3]] {
+                facets.push_str("facet normal 0 0 0\nouter loop\n");
+                for [u, v] in corners.map(|corner| square[corner]) {
+                    let [x, y, z] = at(u, v, 0.0);
+                    facets.push_str(&format!("vertex {x} {y} {z}\n"));
+                }
+                facets.push_str("endloop\nendfacet\n");
+            }
+            for step in 0..100 {
+                let (u, v) = (f64::from(step % 10) / 9.0, f64::from(step / 10) / 9.0);
+                let [x, y, z] = at(u, v, 2.0);
+                points.push_str(&format!("{x},{y},{z}\n"));
+            }
+        }
+    }
+    facets.push_str("endsolid block\n");
+    let (part, raw) = (
+        folder.file("part.stl", facets),
+        folder.file("raw.csv", points),
+    );
+    let moved = folder.path("moved.json");
+    let stock = |need: &str| {
+        umi(&[
+            "scan",
+            "stock",
+            &part,
+            &raw,
+            "--force",
+            "--require",
+            need,
+            "-o",
+            &moved,
+            "--json",
+        ])
+    };
+    let enough = stock("1.5").exits(0).json();
+    assert_eq!(enough["verdict"], "OK", "{enough}");
+    assert!(
+        (enough["min_mm"].as_f64().unwrap() - 2.0).abs() < 1e-6,
+        "{enough}"
+    );
+    let written: Value = serde_json::from_str(&std::fs::read_to_string(&moved).unwrap()).unwrap();
+    assert_eq!(written["rotation"], enough["rotation"]);
+
+    let scarce = stock("2.5").exits(2).json();
+    assert_eq!(scarce["verdict"], "NG");
+    assert_eq!(scarce["reasons"][0]["code"], "too_little_stock", "{scarce}");
+}
