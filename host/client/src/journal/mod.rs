@@ -115,6 +115,8 @@ const REFERENCE_RESTORED: u8 = 3;
 const TAUGHT: u8 = 11;
 const PROGRAM_KEPT: u8 = 15;
 const TEACH_ASKED: u8 = 22;
+/// Kind number of [`Record::Head`].
+const HEAD: u8 = 24;
 
 /// Nothing in it was added since. A record that broke off earlier would have zeros elsewhere,
 /// too; entries are whole by their check value, so there is none.

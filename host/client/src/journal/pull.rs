@@ -9,7 +9,7 @@ use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, Gap, JournalFault};
 use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::message::JournalInfo;
 
-use super::{Stretch, faulty, gone, hidden};
+use super::{HEAD, Stretch, faulty, gone, hidden};
 use crate::link::{Client, JournalChain, JournalEntry};
 use crate::problem::Problem;
 
@@ -65,6 +65,9 @@ pub enum Unsigned {
     NoKey,
     /// Something was under way for longer than it was waited.
     Busy,
+    /// The board overwrote entries while it was pulled, and no head stands between them and those
+    /// that were read before.
+    Overtaken,
 }
 
 impl Unsigned {
@@ -74,6 +77,7 @@ impl Unsigned {
         match self {
             Self::NoKey => "no_board_key",
             Self::Busy => "board_busy",
+            Self::Overtaken => "overtaken",
         }
     }
 }
@@ -163,10 +167,14 @@ pub fn pull<E: From<Problem>>(
         }
         break;
     }
+    walk.close_gap(&mut step)?;
     // The entries follow from each other; this says that they are the board's, unless it has
     // overwritten them all since.
     if chain_before(board, walk.seq)?.is_ok_and(|chain| chain != walk.chain) {
         return Err(faulty(&JournalFault::ChainBroken { seq: walk.seq }).into());
+    }
+    if walk.is_unproven && signed.is_some() {
+        unsigned = Some(Unsigned::Overtaken);
     }
     Ok(Pulled {
         stretch: Stretch {
@@ -187,7 +195,6 @@ fn begin(
     wanted: PullRequest,
     info: JournalInfo,
 ) -> Result<(FileHeader, Walk), Problem> {
-    let overwritten = Vec::new();
     if let Some(Begun {
         header,
         next,
@@ -200,12 +207,8 @@ fn begin(
             let message = "what was pulled before is not of this board's journal: give another name, or take it away";
             return Err(Problem::refused("other_journal", message).with("seq", next));
         }
-        let walk = Walk {
-            seq: next,
-            chain,
-            overwritten,
-        };
-        return Ok((header, walk));
+        // Whether a head stands right before it is not known here: a file is verified as a whole.
+        return Ok((header, Walk::new(next, chain)));
     }
     let first = wanted.from.unwrap_or(info.first_seq);
     if !(info.first_seq..=info.next_seq).contains(&first) {
@@ -217,12 +220,7 @@ fn begin(
         chain_before: chain,
         nonce: None,
     };
-    let walk = Walk {
-        seq: first,
-        chain,
-        overwritten,
-    };
-    Ok((header, walk))
+    Ok((header, Walk::new(first, chain)))
 }
 
 /// Where the pull is.
@@ -230,9 +228,27 @@ struct Walk {
     seq: u64,
     chain: Chain,
     overwritten: Vec<(u64, u64)>,
+    /// A gap that is not told yet: what follows it may be overwritten, too, before it is read, and
+    /// a file has no gap right behind a gap.
+    open_gap: Option<Gap>,
+    /// Entries from here on have no head behind them yet.
+    since: u64,
+    /// Some of them stand before what was overwritten.
+    is_unproven: bool,
 }
 
 impl Walk {
+    fn new(seq: u64, chain: Chain) -> Self {
+        Self {
+            seq,
+            chain,
+            overwritten: Vec::new(),
+            open_gap: None,
+            since: seq,
+            is_unproven: false,
+        }
+    }
+
     /// Reads up to entry `end`, or to where the board still has entries behind it.
     fn to<E: From<Problem>>(
         &mut self,
@@ -243,15 +259,34 @@ impl Walk {
         while self.seq < end {
             match board.journal_read(self.seq).map_err(Problem::from)? {
                 JournalEntry::Stored(raw) => {
+                    self.close_gap(step)?;
                     let entry = self.entry(&raw)?;
+                    let (seq, kind) = (entry.seq, entry.kind);
                     step(PullStep::Entry(entry, &raw))?;
+                    if kind == HEAD {
+                        self.since = seq + 1;
+                    }
                 }
                 JournalEntry::None(info) => {
                     let gap = self.gap(board, info)?;
-                    self.overwritten.push((gap.first, gap.next));
-                    step(PullStep::Gap(gap))?;
+                    self.is_unproven |= self.since < gap.first;
+                    self.since = gap.next;
+                    let first = self.open_gap.map_or(gap.first, |before| before.first);
+                    self.open_gap = Some(Gap { first, ..gap });
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Tells a gap that is known in full.
+    fn close_gap<E: From<Problem>>(
+        &mut self,
+        step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        if let Some(gap) = self.open_gap.take() {
+            self.overwritten.push((gap.first, gap.next));
+            step(PullStep::Gap(gap))?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use umi_core::journal::{Chain, Entry, FileError, FileHeader, JournalFault, decod
 use umi_protocol::head::Head;
 use umi_protocol::message::Record;
 
-use super::{Stretch, faulty, key_id, record};
+use super::{HEAD, Stretch, faulty, key_id, record};
 use crate::problem::Problem;
 
 /// A file that holds.
@@ -55,6 +55,7 @@ pub fn verify(
         newest: None,
         gaps: Vec::new(),
         since: header.first_seq,
+        unproven: None,
     };
     loop {
         let (seq, chain) = (entries.next_seq(), entries.chain_head());
@@ -62,6 +63,12 @@ pub fn verify(
         let entry = entries.next();
         let mut before = chain;
         if let Some(gap) = entries.take_gap() {
+            // Who edits a file can put a gap behind what he has changed: only a head in the same
+            // stretch vouches for what stands before it.
+            let since = check.gaps.last().map_or(0, |gap| gap.1).max(check.since);
+            if since < gap.first {
+                check.unproven.get_or_insert(since);
+            }
             check.gaps.push((gap.first, gap.next));
             before = gap.chain_before;
             check.place(gap.next, &before)?;
@@ -105,6 +112,8 @@ struct Check<'a> {
     gaps: Vec<(u64, u64)>,
     /// Entries from here on have no head behind them yet.
     since: u64,
+    /// The first entry that stands before a gap with no head between.
+    unproven: Option<u64>,
 }
 
 impl Check<'_> {
@@ -163,7 +172,10 @@ impl Check<'_> {
 
     fn end(self, header: &FileHeader, stretch: Stretch) -> Result<VerifiedFile, Problem> {
         let next = stretch.next;
-        if let (Some(newest), Some(&(first, next))) = (&self.newest, self.gaps.last())
+        // Of what was overwritten behind it a head says nothing.
+        let before = |newest: &Head| self.gaps.iter().rfind(|gap| gap.1 <= newest.seq);
+        if let Some(newest) = &self.newest
+            && let Some(&(first, next)) = before(newest)
             && newest.first_seq < next
         {
             // The board still held some of that when it signed: somebody else left it out.
@@ -171,17 +183,22 @@ impl Check<'_> {
         }
         let nonce = self.newest.as_ref().and_then(|head| head.nonce);
         let is_cut = header.nonce.is_some() && header.nonce != nonce;
-        let signed = self.newest.is_some() && self.since == next && !is_cut;
+        let is_whole = self.since == next && self.unproven.is_none();
+        let signed = self.newest.is_some() && is_whole && !is_cut;
         if (self.key.is_some() && !signed) || is_cut {
             let message = if is_cut {
                 "the head with which this file was pulled is not at its end: something was taken away there".to_owned()
+            } else if let Some(seq) = self.unproven {
+                format!(
+                    "entry {seq} stands before entries that were overwritten, and no signed head between vouches for it: pull the journal again"
+                )
             } else {
                 format!(
                     "no signed head stands behind entry {}: nobody vouches for the entries from there on",
                     self.since
                 )
             };
-            let seq = self.since.min(next);
+            let seq = self.unproven.unwrap_or(self.since).min(next);
             return Err(Problem::refused("head_missing", message).with("seq", seq));
         }
         if let Some(after) = self.after
@@ -212,9 +229,6 @@ impl Check<'_> {
         })
     }
 }
-
-/// Kind number of [`Record::Head`].
-const HEAD: u8 = 24;
 
 fn signature(seq: u64, since: u64) -> Problem {
     let message = format!(

@@ -529,6 +529,35 @@ fn a_gap_is_the_boards_or_a_forgery() {
     );
 }
 
+/// Entries before a gap with no head between: who edits a file can put them there. They are not
+/// vouched for, whatever heads stand behind the gap.
+#[test]
+fn what_stands_before_a_gap_without_a_head_is_not_signed() {
+    let (key, mut random) = (board_key(1), Random(22));
+    let mut made = entries(&mut random, 100, 30);
+    made.push(Made::Overwritten {
+        entries: entries(&mut random, 50, 30),
+    });
+    made.extend(entries(&mut random, 100, 30));
+    let journal = written(&key, &made, None);
+    let behind = journal.places.iter().find(|place| place.1 == 167).unwrap();
+    for (kept, since) in [(30, None), (31, Some(47)), (50, Some(47))] {
+        let gap = Gap {
+            first: 17 + kept as u64,
+            next: 167,
+            chain_before: behind.2,
+        };
+        let before = &journal.file[..journal.places[kept].0];
+        let file = [before, &gap.encode(), &journal.file[behind.0..]].concat();
+        assert_eq!(verify(&file, None, None).unwrap().signed, since.is_none());
+        let told = verify(&file, Some(key.public()), None);
+        match since {
+            None => assert!(told.unwrap().signed),
+            Some(_) => assert_eq!(refused(&file, &key, None), ("head_missing", since)),
+        }
+    }
+}
+
 /// 1000 honest files with restarts and overwriting: none is refused.
 #[test]
 fn no_honest_file_is_refused() {

@@ -68,6 +68,9 @@ pub fn unsigned(why: Unsigned) -> Failure {
         Unsigned::Busy => {
             "the board has not signed in five seconds: a clamping is under way; ask again later"
         }
+        Unsigned::Overtaken => {
+            "the board has overwritten entries meanwhile that no head stands behind: pull again"
+        }
     };
     Failure::refused(why.code(), message)
 }

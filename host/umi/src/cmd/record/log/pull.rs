@@ -112,6 +112,10 @@ impl Pull<'_> {
             let text = "the end of the file is not signed: a clamping is under way, or the board overwrites its entries faster than they can be read; pull it again later";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
         }
+        if pulled.unsigned == Some(Unsigned::Overtaken) {
+            let text = "the file is not signed as a whole: the board overwrote entries while they were read, and no head vouches for those right before; pull it again";
+            print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
+        }
         Ok(verified)
     }
 
