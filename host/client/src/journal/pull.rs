@@ -154,10 +154,13 @@ pub fn pull<E: From<Problem>>(
         match head(board, nonce()?, PATIENCE)? {
             Err(why) => unsigned = Some(why),
             Ok(head) => {
-                let gaps = walk.overwritten.len();
                 walk.to(board, head.seq.saturating_add(1), &mut step)?;
                 // What was overwritten is vouched for by a head that was signed behind that.
-                if walk.overwritten.len() != gaps || walk.seq != head.seq.saturating_add(1) {
+                let is_behind = walk
+                    .overwritten
+                    .last()
+                    .is_none_or(|gap| gap.1 <= head.first_seq);
+                if !is_behind || walk.seq != head.seq.saturating_add(1) {
                     unsigned = Some(Unsigned::Busy);
                     continue;
                 }
