@@ -14,8 +14,10 @@
 //! | [`page`] | the page and its parts |
 //! | [`paths`] | the page on two tool paths |
 //! | [`scan`] | the page on a scan that was placed |
+//! | [`deviation`] | the page on a scan beside its nominal |
 //! | [`terminal`], [`ink`] | the table for a terminal; its colours, and nothing else that steers it |
 
+pub mod deviation;
 pub mod draw;
 pub mod figures;
 pub mod ink;

@@ -47,10 +47,6 @@ pub struct PlacedPage {
 #[must_use]
 pub fn html(shown: &PlacedPage) -> String {
     let class = if shown.ok { "result" } else { "result ng" };
-    let facts = shown
-        .facts
-        .iter()
-        .flat_map(|(name, value)| [el("dt").text(name), el("dd").text(typographic(value))]);
     let mut main = el("main")
         .child(el("h1").text(&shown.title))
         .child(el("p").class(class).text(typographic(&shown.result)));
@@ -58,12 +54,12 @@ pub fn html(shown: &PlacedPage) -> String {
         let all = shown.reasons.iter().map(|reason| el("li").text(reason));
         main = main.child(el("ul").class("reasons").children(all));
     }
-    main = main.child(el("dl").children(facts)).children(
+    main = main.child(facts(&shown.facts)).children(
         shown
             .tables
             .iter()
             .filter(|t| !t.rows.is_empty())
-            .map(table),
+            .map(figure_table),
     );
     let step = nice_below(shown.noise_mm.max(1e-6));
     for (name, axes) in [
@@ -91,7 +87,16 @@ pub fn html(shown: &PlacedPage) -> String {
     format!("<!DOCTYPE html>\n{page}")
 }
 
-fn table(of: &FigureTable) -> Element {
+/// Names and values.
+pub(crate) fn facts(of: &[(&'static str, String)]) -> Element {
+    el("dl").children(
+        of.iter()
+            .flat_map(|(name, value)| [el("dt").text(name), el("dd").text(typographic(value))]),
+    )
+}
+
+/// A table of figures.
+pub(crate) fn figure_table(of: &FigureTable) -> Element {
     let cell = |name: &'static str, i: usize| el(name).class(if i == 0 { "w" } else { "n" });
     let heads = of.heads.iter().enumerate();
     let rows = of.rows.iter().map(|row| {

@@ -73,6 +73,13 @@ impl Element {
         style
     }
 
+    /// A script of ours, as it stands: the page's policy names it by its hash.
+    pub fn script(text: &'static str) -> Self {
+        let mut script = el("script");
+        script.content.push_str(text);
+        script
+    }
+
     fn write_to(&self, out: &mut String) {
         let Self {
             name,

@@ -54,12 +54,17 @@ pub fn html_with(
 /// The head of every page: its style is in it, and nothing is loaded or run, whatever a name in
 /// the page says.
 pub(crate) fn document_head(title: &str) -> Element {
+    document_head_with(title, CONTENT_SECURITY_POLICY)
+}
+
+/// The same, with another policy.
+pub(crate) fn document_head_with(title: &str, policy: &str) -> Element {
     let viewport = el("meta")
         .attr("name", "viewport")
         .attr("content", "width=device-width, initial-scale=1");
     let policy = el("meta")
         .attr("http-equiv", "Content-Security-Policy")
-        .attr("content", CONTENT_SECURITY_POLICY);
+        .attr("content", policy);
     el("head")
         .child(el("meta").attr("charset", "utf-8"))
         .child(viewport)

@@ -7,7 +7,9 @@ use serde::Serialize;
 pub use nominal::Nominal;
 
 use crate::ScanError;
+use crate::parallel::Threads;
 use crate::rigid::Vec3;
+use crate::surface::Near;
 
 /// The answer of `umi scan compare`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,6 +40,27 @@ pub fn deviations_mm(points: &[Vec3], nominal: &Nominal) -> Vec<f64> {
         .iter()
         .map(|point| nominal.distance_mm(point, &mut hint))
         .collect()
+}
+
+/// What the nominal is to every point, on several threads; the same for any number of them.
+///
+/// # Errors
+/// `not_finite` where a point has no distance.
+pub fn nearest(
+    points: &[Vec3],
+    nominal: &Nominal,
+    threads: Threads,
+) -> Result<Vec<Near>, ScanError> {
+    let parts = threads.chunks(points.len(), 4096, |range| {
+        let mut hint = 0;
+        points[range]
+            .iter()
+            .map(|point| nominal.near(point, &mut hint))
+            .collect::<Option<Vec<Near>>>()
+    });
+    let all: Option<Vec<Vec<Near>>> = parts.into_iter().collect();
+    all.map(|all| all.concat())
+        .ok_or_else(|| ScanError::refused("not_finite", "a deviation is not finite"))
 }
 
 /// The figures of all deviations.
@@ -123,6 +146,45 @@ mod tests {
         ] {
             assert_eq!(Nominal::parse(text).unwrap_err().code, "nominal", "{text}");
         }
+    }
+
+    #[test]
+    fn distances_grow_along_their_directions() {
+        let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]].map(Vec3::from);
+        let mesh = crate::surface::Mesh::new(&[corners]).unwrap();
+        let toml = |text| Nominal::parse(text).unwrap();
+        for nominal in [
+            toml("kind = \"plane\"\npoint_mm = [0, 0, 2]\nnormal = [0, 0, 5]"),
+            toml(
+                "kind = \"cylinder\"\npoint_mm = [0, 0, 9]\ndirection = [0, 1, -2]\nradius_mm = 4.5",
+            ),
+            toml("kind = \"sphere\"\ncenter_mm = [3, 4, 0]\nradius_mm = 3"),
+            Nominal::Mesh(Box::new(mesh.into())),
+        ] {
+            let points = [[2.0, 1.0, 1.0], [3.0, 3.5, -1.0], [4.0, 2.0, 0.5]].map(Vec3::from);
+            let all = nearest(&points, &nominal, Threads::new(2)).unwrap();
+            let expected = deviations_mm(&points, &nominal);
+            for ((p, near), expected) in points.iter().zip(&all).zip(expected) {
+                close(near.distance_mm, expected);
+                close(near.direction.norm(), 1.0);
+                let further = p + near.direction * 1e-3;
+                close(nominal.distance_mm(&further, &mut 0), expected + 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_plane_cuts_a_mesh_once_a_triangle() {
+        let corners = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 0.0, 10.0]].map(Vec3::from);
+        let mesh = crate::surface::Mesh::new(&[corners]).unwrap();
+        let nominal = Nominal::Mesh(Box::new(mesh.into()));
+        let lines = nominal.section(2, 4.0);
+        assert_eq!(lines.len(), 1);
+        let mut x = lines[0].map(|p| p.x);
+        x.sort_by(f64::total_cmp);
+        close(x[0], 0.0);
+        close(x[1], 6.0);
+        assert!(nominal.section(2, 11.0).is_empty() && nominal.section(1, 1.0).is_empty());
     }
 
     #[test]

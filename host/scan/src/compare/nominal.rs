@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::ScanError;
 use crate::rigid::Vec3;
-use crate::surface::{CompositeSurface, read_stl};
+use crate::surface::{CompositeSurface, Near, read_stl};
 
 /// A surface with an outward side.
 #[derive(Debug, Clone)]
@@ -112,23 +112,63 @@ impl Nominal {
     /// moment ago.
     #[must_use]
     pub fn distance_mm(&self, p: &Vec3, hint: &mut usize) -> f64 {
-        match self {
-            Self::Plane { point_mm, normal } => normal.dot(&(p - point_mm)),
+        self.near(p, hint).map_or(f64::NAN, |near| near.distance_mm)
+    }
+
+    /// The same with the direction in which the distance grows; none for a mesh without a face.
+    #[must_use]
+    pub fn near(&self, p: &Vec3, hint: &mut usize) -> Option<Near> {
+        let from = |off: Vec3, distance_mm: f64| Near {
+            distance_mm,
+            direction: off.try_normalize(0.0).unwrap_or_else(Vec3::z),
+            face: 0,
+        };
+        Some(match self {
+            Self::Plane { point_mm, normal } => from(*normal, normal.dot(&(p - point_mm))),
             Self::Cylinder {
                 point_mm,
                 direction,
                 radius_mm,
-            } => direction.cross(&(p - point_mm)).norm() - radius_mm,
+            } => {
+                let off = p - point_mm;
+                from(
+                    off - direction * direction.dot(&off),
+                    direction.cross(&off).norm() - radius_mm,
+                )
+            }
             Self::Sphere {
                 center_mm,
                 radius_mm,
-            } => (p - center_mm).norm() - radius_mm,
-            Self::Mesh(surface) => surface.near(p, *hint).map_or(f64::NAN, |near| {
+            } => from(p - center_mm, (p - center_mm).norm() - radius_mm),
+            Self::Mesh(surface) => {
+                let near = surface.near(p, *hint)?;
                 *hint = near.face;
-                near.distance_mm
-            }),
-        }
+                near
+            }
+        })
     }
+
+    /// Where the plane across an axis (0 X, 1 Y, 2 Z) cuts a mesh; nothing for other nominals.
+    #[must_use]
+    pub fn section(&self, axis: usize, at_mm: f64) -> Vec<[Vec3; 2]> {
+        let Self::Mesh(surface) = self else {
+            return Vec::new();
+        };
+        let triangles = surface.mesh.iter().flat_map(|mesh| mesh.triangles());
+        triangles
+            .filter_map(|triangle| cut(&triangle.corners, axis, at_mm))
+            .collect()
+    }
+}
+
+/// Where a plane cuts a triangle. A corner on the plane counts as above it.
+fn cut(corners: &[Vec3; 3], axis: usize, at_mm: f64) -> Option<[Vec3; 2]> {
+    let mut ends = (0..3).filter_map(|k| {
+        let (a, b) = (corners[k], corners[(k + 1) % 3]);
+        let (u, v) = (a[axis] - at_mm, b[axis] - at_mm);
+        ((u >= 0.0) != (v >= 0.0)).then(|| a + (b - a) * (u / (u - v)))
+    });
+    Some([ends.next()?, ends.next()?])
 }
 
 fn finite(name: &str, values: [f64; 3]) -> Result<Vec3, ScanError> {

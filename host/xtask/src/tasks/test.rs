@@ -12,7 +12,7 @@ use crate::tasks::set_up::{self, OF_TESTS};
 use crate::tasks::{bench, fuzz};
 use crate::tasks::{deny, unused};
 use crate::tools::{emulators, referee, spelling};
-use crate::workspace::{Workspace, execute, in_ci};
+use crate::workspace::{Workspace, execute, find_program, in_ci};
 
 /// Sets up what is missing, then runs every check and prints a table of what was run.
 ///
@@ -250,6 +250,9 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
     })
 }
 
+/// Browsers that draw without a screen.
+const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+
 fn tests(run: &Run<'_>) -> Result<Outcome> {
     let mut missing = Vec::new();
     // All failures in one run: CI is slow to ask again.
@@ -283,6 +286,16 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             .arg("test")
             .current_dir(emulators::folder(run.workspace));
         execute(&mut npm)?;
+    }
+    match BROWSERS.iter().find_map(|name| find_program(name)) {
+        Some(browser) => {
+            command.env("UMI_BROWSER", browser);
+        }
+        None => {
+            let why = "no browser has drawn a scan's page: none of chromium, google-chrome is here";
+            console::skipped(why);
+            missing.push(why.to_owned());
+        }
     }
     execute(&mut command)?;
     if !referee::is_there(run.workspace) {

@@ -23,6 +23,7 @@ Examples:
   umi scan merge part.gocator scan.csv --machine machine.toml -o cloud.ply
   umi scan calibrate sensor seen.csv positions.csv --machine machine.toml --on plane
   umi scan compare cloud.ply --nominal part.stl
+  umi scan report cloud.ply --nominal part.stl --limits -0.05,0.05 -o page.html
   umi scan filter cloud.csv --spike 0.5 -o clean.ply
   umi scan crop cloud.ply --box -10,-10,0,60,40,25 -o part.ply
   umi scan sample cloud.ply --voxel 0.5 -o even.ply
@@ -52,6 +53,7 @@ enum What {
     Merge(profile::merge::Merge),
     Calibrate(calibrate::Calibrate),
     Compare(cloud::compare::Compare),
+    Report(Box<cloud::report::Report>),
     Digitize(Box<point::digitize::Digitize>),
     Filter(cloud::filter::Filter),
     Crop(cloud::crop::Crop),
@@ -77,6 +79,7 @@ impl Scan {
             What::Merge(command) => command.run(),
             What::Calibrate(command) => command.run(),
             What::Compare(command) => command.run(),
+            What::Report(command) => command.run(),
             What::Digitize(command) => command.run(),
             What::Filter(command) => command.run(),
             What::Crop(command) => command.run(),

@@ -7,3 +7,4 @@ mod localise;
 mod point_sensor;
 mod profiles;
 mod record;
+mod report;

@@ -1,12 +1,14 @@
 //! `umi scan compare`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use clap::Args;
 use umi_scan::ScanError;
+use umi_scan::cloud::ScanCloud;
 use umi_scan::compare::{Deviations, Nominal, deviations_mm, summary};
 use umi_scan::format::clouds::read_cloud;
+use umi_scan::rigid::Vec3;
 
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
@@ -44,19 +46,50 @@ impl Compare {
 
     fn find(&self) -> Result<Deviations, ScanError> {
         let nominal = Nominal::read(&self.nominal)?;
-        let cloud = read_cloud(&self.cloud)?;
-        if cloud.not_finite > 0 {
-            return Err(ScanError::refused(
-                "not_finite",
-                format_args!(
-                    "{} points of {} are not finite",
-                    cloud.not_finite,
-                    self.cloud.display()
-                ),
-            ));
-        }
-        summary(&deviations_mm(&cloud.points, &nominal))
+        let cloud = finite_cloud(read_cloud(&self.cloud)?, &self.cloud)?;
+        summary(&deviations_mm(&cloud, &nominal))
     }
+}
+
+/// The points, if all of the file are finite.
+///
+/// # Errors
+/// `not_finite`.
+pub fn finite_cloud(cloud: ScanCloud, path: &Path) -> Result<Vec<Vec3>, ScanError> {
+    if cloud.not_finite > 0 {
+        return Err(ScanError::refused(
+            "not_finite",
+            format_args!(
+                "{} points of {} are not finite",
+                cloud.not_finite,
+                path.display()
+            ),
+        ));
+    }
+    Ok(cloud.points)
+}
+
+/// Names and values, as text and page show them.
+pub fn figures(found: &Deviations) -> Vec<Vec<String>> {
+    let some =
+        |value: Option<f64>| value.map_or_else(|| "none".into(), |value| format!("{value:+.6}"));
+    [
+        ("points", found.n.to_string()),
+        ("mean", format!("{:+.6}", found.mean_mm)),
+        (
+            "standard deviation",
+            found
+                .std_mm
+                .map_or_else(|| "none".into(), |std| format!("{std:.6}")),
+        ),
+        ("rms", format!("{:.6}", found.rms_mm)),
+        ("least", format!("{:+.6}", found.min_mm)),
+        ("greatest", format!("{:+.6}", found.max_mm)),
+        ("mean of those above", some(found.mean_above_mm)),
+        ("mean of those below", some(found.mean_below_mm)),
+    ]
+    .map(|(name, value)| vec![name.to_owned(), value])
+    .into()
 }
 
 fn text(found: &Deviations) -> String {

@@ -1,8 +1,10 @@
-//! Clouds: made smaller, carried to another format, held against the nominal.
+//! Clouds: made smaller, carried to another format, held against the nominal, in figures and as a page.
 
 pub(super) mod compare;
 pub(super) mod convert;
 pub(super) mod crop;
 pub(super) mod filter;
+mod merged;
+pub(super) mod report;
 pub(super) mod sample;
 pub(super) mod thin;
