@@ -7,7 +7,7 @@ use umi_protocol::pattern::{
     Travel,
 };
 
-use super::template::{Field, Part, Parts, is_name_byte};
+use super::line::template::{Field, Part, Parts, is_name_byte};
 
 /// Why the receiver's part of a job cannot be used. Patterns count from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

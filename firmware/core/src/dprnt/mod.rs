@@ -37,24 +37,10 @@
 //! Nothing is dropped silently: every byte is in one of the [`Counters`], every
 //! line becomes an [`Item::Line`], everything wrong an [`Item::Fault`].
 
-mod block;
-pub mod checked;
-mod code_table;
-mod coding;
+mod code;
 mod config;
-mod encode;
-mod fields;
-mod hit;
-mod line_reader;
-mod line_splitter;
-mod number;
-mod pattern;
-mod program;
-mod raw_line;
-mod request;
-mod sequence;
-mod sink;
-mod template;
+mod line;
+mod stream;
 #[cfg(test)]
 mod tests;
 
@@ -63,10 +49,11 @@ use umi_protocol::job::{Approach, Name};
 
 use crate::units::{Micros, Point};
 
+pub use code::encode::encode;
 pub use config::{ConfigError, TemplateIssue, check_config};
-pub use encode::encode;
-pub use line_splitter::LineSplitter;
-pub use raw_line::MAX_LINE;
+pub use line::checked;
+pub use line::raw_line::MAX_LINE;
+pub use stream::line_splitter::LineSplitter;
 pub use umi_protocol::fault::Counters;
 pub use umi_protocol::line::LineStatus;
 pub use umi_protocol::pattern::{Coding, ReceiverConfig};

@@ -2,7 +2,7 @@
 
 use super::refusal::{RewriteRefusal, Why};
 use super::state::Motion;
-use super::words::{At, Number, Value, Word, Words};
+use super::text::words::{At, Number, Value, Word, Words};
 
 /// Axis letters in order.
 pub(super) const AXES: [u8; 3] = *b"XYZ";
@@ -273,7 +273,7 @@ impl<'a> Given<'a> {
         let Some(number) = self.number(letter)? else {
             return Ok(None);
         };
-        let unit = super::length::power(number.decimals);
+        let unit = super::text::length::power(number.decimals);
         let value = u32::try_from(number.digits / unit)
             .ok()
             .filter(|_| number.digits % unit == 0);
@@ -295,7 +295,7 @@ pub(super) fn tenths(number: Number) -> Option<u16> {
         // Nearly all: two long divisions less.
         return u16::try_from(number.digits.checked_mul(10)?).ok();
     }
-    let scale = super::length::power(number.decimals);
+    let scale = super::text::length::power(number.decimals);
     let tenths = number.digits.checked_mul(10)?;
     if tenths % scale != 0 {
         return None;

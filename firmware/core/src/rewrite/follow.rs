@@ -1,12 +1,12 @@
 //! Following a program: modes, offsets, subprograms, and where the axes are.
 
 use super::block::{AXES, Code, Given, Letters, Taker, code, tenths};
-use super::emit::Edit;
-use super::length::{LIMIT_PM, Pm, Unit, length};
-use super::plan::{More, Wanted};
+use super::moved::plan::{More, Wanted};
 use super::refusal::{RewriteRefusal, Why};
 use super::state::{Feed, Motion, Place, Plane, Shift, Subprogram};
-use super::words::{At, Number, Value, Words};
+use super::text::emit::Edit;
+use super::text::length::{LIMIT_PM, Pm, Unit, length};
+use super::text::words::{At, Number, Value, Words};
 use super::{Integers, Rewriter, at};
 
 const SECONDARY: Letters = Letters::of(b"UVW");
@@ -462,7 +462,7 @@ impl Rewriter {
                 return Err((word.start, RewriteRefusal::Expression('M')));
             };
             // M codes have no decimals that matter here.
-            let m = number.digits / super::length::power(number.decimals);
+            let m = number.digits / super::text::length::power(number.decimals);
             let is_late = matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 60 | 97 | 98 | 99);
             if is_late && self.more != More::Nothing {
                 return Err((word.start, RewriteRefusal::LateCode('M')));

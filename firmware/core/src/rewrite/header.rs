@@ -2,9 +2,9 @@
 
 use core::fmt::{self, Write as _};
 
-use super::emit::Out;
-use super::{ProgramIdentity, RewriteSettings};
+use super::text::emit::Out;
 use crate::decimal::Decimal;
+use crate::rewrite::{ProgramIdentity, RewriteSettings};
 
 /// A check value of a program: CRC-32 (ISO-HDLC, as in zip and PNG) over all its bytes.
 #[derive(Clone)]
@@ -42,10 +42,14 @@ impl Check {
 }
 
 /// How it begins: by this a rewritten program is known.
-pub(super) const MARK: &[u8] = b"(UMI REWRITTEN";
+pub(in crate::rewrite) const MARK: &[u8] = b"(UMI REWRITTEN";
 
 /// Writes the header, each line ended as the program's are.
-pub(super) fn write<S: FnMut(&[u8])>(settings: &RewriteSettings, eol: &[u8], out: &mut Out<'_, S>) {
+pub(in crate::rewrite) fn write<S: FnMut(&[u8])>(
+    settings: &RewriteSettings,
+    eol: &[u8],
+    out: &mut Out<'_, S>,
+) {
     // `Out` takes everything.
     let _ = lines(settings, eol, out);
 }

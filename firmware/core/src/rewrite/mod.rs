@@ -96,24 +96,16 @@
 //! * Modes before the program says them: `G17`, `G94`, `G40`. Units, distance mode and
 //!   motion must be said, by the program or by [`RewriteSettings::start`].
 
-mod arc;
 mod block;
-mod curve;
-mod cycle;
-mod emit;
 mod follow;
 mod header;
-mod length;
-mod line_ends;
-mod motion;
-mod plain;
-mod plan;
+mod moved;
 mod refusal;
 mod settings;
 mod state;
 #[cfg(test)]
 mod tests;
-mod words;
+mod text;
 
 use core::fmt::Write as _;
 
@@ -121,21 +113,21 @@ use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
 pub use header::Check;
-pub use length::Unit;
 pub use refusal::{RefusedLine, RewriteRefusal, Why};
 pub use settings::{
     AllowedCalls, BadSettings, Integers, ProgramIdentity, RewriteDialect, RewriteSettings, Source,
     StartModes,
 };
+pub use text::length::Unit;
 
-use emit::{Edit, Out};
-use length::{PM_PER_MM, Step};
-use line_ends::LineEnds;
-use motion::Extent;
-use plan::More;
+use moved::motion::Extent;
+use moved::plan::More;
 use settings::checked;
 use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
-use words::{At, Kind, Words};
+use text::emit::{Edit, Out};
+use text::length::{PM_PER_MM, Step};
+use text::line_ends::LineEnds;
+use text::words::{At, Kind, Words};
 
 /// Characters of a line, at most, without its end: four times what controls take.
 pub const MAX_LINE: usize = 512;
@@ -602,8 +594,8 @@ impl Rewriter {
 
     fn understand<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> At<()> {
         let mut words = Words::new();
-        let kind = words::read(line, &mut words)?;
-        if let Some(spaced) = emit::is_spaced(&words) {
+        let kind = text::words::read(line, &mut words)?;
+        if let Some(spaced) = text::emit::is_spaced(&words) {
             self.spaced = spaced;
         }
         match kind {
@@ -640,7 +632,7 @@ impl Rewriter {
                     let mut edit = Edit::default();
                     self.block(&words, optional, &mut edit)?;
                     self.begin(out);
-                    emit::block(line, &words, &edit, self.spaced, out);
+                    text::emit::block(line, &words, &edit, self.spaced, out);
                 } else {
                     self.tape = Tape::Program;
                     out.put(line);

@@ -4,8 +4,8 @@ use heapless::{String, Vec};
 use nalgebra::Matrix3;
 
 use super::block::{Code, code};
-use super::length::Unit;
 use super::state::{Feed, Motion};
+use super::text::length::Unit;
 use crate::registration::RigidTransform;
 use crate::registration::transform::Quaternion;
 use crate::units::Mm;

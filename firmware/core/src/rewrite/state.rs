@@ -2,8 +2,8 @@
 
 use heapless::Vec;
 
-use super::length::{Pm, Unit};
-use super::words::Number;
+use super::text::length::{Pm, Unit};
+use super::text::words::Number;
 
 /// Group 1 and its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -29,7 +29,7 @@ fn texts_can_be_read() {
 /// eight digits is tested there.
 #[test]
 fn printing_macro_is_the_documented_one() {
-    let source = include_str!("../../../../firmware/core/src/dprnt/checked.rs");
+    let source = include_str!("../../../../firmware/core/src/dprnt/line/checked.rs");
     let documented: Vec<&str> = source
         .lines()
         .filter_map(|line| line.strip_prefix("//! "))

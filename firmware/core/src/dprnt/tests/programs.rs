@@ -9,7 +9,7 @@ use umi_protocol::line::LineStatus::{Matched, Program, Separator};
 use umi_protocol::pattern::{BlockPattern, LinePattern, ReceiverConfig};
 
 use super::support::*;
-use crate::dprnt::checked::CheckedLine;
+use crate::dprnt::line::checked::CheckedLine;
 
 const POINT: &[u8] = b"X1.000 Y2.000 Z3.000\n";
 

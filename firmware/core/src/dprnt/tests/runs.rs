@@ -10,7 +10,7 @@ use umi_protocol::job::Approach;
 use umi_protocol::line::LineStatus::{Damaged, Matched};
 
 use super::support::*;
-use crate::dprnt::checked::CheckedLine;
+use crate::dprnt::line::checked::CheckedLine;
 
 fn line(run: u32, sequence: u32) -> CheckedLine {
     CheckedLine {

@@ -6,9 +6,9 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::super::emit::Out;
 use super::super::{Integers, RewriteSettings, Rewriter, Unit};
 use super::{level, rewritten, settings, turned};
+use crate::rewrite::text::emit::Out;
 
 /// A program that is behind its first motion, every mode said and every place known.
 const BEGUN: &str = "G21 G90 G17 G94\nG0 X0. Y0. Z0.\nG1 F100.\nX1.\n";

@@ -31,7 +31,7 @@ const CLEAR: u16 = 2;
 
 /// What is wrong with the characters of a line. Positions count from 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Damage {
+pub(in crate::dprnt) struct Damage {
     /// Characters with wrong parity, and the position of the first.
     pub bad_parity: u16,
     pub first_bad_parity: u16,
@@ -65,7 +65,7 @@ const fn is_fill(byte: u8) -> bool {
 
 /// What was made of a raw line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Cleaned {
+pub(in crate::dprnt) struct Cleaned {
     /// Characters of the cleaned text.
     pub length: usize,
     /// Bytes that were control codes.
@@ -82,7 +82,7 @@ pub(super) struct Cleaned {
 
 /// Turns a raw line into text, in place. Characters that cannot be read become
 /// `?`. `ended` says that the line has a line end.
-pub(super) fn clean(line: &mut [u8], coding: Coding, ended: bool) -> Cleaned {
+pub(in crate::dprnt) fn clean(line: &mut [u8], coding: Coding, ended: bool) -> Cleaned {
     let code = number_of(coding).unwrap_or(ASCII);
     let Some(characters) = CHARACTERS.get(usize::from(code)) else {
         return Cleaned::default();
@@ -161,7 +161,7 @@ fn number_of(coding: Coding) -> Option<u8> {
 
 /// Decides in which code a line is written.
 #[derive(Clone, Debug)]
-pub(super) struct Detector {
+pub(in crate::dprnt) struct Detector {
     /// The code that the job states.
     configured: Option<u8>,
     /// The code that was clear.

@@ -3,14 +3,15 @@
 use umi_protocol::fault::{Counters, FaultKind};
 use umi_protocol::pattern::{Coding, ReceiverConfig};
 
-use super::Item;
-use super::code_table::{
+use super::line_reader::LineReader;
+use super::sink::Sink;
+use crate::dprnt::Item;
+use crate::dprnt::code::code_table::{
     NAK, PUNCH_OFF, PUNCH_OFF_ODD, PUNCH_ON, PUNCH_ON_ODD, SYN, XOFF, XOFF_EVEN, XON,
 };
-use super::coding::{self, Detector};
-use super::line_reader::LineReader;
-use super::raw_line::{MAX_LINE, RawLine};
-use super::sink::Sink;
+use crate::dprnt::code::coding;
+use crate::dprnt::code::coding::Detector;
+use crate::dprnt::line::raw_line::{MAX_LINE, RawLine};
 use crate::units::Micros;
 
 /// A control that punches a program does not pause for so long.
@@ -78,7 +79,7 @@ impl Partial {
 }
 
 impl LineSplitter {
-    /// A receiver for a job's lines. What [`super::check_config`] refuses is
+    /// A receiver for a job's lines. What [`crate::dprnt::check_config`] refuses is
     /// not read as intended, but does no harm.
     #[must_use]
     pub fn new(config: &ReceiverConfig) -> Self {

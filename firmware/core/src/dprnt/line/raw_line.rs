@@ -3,8 +3,8 @@
 use umi_protocol::line::LineStatus;
 use umi_protocol::pattern::Coding;
 
-use super::Line;
-use super::coding::Damage;
+use crate::dprnt::Line;
+use crate::dprnt::code::coding::Damage;
 use crate::units::Micros;
 
 /// Bytes of a line that are kept. Okuma's `WRITE` ends at 160 too.
@@ -12,7 +12,7 @@ pub const MAX_LINE: usize = 160;
 
 /// A line with its parity and control codes removed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct RawLine<'a> {
+pub(in crate::dprnt) struct RawLine<'a> {
     /// Printable ASCII.
     pub text: &'a [u8],
     pub number: u32,

@@ -1,20 +1,20 @@
 //! Motions, carried and rounded.
 
-use super::block::{AXES, Given, Letters};
-use super::emit::{Action, Edit, Out};
-use super::length::{LIMIT_PM, PM_PER_MM, Pm, Step};
-use super::plan::{More, Rounded, Target, Wanted, allow, allow_arc};
-use super::refusal::RewriteRefusal;
-use super::state::{Feed, Motion};
-use super::words::{At, Number};
-use super::{Coupling, Rewriter, at};
+use crate::rewrite::block::{AXES, Given, Letters};
+use crate::rewrite::moved::plan::{More, Rounded, Target, Wanted, allow, allow_arc};
+use crate::rewrite::refusal::RewriteRefusal;
+use crate::rewrite::state::{Feed, Motion};
+use crate::rewrite::text::emit::{Action, Edit, Out};
+use crate::rewrite::text::length::{LIMIT_PM, PM_PER_MM, Pm, Step};
+use crate::rewrite::text::words::{At, Number};
+use crate::rewrite::{Coupling, Rewriter, at};
 
 /// An image nearer than this to what was written is what was written, pm.
 const SAME_PM: f64 = 500.0;
 
 impl Rewriter {
     /// A block that moves.
-    pub(super) fn move_block(
+    pub(in crate::rewrite) fn move_block(
         &mut self,
         given: &Given<'_>,
         wanted: &Wanted,
@@ -63,7 +63,7 @@ impl Rewriter {
     }
 
     /// A motion that is no arc has been carried out.
-    pub(super) fn count_straight(&mut self, motion: Motion) {
+    pub(in crate::rewrite) fn count_straight(&mut self, motion: Motion) {
         if motion == Motion::Line {
             self.counts.feeds.add(1);
         } else {
@@ -72,7 +72,11 @@ impl Rewriter {
     }
 
     /// Where the axis words lead, in the frame of the transform.
-    pub(super) fn target(&mut self, given: &Given<'_>, incremental: bool) -> At<Target> {
+    pub(in crate::rewrite) fn target(
+        &mut self,
+        given: &Given<'_>,
+        incremental: bool,
+    ) -> At<Target> {
         let axes = given.axes();
         let mut target = self.place.nominal;
         if !incremental && self.place.relative {
@@ -108,7 +112,7 @@ impl Rewriter {
         clippy::cast_precision_loss,
         reason = "places are below 2^53 pm times a few"
     )]
-    pub(super) fn carry(
+    pub(in crate::rewrite) fn carry(
         &self,
         target: &Target,
         is_feed: bool,
@@ -166,7 +170,7 @@ impl Rewriter {
 
     /// `R p + t`, pm.
     #[inline]
-    pub(super) fn image(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(in crate::rewrite) fn image(&self, p: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = p;
         let row = |axis: usize| {
             let [a, b, c] = at(&self.rotation, axis);
@@ -176,7 +180,7 @@ impl Rewriter {
     }
 
     /// Rounds an image and writes it where the words were; the axes are there then.
-    pub(super) fn write_axes(
+    pub(in crate::rewrite) fn write_axes(
         &mut self,
         axes: &[Option<usize>; 3],
         target: &Target,
@@ -209,7 +213,7 @@ impl Rewriter {
     }
 
     /// An axis is where the program and the words say.
-    pub(super) fn arrive(&mut self, axis: usize, nominal: Pm, out: Pm) {
+    pub(in crate::rewrite) fn arrive(&mut self, axis: usize, nominal: Pm, out: Pm) {
         for (slots, pm) in [
             (&mut self.place.nominal, nominal),
             (&mut self.place.out, out),
@@ -233,7 +237,7 @@ impl Rewriter {
         clippy::cast_precision_loss,
         reason = "places are below 2^53 pm times a few"
     )]
-    pub(super) fn round(
+    pub(in crate::rewrite) fn round(
         &self,
         axis: usize,
         image: f64,
@@ -278,7 +282,12 @@ impl Rewriter {
     }
 
     /// Sees to it that the control is in this motion.
-    pub(super) fn write_motion(&mut self, wanted: &Wanted, motion: Motion, edit: &mut Edit) {
+    pub(in crate::rewrite) fn write_motion(
+        &mut self,
+        wanted: &Wanted,
+        motion: Motion,
+        edit: &mut Edit,
+    ) {
         match wanted.motion {
             Some((_, said)) if said == motion => {}
             Some((word, _)) => edit.set(word, Action::Text(motion.code())),
@@ -289,7 +298,7 @@ impl Rewriter {
     }
 
     /// Writes the next of the lines that follow a block; whether there are others.
-    pub(super) fn next_line<S: FnMut(&[u8])>(
+    pub(in crate::rewrite) fn next_line<S: FnMut(&[u8])>(
         &mut self,
         more: &mut More,
         out: &mut Out<'_, S>,
@@ -307,7 +316,7 @@ impl Rewriter {
     }
 
     /// A line of its own to a nominal place; nothing if the axes are there.
-    pub(super) fn point<S: FnMut(&[u8])>(
+    pub(in crate::rewrite) fn point<S: FnMut(&[u8])>(
         &mut self,
         motion: Motion,
         nominal: [Pm; 3],
@@ -356,7 +365,7 @@ impl Rewriter {
                 out.put(b" ");
             }
             out.put(b"F");
-            super::emit::number(feed, out);
+            crate::rewrite::text::emit::number(feed, out);
         }
     }
 }
@@ -364,7 +373,7 @@ impl Rewriter {
 /// What a program reaches. In whole picometres: two comparisons of integers for each word,
 /// and no division before somebody asks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Extent {
+pub(in crate::rewrite) struct Extent {
     low: [Pm; 3],
     high: [Pm; 3],
 }

@@ -4,10 +4,10 @@ use umi_protocol::fault::{BlockEndCause, NumberIssue};
 use umi_protocol::job::Name;
 use umi_protocol::pattern::{BlockPattern, LinePattern, RingCsvPattern};
 
-use super::BlockEnd;
-use super::fields::{Fields, Outcome};
-use super::number::{Cursor, Issue};
-use super::pattern;
+use crate::dprnt::BlockEnd;
+use crate::dprnt::line::fields::{Fields, Outcome};
+use crate::dprnt::line::number::{Cursor, Issue};
+use crate::dprnt::line::pattern;
 
 /// What is due next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ enum Due {
 
 /// A block or table that has begun.
 #[derive(Clone, Debug)]
-pub(super) struct Block {
+pub(in crate::dprnt) struct Block {
     /// The pattern, by its number in the job.
     pattern: u8,
     pub name: Name,
@@ -44,7 +44,7 @@ pub(super) struct Block {
 
 /// What a line means to the block.
 #[derive(Clone, Debug)]
-pub(super) enum Step {
+pub(in crate::dprnt) enum Step {
     /// It does not belong to it.
     None,
     /// A count line or table header.
@@ -250,8 +250,10 @@ impl Block {
 }
 
 /// `Index,X,Y`, with blanks anywhere.
-pub(super) fn is_table_header(text: &[u8]) -> bool {
-    let letters = text.iter().filter(|b| !super::number::is_blank(**b));
+pub(in crate::dprnt) fn is_table_header(text: &[u8]) -> bool {
+    let letters = text
+        .iter()
+        .filter(|b| !crate::dprnt::line::number::is_blank(**b));
     letters
         .map(u8::to_ascii_uppercase)
         .eq(b"INDEX,X,Y".iter().copied())

@@ -8,7 +8,7 @@ use heapless::Vec;
 
 /// What is known of the line ends.
 #[derive(Clone, Debug, Default)]
-pub(super) struct LineEnds {
+pub(in crate::rewrite) struct LineEnds {
     first: Vec<u8, 3>,
     learns: bool,
     previous: u8,

@@ -1,15 +1,15 @@
 //! Lengths as whole picometres: sums of increments stay exact, in mm and in inches.
 
-use super::refusal::RewriteRefusal;
 use super::words::Number;
+use crate::rewrite::refusal::RewriteRefusal;
 
 /// A length in picometres.
-pub(super) type Pm = i64;
+pub(in crate::rewrite) type Pm = i64;
 
-pub(super) const PM_PER_MM: f64 = 1e9;
+pub(in crate::rewrite) const PM_PER_MM: f64 = 1e9;
 
 /// Nothing is farther away: 100 m.
-pub(super) const LIMIT_PM: Pm = 100_000_000_000_000;
+pub(in crate::rewrite) const LIMIT_PM: Pm = 100_000_000_000_000;
 
 #[allow(clippy::indexing_slicing, reason = "computed when it is compiled")]
 const POWERS: [i64; 19] = {
@@ -23,7 +23,7 @@ const POWERS: [i64; 19] = {
 };
 
 /// 10ⁿ, for n up to 18.
-pub(super) fn power(n: u8) -> i64 {
+pub(in crate::rewrite) fn power(n: u8) -> i64 {
     POWERS.get(usize::from(n)).copied().unwrap_or(i64::MAX)
 }
 
@@ -38,7 +38,7 @@ pub enum Unit {
 
 /// What a control can be told: the last decimal of a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Step {
+pub(in crate::rewrite) struct Step {
     /// Decimals that are written.
     pub decimals: u8,
     pub pm: Pm,
@@ -77,7 +77,7 @@ impl Step {
 
 /// A written number times a unit.
 #[inline]
-pub(super) fn length(number: Number, unit: Unit) -> Result<Pm, RewriteRefusal> {
+pub(in crate::rewrite) fn length(number: Number, unit: Unit) -> Result<Pm, RewriteRefusal> {
     let (scale, exponent) = match unit {
         Unit::Millimetre => (1, 9),
         Unit::Inch => (254, 8),
@@ -100,12 +100,12 @@ pub(super) fn length(number: Number, unit: Unit) -> Result<Pm, RewriteRefusal> {
 
 /// Characters of a decimal number, at most: letter, sign, 19 digits, point; eight digits are
 /// written at once.
-pub(super) const DECIMAL: usize = 32;
+pub(in crate::rewrite) const DECIMAL: usize = 32;
 
 /// Writes the decimal text of a whole number of steps and returns its length: always with a
 /// point, without trailing zeros (`X100` would be 0.1 mm on many controls, `X100.` never is).
 #[inline]
-pub(super) fn decimal(
+pub(in crate::rewrite) fn decimal(
     text: &mut [u8; DECIMAL],
     letter: Option<u8>,
     steps: i64,

@@ -18,13 +18,13 @@
 //! 100 instructions of a PC a byte without this file and 68 with it. It is the larger part of
 //! the 2.6 KB of flash that the rewriter has grown by for its speed.
 
-use super::block::AXES;
-use super::emit::Out;
-use super::length::{LIMIT_PM, Pm};
-use super::plan::Rounded;
-use super::state::{Feed, Motion};
-use super::words::number;
-use super::{Rewriter, Tape, at};
+use crate::rewrite::block::AXES;
+use crate::rewrite::moved::plan::Rounded;
+use crate::rewrite::state::{Feed, Motion};
+use crate::rewrite::text::emit::Out;
+use crate::rewrite::text::length::{LIMIT_PM, Pm};
+use crate::rewrite::text::words::number;
+use crate::rewrite::{Rewriter, Tape, at};
 
 /// What a plain block says.
 struct Plain {
@@ -41,7 +41,11 @@ struct Plain {
 impl Rewriter {
     /// Carries out a block if it is plain, and writes it; false if it is not, and nothing is
     /// done.
-    pub(super) fn plain<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> bool {
+    pub(in crate::rewrite) fn plain<S: FnMut(&[u8])>(
+        &mut self,
+        line: &[u8],
+        out: &mut Out<'_, S>,
+    ) -> bool {
         if !self.is_straight() {
             return false;
         }

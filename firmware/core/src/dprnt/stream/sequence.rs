@@ -11,7 +11,7 @@ const ABSENT: u32 = u32::MAX;
 
 /// What a run and sequence number means after those that came before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Arrival {
+pub(in crate::dprnt) enum Arrival {
     /// As expected, or late.
     New,
     /// New, but these before it are missing.
@@ -24,7 +24,7 @@ pub(super) enum Arrival {
 
 /// The lines of the present run.
 #[derive(Clone, Debug)]
-pub(super) struct Sequence {
+pub(in crate::dprnt) struct Sequence {
     run: Option<u32>,
     last: u32,
     checks: [u32; REMEMBERED],

@@ -8,7 +8,7 @@ use super::number::{Cursor, Issue, is_blank};
 
 /// A field of a template.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Field {
+pub(in crate::dprnt) enum Field {
     /// A coordinate: 0 X, 1 Y, 2 Z.
     Axis(u8),
     Index,
@@ -51,7 +51,7 @@ impl Field {
 
 /// A piece of a template.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
+pub(in crate::dprnt) enum Part {
     Literal(u8),
     Blank,
     Field(Field),
@@ -63,7 +63,7 @@ pub(super) enum Part {
 
 /// The pieces of a template, in order.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Parts<'a> {
+pub(in crate::dprnt) struct Parts<'a> {
     rest: &'a [u8],
 }
 
@@ -96,12 +96,12 @@ impl Iterator for Parts<'_> {
 }
 
 /// True for the characters of a name.
-pub(super) const fn is_name_byte(byte: u8) -> bool {
+pub(in crate::dprnt) const fn is_name_byte(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b'.')
 }
 
 /// Tries a line. Every part must fit, and nothing may be left over.
-pub(super) fn read(template: &TemplatePattern, text: &[u8]) -> Outcome {
+pub(in crate::dprnt) fn read(template: &TemplatePattern, text: &[u8]) -> Outcome {
     let mut cursor = Cursor::new(text);
     cursor.blanks();
     let mut fields = Fields::default();

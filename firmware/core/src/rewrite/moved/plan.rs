@@ -1,15 +1,15 @@
 //! What a block asks for, and the lines that follow it.
 
 use super::arc::Arc;
-use super::block::{Given, Letters, Taker};
-use super::length::Pm;
-use super::refusal::RewriteRefusal;
-use super::state::{Cycle, Motion};
-use super::words::{At, Number, Value, Word};
+use crate::rewrite::block::{Given, Letters, Taker};
+use crate::rewrite::refusal::RewriteRefusal;
+use crate::rewrite::state::{Cycle, Motion};
+use crate::rewrite::text::length::Pm;
+use crate::rewrite::text::words::{At, Number, Value, Word};
 
 /// What the G words of a block ask for.
 #[derive(Default)]
-pub(super) struct Wanted {
+pub(in crate::rewrite) struct Wanted {
     /// The word and its motion.
     pub motion: Option<(usize, Motion)>,
     /// The word and the cycle in tenths.
@@ -24,7 +24,7 @@ pub(super) struct Wanted {
 
 /// Lines that follow a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum More {
+pub(in crate::rewrite) enum More {
     Nothing,
     Chords(Chords),
     Repeat(Repeat),
@@ -32,11 +32,11 @@ pub(super) enum More {
 }
 
 /// Where a motion goes to.
-pub(super) type Target = [Option<Pm>; 3];
+pub(in crate::rewrite) type Target = [Option<Pm>; 3];
 
 /// The chords of an arc after the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Chords {
+pub(in crate::rewrite) struct Chords {
     pub arc: Arc,
     /// First, second and normal axis.
     pub axes: [usize; 3],
@@ -52,7 +52,7 @@ pub(super) struct Chords {
 
 /// Further holes of a cycle that stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Repeat {
+pub(in crate::rewrite) struct Repeat {
     /// So many are left.
     pub count: u32,
     /// From hole to hole.
@@ -61,7 +61,7 @@ pub(super) struct Repeat {
 
 /// Holes of a cycle that is written out.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Holes {
+pub(in crate::rewrite) struct Holes {
     pub count: u32,
     pub by: [Pm; 3],
     pub cycle: Cycle,
@@ -80,7 +80,7 @@ pub(super) struct Holes {
 
 /// What is written of a hole, in this order; of pecks, from `Near` to `Back` again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Phase {
+pub(in crate::rewrite) enum Phase {
     Over,
     Approach,
     Near,
@@ -93,17 +93,17 @@ pub(super) enum Phase {
 
 /// A rounded place, and its word if it needs one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Rounded {
+pub(in crate::rewrite) struct Rounded {
     pub out: Pm,
     pub steps: Option<i64>,
 }
 
 /// What every motion takes, and what arcs take beside.
 const OF_MOTIONS: Letters = Letters::of(b"XYZABCNOGMFSTHD");
-pub(super) const OF_ARCS: Letters = Letters::of(b"IJKR");
+pub(in crate::rewrite) const OF_ARCS: Letters = Letters::of(b"IJKR");
 
 /// Whether P belongs to the block's work offset or call, not to its motion.
-pub(super) fn is_p_of_others(given: &Given<'_>, wanted: &Wanted) -> bool {
+pub(in crate::rewrite) fn is_p_of_others(given: &Given<'_>, wanted: &Wanted) -> bool {
     let calls = |word: &Word| {
         word.letter == b'M'
             && matches!(
@@ -119,7 +119,7 @@ pub(super) fn is_p_of_others(given: &Given<'_>, wanted: &Wanted) -> bool {
 }
 
 /// Refuses words that an arc does not take.
-pub(super) fn allow_arc(given: &Given<'_>, wanted: &Wanted) -> At<()> {
+pub(in crate::rewrite) fn allow_arc(given: &Given<'_>, wanted: &Wanted) -> At<()> {
     let mut known = OF_MOTIONS.or(OF_ARCS).with(b'P');
     if is_p_of_others(given, wanted) {
         known = known.with(b'L');
@@ -128,7 +128,7 @@ pub(super) fn allow_arc(given: &Given<'_>, wanted: &Wanted) -> At<()> {
 }
 
 /// Refuses words that a motion does not take, less the letters that this one does.
-pub(super) fn allow(given: &Given<'_>, letters: Letters) -> At<()> {
+pub(in crate::rewrite) fn allow(given: &Given<'_>, letters: Letters) -> At<()> {
     let mut known = OF_MOTIONS.or(letters);
     // Of M98, or of G54.1.
     if given.has(b'M') {

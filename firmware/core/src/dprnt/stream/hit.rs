@@ -3,15 +3,15 @@
 use umi_protocol::fault::FaultKind;
 use umi_protocol::pattern::{FieldFormat, Overflow, Travel};
 
-use super::fields::Fields;
-use super::number::Number;
-use super::raw_line::RawLine;
-use super::sink::Sink;
-use super::{Doubts, Item, ReportedHit};
+use crate::dprnt::line::fields::Fields;
+use crate::dprnt::line::number::Number;
+use crate::dprnt::line::raw_line::RawLine;
+use crate::dprnt::stream::sink::Sink;
+use crate::dprnt::{Doubts, Item, ReportedHit};
 use crate::units::Point;
 
 /// Hands on a point, and a fault for each doubt about it.
-pub(super) fn emit<S: FnMut(Item<'_>)>(
+pub(in crate::dprnt) fn emit<S: FnMut(Item<'_>)>(
     fields: &Fields,
     z_mm: f64,
     travel_mm: Option<Travel>,

@@ -4,14 +4,14 @@
 use libm::{fabs, hypot, sqrt};
 
 use super::arc::{Arc, RADII_MM};
-use super::block::{AXES, CENTRES, Given};
-use super::emit::{Action, Edit};
-use super::length::{PM_PER_MM, Pm};
-use super::plan::{Chords, More, Rounded, Target, Wanted, is_p_of_others};
-use super::refusal::RewriteRefusal;
-use super::state::{Feed, Motion};
-use super::words::{At, Number};
-use super::{RewriteDialect, Rewriter, at, pm};
+use crate::rewrite::block::{AXES, CENTRES, Given};
+use crate::rewrite::moved::plan::{Chords, More, Rounded, Target, Wanted, is_p_of_others};
+use crate::rewrite::refusal::RewriteRefusal;
+use crate::rewrite::state::{Feed, Motion};
+use crate::rewrite::text::emit::{Action, Edit};
+use crate::rewrite::text::length::{PM_PER_MM, Pm};
+use crate::rewrite::text::words::{At, Number};
+use crate::rewrite::{RewriteDialect, Rewriter, at, pm};
 
 /// Turns of one arc, at most.
 const MAX_TURNS: u32 = 1000;
@@ -41,7 +41,7 @@ struct CenterWord {
 
 impl Chords {
     /// Where a chord ends, from 1.
-    pub(super) fn place(&self, number: u32) -> [Pm; 3] {
+    pub(in crate::rewrite) fn place(&self, number: u32) -> [Pm; 3] {
         if number >= self.count {
             return self.end;
         }
@@ -62,7 +62,7 @@ impl Chords {
 
 impl Rewriter {
     #[allow(clippy::too_many_arguments, reason = "one call, one block")]
-    pub(super) fn arc(
+    pub(in crate::rewrite) fn arc(
         &mut self,
         given: &Given<'_>,
         wanted: &Wanted,

@@ -104,7 +104,7 @@ use umi_protocol::pattern::FieldFormat;
 
 use super::fields::{Fields, Ids, Outcome};
 use super::number::{Cursor, Issue, Number};
-use super::{Moved, Said};
+use crate::dprnt::{Moved, Said};
 use crate::units::Point;
 
 /// What a checked line begins with.
@@ -218,7 +218,7 @@ pub fn code_of(approach: Option<Approach>) -> u8 {
 }
 
 /// Tries a line.
-pub(super) fn read(format: FieldFormat, text: &[u8]) -> Outcome {
+pub(in crate::dprnt) fn read(format: FieldFormat, text: &[u8]) -> Outcome {
     let mut cursor = Cursor::new(text);
     cursor.blanks();
     if !cursor.take_text(TAG.as_bytes()) || cursor.peek().is_some_and(|b| b.is_ascii_digit()) {

@@ -13,11 +13,11 @@
 use umi_protocol::fault::NumberIssue;
 use umi_protocol::pattern::{FieldFormat, Overflow};
 
-use super::Digits;
+use crate::dprnt::Digits;
 
 /// A number as printed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Number {
+pub(in crate::dprnt) struct Number {
     /// The value, correctly rounded; zero is never negative.
     pub value: f64,
     /// All digits as one integer: the value is `±mantissa / 10^decimals`.
@@ -31,7 +31,7 @@ pub(super) struct Number {
 }
 
 /// A number that is not as it should be, and where it stands (from 1).
-pub(super) type Issue = (NumberIssue, u16);
+pub(in crate::dprnt) type Issue = (NumberIssue, u16);
 
 /// Powers of ten that an f64 holds exactly.
 const POWERS_OF_TEN: [f64; 23] = [
@@ -97,13 +97,13 @@ impl Number {
 }
 
 /// True for what stands between fields.
-pub(super) const fn is_blank(byte: u8) -> bool {
+pub(in crate::dprnt) const fn is_blank(byte: u8) -> bool {
     matches!(byte, b' ' | b'*')
 }
 
 /// Reads a line from left to right.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cursor<'a> {
+pub(in crate::dprnt) struct Cursor<'a> {
     text: &'a [u8],
     at: usize,
 }

@@ -4,12 +4,12 @@ use umi_protocol::fault::NumberIssue;
 use umi_protocol::job::{Approach, Name};
 use umi_protocol::pattern::FieldFormat;
 
-use super::Said;
 use super::number::{Cursor, Issue, Number};
+use crate::dprnt::Said;
 
 /// What a checked line says beside the point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Ids {
+pub(in crate::dprnt) struct Ids {
     pub run: u32,
     pub sequence: u32,
     pub feature: u16,
@@ -20,7 +20,7 @@ pub(super) struct Ids {
 
 /// What a line carries, as far as it says.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Fields {
+pub(in crate::dprnt) struct Fields {
     pub axes: [Option<Number>; 3],
     pub index: Option<u32>,
     pub name: Option<Name>,
@@ -33,7 +33,7 @@ pub(super) struct Fields {
 
 /// How a line fits a pattern.
 #[derive(Clone, Debug)]
-pub(super) enum Outcome {
+pub(in crate::dprnt) enum Outcome {
     /// Not at all.
     None,
     /// Not, but for this: another pattern may still fit.

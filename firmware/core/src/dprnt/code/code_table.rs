@@ -4,13 +4,13 @@
 use umi_protocol::pattern::Coding;
 
 /// The codes in the order in which they are numbered here.
-pub(super) const CODES: [Coding; 4] = [
+pub(in crate::dprnt) const CODES: [Coding; 4] = [
     Coding::Ascii,
     Coding::IsoEven,
     Coding::AsciiOdd,
     Coding::Eia,
 ];
-pub(super) const ASCII: u8 = 0;
+pub(in crate::dprnt) const ASCII: u8 = 0;
 const ISO_EVEN: u8 = 1;
 const ASCII_ODD: u8 = 2;
 const EIA: u8 = 3;
@@ -18,26 +18,26 @@ const EIA: u8 = 3;
 /// The weight of a line end that a code does not have.
 const FOREIGN_LINE_END: u8 = 4;
 
-pub(super) const LF: u8 = 0x0A;
-pub(super) const CR: u8 = 0x0D;
-pub(super) const XON: u8 = 0x11;
-pub(super) const PUNCH_ON: u8 = 0x12;
-pub(super) const XOFF: u8 = 0x13;
+pub(in crate::dprnt) const LF: u8 = 0x0A;
+pub(in crate::dprnt) const CR: u8 = 0x0D;
+pub(in crate::dprnt) const XON: u8 = 0x11;
+pub(in crate::dprnt) const PUNCH_ON: u8 = 0x12;
+pub(in crate::dprnt) const XOFF: u8 = 0x13;
 /// XOFF with even parity, as Fanuc punches it.
-pub(super) const XOFF_EVEN: u8 = 0x93;
-pub(super) const PUNCH_OFF: u8 = 0x14;
+pub(in crate::dprnt) const XOFF_EVEN: u8 = 0x93;
+pub(in crate::dprnt) const PUNCH_OFF: u8 = 0x14;
 /// DC2 and DC4 with odd parity.
-pub(super) const PUNCH_ON_ODD: u8 = 0x92;
-pub(super) const PUNCH_OFF_ODD: u8 = 0x94;
-pub(super) const ETX: u8 = 0x03;
+pub(in crate::dprnt) const PUNCH_ON_ODD: u8 = 0x92;
+pub(in crate::dprnt) const PUNCH_OFF_ODD: u8 = 0x94;
+pub(in crate::dprnt) const ETX: u8 = 0x03;
 const EOT: u8 = 0x04;
-pub(super) const NAK: u8 = 0x15;
-pub(super) const SYN: u8 = 0x16;
+pub(in crate::dprnt) const NAK: u8 = 0x15;
+pub(in crate::dprnt) const SYN: u8 = 0x16;
 const EIA_EOB: u8 = 0x80;
 
 /// What a byte stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Character {
+pub(in crate::dprnt) enum Character {
     /// A printable character; a tab is a blank.
     Text(u8),
     /// A control code that carries nothing: XOFF, SI, SO, feed.
@@ -95,7 +95,7 @@ const EIA_TO_ASCII: [u8; 128] = {
 };
 
 /// The EIA byte of an ASCII character; none if EIA does not have it.
-pub(super) fn eia_of(ascii: u8) -> Option<u8> {
+pub(in crate::dprnt) fn eia_of(ascii: u8) -> Option<u8> {
     let place = EIA_TO_ASCII
         .iter()
         .position(|a| *a == ascii && ascii != 0)?;
@@ -142,7 +142,7 @@ const fn decode(code: u8, byte: u8) -> Character {
 }
 
 /// What every byte stands for in every code.
-pub(super) static CHARACTERS: [[Character; 256]; 4] = {
+pub(in crate::dprnt) static CHARACTERS: [[Character; 256]; 4] = {
     let mut table = [[Character::Unknown; 256]; 4];
     let mut code = 0;
     while code < 4 {
@@ -157,7 +157,7 @@ pub(super) static CHARACTERS: [[Character; 256]; 4] = {
 };
 
 /// The codes in which a byte ends a line, one bit each.
-pub(super) const fn ends(byte: u8) -> u8 {
+pub(in crate::dprnt) const fn ends(byte: u8) -> u8 {
     match byte {
         LF => 1 << ASCII | 1 << ISO_EVEN,
         CR => 1 << ASCII | 1 << ASCII_ODD,
@@ -169,7 +169,7 @@ pub(super) const fn ends(byte: u8) -> u8 {
 }
 
 /// How much a byte contradicts each code.
-pub(super) static CONTRADICTS: [[u8; 4]; 256] = {
+pub(in crate::dprnt) static CONTRADICTS: [[u8; 4]; 256] = {
     let mut table = [[0u8; 4]; 256];
     let mut byte = 0;
     while byte < 256 {

@@ -11,8 +11,8 @@ use super::number::{Cursor, Issue};
 use super::{checked, template};
 
 /// Tries a line on a pattern that needs nothing but this line. Blocks and
-/// tables are in [`super::block`].
-pub(super) fn read(pattern: &LinePattern, text: &[u8]) -> Outcome {
+/// tables are in [`crate::dprnt::stream::block`].
+pub(in crate::dprnt) fn read(pattern: &LinePattern, text: &[u8]) -> Outcome {
     match pattern {
         LinePattern::Block(_) | LinePattern::RingCsv(_) => Outcome::None,
         LinePattern::PointLine(line) => point_line(line, text),
@@ -26,7 +26,7 @@ pub(super) fn read(pattern: &LinePattern, text: &[u8]) -> Outcome {
 
 /// Whether a line that fits this pattern is known to be whole without a line
 /// end: its last number has a fixed number of decimals, or it has an end mark.
-pub(super) const fn shows_its_end(pattern: &LinePattern) -> bool {
+pub(in crate::dprnt) const fn shows_its_end(pattern: &LinePattern) -> bool {
     match pattern {
         LinePattern::LabelledWords(words) => words.format.is_some(),
         LinePattern::Template(line) => line.format.is_some(),
@@ -35,7 +35,7 @@ pub(super) const fn shows_its_end(pattern: &LinePattern) -> bool {
 }
 
 /// Three numbers of this format and nothing else.
-pub(super) fn three_numbers(format: FieldFormat, text: &[u8]) -> Outcome {
+pub(in crate::dprnt) fn three_numbers(format: FieldFormat, text: &[u8]) -> Outcome {
     match Fields::three(&mut Cursor::new(text)) {
         Ok(fields) => fields.into_point(Some(format)),
         Err(issue) => Outcome::Bad(issue),
@@ -44,7 +44,7 @@ pub(super) fn three_numbers(format: FieldFormat, text: &[u8]) -> Outcome {
 
 /// The name in a block's header line: one of the words, or one of them and a
 /// number.
-pub(super) fn header(block: &BlockPattern, text: &[u8]) -> Option<Name> {
+pub(in crate::dprnt) fn header(block: &BlockPattern, text: &[u8]) -> Option<Name> {
     let mut cursor = Cursor::new(text);
     cursor.blanks();
     let word = cursor.take_while(template::is_name_byte);

@@ -4,11 +4,11 @@
 use umi_protocol::fault::{Counters, Excerpt, Fault, FaultKind};
 use umi_protocol::line::LineStatus;
 
-use super::{Item, Line, ReportedHit};
+use crate::dprnt::{Item, Line, ReportedHit};
 use crate::units::Micros;
 
 /// Hands items to the sink and counts them.
-pub(super) struct Sink<'o, S> {
+pub(in crate::dprnt) struct Sink<'o, S> {
     pub sink: &'o mut S,
     pub counters: &'o mut Counters,
     /// The line to which faults belong.

@@ -2,15 +2,15 @@
 
 use heapless::Vec;
 
-use super::refusal::RewriteRefusal;
+use crate::rewrite::refusal::RewriteRefusal;
 
 /// Words of one block, at most; a control takes about as many characters in a block as
 /// four times this.
-pub(super) const MAX_WORDS: usize = 48;
+pub(in crate::rewrite) const MAX_WORDS: usize = 48;
 
 /// A decimal number as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Number {
+pub(in crate::rewrite) struct Number {
     /// All digits as one whole number, with the sign.
     pub digits: i64,
     /// How many of them stand behind the point.
@@ -20,7 +20,7 @@ pub(super) struct Number {
 
 /// What follows a letter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Value {
+pub(in crate::rewrite) enum Value {
     Number(Number),
     /// `#1` or `[...]`: known to the control only.
     Expression,
@@ -28,7 +28,7 @@ pub(super) enum Value {
 
 /// A word and its place in the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Word {
+pub(in crate::rewrite) struct Word {
     /// Upper case; `,` for `,R` and `,C`.
     pub letter: u8,
     pub value: Value,
@@ -37,11 +37,11 @@ pub(super) struct Word {
 }
 
 /// The words of a line.
-pub(super) type Words = Vec<Word, MAX_WORDS>;
+pub(in crate::rewrite) type Words = Vec<Word, MAX_WORDS>;
 
 /// What a line is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(in crate::rewrite) enum Kind {
     /// Blanks and comments.
     Nothing,
     /// `%`.
@@ -55,10 +55,10 @@ pub(super) enum Kind {
 }
 
 /// What is wrong at which byte of the line.
-pub(super) type At<T> = Result<T, (usize, RewriteRefusal)>;
+pub(in crate::rewrite) type At<T> = Result<T, (usize, RewriteRefusal)>;
 
 /// Reads a line without its end into `words`.
-pub(super) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
+pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
     let mut at = 0;
     let mut optional = false;
     while let Some(&byte) = line.get(at) {
@@ -165,7 +165,7 @@ fn word(line: &[u8], start: usize, letter: u8, at: usize, words: &mut Words) -> 
 
 /// Digits and a point.
 #[inline]
-pub(super) fn number(
+pub(in crate::rewrite) fn number(
     line: &[u8],
     begin: usize,
     negative: bool,

@@ -17,7 +17,7 @@ use umi_protocol::program::MAX_NUMBER;
 /// The number of the program that a line asks for; none if it asks for none. Blanks may
 /// stand anywhere between the parts, as where a variable is printed with leading blanks.
 #[must_use]
-pub(super) fn program_asked_for(line: &[u8]) -> Option<u32> {
+pub(in crate::dprnt) fn program_asked_for(line: &[u8]) -> Option<u32> {
     let mut rest = line;
     for wanted in b"READO" {
         rest = expect(rest, *wanted)?;

@@ -7,11 +7,11 @@
 //! or the header of a block. A `%` by itself does not make a program:
 //! printed files begin and end with it on some controls.
 
-use super::number::is_blank;
+use crate::dprnt::line::number::is_blank;
 
 /// Where we are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Program {
+pub(in crate::dprnt) enum Program {
     /// Between programs.
     #[default]
     None,
@@ -25,7 +25,7 @@ pub(super) enum Program {
 
 /// What a line means for programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
+pub(in crate::dprnt) enum Step {
     /// Nothing: it is printed text as far as can be seen.
     Text,
     /// A `%` that separates.

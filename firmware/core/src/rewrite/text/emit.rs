@@ -11,7 +11,7 @@ const MAX_CHANGED: usize = 16;
 
 /// What becomes of a word.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Action {
+pub(in crate::rewrite) enum Action {
     Keep,
     /// The same letter with another length: steps, decimals.
     Length(i64, u8),
@@ -22,7 +22,7 @@ pub(super) enum Action {
 
 /// What becomes of a block.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Edit {
+pub(in crate::rewrite) struct Edit {
     /// The words that change, by their index; all others are kept.
     changed: Vec<(u8, Action), MAX_CHANGED>,
     /// A bit for each word that is in there.
@@ -77,7 +77,7 @@ const fn bit(word: usize) -> u64 {
 }
 
 /// Collects output and hands it on in pieces.
-pub(super) struct Out<'a, S: FnMut(&[u8])> {
+pub(in crate::rewrite) struct Out<'a, S: FnMut(&[u8])> {
     sink: &'a mut S,
     held: [u8; 256],
     length: usize,
@@ -137,7 +137,7 @@ impl<S: FnMut(&[u8])> core::fmt::Write for Out<'_, S> {
 }
 
 /// Whether blanks stand between the words of a block; none if it has only one word.
-pub(super) fn is_spaced(words: &Words) -> Option<bool> {
+pub(in crate::rewrite) fn is_spaced(words: &Words) -> Option<bool> {
     let (first, rest) = words.split_first()?;
     let next = rest.first()?;
     Some(next.start > first.end)
@@ -161,7 +161,7 @@ const fn is_before(added: u8, there: u8) -> bool {
 }
 
 /// Writes a block without its end.
-pub(super) fn block<S: FnMut(&[u8])>(
+pub(in crate::rewrite) fn block<S: FnMut(&[u8])>(
     line: &[u8],
     words: &Words,
     edit: &Edit,
@@ -284,7 +284,7 @@ fn letter(line: &[u8], word: &Word) -> u8 {
 }
 
 /// A number as it was written, without its sign if that was a plus.
-pub(super) fn number<S: FnMut(&[u8])>(number: Number, out: &mut Out<'_, S>) {
+pub(in crate::rewrite) fn number<S: FnMut(&[u8])>(number: Number, out: &mut Out<'_, S>) {
     let mut text = [0; DECIMAL];
     let length = decimal(&mut text, None, number.digits, number.decimals);
     let bytes = text.get(..length).unwrap_or_default();

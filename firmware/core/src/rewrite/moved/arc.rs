@@ -5,11 +5,11 @@ use core::f64::consts::PI;
 use libm::{asin, atan2, ceil, fabs, hypot, sincos, sqrt};
 
 /// How far the radii at both ends may differ, mm: LinuxCNC and Fanuc 3410 take more.
-pub(super) const RADII_MM: f64 = 0.0127;
+pub(in crate::rewrite) const RADII_MM: f64 = 0.0127;
 
 /// An arc in the plane of its first two coordinates, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Arc {
+pub(in crate::rewrite) struct Arc {
     pub start: [f64; 2],
     pub center: [f64; 2],
     /// Radius at the start and at the end: they may differ by rounding.

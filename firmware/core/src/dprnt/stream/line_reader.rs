@@ -6,16 +6,17 @@ use umi_protocol::line::LineStatus;
 use umi_protocol::pattern::{LinePattern, ReceiverConfig};
 
 use super::block::{self, Block};
-use super::coding::Damage;
-use super::fields::{Fields, Ids, Outcome};
-use super::hit;
-use super::number::{Issue, is_blank};
 use super::program::{self, Program};
-use super::raw_line::{MAX_LINE, RawLine};
-use super::request::program_asked_for;
 use super::sequence::{Arrival, Sequence};
 use super::sink::Sink;
-use super::{Announced, BlockStart, Item, pattern};
+use crate::dprnt::code::coding::Damage;
+use crate::dprnt::line::fields::{Fields, Ids, Outcome};
+use crate::dprnt::line::number::{Issue, is_blank};
+use crate::dprnt::line::pattern;
+use crate::dprnt::line::raw_line::{MAX_LINE, RawLine};
+use crate::dprnt::line::request::program_asked_for;
+use crate::dprnt::stream::hit;
+use crate::dprnt::{Announced, BlockStart, Item};
 use crate::units::Micros;
 
 /// What the patterns say about a line.
@@ -34,7 +35,7 @@ enum Found {
 
 /// Lines to hits.
 #[derive(Clone, Debug)]
-pub(super) struct LineReader {
+pub(in crate::dprnt) struct LineReader {
     config: ReceiverConfig,
     program: Program,
     block: Option<Block>,
@@ -487,6 +488,6 @@ const fn number_kind((issue, position): Issue, line: &RawLine<'_>) -> FaultKind 
 /// Fill between the characters and no decimal point: bytes of binary values may
 /// happen to be digits.
 fn is_binary(fields: &Fields, line: &RawLine<'_>) -> bool {
-    let whole = |number: &super::number::Number| number.digits.decimals == 0;
+    let whole = |number: &crate::dprnt::line::number::Number| number.digits.decimals == 0;
     line.fill_inside && fields.axes.iter().flatten().any(whole)
 }

@@ -1,13 +1,14 @@
 //! Canned cycles: kept where the tool's direction stays, written out where it tilts.
 
-use super::block::{AXES, Given, Letters};
-use super::emit::{self, Action, Edit, Out};
-use super::length::{LIMIT_PM, Pm, Step};
-use super::plan::{Holes, More, Phase, Repeat, Wanted, allow};
-use super::refusal::RewriteRefusal;
-use super::state::{Cycle, Motion};
-use super::words::At;
-use super::{RewriteDialect, Rewriter, at, pm};
+use crate::rewrite::block::{AXES, Given, Letters};
+use crate::rewrite::moved::plan::{Holes, More, Phase, Repeat, Wanted, allow};
+use crate::rewrite::refusal::RewriteRefusal;
+use crate::rewrite::state::{Cycle, Motion};
+use crate::rewrite::text::emit;
+use crate::rewrite::text::emit::{Action, Edit, Out};
+use crate::rewrite::text::length::{LIMIT_PM, Pm, Step};
+use crate::rewrite::text::words::At;
+use crate::rewrite::{RewriteDialect, Rewriter, at, pm};
 
 /// Holes of one block, at most, and pecks of all of them: what one block may become.
 const MAX_HOLES: u32 = 1000;
@@ -18,7 +19,7 @@ const OF_CYCLES: Letters = Letters::of(b"RQPKLIJ");
 
 impl Rewriter {
     /// A block that begins or goes on with a canned cycle.
-    pub(super) fn cycle(
+    pub(in crate::rewrite) fn cycle(
         &mut self,
         given: &Given<'_>,
         wanted: &Wanted,
@@ -280,7 +281,7 @@ impl Rewriter {
         column: usize,
         cycle: &Cycle,
         count: u32,
-        before: &super::Place,
+        before: &crate::rewrite::Place,
         target: [Option<Pm>; 3],
         rises: bool,
     ) -> At<()> {
@@ -369,7 +370,7 @@ impl Rewriter {
     }
 
     /// Writes the next hole of a cycle that stays; whether there are others.
-    pub(super) fn repeat<S: FnMut(&[u8])>(
+    pub(in crate::rewrite) fn repeat<S: FnMut(&[u8])>(
         &mut self,
         repeat: &mut Repeat,
         out: &mut Out<'_, S>,
@@ -384,7 +385,7 @@ impl Rewriter {
     }
 
     /// Writes the next motion of holes in G0 and G1; whether there are others.
-    pub(super) fn hole<S: FnMut(&[u8])>(
+    pub(in crate::rewrite) fn hole<S: FnMut(&[u8])>(
         &mut self,
         holes: &mut Holes,
         out: &mut Out<'_, S>,
