@@ -13,6 +13,7 @@
 //! | `pictures` | the pictures |
 //! | [`page`] | the page and its parts |
 //! | [`paths`] | the page on two tool paths |
+//! | [`path_plan`] | the page on a planned scan path |
 //! | [`scan`] | the page on a scan that was placed |
 //! | [`deviation`] | the page on a scan beside its nominal |
 //! | [`terminal`], [`ink`] | the table for a terminal; its colours, and nothing else that steers it |
@@ -22,6 +23,7 @@ pub mod draw;
 pub mod figures;
 pub mod ink;
 pub mod page;
+pub mod path_plan;
 pub mod paths;
 mod pictures;
 pub mod program;

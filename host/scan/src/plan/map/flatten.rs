@@ -22,6 +22,23 @@ pub struct FlatMap {
     pub quality: MapQuality,
 }
 
+impl FlatMap {
+    /// Each triangle in the plane, with the length in the plane of a millimetre on the surface there. `chart`: the
+    /// chart's faces, in the order of the map's.
+    pub fn scales(&self, part: &PartMesh, chart: &[u32]) -> Vec<([[f64; 2]; 3], f64)> {
+        self.faces
+            .iter()
+            .zip(chart)
+            .map(|(f, &face)| {
+                let flat = doubled(&self.places, f).abs() / 2.0;
+                let scale = (flat / part.area_mm2(face as usize)).sqrt();
+                let corner = |k: u32| self.places[k as usize].into();
+                (f.map(corner), scale)
+            })
+            .collect()
+    }
+}
+
 /// How true a map is.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct MapQuality {

@@ -137,7 +137,12 @@ pub fn plan(
             }
         }
     };
-    result::proved(&shop, rows, &passes, quality, &obstructed, options)
+    let mut plan = result::proved(&shop, rows, &passes, quality, &obstructed, options)?;
+    plan.flat = charts
+        .iter()
+        .map(|chart| chart.map.scales(part, &chart.faces))
+        .collect();
+    Ok(plan)
 }
 
 /// Passes that see nothing which others do not are left out, the shortest first.

@@ -9,6 +9,7 @@ use super::super::drive::realise::{Obstructed, Pass};
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::map::flatten::MapQuality;
 use super::super::proof::figures::{Overlap, overlap, stand};
+use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::see;
 use super::super::spec::ScanSpec;
 use super::unseen::{Uncovered, reasons};
@@ -68,7 +69,14 @@ pub struct ScanPlan {
     pub rows: Vec<PathRow>,
     /// Its figures.
     pub figures: PlanFigures,
+    /// Points that stand for the surface, with the number of passes that see each.
+    pub seen: Vec<(SamplePoint, usize)>,
+    /// The charts' triangles in the plane, with the length there of a millimetre on the surface.
+    pub flat: Vec<Vec<FlatTriangle>>,
 }
+
+/// A triangle of a map, and its scale.
+pub type FlatTriangle = ([[f64; 2]; 3], f64);
 
 /// The clearance is told up to this.
 const MOST_CLEARANCE_MM: f64 = 100.0;
@@ -157,7 +165,13 @@ pub fn proved(
             figures.clearance_mm
         )));
     }
-    Ok(ScanPlan { rows, figures })
+    let sights = seen.sights.iter().map(Vec::len);
+    Ok(ScanPlan {
+        rows,
+        figures,
+        seen: shop.samples.iter().copied().zip(sights).collect(),
+        flat: Vec::new(),
+    })
 }
 
 fn unreachable(coverage: f64, wanted: f64, nothing: bool, uncovered: &[Uncovered]) -> ScanError {

@@ -364,6 +364,7 @@ fn a_planned_path_holds_and_its_program_goes_to_its_rows() {
     let part = project("tests/reference/plan/three_axes.obj");
     let spec = project("tests/reference/plan/three_axes.toml");
     let (path, program) = (folder.path("path.csv"), folder.path("path.nc"));
+    let pages = folder.path("report/of plan");
     let planned = umi(&[
         "scan",
         "plan",
@@ -376,6 +377,8 @@ fn a_planned_path_holds_and_its_program_goes_to_its_rows() {
         &program,
         "--dialect",
         "linuxcnc",
+        "--report",
+        &pages,
         "--json",
     ]);
     let planned = planned.exits(0).json();
@@ -385,6 +388,19 @@ fn a_planned_path_holds_and_its_program_goes_to_its_rows() {
     for name in ["passes", "poses", "coverage"] {
         assert_eq!(verified[name], planned[name], "{name}");
     }
+
+    let page = std::fs::read_to_string(format!("{pages}/plan.html")).unwrap();
+    let seen = 100.0 * planned["coverage"].as_f64().unwrap();
+    for text in [
+        format!("{seen:.1} % of the surface is seen"),
+        "From above".to_owned(),
+        "The surface laid flat".to_owned(),
+        "S, \u{b0}".to_owned(),
+    ] {
+        assert!(page.contains(&text), "{text}");
+    }
+    let picture = std::fs::read_to_string(format!("{pages}/plan.svg")).unwrap();
+    assert!(picture.starts_with("<?xml") && picture.trim_end().ends_with("</svg>"));
 
     let rows = std::fs::read_to_string(&path).unwrap();
     let rows = rows.lines().skip(1).map(|row| -> Vec<f64> {

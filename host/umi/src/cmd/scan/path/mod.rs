@@ -2,4 +2,5 @@
 
 pub(super) mod kinematics;
 pub(super) mod plan;
+mod plan_page;
 pub(super) mod verify;

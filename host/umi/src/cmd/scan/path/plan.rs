@@ -8,6 +8,7 @@ use std::time::Duration;
 use crate::failure::Failure;
 use crate::output::Force;
 use clap::{Args, ValueEnum};
+use umi_report::path_plan;
 use umi_scan::ScanError;
 use umi_scan::plan::mesh::read::read_obstacle;
 use umi_scan::plan::mesh::{PartMesh, read_part};
@@ -17,6 +18,7 @@ use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::surface::Mesh;
 
+use super::plan_page;
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
 
@@ -42,6 +44,9 @@ pub(crate) struct Plan {
     /// Axis values, or the point on the part that the control carries through its rotary axes
     #[arg(long, value_enum, default_value_t = Mode::Rotary, requires = "nc")]
     nc_mode: Mode,
+    /// Writes a page and a picture of the plan into this folder: plan.html, plan.svg
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// A plan that sees less than min_coverage is a plan
     #[arg(long)]
     allow_partial: bool,
@@ -75,6 +80,7 @@ const HELP: &str = "\
 Examples:
   umi scan plan part.stl --spec spec.toml -o path.csv
   umi scan plan part.stl --spec spec.toml -o path.csv --nc path.nc --dialect linuxcnc
+  umi scan plan part.stl --spec spec.toml -o path.csv --report plan
   umi scan plan pocket.ply --spec spec.toml -o path.csv --allow-partial --json | jq .uncovered
 
 The path is written only if a simulated scan of its rows confirms it: what is seen, from how far, how
@@ -94,7 +100,8 @@ fn positive(text: &str) -> Result<f64, String> {
 
 impl Plan {
     pub fn run(self) -> Result<(), Failure> {
-        for path in std::iter::once(&self.output).chain(&self.nc) {
+        let pages = self.pages();
+        for path in std::iter::once(&self.output).chain(&self.nc).chain(&pages) {
             self.force.check(path, &[&self.mesh, &self.spec])?;
         }
         answer(self.make(), self.format.json, text)
@@ -105,8 +112,8 @@ impl Plan {
         if made.is_err() {
             // An older path must not be taken for this plan's. Where there is none, that is as well.
             let _ = fs::remove_file(&self.output);
-            if let Some(nc) = &self.nc {
-                let _ = fs::remove_file(nc);
+            for path in self.pages().iter().chain(&self.nc) {
+                let _ = fs::remove_file(path);
             }
         }
         made
@@ -138,7 +145,22 @@ impl Plan {
             write(path, &program(&spec, meshes, &plan.rows, style)?.text)?;
         }
         write(&self.output, &csv(&spec.machine, &plan.rows))?;
+        if let (Some(folder), [html, svg]) = (&self.report, &self.pages()[..]) {
+            fs::create_dir_all(folder)
+                .map_err(|error| ScanError::file("create", folder, &error))?;
+            let page = plan_page::page(&self.mesh, &spec, &plan);
+            write(html, &path_plan::html(&page))?;
+            write(svg, &path_plan::picture(&page))?;
+        }
         Ok(plan.figures)
+    }
+
+    /// The files of the report, if there is to be one.
+    fn pages(&self) -> Vec<PathBuf> {
+        let folder = self.report.iter();
+        folder
+            .flat_map(|folder| ["plan.html", "plan.svg"].map(|name| folder.join(name)))
+            .collect()
     }
 }
 
