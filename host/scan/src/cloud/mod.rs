@@ -1,6 +1,9 @@
 //! Points of a scan: all at once ([`ScanCloud`]), or one after the other ([`Points`]).
 
+mod cube;
 pub mod tree;
+
+pub(crate) use cube::CubeHasher;
 
 use crate::ScanError;
 use crate::rigid::Vec3;

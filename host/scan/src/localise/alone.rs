@@ -24,6 +24,10 @@ enum Rivals {
     Better(Fit),
 }
 
+/// How far facets lie from the round that they stand for, over the diagonal: nothing finer tells two poses apart unless
+/// the fit itself is coarser.
+const FACETS: f64 = 2e-4;
+
 /// How often a better pose takes the place of the best one at most.
 const BETTER: usize = 6;
 
@@ -50,8 +54,11 @@ impl Judge<'_> {
     /// The poses that explain the scan as well as `best`.
     fn rivals(&self, scene: &Scene, fits: &[Fit], best: &Fit) -> Result<Rivals, ScanError> {
         let threads = self.task.threads;
-        let sigma = best.sigma_mm.max(scene.noise_mm);
-        let own = off(self.surface, &scene.fine, &best.motion, sigma, threads);
+        // Neighbourhoods with stray points, edges and curves look noisier than the surface is; but what sets facets apart
+        // from the round that they stand for is no noise.
+        let facets = FACETS * self.prepared.diagonal;
+        let sigma = best.sigma_mm.max(scene.noise_mm.min(facets));
+        let own = off(self.part(), &scene.fine, &best.motion, sigma, threads);
         let explained_own: Vec<bool> = own.iter().map(|o| on(*o)).collect();
         let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
         let held: Vec<usize> = (0..own.len()).filter(|&i| explained_own[i]).collect();
@@ -88,7 +95,7 @@ impl Judge<'_> {
                 threads,
             )?;
             let other = explained(
-                self.surface,
+                self.part(),
                 &scene.fine,
                 &rough.motion,
                 2.0 * sigma,
@@ -105,10 +112,10 @@ impl Judge<'_> {
                 return None;
             }
             tried.push(fit.motion);
-            let other = off(self.surface, &scene.fine, &fit.motion, sigma, threads);
+            let other = off(self.part(), &scene.fine, &fit.motion, sigma, threads);
             let turn = best.motion.inverse().after(&fit.motion);
             let samples = &self.prepared.samples;
-            let share = own_share(self.surface, samples, &turn, sigma, threads);
+            let share = own_share(self.part(), samples, &turn, sigma, threads);
             match compare(&own, &other, share) {
                 Ordering::Greater => None,
                 Ordering::Equal => {
@@ -151,7 +158,7 @@ impl Judge<'_> {
     /// outline holds the part, and an outline is far worse than the noise of the points claims.
     fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
         let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let own = explained(self.surface, &at, motion, sigma, self.task.threads);
+        let own = explained(self.part(), &at, motion, sigma, self.task.threads);
         let spread: Matrix3<f64> = scene
             .places
             .iter()
@@ -217,7 +224,7 @@ impl Judge<'_> {
             .filter_map(|motion| self.refine(scene, &motion))
             .filter(|fit| {
                 let other = explained(
-                    self.surface,
+                    self.part(),
                     &scene.fine,
                     &fit.motion,
                     sigma,

@@ -64,4 +64,13 @@ impl HeightField {
         let (distance, face) = self.values[place];
         Some((f64::from(distance), face as usize))
     }
+
+    /// Infinite, with the sign of the distance, if `p` is surely farther than `limit` mm from the model; none if that
+    /// cannot be said without the model.
+    pub fn beyond(&self, p: &Vec3, limit: f64) -> Option<f64> {
+        let (distance, _) = self.at(p)?;
+        // From the middle of a cell to its corner, and what single precision rounds.
+        let slack = 0.8661 * self.cell + 1e-6 * distance.abs();
+        (distance.abs() - slack > limit).then(|| f64::INFINITY.copysign(distance))
+    }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Vector6};
 use super::uncertainty::Groups;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
-use crate::solve::{Kernel, Measured, Offset, Settled, Task, measure, pseudo_solve};
+use crate::solve::{Kernel, Measured, Offset, Settled, Task, measure_within, pseudo_solve};
 use crate::stock::median;
 use crate::surface::CompositeSurface;
 
@@ -74,7 +74,24 @@ pub(super) fn task<'a>(
         pivot: middle(points),
         locked: [false; 6],
         steps,
+        within_mm: f64::INFINITY,
+        enough_mm: 0.0,
         threads,
+    }
+}
+
+/// The points within `limit` mm by Tukey's kernel, to a step that is small beside the noise that `limit` stands for.
+pub(super) fn robust<'a>(
+    surface: &'a CompositeSurface,
+    points: &'a [Vec3],
+    limit: f64,
+    steps: usize,
+    threads: Threads,
+) -> Task<'a> {
+    Task {
+        within_mm: 3.0 * limit,
+        enough_mm: 2e-5 * limit,
+        ..task(surface, points, Kernel::Tukey(limit), steps, threads)
     }
 }
 
@@ -96,7 +113,7 @@ pub(super) fn settle(
         if near.len() < 12 {
             return None;
         }
-        let settled = task(surface, &near, Kernel::Tukey(limit), 3, threads).solve(&motion);
+        let settled = robust(surface, &near, limit, 3, threads).solve(&motion);
         motion = settled.motion;
         let sigma = noise(&settled.measured, limit).max(floor);
         let next = (TUKEY * sigma).clamp(limit * 0.35, limit);
@@ -108,7 +125,7 @@ pub(super) fn settle(
         }
         limit = next;
     }
-    let settled: Settled = task(surface, &near, Kernel::Tukey(limit), last, threads).solve(&motion);
+    let settled: Settled = robust(surface, &near, limit, last, threads).solve(&motion);
     let sigma = noise(&settled.measured, limit).max(floor);
     let inliers = settled
         .measured
@@ -146,7 +163,8 @@ pub(super) fn weighed(
         .fold(1e-3, f64::max);
     let mut motion = *start;
     for _ in 0..30 {
-        let measured = measure(surface, points, &motion, &[], threads);
+        let reach = 3.0 * TUKEY * sigma;
+        let measured = measure_within(surface, points, &motion, &[], reach, threads);
         let mut h = vec![Matrix6::zeros(); groups.all.len()];
         let mut g = vec![Vector6::zeros(); groups.all.len()];
         for (i, (q, m)) in points.iter().zip(&measured).enumerate() {
@@ -161,7 +179,7 @@ pub(super) fn weighed(
         let x = pseudo_solve(&((left + left.transpose()) / 2.0), &right, 1e-13);
         let step = Vector6::new(x[0] / arm, x[1] / arm, x[2] / arm, x[3], x[4], x[5]);
         motion = stepped(&motion, &step, &about);
-        if x.amax() < 1e-12 * (1.0 + arm) {
+        if x.amax() < (1e-12 * (1.0 + arm)).max(1e-6 * sigma) {
             break;
         }
     }
@@ -178,7 +196,7 @@ fn close(
 ) -> Vec<Vec3> {
     let inside = boxed(surface, motion, limit);
     let boxed: Vec<Vec3> = points.iter().filter(|q| inside(q)).copied().collect();
-    measure(surface, &boxed, motion, &[], threads)
+    measure_within(surface, &boxed, motion, &[], limit, threads)
         .iter()
         .zip(&boxed)
         .filter(|(m, _)| m.distance_mm.abs() < limit)

@@ -20,12 +20,13 @@ use serde_json::{Value, json};
 use crate::ScanError;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
-use crate::solve::{Kernel, Measured, measure};
+use crate::solve::{self, Kernel, Measured};
 use crate::surface::{CompositeSurface, Mesh};
 
 pub use symmetry::SymmetryAxis;
 pub use uncertainty::Certainty;
 use uncertainty::Groups;
+use verdict::Decided;
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -100,18 +101,27 @@ impl LocaliseTask<'_> {
             ));
         }
         let surface = CompositeSurface::from(self.model.clone());
-        let (motion, sigma_mm, symmetries) = match (&self.start, self.kernel) {
-            (Some(start), Some(_)) => (*start, None, Vec::new()),
-            (Some(start), None) => {
-                let fit = self.near_start(&surface, start)?;
-                (fit.motion, Some(fit.sigma_mm), Vec::new())
-            }
-            (None, _) => {
-                let found = verdict::decide(self, &surface)?;
-                (found.fit.motion, Some(found.fit.sigma_mm), found.symmetries)
-            }
+        let found = match (&self.start, self.kernel) {
+            (Some(start), Some(kernel)) => return self.stated(&surface, start, kernel),
+            (Some(start), None) => Decided {
+                fit: self.near_start(&surface, start)?,
+                symmetries: Vec::new(),
+            },
+            (None, _) => verdict::decide(self, &surface)?,
         };
-        self.finish(&surface, &motion, sigma_mm, symmetries)
+        if let Some(kernel) = self.kernel {
+            let located = self.stated(&surface, &found.fit.motion, kernel)?;
+            return Ok(Located {
+                symmetries: found.symmetries,
+                ..located
+            });
+        }
+        self.finish(
+            &surface,
+            &found.fit.motion,
+            found.fit.sigma_mm,
+            found.symmetries,
+        )
     }
 
     /// From a pose that is about right.
@@ -128,56 +138,23 @@ impl LocaliseTask<'_> {
             })
     }
 
-    fn finish(
+    /// The end with a stated kernel, which is about all points.
+    fn stated(
         &self,
         surface: &CompositeSurface,
-        motion: &Pose,
-        sigma_mm: Option<f64>,
-        symmetries: Vec<SymmetryAxis>,
+        start: &Pose,
+        kernel: Kernel,
     ) -> Result<Located, ScanError> {
-        let mut motion = *motion;
-        let mut measured;
-        // How many times the points are that the pose was fitted to.
-        let mut more = 1.0;
-        if let Some(kernel) = self.kernel {
-            let settled = fit::task(surface, self.points, kernel, 300, self.threads).solve(&motion);
-            motion = settled.motion;
-            measured = settled.measured;
-        } else {
-            measured = measure(surface, self.points, &motion, &[], self.threads);
-        }
-        let (sigma, on_part): (f64, Vec<usize>) = match self.kernel {
-            Some(Kernel::None) => {
+        let settled = fit::task(surface, self.points, kernel, 300, self.threads).solve(start);
+        let measured = settled.measured;
+        let (sigma, on_part): (f64, Vec<usize>) = match kernel {
+            Kernel::None => {
                 let sum: f64 = measured.iter().map(|m| m.distance_mm.powi(2)).sum();
                 let dof = (measured.len() as f64 - 6.0).max(1.0);
                 ((sum / dof).sqrt(), (0..measured.len()).collect())
             }
-            Some(Kernel::Huber(c) | Kernel::Tukey(c)) => {
+            Kernel::Huber(c) | Kernel::Tukey(c) => {
                 let sigma = fit::noise(&measured, 10.0 * c);
-                (sigma, near(&measured, fit::INLIER * sigma))
-            }
-            None => {
-                let sigma = sigma_mm
-                    .unwrap_or_else(|| fit::noise(&measured, self.model.diagonal_mm() * 0.01));
-                // All points now: the search and its refinement have used some thousands.
-                let places = near(&measured, 10.0 * sigma);
-                let used = pairs::spread(places.len(), MANY);
-                more = places.len() as f64 / used.len().max(1) as f64;
-                let places: Vec<usize> = used.into_iter().map(|k| places[k]).collect();
-                let kernel = Kernel::Tukey(fit::TUKEY * sigma);
-                let kept: Vec<Vec3> = places.iter().map(|&i| self.points[i]).collect();
-                motion = fit::task(surface, &kept, kernel, 40, self.threads)
-                    .solve(&motion)
-                    .motion;
-                if self.groups.all.len() > 1 {
-                    let of: Vec<usize> = places.iter().map(|&i| self.groups.of(i)).collect();
-                    let groups = Groups {
-                        of: &of,
-                        ..self.groups
-                    };
-                    motion = fit::weighed(surface, &kept, groups, &motion, sigma, self.threads);
-                }
-                measured = measure(surface, self.points, &motion, &[], self.threads);
                 (sigma, near(&measured, fit::INLIER * sigma))
             }
         };
@@ -185,35 +162,96 @@ impl LocaliseTask<'_> {
             self.points,
             &measured,
             &on_part,
-            &motion,
+            &settled.motion,
             sigma,
             self.groups,
         )
-        .widened(self.spread(&measured, &on_part, sigma))
-        .widened(more);
+        .widened(spread(self.points, &measured, &on_part, sigma, self.groups));
+        let on = on_part.iter().map(|&i| (i, measured[i].distance_mm));
+        self.judged(&settled.motion, sigma, certainty, on.collect(), Vec::new())
+    }
+
+    /// The end of a search or of a refinement, which have used some thousands of points: now the fit is to all on the
+    /// part, or to [`MANY`] of them, and the covariance is that of the points fitted to.
+    fn finish(
+        &self,
+        surface: &CompositeSurface,
+        motion: &Pose,
+        sigma: f64,
+        symmetries: Vec<SymmetryAxis>,
+    ) -> Result<Located, ScanError> {
+        // What is farther than this cannot come onto the part any more.
+        let reach = 10.0 * sigma;
+        let about = self.within(surface, motion, 2.0 * reach);
+        let points: Vec<Vec3> = about.iter().map(|&i| self.points[i]).collect();
+        let measured = solve::measure_within(surface, &points, motion, &[], reach, self.threads);
+        let places = near(&measured, reach);
+        let fitted: Vec<usize> = pairs::spread(places.len(), MANY)
+            .into_iter()
+            .map(|k| places[k])
+            .collect();
+        let kept: Vec<Vec3> = fitted.iter().map(|&k| points[k]).collect();
+        let of: Vec<usize> = fitted.iter().map(|&k| self.groups.of(about[k])).collect();
+        let groups = Groups {
+            of: &of,
+            ..self.groups
+        };
+        let mut motion = fit::robust(surface, &kept, fit::TUKEY * sigma, 40, self.threads)
+            .solve(motion)
+            .motion;
+        if groups.all.len() > 1 {
+            motion = fit::weighed(surface, &kept, groups, &motion, sigma, self.threads);
+        }
+        let there = solve::measure_within(surface, &kept, &motion, &[], reach, self.threads);
+        let on_part = near(&there, fit::INLIER * sigma);
+        let certainty = uncertainty::certainty(&kept, &there, &on_part, &motion, sigma, groups)
+            .widened(spread(&kept, &there, &on_part, sigma, groups));
+        let limit = fit::INLIER * sigma;
+        let measured = solve::measure_within(surface, &points, &motion, &[], limit, self.threads);
+        let on = near(&measured, limit)
+            .into_iter()
+            .map(|k| (about[k], measured[k].distance_mm));
+        self.judged(&motion, sigma, certainty, on.collect(), symmetries)
+    }
+
+    /// The points in the part's box, widened by `limit` mm.
+    fn within(&self, surface: &CompositeSurface, motion: &Pose, limit: f64) -> Vec<usize> {
+        let inside = fit::boxed(surface, motion, limit);
+        self.threads
+            .chunks(self.points.len(), 1 << 16, |range| {
+                range
+                    .filter(|&i| inside(&self.points[i]))
+                    .collect::<Vec<usize>>()
+            })
+            .concat()
+    }
+
+    /// What was found, with its verdict. `on`: the points on the part with their distances.
+    fn judged(
+        &self,
+        motion: &Pose,
+        sigma_mm: f64,
+        certainty: Certainty,
+        on: Vec<(usize, f64)>,
+        symmetries: Vec<SymmetryAxis>,
+    ) -> Result<Located, ScanError> {
         if !certainty.free.is_empty() {
             return Err(degenerate(&certainty, "part"));
         }
-        let squares: f64 = on_part
-            .iter()
-            .map(|&i| measured[i].distance_mm.powi(2))
-            .sum();
-        let shown: Vec<Vec3> = on_part
-            .iter()
-            .map(|&i| motion.undo(&self.points[i]))
+        let squares: f64 = on.iter().map(|(_, distance)| distance.powi(2)).sum();
+        let shown: Vec<Vec3> = pairs::spread(on.len(), MANY)
+            .into_iter()
+            .map(|k| motion.undo(&self.points[on[k].0]))
             .collect();
         let mut located = Located {
-            motion,
-            n_used: on_part.len(),
+            motion: *motion,
+            n_used: on.len(),
             overlap: scene::coverage(self.model, &shown),
-            rms_mm: (squares / on_part.len().max(1) as f64).sqrt(),
-            sigma_mm: sigma,
+            rms_mm: (squares / on.len().max(1) as f64).sqrt(),
+            sigma_mm,
             certainty,
             symmetries,
-            on: on_part
-                .iter()
-                .map(|&i| (i, measured[i].distance_mm))
-                .collect(),
+            on,
             reasons: Vec::new(),
         };
         located.reasons = verdict_reasons(
@@ -227,39 +265,42 @@ impl LocaliseTask<'_> {
     }
 }
 
-impl LocaliseTask<'_> {
-    /// By how much more several scans differ than their own doubts and the noise say: χ² over its degrees of freedom.
-    fn spread(&self, measured: &[Measured], on_part: &[usize], sigma: f64) -> f64 {
-        let count = self.groups.all.len();
-        if count < 2 {
-            return 1.0;
-        }
-        let places: Vec<Vec3> = on_part.iter().map(|&i| self.points[i]).collect();
-        let about = fit::middle(&places);
-        let arm = places
-            .iter()
-            .map(|q| (q - about).norm())
-            .fold(1e-3, f64::max);
-        let mut h = vec![nalgebra::Matrix6::zeros(); count];
-        let mut g = vec![nalgebra::Vector6::zeros(); count];
-        for &i in on_part {
-            let r = fit::row(&self.points[i], &measured[i], &about, arm);
-            h[self.groups.of(i)] += r * r.transpose();
-            g[self.groups.of(i)] -= r * measured[i].distance_mm;
-        }
-        let sigma2 = sigma * sigma;
-        let damping = self.groups.damping(&h, &about, arm, sigma2);
-        let (mut misfit, mut freedom) = (0.0, 0);
-        for k in 0..count {
-            let (values, _) = crate::solve::eigen(&h[k]);
-            freedom += values.iter().filter(|v| **v > FREE * values[5]).count();
-            let own = crate::solve::pseudo_solve(&h[k], &g[k], FREE);
-            misfit += own.dot(&(damping[k] * h[k] * own)) / sigma2;
-        }
-        misfit / (freedom.saturating_sub(6).max(1)) as f64
+/// By how much more several scans differ than their own doubts and the noise say: χ² over its degrees of freedom.
+fn spread(
+    points: &[Vec3],
+    measured: &[Measured],
+    on_part: &[usize],
+    sigma: f64,
+    groups: Groups<'_>,
+) -> f64 {
+    let count = groups.all.len();
+    if count < 2 {
+        return 1.0;
     }
+    let places: Vec<Vec3> = on_part.iter().map(|&i| points[i]).collect();
+    let about = fit::middle(&places);
+    let arm = places
+        .iter()
+        .map(|q| (q - about).norm())
+        .fold(1e-3, f64::max);
+    let mut h = vec![nalgebra::Matrix6::zeros(); count];
+    let mut g = vec![nalgebra::Vector6::zeros(); count];
+    for &i in on_part {
+        let r = fit::row(&points[i], &measured[i], &about, arm);
+        h[groups.of(i)] += r * r.transpose();
+        g[groups.of(i)] -= r * measured[i].distance_mm;
+    }
+    let sigma2 = sigma * sigma;
+    let damping = groups.damping(&h, &about, arm, sigma2);
+    let (mut misfit, mut freedom) = (0.0, 0);
+    for k in 0..count {
+        let (values, _) = crate::solve::eigen(&h[k]);
+        freedom += values.iter().filter(|v| **v > FREE * values[5]).count();
+        let own = crate::solve::pseudo_solve(&h[k], &g[k], FREE);
+        misfit += own.dot(&(damping[k] * h[k] * own)) / sigma2;
+    }
+    misfit / (freedom.saturating_sub(6).max(1)) as f64
 }
-
 /// A motion of one scan's part is held if its points hold it by this share of the best one, in squares.
 const FREE: f64 = 1e-3;
 

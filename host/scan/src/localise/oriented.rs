@@ -1,10 +1,12 @@
 //! Points with the direction of the surface around them: what a search without a first guess goes by.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::HashSet;
+use std::hash::BuildHasherDefault;
 
 use nalgebra::Matrix3;
 
+use crate::cloud::CubeHasher;
 use crate::cloud::tree::PointTree;
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
@@ -67,18 +69,30 @@ pub(super) fn from_seed(points: &[Vec3], seed: u64) -> Cow<'_, [Vec3]> {
 }
 
 /// One point of each cube of `cell` mm: the first one in the order of the list.
-pub(super) fn thin(points: &[Vec3], cell: f64) -> Vec<Vec3> {
+pub(super) fn thin(points: &[Vec3], cell: f64, threads: Threads) -> Vec<Vec3> {
     let Some(first) = points.first() else {
         return Vec::new();
     };
-    let mut taken: HashMap<[i64; 3], ()> = HashMap::new();
+    // The first ones of each part of the list, then the first ones of those.
+    let parts = threads.chunks(points.len(), PART, |range| {
+        first_of_each(&points[range], first, cell)
+    });
+    match parts.len() {
+        1 => parts.concat(),
+        _ => first_of_each(&parts.concat(), first, cell),
+    }
+}
+
+/// Points that one thread thins at a time.
+const PART: usize = 1 << 18;
+
+fn first_of_each(points: &[Vec3], origin: &Vec3, cell: f64) -> Vec<Vec3> {
+    let mut taken: HashSet<[i64; 3], BuildHasherDefault<CubeHasher>> = HashSet::default();
     points
         .iter()
         .filter(|p| {
-            let key = ((*p - first) / cell).map(f64::floor);
-            taken
-                .insert([key.x as i64, key.y as i64, key.z as i64], ())
-                .is_none()
+            let key = ((*p - origin) / cell).map(f64::floor);
+            taken.insert([key.x as i64, key.y as i64, key.z as i64])
         })
         .copied()
         .collect()

@@ -2,6 +2,7 @@
 
 use std::cmp::Ordering;
 
+use super::field::HeightField;
 use super::fit::{Fit, INLIER, boxed};
 use super::oriented::Oriented;
 use crate::parallel::Threads;
@@ -10,18 +11,28 @@ use crate::solve::measure;
 use crate::surface::CompositeSurface;
 
 /// How far each point lies from the part where `motion` puts it, in units of `sigma_mm`, negative within the material;
-/// infinite far outside.
+/// infinite, with that sign, where it is clearly none of the part's.
 pub(super) fn off(
-    surface: &CompositeSurface,
+    (surface, field): (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
     sigma_mm: f64,
     threads: Threads,
 ) -> Vec<f64> {
-    let inside = boxed(surface, motion, CLEARLY * sigma_mm);
-    let place: Vec<usize> = (0..points.len()).filter(|&i| inside(&points[i])).collect();
-    let near: Vec<Vec3> = place.iter().map(|&i| points[i]).collect();
+    let limit = CLEARLY * sigma_mm;
+    let inside = boxed(surface, motion, limit);
     let mut off = vec![f64::INFINITY; points.len()];
+    let mut place = Vec::new();
+    for (i, q) in points.iter().enumerate() {
+        if !inside(q) {
+            continue;
+        }
+        match field.beyond(&motion.undo(q), limit) {
+            Some(far) => off[i] = far,
+            None => place.push(i),
+        }
+    }
+    let near: Vec<Vec3> = place.iter().map(|&i| points[i]).collect();
     for (m, i) in measure(surface, &near, motion, &[], threads)
         .iter()
         .zip(place)
@@ -33,13 +44,13 @@ pub(super) fn off(
 
 /// Which points lie on the part where `motion` puts it.
 pub(super) fn explained(
-    surface: &CompositeSurface,
+    part: (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
     sigma_mm: f64,
     threads: Threads,
 ) -> Vec<bool> {
-    let off = off(surface, points, motion, sigma_mm, threads);
+    let off = off(part, points, motion, sigma_mm, threads);
     off.into_iter().map(on).collect()
 }
 
@@ -109,14 +120,14 @@ pub(super) fn compare(first: &[f64], second: &[f64], own_share: f64) -> Ordering
 
 /// The share of the model's surface that is clearly off the surface after a motion of the model.
 pub(super) fn own_share(
-    surface: &CompositeSurface,
+    part: (&CompositeSurface, &HeightField),
     samples: &[Oriented],
     turn: &Pose,
     sigma_mm: f64,
     threads: Threads,
 ) -> f64 {
     let points: Vec<Vec3> = samples.iter().map(|s| s.at).collect();
-    let off = off(surface, &points, turn, sigma_mm, threads);
+    let off = off(part, &points, turn, sigma_mm, threads);
     let apart = off.iter().filter(|off| off.abs() > CLEARLY).count();
     // As many more as chance may have left out.
     (apart as f64 + 3.0) / points.len().max(1) as f64

@@ -29,15 +29,15 @@ pub(super) fn cell_mm(mesh: &Mesh) -> f64 {
 impl Scene {
     pub fn new(mesh: &Mesh, points: &[Vec3], threads: Threads) -> Self {
         let mut cell = cell_mm(mesh);
-        let mut fine = thin(points, cell / 3.0);
+        let mut fine = thin(points, cell / 3.0, threads);
         while fine.len() > 8 * FINE {
             cell *= 1.5;
-            fine = thin(&fine, cell / 3.0);
+            fine = thin(&fine, cell / 3.0, threads);
         }
-        let mut coarse = thin(&fine, cell);
+        let mut coarse = thin(&fine, cell, threads);
         while coarse.len() > PLACES {
             cell *= 1.3;
-            coarse = thin(&coarse, cell);
+            coarse = thin(&coarse, cell, threads);
         }
         let (places, noise_mm) = orient(&coarse, &fine, 1.6 * cell, NEIGHBOURS, threads);
         let fine = super::pairs::spread(fine.len(), FINE)
@@ -73,7 +73,7 @@ impl Scene {
 pub(super) fn coverage(mesh: &Mesh, points: &[Vec3]) -> f64 {
     let samples = sample(mesh, 1500);
     let cell = cell_mm(mesh);
-    let thinned = thin(points, cell / 3.0);
+    let thinned = thin(points, cell / 3.0, Threads::new(1));
     let tree = PointTree::new(&thinned);
     let mut found = Vec::new();
     let seen = samples

@@ -1,6 +1,7 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
 use super::LocaliseTask;
+use super::field::HeightField;
 use super::fit::{self, Fit};
 use super::oriented::from_seed;
 use super::pairs::Prepared;
@@ -136,7 +137,7 @@ impl Judge<'_> {
         let sigma = self.common(&rough, scene);
         for fit in &mut rough {
             fit.inliers = count(&explained(
-                self.surface,
+                self.part(),
                 &thinned,
                 &fit.motion,
                 sigma,
@@ -159,7 +160,7 @@ impl Judge<'_> {
         let sigma = self.common(&fits, scene);
         for fit in &mut fits {
             fit.inliers = count(&explained(
-                self.surface,
+                self.part(),
                 &scene.fine,
                 &fit.motion,
                 sigma,
@@ -168,6 +169,11 @@ impl Judge<'_> {
         }
         super::rivals::sort(&mut fits);
         fits
+    }
+
+    /// What poses are compared with.
+    pub(super) fn part(&self) -> (&CompositeSurface, &HeightField) {
+        (self.surface, &self.prepared.field)
     }
 
     /// Points about where `motion` puts the part, few enough to try many poses.
@@ -303,7 +309,7 @@ impl Judge<'_> {
         let seen = best.map(|fit| {
             let sigma = fit.sigma_mm.max(scene.noise_mm);
             explained(
-                self.surface,
+                self.part(),
                 &scene.fine,
                 &fit.motion,
                 sigma,
@@ -329,7 +335,7 @@ impl Judge<'_> {
             .min(other.sigma_mm)
             .max(scene.noise_mm);
         let there = explained(
-            self.surface,
+            self.part(),
             &mirrored.fine,
             &other.motion,
             sigma,
@@ -337,7 +343,7 @@ impl Judge<'_> {
         );
         let here = best.map(|fit| {
             explained(
-                self.surface,
+                self.part(),
                 &scene.fine,
                 &fit.motion,
                 sigma,

@@ -31,6 +31,19 @@ pub fn measure(
     faces: &[usize],
     threads: Threads,
 ) -> Vec<Measured> {
+    measure_within(surface, points, motion, faces, f64::INFINITY, threads)
+}
+
+/// The same, faster: points farther than `limit` mm have the distance `f64::MAX`.
+#[must_use]
+pub(crate) fn measure_within(
+    surface: &CompositeSurface,
+    points: &[Vec3],
+    motion: &Pose,
+    faces: &[usize],
+    limit: f64,
+    threads: Threads,
+) -> Vec<Measured> {
     let mut all = Vec::with_capacity(points.len());
     let parts = threads.chunks(points.len(), CHUNK, |range| {
         let mut last = 0;
@@ -38,11 +51,11 @@ pub fn measure(
             .map(|i| {
                 let hint = faces.get(i).copied().unwrap_or(last);
                 let near = surface
-                    .near(&motion.undo(&points[i]), hint)
+                    .near_within(&motion.undo(&points[i]), hint, limit)
                     .unwrap_or(Near {
                         distance_mm: f64::MAX,
                         direction: Vec3::z(),
-                        face: 0,
+                        face: hint,
                     });
                 last = near.face;
                 Measured {
@@ -88,6 +101,10 @@ pub struct Task<'a> {
     pub locked: [bool; 6],
     /// Steps at most.
     pub steps: usize,
+    /// Points farther than this, in mm, need no distance: the kernel takes them all alike.
+    pub within_mm: f64,
+    /// A step that moves no point by more than this, in mm, is the last one; 0: as far as the numbers go.
+    pub enough_mm: f64,
     /// Threads.
     pub threads: Threads,
 }
@@ -119,7 +136,7 @@ impl Task<'_> {
         let mut x = Vector6::zeros();
         let mut offset = 0.0;
         let mut motion = *start;
-        let mut measured = measure(self.surface, self.points, &motion, &[], self.threads);
+        let mut measured = self.measure(&motion, &[]);
         if self.offset == Offset::Free {
             offset = mean(&measured);
         }
@@ -136,7 +153,7 @@ impl Task<'_> {
                     next[i] += part * step[i] / if i < 3 { arm } else { 1.0 };
                 }
                 let moved = crate::rigid::stepped(start, &next, &self.pivot);
-                let there = measure(self.surface, self.points, &moved, &faces, self.threads);
+                let there = self.measure(&moved, &faces);
                 let next_offset = offset + part * step[6];
                 let next_cost = self.cost(&there, next_offset);
                 if next_cost <= cost * (1.0 + 1e-9) || part < 1e-3 {
@@ -149,7 +166,8 @@ impl Task<'_> {
             }
             (x, offset, motion, measured, cost) =
                 (next, next_offset, next_motion, there, next_cost);
-            if step.amax() * part < 2e-12 * (1.0 + motion.translation_mm.amax() * 1e-3) {
+            let exact = 2e-12 * (1.0 + motion.translation_mm.amax() * 1e-3);
+            if step.amax() * part < exact.max(self.enough_mm / 3.0) {
                 break;
             }
         }
@@ -160,6 +178,17 @@ impl Task<'_> {
             measured,
             steps: taken,
         }
+    }
+
+    fn measure(&self, motion: &Pose, faces: &[usize]) -> Vec<Measured> {
+        measure_within(
+            self.surface,
+            self.points,
+            motion,
+            faces,
+            self.within_mm,
+            self.threads,
+        )
     }
 
     /// The sum of costs of these distances.

@@ -6,6 +6,6 @@ pub mod linear;
 mod small;
 
 pub use kernel::Kernel;
-pub(crate) use least::left_jacobian;
 pub use least::{Measured, Offset, Settled, Task, measure};
+pub(crate) use least::{left_jacobian, measure_within};
 pub use small::{eigen, pseudo_solve};

@@ -186,6 +186,8 @@ impl StockTask<'_> {
                 pivot,
                 locked,
                 steps: 100,
+                within_mm: f64::INFINITY,
+                enough_mm: 0.0,
                 threads: self.threads,
             };
             task.solve(from).motion
@@ -247,6 +249,8 @@ impl StockTask<'_> {
             pivot,
             locked,
             steps: 300,
+            within_mm: f64::INFINITY,
+            enough_mm: 0.0,
             threads: self.threads,
         }
         .solve(&self.start)

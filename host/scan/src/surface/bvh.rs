@@ -1,5 +1,6 @@
 //! A tree of boxes around triangles, for the nearest one and for rays.
 
+use super::nearest::Facet;
 use super::triangle::{Triangle, bounds};
 use crate::rigid::Vec3;
 
@@ -35,6 +36,10 @@ pub(super) struct Tree {
     pub nodes: Vec<Node>,
     /// Triangles by number, those of a leaf side by side.
     pub order: Vec<u32>,
+    /// The triangles in that order, as the nearest is sought.
+    pub facets: Vec<Facet>,
+    /// The place in that order of each triangle.
+    pub places: Vec<u32>,
 }
 
 impl Tree {
@@ -47,9 +52,16 @@ impl Tree {
         let mut tree = Self {
             nodes: Vec::with_capacity(triangles.len()),
             order: (0..u32::try_from(triangles.len()).unwrap_or(u32::MAX)).collect(),
+            facets: Vec::new(),
+            places: vec![0; triangles.len()],
         };
         let all = tree.order.len();
         tree.split(triangles, &centres, 0, all);
+        for (place, &face) in tree.order.iter().enumerate() {
+            tree.facets
+                .push(Facet::new(&triangles[face as usize], face));
+            tree.places[face as usize] = place as u32;
+        }
         tree
     }
 

@@ -15,20 +15,98 @@ pub struct Near {
     pub face: usize,
 }
 
-/// Levels of a tree of 2³² triangles, and one.
-const DEPTH: usize = 64;
+/// Levels of a tree of 2³² triangles, and some more.
+const DEPTH: usize = 40;
+
+/// A triangle with what its distance needs, beside those of its leaf.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Facet {
+    corner: Vec3,
+    sides: [Vec3; 2],
+    normal: Vec3,
+    /// Squares and product of the sides, and the square of twice the area.
+    d00: f64,
+    d01: f64,
+    d11: f64,
+    area: f64,
+    /// The triangle's number.
+    face: u32,
+}
+
+impl Facet {
+    pub fn new(t: &Triangle, face: u32) -> Self {
+        let [a, b, c] = &t.corners;
+        let (e0, e1) = (b - a, c - a);
+        let (d00, d01, d11) = (e0.norm_squared(), e0.dot(&e1), e1.norm_squared());
+        Self {
+            corner: *a,
+            sides: [e0, e1],
+            normal: t.normal,
+            d00,
+            d01,
+            d11,
+            area: (d00 * d11 - d01 * d01).max(1e-300),
+            face,
+        }
+    }
+
+    /// From `q`: the squared distance, the difference (q − foot), and its cosine to the normal; none if the distance is
+    /// larger than the root of `limit`.
+    #[inline]
+    fn from(&self, q: &Vec3, limit: f64) -> Option<(f64, Vec3, f64)> {
+        let w = q - self.corner;
+        let h = w.dot(&self.normal);
+        // The plane is not farther than the triangle.
+        if h * h > limit {
+            return None;
+        }
+        let [e0, e1] = &self.sides;
+        let (p0, p1) = (w.dot(e0), w.dot(e1));
+        let (v, u) = (self.d11 * p0 - self.d01 * p1, self.d00 * p1 - self.d01 * p0);
+        let beyond = u + v > self.area;
+        if v >= 0.0 && u >= 0.0 && !beyond {
+            let cosine = if h < 0.0 { -1.0 } else { f64::from(h > 0.0) };
+            return Some((h * h, self.normal * h, cosine));
+        }
+        // The nearest point lies on a side that the foot on the plane is beyond.
+        let mut low = f64::INFINITY;
+        let mut off = w;
+        let mut side = |other: Vec3| {
+            let squared = other.norm_squared();
+            if squared < low {
+                (low, off) = (squared, other);
+            }
+        };
+        if u < 0.0 {
+            side(to_segment(&w, e0, p0, self.d00));
+        }
+        if v < 0.0 {
+            side(to_segment(&w, e1, p1, self.d11));
+        }
+        if beyond {
+            let (w, e) = (w - e0, e1 - e0);
+            side(to_segment(&w, &e, w.dot(&e), e.norm_squared()));
+        }
+        Some((low, off, off.dot(&self.normal) / low.sqrt().max(1e-300)))
+    }
+}
 
 struct Best {
     low: f64,
+    /// What a distance may be, squared, to be as near.
+    limit: f64,
     cosine: f64,
     off: Vec3,
-    face: usize,
+    face: u32,
 }
 
 /// Squared distances that differ by less are one: 5e-10 mm of the distance itself.
 fn tie(low: f64) -> f64 {
     1e-18 + 1e-9 * low.sqrt()
 }
+
+/// No triangle.
+const NONE: u32 = u32::MAX;
 
 impl Mesh {
     /// The surface nearest to `q`. Where several triangles are nearest (an edge, a corner), the sign is that of the one
@@ -41,29 +119,42 @@ impl Mesh {
     /// The same, faster where `hint` is a triangle that is near.
     #[must_use]
     pub fn near_from(&self, q: &Vec3, hint: usize) -> Near {
-        let hint = if hint < self.triangles.len() { hint } else { 0 };
-        let (squared, off, cosine) = to_triangle(&self.triangles[hint], q);
+        // There is a triangle, and it is nearer than that.
+        self.near_within(q, hint, f64::INFINITY).unwrap_or(Near {
+            distance_mm: f64::MAX,
+            direction: Vec3::z(),
+            face: 0,
+        })
+    }
+
+    /// The same, none if the surface is farther than `limit` mm: most is not looked at then.
+    #[must_use]
+    pub fn near_within(&self, q: &Vec3, hint: usize, limit: f64) -> Option<Near> {
+        let tree = &self.tree;
+        let squared = (limit * limit).min(f64::MAX);
         let mut best = Best {
             low: squared,
-            cosine,
-            off,
-            face: hint,
+            limit: squared,
+            cosine: 0.0,
+            off: Vec3::zeros(),
+            face: NONE,
         };
-        let nodes = &self.tree.nodes;
+        let hint = tree.places.get(hint).map_or(0, |place| *place as usize);
+        best.consider(&tree.facets[hint], q);
+        let nodes = &tree.nodes;
         let mut stack = [(0_u32, 0.0_f64); DEPTH];
         stack[0].1 = nodes[0].distance_squared(q);
         let mut height = 1;
         while height > 0 {
             height -= 1;
             let (at, box_squared) = stack[height];
-            if box_squared > best.low + tie(best.low) {
+            if box_squared > best.limit {
                 continue;
             }
             let node = &nodes[at as usize];
             if node.count > 0 {
-                for &k in &self.tree.order[node.start as usize..(node.start + node.count) as usize]
-                {
-                    best.consider(k as usize, to_triangle(&self.triangles[k as usize], q));
+                for facet in &tree.facets[node.start as usize..(node.start + node.count) as usize] {
+                    best.consider(facet, q);
                 }
                 continue;
             }
@@ -77,76 +168,61 @@ impl Mesh {
             } else {
                 ((right, r), (left, l))
             };
-            // A median split is never deeper than the stack: 64 levels would need 2⁶⁴ triangles.
-            stack[height] = far;
-            stack[height + 1] = near;
-            height += 2;
+            // A median split is never deeper than the stack: 40 levels would need 2⁴⁰ triangles.
+            if far.1 <= best.limit {
+                stack[height] = far;
+                height += 1;
+            }
+            if near.1 <= best.limit {
+                stack[height] = near;
+                height += 1;
+            }
         }
-        best.near(&self.triangles)
+        (best.face != NONE).then(|| best.near(&self.triangles))
     }
 }
 
 impl Best {
-    fn consider(&mut self, face: usize, (squared, off, cosine): (f64, Vec3, f64)) {
-        let tie = tie(self.low);
-        if squared > self.low + tie {
+    #[inline]
+    fn consider(&mut self, facet: &Facet, q: &Vec3) {
+        let Some((squared, off, cosine)) = facet.from(q, self.limit) else {
+            return;
+        };
+        if squared > self.limit {
             return;
         }
-        let clear = squared < self.low - tie;
+        let clear = self.face == NONE || squared < 2.0 * self.low - self.limit;
         let looks = cosine.abs() > self.cosine.abs()
-            || (cosine.abs() == self.cosine.abs() && face < self.face);
+            || (cosine.abs() == self.cosine.abs() && facet.face < self.face);
         if clear || looks {
             self.cosine = cosine;
             self.off = off;
-            self.face = face;
+            self.face = facet.face;
         }
-        self.low = self.low.min(squared);
+        if squared < self.low || self.low == self.limit {
+            self.low = self.low.min(squared);
+            self.limit = self.low + tie(self.low);
+        }
     }
 
     fn near(&self, triangles: &[Triangle]) -> Near {
         let distance = self.low.sqrt();
         let sign = if self.cosine < 0.0 { -1.0 } else { 1.0 };
+        let face = self.face as usize;
         Near {
             distance_mm: distance * sign,
             direction: if distance > 1e-12 {
                 self.off * (sign / distance)
             } else {
-                triangles[self.face].normal
+                triangles[face].normal
             },
-            face: self.face,
+            face,
         }
     }
 }
 
-/// To the triangle from `q`: the squared distance, the difference (q − foot), and its cosine to the normal.
-fn to_triangle(t: &Triangle, q: &Vec3) -> (f64, Vec3, f64) {
-    let [a, b, c] = &t.corners;
-    let (e0, e1, w) = (b - a, c - a, q - a);
-    let h = w.dot(&t.normal);
-    let (d00, d01, d11) = (e0.norm_squared(), e0.dot(&e1), e1.norm_squared());
-    let (p0, p1) = (w.dot(&e0), w.dot(&e1));
-    let area = (d00 * d11 - d01 * d01).max(1e-300);
-    let (v, u) = (d11 * p0 - d01 * p1, d00 * p1 - d01 * p0);
-    if v >= 0.0 && u >= 0.0 && u + v <= area {
-        return (
-            h * h,
-            t.normal * h,
-            if h < 0.0 { -1.0 } else { f64::from(h > 0.0) },
-        );
-    }
-    let mut off = to_segment(&w, &e0);
-    let mut low = off.norm_squared();
-    for other in [to_segment(&w, &e1), to_segment(&(q - b), &(c - b))] {
-        let squared = other.norm_squared();
-        if squared < low {
-            (low, off) = (squared, other);
-        }
-    }
-    (low, off, off.dot(&t.normal) / low.sqrt().max(1e-300))
-}
-
-/// From the nearest point of the segment 0..e to `w`.
-fn to_segment(w: &Vec3, e: &Vec3) -> Vec3 {
-    let along = w.dot(e) / e.norm_squared().max(1e-300);
-    w - e * along.clamp(0.0, 1.0)
+/// From the nearest point of the segment 0..e to `w`; `p` is their product, `d` the square of e.
+#[inline]
+fn to_segment(w: &Vec3, e: &Vec3, p: f64, d: f64) -> Vec3 {
+    w - e * (p / d.max(1e-300)).clamp(0.0, 1.0)
 }

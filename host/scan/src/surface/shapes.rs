@@ -49,7 +49,16 @@ impl CompositeSurface {
     /// The surface nearest to `q`; none if there is no surface. `hint`: the face that was nearest a moment ago, or 0.
     #[must_use]
     pub fn near(&self, q: &Vec3, hint: usize) -> Option<Near> {
-        let mut best = self.mesh.as_ref().map(|mesh| mesh.near_from(q, hint));
+        self.near_within(q, hint, f64::INFINITY)
+    }
+
+    /// The same; none, or one that is farther, if no surface is within `limit` mm.
+    #[must_use]
+    pub fn near_within(&self, q: &Vec3, hint: usize, limit: f64) -> Option<Near> {
+        let mut best = self
+            .mesh
+            .as_ref()
+            .and_then(|mesh| mesh.near_within(q, hint, limit));
         let first = self.mesh.as_ref().map_or(0, |mesh| mesh.triangles().len());
         let others = self
             .balls

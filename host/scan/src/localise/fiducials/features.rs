@@ -39,10 +39,10 @@ impl<'a> Sought<'a> {
             .map(FiducialShape::size_mm)
             .fold(f64::MAX, f64::min);
         let mut cell = CELL * least;
-        let mut coarse = thin(&from_seed(task.points, task.seed), cell);
+        let mut coarse = thin(&from_seed(task.points, task.seed), cell, task.threads);
         while coarse.len() > PLACES && cell < 0.15 * least {
             cell *= 1.25;
-            coarse = thin(&coarse, cell);
+            coarse = thin(&coarse, cell, task.threads);
         }
         let coarse: Vec<Vec3> = spread(coarse.len(), 4 * PLACES)
             .into_iter()

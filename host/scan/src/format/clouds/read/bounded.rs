@@ -1,12 +1,13 @@
 //! A cloud of any size, in bounded memory: what does not fit is thinned while it is read, and nothing is put on disk.
 
 use std::collections::HashSet;
+use std::hash::BuildHasherDefault;
 use std::io::Read as _;
 use std::path::Path;
 
 use super::{CloudReader, read_cloud};
 use crate::ScanError;
-use crate::cloud::ScanCloud;
+use crate::cloud::{CubeHasher, ScanCloud};
 use crate::rigid::Vec3;
 
 /// Points that were read, and what was kept of them.
@@ -77,7 +78,7 @@ struct Kept {
     points: Vec<Vec3>,
     read: usize,
     cell: Option<f64>,
-    taken: HashSet<[i32; 3]>,
+    taken: HashSet<[i32; 3], BuildHasherDefault<CubeHasher>>,
 }
 
 impl Kept {
@@ -87,7 +88,7 @@ impl Kept {
             points: Vec::new(),
             read: 0,
             cell: None,
-            taken: HashSet::new(),
+            taken: HashSet::default(),
         }
     }
 
