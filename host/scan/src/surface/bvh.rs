@@ -1,6 +1,6 @@
 //! A tree of boxes around triangles, for the nearest one and for rays.
 
-use super::nearest::Facet;
+use super::facet::Facet;
 use super::triangle::{Triangle, bounds};
 use crate::rigid::Vec3;
 

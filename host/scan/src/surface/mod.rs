@@ -1,6 +1,7 @@
 //! The nominal: triangles, balls and cones, with exact signed distances.
 
 mod bvh;
+mod facet;
 mod mesh;
 mod nearest;
 mod ray;

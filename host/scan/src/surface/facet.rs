@@ -1,0 +1,83 @@
+//! A triangle as the nearest one is sought.
+
+use super::triangle::Triangle;
+use crate::rigid::Vec3;
+
+/// A triangle with what its distance needs, beside those of its leaf.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Facet {
+    corner: Vec3,
+    sides: [Vec3; 2],
+    normal: Vec3,
+    /// Squares and product of the sides, and the square of twice the area.
+    d00: f64,
+    d01: f64,
+    d11: f64,
+    area: f64,
+    /// The triangle's number.
+    pub face: u32,
+}
+
+impl Facet {
+    pub fn new(t: &Triangle, face: u32) -> Self {
+        let [a, b, c] = &t.corners;
+        let (e0, e1) = (b - a, c - a);
+        let (d00, d01, d11) = (e0.norm_squared(), e0.dot(&e1), e1.norm_squared());
+        Self {
+            corner: *a,
+            sides: [e0, e1],
+            normal: t.normal,
+            d00,
+            d01,
+            d11,
+            area: (d00 * d11 - d01 * d01).max(1e-300),
+            face,
+        }
+    }
+
+    /// From `q`: the squared distance, the difference (q − foot), and its cosine to the normal; none if the distance is
+    /// larger than the root of `limit`.
+    #[inline]
+    pub fn off(&self, q: &Vec3, limit: f64) -> Option<(f64, Vec3, f64)> {
+        let w = q - self.corner;
+        let h = w.dot(&self.normal);
+        // The plane is not farther than the triangle.
+        if h * h > limit {
+            return None;
+        }
+        let [e0, e1] = &self.sides;
+        let (p0, p1) = (w.dot(e0), w.dot(e1));
+        let (v, u) = (self.d11 * p0 - self.d01 * p1, self.d00 * p1 - self.d01 * p0);
+        let beyond = u + v > self.area;
+        if v >= 0.0 && u >= 0.0 && !beyond {
+            let cosine = if h < 0.0 { -1.0 } else { f64::from(h > 0.0) };
+            return Some((h * h, self.normal * h, cosine));
+        }
+        // The nearest point lies on a side that the foot on the plane is beyond.
+        let mut low = f64::INFINITY;
+        let mut off = w;
+        let mut side = |other: Vec3| {
+            let squared = other.norm_squared();
+            if squared < low {
+                (low, off) = (squared, other);
+            }
+        };
+        if u < 0.0 {
+            side(to_segment(&w, e0, p0, self.d00));
+        }
+        if v < 0.0 {
+            side(to_segment(&w, e1, p1, self.d11));
+        }
+        if beyond {
+            let (w, e) = (w - e0, e1 - e0);
+            side(to_segment(&w, &e, w.dot(&e), e.norm_squared()));
+        }
+        Some((low, off, off.dot(&self.normal) / low.sqrt().max(1e-300)))
+    }
+}
+
+/// From the nearest point of the segment 0..e to `w`; `p` is their product, `d` the square of e.
+#[inline]
+fn to_segment(w: &Vec3, e: &Vec3, p: f64, d: f64) -> Vec3 {
+    w - e * (p / d.max(1e-300)).clamp(0.0, 1.0)
+}
