@@ -3,6 +3,8 @@
 use heapless::Vec;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
+use thiserror::Error;
 
 /// Axes of a board, at most.
 pub const MAX_AXES: usize = 6;
@@ -160,16 +162,18 @@ pub struct LatchCounters {
     pub untold: u32,
 }
 
-/// When the board sends a trigger pulse to a scanner.
+/// When the board sends a trigger pulse to a scanner, and how the pulse is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub enum TriggerOut {
-    /// Never.
+    /// Never. The output rests as it did before.
     Off,
     /// At a time interval.
     Time {
         /// From pulse to pulse.
         interval_us: u32,
+        /// Each of them.
+        pulse: TriggerPulse,
     },
     /// At a distance interval along an axis, in both directions.
     Distance {
@@ -177,6 +181,93 @@ pub enum TriggerOut {
         axis: u8,
         /// Encoder counts from pulse to pulse.
         interval_counts: u32,
+        /// Each of them.
+        pulse: TriggerPulse,
+    },
+}
+
+/// A trigger pulse. A latch is at its beginning, whichever edge that is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct TriggerPulse {
+    /// How long it is: [`TriggerPulse::LEAST_US`] to [`TriggerPulse::MOST_US`].
+    pub width_us: u16,
+    /// The output's level between pulses. It stays when there are no more of them, until the
+    /// next request says otherwise; from its start on a board's output rests low.
+    pub rests: SignalLevel,
+}
+
+impl TriggerPulse {
+    /// The shortest, microseconds.
+    pub const LEAST_US: u16 = 1;
+    /// The longest, microseconds.
+    pub const MOST_US: u16 = 1000;
+    /// The pause that a pulse needs behind it, microseconds: a slow optocoupler takes that long
+    /// to let go.
+    pub const GAP_US: u32 = 20;
+
+    /// From the beginning of a pulse to that of the next, at least, microseconds.
+    #[must_use]
+    pub const fn least_interval_us(self) -> u32 {
+        self.width_us as u32 + Self::GAP_US
+    }
+}
+
+impl Default for TriggerPulse {
+    /// What a Gocator needs at its trigger input: 20 us, and the line rests low.
+    fn default() -> Self {
+        Self {
+            width_us: 20,
+            rests: SignalLevel::Low,
+        }
+    }
+}
+
+/// Why a board does not send such trigger pulses. Nothing has changed.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
+#[postcard(crate = crate)]
+pub enum TriggerRefusal {
+    /// The board has no output for them, or cannot latch what it would send.
+    #[error("this board sends no trigger pulses: let the sensor trigger the board")]
+    NoOutput,
+    /// It has no such axis.
+    #[error("this board has no such axis")]
+    NoAxis,
+    /// The interval is shorter than the board keeps.
+    #[error("this board keeps no interval below {least_us} us")]
+    IntervalTooShort {
+        /// The shortest, microseconds.
+        least_us: u32,
+    },
+    /// The interval is longer than the board can count.
+    #[error("this board keeps no interval beyond {most_us} us")]
+    IntervalTooLong {
+        /// The longest, microseconds.
+        most_us: u32,
+    },
+    /// An interval of no counts.
+    #[error("an interval of no counts is none")]
+    NoInterval,
+    /// No pulse is as short or as long as that.
+    #[error("a pulse is {least_us} to {most_us} us wide")]
+    PulseWidth {
+        /// The shortest, microseconds.
+        least_us: u16,
+        /// The longest, microseconds.
+        most_us: u16,
+    },
+    /// Pulse and pause do not fit in the interval.
+    #[error(
+        "pulse and pause do not fit in the interval: it leaves {most_us} us for a pulse, beside \
+         the {} us behind it",
+        TriggerPulse::GAP_US
+    )]
+    PulseTooLong {
+        /// What the interval leaves for a pulse, microseconds.
+        most_us: u32,
     },
 }
 

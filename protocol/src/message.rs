@@ -16,7 +16,7 @@
 //! | `JournalRead` | `JournalEntry` | one entry by sequence number |
 //! | `JournalChain` | `JournalChain` | chain value before an entry: what its reader verifies against |
 //! | `PositionsGet` | `Positions` | where the axes are now, and what they counted wrong |
-//! | `TriggerOutSet` | `Done` or `NotOnThisBoard` | begins or ends trigger pulses for a scanner |
+//! | `TriggerOutSet` | `Done` or `TriggerRefused` | begins or ends trigger pulses for a scanner |
 //! | `LaserSet` | `Done` or `NotOnThisBoard` | enables a scanner's laser |
 //! | `ProgramList` | `Programs` | the part programs in the board's flash |
 //! | `ProgramBegin` | `ProgramAt` | begins an upload, or goes on with one that broke off |
@@ -49,7 +49,9 @@ use thiserror::Error;
 use crate::job::job_error::{Field, JobError};
 use crate::job::serial::LineSettings;
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
-use crate::latch::{LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut};
+use crate::latch::{
+    LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut, TriggerRefusal,
+};
 use crate::records::fault::{Counters, Fault};
 use crate::records::feature::FeatureResult;
 use crate::records::head::{Head, HeadAnswer};
@@ -182,7 +184,7 @@ requests! {
         /// Where are the axes?
         PositionsGet => Immediate, Look, Positions;
         /// Send trigger pulses to a scanner, or stop.
-        TriggerOutSet(TriggerOut) => Immediate, Work, Done | NotOnThisBoard;
+        TriggerOutSet(TriggerOut) => Immediate, Work, Done | TriggerRefused;
         /// Enable a scanner's laser, or not.
         LaserSet {
             /// True: enable.
@@ -304,7 +306,7 @@ pub enum Response {
     },
     /// To `PositionsGet`.
     Positions(Positions),
-    /// The board has no output for that, or cannot keep that interval.
+    /// The board has no output for that.
     NotOnThisBoard,
     /// To `ProgramList`.
     Programs {
@@ -333,6 +335,8 @@ pub enum Response {
     LineRefused(LineRefusal),
     /// To `HeadGet`.
     Head(HeadAnswer),
+    /// To `TriggerOutSet`: pulses are as they were.
+    TriggerRefused(TriggerRefusal),
 }
 
 /// Why nothing is to be taught.

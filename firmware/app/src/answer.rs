@@ -99,7 +99,10 @@ pub(crate) fn immediate(
 ) -> Response {
     match request {
         ImmediateRequest::Positions => Response::Positions(station.positions()),
-        ImmediateRequest::TriggerOut(when) => done(station.trigger_out(when)),
+        ImmediateRequest::TriggerOut(when) => match station.trigger_out(when) {
+            Ok(()) => Response::Done,
+            Err(refusal) => Response::TriggerRefused(refusal),
+        },
         ImmediateRequest::Laser(on) => done(station.laser(on)),
     }
 }
@@ -205,7 +208,7 @@ fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
 
 #[cfg(test)]
 mod tests {
-    use umi_protocol::latch::{Positions, TriggerOut};
+    use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
     use umi_protocol::message::RequestClass;
 
     use super::*;
@@ -221,8 +224,8 @@ mod tests {
     }
 
     impl Scanner for Bare {
-        fn trigger_out(&mut self, _: TriggerOut) -> Result<(), Unsupported> {
-            Err(Unsupported)
+        fn trigger_out(&mut self, _: TriggerOut) -> Result<(), TriggerRefusal> {
+            Err(TriggerRefusal::NoOutput)
         }
 
         fn laser(&mut self, _: bool) -> Result<(), Unsupported> {

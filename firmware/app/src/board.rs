@@ -8,7 +8,7 @@
 
 use umi_core::units::Micros;
 use umi_protocol::job_error::Field;
-use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::serial::{Cts, LineSettings};
 
 use crate::intake::PIECE;
@@ -149,8 +149,8 @@ pub trait Scanner {
     /// captured as a latch.
     ///
     /// # Errors
-    /// [`Unsupported`]: nothing has changed.
-    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported>;
+    /// [`TriggerRefusal`]: nothing has changed.
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal>;
 
     /// Enables the laser, or not.
     ///
@@ -159,8 +159,7 @@ pub trait Scanner {
     fn laser(&mut self, on: bool) -> Result<(), Unsupported>;
 }
 
-/// The board cannot do that: it has no such output or axis, or cannot keep that
-/// interval.
+/// The board cannot do that: it has no such output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unsupported;
 

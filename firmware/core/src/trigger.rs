@@ -31,6 +31,10 @@ use core::num::{NonZeroU32, NonZeroU64};
 use crate::capture::stamp::Rate;
 use crate::units::Counts;
 
+mod pulse;
+
+pub use pulse::{PulseRoom, check};
+
 /// What an axis does, as it is known at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motion {

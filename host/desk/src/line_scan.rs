@@ -3,6 +3,10 @@
 //!
 //! Profiles are computed in a thread of their own, in the order of their triggers: they come
 //! somewhat later than they would from a sensor, with the stamps of their moments.
+//!
+//! The sensor's input takes rises. A board's output that rests high falls when a pulse begins and
+//! rises when it ends: such a sensor takes its profile at the end of the pulse, and where the axes
+//! are then.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,12 +14,10 @@ use std::thread;
 
 use nalgebra::Vector3;
 use umi_client::problem::Problem;
-use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel, TriggerPulse};
+use umi_virtual::board::SentPulses;
 use umi_virtual::scanner::{DataChannel, LineScanner, PulseFate, ScannerTally};
 use umi_virtual::scene::{LineScannerSpec, MachineSpec, Scene};
-
-/// How long the virtual board's pulses last: more than a sensor needs.
-const PULSE_US: f64 = 50.0;
 
 /// The sensor as the desk sees it.
 pub struct LineScan {
@@ -34,6 +36,8 @@ struct Shot {
     counts: [i64; 3],
     /// Counts per microsecond.
     speed: [f64; 3],
+    /// How long the line is high.
+    high_us: f64,
 }
 
 impl LineScan {
@@ -80,13 +84,13 @@ impl LineScan {
         *self.tally.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The axes went from one place to the next, and the board sent these pulses on the way.
+    /// The axes went from one place to the next, and the board sent this on the way.
     /// The latches of the sensor's own pulses, if it has a rhythm of its own.
     pub fn moved(
         &mut self,
         from: (u64, [i64; 3]),
         to: (u64, [i64; 3]),
-        pulses: &[LatchReport],
+        sent: &SentPulses,
     ) -> Vec<LatchReport> {
         let passed_us = to.0.saturating_sub(from.0) as f64;
         let speed = std::array::from_fn(|axis| {
@@ -97,9 +101,9 @@ impl LineScan {
             }
         });
         if self.every_us == 0.0 {
-            for pulse in pulses {
-                let counts = |axis: usize| pulse.counts.get(axis).copied().unwrap_or(0);
-                self.shoot(pulse.t_ns as f64 * 1e-3, std::array::from_fn(counts), speed);
+            // Without counts there was no pulse: it tells of others that could not be sent.
+            for latch in sent.latches.iter().filter(|latch| !latch.counts.is_empty()) {
+                self.shoot(rise(latch, sent.pulse, speed));
             }
             return Vec::new();
         }
@@ -110,7 +114,13 @@ impl LineScan {
             let since = at_us - from.0 as f64;
             let counts =
                 std::array::from_fn(|axis| from.1[axis] + (speed[axis] * since).round() as i64);
-            self.shoot(at_us, counts, speed);
+            self.shoot(Shot {
+                at_us,
+                counts,
+                speed,
+                // Its own, as long as it needs.
+                high_us: f64::INFINITY,
+            });
             latches.push(LatchReport {
                 number: self.own,
                 cause: LatchCause::Trigger,
@@ -124,13 +134,28 @@ impl LineScan {
         latches
     }
 
-    fn shoot(&self, at_us: f64, counts: [i64; 3], speed: [f64; 3]) {
+    fn shoot(&self, shot: Shot) {
         // The sensor's thread ends with this value only.
-        let _ = self.shots.send(Shot {
-            at_us,
-            counts,
-            speed,
-        });
+        let _ = self.shots.send(shot);
+    }
+}
+
+/// When the line rises by a pulse, and for how long.
+fn rise(latch: &LatchReport, pulse: TriggerPulse, speed: [f64; 3]) -> Shot {
+    let width_us = f64::from(pulse.width_us);
+    let (after_us, high_us) = match pulse.rests {
+        SignalLevel::Low => (0.0, width_us),
+        SignalLevel::High => (width_us, f64::from(TriggerPulse::GAP_US)),
+    };
+    let counts = |axis: usize| {
+        let began = latch.counts.get(axis).copied().unwrap_or(0);
+        began + (speed[axis] * after_us).round() as i64
+    };
+    Shot {
+        at_us: latch.t_ns as f64 * 1e-3 + after_us,
+        counts: std::array::from_fn(counts),
+        speed,
+        high_us,
     }
 }
 
@@ -145,7 +170,7 @@ struct Sensor {
 impl Sensor {
     fn work(mut self, incoming: &Receiver<Shot>) {
         while let Ok(shot) = incoming.recv() {
-            if self.scanner.pulse(shot.at_us, PULSE_US) == PulseFate::Taken {
+            if self.scanner.pulse(shot.at_us, shot.high_us) == PulseFate::Taken {
                 self.take(&shot);
             }
             *self.tally.lock().unwrap_or_else(PoisonError::into_inner) = self.scanner.tally();
@@ -183,4 +208,65 @@ fn place_mm(machine: &MachineSpec, counts: [f64; 3]) -> Vector3<f64> {
             (counts[axis] - machine.origin_counts[axis] as f64) / machine.counts_per_mm[axis];
         shown * (1.0 + machine.scale_error_ppm[axis] * 1e-6) + machine.homing_error_mm[axis]
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::{Duration, Instant};
+
+    fn sent(width_us: u16, rests: SignalLevel) -> SentPulses {
+        let latch = |number: u32| LatchReport {
+            number,
+            cause: LatchCause::Output,
+            counts: [i64::from(number) * 100, 0, 0].into_iter().collect(),
+            t_ns: 5_000_000 * u64::from(number + 1),
+            missed: 0,
+        };
+        let told = LatchReport {
+            counts: Default::default(),
+            missed: 3,
+            ..latch(3)
+        };
+        SentPulses {
+            latches: vec![latch(0), latch(1), latch(2), told],
+            pulse: TriggerPulse { width_us, rests },
+        }
+    }
+
+    /// What the sensor has made of three pulses.
+    fn tally(sent: &SentPulses) -> ScannerTally {
+        let scene = Scene::parse("[line_scanner]\npreset = \"gocator\"\n").unwrap();
+        let mut scan = LineScan::new(&scene, 1, 0).unwrap();
+        scan.moved((0, [0; 3]), (15_000, [200, 0, 0]), sent);
+        let begun = Instant::now();
+        loop {
+            let tally = scan.tally();
+            if tally.taken + tally.short + tally.busy == 3 || begun.elapsed().as_secs() > 20 {
+                return tally;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// A Gocator takes pulses of 20 us, which are the default, and counts shorter ones as none. A
+    /// latch without counts is no pulse.
+    #[test]
+    fn a_pulse_must_be_as_long_as_the_sensor_needs() {
+        for (width_us, taken) in [(1, 0), (19, 0), (20, 3), (1000, 3)] {
+            let tally = tally(&sent(width_us, SignalLevel::Low));
+            assert_eq!((tally.taken, tally.short), (taken, 3 - taken), "{width_us}");
+        }
+        let usual = TriggerPulse::default();
+        assert_eq!(tally(&sent(usual.width_us, usual.rests)).taken, 3);
+    }
+
+    /// With an output that rests high the line rises when the pulse ends, and the axes have moved.
+    #[test]
+    fn an_output_that_rests_high_triggers_at_its_end() {
+        let sent = sent(300, SignalLevel::High);
+        let shot = rise(&sent.latches[1], sent.pulse, [0.1, 0.0, -1.0]);
+        assert_eq!((shot.at_us, shot.counts), (10_300.0, [130, 0, -300]));
+        assert_eq!(tally(&sent).taken, 3);
+    }
 }

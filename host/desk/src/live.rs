@@ -127,10 +127,10 @@ impl Live {
 
     fn tell(&mut self, at_us: u64) {
         let Some(counts) = self.counts else { return };
-        let pulses = self.board.passes(crate::axes(at_us, counts));
+        let sent = self.board.passes(crate::axes(at_us, counts));
         let before = self.told.replace((at_us, counts));
         if let (Some(scan), Some(before)) = (&mut self.scan, before) {
-            for latch in scan.moved(before, (at_us, counts), &pulses) {
+            for latch in scan.moved(before, (at_us, counts), &sent) {
                 self.board.latch(latch);
             }
         }

@@ -7,7 +7,8 @@ use object::elf::{SHF_ALLOC, SHF_WRITE};
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _, SectionFlags, read};
 
 use crate::load;
-use crate::program::{Function, LinkedProgram};
+use crate::program::LinkedProgram;
+use crate::reach::{self, EntryKind, EntryPanics};
 use crate::stack::{self, Level, StackNeed};
 
 /// The figures of an image.
@@ -25,6 +26,8 @@ pub struct ImageFigures {
     pub unbounded: Vec<String>,
     /// Calls of the core library's panics, counted by the function that makes them.
     pub panics: BTreeMap<String, u32>,
+    /// Those that each interrupt and each task can reach.
+    pub reachable: Vec<EntryPanics>,
 }
 
 impl ImageFigures {
@@ -50,6 +53,7 @@ impl ImageFigures {
                 .map(|function| function.name().to_owned())
                 .collect(),
             panics: panics(&program),
+            reachable: reach::panics(&program)?,
         })
     }
 
@@ -61,6 +65,13 @@ impl ImageFigures {
     /// All calls of panics.
     pub fn panic_calls(&self) -> u32 {
         self.panics.values().sum()
+    }
+
+    /// Calls of panics that an interrupt can reach, one by one for each interrupt.
+    pub fn interrupt_panic_calls(&self) -> u32 {
+        let is_interrupt = |entry: &&EntryPanics| entry.kind == EntryKind::Interrupt;
+        let entries = self.reachable.iter().filter(is_interrupt);
+        entries.map(EntryPanics::count).sum()
     }
 
     /// Calls of panics in functions of this project, as opposed to libraries.
@@ -118,11 +129,8 @@ fn hold_no_heap(program: &LinkedProgram) -> Result<()> {
 
 fn panics(program: &LinkedProgram) -> BTreeMap<String, u32> {
     let mut panics = BTreeMap::new();
-    // A panic that calls the next one is part of the same panic, and a veneer is part of its callers.
-    let is_caller = |caller: &&Function| !caller.is_panic() && !caller.is_veneer();
-    for caller in program.functions.iter().filter(is_caller) {
-        let callees = caller.calls.iter().map(|index| &program.functions[*index]);
-        let calls = callees.filter(|callee| callee.is_panic()).count() as u32;
+    for caller in &program.functions {
+        let calls = caller.panic_calls(program);
         if calls > 0 {
             *panics.entry(caller.name().to_owned()).or_default() += calls;
         }
@@ -133,6 +141,7 @@ fn panics(program: &LinkedProgram) -> BTreeMap<String, u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::program::Function;
 
     /// A call of a panic counts for its caller; a panic's own calls do not.
     #[test]

@@ -8,5 +8,6 @@ pub mod image;
 pub mod load;
 mod memory;
 mod program;
+pub mod reach;
 pub mod stack;
 mod thumb;

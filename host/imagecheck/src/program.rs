@@ -55,6 +55,16 @@ impl Function {
         behind_veneer(self.name()).is_some()
     }
 
+    /// How many panics it calls. One that calls the next is part of the same panic, and a veneer
+    /// is part of its callers: they have none.
+    pub fn panic_calls(&self, program: &LinkedProgram) -> u32 {
+        if self.is_panic() || self.is_veneer() {
+            return 0;
+        }
+        let callees = self.calls.iter().map(|index| &program.functions[*index]);
+        callees.filter(|callee| callee.is_panic()).count() as u32
+    }
+
     /// Whether it is one of the core library's, in which a panic begins.
     pub fn is_panic(&self) -> bool {
         [

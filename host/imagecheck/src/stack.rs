@@ -185,7 +185,7 @@ fn group(program: &LinkedProgram, levels: &[Level], all_tasks: &[usize]) -> Resu
     Ok(groups)
 }
 
-fn is_task(function: &Function) -> bool {
+pub(crate) fn is_task(function: &Function) -> bool {
     let name = function.name();
     name.starts_with("<embassy_executor::raw::TaskStorage<") && name.ends_with(">>::poll")
 }
@@ -200,7 +200,11 @@ fn runs_tasks(function: &Function) -> bool {
 
 /// The functions to which code knows pointers that begins with these functions, or with what
 /// it calls through them.
-fn known(program: &LinkedProgram, start: &[usize], always: &BTreeSet<usize>) -> BTreeSet<usize> {
+pub(crate) fn known(
+    program: &LinkedProgram,
+    start: &[usize],
+    always: &BTreeSet<usize>,
+) -> BTreeSet<usize> {
     let always = always
         .iter()
         .copied()
@@ -230,7 +234,7 @@ fn is_other(program: &LinkedProgram, index: usize) -> bool {
     !is_formatting(function) && !is_task(function) && !program.handlers.contains(&index)
 }
 
-fn is_waker(function: &Function) -> bool {
+pub(crate) fn is_waker(function: &Function) -> bool {
     function
         .name()
         .starts_with("embassy_executor::raw::waker::")
@@ -253,14 +257,14 @@ fn is_called(function: &Function, name: &str) -> bool {
 
 /// Who can call whom: every function once as called outside of tasks, once as called within,
 /// and a node for each kind of pointer.
-struct Graph {
+pub(crate) struct Graph {
     next: Vec<Vec<usize>>,
     weights: Vec<u64>,
     functions: usize,
 }
 
 impl Graph {
-    fn new(
+    pub(crate) fn new(
         program: &LinkedProgram,
         handlers: &[usize],
         tasks: &[usize],
@@ -320,17 +324,26 @@ impl Graph {
 
     /// Whether there is a way from one node to another.
     fn leads(&self, from: usize, to: usize) -> bool {
+        self.reached(from)[to]
+    }
+
+    /// To which nodes there is a way from one, itself with them.
+    fn reached(&self, from: usize) -> Vec<bool> {
         let mut reached = vec![false; self.next.len()];
         let mut open = vec![from];
         while let Some(node) = open.pop() {
-            if node == to {
-                return true;
-            }
             if !std::mem::replace(&mut reached[node], true) {
                 open.extend(&self.next[node]);
             }
         }
-        false
+        reached
+    }
+
+    /// The functions that a function can call, by whatever way, and itself.
+    pub(crate) fn functions_behind(&self, function: usize) -> BTreeSet<usize> {
+        let reached = self.reached(self.start(function));
+        let nodes = (0..2 * self.functions).filter(|node| reached[*node]);
+        nodes.map(|node| node % self.functions).collect()
     }
 
     /// The node of a function with which a level starts: outside of tasks, if it has any.

@@ -16,7 +16,7 @@ use umi_protocol::job::{
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
     LatchBatch, LatchCause, LatchCounters, LatchReport, LatchStep, Positions, Scan, SignalLevel,
-    TriggerOut,
+    TriggerOut, TriggerPulse, TriggerRefusal,
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
@@ -54,6 +54,10 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::PositionsGet) => Request::TriggerOutSet(TriggerOut::Distance {
             axis: 2,
             interval_counts: 1000,
+            pulse: TriggerPulse {
+                width_us: 300,
+                rests: SignalLevel::High,
+            },
         }),
         Some(Request::TriggerOutSet(_)) => Request::LaserSet { on: true },
         Some(Request::LaserSet { .. }) => Request::ProgramList { skip: 8 },
@@ -158,7 +162,10 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             field: Field::LineRtsCts,
         }),
         Some(Response::LineRefused(_)) => Response::Head(HeadAnswer::Signed(head())),
-        Some(Response::Head(_)) => return None,
+        Some(Response::Head(_)) => {
+            Response::TriggerRefused(TriggerRefusal::PulseTooLong { most_us: 380 })
+        }
+        Some(Response::TriggerRefused(_)) => return None,
     })
 }
 

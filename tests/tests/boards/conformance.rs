@@ -10,7 +10,7 @@ use umi_client::link::Client;
 use umi_client::programs;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
-use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
+use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::message::{Event, Record, Request, ResetReason};
 use umi_protocol::pattern::Handshake;
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
@@ -269,9 +269,17 @@ fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
     let along_x = TriggerOut::Distance {
         axis: 0,
         interval_counts: 2000,
+        pulse: TriggerPulse::default(),
     };
-    let can = client.trigger_out(along_x).unwrap();
-    assert_eq!(can, rig.name() != "mps2-an500");
+    let set = client.trigger_out(along_x).unwrap();
+    let can = set.is_ok();
+    if rig.name() == "mps2-an500" {
+        assert_eq!(set, Err(TriggerRefusal::NoOutput));
+        // What it is not doing it can end.
+        assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
+    } else {
+        assert_eq!(set, Ok(()));
+    }
     rig.move_to(&[11_000, 0, 0]);
     if can {
         let latches = told(rig, &mut client, 5);
@@ -281,17 +289,47 @@ fn sends_pulses_along_an_axis(rig: &mut dyn Rig) {
             // It takes its time to begin the pulse, and the axis is fast.
             assert!(off.abs() <= LAG_COUNTS, "{off} counts from line {line}");
         }
-        assert!(client.trigger_out(TriggerOut::Off).unwrap());
+        assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
     }
     let before = client.status().unwrap().latches.outputs;
     rig.move_to(&[0, 0, 0]);
     assert_eq!(client.status().unwrap().latches.outputs, before);
     assert_eq!(before, if can { 5 } else { 0 });
-    let no_axis = TriggerOut::Distance {
-        axis: 77,
-        interval_counts: 2000,
+    if can {
+        for (when, why) in impossible_pulses() {
+            assert_eq!(client.trigger_out(when).unwrap(), Err(why), "{when:?}");
+        }
+    }
+}
+
+/// What no board sends, and why.
+fn impossible_pulses() -> [(TriggerOut, TriggerRefusal); 4] {
+    let pulse = |width_us| TriggerPulse {
+        width_us,
+        ..TriggerPulse::default()
     };
-    assert!(!client.trigger_out(no_axis).unwrap());
+    let along = |axis, width_us| TriggerOut::Distance {
+        axis,
+        interval_counts: 2000,
+        pulse: pulse(width_us),
+    };
+    let every = |interval_us, width_us| TriggerOut::Time {
+        interval_us,
+        pulse: pulse(width_us),
+    };
+    let width = TriggerRefusal::PulseWidth {
+        least_us: 1,
+        most_us: 1000,
+    };
+    [
+        (along(77, 20), TriggerRefusal::NoAxis),
+        (along(0, 0), width),
+        (every(5000, 1001), width),
+        (
+            every(1000, 990),
+            TriggerRefusal::PulseTooLong { most_us: 980 },
+        ),
+    ]
 }
 
 /// The laser is on as long as the host that wants it is there.

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use umi_client::link::Client;
-use umi_protocol::latch::{LatchCause, LatchCounters, LatchReport, TriggerOut};
+use umi_protocol::latch::{LatchCause, LatchCounters, LatchReport, TriggerOut, TriggerPulse};
 use umi_protocol::message::{Event, Record};
 use umi_tests::cases::SESSION;
 use umi_tests::rig::Rig as _;
@@ -525,15 +525,15 @@ fn a_trigger_pulse_is_latched_where_it_was() {
         edges.min(1_000_000)
     };
     rig.emulator().outputs();
-    assert!(
-        client
-            .trigger_out(TriggerOut::Time { interval_us: 200 })
-            .unwrap()
-    );
+    let when = TriggerOut::Time {
+        interval_us: 200,
+        pulse: TriggerPulse::default(),
+    };
+    assert_eq!(client.trigger_out(when).unwrap(), Ok(()));
     let now = rig.emulator().state().cycle;
     let end = now + 1000 * CYCLES_PER_MS;
     let found = listen(&mut rig, &mut client, end, |found| found.len() >= 450);
-    assert!(client.trigger_out(TriggerOut::Off).unwrap());
+    assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
     let outputs = rig.emulator().outputs();
     let rises = outputs
         .iter()

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use umi_client::link::{Client, Patience};
-use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut};
+use umi_protocol::latch::{
+    LatchCause, LatchReport, SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal,
+};
 use umi_protocol::message::Event;
 use umi_tests::rig::Rig;
 use umi_tests::rig::pico::{CYCLES_PER_US, PicoRig, Segment};
@@ -96,8 +98,9 @@ impl Ride {
         let along_x = TriggerOut::Distance {
             axis: 0,
             interval_counts: self.interval_counts,
+            pulse: TriggerPulse::default(),
         };
-        assert!(client.trigger_out(along_x).unwrap());
+        assert_eq!(client.trigger_out(along_x).unwrap(), Ok(()));
         pulses(rig);
         // A line is an edge, the same one in both directions.
         let mut crossed = self.half(rig, true, interval);
@@ -112,7 +115,7 @@ impl Ride {
             // Below a line is the count before its edge.
             assert!(off.abs() as f64 <= LAG_COUNTS + 1.0, "{off} at {line}");
         }
-        assert!(client.trigger_out(TriggerOut::Off).unwrap());
+        assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
         let times = found.iter().zip(&crossed);
         times.map(|(pulse, line)| *pulse as f64 - line).collect()
     }
@@ -160,17 +163,17 @@ fn pulses_in_time_keep_their_interval_to_the_cycle() {
     };
     let mut client = client(&mut rig);
     client.live(true).unwrap();
-    let too_short = TriggerOut::Time { interval_us: 99 };
-    assert!(!client.trigger_out(too_short).unwrap());
+    let every = |interval_us| TriggerOut::Time {
+        interval_us,
+        pulse: TriggerPulse::default(),
+    };
+    let too_short = TriggerRefusal::IntervalTooShort { least_us: 100 };
+    assert_eq!(client.trigger_out(every(99)).unwrap(), Err(too_short));
     for interval_us in [100, 1000] {
         pulses(&mut rig);
-        assert!(
-            client
-                .trigger_out(TriggerOut::Time { interval_us })
-                .unwrap()
-        );
+        assert_eq!(client.trigger_out(every(interval_us)).unwrap(), Ok(()));
         pass(&mut rig, 50 * u64::from(interval_us) * CYCLES_PER_US);
-        assert!(client.trigger_out(TriggerOut::Off).unwrap());
+        assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
         pass(&mut rig, 1000 * CYCLES_PER_US);
         let found = pulses(&mut rig);
         assert!(found.len() >= 50, "{}", found.len());
@@ -182,4 +185,105 @@ fn pulses_in_time_keep_their_interval_to_the_cycle() {
         pass(&mut rig, 5 * step);
         assert!(pulses(&mut rig).is_empty());
     }
+}
+
+/// A pulse is as long as it is asked for, to the cycle, and the output rests as it is asked to;
+/// both stay until another request, and none is cut when pulses end or change.
+#[test]
+fn pulses_are_as_wide_as_they_are_asked_for() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    client.live(true).unwrap();
+    let (low, high) = (SignalLevel::Low, SignalLevel::High);
+    for (width_us, rests) in [(1, low), (20, low), (20, high), (100, high), (1000, low)] {
+        let pulse = TriggerPulse { width_us, rests };
+        let every = TriggerOut::Time {
+            interval_us: 1250,
+            pulse,
+        };
+        rig.emulator().outputs();
+        assert_eq!(client.trigger_out(every).unwrap(), Ok(()));
+        pass(&mut rig, 6 * 1250 * CYCLES_PER_US);
+        // Most likely in the middle of one of a millisecond.
+        assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
+        pass(&mut rig, 3000 * CYCLES_PER_US);
+        let is_pulse = rests == low;
+        let changes: Vec<_> = rig
+            .emulator()
+            .outputs()
+            .into_iter()
+            .filter(|change| change.pin == PULSE_PIN)
+            .skip_while(|change| change.level != is_pulse)
+            .collect();
+        let widths: BTreeSet<u64> = changes
+            .chunks(2)
+            .map(|pair| {
+                assert_eq!((pair[0].level, pair[1].level), (is_pulse, !is_pulse));
+                pair[1].cycle - pair[0].cycle
+            })
+            .collect();
+        let width = u64::from(width_us) * CYCLES_PER_US;
+        assert_eq!(widths, BTreeSet::from([width]), "{width_us} us, {rests:?}");
+        let latches = told(&mut client, changes.len() / 2);
+        assert!(latches.iter().all(|latch| latch.missed == 0));
+    }
+    let status = client.status().unwrap();
+    assert_eq!(
+        status.latches.missed, 0,
+        "nor was a change of the rest taken for a pulse"
+    );
+}
+
+/// A line that the axis crosses before the pulse of the one before and its pause are over has no
+/// pulse, and is told as missed: what was sent and what is missed are the lines.
+#[test]
+fn an_axis_too_fast_for_its_pulses_is_told() {
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    let mut client = client(&mut rig);
+    client.live(true).unwrap();
+    // A line each 200 us, and a pulse that takes 520: one of three.
+    let along_x = TriggerOut::Distance {
+        axis: 0,
+        interval_counts: 200,
+        pulse: TriggerPulse {
+            width_us: 500,
+            rests: SignalLevel::High,
+        },
+    };
+    assert_eq!(client.trigger_out(along_x).unwrap(), Ok(()));
+    rig.emulator().outputs();
+    let move_over = 30 * 200 + 100;
+    let motion = [Segment::steady(move_over, 125.0)];
+    rig.emulator().start_axis(0, &motion, &json!({}));
+    pass(&mut rig, 20_000 * CYCLES_PER_US);
+    let outputs = rig.emulator().outputs().into_iter();
+    let changes: Vec<_> = outputs.filter(|output| output.pin == PULSE_PIN).collect();
+    let begins: Vec<u64> = changes
+        .iter()
+        .filter(|c| !c.level)
+        .map(|c| c.cycle)
+        .collect();
+    for pair in changes.chunks(2) {
+        assert_eq!(pair[1].cycle - pair[0].cycle, 500 * CYCLES_PER_US);
+    }
+    for pair in begins.windows(2) {
+        assert!(pair[1] - pair[0] >= 520 * CYCLES_PER_US, "no pause");
+    }
+    assert!((9..=11).contains(&begins.len()), "{}", begins.len());
+    // Those without counts tell of lines only.
+    let mut latches = told(&mut client, begins.len());
+    latches.retain(|latch| !latch.counts.is_empty());
+    // The first line comes too soon after the start for its speed to be known.
+    for pair in latches[1..].windows(2) {
+        let way = pair[1].counts[0] - pair[0].counts[0];
+        assert!((way - 600).abs() <= 6, "each third line, not {way} counts");
+    }
+    assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
+    let counters = client.status().unwrap().latches;
+    assert_eq!(counters.outputs as usize, begins.len());
+    assert_eq!(counters.outputs + counters.missed, 30, "lines");
 }

@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 use umi_app::board::{Axes, Lights, Outputs, Scanner, Unsupported};
-use umi_protocol::latch::{Positions, TriggerOut};
+use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::message::ResetReason;
 use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
 
@@ -170,10 +170,10 @@ impl Axes for Station {
 }
 
 impl Scanner for Station {
-    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
         match when {
             TriggerOut::Off => Ok(()),
-            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(Unsupported),
+            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(TriggerRefusal::NoOutput),
         }
     }
 

@@ -20,7 +20,7 @@ use umi_core::capture::stamp::Rate;
 use umi_core::capture::unwrap::Extender;
 use umi_core::units::{Counts, Cycles};
 use umi_drivers::latches::Latches;
-use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
+use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerRefusal};
 
 use crate::resources::{AXES, COUNTS_PER_S, LOOK_US, TIMER_HZ, TIMERS};
 use crate::timers::{self, CaptureLine};
@@ -156,11 +156,11 @@ impl board::Axes for Station {
 }
 
 impl board::Scanner for Station {
-    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
         match when {
             TriggerOut::Off => Ok(()),
             // Every capture channel is taken: a pulse could not be latched.
-            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(Unsupported),
+            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => Err(TriggerRefusal::NoOutput),
         }
     }
 

@@ -72,19 +72,23 @@ impl EdgePins {
         self.stamper = Stamper::new(first, 2 * CYCLES_PER_US);
     }
 
-    /// The next change that waits; if pins fell, none rises.
+    /// The next rises that wait. Falls before them are passed over: a pulse that is longer than
+    /// its interrupt takes another one for its end, which must cost little.
     #[inline(always)]
     pub fn take(&self, axes: &Quadrature) -> Option<Rises> {
-        let word = pio::take_stamp(EVENTS_MACHINE)?;
-        let now = clock::now_cycles();
-        let pins = risen(word);
-        let mut at = None;
-        if pins != 0 {
+        for _ in 0..FIFO {
+            let word = pio::take_stamp(EVENTS_MACHINE)?;
+            let pins = risen(word);
+            if pins == 0 {
+                continue;
+            }
+            let now = clock::now_cycles();
             let time = !word & ((1 << TIME_BITS) - 1);
-            at = self.stamper.instant(time, now);
+            let at = self.stamper.instant(time, now);
+            let at = at.and_then(|at| Some((at, axes.at(at, now).ok()?)));
+            return Some(Rises { pins, at });
         }
-        let at = at.and_then(|at| Some((at, axes.at(at, now).ok()?)));
-        Some(Rises { pins, at })
+        None
     }
 
     /// Gives up every rise that waits, pin by pin.

@@ -29,19 +29,20 @@ use embassy_rp::interrupt::{Interrupt, InterruptExt};
 use heapless::Deque;
 use umi_app::board::{Axes, Scanner, Unsupported};
 use umi_core::units::Cycles;
-use umi_protocol::latch::{LatchCause, Positions, TriggerOut};
+use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerRefusal};
 
 use crate::edge_pins::EdgePins;
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::quadrature::{AxisCounts, Quadrature};
 use crate::rate_limit::RateLimit;
 use crate::resources::{
-    CAPTURE, CONTROL_TASKS, EXTEND_US, PERIOD_CYCLES, SCANS_AT_ONCE, SCANS_PER_S, SERIAL,
-    SKIP_MACHINE, SKIPS_AT_ONCE, SKIPS_PER_S, SystemClock, TICK_US, TRIGGER_MACHINE,
+    CAPTURE, CONTROL_TASKS, CYCLES_PER_US, EXTEND_US, MOST_PULSE_CYCLES, PERIOD_CYCLES,
+    SCANS_AT_ONCE, SCANS_PER_S, SERIAL, SKIP_MACHINE, SKIPS_AT_ONCE, SKIPS_PER_S, SystemClock,
+    TICK_US, TRIGGER_MACHINE,
 };
 use crate::stamps::{LostEdges, Stamped, Stamps};
 use crate::trigger_out::Pulses;
-use crate::{clock, guard, pio, rings, stamps, tick};
+use crate::{clock, guard, pio, rings, stamps, tick, trigger_out};
 
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();
@@ -275,7 +276,9 @@ impl Latches {
             pio::listen(false, false);
             RESUME.pend();
         }
-        TELL.pend();
+        if !self.edges.is_empty() {
+            TELL.pend();
+        }
     }
 
     /// What is beyond the allowance waits for the next look.
@@ -390,14 +393,28 @@ impl Latches {
         }
     }
 
-    fn set_pulses(&mut self, spec: TriggerOut) -> Result<(), Unsupported> {
+    /// Queues no more pulses.
+    fn end_pulses(&mut self) {
+        self.pulsed |= self.pulses.is_on();
+        self.pulses = Pulses::Off;
+    }
+
+    /// Begins with other pulses. False: not yet, as one is on, and nothing has changed.
+    fn set_pulses(&mut self, spec: TriggerOut, cut: bool) -> Result<bool, TriggerRefusal> {
+        if pio::pulse_is_on() && !cut {
+            return Ok(false);
+        }
         let (counts, _) = self.axes.latest();
         let pulses = Pulses::new(spec, &counts)?;
         pio::stop_pulses();
+        if let TriggerOut::Time { pulse, .. } | TriggerOut::Distance { pulse, .. } = spec {
+            pio::set_pulse_width(trigger_out::width_cycles(pulse));
+            pio::set_pulse_rest(pulse.rests);
+        }
         self.pulsed |= pulses.is_on();
         self.pulses = pulses;
         self.until_look = 0;
-        Ok(())
+        Ok(true)
     }
 
     fn positions(&self) -> Positions {
@@ -462,11 +479,28 @@ impl Axes for Station {
     }
 }
 
+/// How often it is looked whether a pulse is over, and how long it is waited in between: longer
+/// than any pulse, all in all.
+const PULSE_LOOKS: u32 = 1000;
+const PULSE_LOOK_CYCLES: u32 = 2 * CYCLES_PER_US;
+const _: () = assert!(PULSE_LOOKS * PULSE_LOOK_CYCLES > MOST_PULSE_CYCLES);
+
 impl Scanner for Station {
-    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
-        let set = with(|latches| latches.set_pulses(when)).unwrap_or(Err(Unsupported));
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
+        trigger_out::check(when, AXES)?;
+        with(Latches::end_pulses);
+        let mut set = Ok(false);
+        // A pulse that is on ends by itself: a sensor would take half of one for none.
+        for looks_left in (0..PULSE_LOOKS).rev() {
+            let looked = with(|latches| latches.set_pulses(when, looks_left == 0));
+            set = looked.unwrap_or(Err(TriggerRefusal::NoOutput));
+            if set != Ok(false) {
+                break;
+            }
+            cortex_m::asm::delay(PULSE_LOOK_CYCLES);
+        }
         tick::soon();
-        set
+        set.map(|_| ())
     }
 
     fn laser(&mut self, on: bool) -> Result<(), Unsupported> {

@@ -25,6 +25,7 @@ use embassy_rp::interrupt::Priority;
 use umi_core::capture::sample_ring::Cadence;
 use umi_core::capture::stamp::Rate;
 use umi_core::capture::unwrap::Extender;
+use umi_protocol::latch::TriggerPulse;
 
 /// Cycles of the system clock in a microsecond.
 pub const CYCLES_PER_US: u32 = if cfg!(feature = "rp2350") { 150 } else { 125 };
@@ -85,11 +86,13 @@ pub const SCANS_AT_ONCE: u32 = 16;
 /// Captures of the skip line that may: both edges of a contact that bounces.
 pub const SKIPS_AT_ONCE: u32 = 32;
 
-/// How long a trigger pulse is.
-pub const PULSE_WIDTH_CYCLES: u32 = 2 * CYCLES_PER_US;
-
-/// Trigger pulses are no longer than a millisecond.
-pub const MOST_PULSE_CYCLES: u32 = 1000 * CYCLES_PER_US;
+/// The shortest interval of trigger pulses in time, microseconds: 10 kHz, what captures can be
+/// told of.
+pub const LEAST_INTERVAL_US: u32 = 100;
+/// The longest: its cycles have 32 bits.
+pub const MOST_INTERVAL_US: u32 = u32::MAX / CYCLES_PER_US;
+/// The longest trigger pulse.
+pub const MOST_PULSE_CYCLES: u32 = TriggerPulse::MOST_US as u32 * CYCLES_PER_US;
 
 /// The fastest that the control's line can be: a character takes 87 us, and captures may keep
 /// it waiting for 48.

@@ -6,7 +6,8 @@
 //! the cycles, whatever interrupts do. At a distance interval a tick foresees the
 //! crossing of the next line from the speed over the last few ticks, and the machine
 //! sends the pulse in the cycle where the line should be. The pulse itself is captured
-//! like any edge: the host is told where the axes really were.
+//! like any edge: the host is told where the axes really were. A line that is crossed before
+//! the pause of the pulse before is over has none, and is told as missed.
 //!
 //! # Tradeoffs
 //!
@@ -17,26 +18,24 @@
 
 use core::num::NonZeroU32;
 
-use umi_app::board::Unsupported;
-use umi_core::trigger::{Lines, Motion, PulsePlan, pulse_period};
-use umi_protocol::latch::TriggerOut;
+use umi_core::trigger::{self, Lines, Motion, PulsePlan, PulseRoom, pulse_period};
+use umi_protocol::latch::{TriggerOut, TriggerPulse, TriggerRefusal};
 
 use crate::pio;
 use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES, hold_of};
 use crate::quadrature::{AxisCounts, AxisSeen, Quadrature};
-use crate::resources::{CLOCK_HZ, CYCLES_PER_US, PULSE_WIDTH_CYCLES, TICK_US};
+use crate::resources::{CLOCK_HZ, CYCLES_PER_US, LEAST_INTERVAL_US, MOST_INTERVAL_US, TICK_US};
 
-/// The shortest interval: 10 kHz, what captures can be told of.
-const LEAST_CYCLES: u32 = 100 * CYCLES_PER_US;
-/// From pulse to pulse, beside the number in the queue.
-const OVERHEAD_CYCLES: u32 = PULSE_OVERHEAD_CYCLES + hold_of(PULSE_WIDTH_CYCLES);
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
 /// the pulse of the one before still waits, as they are a tick apart at least.
 const HORIZON_CYCLES: u32 = 2 * TICK_US * CYCLES_PER_US;
 /// From the look at the ring to the write into the queue: instructions, in the emulator.
 const QUEUE_CYCLES: u32 = 18;
 
-const _: () = assert!(LEAST_CYCLES > OVERHEAD_CYCLES && LEAST_CYCLES >= TICK_US * CYCLES_PER_US);
+// The pause has room for what the program takes, and the queue of eight for two ticks.
+const _: () = assert!(
+    TriggerPulse::GAP_US * CYCLES_PER_US > PULSE_OVERHEAD_CYCLES && LEAST_INTERVAL_US >= TICK_US
+);
 
 /// When pulses are sent.
 pub enum Pulses {
@@ -55,31 +54,46 @@ pub enum Pulses {
         lines: Lines,
         /// Where the axis was lately.
         trail: Trail,
+        /// When the output is free again.
+        room: PulseRoom,
     },
+}
+
+/// Whether such pulses can be sent, with so many axes.
+pub fn check(spec: TriggerOut, axes: usize) -> Result<(), TriggerRefusal> {
+    trigger::check(spec, axes, LEAST_INTERVAL_US, MOST_INTERVAL_US)
 }
 
 impl Pulses {
     /// As asked for by the host, with the axes where they are now.
-    pub fn new(spec: TriggerOut, counts: &AxisCounts) -> Result<Self, Unsupported> {
+    pub fn new(spec: TriggerOut, counts: &AxisCounts) -> Result<Self, TriggerRefusal> {
+        check(spec, counts.len())?;
         match spec {
             TriggerOut::Off => Ok(Self::Off),
-            TriggerOut::Time { interval_us } => {
-                let period =
-                    pulse_period::<CLOCK_HZ>(interval_us, LEAST_CYCLES).map_err(|_| Unsupported)?;
+            TriggerOut::Time { interval_us, pulse } => {
+                let least_us = LEAST_INTERVAL_US;
+                let period = pulse_period::<CLOCK_HZ>(interval_us, least_us * CYCLES_PER_US)
+                    .map_err(|_| TriggerRefusal::IntervalTooShort { least_us })?;
+                let overhead = PULSE_OVERHEAD_CYCLES + hold_of(width_cycles(pulse));
                 Ok(Self::Time {
-                    wait_cycles: period.get() - OVERHEAD_CYCLES,
+                    wait_cycles: period.get().saturating_sub(overhead),
                 })
             }
             TriggerOut::Distance {
                 axis,
                 interval_counts,
+                pulse,
             } => {
                 let axis = usize::from(axis);
-                let origin = *counts.get(axis).ok_or(Unsupported)?;
-                let lines =
-                    Lines::new(origin, interval_counts, HORIZON_CYCLES).map_err(|_| Unsupported)?;
-                let trail = Trail::default();
-                Ok(Self::Distance { axis, lines, trail })
+                let origin = *counts.get(axis).ok_or(TriggerRefusal::NoAxis)?;
+                let lines = Lines::new(origin, interval_counts, HORIZON_CYCLES)
+                    .map_err(|_| TriggerRefusal::NoInterval)?;
+                Ok(Self::Distance {
+                    axis,
+                    lines,
+                    trail: Trail::default(),
+                    room: PulseRoom::new(pulse, CYCLES_PER_US),
+                })
             }
         }
     }
@@ -103,8 +117,13 @@ impl Pulses {
                 }
                 0
             }
-            Self::Distance { axis, lines, trail } => match axes.seen(*axis) {
-                Some(seen) => fire(lines, seen, trail.motion(seen)),
+            Self::Distance {
+                axis,
+                lines,
+                trail,
+                room,
+            } => match axes.seen(*axis) {
+                Some(seen) => fire(lines, room, seen, trail.motion(seen)),
                 None => {
                     *trail = Trail::default();
                     0
@@ -114,12 +133,23 @@ impl Pulses {
     }
 }
 
-fn fire(lines: &mut Lines, seen: AxisSeen, motion: Motion) -> u32 {
+/// How long a pulse is; [`check`] has let it pass.
+pub fn width_cycles(pulse: TriggerPulse) -> u32 {
+    u32::from(pulse.width_us) * CYCLES_PER_US
+}
+
+fn fire(lines: &mut Lines, room: &mut PulseRoom, seen: AxisSeen, motion: Motion) -> u32 {
     match lines.plan(motion) {
         PulsePlan::Wait => 0,
         PulsePlan::Fire {
             in_cycles, skipped, ..
         } => {
+            // One that should have begun already begins by then.
+            let soonest = seen.age_cycles() + CYCLES_PER_US;
+            if !room.take(seen.at.after(in_cycles.max(soonest).into())) {
+                return skipped.saturating_add(1);
+            }
+            // Looked at last: from here on each cycle is counted.
             let passed = seen.age_cycles() + QUEUE_CYCLES + PULSE_LEAD_CYCLES;
             if pio::queue_pulse(in_cycles.saturating_sub(passed)) {
                 skipped

@@ -4,7 +4,7 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::head::HeadAnswer;
 use umi_protocol::job::{Job, Lessons};
 use umi_protocol::job_error::JobError;
-use umi_protocol::latch::{Positions, TriggerOut};
+use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::message::{
     Identity, JournalInfo, LineRefusal, Request, Response, Status, TeachRefusal, TeachWhat,
 };
@@ -128,11 +128,10 @@ calls! {
         Response::Positions(positions) => positions,
     }
 
-    /// Trigger pulses for a scanner from now on, or none. False: the board has no such
-    /// output or axis, or cannot keep that interval, and nothing has changed.
-    trigger_out(when: TriggerOut) -> bool = Request::TriggerOutSet(when) => {
-        Response::Done => true,
-        Response::NotOnThisBoard => false,
+    /// Trigger pulses for a scanner from now on, or none; or why not, and nothing has changed.
+    trigger_out(when: TriggerOut) -> Result<(), TriggerRefusal> = Request::TriggerOutSet(when) => {
+        Response::Done => Ok(()),
+        Response::TriggerRefused(refusal) => Err(refusal),
     }
 
     /// Enables a scanner's laser, or not. False: the board has no such output.

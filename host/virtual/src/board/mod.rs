@@ -44,6 +44,7 @@ use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
 pub use clock::VirtualClock;
 pub use flash::VirtualFlash;
 pub use host::HostEnd;
+pub use pulses::SentPulses;
 
 use host::Waiter;
 use ports::{
@@ -333,22 +334,22 @@ impl VirtualBoard {
 
     /// The axes are here from now on. Trigger pulses that were asked for and are due on
     /// the way are sent and latched: these.
-    pub fn move_to(&self, positions: Positions) -> Vec<LatchReport> {
+    pub fn move_to(&self, positions: Positions) -> SentPulses {
         self.moved(positions, false)
     }
 
     /// As [`Self::move_to`], of axes that do not stand there: they were there at the
     /// positions' own instant, and until more is told that is all that is known.
-    pub fn passes(&self, positions: Positions) -> Vec<LatchReport> {
+    pub fn passes(&self, positions: Positions) -> SentPulses {
         self.moved(positions, true)
     }
 
-    fn moved(&self, positions: Positions, passing: bool) -> Vec<LatchReport> {
-        let pulses = self.station.move_to(positions, passing);
-        for pulse in &pulses {
-            self.latch(pulse.clone());
+    fn moved(&self, positions: Positions, passing: bool) -> SentPulses {
+        let sent = self.station.move_to(positions, passing);
+        for latch in &sent.latches {
+            self.latch(latch.clone());
         }
-        pulses
+        sent
     }
 
     /// Whether the board enables a scanner's laser.

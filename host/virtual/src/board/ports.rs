@@ -13,11 +13,11 @@ use umi_app::board::{
     Outputs, Scanner, Unsupported, Watchdog,
 };
 use umi_app::intake::PIECE;
-use umi_protocol::latch::{LatchReport, Positions, TriggerOut};
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::serial::LineSettings;
 
 use super::clock::VirtualClock;
-use super::pulses::Pulses;
+use super::pulses::{Pulses, SentPulses};
 use super::wire::{Heard, heard};
 
 /// What the control sends.
@@ -299,13 +299,16 @@ impl Station {
     }
 
     /// The axes are here: from now on, or only at this instant of their way. The trigger
-    /// pulses on the way to here, as latches.
-    pub fn move_to(&self, positions: Positions, passing: bool) -> Vec<LatchReport> {
+    /// pulses on the way to here.
+    pub fn move_to(&self, positions: Positions, passing: bool) -> SentPulses {
         self.with(|state| {
-            let pulses = state.pulses.between(&state.positions, &positions);
+            let latches = state.pulses.between(&state.positions, &positions);
             state.positions = positions;
             state.passing = passing;
-            pulses
+            SentPulses {
+                latches,
+                pulse: state.pulses.pulse(),
+            }
         })
     }
 
@@ -328,7 +331,7 @@ impl Axes for Station {
 }
 
 impl Scanner for Station {
-    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+    fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
         self.with(|state| state.pulses.ask(when, &state.positions))
     }
 

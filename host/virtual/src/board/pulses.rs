@@ -5,27 +5,49 @@
 //! Between two positions that the board is told of, the axes move in straight lines at
 //! constant speed. Lines lie across an axis one interval apart, one of them where it was
 //! when the pulses were asked for. A line is crossed at the same count in both directions.
+//! One that is crossed before the pause of the pulse before is over has no pulse: it is told as
+//! missed by the next pulse, or by itself when no other comes.
 //!
 //! # Limitations
 //!
 //! An axis that trembles on a line gives a pulse for each crossing. A step with more than
 //! [`MAX_PULSES`] gives the last ones and says how many were missed.
 
-use umi_app::board::Unsupported;
-use umi_protocol::latch::{LatchCause, LatchReport, Positions, TriggerOut};
+use umi_core::trigger::{PulseRoom, check};
+use umi_core::units::Cycles;
+use umi_protocol::latch::{
+    LatchCause, LatchReport, Positions, TriggerOut, TriggerPulse, TriggerRefusal,
+};
 
 /// Pulses within one step, at most.
 const MAX_PULSES: i64 = 1000;
 
 /// The shortest time interval that this board keeps.
 const SHORTEST_US: u32 = 20;
+/// The longest: an hour.
+const LONGEST_US: u32 = 3_600_000_000;
+/// The virtual board's clock counts nanoseconds.
+const NS_PER_US: u32 = 1000;
+
+/// What has left a board's output.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SentPulses {
+    /// Each at its beginning.
+    pub latches: Vec<LatchReport>,
+    /// How long they are, and how the output rests.
+    pub pulse: TriggerPulse,
+}
 
 /// The pulses of a board.
 #[derive(Debug, Default)]
 pub(crate) struct Pulses {
     lines: Option<Lines>,
+    room: Option<PulseRoom>,
+    pulse: TriggerPulse,
     /// Pulses so far.
     number: u32,
+    /// Lines without a pulse that nobody was told of.
+    untold: u32,
 }
 
 /// Lines across an axis or in time.
@@ -56,35 +78,49 @@ impl Pulses {
     /// Begins with the axes here, or ends.
     ///
     /// # Errors
-    /// There is no such axis, or no such interval.
-    pub fn ask(&mut self, when: TriggerOut, here: &Positions) -> Result<(), Unsupported> {
-        let lines = match when {
+    /// What this board cannot do: nothing has changed.
+    pub fn ask(&mut self, when: TriggerOut, here: &Positions) -> Result<(), TriggerRefusal> {
+        // A board without encoders has nothing to latch.
+        if when != TriggerOut::Off && here.counts.is_empty() {
+            return Err(TriggerRefusal::NoOutput);
+        }
+        check(when, here.counts.len(), SHORTEST_US, LONGEST_US)?;
+        let (lines, pulse) = match when {
             TriggerOut::Off => {
                 self.lines = None;
                 return Ok(());
             }
-            TriggerOut::Time { interval_us } if interval_us >= SHORTEST_US => Lines {
-                axis: None,
-                origin: 0,
-                interval: i64::from(interval_us) * 1000,
-            },
+            TriggerOut::Time { interval_us, pulse } => {
+                let lines = Lines {
+                    axis: None,
+                    origin: 0,
+                    interval: i64::from(interval_us) * i64::from(NS_PER_US),
+                };
+                (lines, pulse)
+            }
             TriggerOut::Distance {
                 axis,
                 interval_counts,
-            } if interval_counts > 0 => Lines {
-                axis: Some(axis.into()),
-                origin: 0,
-                interval: interval_counts.into(),
-            },
-            TriggerOut::Time { .. } | TriggerOut::Distance { .. } => return Err(Unsupported),
+                pulse,
+            } => {
+                let lines = Lines {
+                    axis: Some(axis.into()),
+                    origin: 0,
+                    interval: interval_counts.into(),
+                };
+                (lines, pulse)
+            }
         };
-        // A board without encoders has nothing to latch.
-        if here.counts.is_empty() {
-            return Err(Unsupported);
-        }
-        let origin = lines.place(here).ok_or(Unsupported)?;
+        let origin = lines.place(here).ok_or(TriggerRefusal::NoAxis)?;
         self.lines = Some(Lines { origin, ..lines });
+        self.room = Some(PulseRoom::new(pulse, NS_PER_US));
+        self.pulse = pulse;
         Ok(())
+    }
+
+    /// How they are.
+    pub const fn pulse(&self) -> TriggerPulse {
+        self.pulse
     }
 
     /// The pulses on the way from one position to the next, as latches.
@@ -98,8 +134,19 @@ impl Pulses {
         let (first, last) = (lines.cell(start), lines.cell(end));
         let all = last.abs_diff(first);
         let told = i64::try_from(all).unwrap_or(i64::MAX).min(MAX_PULSES);
-        let mut missed = u32::try_from(all.saturating_sub(told.unsigned_abs())).unwrap_or(u32::MAX);
+        let missed = u32::try_from(all.saturating_sub(told.unsigned_abs())).unwrap_or(u32::MAX);
+        self.untold = self.untold.saturating_add(missed);
         let mut pulses = Vec::new();
+        if all == 0 && self.untold > 0 {
+            // No other came that could tell it.
+            pulses.push(LatchReport {
+                number: self.number,
+                cause: LatchCause::Output,
+                counts: Default::default(),
+                t_ns: to.t_ns,
+                missed: std::mem::take(&mut self.untold),
+            });
+        }
         for left in (0..told).rev() {
             // Upwards the line above a cell is crossed, downwards the one below it.
             let line = if last > first {
@@ -118,12 +165,21 @@ impl Pulses {
                 *count = place;
             }
             let passed_ns = to.t_ns.saturating_sub(from.t_ns);
+            let t_ns = from.t_ns + (passed_ns as f64 * share).round() as u64;
+            if !self
+                .room
+                .as_mut()
+                .is_none_or(|room| room.take(Cycles(t_ns)))
+            {
+                self.untold = self.untold.saturating_add(1);
+                continue;
+            }
             pulses.push(LatchReport {
                 number: self.number,
                 cause: LatchCause::Output,
                 counts,
-                t_ns: from.t_ns + (passed_ns as f64 * share).round() as u64,
-                missed: std::mem::take(&mut missed),
+                t_ns,
+                missed: std::mem::take(&mut self.untold),
             });
             self.number = self.number.wrapping_add(1);
         }
@@ -143,6 +199,26 @@ mod tests {
         }
     }
 
+    fn every(interval_us: u32, width_us: u16) -> TriggerOut {
+        let pulse = TriggerPulse {
+            width_us,
+            ..TriggerPulse::default()
+        };
+        TriggerOut::Time { interval_us, pulse }
+    }
+
+    fn along(axis: u8, interval_counts: u32, width_us: u16) -> TriggerOut {
+        let pulse = TriggerPulse {
+            width_us,
+            ..TriggerPulse::default()
+        };
+        TriggerOut::Distance {
+            axis,
+            interval_counts,
+            pulse,
+        }
+    }
+
     fn places(pulses: &[LatchReport]) -> Vec<(u32, i64, i64, u64)> {
         let place = |p: &LatchReport| (p.number, p.counts[0], p.counts[1], p.t_ns);
         pulses.iter().map(place).collect()
@@ -153,23 +229,19 @@ mod tests {
     #[test]
     fn lines_are_the_same_in_both_directions() {
         let mut pulses = Pulses::default();
-        let distance = TriggerOut::Distance {
-            axis: 0,
-            interval_counts: 100,
-        };
-        pulses.ask(distance, &at(&[5, 0], 0)).unwrap();
-        let up = pulses.between(&at(&[5, 0], 0), &at(&[305, 600], 3000));
+        pulses.ask(along(0, 100, 20), &at(&[5, 0], 0)).unwrap();
+        let up = pulses.between(&at(&[5, 0], 0), &at(&[305, 600], 3_000_000));
         assert_eq!(
             places(&up),
             [
-                (0, 105, 200, 1000),
-                (1, 205, 400, 2000),
-                (2, 305, 600, 3000)
+                (0, 105, 200, 1_000_000),
+                (1, 205, 400, 2_000_000),
+                (2, 305, 600, 3_000_000)
             ]
         );
-        let none = pulses.between(&at(&[305, 600], 3000), &at(&[404, 600], 4000));
+        let none = pulses.between(&at(&[305, 600], 3_000_000), &at(&[404, 600], 4_000_000));
         assert!(none.is_empty());
-        let down = pulses.between(&at(&[405, 0], 0), &at(&[-105, 0], 5100));
+        let down = pulses.between(&at(&[405, 0], 5_000_000), &at(&[-105, 0], 9_000_000));
         let lines: Vec<i64> = down.iter().map(|p| p.counts[0]).collect();
         assert_eq!(lines, [405, 305, 205, 105, 5, -95]);
         pulses.ask(TriggerOut::Off, &at(&[0, 0], 0)).unwrap();
@@ -184,8 +256,7 @@ mod tests {
     #[test]
     fn time_goes_on_at_rest() {
         let mut pulses = Pulses::default();
-        let time = TriggerOut::Time { interval_us: 50 };
-        pulses.ask(time, &at(&[7, 8], 1_000)).unwrap();
+        pulses.ask(every(50, 30), &at(&[7, 8], 1_000)).unwrap();
         let came = pulses.between(&at(&[7, 8], 1_000), &at(&[7, 8], 151_999));
         assert_eq!(
             places(&came),
@@ -197,38 +268,58 @@ mod tests {
     #[test]
     fn too_many_are_counted() {
         let mut pulses = Pulses::default();
-        let distance = TriggerOut::Distance {
-            axis: 0,
-            interval_counts: 1,
-        };
-        pulses.ask(distance, &at(&[0, 0], 0)).unwrap();
-        let came = pulses.between(&at(&[0, 0], 0), &at(&[2500, 0], 1));
+        pulses.ask(along(0, 1, 20), &at(&[0, 0], 0)).unwrap();
+        let came = pulses.between(&at(&[0, 0], 0), &at(&[2500, 0], 1_000_000_000));
         let missed: u32 = came.iter().map(|pulse| pulse.missed).sum();
         assert_eq!((came.len(), missed), (1000, 1500));
         assert_eq!(came.last().unwrap().counts[0], 2500);
+    }
+
+    /// A pulse and its pause are never cut short: lines that are crossed meanwhile are told as
+    /// missed, by the next pulse or, where none comes, by themselves.
+    #[test]
+    fn an_axis_too_fast_for_its_pulses() {
+        let mut pulses = Pulses::default();
+        pulses.ask(along(0, 10, 100), &at(&[0], 0)).unwrap();
+        // A line each 50 us: of three, one has 120 us.
+        let came = pulses.between(&at(&[0], 0), &at(&[100], 500_000));
+        let told: Vec<(u64, u32)> = came.iter().map(|p| (p.t_ns / 1000, p.missed)).collect();
+        assert_eq!(told, [(50, 0), (200, 2), (350, 2), (500, 2)]);
+        // 120 us after the last one there is room again, and not before.
+        let came = pulses.between(&at(&[100], 500_000), &at(&[120], 619_000));
+        assert!(came.is_empty());
+        let rest = pulses.between(&at(&[120], 619_000), &at(&[125], 700_000));
+        assert_eq!(rest.len(), 1);
+        assert_eq!((rest[0].missed, rest[0].counts.len()), (2, 0));
+        let after = pulses.between(&at(&[125], 700_000), &at(&[130], 800_000));
+        assert_eq!((after[0].number, after[0].missed), (4, 0));
     }
 
     /// What the board cannot do is refused.
     #[test]
     fn impossible_is_refused() {
         let mut pulses = Pulses::default();
-        let distance = |axis, interval_counts| TriggerOut::Distance {
-            axis,
-            interval_counts,
-        };
         let here = at(&[0, 0], 0);
-        for when in [
-            distance(2, 10),
-            distance(0, 0),
-            TriggerOut::Time { interval_us: 19 },
+        let width = TriggerRefusal::PulseWidth {
+            least_us: 1,
+            most_us: 1000,
+        };
+        for (when, why) in [
+            (along(2, 10, 20), TriggerRefusal::NoAxis),
+            (along(0, 0, 20), TriggerRefusal::NoInterval),
+            (along(0, 10, 1001), width),
+            (every(100, 0), width),
+            (
+                every(19, 1),
+                TriggerRefusal::IntervalTooShort { least_us: 20 },
+            ),
+            (every(39, 20), TriggerRefusal::PulseTooLong { most_us: 19 }),
         ] {
-            assert_eq!(pulses.ask(when, &here), Err(Unsupported), "{when:?}");
+            assert_eq!(pulses.ask(when, &here), Err(why), "{when:?}");
         }
         let nothing = at(&[], 0);
-        assert!(
-            pulses
-                .ask(TriggerOut::Time { interval_us: 100 }, &nothing)
-                .is_err()
-        );
+        let refused = pulses.ask(every(100, 20), &nothing);
+        assert_eq!(refused, Err(TriggerRefusal::NoOutput));
+        assert_eq!(pulses.ask(TriggerOut::Off, &nothing), Ok(()));
     }
 }

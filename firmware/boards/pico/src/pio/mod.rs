@@ -13,14 +13,16 @@
 pub mod programs;
 
 use embassy_rp::pac;
+use embassy_rp::pac::io::vals::{Inover, Outover};
 use embassy_rp::pac::pio::Pio;
 use embassy_rp::pac::pio::regs::{Fdebug, SmExecctrl, SmPinctrl, SmShiftctrl};
 use umi_core::units::Cycles;
+use umi_protocol::latch::SignalLevel;
 
 use crate::pins::{AXES, AXIS_A, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
 use crate::resources::{
-    CYCLES_PER_US, EVENTS_MACHINE, MOST_PULSE_CYCLES, PERIOD_CYCLES, PULSE_MACHINE,
-    PULSE_WIDTH_CYCLES, SKIP_MACHINE, TRIGGER_MACHINE,
+    CYCLES_PER_US, EVENTS_MACHINE, MOST_PULSE_CYCLES, PERIOD_CYCLES, PULSE_MACHINE, SKIP_MACHINE,
+    TRIGGER_MACHINE,
 };
 use programs::{Place, hold_of, setup, stamp};
 
@@ -96,7 +98,6 @@ pub fn prepare() {
         configure(pac::PIO1, machine, place, shift, pins, jump_pin);
     }
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_LOW);
-    set_pulse_width(PULSE_WIDTH_CYCLES);
     execute(pac::PIO1, PULSE_MACHINE, setup::PIN_OUT);
     listen(true, true);
 }
@@ -233,6 +234,29 @@ pub fn queue_pulse(wait_cycles: u32) -> bool {
 /// Takes back every pulse that has not been sent; one that is on ends.
 pub fn stop_pulses() {
     with_pulses_stopped(|| {});
+}
+
+/// Whether a pulse is on.
+pub fn pulse_is_on() -> bool {
+    pac::PIO1.dbg_padout().read() & 1 << TRIGGER_OUT != 0
+}
+
+/// The level of the output between pulses. The machines see a pulse as high in either case: what
+/// turns the output round turns its input back.
+pub fn set_pulse_rest(rests: SignalLevel) {
+    let (outside, inside) = match rests {
+        SignalLevel::Low => (Outover::NORMAL, Inover::NORMAL),
+        SignalLevel::High => (Outover::INVERT, Inover::INVERT),
+    };
+    let control = pac::IO_BANK0.gpio(TRIGGER_OUT.into()).ctrl();
+    if control.read().outover() == outside {
+        return;
+    }
+    // While the pin takes its time to change, its input says nothing of it: no pulse is captured.
+    control.modify(|w| w.set_inover(Inover::LOW));
+    control.modify(|w| w.set_outover(outside));
+    cortex_m::asm::delay(CYCLES_PER_US);
+    control.modify(|w| w.set_inover(inside));
 }
 
 /// Takes back every pulse that has not been sent; those that come are so many cycles long.

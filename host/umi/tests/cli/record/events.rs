@@ -256,12 +256,20 @@ fn impossible_scans_are_refused() {
     let scan = |more: &[&str]| umi(&[&["events", "--port", &port][..], more].concat());
     scan(&["--trigger-every-us", "100"])
         .exits(2)
-        .says("cannot send such trigger pulses");
+        .says("sends no trigger pulses");
     scan(&["--laser"]).exits(2).says("no output for a laser");
     scan(&["--trigger-every-mm", "0.1", "--axis", "x"])
         .exits(1)
         .says("[witness]");
     scan(&["--axis", "x"]).exits(1).says("--trigger-every-mm");
+    for alone in [["--trigger-width-us", "20"], ["--trigger-rests", "high"]] {
+        scan(&alone).exits(1).says("--trigger-every-us");
+    }
+    for width in ["0", "1001"] {
+        scan(&["--trigger-every-us", "5000", "--trigger-width-us", width])
+            .exits(1)
+            .says("1..=1000");
+    }
     scan(&["--trigger-every-mm", "0.1"]).exits(1).says("--axis");
     scan(&["--trigger-every-counts", "5", "--axis", "q"])
         .exits(1)

@@ -12,7 +12,7 @@ use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode
 use umi_protocol::head::HeadAnswer;
 use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
-use umi_protocol::latch::{LatchCounters, Positions};
+use umi_protocol::latch::{LatchCounters, Positions, TriggerRefusal};
 use umi_protocol::message::{
     Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
@@ -208,9 +208,10 @@ impl Board {
             Request::PositionsGet => Response::Positions(self.positions.clone()),
             Request::HeadGet { .. } => Response::Head(HeadAnswer::NoKey),
             Request::VerdictGet => Response::Verdict(self.verdict.clone()),
-            Request::TriggerOutSet(_) | Request::LaserSet { .. } if !self.scanner => {
-                Response::NotOnThisBoard
+            Request::TriggerOutSet(_) if !self.scanner => {
+                Response::TriggerRefused(TriggerRefusal::NoOutput)
             }
+            Request::LaserSet { .. } if !self.scanner => Response::NotOnThisBoard,
             _ => Response::Done,
         }
     }

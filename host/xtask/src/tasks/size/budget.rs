@@ -18,6 +18,8 @@ pub(crate) struct Budget {
     pub stack_bytes: u64,
     /// Calls of the core library's panics.
     pub panic_calls: u64,
+    /// Of them, those that an interrupt can reach, not counting the tasks that it runs.
+    pub interrupt_panic_calls: u64,
 }
 
 impl Budget {
@@ -39,6 +41,11 @@ impl Budget {
                 "calls of panics (--panics lists them)",
                 figures.panic_calls().into(),
                 self.panic_calls,
+            ),
+            (
+                "calls of panics in interrupts (--panics lists them)",
+                figures.interrupt_panic_calls().into(),
+                self.interrupt_panic_calls,
             ),
         ];
         held.into_iter()
@@ -82,6 +89,7 @@ pub fn hold(compiler: &Compiler, over: Vec<String>, unsound: &[String]) -> Resul
 
 #[cfg(test)]
 mod tests {
+    use imagecheck::reach::{EntryKind, EntryPanics};
     use imagecheck::stack::StackNeed;
 
     use super::*;
@@ -96,7 +104,19 @@ mod tests {
             }],
             room_bytes: 400,
             panics: [("umi_core::x".to_owned(), 7)].into(),
+            reachable: vec![
+                reaches(EntryKind::Interrupt, 2),
+                reaches(EntryKind::Task, 9),
+            ],
             ..ImageFigures::default()
+        }
+    }
+
+    fn reaches(kind: EntryKind, calls: u32) -> EntryPanics {
+        EntryPanics {
+            kind,
+            name: "TIMER_IRQ".to_owned(),
+            calls: [("umi_core::x".to_owned(), calls)].into(),
         }
     }
 
@@ -106,6 +126,7 @@ mod tests {
             static_bytes: 200,
             stack_bytes: 300,
             panic_calls: 7,
+            interrupt_panic_calls: 2,
         }
     }
 
@@ -130,11 +151,13 @@ mod tests {
                 chain: Vec::new(),
             }],
             panics: [("umi_core::x".to_owned(), 8)].into(),
+            reachable: vec![reaches(EntryKind::Interrupt, 3)],
             ..figures()
         };
         let broken: Vec<String> = budget().broken_by(&figures).collect();
-        assert_eq!(broken.len(), 4, "{broken:?}");
-        for (line, what) in broken.iter().zip(["flash", "static", "stack", "panics"]) {
+        let words = ["flash", "static", "stack", "of panics", "in interrupts"];
+        assert_eq!(broken.len(), words.len(), "{broken:?}");
+        for (line, what) in broken.iter().zip(words) {
             assert!(line.contains(what), "{line}");
         }
     }

@@ -5,6 +5,7 @@ mod report;
 
 use anyhow::{Context as _, Result, ensure};
 use imagecheck::image::ImageFigures;
+use imagecheck::reach::{EntryKind, EntryPanics};
 use imagecheck::stack::Level;
 
 use self::budget::Budget;
@@ -68,11 +69,23 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     let (mut over, mut unsound) = (Vec::new(), Vec::new());
     let mut rows = vec![
         [
-            "image", "flash", "budget", "static", "budget", "stack", "budget", "room", "panics",
-            "ours", "budget",
+            "image",
+            "flash",
+            "budget",
+            "static",
+            "budget",
+            "stack",
+            "budget",
+            "room",
+            "panics",
+            "ours",
+            "budget",
+            "in interrupts",
+            "budget",
         ]
         .map(String::from),
     ];
+    let mut reachable = vec![["image", "what", "name", "panics"].map(String::from)];
     let mut json = Vec::new();
     for image in &images {
         let (budget, levels) = promised(&packages, image)?;
@@ -86,6 +99,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
             for (function, calls) in &figures.panics {
                 console::progress(&format!("{calls:4}  {function}"));
             }
+            show_reachable(image, &figures);
         }
         let of_image = |what: String| format!("{}: {what}", image.name);
         over.extend(budget.broken_by(&figures).map(of_image));
@@ -102,7 +116,17 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
             figures.panic_calls().to_string(),
             figures.own_panic_calls().to_string(),
             budget.panic_calls.to_string(),
+            figures.interrupt_panic_calls().to_string(),
+            budget.interrupt_panic_calls.to_string(),
         ]);
+        reachable.extend(figures.reachable.iter().map(|entry| {
+            let kind = match entry.kind {
+                EntryKind::Interrupt => "interrupt",
+                EntryKind::Task => "task",
+            };
+            let count = entry.count().to_string();
+            [image.name.clone(), kind.into(), entry.name.clone(), count]
+        }));
         json.push(serde_json::json!({
             "image": image.name,
             "flash_bytes": figures.flash_bytes,
@@ -110,6 +134,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
             "stack_bytes": figures.stack_bytes(),
             "stack_room_bytes": figures.room_bytes,
             "panic_calls": figures.panic_calls(),
+            "interrupt_panic_calls": figures.interrupt_panic_calls(),
         }));
     }
     if arguments.json {
@@ -123,7 +148,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
             "SIZES.md is about the pinned compiler, and this is {compiler}"
         );
         let file = workspace.root.join("tests/bench/SIZES.md");
-        std::fs::write(&file, report::markdown(&rows, &compiler))
+        std::fs::write(&file, report::markdown(&rows, &reachable, &compiler))
             .with_context(|| format!("cannot write {}", file.display()))?;
     }
     for over in budget::hold(&compiler, over, &unsound)? {
@@ -143,6 +168,21 @@ fn promised(packages: &serde_json::Value, image: &Image) -> Result<(Budget, Vec<
     let levels = table("stack").unwrap_or_else(|| serde_json::json!([]));
     let levels = serde_json::from_value(levels).context("package.metadata.stack")?;
     Ok((budget, levels))
+}
+
+fn show_reachable(image: &Image, figures: &ImageFigures) {
+    let is_interrupt = |entry: &&EntryPanics| entry.kind == EntryKind::Interrupt;
+    for entry in figures.reachable.iter().filter(is_interrupt) {
+        console::headline(&format!(
+            "{}: {} in {}",
+            image.name,
+            entry.count(),
+            entry.name
+        ));
+        for (function, calls) in &entry.calls {
+            console::progress(&format!("{calls:4}  {function}"));
+        }
+    }
 }
 
 fn show_stack(image: &Image, figures: &ImageFigures) {

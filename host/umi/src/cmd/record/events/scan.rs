@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use umi_client::axes::{self, Scale};
 use umi_client::link::Client;
 use umi_client::timeline::{Follower, LatchTally};
-use umi_protocol::latch::TriggerOut;
+use umi_protocol::latch::{SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal};
 
 use super::Sink;
 use crate::failure::Failure;
@@ -33,9 +33,25 @@ pub(crate) struct Scan {
     /// The axis of the trigger pulses: x, y, z, w, axis5 or axis6
     #[arg(long, value_parser = axis)]
     axis: Option<u8>,
+    /// How long each trigger pulse is, 1 to 1000 us. Without, 20 us: what a Gocator needs
+    #[arg(long, value_name = "US", value_parser = clap::value_parser!(u16)
+          .range(i64::from(TriggerPulse::LEAST_US)..=i64::from(TriggerPulse::MOST_US)))]
+    trigger_width_us: Option<u16>,
+    /// The level of the trigger output between pulses. Without, low; it stays after the scan
+    #[arg(long, value_name = "LEVEL")]
+    trigger_rests: Option<Rest>,
     /// Enable the scanner's laser
     #[arg(long)]
     laser: bool,
+}
+
+/// The level of the output between pulses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Rest {
+    /// A pulse is high
+    Low,
+    /// A pulse is low
+    High,
 }
 
 fn axis(text: &str) -> Result<u8, String> {
@@ -165,10 +181,18 @@ impl Scan {
     /// The pulses that are asked for.
     pub fn pulses(&self, scale: &Scale) -> Result<Option<TriggerOut>, Failure> {
         let usage = |message: String| Failure::trouble("usage", message);
+        let pulse = self.pulse();
         if let Some(interval_us) = self.trigger_every_us {
-            return Ok(Some(TriggerOut::Time { interval_us }));
+            return Ok(Some(TriggerOut::Time { interval_us, pulse }));
         }
         let Some(axis) = self.axis else {
+            if self.trigger_width_us.is_some() || self.trigger_rests.is_some() {
+                return Err(usage(
+                    "--trigger-width-us and --trigger-rests are of trigger pulses: give \
+                     --trigger-every-us, or --axis and a distance"
+                        .into(),
+                ));
+            }
             return Ok(None);
         };
         let interval_counts = match (self.trigger_every_counts, self.trigger_every_mm) {
@@ -207,7 +231,21 @@ impl Scan {
         Ok(Some(TriggerOut::Distance {
             axis,
             interval_counts,
+            pulse,
         }))
+    }
+
+    /// Each pulse.
+    fn pulse(&self) -> TriggerPulse {
+        let usual = TriggerPulse::default();
+        TriggerPulse {
+            width_us: self.trigger_width_us.unwrap_or(usual.width_us),
+            rests: match self.trigger_rests {
+                Some(Rest::Low) => SignalLevel::Low,
+                Some(Rest::High) => SignalLevel::High,
+                None => usual.rests,
+            },
+        }
     }
 
     fn begin(
@@ -216,17 +254,18 @@ impl Scan {
         pulses: Option<TriggerOut>,
         rhythm: Rhythm,
     ) -> Result<(), Failure> {
-        let refused = |what: &str| Failure::refused("not_on_this_board", what);
         if self.laser && !board.laser(true)? {
-            return Err(refused("this board has no output for a laser"));
+            let what = "this board has no output for a laser";
+            return Err(Failure::refused("not_on_this_board", what));
         }
-        if let (Some(TriggerOut::Time { interval_us }), Rhythm::Signed) = (pulses, rhythm) {
+        if let (Some(TriggerOut::Time { interval_us, pulse }), Rhythm::Signed) = (pulses, rhythm) {
             for tenths in SIGNATURE_TENTHS {
                 let interval_us = u64::from(interval_us) * u64::from(tenths) / 10;
                 let Ok(interval_us) = u32::try_from(interval_us) else {
                     break;
                 };
-                if !board.trigger_out(TriggerOut::Time { interval_us })? {
+                let stretch = TriggerOut::Time { interval_us, pulse };
+                if board.trigger_out(stretch)?.is_err() {
                     break; // What is wanted is refused below.
                 }
                 let stretch = Duration::from_micros(interval_us.into()) * STRETCH_PULSES;
@@ -234,21 +273,23 @@ impl Scan {
             }
         }
         match pulses {
-            Some(pulses) if !board.trigger_out(pulses)? => Err(refused(
-                "this board cannot send such trigger pulses: it has no output for them, no \
-                 such axis, or cannot keep that interval",
-            )),
-            _ => Ok(()),
+            Some(pulses) => board.trigger_out(pulses)?.map_err(refused),
+            None => Ok(()),
         }
     }
 
     fn end(&self, board: &mut Client, pulses: Option<TriggerOut>) -> Result<(), Failure> {
         if pulses.is_some() {
-            board.trigger_out(TriggerOut::Off)?;
+            board.trigger_out(TriggerOut::Off)?.map_err(refused)?;
         }
         if self.laser {
             board.laser(false)?;
         }
         Ok(())
     }
+}
+
+/// Why the board does not send such pulses.
+fn refused(why: TriggerRefusal) -> Failure {
+    Failure::refused(why.into(), why.to_string())
 }

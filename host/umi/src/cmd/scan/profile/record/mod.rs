@@ -53,6 +53,9 @@ With --trigger-every-us, or --axis and a distance, the board triggers the sensor
 the sensor triggers the board. Start the sensor on its own page before; this command connects
 to its data channel first, then the board's pulses begin. Pulses in time begin with a
 signature: some stretches of other intervals, so that a lost first frame shifts nothing.
+A pulse is 20 us long, which a Gocator takes; --trigger-width-us and --trigger-rests change it.
+A line that is crossed before the pulse before and 20 us behind it are over has no pulse: it is
+told as lost.
 
 Both files are written as they come. If this program or its computer stops, what is there can
 be read: profiles end between two messages, latches between two lines. At the end the profiles
