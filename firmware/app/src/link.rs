@@ -319,7 +319,7 @@ mod tests {
     use core::pin::{Pin, pin};
     use core::task::Poll;
     use embassy_futures::{block_on, poll_once};
-    use umi_protocol::latch::Positions;
+    use umi_protocol::latch::{Positions, SignalLevel, TriggerPulse, TriggerRefusal};
 
     use super::*;
     use crate::board::Unsupported;
@@ -412,7 +412,7 @@ mod tests {
     }
 
     impl Scanner for &Host {
-        fn trigger_out(&mut self, when: TriggerOut) -> Result<(), Unsupported> {
+        fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
             self.pulses.set(when != TriggerOut::Off);
             Ok(())
         }
@@ -423,7 +423,13 @@ mod tests {
         }
     }
 
-    const EVERY_MS: TriggerOut = TriggerOut::Time { interval_us: 1000 };
+    const EVERY_MS: TriggerOut = TriggerOut::Time {
+        interval_us: 1000,
+        pulse: TriggerPulse {
+            width_us: 20,
+            rests: SignalLevel::Low,
+        },
+    };
 
     /// Runs until nothing is left to do.
     fn settle(mut run: Pin<&mut impl Future>) {

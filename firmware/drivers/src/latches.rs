@@ -78,11 +78,13 @@ impl Latches {
         missed: u32,
     ) {
         // No board has more axes than a report.
-        let counts = counts
-            .into_iter()
-            .take(MAX_AXES)
-            .map(|axis| axis.0)
-            .collect();
+        let mut known = Vec::new();
+        for axis in counts {
+            if known.push(axis.0).is_err() {
+                break;
+            }
+        }
+        let mut counts = Some(known);
         self.with(cause, |state, index| {
             state.latest_ns = t_ns;
             let Some(count) = state.counts.get_mut(index) else {
@@ -91,7 +93,7 @@ impl Latches {
             let latch = LatchReport {
                 number: count.captured,
                 cause,
-                counts,
+                counts: counts.take().unwrap_or_default(),
                 t_ns,
                 missed: count.missed.saturating_add(missed),
             };
@@ -125,7 +127,10 @@ impl Latches {
             LatchCause::Index { axis } => 4 + usize::from(axis),
         };
         self.state.lock(|state| {
-            change(&mut state.borrow_mut(), index);
+            // Nobody can have it, in a critical section; and no interrupt has a way to a panic.
+            if let Ok(mut state) = state.try_borrow_mut() {
+                change(&mut state, index);
+            }
         });
         self.came.signal(());
     }
@@ -133,7 +138,7 @@ impl Latches {
     /// The oldest capture, or if there is none, what was lost.
     fn take(&self) -> Option<LatchReport> {
         self.state.lock(|state| {
-            let mut state = state.borrow_mut();
+            let mut state = state.try_borrow_mut().ok()?;
             state.queue.pop_front().or_else(|| state.untold())
         })
     }

@@ -110,6 +110,8 @@ impl Rig for VirtualRig {
 
     fn move_to(&mut self, counts: &[i64]) {
         self.counts = counts.to_vec();
+        // A move takes its time: pulses along it need theirs.
+        std::thread::sleep(std::time::Duration::from_millis(2));
         self.board().move_to(Positions {
             counts: counts.iter().copied().collect(),
             t_ns: self.board().now().0 * 1000,

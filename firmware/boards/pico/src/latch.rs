@@ -254,7 +254,7 @@ impl Latches {
             match pin {
                 SKIP => missed(LatchCause::Skip, 1),
                 TRIGGER_IN => missed(LatchCause::Trigger, 1),
-                _ => watched_missed(pin - WATCHED),
+                _ => watched_missed(pin.wrapping_sub(WATCHED)),
             }
         }
     }
@@ -264,9 +264,9 @@ impl Latches {
         let mut taken = 0;
         let mut is_over = false;
         while taken < AT_ONCE && !is_over {
-            let more = self.take(AT_ONCE - taken);
+            let more = self.take(AT_ONCE.saturating_sub(taken));
             is_over = more == 0;
-            taken += more;
+            taken = taken.saturating_add(more);
         }
         all_missed(SKIPS, self.skip.gone());
         all_missed(TRIGGERS, self.trigger.gone());
@@ -352,10 +352,13 @@ impl Latches {
         } else {
             EXTEND_US
         };
-        let ticks = EXTEND_US / tick_us;
+        let ticks = match tick_us {
+            TICK_US => EXTEND_US / TICK_US,
+            _ => 1,
+        };
         self.until_look = match self.until_look {
-            0 => ticks - 1,
-            waiting => (waiting - 1).min(ticks - 1),
+            0 => ticks.saturating_sub(1),
+            waiting => waiting.min(ticks).saturating_sub(1),
         };
         tick_us
     }
@@ -399,22 +402,12 @@ impl Latches {
         self.pulses = Pulses::Off;
     }
 
-    /// Begins with other pulses. False: not yet, as one is on, and nothing has changed.
-    fn set_pulses(&mut self, spec: TriggerOut, cut: bool) -> Result<bool, TriggerRefusal> {
-        if pio::pulse_is_on() && !cut {
-            return Ok(false);
-        }
-        let (counts, _) = self.axes.latest();
-        let pulses = Pulses::new(spec, &counts)?;
-        pio::stop_pulses();
-        if let TriggerOut::Time { pulse, .. } | TriggerOut::Distance { pulse, .. } = spec {
-            pio::set_pulse_width(trigger_out::width_cycles(pulse));
-            pio::set_pulse_rest(pulse.rests);
-        }
+    /// Begins with others; their machine is ready for them.
+    fn begin_pulses(&mut self, pulses: Pulses) {
+        pio::release_pulses();
         self.pulsed |= pulses.is_on();
         self.pulses = pulses;
         self.until_look = 0;
-        Ok(true)
     }
 
     fn positions(&self) -> Positions {
@@ -487,20 +480,26 @@ const _: () = assert!(PULSE_LOOKS * PULSE_LOOK_CYCLES > MOST_PULSE_CYCLES);
 
 impl Scanner for Station {
     fn trigger_out(&mut self, when: TriggerOut) -> Result<(), TriggerRefusal> {
-        trigger_out::check(when, AXES)?;
+        let (counts, _) = with(|latches| latches.axes.latest()).ok_or(TriggerRefusal::NoOutput)?;
+        let pulses = Pulses::new(when, &counts)?;
         with(Latches::end_pulses);
-        let mut set = Ok(false);
         // A pulse that is on ends by itself: a sensor would take half of one for none.
         for looks_left in (0..PULSE_LOOKS).rev() {
-            let looked = with(|latches| latches.set_pulses(when, looks_left == 0));
-            set = looked.unwrap_or(Err(TriggerRefusal::NoOutput));
-            if set != Ok(false) {
+            if with(|_| pio::hold_pulses(looks_left == 0)) == Some(true) {
                 break;
             }
             cortex_m::asm::delay(PULSE_LOOK_CYCLES);
         }
+        // Nobody else uses the machine now. This comes from the flash, and captures must not wait
+        // for it.
+        pio::stop_pulses();
+        if let TriggerOut::Time { pulse, .. } | TriggerOut::Distance { pulse, .. } = when {
+            pio::set_pulse_width(trigger_out::width_cycles(pulse));
+            pio::set_pulse_rest(pulse.rests);
+        }
+        with(|latches| latches.begin_pulses(pulses));
         tick::soon();
-        set.map(|_| ())
+        Ok(())
     }
 
     fn laser(&mut self, on: bool) -> Result<(), Unsupported> {

@@ -191,8 +191,8 @@ impl SampleGrid {
         // Slots are few: the difference has a sign in its lowest bits.
         let unused = u32::BITS - SLOTS.trailing_zeros();
         let ahead = (slot.wrapping_sub(number) << unused).cast_signed() >> unused;
-        let cycles = i64::from(number) + i64::from(ahead);
-        let cycles = cycles * i64::from(PERIOD_CYCLES.get());
+        let cycles = i64::from(number).wrapping_add(ahead.into());
+        let cycles = cycles.wrapping_mul(PERIOD_CYCLES.get().into());
         Cycles(self.lap.0.saturating_add_signed(cycles))
     }
 
@@ -200,6 +200,6 @@ impl SampleGrid {
     pub fn advance(&mut self, now: Cycles) {
         let since = now.before(self.lap.0).0 as u32;
         let laps = (since / Self::LAP).saturating_sub(1);
-        self.lap.0 += u64::from(laps * Self::LAP);
+        self.lap = self.lap.after(u64::from(laps.wrapping_mul(Self::LAP)));
     }
 }

@@ -21,6 +21,9 @@ use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
 use crate::resources::{RINGS, SLOTS, TRANSFERS};
 
 const RING_BYTES: usize = SLOTS * 4;
+/// Channels of the DMA. Numbers of channels are taken modulo this, so that no interrupt has a way
+/// to a panic.
+const CHANNELS: usize = RINGS * 2;
 
 /// Aligned, because the DMA wraps an address by its low bits.
 #[repr(C, align(4096))]
@@ -45,6 +48,7 @@ pub fn read(ring: usize, slot: u32) -> u32 {
 pub fn write_slot(ring: usize) -> u32 {
     // The one that does not run stands at the beginning, where the other arrives when
     // it hands over: it does not matter when exactly that is.
+    let ring = ring % RINGS;
     let first = pac::DMA.ch(ring * 2);
     let address = if first.ctrl_trig().read().busy() {
         first.write_addr().read()
@@ -64,7 +68,7 @@ const ABORT_TURNS: u32 = 1000;
 pub fn abort() {
     let channels = 0..RINGS * 2;
     for channel in channels.clone() {
-        let dma = pac::DMA.ch(channel);
+        let dma = pac::DMA.ch(channel % CHANNELS);
         let mut control = dma.ctrl_trig().read();
         control.set_en(false);
         control.set_chain_to(channel as u8);
@@ -75,7 +79,7 @@ pub fn abort() {
     pac::DMA.chan_abort().write(|w| w.set_chan_abort(all));
     for _ in 0..ABORT_TURNS {
         let is_over = pac::DMA.chan_abort().read().chan_abort() == 0;
-        let is_busy = |channel| pac::DMA.ch(channel).ctrl_trig().read().busy();
+        let is_busy = |channel: usize| pac::DMA.ch(channel % CHANNELS).ctrl_trig().read().busy();
         if is_over && !channels.clone().any(is_busy) {
             break;
         }
@@ -86,8 +90,9 @@ pub fn abort() {
 /// first word of their machine.
 pub fn arm() {
     for (ring, memory) in MEMORY.iter().enumerate() {
+        let ring = ring % RINGS;
         for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {
-            let dma = pac::DMA.ch(channel);
+            let dma = pac::DMA.ch(channel % CHANNELS);
             dma.read_addr()
                 .write_value(pac::PIO0.rxf(ring).as_ptr() as u32);
             dma.write_addr().write_value(memory.0.as_ptr() as u32);

@@ -224,7 +224,7 @@ impl Stamps {
         if self.suspected {
             self.suspected = false;
             let lost = self.edges(self.next.wrapping_add(self.told), 1);
-            self.told += 1;
+            self.told = self.told.saturating_add(1);
             return lost;
         }
         self.suspected = pio::stamps_dropped(self.machine);

@@ -283,7 +283,7 @@ impl Divisor {
         match u32::try_from(number) {
             Ok(short) => {
                 let quotient = match self.shift {
-                    Some(shift) => short >> shift,
+                    Some(shift) => short.wrapping_shr(shift),
                     None if short < self.reciprocal => {
                         (u64::from(short).wrapping_mul(self.reciprocal.into()) >> 32) as u32
                     }

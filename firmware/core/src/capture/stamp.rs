@@ -54,7 +54,7 @@ impl<const BITS: u32, const STEP: u32> Stamper<BITS, STEP> {
     /// work with. To be called now and then, at least once a lap.
     pub const fn advance(&mut self, Cycles(now_cycles): Cycles) {
         if now_cycles.saturating_sub(self.start_cycles) >= 2 * Self::LAP_CYCLES {
-            self.start_cycles += Self::LAP_CYCLES;
+            self.start_cycles = self.start_cycles.saturating_add(Self::LAP_CYCLES);
         }
     }
 

@@ -41,6 +41,15 @@ pub const FIRST_SAMPLE_CYCLES: u64 = PERIOD_CYCLES.get() as u64 - 3;
 /// reads was at the pin so many cycles before.
 const SYNC_CYCLES: u64 = 2;
 
+/// State machines of a PIO. Numbers of machines are taken modulo this, so that no interrupt has a
+/// way to a panic.
+const MACHINES: usize = 4;
+
+/// Of a machine, in a register that has one for each.
+const fn bit_of(machine: usize) -> u8 {
+    1 << (machine % MACHINES)
+}
+
 /// When PIO 0 was started, in cycles of the clock.
 #[derive(Clone, Copy)]
 pub struct Started {
@@ -118,11 +127,11 @@ pub fn edges(pins: impl Iterator<Item = u8>) -> u32 {
     let mut found = 0;
     for pin in pins {
         // Eight pins a register.
-        let register = pac::IO_BANK0.intr(usize::from(pin / 8));
+        let register = pac::IO_BANK0.intr(usize::from(pin / 8) % 4);
         let pin_in_it = usize::from(pin % 8);
         if register.read().edge_high(pin_in_it) {
             register.write(|w| w.set_edge_high(pin_in_it, true));
-            found |= 1 << pin;
+            found |= 1_u32.wrapping_shl(pin.into());
         }
     }
     found
@@ -164,7 +173,7 @@ pub fn reset() -> u32 {
     // An edge that comes between this look and the start is stamped at the start.
     let high = pac::SIO.gpio_in(0).read() & (1 << SKIP | 1 << TRIGGER_IN);
     for (machine, pin) in [(SKIP_MACHINE, SKIP), (TRIGGER_MACHINE, TRIGGER_IN)] {
-        let entry = if high & 1 << pin == 0 {
+        let entry = if high & 1_u32.wrapping_shl(pin.into()) == 0 {
             stamp::LOW
         } else {
             stamp::HIGH
@@ -193,7 +202,12 @@ pub fn reset() -> u32 {
 pub fn start() -> Started {
     let tick = start_at_tick();
     Started {
-        at: Cycles(u64::from(CYCLES_PER_US) * tick + START_LAG_CYCLES - SYNC_CYCLES),
+        // Four thousand years fit in.
+        at: Cycles(
+            u64::from(CYCLES_PER_US)
+                .wrapping_mul(tick)
+                .wrapping_add(START_LAG_CYCLES - SYNC_CYCLES),
+        ),
     }
 }
 
@@ -206,7 +220,7 @@ pub fn stalled() -> bool {
 
 /// Whether a stamp found no room since this was last asked.
 pub fn stamps_dropped(machine: usize) -> bool {
-    let bit = 1 << machine;
+    let bit = bit_of(machine);
     let dropped = pac::PIO1.fdebug().read().rxstall() & bit != 0;
     if dropped {
         pac::PIO1.fdebug().write(|w| w.set_rxstall(bit));
@@ -217,8 +231,8 @@ pub fn stamps_dropped(machine: usize) -> bool {
 /// The oldest stamp that waits.
 #[inline(always)]
 pub fn take_stamp(machine: usize) -> Option<u32> {
-    let empty = pac::PIO1.fstat().read().rxempty() & 1 << machine != 0;
-    (!empty).then(|| pac::PIO1.rxf(machine).read())
+    let empty = pac::PIO1.fstat().read().rxempty() & bit_of(machine) != 0;
+    (!empty).then(|| pac::PIO1.rxf(machine % MACHINES).read())
 }
 
 /// Queues a pulse that comes `wait_cycles` and the program's own after the one before.
@@ -236,9 +250,24 @@ pub fn stop_pulses() {
     with_pulses_stopped(|| {});
 }
 
-/// Whether a pulse is on.
-pub fn pulse_is_on() -> bool {
-    pac::PIO1.dbg_padout().read() & 1 << TRIGGER_OUT != 0
+/// Holds the machine that sends pulses, if none is on, or in any case. False: it goes on. To be
+/// called with interrupts off.
+pub fn hold_pulses(in_any_case: bool) -> bool {
+    let is_on = pac::PIO1.dbg_padout().read() & 1 << TRIGGER_OUT != 0;
+    if is_on && !in_any_case {
+        return false;
+    }
+    let ctrl = pac::PIO1.ctrl();
+    let running = ctrl.read().sm_enable();
+    ctrl.write(|w| w.set_sm_enable(running & !bit_of(PULSE_MACHINE)));
+    true
+}
+
+/// Lets it go on. To be called with interrupts off.
+pub fn release_pulses() {
+    let ctrl = pac::PIO1.ctrl();
+    let running = ctrl.read().sm_enable();
+    ctrl.write(|w| w.set_sm_enable(running | bit_of(PULSE_MACHINE)));
 }
 
 /// The level of the output between pulses. The machines see a pulse as high in either case: what
@@ -309,7 +338,7 @@ fn configure(
     pins: SmPinctrl,
     jump_pin: u8,
 ) {
-    let registers = pio.sm(machine);
+    let registers = pio.sm(machine % MACHINES);
     registers.clkdiv().write(|w| w.set_int(1));
     let mut control = SmExecctrl(0);
     control.set_jmp_pin(jump_pin);
@@ -321,12 +350,14 @@ fn configure(
 }
 
 fn execute(pio: Pio, machine: usize, instruction: u16) {
-    pio.sm(machine).instr().write(|w| w.set_instr(instruction));
+    pio.sm(machine % MACHINES)
+        .instr()
+        .write(|w| w.set_instr(instruction));
 }
 
 /// Empties the FIFOs: they are emptied when they are joined or parted.
 fn clear(pio: Pio, machine: usize) {
-    let shift = pio.sm(machine).shiftctrl();
+    let shift = pio.sm(machine % MACHINES).shiftctrl();
     let as_it_is = shift.read();
     let mut otherwise = as_it_is;
     otherwise.set_fjoin_rx(!as_it_is.fjoin_rx());
@@ -340,8 +371,8 @@ fn clear(pio: Pio, machine: usize) {
 #[cfg(not(feature = "rp2350"))]
 fn drain(pio: Pio, machine: usize) {
     for _ in 0..8 {
-        if pio.fstat().read().rxempty() & 1 << machine == 0 {
-            pio.rxf(machine).read();
+        if pio.fstat().read().rxempty() & bit_of(machine) == 0 {
+            pio.rxf(machine % MACHINES).read();
         }
     }
 }
@@ -388,7 +419,7 @@ fn start_at_tick() -> u64 {
 /// The time whose low half was read a moment before `now`.
 #[cfg(not(feature = "rp2350"))]
 fn extended(low: u32, now: u64) -> u64 {
-    now - u64::from((now as u32).wrapping_sub(low))
+    now.wrapping_sub(u64::from((now as u32).wrapping_sub(low)))
 }
 
 /// Waits for the timer's tick and writes `control` to both registers.

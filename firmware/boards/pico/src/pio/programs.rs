@@ -327,17 +327,32 @@ pub mod setup {
 
     /// `set y, value`
     pub const fn y(value: u8) -> u16 {
-        encoded(InstructionOperands::SET {
+        // The value has the five lowest bits: no encoder at run time, which can panic.
+        const Y_0: u16 = encoded(InstructionOperands::SET {
             destination: SetDestination::Y,
-            data: value,
-        })
+            data: 0,
+        });
+        Y_0 | (value & 31) as u16
     }
 
     /// `jmp address`
     pub const fn jump(address: u8) -> u16 {
-        encoded(InstructionOperands::JMP {
+        const TO_0: u16 = encoded(InstructionOperands::JMP {
             condition: JmpCondition::Always,
-            address,
-        })
+            address: 0,
+        });
+        TO_0 | (address & 31) as u16
     }
+
+    const _: () = {
+        let y_21 = encoded(InstructionOperands::SET {
+            destination: SetDestination::Y,
+            data: 21,
+        });
+        let to_21 = encoded(InstructionOperands::JMP {
+            condition: JmpCondition::Always,
+            address: 21,
+        });
+        assert!(y(21) == y_21 && jump(21) == to_21);
+    };
 }
