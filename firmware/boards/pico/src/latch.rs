@@ -476,6 +476,8 @@ impl Axes for Station {
 /// than any pulse, all in all.
 const PULSE_LOOKS: u32 = 1000;
 const PULSE_LOOK_CYCLES: u32 = 2 * CYCLES_PER_US;
+/// How often pulses are set, at most: two losses in a row are the exception already.
+const SETTINGS: u32 = 8;
 const _: () = assert!(PULSE_LOOKS * PULSE_LOOK_CYCLES > MOST_PULSE_CYCLES);
 
 impl Scanner for Station {
@@ -491,11 +493,18 @@ impl Scanner for Station {
             cortex_m::asm::delay(PULSE_LOOK_CYCLES);
         }
         // Nobody else uses the machine now. This comes from the flash, and captures must not wait
-        // for it.
-        pio::stop_pulses();
-        if let TriggerOut::Time { pulse, .. } | TriggerOut::Distance { pulse, .. } = when {
-            pio::set_pulse_width(trigger_out::width_cycles(pulse));
-            pio::set_pulse_rest(pulse.rests);
+        // for it. Only a start after a loss may come in between and stop it half way: then again.
+        let losses = || with(|latches| latches.axes.lost());
+        for _ in 0..SETTINGS {
+            let before = losses();
+            pio::stop_pulses();
+            if let TriggerOut::Time { pulse, .. } | TriggerOut::Distance { pulse, .. } = when {
+                pio::set_pulse_width(trigger_out::width_cycles(pulse));
+                pio::set_pulse_rest(pulse.rests);
+            }
+            if losses() == before {
+                break;
+            }
         }
         with(|latches| latches.begin_pulses(pulses));
         tick::soon();
