@@ -4,6 +4,7 @@
 
 use std::time::{Duration, Instant};
 
+use crate::AxisCounts;
 use umi_core::units::Micros;
 use umi_protocol::job::Job;
 use umi_protocol::message::{Event, Identity, Record};
@@ -32,6 +33,8 @@ pub struct Desk {
     next_seq: u64,
     /// Skip edges so far.
     latches: u32,
+    /// Counts of the rotary axes.
+    turned: Vec<i64>,
 }
 
 impl Desk {
@@ -59,6 +62,7 @@ impl Desk {
             now_us: 0,
             next_seq,
             latches: 0,
+            turned: Vec::new(),
         })
     }
 
@@ -107,7 +111,13 @@ impl Desk {
 
     /// The axes are there.
     pub fn move_to(&self, at: Micros, counts: [i64; 3]) {
+        let counts = AxisCounts::new(counts, &self.turned);
         self.board.move_to(crate::axes(at.0, counts));
+    }
+
+    /// The rotary axes show these counts from now on.
+    pub fn turned(&mut self, counts: &[i64]) {
+        self.turned = counts.to_vec();
     }
 
     /// The probe's skip line rises and latches the axes.
@@ -116,6 +126,7 @@ impl Desk {
     /// The link's.
     pub fn latch(&mut self, at: Micros, counts: [i64; 3]) -> Result<(), Problem> {
         self.advance(at);
+        let counts = AxisCounts::new(counts, &self.turned);
         let edge = crate::skip_edge(&mut self.latches, at.0, counts);
         self.board.latch(edge);
         self.follow(|record| matches!(record, Record::Latch(_)), &mut nobody)

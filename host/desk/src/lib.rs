@@ -62,24 +62,55 @@ fn start(config: Config, job: &Job) -> Result<(VirtualBoard, Client), Problem> {
     Ok((board, host))
 }
 
+/// Counts of all axes of a machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct AxisCounts {
+    /// X, Y, Z, then the rotary axes; the rest is 0.
+    pub all: [i64; ENCODERS],
+    /// How many axes the machine has.
+    pub axes: usize,
+}
+
+/// Encoder inputs of a board.
+pub(crate) const ENCODERS: usize = 6;
+
+impl AxisCounts {
+    /// X, Y, Z with the rotary axes' counts.
+    pub fn new(linear: [i64; 3], turned: &[i64]) -> Self {
+        let mut all = [0; ENCODERS];
+        let counts = linear.iter().chain(turned);
+        let mut axes = 0;
+        for (slot, count) in all.iter_mut().zip(counts) {
+            *slot = *count;
+            axes += 1;
+        }
+        Self { all, axes }
+    }
+
+    /// Those that the machine has.
+    pub fn each(&self) -> impl Iterator<Item = i64> {
+        self.all.into_iter().take(self.axes)
+    }
+}
+
 /// The machine's axes there at this time of the board's clock; its encoders lose nothing.
-fn axes(at_us: u64, counts: [i64; 3]) -> Positions {
+fn axes(at_us: u64, counts: AxisCounts) -> Positions {
     Positions {
-        counts: counts.into_iter().collect(),
+        counts: counts.each().collect(),
         t_ns: at_us.saturating_mul(1000),
-        illegal: counts.iter().map(|_| 0).collect(),
+        illegal: counts.each().map(|_| 0).collect(),
         lost_samples: 0,
     }
 }
 
 /// The skip line's next edge, at this time of the board's clock; `skips` counts them.
-fn skip_edge(skips: &mut u32, at_us: u64, counts: [i64; 3]) -> LatchReport {
+fn skip_edge(skips: &mut u32, at_us: u64, counts: AxisCounts) -> LatchReport {
     let number = *skips;
     *skips = number.wrapping_add(1);
     LatchReport {
         number,
         cause: LatchCause::Skip,
-        counts: counts.into_iter().collect(),
+        counts: counts.each().collect(),
         t_ns: at_us.saturating_mul(1000),
         missed: 0,
     }

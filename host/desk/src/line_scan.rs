@@ -12,12 +12,13 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-use nalgebra::Vector3;
 use umi_client::problem::Problem;
 use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel, TriggerPulse};
 use umi_virtual::board::SentPulses;
 use umi_virtual::scanner::{DataChannel, LineScanner, PulseFate, ScannerTally};
 use umi_virtual::scene::{LineScannerSpec, MachineSpec, Scene};
+
+use crate::{AxisCounts, ENCODERS};
 
 /// The sensor as the desk sees it.
 pub struct LineScan {
@@ -33,9 +34,9 @@ pub struct LineScan {
 /// A pulse at the sensor.
 struct Shot {
     at_us: f64,
-    counts: [i64; 3],
+    counts: AxisCounts,
     /// Counts per microsecond.
-    speed: [f64; 3],
+    speed: [f64; ENCODERS],
     /// How long the line is high.
     high_us: f64,
 }
@@ -86,16 +87,16 @@ impl LineScan {
 
     /// The axes went from one place to the next, and the board sent this on the way.
     /// The latches of the sensor's own pulses, if it has a rhythm of its own.
-    pub fn moved(
+    pub(crate) fn moved(
         &mut self,
-        from: (u64, [i64; 3]),
-        to: (u64, [i64; 3]),
+        from: (u64, AxisCounts),
+        to: (u64, AxisCounts),
         sent: &SentPulses,
     ) -> Vec<LatchReport> {
         let passed_us = to.0.saturating_sub(from.0) as f64;
         let speed = std::array::from_fn(|axis| {
             if passed_us > 0.0 {
-                (to.1[axis] - from.1[axis]) as f64 / passed_us
+                (to.1.all[axis] - from.1.all[axis]) as f64 / passed_us
             } else {
                 0.0
             }
@@ -103,7 +104,7 @@ impl LineScan {
         if self.every_us == 0.0 {
             // Without counts there was no pulse: it tells of others that could not be sent.
             for latch in sent.latches.iter().filter(|latch| !latch.counts.is_empty()) {
-                self.shoot(rise(latch, sent.pulse, speed));
+                self.shoot(rise(latch, sent.pulse, to.1.axes, speed));
             }
             return Vec::new();
         }
@@ -112,8 +113,11 @@ impl LineScan {
         while line * self.every_us <= to.0 as f64 {
             let at_us = line * self.every_us;
             let since = at_us - from.0 as f64;
-            let counts =
-                std::array::from_fn(|axis| from.1[axis] + (speed[axis] * since).round() as i64);
+            let passed = |axis: usize| (speed[axis] * since).round() as i64;
+            let counts = AxisCounts {
+                all: std::array::from_fn(|axis| from.1.all[axis] + passed(axis)),
+                axes: to.1.axes,
+            };
             self.shoot(Shot {
                 at_us,
                 counts,
@@ -124,7 +128,7 @@ impl LineScan {
             latches.push(LatchReport {
                 number: self.own,
                 cause: LatchCause::Trigger,
-                counts: counts.into_iter().collect(),
+                counts: counts.each().collect(),
                 t_ns: (at_us * 1e3).round() as u64,
                 missed: 0,
             });
@@ -141,7 +145,7 @@ impl LineScan {
 }
 
 /// When the line rises by a pulse, and for how long.
-fn rise(latch: &LatchReport, pulse: TriggerPulse, speed: [f64; 3]) -> Shot {
+fn rise(latch: &LatchReport, pulse: TriggerPulse, axes: usize, speed: [f64; ENCODERS]) -> Shot {
     let width_us = f64::from(pulse.width_us);
     let (after_us, high_us) = match pulse.rests {
         SignalLevel::Low => (0.0, width_us),
@@ -153,7 +157,10 @@ fn rise(latch: &LatchReport, pulse: TriggerPulse, speed: [f64; 3]) -> Shot {
     };
     Shot {
         at_us: latch.t_ns as f64 * 1e-3 + after_us,
-        counts: std::array::from_fn(counts),
+        counts: AxisCounts {
+            all: std::array::from_fn(counts),
+            axes,
+        },
         speed,
         high_us,
     }
@@ -185,10 +192,11 @@ impl Sensor {
             .unwrap_or_else(|_| umi_kinematics::Pose::identity());
         let encoder = encoder(spec, shot);
         let machine = &self.scene.machine;
+        let chain = machine.chain(mount);
         let profile = self.scanner.take(&self.scene, |us| {
             let counts =
-                std::array::from_fn(|axis| shot.counts[axis] as f64 + shot.speed[axis] * us);
-            umi_kinematics::Pose::shift_mm(place_mm(machine, counts)).after(&mount)
+                std::array::from_fn(|axis| shot.counts.all[axis] as f64 + shot.speed[axis] * us);
+            chain.sensor_in_workpiece(&places(machine, counts))
         });
         let bytes = self.scanner.send(shot.at_us, encoder, &profile);
         self.channel.send(&bytes);
@@ -197,17 +205,21 @@ impl Sensor {
 
 fn encoder(spec: &LineScannerSpec, shot: &Shot) -> i64 {
     let axis = usize::from(spec.encoder_axis);
-    shot.counts.get(axis).copied().unwrap_or(0)
+    shot.counts.all.get(axis).copied().unwrap_or(0)
 }
 
-/// Where the axes are in truth when their encoders show these counts: homing and scale are
-/// errors that nobody at the machine sees.
-fn place_mm(machine: &MachineSpec, counts: [f64; 3]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
+/// Where the axes are in truth when their encoders show these counts, mm and degrees: homing and
+/// scale are errors that nobody at the machine sees.
+fn places(machine: &MachineSpec, counts: [f64; ENCODERS]) -> Vec<f64> {
+    let linear = (0..3).map(|axis| {
         let shown =
             (counts[axis] - machine.origin_counts[axis] as f64) / machine.counts_per_mm[axis];
         shown * (1.0 + machine.scale_error_ppm[axis] * 1e-6) + machine.homing_error_mm[axis]
-    })
+    });
+    let rotary = machine.rotary.iter().zip(&counts[3..]);
+    let rotary =
+        rotary.map(|(axis, counts)| (counts - axis.origin_counts as f64) / axis.counts_per_deg);
+    linear.chain(rotary).collect()
 }
 
 #[cfg(test)]
@@ -238,7 +250,11 @@ mod tests {
     fn tally(sent: &SentPulses) -> ScannerTally {
         let scene = Scene::parse("[line_scanner]\npreset = \"gocator\"\n").unwrap();
         let mut scan = LineScan::new(&scene, 1, 0).unwrap();
-        scan.moved((0, [0; 3]), (15_000, [200, 0, 0]), sent);
+        scan.moved(
+            (0, AxisCounts::new([0; 3], &[])),
+            (15_000, AxisCounts::new([200, 0, 0], &[])),
+            sent,
+        );
         let begun = Instant::now();
         loop {
             let tally = scan.tally();
@@ -265,8 +281,16 @@ mod tests {
     #[test]
     fn an_output_that_rests_high_triggers_at_its_end() {
         let sent = sent(300, SignalLevel::High);
-        let shot = rise(&sent.latches[1], sent.pulse, [0.1, 0.0, -1.0]);
-        assert_eq!((shot.at_us, shot.counts), (10_300.0, [130, 0, -300]));
+        let shot = rise(
+            &sent.latches[1],
+            sent.pulse,
+            3,
+            [0.1, 0.0, -1.0, 0.0, 0.0, 0.0],
+        );
+        assert_eq!(
+            (shot.at_us, shot.counts.all),
+            (10_300.0, [130, 0, -300, 0, 0, 0])
+        );
         assert_eq!(tally(&sent).taken, 3);
     }
 }

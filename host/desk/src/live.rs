@@ -15,6 +15,7 @@ use umi_virtual::{Config, VirtualBoard};
 
 use umi_client::problem::Problem;
 
+use crate::AxisCounts;
 use crate::line_scan::LineScan;
 
 /// How often the board is told of its axes, at rest and in motion.
@@ -30,11 +31,13 @@ pub struct Live {
     pub address: String,
     /// The board's clock when the machine's shows 0.
     offset_us: u64,
-    counts: Option<[i64; 3]>,
+    counts: Option<AxisCounts>,
+    /// Counts of the rotary axes.
+    turned: Vec<i64>,
     skips: u32,
     scan: Option<LineScan>,
     /// What the board was told last, and when.
-    told: Option<(u64, [i64; 3])>,
+    told: Option<(u64, AxisCounts)>,
 }
 
 impl Live {
@@ -59,6 +62,7 @@ impl Live {
             board,
             address,
             counts: None,
+            turned: Vec::new(),
             skips: 0,
             scan: None,
             told: None,
@@ -87,8 +91,13 @@ impl Live {
     /// The axes are there at this time of the machine.
     pub fn moved(&mut self, at: Micros, counts: [i64; 3]) {
         let at_us = self.wait_until(at);
-        self.counts = Some(counts);
+        self.counts = Some(AxisCounts::new(counts, &self.turned));
         self.tell(at_us);
+    }
+
+    /// The rotary axes show these counts from now on.
+    pub fn turned(&mut self, counts: &[i64]) {
+        self.turned = counts.to_vec();
     }
 
     /// The control sends bytes, the last of which has gone at this time.
@@ -100,6 +109,7 @@ impl Live {
     /// The skip line rises.
     pub fn skip(&mut self, at: Micros, counts: [i64; 3]) {
         let at_us = self.wait_until(at);
+        let counts = AxisCounts::new(counts, &self.turned);
         let edge = crate::skip_edge(&mut self.skips, at_us, counts);
         self.board.latch(edge);
     }

@@ -104,6 +104,10 @@ impl Wires for Tap {
     fn moved(&mut self, at: Micros, counts: [i64; 3]) {
         self.board.moved(at, counts);
     }
+
+    fn turned(&mut self, counts: &[i64]) {
+        self.board.turned(counts);
+    }
 }
 
 #[cfg(test)]

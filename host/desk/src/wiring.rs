@@ -215,6 +215,14 @@ impl Wires for Wiring {
             Peer::Nowhere | Peer::Line(_) => {}
         }
     }
+
+    fn turned(&mut self, counts: &[i64]) {
+        match &mut self.lead {
+            Peer::Board(bench) => bench.turned(counts),
+            Peer::Live(live) => live.turned(counts),
+            Peer::Nowhere | Peer::Line(_) => {}
+        }
+    }
 }
 
 fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {

@@ -213,6 +213,16 @@ impl<A: AxisDrives> AxisDrives for Cutter<A> {
         Ok(())
     }
 
+    fn turned_deg(&self) -> Vec<f64> {
+        self.axes.turned_deg()
+    }
+
+    fn turn(&mut self, _: &AxisMotion, _: &[f64], _: Option<f64>) -> Result<(), Trip> {
+        Err(Trip {
+            message: "a workpiece that is cut does not turn here: run the program on a scene without `cuttable`".into(),
+        })
+    }
+
     fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {
         let from = self.stand();
         let skip = self.axes.skip(motion, leaving)?;

@@ -38,7 +38,9 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
             .map(|(from, to)| (to - from).norm())
             .collect();
         let profile = self.profile(ways.iter().sum(), motion.rate)?;
-        if let Some(stop) = self.collision(&chain) {
+        // Turned bodies are not where it would look for them.
+        let stop = (!self.is_table_turned()).then(|| self.collision(&chain));
+        if let Some(stop) = stop.flatten() {
             let before: f64 = ways.iter().take(stop.line).sum();
             let within = ways.get(stop.line).copied().unwrap_or(0.0) * stop.share;
             let rest = between(&chain, stop.line, stop.share);
@@ -50,7 +52,25 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
         Ok(())
     }
 
+    fn turned_deg(&self) -> Vec<f64> {
+        self.turned.clone()
+    }
+
+    fn turn(
+        &mut self,
+        motion: &AxisMotion,
+        to_deg: &[f64],
+        block_s: Option<f64>,
+    ) -> Result<(), Trip> {
+        self.turn_to(motion, to_deg, block_s)
+    }
+
     fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {
+        if self.is_turned() {
+            return Err(Trip {
+                message: "the bodies of a scene do not turn for a probe: bring the rotary axes to 0 before a motion with skip".into(),
+            });
+        }
         let (from, to) = (self.position, motion.to.mm);
         self.within_travel(&to)?;
         if self.spindle == Spindle::Sensor && !leaving {

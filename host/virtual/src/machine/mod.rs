@@ -49,6 +49,7 @@ mod motion;
 mod probe;
 mod sense;
 mod touch;
+mod turn;
 mod wires;
 
 #[cfg(test)]
@@ -75,6 +76,8 @@ pub struct VirtualMachine<W> {
     random: Random,
     /// Where the axes were sent, machine coordinates.
     position: Vector3<f64>,
+    /// Angles of the rotary axes, in the order of the scene.
+    turned: Vec<f64>,
     seconds: f64,
     /// The probe's signal is on: from a skip up to the motion that frees the stylus.
     signal: bool,
@@ -154,6 +157,7 @@ impl<W: Wires> VirtualMachine<W> {
         let start = Vector3::from(scene.machine.start_mm);
         let mut machine = Self {
             position: start,
+            turned: scene.machine.rotary.iter().map(|r| r.start_deg).collect(),
             poll_phase: random.between(0.0, 1.0),
             random,
             wires,
@@ -170,6 +174,7 @@ impl<W: Wires> VirtualMachine<W> {
                 .map(|spec| Sensing::new(spec, seed)),
             scene,
         };
+        machine.tell_turned();
         machine.arrive(start);
         machine
     }

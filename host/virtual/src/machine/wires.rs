@@ -57,6 +57,10 @@ pub trait Wires {
     /// on, along a motion and at its end.
     fn moved(&mut self, _at: Micros, _counts: [i64; 3]) {}
 
+    /// The encoders' counts of the rotary axes, in the order of the scene, from now on: what
+    /// [`Self::moved`], [`Self::skip`] and [`Self::stands`] tell of X, Y, Z goes with them.
+    fn turned(&mut self, _counts: &[i64]) {}
+
     /// Whether the sensor in the spindle is to be triggered from now on; asked again after
     /// every capture and every byte.
     fn sensor_order(&self) -> Option<SensorOrder> {

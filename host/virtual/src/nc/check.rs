@@ -160,7 +160,7 @@ fn check_words(
                 if codes::is_motion(code) {
                     motions.push(code);
                 }
-                if matches!(code, 410 | 420 | 930 | 950) {
+                if matches!(code, 410 | 420 | 950) {
                     faults.push(
                         Fault::new(format!("{} is not interpreted", g_text(code))).at(word.at),
                     );
@@ -183,7 +183,7 @@ fn check_words(
             g_text(*second)
         )));
     }
-    check_letters(words, faults);
+    check_letters(words, &settings.rotary_words, faults);
     codes_with_values(words, dialect, faults);
     let m = words
         .iter()
@@ -281,13 +281,14 @@ fn codes_with_values(words: &[Word], dialect: ControlFamily, faults: &mut Vec<Fa
 }
 
 /// Letters that nothing in the block takes, whatever motion is in force.
-fn check_letters(words: &[Word], faults: &mut Vec<Fault>) {
+fn check_letters(words: &[Word], rotary: &str, faults: &mut Vec<Fault>) {
     for (index, word) in words.iter().enumerate() {
         if matches!(word.letter, b'G' | b'M') {
             continue;
         }
         let name = word.letter as char;
-        let is_known = b"NFSTHDXYZIJKRPLQ".contains(&word.letter);
+        let is_known =
+            b"NFSTHDXYZIJKRPLQ".contains(&word.letter) || rotary.as_bytes().contains(&word.letter);
         if !is_known {
             faults.push(
                 Fault::ps(9, format!("this control has no address {name}: remove it")).at(word.at),

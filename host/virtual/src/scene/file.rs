@@ -5,10 +5,11 @@ use std::path::Path;
 
 use serde::Deserialize;
 use umi_core::registration::RigidTransform;
+use umi_kinematics::{AxisChain, Pose};
 
 use super::{
-    AreaScannerSpec, Body, Group, LineScannerSpec, PointSensorSpec, Scene, SceneError, SceneShape,
-    joined, pose, range,
+    AreaScannerSpec, Body, Group, LineScannerSpec, PointSensorSpec, RotarySpec, Scene, SceneError,
+    SceneShape, joined, pose, range, rotary,
 };
 use crate::nc::{ControlSettings, OffsetSystem};
 
@@ -42,6 +43,8 @@ pub struct MachineSpec {
     pub origin_counts: [i64; 3],
     /// Counts between index marks; an index stands at every multiple of it.
     pub index_counts: i64,
+    /// Rotary axes, at the board's encoder inputs after Z.
+    pub rotary: Vec<RotarySpec>,
     /// The machine's datum is off by this much.
     pub homing_error_mm: [f64; 3],
     /// Truth over encoder less one, in millionths.
@@ -67,6 +70,7 @@ impl Default for MachineSpec {
             counts_per_mm: [10_000.0; 3],
             origin_counts: [0; 3],
             index_counts: 0,
+            rotary: Vec::new(),
             homing_error_mm: [0.0; 3],
             scale_error_ppm: [0.0; 3],
             position_noise_um: 0.0,
@@ -262,8 +266,9 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
         message: error.to_string().trim_end().to_owned(),
     };
     range::check(&toml::from_str(text).map_err(unread)?)?;
-    let file: File = toml::from_str(text).map_err(unread)?;
+    let mut file: File = toml::from_str(text).map_err(unread)?;
     file.machine.check()?;
+    file.control.nc.rotary_words = file.machine.rotary_words();
     let [shortest, longest] = file.control.skip_delay_ms;
     if shortest > longest {
         return refuse(
@@ -402,8 +407,22 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Scene, SceneError> {
 }
 
 impl MachineSpec {
+    /// The words of its rotary axes, as its control knows them.
+    #[must_use]
+    pub fn rotary_words(&self) -> String {
+        self.rotary.iter().map(|axis| axis.word).collect()
+    }
+
+    /// The machine as a chain from the workpiece to a sensor that is mounted like this with all
+    /// axes at 0. Its joints are X, Y, Z and the rotary axes in the order of the scene.
+    #[must_use]
+    pub fn chain(&self, mount: Pose) -> AxisChain {
+        rotary::chain(&self.rotary, mount)
+    }
+
     /// What no single number tells: their order, and what stands apart.
     fn check(&self) -> Result<(), SceneError> {
+        rotary::check(&self.rotary)?;
         let refuse = |message: String| Err(SceneError { message });
         let limits = || self.travel_min_mm.into_iter().zip(self.travel_max_mm);
         if !limits().all(|(least, most)| least < most) {

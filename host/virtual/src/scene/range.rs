@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 98] = [
+const RANGES: [(&str, f64, f64); 105] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -24,6 +24,13 @@ const RANGES: [(&str, f64, f64); 98] = [
     ("machine.counts_per_mm", -1e7, 1e7),
     ("machine.origin_counts", -1e15, 1e15),
     ("machine.index_counts", 0.0, 1e12),
+    ("machine.rotary.*.axis", -1e6, 1e6),
+    ("machine.rotary.*.point_mm", -FAR_MM, FAR_MM),
+    ("machine.rotary.*.limits_deg", -1e5, 1e5),
+    ("machine.rotary.*.start_deg", -1e5, 1e5),
+    ("machine.rotary.*.counts_per_deg", -1e7, 1e7),
+    ("machine.rotary.*.origin_counts", -1e15, 1e15),
+    ("machine.rotary.*.deg_per_min", 1e-3, 1e6),
     ("machine.homing_error_mm", -100.0, 100.0),
     ("machine.scale_error_ppm", -1e4, 1e4),
     ("machine.position_noise_um", 0.0, 1000.0),
@@ -235,6 +242,16 @@ mod tests {
         repeatability_um = 1.0
         filter_us = 10.0
         overtravel_mm = 5.0
+        [[machine.rotary]]
+        word = "A"
+        carries = "workpiece"
+        axis = [1.0, 0.0, 0.0]
+        point_mm = [0.0, 0.0, -60.0]
+        limits_deg = [-95.0, 95.0]
+        start_deg = 1.0
+        counts_per_deg = 1000.0
+        origin_counts = 5
+        deg_per_min = 3600.0
         [point_sensor]
         tool = 98
         offset_mm = [1.3, -0.8, -120.0]

@@ -30,6 +30,8 @@ pub(crate) struct Check {
 
 const HELP: &str = "\
 Programs that call each other are checked together: give all of them.
+Words of further axes (A B C U V W) are taken without a scene; with one, those of its
+[[machine.rotary]] only.
 
 Examples:
   umi machine check hw/control/fanuc/O8820-sphere.nc
@@ -54,13 +56,17 @@ impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let settings = match &self.scene {
             Some(path) => super::run::scene(path)?.control.nc,
-            None => ControlSettings::of(match self.control {
-                Language::Fanuc => ControlFamily::Fanuc,
-                Language::Haas => ControlFamily::Haas,
-                Language::Mitsubishi => ControlFamily::Mitsubishi,
-                Language::Linuxcnc => ControlFamily::LinuxCnc,
-                Language::Grbl => ControlFamily::Grbl,
-            }),
+            None => ControlSettings {
+                // Which of them the machine has, only a scene says.
+                rotary_words: "ABCUVW".into(),
+                ..ControlSettings::of(match self.control {
+                    Language::Fanuc => ControlFamily::Fanuc,
+                    Language::Haas => ControlFamily::Haas,
+                    Language::Mitsubishi => ControlFamily::Mitsubishi,
+                    Language::Linuxcnc => ControlFamily::LinuxCnc,
+                    Language::Grbl => ControlFamily::Grbl,
+                })
+            },
         };
         let mut source = String::new();
         let mut files = Vec::new();

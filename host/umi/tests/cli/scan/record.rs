@@ -148,6 +148,57 @@ fn a_scan_is_recorded_paired_and_merged() {
     }
 }
 
+/// The washer lies on a table that tilts while it is scanned; its machine file has the board's
+/// fourth encoder input.
+#[test]
+fn a_scan_with_a_rotary_axis_is_recorded_and_merged() {
+    let folder = Folder::new();
+    let tilting = scene("").replace(
+        "[line_scanner]",
+        "[[machine.rotary]]\nword = \"A\"\ncarries = \"workpiece\"\naxis = [1, 0, 0]\n\
+         point_mm = [0, 0, -60]\nlimits_deg = [-30, 30]\n[line_scanner]",
+    );
+    let scene = folder.file("scene.toml", tilting);
+    // 1.5 s, in which the table tilts by 8 degrees.
+    let program = "%\nO1\nG21G90G94\nG0A-4.\nG4P800\nG93G1Y30.A4.F40.\nG94G4P60000\nM30\n%\n";
+    let program = folder.file("scan.nc", program);
+    umi(&["machine", "check", &program, "--scene", &scene]).exits(0);
+    let machine = ScanningMachine::start(&scene, &program);
+    let out = folder.path("scan");
+    let mut args = vec!["scan", "record", "--json", "--for", "3", "-o", &out];
+    args.extend(["--port", &machine.port, "--sensor", &machine.sensor]);
+    args.extend(["--trigger-every-us", "4000"]);
+    umi(&args).exits(0);
+    let (capture, table) = (
+        format!("{out}/profiles.gocator"),
+        format!("{out}/triggers.csv"),
+    );
+    let rotary = "[[joint]]\nname = \"A\"\nkind = \"rotary\"\ndirection = [1, 0, 0]\n\
+                  point_mm = [0, 0, -60]\ncolumn = \"w\"\ncounts_per_deg = 10000\n[chain]\nworkpiece = [\"A\"]";
+    let machine_file = folder.file("machine.toml", MACHINE.replace("[chain]", rotary));
+    let cloud = folder.path("cloud.csv");
+    let mut args = vec!["scan", "merge", &capture, &table, "--json"];
+    args.extend(["--machine", &machine_file, "-o", &cloud]);
+    let merged = umi(&args).exits(0).json();
+    assert!(merged["paired"].as_u64().unwrap() > 300, "{merged}");
+    assert!(on_the_washer(&cloud) > 2000);
+    // The fourth encoder really moved: without it, points are up to 4 mm off.
+    let table = fs::read_to_string(&table).unwrap();
+    let place = table
+        .lines()
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|c| c == "w_counts");
+    let place = place.unwrap();
+    let counts = table
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(place).unwrap());
+    let counts: Vec<i64> = counts.map(|c| c.parse().unwrap()).collect();
+    assert!(counts.iter().max().unwrap() - counts.iter().min().unwrap() > 60_000);
+}
+
 /// The files can be read however the recording ended.
 #[test]
 fn a_recording_that_is_killed_can_be_read() {

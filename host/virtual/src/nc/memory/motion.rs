@@ -83,6 +83,29 @@ pub trait AxisDrives {
     /// The machine stopped: over-travel, collision.
     fn travel(&mut self, motion: &AxisMotion) -> Result<(), Trip>;
 
+    /// Angles of the rotary axes, in the order of
+    /// [`ControlSettings::rotary_words`](crate::nc::ControlSettings::rotary_words), degrees.
+    fn turned_deg(&self) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Moves on a straight line while the rotary axes turn to these angles, all together.
+    /// `block_s`: how long it takes (G93); without, the rate is along the line, or in degrees a
+    /// minute where the line has no length.
+    ///
+    /// # Errors
+    /// The machine stopped, as in [`Self::travel`], or has no rotary axes.
+    fn turn(
+        &mut self,
+        _motion: &AxisMotion,
+        _to_deg: &[f64],
+        _block_s: Option<f64>,
+    ) -> Result<(), Trip> {
+        Err(Trip {
+            message: "this machine has no rotary axes".into(),
+        })
+    }
+
     /// Moves on a straight line until a skip signal comes or the motion ends.
     /// `leaving` is a motion that ends when contact is lost (LinuxCNC G38.4, G38.5).
     ///

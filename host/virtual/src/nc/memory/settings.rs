@@ -139,6 +139,10 @@ pub struct ControlSettings {
     pub arc_tolerance_mm: f64,
     /// The second reference point (`G30`), machine coordinates, mm.
     pub second_reference_mm: Option<[f64; 3]>,
+    /// Words of rotary axes that blocks may have, in the order of the machine's axes, as `AC`:
+    /// angles in degrees. A scene's are those of its `[[machine.rotary]]`.
+    #[serde(skip)]
+    pub rotary_words: String,
     /// Whether blocks that begin with `/` are left out.
     pub block_skip: bool,
     /// Whether M1 stops.
@@ -164,6 +168,7 @@ impl Default for ControlSettings {
             feed_mm_min: None,
             arc_tolerance_mm: 0.01,
             second_reference_mm: None,
+            rotary_words: String::new(),
             block_skip: false,
             optional_stop: false,
             date: 20_130_101,

@@ -79,7 +79,14 @@ pub(crate) const fn takes_axes(tenths: u16) -> bool {
 
 /// Checks that every word of a block has a meaning in it. `modal` is the motion in force
 /// to which axis words belong if no code of the block takes them.
-pub(crate) fn check(words: &Words, modal: &[u16], dialect: ControlFamily) -> Checked<()> {
+///
+/// `rotary`: words of rotary axes, which straight motions take.
+pub(crate) fn check(
+    words: &Words,
+    modal: &[u16],
+    dialect: ControlFamily,
+    rotary: &str,
+) -> Checked<()> {
     let mut allowed = String::from(EVERYWHERE);
     let mut takers = Vec::new();
     let mut motions = Vec::new();
@@ -108,6 +115,10 @@ pub(crate) fn check(words: &Words, modal: &[u16], dialect: ControlFamily) -> Che
                 g_text(*second)
             )));
         }
+    }
+    let in_force = if motions.is_empty() { modal } else { &motions };
+    if takers.is_empty() && in_force.iter().all(|code| matches!(code, 0 | 10)) {
+        allowed.push_str(rotary);
     }
     if takers.is_empty() && motions.is_empty() {
         for code in modal {

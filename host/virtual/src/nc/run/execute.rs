@@ -28,7 +28,12 @@ impl Control {
             return self.macro_call(words, axes);
         }
         let words = self.given(words, axes)?;
-        codes::check(&words, &self.motions_in_force(), self.settings.dialect)?;
+        codes::check(
+            &words,
+            &self.motions_in_force(),
+            self.settings.dialect,
+            &self.settings.rotary_words,
+        )?;
         self.modes(&words)?;
         self.letters(&words)?;
         for (code, _) in &words.m {
@@ -314,11 +319,16 @@ impl Control {
         }
         let is_arc = matches!(self.modal.motion, 20 | 30);
         let has_center = [b'I', b'J', b'K'].iter().any(|letter| words.has(*letter));
-        if !(words.has_axes() || is_arc && has_center) {
+        let turns = self.turns(words, axes)?;
+        if !(words.has_axes() || turns.is_some() || is_arc && has_center) {
             return Ok(false);
         }
         let from = self.here(axes);
         let to = self.target(words, from);
+        if let Some(to_deg) = turns {
+            self.turn(words, (from, to), &to_deg, axes)?;
+            return Ok(true);
+        }
         match self.modal.motion {
             0 => self.line(to, MotionRate::Rapid, axes)?,
             10 => {
@@ -333,6 +343,60 @@ impl Control {
             }
         }
         Ok(true)
+    }
+
+    /// Where the rotary words lead, degrees; none where the block has none.
+    fn turns(&self, words: &Words, axes: &dyn AxisDrives) -> Checked<Option<Vec<f64>>> {
+        let letters = self.settings.rotary_words.as_bytes();
+        if !letters.iter().any(|letter| words.has(*letter)) {
+            return Ok(None);
+        }
+        let mut to = axes.turned_deg();
+        if to.len() != letters.len() {
+            return Err(Fault::new(format!(
+                "this machine has no axes {}: remove their words",
+                self.settings.rotary_words
+            )));
+        }
+        for (slot, letter) in to.iter_mut().zip(letters) {
+            if let Some(value) = self.angle_word(words, *letter) {
+                *slot = if self.modal.is_incremental {
+                    *slot + value
+                } else {
+                    value
+                };
+            }
+        }
+        Ok(Some(to))
+    }
+
+    /// Moves straight while rotary axes turn.
+    fn turn(
+        &mut self,
+        words: &Words,
+        (from, to): (Vector3<f64>, Vector3<f64>),
+        to_deg: &[f64],
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<()> {
+        let rate = match self.modal.motion {
+            0 => MotionRate::Rapid,
+            10 => self.feed_along(words, (to - from).norm())?,
+            _ => return Err(Fault::new("rotary axes move with G0 and G1 only")),
+        };
+        let inverse = self.modal.is_inverse_time && self.modal.motion == 10;
+        let block_s = words
+            .number(b'F')
+            .filter(|_| inverse)
+            .map(|per_min| 60.0 / per_min);
+        let to = finite(self.frame().apply(to))?;
+        let motion = AxisMotion {
+            to,
+            path: MotionPath::Line,
+            rate,
+        };
+        axes.turn(&motion, to_deg, block_s)?;
+        self.seen.position = axes.position();
+        Ok(())
     }
 
     /// `G53`: to machine coordinates.
