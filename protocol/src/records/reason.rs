@@ -519,7 +519,7 @@ pub enum Reason {
     // --- later remarks
     /// The plate is warmer (or colder) than taught.
     #[error(
-        "{kelvin:+.1} K (sigma {sigma_k:.1} K) warmer than taught; the correction is right at the balls' middle and rigid beyond"
+        "{kelvin:+.1} K (sigma {sigma_k:.1} K) warmer than taught; the correction is right at the part's middle and rigid beyond"
     )]
     Warmer {
         /// Kelvin.

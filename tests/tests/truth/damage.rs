@@ -2,7 +2,8 @@
 //!
 //! `UMI_DAMAGE_CLAMPINGS=1000000 cargo test --release -p umi-tests --test truth damage` runs
 //! as many with the job of four balls and an eighth with each other, and with `UMI_BLESS=1`
-//! writes `tests/bench/DAMAGE.md`.
+//! writes `tests/bench/DAMAGE.md`. `UMI_DAMAGE_JOB=2` takes one of the jobs alone, from 0, all
+//! clampings for it, and writes its table alone.
 
 use std::fmt::Write as _;
 
@@ -96,6 +97,8 @@ fn refuses_none(number: usize, kind: DamageKind) -> bool {
 fn no_wrong_correction() {
     let asked = std::env::var("UMI_DAMAGE_CLAMPINGS").ok();
     let asked: Option<u32> = asked.map(|text| text.parse().expect("a number of clampings"));
+    let alone = std::env::var("UMI_DAMAGE_JOB").ok();
+    let alone: Option<usize> = alone.map(|text| text.parse().expect("a job's number"));
     let plans = [
         (
             "three balls, blocks, first is taught",
@@ -115,14 +118,16 @@ fn no_wrong_correction() {
     // In CI 10 000 in all.
     let of_job = |number: usize| match asked {
         None => 2_500,
-        Some(clampings) if number == FOUR => clampings,
+        Some(clampings) if number == FOUR || alone.is_some() => clampings,
         Some(clampings) => clampings / 8,
     };
     let kinds = u32::try_from(DamageKind::ALL.len()).unwrap();
     let all: u32 = (0..plans.len()).map(of_job).sum();
     let mut page = String::new();
     let mut broken = Vec::new();
-    for (number, (name, plan)) in plans.iter().enumerate() {
+    let wanted = |number: usize| alone.is_none_or(|alone| alone == number);
+    let wanted = (plans.iter().enumerate()).filter(|(number, _)| wanted(*number));
+    for (number, (name, plan)) in wanted {
         let each = of_job(number).div_ceil(kinds);
         let _ = write!(
             page,
@@ -156,14 +161,25 @@ fn no_wrong_correction() {
     if std::env::var_os("UMI_BLESS").is_some_and(|value| value == "1") {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/bench/DAMAGE.md");
         let before = std::fs::read_to_string(path).unwrap_or_default();
-        // Measured by others, and kept.
-        let kept = before.find(KEPT).map_or("", |at| &before[at..]);
-        std::fs::write(
-            path,
-            format!("{HEAD}Seed {SEED}, {all} clampings.\n{page}\n{kept}"),
-        )
-        .unwrap();
+        let text = if alone.is_some() {
+            with_section(&before, &page)
+        } else {
+            // Measured by others, and kept.
+            let kept = before.find(KEPT).map_or("", |at| &before[at..]);
+            format!("{HEAD}Seed {SEED}, {all} clampings.\n{page}\n{kept}")
+        };
+        std::fs::write(path, text).unwrap();
     }
+}
+
+/// The page with one job's table in the place of its old one.
+fn with_section(before: &str, page: &str) -> String {
+    let title = page.trim_start().lines().next().unwrap();
+    let title = format!("\n{title}\n");
+    let begin = before.find(&title).expect("the job has a table already");
+    let body = begin + title.len();
+    let end = before[body..].find("\n## ").expect("the last one stays") + body;
+    format!("{}{page}{}", &before[..begin], &before[end..])
 }
 
 /// The place of the four-ball job among the plans.

@@ -77,9 +77,17 @@ impl Scatter {
         libm::sqrt(self.squares / self.dof)
     }
 
-    /// What the image of `at` may be wrong by; none where it cannot be told.
-    pub fn at(&self, fit: &Registration, measured: &[Point], at: Point) -> Option<Expected> {
-        let cov = self.covariance(fit, measured, at)?;
+    /// What the image of `at` may be wrong by; none where it cannot be told. `unsure`: by what
+    /// all images are off besides, for hits that scatter by 1 mm.
+    pub fn at(
+        &self,
+        fit: &Registration,
+        measured: &[Point],
+        at: Point,
+        unsure: Vector3<f64>,
+    ) -> Option<Expected> {
+        let besides = unsure * unsure.transpose() * (self.squares / self.dof);
+        let cov = self.covariance(fit, measured, at)? + besides;
         let trace = cov.trace();
         let effective = trace * trace / (cov * cov).trace();
         let expected = Expected {

@@ -75,7 +75,8 @@ pub fn judge(
     verdict.distances = distances(job, Some(reference), measured);
     nominal_reasons(verdict, job);
     let mut scaled = DatumPoints::new();
-    let reference = if warmth(verdict, job, reference, scatter, &mut scaled) {
+    let warmer = warmth(verdict, job, reference, scatter, &mut scaled);
+    let reference = if warmer.is_some() {
         &scaled
     } else {
         reference
@@ -86,7 +87,7 @@ pub fn judge(
         conclude(verdict, job, None, run);
         return;
     }
-    let pose = match registration::register(reference, measured) {
+    let mut pose = match registration::register(reference, measured) {
         Ok(registration) => Pose::new(registration, reference, measured),
         Err(error) => {
             add(
@@ -104,7 +105,14 @@ pub fn judge(
     {
         add(verdict, Reason::SuspectExchange { a, b });
     }
-    let report = registration_report(verdict, job, &pose, reference, measured, scatter);
+    let growth = warmer.zip(job.correction.as_ref()).map(|(warmer, spec)| {
+        let arm = pose.registration.transform.rotation * to_part(spec, reference);
+        (arm * warmer.scale, arm * warmer.unit_sigma)
+    });
+    let (grown, unsure) = growth.unwrap_or_default();
+    let mut report = registration_report(verdict, job, &pose, reference, measured, scatter, unsure);
+    pose.registration.transform.translation_mm += grown;
+    report.translation_mm = pose.registration.transform.translation_mm.into();
     if let (Some(error_mm), Some(limit_mm)) =
         (report.expected_error_mm, job.limits.expected_error_mm)
         && exceeds(error_mm, limit_mm)
@@ -256,22 +264,45 @@ fn nominal_reasons(verdict: &mut Verdict, job: &Job) {
     }
 }
 
+/// By how much a plate has grown since it was taught.
+#[derive(Clone, Copy)]
+struct Growth {
+    /// Its scale's excess over 1.
+    scale: f64,
+    /// Standard deviation of that, for hits that scatter by 1 mm.
+    unit_sigma: f64,
+}
+
+/// From the centroid of the places to the middle of the part.
+fn to_part(spec: &CorrectionSpec, reference: &[Point]) -> Vector3<f64> {
+    let (min, max) = (
+        Vector3::from(spec.part_min_mm),
+        Vector3::from(spec.part_max_mm),
+    );
+    (min + max) * 0.5 - centroid(reference)
+}
+
+fn centroid(places: &[Point]) -> Vector3<f64> {
+    let count = f64::from(u8::try_from(places.len()).unwrap_or(u8::MAX));
+    places.iter().map(|p| p.mm).sum::<Vector3<f64>>() / count
+}
+
 /// Tells how much warmer than taught the plate is, and whether that is allowed: then `scaled`
 /// is the reference as it is when so warm.
 ///
 /// One scale, fitted to the distances by least squares. The registration's rotation and its
 /// place at the centroid are the same with it and without it, because the reference is scaled
-/// about its centroid; only the residuals lose what the warmth has put into them.
+/// about its centroid; only the residuals lose what the warmth has put into them. The part has
+/// grown with the plate, so its middle lies that much farther from the centroid: the translation
+/// takes it along, and what a rigid correction leaves is the growth of the part itself.
 fn warmth(
     verdict: &mut Verdict,
     job: &Job,
     reference: &[Point],
     scatter: Option<&Scatter>,
     scaled: &mut DatumPoints,
-) -> bool {
-    let Some(spec) = job.guards.warmth else {
-        return false;
-    };
+) -> Option<Growth> {
+    let spec = job.guards.warmth?;
     let (mut along, mut square) = (0.0, 0.0);
     for pair in &verdict.distances {
         let nominal = pair.reference_mm.unwrap_or(f64::NAN);
@@ -284,20 +315,20 @@ fn warmth(
     if exceeds(kelvin.abs(), spec.at_most_k) {
         let limit_k = spec.at_most_k;
         add(verdict, Reason::TooWarm { kelvin, limit_k });
-        return false;
+        return None;
     }
     // Each distance has two ends along it, taught and now: four variances of about one hit.
     let hit_mm = scatter.map_or(0.0, Scatter::sigma_mm);
-    let sigma_k = 2.0 * hit_mm / libm::sqrt(square) / per_kelvin;
+    let unit_sigma = 2.0 / libm::sqrt(square);
+    let sigma_k = hit_mm * unit_sigma / per_kelvin;
     add_remark(verdict, Reason::Warmer { kelvin, sigma_k });
-    let count = f64::from(u8::try_from(reference.len()).unwrap_or(u8::MAX));
-    let centroid = reference.iter().map(|p| p.mm).sum::<Vector3<f64>>() / count;
+    let centroid = centroid(reference);
     for place in reference {
         let mm = centroid + (place.mm - centroid) * (1.0 + scale);
         // Bounded: it is as long as the reference.
         let _ = scaled.push(Point { mm });
     }
-    true
+    Some(Growth { scale, unit_sigma })
 }
 
 /// Keeps what was noticed and changes nothing.
@@ -517,6 +548,7 @@ fn registration_report(
     reference: &[Point],
     measured: &[Point],
     scatter: Option<&Scatter>,
+    unsure: Vector3<f64>,
 ) -> RegistrationReport {
     let fit = &pose.registration;
     let spec = job.correction.as_ref();
@@ -527,7 +559,7 @@ fn registration_report(
         .collect();
     let honest = scatter
         .zip(spec)
-        .and_then(|(scatter, spec)| worst_corner(scatter, spec, fit, measured));
+        .and_then(|(scatter, spec)| worst_corner(scatter, spec, fit, measured, unsure));
     if let Some(expected) = honest {
         let error_mm = expected.error_95_mm;
         add_remark(verdict, Reason::Error95 { error_mm });
@@ -559,11 +591,13 @@ fn registration_report(
 }
 
 /// What the correction may be wrong by at the corner of the part where it is least known.
+/// `unsure`: by what the whole correction is off for hits that scatter by 1 mm, besides.
 fn worst_corner(
     scatter: &Scatter,
     spec: &CorrectionSpec,
     fit: &Registration,
     measured: &[Point],
+    unsure: Vector3<f64>,
 ) -> Option<Expected> {
     let (min, max) = (spec.part_min_mm.into(), spec.part_max_mm.into());
     let mut worst: Option<(f64, Point)> = None;
@@ -573,7 +607,7 @@ fn worst_corner(
             worst = Some((variance, Point { mm }));
         }
     }
-    scatter.at(fit, measured, worst?.1)
+    scatter.at(fit, measured, worst?.1, unsure)
 }
 
 /// A matrix by rows (nalgebra stores columns).

@@ -133,7 +133,7 @@ fn ninety_five_of_a_hundred() {
             for report in &now {
                 scatter.add(report);
             }
-            let expected = scatter.at(&fit, &to, corner).unwrap();
+            let expected = scatter.at(&fit, &to, corner, Vector3::zeros()).unwrap();
             // It has not moved.
             let error = (fit.apply(corner).mm - corner.mm).norm();
             within += u32::from(error <= expected.error_95_mm);

@@ -639,6 +639,23 @@ fn warmth_is_told() {
     assert!((0.2..6.0).contains(&kelvin(&at_5).1), "{:?}", kelvin(&at_5));
     let angle = |v: &Verdict| v.registration.as_ref().unwrap().angle_deg;
     assert!((angle(&at_5) - angle(&cold)).abs() < 1e-6);
+    // The part's middle lies 5 K farther from the balls' one, where the plate has grown to.
+    let part = job().correction.unwrap();
+    let middle_z_mm = (part.part_min_mm[2] + part.part_max_mm[2]) / 2.0;
+    let image = |verdict: &Verdict| {
+        let fit = verdict.registration.as_ref().unwrap();
+        let part = [0.0, 0.0, middle_z_mm];
+        [0, 1, 2].map(|row: usize| {
+            let turned: f64 = (0..3).map(|i| fit.rotation[row][i] * part[i]).sum();
+            turned + fit.translation_mm[row]
+        })
+    };
+    let (at_5_mm, cold_mm) = (image(&at_5), image(&cold));
+    for (axis, arm) in [45.0, 45.0, middle_z_mm - 127.0].into_iter().enumerate() {
+        let grown = at_5_mm[axis] - cold_mm[axis];
+        // The plate is turned by 1 degree.
+        assert!((grown - arm * 5.0 * 11.5e-6).abs() < 1e-4, "{axis}: {grown}");
+    }
     let stated = |verdict: &Verdict| {
         let of = |r: &umi_protocol::verdict::SetupReason| match r.reason {
             Reason::Error95 { error_mm } => Some(error_mm),
