@@ -28,6 +28,9 @@ pub struct SimulatedPlan {
     pub moving: usize,
     /// Datum features, the first of `places`.
     pub datums: usize,
+    /// From and to which size a damage that has one is, mm, in place of its own sizes; of Z's
+    /// scale, at the lowest feature.
+    pub sizes_mm: Option<[f64; 2]>,
 }
 
 /// What became of the clampings of a kind.
@@ -133,7 +136,11 @@ impl<'a> Session<'a> {
             let _ = self.brain.teach(TeachWhat::Again, &mut |_| {});
         }
         self.print(&taught.lines);
-        let spoilt = 1 + self.dice.below(CLAMPINGS - 1);
+        let spoilt = match self.kind {
+            // The first one has none before it.
+            DamageKind::BallsOfTwo => 2 + self.dice.below(CLAMPINGS - 2),
+            _ => 1 + self.dice.below(CLAMPINGS - 1),
+        };
         let mut before: Option<Clamping> = None;
         for number in 1..CLAMPINGS {
             let is_spoilt = self.kind.lasts() || number == spoilt || self.kind == DamageKind::Clean;
@@ -144,7 +151,7 @@ impl<'a> Session<'a> {
             };
             let pose = match (kind, &before) {
                 (DamageKind::BallsOfTwo, Some(before)) => {
-                    let by = self.dice.direction() * self.dice.between(0.01, 0.1);
+                    let by = self.dice.direction() * self.size([0.01, 0.1]);
                     before.pose.nudged(by)
                 }
                 _ => TruePose::anywhere(&mut self.dice),
@@ -178,6 +185,11 @@ impl<'a> Session<'a> {
         }
     }
 
+    fn size(&mut self, own: [f64; 2]) -> f64 {
+        let sizes = self.plan.sizes_mm.unwrap_or(own);
+        self.dice.within(sizes)
+    }
+
     /// Where the middle of the datum balls is when taught.
     fn middle(&self) -> Vector3<f64> {
         let datums = &self.plan.places[..self.plan.datums];
@@ -199,6 +211,9 @@ impl<'a> Session<'a> {
     /// What a control prints of a plate that stands there.
     fn clamping(&mut self, pose: TruePose, kind: DamageKind, teaches: bool) -> Clamping {
         self.run += 1;
+        let sizes = |own: [f64; 2]| self.plan.sizes_mm.unwrap_or(own);
+        let lowest = self.plan.places.iter().map(|place| place[2]);
+        let lowest_mm = lowest.fold(f64::INFINITY, f64::min);
         let dice = &mut self.dice;
         let mut pose = pose;
         if kind == DamageKind::Warm {
@@ -207,18 +222,23 @@ impl<'a> Session<'a> {
         let mut probing = Probing::default();
         match kind {
             DamageKind::BentStylus => {
-                probing.bent_mm = (dice.direction() * dice.between(0.01, 0.06)).into();
+                probing.bent_mm = (dice.direction() * dice.within(sizes([0.01, 0.06]))).into();
             }
-            DamageKind::WornStylus => probing.scatter_mm = dice.between(0.005, 0.02),
-            DamageKind::ZScale => probing.z_scale = dice.either(10e-6, 100e-6),
+            DamageKind::WornStylus => probing.scatter_mm = dice.within(sizes([0.005, 0.02])),
+            DamageKind::ZScale => {
+                let own = [10e-6 * lowest_mm, 100e-6 * lowest_mm];
+                let [least, most] = sizes(own).map(|mm| mm / lowest_mm);
+                probing.z_scale = dice.either(least, most);
+            }
             _ => {}
         }
-        let way = dice.direction() * dice.between(0.005, 0.05);
-        let slips_at = 1 + dice.below(self.plan.places.len() - 1);
+        let way = dice.direction() * dice.within(sizes([0.005, 0.05]));
+        let slips_at = 1 + dice.below(self.plan.moving - 1);
         let one = dice.below(self.plan.datums);
-        let early = dice.between(0.01, 0.05);
+        let early = dice.within(sizes([0.01, 0.05]));
         let axis = dice.below(3);
-        let digit = dice.either(0.01, 0.09);
+        let [least, most] = sizes([0.01, 0.09]);
+        let digit = dice.either(least, most);
         let digit = (digit * 1000.0).round() / 1000.0;
         let origin = if kind == DamageKind::OffsetMoved {
             (dice.either(0.05, 50.0) * 1000.0).round() / 1000.0
@@ -229,7 +249,7 @@ impl<'a> Session<'a> {
         let mut balls: Vec<SimulatedBall> = Vec::new();
         for (place, at) in self.plan.places.iter().enumerate() {
             #[allow(clippy::cast_precision_loss, reason = "a handful")]
-            let share = place as f64 / (self.plan.places.len() - 1) as f64;
+            let share = place as f64 / (self.plan.moving - 1) as f64;
             let moved = match kind {
                 DamageKind::Drift => way * share,
                 DamageKind::Slip if place >= slips_at => way,

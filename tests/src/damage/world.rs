@@ -35,6 +35,11 @@ impl Dice {
         low + (high - low) * unit
     }
 
+    /// Evenly from the one to the other.
+    pub fn within(&mut self, [low, high]: [f64; 2]) -> f64 {
+        self.between(low, high)
+    }
+
     /// With mean 0 and standard deviation 1 (G. Marsaglia's polar method).
     pub fn normal(&mut self) -> f64 {
         loop {

@@ -7,6 +7,7 @@
 
 use std::fmt::Write as _;
 
+use umi_client::guards::{GuardTable, SeenFrom};
 use umi_protocol::job::{Job, Teach};
 use umi_tests::damage::{DamageKind, DamageTally, SimulatedPlan, measure};
 
@@ -26,6 +27,7 @@ fn three(teach: Teach) -> SimulatedPlan {
         places: BALLS[..3].to_vec(),
         moving: 3,
         datums: 3,
+        sizes_mm: None,
     }
 }
 
@@ -48,6 +50,7 @@ fn four() -> SimulatedPlan {
         places,
         moving: 5,
         datums: 4,
+        sizes_mm: None,
     }
 }
 
@@ -60,7 +63,78 @@ fn four_and_table() -> SimulatedPlan {
     plan.job.guards.fixed_mm = Some(0.007);
     plan.job.features.push(table).unwrap();
     plan.places.push([0.0, 190.0, 60.0]);
+    for (feature, place) in plan.job.features.iter_mut().zip(&plan.places) {
+        feature.position_mm = Some(*place);
+    }
     plan
+}
+
+/// The job of `examples/probe-plate.nc` on these balls.
+fn probed() -> SimulatedPlan {
+    let text = include_str!("../../../examples/probed-plate.toml");
+    let mut job: Job = toml::from_str(text).unwrap();
+    for (feature, place) in job.features.iter_mut().zip(BALLS) {
+        feature.position_mm = Some(place);
+    }
+    SimulatedPlan {
+        job,
+        ..three(Teach::FirstOk)
+    }
+}
+
+/// The rows of `umi job check` that have a size, and what they mean here.
+const SIZED: [(&str, DamageKind); 9] = [
+    ("mixed_setups", DamageKind::BallsOfTwo),
+    ("early_top", DamageKind::EarlyTop),
+    ("chip_on_top", DamageKind::ChipOnTop),
+    ("wrong_digit", DamageKind::SameDigit),
+    ("longer_probe", DamageKind::BentStylus),
+    ("worn_stylus", DamageKind::WornStylus),
+    ("drift", DamageKind::Drift),
+    ("slip", DamageKind::Slip),
+    ("z_scale", DamageKind::ZScale),
+];
+
+/// What `umi job check` promises: from the size on that its table says, nothing wrong leaves,
+/// and of a thousand three pass at most.
+#[test]
+fn the_table_of_job_check_holds() {
+    let plans = [
+        ("three-spheres", three(Teach::FirstOk)),
+        ("three-spheres-run", three_announced()),
+        ("four-spheres", four()),
+        ("four-spheres and table", four_and_table()),
+        ("probed-plate", probed()),
+    ];
+    let each = std::env::var("UMI_DAMAGE_CLAMPINGS").map_or(60, |text| text.parse().unwrap());
+    let mut broken = Vec::new();
+    for (name, plan) in &plans {
+        let table = GuardTable::of(&plan.job);
+        assert!(table.has_places, "{name}");
+        for (seed, (code, kind)) in (SEED..).zip(SIZED) {
+            let row = table.rows.iter().find(|row| row.code == code).unwrap();
+            // Beyond a millimetre the table says no, or always for what the text shows.
+            let SeenFrom::Size(from_um) = row.seen else {
+                continue;
+            };
+            if from_um > 1000.0 {
+                continue;
+            }
+            // The generator prints whole micrometres.
+            let from_mm = (from_um + 0.5) * 1e-3;
+            let plan = SimulatedPlan {
+                sizes_mm: Some([from_mm, 1.5 * from_mm]),
+                ..plan.clone()
+            };
+            let of = measure(&plan, kind, each, seed);
+            let line = format!("{name}: {code}: from {from_um:.1} µm: {of:?}");
+            println!("{line}");
+            if of.wrong > 0 || f64::from(of.right) > 0.003 * f64::from(of.clampings) {
+                broken.push(line);
+            }
+        }
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
 /// What a job promises about a kind: the largest share of wrong corrections. What is not
@@ -76,6 +150,8 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => {
             announced.then_some(0.0)
         }
+        // By what was learned; in a block one of a thousand at most.
+        DamageKind::WornStylus if announced && !four => Some(0.001),
         DamageKind::WornStylus
         | DamageKind::Drift
         | DamageKind::EarlyTop
@@ -90,7 +166,7 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
 
 /// The jobs that refuse nothing of these: the thesis' limits know no warmth.
 fn refuses_none(number: usize, kind: DamageKind) -> bool {
-    kind == DamageKind::Clean || (kind == DamageKind::Warm && number >= FOUR)
+    kind == DamageKind::Clean || (kind == DamageKind::Warm && number > 1)
 }
 
 #[test]

@@ -76,11 +76,7 @@ pub fn judge(
     nominal_reasons(verdict, job);
     let mut scaled = DatumPoints::new();
     let warmer = warmth(verdict, job, reference, scatter, &mut scaled);
-    let reference = if warmer.is_some() {
-        &scaled
-    } else {
-        reference
-    };
+    let reference = if warmer.is_some() { &scaled } else { reference };
     distance_reasons(verdict, job, &distances(job, Some(reference), measured));
     if measured.len() < 3 {
         // A job that only measures: nothing to register.

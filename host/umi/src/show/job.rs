@@ -390,6 +390,9 @@ pub fn learned(learned: &Lessons, job: &Job) -> String {
     )
 }
 
+/// From here on no error is meant by a size, µm.
+const ABSURD_UM: f64 = 1000.0;
+
 /// Which errors a job sees, for people.
 #[must_use]
 pub fn guards(table: &GuardTable) -> String {
@@ -399,7 +402,9 @@ pub fn guards(table: &GuardTable) -> String {
         let seen = match row.seen {
             SeenFrom::Always => "always".to_owned(),
             SeenFrom::Size(um) if um < 100.0 => format!("from {um:.1} µm"),
-            SeenFrom::Size(um) => format!("from {um:.0} µm"),
+            SeenFrom::Size(um) if um < ABSURD_UM => format!("from {um:.0} µm"),
+            // No error of this kind is as large: what sees it then is the end of the table.
+            SeenFrom::Size(um) => format!("no, below {:.0} mm", um * 1e-3),
             SeenFrom::Never => "no".to_owned(),
         };
         rows.row([row.what.to_owned(), seen, row.by.to_owned()]);
@@ -411,7 +416,7 @@ pub fn guards(table: &GuardTable) -> String {
             FAINT,
             format_args!(
                 "  no `position_mm` in the job: features taken evenly on a circle of \
-                 {ASSUMED_RADIUS_MM} mm\n"
+                 {ASSUMED_RADIUS_MM} mm;\n  enter where they stand, for the figures of this plate\n"
             ),
         )
     };

@@ -654,7 +654,10 @@ fn warmth_is_told() {
     for (axis, arm) in [45.0, 45.0, middle_z_mm - 127.0].into_iter().enumerate() {
         let grown = at_5_mm[axis] - cold_mm[axis];
         // The plate is turned by 1 degree.
-        assert!((grown - arm * 5.0 * 11.5e-6).abs() < 1e-4, "{axis}: {grown}");
+        assert!(
+            (grown - arm * 5.0 * 11.5e-6).abs() < 1e-4,
+            "{axis}: {grown}"
+        );
     }
     let stated = |verdict: &Verdict| {
         let of = |r: &umi_protocol::verdict::SetupReason| match r.reason {

@@ -63,8 +63,9 @@ Examples:
   umi job check examples/three-spheres.toml
   umi job check plate.toml --json       the job as JSON, or {\"error\":{...}}
 
-The table says which errors between part and correction this job sees, from which size
-on: each is put onto the job's places and judged as on the board, hits taken as exact.
+The table says which errors between part and correction this job sees, from which size on:
+each is put onto the job's places (`position_mm`) in the worst direction, on a part that stands
+as the job's limits allow it, and judged as on the board. What hits scatter is in the figure.
 
 Exit status: 0 good, 1 file or usage, 2 the job is refused.")]
 struct Check {
