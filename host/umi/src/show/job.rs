@@ -396,7 +396,7 @@ const ABSURD_UM: f64 = 1000.0;
 /// Which errors a job sees, for people.
 #[must_use]
 pub fn guards(table: &GuardTable) -> String {
-    let titles = ["what may happen", "seen", "seen by, or would be"];
+    let titles = ["what may happen", "seen", "by, or would be"];
     let mut rows = Table::new("<><").titles(&titles);
     for row in &table.rows {
         let seen = match row.seen {
