@@ -30,6 +30,9 @@
 //! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to teach |
 //! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
 //! | `LineListen` | `Done` or `LineRefused` | sets the control's line for as long as this host is there, to find out how the control's is set |
+//! | `JournalAck` | `Done`, `JournalNoEntry` or `NotOnThisBoard` | everything before an entry is kept elsewhere |
+//! | `ConfigGet` | `Config` or `NotOnThisBoard` | what the owner allows |
+//! | `ConfigSet` | `Done`, `ConfigRefused` or `JobRefused` | replaces that; `JobRefused`: the job in force asks for more |
 //! | `HeadGet` | `Head` | the newest signed head; with a nonce: one over it, as soon as nothing is under way |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
@@ -46,6 +49,7 @@ use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 use thiserror::Error;
 
+use crate::config::{BoardConfig, ConfigField, Fallbacks};
 use crate::job::job_error::{Field, JobError};
 use crate::job::serial::LineSettings;
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
@@ -254,6 +258,16 @@ requests! {
             /// One over this nonce, which nobody can have signed before.
             nonce: Option<[u8; 32]>,
         } => State, Look, Head;
+        /// Everything before this entry is kept elsewhere.
+        JournalAck {
+            /// The entry's sequence number.
+            seq: u64,
+        } => State, Change, Done | JournalNoEntry | NotOnThisBoard | StorageFailed;
+        /// What does the owner allow?
+        ConfigGet => State, Look, Config | NotOnThisBoard;
+        /// Allow this from now on.
+        ConfigSet(BoardConfig)
+            => State, Change, Done | ConfigRefused | JobRefused | NotOnThisBoard | StorageFailed;
     }
 }
 
@@ -337,6 +351,15 @@ pub enum Response {
     Head(HeadAnswer),
     /// To `TriggerOutSet`: pulses are as they were.
     TriggerRefused(TriggerRefusal),
+    /// To `ConfigGet`.
+    Config {
+        /// What is in force.
+        config: BoardConfig,
+        /// Fields that could not be read where they are kept, and are as strict as can be.
+        fallbacks: Fallbacks,
+    },
+    /// To `ConfigSet`: this field cannot be used.
+    ConfigRefused(ConfigField),
 }
 
 /// Why nothing is to be taught.
@@ -606,7 +629,34 @@ pub enum Record {
         /// Why it does not; none: it does.
         refused: Option<TeachRefusal>,
     },
+    /// As the fault before this entry, of the same kind and within a second of it: so many more,
+    /// which have no entries of their own.
+    FaultsAgain {
+        /// The latest of them.
+        latest: Fault,
+        /// How many.
+        count: u32,
+    },
+    /// A host says that everything before this entry is kept elsewhere.
+    Acknowledged {
+        /// The entry.
+        seq: u64,
+        /// Entries that were overwritten before anybody had said so of them.
+        lost: u64,
+    },
+    /// What the owner allows was replaced, or restored at start.
+    ConfigSet(BoardConfig),
+    /// The greatest run that had been judged was restored at start. An input too.
+    LastRun {
+        /// The run.
+        run: u32,
+    },
 }
+
+/// Kind numbers of the records that are evidence: what was decided, what went out to the machine,
+/// what was in force, and who changed it. Never changed for a kind that there is: the chain of
+/// evidence rests on it.
+const EVIDENCE: [u8; 15] = [0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28];
 
 impl Record {
     /// The kind number stored with a journal entry. Never reused, never renumbered.
@@ -639,7 +689,18 @@ impl Record {
             Self::JobLost { .. } => 23,
             Self::Head(_) => 24,
             Self::ButtonHeld { .. } => 25,
+            Self::FaultsAgain { .. } => 26,
+            Self::Acknowledged { .. } => 27,
+            Self::ConfigSet(_) => 28,
+            Self::LastRun { .. } => 29,
         }
+    }
+
+    /// Whether a record of this kind is evidence, which a board keeps where noise cannot push it
+    /// out.
+    #[must_use]
+    pub fn is_evidence(kind: u8) -> bool {
+        EVIDENCE.contains(&kind)
     }
 }
 
@@ -760,4 +821,8 @@ pub struct JournalInfo {
     pub first_seq: u64,
     /// The number that the next entry will get.
     pub next_seq: u64,
+    /// The entries before this one are kept elsewhere, as a host has said.
+    pub acked_seq: u64,
+    /// Entries from there on that were overwritten: nobody has said that they are kept elsewhere.
+    pub lost: u64,
 }

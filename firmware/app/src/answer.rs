@@ -4,14 +4,17 @@
 //! a function of its own that is not inlined, so that the stack holds one at a time.
 
 use heapless::Vec;
+use umi_core::archive::Archive;
 use umi_core::job::Run;
-use umi_core::journal::{Flash, Journal, JournalError};
+use umi_core::journal::{Flash, JournalError};
 use umi_core::units::Micros;
+use umi_protocol::config::BoardConfig;
 use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::job::Lessons;
 use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
+use crate::custody::{AckError, ConfigError};
 use crate::measure::{Instrument, SetJobError};
 use crate::programs::{self, response};
 use crate::scan::Scans;
@@ -62,9 +65,14 @@ pub(crate) fn answer<F: Flash>(
         Request::HeadGet { nonce } => Response::Head(measure.head_answer(around.now, *nonce)),
         Request::FeatureGet { feature: place } => feature(measure.brain().run(), *place),
         Request::VerdictGet => verdict(measure.brain().run()),
-        Request::JournalInfo => journal(measure, |journal| Response::JournalInfo(info(journal))),
-        Request::JournalRead { seq } => journal(measure, |journal| read(journal, *seq)),
-        Request::JournalChain { seq } => journal(measure, |journal| chain(journal, *seq)),
+        Request::JournalInfo => journal(measure, |of, acked| {
+            Response::JournalInfo(info(of, 0, acked))
+        }),
+        Request::JournalRead { seq } => journal(measure, |of, acked| read(of, *seq, acked)),
+        Request::JournalChain { seq } => journal(measure, |of, acked| chain(of, *seq, acked)),
+        Request::JournalAck { seq } => acknowledge(measure, around.now, *seq),
+        Request::ConfigGet => config(measure),
+        Request::ConfigSet(config) => set_config(measure, around.now, config),
         Request::PositionsGet => immediate(station, ImmediateRequest::Positions),
         Request::TriggerOutSet(when) => immediate(station, ImmediateRequest::TriggerOut(*when)),
         Request::LaserSet { on } => immediate(station, ImmediateRequest::Laser(*on)),
@@ -131,23 +139,24 @@ fn verdict(run: &Run) -> Response {
 /// Answers from the journal, if its storage could be opened.
 fn journal<F: Flash>(
     measure: &mut Instrument<F>,
-    answer: impl FnOnce(&mut Journal<F>) -> Response,
+    answer: impl FnOnce(&mut Archive<F>, u64) -> Response,
 ) -> Response {
+    let acked = measure.ledger.in_custody().acked;
     match measure.ledger.journal.get_mut() {
-        Some(journal) => answer(journal),
+        Some(journal) => answer(journal, acked),
         None => Response::StorageFailed,
     }
 }
 
 #[inline(never)]
-fn chain<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
+fn chain<F: Flash>(journal: &mut Archive<F>, seq: u64, acked: u64) -> Response {
     match journal.chain_before(seq) {
         Ok(chain) => Response::JournalChain {
             seq,
             before: Some(chain.0),
         },
         Err(JournalError::Record(_)) => Response::JournalChain { seq, before: None },
-        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
+        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal, seq, acked)),
         Err(_) => Response::StorageFailed,
     }
 }
@@ -182,26 +191,72 @@ fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Sta
     }
 }
 
-fn info<F: Flash>(journal: &Journal<F>) -> JournalInfo {
+/// What there is from entry `from` on; of an entry that is not there yet: all.
+fn info<F: Flash>(journal: &mut Archive<F>, from: u64, acked: u64) -> JournalInfo {
+    let next_seq = journal.next_seq();
+    let from = if from < next_seq { from } else { 0 };
+    let oldest = journal.first_seq();
     JournalInfo {
-        first_seq: journal.first_seq(),
-        next_seq: journal.next_seq(),
+        // What is damaged is passed over.
+        first_seq: journal.next_there(from).unwrap_or(oldest),
+        next_seq,
+        acked_seq: acked,
+        lost: journal.lost_from(acked).unwrap_or_default(),
+    }
+}
+
+/// A host keeps elsewhere what stands before this entry.
+#[inline(never)]
+fn acknowledge<F: Flash>(measure: &mut Instrument<F>, now: Micros, seq: u64) -> Response {
+    match measure.acknowledge(now, seq) {
+        Ok(()) => Response::Done,
+        Err(AckError::NoEntry) => journal(measure, |of, acked| {
+            Response::JournalNoEntry(info(of, 0, acked))
+        }),
+        Err(AckError::NotOnThisBoard) => Response::NotOnThisBoard,
+        Err(AckError::Storage) => Response::StorageFailed,
+    }
+}
+
+#[inline(never)]
+fn config<F: Flash>(measure: &Instrument<F>) -> Response {
+    match measure.ledger.custody.get() {
+        Some(custody) => Response::Config {
+            config: custody.kept().config,
+            fallbacks: custody.fallbacks(),
+        },
+        None => Response::NotOnThisBoard,
+    }
+}
+
+#[inline(never)]
+fn set_config<F: Flash>(
+    measure: &mut Instrument<F>,
+    now: Micros,
+    config: &BoardConfig,
+) -> Response {
+    match measure.set_config(now, config) {
+        Ok(()) => Response::Done,
+        Err(ConfigError::Field(field)) => Response::ConfigRefused(field),
+        Err(ConfigError::Job(error)) => Response::JobRefused(error),
+        Err(ConfigError::NotOnThisBoard) => Response::NotOnThisBoard,
+        Err(ConfigError::Storage) => Response::StorageFailed,
     }
 }
 
 /// One entry as it is stored: also a damaged one is for the host to judge. It is five kilobytes:
 /// on the stack only here.
 #[inline(never)]
-fn read<F: Flash>(journal: &mut Journal<F>, seq: u64) -> Response {
+fn read<F: Flash>(journal: &mut Archive<F>, seq: u64, acked: u64) -> Response {
     let mut raw = Vec::<u8, MAX_ENTRY>::new();
     // There is room for as many.
     let _ = raw.resize_default(MAX_ENTRY);
-    match journal.read_encoded(seq, &mut raw).map(<[u8]>::len) {
+    match journal.read_encoded(seq, &mut raw) {
         Ok(length) => {
             raw.truncate(length);
             Response::JournalEntry { seq, raw }
         }
-        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal)),
+        Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal, seq, acked)),
         Err(_) => Response::StorageFailed,
     }
 }

@@ -52,14 +52,14 @@ impl<F: Flash> Instrument<F> {
                 let found = journal.read(seq, &mut ledger.scratch).ok()?;
                 // Its kind stands before it. A board that could read every record would be
                 // 40 KB larger.
-                let (_, head) = found.entry.payload.split_first()?;
+                let (_, head) = found.payload.split_first()?;
                 postcard::from_bytes::<Head>(head).ok()
             });
         match found.filter(|head| nonce.is_none() || head.nonce == nonce) {
             Some(head) => HeadAnswer::Signed(head),
             None => {
-                if let Some(nonce) = nonce.filter(|nonce| !ledger.heads.has_asked(nonce)) {
-                    ledger.heads.asked.put((nonce, now));
+                if let Some(nonce) = nonce {
+                    ledger.heads.ask(nonce, now);
                 }
                 HeadAnswer::Pending
             }
@@ -106,10 +106,12 @@ impl<F: Flash> Instrument<F> {
         let nonce = ledger.heads.asked.take().map(|(nonce, _)| nonce);
         ledger.heads.is_due = false;
         let (Some(signer), Some(journal)) =
-            (ledger.heads.signer.get().copied(), ledger.journal.get())
+            (ledger.heads.signer.get().copied(), ledger.journal.get_mut())
         else {
             return;
         };
+        // Evidence that cannot be read any more cannot be vouched for.
+        let evidence = journal.mark().unwrap_or_default();
         let mut head = Head {
             seq: journal.next_seq(),
             t_us: now.0,
@@ -122,6 +124,7 @@ impl<F: Flash> Instrument<F> {
             firmware: ledger.identity.firmware.clone(),
             nonce,
             signature: [[0; 32]; 2],
+            evidence,
         };
         head.signature = signer.sign(&head.signed());
         let seq = head.seq;

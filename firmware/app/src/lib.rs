@@ -25,10 +25,13 @@
 //! | `latch` | captures: to the host or into the queue |
 //! | `intake` | what came in and waits to be measured |
 //! | `events` | what waits to be told to the host |
+//! | `faults` | equal faults: one entry a second |
 //! | [`heads`], [`signer`] | when the board signs for its journal, and by whom |
 //! | `scan` | triggers: counted, streamed, summed up |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | `settings` | what survives a power cut |
+//! | `bucket` | how often somebody may do what costs room for evidence |
+//! | `custody`, `owner` | what is kept for the owner: configuration, acknowledged entries, the last run |
 //! | `delivery` | what the control gets when it reads: who may have it; `stream`: looked through, rewritten |
 //! | `xmodem` | how it goes out to a control that reads by XMODEM |
 //! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
@@ -52,15 +55,19 @@
 
 mod answer;
 pub mod board;
+mod bucket;
 mod control;
+mod custody;
 mod delivery;
 mod events;
+mod faults;
 pub mod heads;
 pub mod intake;
 mod latch;
 mod line;
 mod link;
 pub mod measure;
+mod owner;
 mod programs;
 mod release;
 pub mod replay;
@@ -90,7 +97,7 @@ use board::{
     Axes, Button, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog,
 };
 use intake::Input;
-use measure::{Boot, Instrument, Opened};
+use measure::{Boot, Instrument, Opened, StorageAreas};
 
 pub use link::SILENCE_US;
 pub use umi_core::control::XOFF_PATIENCE_US;
@@ -153,13 +160,11 @@ impl<F: Flash> App<F> {
     pub fn start(
         &self,
         boot: Boot,
-        journal: F,
-        settings: F,
-        programs: F,
+        storage: StorageAreas<F>,
         now: Micros,
     ) -> Result<Opened<F::Error>, Running> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
-        let opened = measure.start(boot, journal, settings, programs, now);
+        let opened = measure.start(boot, storage, now);
         self.line.note_settings(measure.line());
         Ok(opened)
     }

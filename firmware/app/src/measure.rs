@@ -22,14 +22,16 @@
 //! job is set or the board starts anew, and its storage works again.
 
 use heapless::{String, Vec};
+use umi_core::archive::{Archive, ArchiveFault, FIELDS, ROOM as RECORD_ROOM};
 use umi_core::brain::{Brain, Output};
 use umi_core::job::Teaching;
-use umi_core::journal::{Flash, Journal, JournalError};
+use umi_core::journal::{Flash, JournalError};
 use umi_core::programs::{self, Store};
 use umi_core::registration::RigidTransform;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
-use umi_protocol::fault::Fault;
+use umi_protocol::config::BoardConfig;
+use umi_protocol::fault::{Counters, Fault};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Lessons, Name};
 use umi_protocol::job_error::{Field, JobError};
@@ -44,8 +46,11 @@ use umi_protocol::serial::LineSettings;
 use umi_protocol::verdict::Verdict;
 
 use crate::board::{Lights, LineAbilities};
+use crate::bucket::Bucket;
+use crate::custody::Custody;
 use crate::delivery::Delivery;
 use crate::events::Events;
+use crate::faults::RepeatedFaults;
 use crate::intake::Input;
 use crate::release::{Passed, Released, Wanted, transform};
 use crate::settings::{JobStore, PlacesMm, kept, points};
@@ -85,11 +90,19 @@ pub struct Instrument<F: Flash> {
 pub(crate) struct Ledger<F: Flash> {
     pub identity: Identity,
     pub reset: ResetReason,
-    pub journal: ZeroOption<Journal<F>>,
+    pub journal: ZeroOption<Archive<F>>,
     pub events: Events,
     /// What the board has signed.
     pub heads: Heads,
-    pub scratch: [u8; MAX_RECORD],
+    pub scratch: [u8; RECORD_ROOM],
+    /// What is kept for the owner.
+    pub custody: ZeroOption<Custody<F>>,
+    /// How often a host may change what is in force: each change is a piece of evidence.
+    pub changes: Bucket<64, 2_000_000>,
+    /// The latest verdict has released nothing because the journal is full.
+    pub is_held_back: bool,
+    /// Faults that are counted and not told yet.
+    repeats: RepeatedFaults,
     /// Entries that the storage refused.
     pub failures: u32,
     /// An input or a decision since the job began is not in the journal.
@@ -143,7 +156,11 @@ impl<F: Flash> Instrument<F> {
                 journal: ZeroOption::empty(),
                 events: Events::new(),
                 heads: Heads::new(),
-                scratch: [0; MAX_RECORD],
+                scratch: [0; RECORD_ROOM],
+                custody: ZeroOption::empty(),
+                changes: Bucket::new(),
+                is_held_back: false,
+                repeats: RepeatedFaults::new(),
                 failures: 0,
                 unaudited: false,
                 released: ZeroOption::empty(),
@@ -172,14 +189,14 @@ impl<F: Flash> Instrument<F> {
     /// counts every entry that it cannot keep, shows trouble, sends no correction, and
     /// takes no job. Without the area of the programs, there are none. What was wrong is
     /// returned for a log.
-    pub fn start(
-        &mut self,
-        boot: Boot,
-        journal: F,
-        settings: F,
-        programs: F,
-        now: Micros,
-    ) -> Opened<F::Error> {
+    pub fn start(&mut self, boot: Boot, storage: StorageAreas<F>, now: Micros) -> Opened<F::Error> {
+        let StorageAreas {
+            journal,
+            evidence,
+            custody,
+            settings,
+            programs,
+        } = storage;
         self.ledger.identity = boot.identity.clone();
         self.ledger.reset = boot.reset;
         let Boot {
@@ -194,12 +211,15 @@ impl<F: Flash> Instrument<F> {
         self.ledger.heads.start(signer, now);
         let boot = Record::Boot { identity, reset };
         let opened = Opened {
-            journal: self.open_journal(now, boot, journal),
+            journal: self.open_journal(now, boot, journal, evidence),
             settings: JobStore::open(settings).map(|settings| self.settings.put(settings)),
             programs: Store::open(programs).map(|programs| self.programs.put(programs)),
         };
         if opened.settings.is_err() {
             self.ledger.refused();
+        }
+        if let Some(custody) = custody {
+            self.open_custody(now, custody);
         }
         self.restore(now);
         opened
@@ -211,19 +231,27 @@ impl<F: Flash> Instrument<F> {
         now: Micros,
         boot: Record,
         flash: F,
-    ) -> Result<(), JournalError<F::Error>> {
-        let opened = Journal::open(flash).and_then(|(journal, recovery)| {
-            let max = journal.max_payload();
+        evidence: Option<F>,
+    ) -> Result<(), ArchiveFault<F::Error>> {
+        let ledger = &mut self.ledger;
+        let opened = Archive::open(flash).and_then(|(archive, recovery)| {
+            let max = archive.max_payload();
             if max < MAX_RECORD {
                 // Its sectors are too small for the longest record.
                 let len = MAX_RECORD;
                 return Err(JournalError::PayloadTooLong { len, max });
             }
-            self.ledger.journal.put(journal);
+            ledger.journal.put(archive);
             Ok(recovery)
         });
+        // Before the first new entry: what is copied is what was there.
+        let archive = ledger.journal.get_mut();
+        let kept_apart = match (evidence, archive) {
+            (Some(evidence), Some(archive)) => archive.keep_evidence(evidence, &mut ledger.scratch),
+            _ => Ok(()),
+        };
         self.ledger.record(now, boot);
-        let recovery = opened?;
+        let recovery = opened.map_err(ArchiveFault::Journal)?;
         self.ledger.is_new = recovery.fresh;
         self.ledger.heads.opened(recovery.next_seq);
         if !recovery.is_clean() {
@@ -235,7 +263,23 @@ impl<F: Flash> Instrument<F> {
             };
             self.ledger.record(now, record);
         }
-        Ok(())
+        if kept_apart.is_err() {
+            self.ledger.refused();
+        }
+        kept_apart
+    }
+
+    /// Takes up what is kept for the owner. Where it cannot be opened nothing may go out.
+    #[inline(never)]
+    fn open_custody(&mut self, now: Micros, flash: F) {
+        let Ok(custody) = Custody::open(flash) else {
+            return self.ledger.refused();
+        };
+        let config = custody.kept().config;
+        self.ledger.custody.put(custody);
+        if config != BoardConfig::default() {
+            self.ledger.record(now, Record::ConfigSet(config));
+        }
     }
 
     /// Takes up the job and the reference that were in force, or tells why there are none.
@@ -251,11 +295,16 @@ impl<F: Flash> Instrument<F> {
         };
         // Another board of the same firmware may have kept it.
         let fits = self.ledger.takes(&job);
-        if fits.is_err() || begin(&mut self.brain, &job).is_err() {
+        let is_narrow = self.ledger.in_custody().config.ceilings.check(&job).is_ok();
+        if fits.is_err() || !is_narrow || begin(&mut self.brain, &job).is_err() {
             return self.ledger.job_lost(now, JobLoss::Refused);
         }
         self.ledger.patience_us = patience_us(&job);
         self.ledger.job_set(now, &job);
+        if let Some(run) = self.ledger.in_custody().last_run {
+            self.brain.restore_last_run(run);
+            self.ledger.record(now, Record::LastRun { run });
+        }
         if let Some((positions_mm, learned)) = taught {
             self.brain.restore_reference(Teaching {
                 places: &points(&positions_mm),
@@ -298,6 +347,7 @@ impl<F: Flash> Instrument<F> {
         }
         self.keep_punched(now);
         self.keep_taught(now);
+        self.keep_last_run(now);
         self.make_room();
     }
 
@@ -330,11 +380,13 @@ impl<F: Flash> Instrument<F> {
     /// When [`Self::on_time`] is due.
     #[must_use]
     pub fn deadline(&self) -> Option<Micros> {
-        let brain = self.brain.deadline();
-        match (brain, self.ledger.too_old()) {
-            (Some(a), Some(b)) => Some(a.min(b)),
-            (a, b) => a.or(b),
-        }
+        let ledger = &self.ledger;
+        let times = [
+            self.brain.deadline(),
+            ledger.too_old(),
+            ledger.repeats.due(),
+        ];
+        times.into_iter().flatten().min()
     }
 
     /// Time passed.
@@ -345,6 +397,9 @@ impl<F: Flash> Instrument<F> {
             ledger.disarm();
             ledger.last_ok.clear();
         }
+        if ledger.repeats.due().is_some_and(|due| now >= due) {
+            ledger.tell_repeats(now);
+        }
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }
@@ -352,6 +407,7 @@ impl<F: Flash> Instrument<F> {
         brain.on_time(now, &mut ledger.listen(now));
         self.keep_punched(now);
         self.keep_taught(now);
+        self.keep_last_run(now);
     }
 
     /// Replaces the job: it is kept first, so that it survives a power cut from
@@ -374,9 +430,17 @@ impl<F: Flash> Instrument<F> {
             return Err(SetJobError::Storage);
         }
         let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
+        if is_untouched(brain) && brain.job() == Some(job) && !ledger.unaudited {
+            // It is in force as if it had just been set.
+            return Ok(());
+        }
+        if !ledger.changes.take(now) {
+            return Err(SetJobError::Job(JobError::TooOften));
+        }
         settings
             .save(now, job, None, &mut ledger.scratch)
             .map_err(|_| SetJobError::Storage)?;
+        ledger.tell_repeats(now);
         ledger.forget();
         ledger.unaudited = false;
         ledger.patience_us = patience_us(job);
@@ -386,6 +450,7 @@ impl<F: Flash> Instrument<F> {
         // Who reads the lines now knows of no program that has begun.
         ledger.upload.over(false);
         self.keep_punched(now);
+        self.keep_last_run(now);
         Ok(())
     }
 
@@ -396,7 +461,8 @@ impl<F: Flash> Instrument<F> {
     pub fn check(&self, job: &Job) -> Result<(), JobError> {
         umi_core::job::check(job)?;
         let fits = self.ledger.takes(job);
-        fits.map_err(|field| JobError::NotOnThisBoard { field })
+        fits.map_err(|field| JobError::NotOnThisBoard { field })?;
+        self.ledger.in_custody().config.ceilings.check(job)
     }
 
     /// How the line to the control is to be set: as a host listens, or by the job.
@@ -568,16 +634,42 @@ fn begin(brain: &mut Brain, job: &Job) -> Result<(), SetJobError> {
     brain.begin(job.clone()).map_err(SetJobError::Job)
 }
 
+/// Nothing was measured or taught since the job began.
+fn is_untouched(brain: &Brain) -> bool {
+    let run = brain.run();
+    !run.is_under_way()
+        && run.verdict().is_none()
+        && run.taught().is_none()
+        && run.last_run().is_none()
+        && brain.counters() == Counters::default()
+}
+
 /// How long a correction stays armed, and a setup open.
 fn patience_us(job: &Job) -> u64 {
     u64::from(job.plate_timeout_s).saturating_mul(1_000_000)
 }
 
+/// The storage areas of a board.
+#[derive(Clone, Debug)]
+pub struct StorageAreas<F> {
+    /// The journal.
+    pub journal: F,
+    /// The ring of evidence; none: this board keeps none apart, and noise can overwrite verdicts.
+    pub evidence: Option<F>,
+    /// What is kept for the owner; none: this board has no configuration, and forgets at each start
+    /// which run was the last.
+    pub custody: Option<F>,
+    /// Job and taught reference.
+    pub settings: F,
+    /// Part programs.
+    pub programs: F,
+}
+
 /// What became of the storage areas at start.
 #[derive(Debug)]
 pub struct Opened<E> {
-    /// The journal's.
-    pub journal: Result<(), JournalError<E>>,
+    /// The journal's, and that of its evidence.
+    pub journal: Result<(), ArchiveFault<E>>,
     /// The settings'.
     pub settings: Result<(), JournalError<E>>,
     /// The programs'.
@@ -636,10 +728,15 @@ impl<F: Flash> Ledger<F> {
             return false;
         };
         let now = Micros(*t_us);
-        let appended = postcard::to_slice(record, &mut self.scratch)
+        let (_, place) = self.scratch.split_at_mut(FIELDS);
+        let encoded = postcard::to_slice(record, place).map(|payload| payload.len());
+        let appended = encoded
             .ok()
             .zip(self.journal.get_mut())
-            .and_then(|(payload, journal)| journal.append(record.kind(), now, payload).ok());
+            .and_then(|(len, journal)| {
+                let room = &mut self.scratch;
+                journal.append(record.kind(), now, room, len).ok()
+            });
         match appended {
             Some(number) => {
                 *seq = number;
@@ -705,6 +802,14 @@ impl<F: Flash> Ledger<F> {
         self.record(now, Record::Fault(fault.clone()));
     }
 
+    /// Tells how many equal faults there were since the one that was told.
+    #[inline(never)]
+    fn tell_repeats(&mut self, now: Micros) {
+        if let Some((latest, count)) = self.repeats.take() {
+            self.record(now, Record::FaultsAgain { latest, count });
+        }
+    }
+
     #[inline(never)]
     fn fitted(&mut self, now: Micros, feature: &FeatureResult) {
         self.record(now, Record::Feature(feature.clone()));
@@ -755,7 +860,7 @@ impl<F: Flash> Ledger<F> {
     }
 
     /// The storage has refused something: no correction rests on what follows.
-    fn refused(&mut self) {
+    pub fn refused(&mut self) {
         self.failures = self.failures.saturating_add(1);
         self.unaudited = true;
         self.released.clear();
@@ -792,21 +897,35 @@ impl<F: Flash> Ledger<F> {
             }
             Output::Fault(fault) => {
                 self.upload.fault(&fault.kind);
-                self.faulty(now, fault);
+                if !self.repeats.counts(now, fault) {
+                    self.tell_repeats(now);
+                    self.repeats.begin(now, fault);
+                    self.faulty(now, fault);
+                }
             }
-            Output::Feature(feature) => self.fitted(now, feature),
+            Output::Feature(feature) => {
+                self.tell_repeats(now);
+                self.fitted(now, feature);
+            }
             Output::Taught(taught) => {
+                self.tell_repeats(now);
                 self.taught = true;
                 self.reference_taught(now, &taught);
             }
             Output::Verdict(verdict) => {
+                self.tell_repeats(now);
                 self.verdicts = self.verdicts.saturating_add(1);
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
                 self.released.clear();
                 self.heads.judged();
-                if self.judged(now, verdict) && verdict.ok && !self.unaudited {
-                    self.release(now, verdict);
+                let is_kept = self.judged(now, verdict);
+                self.is_held_back = false;
+                if is_kept && verdict.ok && !self.unaudited {
+                    self.is_held_back = self.is_full();
+                    if !self.is_held_back {
+                        self.release(now, verdict);
+                    }
                 }
             }
         }

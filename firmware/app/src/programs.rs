@@ -13,7 +13,7 @@ use umi_core::journal::Flash;
 use umi_core::programs::{Store, StoreError};
 use umi_core::units::Micros;
 use umi_protocol::message::{Record, Response};
-use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal};
+use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, Release};
 
 use crate::measure::Instrument;
 
@@ -47,8 +47,18 @@ fn writable<F: Flash>(measure: &mut Instrument<F>) -> Result<&mut Store<F>, Stor
     readable(measure)
 }
 
+/// Whether the owner allows such a program.
+fn allowed<F: Flash>(measure: &Instrument<F>, program: &ProgramInfo) -> Result<(), ProgramRefusal> {
+    let always = measure.ledger.in_custody().config.ceilings.always;
+    match program.release == Release::Always && !always {
+        true => Err(ProgramRefusal::AlwaysForbidden),
+        false => Ok(()),
+    }
+}
+
 #[inline(never)]
 pub(crate) fn begin<F: Flash>(measure: &mut Instrument<F>, program: &ProgramInfo) -> Answer<F> {
+    allowed(measure, program)?;
     writable(measure)?.begin(program).map(at)
 }
 
@@ -75,6 +85,7 @@ pub(crate) fn receive<F: Flash>(measure: &mut Instrument<F>) -> Answer<F> {
 /// What the host will pass through.
 #[inline(never)]
 pub(crate) fn pass<F: Flash>(measure: &mut Instrument<F>, info: &ProgramInfo) -> Answer<F> {
+    allowed(measure, info)?;
     measure.pass(info)?;
     Ok(at(0))
 }

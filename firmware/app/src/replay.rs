@@ -4,7 +4,9 @@
 use umi_core::brain::{Brain, Output};
 use umi_core::job::Teaching;
 use umi_core::units::Micros;
+use umi_protocol::fault::{Fault, FaultCode};
 use umi_protocol::message::{MAX_RECORD, Record, TeachWhat};
+use umi_protocol::schema::max_len;
 
 use crate::settings::{kept, points};
 
@@ -16,11 +18,19 @@ pub struct Replay {
     expected: heapless::Deque<u8, EXPECTED>,
     decisions: u64,
     interruptions: u64,
+    /// The name of the fault that was compared last: more of it may be told later, by their count.
+    fault: Option<FaultCode>,
+    /// So many were, as far as they came with earlier inputs, and the latest of them.
+    counted: u32,
+    latest: Option<Fault>,
 }
 
 /// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
 /// most a few lines, and a feature, a verdict and a reference go with the last.
 const EXPECTED: usize = 4 * MAX_RECORD;
+
+/// Bytes of a fault's record, at most.
+const MAX_FAULT: usize = max_len::<Fault>() + 1;
 
 /// The journal does not hold what its inputs lead to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +76,9 @@ impl Replay {
             expected: heapless::Deque::new(),
             decisions: 0,
             interruptions: 0,
+            fault: None,
+            counted: 0,
+            latest: None,
         }
     }
 
@@ -88,9 +101,26 @@ impl Replay {
     ) -> Result<(), Difference> {
         match record {
             Record::Fault(_) | Record::Feature(_) | Record::Verdict(_) | Record::Taught { .. } => {
+                if self.counted > 0 {
+                    // They are told before anything else.
+                    self.counted = 0;
+                    return Err(Difference::Missing);
+                }
+                if let Record::Fault(fault) = record {
+                    self.fault = Some(fault.code());
+                }
                 self.compare(record, scratch)
             }
-            Record::Recovered { .. }
+            Record::FaultsAgain { latest, count } => self.again(latest, *count),
+            Record::LastRun { run } => {
+                if let Some(brain) = &mut self.brain {
+                    brain.restore_last_run(*run);
+                }
+                self.nothing_expected()
+            }
+            Record::Acknowledged { .. }
+            | Record::ConfigSet(_)
+            | Record::Recovered { .. }
             | Record::CorrectionSent { .. }
             | Record::ProgramKept(_)
             | Record::ProgramDeleted { .. }
@@ -151,8 +181,49 @@ impl Replay {
         self.interruptions
     }
 
+    /// So many faults of the name of the one before have come since.
+    fn again(&mut self, latest: &Fault, count: u32) -> Result<(), Difference> {
+        while self.counted < count && self.count_one() {}
+        let counted = core::mem::take(&mut self.counted);
+        let is_same = counted == count && self.latest.take().as_ref() == Some(latest);
+        self.decisions += u64::from(count);
+        is_same.then_some(()).ok_or(Difference::Other)
+    }
+
+    /// Counts the decision that is expected next, if it is one more of the fault before.
+    fn count_one(&mut self) -> bool {
+        let Some((length, fault)) = self.next_fault() else {
+            return false;
+        };
+        if self.fault != Some(fault.code()) {
+            return false;
+        }
+        for _ in 0..length + 2 {
+            self.expected.pop_front();
+        }
+        self.counted += 1;
+        self.latest = Some(fault);
+        true
+    }
+
+    /// The decision that is expected next, if it is a fault, and its length.
+    fn next_fault(&self) -> Option<(usize, Fault)> {
+        let byte = |at: usize| self.expected.iter().nth(at).copied();
+        let length = usize::from(u16::from_le_bytes([byte(0)?, byte(1)?]));
+        let mut room = [0; MAX_FAULT];
+        let bytes = room.get_mut(..length)?;
+        for (place, byte) in bytes.iter_mut().zip(self.expected.iter().skip(2)) {
+            *place = *byte;
+        }
+        match postcard::from_bytes(bytes) {
+            Ok(Record::Fault(fault)) => Some((length, fault)),
+            _ => None,
+        }
+    }
+
     fn interrupted(&mut self) {
-        if !self.expected.is_empty() {
+        (self.fault, self.latest) = (None, None);
+        if !self.expected.is_empty() || core::mem::take(&mut self.counted) > 0 {
             self.expected.clear();
             self.interruptions += 1;
         }
@@ -232,6 +303,7 @@ impl Replay {
     }
 
     fn nothing_expected(&mut self) -> Result<(), Difference> {
+        while self.count_one() {}
         if self.expected.is_empty() {
             return Ok(());
         }

@@ -19,7 +19,7 @@ use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::{Micros, Point};
 use umi_protocol::hello::KEY;
 use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
-use umi_protocol::message::{JobLoss, MAX_RECORD};
+use umi_protocol::message::JobLoss;
 
 /// Datum positions in the order of the job's datum features.
 pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
@@ -53,7 +53,7 @@ impl<F: Flash> JobStore<F> {
     /// # Errors
     /// Why there is no job: [`JobLoss`]. A power cut while settings were kept leaves the ones
     /// before.
-    pub fn load(&mut self, scratch: &mut [u8; MAX_RECORD]) -> Result<Kept, JobLoss> {
+    pub fn load(&mut self, scratch: &mut [u8]) -> Result<Kept, JobLoss> {
         let newest = self.journal.next_seq().checked_sub(1);
         let newest = newest.ok_or(match self.has_lost {
             true => JobLoss::Damaged,
@@ -88,7 +88,7 @@ impl<F: Flash> JobStore<F> {
         now: Micros,
         job: &Job,
         taught: Option<&(PlacesMm, Lessons)>,
-        scratch: &mut [u8; MAX_RECORD],
+        scratch: &mut [u8],
     ) -> Result<(), NotKept> {
         let payload = postcard::to_slice(&(KEY, job, taught), scratch).map_err(|_| NotKept)?;
         self.journal

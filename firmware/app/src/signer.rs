@@ -1,5 +1,6 @@
 //! Who signs for the board, and what is known of what was signed.
 
+use crate::bucket::Bucket;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 
@@ -28,6 +29,8 @@ pub(crate) struct Heads {
     pub is_due: bool,
     /// When the latest input came.
     pub latest: Micros,
+    /// How often a host may ask for one over a new nonce: each is a piece of evidence.
+    turns: Bucket<32, 10_000_000>,
 }
 
 impl Heads {
@@ -39,6 +42,7 @@ impl Heads {
             has_signed: false,
             is_due: false,
             latest: Micros(0),
+            turns: Bucket::new(),
         }
     }
 
@@ -66,8 +70,15 @@ impl Heads {
         self.latest = now;
     }
 
+    /// A host asks for one over this nonce.
+    pub fn ask(&mut self, nonce: [u8; 32], now: Micros) {
+        if !self.has_asked(&nonce) && self.turns.take(now) {
+            self.asked.put((nonce, now));
+        }
+    }
+
     /// Whether a host has asked for this one already.
-    pub fn has_asked(&self, nonce: &[u8; 32]) -> bool {
+    fn has_asked(&self, nonce: &[u8; 32]) -> bool {
         self.asked.get().is_some_and(|(of, _)| of == nonce)
     }
 }

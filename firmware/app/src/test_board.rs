@@ -1,6 +1,11 @@
 //! What the tests of this crate need of a board.
 
-use core::cell::Cell;
+extern crate std;
+
+use core::cell::{Cell, RefCell};
+use std::rc::Rc;
+use std::vec::Vec;
+
 use core::future::poll_fn;
 use core::task::Poll;
 
@@ -60,6 +65,48 @@ impl Flash for NoFlash {
 
     fn erase(&mut self, _: u32) -> Result<(), ()> {
         Err(())
+    }
+}
+
+/// A storage in memory. Clones share it: that is a restart.
+#[derive(Clone, Debug)]
+pub struct RamFlash(Rc<RefCell<Vec<u8>>>);
+
+impl RamFlash {
+    const GEOMETRY: Geometry = Geometry {
+        sectors: 4,
+        sector_size: 4096,
+        write_size: 1,
+        page_size: 256,
+    };
+
+    pub fn new() -> Self {
+        Self(Rc::new(RefCell::new(std::vec![0xFF; 4 * 4096])))
+    }
+}
+
+impl Flash for RamFlash {
+    type Error = ();
+
+    fn geometry(&self) -> Geometry {
+        Self::GEOMETRY
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), ()> {
+        into.copy_from_slice(&self.0.borrow()[addr as usize..][..into.len()]);
+        Ok(())
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), ()> {
+        for (cell, byte) in self.0.borrow_mut()[addr as usize..].iter_mut().zip(bytes) {
+            *cell &= byte;
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), ()> {
+        self.0.borrow_mut()[sector as usize * 4096..][..4096].fill(0xFF);
+        Ok(())
     }
 }
 

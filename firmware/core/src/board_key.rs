@@ -198,6 +198,7 @@ mod tests {
             firmware: name("0.1.0"),
             nonce: None,
             signature: [[0; 32]; 2],
+            evidence: None,
         };
         head.signature = key.sign(&head.signed());
         head

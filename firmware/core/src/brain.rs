@@ -97,6 +97,11 @@ impl Brain {
         self.run.restore_reference(taught);
     }
 
+    /// Puts back the greatest run that was judged before a restart.
+    pub fn restore_last_run(&mut self, run: u32) {
+        self.run.restore_last_run(run);
+    }
+
     /// The code in which the control writes: the job's, or as detected.
     #[must_use]
     pub fn coding(&self) -> Coding {

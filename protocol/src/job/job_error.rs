@@ -133,6 +133,29 @@ pub enum JobError {
         "`line.data_bits` is 7 and `receiver.coding` is `ascii`: seven bits come with a parity bit; set `coding` to `auto`, or the control to 8 bits"
     )]
     ParityMissing,
+    /// A limit is wider than the board's owner allows.
+    #[error(
+        "`{}`{}: the board's owner allows {ceiling} at most; set a narrower limit, or ask the owner (umi config get)", .field.name(), GivenLimit(.given)
+    )]
+    BeyondCeiling {
+        /// The limit.
+        field: Field,
+        /// The widest that is allowed.
+        ceiling: f64,
+        /// The job's; none: it has no such limit.
+        given: Option<f64>,
+    },
+    /// The board's owner demands a second witness.
+    #[strum(serialize = "beyond_ceiling")]
+    #[error(
+        "the job has no [witness], and the board's owner demands one (umi config get: ceilings.require_witness)"
+    )]
+    WitnessDemanded,
+    /// The board's record would fill with changes.
+    #[error(
+        "what is in force was changed more often than the board's record can hold; wait two seconds, then set it again"
+    )]
+    TooOften,
 }
 
 /// A field of a job, by its name in the file.
@@ -244,6 +267,18 @@ impl JobError {
     #[must_use]
     pub fn code(&self) -> &'static str {
         self.into()
+    }
+}
+
+/// What a job gives for a limit, behind its name.
+struct GivenLimit<'a>(&'a Option<f64>);
+
+impl fmt::Display for GivenLimit<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(given) => write!(f, " is {given}"),
+            None => f.write_str(" is not in the job"),
+        }
     }
 }
 

@@ -18,6 +18,18 @@
 //!          1+m  length of the firmware's version, and its bytes
 //! ```
 //!
+//! A board that keeps evidence apart from raw bytes (see [`EvidenceMark`]) signs for that, too. The
+//! tag is "openumi head v2\n" then, and behind the above stand
+//!
+//! ```text
+//!   size  field (little endian)
+//!      8  number of the oldest piece of evidence that it held
+//!      8  entry of that
+//!     32  chain value of the evidence before it
+//!      8  number that the next piece will get
+//!     32  chain value of all evidence
+//! ```
+//!
 //! In a journal the head stands as entry `seq`, right behind what it vouches for. It says all of
 //! that entry's content, its time too: so nothing of the entry can be changed either.
 
@@ -30,8 +42,33 @@ use crate::job::{MAX_NAME, Name};
 /// First bytes of what is signed. No other message of this project begins like this.
 pub const TAG: [u8; 16] = *b"openumi head v1\n";
 
+/// The tag of a head that vouches for evidence, too.
+pub const TAG_2: [u8; 16] = *b"openumi head v2\n";
+
 /// Bytes of what is signed, at most.
-pub const MAX_SIGNED: usize = 173 + 2 * (1 + MAX_NAME);
+pub const MAX_SIGNED: usize = 173 + 2 * (1 + MAX_NAME) + 88;
+
+/// What a board holds of its evidence: entries that noise cannot push out of it
+/// ([`Record::is_evidence`](crate::message::Record::is_evidence)).
+///
+/// Evidence has a chain of its own, so that a reader can tell that none of it is missing where the
+/// entries between are no longer on the board. It is chained as a journal of these entries alone
+/// is: each under its number among the evidence, with time and kind of the entry, and as payload
+/// the entry's number (8 bytes, little endian), the chain value before it (32), and its payload.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct EvidenceMark {
+    /// Number among the evidence of the oldest piece that it held.
+    pub first: u64,
+    /// The entry that this is; the head's own, if it held none.
+    pub first_seq: u64,
+    /// Chain value of the evidence before it.
+    pub first_chain: [u8; 32],
+    /// Number that the next piece will get: the head itself.
+    pub next: u64,
+    /// Chain value of all evidence before the head.
+    pub chain: [u8; 32],
+}
 
 /// What a board signs, and its signature.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -59,6 +96,8 @@ pub struct Head {
     pub nonce: Option<[u8; 32]>,
     /// The signature's two halves, R and S.
     pub signature: [[u8; 32]; 2],
+    /// What the board held of its evidence; none: it keeps none apart.
+    pub evidence: Option<EvidenceMark>,
 }
 
 impl Head {
@@ -69,8 +108,12 @@ impl Head {
         let is_asked = [u8::from(self.nonce.is_some())];
         let nonce = self.nonce.unwrap_or_default();
         let length = |text: &Name| [u8::try_from(text.len()).unwrap_or(u8::MAX)];
+        let tag = match self.evidence {
+            None => TAG,
+            Some(_) => TAG_2,
+        };
         for piece in [
-            &TAG[..],
+            &tag[..],
             &self.key,
             &self.image,
             &self.boot.to_le_bytes(),
@@ -87,6 +130,18 @@ impl Head {
         ] {
             // There is room for the longest.
             let _ = bytes.extend_from_slice(piece);
+        }
+        if let Some(mark) = &self.evidence {
+            for piece in [
+                &mark.first.to_le_bytes()[..],
+                &mark.first_seq.to_le_bytes(),
+                &mark.first_chain,
+                &mark.next.to_le_bytes(),
+                &mark.chain,
+            ] {
+                // As above.
+                let _ = bytes.extend_from_slice(piece);
+            }
         }
         bytes
     }
@@ -126,6 +181,7 @@ mod tests {
             firmware: name("0.1.0"),
             nonce: Some([0xDD; 32]),
             signature: [[0; 32]; 2],
+            evidence: None,
         };
         let bytes = head.signed();
         assert_eq!(bytes.len(), 173 + 5 + 6);
@@ -140,6 +196,23 @@ mod tests {
         assert_eq!(bytes[140], 1);
         assert_eq!(bytes[141..173], [0xDD; 32]);
         assert_eq!(bytes[173..], *b"\x040042\x050.1.0");
+        let marked = Head {
+            evidence: Some(EvidenceMark {
+                first: 0x41,
+                first_seq: 0x42,
+                first_chain: [0xE1; 32],
+                next: 0x43,
+                chain: [0xE2; 32],
+            }),
+            ..head.clone()
+        };
+        let all = marked.signed();
+        assert_eq!(all[..16], *b"openumi head v2\n");
+        assert_eq!(all[16..bytes.len()], bytes[16..]);
+        let behind = &all[bytes.len()..];
+        assert_eq!(behind.len(), 88);
+        assert_eq!((behind[0], behind[8], behind[48]), (0x41, 0x42, 0x43));
+        assert_eq!((behind[16], behind[56]), (0xE1, 0xE2));
         let alone = Head {
             nonce: None,
             ..head

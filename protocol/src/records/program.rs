@@ -205,6 +205,16 @@ pub enum Withheld {
         "the board's journal does not keep that it goes out, and what is not in it does not move metal: look at the board (umi info)"
     )]
     NotJournaled,
+    /// Evidence would be overwritten that nobody has acknowledged.
+    #[error(
+        "the journal is full of evidence that nobody has acknowledged, and the owner wants it kept: pull it, then umi log ack"
+    )]
+    JournalFull,
+    /// The owner allows no program without a verdict.
+    #[error(
+        "the board's owner allows no program without a verdict (umi config get: ceilings.always)"
+    )]
+    AlwaysForbidden,
 }
 
 impl Withheld {
@@ -233,6 +243,8 @@ impl Withheld {
             Self::Damaged => "PROGRAM DAMAGED",
             Self::NotInCode { .. } => "CHARACTER NOT IN CODE",
             Self::NotJournaled => "JOURNAL NOT WRITTEN",
+            Self::JournalFull => "JOURNAL FULL - UMI LOG ACK",
+            Self::AlwaysForbidden => "OWNER FORBIDS WITHOUT PROBE",
         }
     }
 }
@@ -336,6 +348,16 @@ pub enum ProgramRefusal {
         "a mode that the program is said to begin with is none that the board keeps: one of each group, G54 to G59 among them"
     )]
     BadStart,
+    /// The owner allows no program without a verdict.
+    #[error(
+        "the board's owner allows no program that goes out without a verdict (umi config get: ceilings.always): put it with another --release"
+    )]
+    AlwaysForbidden,
+    /// The room that punched programs may have is taken.
+    #[error(
+        "punched programs have taken all the room that they may have: get them, then delete them (umi program get, umi program delete)"
+    )]
+    PunchedFull,
 }
 
 impl ProgramRefusal {
@@ -344,6 +366,8 @@ impl ProgramRefusal {
     pub fn code(&self) -> &'static str {
         match self {
             Self::Withheld(why) => why.code(),
+            // As a job's limit.
+            Self::AlwaysForbidden => "beyond_ceiling",
             other => other.into(),
         }
     }

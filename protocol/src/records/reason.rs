@@ -628,6 +628,16 @@ pub enum Reason {
         "no line says in which run this was probed; the part program must call O8811 (`umi_start`) before each probing"
     )]
     RunUnknown,
+    /// The run's number is not greater than that of a run that was judged before.
+    #[error(
+        "run {run} is not after run {last}, which was judged before: these lines are old, or were played again; the macro must count its runs up, and setting the job begins the count anew"
+    )]
+    OldRun {
+        /// The run that the lines say.
+        run: u32,
+        /// The greatest that was judged.
+        last: u32,
+    },
 }
 
 /// Why a fit or a registration was refused.

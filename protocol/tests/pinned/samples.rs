@@ -3,9 +3,10 @@
 //! has its place here.
 
 use heapless::{String, Vec};
+use umi_protocol::config::{BoardConfig, Ceilings, ConfigField, JournalConfig, WhenFull};
 use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
 use umi_protocol::feature::{FeatureResult, FitReport, Shape};
-use umi_protocol::head::{Head, HeadAnswer};
+use umi_protocol::head::{EvidenceMark, Head, HeadAnswer};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::name;
 use umi_protocol::job::{
@@ -94,7 +95,10 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::LineListen(_)) => Request::HeadGet {
             nonce: Some([0x5A; 32]),
         },
-        Some(Request::HeadGet { .. }) => return None,
+        Some(Request::HeadGet { .. }) => Request::JournalAck { seq: 70_000 },
+        Some(Request::JournalAck { .. }) => Request::ConfigGet,
+        Some(Request::ConfigGet) => Request::ConfigSet(config()),
+        Some(Request::ConfigSet(_)) => return None,
     })
 }
 
@@ -102,6 +106,8 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
     let info = JournalInfo {
         first_seq: 3,
         next_seq: 300,
+        acked_seq: 2,
+        lost: 1,
     };
     Some(match sample {
         None => Response::Done,
@@ -165,7 +171,12 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         Some(Response::Head(_)) => {
             Response::TriggerRefused(TriggerRefusal::PulseTooLong { most_us: 380 })
         }
-        Some(Response::TriggerRefused(_)) => return None,
+        Some(Response::TriggerRefused(_)) => Response::Config {
+            config: config(),
+            fallbacks: list([ConfigField::RmsMm]),
+        },
+        Some(Response::Config { .. }) => Response::ConfigRefused(ConfigField::Full),
+        Some(Response::ConfigRefused(_)) => return None,
     })
 }
 
@@ -226,16 +237,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Bytes { .. }) => Record::BytesLost { count: 128 },
         Some(Record::BytesLost { .. }) => Record::Time,
         Some(Record::Time) => Record::InputEnd,
-        Some(Record::InputEnd) => Record::Fault(Fault {
-            kind: FaultKind::BadCheckValue {
-                printed: 1234,
-                computed: 1243,
-            },
-            line: 9,
-            byte_offset: 1000,
-            t_us: 10_000_000,
-            text: text("1 2 3"),
-        }),
+        Some(Record::InputEnd) => Record::Fault(fault()),
         Some(Record::Fault(_)) => Record::Feature(feature()),
         Some(Record::Feature(_)) => Record::Verdict(verdict()),
         Some(Record::Verdict(_)) => Record::Taught {
@@ -296,7 +298,17 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         Some(Record::Head(_)) => Record::ButtonHeld {
             refused: Some(TeachRefusal::UnderWay),
         },
-        Some(Record::ButtonHeld { .. }) => return None,
+        Some(Record::ButtonHeld { .. }) => Record::FaultsAgain {
+            latest: fault(),
+            count: 57,
+        },
+        Some(Record::FaultsAgain { .. }) => Record::Acknowledged {
+            seq: 70_000,
+            lost: 12,
+        },
+        Some(Record::Acknowledged { .. }) => Record::ConfigSet(config()),
+        Some(Record::ConfigSet(_)) => Record::LastRun { run: 1234 },
+        Some(Record::LastRun { .. }) => return None,
     })
 }
 
@@ -313,6 +325,32 @@ fn lessons() -> Lessons {
     }
 }
 
+fn fault() -> Fault {
+    Fault {
+        kind: FaultKind::BadCheckValue {
+            printed: 1234,
+            computed: 1243,
+        },
+        line: 9,
+        byte_offset: 1000,
+        t_us: 10_000_000,
+        text: text("1 2 3"),
+    }
+}
+
+fn config() -> BoardConfig {
+    BoardConfig {
+        ceilings: Ceilings {
+            rms_mm: Some(0.01),
+            always: false,
+            ..Ceilings::default()
+        },
+        journal: JournalConfig {
+            full: WhenFull::Refuse,
+        },
+    }
+}
+
 fn head() -> Head {
     Head {
         seq: 4096,
@@ -326,6 +364,13 @@ fn head() -> Head {
         firmware: name("0.1.0"),
         nonce: Some([0x5A; 32]),
         signature: [[0x51; 32], [0x52; 32]],
+        evidence: Some(EvidenceMark {
+            first: 3,
+            first_seq: 17,
+            first_chain: [0xE1; 32],
+            next: 40,
+            chain: [0xE2; 32],
+        }),
     }
 }
 

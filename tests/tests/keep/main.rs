@@ -1,5 +1,6 @@
 //! What is kept stays: the journal through every power cut, storage that does not open.
 
+mod evidence;
 mod heads;
 mod journal_power_cut;
 mod storage;

@@ -316,7 +316,7 @@ impl<F: Flash> Instrument<F> {
         let Some(text) = umi_core::correction::alarm(&spec, self.coding()) else {
             return false;
         };
-        let (number, why) = (spec.program_number.into(), Withheld::NoVerdict);
+        let (number, why) = (spec.program_number.into(), self.ledger.no_verdict());
         self.open(What::Alarm { number, why }, 0, &text);
         true
     }
@@ -382,7 +382,8 @@ impl<F: Flash> Instrument<F> {
             hold_us: u64::from(info.hold_s.max(1)) * 1_000_000,
         };
         let spec = match info.release {
-            Release::Always => return Ok(part),
+            Release::Always if self.ledger.in_custody().config.ceilings.always => return Ok(part),
+            Release::Always => return Err(Withheld::AlwaysForbidden),
             Release::Never => return Err(Withheld::NotReleased),
             Release::AfterVerdict if self.waiting().is_some() => {
                 return Err(Withheld::NotCorrected);
@@ -391,7 +392,7 @@ impl<F: Flash> Instrument<F> {
             Release::Rewritten(spec) => Some(spec),
         };
         let released = self.ledger.released.get().filter(|of| now < of.until);
-        let released = released.ok_or(Withheld::NoVerdict)?;
+        let released = released.ok_or(self.ledger.no_verdict())?;
         if released.gone.contains(&number) || released.gone.is_full() {
             return Err(Withheld::GoneOut);
         }

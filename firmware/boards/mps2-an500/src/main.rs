@@ -44,7 +44,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SCB;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use static_cell::StaticCell;
-use umi_app::measure::Boot;
+use umi_app::measure::{Boot, StorageAreas};
 use umi_app::{App, Running};
 use umi_core::units::Micros;
 use umi_drivers::latches::Latches;
@@ -98,7 +98,15 @@ fn main() -> ! {
         signer: None,
     };
     let app = &APP;
-    match app.start(boot, journal, settings, programs, Micros(0)) {
+    let areas = StorageAreas {
+        journal,
+        // What this board has not: noise can overwrite its verdicts.
+        evidence: None,
+        custody: None,
+        settings,
+        programs,
+    };
+    match app.start(boot, areas, Micros(0)) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 CONSOLE.print("the storage holds something else: nothing is kept\n");

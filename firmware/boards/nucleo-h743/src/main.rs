@@ -51,7 +51,7 @@ use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
-use umi_app::measure::Boot;
+use umi_app::measure::{Boot, StorageAreas};
 use umi_app::{App, Running};
 use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
 use umi_drivers::usb_serial;
@@ -147,7 +147,15 @@ fn main() -> ! {
         signer: None,
     };
     let app = &APP;
-    match app.start(boot, journal, settings, programs, BoardClock.now()) {
+    let areas = StorageAreas {
+        journal,
+        // What this board has not: noise can overwrite its verdicts.
+        evidence: None,
+        custody: None,
+        settings,
+        programs,
+    };
+    match app.start(boot, areas, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be opened");

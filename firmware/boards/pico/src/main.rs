@@ -67,7 +67,7 @@ use embassy_rp::{Peri, bind_interrupts};
 use heapless::String;
 use portable_atomic as _;
 use static_cell::StaticCell;
-use umi_app::measure::Boot;
+use umi_app::measure::{Boot, StorageAreas};
 use umi_app::{App, Running};
 use umi_drivers::usb_serial;
 use umi_protocol::job::name;
@@ -176,7 +176,15 @@ fn boot() -> Parts {
         programs,
         ..
     } = storage;
-    match APP.start(boot, journal, settings, programs, BoardClock.now()) {
+    let areas = StorageAreas {
+        journal,
+        // What this board has not: noise can overwrite its verdicts.
+        evidence: None,
+        custody: None,
+        settings,
+        programs,
+    };
+    match APP.start(boot, areas, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be used: nothing is kept");

@@ -94,6 +94,10 @@ pub struct Run {
     pending: Vec<Reason, 4>,
     /// The program's run, where the lines say it.
     run: Option<u32>,
+    /// The greatest run that was judged, since the job was set: also before a restart.
+    last_run: Option<u32>,
+    /// That run, if the one under way is not after it.
+    older_than: Option<u32>,
     /// In which work offset that run is probed, where it said so.
     frame: Option<Frame>,
     /// What else moves its coordinates, where it said so.
@@ -178,6 +182,8 @@ impl Run {
             against: Vec::new(),
             pending: Vec::new(),
             run: None,
+            last_run: None,
+            older_than: None,
             frame: None,
             moved: ZeroOption::empty(),
             order_shown: false,
@@ -216,6 +222,8 @@ impl Run {
             against,
             pending,
             run,
+            last_run,
+            older_than,
             frame,
             moved,
             order_shown,
@@ -244,7 +252,8 @@ impl Run {
         (*setup, *progress, *last) = (0, Progress::Empty, None);
         against.clear();
         pending.clear();
-        (*run, *frame) = (None, None);
+        (*run, *last_run, *older_than) = (None, None, None);
+        *frame = None;
         moved.clear();
         (*order_shown, *began_with) = (false, None);
         remarks.clear();
@@ -475,6 +484,17 @@ impl Run {
         }
     }
 
+    /// The greatest run that was judged.
+    #[must_use]
+    pub fn last_run(&self) -> Option<u32> {
+        self.last_run
+    }
+
+    /// Puts back what it was before a restart.
+    pub fn restore_last_run(&mut self, run: u32) {
+        self.last_run = Some(run);
+    }
+
     /// The control says something about the run that it begins.
     #[inline(never)]
     pub fn announced(
@@ -517,6 +537,7 @@ impl Run {
             self.next_setup();
         }
         self.run = Some(run);
+        self.older_than = self.last_run.filter(|last| run <= *last);
         self.frame = None;
         self.moved.clear();
         self.began_with = None;
@@ -835,6 +856,9 @@ impl Run {
         let mut verdict = setup::blank(self.setup);
         let mut measured = DatumPoints::new();
         let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
+        if self.older_than.is_none() {
+            self.last_run = self.last_run.max(self.run);
+        }
         if !verdict.ok {
             // How good the correction is says nothing where there is none.
             verdict.remarks.retain(|remark| {
@@ -935,6 +959,9 @@ impl Run {
             .all(|slot| slot.in_this_setup && slot.repeated);
         if all_repeated {
             setup::add(verdict, Reason::RepeatedSetup);
+        }
+        if let (Some(run), Some(last)) = (self.run, self.older_than) {
+            setup::add(verdict, Reason::OldRun { run, last });
         }
         for (place, spec) in job.features.iter().enumerate() {
             match self.in_this_setup(place) {

@@ -73,6 +73,37 @@ impl Entry<'_> {
     }
 }
 
+/// Encodes an entry around its payload of `len` bytes, which stands in `out` behind the first
+/// [`FIELDS`] bytes. `entry` is its kind, time and number. Returns its length; nothing if `out` is
+/// too short.
+#[must_use]
+pub fn encode_in_place(
+    out: &mut [u8],
+    (kind, t, seq): (u8, Micros, u64),
+    len: usize,
+    previous: &Chain,
+) -> Option<usize> {
+    let (entry, _) = out.split_at_mut_checked(len + OVERHEAD)?;
+    let (content, trailer) = entry.split_at_mut_checked(FIELDS + len)?;
+    let fields = Fields {
+        kind,
+        len: u16::try_from(len).ok()?,
+        seq,
+        t,
+    };
+    *content.first_chunk_mut()? = fields.encode();
+    let mut link = Link::after(previous);
+    link.feed(content);
+    let tag = link.finish().tag();
+    let mut crc = CRC32.digest();
+    crc.update(content);
+    crc.update(&tag);
+    let (place, crc_place) = trailer.split_at_mut_checked(TAG_SIZE)?;
+    place.copy_from_slice(&tag);
+    crc_place.copy_from_slice(&crc.finalize().to_le_bytes());
+    Some(len + OVERHEAD)
+}
+
 /// What stands before the payload.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fields {

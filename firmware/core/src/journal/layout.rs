@@ -4,14 +4,15 @@ use super::chain::TAG_SIZE;
 use super::error::GeometryFault;
 use super::flash::{Geometry, LARGEST_WRITE};
 
-/// Longest payload that is written, in bytes: that of the longest record.
-pub const MAX_PAYLOAD: usize = umi_protocol::message::MAX_RECORD;
+/// Longest payload that is written, in bytes: that of the longest record, and what stands before
+/// it in the ring of evidence (`archive`).
+pub const MAX_PAYLOAD: usize = umi_protocol::message::MAX_RECORD + 40;
 
 /// Bytes of an entry that are not payload. In flash, padding comes on top.
 pub const OVERHEAD: usize = FIELDS + TAG_SIZE + 4;
 
 /// Bytes before the payload.
-pub(super) const FIELDS: usize = 20;
+pub const FIELDS: usize = 20;
 
 /// Size of an encoded header.
 pub(super) const HEADER_SIZE: usize = 64;

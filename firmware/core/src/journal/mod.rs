@@ -108,7 +108,7 @@ pub(crate) mod mock;
 mod tests;
 
 pub use chain::{Chain, TAG_SIZE};
-pub use entry::Entry;
+pub use entry::{Entry, encode_in_place};
 pub use error::{GeometryFault, JournalError, JournalFault};
 pub use export::{
     EntryIter, FILE_HEADER_SIZE, FILE_HEADER_SIZE_1, FILE_VERSION, FileError, FileHeader, GAP_SIZE,
@@ -116,12 +116,12 @@ pub use export::{
 };
 pub use flash::{ERASED, Flash, Geometry};
 pub use open::Recovery;
-pub use read::{ReadEntry, Verified};
+pub use read::{EntryPart, ReadEntry, Verified};
 
 use crate::units::Micros;
 use flash::LARGEST_WRITE;
 use layout::Layout;
-pub use layout::{MAX_PAYLOAD, OVERHEAD};
+pub use layout::{FIELDS, MAX_PAYLOAD, OVERHEAD};
 use open::{State, is_given_up, recover, set_oldest};
 use sector::Header;
 use walk::{Cursor, Extent};
@@ -249,6 +249,24 @@ impl<F: Flash> Journal<F> {
     #[must_use]
     pub fn next_seq(&self) -> u64 {
         self.extent.next_seq
+    }
+
+    /// The end of what the next erasure of a sector takes away: the first entry behind that; none
+    /// if it takes nothing, because the ring has not come round or the sector is erased already.
+    pub fn next_to_go(&mut self) -> Option<u64> {
+        let Extent {
+            layout,
+            oldest,
+            head,
+            ..
+        } = self.extent;
+        if self.next_erased || self.generation == 0 || layout.next(head) != oldest {
+            return None;
+        }
+        let behind = walk::first_seq_of(&mut self.flash, &layout, layout.next(oldest));
+        // What cannot be read is taken for all that there is.
+        let next_seq = self.extent.next_seq;
+        Some(behind.map_or(next_seq, |behind| behind.min(next_seq)))
     }
 
     /// The chain value that includes the newest entry. Noted elsewhere, it proves

@@ -8,6 +8,7 @@ use super::flash::Flash;
 use super::layout::OVERHEAD;
 use super::sector::HeaderRead;
 use super::walk::{Cursor, Step, read_header};
+use crate::units::Micros;
 
 /// An entry that was read from the flash; its CRC is right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +19,17 @@ pub struct ReadEntry<'a> {
     /// behind damage: the entry is whole, but that nothing was changed before it
     /// in this sector cannot be shown.
     pub chained: bool,
+}
+
+/// What is known of an entry of which a part was read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EntryPart {
+    /// Its kind.
+    pub kind: u8,
+    /// When it happened.
+    pub t: Micros,
+    /// Bytes that were read.
+    pub len: usize,
 }
 
 /// A part of the record that was walked through without finding a fault.
@@ -66,6 +78,32 @@ impl<F: Flash> Journal<F> {
             payload,
         };
         Ok(ReadEntry { entry, chained })
+    }
+
+    /// Reads the payload of entry `seq` from byte `from` on, as much of it as there is and `into`
+    /// takes.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_piece(
+        &mut self,
+        seq: u64,
+        from: usize,
+        into: &mut [u8],
+    ) -> Result<EntryPart, JournalError<F::Error>> {
+        let (found, _, cursor) = self.find(seq)?;
+        let fields = found.fields;
+        let len = usize::from(fields.len).saturating_sub(from).min(into.len());
+        let (place, _) = into.split_at_mut(len);
+        self.flash
+            .read(found.payload_at() + from as u32, place)
+            .map_err(JournalError::Flash)?;
+        self.cursor = Some(cursor);
+        Ok(EntryPart {
+            kind: fields.kind,
+            t: fields.t,
+            len,
+        })
     }
 
     /// Reads entry `seq` as it is encoded, for a `.umij` file. `into` needs

@@ -12,6 +12,8 @@
 //! * **One erase at a time.** A control without flow control goes on meanwhile. One sector
 //!   is erased at the beginning, and one whenever the first byte for it is programmed: of
 //!   pieces no longer than a sector, at most one costs an erase before the next can come.
+//! * **Room for the host's.** Whoever reaches the line can punch. So punched programs that nobody
+//!   has released have half of the numbers at most, and an eighth of the flash is not for them.
 //! * **Whatever goes wrong ends it**, and its room is free: what is punched cannot be resumed,
 //!   only punched again.
 
@@ -41,14 +43,15 @@ impl<F: Flash> Store<F> {
     /// was not finished is given up. Erases one sector.
     ///
     /// # Errors
-    /// [`ProgramRefusal::Full`], [`ProgramRefusal::TooMany`]; [`StoreError::Flash`],
-    /// [`StoreError::NotKept`].
+    /// [`ProgramRefusal::Full`], [`ProgramRefusal::TooMany`], [`ProgramRefusal::PunchedFull`];
+    /// [`StoreError::Flash`], [`StoreError::NotKept`].
     pub fn begin_open(&mut self) -> Result<u32, StoreError<F::Error>> {
         if self.programs.is_full() {
             let most = MAX_PROGRAMS as u16;
             return Err(ProgramRefusal::TooMany { most }.into());
         }
         let (sector, bytes) = self.longest_place()?;
+        let bytes = bytes.min(self.punched_room()?);
         if let Some(given_up) = self.upload.take_if(|upload| upload.punched.is_none()) {
             self.void(given_up.program.sector)?;
         }
@@ -171,6 +174,29 @@ impl<F: Flash> Store<F> {
         let longest = self.free_runs().max_by_key(|(_, sectors)| *sectors);
         let (sector, sectors) = longest.ok_or_else(|| self.full(1))?;
         Ok((sector, self.layout.capacity(sectors)))
+    }
+
+    /// The most bytes that one more punched program may have.
+    fn punched_room(&mut self) -> Result<u32, StoreError<F::Error>> {
+        let (mut count, mut sectors) = (0, 0);
+        for place in 0..self.programs.len() {
+            let Some(program) = self.programs.get(place).copied() else {
+                break;
+            };
+            // One that cannot be read is the host's or a punched one: it counts.
+            let info = self.info(&program);
+            if info.is_ok_and(|info| info.release != Release::Never) {
+                continue;
+            }
+            count += 1;
+            sectors += self.layout.sectors_for(program.bytes);
+        }
+        let all = self.layout.sectors;
+        let left = (all - all / 8).saturating_sub(sectors);
+        if count >= MAX_PROGRAMS / 2 || left == 0 {
+            return Err(ProgramRefusal::PunchedFull.into());
+        }
+        Ok(self.layout.capacity(left))
     }
 
     fn full(&self, needed_bytes: u32) -> StoreError<F::Error> {

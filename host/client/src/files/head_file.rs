@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::{Value, json};
-use umi_protocol::head::Head;
+use umi_protocol::head::{EvidenceMark, Head};
 use umi_protocol::job::Name;
 
 use crate::journal::{hex, key_id};
@@ -26,6 +26,13 @@ pub fn json(head: &Head) -> Value {
         "firmware": head.firmware.as_str(),
         // The board does not know the bytes that it runs.
         "image": (head.image != [0; 32]).then(|| hex(&head.image)),
+        "evidence": head.evidence.as_ref().map(|mark| json!({
+            "first": mark.first,
+            "first_seq": mark.first_seq,
+            "first_chain": hex(&mark.first_chain),
+            "next": mark.next,
+            "chain": hex(&mark.chain),
+        })),
     })
 }
 
@@ -76,6 +83,22 @@ fn parse(value: &Value) -> Option<Head> {
             nonce => Some(bytes(nonce.as_str()?)?),
         },
         signature: [r.try_into().ok()?, s.try_into().ok()?],
+        evidence: match value.get("evidence") {
+            None | Some(Value::Null) => None,
+            Some(mark) => Some(evidence(mark)?),
+        },
+    })
+}
+
+fn evidence(value: &Value) -> Option<EvidenceMark> {
+    let number = |name: &str| value.get(name)?.as_u64();
+    let chain = |name: &str| bytes(value.get(name)?.as_str()?);
+    Some(EvidenceMark {
+        first: number("first")?,
+        first_seq: number("first_seq")?,
+        first_chain: chain("first_chain")?,
+        next: number("next")?,
+        chain: chain("chain")?,
     })
 }
 
@@ -113,6 +136,13 @@ mod tests {
             serial: name("0042"),
             firmware: name("0.1.0"),
             nonce: Some([0x5A; 32]),
+            evidence: Some(EvidenceMark {
+                first: 1,
+                first_seq: 5,
+                first_chain: [8; 32],
+                next: 6,
+                chain: [9; 32],
+            }),
             signature: [[0x51; 32], [0x52; 32]],
         };
         let value = json(&head);
@@ -123,7 +153,8 @@ mod tests {
         };
         assert_eq!(parse(&json(&alone)), Some(alone));
         for field in value.as_object().unwrap().keys() {
-            if field == "key_id" {
+            // A head of an older firmware has no evidence: without it the signature is not right.
+            if field == "key_id" || field == "evidence" {
                 continue;
             }
             let mut less = value.clone();

@@ -70,7 +70,22 @@ pub fn parse(source: &str) -> Result<Job, JobFault> {
 /// A board's or this tool's refusal of a job that is not in a file.
 #[must_use]
 pub fn refusal(error: &JobError) -> Problem {
-    Problem::refused(error.code(), message(error))
+    let problem = Problem::refused(error.code(), message(error));
+    match error {
+        JobError::BeyondCeiling {
+            field,
+            ceiling,
+            given,
+        } => problem
+            .with("field", field.name())
+            .with("ceiling", *ceiling)
+            .with("given", *given),
+        JobError::WitnessDemanded => problem
+            .with("field", "require_witness")
+            .with("ceiling", true)
+            .with("given", false),
+        _ => problem,
+    }
 }
 
 fn refused(source: &str, job: &Job, error: &JobError) -> JobFault {
@@ -218,6 +233,9 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
             Some(name) => in_feature(feature(name), field.name()),
             None => path_span(table, &path(*field)),
         },
+        // Of a board, not of a file.
+        JobError::BeyondCeiling { field, .. } => path_span(table, &path(*field)),
+        JobError::WitnessDemanded | JobError::TooOften => None,
         JobError::DegenerateReference => in_feature(Some(0), "position_mm"),
         JobError::SameOffset => path_span(table, &["correction", "write_to"]),
         JobError::NoPatterns | JobError::UnnamedFeatures | JobError::WitnessPairing => {

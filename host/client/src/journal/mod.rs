@@ -100,7 +100,7 @@ fn older(entry: &Entry<'_>) -> Option<Record> {
     const ADDED: usize = 16;
     let grown = matches!(
         entry.kind,
-        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | TEACH_ASKED
+        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | TEACH_ASKED | HEAD
     );
     let mut bytes = entry.payload.to_vec();
     bytes.resize(bytes.len() + ADDED, 0);
@@ -130,6 +130,7 @@ fn is_plain(record: &Record) -> bool {
         }
         Record::ProgramKept(program) => program.stated == Stated::default(),
         Record::TeachAsked { more } => !more,
+        Record::Head(head) => head.evidence.is_none(),
         _ => false,
     }
 }

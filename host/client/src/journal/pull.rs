@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use umi_core::journal::{Chain, Entry, EntryIter, FileHeader, Gap, JournalFault};
 use umi_protocol::head::{Head, HeadAnswer};
-use umi_protocol::message::JournalInfo;
+use umi_protocol::message::{JournalInfo, Record};
 
 use super::{HEAD, Stretch, faulty, gone, hidden};
 use crate::link::{Client, JournalChain, JournalEntry};
@@ -170,14 +170,18 @@ pub fn pull<E: From<Problem>>(
         }
         break;
     }
-    walk.close_gap(&mut step)?;
+    walk.tell(&mut step)?;
     // The entries follow from each other; this says that they are the board's, unless it has
     // overwritten them all since.
     if chain_before(board, walk.seq)?.is_ok_and(|chain| chain != walk.chain) {
         return Err(faulty(&JournalFault::ChainBroken { seq: walk.seq }).into());
     }
-    if walk.is_unproven && signed.is_some() {
-        unsigned = Some(Unsigned::Overtaken);
+    if let Some(head) = &signed {
+        // Evidence has a chain of its own, which the head names from its oldest piece on.
+        let proven_from = head.evidence.map_or(u64::MAX, |mark| mark.first_seq);
+        if walk.is_unproven || walk.lonely.is_some_and(|seq| seq < proven_from) {
+            unsigned = Some(Unsigned::Overtaken);
+        }
     }
     Ok(Pulled {
         stretch: Stretch {
@@ -211,7 +215,7 @@ fn begin(
             return Err(Problem::refused("other_journal", message).with("seq", next));
         }
         // Whether a head stands right before it is not known here: a file is verified as a whole.
-        return Ok((header, Walk::new(next, chain)));
+        return Ok((header, Walk::new(next, chain, wanted.head)));
     }
     let first = wanted.from.unwrap_or(info.first_seq);
     if !(info.first_seq..=info.next_seq).contains(&first) {
@@ -223,7 +227,7 @@ fn begin(
         chain_before: chain,
         nonce: None,
     };
-    Ok((header, Walk::new(first, chain)))
+    Ok((header, Walk::new(first, chain, wanted.head)))
 }
 
 /// Where the pull is.
@@ -234,21 +238,56 @@ struct Walk {
     /// A gap that is not told yet: what follows it may be overwritten, too, before it is read, and
     /// a file has no gap right behind a gap.
     open_gap: Option<Gap>,
-    /// Entries from here on have no head behind them yet.
-    since: u64,
-    /// Some of them stand before what was overwritten.
+    /// The file is to be the board's word.
+    is_to_be_signed: bool,
+    /// Entries with no head behind them yet. If some behind them are overwritten, no head will
+    /// vouch for them: what of them is no evidence goes with those.
+    held: Vec<HeldEntry>,
+    /// Some were told without a head, because there were too many.
+    is_bare: bool,
+    /// Some of those stand before what was overwritten.
     is_unproven: bool,
+    /// The first piece of evidence that stands before what was overwritten, with no head between.
+    lonely: Option<u64>,
+}
+
+/// Entries that wait for a head, at most.
+const MOST_HELD: usize = 20_000;
+
+/// An entry that was read and is not told yet.
+struct HeldEntry {
+    seq: u64,
+    before: Chain,
+    behind: Chain,
+    kind: u8,
+    raw: Vec<u8>,
+}
+
+impl HeldEntry {
+    fn tell<E: From<Problem>>(
+        &self,
+        step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let entry = EntryIter::new(&self.raw, self.seq, self.before).next();
+        let seq = self.seq;
+        let entry = entry.unwrap_or(Err(JournalFault::CutShort { seq }));
+        let entry = entry.map_err(|fault| faulty(&fault))?;
+        step(PullStep::Entry(entry, &self.raw))
+    }
 }
 
 impl Walk {
-    fn new(seq: u64, chain: Chain) -> Self {
+    fn new(seq: u64, chain: Chain, is_to_be_signed: bool) -> Self {
         Self {
             seq,
             chain,
             overwritten: Vec::new(),
             open_gap: None,
-            since: seq,
+            is_to_be_signed,
+            held: Vec::new(),
+            is_bare: false,
             is_unproven: false,
+            lonely: None,
         }
     }
 
@@ -262,27 +301,70 @@ impl Walk {
         while self.seq < end {
             match board.journal_read(self.seq).map_err(Problem::from)? {
                 JournalEntry::Stored(raw) => {
-                    self.close_gap(step)?;
-                    let entry = self.entry(&raw)?;
-                    let (seq, kind) = (entry.seq, entry.kind);
-                    step(PullStep::Entry(entry, &raw))?;
-                    if kind == HEAD {
-                        self.since = seq + 1;
+                    let (seq, before) = (self.seq, self.chain);
+                    let kind = self.entry(&raw)?.kind;
+                    self.held.push(HeldEntry {
+                        seq,
+                        before,
+                        behind: self.chain,
+                        kind,
+                        raw,
+                    });
+                    let waits = self.is_to_be_signed && self.held.len() < MOST_HELD;
+                    if kind == HEAD || !waits {
+                        self.tell(step)?;
+                        self.is_bare = kind != HEAD;
                     }
                 }
                 JournalEntry::None(info) => {
                     let gap = self.gap(board, info)?;
-                    self.is_unproven |= self.since < gap.first;
-                    self.since = gap.next;
-                    let first = self.open_gap.map_or(gap.first, |before| before.first);
-                    self.open_gap = Some(Gap { first, ..gap });
+                    self.pass_gap(gap, step)?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Tells a gap that is known in full.
+    /// Tells what is held.
+    fn tell<E: From<Problem>>(
+        &mut self,
+        step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.close_gap(step)?;
+        self.held.drain(..).try_for_each(|held| held.tell(step))
+    }
+
+    /// Takes up a gap, and tells of what stands before it without a head the evidence.
+    fn pass_gap<E: From<Problem>>(
+        &mut self,
+        gap: Gap,
+        step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.is_unproven |= std::mem::take(&mut self.is_bare);
+        for held in std::mem::take(&mut self.held) {
+            // What is nobody's word anyhow is told as it came.
+            if Record::is_evidence(held.kind) || !self.is_to_be_signed {
+                self.lonely.get_or_insert(held.seq);
+                self.close_gap(step)?;
+                held.tell(step)?;
+            } else {
+                self.open_gap(Gap {
+                    first: held.seq,
+                    next: held.seq + 1,
+                    chain_before: held.behind,
+                });
+            }
+        }
+        self.open_gap(gap);
+        Ok(())
+    }
+
+    /// What is missing, in one piece with what is missing right before it.
+    fn open_gap(&mut self, gap: Gap) {
+        let first = self.open_gap.map_or(gap.first, |before| before.first);
+        self.open_gap = Some(Gap { first, ..gap });
+    }
+
     fn close_gap<E: From<Problem>>(
         &mut self,
         step: &mut impl FnMut(PullStep<'_>) -> Result<(), E>,

@@ -5,6 +5,8 @@
 //! head ([`umi_protocol::head`]); each vouches for everything before it, from the board's first
 //! start on.
 
+mod evidence;
+
 use umi_core::board_key::is_signed;
 use umi_core::journal::{Chain, Entry, FileError, FileHeader, JournalFault, decode_file};
 use umi_protocol::head::Head;
@@ -12,6 +14,7 @@ use umi_protocol::message::Record;
 
 use super::{HEAD, Stretch, faulty, key_id, record};
 use crate::problem::Problem;
+use evidence::{EvidenceCheck, OtherEvidence};
 
 /// A file that holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,7 +58,7 @@ pub fn verify(
         newest: None,
         gaps: Vec::new(),
         since: header.first_seq,
-        unproven: None,
+        evidence: EvidenceCheck::new(header.first_seq),
     };
     loop {
         let (seq, chain) = (entries.next_seq(), entries.chain_head());
@@ -63,13 +66,8 @@ pub fn verify(
         let entry = entries.next();
         let mut before = chain;
         if let Some(gap) = entries.take_gap() {
-            // Who edits a file can put a gap behind what he has changed: only a head in the same
-            // stretch vouches for what stands before it.
-            let since = check.gaps.last().map_or(0, |gap| gap.1).max(check.since);
-            if since < gap.first {
-                check.unproven.get_or_insert(since);
-            }
             check.gaps.push((gap.first, gap.next));
+            check.evidence.gap();
             before = gap.chain_before;
             check.place(gap.next, &before)?;
         }
@@ -112,8 +110,7 @@ struct Check<'a> {
     gaps: Vec<(u64, u64)>,
     /// Entries from here on have no head behind them yet.
     since: u64,
-    /// The first entry that stands before a gap with no head between.
-    unproven: Option<u64>,
+    evidence: EvidenceCheck,
 }
 
 impl Check<'_> {
@@ -134,6 +131,7 @@ impl Check<'_> {
 
     fn entry(&mut self, entry: &Entry<'_>, before: &Chain) -> Result<(), Problem> {
         if entry.kind != HEAD {
+            self.evidence.entry(entry, before);
             return Ok(());
         }
         let seq = entry.seq;
@@ -143,10 +141,12 @@ impl Check<'_> {
         // The signature is over what the head says; this is what the entry and the chain say.
         let mut room = [0; umi_protocol::message::MAX_RECORD];
         let again = postcard::to_slice(&Record::Head(head.clone()), &mut room);
-        let is_its_own = head.seq == seq
-            && head.t_us == entry.t.0
-            && head.chain == before.0
-            && again.is_ok_and(|again| again == entry.payload);
+        // One of a firmware that knew no evidence ends before that.
+        let again = again.is_ok_and(|again| {
+            again == entry.payload || again.strip_suffix(&[0]) == Some(entry.payload)
+        });
+        let is_its_own =
+            head.seq == seq && head.t_us == entry.t.0 && head.chain == before.0 && again;
         if !is_its_own || !is_signed(&head) {
             return Err(signature(seq, self.since));
         }
@@ -165,6 +165,9 @@ impl Check<'_> {
         {
             return Err(signature(seq, self.since));
         }
+        self.evidence
+            .head(entry, before, head.evidence.as_ref())
+            .map_err(|of| other_evidence(&of))?;
         self.newest = Some(head);
         self.since = seq + 1;
         Ok(())
@@ -172,25 +175,30 @@ impl Check<'_> {
 
     fn end(self, header: &FileHeader, stretch: Stretch) -> Result<VerifiedFile, Problem> {
         let next = stretch.next;
-        // Of what was overwritten behind it a head says nothing.
-        let before = |newest: &Head| self.gaps.iter().rfind(|gap| gap.1 <= newest.seq);
-        if let Some(newest) = &self.newest
-            && let Some(&(first, next)) = before(newest)
-            && newest.first_seq < next
-        {
-            // The board still held some of that when it signed: somebody else left it out.
-            return Err(faulty(&JournalFault::Missing { first, next }));
-        }
         let nonce = self.newest.as_ref().and_then(|head| head.nonce);
         let is_cut = header.nonce.is_some() && header.nonce != nonce;
-        let is_whole = self.since == next && self.unproven.is_none();
+        // Of what was overwritten behind it a head says nothing.
+        let before = |newest: &Head| self.gaps.iter().rfind(|gap| gap.1 <= newest.seq);
+        let held = self.newest.as_ref().and_then(|newest| {
+            let gap = before(newest).filter(|gap| newest.first_seq < gap.1)?;
+            Some(*gap)
+        });
+        // The board still held some of that when it signed. If the pull ended with this head,
+        // somebody else left it out; if not, it may have been overwritten before it was pulled.
+        if let Some((first, next)) = held
+            && (header.nonce.is_some() || self.key.is_some())
+        {
+            return Err(faulty(&JournalFault::Missing { first, next }));
+        }
+        let unproven = self.evidence.end().map_err(|of| other_evidence(&of))?;
+        let is_whole = self.since == next && unproven.is_none() && held.is_none();
         let signed = self.newest.is_some() && is_whole && !is_cut;
         if (self.key.is_some() && !signed) || is_cut {
             let message = if is_cut {
                 "the head with which this file was pulled is not at its end: something was taken away there".to_owned()
-            } else if let Some(seq) = self.unproven {
+            } else if let Some(seq) = unproven.filter(|_| self.since == next) {
                 format!(
-                    "entry {seq} stands before entries that were overwritten, and no signed head between vouches for it: pull the journal again"
+                    "entry {seq} stands before entries that were overwritten, and no signed head vouches for it: pull the journal again"
                 )
             } else {
                 format!(
@@ -198,7 +206,7 @@ impl Check<'_> {
                     self.since
                 )
             };
-            let seq = self.unproven.unwrap_or(self.since).min(next);
+            let seq = unproven.unwrap_or(self.since).min(self.since).min(next);
             return Err(Problem::refused("head_missing", message).with("seq", seq));
         }
         if let Some(after) = self.after
@@ -228,6 +236,14 @@ impl Check<'_> {
             stretch,
         })
     }
+}
+
+fn other_evidence(of: &OtherEvidence) -> Problem {
+    let seq = of.seq;
+    let message = format!(
+        "the verdicts, corrections and other evidence before entry {seq} are not those of which the board has signed that they were all: a piece was taken out, put in or changed"
+    );
+    Problem::refused("head_signature", message).with("seq", seq)
 }
 
 fn signature(seq: u64, since: u64) -> Problem {

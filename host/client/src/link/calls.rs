@@ -1,5 +1,6 @@
 //! What a host can ask a board: one table of calls, each with its request and its answers.
 
+use umi_protocol::config::{BoardConfig, ConfigField, Fallbacks};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::head::HeadAnswer;
 use umi_protocol::job::{Job, Lessons};
@@ -45,6 +46,28 @@ pub enum JournalChain {
     Hidden,
     /// The entry is not there any more, or not yet.
     None(JournalInfo),
+}
+
+/// What came of an acknowledgement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Acknowledged {
+    /// It is kept.
+    Done,
+    /// There is no such entry yet.
+    NoEntry(JournalInfo),
+    /// The board cannot keep it.
+    NotOnThisBoard,
+}
+
+/// Why a configuration is not taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ConfigRefusal {
+    /// This field cannot be used.
+    Field(ConfigField),
+    /// The job in force asks for more.
+    Job(JobError),
+    /// The board cannot be configured.
+    NotOnThisBoard,
 }
 
 /// How much room there is for programs and some of them; or why there are none.
@@ -168,6 +191,30 @@ calls! {
         Response::Head(answer) => answer,
     }
 
+    /// Says that everything before an entry is kept elsewhere.
+    journal_ack(seq: u64) -> Acknowledged = Request::JournalAck { seq } => {
+        Response::Done => Acknowledged::Done,
+        Response::JournalNoEntry(info) => Acknowledged::NoEntry(info),
+        Response::NotOnThisBoard => Acknowledged::NotOnThisBoard,
+    }
+
+    /// What the owner allows, and the fields that could not be read where they are kept; none: the
+    /// board cannot be configured.
+    config() -> Option<(BoardConfig, Fallbacks)> = Request::ConfigGet => {
+        Response::Config { config, fallbacks } => Some((config, fallbacks)),
+        Response::NotOnThisBoard => None,
+    }
+
+    /// Replaces what the owner allows.
+    set_config(config: &BoardConfig) -> Result<(), ConfigRefusal> =
+        Request::ConfigSet(*config) =>
+    {
+        Response::Done => Ok(()),
+        Response::ConfigRefused(field) => Err(ConfigRefusal::Field(field)),
+        Response::JobRefused(error) => Err(ConfigRefusal::Job(error)),
+        Response::NotOnThisBoard => Err(ConfigRefusal::NotOnThisBoard),
+    }
+
     /// The chain value before an entry; before the next one to come: that of the
     /// whole journal.
     journal_chain(seq: u64) -> JournalChain = Request::JournalChain { seq } => {
@@ -286,5 +333,8 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::Teach { .. } => "teach",
         Request::LineListen(_) => "line listen",
         Request::HeadGet { .. } => "head",
+        Request::JournalAck { .. } => "journal acknowledgement",
+        Request::ConfigGet => "configuration",
+        Request::ConfigSet(_) => "set configuration",
     }
 }

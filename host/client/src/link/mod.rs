@@ -24,7 +24,9 @@ mod client;
 mod error;
 mod transport;
 
-pub use calls::{JobInForce, JournalChain, JournalEntry, StoredPrograms};
+pub use calls::{
+    Acknowledged, ConfigRefusal, JobInForce, JournalChain, JournalEntry, StoredPrograms,
+};
 pub use client::{Client, Patience};
 pub use error::LinkError;
 pub use transport::{Pipe, Transport, open, pipe};

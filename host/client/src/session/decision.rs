@@ -23,7 +23,10 @@ impl DecisionRecord {
         match record {
             Record::Feature(feature) => Some(Self::Feature(Box::new(feature))),
             Record::Verdict(verdict) => Some(Self::Verdict(Box::new(verdict))),
-            Record::Fault(fault) => Some(Self::Fault(Box::new(fault))),
+            // As many as it counts: the latest of them stands for all.
+            Record::Fault(fault) | Record::FaultsAgain { latest: fault, .. } => {
+                Some(Self::Fault(Box::new(fault)))
+            }
             _ => None,
         }
     }

@@ -336,6 +336,11 @@ pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
 fn record(record: &Record) -> Value {
     let why = match record {
         Record::Fault(of) => return fault(of),
+        Record::FaultsAgain { latest, count } => {
+            let mut of = fault(latest);
+            of["count"] = (*count).into();
+            return of;
+        }
         Record::Feature(of) => return feature(of),
         Record::Verdict(of) => return verdict(of),
         Record::Latch(of) => return latch(of, &Scale::default()),

@@ -107,6 +107,27 @@ pub fn record(record: &Record) -> String {
         Record::Time => "time-outs looked at".into(),
         Record::InputEnd => "the input ended".into(),
         Record::Fault(of) => fault(of),
+        Record::FaultsAgain { latest, count } => {
+            format!("{} ({count} more like the one before)", fault(latest))
+        }
+        Record::Acknowledged { seq, lost: 0 } => {
+            format!("a host keeps the entries before {seq} elsewhere")
+        }
+        Record::Acknowledged { seq, lost } => paint(
+            CAUTION,
+            format_args!(
+                "a host keeps the entries before {seq} elsewhere; {lost} were overwritten before anybody had kept them"
+            ),
+        ),
+        Record::ConfigSet(of) => {
+            let ceilings = match of.ceilings == umi_protocol::config::Ceilings::default() {
+                true => "no ceilings",
+                false => "ceilings",
+            };
+            let full: &str = of.journal.full.into();
+            format!("configuration in force: {ceilings}; journal full: {full}")
+        }
+        Record::LastRun { run } => format!("the greatest run that was judged before is {run}"),
         Record::Feature(of) => feature(of),
         Record::Verdict(of) => verdict(of),
         Record::Taught { positions_mm, .. } if positions_mm.is_empty() => {

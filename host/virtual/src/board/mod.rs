@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
 use umi_app::board::{Clock as _, Lights, LineAbilities};
-use umi_app::measure::Boot;
+use umi_app::measure::{Boot, StorageAreas};
 use umi_app::{App, Drivers};
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;
@@ -56,6 +56,22 @@ use ports::{
 pub const JOURNAL: Geometry = Geometry {
     sectors: 64,
     sector_size: 65_536,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// Verdicts and other evidence, apart from the noise: 1 MiB.
+pub const EVIDENCE: Geometry = Geometry {
+    sectors: 16,
+    sector_size: 65_536,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// What is kept for the owner.
+pub const CUSTODY: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 4096,
     write_size: 1,
     page_size: 256,
 };
@@ -100,6 +116,10 @@ pub struct Config {
     pub serial: String,
     /// Flash of the journal.
     pub journal: VirtualFlash,
+    /// Flash of the evidence; none: a board that keeps none apart.
+    pub evidence: Option<VirtualFlash>,
+    /// Flash of what is kept for the owner; none: a board that cannot be configured.
+    pub custody: Option<VirtualFlash>,
     /// Flash of the settings.
     pub settings: VirtualFlash,
     /// Flash of the part programs.
@@ -122,6 +142,8 @@ impl Default for Config {
         Self {
             serial: "VIRTUAL".into(),
             journal: VirtualFlash::in_memory(JOURNAL),
+            evidence: Some(VirtualFlash::in_memory(EVIDENCE)),
+            custody: Some(VirtualFlash::in_memory(CUSTODY)),
             settings: VirtualFlash::in_memory(SETTINGS),
             programs: VirtualFlash::in_memory(PROGRAMS),
             key: None,
@@ -181,6 +203,8 @@ impl VirtualBoard {
             let Config {
                 serial,
                 journal,
+                evidence,
+                custody,
                 settings,
                 programs,
                 key,
@@ -214,7 +238,14 @@ impl VirtualBoard {
             };
             let app = Box::new(App::new());
             // Storage that cannot be opened shows as on a real board: in its answers.
-            let _ = app.start(boot, journal, settings, programs, Micros(0));
+            let areas = StorageAreas {
+                journal,
+                evidence,
+                custody,
+                settings,
+                programs,
+            };
+            let _ = app.start(boot, areas, Micros(0));
             let line = Wire {
                 character,
                 control,

@@ -14,6 +14,8 @@ fn a_message_survives_its_frame() {
     let message = Response::JournalInfo(JournalInfo {
         first_seq: 0,
         next_seq: u64::MAX,
+        acked_seq: 0,
+        lost: 0,
     });
     let mut buffer = [0; MAX_BOARD_FRAME];
     let mut bytes = frame(0x1234, &message, &mut buffer);

@@ -724,3 +724,37 @@ fn a_correction_belongs_to_one_run() {
     spec.dialect = Dialect::Grbl;
     assert!(matches!(check(&guarded), Err(JobError::BadValue { .. })));
 }
+
+/// A run that is not after the last one that was judged is old: also after a restart, and whatever
+/// its lines say. The count begins anew with the job.
+#[test]
+fn a_run_that_is_not_after_the_last_is_old() {
+    let mut numbered = with_ids(job());
+    numbered.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    let mut run = Run::new(numbered.clone());
+    let mut outcome = Outcome::default();
+    for (case, number) in [(0, 16), (1, 17), (2, 17), (3, 16), (4, 17), (2, 18)] {
+        send(&mut run, &mut outcome, &clamping(case, [1, 2, 3]), number);
+    }
+    let summary = outcome.summary();
+    assert_eq!(summary, ["OK", "OK", "OK", "old_run", "old_run", "OK"]);
+    assert_eq!(run.last_run(), Some(18));
+
+    let mut again = Run::new(numbered.clone());
+    again.restore_last_run(18);
+    let mut outcome = Outcome::default();
+    for (case, number) in [(0, 18), (1, 3), (2, 19), (3, 20)] {
+        send(&mut again, &mut outcome, &clamping(case, [1, 2, 3]), number);
+    }
+    // An old run teaches nothing.
+    assert_eq!(
+        outcome.summary(),
+        ["old_run no_reference", "old_run no_reference", "OK", "OK"]
+    );
+    again.begin(numbered);
+    let mut outcome = Outcome::default();
+    send(&mut again, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    assert_eq!(outcome.summary(), ["OK"]);
+}

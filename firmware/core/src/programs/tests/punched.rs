@@ -175,14 +175,38 @@ fn what_cannot_be_a_punched_program_is_refused() {
         ..GEOMETRY
     };
     let mut store = Store::open(MockFlash::new(geometry)).unwrap();
-    let most = MAX_PROGRAMS as u16;
-    for number in 1..=u32::from(most) {
+    let most = MAX_PROGRAMS as u32;
+    for number in 1..=most / 2 {
         punch(&mut store, number, b"M30").unwrap();
     }
+    assert_eq!(refusal(store.begin_open()), ProgramRefusal::PunchedFull);
+    // The host finds room: what it puts in place of one is nobody's noise.
+    for number in most / 2..=most {
+        put(&mut store, number, b"M30").unwrap();
+    }
+    let most = most as u16;
     assert_eq!(
         refusal(store.begin_open()),
         ProgramRefusal::TooMany { most }
     );
+}
+
+/// However much is punched, an eighth of the flash is left for the host.
+#[test]
+fn punched_programs_leave_room_for_the_host() {
+    let geometry = Geometry {
+        sectors: 32,
+        ..GEOMETRY
+    };
+    let mut store = Store::open(MockFlash::new(geometry)).unwrap();
+    let longest = store.begin_open().unwrap();
+    assert_eq!(longest, 28 * 1024 - HEAD);
+    store.give_up_open();
+    punch(&mut store, 1, &text(1, longest as usize)).unwrap();
+    assert_eq!(refusal(store.begin_open()), ProgramRefusal::PunchedFull);
+    put(&mut store, 2, &text(2, 3000)).unwrap();
+    store.delete(1).unwrap();
+    assert!(store.begin_open().is_ok());
 }
 
 /// Flash that fails or forgets: nothing is left, and it can be punched again.

@@ -147,6 +147,7 @@ impl Writer<'_> {
                     firmware: name("0.1.0"),
                     nonce: self.nonce,
                     signature: [[0; 32]; 2],
+                    evidence: None,
                 };
                 head.signature = self.key.sign(&head.signed());
                 self.journal.heads.push(head.clone());
@@ -527,6 +528,17 @@ fn a_gap_is_the_boards_or_a_forgery() {
         refused(&left_out, &key, None),
         ("entries_missing", Some(67))
     );
+    // A pull that ended without a head may have been overtaken: nobody vouches for that file.
+    assert!(!verify(&left_out, None, None).unwrap().signed);
+    let asked = written(&key, &entries(&mut random, 100, 30), Some([7; 32]));
+    let gap = Gap {
+        chain_before: asked.places[60].2,
+        ..gap
+    };
+    let (from, to) = (asked.places[50].0, asked.places[60].0);
+    let left_out = [&asked.file[..from], &gap.encode(), &asked.file[to..]].concat();
+    let told = verify(&left_out, None, None).unwrap_err();
+    assert_eq!(told.code, "entries_missing");
 }
 
 /// Entries before a gap with no head between: who edits a file can put them there. They are not
@@ -586,4 +598,259 @@ fn no_honest_file_is_refused() {
         assert!(verified.signed);
     }
     assert!(gaps > 100);
+}
+
+/// A board that keeps evidence apart: what noise has overwritten is gaps, and its heads say so.
+struct EvidenceBoard {
+    key: BoardKey,
+    seq: u64,
+    chain: Chain,
+    number: u64,
+    evidence: Chain,
+    all: Vec<Placed>,
+}
+
+/// An entry as it was written.
+#[derive(Clone)]
+struct Placed {
+    seq: u64,
+    before: Chain,
+    kind: u8,
+    raw: Vec<u8>,
+}
+
+impl EvidenceBoard {
+    fn new(key: BoardKey) -> Self {
+        let (chain, evidence) = (Chain::GENESIS, Chain::GENESIS);
+        let all = Vec::new();
+        Self {
+            key,
+            seq: 0,
+            chain,
+            number: 0,
+            evidence,
+            all,
+        }
+    }
+
+    fn put(&mut self, record: &Record) {
+        let (seq, before) = (self.seq, self.chain);
+        let mut room = [0; MAX_RECORD];
+        let payload = postcard::to_slice(record, &mut room).unwrap();
+        let t = Micros(10 * seq);
+        let kind = record.kind();
+        let entry = Entry {
+            seq,
+            t,
+            kind,
+            payload,
+        };
+        let mut raw = vec![0; payload.len() + OVERHEAD];
+        encode_entry(&entry, &mut self.chain, &mut raw).unwrap();
+        if Record::is_evidence(kind) {
+            let payload = [&seq.to_le_bytes()[..], &before.0, payload].concat();
+            let piece = Entry {
+                seq: self.number,
+                t,
+                kind,
+                payload: &payload,
+            };
+            let mut room = vec![0; payload.len() + OVERHEAD];
+            encode_entry(&piece, &mut self.evidence, &mut room).unwrap();
+            self.number += 1;
+        }
+        self.all.push(Placed {
+            seq,
+            before,
+            kind,
+            raw,
+        });
+        self.seq += 1;
+    }
+
+    /// Signs, when the journal holds entries from `first_seq` on and all evidence.
+    fn head(&mut self, first_seq: u64, nonce: Option<[u8; 32]>) {
+        let pieces = self.all.iter().filter(|of| Record::is_evidence(of.kind));
+        let first = pieces.map(|of| of.seq).next().unwrap_or(self.seq);
+        let mut head = Head {
+            seq: self.seq,
+            t_us: 10 * self.seq,
+            first_seq,
+            chain: self.chain.0,
+            boot: 1,
+            key: self.key.public(),
+            image: [0; 32],
+            serial: name("0042"),
+            firmware: name("0.1.0"),
+            nonce,
+            signature: [[0; 32]; 2],
+            evidence: Some(umi_protocol::head::EvidenceMark {
+                first: 0,
+                first_seq: first,
+                first_chain: [0; 32],
+                next: self.number,
+                chain: self.evidence.0,
+            }),
+        };
+        head.signature = self.key.sign(&head.signed());
+        self.put(&Record::Head(head));
+    }
+
+    /// Some noise with evidence in it.
+    fn noise(&mut self, random: &mut Random, count: usize) {
+        for _ in 0..count {
+            let record = match random.below(7) {
+                0 => Record::CorrectionBegun {
+                    setup: random.below(1000) as u32,
+                },
+                1 => Record::Acknowledged {
+                    seq: random.below(1000) as u64,
+                    lost: 0,
+                },
+                _ => Record::BytesLost {
+                    count: random.below(1000) as u32,
+                },
+            };
+            self.put(&record);
+        }
+    }
+}
+
+/// The file of these entries, with gaps where some are missing.
+fn file_of(entries: &[Placed], nonce: Option<[u8; 32]>) -> Vec<u8> {
+    let first = &entries[0];
+    let header = FileHeader {
+        first_seq: first.seq,
+        chain_before: first.before,
+        nonce,
+    };
+    let mut file = header.encode().to_vec();
+    let mut seq = first.seq;
+    for entry in entries {
+        if entry.seq > seq {
+            let gap = Gap {
+                first: seq,
+                next: entry.seq,
+                chain_before: entry.before,
+            };
+            file.extend(gap.encode());
+        }
+        file.extend(&entry.raw);
+        seq = entry.seq + 1;
+    }
+    file
+}
+
+/// An entry with another payload, chained to what stands before it.
+fn changed(entry: &Placed, byte: usize) -> Placed {
+    changed_at(entry, (entry.seq, entry.before), byte)
+}
+
+/// An entry with another payload as entry `seq` behind the chain value `before`.
+fn changed_at(entry: &Placed, (seq, before): (u64, Chain), byte: usize) -> Placed {
+    let found = umi_core::journal::EntryIter::new(&entry.raw, entry.seq, entry.before)
+        .next()
+        .unwrap()
+        .unwrap();
+    let mut payload = found.payload.to_vec();
+    let at = 1 + byte % (payload.len() - 1);
+    payload[at] ^= 1;
+    let mut chain = before;
+    let mut raw = vec![0; payload.len() + OVERHEAD];
+    let again = Entry {
+        seq,
+        payload: &payload,
+        ..found
+    };
+    encode_entry(&again, &mut chain, &mut raw).unwrap();
+    Placed {
+        seq,
+        before,
+        kind: entry.kind,
+        raw,
+    }
+}
+
+/// Of what noise has overwritten, the evidence is proven: honest files with gaps hold, and a piece
+/// that is taken out, changed, doubled or put in is found. What is no evidence and stands before a
+/// gap without a head is not vouched for.
+#[test]
+fn evidence_between_gaps_is_proven() {
+    let mut random = Random(77);
+    let mut found = 0;
+    for turn in 0..120 {
+        let mut board = EvidenceBoard::new(board_key(1));
+        let key = Some(board.key.public());
+        for _ in 0..1 + random.below(3) {
+            let count = 5 + random.below(60);
+            board.noise(&mut random, count);
+            board.head(0, None);
+        }
+        let count = 5 + random.below(60);
+        board.noise(&mut random, count);
+        // Overwritten up to somewhere; then the host asks.
+        let oldest = random.below(board.all.len()) as u64;
+        board.head(oldest, Some([9; 32]));
+        let kept: Vec<_> = board
+            .all
+            .iter()
+            .filter(|of| of.seq >= oldest || Record::is_evidence(of.kind))
+            .cloned()
+            .collect();
+        let honest = file_of(&kept, Some([9; 32]));
+        let verified = verify(&honest, key, None).unwrap();
+        assert!(verified.signed, "{turn}");
+        let lost: u64 = verified
+            .stretch
+            .overwritten
+            .iter()
+            .map(|(a, b)| b - a)
+            .sum();
+        assert_eq!(lost + kept.len() as u64, board.seq - kept[0].seq);
+
+        // Pieces that only the chain of evidence proves: no head in the same stretch behind them.
+        let lonely: Vec<_> = (1..kept.len())
+            .filter(|at| {
+                let of = &kept[*at];
+                let next = kept.get(at + 1);
+                of.seq < oldest && of.kind != HEAD && next.is_some_and(|next| next.seq > of.seq + 1)
+            })
+            .collect();
+        for at in lonely {
+            let mut less = kept.clone();
+            less.remove(at);
+            let mut other = kept.clone();
+            other[at] = changed(&kept[at], random.below(100));
+            let mut forgeries = vec![less, other];
+            let seq = kept[at].seq + 1;
+            if kept[at + 1].seq > seq + 1 {
+                // Chained to what it is put behind, with room for a gap behind it.
+                let before = board.all[usize::try_from(seq).unwrap()].before;
+                let mut more = kept.clone();
+                more.insert(at + 1, changed_at(&kept[at], (seq, before), 0));
+                forgeries.push(more);
+            }
+            for forged in forgeries {
+                let file = file_of(&forged, Some([9; 32]));
+                for known in [None, key] {
+                    let refused = verify(&file, known, None).unwrap_err();
+                    assert_eq!(refused.code, "head_signature", "{turn}, {at}");
+                    found += 1;
+                }
+            }
+        }
+        // Bytes that nobody vouches for, put before a gap.
+        if let Some(at) = (1..kept.len()).find(|at| kept[*at].seq > kept[at - 1].seq + 1) {
+            let mut forged = kept.clone();
+            let before = &kept[at - 1];
+            let made = &board.all[usize::try_from(before.seq).unwrap() + 1];
+            forged.insert(at, made.clone());
+            if forged[at].seq + 1 < forged[at + 1].seq {
+                let file = file_of(&forged, Some([9; 32]));
+                assert!(!verify(&file, None, None).unwrap().signed);
+                assert_eq!(verify(&file, key, None).unwrap_err().code, "head_missing");
+            }
+        }
+    }
+    assert!(found > 500, "{found}");
 }

@@ -210,6 +210,8 @@ impl Transport for Board {
 const INFO: JournalInfo = JournalInfo {
     first_seq: 3,
     next_seq: 300,
+    acked_seq: 0,
+    lost: 0,
 };
 
 /// A greeted client whose board then follows the script.

@@ -16,6 +16,8 @@ use crate::link::Client;
 const INFO: JournalInfo = JournalInfo {
     first_seq: 1,
     next_seq: 2,
+    acked_seq: 0,
+    lost: 0,
 };
 
 /// A board at the end of a pipe, until it is switched off.

@@ -105,6 +105,14 @@ fn text(
     table.row(["reference".to_owned(), reference]);
     verdicts(&mut table, status);
     table.row(["journal".to_owned(), entries(journal)]);
+    if journal.lost > 0 {
+        let lost = count(journal.lost, "entry").replace("entrys", "entries");
+        let text = format!(
+            "{lost} from {} on overwritten: nobody has said that they are kept elsewhere (umi log ack)",
+            journal.acked_seq
+        );
+        table.styled([(PLAIN, String::new()), (CAUTION, text)]);
+    }
     losses(&mut table, status);
     let title = paint(TITLE, format_args!("board {board}, serial number {serial}"));
     format!("{title}\n\n{table}")

@@ -1,6 +1,7 @@
 //! A board: what it is, what it is told, what it shows.
 
 pub(super) mod access;
+pub(super) mod config;
 pub(super) mod info;
 pub(super) mod job;
 pub(super) mod line;

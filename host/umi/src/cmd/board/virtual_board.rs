@@ -10,7 +10,8 @@ use clap::Args;
 use serde_json::json;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{
-    BoardTime, Config, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard, VirtualFlash,
+    BoardTime, CUSTODY, Config, EVIDENCE, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard,
+    VirtualFlash,
 };
 
 use crate::cmd::Format;
@@ -95,6 +96,11 @@ impl Virtual {
             std::fs::create_dir_all(state).map_err(failed)?;
             config.journal =
                 VirtualFlash::in_file(JOURNAL, &state.join("journal.flash")).map_err(failed)?;
+            config.evidence = Some(
+                VirtualFlash::in_file(EVIDENCE, &state.join("evidence.flash")).map_err(failed)?,
+            );
+            config.custody =
+                Some(VirtualFlash::in_file(CUSTODY, &state.join("custody.flash")).map_err(failed)?);
             config.settings =
                 VirtualFlash::in_file(SETTINGS, &state.join("settings.flash")).map_err(failed)?;
             config.programs =

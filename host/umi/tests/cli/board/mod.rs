@@ -3,5 +3,6 @@
 mod connected;
 mod job;
 mod line;
+mod owner;
 mod teach;
 mod watch;

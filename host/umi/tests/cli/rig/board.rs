@@ -124,6 +124,8 @@ impl Board {
         JournalInfo {
             first_seq: self.first_seq,
             next_seq: self.next_seq(),
+            acked_seq: 0,
+            lost: 0,
         }
     }
 

@@ -236,7 +236,7 @@ impl Kind {
         match record {
             Record::Feature(_) => Self::Features,
             Record::Verdict(_) => Self::Verdicts,
-            Record::Fault(_) => Self::Faults,
+            Record::Fault(_) | Record::FaultsAgain { .. } => Self::Faults,
             Record::Latch(_) => Self::Latches,
             _ => Self::Records,
         }

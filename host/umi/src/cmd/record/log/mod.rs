@@ -1,5 +1,6 @@
 //! `umi log`
 
+mod ack;
 mod export;
 mod head;
 #[cfg(feature = "cloud-formats")]
@@ -63,6 +64,7 @@ enum Action {
     Verify(verify::Verify),
     Head(head::ShowHead),
     Export(export::Export),
+    Ack(ack::Ack),
 }
 
 const HELP: &str = "\
@@ -90,6 +92,7 @@ impl Log {
                 Action::Verify(command) => command.run(),
                 Action::Head(command) => command.run(),
                 Action::Export(command) => command.run(),
+                Action::Ack(command) => command.run(),
             };
         }
         match (&self.file, &self.output) {

@@ -1,0 +1,224 @@
+//! What a board keeps for its owner: what a job may ask for, what of the journal is kept elsewhere,
+//! and the greatest run that was judged.
+//!
+//! All of it stands in one entry of a small journal of its own, so that it changes together or not
+//! at all; the newest entry counts.
+//!
+//! # Limitations
+//!
+//! If the newest entry is damaged at rest, the one before it counts, as in `settings`. If none can
+//! be read where something was, the board takes the strictest configuration and says so.
+
+use serde::{Deserialize, Serialize};
+use umi_core::journal::{Flash, Journal, JournalError};
+use umi_core::units::Micros;
+use umi_protocol::config::{
+    BoardConfig, Ceilings, ConfigField, Fallbacks, JournalConfig, WhenFull,
+};
+use umi_protocol::job_error::JobError;
+
+/// Kind number of the only entry there is. A later layout gets another.
+const KIND: u8 = 1;
+
+/// Bytes of an entry, at most: eight numbers of nine bytes, and some.
+const MOST: usize = 128;
+
+/// What is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Kept {
+    pub config: BoardConfig,
+    /// The entries before this one are kept elsewhere.
+    pub acked: u64,
+    /// The greatest run that was judged with the job in force.
+    pub last_run: Option<u32>,
+}
+
+/// On a new board, and on one without the ring.
+pub(crate) static NOTHING_KEPT: Kept = Kept {
+    config: BoardConfig {
+        ceilings: Ceilings {
+            radius_error_mm: None,
+            rms_mm: None,
+            distance_error_mm: None,
+            registration_rms_mm: None,
+            rotation_deg: None,
+            tilt_deg: None,
+            shift_mm: None,
+            expected_error_mm: None,
+            require_witness: false,
+            always: true,
+        },
+        journal: JournalConfig {
+            full: WhenFull::Overwrite,
+        },
+    },
+    acked: 0,
+    last_run: None,
+};
+
+/// The ring, and its newest entry.
+pub(crate) struct Custody<F: Flash> {
+    ring: Journal<F>,
+    kept: Kept,
+    is_fallback: bool,
+}
+
+impl<F: Flash> Custody<F> {
+    /// Opens the ring.
+    ///
+    /// # Errors
+    /// The journal's.
+    pub fn open(flash: F) -> Result<Self, JournalError<F::Error>> {
+        let (mut ring, recovery) = Journal::open(flash)?;
+        let mut room = [0; MOST];
+        let newest = ring.next_seq().checked_sub(1);
+        let found = newest.and_then(|newest| ring.read(newest, &mut room).ok());
+        let found = found
+            .filter(|found| found.entry.kind == KIND)
+            .and_then(|found| postcard::from_bytes::<Kept>(found.entry.payload).ok())
+            .filter(|kept| kept.config.check().is_ok());
+        // A board that is new has lost nothing; nor has one whose first entry was cut.
+        let was_there = newest.is_some() || recovery.damaged_headers > 0;
+        let is_fallback = found.is_none() && was_there;
+        let kept = match found {
+            Some(kept) => kept,
+            None if is_fallback => Kept {
+                config: BoardConfig::strictest(),
+                ..NOTHING_KEPT
+            },
+            None => NOTHING_KEPT,
+        };
+        Ok(Self {
+            ring,
+            kept,
+            is_fallback,
+        })
+    }
+
+    /// What is kept.
+    pub fn kept(&self) -> &Kept {
+        &self.kept
+    }
+
+    /// Fields that could not be read.
+    pub fn fallbacks(&self) -> Fallbacks {
+        match self.is_fallback {
+            true => ConfigField::ALL.iter().copied().collect(),
+            false => Fallbacks::new(),
+        }
+    }
+
+    /// Keeps this. After `Ok` it survives a power cut.
+    ///
+    /// # Errors
+    /// It is not kept; what was before still counts.
+    pub fn save(&mut self, now: Micros, kept: Kept) -> Result<(), NotInCustody> {
+        // The strictest configuration stays until the owner has set another.
+        if self.is_fallback && kept.config == self.kept.config {
+            self.kept = kept;
+            return Ok(());
+        }
+        let mut room = [0; MOST];
+        let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
+        let appended = self.ring.append(KIND, now, payload);
+        appended.map_err(|_| NotInCustody)?;
+        self.kept = kept;
+        self.is_fallback = false;
+        Ok(())
+    }
+}
+
+/// It could not be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NotInCustody;
+
+/// Why nothing was acknowledged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum AckError {
+    /// There is no such entry yet.
+    NoEntry,
+    /// The board has no ring for it.
+    NotOnThisBoard,
+    /// It could not be kept.
+    Storage,
+}
+
+/// Why the configuration stays as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum ConfigError {
+    /// A field cannot be used.
+    Field(ConfigField),
+    /// The job in force asks for more.
+    Job(JobError),
+    /// The board has no ring for it.
+    NotOnThisBoard,
+    /// It could not be kept.
+    Storage,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_board::RamFlash;
+
+    fn configured() -> Kept {
+        let mut kept = NOTHING_KEPT;
+        kept.config.ceilings.rms_mm = Some(0.01);
+        (kept.acked, kept.last_run) = (7, Some(99_999));
+        kept
+    }
+
+    /// What was kept is there after a restart, over more changes than the ring holds at once; a
+    /// new board has no ceilings.
+    #[test]
+    fn what_was_kept_is_there_after_a_restart() {
+        let flash = RamFlash::new();
+        let opened = Custody::open(flash.clone()).unwrap();
+        assert_eq!(
+            (opened.kept(), opened.fallbacks().len()),
+            (&NOTHING_KEPT, 0)
+        );
+        let mut kept = configured();
+        for acked in 0..500 {
+            kept.acked = acked;
+            let mut opened = Custody::open(flash.clone()).unwrap();
+            opened.save(Micros(1), kept).unwrap();
+            let opened = Custody::open(flash.clone()).unwrap();
+            assert_eq!(opened.kept(), &kept);
+        }
+    }
+
+    /// What cannot be read is as strict as it can be, says so, and stays so until the owner sets
+    /// it; a run that is judged meanwhile does not change that.
+    #[test]
+    fn what_cannot_be_read_is_strict() {
+        let flash = RamFlash::new();
+        let (mut ring, _) = Journal::open(flash.clone()).unwrap();
+        ring.append(9, Micros(0), b"of another firmware").unwrap();
+        let mut opened = Custody::open(flash.clone()).unwrap();
+        assert_eq!(opened.kept().config, BoardConfig::strictest());
+        assert_eq!(opened.fallbacks().len(), ConfigField::ALL.len());
+        let run = Kept {
+            last_run: Some(3),
+            ..*opened.kept()
+        };
+        opened.save(Micros(1), run).unwrap();
+        let mut opened = Custody::open(flash.clone()).unwrap();
+        assert_eq!(opened.kept().config, BoardConfig::strictest());
+        opened.save(Micros(1), configured()).unwrap();
+        assert_eq!(opened.fallbacks().len(), 0);
+        assert_eq!(Custody::open(flash).unwrap().kept(), &configured());
+    }
+
+    /// Every entry fits.
+    #[test]
+    fn the_longest_entry_fits() {
+        let longest = Kept {
+            config: BoardConfig::strictest(),
+            acked: u64::MAX,
+            last_run: Some(u32::MAX),
+        };
+        let mut custody = Custody::open(RamFlash::new()).unwrap();
+        custody.save(Micros(u64::MAX), longest).unwrap();
+    }
+}

@@ -1,0 +1,113 @@
+//! What the owner asks of a board, and what the board does about it: [`crate::custody`].
+
+use umi_core::archive::Archive;
+use umi_core::journal::Flash;
+use umi_core::units::Micros;
+use umi_protocol::config::{BoardConfig, WhenFull};
+use umi_protocol::job_error::JobError;
+use umi_protocol::message::{MAX_RECORD, Record};
+use umi_protocol::program::Withheld;
+
+use crate::custody::{AckError, ConfigError, Custody, Kept, NOTHING_KEPT};
+use crate::measure::{Instrument, Ledger};
+
+/// Room for evidence below which nothing goes out any more where the owner wants it kept: more
+/// than is erased ahead.
+const MARGIN: u32 = 6 * MAX_RECORD as u32;
+
+impl<F: Flash> Instrument<F> {
+    /// A host keeps elsewhere what stands before entry `seq`.
+    ///
+    /// # Errors
+    /// [`AckError`]: nothing has changed.
+    pub(crate) fn acknowledge(&mut self, now: Micros, seq: u64) -> Result<(), AckError> {
+        let ledger = &mut self.ledger;
+        let journal = ledger.journal.get_mut().ok_or(AckError::Storage)?;
+        let custody = ledger.custody.get_mut().ok_or(AckError::NotOnThisBoard)?;
+        if seq > journal.next_seq() {
+            return Err(AckError::NoEntry);
+        }
+        let kept = *custody.kept();
+        if seq <= kept.acked {
+            return Ok(());
+        }
+        let mut lost_from = |from| journal.lost_from(from).map_err(|_| AckError::Storage);
+        let lost = lost_from(kept.acked)?.saturating_sub(lost_from(seq)?);
+        let kept = Kept { acked: seq, ..kept };
+        custody.save(now, kept).map_err(|_| AckError::Storage)?;
+        if lost == 0 && !ledger.changes.take(now) {
+            // It is kept; the record would only cost room for evidence.
+            return Ok(());
+        }
+        match ledger.record(now, Record::Acknowledged { seq, lost }) {
+            true => Ok(()),
+            false => Err(AckError::Storage),
+        }
+    }
+
+    /// Replaces what the owner allows.
+    ///
+    /// # Errors
+    /// [`ConfigError`]: nothing has changed.
+    pub(crate) fn set_config(
+        &mut self,
+        now: Micros,
+        config: &BoardConfig,
+    ) -> Result<(), ConfigError> {
+        config.check().map_err(ConfigError::Field)?;
+        if let Some(job) = self.brain().job() {
+            config.ceilings.check(job).map_err(ConfigError::Job)?;
+        }
+        let ledger = &mut self.ledger;
+        let custody = ledger.custody.get_mut();
+        let custody = custody.ok_or(ConfigError::NotOnThisBoard)?;
+        if !ledger.changes.take(now) {
+            return Err(ConfigError::Job(JobError::TooOften));
+        }
+        let kept = Kept {
+            config: *config,
+            ..*custody.kept()
+        };
+        custody.save(now, kept).map_err(|_| ConfigError::Storage)?;
+        match ledger.record(now, Record::ConfigSet(*config)) {
+            true => Ok(()),
+            false => Err(ConfigError::Storage),
+        }
+    }
+
+    /// Keeps the greatest run that was judged, if it is another.
+    pub(crate) fn keep_last_run(&mut self, now: Micros) {
+        let last_run = self.brain().run().last_run();
+        let ledger = &mut self.ledger;
+        let Some(custody) = ledger.custody.get_mut() else {
+            return;
+        };
+        let kept = *custody.kept();
+        if kept.last_run != last_run && custody.save(now, Kept { last_run, ..kept }).is_err() {
+            // After a restart it would be judged again.
+            ledger.refused();
+        }
+    }
+}
+
+impl<F: Flash> Ledger<F> {
+    /// What is kept for the owner; on a board without the ring, nothing.
+    pub(crate) fn in_custody(&self) -> &Kept {
+        self.custody.get().map_or(&NOTHING_KEPT, Custody::kept)
+    }
+
+    /// Why nothing is released.
+    pub(crate) fn no_verdict(&self) -> Withheld {
+        match self.is_held_back {
+            true => Withheld::JournalFull,
+            false => Withheld::NoVerdict,
+        }
+    }
+
+    /// Whether nothing may go out before somebody has acknowledged evidence.
+    pub(crate) fn is_full(&mut self) -> bool {
+        let Kept { config, acked, .. } = *self.in_custody();
+        let is_full = |journal: &mut Archive<F>| journal.is_full(acked, MARGIN).unwrap_or(true);
+        config.journal.full == WhenFull::Refuse && self.journal.get_mut().is_some_and(is_full)
+    }
+}

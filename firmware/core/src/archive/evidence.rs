@@ -1,0 +1,174 @@
+//! The ring of evidence: entries of a journal, with their number and what they are chained to.
+
+use umi_protocol::message::Record;
+
+use super::ROOM;
+use crate::journal::chain::CRC32;
+use crate::journal::{Chain, Flash, Journal, JournalError, ReadEntry};
+use crate::units::Micros;
+
+/// Bytes before the payload of an entry that is evidence: its number, 8 bytes little endian, and
+/// the chain value before it.
+pub const FIELDS: usize = 8 + 32;
+
+/// Why no evidence is kept apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArchiveFault<E> {
+    /// One of the two journals.
+    Journal(JournalError<E>),
+    /// The newest piece of evidence is not the entry of that number in the journal: it is that of
+    /// another journal.
+    OtherJournal,
+}
+
+impl<E> From<JournalError<E>> for ArchiveFault<E> {
+    fn from(error: JournalError<E>) -> Self {
+        Self::Journal(error)
+    }
+}
+
+/// The ring.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence<F: Flash> {
+    pub ring: Journal<F>,
+    /// What was looked for last: its number here, and the entry that it is.
+    hint: (u64, u64),
+}
+
+impl<F: Flash> Evidence<F> {
+    pub fn open(flash: F) -> Result<Self, JournalError<F::Error>> {
+        let (ring, _) = Journal::open(flash)?;
+        Ok(Self {
+            ring,
+            hint: (u64::MAX, 0),
+        })
+    }
+
+    /// Copies what the journal has and the ring has not: all of it, into a new ring.
+    pub fn catch_up(
+        &mut self,
+        journal: &mut Journal<F>,
+        scratch: &mut [u8; ROOM],
+    ) -> Result<(), ArchiveFault<F::Error>> {
+        let from = match self.ring.next_seq().checked_sub(1) {
+            Some(newest) if newest >= self.ring.first_seq() => {
+                let (seq, before) = self.fields(newest)?;
+                let is_ahead = seq >= journal.next_seq();
+                if is_ahead || !self.is_of(journal, newest, seq, &before, scratch)? {
+                    return Err(ArchiveFault::OtherJournal);
+                }
+                seq + 1
+            }
+            _ => 0,
+        };
+        for seq in from.max(journal.first_seq())..journal.next_seq() {
+            let (_, place) = scratch.split_at_mut(FIELDS);
+            // What is damaged cannot be copied; a reader is told of it when it is pulled.
+            let Ok(found) = journal.read(seq, place) else {
+                continue;
+            };
+            let (kind, t, len) = (found.entry.kind, found.entry.t, found.entry.payload.len());
+            if Record::is_evidence(kind)
+                && let Ok(before) = journal.chain_before(seq)
+            {
+                self.append(kind, t, seq, &before, scratch, len)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the journal has this piece as its entry `seq`, as far as it still has that: it may
+    /// be overwritten, or damaged at rest. The chain value before it stands for all before it.
+    fn is_of(
+        &mut self,
+        journal: &mut Journal<F>,
+        number: u64,
+        seq: u64,
+        before: &Chain,
+        scratch: &mut [u8; ROOM],
+    ) -> Result<bool, ArchiveFault<F::Error>> {
+        if seq < journal.first_seq() {
+            return Ok(true);
+        }
+        match journal.chain_before(seq) {
+            Ok(of_journal) if of_journal != *before => return Ok(false),
+            Ok(_) | Err(JournalError::Record(_)) => {}
+            Err(error) => return Err(error.into()),
+        }
+        let (_, place) = scratch.split_at_mut(FIELDS);
+        let piece = self.ring.read_piece(number, FIELDS, place)?;
+        let digest = CRC32.checksum(place.get(..piece.len).unwrap_or_default());
+        match journal.read(seq, place) {
+            Ok(ReadEntry { entry, .. }) => Ok((entry.kind, entry.t) == (piece.kind, piece.t)
+                && CRC32.checksum(entry.payload) == digest),
+            Err(JournalError::Record(_)) => Ok(true),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Appends entry `seq`, whose payload of `len` bytes stands in `room` behind [`FIELDS`].
+    pub fn append(
+        &mut self,
+        kind: u8,
+        t: Micros,
+        seq: u64,
+        before: &Chain,
+        room: &mut [u8; ROOM],
+        len: usize,
+    ) -> Result<(), JournalError<F::Error>> {
+        let fields = seq.to_le_bytes().into_iter().chain(before.0);
+        for (place, byte) in room.iter_mut().zip(fields) {
+            *place = byte;
+        }
+        let payload = room.get(..FIELDS + len).unwrap_or_default();
+        self.ring.append(kind, t, payload).map(|_| ())
+    }
+
+    /// The entry that a piece of evidence is, and the chain value before that.
+    pub fn fields(&mut self, number: u64) -> Result<(u64, Chain), JournalError<F::Error>> {
+        let mut fields = [0; FIELDS];
+        self.ring.read_piece(number, 0, &mut fields)?;
+        let (mut seq, mut chain) = ([0; 8], [0; 32]);
+        let (first, last) = fields.split_at(seq.len());
+        seq.copy_from_slice(first);
+        chain.copy_from_slice(last);
+        Ok((u64::from_le_bytes(seq), Chain(chain)))
+    }
+
+    /// The first piece at or behind entry `seq`: its number, and the entry that it is.
+    pub fn locate(&mut self, seq: u64) -> Result<Option<(u64, u64)>, JournalError<F::Error>> {
+        let (mut low, mut high) = (self.ring.first_seq(), self.ring.next_seq());
+        let (number, entry) = self.hint;
+        if (low..high).contains(&number) {
+            // Readers go on from where they were.
+            if entry < seq {
+                low = number + 1;
+                if low < high {
+                    let next = self.fields(low)?.0;
+                    if next >= seq {
+                        self.hint = (low, next);
+                        return Ok(Some(self.hint));
+                    }
+                }
+            } else if entry == seq {
+                return Ok(Some(self.hint));
+            } else {
+                high = number;
+            }
+        }
+        let end = self.ring.next_seq();
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.fields(middle)?.0 < seq {
+                low = middle + 1;
+            } else {
+                high = middle;
+            }
+        }
+        if low == end {
+            return Ok(None);
+        }
+        self.hint = (low, self.fields(low)?.0);
+        Ok(Some(self.hint))
+    }
+}

@@ -1,0 +1,298 @@
+//! The board's whole record: the journal of everything, and beside it a ring of evidence that
+//! noise cannot push out.
+//!
+//! # Design
+//!
+//! Every record goes into the [`Journal`], numbered and chained without gaps; so the journal alone
+//! can be replayed. A record of a kind that is evidence
+//! ([`umi_protocol::message::Record::is_evidence`]) is also put into a second journal on flash of
+//! its own, with its number and the chain value before it:
+//!
+//! ```text
+//! journal   … 41 bytes  42 fault  43 verdict  44 bytes  45 head  46 bytes …     lapped by noise
+//! evidence  …                  7: 43 verdict      8: 45 head             …     lapped by evidence
+//! ```
+//!
+//! When the journal has been overwritten up to some entry, the evidence before that is still
+//! there, each piece as the entry that it was, byte by byte. What is missing between is a gap. The
+//! second journal has a chain of its own; signed heads name both
+//! ([`umi_protocol::head::EvidenceMark`]), so that neither a piece of evidence can be taken out of
+//! a gap nor one put in.
+//!
+//! A record counts as kept when both have it. The journal is written first; what the power cut off
+//! of the evidence is copied at the next start, and so is the evidence of a journal that was
+//! written before the board had this ring.
+//!
+//! # Limitations
+//!
+//! * Evidence that never ends overwrites evidence: see what a host can do about it,
+//!   [`Archive::lost_from`] and [`Archive::is_full`].
+//! * If the newest entry of the journal is damaged at rest and was evidence, the two do not fit any
+//!   more: [`ArchiveFault::OtherJournal`], and the board keeps no evidence apart until its owner
+//!   has pulled and formatted it.
+//! * A ring of another journal is known by its newest piece, while the journal still holds the entry
+//!   of that number. If that entry is overwritten already, the ring is taken for the journal's own.
+
+mod evidence;
+#[cfg(test)]
+mod tests;
+
+pub use evidence::{ArchiveFault, FIELDS};
+
+use umi_protocol::head::EvidenceMark;
+use umi_protocol::message::{MAX_RECORD, Record};
+
+use crate::journal::{Chain, Entry, Flash, Journal, JournalError, Recovery, encode_in_place};
+use crate::units::Micros;
+use crate::zero_option::ZeroOption;
+use evidence::Evidence;
+
+/// Room for a record as it is appended: [`FIELDS`] bytes before its own.
+pub const ROOM: usize = FIELDS + MAX_RECORD;
+
+/// A piece of evidence: its number in the ring, and the ring.
+type Located<'a, F> = (u64, &'a mut Evidence<F>);
+
+/// The journal, and the evidence of it.
+#[derive(Clone, Debug)]
+pub struct Archive<F: Flash> {
+    journal: Journal<F>,
+    evidence: ZeroOption<Evidence<F>>,
+}
+
+impl<F: Flash> Archive<F> {
+    /// Finds the journal. Only reads.
+    ///
+    /// # Errors
+    /// As [`Journal::open`].
+    pub fn open(flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
+        let (journal, recovery) = Journal::open(flash)?;
+        let evidence = ZeroOption::empty();
+        Ok((Self { journal, evidence }, recovery))
+    }
+
+    /// Keeps evidence apart from now on; what of the journal's is not there yet is copied.
+    ///
+    /// # Errors
+    /// [`ArchiveFault`]: no evidence is kept apart.
+    pub fn keep_evidence(
+        &mut self,
+        flash: F,
+        scratch: &mut [u8; ROOM],
+    ) -> Result<(), ArchiveFault<F::Error>> {
+        let mut evidence = Evidence::open(flash)?;
+        evidence.catch_up(&mut self.journal, scratch)?;
+        self.evidence.put(evidence);
+        Ok(())
+    }
+
+    /// Whether evidence is kept apart.
+    #[must_use]
+    pub fn has_evidence(&self) -> bool {
+        self.evidence.is_some()
+    }
+
+    /// Appends the record of `len` bytes that stands in `room` behind its first [`FIELDS`] bytes,
+    /// and returns its number. After `Ok` it survives a power cut.
+    ///
+    /// # Errors
+    /// As [`Journal::append`]. The journal may have it then, if only the evidence has not: it is
+    /// copied at the next start.
+    pub fn append(
+        &mut self,
+        kind: u8,
+        t: Micros,
+        room: &mut [u8; ROOM],
+        len: usize,
+    ) -> Result<u64, JournalError<F::Error>> {
+        let before = self.journal.chain_head();
+        let payload = room.get(FIELDS..FIELDS + len).unwrap_or_default();
+        let seq = self.journal.append(kind, t, payload)?;
+        if let Some(evidence) = self.evidence.get_mut()
+            && Record::is_evidence(kind)
+        {
+            evidence.append(kind, t, seq, &before, room, len)?;
+        }
+        Ok(seq)
+    }
+
+    /// Erases ahead while the board has time for that: see [`Journal::prepare`].
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`].
+    pub fn prepare(&mut self, min_free: u32) -> Result<(), JournalError<F::Error>> {
+        self.journal.prepare(min_free)?;
+        if let Some(evidence) = self.evidence.get_mut() {
+            evidence.ring.prepare(min_free)?;
+        }
+        Ok(())
+    }
+
+    /// The oldest entry of the journal: from there on it holds all of them.
+    #[must_use]
+    pub fn first_seq(&self) -> u64 {
+        self.journal.first_seq()
+    }
+
+    /// The number that the next entry will get.
+    #[must_use]
+    pub fn next_seq(&self) -> u64 {
+        self.journal.next_seq()
+    }
+
+    /// The chain value that includes the newest entry.
+    #[must_use]
+    pub fn chain_head(&self) -> Chain {
+        self.journal.chain_head()
+    }
+
+    /// The longest payload that both can keep.
+    #[must_use]
+    pub fn max_payload(&self) -> usize {
+        let evidence = self.evidence.get();
+        let most = evidence.map_or(usize::MAX, |of| of.ring.max_payload() - FIELDS);
+        self.journal.max_payload().min(most)
+    }
+
+    /// The oldest entry at or behind `seq` that is there, in the journal or as evidence.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`], [`JournalError::Record`].
+    pub fn next_there(&mut self, seq: u64) -> Result<u64, JournalError<F::Error>> {
+        let oldest = self.journal.first_seq();
+        if seq < oldest
+            && let Some(evidence) = self.evidence.get_mut()
+            && let Some((_, found)) = evidence.locate(seq)?
+        {
+            return Ok(found.min(oldest));
+        }
+        Ok(seq.max(oldest).min(self.journal.next_seq()))
+    }
+
+    /// Reads entry `seq` as it was appended. `into` needs as many bytes as its payload has.
+    ///
+    /// # Errors
+    /// As [`Journal::read`]. An entry that was overwritten and was no evidence is
+    /// [`JournalError::OutOfRange`].
+    pub fn read<'b>(
+        &mut self,
+        seq: u64,
+        into: &'b mut [u8],
+    ) -> Result<Entry<'b>, JournalError<F::Error>> {
+        Ok(self.journal.read(seq, into)?.entry)
+    }
+
+    /// Reads entry `seq` as it is encoded in a `.umij` file; the number of its bytes.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_encoded(
+        &mut self,
+        seq: u64,
+        into: &mut [u8],
+    ) -> Result<usize, JournalError<F::Error>> {
+        let found = self.evidence_of(seq)?;
+        let Some((number, evidence)) = found else {
+            return self.journal.read_encoded(seq, into).map(<[u8]>::len);
+        };
+        let (_, before) = evidence.fields(number)?;
+        let short = JournalError::BufferTooSmall { need: into.len() };
+        let Some((_, place)) = into.split_at_mut_checked(crate::journal::FIELDS) else {
+            return Err(short);
+        };
+        let piece = evidence.ring.read_piece(number, FIELDS, place)?;
+        let entry = (piece.kind, piece.t, seq);
+        encode_in_place(into, entry, piece.len, &before).ok_or(short)
+    }
+
+    /// The chain value before entry `seq`.
+    ///
+    /// # Errors
+    /// As [`Journal::chain_before`].
+    pub fn chain_before(&mut self, seq: u64) -> Result<Chain, JournalError<F::Error>> {
+        match self.evidence_of(seq)? {
+            Some((number, evidence)) => Ok(evidence.fields(number)?.1),
+            None => self.journal.chain_before(seq),
+        }
+    }
+
+    /// The evidence that entry `seq` is, if the journal has it no more.
+    fn evidence_of(&mut self, seq: u64) -> Result<Option<Located<'_, F>>, JournalError<F::Error>> {
+        if seq >= self.journal.first_seq() {
+            return Ok(None);
+        }
+        let Some(evidence) = self.evidence.get_mut() else {
+            return Ok(None);
+        };
+        let found = evidence.locate(seq)?.filter(|(_, of)| *of == seq);
+        Ok(found.map(|(number, _)| (number, evidence)))
+    }
+
+    /// What a head says of the evidence; none: none is kept apart.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`], [`JournalError::Record`].
+    pub fn mark(&mut self) -> Result<Option<EvidenceMark>, JournalError<F::Error>> {
+        let next_seq = self.journal.next_seq();
+        let Some(Evidence { ring, .. }) = self.evidence.get_mut() else {
+            return Ok(None);
+        };
+        let (first, next) = (ring.first_seq(), ring.next_seq());
+        let first_chain = ring.chain_before(first)?.0;
+        let chain = ring.chain_head().0;
+        let evidence = self.evidence.get_mut();
+        let first_seq = match evidence.filter(|_| first < next) {
+            Some(evidence) => evidence.fields(first)?.0,
+            None => next_seq,
+        };
+        Ok(Some(EvidenceMark {
+            first,
+            first_seq,
+            first_chain,
+            next,
+            chain,
+        }))
+    }
+
+    /// Entries from `from` on that are on the board no more: neither in the journal nor as
+    /// evidence.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`], [`JournalError::Record`].
+    pub fn lost_from(&mut self, from: u64) -> Result<u64, JournalError<F::Error>> {
+        let oldest = self.journal.first_seq();
+        let Some(gone) = oldest.checked_sub(from).filter(|gone| *gone > 0) else {
+            return Ok(0);
+        };
+        let Some(evidence) = self.evidence.get_mut() else {
+            return Ok(gone);
+        };
+        let end = evidence.ring.next_seq();
+        let number = |found: Option<(u64, u64)>| found.map_or(end, |(number, _)| number);
+        let (a, b) = (
+            number(evidence.locate(from)?),
+            number(evidence.locate(oldest)?),
+        );
+        Ok(gone - b.saturating_sub(a).min(gone))
+    }
+
+    /// Whether little more evidence can be kept before some from entry `from` on is overwritten.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`], [`JournalError::Record`].
+    pub fn is_full(&mut self, from: u64, min_free: u32) -> Result<bool, JournalError<F::Error>> {
+        let Some(evidence) = self.evidence.get_mut() else {
+            // The journal itself is all there is.
+            let end = self.journal.next_to_go();
+            return Ok(self.journal.free() < min_free && end.is_some_and(|end| end > from));
+        };
+        let Some(end) = evidence.ring.next_to_go() else {
+            return Ok(false);
+        };
+        if evidence.ring.free() >= min_free {
+            return Ok(false);
+        }
+        let newest = end.saturating_sub(1);
+        Ok(evidence.fields(newest)?.0 >= from)
+    }
+}

@@ -1,0 +1,293 @@
+//! Evidence stays when noise has lapped the journal, over restarts and power cuts.
+
+use std::vec::Vec;
+
+use umi_protocol::message::MAX_RECORD;
+
+use super::*;
+use crate::journal::mock::{Cut, ERASE_CUTS, MockFlash, Op, Random};
+use crate::journal::{EntryIter, Geometry};
+
+const STREAM: Geometry = Geometry {
+    sectors: 3,
+    sector_size: 8192,
+    write_size: 1,
+    page_size: 256,
+};
+const EVIDENCE: Geometry = Geometry {
+    sectors: 4,
+    ..STREAM
+};
+
+/// A verdict's kind, and one that is noise.
+const VERDICT: u8 = 10;
+const NOISE: u8 = 4;
+
+type Mock = Archive<MockFlash>;
+
+fn open(stream: MockFlash, evidence: MockFlash) -> Mock {
+    let (mut archive, _) = Archive::open(stream).unwrap();
+    archive.keep_evidence(evidence, &mut [0; ROOM]).unwrap();
+    archive
+}
+
+fn new() -> Mock {
+    open(MockFlash::new(STREAM), MockFlash::new(EVIDENCE))
+}
+
+fn flashes(archive: Mock) -> (MockFlash, MockFlash) {
+    let Archive {
+        journal,
+        mut evidence,
+    } = archive;
+    let evidence = evidence.take().unwrap().ring.into_flash();
+    (journal.into_flash(), evidence)
+}
+
+fn put(archive: &mut Mock, kind: u8, payload: &[u8]) -> Result<u64, ()> {
+    let mut room = [0; ROOM];
+    room[FIELDS..FIELDS + payload.len()].copy_from_slice(payload);
+    archive
+        .append(kind, Micros(payload.len() as u64), &mut room, payload.len())
+        .map_err(|_| ())
+}
+
+/// Everything that is there, as a reader gets it: each entry proven by the chain before it.
+fn all(archive: &mut Mock) -> Vec<(u64, u8, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut seq = archive.next_there(0).unwrap();
+    while seq < archive.next_seq() {
+        let mut raw = [0; MAX_RECORD + 64];
+        let len = archive.read_encoded(seq, &mut raw).unwrap();
+        let before = archive.chain_before(seq).unwrap();
+        let mut entries = EntryIter::new(&raw[..len], seq, before);
+        let entry = entries.next().unwrap().unwrap();
+        found.push((seq, entry.kind, entry.payload.to_vec()));
+        assert_eq!(entries.offset(), len);
+        let next = archive.next_there(seq + 1).unwrap();
+        assert!(next > seq);
+        seq = next;
+    }
+    found
+}
+
+/// The chain of evidence by somebody who has only what was read.
+fn chain_of(found: &[(u64, u8, Vec<u8>)], archive: &mut Mock) -> Chain {
+    let mark = archive.mark().unwrap().unwrap();
+    let mut chain = Chain(mark.first_chain);
+    let mut number = mark.first;
+    for (seq, kind, payload) in found {
+        if *seq < mark.first_seq || !Record::is_evidence(*kind) {
+            continue;
+        }
+        let before = archive.chain_before(*seq).unwrap();
+        let payload = [&seq.to_le_bytes()[..], &before.0, payload].concat();
+        let entry = Entry {
+            seq: number,
+            t: Micros(payload.len() as u64 - FIELDS as u64),
+            kind: *kind,
+            payload: &payload,
+        };
+        let mut out = [0; ROOM + 64];
+        crate::journal::encode_entry(&entry, &mut chain, &mut out).unwrap();
+        number += 1;
+    }
+    assert_eq!(number, mark.next);
+    chain
+}
+
+/// Ten laps of noise: every piece of evidence is there, byte by byte, and its chain is that of
+/// the mark, also after a restart.
+#[test]
+fn ten_laps_of_noise_cost_no_evidence() {
+    let mut archive = new();
+    let mut random = Random(1);
+    let mut expected = Vec::new();
+    let mut noise = 0_u64;
+    let size = u64::from(STREAM.sector_size) * u64::from(STREAM.sectors);
+    while noise < 10 * size {
+        if random.below(60) == 0 {
+            let payload: Vec<u8> = (0..random.below(90)).map(|_| random.byte()).collect();
+            let seq = put(&mut archive, VERDICT, &payload).unwrap();
+            expected.push((seq, VERDICT, payload));
+        }
+        let payload = [7; 40];
+        put(&mut archive, NOISE, &payload).unwrap();
+        noise += 40 + 32;
+        if random.below(500) == 0 {
+            let (stream, evidence) = flashes(archive);
+            archive = open(stream, evidence);
+        }
+    }
+    assert!(archive.first_seq() > 2000);
+    let found = all(&mut archive);
+    let evidence: Vec<_> = found.iter().filter(|of| of.1 == VERDICT).cloned().collect();
+    assert_eq!(evidence.len(), expected.len());
+    assert!(evidence == expected && expected.len() > 40);
+    assert_eq!(
+        chain_of(&found, &mut archive),
+        Chain(archive.mark().unwrap().unwrap().chain)
+    );
+    let lost = archive.lost_from(0).unwrap();
+    assert_eq!(lost + found.len() as u64, archive.next_seq());
+    assert_eq!(archive.lost_from(archive.first_seq()).unwrap(), 0);
+}
+
+/// A board that gets the ring later copies what its journal holds; a ring of another journal is
+/// refused.
+#[test]
+fn a_new_ring_takes_up_what_is_there() {
+    let (mut archive, _) = Archive::open(MockFlash::new(STREAM)).unwrap();
+    for n in 0..50 {
+        let kind = if n % 5 == 0 { VERDICT } else { NOISE };
+        put(&mut archive, kind, &[n]).unwrap();
+    }
+    let mut archive = open(archive.journal.into_flash(), MockFlash::new(EVIDENCE));
+    let mark = archive.mark().unwrap().unwrap();
+    assert_eq!((mark.first, mark.first_seq, mark.next), (0, 0, 10));
+    let (_, evidence) = flashes(archive);
+    let (mut other, _) = Archive::open(MockFlash::new(STREAM)).unwrap();
+    put(&mut other, VERDICT, b"x").unwrap();
+    let refused = other.keep_evidence(evidence, &mut [0; ROOM]);
+    assert_eq!(refused, Err(ArchiveFault::OtherJournal));
+}
+
+/// A ring of another history is refused also where the journal has an entry of that number: by what
+/// stands before it, and by what it is itself.
+#[test]
+fn a_ring_of_another_history_is_refused() {
+    let written = |kinds: &[u8], first: u8| {
+        let mut archive = new();
+        for (n, kind) in kinds.iter().enumerate() {
+            put(&mut archive, *kind, &[if n == 0 { first } else { 1 }; 9]).unwrap();
+        }
+        flashes(archive)
+    };
+    let taken = |stream: MockFlash, evidence: MockFlash| {
+        let (mut archive, _) = Archive::open(stream).unwrap();
+        archive.keep_evidence(evidence, &mut [0; ROOM])
+    };
+    let kinds = [VERDICT, NOISE, VERDICT, NOISE, NOISE];
+    let (stream, ring) = written(&kinds, 1);
+    assert_eq!(taken(stream.clone(), ring), Ok(()));
+    let (_, other_before) = written(&kinds, 2);
+    let (_, other_itself) = written(&[VERDICT], 2);
+    for other in [other_before, other_itself] {
+        let refused = taken(stream.clone(), other);
+        assert_eq!(refused, Err(ArchiveFault::OtherJournal));
+    }
+}
+
+/// Evidence that has lapped itself: the oldest is gone and counted, and it was said before.
+#[test]
+fn evidence_that_never_ends_is_told_before() {
+    let mut archive = new();
+    let mut was_full = None;
+    for n in 0..4000_u64 {
+        if was_full.is_none() && archive.is_full(0, 1000).unwrap() {
+            was_full = Some(n);
+            assert_eq!(
+                archive.lost_from(0).unwrap(),
+                0,
+                "told before anything is lost"
+            );
+            assert!(
+                !archive.is_full(n, 1000).unwrap(),
+                "all of it was kept elsewhere"
+            );
+        }
+        put(&mut archive, VERDICT, &n.to_le_bytes()).unwrap();
+    }
+    assert!(was_full.is_some_and(|n| n > 100));
+    let found = all(&mut archive);
+    assert_eq!(
+        chain_of(&found, &mut archive),
+        Chain(archive.mark().unwrap().unwrap().chain)
+    );
+    assert!(archive.lost_from(0).unwrap() > 3000);
+}
+
+/// Every way to cut one operation.
+fn cuts(op: &Op) -> Vec<Cut> {
+    match op {
+        Op::Erase { .. } => ERASE_CUTS.to_vec(),
+        Op::Program { len, .. } => (0..=*len)
+            .step_by(61)
+            .chain([*len])
+            .map(Cut::AtByte)
+            .chain([Cut::Page(0)])
+            .collect(),
+    }
+}
+
+/// Power is cut at every operation of either flash: what was acknowledged is there in both, the
+/// chain of evidence holds, and it goes on.
+#[test]
+fn power_cuts_lose_no_acknowledged_evidence() {
+    let mut archive = new();
+    let mut kept = Vec::new();
+    let mut tried = 0;
+    for n in 0..200_u32 {
+        let kind = if n % 3 == 0 { VERDICT } else { NOISE };
+        let payload = [n as u8; 120];
+        // Which of the two is cut, and where.
+        let before = flashes(archive.clone());
+        let seq = put(&mut archive, kind, &payload).unwrap();
+        for which in 0..2 {
+            let of = |pair: &(MockFlash, MockFlash)| match which {
+                0 => pair.0.clone(),
+                _ => pair.1.clone(),
+            };
+            let whole = flashes(archive.clone());
+            let skip = of(&before).take_ops().len();
+            let ops = of(&whole).take_ops();
+            // The busy places: the ends of sectors, and some others.
+            let erases = ops
+                .iter()
+                .skip(skip)
+                .any(|op| matches!(op, Op::Erase { .. }));
+            if !erases && n % 15 != 0 {
+                continue;
+            }
+            for (at, op) in ops.iter().enumerate().skip(skip) {
+                for cut in cuts(op) {
+                    tried += 1;
+                    let (mut stream, mut evidence) = before.clone();
+                    let flash = if which == 0 {
+                        &mut stream
+                    } else {
+                        &mut evidence
+                    };
+                    flash.cut_power_at(at, cut, u64::from(n) + tried);
+                    let mut after = open_as_is(stream, evidence);
+                    let done = put(&mut after, kind, &payload).is_ok();
+                    let (mut stream, mut evidence) = flashes(after);
+                    stream.power_up();
+                    evidence.power_up();
+                    let mut again = open(stream, evidence);
+                    put(&mut again, VERDICT, b"goes on").unwrap();
+                    let found = all(&mut again);
+                    let chain = chain_of(&found, &mut again);
+                    assert_eq!(chain, Chain(again.mark().unwrap().unwrap().chain));
+                    let oldest = again.mark().unwrap().unwrap().first_seq;
+                    for (seq, payload) in &kept {
+                        let there = found.iter().any(|of| of.0 == *seq && of.2 == *payload);
+                        assert!(there || *seq < oldest, "{n} {op:?} {cut:?}: {seq}");
+                    }
+                    if done && kind == VERDICT {
+                        assert!(found.iter().any(|of| of.0 == seq && of.2 == payload));
+                    }
+                }
+            }
+        }
+        if kind == VERDICT {
+            kept.push((seq, payload.to_vec()));
+        }
+    }
+    assert!(tried > 180, "{tried}");
+}
+
+/// As [`open`], where the next operation may be the one that is cut.
+fn open_as_is(stream: MockFlash, evidence: MockFlash) -> Mock {
+    open(stream, evidence)
+}

@@ -1,0 +1,207 @@
+//! Whether evidence is missing where the entries between are not there any more.
+//!
+//! An entry whose successors were overwritten up to some gap is not proven by the chain: who edits
+//! a file can make a gap. If it is evidence it is proven by the chain of evidence, which heads name
+//! ([`umi_protocol::head::EvidenceMark`]); if it is not, by nothing.
+
+use umi_core::journal::{Chain, Entry, OVERHEAD, encode_entry};
+use umi_protocol::head::EvidenceMark;
+use umi_protocol::message::Record;
+
+/// A place in the chain of evidence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place {
+    number: u64,
+    chain: Chain,
+}
+
+impl Place {
+    /// Moves behind a piece.
+    fn pass(&mut self, piece: &Evidence) {
+        let entry = Entry {
+            seq: self.number,
+            t: piece.t,
+            kind: piece.kind,
+            payload: &piece.payload,
+        };
+        let mut room = vec![0; piece.payload.len() + OVERHEAD];
+        // There is room, and it is no longer than what a board wrote.
+        let _ = encode_entry(&entry, &mut self.chain, &mut room);
+        self.number += 1;
+    }
+}
+
+/// A piece of evidence as it stands in its chain.
+struct Evidence {
+    seq: u64,
+    kind: u8,
+    t: umi_core::units::Micros,
+    payload: Vec<u8>,
+}
+
+/// The evidence of a file while it is read.
+pub(super) struct EvidenceCheck {
+    first_seq: u64,
+    /// At the last head; known from the first head on that names it.
+    place: Option<Place>,
+    /// What came since.
+    recent: Vec<Evidence>,
+    /// What came before the first head that names the place, and what that said.
+    early: Vec<Evidence>,
+    reached: Option<(Place, u64)>,
+    /// The first mark whose oldest piece is in this file.
+    anchor: Option<EvidenceMark>,
+    /// The first entry since the last head or gap that is no evidence, and that is.
+    bare: Option<u64>,
+    pieces_since: Option<u64>,
+    /// The first piece before a gap that no head has proven yet.
+    cut: Option<u64>,
+    /// The first piece of those before the first head that stands before a gap.
+    early_cut: Option<u64>,
+    /// The first entry that nothing proves.
+    unproven: Option<u64>,
+}
+
+/// The evidence is not that of which the head in entry `seq` says that it was all.
+pub(super) struct OtherEvidence {
+    pub seq: u64,
+}
+
+impl EvidenceCheck {
+    pub fn new(first_seq: u64) -> Self {
+        Self {
+            first_seq,
+            place: None,
+            recent: Vec::new(),
+            early: Vec::new(),
+            reached: None,
+            anchor: None,
+            bare: None,
+            pieces_since: None,
+            cut: None,
+            early_cut: None,
+            unproven: None,
+        }
+    }
+
+    /// A gap stands here.
+    pub fn gap(&mut self) {
+        if let Some(seq) = self.bare.take() {
+            self.unproven.get_or_insert(seq);
+        }
+        if let Some(seq) = self.pieces_since.take() {
+            self.cut.get_or_insert(seq);
+        }
+    }
+
+    /// The next entry, which is no head.
+    pub fn entry(&mut self, entry: &Entry<'_>, before: &Chain) {
+        if !Record::is_evidence(entry.kind) {
+            self.bare.get_or_insert(entry.seq);
+            return;
+        }
+        self.pieces_since.get_or_insert(entry.seq);
+        self.piece(entry, before);
+    }
+
+    fn piece(&mut self, entry: &Entry<'_>, before: &Chain) {
+        self.recent.push(Evidence {
+            seq: entry.seq,
+            kind: entry.kind,
+            t: entry.t,
+            payload: [&entry.seq.to_le_bytes()[..], &before.0, entry.payload].concat(),
+        });
+    }
+
+    /// A good head stands here.
+    pub fn head(
+        &mut self,
+        entry: &Entry<'_>,
+        before: &Chain,
+        mark: Option<&EvidenceMark>,
+    ) -> Result<(), OtherEvidence> {
+        // What stands before it in one piece is proven by the chain.
+        (self.bare, self.pieces_since) = (None, None);
+        if let Some(mark) = mark {
+            let said = Place {
+                number: mark.next,
+                chain: Chain(mark.chain),
+            };
+            let recent = std::mem::take(&mut self.recent);
+            match self.place {
+                Some(place) => {
+                    self.is_all(place, &recent, mark, said)
+                        .map_err(|()| OtherEvidence { seq: entry.seq })?;
+                }
+                None => {
+                    self.early_cut = self.cut.take();
+                    self.reached = Some((said, entry.seq));
+                    self.early = recent;
+                }
+            }
+            self.place = Some(said);
+            if self.anchor.is_none() && mark.first_seq >= self.first_seq {
+                self.anchor = Some(*mark);
+            }
+        } else if let Some(seq) = self.cut.take() {
+            self.unproven.get_or_insert(seq);
+        }
+        self.piece(entry, before);
+        Ok(())
+    }
+
+    /// Whether these are all the pieces between a place and where a head says that it stands. What
+    /// the board had overwritten before that head is missing by right: the head says from where on
+    /// it still had them.
+    fn is_all(
+        &mut self,
+        mut place: Place,
+        recent: &[Evidence],
+        mark: &EvidenceMark,
+        said: Place,
+    ) -> Result<(), ()> {
+        let mut from = 0;
+        if mark.first > place.number {
+            place = Place {
+                number: mark.first,
+                chain: Chain(mark.first_chain),
+            };
+            from = mark.first_seq;
+        }
+        for piece in recent.iter().filter(|of| of.seq >= from) {
+            place.pass(piece);
+        }
+        if let Some(cut) = self.cut.take().filter(|cut| *cut < from) {
+            self.unproven.get_or_insert(cut);
+        }
+        (place == said).then_some(()).ok_or(())
+    }
+
+    /// The file has ended: the first entry that nothing proves.
+    pub fn end(mut self) -> Result<Option<u64>, OtherEvidence> {
+        self.gap();
+        let mut first = [self.unproven, self.cut].into_iter().flatten().min();
+        let Some((reached, seq)) = self.reached else {
+            return Ok(first);
+        };
+        // What came before the first head, from the oldest piece on that a head names.
+        let anchor = self.anchor.filter(|mark| mark.next >= mark.first);
+        if let Some(mark) = anchor.filter(|mark| mark.first <= reached.number) {
+            let mut place = Place {
+                number: mark.first,
+                chain: Chain(mark.first_chain),
+            };
+            for piece in self.early.iter().filter(|of| of.seq >= mark.first_seq) {
+                place.pass(piece);
+            }
+            if place != reached {
+                return Err(OtherEvidence { seq });
+            }
+        }
+        let proven_from = anchor.map_or(u64::MAX, |mark| mark.first_seq);
+        if let Some(cut) = self.early_cut.filter(|cut| *cut < proven_from) {
+            first = Some(first.map_or(cut, |first| first.min(cut)));
+        }
+        Ok(first)
+    }
+}

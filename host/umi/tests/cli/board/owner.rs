@@ -1,0 +1,147 @@
+//! What the owner of a board allows: `umi config`, `umi log ack`, and what is refused for it.
+
+use std::sync::Arc;
+
+use serde_json::Value;
+use umi_virtual::serve::{Port, PortPlace};
+use umi_virtual::{BoardTime, Config, VirtualBoard};
+
+use crate::rig::run::{Folder, Ran, project, umi};
+
+fn start(config: &Config) -> (Arc<VirtualBoard>, String) {
+    let board = Arc::new(VirtualBoard::start(config.clone()).unwrap());
+    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let address = port.address.clone();
+    port.serve_host(&board);
+    (board, address)
+}
+
+fn config() -> Config {
+    Config {
+        time: BoardTime::Real,
+        ..Config::default()
+    }
+}
+
+fn error(ran: Ran) -> Value {
+    ran.exits(2).json()["error"].clone()
+}
+
+/// Fields are read, set, compared and applied; they hold after a restart, and what is wrong is
+/// named.
+#[test]
+fn a_board_is_configured() {
+    let (folder, config) = (Folder::new(), config());
+    let (board, port) = start(&config);
+    let get = ["config", "get", "--json", "--port", &port];
+    let before = umi(&get).exits(0).json();
+    assert_eq!(before["config"]["ceilings"]["always"], true);
+    assert_eq!(before["config"]["journal"]["full"], "overwrite");
+    assert_eq!(
+        (&before["version"], &before["fallbacks"]),
+        (&1.into(), &Value::Array(vec![]))
+    );
+    let set =
+        |field: &str, value: &str| umi(&["config", "set", field, value, "--json", "--port", &port]);
+    set("ceilings.rms_mm", "0.5").exits(0);
+    let after = set("journal.full", "refuse").exits(0).json();
+    assert_eq!(after["config"]["ceilings"]["rms_mm"], 0.5);
+    assert_eq!(after["config"]["journal"]["full"], "refuse");
+    for (field, value) in [
+        ("ceilings.rms_mm", "-1"),
+        ("ceilings.rms", "1"),
+        ("journal.full", "x"),
+    ] {
+        let error = error(set(field, value));
+        assert_eq!(
+            (&error["code"], &error["field"]),
+            (&"config_field".into(), &field.into())
+        );
+    }
+    let file = folder.path("board.toml");
+    let text = umi(&["config", "get", "--port", &port]).exits(0).out;
+    std::fs::write(&file, text.replace("0.5", "0.25")).unwrap();
+    umi(&["config", "check", &file]).exits(0);
+    let diff = ["config", "diff", &file, "--json", "--port", &port];
+    let told = umi(&diff).exits(0).json();
+    assert_eq!(told["same"], false);
+    assert_eq!(told["differences"][0]["field"], "ceilings.rms_mm");
+    umi(&["config", "apply", &file, "--port", &port]).exits(0);
+    assert_eq!(umi(&diff).exits(0).json()["same"], true);
+    drop(board);
+    std::thread::sleep(std::time::Duration::from_millis(50));
+    let (_board, port) = start(&config);
+    let again = umi(&["config", "get", "--json", "--port", &port])
+        .exits(0)
+        .json();
+    assert_eq!(again["config"]["ceilings"]["rms_mm"], 0.25);
+    let listed = umi(&["log", "--json", "--port", &port])
+        .exits(0)
+        .json_lines();
+    assert!(listed.iter().any(|of| of["type"] == "config_set"));
+    let bad = folder.file("bad.toml", "[ceilings]\nwide = 1\n");
+    assert_eq!(
+        error(umi(&["config", "check", &bad, "--json"]))["code"],
+        "config_syntax"
+    );
+}
+
+/// A job with a wider limit is refused, whoever sets it, and a ceiling below the job in force too;
+/// so are jobs without a witness and programs without a verdict.
+#[test]
+fn nothing_passes_a_ceiling() {
+    let (folder, config) = (Folder::new(), config());
+    let (_board, port) = start(&config);
+    let job = project("examples/three-spheres.toml");
+    let set_job = || umi(&["job", "set", &job, "--json", "--port", &port]);
+    let set =
+        |field: &str, value: &str| umi(&["config", "set", field, value, "--json", "--port", &port]);
+    set("ceilings.tilt_deg", "0.001").exits(0);
+    let told = error(set_job());
+    assert_eq!(told["code"], "beyond_ceiling");
+    assert_eq!(
+        (&told["field"], &told["ceiling"], &told["given"]),
+        (&"limits.tilt_deg".into(), &0.001.into(), &0.010.into())
+    );
+    set("ceilings.tilt_deg", "none").exits(0);
+    set("ceilings.require_witness", "true").exits(0);
+    let told = error(set_job());
+    assert_eq!(
+        (&told["code"], &told["field"]),
+        (&"beyond_ceiling".into(), &"require_witness".into())
+    );
+    set("ceilings.require_witness", "false").exits(0);
+    set_job().exits(0);
+    assert_eq!(
+        error(set("ceilings.tilt_deg", "0.001"))["code"],
+        "beyond_ceiling"
+    );
+    set("ceilings.always", "false").exits(0);
+    let program = folder.file("O0009.nc", "%\nO0009\nM30\n%\n");
+    let put = |release: &str| {
+        umi(&[
+            "program",
+            "put",
+            &program,
+            "--release",
+            release,
+            "--json",
+            "--port",
+            &port,
+        ])
+    };
+    assert_eq!(error(put("always"))["code"], "beyond_ceiling");
+    put("after-verdict").exits(0);
+}
+
+/// Entries that somebody keeps elsewhere are acknowledged; nobody can keep what is not there yet.
+#[test]
+fn entries_are_acknowledged() {
+    let (_board, port) = start(&config());
+    let ack = |seq: &str| umi(&["log", "ack", seq, "--json", "--port", &port]);
+    let told = ack("1").exits(0).json();
+    assert_eq!((&told["acked_seq"], &told["lost"]), (&1.into(), &0.into()));
+    assert_eq!(error(ack("999"))["code"], "out_of_range");
+    let info = umi(&["info", "--json", "--port", &port]).exits(0).json();
+    assert_eq!(info["journal"]["acked_seq"], 1);
+}

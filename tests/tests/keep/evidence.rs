@@ -1,0 +1,259 @@
+//! Noise costs no evidence: on the line and at the host's port, whatever it overwrites.
+
+use std::time::{Duration, Instant};
+
+use umi_client::journal::verify::verify;
+use umi_client::journal::{self, FileItem, PullRequest, PullStep, Pulled};
+use umi_client::link::{Acknowledged, Client};
+use umi_client::problem::Problem;
+use umi_core::journal::Geometry;
+use umi_protocol::config::{BoardConfig, JournalConfig, WhenFull};
+use umi_protocol::message::Record;
+use umi_tests::cases::{DC1, clamping, job};
+use umi_virtual::board::KEY;
+use umi_virtual::{BoardTime, Config, VirtualBoard, VirtualFlash};
+
+/// A journal of 64 KB, so that a lap is short.
+const SMALL: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 16_384,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// Entries that are more than a lap of it, however short they are.
+const LAP: u64 = 4 * 16_384 / 40;
+
+fn config() -> Config {
+    Config {
+        time: BoardTime::Real,
+        key: Some(VirtualFlash::in_memory(KEY)),
+        journal: VirtualFlash::in_memory(SMALL),
+        ..Config::default()
+    }
+}
+
+fn start(config: &Config) -> (VirtualBoard, Client) {
+    let board = VirtualBoard::start(config.clone()).unwrap();
+    let client = umi_desk::client(&board).unwrap();
+    (board, client)
+}
+
+/// Waits until it is so.
+fn until(mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// The control prints a clamping and reads what comes of it.
+fn cut(board: &VirtualBoard, client: &mut Client, case: usize) -> Vec<u8> {
+    let verdicts = client.status().unwrap().verdicts;
+    board.control_sends(clamping(case).as_bytes());
+    until(|| client.status().unwrap().verdicts > verdicts);
+    board.control_sends(DC1);
+    let mut read = Vec::new();
+    let mut patience = Duration::from_secs(5);
+    while let Some(byte) = board.control_receives(patience) {
+        read.push(byte);
+        patience = Duration::from_millis(50);
+    }
+    read
+}
+
+fn pulled(client: &mut Client) -> (Vec<u8>, Pulled) {
+    let mut items = Vec::new();
+    let wanted = PullRequest {
+        head: true,
+        ..PullRequest::default()
+    };
+    let pulled = journal::pull(client, wanted, |step| {
+        match step {
+            PullStep::Header(..) => {}
+            PullStep::Gap(gap) => items.extend(gap.encode()),
+            PullStep::Entry(_, raw) => items.extend(raw),
+        }
+        Ok::<_, Problem>(())
+    })
+    .unwrap();
+    ([&pulled.header.encode()[..], &items].concat(), pulled)
+}
+
+/// The evidence in a file: number and record.
+fn evidence(file: &[u8]) -> Vec<(u64, Record)> {
+    let mut found = Vec::new();
+    journal::read::<Problem>(file, |item| {
+        if let FileItem::Entry(entry) = item
+            && Record::is_evidence(entry.kind)
+        {
+            found.push((entry.seq, journal::record(&entry).unwrap()));
+        }
+        Ok(())
+    })
+    .unwrap();
+    found
+}
+
+/// Ten laps of noise on the line, garbage and the same job again and again at the host's port:
+/// every verdict, correction, job, start and head is still there, and the file is the board's
+/// word, also over a restart in the middle.
+#[test]
+fn ten_laps_of_noise_cost_no_evidence() {
+    let config = config();
+    let (board, mut client) = start(&config);
+    client.set_job(&job()).unwrap().unwrap();
+    cut(&board, &mut client, 0);
+    assert!(!cut(&board, &mut client, 1).is_empty());
+    let (file, _) = pulled(&mut client);
+    let before = evidence(&file);
+    let count = |of: fn(&Record) -> bool| before.iter().filter(|(_, record)| of(record)).count();
+    assert_eq!(count(|of| matches!(of, Record::Verdict(_))), 2);
+    assert_eq!(count(|of| matches!(of, Record::CorrectionSent { .. })), 1);
+    assert!(count(|of| matches!(of, Record::Head(_))) >= 1);
+    drop((board, client));
+
+    let (mut board, mut client) = start(&config);
+    let begun = client.journal_info().unwrap().next_seq;
+    let mut turn = 0_u64;
+    while client.journal_info().unwrap().next_seq < begun + 10 * LAP {
+        // One-letter lines and bytes of no text; not more than the board takes in.
+        for _ in 0..40 {
+            turn += 1;
+            let noise: &[u8] = if turn.is_multiple_of(3) {
+                b"\xFF\x81\xA5"
+            } else {
+                b"x\r\n"
+            };
+            board.control_sends(&noise.repeat(16));
+        }
+        if turn.is_multiple_of(400) {
+            let mut host = board.connect();
+            host.write(&[0xA5; 4096]).unwrap();
+            drop((host, client));
+            client = umi_desk::client(&board).unwrap();
+            client.set_job(&job()).unwrap().ok();
+        }
+        if turn == 4000 {
+            drop((board, client));
+            (board, client) = start(&config);
+        }
+    }
+    // A lap is a tenth of a second here: a pull is overtaken until the board has taken all in.
+    let mut behind = 0;
+    until(|| {
+        std::thread::sleep(Duration::from_millis(100));
+        let before = std::mem::replace(&mut behind, client.journal_info().unwrap().next_seq);
+        before == behind
+    });
+    let (file, pulled) = pulled(&mut client);
+    let key = pulled.head.as_ref().map(|head| head.key);
+    assert!(key.is_some(), "{:?}", pulled.unsigned);
+    let verified = verify(&file, key, None).unwrap();
+    assert!(verified.signed && !verified.stretch.overwritten.is_empty());
+    let after = evidence(&file);
+    for piece in &before {
+        assert!(after.contains(piece), "{piece:?}");
+    }
+    // A piece of it that is taken out of a gap, changed or put in is found: see the client's tests.
+    let lost = client.journal_info().unwrap().lost;
+    assert!(lost > 9 * LAP);
+}
+
+/// Where the owner wants evidence kept, nothing goes out before some would be lost; a host that
+/// has pulled it says so, and the next correction goes out.
+#[test]
+fn a_full_journal_holds_corrections_back() {
+    let ring = Geometry {
+        sectors: 3,
+        sector_size: 32_768,
+        write_size: 1,
+        page_size: 256,
+    };
+    let config = Config {
+        evidence: Some(VirtualFlash::in_memory(ring)),
+        ..config()
+    };
+    let (board, mut client) = start(&config);
+    client.set_job(&job()).unwrap().unwrap();
+    let refuse = BoardConfig {
+        journal: JournalConfig {
+            full: WhenFull::Refuse,
+        },
+        ..BoardConfig::default()
+    };
+    client.set_config(&refuse).unwrap().unwrap();
+    let correction = |text: &[u8]| String::from_utf8_lossy(text).contains("G10");
+    cut(&board, &mut client, 0);
+    let mut went_out = 0;
+    loop {
+        let sent = cut(&board, &mut client, 1 + went_out % 4);
+        assert!(!sent.is_empty());
+        if !correction(&sent) {
+            break;
+        }
+        went_out += 1;
+        assert!(went_out < 400, "nothing was held back");
+    }
+    assert!(went_out > 10, "{went_out}");
+    // Nothing is lost yet, and what was held back is told by its reason.
+    let info = client.journal_info().unwrap();
+    let (file, _) = pulled(&mut client);
+    let said = evidence(&file);
+    let verdicts = said
+        .iter()
+        .filter(|(_, of)| matches!(of, Record::Verdict(_)));
+    assert_eq!(verdicts.count(), went_out + 2);
+    let (records, _) = umi_tests::cases::journal(&mut client);
+    assert!(
+        records
+            .iter()
+            .any(|of| matches!(of, Record::AlarmSent { .. }))
+    );
+    assert_eq!(
+        client.journal_ack(info.next_seq).unwrap(),
+        Acknowledged::Done
+    );
+    assert!(matches!(
+        client.journal_ack(u64::MAX).unwrap(),
+        Acknowledged::NoEntry(_)
+    ));
+    assert!(correction(&cut(&board, &mut client, 1)));
+}
+
+/// One-letter lines for some seconds: an entry a second, with the count of the others; the replay
+/// comes to the same faults.
+#[test]
+fn equal_faults_are_one_record_a_second() {
+    let config = Config {
+        time: BoardTime::Steered,
+        ..config()
+    };
+    let (board, mut client) = start(&config);
+    client.set_job(&job()).unwrap().unwrap();
+    let mut sent = 0_u32;
+    for turn in 0..30_u64 {
+        board.advance(umi_core::units::Micros(turn * 100_000));
+        board.control_sends(b"x\r\ny\r\n");
+        sent += 2;
+        until(|| client.status().unwrap().counters.faults.iter().sum::<u32>() >= sent);
+    }
+    board.advance(umi_core::units::Micros(5_000_000));
+    std::thread::sleep(Duration::from_millis(100));
+    let (records, findings) = umi_tests::cases::journal(&mut client);
+    let told = records
+        .iter()
+        .filter(|of| matches!(of, Record::Fault(_)))
+        .count();
+    let counted: u32 = records
+        .iter()
+        .map(|of| match of {
+            Record::FaultsAgain { count, .. } => *count,
+            _ => 0,
+        })
+        .sum();
+    assert_eq!(u32::try_from(told).unwrap() + counted, sent);
+    assert!((3..=4).contains(&told), "{told}");
+    assert_eq!(findings.differences, []);
+}
