@@ -1,6 +1,8 @@
 //! Where a part is in a scan, without a first guess, or why the scan does not say.
 
 mod alone;
+#[cfg(test)]
+mod coverage;
 pub mod fiducials;
 mod field;
 mod fit;
@@ -9,6 +11,7 @@ mod pairs;
 mod rivals;
 pub mod scans;
 mod scene;
+mod shared;
 mod symmetry;
 #[cfg(test)]
 mod tests;

@@ -49,7 +49,7 @@ fn prism(outline: &[[f64; 2]], caps: &[[usize; 4]], height: f64, lean: [f64; 2])
 }
 
 /// A leaning L: no turn and no mirror carries it onto itself.
-fn bracket() -> Mesh {
+pub(super) fn bracket() -> Mesh {
     let outline = [
         [0.0, 0.0],
         [60.0, 0.0],
@@ -71,7 +71,7 @@ fn block() -> Mesh {
 }
 
 /// Points on the mesh that `keep` takes, with noise, where `pose` puts them.
-fn scan(
+pub(super) fn scan(
     mesh: &Mesh,
     count: usize,
     noise: f64,
@@ -106,7 +106,7 @@ fn scan(
     points
 }
 
-fn task<'a>(model: &'a Mesh, points: &'a [Vec3]) -> LocaliseTask<'a> {
+pub(super) fn task<'a>(model: &'a Mesh, points: &'a [Vec3]) -> LocaliseTask<'a> {
     LocaliseTask {
         model,
         points,

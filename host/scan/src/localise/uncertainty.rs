@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
-use super::pairs::spread;
+use super::shared::shared;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::{Measured, eigen};
 
@@ -28,8 +28,6 @@ pub struct Certainty {
 const FREE: f64 = 2e-4;
 /// The scale is not held if less than this share of what the points say of it is left beside the pose.
 const SCALED: f64 = 1e-5;
-/// Points whose pairs are looked at.
-const PAIRED: usize = 1200;
 /// What Tukey's kernel keeps of the information of normal noise.
 const EFFICIENCY: f64 = 0.95;
 
@@ -201,62 +199,6 @@ fn at_origin(cov: &Matrix6<f64>, arm: f64, about: &Vec3, motion: &Pose) -> Matri
         .fixed_view_mut::<3, 3>(3, 0)
         .copy_from(&(-lever / arm));
     carry * cov * carry.transpose()
-}
-
-/// The sum over pairs of what they share: by the products of residuals, as a function of the distance between points.
-fn shared(
-    points: &[Vec3],
-    measured: &[Measured],
-    on_part: &[usize],
-    sigma: f64,
-    row: &impl Fn(usize) -> Vector6<f64>,
-) -> Matrix6<f64> {
-    const BINS: usize = 24;
-    let chosen: Vec<usize> = spread(on_part.len(), PAIRED)
-        .into_iter()
-        .map(|k| on_part[k])
-        .collect();
-    let (low, high) = crate::surface::bounds(chosen.iter().map(|&i| &points[i]));
-    let step = (high - low).norm() / 60.0;
-    let bin = |i: usize, j: usize| ((points[i] - points[j]).norm() / step) as usize;
-    let mut sums = [(0.0, 0.0); BINS];
-    for (a, &i) in chosen.iter().enumerate() {
-        for &j in &chosen[..a] {
-            let b = bin(i, j);
-            if b < BINS {
-                sums[b].0 += measured[i].distance_mm * measured[j].distance_mm;
-                sums[b].1 += 1.0;
-            }
-        }
-    }
-    // From near to far, as long as it is more than chance.
-    let mut covariance = [0.0; BINS];
-    for (c, (sum, count)) in covariance.iter_mut().zip(sums) {
-        if count < 10.0 {
-            continue;
-        }
-        let mean = sum / count;
-        if mean < 3.0 * sigma * sigma / f64::sqrt(count) {
-            break;
-        }
-        *c = mean;
-    }
-    let mut extra = Matrix6::zeros();
-    if covariance.iter().all(|c| *c == 0.0) {
-        return extra;
-    }
-    let rows: Vec<Vector6<f64>> = chosen.iter().map(|&i| row(i)).collect();
-    for a in 0..chosen.len() {
-        for b in 0..a {
-            let k = bin(chosen[a], chosen[b]);
-            if k < BINS && covariance[k] != 0.0 {
-                let pair = rows[a] * rows[b].transpose() * covariance[k];
-                extra += pair + pair.transpose();
-            }
-        }
-    }
-    let more = on_part.len() as f64 / chosen.len() as f64;
-    extra * more * more
 }
 
 impl Certainty {

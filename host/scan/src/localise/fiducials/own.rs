@@ -8,7 +8,7 @@ use super::super::fit::{self, INLIER, row};
 use super::{FiducialShape, Sought};
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, rotation_vector, stepped};
-use crate::solve::{Measured, eigen, measure};
+use crate::solve::{Measured, eigen, measure_within};
 use crate::surface::Mesh;
 
 /// A fiducial where its own points put it.
@@ -61,11 +61,13 @@ impl Sought<'_> {
         } else {
             let inside = fit::boxed(surface, start, 3.0 * reach);
             let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
-            let measured = measure(surface, &near, start, &[], one);
+            // What is farther is left out by the fit, too.
+            let far = 3.0 * reach;
+            let measured = measure_within(surface, &near, start, &[], far, one);
             let within: Vec<Vec3> = near
                 .iter()
                 .zip(&measured)
-                .filter(|(q, m)| self.is_within(k, start, q, m))
+                .filter(|(q, m)| m.distance_mm.abs() < far && self.is_within(k, start, q, m))
                 .map(|(q, _)| *q)
                 .collect();
             fit::settle(surface, &within, start, reach, floor, 30, one)?
@@ -79,7 +81,8 @@ impl Sought<'_> {
         let surface = &self.surfaces[k];
         let inside = fit::boxed(surface, motion, 3.0 * INLIER * sigma_mm);
         let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
-        let measured = measure(surface, &near, motion, &[], Threads::new(1));
+        let reach = 3.0 * INLIER * sigma_mm;
+        let measured = measure_within(surface, &near, motion, &[], reach, Threads::new(1));
         let mut own = Own {
             motion: *motion,
             sigma_mm,
@@ -87,7 +90,7 @@ impl Sought<'_> {
             beside: 0,
         };
         for (q, m) in near.into_iter().zip(measured) {
-            if !self.is_within(k, motion, &q, &m) {
+            if m.distance_mm.abs() >= reach || !self.is_within(k, motion, &q, &m) {
                 continue;
             }
             let far = m.distance_mm.abs() / sigma_mm;

@@ -13,7 +13,7 @@ use umi_scan::stock::{Objective, StockFound, StockTask};
 use umi_scan::surface::read_stl;
 
 use super::placed::Placed;
-use super::{faces, transform};
+use super::{faces, stock_page, transform};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
@@ -57,6 +57,9 @@ pub(crate) struct Stock {
     /// Write the scan with its stock per point as PLY
     #[arg(long, value_name = "FILE.ply")]
     map: Option<PathBuf>,
+    /// Write a page with the stock: maps, sections, a histogram, the least spot
+    #[arg(long, value_name = "R.html")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -116,7 +119,7 @@ impl Stock {
             .chain(&self.faces)
             .map(PathBuf::as_path)
             .collect();
-        for path in self.output.iter().chain(&self.map) {
+        for path in self.output.iter().chain(&self.map).chain(&self.report) {
             self.force.check(path, &inputs)?;
         }
         let (found, n) = self.find().map_err(failure)?;
@@ -159,16 +162,22 @@ impl Stock {
             threads: self.threads.map_or_else(Threads::all, Threads::new),
         };
         let found = task.find()?;
+        let io = |path: &Path, error: std::io::Error| ScanError::file("write", path, &error);
+        let used: Vec<Vec3> = (0..cloud.points.len())
+            .filter(|i| found.spikes.binary_search(i).is_err())
+            .map(|i| cloud.points[i])
+            .collect();
         if let Some(path) = &self.map {
-            let io = |error: std::io::Error| ScanError::file("write", path, &error);
-            let mut file = std::io::BufWriter::new(std::fs::File::create(path).map_err(io)?);
-            let kept: Vec<Vec3> = (0..cloud.points.len())
-                .filter(|i| found.spikes.binary_search(i).is_err())
-                .map(|i| cloud.points[i])
-                .collect();
+            let file = std::fs::File::create(path).map_err(|error| io(path, error))?;
+            let mut file = std::io::BufWriter::new(file);
             let stock: Vec<f64> = found.measured.iter().map(|m| m.distance_mm).collect();
-            umi_scan::format::clouds::write_ply(&mut file, &kept, Some(("stock_mm", &stock)))
-                .map_err(io)?;
+            umi_scan::format::clouds::write_ply(&mut file, &used, Some(("stock_mm", &stock)))
+                .map_err(|error| io(path, error))?;
+        }
+        if let Some(path) = &self.report {
+            let least_mm = self.require.unwrap_or(0.0);
+            let page = stock_page::page(&self.model, &used, &found, least_mm)?;
+            std::fs::write(path, page).map_err(|error| io(path, error))?;
         }
         Ok((found, cloud.points.len() + cloud.not_finite))
     }
