@@ -487,6 +487,19 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
     let written: Value = serde_json::from_str(&std::fs::read_to_string(&moved).unwrap()).unwrap();
     assert_eq!(written["rotation"], enough["rotation"]);
 
+    let page = folder.path("stock.html");
+    let asked = ["--objective", "min", "--report", &page];
+    let said = umi(&[&["scan", "stock", &part, &raw][..], &asked].concat()).exits(0);
+    let page = std::fs::read_to_string(&page).unwrap();
+    assert!(said.out.starts_with("OK\n"), "{}", said.out);
+    for words in [
+        "OK: least stock 2.",
+        "Content-Security-Policy",
+        "From above",
+        "scan from part",
+    ] {
+        assert!(page.contains(words), "no {words:?} on the page");
+    }
     let scarce = stock("2.5").exits(2).json();
     assert_eq!(scarce["verdict"], "NG");
     assert_eq!(scarce["reasons"][0]["code"], "too_little_stock", "{scarce}");
