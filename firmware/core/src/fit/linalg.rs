@@ -228,6 +228,10 @@ impl<const K: usize> Cholesky<K> {
 /// and two divisions a column, where a rotation for each row would cost that for every element.
 const BLOCK: usize = 8;
 
+/// Squares below this have lost digits, and their inverse would be infinite: coordinates at unit size whose
+/// squares are that small are zero.
+const SQUARES_THAT_VANISH: f64 = 1e-290;
+
 /// The triangle R of a tall matrix `J = Q R`, built from blocks of rows with Householder
 /// reflections (Golub and Van Loan, Matrix Computations, sections 5.2.2 and 5.2.3), and `Qᵀb`
 /// beside it.
@@ -285,7 +289,7 @@ impl<const K: usize> Qr<K> {
         let rows = self.rows.get_mut(..*gathered).unwrap_or_default();
         for k in 0..K {
             let below = rows.iter().fold(0.0, |sum, (row, _)| sum + row[k] * row[k]);
-            if below == 0.0 {
+            if below < SQUARES_THAT_VANISH {
                 // Nothing to reflect, or nothing that could be told from zero.
                 continue;
             }

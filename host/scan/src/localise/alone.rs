@@ -62,7 +62,7 @@ impl Judge<'_> {
         let explained_own: Vec<bool> = own.iter().map(|o| on(*o)).collect();
         let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
         let held: Vec<usize> = (0..own.len()).filter(|&i| explained_own[i]).collect();
-        let mut sure = certainty(
+        let sure = certainty(
             &scene.fine,
             &measured,
             &held,
@@ -71,8 +71,7 @@ impl Judge<'_> {
             Groups::default(),
         );
         if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
-            sure.free = sliding(&axis);
-            return Err(degenerate(&sure, "part"));
+            return Err(degenerate(&sliding(&axis), &sure.about_mm, "part"));
         }
         if !sure.free.is_empty() {
             let (axis, alike) = self.free(scene, best, &explained_own, sigma, &sure)?;
@@ -156,18 +155,11 @@ impl Judge<'_> {
 
     /// The normal of the only side that the scan shows of the part, if it shows but one. Along such a side only the
     /// outline holds the part, and an outline is far worse than the noise of the points claims.
-    fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
+    pub(super) fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
         let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
         let own = explained(self.part(), &at, motion, sigma, self.task.threads);
-        let spread: Matrix3<f64> = scene
-            .places
-            .iter()
-            .zip(own)
-            .filter(|(_, own)| *own)
-            .map(|(o, _)| o.normal * o.normal.transpose())
-            .sum();
-        let (values, vectors) = eigen(&spread);
-        (values[1] < ONE_SIDE * values[2]).then(|| vectors.column(2).into_owned())
+        let shown = scene.places.iter().zip(own).filter(|(_, own)| *own);
+        only_normal(shown.map(|(o, _)| o.normal))
     }
 
     /// Turns of the part that leave half of it about where it was.
@@ -201,12 +193,12 @@ impl Judge<'_> {
         sure: &super::Certainty,
     ) -> Result<(SymmetryAxis, Vec<Pose>), ScanError> {
         let [v] = sure.free.as_slice() else {
-            return Err(degenerate(sure, "part"));
+            return Err(degenerate(&sure.free, &sure.about_mm, "part"));
         };
         let w = Vec3::new(v[0], v[1], v[2]);
         let d = Vec3::new(v[3], v[4], v[5]);
         if w.norm() * self.prepared.diagonal < 0.05 * d.norm() {
-            return Err(degenerate(sure, "part"));
+            return Err(degenerate(&sure.free, &sure.about_mm, "part"));
         }
         let direction = w.normalize();
         // q moves by w × (q − about) + d: none of it on the axis.
@@ -236,7 +228,7 @@ impl Judge<'_> {
             .map(|fit| fit.motion)
             .collect();
         if alike.len() < 5 {
-            return Err(degenerate(sure, "part"));
+            return Err(degenerate(&sure.free, &sure.about_mm, "part"));
         }
         let axis = SymmetryAxis {
             axis: best.motion.rotation.tr_mul(&direction),
@@ -274,8 +266,15 @@ impl Judge<'_> {
 /// A scan shows one side if its normals spread less than this to all others, in squares.
 const ONE_SIDE: f64 = 0.01;
 
+/// The normal that all share, but for a few; none if they spread.
+pub(super) fn only_normal(normals: impl Iterator<Item = Vec3>) -> Option<Vec3> {
+    let spread: Matrix3<f64> = normals.map(|normal| normal * normal.transpose()).sum();
+    let (values, vectors) = eigen(&spread);
+    (values[1] < ONE_SIDE * values[2]).then(|| vectors.column(2).into_owned())
+}
+
 /// What a flat side leaves free: both shifts along it, and the turn about its normal.
-fn sliding(normal: &Vec3) -> Vec<Vector6<f64>> {
+pub(super) fn sliding(normal: &Vec3) -> Vec<Vector6<f64>> {
     let along = normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize();
     let across = normal.cross(&along);
     let shift = |v: &Vec3| Vector6::new(0.0, 0.0, 0.0, v.x, v.y, v.z);

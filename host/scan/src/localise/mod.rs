@@ -239,7 +239,7 @@ impl LocaliseTask<'_> {
         symmetries: Vec<SymmetryAxis>,
     ) -> Result<Located, ScanError> {
         if !certainty.free.is_empty() {
-            return Err(degenerate(&certainty, "part"));
+            return Err(degenerate(&certainty.free, &certainty.about_mm, "part"));
         }
         let squares: f64 = on.iter().map(|(_, distance)| distance.powi(2)).sum();
         let shown: Vec<Vec3> = pairs::spread(on.len(), MANY)
@@ -357,12 +357,11 @@ fn near(measured: &[Measured], limit: f64) -> Vec<usize> {
         .collect()
 }
 
-/// The refusal for motions that no point holds.
-fn degenerate(certainty: &Certainty, what: &str) -> ScanError {
-    let free: Vec<Value> = certainty
-        .free
+/// The refusal for motions that no point holds: turns about a place, and shifts.
+fn degenerate(free: &[nalgebra::Vector6<f64>], about_mm: &Vec3, what: &str) -> ScanError {
+    let free: Vec<Value> = free
         .iter()
-        .map(|v| json!({"turn": [v[0], v[1], v[2]], "shift": [v[3], v[4], v[5]], "about_mm": certainty.about_mm.as_slice()}))
+        .map(|v| json!({"turn": [v[0], v[1], v[2]], "shift": [v[3], v[4], v[5]], "about_mm": about_mm.as_slice()}))
         .collect();
     ScanError::refused(
         "degenerate",

@@ -1,6 +1,6 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
-use super::LocaliseTask;
+use super::alone::{only_normal, sliding};
 use super::field::HeightField;
 use super::fit::{self, Fit};
 use super::oriented::from_seed;
@@ -8,6 +8,8 @@ use super::pairs::Prepared;
 use super::rivals::{advantage, explained};
 use super::scene::{Scene, coverage};
 use super::symmetry::SymmetryAxis;
+use super::uncertainty::{Groups, certainty};
+use super::{LocaliseTask, degenerate};
 use crate::ScanError;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::measure;
@@ -29,6 +31,10 @@ const REFINED: usize = 36;
 const SHOWN: f64 = 0.08;
 /// The share of the scan's points that must lie on the part.
 const SHARE: f64 = 0.03;
+/// A size that is known worse than this says nothing of a unit.
+const SIZED: f64 = 0.02;
+/// A scan that lies on the part to this share is of the part, in whichever of its poses.
+const MOSTLY: f64 = 0.3;
 /// Units that a file can be in by mistake: how many mm, name.
 pub(super) const UNITS: [(f64, &str); 5] = [
     (25.4, "inches"),
@@ -68,6 +74,7 @@ pub(super) fn decide(
         .map_or(Worth::Bad, |best| judge.worth(&scene, best));
     if !matches!(worth, Worth::Good) {
         judge.other_scale()?;
+        judge.flat(&scene)?;
         judge.mirrored(&scene, fits.first())?;
     }
     let Some(best) = fits.first() else {
@@ -277,6 +284,43 @@ impl Judge<'_> {
         }
     }
 
+    /// Refuses if all that was scanned is one flat side: it slides on any face.
+    fn flat(&self, scene: &Scene) -> Result<(), ScanError> {
+        let normals = scene.places.iter().map(|o| o.normal);
+        let Some(normal) = only_normal(normals) else {
+            return Ok(());
+        };
+        Err(degenerate(
+            &sliding(&normal),
+            &fit::middle(self.task.points),
+            "part",
+        ))
+    }
+
+    /// Whether what a fit shows of the part holds its pose and its size: a small smooth patch fits at any size.
+    fn holds_size(&self, scene: &Scene, fit: &Fit) -> bool {
+        let sigma = fit.sigma_mm.max(scene.noise_mm);
+        let measured = measure(
+            self.surface,
+            &scene.fine,
+            &fit.motion,
+            &[],
+            self.task.threads,
+        );
+        let held = super::near(&measured, fit::INLIER * sigma);
+        let sure = certainty(
+            &scene.fine,
+            &measured,
+            &held,
+            &fit.motion,
+            sigma,
+            Groups::default(),
+        );
+        sure.free.is_empty()
+            && sure.u_scale < SIZED
+            && self.only_side(scene, &fit.motion, sigma).is_none()
+    }
+
     /// Refuses if the scan fits in another unit.
     fn other_scale(&self) -> Result<(), ScanError> {
         let (low, high) = crate::surface::bounds(self.task.points.iter());
@@ -294,10 +338,13 @@ impl Judge<'_> {
                 .collect();
             let scene = Scene::new(self.task.model, &points, self.task.threads);
             let fits = self.fits(&scene);
-            if fits
-                .first()
-                .is_some_and(|fit| matches!(self.worth(&scene, fit), Worth::Good))
-            {
+            if fits.first().is_some_and(|fit| {
+                matches!(self.worth(&scene, fit), Worth::Good)
+                    && self.holds_size(&scene, fit)
+                    // A few of the points lie well on a large part in many ways.
+                    && (fit.inliers as f64 > MOSTLY * scene.fine.len() as f64
+                        || self.only_one(&scene, &fits).is_ok())
+            }) {
                 return Err(wrong_scale(factor, name));
             }
         }

@@ -89,3 +89,14 @@ proptest! {
         assert_finite(&points)?;
     }
 }
+
+/// A coordinate whose square loses its digits is zero: the line goes through both points.
+#[test]
+fn a_coordinate_that_vanishes_in_its_square_does_not_turn_the_line() {
+    let points = [[0.0, 0.0, 0.0], [-1.536_596_328_594_492_6e-159, 0.0, -1.0]];
+    let points = points.map(Point::from_array_mm);
+    assert_finite(&points).unwrap();
+    let line = crate::fit::line::fit(&points).unwrap();
+    assert_eq!(line.direction.map(f64::abs), nalgebra::Vector3::z());
+    assert!(line.stats.rms.0 < 1e-150);
+}

@@ -229,7 +229,12 @@ fn what_the_receiver_refuses_is_shown_in_the_file() {
 /// A value that is missing is reported at the feature that needs it.
 #[test]
 fn a_missing_value_is_shown_at_its_feature() {
-    let text = with("reference = \"taught\"", "reference = \"given\"");
+    let given = with("reference = \"taught\"", "reference = \"given\"");
+    let place = given
+        .lines()
+        .find(|line| line.starts_with("position_mm"))
+        .unwrap();
+    let text = given.replacen(&format!("{place}\n"), "", 1);
     let fault = fault(&text);
     assert_eq!(fault.code, "missing");
     let place = fault.place.unwrap();

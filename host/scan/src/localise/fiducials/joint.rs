@@ -214,7 +214,7 @@ pub(super) fn finish(
     };
     let mut sure = certainty(points, &measured, &on, &motion, sigma, groups_of);
     if !sure.free.is_empty() {
-        return Err(degenerate(&sure, "fiducials"));
+        return Err(degenerate(&sure.free, &sure.about_mm, "fiducials"));
     }
     // Of the machine's own origin, and from the scanner's point of view.
     let machine = motion.after(&from_origin);
