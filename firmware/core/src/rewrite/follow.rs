@@ -471,7 +471,7 @@ impl Rewriter {
                 // Changers move axes on their way.
                 6 | 60 => self.forget_all(),
                 98 => self.call(given, word.start)?,
-                97 | 198 => return Err((word.start, RewriteRefusal::Flow)),
+                96 | 97 | 198 => return Err((word.start, RewriteRefusal::Flow)),
                 99 => {
                     if given.has(b'P') {
                         return Err((word.start, RewriteRefusal::Flow));
