@@ -2,10 +2,9 @@
 
 use std::cmp::Ordering;
 
-use nalgebra::{Matrix3, Vector6};
-
 use super::degenerate;
 use super::fit::{self, Fit};
+use super::flat::{only_normal, sliding};
 use super::pairs::Proposal;
 use super::rivals::{advantage, compare, explained, off, on, own_share};
 use super::scene::Scene;
@@ -14,7 +13,7 @@ use super::uncertainty::{Groups, certainty};
 use super::verdict::{Decided, Judge, count, no_fit};
 use crate::ScanError;
 use crate::rigid::{Pose, Vec3, rotation};
-use crate::solve::{eigen, measure};
+use crate::solve::measure;
 
 /// What else explains a scan.
 enum Rivals {
@@ -261,23 +260,4 @@ impl Judge<'_> {
             "scan what tells them apart, or say --accept-symmetry if any of them will do",
         ))
     }
-}
-
-/// A scan shows one side if its normals spread less than this to all others, in squares.
-const ONE_SIDE: f64 = 0.01;
-
-/// The normal that all share, but for a few; none if they spread.
-pub(super) fn only_normal(normals: impl Iterator<Item = Vec3>) -> Option<Vec3> {
-    let spread: Matrix3<f64> = normals.map(|normal| normal * normal.transpose()).sum();
-    let (values, vectors) = eigen(&spread);
-    (values[1] < ONE_SIDE * values[2]).then(|| vectors.column(2).into_owned())
-}
-
-/// What a flat side leaves free: both shifts along it, and the turn about its normal.
-pub(super) fn sliding(normal: &Vec3) -> Vec<Vector6<f64>> {
-    let along = normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize();
-    let across = normal.cross(&along);
-    let shift = |v: &Vec3| Vector6::new(0.0, 0.0, 0.0, v.x, v.y, v.z);
-    let turn = Vector6::new(normal.x, normal.y, normal.z, 0.0, 0.0, 0.0);
-    vec![shift(&along), shift(&across), turn]
 }

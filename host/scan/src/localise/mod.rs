@@ -6,6 +6,7 @@ mod coverage;
 pub mod fiducials;
 mod field;
 mod fit;
+mod flat;
 mod oriented;
 mod pairs;
 mod rivals;

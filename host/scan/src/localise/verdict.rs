@@ -1,8 +1,8 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
-use super::alone::{only_normal, sliding};
 use super::field::HeightField;
 use super::fit::{self, Fit};
+use super::flat::{only_normal, sliding};
 use super::oriented::from_seed;
 use super::pairs::Prepared;
 use super::rivals::{advantage, explained};
