@@ -2,38 +2,38 @@
 //! answers, and what it reports unasked. This page is the protocol;
 //! [`crate::wire::frame`] says how a message becomes bytes.
 //!
-//! | request | answer | what it does |
-//! | --- | --- | --- |
-//! | `IdentityGet` | `Identity` | who the board is |
-//! | `StatusGet` | `Status` | what it does, what it has counted |
-//! | `JobGet` | `Job` | the job in force |
-//! | `JobCheck` | `Done` or `JobRefused` | checks a job, changes nothing |
-//! | `JobSet` | `Done` or `JobRefused` | replaces the job; forgets the taught reference |
-//! | `LiveSet` | `Done` | switches the unasked reports on or off |
-//! | `FeatureGet` | `Feature` | latest result of one feature of the job |
-//! | `VerdictGet` | `Verdict` | latest verdict, with its correction |
-//! | `JournalInfo` | `JournalInfo` | first and next sequence number |
-//! | `JournalRead` | `JournalEntry` | one entry by sequence number |
-//! | `JournalChain` | `JournalChain` | chain value before an entry: what its reader verifies against |
-//! | `PositionsGet` | `Positions` | where the axes are now, and what they counted wrong |
-//! | `TriggerOutSet` | `Done` or `TriggerRefused` | begins or ends trigger pulses for a scanner |
-//! | `LaserSet` | `Done` or `NotOnThisBoard` | enables a scanner's laser |
-//! | `ProgramList` | `Programs` | the part programs in the board's flash |
-//! | `ProgramBegin` | `ProgramAt` | begins an upload, or goes on with one that broke off |
-//! | `ProgramPiece` | `ProgramAt` | bytes of it; those that stand elsewhere are not taken |
-//! | `ProgramEnd` | `Done` | it counts from now on, in place of the old one, if its check value is right |
-//! | `ProgramRead` | `ProgramBytes` | bytes of a program |
-//! | `ProgramDelete` | `Done` | deletes one |
-//! | `ProgramOffer` | `Done` | the control's next READ gets this one, as if it had asked for it |
-//! | `ProgramReceive` | `Done` | asks the control for a program by XMODEM; `ProgramKept` or `ProgramNotKept` is journaled |
-//! | `ProgramPass` | `ProgramAt` | the control's next READ gets what this host passes through |
-//! | `Teach` | `Done` or `TeachRefused` | the setup that comes next is to teach |
-//! | `ProgramPassed` | `ProgramAt` or `Done` | bytes of that; those that find no room are not taken; `Done` when all has gone out |
-//! | `LineListen` | `Done` or `LineRefused` | sets the control's line for as long as this host is there, to find out how the control's is set |
-//! | `JournalAck` | `Done`, `JournalNoEntry` or `NotOnThisBoard` | everything before an entry is kept elsewhere |
-//! | `ConfigGet` | `Config` or `NotOnThisBoard` | what the owner allows |
-//! | `ConfigSet` | `Done`, `ConfigRefused` or `JobRefused` | replaces that; `JobRefused`: the job in force asks for more |
-//! | `HeadGet` | `Head` | the newest signed head; with a nonce: one over it, as soon as nothing is under way |
+//! | request | answer | needs | what it does |
+//! | --- | --- | --- | --- |
+//! | `IdentityGet` | `Identity` | nobody | who the board is |
+//! | `StatusGet` | `Status` | nobody | what it does, what it has counted |
+//! | `JobGet` | `Job` | operator | the job in force |
+//! | `JobCheck` | `Done` or `JobRefused` | operator | checks a job, changes nothing |
+//! | `JobSet` | `Done` or `JobRefused` | engineer | replaces the job; forgets the taught reference |
+//! | `LiveSet` | `Done` | operator | switches the unasked reports on or off |
+//! | `FeatureGet` | `Feature` | operator | latest result of one feature of the job |
+//! | `VerdictGet` | `Verdict` | operator | latest verdict, with its correction |
+//! | `JournalInfo` | `JournalInfo` | operator | first and next sequence number |
+//! | `JournalRead` | `JournalEntry` | operator | one entry by sequence number |
+//! | `JournalChain` | `JournalChain` | operator | chain value before an entry: what its reader verifies against |
+//! | `PositionsGet` | `Positions` | nobody | where the axes are now, and what they counted wrong |
+//! | `TriggerOutSet` | `Done` or `TriggerRefused` | engineer | begins or ends trigger pulses for a scanner |
+//! | `LaserSet` | `Done` or `NotOnThisBoard` | engineer | enables a scanner's laser |
+//! | `ProgramList` | `Programs` | operator | the part programs in the board's flash |
+//! | `ProgramBegin` | `ProgramAt` | engineer | begins an upload, or goes on with one that broke off |
+//! | `ProgramPiece` | `ProgramAt` | engineer | bytes of it; those that stand elsewhere are not taken |
+//! | `ProgramEnd` | `Done` | engineer | it counts from now on, in place of the old one, if its check value is right |
+//! | `ProgramRead` | `ProgramBytes` | operator | bytes of a program |
+//! | `ProgramDelete` | `Done` | engineer | deletes one |
+//! | `ProgramOffer` | `Done` | engineer | the control's next READ gets this one, as if it had asked for it |
+//! | `ProgramReceive` | `Done` | engineer | asks the control for a program by XMODEM; `ProgramKept` or `ProgramNotKept` is journaled |
+//! | `ProgramPass` | `ProgramAt` | engineer | the control's next READ gets what this host passes through |
+//! | `Teach` | `Done` or `TeachRefused` | engineer | the setup that comes next is to teach |
+//! | `ProgramPassed` | `ProgramAt` or `Done` | engineer | bytes of that; those that find no room are not taken; `Done` when all has gone out |
+//! | `LineListen` | `Done` or `LineRefused` | engineer | sets the control's line for as long as this host is there, to find out how the control's is set |
+//! | `JournalAck` | `Done`, `JournalNoEntry` or `NotOnThisBoard` | operator | everything before an entry is kept elsewhere |
+//! | `ConfigGet` | `Config` or `NotOnThisBoard` | operator | what the owner allows |
+//! | `ConfigSet` | `Done`, `ConfigRefused` or `JobRefused` | owner | replaces that; `JobRefused`: the job in force asks for more |
+//! | `HeadGet` | `Head` | nobody | the newest signed head; with a nonce: one over it, as soon as nothing is under way |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
 //! does what it does once.
@@ -80,18 +80,22 @@ pub enum RequestClass {
     State,
 }
 
-/// What a host needs to be allowed for a request.
+/// Whose key a request needs on a board that has an owner; who may do more may do less, too.
+///
+/// No board has an owner yet: each is [`AccessMode::Open`], and does for everybody what is asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Permission {
-    /// It changes nothing that outlives the connection.
-    Look,
-    /// It moves something now: pulses, laser, a program on its way.
-    Work,
-    /// It changes what is in force from now on: job, programs.
-    Change,
+pub enum Role {
+    /// Nobody's: who the board is, whether it works, where it stands.
+    None,
+    /// It reads: journal, job, verdicts, programs; it says what is kept elsewhere.
+    Operator,
+    /// It changes what is measured or what moves: job, programs, trigger pulses, laser.
+    Engineer,
+    /// It says what engineers may do: ceilings.
+    Owner,
 }
 
-/// Declares the requests: each one's class, permission and possible answers stand beside it.
+/// Declares the requests: each one's class, role and possible answers stand beside it.
 macro_rules! requests {
     (
         $(#[$meta:meta])*
@@ -101,7 +105,7 @@ macro_rules! requests {
                 $variant:ident $( ( $inner:ty ) )? $( {
                     $( $(#[$field_doc:meta])* $field:ident : $type:ty, )*
                 } )?
-                => $class:ident, $permission:ident, $($answer:ident)|+;
+                => $class:ident, $role:ident, $($answer:ident)|+;
             )*
         }
     ) => {
@@ -122,11 +126,11 @@ macro_rules! requests {
                 }
             }
 
-            /// What its host needs to be allowed.
+            /// Whose key it needs. A request without a role does not compile.
             #[must_use]
-            pub const fn permission(&self) -> Permission {
+            pub const fn needs(&self) -> Role {
                 match self {
-                    $( Self::$variant { .. } => Permission::$permission, )*
+                    $( Self::$variant { .. } => Role::$role, )*
                 }
             }
 
@@ -151,123 +155,123 @@ requests! {
     #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
     pub enum Request {
         /// Who are you?
-        IdentityGet => State, Look, Identity;
+        IdentityGet => State, None, Identity;
         /// What are you doing?
-        StatusGet => State, Look, Status;
+        StatusGet => State, None, Status;
         /// Which job is in force?
-        JobGet => State, Look, Job;
+        JobGet => State, Operator, Job;
         /// Would you take this job?
-        JobCheck(Job) => State, Look, Done | JobRefused;
+        JobCheck(Job) => State, Operator, Done | JobRefused;
         /// Take this job.
-        JobSet(Job) => State, Change, Done | JobRefused | StorageFailed;
+        JobSet(Job) => State, Engineer, Done | JobRefused | StorageFailed;
         /// Report events unasked, or stop.
         LiveSet {
             /// True: report.
             on: bool,
-        } => State, Look, Done;
+        } => State, Operator, Done;
         /// The latest result of a feature.
         FeatureGet {
             /// Its place in the job, from 0.
             feature: u8,
-        } => State, Look, Feature;
+        } => State, Operator, Feature;
         /// The latest verdict.
-        VerdictGet => State, Look, Verdict;
+        VerdictGet => State, Operator, Verdict;
         /// What the journal holds.
-        JournalInfo => State, Look, JournalInfo | StorageFailed;
+        JournalInfo => State, Operator, JournalInfo | StorageFailed;
         /// One entry of the journal.
         JournalRead {
             /// Its sequence number.
             seq: u64,
-        } => State, Look, JournalEntry | JournalNoEntry | StorageFailed;
+        } => State, Operator, JournalEntry | JournalNoEntry | StorageFailed;
         /// The chain value before an entry; before the next one to come: that of the
         /// whole journal.
         JournalChain {
             /// The entry's sequence number.
             seq: u64,
-        } => State, Look, JournalChain | JournalNoEntry | StorageFailed;
+        } => State, Operator, JournalChain | JournalNoEntry | StorageFailed;
         /// Where are the axes?
-        PositionsGet => Immediate, Look, Positions;
+        PositionsGet => Immediate, None, Positions;
         /// Send trigger pulses to a scanner, or stop.
-        TriggerOutSet(TriggerOut) => Immediate, Work, Done | TriggerRefused;
+        TriggerOutSet(TriggerOut) => Immediate, Engineer, Done | TriggerRefused;
         /// Enable a scanner's laser, or not.
         LaserSet {
             /// True: enable.
             on: bool,
-        } => Immediate, Work, Done | NotOnThisBoard;
+        } => Immediate, Engineer, Done | NotOnThisBoard;
         /// Which part programs are there?
         ProgramList {
             /// Programs to pass over: those that were listed already.
             skip: u16,
-        } => State, Look, Programs | ProgramRefused | StorageFailed;
+        } => State, Operator, Programs | ProgramRefused | StorageFailed;
         /// An upload begins.
-        ProgramBegin(ProgramInfo) => State, Change, ProgramAt | ProgramRefused | StorageFailed;
+        ProgramBegin(ProgramInfo) => State, Engineer, ProgramAt | ProgramRefused | StorageFailed;
         /// Bytes of the upload.
         ProgramPiece {
             /// Where they stand in the program.
             offset: u32,
             /// The bytes.
             bytes: Piece,
-        } => State, Change, ProgramAt | ProgramRefused | StorageFailed;
+        } => State, Engineer, ProgramAt | ProgramRefused | StorageFailed;
         /// The upload is complete.
         ProgramEnd {
             /// The program's number.
             number: u32,
             /// The CRC-32 of its bytes.
             crc32: u32,
-        } => State, Change, Done | ProgramRefused | StorageFailed;
+        } => State, Engineer, Done | ProgramRefused | StorageFailed;
         /// Bytes of a program.
         ProgramRead {
             /// Its number.
             number: u32,
             /// Where they stand.
             offset: u32,
-        } => State, Look, ProgramBytes | ProgramRefused | StorageFailed;
+        } => State, Operator, ProgramBytes | ProgramRefused | StorageFailed;
         /// Delete a program.
         ProgramDelete {
             /// Its number.
             number: u32,
-        } => State, Change, Done | ProgramRefused | StorageFailed;
+        } => State, Engineer, Done | ProgramRefused | StorageFailed;
         /// Ask the control for a program by XMODEM, for a minute and a half: somebody lets it
         /// send. What becomes of it is journaled.
-        ProgramReceive => State, Work, Done | ProgramRefused | StorageFailed;
+        ProgramReceive => State, Engineer, Done | ProgramRefused | StorageFailed;
         /// The control's next READ gets what this host will pass through, as if it had asked for
         /// it by its number.
-        ProgramPass(ProgramInfo) => State, Work, ProgramAt | ProgramRefused;
+        ProgramPass(ProgramInfo) => State, Engineer, ProgramAt | ProgramRefused;
         /// Bytes of what is passed through.
         ProgramPassed {
             /// Where they stand.
             offset: u32,
             /// The bytes.
             bytes: Piece,
-        } => State, Work, ProgramAt | Done | ProgramRefused;
+        } => State, Engineer, ProgramAt | Done | ProgramRefused;
         /// The control's next READ gets this program, as if it had asked for it by its number.
         ProgramOffer {
             /// Its number.
             number: u32,
-        } => State, Work, Done | ProgramRefused | StorageFailed;
+        } => State, Engineer, Done | ProgramRefused | StorageFailed;
         /// The setup that comes next is to teach.
         Teach {
             /// What.
             what: TeachWhat,
-        } => State, Work, Done | TeachRefused;
+        } => State, Engineer, Done | TeachRefused;
         /// Set the control's line like this while this host is there, whatever the job says; none:
         /// as the job says again.
-        LineListen(Option<LineSettings>) => State, Work, Done | LineRefused;
+        LineListen(Option<LineSettings>) => State, Engineer, Done | LineRefused;
         /// The newest signed head of the journal.
         HeadGet {
             /// One over this nonce, which nobody can have signed before.
             nonce: Option<[u8; 32]>,
-        } => State, Look, Head;
+        } => State, None, Head;
         /// Everything before this entry is kept elsewhere.
         JournalAck {
             /// The entry's sequence number.
             seq: u64,
-        } => State, Change, Done | JournalNoEntry | NotOnThisBoard | StorageFailed;
+        } => State, Operator, Done | JournalNoEntry | NotOnThisBoard | StorageFailed;
         /// What does the owner allow?
-        ConfigGet => State, Look, Config | NotOnThisBoard;
+        ConfigGet => State, Operator, Config | NotOnThisBoard;
         /// Allow this from now on.
         ConfigSet(BoardConfig)
-            => State, Change, Done | ConfigRefused | JobRefused | NotOnThisBoard | StorageFailed;
+            => State, Owner, Done | ConfigRefused | JobRefused | NotOnThisBoard | StorageFailed;
     }
 }
 
@@ -751,6 +755,21 @@ pub struct Status {
     pub link_damaged: u32,
     /// What the latches captured and lost.
     pub latches: LatchCounters,
+    /// Who may do what.
+    pub access: AccessMode,
+}
+
+/// Who may do what with a board.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr,
+)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+pub enum AccessMode {
+    /// It has no owner: whoever reaches its port may do everything.
+    #[default]
+    Open,
 }
 
 /// Why the board started.

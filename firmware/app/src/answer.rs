@@ -11,7 +11,7 @@ use umi_core::units::Micros;
 use umi_protocol::config::BoardConfig;
 use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::job::Lessons;
-use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
+use umi_protocol::message::{AccessMode, JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
 use crate::custody::{AckError, ConfigError};
@@ -188,6 +188,8 @@ fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Sta
         journal_failures: ledger.failures,
         link_damaged: around.link_damaged,
         latches: around.scans.counters(),
+        // No board has an owner yet.
+        access: AccessMode::Open,
     }
 }
 

@@ -21,8 +21,8 @@ use umi_protocol::latch::{
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason, Response,
-    Status, TeachRefusal, TeachWhat,
+    AccessMode, Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason,
+    Response, Status, TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
@@ -589,6 +589,7 @@ fn status() -> Status {
             missed: 5,
             untold: 6,
         },
+        access: AccessMode::Open,
     }
 }
 

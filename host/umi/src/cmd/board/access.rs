@@ -6,17 +6,20 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use umi_client::files::key_file;
 use umi_client::journal::{self, PATIENCE, hex, key_id};
+use umi_protocol::head::HeadAnswer;
+use umi_protocol::message::AccessMode;
 
 use crate::cmd::record::log::unsigned;
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{GOOD, paint, print, print_json};
+use crate::show::terminal::{CAUTION, GOOD, paint, print, print_json};
 
-/// The key with which a board signs its journal
+/// Who may do what with a board, and the key with which it signs its journal
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
+  umi access show
   umi access board-key -o board.pub")]
 pub(crate) struct Access {
     #[command(subcommand)]
@@ -25,7 +28,24 @@ pub(crate) struct Access {
 
 #[derive(Subcommand)]
 enum Action {
+    Show(Show),
     BoardKey(BoardKey),
+}
+
+/// Show who may do what with a board
+#[derive(Args)]
+#[command(after_help = "\
+open: the board has no owner, and whoever reaches its port may set jobs, put programs and switch
+outputs. No firmware can be claimed by an owner yet, and no board reads a jumper (null).
+
+Examples:
+  umi access show
+  umi access show --json --port /dev/ttyACM0")]
+struct Show {
+    #[command(flatten)]
+    board: Board,
+    #[command(flatten)]
+    format: Format,
 }
 
 /// Ask a board for its public key, and have it show that it has the secret one
@@ -51,8 +71,51 @@ struct BoardKey {
 
 impl Access {
     pub fn run(self) -> Result<(), Failure> {
-        let Action::BoardKey(command) = self.action;
-        command.run()
+        match self.action {
+            Action::Show(command) => command.run(),
+            Action::BoardKey(command) => command.run(),
+        }
+    }
+}
+
+/// What a mode means to somebody at the board.
+pub(super) const fn about(mode: AccessMode) -> &'static str {
+    match mode {
+        AccessMode::Open => "open: whoever reaches the port may do everything",
+    }
+}
+
+impl Show {
+    fn run(self) -> Result<(), Failure> {
+        let mut board = self.board.connect()?;
+        let mode = board.status()?.access;
+        // The newest head names the key; a board without one has signed nothing.
+        let head = match board.head(None)? {
+            HeadAnswer::Signed(head) => Some(head),
+            HeadAnswer::NoKey => None,
+            // It has just started: one that is asked for comes as soon as it can.
+            HeadAnswer::Pending => match journal::head(&mut board, journal::nonce()?, PATIENCE)? {
+                Ok(head) => Some(head),
+                Err(why) => return Err(unsigned(why)),
+            },
+        };
+        if self.format.json {
+            let board_key =
+                head.map(|head| json!({"key_id": key_id(&head.key), "public": hex(&head.key)}));
+            // An open board knows nobody's key, and so refuses nobody.
+            return print_json(&json!({
+                "mode": mode,
+                "jumper": null,
+                "board_key": board_key,
+                "keys": [],
+                "retry_in_s": 0,
+            }));
+        }
+        let signs = match head {
+            Some(head) => format!("signs with key {}", key_id(&head.key)),
+            None => "signs nothing".to_owned(),
+        };
+        print(&format!("{}\n{signs}\n", paint(CAUTION, about(mode))))
     }
 }
 

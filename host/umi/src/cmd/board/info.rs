@@ -57,6 +57,7 @@ impl Info {
                 "teachings": teachings,
                 "positions": json::positions(&positions, &scale),
                 "journal": json::journal_info(&journal),
+                "access": { "mode": status.access },
             }));
         }
         print(&text(&identity, &status, teachings, journal))?;
@@ -93,6 +94,7 @@ fn text(
         (PLAIN, "running for".to_owned()),
         (reset_style(status.reset), started),
     ]);
+    table.row(["access", super::access::about(status.access)]);
     table.row(["job", status.job.as_deref().unwrap_or("none")]);
     if let Some(why) = status.job_lost.filter(|why| *why != JobLoss::Absent) {
         table.styled([(PLAIN, String::new()), (CAUTION, why.to_string())]);

@@ -5,7 +5,7 @@ use crate::watch::view::Link;
 use umi_client::axes::Scale;
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::line::HitReport;
-use umi_protocol::message::{Identity, Status};
+use umi_protocol::message::{AccessMode, Identity, Status};
 
 fn view(scaled: bool) -> View {
     let name = |text: &str| text.try_into().unwrap();
@@ -43,6 +43,7 @@ fn view(scaled: bool) -> View {
                 missed: 77,
                 ..LatchCounters::default()
             },
+            access: AccessMode::Open,
         },
         positions: Positions {
             counts: [-1_234_567, 50_000, 0, 12].into_iter().collect(),

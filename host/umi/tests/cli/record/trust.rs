@@ -315,9 +315,35 @@ fn a_board_without_a_key_says_so() {
         let told = umi(&[&args[..], &["--json", "--port", &port]].concat());
         assert_eq!(error(told)["code"], "no_board_key");
     }
+    let shown = umi(&["access", "show", "--json", "--port", &port])
+        .exits(0)
+        .json();
+    assert_eq!(
+        (&shown["mode"], &shown["board_key"]),
+        (&"open".into(), &Value::Null)
+    );
     let file = folder.path("a.umij");
     let pulled = umi(&["log", "pull", &file, "--json", "--port", &port]);
     assert_eq!(pulled.exits(0).json()["signed"], false);
+}
+
+/// A board without an owner says that it is open, with the key by which it signs.
+#[test]
+fn an_open_board_says_so() {
+    let (_board, port) = start(&config());
+    let key = umi(&["access", "board-key", "--json", "--port", &port])
+        .exits(0)
+        .json();
+    let shown = umi(&["access", "show", "--json", "--port", &port])
+        .exits(0)
+        .json();
+    assert_eq!(shown["mode"], "open");
+    assert_eq!(shown["board_key"]["public"], key["public"]);
+    assert_eq!(shown["keys"], Value::Array(vec![]));
+    let text = umi(&["access", "show", "--port", &port]).exits(0).out;
+    assert!(text.contains("whoever reaches the port"), "{text}");
+    let info = umi(&["info", "--json", "--port", &port]).exits(0).json();
+    assert_eq!(info["access"]["mode"], "open");
 }
 
 /// A journal as a table and as lines: one for each entry, and the same records.

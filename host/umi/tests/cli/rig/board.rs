@@ -14,7 +14,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCounters, Positions, TriggerRefusal};
 use umi_protocol::message::{
-    Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
+    AccessMode, Event, Identity, JournalInfo, Record, Request, ResetReason, Response, Status,
 };
 use umi_protocol::verdict::Verdict;
 
@@ -240,6 +240,7 @@ impl Board {
             reset: self.reset,
             link_damaged: 0,
             latches: self.latches,
+            access: AccessMode::Open,
         }
     }
 }
