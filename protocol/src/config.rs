@@ -9,7 +9,7 @@ use crate::job::Job;
 use crate::job::job_error::{Field, JobError};
 
 /// What the owner allows. In a file each field may be left out: then it is as on a new board.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 #[serde(default, deny_unknown_fields)]
 pub struct BoardConfig {
@@ -17,6 +17,22 @@ pub struct BoardConfig {
     pub ceilings: Ceilings,
     /// What the journal does when it is full.
     pub journal: JournalConfig,
+}
+
+impl BoardConfig {
+    /// Of a new board.
+    pub const NEW: Self = Self {
+        ceilings: Ceilings::NONE,
+        journal: JournalConfig {
+            full: WhenFull::Overwrite,
+        },
+    };
+}
+
+impl Default for BoardConfig {
+    fn default() -> Self {
+        Self::NEW
+    }
 }
 
 /// The widest limits that a job may have: a job with a wider one is not taken, whoever sets it.
@@ -47,21 +63,25 @@ pub struct Ceilings {
     pub always: bool,
 }
 
-impl Default for Ceilings {
+impl Ceilings {
     /// Of a new board: none.
+    pub const NONE: Self = Self {
+        radius_error_mm: None,
+        rms_mm: None,
+        distance_error_mm: None,
+        registration_rms_mm: None,
+        rotation_deg: None,
+        tilt_deg: None,
+        shift_mm: None,
+        expected_error_mm: None,
+        require_witness: false,
+        always: true,
+    };
+}
+
+impl Default for Ceilings {
     fn default() -> Self {
-        Self {
-            radius_error_mm: None,
-            rms_mm: None,
-            distance_error_mm: None,
-            registration_rms_mm: None,
-            rotation_deg: None,
-            tilt_deg: None,
-            shift_mm: None,
-            expected_error_mm: None,
-            require_witness: false,
-            always: true,
-        }
+        Self::NONE
     }
 }
 

@@ -17,26 +17,12 @@
 //! | file | idea |
 //! | --- | --- |
 //! | [`board`] | what a board provides |
-//! | [`measure`] | what the board knows and decides; no waiting |
-//! | `control` | the control's port: receive and send |
-//! | `line` | the conversation with the control ([`umi_core::control`]), and its signals |
-//! | `throttle` | XOFF and XON to a control that obeys them |
-//! | `link`, `answer` | the host's port: frames, requests |
-//! | `latch` | captures: to the host or into the queue |
-//! | `intake` | what came in and waits to be measured |
-//! | `events` | what waits to be told to the host |
-//! | `faults` | equal faults: one entry a second |
-//! | [`heads`], [`signer`] | when the board signs for its journal, and by whom |
-//! | `scan` | triggers: counted, streamed, summed up |
+//! | `control` | the control's port: receive, send, the conversation, XOFF, XMODEM |
+//! | `host` | the host's port: frames, requests, answers |
+//! | `capture` | captures: of touches into the queue, of scans to the host |
+//! | [`intake`] | what came in and waits to be measured |
+//! | [`measure`] | what the board knows and decides, keeps, tells, delivers; no waiting |
 //! | `shared` | a lock that tasks of all priorities may wait for |
-//! | `settings` | what survives a power cut |
-//! | `bucket` | how often somebody may do what costs room for evidence |
-//! | `custody`, `owner` | what is kept for the owner: configuration, acknowledged entries, the last run |
-//! | `delivery` | what the control gets when it reads: who may have it; `stream`: looked through, rewritten |
-//! | `xmodem` | how it goes out to a control that reads by XMODEM |
-//! | `programs` | part programs: uploaded, listed, deleted, offered by the host |
-//! | `upload` | part programs that the control punches |
-//! | `release` | what a verdict releases, and what the control is to get |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
 #![cfg_attr(
@@ -53,33 +39,16 @@
     reason = "boards are used by generic functions only, never as trait objects"
 )]
 
-mod answer;
 pub mod board;
-mod bucket;
+mod capture;
 mod control;
-mod custody;
-mod delivery;
-mod events;
-mod faults;
-pub mod heads;
+mod host;
 pub mod intake;
-mod latch;
-mod line;
-mod link;
 pub mod measure;
-mod owner;
-mod programs;
-mod release;
 pub mod replay;
-mod scan;
-mod settings;
 mod shared;
-pub mod signer;
 #[cfg(test)]
 mod test_board;
-mod throttle;
-mod upload;
-mod xmodem;
 
 use embassy_futures::join::{join, join5};
 use embassy_futures::select::{Either6, select6};
@@ -99,7 +68,7 @@ use board::{
 use intake::Input;
 use measure::{Boot, Instrument, Opened, StorageAreas};
 
-pub use link::SILENCE_US;
+pub use host::link::SILENCE_US;
 pub use umi_core::control::XOFF_PATIENCE_US;
 
 /// How often the watchdog is fed while measuring answers.
@@ -109,8 +78,8 @@ pub const FEED_INTERVAL_US: u64 = 250_000;
 pub struct App<F: Flash> {
     measure: shared::Shared<Instrument<F>>,
     intake: intake::Intake,
-    line: line::Line,
-    scans: scan::Scans,
+    line: control::line::Line,
+    scans: capture::scan::Scans,
     /// The host has changed something that the outputs and the clock must know.
     config_changed: Signal<CriticalSectionRawMutex, ()>,
     /// There may be something to tell the host.
@@ -144,8 +113,8 @@ impl<F: Flash> App<F> {
         Self {
             measure: shared::Shared::new(Instrument::new()),
             intake: intake::Intake::new(),
-            line: line::Line::new(),
-            scans: scan::Scans::new(),
+            line: control::line::Line::new(),
+            scans: capture::scan::Scans::new(),
             config_changed: Signal::new(),
             events_pending: Signal::new(),
         }
@@ -231,7 +200,7 @@ impl<F: Flash> App<F> {
         station: &mut (impl Axes + Scanner),
         clock: &impl Clock,
     ) {
-        link::serve(self, rx, tx, station, clock).await;
+        host::link::serve(self, rx, tx, station, clock).await;
     }
 
     /// Measures, for ever.
@@ -350,7 +319,7 @@ impl<F: Flash> App<F> {
 
     /// Takes in captures of the axes, for ever. Waits for nothing else.
     pub async fn latch(&self, latches: &mut impl LatchSource, clock: &impl Clock) {
-        latch::take(self, latches, clock).await;
+        capture::latch::take(self, latches, clock).await;
     }
 
     /// Feeds the watchdog as long as measuring answers, for ever. It belongs to the

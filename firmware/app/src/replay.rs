@@ -8,7 +8,7 @@ use umi_protocol::fault::{Fault, FaultCode};
 use umi_protocol::message::{MAX_RECORD, Record, TeachWhat};
 use umi_protocol::schema::max_len;
 
-use crate::settings::{kept, points};
+use crate::measure::settings::{kept, points};
 
 /// Replays a journal, record by record in its order.
 pub struct Replay {

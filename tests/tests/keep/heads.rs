@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use umi_app::heads::{MOST_ENTRIES, QUIET_US};
+use umi_app::measure::trust::heads::{MOST_ENTRIES, QUIET_US};
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, PullRequest, PullStep, Pulled};
 use umi_client::link::Client;

@@ -1,6 +1,6 @@
 //! The key of a virtual board: drawn from the operating system's entropy.
 
-use umi_app::heads::HeadSigner;
+use umi_app::measure::trust::heads::HeadSigner;
 use umi_core::board_key::{BoardKey, NoEntropy};
 
 use super::VirtualFlash;

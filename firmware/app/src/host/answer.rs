@@ -14,11 +14,12 @@ use umi_protocol::job::Lessons;
 use umi_protocol::message::{AccessMode, JournalInfo, MAX_ENTRY, Request, Response, Status};
 
 use crate::board::{Axes, Scanner, Unsupported};
-use crate::custody::{AckError, ConfigError};
+use crate::capture::scan::Scans;
+use crate::host::programs;
+use crate::host::programs::response;
+use crate::measure::settings::positions_mm;
+use crate::measure::trust::custody::{AckError, ConfigError};
 use crate::measure::{Instrument, SetJobError};
-use crate::programs::{self, response};
-use crate::scan::Scans;
-use crate::settings::positions_mm;
 
 /// What an answer needs besides what the board has measured.
 pub(crate) struct RequestContext<'a> {

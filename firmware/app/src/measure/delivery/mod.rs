@@ -62,9 +62,8 @@ use umi_protocol::program::{
     UnitRule, Withheld,
 };
 
-use crate::line::Sent;
 use crate::measure::Instrument;
-use crate::release::{Passed, Released};
+use crate::measure::release::{Passed, Released};
 use stream::{Part, Stage, What};
 
 pub(crate) use stream::{Delivery, Next};
@@ -476,6 +475,17 @@ impl<F: Flash> Instrument<F> {
             self.ledger.wanted.number = 0;
         }
     }
+}
+
+/// What becomes of a program, said by who sends it. Plain numbers: see `control::line::place`.
+#[derive(Clone, Copy, Debug)]
+pub struct Sent {
+    /// Bytes that went out.
+    pub bytes: u32,
+    /// 1 if that is all of it.
+    pub whole: u32,
+    /// 1 if the control held the line for too long.
+    pub is_held: u32,
 }
 
 /// How a program is rewritten.

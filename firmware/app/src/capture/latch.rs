@@ -16,8 +16,8 @@ use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES};
 
 use crate::App;
 use crate::board::{Clock, LatchSource};
+use crate::capture::scan;
 use crate::intake::Input;
-use crate::scan;
 
 /// How soon it is tried again to tell what was missed.
 const TELL_AGAIN_US: u64 = 10_000;

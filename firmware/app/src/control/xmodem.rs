@@ -22,8 +22,8 @@ use umi_core::xmodem::{BLOCK, FRAME, NAK};
 
 use crate::App;
 use crate::board::{Clock, CncTx};
-use crate::delivery::Next;
-use crate::line::{Sent, patience};
+use crate::control::line::patience;
+use crate::measure::delivery::{Next, Sent};
 
 /// Sends what has begun; the control has asked by a NAK.
 pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &impl Clock) -> Sent {

@@ -14,6 +14,7 @@ use umi_core::zero_option::ZeroOption;
 use umi_protocol::serial::LineSettings;
 
 use crate::board::Clock;
+use crate::measure::delivery::Sent;
 
 /// Bytes of XMODEM that wait, at most: a block, while the one before is written.
 const ANSWERS: usize = 160;
@@ -143,17 +144,6 @@ impl Line {
     pub fn is_free(&self) -> bool {
         self.with(|talk| talk.is_idle()) && !self.requested.signaled()
     }
-}
-
-/// What becomes of a program, said by who sends it. Plain numbers: see `place`.
-#[derive(Clone, Copy, Debug)]
-pub struct Sent {
-    /// Bytes that went out.
-    pub bytes: u32,
-    /// 1 if that is all of it.
-    pub whole: u32,
-    /// 1 if the control held the line for too long.
-    pub is_held: u32,
 }
 
 pub(crate) fn after(clock: &impl Clock, us: u64) -> Micros {

@@ -29,17 +29,20 @@
 //!
 //! A READ that comes before its verdict gets the alarm; the control reads again.
 
+pub(crate) mod line;
+mod throttle;
+mod xmodem;
+
 use embassy_futures::select::{Either, select};
 use umi_core::journal::Flash;
 use umi_protocol::message::MAX_BYTES;
 
 use crate::App;
 use crate::board::{Clock, CncInput, CncRx, CncTx};
-use crate::delivery::Next;
+use crate::control::line::{after, patience};
+use crate::control::throttle::{send_pending, while_throttling};
 use crate::intake::Input;
-use crate::line::{Sent, after, patience};
-use crate::throttle::{send_pending, while_throttling};
-use crate::xmodem;
+use crate::measure::delivery::{Next, Sent};
 
 /// Receives for ever.
 pub(crate) async fn receive<F: Flash>(app: &App<F>, rx: &mut impl CncRx, clock: &impl Clock) -> ! {

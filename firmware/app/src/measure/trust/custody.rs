@@ -12,9 +12,7 @@
 use serde::{Deserialize, Serialize};
 use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::Micros;
-use umi_protocol::config::{
-    BoardConfig, Ceilings, ConfigField, Fallbacks, JournalConfig, WhenFull,
-};
+use umi_protocol::config::{BoardConfig, ConfigField, Fallbacks};
 use umi_protocol::job_error::JobError;
 
 /// Kind number of the only entry there is. A later layout gets another.
@@ -35,23 +33,7 @@ pub(crate) struct Kept {
 
 /// On a new board, and on one without the ring.
 pub(crate) static NOTHING_KEPT: Kept = Kept {
-    config: BoardConfig {
-        ceilings: Ceilings {
-            radius_error_mm: None,
-            rms_mm: None,
-            distance_error_mm: None,
-            registration_rms_mm: None,
-            rotation_deg: None,
-            tilt_deg: None,
-            shift_mm: None,
-            expected_error_mm: None,
-            require_witness: false,
-            always: true,
-        },
-        journal: JournalConfig {
-            full: WhenFull::Overwrite,
-        },
-    },
+    config: BoardConfig::NEW,
     acked: 0,
     last_run: None,
 };

@@ -1,4 +1,4 @@
-//! What the owner asks of a board, and what the board does about it: [`crate::custody`].
+//! What the owner asks of a board, and what the board does about it: [`crate::measure::trust::custody`].
 
 use umi_core::archive::Archive;
 use umi_core::journal::Flash;
@@ -8,7 +8,7 @@ use umi_protocol::job_error::JobError;
 use umi_protocol::message::{MAX_RECORD, Record};
 use umi_protocol::program::Withheld;
 
-use crate::custody::{AckError, ConfigError, Custody, Kept, NOTHING_KEPT};
+use crate::measure::trust::custody::{AckError, ConfigError, Custody, Kept, NOTHING_KEPT};
 use crate::measure::{Instrument, Ledger};
 
 /// Room for evidence below which nothing goes out any more where the owner wants it kept: more

@@ -31,8 +31,8 @@ use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::{Event, Request, Response};
 
 use crate::App;
-use crate::answer::{RequestContext, answer, immediate};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
+use crate::host::answer::{RequestContext, answer, immediate};
 use crate::measure::Instrument;
 use crate::shared::Guard;
 

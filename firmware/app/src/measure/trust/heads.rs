@@ -25,7 +25,7 @@ use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::message::Record;
 
 use crate::measure::Instrument;
-pub use crate::signer::HeadSigner;
+pub use crate::measure::trust::signer::HeadSigner;
 
 /// Without an input for so long, the control waits for nothing.
 pub const QUIET_US: u64 = 300_000;

@@ -1,6 +1,6 @@
 //! Who signs for the board, and what is known of what was signed.
 
-use crate::bucket::Bucket;
+use crate::measure::trust::bucket::Bucket;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 

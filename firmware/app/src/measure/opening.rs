@@ -1,0 +1,190 @@
+//! A board's start: its storage is opened, and what was in force is taken up.
+
+use umi_core::archive::{Archive, ArchiveFault};
+use umi_core::job::Teaching;
+use umi_core::journal::{Flash, JournalError};
+use umi_core::programs::{self, Store};
+use umi_core::units::Micros;
+use umi_protocol::config::BoardConfig;
+use umi_protocol::message::{Identity, JobLoss, MAX_RECORD, Record, ResetReason};
+
+use crate::board::LineAbilities;
+use crate::measure::settings::{JobStore, points};
+use crate::measure::trust::custody::Custody;
+use crate::measure::trust::signer::HeadSigner;
+use crate::measure::{Instrument, begin, patience_us};
+
+/// How the board came up.
+#[derive(Clone)]
+pub struct Boot {
+    /// Who it is.
+    pub identity: Identity,
+    /// Why it started.
+    pub reset: ResetReason,
+    /// How its line to the control can be set.
+    pub line: LineAbilities,
+    /// It captures the skip line's falls, too: polarity and width of its pulses can be told.
+    pub skip_ends: bool,
+    /// Signs for it; none: this board has no key, and its journal is not signed.
+    pub signer: Option<&'static dyn HeadSigner>,
+}
+/// The storage areas of a board.
+#[derive(Clone, Debug)]
+pub struct StorageAreas<F> {
+    /// The journal.
+    pub journal: F,
+    /// The ring of evidence; none: this board keeps none apart, and noise can overwrite verdicts.
+    pub evidence: Option<F>,
+    /// What is kept for the owner; none: this board has no configuration, and forgets at each start
+    /// which run was the last.
+    pub custody: Option<F>,
+    /// Job and taught reference.
+    pub settings: F,
+    /// Part programs.
+    pub programs: F,
+}
+
+/// What became of the storage areas at start.
+#[derive(Debug)]
+pub struct Opened<E> {
+    /// The journal's, and that of its evidence.
+    pub journal: Result<(), ArchiveFault<E>>,
+    /// The settings'.
+    pub settings: Result<(), JournalError<E>>,
+    /// The programs'.
+    pub programs: Result<(), programs::StoreError<E>>,
+}
+
+impl<F: Flash> Instrument<F> {
+    /// Starts: opens journal and settings and takes up the job and the reference
+    /// that were in force.
+    ///
+    /// A storage area that cannot be opened stops nothing: the board runs and answers,
+    /// counts every entry that it cannot keep, shows trouble, sends no correction, and
+    /// takes no job. Without the area of the programs, there are none. What was wrong is
+    /// returned for a log.
+    pub fn start(&mut self, boot: Boot, storage: StorageAreas<F>, now: Micros) -> Opened<F::Error> {
+        let StorageAreas {
+            journal,
+            evidence,
+            custody,
+            settings,
+            programs,
+        } = storage;
+        self.ledger.identity = boot.identity.clone();
+        self.ledger.reset = boot.reset;
+        let Boot {
+            identity,
+            reset,
+            line,
+            skip_ends,
+            signer,
+        } = boot;
+        self.ledger.abilities.put(line);
+        self.ledger.skip_ends = skip_ends;
+        self.ledger.heads.start(signer, now);
+        let boot = Record::Boot { identity, reset };
+        let opened = Opened {
+            journal: self.open_journal(now, boot, journal, evidence),
+            settings: JobStore::open(settings).map(|settings| self.settings.put(settings)),
+            programs: Store::open(programs).map(|programs| self.programs.put(programs)),
+        };
+        if opened.settings.is_err() {
+            self.ledger.refused();
+        }
+        if let Some(custody) = custody {
+            self.open_custody(now, custody);
+        }
+        self.restore(now);
+        opened
+    }
+
+    #[inline(never)]
+    fn open_journal(
+        &mut self,
+        now: Micros,
+        boot: Record,
+        flash: F,
+        evidence: Option<F>,
+    ) -> Result<(), ArchiveFault<F::Error>> {
+        let ledger = &mut self.ledger;
+        let opened = Archive::open(flash).and_then(|(archive, recovery)| {
+            let max = archive.max_payload();
+            if max < MAX_RECORD {
+                // Its sectors are too small for the longest record.
+                let len = MAX_RECORD;
+                return Err(JournalError::PayloadTooLong { len, max });
+            }
+            ledger.journal.put(archive);
+            Ok(recovery)
+        });
+        // Before the first new entry: what is copied is what was there.
+        let archive = ledger.journal.get_mut();
+        let kept_apart = match (evidence, archive) {
+            (Some(evidence), Some(archive)) => archive.keep_evidence(evidence, &mut ledger.scratch),
+            _ => Ok(()),
+        };
+        self.ledger.record(now, boot);
+        let recovery = opened.map_err(ArchiveFault::Journal)?;
+        self.ledger.is_new = recovery.fresh;
+        self.ledger.heads.opened(recovery.next_seq);
+        if !recovery.is_clean() {
+            let record = Record::Recovered {
+                torn_bytes: recovery.torn_bytes,
+                damaged_entries: recovery.damaged_entries,
+                damaged_headers: recovery.damaged_headers,
+                chain_restarted: recovery.chain_restarted,
+            };
+            self.ledger.record(now, record);
+        }
+        if kept_apart.is_err() {
+            self.ledger.refused();
+        }
+        kept_apart
+    }
+
+    /// Takes up what is kept for the owner. Where it cannot be opened nothing may go out.
+    #[inline(never)]
+    fn open_custody(&mut self, now: Micros, flash: F) {
+        let Ok(custody) = Custody::open(flash) else {
+            return self.ledger.refused();
+        };
+        let config = custody.kept().config;
+        self.ledger.custody.put(custody);
+        if config != BoardConfig::default() {
+            self.ledger.record(now, Record::ConfigSet(config));
+        }
+    }
+
+    /// Takes up the job and the reference that were in force, or tells why there are none.
+    #[inline(never)]
+    fn restore(&mut self, now: Micros) {
+        let kept = match self.settings.get_mut() {
+            Some(settings) => settings.load(&mut self.ledger.scratch),
+            None => Err(JobLoss::Storage),
+        };
+        let (job, taught) = match kept {
+            Ok(kept) => kept,
+            Err(why) => return self.ledger.job_lost(now, why),
+        };
+        // Another board of the same firmware may have kept it.
+        let fits = self.ledger.takes(&job);
+        let is_narrow = self.ledger.in_custody().config.ceilings.check(&job).is_ok();
+        if fits.is_err() || !is_narrow || begin(&mut self.brain, &job).is_err() {
+            return self.ledger.job_lost(now, JobLoss::Refused);
+        }
+        self.ledger.patience_us = patience_us(&job);
+        self.ledger.job_set(now, &job);
+        if let Some(run) = self.ledger.in_custody().last_run {
+            self.brain.restore_last_run(run);
+            self.ledger.record(now, Record::LastRun { run });
+        }
+        if let Some((positions_mm, learned)) = taught {
+            self.brain.restore_reference(Teaching {
+                places: &points(&positions_mm),
+                learned: &learned,
+            });
+            self.ledger.reference_restored(now, positions_mm, learned);
+        }
+    }
+}
