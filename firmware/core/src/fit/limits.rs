@@ -1,6 +1,6 @@
 //! The documented limits between an answer and a refusal.
 
-use super::least_squares::Stopped;
+use super::solve::least_squares::Stopped;
 use super::{FitError, MAX_CONDITION, MAX_RELATIVE_UNCERTAINTY, Quantity, Statistics};
 
 /// Radius, in sizes of the point set, at which a round surface is called flat.

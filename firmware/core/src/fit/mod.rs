@@ -27,32 +27,24 @@
 //! few degrees of freedom `sigma` itself is poorly known: multiply a standard
 //! uncertainty by Student's t for `stats.dof` to get a 95 % interval.
 
-mod axis;
-mod axis_search;
-pub mod circle;
-pub mod circle2d;
-pub(crate) mod cloud;
-pub mod cone;
-pub mod cylinder;
 pub mod error;
-pub(crate) mod least_squares;
 mod limits;
-pub(crate) mod linalg;
-pub mod line;
-pub mod plane;
-pub mod sphere;
+mod shapes;
+pub(crate) mod solve;
 pub mod statistics;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use circle::CircleFit;
-pub use circle2d::Circle2dFit;
-pub use cone::ConeFit;
-pub use cylinder::CylinderFit;
 pub use error::{Degeneracy, FitError, PointSet, Quantity};
-pub use line::LineFit;
-pub use plane::PlaneFit;
-pub use sphere::SphereFit;
+pub use shapes::{circle, circle2d, cone, cylinder, line, plane, sphere};
+
+pub use shapes::circle::CircleFit;
+pub use shapes::circle2d::Circle2dFit;
+pub use shapes::cone::ConeFit;
+pub use shapes::cylinder::CylinderFit;
+pub use shapes::line::LineFit;
+pub use shapes::plane::PlaneFit;
+pub use shapes::sphere::SphereFit;
 pub use statistics::Statistics;
 
 use crate::units::Mm;

@@ -1,7 +1,7 @@
 //! Statistics of a fit's residuals.
 
 use super::EXACT_FIT_ROUNDINGS;
-use super::cloud::count;
+use super::solve::cloud::count;
 use crate::units::Mm;
 
 /// Statistics of the residuals of a fit.
@@ -55,7 +55,7 @@ impl Statistics {
     #[must_use]
     pub fn covariance<const K: usize>(&self, unit: &[[f64; K]; K]) -> Option<[[f64; K]; K]> {
         self.variance_mm2()
-            .map(|variance| super::linalg::scaled(unit, variance))
+            .map(|variance| super::solve::linalg::scaled(unit, variance))
     }
 
     /// The standard uncertainty that belongs to a variance for unit noise.
@@ -70,6 +70,9 @@ impl Statistics {
     #[must_use]
     pub fn uncertainties<const K: usize>(&self, unit: &[[f64; K]; K]) -> Option<[f64; K]> {
         let sigma = self.sigma?.0;
-        Some(super::linalg::diagonal(unit).map(|variance| sigma * libm::sqrt(variance.max(0.0))))
+        Some(
+            super::solve::linalg::diagonal(unit)
+                .map(|variance| sigma * libm::sqrt(variance.max(0.0))),
+        )
     }
 }

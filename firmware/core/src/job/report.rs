@@ -7,9 +7,9 @@ use umi_protocol::job::FeatureKind;
 use umi_protocol::reason::FitRefusal;
 
 use crate::fit::{
-    CircleFit, ConeFit, CylinderFit, FitError, LineFit, PlaneFit, SphereFit, Statistics, circle,
-    cone, cylinder, line, plane, sphere,
+    CircleFit, ConeFit, CylinderFit, FitError, LineFit, PlaneFit, SphereFit, Statistics,
 };
+use crate::fit::{circle, cone, cylinder, line, plane, sphere};
 use crate::units::{Mm, Point};
 
 /// A fit of any kind.

@@ -7,7 +7,7 @@ use super::error::Weakness;
 use super::reading::{BallReading, CalibrationBall};
 use super::sensor::PointSensor;
 use crate::fit::Statistics;
-use crate::fit::linalg::Square;
+use crate::fit::solve::linalg::Square;
 use crate::units::Mm;
 
 /// A calibrated point sensor.
@@ -57,7 +57,7 @@ impl PointCalibration {
     #[must_use]
     pub fn residual(&self, reading: &BallReading, ball: &CalibrationBall) -> Mm {
         let place = self.sensor.place(reading.axes, reading.gamma);
-        let from_center = crate::fit::linalg::norm(&(place.mm - ball.center.mm));
+        let from_center = crate::fit::solve::linalg::norm(&(place.mm - ball.center.mm));
         Mm(from_center - ball.radius.0 - self.radius_error.0)
     }
 
@@ -70,7 +70,7 @@ impl PointCalibration {
             .place_covariance(gamma, &self.covariance_total()?);
         Some(PlaceUncertainty {
             gamma,
-            u: crate::fit::linalg::diagonal(&covariance)
+            u: crate::fit::solve::linalg::diagonal(&covariance)
                 .map(|variance| Mm(libm::sqrt(variance.max(0.0)))),
         })
     }

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use super::calibration::PointCalibration;
 use super::error::{PointRefusal, Weakness};
 use super::model::{Beam, View};
-use crate::fit::least_squares::Surface;
-use crate::fit::linalg::{Qr, Square, largest_variance, norm};
+use crate::fit::solve::least_squares::Surface;
+use crate::fit::solve::linalg::{Qr, Square, largest_variance, norm};
 use crate::units::Mm;
 
 /// Axis positions nearer than this to each other, seen from their ball, are
@@ -246,5 +246,8 @@ fn largest_eigenpair<const K: usize>(matrix: &Square<K>) -> (f64, [f64; K]) {
     if length > 0.0 {
         vector = vector.map(|x| x / length);
     }
-    (crate::fit::linalg::quadratic_form(matrix, &vector), vector)
+    (
+        crate::fit::solve::linalg::quadratic_form(matrix, &vector),
+        vector,
+    )
 }

@@ -11,8 +11,8 @@ use nalgebra::Vector3;
 
 use super::error::PointRefusal;
 use super::reading::{BallReading, CalibrationBall, PointQuestion};
-use crate::fit::least_squares::{Surface, Term};
-use crate::fit::linalg::{norm, perpendicular_frame, unit};
+use crate::fit::solve::least_squares::{Surface, Term};
+use crate::fit::solve::linalg::{norm, perpendicular_frame, unit};
 
 /// Unknowns of every calibration: three of t, two of a.
 const ALWAYS: usize = 5;
@@ -259,7 +259,7 @@ impl<'a, const K: usize> View<'a, K> {
                 why: "an error of the radius can be found with readings of one ball only: leave out the other balls' readings, or give the radii",
             });
         }
-        let n = crate::fit::cloud::count(readings.len());
+        let n = crate::fit::solve::cloud::count(readings.len());
         mean /= n;
         let mut squares = 0.0;
         for reading in readings {

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 
 use super::error::PointRefusal;
 use super::model::{Beam, View};
-use crate::fit::least_squares::{Converged, Stopped, descend, minimise};
-use crate::fit::linalg::{Qr, Square, norm, perpendicular_frame, unit};
+use crate::fit::solve::least_squares::{Converged, Stopped, descend, minimise};
+use crate::fit::solve::linalg::{Qr, Square, norm, perpendicular_frame, unit};
 use crate::units::Mm;
 
 /// Readings that the search looks at, if there are many more.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::fit::linalg::{Square, propagate};
+use crate::fit::solve::linalg::{Square, propagate};
 use crate::units::{Mm, Point};
 
 /// Where a sensor's zero stands and where its beam points.

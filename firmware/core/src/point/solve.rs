@@ -6,7 +6,7 @@ use super::model::View;
 use super::reading::{BallReading, CalibrationBall, PointQuestion, ResidualNoise};
 use super::search::{self, Outcome};
 use super::{identify, uncertainty};
-use crate::fit::linalg::unit;
+use crate::fit::solve::linalg::unit;
 use crate::units::Mm;
 
 /// Calibrates a point sensor on one or several balls.

@@ -8,8 +8,8 @@ use super::identify;
 use super::model::{Beam, View};
 use super::sensor::PointSensor;
 use crate::fit::Statistics;
-use crate::fit::least_squares::Surface;
-use crate::fit::linalg::{Square, added, propagate};
+use crate::fit::solve::least_squares::Surface;
+use crate::fit::solve::linalg::{Square, added, propagate};
 use crate::units::{Mm, Point};
 
 /// One rounding, so that a fit is exact below an rms of 1e-11 mm.

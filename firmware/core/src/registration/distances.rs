@@ -2,7 +2,7 @@
 //! nominal. They do not depend on where the plate lies, so they tell a bad
 //! sphere or a bent plate from a moved one.
 
-use crate::fit::linalg::norm;
+use crate::fit::solve::linalg::norm;
 use crate::fit::{FitError, PointSet};
 use crate::units::{Mm, Point};
 

@@ -15,8 +15,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::transform::{Quaternion, RigidTransform, rotated};
-use crate::fit::cloud::{Cloud, count};
-use crate::fit::linalg::{
+use crate::fit::solve::cloud::{Cloud, count};
+use crate::fit::solve::linalg::{
     Qr, Square, Svd3, Triangle, all_finite, largest_variance, orthonormal, propagate, scaled, trace,
 };
 use crate::fit::{FitError, MAX_CONDITION, PointSet, Quantity, SPREAD_LIMIT, Statistics};
@@ -85,7 +85,7 @@ pub fn register(source: &[Point], target: &[Point]) -> Result<Registration, FitE
 
     let lengths = pairs(&from, &to).map(|(p, q)| {
         let residual = rotated(&rotation, &p) * from.scale() - q * to.scale();
-        crate::fit::linalg::norm(&residual)
+        crate::fit::solve::linalg::norm(&residual)
     });
     let dof = 3 * from.len() - 6;
     let rounding = Mm(from.rounding().0 + to.rounding().0);

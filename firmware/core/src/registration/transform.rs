@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::fit::linalg::{norm, unit};
+use crate::fit::solve::linalg::{norm, unit};
 use crate::units::{Point, Rad};
 
 /// A rotation followed by a translation.

@@ -6,7 +6,8 @@ use nalgebra::{Rotation3, Unit, Vector3};
 use proptest::prelude::*;
 
 use super::{Random, moved, noisy, revolved};
-use crate::fit::{Statistics, circle, cone, cylinder, line, plane, sphere};
+use crate::fit::Statistics;
+use crate::fit::{circle, cone, cylinder, line, plane, sphere};
 use crate::units::Point;
 
 /// A rigid motion of up to 1 m, and a scale.

@@ -8,9 +8,8 @@ use nalgebra::Vector3;
 
 use super::wild::all_fits;
 use super::{Random, five_hits, noisy, revolved};
-use crate::fit::{
-    Degeneracy, FitError, PointSet, Quantity, circle, cone, cylinder, line, plane, sphere,
-};
+use crate::fit::{Degeneracy, FitError, PointSet, Quantity};
+use crate::fit::{circle, cone, cylinder, line, plane, sphere};
 use crate::units::Point;
 
 fn assert_all(points: &[Point], except: &[&str], code: &str) {
@@ -347,7 +346,7 @@ fn a_ball_of_points_has_no_plane_and_no_line() {
 /// must not pass as a result.
 #[test]
 fn a_stationary_point_that_is_no_minimum_is_not_an_answer() {
-    use crate::fit::least_squares::{Surface, Term, minimise};
+    use crate::fit::solve::least_squares::{Surface, Term, minimise};
 
     /// One parameter, residuals p cos(x): stationary at x = 0, a maximum.
     #[derive(Clone, Copy)]

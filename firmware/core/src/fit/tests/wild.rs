@@ -8,7 +8,8 @@ use std::vec::Vec;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use crate::fit::{FitError, circle, circle2d, cone, cylinder, line, plane, sphere};
+use crate::fit::FitError;
+use crate::fit::{circle, circle2d, cone, cylinder, line, plane, sphere};
 use crate::units::Point;
 
 /// Every fit of the same points: its kind, and its result as text or its error.

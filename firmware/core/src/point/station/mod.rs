@@ -476,7 +476,7 @@ impl CaptureStation {
         if let Some(seen) = self.seen {
             let way = found.axes.mm - seen.axes;
             let along = way.dot(&sensor.direction);
-            let aside = crate::fit::linalg::norm(&(way - sensor.direction * along));
+            let aside = crate::fit::solve::linalg::norm(&(way - sensor.direction * along));
             if libm::fabs(along) >= BEAM_WAY_MM && aside <= 0.01 {
                 let off = (found.gamma.0 - seen.gamma) * sensor.gain + along;
                 self.is_beam_wrong |= libm::fabs(off) > BEAM_MM + 0.05 * libm::fabs(along);

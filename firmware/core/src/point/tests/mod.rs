@@ -52,7 +52,7 @@ fn reading_at(
 
 /// Normals of a ball over a cone about `up`, even in area (a spiral).
 fn cap(up: &Vector3<f64>, half_angle: f64, number: usize) -> Vec<Vector3<f64>> {
-    let (e1, e2) = crate::fit::linalg::perpendicular_frame(up);
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(up);
     (0..number)
         .map(|k| {
             let part = (k as f64 + 0.5) / number as f64;

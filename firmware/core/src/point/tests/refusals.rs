@@ -26,7 +26,7 @@ fn refused(readings: &[BallReading], wanted: &PointQuestion) -> &'static str {
 
 /// Places of a circle of the ball: about `axis`, `cos` above its centre.
 fn circle(axis: &Vector3<f64>, cos: f64, number: usize) -> Vec<Vector3<f64>> {
-    let (e1, e2) = crate::fit::linalg::perpendicular_frame(axis);
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(axis);
     let sin = libm::sqrt(1.0 - cos * cos);
     (0..number)
         .map(|k| {
@@ -47,7 +47,7 @@ fn at_depths(places: &[Vector3<f64>]) -> Vec<BallReading> {
 /// The upper half of a great circle that contains the beam.
 fn great_circle(turn: f64, number: usize) -> Vec<BallReading> {
     let up = -sensor().direction;
-    let (e1, e2) = crate::fit::linalg::perpendicular_frame(&up);
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(&up);
     let side = e1 * libm::cos(turn) + e2 * libm::sin(turn);
     let places: Vec<_> = (0..number)
         .map(|k| {

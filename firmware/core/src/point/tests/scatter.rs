@@ -34,7 +34,7 @@ fn holds(fit: &PointCalibration, truth: &PointSensor) -> [bool; 2] {
     let off = fit.sensor.offset.mm - truth.offset.mm;
     let of_offset = Matrix3::from_fn(c).try_inverse().unwrap();
     // a has a region in the plane across it only.
-    let (e1, e2) = crate::fit::linalg::perpendicular_frame(&fit.sensor.direction);
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(&fit.sensor.direction);
     let turn = fit.sensor.direction - truth.direction;
     let turn = Vector2::new(turn.dot(&e1), turn.dot(&e2));
     let block = Matrix3::from_fn(|i, j| c(i + 3, j + 3));
@@ -162,7 +162,7 @@ fn covariance_is_that_of_the_numerical_jacobian() {
         &mut Random(9),
     );
     let fit = calibrate(&readings, &[ball()], &PointQuestion::default()).unwrap();
-    let (e1, e2) = crate::fit::linalg::perpendicular_frame(&fit.sensor.direction);
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(&fit.sensor.direction);
     let moved = |p: &[f64; 5], r: &BallReading| {
         let sensor = PointSensor {
             offset: crate::units::Point {

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::super::model::View;
 use super::super::{BallReading, PointQuestion, ResidualNoise, calibrate};
 use super::{ball, noisy, reading_at, sensor, set};
-use crate::fit::least_squares::descend;
+use crate::fit::solve::least_squares::descend;
 use crate::fit::tests::Random;
 use crate::point::PointSensor;
 use crate::units::{Mm, Point};

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::cloud::Cloud;
-use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Qr, block3, largest_variance, norm, trace};
-use super::{FitError, PointSet, Quantity, Statistics, limits};
+use crate::fit::solve::cloud::Cloud;
+use crate::fit::solve::least_squares::{Minimum, Surface, Term, minimise};
+use crate::fit::solve::linalg::{Qr, block3, largest_variance, norm, trace};
+use crate::fit::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a sphere needs.
@@ -56,11 +56,11 @@ pub struct LinearSphere {
 ///
 /// # Errors
 /// * `too_few_points` below four points, `not_finite`, `degenerate` for
-///   coplanar points (see [`super::SPREAD_LIMIT`]);
+///   coplanar points (see [`crate::fit::SPREAD_LIMIT`]);
 /// * `cap_too_small` if the standard uncertainty of the radius is above
-///   [`super::MAX_RELATIVE_UNCERTAINTY`] of it, or if the best surface is flat;
+///   [`crate::fit::MAX_RELATIVE_UNCERTAINTY`] of it, or if the best surface is flat;
 /// * `ill_conditioned` if that of the centre is, or if centre or radius have a
-///   condition above [`super::MAX_CONDITION`];
+///   condition above [`crate::fit::MAX_CONDITION`];
 /// * `no_convergence` if no minimum was found.
 pub fn fit(points: &[Point]) -> Result<SphereFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;

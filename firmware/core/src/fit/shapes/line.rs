@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::cloud::Cloud;
-use super::linalg::{canonical_sign, norm, outer_sum};
-use super::{FitError, MIN_CURVATURE, PointSet, Quantity, Statistics, limits};
+use crate::fit::solve::cloud::Cloud;
+use crate::fit::solve::linalg::{canonical_sign, norm, outer_sum};
+use crate::fit::{FitError, MIN_CURVATURE, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a line needs.
@@ -33,7 +33,7 @@ pub struct LineFit {
 ///   coincide;
 /// * `ill_conditioned` if the points are about as wide as long, or if the
 ///   standard uncertainty of the direction is above
-///   [`super::MAX_RELATIVE_UNCERTAINTY`] radians.
+///   [`crate::fit::MAX_RELATIVE_UNCERTAINTY`] radians.
 pub fn fit(points: &[Point]) -> Result<LineFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
     let spread = cloud.spread();

@@ -21,11 +21,11 @@
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::FitError;
 use super::axis::Axis;
 use super::cloud::{Cloud, Spread, count};
 use super::least_squares::{Surface, descend};
 use super::linalg::unit;
+use crate::fit::FitError;
 
 /// Points that take part in the search.
 const SAMPLE: usize = 128;

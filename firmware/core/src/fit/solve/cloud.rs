@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::error::{Degeneracy, FitError, PointSet};
 use super::linalg::{Qr, Triangle};
-use super::{MAX_COORDINATE, MIN_EXTENT, SPREAD_LIMIT};
+use crate::fit::error::{Degeneracy, FitError, PointSet};
+use crate::fit::{MAX_COORDINATE, MIN_EXTENT, SPREAD_LIMIT};
 use crate::units::{Mm, Point};
 
 /// Points that are finite, enough and not all the same, with the local

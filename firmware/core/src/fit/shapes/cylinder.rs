@@ -2,12 +2,14 @@
 
 use nalgebra::Vector3;
 
-use super::axis::Axis;
-use super::axis_search::{Axial, search, search_near};
-use super::cloud::Cloud;
-use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Cholesky, added, canonical_sign, largest_variance, norm, propagate};
-use super::{FitError, PointSet, Quantity, Statistics, limits};
+use crate::fit::solve::axis::Axis;
+use crate::fit::solve::axis_search::{Axial, search, search_near};
+use crate::fit::solve::cloud::Cloud;
+use crate::fit::solve::least_squares::{Minimum, Surface, Term, minimise};
+use crate::fit::solve::linalg::{
+    Cholesky, added, canonical_sign, largest_variance, norm, propagate,
+};
+use crate::fit::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a cylinder needs.

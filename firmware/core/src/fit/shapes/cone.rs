@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::axis::Axis;
-use super::axis_search::{Axial, search, search_near};
-use super::cloud::{Cloud, count};
-use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Cholesky, added, largest_variance, norm, propagate, ridged};
-use super::{FitError, PointSet, Quantity, Statistics, limits};
+use crate::fit::solve::axis::Axis;
+use crate::fit::solve::axis_search::{Axial, search, search_near};
+use crate::fit::solve::cloud::{Cloud, count};
+use crate::fit::solve::least_squares::{Minimum, Surface, Term, minimise};
+use crate::fit::solve::linalg::{Cholesky, added, largest_variance, norm, propagate, ridged};
+use crate::fit::{FitError, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point, Rad};
 
 /// Points that a cone needs.

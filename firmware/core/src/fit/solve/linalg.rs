@@ -520,7 +520,7 @@ pub(crate) fn orthonormal(a: &Vector3<f64>, b: &Vector3<f64>) -> [Vector3<f64>; 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::cloud::count;
+    use crate::fit::solve::cloud::count;
 
     #[test]
     fn singular_values_of_a_nearly_singular_matrix_keep_their_digits() {

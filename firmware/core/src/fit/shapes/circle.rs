@@ -3,10 +3,12 @@
 use nalgebra::Vector3;
 
 use super::circle2d::{InPlane, fit_disc};
-use super::cloud::{Cloud, count};
-use super::linalg::{block3, canonical_sign, norm, perpendicular_frame, propagate, unit};
 use super::plane;
-use super::{FitError, PointSet, Statistics};
+use crate::fit::solve::cloud::{Cloud, count};
+use crate::fit::solve::linalg::{
+    block3, canonical_sign, norm, perpendicular_frame, propagate, unit,
+};
+use crate::fit::{FitError, PointSet, Statistics};
 use crate::units::{Mm, Point};
 
 pub use super::circle2d::MIN_POINTS;

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::cloud::{Cloud, Spread};
-use super::linalg::{canonical_sign, outer_sum};
-use super::{FitError, MIN_CURVATURE, PointSet, Quantity, Statistics, limits};
+use crate::fit::solve::cloud::{Cloud, Spread};
+use crate::fit::solve::linalg::{canonical_sign, outer_sum};
+use crate::fit::{FitError, MIN_CURVATURE, PointSet, Quantity, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a plane needs.
@@ -32,10 +32,10 @@ pub struct PlaneFit {
 ///
 /// # Errors
 /// * `too_few_points` below three points, `not_finite`, `degenerate` for
-///   collinear points (see [`super::SPREAD_LIMIT`]);
+///   collinear points (see [`crate::fit::SPREAD_LIMIT`]);
 /// * `ill_conditioned` if the points are about as thick as wide, so that planes
 ///   across each other fit as well, or if the standard uncertainty of the normal
-///   is above [`super::MAX_RELATIVE_UNCERTAINTY`] radians.
+///   is above [`crate::fit::MAX_RELATIVE_UNCERTAINTY`] radians.
 pub fn fit(points: &[Point]) -> Result<PlaneFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;
     fit_cloud(&cloud).map(|(plane, _)| plane)

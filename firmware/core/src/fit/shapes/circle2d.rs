@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::cloud::Cloud;
-use super::least_squares::{Minimum, Surface, Term, minimise};
-use super::linalg::{Qr, Square};
-use super::{Degeneracy, FitError, PointSet, Quantity, SPREAD_LIMIT, Statistics, limits};
+use crate::fit::solve::cloud::Cloud;
+use crate::fit::solve::least_squares::{Minimum, Surface, Term, minimise};
+use crate::fit::solve::linalg::{Qr, Square};
+use crate::fit::{Degeneracy, FitError, PointSet, Quantity, SPREAD_LIMIT, Statistics, limits};
 use crate::units::{Mm, Point};
 
 /// Points that a circle needs.
@@ -34,7 +34,7 @@ pub struct Circle2dFit {
 ///   that are collinear in the plane;
 /// * `cap_too_small` if the arc says too little about the radius,
 ///   `ill_conditioned` if too little about the centre (see
-///   [`super::MAX_RELATIVE_UNCERTAINTY`] and [`super::MAX_CONDITION`]);
+///   [`crate::fit::MAX_RELATIVE_UNCERTAINTY`] and [`crate::fit::MAX_CONDITION`]);
 /// * `no_convergence` if no minimum was found.
 pub fn fit(points: &[Point]) -> Result<Circle2dFit, FitError> {
     let cloud = Cloud::new(points, PointSet::Points, MIN_POINTS)?;

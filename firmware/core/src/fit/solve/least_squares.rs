@@ -8,9 +8,9 @@
 
 use nalgebra::Vector3;
 
-use super::MIN_CURVATURE;
 use super::cloud::count;
 use super::linalg::{Cholesky, Qr, Square, quadratic_form};
+use crate::fit::MIN_CURVATURE;
 
 /// What one point adds at the current parameters.
 pub(crate) struct Term<const K: usize> {
