@@ -6,7 +6,7 @@ use umi_protocol::job::FeatureSpec;
 use umi_protocol::verdict::RegistrationReport;
 
 use crate::program::CorrectionMotion;
-use umi_client::session::{Session, Setup, Truth, datums};
+use umi_client::session::{Session, Setup, Truth};
 
 pub use crate::vector::{Vector, length, minus, transform};
 
@@ -231,10 +231,4 @@ pub fn in_job_order<'a>(
         .features
         .iter()
         .map(|spec| (spec, setup.feature(&spec.name)))
-}
-
-/// Number of datum features.
-#[must_use]
-pub fn datum_count(session: &Session) -> usize {
-    datums(&session.job).count()
 }

@@ -86,12 +86,6 @@ impl<F: Flash> Archive<F> {
         Ok(())
     }
 
-    /// Whether evidence is kept apart.
-    #[must_use]
-    pub fn has_evidence(&self) -> bool {
-        self.evidence.is_some()
-    }
-
     /// Appends the record of `len` bytes that stands in `room` behind its first [`FIELDS`] bytes,
     /// and returns its number. After `Ok` it survives a power cut.
     ///

@@ -172,26 +172,10 @@ impl ConeFit {
             .map(|variance| variance * self.var_unit_half_angle)
     }
 
-    /// Standard uncertainties of x, y and z of the apex.
-    #[must_use]
-    pub fn apex_uncertainty(&self) -> Option<[Mm; 3]> {
-        self.stats
-            .uncertainties(&self.cov_unit_apex)
-            .map(|u| u.map(Mm))
-    }
-
     /// Standard uncertainties of the direction's x, y and z (radians).
     #[must_use]
     pub fn direction_uncertainty(&self) -> Option<[f64; 3]> {
         self.stats.uncertainties(&self.cov_unit_direction)
-    }
-
-    /// Standard uncertainty of the half angle.
-    #[must_use]
-    pub fn half_angle_uncertainty(&self) -> Option<Rad> {
-        self.stats
-            .standard_uncertainty(self.var_unit_half_angle)
-            .map(Rad)
     }
 
     fn check(&self, extent: f64) -> Result<(), FitError> {

@@ -102,18 +102,4 @@ impl PlaneFit {
             .variance_mm2()
             .map(|variance| variance * self.var_unit_offset_at_point)
     }
-
-    /// Standard uncertainties of the normal's x, y and z (radians).
-    #[must_use]
-    pub fn normal_uncertainty(&self) -> Option<[f64; 3]> {
-        self.stats.uncertainties(&self.cov_unit_normal)
-    }
-
-    /// Standard uncertainty of the offset at `point`.
-    #[must_use]
-    pub fn offset_uncertainty(&self) -> Option<Mm> {
-        self.stats
-            .standard_uncertainty(self.var_unit_offset_at_point)
-            .map(Mm)
-    }
 }

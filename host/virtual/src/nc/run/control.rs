@@ -174,11 +174,6 @@ impl Control {
         self.settings.block_skip = is_on;
     }
 
-    /// Switches "optional stop": M1 stops.
-    pub fn set_optional_stop(&mut self, is_on: bool) {
-        self.settings.optional_stop = is_on;
-    }
-
     /// Puts the programs of a text into memory and says their O numbers. A program with a
     /// number that is already there replaces it; one that is running stays as it is until
     /// it is called again. A program without a number is O0 (LinuxCNC: the main program
