@@ -23,8 +23,8 @@ enum Step {
     Sets(Box<Job>),
     /// The control prints this.
     Prints(String),
-    /// A macro ends in this alarm.
-    Stops(String),
+    /// The control prints this, and the macro ends in this alarm.
+    Stops(String, String),
     /// The control reads in this run, and carries out what it gets.
     Reads(u32),
 }
@@ -39,8 +39,12 @@ struct Probing {
     words: &'static str,
     /// Blocks before it.
     before: &'static str,
+    /// Blocks behind it.
+    behind: &'static str,
     /// In place of the call of O8822.
     probes: Option<String>,
+    /// Blocks between O8822 and the ball on the table.
+    between: &'static str,
     /// What the scene has besides: a chip on a ball.
     body: &'static str,
     /// What the whole machine is off by, as seen through a bent stylus.
@@ -84,10 +88,11 @@ impl Probing {
     fn prints(&self) -> (String, Option<Alarm>) {
         let program = read("examples/probe-four-spheres.nc");
         let start = format!(
-            "#531={}\n{}\nG65 P8811 W54. {}",
+            "#531={}\n{}\nG65 P8811 W54. {}\n{}",
             self.run - 1,
             self.before,
-            self.words
+            self.words,
+            self.behind
         );
         let mut program = program.replace("G65 P8811 W54.", &start);
         if let Some(probes) = &self.probes {
@@ -95,10 +100,8 @@ impl Probing {
             let call = call.expect("the program probes").to_owned();
             program = program.replace(&call, probes);
         }
-        program = program.replace(
-            "M30",
-            "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40. H2.\nG53 G0 Z300.\nM30",
-        );
+        let table = "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40. H2.\nG53 G0 Z300.\nM30";
+        program = program.replace("M30", &format!("{}\n{table}", self.between));
         let [x, y, turn] = self.stands;
         let scene = read("examples/scenes/four-spheres.toml")
             .replacen(
@@ -133,7 +136,7 @@ impl Probing {
     fn step(&self) -> Step {
         match self.prints() {
             (text, None) => Step::Prints(text),
-            (_, Some(alarm)) => Step::Stops(alarm.message),
+            (text, Some(alarm)) => Step::Stops(text, alarm.message),
         }
     }
 }
@@ -295,7 +298,25 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Reads(15),
         ]),
         ("Bent stylus: all hits off by 30 µm", vec![Probing { bent_mm: 0.03, ..clean(16, HERE) }.step(), Step::Reads(16)]),
-        ("As it should be, again", vec![clean(17, THERE).step(), Step::Reads(17)]),
+        ("`G52 X1.` is active since before O8811", vec![before(17, "G52 X1.").step(), Step::Reads(17)]),
+        ("`G92 Y-136.5` was set before O8811", vec![before(18, "G92 Y-136.5").step(), Step::Reads(18)]),
+        ("`G52 X0.4` between O8811 and the first hit", vec![
+            Probing { behind: "G52 X0.4", ..clean(19, HERE) }.step(),
+            Step::Reads(19),
+        ]),
+        ("Another work offset between O8811 and the first hit", vec![
+            Probing { behind: "G55", ..clean(20, HERE) }.step(),
+            Step::Reads(20),
+        ]),
+        ("`G10 L2 P1 X0.5` behind the closing ball, before the one on the table", vec![
+            Probing { between: "G10 L2 P1 X0.5", ..clean(21, HERE) }.step(),
+            Step::Reads(21),
+        ]),
+        ("External offset written there", vec![
+            Probing { between: "#5203=0.02", ..clean(22, HERE) }.step(),
+            Step::Reads(22),
+        ]),
+        ("As it should be, again", vec![clean(23, THERE).step(), Step::Reads(23)]),
         ("Blocks without run numbers, balls in order 2, 3, 1", vec![
             Step::Sets(Box::new(job())),
             Step::Prints(turned(0)),
@@ -362,16 +383,16 @@ pub fn page(rig: &mut dyn Rig) -> String {
     for (number, (name, steps)) in (1..).zip(ways()) {
         let _ = writeln!(page, "\n{number}. {name}\n");
         for step in steps {
+            if let Step::Stops(_, message) = &step {
+                let _ = writeln!(page, "   * The macro stops: {message}.");
+            }
             match step {
                 Step::Sets(job) => {
                     client.set_job(&job).unwrap().unwrap();
                     // The receiver of a new job counts anew.
                     bytes = 0;
                 }
-                Step::Stops(message) => {
-                    let _ = writeln!(page, "   * The macro stops: {message}.");
-                }
-                Step::Prints(text) => {
+                Step::Prints(text) | Step::Stops(text, _) => {
                     rig.control_sends(text.as_bytes());
                     bytes += text.len() as u64;
                     let status = until(rig, "all of the text", |_| {

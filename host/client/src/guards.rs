@@ -108,6 +108,20 @@ impl GuardTable {
                 "frame",
             ),
             row(
+                "shift_active",
+                "G52 or G92 active while it is probed",
+                or_from(job.guards.frame, &|| setup.together()),
+                "frame",
+            ),
+            row(
+                "shift_while_probed",
+                "offset, G52, G92 changed in a run",
+                or_from(job.guards.frame && is_checked, &|| {
+                    worst([setup.together(), setup.slip()].into_iter())
+                }),
+                if is_checked { "frame" } else { "checked lines" },
+            ),
+            row(
                 "silent_teaching",
                 "taught by a setup nobody meant",
                 when(job.teach == Teach::Asked || job.reference == Reference::Given),
@@ -624,11 +638,13 @@ mod tests {
     fn each_guard_sees_its_row() {
         let four = job(FOUR);
         type Without = fn(&mut Job);
-        let guards: [(&str, Without); 6] = [
+        let guards: [(&str, Without); 8] = [
             ("late_text", |job| job.guards.run_variable = None),
             ("stale_read", |job| job.guards.run_variable = None),
             ("mixed_setups", |job| job.guards.run_variable = None),
             ("offset_changed", |job| job.guards.frame = false),
+            ("shift_active", |job| job.guards.frame = false),
+            ("shift_while_probed", |job| job.guards.frame = false),
             ("silent_teaching", |job| job.teach = Default::default()),
             ("order", |_| ()),
         ];
@@ -639,6 +655,10 @@ mod tests {
             let expected = code == "order";
             assert_eq!(seen(&less, code) == SeenFrom::Always, expected, "{code}");
         }
+        // Macros that print blocks do not look again.
+        let announced = job(include_str!("../../../examples/three-spheres-run.toml"));
+        assert_eq!(seen(&announced, "shift_active"), SeenFrom::Always);
+        assert_ne!(seen(&announced, "shift_while_probed"), SeenFrom::Always);
         // The closing ball sees what moves: at its limit, whatever the direction.
         for code in ["drift", "slip"] {
             let from = um(seen(&four, code));

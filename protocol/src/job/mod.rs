@@ -147,9 +147,10 @@ pub struct Guards {
     /// that was measured and raises an alarm where they differ.
     pub run_variable: Option<u32>,
     /// Every run must say in which work offset, with which values, it is probed, that no
-    /// rotation is active, and what else moves its coordinates.
+    /// rotation is active, what else moves its coordinates, and that nothing shifts them besides
+    /// (G52, G92).
     pub frame: bool,
-    /// The external offset (`#5201`; G52 on a Haas, G92 on LinuxCNC) that a run must have.
+    /// The external offset (`#5201`; G52 on a Haas, G52 and G92 on LinuxCNC) that a run must have.
     pub external_mm: [f64; 3],
     /// The tool length in force that a run must have; absent: any.
     pub tool_length_mm: Option<f64>,

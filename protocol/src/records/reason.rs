@@ -572,8 +572,10 @@ pub enum Reason {
     NotGuarded {
         /// Text of another clamping: no run number goes back with the correction.
         late_text: bool,
-        /// A work offset that was moved: no run says where it is.
+        /// A work offset that was moved, G52, G92: no run says where its coordinates lie.
         moved_offset: bool,
+        /// The same while it is probed: what prints these lines does not look again.
+        while_probed: bool,
         /// A reference that nobody meant: the first OK setup is taught.
         first_ok: bool,
     },
@@ -630,14 +632,29 @@ pub enum Reason {
     RunUnknown,
     /// The run's number is not greater than that of a run that was judged before.
     #[error(
-        "run {run} is not after run {last}, which was judged before: these lines are old, or were played again; the macro must count its runs up, and setting the job begins the count anew"
+        "run {run} is not after run {last}, which was judged before: these lines are old, or were played again; if the control has lost its count, set its run variable to {last}, or set the job anew"
     )]
     OldRun {
         /// The run that the lines say.
         run: u32,
-        /// The greatest that was judged.
+        /// The latest that was judged.
         last: u32,
     },
+    /// The run's coordinates lie elsewhere than work offset, external offset and tool length say.
+    #[error(
+        "{} of the coordinates is shifted by {got_mm:+.3} mm while it was probed, and no offset says so; cancel G52 and G92 (on LinuxCNC a tool's offset), and see that #119 of O8811 is right", axis_name(*.axis)
+    )]
+    Shifted {
+        /// 0 X, 1 Y, 2 Z.
+        axis: u8,
+        /// Machine position less work position less all offsets.
+        got_mm: f64,
+    },
+    /// The run did not say whether anything shifts its coordinates besides the offsets.
+    #[error(
+        "the run did not say whether G52 or G92 shifts its coordinates: its macros are older than the job's `frame`; load all of hw/control"
+    )]
+    ShiftUnknown,
 }
 
 /// Why a fit or a registration was refused.
@@ -716,13 +733,19 @@ impl fmt::Display for OffsetName {
 fn not_guarded(
     late_text: &bool,
     moved_offset: &bool,
+    while_probed: &bool,
     first_ok: &bool,
     f: &mut fmt::Formatter<'_>,
 ) -> fmt::Result {
     let mut separator = "not guarded: ";
     for (is_open, what) in [
         (*late_text, "text of another clamping"),
-        (*moved_offset, "a moved work offset"),
+        (*moved_offset, "a work offset, G52 or G92 moved"),
+        (
+            // What is not seen at all is not seen then either.
+            *while_probed && !*moved_offset,
+            "a work offset, G52 or G92 moved while probing",
+        ),
         (*first_ok, "a setup taught by chance"),
     ] {
         if is_open {

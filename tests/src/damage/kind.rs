@@ -51,11 +51,16 @@ pub enum DamageKind {
     SameDigit,
     /// A chip of 10 to 50 µm lies on a ball: each touch of its top is early.
     ChipOnTop,
+    /// A `G52` or `G92` of 0.05 to 50 mm is active that was not when the part was taught.
+    ShiftActive,
+    /// The coordinates are shifted by as much while it is probed, before one of the balls: by
+    /// `G52`, `G92`, `G10`, another work offset.
+    ShiftWhileProbed,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 26] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -80,6 +85,8 @@ impl DamageKind {
         Self::ZScale,
         Self::SameDigit,
         Self::ChipOnTop,
+        Self::ShiftActive,
+        Self::ShiftWhileProbed,
     ];
 
     /// For the table.
@@ -110,6 +117,8 @@ impl DamageKind {
             Self::ZScale => "Z scale, 10-100 ppm",
             Self::SameDigit => "same digit wrong in a block",
             Self::ChipOnTop => "chip on a top, every touch early, 10-50 µm",
+            Self::ShiftActive => "G52 or G92 active since teaching",
+            Self::ShiftWhileProbed => "G52, G92, G10 or another offset while probing",
         }
     }
 
@@ -125,6 +134,7 @@ impl DamageKind {
                 | Self::OtherOrder
                 | Self::BentStylus
                 | Self::ZScale
+                | Self::ShiftActive
         )
     }
 

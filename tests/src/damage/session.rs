@@ -240,10 +240,16 @@ impl<'a> Session<'a> {
         let [least, most] = sizes([0.01, 0.09]);
         let digit = dice.either(least, most);
         let digit = (digit * 1000.0).round() / 1000.0;
-        let origin = if kind == DamageKind::OffsetMoved {
-            (dice.either(0.05, 50.0) * 1000.0).round() / 1000.0
-        } else {
-            0.0
+        let mut by = |is: bool| {
+            let drawn = if is { dice.either(0.05, 50.0) } else { 0.0 };
+            (drawn * 1000.0).round() / 1000.0
+        };
+        let origin = by(kind == DamageKind::OffsetMoved);
+        let shift = by(kind == DamageKind::ShiftActive);
+        let jump = by(kind == DamageKind::ShiftWhileProbed);
+        let jumps_at = match kind {
+            DamageKind::ShiftWhileProbed => dice.below(self.plan.moving),
+            _ => self.plan.places.len(),
         };
         let middle = self.middle();
         let mut balls: Vec<SimulatedBall> = Vec::new();
@@ -272,7 +278,10 @@ impl<'a> Session<'a> {
             let count = self.plan.job.features[place].hits;
             let mut points = hits(center, count, &probing, &mut self.dice);
             for point in &mut points {
-                point[0] -= origin;
+                point[0] -= origin + shift;
+                if place >= jumps_at {
+                    point[0] -= jump;
+                }
                 if kind == DamageKind::SameDigit && place == one {
                     point[axis] += digit;
                 }
@@ -283,7 +292,12 @@ impl<'a> Session<'a> {
         if kind == DamageKind::OtherOrder {
             balls[..self.plan.datums].rotate_left(self.begins_with);
         }
-        let lines = self.lines(&balls, origin, teaches);
+        if self.is_checked() {
+            // O8812 looks before each hit and ends in an alarm: what it prints is tried on the
+            // virtual machine (`tests/tests/truth/macros/shifts.rs`).
+            balls.truncate(jumps_at);
+        }
+        let lines = self.lines(&balls, [origin, shift], teaches);
         let run = self.run;
         let mut clamping = Clamping {
             lines,
@@ -298,15 +312,20 @@ impl<'a> Session<'a> {
         clamping
     }
 
-    fn lines(&self, balls: &[SimulatedBall], origin_mm: f64, teaches: bool) -> Vec<String> {
+    /// Whether it prints checked lines, by openumi's own macros.
+    fn is_checked(&self) -> bool {
+        matches!(self.plan.job.compensation, Compensation::OnBoard { .. })
+    }
+
+    fn lines(&self, balls: &[SimulatedBall], moved_mm: [f64; 2], teaches: bool) -> Vec<String> {
         if let Compensation::OnBoard { tip_radius_mm, .. } = self.plan.job.compensation {
-            text::checked(balls, self.run, origin_mm, teaches, tip_radius_mm)
+            text::checked(balls, self.run, moved_mm, teaches, tip_radius_mm)
         } else {
             let names = self.plan.job.features.iter();
             let names: Vec<String> = names.map(|f| f.name.to_string()).collect();
             let mut lines = Vec::new();
             if self.plan.job.guards.frame {
-                lines = text::announced(self.run, origin_mm, teaches);
+                lines = text::announced(self.run, moved_mm, teaches);
             }
             lines.extend(text::blocks(balls, &names));
             lines
@@ -321,10 +340,10 @@ impl<'a> Session<'a> {
         let old = self.clamping(before, DamageKind::Clean, false);
         let blocks = now.lines.iter().any(|line| line == "***");
         let lines = if blocks {
-            let said = if self.plan.job.guards.frame { 2 } else { 0 };
+            let said = if self.plan.job.guards.frame { 3 } else { 0 };
             said + 9 * stale
         } else {
-            2 + usize::from(self.plan.job.features[0].hits) * stale
+            3 + usize::from(self.plan.job.features[0].hits) * stale
         };
         let mixed = old.lines[..lines].iter().chain(&now.lines[lines..]);
         let lines = mixed.cloned().collect();

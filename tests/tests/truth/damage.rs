@@ -147,14 +147,16 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         // A digit of the last place in a block, and three balls that see nothing of it.
         kind if kind.is_of_text() => Some(if four { 0.0 } else { 0.001 }),
         DamageKind::OldBeforeTeaching | DamageKind::TeachingRefused => asked.then_some(0.0),
-        DamageKind::Late | DamageKind::OffsetMoved | DamageKind::NothingCame => {
-            announced.then_some(0.0)
-        }
+        DamageKind::Late
+        | DamageKind::OffsetMoved
+        | DamageKind::ShiftActive
+        | DamageKind::NothingCame => announced.then_some(0.0),
         // By what was learned; in a block one of a thousand at most.
         DamageKind::WornStylus if announced && !four => Some(0.001),
         DamageKind::WornStylus
         | DamageKind::Drift
         | DamageKind::EarlyTop
+        | DamageKind::ShiftWhileProbed
         | DamageKind::BallsOfTwo => four.then_some(0.0),
         // What is left lies just below the limits, and is hardly more than 10 µm.
         DamageKind::SameDigit | DamageKind::ChipOnTop | DamageKind::Slip => four.then_some(0.001),

@@ -185,6 +185,14 @@ pub enum Said {
     },
     /// What else moves its coordinates (A9).
     Moved(Moved),
+    /// By what its coordinates lie elsewhere than offset, external offset and tool length say
+    /// (A7 T1).
+    Shifted {
+        /// The active work offset, as in [`Said::Frame`].
+        offset: u16,
+        /// Machine position less work position less all that has a variable.
+        by: Point,
+    },
     /// What it measures is to be the reference (A8).
     Teach {
         /// Also in place of one that there is.

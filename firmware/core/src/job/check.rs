@@ -110,10 +110,14 @@ pub fn not_guarded(job: &Job) -> Option<Reason> {
     job.correction?;
     let late_text = job.guards.run_variable.is_none();
     let moved_offset = !job.guards.frame;
+    // The macros that print checked lines look before each hit, and before each line.
+    let while_probed = !job.receiver.patterns.iter().all(says_approach);
     let first_ok = job.reference == Reference::Taught && job.teach == Teach::FirstOk;
-    (late_text || moved_offset || first_ok).then_some(Reason::NotGuarded {
+    let is_open = late_text || moved_offset || while_probed || first_ok;
+    is_open.then_some(Reason::NotGuarded {
         late_text,
         moved_offset,
+        while_probed,
         first_ok,
     })
 }

@@ -102,6 +102,8 @@ pub struct Run {
     frame: Option<Frame>,
     /// What else moves its coordinates, where it said so.
     moved: ZeroOption<Moved>,
+    /// By what they lie elsewhere than its offsets say, where it said so: the most that it said.
+    shifted: Option<Point>,
     /// The features of a setup have come in the job's order.
     order_shown: bool,
     /// The control began in the middle of the job's order, with this feature.
@@ -186,6 +188,7 @@ impl Run {
             older_than: None,
             frame: None,
             moved: ZeroOption::empty(),
+            shifted: None,
             order_shown: false,
             began_with: None,
             remarks: Vec::new(),
@@ -226,6 +229,7 @@ impl Run {
             older_than,
             frame,
             moved,
+            shifted,
             order_shown,
             began_with,
             remarks,
@@ -255,6 +259,7 @@ impl Run {
         (*run, *last_run, *older_than) = (None, None, None);
         *frame = None;
         moved.clear();
+        *shifted = None;
         (*order_shown, *began_with) = (false, None);
         remarks.clear();
         *features_seen = 0;
@@ -510,8 +515,10 @@ impl Run {
                 self.give_up(Reason::RunChanged, out);
                 self.frame = Some(Frame { offset, origin });
                 self.moved.clear();
+                self.shifted = None;
             }
             Said::Moved(moved) => self.moved.put(moved),
+            Said::Shifted { offset, by } => self.looked_at(offset, by),
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
                 let what = if again {
@@ -527,6 +534,20 @@ impl Run {
         }
     }
 
+    /// The control has looked where its coordinates lie. It may look again: a shift that went
+    /// away is none the less one, and so is another offset.
+    fn looked_at(&mut self, offset: u16, by: Point) {
+        if let Some(frame) = &self.frame
+            && frame.offset != offset
+        {
+            let (got, expected) = (offset, frame.offset);
+            self.hold_against(Reason::OtherOffset { got, expected });
+        }
+        let before = self.shifted.unwrap_or(by).mm;
+        let most = before.zip_map(&by.mm, |a, b| if b.abs() > a.abs() { b } else { a });
+        self.shifted = Some(Point { mm: most });
+    }
+
     /// The lines are of this run. Another one ends the setup before.
     fn enter_run(&mut self, run: u32, out: &mut impl FnMut(Decision<'_>)) {
         if self.run == Some(run) {
@@ -537,9 +558,10 @@ impl Run {
             self.next_setup();
         }
         self.run = Some(run);
-        self.older_than = self.last_run.filter(|last| run <= *last);
+        self.older_than = self.last_run.filter(|last| !is_after(run, *last));
         self.frame = None;
         self.moved.clear();
+        self.shifted = None;
         self.began_with = None;
     }
 
@@ -678,6 +700,7 @@ impl Run {
                     self.run = None;
                     self.frame = None;
                     self.moved.clear();
+                    self.shifted = None;
                 }
             }
         }
@@ -857,7 +880,7 @@ impl Run {
         let mut measured = DatumPoints::new();
         let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
         if self.older_than.is_none() {
-            self.last_run = self.last_run.max(self.run);
+            self.last_run = self.run.or(self.last_run);
         }
         if !verdict.ok {
             // How good the correction is says nothing where there is none.
@@ -1033,8 +1056,15 @@ impl Run {
         if let Some(moved) = self.moved.get() {
             setup::against_moved(verdict, &job.guards, moved);
         }
-        if job.guards.frame && (self.frame.is_none() || !self.moved.is_some()) {
-            setup::add(verdict, Reason::FrameUnknown);
+        if let Some(by) = self.shifted {
+            setup::against_shift(verdict, by);
+        }
+        if job.guards.frame {
+            if self.frame.is_none() || !self.moved.is_some() {
+                setup::add(verdict, Reason::FrameUnknown);
+            } else if self.shifted.is_none() {
+                setup::add(verdict, Reason::ShiftUnknown);
+            }
         }
     }
 
@@ -1152,6 +1182,17 @@ impl Run {
         }
     }
 }
+
+/// Whether a run comes after another one. Macros count from 1 to [`MOST_RUN`] and go on with 1:
+/// of the two ways around, the shorter one counts (as RFC 1982 compares serial numbers), so that
+/// what is up to 49 999 runs old is old, also across the end of the count.
+const fn is_after(run: u32, last: u32) -> bool {
+    let further = (run % MOST_RUN + MOST_RUN - last % MOST_RUN) % MOST_RUN;
+    further != 0 && further < MOST_RUN / 2 + 1
+}
+
+/// The last number before a macro's count goes on with 1.
+const MOST_RUN: u32 = 99_999;
 
 /// A feature of the job, by its place. Borrows the job alone.
 fn spec_of(job: &ZeroOption<Job>, place: usize) -> Option<&FeatureSpec> {

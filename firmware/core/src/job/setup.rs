@@ -196,6 +196,18 @@ pub fn against_moved(verdict: &mut Verdict, guards: &Guards, moved: &Moved) {
     }
 }
 
+/// Holds by what a run's coordinates lie elsewhere than its offsets say: by nothing.
+pub fn against_shift(verdict: &mut Verdict, by: Point) {
+    for (axis, got_mm) in (0u8..).zip(by.to_array_mm()) {
+        if exceeds(got_mm.abs(), SHIFT_MM) {
+            add(verdict, Reason::Shifted { axis, got_mm });
+        }
+    }
+}
+
+/// Two positions, an offset and an external offset, each rounded to 0.001 mm, and as printed.
+const SHIFT_MM: f64 = 4.0 * 0.0005 + PRINTED_MM;
+
 /// Half the last digit that a macro prints (`[53]`), and what rounding in decimals needs.
 const PRINTED_MM: f64 = 0.000_501;
 

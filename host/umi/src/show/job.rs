@@ -395,7 +395,7 @@ const ABSURD_UM: f64 = 1000.0;
 
 /// Which errors a job sees, for people.
 #[must_use]
-pub fn guards(table: &GuardTable) -> String {
+pub fn guards(table: &GuardTable, has_frame: bool) -> String {
     let titles = ["what may happen", "seen", "by, or would be"];
     let mut rows = Table::new("<><").titles(&titles);
     for row in &table.rows {
@@ -420,7 +420,17 @@ pub fn guards(table: &GuardTable) -> String {
             ),
         )
     };
-    format!("{rows}{assumed}")
+    let frame = if has_frame {
+        paint(
+            FAINT,
+            "  `frame`: an offset from 1 µm, G52 and G92 from 3 µm on, by hw/control;\n  \
+             runs of older macros are refused. What is set after the last hit nobody sees.\n  \
+             Macros of your own that print blocks: `G65 P8819` before each block\n",
+        )
+    } else {
+        String::new()
+    };
+    format!("{rows}{assumed}{frame}")
 }
 
 /// The same for machines.

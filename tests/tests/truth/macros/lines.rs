@@ -105,17 +105,19 @@ fn runs_and_sequences() {
             .split(['\r', '\n', '\u{12}', '\u{14}'])
             .filter(|line| !line.is_empty())
             .collect();
-        let [first, second, lines @ ..] = &lines[..] else {
+        let [first, second, third, lines @ ..] = &lines[..] else {
             panic!("{lines:?}");
         };
         let frame = "UMI1R1S1B1A7T0F0.000X0.000Y0.000Z0.000C";
         assert!(first.starts_with(frame), "{family:?}: {first}");
         let moved = "UMI1R1S2B0A9T0F0.000X0.000Y0.000Z0.000C";
         assert!(second.starts_with(moved), "{family:?}: {second}");
+        let shifted = "UMI1R1S3B1A7T1F0.000X0.000Y0.000Z0.000C";
+        assert!(third.starts_with(shifted), "{family:?}: {third}");
         assert_eq!(lines.len(), 10, "{family:?}: {lines:?}");
         for (number, line) in lines.iter().enumerate() {
             let feature = 7 + number / 5;
-            let begin = format!("UMI1R1S{}B{feature}A", number + 3);
+            let begin = format!("UMI1R1S{}B{feature}A", number + 4);
             assert!(line.starts_with(&begin), "{family:?}: {line} {begin}");
             assert!(line.contains("T1F50.000X"), "{line}");
             let approach = ["A6", "A2", "A1", "A4", "A3"][number % 5];

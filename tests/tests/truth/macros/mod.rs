@@ -10,4 +10,5 @@ mod grbl;
 mod lines;
 mod plate;
 mod rounds;
+mod shifts;
 mod sphere;

@@ -17,8 +17,12 @@
 //!
 //! A7, A8 and A9 carry no hit. A7 begins a run: B is the active work offset (1 G54 to 6 G59, from
 //! 101 on a further one), X Y Z are its values. A9 says what else moves the coordinates: B1 an
-//! active rotation, F the tool length in force, X Y Z the external offset. A8 asks that what the run measures becomes the
-//! reference; with T1 also in place of one that there is.
+//! active rotation, F the tool length in force, X Y Z the external offset. A7 with T1 says by what
+//! the coordinates lie elsewhere than all these say: B is the active work offset once more, X Y Z
+//! the machine position less the work position less offset, external offset and tool length, as
+//! the control itself has them. There `G52` and `G92` show, which no variable of a Fanuc holds.
+//! A8 asks that what the run measures becomes the reference; with T1 also in place of one that
+//! there is.
 //!
 //! # Check value
 //!
@@ -269,10 +273,17 @@ fn read_fields(format: FieldFormat, cursor: &mut Cursor<'_>) -> Result<Outcome, 
     }
     let place = usize::try_from(approach).unwrap_or(0).wrapping_sub(1);
     let said = match approach {
-        7 => Some(Said::Frame {
-            offset: u16::try_from(feature).unwrap_or(u16::MAX),
-            origin: Point::from_mm(x.value, y.value, z.value),
-        }),
+        7 => {
+            let offset = u16::try_from(feature).unwrap_or(u16::MAX);
+            let point = Point::from_mm(x.value, y.value, z.value);
+            Some(match touched {
+                0 => Said::Frame {
+                    offset,
+                    origin: point,
+                },
+                _ => Said::Shifted { offset, by: point },
+            })
+        }
         8 => Some(Said::Teach {
             again: touched == 1,
         }),

@@ -227,7 +227,15 @@ fn each_run_says_its_own_offset() {
         external: Point::from_mm(0.0, 0.0, 0.0),
     };
     let origin = Point::from_mm(0.0, 0.0, 0.0);
-    for said in [Said::Frame { offset: 1, origin }, Said::Moved(still)] {
+    let unshifted = Said::Shifted {
+        offset: 1,
+        by: origin,
+    };
+    for said in [
+        Said::Frame { offset: 1, origin },
+        Said::Moved(still),
+        unshifted,
+    ] {
         let announced = Announced { run: 1, said };
         run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
     }
@@ -259,6 +267,10 @@ fn a_moved_offset_is_named() {
         external: Point::from_mm(x, 0.0, 0.0),
     };
     let still = moved(false, 0.5, 81.5);
+    let shifted = |offset: u16, x: f64| Said::Shifted {
+        offset,
+        by: Point::from_mm(x, 0.0, 0.0),
+    };
     let frame = |offset: u16, x: f64, moved: Option<Moved>| {
         let mut guarded = with_ids(job());
         guarded.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
@@ -277,9 +289,10 @@ fn a_moved_offset_is_named() {
             run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
         }
         if let Some(moved) = moved {
-            let said = Said::Moved(moved);
-            let announced = Announced { run: 1, said };
-            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+            for said in [Said::Moved(moved), shifted(offset, 0.0)] {
+                let announced = Announced { run: 1, said };
+                run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+            }
         }
         send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
         outcome.summary().remove(0)
@@ -527,7 +540,11 @@ fn blocks_belong_to_the_run_before_them() {
             offset: 1,
             origin: Point::from_mm(0.0, 0.0, 0.0),
         };
-        for said in [frame, Said::Moved(moved)] {
+        let unshifted = Said::Shifted {
+            offset: 1,
+            by: Point::from_mm(0.0, 0.0, 0.0),
+        };
+        for said in [frame, Said::Moved(moved), unshifted] {
             let announced = Announced { run: of_run, said };
             run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
         }
@@ -681,24 +698,29 @@ fn what_is_not_guarded_is_told() {
                 Reason::NotGuarded {
                     late_text,
                     moved_offset,
+                    while_probed,
                     first_ok,
-                } => Some([late_text, moved_offset, first_ok]),
+                } => Some([late_text, moved_offset, while_probed, first_ok]),
                 _ => None,
             };
             verdict.remarks.iter().find_map(of)
         });
         told.collect::<Vec<_>>()
     };
-    assert_eq!(open(job()), [Some([true, true, true]); 2]);
+    assert_eq!(open(job()), [Some([true, true, true, true]); 2]);
     let mut given = with_ids(job());
     given.teach = Teach::Asked;
     given.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
         .into_iter()
         .collect();
     given.guards.run_variable = Some(531);
-    assert_eq!(open(given.clone()), [Some([false, true, false]); 2]);
+    assert_eq!(open(given.clone()), [Some([false, true, false, false]); 2]);
     given.guards.frame = true;
-    assert_eq!(open(given), [None; 2]);
+    assert_eq!(open(given.clone()), [None; 2]);
+    // Blocks behind the lines of O8811: nothing says that their macros look again.
+    let block = job().receiver.patterns[0].clone();
+    let _ = given.receiver.patterns.push(block);
+    assert_eq!(open(given), [Some([false, false, true, false]); 2]);
     let mut only = job();
     only.correction = None;
     assert_eq!(open(only), [None; 2]);
@@ -723,6 +745,89 @@ fn a_correction_belongs_to_one_run() {
     let spec = guarded.correction.as_mut().unwrap();
     spec.dialect = Dialect::Grbl;
     assert!(matches!(check(&guarded), Err(JobError::BadValue { .. })));
+}
+
+/// Coordinates that no offset explains are refused by name, whenever the run says so, and a run
+/// that says nothing of it too.
+#[test]
+fn coordinates_that_no_offset_explains_are_named() {
+    let mut guarded = with_ids(job());
+    guarded.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    guarded.guards.frame = true;
+    let at = |x: f64, z: f64| Point::from_mm(x, 0.0, z);
+    let looks = |before: &[(u16, Point)], between: &[(u16, Point)]| {
+        let mut run = Run::new(guarded.clone());
+        let mut outcome = Outcome::default();
+        let say = |run: &mut Run, outcome: &mut Outcome, said: Said| {
+            let announced = Announced { run: 1, said };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        };
+        let origin = at(0.0, 0.0);
+        say(&mut run, &mut outcome, Said::Frame { offset: 1, origin });
+        let moved = Moved {
+            is_rotated: false,
+            tool_length_mm: 0.0,
+            external: origin,
+        };
+        say(&mut run, &mut outcome, Said::Moved(moved));
+        for &(offset, by) in before {
+            say(&mut run, &mut outcome, Said::Shifted { offset, by });
+        }
+        let setup = clamping(0, [1, 2, 3]);
+        send(&mut run, &mut outcome, &setup[..1], 1);
+        for &(offset, by) in between {
+            say(&mut run, &mut outcome, Said::Shifted { offset, by });
+        }
+        send(&mut run, &mut outcome, &setup[1..], 1);
+        outcome.summary().remove(0)
+    };
+    let still = (1, at(0.0, 0.0));
+    assert_eq!(looks(&[still], &[]), "OK");
+    assert_eq!(looks(&[still], &[still]), "OK");
+    // What four rounded numbers can make of nothing.
+    assert_eq!(looks(&[(1, at(0.002, -0.002))], &[]), "OK");
+    assert_eq!(looks(&[], &[]), "shift_unknown no_reference");
+    for by in [at(0.003, 0.0), at(0.0, -0.003), at(40.0, 0.0)] {
+        assert_eq!(looks(&[(1, by)], &[]), "shifted no_reference");
+        assert_eq!(looks(&[still], &[(1, by)]), "shifted no_reference");
+        // What was shifted once was, whatever it is now.
+        assert_eq!(looks(&[(1, by), still], &[]), "shifted no_reference");
+    }
+    let other = (2, at(0.0, 0.0));
+    assert_eq!(looks(&[still], &[other]), "other_offset no_reference");
+}
+
+/// The macros' count goes on with 1 behind 99 999: the runs after it are new, those from before
+/// it old, and a count that was lost says what to do.
+#[test]
+fn the_count_of_runs_goes_on_behind_its_end() {
+    let mut numbered = with_ids(job());
+    numbered.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    let mut run = Run::new(numbered.clone());
+    let mut outcome = Outcome::default();
+    let numbers = [99_998, 99_999, 1, 99_999, 2, 1, 50_002, 49_999, 99_999];
+    for (case, number) in (0..).zip(numbers) {
+        let setup = clamping(case % 5, [1, 2, 3]);
+        send(&mut run, &mut outcome, &setup, number);
+    }
+    let summary = outcome.summary();
+    let wanted = [
+        "OK", "OK", "OK", "old_run", "OK", "old_run", "old_run", "OK", "old_run",
+    ];
+    assert_eq!(summary, wanted);
+    let mut lost = Run::new(numbered);
+    lost.restore_last_run(500);
+    let mut outcome = Outcome::default();
+    for (case, number) in [(0, 1), (1, 501)] {
+        send(&mut lost, &mut outcome, &clamping(case, [1, 2, 3]), number);
+    }
+    assert_eq!(outcome.summary(), ["old_run no_reference", "OK"]);
+    let said = outcome.verdicts[0].reasons[0].to_string();
+    assert!(said.contains("set its run variable to 500"), "{said}");
 }
 
 /// A run that is not after the last one that was judged is old: also after a restart, and whatever

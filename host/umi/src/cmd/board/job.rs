@@ -165,7 +165,7 @@ impl Check {
         print(&format!(
             "{}\n{}\n{}\n",
             job_text::text(&job),
-            job_text::guards(&GuardTable::of(&job)),
+            job_text::guards(&GuardTable::of(&job), job.guards.frame),
             paint(GOOD, good)
         ))
     }

@@ -53,7 +53,14 @@ impl Control {
             40 => self.dwell(words, axes),
             100 => self.set_data(words, axes),
             280 | 300 => self.reference(code, words, axes),
-            430 | 440 | 431 => {
+            // The length itself, in no table.
+            431 => {
+                let z = self.length_word(words, b'Z');
+                self.modal.length_mm = z.ok_or_else(|| Fault::new("G43.1 needs Z, the length"))?;
+                self.modal.length = 430;
+                Ok(())
+            }
+            430 | 440 => {
                 if matches!(self.settings.dialect, ControlFamily::LinuxCnc) && !words.has(b'H') {
                     self.modal.h = self.modal.tool;
                 }
@@ -67,14 +74,7 @@ impl Control {
                 Ok(())
             }
             520 => {
-                for (axis, letter) in AXES.iter().enumerate() {
-                    if let (Some(value), Some(slot)) = (
-                        self.length_word(words, *letter),
-                        self.modal.local.get_mut(axis),
-                    ) {
-                        *slot = value;
-                    }
-                }
+                self.set_local(words);
                 Ok(())
             }
             540 | 541 | 1540 => {
@@ -143,6 +143,26 @@ impl Control {
                 Ok(())
             }
             _ => Ok(()),
+        }
+    }
+
+    /// `G52`: a shift of its own, that no variable holds. A Haas keeps it in #5201, which its
+    /// `G10 L2 P0` sets too; LinuxCNC keeps it where `G92` has its own (#5211).
+    fn set_local(&mut self, words: &Words) {
+        let mut table = self.offsets.work(OffsetSystem::External);
+        for (axis, letter) in AXES.iter().enumerate() {
+            let value = self.length_word(words, *letter);
+            let place = match self.settings.dialect {
+                ControlFamily::Haas => table.get_mut(axis),
+                ControlFamily::LinuxCnc => self.modal.shift.get_mut(axis),
+                _ => self.modal.local.get_mut(axis),
+            };
+            if let (Some(value), Some(slot)) = (value, place) {
+                *slot = value;
+            }
+        }
+        if self.settings.dialect == ControlFamily::Haas {
+            self.offsets.set_work(OffsetSystem::External, table);
         }
     }
 

@@ -39,7 +39,7 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
         970 if !matches!(dialect, ControlFamily::Grbl) => "",
         901 if is_linuxcnc => "",
         911 if !is_b => "",
-        520 if is_b => "XYZ",
+        520 if is_b || is_linuxcnc => "XYZ",
         530 => "XYZ",
         540 if is_fanuc => "P",
         540 | 550 | 560 | 570 | 580 | 590 => "",
@@ -73,7 +73,7 @@ pub(crate) const fn is_motion(tenths: u16) -> bool {
 pub(crate) const fn takes_axes(tenths: u16) -> bool {
     matches!(
         tenths,
-        40 | 100 | 280 | 300 | 310 | 382..=385 | 520 | 680 | 920
+        40 | 100 | 280 | 300 | 310 | 382..=385 | 431 | 520 | 680 | 920
     )
 }
 

@@ -248,6 +248,8 @@ impl Control {
                 _ => 1.0,
             }),
             5400 => Some(f64::from(self.modal.tool)),
+            // A tool has a length here, and no offset in X and Y.
+            5401 | 5402 => Some(0.0),
             5403 => Some(self.modal.length_mm / unit),
             5420..=5422 => {
                 let at = self.frame().undo(self.seen.position.mm);
