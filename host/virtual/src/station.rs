@@ -5,7 +5,7 @@
 //! control's line has its own speed. What may go wrong on the way is made on purpose
 //! ([`SensorLineFault`]).
 
-use umi_core::point::station::{CapturePulses, CaptureStation, StationRecord, StationSetup};
+use umi_core::point::station::{CapturePulses, CaptureStation, SensorConfiguration, StationRecord, StationSetup};
 use umi_core::units::Micros;
 
 use crate::machine::{SensorOrder, SensorPulses, ServedProgram, Wires};
@@ -66,6 +66,11 @@ impl SensorStation {
             commands: 0,
             text: String::new(),
         }
+    }
+
+    /// Configures the sensor, where the control cannot. False: not possible so.
+    pub fn prepare(&mut self, wanted: SensorConfiguration) -> bool {
+        self.station.prepare(wanted)
     }
 
     /// What the station has told so far, oldest first.
@@ -178,6 +183,25 @@ impl Wires for SensorStation {
 
     fn skip_input(&self) -> bool {
         self.station.skip()
+    }
+
+    fn gate(&mut self, now: Micros, is_on: bool, counts: [i64; 3]) {
+        self.station.tick(now);
+        self.station.gate(is_on, counts);
+        self.drain();
+    }
+
+    /// 0: the last line answered has an odd number; 1: it was carried out; 2: no signal;
+    /// 3: the skip line.
+    fn digital_input(&self, number: u16) -> bool {
+        let signals = self.station.signals();
+        match number {
+            0 => signals.parity,
+            1 => signals.is_ok,
+            2 => signals.has_no_signal,
+            3 => self.station.skip(),
+            _ => false,
+        }
     }
 
     fn is_silent(&self) -> bool {

@@ -2,19 +2,24 @@
 
 use nalgebra::Vector3;
 use umi_core::point::PointSensor;
-use umi_core::point::station::{PlacePoint, PlaceState, ReadingText, StationRecord, StationSetup};
+use umi_core::point::station::{
+    ANSWER_PROGRAM, PlacePoint, PlaceState, ReadingText, SensorConfiguration, StationRecord,
+    StationSetup,
+};
+use umi_core::units::Mm;
 use umi_virtual::cell::Cell;
 use umi_virtual::machine::VirtualMachine;
-use umi_virtual::nc::Alarm;
-use umi_virtual::scene::Scene;
+use umi_virtual::nc::{Alarm, AxisDrives as _, Control, ControlFamily};
+use umi_virtual::scene::{PointSensorSpec, Scene};
 use umi_virtual::station::{SensorLineFault, SensorStation};
 
-use super::program::program;
+use super::program::{Parts, parts};
 use super::question::{DigitizeQuestion, DigitizeRefusal, HeardBy};
 
 /// The macros: the cycle, and the line to the board.
 const CYCLE: u32 = 8840;
 const COMMAND: u32 = 8842;
+const BEAM: u32 = 8843;
 
 /// Alarm of the cycle: no signal at the first place of an adaptive run.
 const NO_SIGNAL: u32 = 154;
@@ -96,7 +101,7 @@ pub fn run(
         ));
     };
     asked.check(&scene, &spec)?;
-    let text = program(scene.control.nc.dialect, &spec, sensor, asked)?;
+    let parts = parts(scene.control.nc.dialect, &spec, sensor, asked)?;
     let [columns, rows] = asked.grid();
     let limits = &mut scene.control.nc.limits;
     // A few passes for each place: so many blocks are meant.
@@ -112,8 +117,19 @@ pub fn run(
         },
         fault,
     );
+    let is_grbl = scene.control.nc.dialect == ControlFamily::Grbl;
     let mut cell = Cell::new(scene, seed, station);
-    let mut meter = Meter::default();
+    if is_grbl {
+        // Nobody changes the tool there, and nobody tells the board what to do: both are
+        // prepared before.
+        let trip = |trip: umi_virtual::nc::Trip| DigitizeRefusal::new("alarm", trip.message);
+        cell.machine.change_tool(spec.tool).map_err(trip)?;
+        if !cell.machine.wires_mut().prepare(prepared(asked, &spec)) {
+            return Err(DigitizeRefusal::letter('W', "the sensor cannot be driven so"));
+        }
+    }
+    let (mut meter, text) = Meter::of(&mut cell.control, &parts)
+        .map_err(|alarm| DigitizeRefusal::new("alarm", alarm.to_string()))?;
     let ended = cell.run::<Alarm>(&text, |cell, step| {
         meter.block(&cell.machine, step.program, asked.rate_hz);
         Ok(())
@@ -121,7 +137,7 @@ pub fn run(
     let alarm = match ended {
         Ok(()) => None,
         Err(alarm) => {
-            meter.block(&cell.machine, CYCLE, asked.rate_hz);
+            meter.block(&cell.machine, alarm.program, asked.rate_hz);
             Some(refusal(&alarm))
         }
     };
@@ -187,6 +203,22 @@ fn on_their_grid(
     })
 }
 
+/// What a board is told beforehand where the control cannot: as many captures a step as rate and
+/// feed allow.
+fn prepared(asked: &DigitizeQuestion, spec: &PointSensorSpec) -> SensorConfiguration {
+    let [step_mm, _] = asked.step_mm;
+    let possible = asked.rate_hz * step_mm * 60.0 / asked.feed_mm_per_min;
+    SensorConfiguration {
+        rate_hz: asked.rate_hz,
+        power: asked.power,
+        captures: asked.captures.min(possible.floor()) as u32,
+        target: Mm(asked.target_mm(spec)),
+        overshoot: Mm(0.0),
+        guards: false,
+        interval: Mm(step_mm),
+    }
+}
+
 /// Where a place is: lines along X, alternating.
 fn placed(found: &PlacePoint, columns: usize) -> DigitizedPlace {
     let number = found.number as usize;
@@ -217,35 +249,69 @@ fn refusal(alarm: &Alarm) -> DigitizeRefusal {
     DigitizeRefusal::new(code, alarm.to_string())
 }
 
-/// Whether it is this alarm of the cycle: a control adds a number of its own, or shows it as it stands.
+/// Whether it is this alarm of the cycle: a control adds a number of its own, or shows it as it
+/// stands, or has no numbers.
 fn is_cycles(alarm: &Alarm, number: u32) -> bool {
     let shown = format!("#3000={number}:");
-    alarm.program == CYCLE
-        && (alarm.number.is_some_and(|of| of % 1000 == number) || alarm.message.starts_with(&shown))
+    let is_numbered = alarm.program == CYCLE
+        && (alarm.number.is_some_and(|of| of % 1000 == number)
+            || alarm.message.starts_with(&shown));
+    is_numbered || alarm.message.contains("NO SIGNAL AT FIRST PLACE")
 }
 
 /// Time and way of the cycle.
-#[derive(Default)]
 struct Meter {
     duration_s: f64,
     path_mm: f64,
     exchange_s: f64,
     at: Option<(f64, Vector3<f64>, u32)>,
+    /// Numbers of the programs that belong to the cycle; none: all.
+    cycle: Vec<u32>,
+    /// Those of the line to the board, among them.
+    command: Vec<u32>,
 }
 
 impl Meter {
+    /// Loads the macros where they have no numbers of their own, so that each gets one; the text
+    /// that is left to run.
+    fn of(control: &mut Control, parts: &Parts) -> Result<(Self, String), Alarm> {
+        let mut meter = Self {
+            duration_s: 0.0,
+            path_mm: 0.0,
+            exchange_s: 0.0,
+            at: None,
+            cycle: vec![CYCLE, COMMAND, BEAM, ANSWER_PROGRAM],
+            command: vec![COMMAND],
+        };
+        if parts.is_macro_b {
+            return Ok((meter, parts.joined()));
+        }
+        if parts.cycle.is_empty() {
+            // A fixed path is one program, and all of it the cycle.
+            meter.cycle.clear();
+            return Ok((meter, parts.main.clone()));
+        }
+        control.load(&parts.settings)?;
+        meter.command = control.load(&parts.command)?;
+        meter.cycle.clone_from(&meter.command);
+        for part in &parts.cycle {
+            meter.cycle.extend(control.load(part)?);
+        }
+        Ok((meter, parts.main.clone()))
+    }
+
     /// A block of this program is done.
     fn block(&mut self, machine: &VirtualMachine<SensorStation>, program: u32, rate_hz: f64) {
         let status = machine.status();
         let captures = machine.wires().measured();
         let now = (status.seconds, status.position.mm, captures);
         if let Some((seconds, at, before)) = self.at
-            && matches!(program, CYCLE | COMMAND | 8849)
+            && (self.cycle.is_empty() || self.cycle.contains(&program))
         {
             let passed_s = now.0 - seconds;
             self.duration_s += passed_s;
             self.path_mm += (now.1 - at).norm();
-            if program == COMMAND {
+            if self.command.contains(&program) {
                 // The captures that it waited for are no exchange.
                 let waited_s = f64::from(captures - before) / rate_hz;
                 self.exchange_s += (passed_s - waited_s).max(0.0);

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use umi_core::point::PointSensor;
 use umi_core::point::station::PlaceState;
 use umi_core::units::Point;
+use umi_virtual::nc::{ControlFamily, ControlSettings};
 use umi_virtual::scene::Scene;
 use umi_virtual::station::SensorLineFault;
 
@@ -107,6 +108,139 @@ fn all_ways_lead_to_the_ball() {
     }
 }
 
+/// The same on LinuxCNC, by trip and by pulses: as many points, each on the ball; and the file for
+/// the shop holds every subroutine.
+#[test]
+fn linuxcnc_leads_to_the_ball() {
+    let mut scene = scene(BALL);
+    let mut settings = ControlSettings::of(ControlFamily::LinuxCnc);
+    std::mem::swap(&mut scene.control.nc, &mut settings);
+    let sensor = sensor(&scene);
+    let spec = scene.point_sensor.clone().unwrap();
+    for (strategy, by) in [
+        (Strategy::NonAdaptive, HeardBy::Trip),
+        (Strategy::Adaptive, HeardBy::Trip),
+        (Strategy::PredictiveAdaptive, HeardBy::Trip),
+        (Strategy::NonAdaptive, HeardBy::Pulses),
+    ] {
+        let asked = asked(strategy, by);
+        let go = |sensor: &PointSensor, fault| run(scene.clone(), sensor, &asked, 1, fault);
+        let done = go(&sensor, SensorLineFault::None).unwrap();
+        assert_eq!(done.alarm, None, "{strategy:?} {by:?}");
+        assert_eq!((done.places.len(), done.points(), done.losses), (25, 25, 0));
+        assert!(done.duration_s > 3.0 && done.path_mm > 40.0);
+        for place in &done.places {
+            let off = place.found.point.unwrap().mm.norm() - 60.0;
+            assert!(off.abs() < 5e-4, "{strategy:?} {by:?}: {place:?}");
+        }
+        let text = program(ControlFamily::LinuxCnc, &spec, &sensor, &asked).unwrap();
+        let mut control = umi_virtual::nc::Control::new(scene.control.nc.clone());
+        assert_eq!(control.load(&text).unwrap().len(), 1);
+        let swapped = PointSensor {
+            direction: -sensor.direction,
+            ..sensor
+        };
+        for (sensor, fault) in [
+            (&swapped, SensorLineFault::None),
+            (&sensor, SensorLineFault::Lost(5)),
+            (&sensor, SensorLineFault::OffByOne(60)),
+        ] {
+            let done = go(sensor, fault);
+            for place in done.iter().flat_map(|done| &done.places) {
+                if let Some(point) = place.found.point {
+                    assert!((point.mm.norm() - 60.0).abs() < 5e-4, "{fault:?} {place:?}");
+                }
+            }
+            let ends = |says: &str| {
+                let message = done.as_ref().map_or_else(
+                    |refusal| refusal.message.clone(),
+                    |done| {
+                        done.alarm
+                            .as_ref()
+                            .map_or_else(String::new, |alarm| alarm.message.clone())
+                    },
+                );
+                assert!(message.contains(says), "{by:?} {fault:?}: {message}");
+            };
+            match (by, fault) {
+                // On the way nothing stops the axes: the places have their names.
+                (HeardBy::Pulses, SensorLineFault::OffByOne(_)) => {
+                    assert!(done.map_or(0, |done| done.points()) < 25);
+                }
+                _ => ends("SENSOR FAULT"),
+            }
+        }
+    }
+    let refused = run(
+        scene,
+        &sensor,
+        &asked(Strategy::Adaptive, HeardBy::Served),
+        1,
+        SensorLineFault::None,
+    );
+    assert_eq!(refused.unwrap_err().code, "bad_control");
+}
+
+/// GRBL's fixed path, with M8 as the gate: the same surface; a swapped sign gives no point.
+#[test]
+fn grbl_leads_to_the_ball_on_a_fixed_path() {
+    let mut scene = scene(BALL);
+    scene.control.nc = ControlSettings::of(ControlFamily::Grbl);
+    let sensor = sensor(&scene);
+    let pulses = asked(Strategy::NonAdaptive, HeardBy::Pulses);
+    let go = |sensor: &PointSensor, fault| run(scene.clone(), sensor, &pulses, 1, fault).unwrap();
+    let done = go(&sensor, SensorLineFault::None);
+    assert_eq!(done.alarm, None);
+    assert_eq!((done.places.len(), done.points(), done.losses), (25, 25, 0));
+    assert!(done.duration_s > 3.0 && done.path_mm > 40.0);
+    for place in &done.places {
+        let off = place.found.point.unwrap().mm.norm() - 60.0;
+        assert!(off.abs() < 5e-4, "{place:?}");
+    }
+    let swapped = PointSensor {
+        direction: -sensor.direction,
+        ..sensor
+    };
+    assert_eq!(go(&swapped, SensorLineFault::None).points(), 0);
+    assert!(go(&sensor, SensorLineFault::OffByOne(60)).points() < 25);
+    for (strategy, by) in [
+        (Strategy::NonAdaptive, HeardBy::Served),
+        (Strategy::Adaptive, HeardBy::Trip),
+    ] {
+        let asked = asked(strategy, by);
+        let refused = run(scene.clone(), &sensor, &asked, 1, SensorLineFault::None);
+        assert_eq!(refused.unwrap_err().code, "bad_control");
+    }
+}
+
+/// Where the first place has no signal the beam is proven at the first that has one; a control
+/// that does not hear of it gets no point at all.
+#[test]
+fn a_first_place_without_signal() {
+    let mut asked = asked(Strategy::NonAdaptive, HeardBy::Served);
+    let ring = "[[body]]\nname = \"RING\"\nshape = { ring = { radius_mm = 4.5, outer_radius_mm = 40.0, height_mm = 30.0 } }\nposition_mm = [-2.5, -4.9, 60.0]\n";
+    let scene = scene(ring);
+    let sensor = sensor(&scene);
+    let swapped = PointSensor {
+        direction: -sensor.direction,
+        ..sensor
+    };
+    let go = |sensor: &PointSensor, asked: &DigitizeQuestion| {
+        run(scene.clone(), sensor, asked, 1, SensorLineFault::None)
+    };
+    let done = go(&sensor, &asked).unwrap();
+    let first = done.places[0].found.state;
+    assert!(matches!(first, PlaceState::NoSignal(_)), "{first:?}");
+    assert!((8..25).contains(&done.points()), "{}", done.points());
+    let wrong = go(&swapped, &asked);
+    assert_eq!(wrong.map_or(0, |done| done.points()), 0);
+    asked.by = HeardBy::Pulses;
+    let done = go(&sensor, &asked).unwrap();
+    assert_eq!(done.points(), 0);
+    let unproven = |p: &DigitizedPlace| p.found.state == PlaceState::BeamUnproven;
+    assert!(done.places.iter().any(unproven), "{:?}", done.places);
+}
+
 /// On a slope predicting is faster than not.
 #[test]
 fn a_prediction_saves_time() {
@@ -153,6 +287,36 @@ fn faults_are_named() {
         ..sensor
     };
     stops(&swapped, SensorLineFault::None, "BEAM WRONG");
+}
+
+/// A sensor of 40 µm a capture is followed like any other; with its sign swapped it is named.
+#[test]
+fn a_noisy_sensor_is_no_wrong_one() {
+    let mut scene = scene(BALL);
+    if let Some(spec) = &mut scene.point_sensor {
+        spec.noise_um = 40.0;
+    }
+    let sensor = sensor(&scene);
+    let swapped = PointSensor {
+        direction: -sensor.direction,
+        ..sensor
+    };
+    for (strategy, by) in [
+        (Strategy::Adaptive, HeardBy::Served),
+        (Strategy::PredictiveAdaptive, HeardBy::Trip),
+        (Strategy::NonAdaptive, HeardBy::Pulses),
+    ] {
+        for seed in 1..6 {
+            let asked = asked(strategy, by);
+            let done = run(scene.clone(), &sensor, &asked, seed, SensorLineFault::None).unwrap();
+            let states: Vec<_> = done.places.iter().map(|p| p.found.state).collect();
+            assert_eq!(done.alarm, None, "{strategy:?} {by:?} {seed}");
+            assert_eq!(done.points(), 25, "{strategy:?} {by:?} {seed} {states:?}");
+            let wrong = run(scene.clone(), &swapped, &asked, seed, SensorLineFault::None);
+            let points = wrong.as_ref().map_or(0, Digitized::points);
+            assert_eq!(points, 0, "{strategy:?} {by:?} {seed} {wrong:?}");
+        }
+    }
 }
 
 /// A step down beyond the depth of field, and a hole: the places over them have their reason,
@@ -226,11 +390,12 @@ fn refusals() {
 /// The macro itself names each letter, on the control, without a host.
 #[test]
 fn the_macro_names_its_letters() {
-    use umi_virtual::nc::{Control, ControlFamily, ControlSettings, Recorder};
+    use umi_virtual::nc::{Control, Recorder};
     let macros = [
         include_str!("../../../../hw/control/fanuc/O8840-digitize.nc"),
         include_str!("../../../../hw/control/fanuc/O8841-sensor.nc"),
         include_str!("../../../../hw/control/fanuc/O8842-command.nc"),
+        include_str!("../../../../hw/control/fanuc/O8843-beam.nc"),
     ];
     let good = "D8.E8.F2.H2.M1000.Q300.R1.U1.V50.W2000.X2000.Z20.";
     for family in [
@@ -279,6 +444,13 @@ fn the_families_have_the_same_macros() {
     for other in [
         include_str!("../../../../hw/control/haas/O8840-digitize.nc"),
         include_str!("../../../../hw/control/mitsubishi-mazak/O8840-digitize.nc"),
+    ] {
+        assert_eq!(other, fanuc);
+    }
+    let fanuc = include_str!("../../../../hw/control/fanuc/O8843-beam.nc");
+    for other in [
+        include_str!("../../../../hw/control/haas/O8843-beam.nc"),
+        include_str!("../../../../hw/control/mitsubishi-mazak/O8843-beam.nc"),
     ] {
         assert_eq!(other, fanuc);
     }

@@ -11,6 +11,7 @@ use umi_core::point::{
 use umi_core::units::{Mm, Point};
 
 use super::readings::SensorReadings;
+use super::scale::{self, ScaleError};
 use super::spheres::CalibrationBalls;
 use crate::ScanError;
 use crate::rigid::Vec3;
@@ -66,7 +67,7 @@ pub struct PointSensorCalibration {
     /// Standard uncertainties of x, y and z of a point at the mean reading, balls included.
     /// t and a are correlated: a point is known far better than t.
     pub u_point_mm: Option<[f64; 3]>,
-    /// `mirror_ambiguous`, `weak: …`.
+    /// `mirror_ambiguous`, `weak: …`, `scale: …`.
     pub warnings: Vec<String>,
 }
 
@@ -146,11 +147,15 @@ fn answer(
         u_point_mm: fit
             .place_uncertainty(fit.mean_gamma)
             .map(|known| known.u.map(|u| u.0)),
-        warnings: warnings(question, fit),
+        warnings: warnings(question, fit, scale::scale(read, balls, fit)),
     }
 }
 
-fn warnings(question: &CalibrationQuestion, fit: &PointCalibration) -> Vec<String> {
+fn warnings(
+    question: &CalibrationQuestion,
+    fit: &PointCalibration,
+    scale: Option<ScaleError>,
+) -> Vec<String> {
     let mut warnings = Vec::new();
     if fit.mirror {
         warnings.push("mirror_ambiguous".to_owned());
@@ -164,8 +169,17 @@ fn warnings(question: &CalibrationQuestion, fit: &PointCalibration) -> Vec<Strin
     if question.wanted.noise == ResidualNoise::AlongBeam {
         warnings.push("weighted: residuals count along the beam".to_owned());
     }
+    if let Some(error) = scale.filter(ScaleError::is_sure) {
+        let (ppm, u) = (error.scale * 1e6, error.u * 1e6);
+        warnings.push(format!(
+            "{SCALE} the axes' lengths should be {ppm:+.1} ppm longer to fit the balls (u {u:.1} ppm): correct the scale (steel: 11.5 ppm a kelvin), or measure the centres anew"
+        ));
+    }
     warnings
 }
+
+/// How the warning begins that the axes' scale does not fit the balls.
+const SCALE: &str = "scale:";
 
 /// A calibration that was read from its file.
 #[derive(Clone, Debug, PartialEq)]
@@ -178,6 +192,8 @@ pub struct KnownSensor {
     pub covariance_total: Option<OffsetAndDirection>,
     /// Mean of the readings that it was made of, if the file says it.
     pub stand_off_mm: Option<f64>,
+    /// What it says of the axes' scale, if that did not fit the balls.
+    pub scale_warning: Option<String>,
 }
 
 /// Reads the file of a calibration.
@@ -232,6 +248,14 @@ pub fn parse(bytes: &[u8]) -> Result<KnownSensor, ScanError> {
         covariance: matrix(&file, "covariance")?,
         covariance_total: matrix(&file, "covariance_total")?,
         stand_off_mm: file.get("stand_off_mm").and_then(Value::as_f64),
+        scale_warning: file
+            .get("warnings")
+            .and_then(Value::as_array)
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+            .find(|warning| warning.starts_with(SCALE))
+            .map(str::to_owned),
     })
 }
 

@@ -9,6 +9,7 @@ pub mod calibration;
 pub mod cloud;
 pub mod plan;
 pub mod readings;
+mod scale;
 pub mod spheres;
 #[cfg(test)]
 mod tests;

@@ -219,6 +219,10 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
             }
             3 | 4 => self.turns = s > 0.0,
             2 | 5 | 19 | 30 => self.turns = false,
+            8 | 9 => {
+                let (now, counts) = (self.now(), self.counts(&self.position));
+                self.wires.gate(now, m == 8, counts);
+            }
             _ => {}
         }
         Ok(())
@@ -232,6 +236,34 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
         self.wires.stands(counts);
         self.wires.serial(now, bytes);
         Ok(())
+    }
+
+    fn skip_is_on(&self) -> bool {
+        match self.spindle {
+            Spindle::Sensor => self.wires.skip_input(),
+            Spindle::Probe => self.signal,
+            _ => false,
+        }
+    }
+
+    fn await_input(
+        &mut self,
+        number: u16,
+        wanted: Option<bool>,
+        timeout_s: f64,
+    ) -> Result<Option<bool>, Trip> {
+        let began_s = self.seconds;
+        loop {
+            let is_on = self.wires.digital_input(number);
+            if wanted.is_none_or(|wanted| wanted == is_on) {
+                return Ok(Some(is_on));
+            }
+            if self.seconds - began_s >= timeout_s {
+                return Ok(None);
+            }
+            // A servo period of LinuxCNC.
+            self.pass(1e-3);
+        }
     }
 
     fn external_program(&mut self, number: u32) -> Result<Option<Vec<u8>>, Trip> {

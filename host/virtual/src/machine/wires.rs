@@ -75,6 +75,14 @@ pub trait Wires {
         false
     }
 
+    /// Whether the board holds one of the control's digital inputs on (LinuxCNC's `M66 P`).
+    fn digital_input(&self, _number: u16) -> bool {
+        false
+    }
+
+    /// The control's output for coolant (M8, M9), where it is wired to the board.
+    fn gate(&mut self, _at: Micros, _is_on: bool, _counts: [i64; 3]) {}
+
     /// The axes stand at these counts while bytes go out: before [`Self::serial`].
     fn stands(&mut self, _counts: [i64; 3]) {}
 

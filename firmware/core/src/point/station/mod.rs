@@ -45,11 +45,22 @@ const ADAPT_CAPTURES: u32 = 16;
 /// A reading that has not come this long after its pulse is lost.
 const LATE_US: u64 = 50_000;
 
+/// How often a gate is on before the first line: away along the beam, back, nearer, back.
+pub const BEAM_GATES: u8 = 4;
+
 /// Along the beam the reading must change as the axes move, to this and a twentieth of the way.
 const BEAM_MM: f64 = 0.01;
 
 /// A shorter way says nothing about the beam.
 const BEAM_WAY_MM: f64 = 0.05;
+
+/// ... and the noise of the two means may move it by so many of its standard deviations: no
+/// false alarm in a million places, even from the scatter of thirty captures.
+const BEAM_SIGMAS: f64 = 7.0;
+
+/// Where noise may move it by more than this part of the way, a swapped sign could pass: such a
+/// way proves nothing.
+const BEAM_PROOF: f64 = 0.5;
 
 /// What a station knows of its machine and its sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,6 +95,18 @@ pub enum CapturePulses {
     },
 }
 
+/// Outputs of the board for a control that reads inputs (LinuxCNC's `M66`). Together they are
+/// never stale: the first turns with each line that is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StationSignals {
+    /// The number of the last line that was answered is odd.
+    pub parity: bool,
+    /// It was carried out; of a measurement: there is a reading.
+    pub is_ok: bool,
+    /// There was no signal to measure. Neither this nor `is_ok`: a fault.
+    pub has_no_signal: bool,
+}
+
 /// What a station does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Doing {
@@ -109,6 +132,22 @@ enum Doing {
 struct Seen {
     axes: Vector3<f64>,
     gamma: f64,
+    /// Captures in its mean.
+    captures: f64,
+}
+
+/// What is known of the beam since the sensor was configured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Beam {
+    /// Nothing yet.
+    #[default]
+    Unknown,
+    /// Readings change with the axes as the calibration says.
+    Follows,
+    /// They do not.
+    Wrong,
+    /// Their noise hides whether they do.
+    Hidden,
 }
 
 /// The station.
@@ -124,12 +163,20 @@ pub struct CaptureStation {
     watch: Watch,
     sweep: Sweep,
     answer: Option<CommandAnswer>,
+    /// The last command that was answered, and how.
+    answered: (u16, PlaceState),
+    /// The trip waits for its first reading.
+    is_arming: bool,
+    /// How often the gate was on to prove the beam.
+    gates: u8,
     sequence: u16,
     /// Places measured so far.
     places: u32,
     seen: Option<Seen>,
-    /// Readings do not change with the axes as the calibration says.
-    is_beam_wrong: bool,
+    beam: Beam,
+    /// Squares of the readings' differences from the means at rest, mm², and their degrees of
+    /// freedom, since the sensor was configured.
+    scatter: (f64, f64),
     latest: Option<[i64; 3]>,
     records: Deque<StationRecord, 16>,
     /// Records that found no room.
@@ -151,10 +198,14 @@ impl CaptureStation {
             watch: Watch::default(),
             sweep: Sweep::new(0.0, Mm(1.0)),
             answer: None,
+            answered: (0, PlaceState::Refused),
+            is_arming: false,
+            gates: 0,
             sequence: 0,
             places: 0,
             seen: None,
-            is_beam_wrong: false,
+            beam: Beam::Unknown,
+            scatter: (0.0, 0.0),
             latest: None,
             records: Deque::new(),
             dropped: 0,
@@ -191,6 +242,16 @@ impl CaptureStation {
         self.doing == Doing::Watching && self.watch.has_tripped()
     }
 
+    /// What the board's outputs tell a control that cannot be served a program.
+    #[must_use]
+    pub const fn signals(&self) -> StationSignals {
+        StationSignals {
+            parity: self.answered.0 % 2 == 1,
+            is_ok: matches!(self.answered.1, PlaceState::Ok),
+            has_no_signal: matches!(self.answered.1, PlaceState::NoSignal(_)),
+        }
+    }
+
     /// Whether captures are only looked at: no place is made of them.
     #[must_use]
     pub fn is_watching(&self) -> bool {
@@ -210,6 +271,35 @@ impl CaptureStation {
     /// The answer to the last command, once it is there; it is given once.
     pub fn take_answer(&mut self) -> Option<CommandAnswer> {
         self.answer.take()
+    }
+
+    /// Configures the sensor for a control that cannot print: it measures on lines along X while a
+    /// [gate](Self::gate) is on. False: not possible so.
+    pub fn prepare(&mut self, wanted: SensorConfiguration) -> bool {
+        self.gates = 0;
+        self.configure(wanted);
+        self.doing == Doing::Joining
+    }
+
+    /// The gate of a control that cannot print (an output of its own, as that for coolant). The
+    /// first four times that it is on prove the beam, with the axes at rest; then it is on along
+    /// each line.
+    pub fn gate(&mut self, is_on: bool, counts: [i64; 3]) {
+        while let Some(lost) = self.pairing.oldest() {
+            self.lost(lost);
+        }
+        let Some(with) = self.configuration else {
+            self.record(StationRecord::Refused(CommandFault::Value));
+            return;
+        };
+        if !is_on {
+            self.rest();
+        } else if self.gates < BEAM_GATES {
+            self.gates += 1;
+            self.collect(ADAPT_CAPTURES, false);
+        } else {
+            self.pulse(with, counts);
+        }
     }
 
     /// A byte that the control has printed; the axes stand at these counts.
@@ -268,6 +358,7 @@ impl CaptureStation {
             self.lost(lost);
         }
         self.answer = None;
+        self.is_arming = false;
         self.sequence = sequence;
         match (command, self.configuration) {
             (SensorCommand::Configure(wanted), _) => self.configure(wanted),
@@ -279,17 +370,15 @@ impl CaptureStation {
             (_, None) => self.refuse(),
             (SensorCommand::Adapt, Some(_)) => self.collect(ADAPT_CAPTURES, false),
             (SensorCommand::Measure, Some(with)) => self.collect(with.captures, true),
-            (SensorCommand::TripNear, Some(with)) => {
-                // One reading on the way is too noisy to hold the beam against.
-                self.seen = None;
-                self.watch(Watch::trip(Trip::AtMost(with.target.0)));
-            }
+            (SensorCommand::TripNear, Some(with)) => self.trip(Trip::AtMost(with.target.0)),
             (SensorCommand::TripFar, Some(with)) => {
-                self.seen = None;
-                self.watch(Watch::trip(Trip::AtLeast(with.target.0 + with.overshoot.0)));
+                self.trip(Trip::AtLeast(with.target.0 + with.overshoot.0));
             }
             (SensorCommand::Pulses, Some(with)) => self.pulse(with, counts),
-            (SensorCommand::Rest, Some(_)) => self.rest(),
+            (SensorCommand::Rest, Some(_)) => {
+                self.rest();
+                self.reply(Mm(0.0), PlaceState::Ok);
+            }
         }
     }
 
@@ -306,7 +395,8 @@ impl CaptureStation {
         self.pairing = Pairing::default();
         self.places = 0;
         self.seen = None;
-        self.is_beam_wrong = false;
+        self.beam = Beam::Unknown;
+        self.scatter = (0.0, 0.0);
         self.doing = Doing::Joining;
     }
 
@@ -322,6 +412,15 @@ impl CaptureStation {
             left: captures,
             place,
         };
+    }
+
+    /// Watches for the target; answered once the first reading shows on which side of it the
+    /// sensor is.
+    fn trip(&mut self, trip: Trip) {
+        // One reading on the way is too noisy to hold the beam against.
+        self.seen = None;
+        self.is_arming = true;
+        self.watch(Watch::trip(trip));
     }
 
     fn watch(&mut self, watch: Watch) {
@@ -346,6 +445,7 @@ impl CaptureStation {
             origin_counts: at.saturating_add(interval / 2),
             interval_counts: interval,
         };
+        self.reply(Mm(0.0), PlaceState::Ok);
     }
 
     /// Ends the captures on the way.
@@ -373,6 +473,7 @@ impl CaptureStation {
     }
 
     fn reply(&mut self, gamma: Mm, state: PlaceState) {
+        self.answered = (self.sequence, state);
         self.answer = Some(CommandAnswer {
             gamma,
             state,
@@ -425,6 +526,9 @@ impl CaptureStation {
             }
             Doing::Watching => {
                 self.watch.look(reading.signal.ok().map(|s| s.gamma.0));
+                if core::mem::take(&mut self.is_arming) {
+                    self.reply(Mm(0.0), PlaceState::Ok);
+                }
             }
             Doing::Pulsing { .. } => self.on_the_way(axes, Some(&reading)),
             Doing::Idle => {}
@@ -452,7 +556,7 @@ impl CaptureStation {
         }
         let mut found = self.collected.place();
         if found.state == PlaceState::Ok {
-            self.check_beam(&mut found);
+            self.check_beam(&mut found, place);
         } else {
             self.seen = None;
         }
@@ -470,30 +574,58 @@ impl CaptureStation {
     }
 
     /// Where the axes have moved along the beam since the last reading of this place, the
-    /// reading must have changed by as much.
-    fn check_beam(&mut self, found: &mut PlacePoint) {
+    /// reading must have changed by as much, but for the noise of both.
+    fn check_beam(&mut self, found: &mut PlacePoint, place: bool) {
         let sensor = &self.setup.sensor;
+        let captures = f64::from(found.captures.max(1));
+        // Of one reading: that of all places together, for a few captures say little of it.
+        let squares = found.spread.0 * found.spread.0 * captures;
+        self.scatter.0 += squares;
+        self.scatter.1 += captures - 1.0;
+        let (sum, freedom) = self.scatter;
         if let Some(seen) = self.seen {
             let way = found.axes.mm - seen.axes;
             let along = way.dot(&sensor.direction);
             let aside = crate::fit::solve::linalg::norm(&(way - sensor.direction * along));
-            if libm::fabs(along) >= BEAM_WAY_MM && aside <= 0.01 {
-                let off = (found.gamma.0 - seen.gamma) * sensor.gain + along;
-                self.is_beam_wrong |= libm::fabs(off) > BEAM_MM + 0.05 * libm::fabs(along);
+            let length = libm::fabs(along);
+            if length >= BEAM_WAY_MM && aside <= 0.01 {
+                let off = libm::fabs((found.gamma.0 - seen.gamma) * sensor.gain + along);
+                let variance = sum / freedom.max(1.0) * (1.0 / captures + 1.0 / seen.captures);
+                let noise = BEAM_SIGMAS * sensor.gain * libm::sqrt(variance);
+                let is_off = off > BEAM_MM + 0.05 * length + noise;
+                let is_proof = noise <= BEAM_PROOF * length;
+                self.beam = match self.beam {
+                    Beam::Wrong => Beam::Wrong,
+                    _ if is_off => Beam::Wrong,
+                    Beam::Follows => Beam::Follows,
+                    _ if is_proof => Beam::Follows,
+                    _ => Beam::Hidden,
+                };
             }
         }
-        if self.is_beam_wrong {
-            found.state = PlaceState::BeamMismatch;
+        // What is to prove it cannot wait for the proof.
+        if self.beam != Beam::Unknown || place {
+            found.state = self.beam_state();
         }
         self.seen = Some(Seen {
             axes: found.axes.mm,
             gamma: found.gamma.0,
+            captures,
         });
     }
 
+    /// What becomes of a place that is otherwise good.
+    const fn beam_state(&self) -> PlaceState {
+        match self.beam {
+            Beam::Follows => PlaceState::Ok,
+            Beam::Wrong => PlaceState::BeamMismatch,
+            Beam::Unknown | Beam::Hidden => PlaceState::BeamUnproven,
+        }
+    }
+
     fn place(&mut self, mut found: PlacePoint) {
-        if self.is_beam_wrong && found.state == PlaceState::Ok {
-            found.state = PlaceState::BeamMismatch;
+        if found.state == PlaceState::Ok {
+            found.state = self.beam_state();
         }
         found.number = self.places;
         self.places = self.places.saturating_add(1);

@@ -39,6 +39,8 @@ pub enum PlaceState {
     Moved,
     /// Readings do not change with the axes as the calibration says.
     BeamMismatch,
+    /// Nothing has shown that they do: no signal where it was tried, or noise hides it.
+    BeamUnproven,
     /// The captures on the way to it and from it follow no smooth surface.
     Edge,
     /// The command cannot be carried out.
@@ -58,6 +60,7 @@ impl PlaceState {
             Self::LostCapture => "lost_capture",
             Self::Moved => "moved",
             Self::BeamMismatch => "beam_mismatch",
+            Self::BeamUnproven => "beam_unproven",
             Self::Edge => "edge",
             Self::Refused => "refused",
         }
@@ -78,6 +81,7 @@ impl PlaceState {
             Self::BeamMismatch => 8,
             Self::Refused => 9,
             Self::Edge => 10,
+            Self::BeamUnproven => 11,
         }
     }
 }

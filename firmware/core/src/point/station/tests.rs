@@ -66,6 +66,7 @@ fn configured(captures: i64, guards: i64) -> CaptureStation {
     assert_eq!(station.order(), CapturePulses::Off);
     read(&mut station, "00100 44.5 90.0 3000\r\n");
     assert_eq!(station.take_answer().unwrap().state, PlaceState::Ok);
+    station.beam = Beam::Follows;
     station
 }
 
@@ -183,6 +184,55 @@ fn a_beam_that_does_not_follow_is_named() {
         let place = measured(&mut station);
         assert_eq!(place.state, state, "{second}");
         assert_eq!(place.point.is_some(), state == PlaceState::Ok);
+    }
+}
+
+/// Before anything has shown that the reading follows, a place has no point.
+#[test]
+fn a_beam_that_was_not_tried_gives_no_point() {
+    let mut station = configured(2, 0);
+    station.beam = Beam::Unknown;
+    say(&mut station, &line(2, &[3]));
+    for n in 101..103 {
+        station.latched(COUNTS, Micros(0));
+        read(&mut station, &format!("{n} 44.0 90 3000\n"));
+    }
+    let place = measured(&mut station);
+    assert_eq!((place.state, place.point), (PlaceState::BeamUnproven, None));
+}
+
+/// The same with a noisy sensor (40 µm a capture): what is right stays right, a swapped sign and
+/// a standing reading are told over a way that outweighs the noise, and over a shorter one that
+/// nothing is proven.
+#[test]
+fn a_noisy_beam_is_told_from_a_wrong_one() {
+    for (way_mm, follows, state) in [
+        (0.4, 1.0, PlaceState::Ok),
+        (0.4, -1.0, PlaceState::BeamMismatch),
+        (0.4, 0.0, PlaceState::BeamMismatch),
+        (0.1, 1.0, PlaceState::BeamUnproven),
+    ] {
+        for seed in 0..200 {
+            let mut station = configured(16, 0);
+            station.beam = Beam::Unknown;
+            let mut number = 100;
+            let mut seen = |station: &mut CaptureStation, counts, gamma: f64| {
+                for _ in 0..ADAPT_CAPTURES {
+                    number += 1;
+                    let noise = 0.04 * noise(f64::from(number) * 0.37, seed);
+                    station.latched(counts, Micros(0));
+                    read(station, &format!("{number} {:.6} 90 3000\n", gamma + noise));
+                }
+            };
+            say(&mut station, &line(2, &[2]));
+            seen(&mut station, COUNTS, 44.0);
+            let up = [COUNTS[0], COUNTS[1], COUNTS[2] + (way_mm * 1e4) as i64];
+            say(&mut station, &line(3, &[3]));
+            seen(&mut station, up, 44.0 + way_mm * follows);
+            let place = measured(&mut station);
+            assert_eq!(place.state, state, "{way_mm} {follows} {seed}");
+            assert_eq!(place.point.is_some(), state == PlaceState::Ok);
+        }
     }
 }
 

@@ -144,6 +144,27 @@ pub trait AxisDrives {
         Ok(None)
     }
 
+    /// Whether the skip signal is on where the axes stand.
+    fn skip_is_on(&self) -> bool {
+        false
+    }
+
+    /// Waits until a digital input is on or off (LinuxCNC's `M66 P`), at most so long; without
+    /// one to wait for, looks at it once. What it is then; none: it did not become so.
+    ///
+    /// # Errors
+    /// This machine has no such inputs.
+    fn await_input(
+        &mut self,
+        number: u16,
+        _wanted: Option<bool>,
+        _timeout_s: f64,
+    ) -> Result<Option<bool>, Trip> {
+        Err(Trip {
+            message: format!("digital input {number} is not wired"),
+        })
+    }
+
     /// Interface input #1000 to #1035.
     fn input(&self, number: u16) -> bool;
 

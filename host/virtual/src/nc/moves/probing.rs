@@ -37,6 +37,19 @@ impl Control {
             return Err(Fault::new("G38 needs X, Y or Z"));
         }
         let leaving = matches!(code, 384 | 385);
+        if !leaving && axes.skip_is_on() {
+            let number = code % 10;
+            let message =
+                format!("the probe is on already where G38.{number} begins: move away first");
+            return Err(match self.settings.dialect {
+                ControlFamily::Grbl => Fault::own(4, message),
+                _ => Fault::new(message),
+            });
+        }
+        let here = self.here(axes);
+        if self.settings.dialect == ControlFamily::LinuxCnc && self.target(words, here) == here {
+            return Err(Fault::new("G38 to where the axes stand: leave it out"));
+        }
         let skip = self.run_to_skip(words, leaving, axes)?;
         self.skip_mm = self.frame().undo(skip.stored.mm);
         self.has_touched = skip.touched;

@@ -106,6 +106,8 @@ pub struct Control {
     /// The stored skip position, as [`crate::nc::run::system`] says, mm.
     pub(crate) skip_mm: Vector3<f64>,
     pub(crate) has_touched: bool,
+    /// What the last `M66` found.
+    pub(crate) input_read: f64,
     pub(crate) outputs: BTreeSet<u32>,
     pub(crate) stored: BTreeMap<u32, f64>,
     pub(crate) timer_ms: f64,
@@ -145,6 +147,7 @@ impl Control {
             },
             skip_mm: Vector3::zeros(),
             has_touched: false,
+            input_read: 0.0,
             outputs: BTreeSet::new(),
             stored: BTreeMap::new(),
             timer_ms: 0.0,

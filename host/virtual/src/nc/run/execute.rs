@@ -191,12 +191,42 @@ impl Control {
             }
             97 | 98 => self.sub_call(code, words),
             198 => self.external_call(words, axes),
+            66 if self.settings.dialect == ControlFamily::LinuxCnc => {
+                self.wait_for_input(words, axes)?;
+                Ok(Go::Next)
+            }
             99 => self.return_from(words),
             _ => {
                 axes.auxiliary(code, self.modal.s)?;
                 Ok(Go::Next)
             }
         }
+    }
+
+    /// LinuxCNC's `M66 P L Q`: a digital input into `#5399`, -1 if it did not become what is
+    /// waited for (L3 on, L4 off) within Q seconds.
+    fn wait_for_input(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
+        let Some(number) = words.whole(b'P', 63)? else {
+            return Err(Fault::new("M66 needs P, a digital input; analog ones (E) are not interpreted"));
+        };
+        let wanted = match words.whole(b'L', 4)?.unwrap_or(0) {
+            0 => None,
+            3 => Some(true),
+            4 => Some(false),
+            mode => {
+                return Err(Fault::new(format!(
+                    "M66 L{mode}: L0, L3 and L4 are interpreted"
+                )));
+            }
+        };
+        let timeout_s = words.number(b'Q').unwrap_or(0.0);
+        if wanted.is_some() && (timeout_s.is_nan() || timeout_s <= 0.0) {
+            return Err(Fault::new("M66 that waits needs Q, seconds above 0"));
+        }
+        let number = u16::try_from(number).map_err(|_| Fault::new("M66 P is too large"))?;
+        let found = axes.await_input(number, wanted, timeout_s)?;
+        self.input_read = found.map_or(-1.0, |on| f64::from(u8::from(on)));
+        Ok(())
     }
 
     /// What M2 and M30 reset: the variables of the programs that were called; in
@@ -436,5 +466,5 @@ pub(crate) fn finite(mm: Vector3<f64>) -> Checked<Point> {
 }
 
 const fn is_after_motion(m: u32) -> bool {
-    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 97 | 98 | 99 | 198)
+    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 66 | 97 | 98 | 99 | 198)
 }

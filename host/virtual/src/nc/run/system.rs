@@ -247,6 +247,7 @@ impl Control {
                 OffsetSystem::Standard(n) => f64::from(n),
                 _ => 1.0,
             }),
+            5399 => Some(self.input_read),
             5400 => Some(f64::from(self.modal.tool)),
             // A tool has a length here, and no offset in X and Y.
             5401 | 5402 => Some(0.0),

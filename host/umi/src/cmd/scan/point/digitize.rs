@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use umi_core::units::{Mm, Point};
 use umi_desk::digitize::{self, DigitizeQuestion, DigitizeRefusal, Digitized};
 use umi_scan::ScanError;
 use umi_scan::point_sensor::calibration::{self, KnownSensor};
@@ -136,7 +137,7 @@ The first and the second place of each line are adapted from the same height, al
 predictive-adaptive. A place without signal keeps its reason, and the next one begins at the height
 of the last good one.
 Refused (status 2): over_travel, no_signal (at the first place of an adaptive run), collision,
-rate_too_high, bad_input with the letter, other_lens, bad_calibration, bad_control, no_sensor, scene,
+rate_too_high, bad_input with the letter, other_lens, warm_scale, bad_calibration, bad_control, no_sensor, scene,
 alarm (the control's own, with its text; what was measured before it is kept).";
 
 /// What was done.
@@ -182,6 +183,12 @@ impl Digitize {
                 "the scene has no distance sensor: add a [point_sensor] table",
             )
         })?;
+        if let Some(warning) = &known.scale_warning {
+            return Err(ScanError::refused(
+                "warm_scale",
+                format_args!("the calibration says: {warning}; then calibrate again"),
+            ));
+        }
         same_lens(&known, &spec)?;
         let asked = self.asked(&scene)?;
         if let Some(path) = &self.nc {
@@ -280,8 +287,28 @@ fn numbers<const N: usize>(text: &str, letters: [&str; N]) -> Result<[f64; N], S
     Ok(all)
 }
 
+/// A calibration of this lens is nearer than that; two lenses in one mount are centimetres apart.
+const OTHER_LENS_MM: f64 = 2.0;
+
 /// A calibration at readings that this sensor does not have is another lens'.
 fn same_lens(known: &KnownSensor, spec: &PointSensorSpec) -> Result<(), ScanError> {
+    // On this machine it is known where the sensor's points are.
+    let direction = Point::from_array_mm(spec.direction).mm.normalize();
+    let truth = Point::from_array_mm(spec.offset_mm).mm + direction * spec.stand_off_mm;
+    let origin = Point::from_mm(0.0, 0.0, 0.0);
+    let said = known.sensor.place(origin, Mm(spec.stand_off_mm)).mm;
+    let off_mm = (said - truth).norm();
+    let is_swapped = known.sensor.direction.dot(&direction) < 0.0;
+    // A beam that points the other way is the board's to find.
+    if off_mm > OTHER_LENS_MM && !is_swapped {
+        return Err(ScanError::refused(
+            "other_lens",
+            format_args!(
+                "by the calibration a point at the stand-off is {off_mm:.3} mm from where this \
+                 scene's sensor sees it: calibrate with this lens, in this mount"
+            ),
+        ));
+    }
     let Some(stand_off_mm) = known.stand_off_mm else {
         return Ok(());
     };
