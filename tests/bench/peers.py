@@ -64,6 +64,35 @@ def registration(pairs):
     return [*rotation.ravel(), *(q - rotation @ p)]
 
 
+def point(readings, ball):
+    """Offset and direction with MINPACK from a beam straight down; uncertainties from J."""
+    center, radius = ball[:3], ball[3]
+    axes, gamma = readings[:, :3] - center, readings[:, 3:]
+    down = np.array([0.0, 0.0, -1.0])
+    start = [*-(axes + gamma * down).mean(axis=0) - 0.75 * radius * down, 0.0, 0.0]
+
+    def beam(at):
+        along = np.array([at[3], at[4], -1.0])
+        length = np.linalg.norm(along)
+        a = along / length
+        return a, (np.eye(3)[:2] - np.outer(a[:2], a)) / length
+
+    def residuals(at):
+        return np.linalg.norm(axes + at[:3] + gamma * beam(at)[0], axis=1) - radius
+
+    def jacobian(at):
+        a, turns = beam(at)
+        normal = axes + at[:3] + gamma * a
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        return np.column_stack([normal, gamma * (normal @ turns.T)])
+
+    fit = least_squares(residuals, start, jac=jacobian, method="lm", xtol=1e-15, ftol=1e-15)
+    unit = np.linalg.inv(fit.jac.T @ fit.jac) * 2 * fit.cost / (len(gamma) - 5)
+    a, turns = beam(fit.x)
+    turned = np.diag(turns.T @ unit[3:, 3:] @ turns)
+    return [*fit.x[:3], *a, *np.sqrt(np.diag(unit)[:3]), *np.sqrt(turned)]
+
+
 def measure(task, by, work, size=None):
     """Rounds of repeated work; the median counts."""
 
@@ -105,6 +134,9 @@ def main():
     for n in (3, 50):
         pairs = load(f"pairs-{n}")
         measure(f"registration of {n} pairs", by, lambda pairs=pairs: registration(pairs))
+    readings, ball = load("readings-100"), load("ball")
+    task = "calibration of a point sensor by 100 readings"
+    measure(task, by, lambda: point(readings, ball))
 
 
 if __name__ == "__main__":

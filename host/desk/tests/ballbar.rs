@@ -135,6 +135,12 @@ fn measured(scene: &Scene, places: &[Vector3<f64>], seed: u64) -> Vec<(Point, Mm
     let mut text = String::from(
         "%\nO0001(BALL BAR)\nG21G40G80G49G90G94\nT98M6\nG65P8841\nG65P8842A1.B3000.C2000.I1000.J44.K0.D1.\n",
     );
+    // The first place proves the beam.
+    let first = places.first().unwrap();
+    text += &format!(
+        "G1X{:.4}Y{:.4}Z{:.4}F3000\nG65P8843F1000.W3000.\n",
+        first.x, first.y, first.z
+    );
     for axes in places {
         text += &format!(
             "G1X{:.4}Y{:.4}Z{:.4}F3000\nG65P8842A3.\n",

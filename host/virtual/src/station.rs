@@ -5,7 +5,9 @@
 //! control's line has its own speed. What may go wrong on the way is made on purpose
 //! ([`SensorLineFault`]).
 
-use umi_core::point::station::{CapturePulses, CaptureStation, SensorConfiguration, StationRecord, StationSetup};
+use umi_core::point::station::{
+    CapturePulses, CaptureStation, SensorConfiguration, StationRecord, StationSetup,
+};
 use umi_core::units::Micros;
 
 use crate::machine::{SensorOrder, SensorPulses, ServedProgram, Wires};

@@ -19,6 +19,10 @@ pub struct Data {
     pub pairs_3: Vec<[f64; 6]>,
     /// Fifty pairs far from the origin.
     pub pairs_50: Vec<[f64; 6]>,
+    /// Readings of a point sensor on a ball: axes and distance, a spiral of a hundred places.
+    pub readings: Vec<[f64; 4]>,
+    /// That ball: centre and radius.
+    pub ball: [f64; 4],
     /// A finishing path, about 1 MB.
     pub path: String,
 }
@@ -30,10 +34,12 @@ impl Data {
         Ok(Self {
             session: std::fs::read(&session)
                 .with_context(|| format!("cannot read {}", session.display()))?,
-            sphere_5: read("sphere_thesis_table_4_1.csv")?,
+            readings: read("point/paper_spiral_1um.csv")?,
+            ball: ball("point/paper_spiral_1um.spheres.toml")?,
+            sphere_5: read("fits/sphere_thesis_table_4_1.csv")?,
             sphere_500: half_sphere(500, 1).map(Point::to_array_mm).collect(),
-            pairs_3: read("registration_thesis_table_4_2_case1.csv")?,
-            pairs_50: read("registration_far_n50_0p1mm.csv")?,
+            pairs_3: read("fits/registration_thesis_table_4_2_case1.csv")?,
+            pairs_50: read("fits/registration_far_n50_0p1mm.csv")?,
             path: laces(0, 6000),
         })
     }
@@ -45,7 +51,9 @@ impl Data {
         write(folder, "sphere-5", &self.sphere_5)?;
         write(folder, "sphere-500", &self.sphere_500)?;
         write(folder, "pairs-3", &self.pairs_3)?;
-        write(folder, "pairs-50", &self.pairs_50)
+        write(folder, "pairs-50", &self.pairs_50)?;
+        write(folder, "readings-100", &self.readings)?;
+        write(folder, "ball", &[self.ball])
     }
 }
 
@@ -77,7 +85,7 @@ fn reference() -> PathBuf {
 }
 
 fn read<const N: usize>(name: &str) -> Result<Vec<[f64; N]>> {
-    let path = reference().join("fits").join(name);
+    let path = reference().join(name);
     let text = std::fs::read_to_string(&path)
         .with_context(|| format!("cannot read {}", path.display()))?;
     text.lines()
@@ -88,6 +96,21 @@ fn read<const N: usize>(name: &str) -> Result<Vec<[f64; N]>> {
             row.with_context(|| format!("{name}: `{line}` is not {N} numbers"))
         })
         .collect()
+}
+
+/// Centre and radius of the one ball of a file.
+fn ball(name: &str) -> Result<[f64; 4]> {
+    let path = reference().join(name);
+    let text = std::fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    let values: Vec<f64> = text
+        .lines()
+        .filter(|line| line.starts_with("center_mm") || line.starts_with("radius_mm"))
+        .flat_map(|line| line.split(['=', '[', ']', ',']))
+        .filter_map(|word| word.trim().parse().ok())
+        .collect();
+    let ball = values.try_into().ok();
+    ball.with_context(|| format!("{name}: no centre and radius"))
 }
 
 fn write<const N: usize>(folder: &Path, name: &str, rows: &[[f64; N]]) -> Result<()> {

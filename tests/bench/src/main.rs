@@ -8,6 +8,7 @@
 
 mod data;
 mod fit;
+mod point;
 mod receiver;
 mod registration;
 mod rewrite;
@@ -39,6 +40,7 @@ fn contenders(data: &Data) -> Vec<Contender> {
     let mut all = Vec::from(receiver::contenders(data));
     all.extend(fit::contenders(data));
     all.extend(registration::contenders(data));
+    all.extend(point::contenders(data));
     all.extend(rewrite::contenders(data));
     all
 }

@@ -125,7 +125,10 @@ pub fn run(
         let trip = |trip: umi_virtual::nc::Trip| DigitizeRefusal::new("alarm", trip.message);
         cell.machine.change_tool(spec.tool).map_err(trip)?;
         if !cell.machine.wires_mut().prepare(prepared(asked, &spec)) {
-            return Err(DigitizeRefusal::letter('W', "the sensor cannot be driven so"));
+            return Err(DigitizeRefusal::letter(
+                'W',
+                "the sensor cannot be driven so",
+            ));
         }
     }
     let (mut meter, text) = Meter::of(&mut cell.control, &parts)

@@ -255,7 +255,7 @@ fn seen(
 /// prints where the axes are.
 #[must_use]
 pub fn program(question: &PlanQuestion, plan: &SensorPlan) -> String {
-    let mut text = String::from("%\nO8841(CALIBRATION OF A POINT SENSOR)\n");
+    let mut text = String::from("%\nO8844(CALIBRATION OF A POINT SENSOR)\n");
     let [x, y, z] = question.center_mm;
     // Writing to a string cannot fail.
     let _ = writeln!(

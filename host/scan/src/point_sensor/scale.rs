@@ -44,9 +44,16 @@ pub(super) fn scale(
         return None;
     }
     let n = readings.len() as f64;
-    let middle = readings.iter().fold(Vector3::zeros(), |sum, r| sum + r.axes.mm) / n;
+    let middle = readings
+        .iter()
+        .fold(Vector3::zeros(), |sum, r| sum + r.axes.mm)
+        / n;
     let a = fit.sensor.direction;
-    let helper = if a.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let helper = if a.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
     let e1 = a.cross(&helper).normalize();
     let e2 = a.cross(&e1);
     // The largest distance makes the column as large as the others.

@@ -263,10 +263,12 @@ fn a_warm_scale_is_named() {
         let mut noise = || {
             let mut sum = 0.0;
             for _ in 0..12 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
                 sum += (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5;
             }
-            sum * 0.001
+            sum * 0.0005
         };
         for (id, x) in [("A", -125.0), ("B", 124.53)] {
             let question = PlanQuestion {

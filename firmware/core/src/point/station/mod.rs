@@ -58,6 +58,12 @@ const BEAM_WAY_MM: f64 = 0.05;
 /// false alarm in a million places, even from the scatter of thirty captures.
 const BEAM_SIGMAS: f64 = 7.0;
 
+/// So many readings in succession that do not follow are no edge of the part any more.
+const DOUBTS: u8 = 3;
+
+/// So many captures that are alike to the last figure are no chance.
+const FROZEN: f64 = 4.0;
+
 /// Where noise may move it by more than this part of the way, a swapped sign could pass: such a
 /// way proves nothing.
 const BEAM_PROOF: f64 = 0.5;
@@ -103,7 +109,7 @@ pub struct StationSignals {
     pub parity: bool,
     /// It was carried out; of a measurement: there is a reading.
     pub is_ok: bool,
-    /// There was no signal to measure. Neither this nor `is_ok`: a fault.
+    /// There was no signal to measure, or an edge. Neither this nor `is_ok`: a fault.
     pub has_no_signal: bool,
 }
 
@@ -174,6 +180,8 @@ pub struct CaptureStation {
     places: u32,
     seen: Option<Seen>,
     beam: Beam,
+    /// How often in succession a reading did not follow.
+    doubts: u8,
     /// Squares of the readings' differences from the means at rest, mm², and their degrees of
     /// freedom, since the sensor was configured.
     scatter: (f64, f64),
@@ -205,6 +213,7 @@ impl CaptureStation {
             places: 0,
             seen: None,
             beam: Beam::Unknown,
+            doubts: 0,
             scatter: (0.0, 0.0),
             latest: None,
             records: Deque::new(),
@@ -248,7 +257,7 @@ impl CaptureStation {
         StationSignals {
             parity: self.answered.0 % 2 == 1,
             is_ok: matches!(self.answered.1, PlaceState::Ok),
-            has_no_signal: matches!(self.answered.1, PlaceState::NoSignal(_)),
+            has_no_signal: matches!(self.answered.1, PlaceState::NoSignal(_) | PlaceState::Edge),
         }
     }
 
@@ -396,6 +405,7 @@ impl CaptureStation {
         self.places = 0;
         self.seen = None;
         self.beam = Beam::Unknown;
+        self.doubts = 0;
         self.scatter = (0.0, 0.0);
         self.doing = Doing::Joining;
     }
@@ -583,6 +593,11 @@ impl CaptureStation {
         self.scatter.0 += squares;
         self.scatter.1 += captures - 1.0;
         let (sum, freedom) = self.scatter;
+        let mut is_edge = false;
+        // A sensor with noise that says the same again and again does not measure any more.
+        if squares == 0.0 && captures >= FROZEN && sum > 1e-12 * freedom {
+            self.beam = Beam::Wrong;
+        }
         if let Some(seen) = self.seen {
             let way = found.axes.mm - seen.axes;
             let along = way.dot(&sensor.direction);
@@ -594,10 +609,17 @@ impl CaptureStation {
                 let noise = BEAM_SIGMAS * sensor.gain * libm::sqrt(variance);
                 let is_off = off > BEAM_MM + 0.05 * length + noise;
                 let is_proof = noise <= BEAM_PROOF * length;
+                self.doubts = if is_off {
+                    self.doubts.saturating_add(1)
+                } else {
+                    0
+                };
+                is_edge = is_off;
                 self.beam = match self.beam {
                     Beam::Wrong => Beam::Wrong,
+                    // One reading beside the others is an edge of the part.
+                    Beam::Follows if self.doubts < DOUBTS => Beam::Follows,
                     _ if is_off => Beam::Wrong,
-                    Beam::Follows => Beam::Follows,
                     _ if is_proof => Beam::Follows,
                     _ => Beam::Hidden,
                 };
@@ -606,6 +628,9 @@ impl CaptureStation {
         // What is to prove it cannot wait for the proof.
         if self.beam != Beam::Unknown || place {
             found.state = self.beam_state();
+        }
+        if is_edge && found.state == PlaceState::Ok {
+            found.state = PlaceState::Edge;
         }
         self.seen = Some(Seen {
             axes: found.axes.mm,

@@ -41,7 +41,8 @@ pub enum PlaceState {
     BeamMismatch,
     /// Nothing has shown that they do: no signal where it was tried, or noise hides it.
     BeamUnproven,
-    /// The captures on the way to it and from it follow no smooth surface.
+    /// The captures on the way to it and from it follow no smooth surface; at rest, the reading
+    /// changed otherwise than the axes along the beam, and others before did not.
     Edge,
     /// The command cannot be carried out.
     Refused,

@@ -171,6 +171,7 @@ fn a_beam_that_does_not_follow_is_named() {
         (44.0, PlaceState::BeamMismatch),
     ] {
         let mut station = configured(1, 0);
+        station.beam = Beam::Unknown;
         say(&mut station, &line(2, &[2]));
         for n in 0..ADAPT_CAPTURES {
             station.latched(COUNTS, Micros(0));
@@ -185,6 +186,47 @@ fn a_beam_that_does_not_follow_is_named() {
         assert_eq!(place.state, state, "{second}");
         assert_eq!(place.point.is_some(), state == PlaceState::Ok);
     }
+}
+
+/// Once the beam is proven, a reading that does not follow is an edge of the part; the third in
+/// succession is a wrong beam, and so are readings that are all the same where there was noise.
+#[test]
+fn an_edge_at_rest_is_no_wrong_beam() {
+    let up = |k: i64| [COUNTS[0], COUNTS[1], COUNTS[2] + 2000 * k];
+    let mut station = configured(4, 0);
+    let mut number = 100;
+    let mut at = |station: &mut CaptureStation, command: i64, counts, gamma: f64, noise: f64| {
+        say(station, &line(command + 1, &[command]));
+        for k in 0..if command == 2 { ADAPT_CAPTURES } else { 4 } {
+            number += 1;
+            let gamma = gamma + noise * (f64::from(k % 3) - 1.0);
+            station.latched(counts, Micros(0));
+            read(station, &format!("{number} {gamma:.6} 90 3000\n"));
+        }
+        station.take_answer().unwrap().state
+    };
+    // The reading jumps by 0.3 mm at each of these ways.
+    let mut states = Vec::new();
+    for k in 0..4 {
+        states.push(at(&mut station, 2, up(k), 44.0 + 0.5 * k as f64, 0.001));
+    }
+    let (ok, edge) = (PlaceState::Ok, PlaceState::Edge);
+    assert_eq!(states, [ok, edge, edge, PlaceState::BeamMismatch]);
+
+    let mut station = configured(4, 0);
+    let mut number = 100;
+    let mut states = Vec::new();
+    for (command, noise) in [(2, 0.001), (3, 0.001), (3, 0.0)] {
+        say(&mut station, &line(command + 1, &[command]));
+        for k in 0..if command == 2 { ADAPT_CAPTURES } else { 4 } {
+            number += 1;
+            let gamma = 44.0 + noise * (f64::from(k % 3) - 1.0);
+            station.latched(COUNTS, Micros(0));
+            read(&mut station, &format!("{number} {gamma:.6} 90 3000\n"));
+        }
+        states.push(station.take_answer().unwrap().state);
+    }
+    assert_eq!(states, [ok, ok, PlaceState::BeamMismatch]);
 }
 
 /// Before anything has shown that the reading follows, a place has no point.

@@ -207,7 +207,9 @@ impl Control {
     /// waited for (L3 on, L4 off) within Q seconds.
     fn wait_for_input(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<()> {
         let Some(number) = words.whole(b'P', 63)? else {
-            return Err(Fault::new("M66 needs P, a digital input; analog ones (E) are not interpreted"));
+            return Err(Fault::new(
+                "M66 needs P, a digital input; analog ones (E) are not interpreted",
+            ));
         };
         let wanted = match words.whole(b'L', 4)?.unwrap_or(0) {
             0 => None,

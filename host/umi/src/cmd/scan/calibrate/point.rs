@@ -39,13 +39,21 @@ pub(crate) struct CalibratePoint {
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     min_snr: Option<f64>,
     /// Refuse an rms above this
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = length)]
     max_rms: Option<f64>,
     /// Where the scatter comes from: alike everywhere, or the sensor's own along its beam
     #[arg(long, value_enum, default_value = "everywhere")]
     noise: NoiseKind,
     #[command(flatten)]
     pub format: Format,
+}
+
+/// A limit that something can be above and below.
+fn length(text: &str) -> Result<f64, String> {
+    let length = text.trim().parse().ok();
+    length
+        .filter(|mm: &f64| mm.is_finite() && *mm > 0.0)
+        .ok_or_else(|| "a length in mm above 0 is needed".to_owned())
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
