@@ -50,6 +50,8 @@ struct Cell {
     axes: Vector3<f64>,
     snr: f64,
     total: f64,
+    /// Captures, with a reading or without.
+    came: u32,
     outliers: u32,
     lost: u32,
     /// The reason why there was no signal at a capture, if there was none at one.
@@ -162,6 +164,7 @@ impl Sweep {
         self.previous = [None; 2];
         let [.., cell] = &mut self.cells;
         cell.lost += 1;
+        cell.came += 1;
     }
 
     /// A reading of the latest cell with its latch.
@@ -170,6 +173,7 @@ impl Sweep {
         let x = libm::fabs(axes.mm.x - self.start_x) / self.step - middle;
         let previous = core::mem::take(&mut self.previous);
         let [.., cell] = &mut self.cells;
+        cell.came += 1;
         let signal = match reading.signal {
             Ok(signal) => signal,
             Err(loss) => {
@@ -210,8 +214,8 @@ impl Sweep {
     /// The line has ended; its last place. Captures behind the last cell (axes do not stop at once) complete none.
     pub fn end(&mut self) -> Option<PlacePoint> {
         let [_, before, last] = &self.cells;
-        let ([came, ..], [whole, ..]) = (last.x, before.x);
-        let is_whole = 2.0 * came >= whole && !last.is_empty();
+        // Without a signal they came all the same.
+        let is_whole = 2 * u64::from(last.came) >= u64::from(before.came) && !last.is_empty();
         let done = if is_whole { self.place() } else { None };
         *self = Self::new(self.start_x, Mm(self.step));
         done

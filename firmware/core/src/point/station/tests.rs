@@ -424,6 +424,16 @@ fn an_edge_on_the_way_is_named() {
     }
 }
 
+/// Where the signal is gone behind the last place it is a place all the same.
+#[test]
+fn the_last_place_before_a_gap() {
+    let gone = "# - out_of_range\n";
+    // The line has 4 places; the last cell is 5 to 6 steps from its start.
+    let places = swept(20, 1, |_| 44.0, |n| (n >= 100).then_some(gone));
+    let states: Vec<_> = places.iter().map(|place| place.state).collect();
+    assert_eq!(states, [PlaceState::Ok; 4]);
+}
+
 /// A capture on the way without reading or signal takes its place with it, and not the one beside it.
 #[test]
 fn a_gap_on_the_way_is_named() {
