@@ -6,6 +6,8 @@
 //! | [`digitize`] | a part digitized with a distance sensor |
 //! | [`line_scan`] | a laser line scanner beside a live board |
 //! | [`live`] | a board whose time is that of the wall, for others to be its host |
+//! | [`pulsed`] | a board that pulses a line scanner, as fast as it computes |
+//! | [`shot`] | a pulse at a scanner's trigger input, and where the axes are then |
 //! | [`wiring`] | where the machine's wires lead |
 //! | [`tap`] | a tap on the wires: what the control prints for a listener |
 //! | [`tool_path`] | the motions of a program, as the virtual control drives them |
@@ -14,6 +16,8 @@ pub mod capture;
 pub mod digitize;
 pub mod line_scan;
 pub mod live;
+pub mod pulsed;
+pub mod shot;
 pub mod tap;
 pub mod tool_path;
 pub mod wiring;

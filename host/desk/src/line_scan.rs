@@ -3,22 +3,19 @@
 //!
 //! Profiles are computed in a thread of their own, in the order of their triggers: they come
 //! somewhat later than they would from a sensor, with the stamps of their moments.
-//!
-//! The sensor's input takes rises. A board's output that rests high falls when a pulse begins and
-//! rises when it ends: such a sensor takes its profile at the end of the pulse, and where the axes
-//! are then.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use umi_client::problem::Problem;
-use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel, TriggerPulse};
+use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_virtual::board::SentPulses;
 use umi_virtual::scanner::{DataChannel, LineScanner, PulseFate, ScannerTally};
-use umi_virtual::scene::{LineScannerSpec, MachineSpec, Scene};
+use umi_virtual::scene::{LineScannerSpec, Scene};
 
-use crate::{AxisCounts, ENCODERS};
+use crate::AxisCounts;
+use crate::shot::{Shot, rise, speed};
 
 /// The sensor as the desk sees it.
 pub struct LineScan {
@@ -29,16 +26,6 @@ pub struct LineScan {
     /// Pulses of its own so far.
     own: u32,
     tally: Arc<Mutex<ScannerTally>>,
-}
-
-/// A pulse at the sensor.
-struct Shot {
-    at_us: f64,
-    counts: AxisCounts,
-    /// Counts per microsecond.
-    speed: [f64; ENCODERS],
-    /// How long the line is high.
-    high_us: f64,
 }
 
 impl LineScan {
@@ -93,14 +80,7 @@ impl LineScan {
         to: (u64, AxisCounts),
         sent: &SentPulses,
     ) -> Vec<LatchReport> {
-        let passed_us = to.0.saturating_sub(from.0) as f64;
-        let speed = std::array::from_fn(|axis| {
-            if passed_us > 0.0 {
-                (to.1.all[axis] - from.1.all[axis]) as f64 / passed_us
-            } else {
-                0.0
-            }
-        });
+        let speed = speed(from, to);
         if self.every_us == 0.0 {
             // Without counts there was no pulse: it tells of others that could not be sent.
             for latch in sent.latches.iter().filter(|latch| !latch.counts.is_empty()) {
@@ -144,28 +124,6 @@ impl LineScan {
     }
 }
 
-/// When the line rises by a pulse, and for how long.
-fn rise(latch: &LatchReport, pulse: TriggerPulse, axes: usize, speed: [f64; ENCODERS]) -> Shot {
-    let width_us = f64::from(pulse.width_us);
-    let (after_us, high_us) = match pulse.rests {
-        SignalLevel::Low => (0.0, width_us),
-        SignalLevel::High => (width_us, f64::from(TriggerPulse::GAP_US)),
-    };
-    let counts = |axis: usize| {
-        let began = latch.counts.get(axis).copied().unwrap_or(0);
-        began + (speed[axis] * after_us).round() as i64
-    };
-    Shot {
-        at_us: latch.t_ns as f64 * 1e-3 + after_us,
-        counts: AxisCounts {
-            all: std::array::from_fn(counts),
-            axes,
-        },
-        speed,
-        high_us,
-    }
-}
-
 /// The sensor's own thread.
 struct Sensor {
     scanner: LineScanner,
@@ -194,9 +152,7 @@ impl Sensor {
         let machine = &self.scene.machine;
         let chain = machine.chain(mount);
         let profile = self.scanner.take(&self.scene, |us| {
-            let counts =
-                std::array::from_fn(|axis| shot.counts.all[axis] as f64 + shot.speed[axis] * us);
-            chain.sensor_in_workpiece(&places(machine, counts))
+            chain.sensor_in_workpiece(&shot.places(machine, us))
         });
         let bytes = self.scanner.send(shot.at_us, encoder, &profile);
         self.channel.send(&bytes);
@@ -208,24 +164,11 @@ fn encoder(spec: &LineScannerSpec, shot: &Shot) -> i64 {
     shot.counts.all.get(axis).copied().unwrap_or(0)
 }
 
-/// Where the axes are in truth when their encoders show these counts, mm and degrees: homing and
-/// scale are errors that nobody at the machine sees.
-fn places(machine: &MachineSpec, counts: [f64; ENCODERS]) -> Vec<f64> {
-    let linear = (0..3).map(|axis| {
-        let shown =
-            (counts[axis] - machine.origin_counts[axis] as f64) / machine.counts_per_mm[axis];
-        shown * (1.0 + machine.scale_error_ppm[axis] * 1e-6) + machine.homing_error_mm[axis]
-    });
-    let rotary = machine.rotary.iter().zip(&counts[3..]);
-    let rotary =
-        rotary.map(|(axis, counts)| (counts - axis.origin_counts as f64) / axis.counts_per_deg);
-    linear.chain(rotary).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::time::{Duration, Instant};
+    use umi_protocol::latch::{SignalLevel, TriggerPulse};
 
     fn sent(width_us: u16, rests: SignalLevel) -> SentPulses {
         let latch = |number: u32| LatchReport {

@@ -5,8 +5,10 @@
 //! * [`mount`]: the sensor's place, calibrated on a ball.
 //! * [`washer`]: S2's washer in its three tests, tables 11 to 16.
 //! * [`ball`]: a ball of 25.4 mm, and where it is at several speeds.
+//! * [`drive`]: a planned path over the virtual machine, to profiles and latches.
 
 pub mod ball;
+pub mod drive;
 pub mod mount;
 pub mod station;
 #[cfg(test)]

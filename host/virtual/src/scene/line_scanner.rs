@@ -30,6 +30,8 @@ pub struct LineScannerSpec {
     pub pitch_um: [f64; 2],
     /// From the laser to the camera, along y.
     pub baseline_mm: f64,
+    /// Where the camera is instead, in the sensor's frame.
+    pub camera_mm: Option<[f64; 3]>,
     /// Standard deviation of a sample at normal incidence; it grows with 1/cos of the incidence.
     pub noise_um: [f64; 2],
     /// Standard deviation of the speckle, which neighbouring samples share.
@@ -89,6 +91,7 @@ impl LineScannerSpec {
             samples: 1280,
             pitch_um: [44.0, 75.0],
             baseline_mm: 60.0,
+            camera_mm: None,
             noise_um: [6.0, 14.0],
             speckle_um: 0.0,
             speckle_samples: 4.0,
@@ -155,7 +158,10 @@ impl LineScannerSpec {
     /// Where the camera is, in the sensor's frame.
     #[must_use]
     pub fn camera_mm(&self) -> Vector3<f64> {
-        Vector3::new(0.0, self.baseline_mm, self.housing_mm())
+        self.camera_mm.map_or_else(
+            || Vector3::new(0.0, self.baseline_mm, self.housing_mm()),
+            Vector3::from,
+        )
     }
 
     /// The height of the housing over the middle of the range.
@@ -199,6 +205,7 @@ struct Text {
     samples: Option<u32>,
     pitch_um: Option<[f64; 2]>,
     baseline_mm: Option<f64>,
+    camera_mm: Option<[f64; 3]>,
     noise_um: Option<[f64; 2]>,
     speckle_um: Option<f64>,
     speckle_samples: Option<f64>,
@@ -236,6 +243,7 @@ impl<'de> Deserialize<'de> for LineScannerSpec {
             samples: text.samples.unwrap_or(of.samples),
             pitch_um: text.pitch_um.unwrap_or(of.pitch_um),
             baseline_mm: text.baseline_mm.unwrap_or(of.baseline_mm),
+            camera_mm: text.camera_mm.or(of.camera_mm),
             noise_um: text.noise_um.unwrap_or(of.noise_um),
             speckle_um: text.speckle_um.unwrap_or(of.speckle_um),
             speckle_samples: text.speckle_samples.unwrap_or(of.speckle_samples),

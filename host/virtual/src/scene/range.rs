@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 105] = [
+const RANGES: [(&str, f64, f64); 106] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -98,6 +98,7 @@ const RANGES: [(&str, f64, f64); 105] = [
     ("line_scanner.samples", 2.0, 10_000.0),
     ("line_scanner.pitch_um", 0.1, 1e5),
     ("line_scanner.baseline_mm", 1e-3, 10_000.0),
+    ("line_scanner.camera_mm", -10_000.0, 10_000.0),
     ("line_scanner.noise_um", 0.0, 10_000.0),
     ("line_scanner.speckle_um", 0.0, 10_000.0),
     ("line_scanner.speckle_samples", 0.0, 1000.0),

@@ -38,6 +38,7 @@ Examples:
   umi scan stock part.stl raw.ply --require 0.5
   umi scan simulate cell.toml -o scan.ply
   umi scan plan part.stl --spec spec.toml -o path.csv
+  umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply
 
 Exit status: 0 answered, 1 usage or a file that cannot be understood, 2 refused.")]
 pub(crate) struct Scan {
@@ -68,6 +69,7 @@ enum What {
     Stock(Box<place::stock::Stock>),
     Plan(Box<path::plan::Plan>),
     Verify(path::verify::Verify),
+    Drive(Box<path::drive::Drive>),
 }
 
 impl Scan {
@@ -94,6 +96,7 @@ impl Scan {
             What::Stock(command) => command.run(),
             What::Plan(command) => command.run(),
             What::Verify(command) => command.run(),
+            What::Drive(command) => command.run(),
         }
     }
 }

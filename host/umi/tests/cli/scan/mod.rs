@@ -3,6 +3,7 @@
 mod clouds;
 mod demo;
 mod digitize;
+mod drive;
 mod localise;
 mod point_sensor;
 mod profiles;

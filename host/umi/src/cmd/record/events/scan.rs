@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use umi_client::axes::{self, Scale};
 use umi_client::link::Client;
 use umi_client::timeline::{Follower, LatchTally};
+use umi_desk::pulsed::{SIGNATURE_TENTHS, STRETCH_PULSES};
 use umi_protocol::latch::{SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal};
 
 use super::Sink;
@@ -84,10 +85,6 @@ pub(crate) enum Rhythm {
     Signed,
 }
 
-/// Stretches of the signature: each interval so many tenths of that which is wanted.
-const SIGNATURE_TENTHS: [u32; 7] = [17, 11, 23, 13, 19, 14, 26];
-/// Pulses of a stretch, about.
-const STRETCH_PULSES: u32 = 4;
 /// A stretch takes no less time than this: the link's turns are slower than pulses.
 const LEAST_STRETCH: Duration = Duration::from_millis(8);
 

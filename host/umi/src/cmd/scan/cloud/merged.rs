@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 use umi_report::scan::FigureTable;
 use umi_scan::ScanError;
+use umi_scan::merge::Merged;
 
 /// Places of lost frames that a table shows.
 const PLACES: usize = 40;
@@ -49,6 +50,16 @@ impl MergeLosses {
                 ),
             )
         })
+    }
+
+    /// Of a merge that this program has made.
+    ///
+    /// # Errors
+    /// None is known: the object is that of [`Self::read`].
+    pub fn of(merged: &Merged) -> Result<Self, ScanError> {
+        serde_json::to_value(merged)
+            .and_then(serde_json::from_value)
+            .map_err(|error| ScanError::unreadable("json", format_args!("no JSON: {error}")))
     }
 
     /// What was lost, and where frames have no points.

@@ -3,8 +3,9 @@
 pub(super) mod compare;
 pub(super) mod convert;
 pub(super) mod crop;
+pub(super) mod deviation_page;
 pub(super) mod filter;
-mod merged;
+pub(super) mod merged;
 pub(super) mod report;
 pub(super) mod sample;
 pub(super) mod thin;

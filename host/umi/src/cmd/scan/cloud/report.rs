@@ -4,15 +4,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use umi_report::deviation::{Bands, DeviationPage, DeviationPoint, Section, html};
-use umi_report::scan::FigureTable;
+use umi_report::deviation::{Bands, DeviationPage, html};
 use umi_scan::ScanError;
 use umi_scan::compare::{Deviations, Nominal, nearest, summary};
 use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
-use umi_scan::rigid::Vec3;
 
-use super::compare::{figures, finite_cloud};
+use super::compare::finite_cloud;
+use super::deviation_page::{Compared, beyond, page};
 use super::merged::MergeLosses;
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
@@ -129,152 +128,27 @@ impl Report {
         let near = nearest(&cloud, &nominal, threads)?;
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let found = summary(&deviations)?;
-        let points: Vec<DeviationPoint> = cloud
-            .iter()
-            .zip(&near)
-            .map(|(p, near)| DeviationPoint {
-                at_mm: [p.x, p.y, p.z],
-                deviation_mm: near.distance_mm,
-                outward: [0, 1, 2].map(|i| near.direction[i] as f32),
-            })
-            .collect();
-        drop(near);
-        let bands = self.limits.unwrap_or_else(|| spread(deviations));
-        let below = points
-            .iter()
-            .filter(|p| p.deviation_mm < bands.low_mm)
-            .count();
-        let above = points
-            .iter()
-            .filter(|p| p.deviation_mm > bands.high_mm)
-            .count();
-        let name = |path: &Path| {
-            path.file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned()
-        };
-        let beyond = below + above;
-        let share = 100.0 * beyond as f64 / found.n as f64;
-        let (unit, _) = bands.unit();
-        let range = format!(
-            "{} to {} {unit}",
-            bands.said(bands.low_mm),
-            bands.said(bands.high_mm)
-        );
-        let result = match self.limits {
-            Some(_) if beyond == 0 => format!("All {} points lie within {range}", found.n),
-            Some(_) => format!(
-                "{beyond} of {} points ({share:.2} %) lie outside of {range}: {below} below, {above} above",
-                found.n
-            ),
-            None => format!(
-                "{} points, rms {:.4} mm; no limits were given",
-                found.n, found.rms_mm
-            ),
-        };
-        let mut facts = vec![
-            ("cloud", name(&self.cloud)),
-            ("nominal", name(&self.nominal)),
-            (
-                "limits",
-                match self.limits {
-                    Some(_) => range,
-                    None => format!(
-                        "none given; the colours end at {range}, about where 99 % of the points do"
-                    ),
-                },
-            ),
-            (
-                "alignment",
-                "none: the points are where the cloud has them".to_owned(),
-            ),
-        ];
-        let (low, high) = span(&cloud);
-        facts.push((
-            "the points span, mm",
-            (0..3)
-                .map(|i| format!("{} {:.3} to {:.3}", ["X", "Y", "Z"][i], low[i], high[i]))
-                .collect::<Vec<_>>()
-                .join(", "),
-        ));
-        let mut tables = vec![FigureTable {
-            caption: "Deviations, positive outside of the nominal".into(),
-            heads: vec!["figure", "mm"],
-            rows: figures(&found).split_off(1),
-        }];
-        let mut remarks = Vec::new();
-        if let Some(losses) = &losses {
-            tables.extend(losses.tables());
-            remarks.extend(losses.remarks());
-        }
-        let cuts = if self.section.is_empty() {
-            (0..3)
-                .map(|i| (i, f64::midpoint(low[i], high[i])))
-                .collect()
-        } else {
-            self.section.clone()
-        };
-        let sections = cuts
-            .into_iter()
-            .map(|(axis, at_mm)| Section {
-                axis,
-                at_mm,
-                lines: nominal
-                    .section(axis, at_mm)
-                    .into_iter()
-                    .map(|ends| ends.map(|p| [p.x, p.y, p.z]))
-                    .collect(),
-            })
-            .collect();
+        let beyond = self.limits.map(|bands| beyond(&near, bands));
+        let page = page(&Compared {
+            cloud: &self.cloud,
+            nominal: &self.nominal,
+            surface: &nominal,
+            points: &cloud,
+            near: &near,
+            found: &found,
+            limits: self.limits,
+            sections: &self.section,
+            losses: losses.as_ref(),
+            remarks: Vec::new(),
+        });
         let reported = Reported {
             kind: "scan_report",
             limits_mm: self.limits.map(|b| [b.low_mm, b.high_mm]),
-            below: self.limits.map(|_| below),
-            above: self.limits.map(|_| above),
+            below: beyond.map(|(below, _)| below),
+            above: beyond.map(|(_, above)| above),
             lost_frames: losses.as_ref().map(|l| l.lost_frames),
             figures: found,
         };
-        let page = DeviationPage {
-            title: format!("{} beside {}", name(&self.cloud), name(&self.nominal)),
-            result,
-            ok: self.limits.is_none() || beyond == 0,
-            facts,
-            tables,
-            remarks,
-            points,
-            bands,
-            limits: self.limits.is_some(),
-            sections,
-        };
         Ok((page, reported))
     }
-}
-
-/// A round number, up and down, that 99 % of the deviations lie within.
-fn spread(mut deviations: Vec<f64>) -> Bands {
-    for d in &mut deviations {
-        *d = d.abs();
-    }
-    let at = (deviations.len() * 99 / 100).min(deviations.len() - 1);
-    let (_, most, _) = deviations.select_nth_unstable_by(at, f64::total_cmp);
-    // A tenth of a nanometre where there is no deviation at all.
-    let most = most.max(1e-7);
-    let decade = 10_f64.powi(most.log10().floor() as i32);
-    let high_mm = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|m| m * decade)
-        .find(|round| *round >= most)
-        .unwrap_or(10.0 * decade);
-    Bands {
-        low_mm: -high_mm,
-        high_mm,
-    }
-}
-
-fn span(points: &[Vec3]) -> (Vec3, Vec3) {
-    let first = points.first().copied().unwrap_or_else(Vec3::zeros);
-    points
-        .iter()
-        .fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)))
 }

@@ -91,7 +91,7 @@ mesh_format, mesh_unreadable, mesh_empty, mesh_not_finite, mesh_degenerate, mesh
 mesh_not_oriented, mesh_scale, bad_spec, sensor_spec, plan_spec, machine_spec, coverage_unreachable,
 axis_limit, time_limit, nc_mode, nc_approach, plan_unproved.";
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v <= 1e6 => Ok(v),
         _ => Err("a number above 0 and up to a million is needed".into()),
