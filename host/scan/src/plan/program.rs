@@ -237,6 +237,8 @@ impl Writer<'_> {
     fn approach(&mut self, first: &PathRow) {
         let turns = self.words(&self.rotary_words(first));
         let linear = self.linear_words(first);
+        let over = [("X", first.axes[0]), ("Y", first.axes[1])];
+        let over = self.words(&over.map(|(name, value)| (name.to_owned(), value)));
         let (xy, z) = (self.words(&linear[..2]), self.words(&linear[2..]));
         match self.style.dialect {
             PathDialect::Fanuc => {
@@ -245,9 +247,14 @@ impl Writer<'_> {
                     self.line(&format!("G0{turns}"));
                 }
                 if self.style.mode == ProgramMode::Rtcp {
+                    // Over the first row by its axes, then straight down: on a turned table a way
+                    // along X and Y of the part would not stay at the top.
+                    self.line(&format!("G53 G0{over}"));
                     self.line("G43.4 H1");
+                    self.line(&format!("G0{xy}{z}"));
+                } else {
+                    self.line(&format!("G0{xy}\nG0{z}"));
                 }
-                self.line(&format!("G0{xy}\nG0{z}"));
                 self.line("G93");
             }
             PathDialect::LinuxCnc => {
@@ -264,9 +271,12 @@ impl Writer<'_> {
                     self.line(&format!("G0{turns}"));
                 }
                 if self.style.mode == ProgramMode::Rtcp {
+                    self.line(&format!("SUPA G0{over} D0"));
                     self.line("TRAORI");
+                    self.line(&format!("G0{xy}{z}"));
+                } else {
+                    self.line(&format!("G0{xy}\nG0{z}"));
                 }
-                self.line(&format!("G0{xy}\nG0{z}"));
                 self.line("G93");
             }
             PathDialect::Heidenhain => {
@@ -275,9 +285,12 @@ impl Writer<'_> {
                     self.line(&format!("L{turns} R0 FMAX"));
                 }
                 if self.style.mode == ProgramMode::Rtcp {
+                    self.line(&format!("L{over} R0 FMAX M91"));
                     self.line("M128");
+                    self.line(&format!("L{xy}{z} R0 FMAX"));
+                } else {
+                    self.line(&format!("L{xy} R0 FMAX\nL{z} R0 FMAX"));
                 }
-                self.line(&format!("L{xy} R0 FMAX\nL{z} R0 FMAX"));
             }
         }
     }

@@ -217,6 +217,20 @@ impl<A: AxisDrives> AxisDrives for Cutter<A> {
         self.axes.turned_deg()
     }
 
+    fn unturned(&self, length_mm: f64) -> Vector3<f64> {
+        self.axes.unturned(length_mm)
+    }
+
+    fn carry(
+        &mut self,
+        motion: &AxisMotion,
+        to_deg: &[f64],
+        _: f64,
+        block_s: Option<f64>,
+    ) -> Result<(), Trip> {
+        self.turn(motion, to_deg, block_s)
+    }
+
     fn turn(&mut self, _: &AxisMotion, _: &[f64], _: Option<f64>) -> Result<(), Trip> {
         Err(Trip {
             message: "a workpiece that is cut does not turn here: run the program on a scene without `cuttable`".into(),

@@ -62,7 +62,22 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
         to_deg: &[f64],
         block_s: Option<f64>,
     ) -> Result<(), Trip> {
-        self.turn_to(motion, to_deg, block_s)
+        self.turn_to(motion, to_deg, None, block_s)
+    }
+
+    fn unturned(&self, length_mm: f64) -> Vector3<f64> {
+        self.carriage(length_mm)
+            .unturned(&self.position, &self.turned)
+    }
+
+    fn carry(
+        &mut self,
+        motion: &AxisMotion,
+        to_deg: &[f64],
+        length_mm: f64,
+        block_s: Option<f64>,
+    ) -> Result<(), Trip> {
+        self.turn_to(motion, to_deg, Some(length_mm), block_s)
     }
 
     fn skip(&mut self, motion: &AxisMotion, leaving: bool) -> Result<Skip, Trip> {

@@ -4,7 +4,9 @@
 //! collision and the probe look for them: collisions are not looked for then, and a probe is
 //! refused. The line scanner follows all axes.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
+use umi_core::units::Point;
+use umi_kinematics::{AxisChain, Pose};
 
 use super::motion::Profile;
 use super::{VirtualMachine, Wires, micros};
@@ -33,17 +35,33 @@ impl<W: Wires> VirtualMachine<W> {
         }
     }
 
-    /// All axes go together, each in proportion.
+    /// The way of a tool's tip through the rotary axes.
+    pub(super) fn carriage(&self, length_mm: f64) -> TipCarriage {
+        TipCarriage {
+            chain: self.scene.machine.chain(Pose::identity()),
+            tool: Vector3::new(0.0, 0.0, -length_mm),
+        }
+    }
+
+    /// All axes go together: each in proportion, or X, Y, Z so that the tip of a tool of this
+    /// length goes straight on the table.
     pub(super) fn turn_to(
         &mut self,
         motion: &AxisMotion,
         to_deg: &[f64],
+        tip: Option<f64>,
         block_s: Option<f64>,
     ) -> Result<(), Trip> {
-        let (from, to) = (self.position, motion.to.mm);
-        self.within_travel(&to)?;
-        let from_deg = self.turned.clone();
-        let sweeps: Vec<f64> = from_deg.iter().zip(to_deg).map(|(a, b)| b - a).collect();
+        let way = Way {
+            tip: tip.map(|length_mm| self.carriage(length_mm)),
+            from: match tip {
+                Some(_) => crate::nc::AxisDrives::unturned(self, tip.unwrap_or(0.0)),
+                None => self.position,
+            },
+            to: motion.to.mm,
+            from_deg: self.turned.clone(),
+            sweeps: self.turned.iter().zip(to_deg).map(|(a, b)| b - a).collect(),
+        };
         for (axis, deg) in self.scene.machine.rotary.iter().zip(to_deg) {
             let [least, most] = axis.limits_deg;
             if !(least..=most).contains(deg) {
@@ -55,59 +73,126 @@ impl<W: Wires> VirtualMachine<W> {
                 });
             }
         }
-        if sweeps.iter().all(|sweep| *sweep == 0.0) && block_s.is_none() {
-            return crate::nc::AxisDrives::travel(self, motion);
+        let end = way.at(1.0);
+        self.within_travel(&end)?;
+        let is_still = way.sweeps.iter().all(|sweep| *sweep == 0.0);
+        if is_still && block_s.is_none() {
+            let to = Point { mm: end };
+            return crate::nc::AxisDrives::travel(self, &AxisMotion { to, ..*motion });
         }
-        let length = (to - from).norm();
-        let largest = sweeps
+        let length = (way.to - way.from).norm();
+        let largest = way
+            .sweeps
             .iter()
             .fold(0.0_f64, |most, sweep| most.max(sweep.abs()));
-        let way = if length > 1e-9 { length } else { largest };
-        if way == 0.0 {
+        let unit = if length > 1e-9 { length } else { largest };
+        if unit == 0.0 {
             self.pass(block_s.unwrap_or(0.0));
             return Ok(());
         }
         // As fast as the slowest axis can.
-        let axes = self.scene.machine.rotary.iter().zip(&sweeps);
-        let fastest = axes
+        let axes = self.scene.machine.rotary.iter().zip(&way.sweeps);
+        let rapid = self.scene.machine.rapid_mm_per_min;
+        let mut fastest = axes
             .filter(|(_, sweep)| sweep.abs() > 0.0)
-            .map(|(axis, sweep)| axis.deg_per_min * way / sweep.abs())
-            .fold(self.scene.machine.rapid_mm_per_min, f64::min);
+            .map(|(axis, sweep)| axis.deg_per_min * unit / sweep.abs())
+            .fold(rapid, f64::min);
+        if way.tip.is_some() {
+            let mut at = self.position;
+            for step in 1..=LOOKS {
+                let next = way.at(f64::from(step) / f64::from(LOOKS));
+                self.within_travel(&next)?;
+                let axes_mm = (next - at).norm();
+                fastest = fastest.min(rapid * unit / (axes_mm * f64::from(LOOKS)).max(1e-9));
+                at = next;
+            }
+        }
         let wanted = match (block_s, motion.rate) {
-            (Some(seconds), _) => way / seconds.max(1e-6) * 60.0,
+            (Some(seconds), _) => unit / seconds.max(1e-6) * 60.0,
             (None, MotionRate::Rapid) => fastest,
             (None, MotionRate::Feed(feed)) => feed,
         };
-        let profile = self.profile(way, MotionRate::Feed(wanted.min(fastest)))?;
-        self.go_turning(&from, &to, (&from_deg, &sweeps), &profile, way);
+        let profile = self.profile(unit, MotionRate::Feed(wanted.min(fastest)))?;
+        self.go_turning(&way, &profile, unit);
         self.turned = to_deg.to_vec();
         self.tell_turned();
-        self.arrive(to);
+        self.arrive(end);
         Ok(())
     }
 
-    fn go_turning(
-        &mut self,
-        from: &Vector3<f64>,
-        to: &Vector3<f64>,
-        (from_deg, sweeps): (&[f64], &[f64]),
-        profile: &Profile,
-        way: f64,
-    ) {
+    fn go_turning(&mut self, way: &Way, profile: &Profile, unit: f64) {
         if let Some(step_s) = self.wires.sampling_s().filter(|step_s| *step_s > 0.0) {
             let mut time_s = step_s;
             while time_s < profile.duration_s {
-                let share = profile.travelled_mm(time_s) / way;
-                for ((deg, from), sweep) in self.turned.iter_mut().zip(from_deg).zip(sweeps) {
-                    *deg = from + sweep * share;
-                }
+                let share = profile.travelled_mm(time_s) / unit;
+                self.turned = way.turned(share);
                 self.tell_turned();
-                let counts = self.counts(&(from + (to - from) * share));
+                let counts = self.counts(&way.at(share));
                 self.wires.moved(micros(self.seconds + time_s), counts);
                 time_s += step_s;
             }
         }
         self.wait(profile.duration_s);
+    }
+}
+
+/// At so many places of a way on which the tip is carried, travel and speed are looked at.
+const LOOKS: u32 = 32;
+
+/// A tool's tip and the axes that carry it.
+pub(super) struct TipCarriage {
+    chain: AxisChain,
+    /// The tip, in the spindle's frame.
+    tool: Vector3<f64>,
+}
+
+impl TipCarriage {
+    /// The tip on the table with the axes there.
+    fn on_table(&self, position: &Vector3<f64>, deg: &[f64]) -> Vector3<f64> {
+        let q: Vec<f64> = position.iter().chain(deg).copied().collect();
+        self.chain.sensor_in_workpiece(&q).point(&self.tool)
+    }
+
+    /// Where X, Y, Z would be with the rotary axes at 0 and the tip at the same place.
+    pub fn unturned(&self, position: &Vector3<f64>, deg: &[f64]) -> Vector3<f64> {
+        self.on_table(position, deg) - self.on_table(&Vector3::zeros(), &[])
+    }
+
+    /// And back: X, Y, Z with the rotary axes there. The tip on the table is linear in them, and
+    /// the matrix a rotation.
+    fn turned(&self, unturned: &Vector3<f64>, deg: &[f64]) -> Vector3<f64> {
+        let wanted = unturned + self.on_table(&Vector3::zeros(), &[]);
+        let begin = self.on_table(&Vector3::zeros(), deg);
+        let columns = [Vector3::x(), Vector3::y(), Vector3::z()]
+            .map(|axis| self.on_table(&axis, deg) - begin);
+        Matrix3::from_columns(&columns).transpose() * (wanted - begin)
+    }
+}
+
+/// A way with turns.
+struct Way {
+    /// None: each axis in proportion.
+    tip: Option<TipCarriage>,
+    /// Of the machine, or as if the rotary axes were at 0.
+    from: Vector3<f64>,
+    to: Vector3<f64>,
+    from_deg: Vec<f64>,
+    sweeps: Vec<f64>,
+}
+
+impl Way {
+    fn turned(&self, share: f64) -> Vec<f64> {
+        let axes = self.from_deg.iter().zip(&self.sweeps);
+        axes.map(|(from, sweep)| from + sweep * share).collect()
+    }
+
+    /// X, Y, Z.
+    fn at(&self, share: f64) -> Vector3<f64> {
+        let at = self.from + (self.to - self.from) * share;
+        match &self.tip {
+            Some(tip) => tip.turned(&at, &self.turned(share)),
+            None => at,
+        }
     }
 }
 
@@ -197,6 +282,84 @@ dialect = "linuxcnc"
             n += 1;
         }
         assert!(n > 200, "{n}");
+    }
+
+    /// The tip stays where it is on the table while table and spindle turn, and goes straight on it.
+    #[test]
+    fn the_tip_is_carried_through_the_rotary_axes() {
+        let scene = SCENE
+            .replace(
+                "carries = \"spindle\"\naxis = [0, 0, 1]",
+                "carries = \"spindle\"\naxis = [0, 1, 0]",
+            )
+            .replace("dialect = \"linuxcnc\"", "dialect = \"fanuc\"")
+            + "[offsets_mm]\nG54 = [5, -7, 20]\n[tools.1]\nlength_mm = 80\nradius_mm = 3\n";
+        let run = |program: &str| {
+            let mut cell = Cell::new(Scene::parse(&scene).unwrap(), 1, Log::default());
+            cell.run(&format!("%\nO1\n{program}\nM30\n%\n"), |_, _| {
+                Ok::<(), Alarm>(())
+            })
+            .map(|()| cell)
+        };
+        // With the rotary axes at 0 it is G43.
+        let plain = run("G90 G54 G43 H1\nG0 X10 Y20 Z30").unwrap();
+        let tip = run("G90 G54 G43.4 H1\nG0 X10 Y20 Z30").unwrap();
+        assert_eq!(plain.machine.position().to_array_mm(), [15.0, 13.0, 130.0]);
+        assert_eq!(tip.machine.position(), plain.machine.position());
+
+        let go = "G90 G54 G43.4 H1\nG0 X10 Y20 Z30\n";
+        let feed = format!("{go}G93 G1 X30 Y20 Z35 A40 C-25 F60\n#1=#5001\n#2=#5003");
+        let cell = run(&feed).unwrap();
+        assert_eq!(cell.machine.turned_deg(), [40.0, -25.0]);
+        let at = |position: Vector3<f64>, a: f64, b: f64| {
+            // The tip in the machine, and back through the table's turn about y 0, z -60.
+            let turn =
+                |axis: Vector3<f64>, deg: f64| nalgebra::Rotation3::new(axis * deg.to_radians());
+            let tool = turn(Vector3::y(), b) * Vector3::new(0.0, 0.0, -80.0);
+            let axis = Vector3::new(0.0, 0.0, -60.0);
+            turn(Vector3::x(), -a) * (position + tool - axis) + axis
+        };
+        let origin = Vector3::new(5.0, -7.0, 20.0);
+        let end = at(cell.machine.position().mm, 40.0, -25.0) - origin;
+        assert!(
+            (end - Vector3::new(30.0, 20.0, 35.0)).norm() < 1e-9,
+            "{end}"
+        );
+        for (number, wanted) in [(1, 30.0), (2, 35.0)] {
+            let read = cell.control.variable(number).unwrap();
+            assert!((read - wanted).abs() < 1e-9, "#{number} {read}");
+        }
+        // Between the ends, to the encoders' steps.
+        let mut n = 0;
+        for (_, counts, turned) in &cell.machine.wires().all {
+            let (a, b) = (turned[0] as f64 * 1e-3, (turned[1] - 7) as f64 * -2e-3);
+            if !(0.5..39.5).contains(&a) {
+                continue;
+            }
+            let position = Vector3::from(counts.map(|count| count as f64 * 1e-4));
+            let tip = at(position, a, b) - origin;
+            let wanted = Vector3::new(10.0 + a / 2.0, 20.0, 30.0 + a / 8.0);
+            assert!((tip - wanted).norm() < 8e-3, "{a} {b}: {tip}");
+            n += 1;
+        }
+        assert!(n > 50, "{n}");
+
+        for (program, what) in [
+            ("G43.4 H1\nG2 X10 I5 F100", "G2 while G43.4"),
+            ("G43.4 H1\nG28 Z0", "G28 while G43.4"),
+            ("G43.4 H1\nG55", "G55 while G43.4"),
+            ("G43.4 H1\nH2", "another H"),
+            ("G43.4 H1\nM6 T2", "M6 while G43.4"),
+            ("G43.4 H1\nG0 Z5000", "over-travel"),
+            ("G43.4 H1\nG0 A95", "over-travel: A"),
+        ] {
+            let error = run(&format!("G90 G54 {program}")).err().unwrap();
+            assert!(error.message.contains(what), "{program}: {error}");
+        }
+        // Off, the axes are as before.
+        let off = run(&format!("{go}G0 A30\nG49\nG91 G28 Z0\nG90 G0 X1")).unwrap();
+        let [x, _, z] = off.machine.position().to_array_mm();
+        assert_eq!((x, z), (6.0, 500.0));
     }
 
     #[test]

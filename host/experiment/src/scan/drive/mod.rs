@@ -105,7 +105,7 @@ pub fn drive(
     program: &str,
     options: &DriveOptions,
 ) -> Result<Driven, ScanError> {
-    let scene = rig::scene(spec, options)?;
+    let scene = rig::scene(spec, options, program.contains("G43.4"))?;
     let scanner = rig::scanner(spec, options).ok_or_else(|| {
         ScanError::unreadable("sensor_spec", "The preset of the scanner is missing.")
     })?;

@@ -53,11 +53,14 @@ fn words(spec: &ScanSpec) -> Result<Vec<char>, ScanError> {
         .collect()
 }
 
-/// The machine without bodies: the part is a surface for the laser alone.
+/// The machine without bodies: the part is a surface for the laser alone. For a program that lets
+/// the control carry the point on the part (`G43.4`, `carries`), G54 is the part's place and H1 the
+/// length of spindle and beam.
 ///
 /// # Errors
-/// `machine_spec` where the virtual machine or its board cannot have these axes.
-pub fn scene(spec: &ScanSpec, options: &DriveOptions) -> Result<Scene, ScanError> {
+/// `machine_spec` where the virtual machine or its board cannot have these axes; `nc_mode` where an
+/// offset and a length cannot say where part and point are.
+pub fn scene(spec: &ScanSpec, options: &DriveOptions, carries: bool) -> Result<Scene, ScanError> {
     let machine = &spec.machine;
     let words = words(spec)?;
     let travel = machine.travel_mm;
@@ -107,12 +110,48 @@ pub fn scene(spec: &ScanSpec, options: &DriveOptions) -> Result<Scene, ScanError
         "[control.nc]\ndialect = \"{}\"\n",
         options.dialect.name()
     );
+    if carries {
+        let (part, tip) = carried(spec)?;
+        let _ = write!(
+            text,
+            "[offsets_mm]\nG54 = {}\n[tools.1]\nlength_mm = {:?}\nradius_mm = 1.0\n",
+            list(part.into()),
+            -tip.z,
+        );
+    }
     Scene::parse(&text).map_err(|error| {
         ScanError::refused(
             "machine_spec",
             format_args!("The virtual machine cannot be this one: {error}"),
         )
     })
+}
+
+/// The part's place on the table and the middle ray's point in the spindle's frame, for a control
+/// that carries one on the other.
+fn carried(spec: &ScanSpec) -> Result<(Vector3<f64>, Vector3<f64>), ScanError> {
+    let chain = &spec.machine.chain;
+    if (chain.workpiece.rotation - Matrix3::identity()).amax() > 1e-9 {
+        return Err(ScanError::refused(
+            "nc_mode",
+            "The part is turned on its table, which a work offset does not say: stand its axes along \
+             those of the machine, or take --nc-mode rotary.",
+        ));
+    }
+    let tip = chain
+        .sensor
+        .point(&Vector3::new(0.0, 0.0, -spec.sensor.reference_mm));
+    if tip.x.abs().max(tip.y.abs()) > 1e-6 || tip.z > 0.0 {
+        return Err(ScanError::refused(
+            "nc_mode",
+            format_args!(
+                "The point on the part lies at X {:.3} Y {:.3} of the spindle, which a tool length does \
+                 not say: take --nc-mode rotary.",
+                tip.x, tip.y
+            ),
+        ));
+    }
+    Ok((chain.workpiece.translation_mm, tip))
 }
 
 /// The sensor of the specification with its columns and its noise.

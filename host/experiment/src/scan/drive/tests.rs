@@ -79,11 +79,11 @@ fn a_machine_that_the_board_cannot_have_is_refused() {
     let mut four = spec("kinematics_ac.toml");
     let axis = four.machine.table[0].clone();
     four.machine.head.push(axis);
-    let refused = scene(&four, &OPTIONS).unwrap_err();
+    let refused = scene(&four, &OPTIONS, false).unwrap_err();
     assert_eq!(refused.code, "machine_spec", "{refused}");
     let mut named = spec("step_wavy.toml");
     named.machine.head[0].name = "B2".into();
-    let refused = scene(&named, &OPTIONS).unwrap_err();
+    let refused = scene(&named, &OPTIONS, false).unwrap_err();
     assert!(refused.message.contains("B2"), "{refused}");
 }
 

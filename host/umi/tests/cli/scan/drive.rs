@@ -124,6 +124,16 @@ fn a_planned_path_is_driven_to_a_cloud_on_the_part() {
     let more = ["--noise-um", "0", "--dialect", "linuxcnc", "-o", &second];
     let again = of.drive(&of.program, &more).exits(0).json();
     assert!(figure(&again, "rms_mm") < 2e-4, "{again}");
+    // The control carries the point on the part.
+    let third = of.folder.path("third.csv");
+    let more = ["--nc-mode", "rtcp", "-o", &third];
+    let carried = of
+        .drive(&of.path, &[&quiet[..4], &more].concat())
+        .exits(0)
+        .json();
+    assert!(figure(&carried, "rms_mm") < 2e-4, "{carried}");
+    assert!(carried["coverage"].as_f64().unwrap() > 0.97, "{carried}");
+
     let apart = again["lit"].as_f64().unwrap() / driven["lit"].as_f64().unwrap();
     assert!((apart - 1.0).abs() < 0.02, "{apart}");
 }
@@ -139,7 +149,7 @@ fn noise_is_seen_and_what_touches_is_refused() {
     assert!((0.018..0.023).contains(&std), "{noisy}");
 
     let crash = "%\nO1\nG21 G90 G54 G94\nG0 X0 Y0 Z300\nG1 Z150 F3000\nM30\n%\n";
-    let limit = "%\nO1\nG21 G90 G54 G94\nG0 A120\nM30\n%\n";
+    let limit = "%\nO1\nG21 G90 G54 G94\nG0 B170\nM30\n%\n";
     let blind = "%\nO1\nG21 G90 G54 G94\nG1 Z890 F3000\nM30\n%\n";
     for (program, code) in [
         (crash, "collision"),

@@ -52,6 +52,9 @@ pub(crate) struct Cycle {
     pub dwell: f64,
 }
 
+/// `G43.4`, in tenths.
+pub(crate) const TIP: u16 = 434;
+
 /// The modal state.
 #[derive(Clone, Debug)]
 pub(crate) struct Modal {
@@ -76,7 +79,7 @@ pub(crate) struct Modal {
     pub rotations: Vec<Frame>,
     /// Set of `G54.4` in force.
     pub setting_error: Option<u8>,
-    /// `G43` (430), `G44` (440) or `G49` (490).
+    /// `G43` (430), `G44` (440), `G43.4` (434) or `G49` (490).
     pub length: u16,
     pub h: u32,
     pub d: u32,
@@ -124,6 +127,11 @@ impl Modal {
             n: 0,
             cycle: None,
         }
+    }
+
+    /// The control carries the tool's tip through the rotary axes (`G43.4`).
+    pub const fn carries_tip(&self) -> bool {
+        self.length == TIP
     }
 
     /// Millimetres in a unit of the program.

@@ -106,6 +106,30 @@ pub trait AxisDrives {
         })
     }
 
+    /// Where X, Y, Z would stand with all rotary axes at 0 and the tip of a tool of this length at
+    /// the same place of the table; [`Self::position`] without rotary axes.
+    fn unturned(&self, _length_mm: f64) -> Vector3<f64> {
+        self.position().mm
+    }
+
+    /// Moves the tip of a tool of this length on a line that is straight on the table, while the
+    /// rotary axes turn to these angles (`G43.4`). The motion's end is as in [`Self::unturned`];
+    /// the rest as in [`Self::turn`].
+    ///
+    /// # Errors
+    /// As [`Self::turn`].
+    fn carry(
+        &mut self,
+        _motion: &AxisMotion,
+        _to_deg: &[f64],
+        _length_mm: f64,
+        _block_s: Option<f64>,
+    ) -> Result<(), Trip> {
+        Err(Trip {
+            message: "this machine has no rotary axes".into(),
+        })
+    }
+
     /// Moves on a straight line until a skip signal comes or the motion ends.
     /// `leaving` is a motion that ends when contact is lost (LinuxCNC G38.4, G38.5).
     ///

@@ -99,7 +99,7 @@ impl Control {
             },
             rate,
         })?;
-        self.seen.position = axes.position();
+        self.look(axes);
         Ok(())
     }
 }

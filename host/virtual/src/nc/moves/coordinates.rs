@@ -4,7 +4,7 @@
 use nalgebra::{Unit, Vector3};
 
 use crate::nc::memory::alarm::{Checked, Fault};
-use crate::nc::memory::modal::g_text;
+use crate::nc::memory::modal::{TIP, g_text};
 use crate::nc::memory::motion::{AxisDrives, MotionRate};
 use crate::nc::memory::offsets::{MAX_EXTENDED, MAX_TOOL, OffsetSystem};
 use crate::nc::memory::settings::ControlFamily;
@@ -25,7 +25,10 @@ impl Control {
         let has_length = words
             .g
             .iter()
-            .any(|(code, _)| matches!(code, 430 | 440 | 431 | 490));
+            .any(|(code, _)| matches!(code, 430 | 440 | 431 | 490 | &TIP));
+        if words.has(b'H') && !has_length && self.modal.carries_tip() {
+            return Err(Fault::new("another H while G43.4 is on: G49 first"));
+        }
         if words.has(b'H') && !has_length && matches!(self.modal.length, 430 | 440) {
             self.take_length();
         }
@@ -68,6 +71,7 @@ impl Control {
                 self.take_length();
                 Ok(())
             }
+            TIP => self.carry_tip(),
             490 => {
                 self.modal.length = 490;
                 self.modal.length_mm = 0.0;
@@ -164,6 +168,22 @@ impl Control {
         if self.settings.dialect == ControlFamily::Haas {
             self.offsets.set_work(OffsetSystem::External, table);
         }
+    }
+
+    /// `G43.4`: from now on X, Y, Z are places of the table, which turn with it, and the control
+    /// moves the axes so that the tool's tip goes there. The work offset is that of the table with
+    /// its axes at 0 (Fanuc's tool center point control, type 1, with the table's coordinate
+    /// system as the program's).
+    fn carry_tip(&mut self) -> Checked<()> {
+        if self.settings.rotary_words.is_empty() {
+            return Err(Fault::new("G43.4 needs a machine with rotary axes"));
+        }
+        if !self.modal.rotations.is_empty() || self.modal.cycle.is_some() {
+            return Err(Fault::new("G43.4 needs G69 and G80 first"));
+        }
+        self.modal.length = TIP;
+        self.modal.length_mm = self.offsets.length(self.modal.h);
+        Ok(())
     }
 
     fn take_length(&mut self) {

@@ -87,7 +87,7 @@ impl Control {
             rate: MotionRate::Feed(feed),
         };
         let skip = axes.skip(&motion, leaving)?;
-        self.seen.position = axes.position();
+        self.look(axes);
         Ok(skip)
     }
 

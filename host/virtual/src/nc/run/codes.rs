@@ -32,6 +32,7 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
         // Refused with their own reason.
         410 | 420 | 950 => "XYZ",
         430 if dialect != ControlFamily::Grbl => "Z",
+        434 if is_fanuc => "",
         440 if is_b => "Z",
         431 if !is_b => "Z",
         // Cancel codes of functions that are never on.
@@ -67,6 +68,14 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
 /// Whether a code is one of motion (group 1) or a canned cycle.
 pub(crate) const fn is_motion(tenths: u16) -> bool {
     matches!(tenths, 0 | 10 | 20 | 30 | 730 | 810 | 820 | 830 | 382..=385)
+}
+
+/// Whether a code may stand where the control carries the tip through the rotary axes (`G43.4`).
+pub(crate) const fn may_carry(tenths: u16) -> bool {
+    matches!(
+        tenths,
+        0 | 10 | 40 | 90 | 434 | 490 | 610 | 640 | 900 | 910 | 930 | 940
+    )
 }
 
 /// Whether a code uses the axis words for itself.

@@ -74,7 +74,11 @@ pub(crate) struct ModalCall {
 /// What was last known of the axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
+    /// Of the machine.
     pub position: Point,
+    /// The same; where the control carries the tip through the rotary axes (`G43.4`), where X, Y, Z
+    /// would be with these at 0 and the tip at the same place of the table.
+    pub carried: Vector3<f64>,
 }
 
 /// Where to go after a block.
@@ -144,6 +148,7 @@ impl Control {
             modal_call: None,
             seen: Seen {
                 position: Point::from_mm(0.0, 0.0, 0.0),
+                carried: Vector3::zeros(),
             },
             skip_mm: Vector3::zeros(),
             has_touched: false,
@@ -293,7 +298,7 @@ impl Control {
         if let Some(alarm) = &self.alarm {
             return Err(alarm.clone());
         }
-        self.seen.position = axes.position();
+        self.look(axes);
         let (program, index) = match self.stack.last() {
             Some(call) if !self.ended => (Arc::clone(&call.program), call.next),
             _ => {
@@ -309,7 +314,7 @@ impl Control {
         let block = program.blocks.get(index);
         let (line, text) = block.map_or((0, ""), |b| (b.line, b.text.as_str()));
         let result = self.carry_out(&program, index, block, axes);
-        self.seen.position = axes.position();
+        self.look(axes);
         match result {
             Ok((state, message)) => Ok(BlockStep {
                 state,

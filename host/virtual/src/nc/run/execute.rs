@@ -7,7 +7,7 @@ use super::codes;
 use super::control::{Control, Go};
 use super::words::Words;
 use crate::nc::memory::alarm::{Checked, Fault};
-use crate::nc::memory::modal::Plane;
+use crate::nc::memory::modal::{Plane, g_text};
 use crate::nc::memory::motion::{AxisDrives, AxisMotion, MotionPath, MotionRate};
 use crate::nc::memory::offsets::MAX_TOOL;
 use crate::nc::memory::settings::ControlFamily;
@@ -34,6 +34,9 @@ impl Control {
             self.settings.dialect,
             &self.settings.rotary_words,
         )?;
+        if self.modal.carries_tip() {
+            self.may_carry(&words)?;
+        }
         self.modes(&words)?;
         self.letters(&words)?;
         for (code, _) in &words.m {
@@ -249,7 +252,7 @@ impl Control {
 
     /// Where the tool's tip is, in the coordinates of the program, mm.
     pub(crate) fn here(&self, axes: &dyn AxisDrives) -> Vector3<f64> {
-        self.frame().undo(axes.position().mm)
+        self.frame().undo(self.carried(axes))
     }
 
     /// The feed in force.
@@ -298,7 +301,7 @@ impl Control {
             path: MotionPath::Line,
             rate,
         })?;
-        self.seen.position = axes.position();
+        self.look(axes);
         Ok(())
     }
 
@@ -357,6 +360,11 @@ impl Control {
         }
         let from = self.here(axes);
         let to = self.target(words, from);
+        if self.modal.carries_tip() {
+            let to_deg = turns.unwrap_or_else(|| axes.turned_deg());
+            self.carry(words, (from, to), &to_deg, axes)?;
+            return Ok(true);
+        }
         if let Some(to_deg) = turns {
             self.turn(words, (from, to), &to_deg, axes)?;
             return Ok(true);
@@ -410,16 +418,7 @@ impl Control {
         to_deg: &[f64],
         axes: &mut dyn AxisDrives,
     ) -> Checked<()> {
-        let rate = match self.modal.motion {
-            0 => MotionRate::Rapid,
-            10 => self.feed_along(words, (to - from).norm())?,
-            _ => return Err(Fault::new("rotary axes move with G0 and G1 only")),
-        };
-        let inverse = self.modal.is_inverse_time && self.modal.motion == 10;
-        let block_s = words
-            .number(b'F')
-            .filter(|_| inverse)
-            .map(|per_min| 60.0 / per_min);
+        let (rate, block_s) = self.turning_rate(words, (to - from).norm())?;
         let to = finite(self.frame().apply(to))?;
         let motion = AxisMotion {
             to,
@@ -427,8 +426,52 @@ impl Control {
             rate,
         };
         axes.turn(&motion, to_deg, block_s)?;
-        self.seen.position = axes.position();
+        self.look(axes);
         Ok(())
+    }
+
+    /// Refuses what has no meaning while the tip is carried through the rotary axes.
+    fn may_carry(&self, words: &Words) -> Checked<()> {
+        let codes = words.g.iter().find(|(code, _)| !codes::may_carry(*code));
+        if let Some((code, at)) = codes {
+            let code = g_text(*code);
+            return Err(Fault::new(format!("{code} while G43.4 is on: G49 first")).at(*at));
+        }
+        if words.m.iter().any(|(code, _)| *code == 6) {
+            return Err(Fault::new("M6 while G43.4 is on: G49 first"));
+        }
+        Ok(())
+    }
+
+    /// Moves the tool's tip straight on the table while rotary axes turn.
+    fn carry(
+        &mut self,
+        words: &Words,
+        (from, to): (Vector3<f64>, Vector3<f64>),
+        to_deg: &[f64],
+        axes: &mut dyn AxisDrives,
+    ) -> Checked<()> {
+        let (rate, block_s) = self.turning_rate(words, (to - from).norm())?;
+        let motion = AxisMotion {
+            to: finite(self.frame().apply(to))?,
+            path: MotionPath::Line,
+            rate,
+        };
+        axes.carry(&motion, to_deg, self.modal.length_mm, block_s)?;
+        self.look(axes);
+        Ok(())
+    }
+
+    /// The rate of a straight motion in which rotary axes turn, and its time with `G93`.
+    fn turning_rate(&self, words: &Words, length_mm: f64) -> Checked<(MotionRate, Option<f64>)> {
+        let rate = match self.modal.motion {
+            0 => MotionRate::Rapid,
+            10 => self.feed_along(words, length_mm)?,
+            _ => return Err(Fault::new("rotary axes move with G0 and G1 only")),
+        };
+        let inverse = self.modal.is_inverse_time && self.modal.motion == 10;
+        let block_s = words.number(b'F').filter(|_| inverse);
+        Ok((rate, block_s.map(|per_min| 60.0 / per_min)))
     }
 
     /// `G53`: to machine coordinates.

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::control::Control;
+use crate::nc::memory::motion::AxisDrives;
 use crate::nc::memory::transform::Frame;
 
 impl Control {
@@ -32,6 +33,21 @@ impl Control {
             .inside(&Frame::shift(self.length()))
     }
 
+    /// Looks where the axes are.
+    pub(crate) fn look(&mut self, axes: &dyn AxisDrives) {
+        self.seen.position = axes.position();
+        self.seen.carried = self.carried(axes);
+    }
+
+    /// Where the axes are for the program: of the machine, or as if the rotary ones were at 0.
+    pub(crate) fn carried(&self, axes: &dyn AxisDrives) -> Vector3<f64> {
+        if self.modal.carries_tip() {
+            axes.unturned(self.modal.length_mm)
+        } else {
+            axes.position().mm
+        }
+    }
+
     /// The tool's length in force.
     pub(crate) fn length(&self) -> Vector3<f64> {
         Vector3::new(0.0, 0.0, self.modal.length_mm)
@@ -40,7 +56,7 @@ impl Control {
     /// Where the axes are in the active work coordinate system, mm; with the tool's
     /// length in it (the gauge line) or not (the tip).
     pub(crate) fn work_position(&self, with_length: bool) -> Vector3<f64> {
-        let mut at = self.seen.position.mm;
+        let mut at = self.seen.carried;
         if !with_length {
             at -= self.length();
         }

@@ -52,7 +52,7 @@ impl Control {
             text: block.map_or_else(String::new, |b| b.text.clone()),
             depth: self.stack.len().saturating_sub(1),
             work_position: Point {
-                mm: self.frame().undo(self.seen.position.mm),
+                mm: self.frame().undo(self.seen.carried),
             },
             machine_position: self.seen.position,
             g_codes: self.modal.codes().into_iter().map(g_text).collect(),

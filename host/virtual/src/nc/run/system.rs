@@ -253,7 +253,7 @@ impl Control {
             5401 | 5402 => Some(0.0),
             5403 => Some(self.modal.length_mm / unit),
             5420..=5422 => {
-                let at = self.frame().undo(self.seen.position.mm);
+                let at = self.frame().undo(self.seen.carried);
                 component(&at.into(), axis(number, 5420)?, unit)
             }
             5230..=5400 => {
@@ -387,7 +387,7 @@ impl Control {
     /// A named parameter of LinuxCNC's own: it can only be read.
     pub(crate) fn read_predefined(&self, name: &str) -> Option<f64> {
         let unit = self.modal.unit_mm();
-        let at = || self.frame().undo(self.seen.position.mm);
+        let at = || self.frame().undo(self.seen.carried);
         match name {
             "_x" => Some(at().x / unit),
             "_y" => Some(at().y / unit),

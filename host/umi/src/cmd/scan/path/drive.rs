@@ -22,7 +22,7 @@ use umi_scan::merge::{Merged, merge};
 use umi_scan::pair::PairOptions;
 use umi_scan::parallel::Threads;
 use umi_scan::plan::mesh::PartMesh;
-use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
+use umi_scan::plan::program::{PathDialect, ProgramStyle, program};
 use umi_scan::plan::proof::samples::samples;
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::plan::verify::read_path;
@@ -31,7 +31,7 @@ use umi_scan::surface::{CompositeSurface, Mesh};
 
 use super::super::cloud::deviation_page::{Compared, page};
 use super::super::cloud::merged::MergeLosses;
-use super::plan::{inputs, positive};
+use super::plan::{Mode, inputs, positive};
 use crate::cmd::Format;
 use crate::cmd::record::events::Sink;
 use crate::cmd::scan::answer::{answer, failure};
@@ -63,6 +63,9 @@ pub(crate) struct Drive {
     /// The program's language
     #[arg(long, value_enum, default_value_t = Language::Fanuc)]
     dialect: Language,
+    /// How a path is said to the control: axis values, or the point on the part that it carries (G43.4)
+    #[arg(long, value_enum, default_value_t = Mode::Rotary)]
+    nc_mode: Mode,
     /// Feed of a path's passes, in mm/min on the part; a program has its own
     #[arg(long, value_name = "MM_PER_MIN", default_value_t = 600.0, value_parser = positive)]
     feed: f64,
@@ -101,6 +104,9 @@ sends none but empty ones where the laser is off (the comments LASER ON and LASE
 `umi scan plan`; without them it is on all the time). Profiles are paired and merged as
 `umi scan merge` does. Points are in the part's frame; nothing is aligned. The mesh may be open.
 
+A program with G43.4 has the part's place in G54 and the length from the spindle to the point on the
+part in H1: this command sets both.
+
 The machine is ideal: what is off is the sensor's noise, the encoders' steps (0.0001 mm and
 degrees), the words' three decimals and the profiles' own steps. It stops at each block's end.
 
@@ -114,7 +120,7 @@ Examples:
   umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply --report page.html --recording scan
 
 Exit status: 0 driven, 1 usage or a file that cannot be read, 2 refused (no file is left): the codes of
-`umi scan plan` and `umi scan merge`, bad_path, alarm, collision.";
+`umi scan plan` and `umi scan merge`, bad_path, alarm, collision, nc_mode.";
 
 fn interval(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -284,7 +290,7 @@ impl Drive {
         let meshes = std::iter::once(&part.surface).chain(obstacles).collect();
         let style = ProgramStyle {
             dialect: path_dialect,
-            mode: ProgramMode::Rotary,
+            mode: self.nc_mode.of_program(),
             feed_mm_per_min: self.feed,
         };
         Ok((program(spec, meshes, &rows, style)?.text, dialect))

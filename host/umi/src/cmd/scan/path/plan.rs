@@ -71,9 +71,18 @@ enum Language {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Mode {
+pub(super) enum Mode {
     Rotary,
     Rtcp,
+}
+
+impl Mode {
+    pub(super) const fn of_program(self) -> ProgramMode {
+        match self {
+            Self::Rotary => ProgramMode::Rotary,
+            Self::Rtcp => ProgramMode::Rtcp,
+        }
+    }
 }
 
 const HELP: &str = "\
@@ -136,10 +145,7 @@ impl Plan {
                     Language::Heidenhain => PathDialect::Heidenhain,
                     Language::Linuxcnc => PathDialect::LinuxCnc,
                 },
-                mode: match self.nc_mode {
-                    Mode::Rotary => ProgramMode::Rotary,
-                    Mode::Rtcp => ProgramMode::Rtcp,
-                },
+                mode: self.nc_mode.of_program(),
                 feed_mm_per_min: self.feed,
             };
             write(path, &program(&spec, meshes, &plan.rows, style)?.text)?;
