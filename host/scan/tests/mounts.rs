@@ -4,6 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, Pose};
 use umi_scan::ScanError;
+use umi_scan::calibrate::axis::{TurnedCentre, axis};
 use umi_scan::calibrate::observations::{Observation, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_scan::rigid::rotation;
@@ -325,33 +326,144 @@ fn a_mount_that_nobody_could_use_is_uncertain() {
     assert_eq!(error.code, "uncertain", "{error}");
 }
 
-/// The covariance is honest: over many simulated calibrations the truth lies within the 95 %
-/// region (six degrees of freedom) in 95 %. UMI_CALIBRATIONS: how many.
+/// Whether the truth lies within the answer's 95 % region: chi squared, six degrees of freedom.
+fn holds(answer: &SensorAnswer) -> bool {
+    let r = truth().rotation * Matrix3::from_fn(|i, k| answer.rotation[i][k]).transpose();
+    let t = truth().translation_mm - Vector3::from(answer.translation_mm);
+    let w = umi_scan::rigid::rotation_vector(&r);
+    let off = nalgebra::Vector6::new(w.x, w.y, w.z, t.x, t.y, t.z);
+    let covariance = answer.covariance.unwrap();
+    let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
+    off.dot(&(covariance.try_inverse().unwrap() * off)) < 12.592
+}
+
+/// The kinds of calibration of a sensor that find all of its mount.
+const KINDS: [&str; 6] = [
+    "one ball",
+    "one ball, radius free",
+    "two balls",
+    "two balls, radius free",
+    "balls with known centres, rotary axes still",
+    "inclined plane",
+];
+
+/// A simulated calibration of a kind, with noise of 5 um.
+fn calibrated(kind: &str, random: &mut Random) -> SensorAnswer {
+    let slanted = Vector3::new(0.3, -0.2, 1.0);
+    let three = [BALLS[0], BALLS[1], Vector3::new(5.0, -70.0, 38.0)];
+    let (all, options) = match kind {
+        "one ball" => (
+            spheres(&[BALL], 15.0, BOTH, 0.005, random),
+            on_sphere(Some(15.0)),
+        ),
+        "one ball, radius free" => (spheres(&[BALL], 15.0, BOTH, 0.005, random), on_sphere(None)),
+        "two balls" => (
+            spheres(&BALLS, 12.7, BOTH, 0.005, random),
+            on_sphere(Some(12.7)),
+        ),
+        "two balls, radius free" => (spheres(&BALLS, 12.7, BOTH, 0.005, random), on_sphere(None)),
+        "inclined plane" => (plane(&slanted, BOTH, 0.005, random), on_plane()),
+        _ => {
+            let known = three.iter().enumerate();
+            let centres = known.map(|(i, at)| (i.to_string(), *at)).collect();
+            (
+                spheres(&three, 12.7, NONE, 0.005, random),
+                SensorOptions {
+                    centres: Some(centres),
+                    ..on_sphere(Some(12.7))
+                },
+            )
+        }
+    };
+    sensor(&all, &truth(), &options).unwrap()
+}
+
+/// The covariance is honest: over simulated calibrations of each kind the truth lies within the
+/// 95 % region (six degrees of freedom) in 95 %.
 #[test]
 fn the_95_percent_region_holds_the_truth() {
-    let runs: u32 = std::env::var("UMI_CALIBRATIONS")
-        .ok()
-        .and_then(|n| n.parse().ok())
-        .unwrap_or(40);
     let mut random = Random(5);
-    let mut inside = 0;
-    for _ in 0..runs {
-        let all = spheres(&[BALL], 15.0, BOTH, 0.005, &mut random);
-        let answer = sensor(&all, &truth(), &on_sphere(Some(15.0))).unwrap();
-        let r = truth().rotation * Matrix3::from_fn(|i, k| answer.rotation[i][k]).transpose();
-        let t = truth().translation_mm - Vector3::from(answer.translation_mm);
-        let w = umi_scan::rigid::rotation_vector(&r);
-        let off = nalgebra::Vector6::new(w.x, w.y, w.z, t.x, t.y, t.z);
-        let covariance = answer.covariance.unwrap();
-        let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
-        let distance = off.dot(&(covariance.try_inverse().unwrap() * off));
-        // Chi squared, six degrees of freedom, 95 %.
-        inside += u32::from(distance < 12.592);
+    for (kind, runs) in [("one ball", 40_u32), ("inclined plane", 40)] {
+        let inside = (0..runs).filter(|_| holds(&calibrated(kind, &mut random)));
+        let share = inside.count() as f64 / f64::from(runs);
+        let spread = 4.0 * (0.95 * 0.05 / f64::from(runs)).sqrt();
+        assert!((share - 0.95).abs() < spread, "{kind}: {share}");
     }
-    println!("{inside} of {runs} inside");
-    let share = f64::from(inside) / f64::from(runs);
-    let spread = 4.0 * (0.95 * 0.05 / f64::from(runs)).sqrt();
-    assert!((share - 0.95).abs() < spread, "{share}");
+}
+
+/// The same of a rotary axis from the centres of balls: its direction, and its place across it,
+/// two degrees of freedom each.
+fn axis_holds(random: &mut Random) -> [bool; 2] {
+    let direction = Vector3::new(0.02, -0.01, 1.0).normalize();
+    let place = Vector3::new(120.0, -35.0, 60.0);
+    let mut centres = Vec::new();
+    for ball in 0..2 {
+        let arm = Vector3::new(90.0, 20.0 * ball as f64, 15.0 + 40.0 * ball as f64);
+        for step in 0..24_u8 {
+            let angle_deg = 15.0 * f64::from(step);
+            let turned = rotation(&(direction * angle_deg.to_radians())) * arm;
+            let noise = Vector3::from_fn(|_, _| 0.005 * random.normal());
+            centres.push(TurnedCentre {
+                angle_deg,
+                ball,
+                measured_mm: place + turned + noise,
+            });
+        }
+    }
+    let found = axis(&centres).unwrap();
+    let along = Vector3::from(found.direction);
+    // Two directions across the axis.
+    let first = along.cross(&Vector3::x()).normalize();
+    let across = [first, along.cross(&first)];
+    let within = |off: &Vector3<f64>, covariance: &[[f64; 3]; 3]| {
+        let covariance = Matrix3::from_fn(|i, k| covariance[i][k]);
+        let flat = nalgebra::Matrix2::from_fn(|i, k| across[i].dot(&(covariance * across[k])));
+        let off = nalgebra::Vector2::new(off.dot(&across[0]), off.dot(&across[1]));
+        off.dot(&(flat.try_inverse().unwrap() * off)) < 5.991
+    };
+    // The line's own point is free along it: the true line at the same height.
+    let to = Vector3::from(found.point_mm) - place;
+    let at = place + direction * (to.dot(&along) / direction.dot(&along));
+    [
+        within(&(direction - along), &found.cov_direction.unwrap()),
+        within(
+            &(at - Vector3::from(found.point_mm)),
+            &found.cov_point.unwrap(),
+        ),
+    ]
+}
+
+#[test]
+fn the_95_percent_regions_of_an_axis_hold_it() {
+    axis_shares(200, 0.062);
+}
+
+fn axis_shares(runs: u32, spread: f64) {
+    let mut random = Random(6);
+    let held: Vec<[bool; 2]> = (0..runs).map(|_| axis_holds(&mut random)).collect();
+    for (place, what) in ["direction", "place"].iter().enumerate() {
+        let share = held.iter().filter(|held| held[place]).count() as f64 / f64::from(runs);
+        println!("axis, {what}: {:.1} %", share * 100.0);
+        assert!((share - 0.95).abs() < spread, "{what}: {share}");
+    }
+}
+
+/// 2000 calibrations of each kind: 94 to 96 %. By hand; the last result is in docs/promises.md.
+#[test]
+#[ignore = "minutes"]
+fn of_2000_calibrations_of_each_kind_95_percent_hold_the_truth() {
+    axis_shares(2000, 0.01);
+    let mut wrong = Vec::new();
+    for (kind, seed) in KINDS.into_iter().zip(7..) {
+        let mut random = Random(seed);
+        let inside = (0..2000).filter(|_| holds(&calibrated(kind, &mut random)));
+        let share = inside.count() as f64 / 2000.0;
+        println!("{kind}: {:.1} %", share * 100.0);
+        if !(0.94..=0.96).contains(&share) {
+            wrong.push((kind, share));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
 }
 
 /// A machine whose frame is turned and shifted sees the same residuals and the same cloud,

@@ -9,8 +9,8 @@ use umi_scan::merge::Merger;
 use umi_scan::pair::{PairOptions, pair};
 use umi_scan::parallel::Threads;
 use umi_scan::profile::{ProfilePoint, Stamp};
-use umi_virtual::scanner::LineScanner;
-use umi_virtual::scene::{LineScannerSpec, Scene};
+use umi_virtual::scanner::{LaserTarget, LineScanner};
+use umi_virtual::scene::LineScannerSpec;
 
 /// The board's pulses are longer than the sensor needs.
 const PULSE_US: f64 = 50.0;
@@ -145,12 +145,12 @@ impl TableMachine {
 
     /// Triggers the sensor at each stop. Encoders show where the axes are to a count; what the
     /// sensor sees is where they are.
-    pub fn record(&mut self, scene: &Scene, stops: &[Stop]) -> Recording {
+    pub fn record(&mut self, surface: &dyn LaserTarget, stops: &[Stop]) -> Recording {
         let optics = self.scanner.optics().clone();
         let truth = &self.truth;
         let clean = Threads::all().chunks(stops.len(), 1, |range| {
             let stop = &stops[range.start];
-            optics.profile(scene, |us| {
+            optics.profile(surface, |us| {
                 let q: Vec<f64> = stop
                     .q
                     .iter()

@@ -105,39 +105,14 @@ impl SurfaceDeviations {
         nominal: &CylinderArc,
         inside: impl Fn(f64, f64) -> bool,
     ) -> Option<Self> {
-        let angle = |y: f64| {
-            let sine = (y - nominal.axis_y_mm) / nominal.radius_mm;
-            sine.clamp(-1.0, 1.0).asin()
-        };
-        let (mut sum, mut nodes) = (0.0, 0.0);
-        for (x, y, _, cut) in self.nodes() {
-            if cut && inside(x, y) {
-                sum += angle(y);
-                nodes += 1.0;
-            }
-        }
-        let middle = sum / nodes;
-        let [left, right] = self.grid.x_mm();
-        let shape = |x: f64, y: f64| {
-            let (sin, cos) = (angle(y) - middle).sin_cos();
-            // -1 to 1, so that all parts are of one size.
-            let along = (2.0 * x - left - right) / (right - left);
-            Vector4::new(cos, sin, along * cos, along * sin)
-        };
-        let (mut squares, mut right_side) = (Matrix4::zeros(), Vector4::zeros());
-        for (x, y, mm, cut) in self.nodes() {
-            if cut && inside(x, y) {
-                let row = shape(x, y);
-                squares += row * row.transpose();
-                right_side += row * mm;
-            }
-        }
-        let motion = squares.cholesky()?.solve(&right_side);
-        let mm: Vec<f64> = self
-            .nodes()
-            .map(|(x, y, mm, _)| mm - shape(x, y).dot(&motion))
+        let all: Vec<(f64, f64, f64)> = self.nodes().map(|(x, y, mm, _)| (x, y, mm)).collect();
+        let mut cut = self.cut.iter();
+        let wanted: Vec<bool> = all
+            .iter()
+            .map(|(x, y, _)| cut.next().is_some_and(|cut| *cut) && inside(*x, *y))
             .collect();
-        mm.iter().all(|mm| mm.is_finite()).then(|| Self {
+        let mm = lay(nominal, self.grid.x_mm(), &all, &wanted)?;
+        Some(Self {
             grid: self.grid,
             mm,
             cut: self.cut.clone(),
@@ -166,6 +141,59 @@ impl SurfaceDeviations {
         }
         sum.finish()
     }
+}
+
+/// What [`SurfaceDeviations::laid_on`] does, for any points: x, y and deviation of each from an arc
+/// about X, and between which x they lie.
+#[must_use]
+pub fn laid_on(
+    nominal: &CylinderArc,
+    x_mm: [f64; 2],
+    points: &[(f64, f64, f64)],
+    inside: impl Fn(f64, f64) -> bool,
+) -> Option<Vec<f64>> {
+    let wanted: Vec<bool> = points.iter().map(|(x, y, _)| inside(*x, *y)).collect();
+    lay(nominal, x_mm, points, &wanted)
+}
+
+fn lay(
+    nominal: &CylinderArc,
+    [left, right]: [f64; 2],
+    points: &[(f64, f64, f64)],
+    wanted: &[bool],
+) -> Option<Vec<f64>> {
+    let angle = |y: f64| {
+        let sine = (y - nominal.axis_y_mm) / nominal.radius_mm;
+        sine.clamp(-1.0, 1.0).asin()
+    };
+    let inside = || {
+        let all = points.iter().zip(wanted);
+        all.filter_map(|(point, wanted)| wanted.then_some(point))
+    };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (_, y, _) in inside() {
+        sum += angle(*y);
+        count += 1.0;
+    }
+    let middle = sum / count;
+    let shape = |x: f64, y: f64| {
+        let (sin, cos) = (angle(y) - middle).sin_cos();
+        // -1 to 1, so that all parts are of one size.
+        let along = (2.0 * x - left - right) / (right - left);
+        Vector4::new(cos, sin, along * cos, along * sin)
+    };
+    let (mut squares, mut right_side) = (Matrix4::zeros(), Vector4::zeros());
+    for (x, y, mm) in inside() {
+        let row = shape(*x, *y);
+        squares += row * row.transpose();
+        right_side += row * *mm;
+    }
+    let motion = squares.cholesky()?.solve(&right_side);
+    let laid = points.iter();
+    let mm: Vec<f64> = laid
+        .map(|(x, y, mm)| mm - shape(*x, *y).dot(&motion))
+        .collect();
+    mm.iter().all(|mm| mm.is_finite()).then_some(mm)
 }
 
 /// Running sums (mean and squares: B. P. Welford, Technometrics 4, 1962, so that

@@ -24,7 +24,7 @@ mod workpiece;
 
 pub use capsule::Capsule;
 pub use cutter::{BallNose, Crash, CrashCause, Cutter};
-pub use deviation::{DeviationStatistics, SurfaceDeviations};
+pub use deviation::{DeviationStatistics, SurfaceDeviations, laid_on};
 pub use sweep::CHORD_ERROR_MM;
 pub use wander::Wander;
 pub use workpiece::{CylinderArc, Grid, GridFault, Removed, Workpiece};

@@ -302,13 +302,13 @@ dialect = "linuxcnc"
             .map(|()| cell)
         };
         // With the rotary axes at 0 it is G43.
-        let plain = run("G90 G54 G43 H1\nG0 X10 Y20 Z30").unwrap();
-        let tip = run("G90 G54 G43.4 H1\nG0 X10 Y20 Z30").unwrap();
+        let plain = run("G90 G54 G43 H1\nG0 X10. Y20. Z30.").unwrap();
+        let tip = run("G90 G54 G43.4 H1\nG0 X10. Y20. Z30.").unwrap();
         assert_eq!(plain.machine.position().to_array_mm(), [15.0, 13.0, 130.0]);
         assert_eq!(tip.machine.position(), plain.machine.position());
 
-        let go = "G90 G54 G43.4 H1\nG0 X10 Y20 Z30\n";
-        let feed = format!("{go}G93 G1 X30 Y20 Z35 A40 C-25 F60\n#1=#5001\n#2=#5003");
+        let go = "G90 G54 G43.4 H1\nG0 X10. Y20. Z30.\n";
+        let feed = format!("{go}G93 G1 X30. Y20. Z35. A40. C-25. F60.\n#1=#5001\n#2=#5003");
         let cell = run(&feed).unwrap();
         assert_eq!(cell.machine.turned_deg(), [40.0, -25.0]);
         let at = |position: Vector3<f64>, a: f64, b: f64| {
@@ -345,19 +345,19 @@ dialect = "linuxcnc"
         assert!(n > 50, "{n}");
 
         for (program, what) in [
-            ("G43.4 H1\nG2 X10 I5 F100", "G2 while G43.4"),
+            ("G43.4 H1\nG2 X10. I5. F100.", "G2 while G43.4"),
             ("G43.4 H1\nG28 Z0", "G28 while G43.4"),
             ("G43.4 H1\nG55", "G55 while G43.4"),
             ("G43.4 H1\nH2", "another H"),
             ("G43.4 H1\nM6 T2", "M6 while G43.4"),
-            ("G43.4 H1\nG0 Z5000", "over-travel"),
-            ("G43.4 H1\nG0 A95", "over-travel: A"),
+            ("G43.4 H1\nG0 Z5000.", "over-travel"),
+            ("G43.4 H1\nG0 A95.", "over-travel: A"),
         ] {
             let error = run(&format!("G90 G54 {program}")).err().unwrap();
             assert!(error.message.contains(what), "{program}: {error}");
         }
         // Off, the axes are as before.
-        let off = run(&format!("{go}G0 A30\nG49\nG91 G28 Z0\nG90 G0 X1")).unwrap();
+        let off = run(&format!("{go}G0 A30.\nG49\nG91 G28 Z0.\nG90 G0 X1.")).unwrap();
         let [x, _, z] = off.machine.position().to_array_mm();
         assert_eq!((x, z), (6.0, 500.0));
     }

@@ -282,6 +282,7 @@ mod tests {
         baseline_mm = 120
         [line_scanner]
         preset = "gocator"
+        camera_mm = [1.0, 60.0, 130.0]
         rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         translation_mm = [0.0, 40.0, -130.0]
         clearance_mm = 90.0

@@ -25,6 +25,9 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "N", default_value_t = 5,
           value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
+    /// The thesis' workpiece instead: cut in five clampings, scanned in three ways
+    #[arg(long)]
+    workpiece: bool,
     #[command(flatten)]
     pub format: Format,
 }
@@ -41,12 +44,18 @@ ball    25.4 mm at 5 um noise; the thesis of Sawula is off by 68.4 um in its fig
 speed   where that ball is when it is scanned at 2.5 to 500 mm/s, both ways: with the board, and
         with positions that are 55 ms old, as the timer of that thesis' program makes them.
 
+With --workpiece instead: the workpiece of `umi demo` (tool paths 0.541 mm apart, as printed), scanned
+as in the thesis' sections 5.1 and 6.5 at 2.5 mm/s, a profile each 0.127 mm: tables 5.1, 6.2, 6.3
+beside ours, once with positions read by its software loop (up to 55 ms old) and once by the board.
+
 Examples:
   umi scan demo
+  umi scan demo --workpiece
   umi scan demo --runs 20 --seed 100 --json
 
 Exit status: 0 within 0.02 mm (diameters), 0.005 mm (height, ball) and 2 um (speed) for each
-seed, 2 not.";
+seed, 2 not. With --workpiece: 0 the board's scan adds no more than the 15 um of table 6.2 (root mean
+square, for each seed), 2 it does.";
 
 /// Age of a position in the thesis' program at most: its form's timer ticks 18 times a second.
 const TIMER_US: f64 = 55_000.0;
@@ -90,8 +99,9 @@ struct BallRow {
 #[derive(Serialize)]
 struct MountRow {
     /// Largest standard uncertainties over the seeds, and how far it was off.
-    u_mm: f64,
-    u_mrad: f64,
+    /// None: without noise there is none.
+    u_mm: Option<f64>,
+    u_mrad: Option<f64>,
     largest_error_mm: f64,
     largest_error_mrad: f64,
 }
@@ -103,7 +113,7 @@ struct SpeedRow {
     with_timer_mm: f64,
 }
 
-fn failed(error: MountError) -> Failure {
+pub(super) fn failed(error: MountError) -> Failure {
     match error {
         MountError::Scan(error) => super::answer::failure(error),
         MountError::Scene(error) => Failure::trouble("scene", error),
@@ -132,6 +142,9 @@ impl Demo {
         let seeds: Vec<u64> = (0..u64::from(self.runs))
             .map(|n| self.seed.wrapping_add(n))
             .collect();
+        if self.workpiece {
+            return super::demo_workpiece::run(&seeds, self.format.json);
+        }
         let shown = show(seeds)?;
         if self.format.json {
             let value = serde_json::to_value(&shown)
@@ -158,8 +171,8 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
     let mut ball_sum = 0.0;
     let mut ball_most: f64 = 0.0;
     let mut mount = MountRow {
-        u_mm: 0.0,
-        u_mrad: 0.0,
+        u_mm: None,
+        u_mrad: None,
         largest_error_mm: 0.0,
         largest_error_mrad: 0.0,
     };
@@ -183,11 +196,12 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
         if let Some(covariance) = mounted.answer.covariance {
             for (place, row) in covariance.iter().enumerate() {
                 let u = row.get(place).copied().unwrap_or(0.0).max(0.0).sqrt();
-                if place < 3 {
-                    mount.u_mrad = mount.u_mrad.max(u * 1e3);
+                let (slot, u) = if place < 3 {
+                    (&mut mount.u_mrad, u * 1e3)
                 } else {
-                    mount.u_mm = mount.u_mm.max(u);
-                }
+                    (&mut mount.u_mm, u)
+                };
+                *slot = Some(slot.map_or(u, |most| most.max(u)));
             }
         }
     }
@@ -314,11 +328,20 @@ fn text(shown: &Shown) -> String {
         "Ball of {} mm: {:.4} mm on the mean, off by {:.4} mm at most; the thesis by {} mm",
         ball.true_mm, ball.mean_mm, ball.largest_error_mm, ball.thesis_error_mm
     ));
+    let u = |value: Option<f64>, digits: usize| match value {
+        Some(value) if value > 0.0 => format!("{value:.digits$}"),
+        _ => "NONE (no noise)".into(),
+    };
     line(format_args!(
-        "Mount from one ball and 30 profiles: u {:.4} mm, {:.3} mrad; off by {:.4} mm, {:.3} mrad at most\n",
-        mount.u_mm, mount.u_mrad, mount.largest_error_mm, mount.largest_error_mrad
+        "Mount from one ball and 30 profiles: u {} mm, {} mrad; off by {:.4} mm, {:.3} mrad at most\n",
+        u(mount.u_mm, 4),
+        u(mount.u_mrad, 3),
+        mount.largest_error_mm,
+        mount.largest_error_mrad
     ));
-    line(format_args!("Where the ball is along X at several speeds"));
+    line(format_args!(
+        "Where the ball is along X at several speeds, WITHOUT noise: what is left is time"
+    ));
     let mut table = Table::new(">>>").titles(&["mm/s", "with the board, mm", "with a timer, mm"]);
     for row in &shown.speed {
         table.row(vec![

@@ -4,6 +4,7 @@ mod answer;
 mod calibrate;
 mod cloud;
 mod demo;
+mod demo_workpiece;
 mod machine;
 mod path;
 mod place;

@@ -148,9 +148,9 @@ fn noise_is_seen_and_what_touches_is_refused() {
     let std = figure(&noisy, "std_mm");
     assert!((0.018..0.023).contains(&std), "{noisy}");
 
-    let crash = "%\nO1\nG21 G90 G54 G94\nG0 X0 Y0 Z300\nG1 Z150 F3000\nM30\n%\n";
-    let limit = "%\nO1\nG21 G90 G54 G94\nG0 B170\nM30\n%\n";
-    let blind = "%\nO1\nG21 G90 G54 G94\nG1 Z890 F3000\nM30\n%\n";
+    let crash = "%\nO1\nG21 G90 G54 G94\nG0 X0 Y0 Z300.\nG1 Z150. F3000.\nM30\n%\n";
+    let limit = "%\nO1\nG21 G90 G54 G94\nG0 A120.\nM30\n%\n";
+    let blind = "%\nO1\nG21 G90 G54 G94\nG1 Z890. F3000.\nM30\n%\n";
     for (program, code) in [
         (crash, "collision"),
         (limit, "alarm"),
@@ -165,6 +165,6 @@ fn noise_is_seen_and_what_touches_is_refused() {
     let out = of.folder.path("none.xyz");
     let refused = of.drive(&of.path, &["-o", &out]).exits(1).json();
     assert_eq!(refused["error"]["code"], "format");
-    let again = of.drive(&of.path, &["-o", &cloud]);
-    again.exits(1).says("--force");
+    let again = of.drive(&of.path, &["-o", &cloud]).exits(1).json();
+    assert_eq!(again["error"]["code"], "file", "{again}");
 }
