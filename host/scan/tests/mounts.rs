@@ -326,7 +326,13 @@ fn a_mount_that_nobody_could_use_is_uncertain() {
     assert_eq!(error.code, "uncertain", "{error}");
 }
 
-/// Whether the truth lies within the answer's 95 % region: chi squared, six degrees of freedom.
+/// Where a region ends whose sigma was found with so many degrees of freedom: k times the quantile
+/// of F(k, dof) from that of chi squared with k, to the first order in 1/dof.
+fn edge(chi_squared: f64, k: f64, dof: usize) -> f64 {
+    chi_squared * (1.0 + (chi_squared - k + 2.0) / (2.0 * dof as f64))
+}
+
+/// Whether the truth lies within the answer's 95 % region of six parts.
 fn holds(answer: &SensorAnswer) -> bool {
     let r = truth().rotation * Matrix3::from_fn(|i, k| answer.rotation[i][k]).transpose();
     let t = truth().translation_mm - Vector3::from(answer.translation_mm);
@@ -334,7 +340,7 @@ fn holds(answer: &SensorAnswer) -> bool {
     let off = nalgebra::Vector6::new(w.x, w.y, w.z, t.x, t.y, t.z);
     let covariance = answer.covariance.unwrap();
     let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
-    off.dot(&(covariance.try_inverse().unwrap() * off)) < 12.592
+    off.dot(&(covariance.try_inverse().unwrap() * off)) < edge(12.592, 6.0, answer.dof)
 }
 
 /// The kinds of calibration of a sensor that find all of its mount.
@@ -419,7 +425,7 @@ fn axis_holds(random: &mut Random) -> [bool; 2] {
         let covariance = Matrix3::from_fn(|i, k| covariance[i][k]);
         let flat = nalgebra::Matrix2::from_fn(|i, k| across[i].dot(&(covariance * across[k])));
         let off = nalgebra::Vector2::new(off.dot(&across[0]), off.dot(&across[1]));
-        off.dot(&(flat.try_inverse().unwrap() * off)) < 5.991
+        off.dot(&(flat.try_inverse().unwrap() * off)) < edge(5.991, 2.0, found.dof)
     };
     // The line's own point is free along it: the true line at the same height.
     let to = Vector3::from(found.point_mm) - place;
