@@ -98,6 +98,23 @@ const NONE: Swing = Swing {
     c_deg: 0.0,
 };
 
+/// Standard deviations of a sample along the line and towards the sensor, mm.
+#[derive(Clone, Copy)]
+struct Noise([f64; 2]);
+
+/// A triangulating sensor: its columns are sharp, its range is not.
+fn along_z(mm: f64) -> Noise {
+    Noise([0.0, mm])
+}
+
+impl Noise {
+    fn of(self, random: &mut Random) -> Vector3<f64> {
+        let [x, z] = self.0;
+        let first = if x > 0.0 { x * random.normal() } else { 0.0 };
+        Vector3::new(first, 0.0, z * random.normal())
+    }
+}
+
 /// Joint values at which a point of the sensor's frame is at a point of the workpiece.
 fn joints(machine: &AxisChain, at: &Vector3<f64>, seen: &Vector3<f64>, a: f64, c: f64) -> Vec<f64> {
     let table = machine.flange_in_workpiece(&[0.0, 0.0, 0.0, a, c]);
@@ -109,7 +126,7 @@ fn spheres(
     centres: &[Vector3<f64>],
     radius_mm: f64,
     swing: Swing,
-    noise_mm: f64,
+    noise: Noise,
     random: &mut Random,
 ) -> Observations {
     let machine = machine();
@@ -130,18 +147,15 @@ fn spheres(
             all.points.push(Observation {
                 flange: profile,
                 feature,
-                seen_mm: Vector3::new(
-                    middle.x + cut * cos,
-                    0.0,
-                    middle.z + cut * sin + noise_mm * random.normal(),
-                ),
+                seen_mm: Vector3::new(middle.x + cut * cos, 0.0, middle.z + cut * sin)
+                    + noise.of(random),
             });
         }
     }
     all
 }
 
-fn plane(normal: &Vector3<f64>, swing: Swing, noise_mm: f64, random: &mut Random) -> Observations {
+fn plane(normal: &Vector3<f64>, swing: Swing, noise: Noise, random: &mut Random) -> Observations {
     let machine = machine();
     let normal = normal.normalize();
     let anchor = Vector3::new(10.0, -5.0, 7.0);
@@ -166,7 +180,7 @@ fn plane(normal: &Vector3<f64>, swing: Swing, noise_mm: f64, random: &mut Random
             all.points.push(Observation {
                 flange: profile,
                 feature: 0,
-                seen_mm: Vector3::new(x, 0.0, z + noise_mm * random.normal()),
+                seen_mm: Vector3::new(x, 0.0, z) + noise.of(random),
             });
         }
     }
@@ -214,21 +228,21 @@ fn exact_sets_give_back_the_truth_from_any_guess() {
     let slanted = Vector3::new(0.3, -0.2, 1.0);
     for _ in 0..3 {
         let sets = [
-            (plane(&slanted, BOTH, 0.0, &mut random), on_plane()),
+            (plane(&slanted, BOTH, along_z(0.0), &mut random), on_plane()),
             (
-                spheres(&[BALL], 15.0, BOTH, 0.0, &mut random),
+                spheres(&[BALL], 15.0, BOTH, along_z(0.0), &mut random),
                 on_sphere(Some(15.0)),
             ),
             (
-                spheres(&BALLS, 12.7, BOTH, 0.0, &mut random),
+                spheres(&BALLS, 12.7, BOTH, along_z(0.0), &mut random),
                 on_sphere(Some(12.7)),
             ),
             (
-                spheres(&[BALL], 15.0, BOTH, 0.0, &mut random),
+                spheres(&[BALL], 15.0, BOTH, along_z(0.0), &mut random),
                 on_sphere(None),
             ),
             (
-                spheres(&BALLS, 8.0, BOTH, 0.0, &mut random),
+                spheres(&BALLS, 8.0, BOTH, along_z(0.0), &mut random),
                 on_sphere(None),
             ),
         ];
@@ -252,28 +266,36 @@ fn what_the_poses_leave_open_is_counted_also_with_noise() {
     for noise_mm in [0.0, 0.002, 0.01] {
         for (expected, all, options) in [
             // A plane square to C: the shift along A.
-            (1, plane(&flat, BOTH, noise_mm, &mut random), on_plane()),
+            (
+                1,
+                plane(&flat, BOTH, along_z(noise_mm), &mut random),
+                on_plane(),
+            ),
             // Three axes: all shifts; of a plane also the turn about its normal.
-            (4, plane(&slanted, NONE, noise_mm, &mut random), on_plane()),
+            (
+                4,
+                plane(&slanted, NONE, along_z(noise_mm), &mut random),
+                on_plane(),
+            ),
             (
                 3,
-                spheres(&[BALL], 15.0, NONE, noise_mm, &mut random),
+                spheres(&[BALL], 15.0, NONE, along_z(noise_mm), &mut random),
                 on_sphere(Some(15.0)),
             ),
             (
                 3,
-                spheres(&BALLS, 15.0, NONE, noise_mm, &mut random),
+                spheres(&BALLS, 15.0, NONE, along_z(noise_mm), &mut random),
                 on_sphere(None),
             ),
             // One rotary axis: the shift along it.
             (
                 1,
-                plane(&slanted, ONLY_C, noise_mm, &mut random),
+                plane(&slanted, ONLY_C, along_z(noise_mm), &mut random),
                 on_plane(),
             ),
             (
                 1,
-                spheres(&[BALL], 15.0, ONLY_C, noise_mm, &mut random),
+                spheres(&[BALL], 15.0, ONLY_C, along_z(noise_mm), &mut random),
                 on_sphere(Some(15.0)),
             ),
         ] {
@@ -286,7 +308,7 @@ fn what_the_poses_leave_open_is_counted_also_with_noise() {
 #[test]
 fn what_is_held_is_not_sought() {
     let mut random = Random(3);
-    let all = spheres(&[BALL], 15.0, NONE, 0.0, &mut random);
+    let all = spheres(&[BALL], 15.0, NONE, along_z(0.0), &mut random);
     let mut start = guess(&mut random);
     start.translation_mm = truth().translation_mm;
     let options = SensorOptions {
@@ -305,7 +327,12 @@ fn what_is_held_is_not_sought() {
     // n - 3 turns - 3 of the centre.
     assert_eq!(answer.dof, answer.n - 6);
     // A plane still leaves the turn about its normal.
-    let all = plane(&Vector3::new(0.3, -0.2, 1.0), NONE, 0.0, &mut random);
+    let all = plane(
+        &Vector3::new(0.3, -0.2, 1.0),
+        NONE,
+        along_z(0.0),
+        &mut random,
+    );
     let options = SensorOptions {
         hold: [true; 3],
         ..on_plane()
@@ -321,7 +348,7 @@ fn a_mount_that_nobody_could_use_is_uncertain() {
         a_deg: 0.5,
         c_deg: 1.0,
     };
-    let all = spheres(&[BALL], 15.0, swing, 0.3, &mut random);
+    let all = spheres(&[BALL], 15.0, swing, along_z(0.3), &mut random);
     let error = sensor(&all, &guess(&mut random), &on_sphere(Some(15.0))).unwrap_err();
     assert_eq!(error.code, "uncertain", "{error}");
 }
@@ -343,6 +370,9 @@ fn holds(answer: &SensorAnswer) -> bool {
     off.dot(&(covariance.try_inverse().unwrap() * off)) < edge(12.592, 6.0, answer.dof)
 }
 
+/// 5 um, alike along the line and towards the sensor: residuals are distances, and nearly alike.
+const EVEN: Noise = Noise([0.005; 2]);
+
 /// The kinds of calibration of a sensor that find all of its mount.
 const KINDS: [&str; 6] = [
     "one ball",
@@ -353,27 +383,27 @@ const KINDS: [&str; 6] = [
     "inclined plane",
 ];
 
-/// A simulated calibration of a kind, with noise of 5 um.
-fn calibrated(kind: &str, random: &mut Random) -> SensorAnswer {
+/// A simulated calibration of a kind.
+fn calibrated(kind: &str, noise: Noise, random: &mut Random) -> SensorAnswer {
     let slanted = Vector3::new(0.3, -0.2, 1.0);
     let three = [BALLS[0], BALLS[1], Vector3::new(5.0, -70.0, 38.0)];
     let (all, options) = match kind {
         "one ball" => (
-            spheres(&[BALL], 15.0, BOTH, 0.005, random),
+            spheres(&[BALL], 15.0, BOTH, noise, random),
             on_sphere(Some(15.0)),
         ),
-        "one ball, radius free" => (spheres(&[BALL], 15.0, BOTH, 0.005, random), on_sphere(None)),
+        "one ball, radius free" => (spheres(&[BALL], 15.0, BOTH, noise, random), on_sphere(None)),
         "two balls" => (
-            spheres(&BALLS, 12.7, BOTH, 0.005, random),
+            spheres(&BALLS, 12.7, BOTH, noise, random),
             on_sphere(Some(12.7)),
         ),
-        "two balls, radius free" => (spheres(&BALLS, 12.7, BOTH, 0.005, random), on_sphere(None)),
-        "inclined plane" => (plane(&slanted, BOTH, 0.005, random), on_plane()),
+        "two balls, radius free" => (spheres(&BALLS, 12.7, BOTH, noise, random), on_sphere(None)),
+        "inclined plane" => (plane(&slanted, BOTH, noise, random), on_plane()),
         _ => {
             let known = three.iter().enumerate();
             let centres = known.map(|(i, at)| (i.to_string(), *at)).collect();
             (
-                spheres(&three, 12.7, NONE, 0.005, random),
+                spheres(&three, 12.7, NONE, noise, random),
                 SensorOptions {
                     centres: Some(centres),
                     ..on_sphere(Some(12.7))
@@ -390,7 +420,7 @@ fn calibrated(kind: &str, random: &mut Random) -> SensorAnswer {
 fn the_95_percent_region_holds_the_truth() {
     let mut random = Random(5);
     for (kind, runs) in [("one ball", 40_u32), ("inclined plane", 40)] {
-        let inside = (0..runs).filter(|_| holds(&calibrated(kind, &mut random)));
+        let inside = (0..runs).filter(|_| holds(&calibrated(kind, EVEN, &mut random)));
         let share = inside.count() as f64 / f64::from(runs);
         let spread = 4.0 * (0.95 * 0.05 / f64::from(runs)).sqrt();
         assert!((share - 0.95).abs() < spread, "{kind}: {share}");
@@ -454,7 +484,7 @@ fn axis_shares(runs: u32, spread: f64) {
     }
 }
 
-/// 2000 calibrations of each kind: 94 to 96 %. By hand; the last result is in docs/promises.md.
+/// 2000 calibrations of each kind: 94 to 96 %, and no less where the noise is along z alone. By hand; the last result is in docs/promises.md.
 #[test]
 #[ignore = "minutes"]
 fn of_2000_calibrations_of_each_kind_95_percent_hold_the_truth() {
@@ -462,11 +492,19 @@ fn of_2000_calibrations_of_each_kind_95_percent_hold_the_truth() {
     let mut wrong = Vec::new();
     for (kind, seed) in KINDS.into_iter().zip(7..) {
         let mut random = Random(seed);
-        let inside = (0..2000).filter(|_| holds(&calibrated(kind, &mut random)));
-        let share = inside.count() as f64 / 2000.0;
-        println!("{kind}: {:.1} %", share * 100.0);
-        if !(0.94..=0.96).contains(&share) {
-            wrong.push((kind, share));
+        let mut share = |noise: Noise| {
+            let inside = (0..2000).filter(|_| holds(&calibrated(kind, noise, &mut random)));
+            inside.count() as f64 / 2000.0
+        };
+        // Where only the range is unsharp, flanks are better than they are weighed: too wide.
+        let (even, z) = (share(EVEN), share(along_z(0.005)));
+        println!(
+            "{kind}: {:.1} %, noise along z {:.1} %",
+            even * 100.0,
+            z * 100.0
+        );
+        if !(0.94..=0.96).contains(&even) || z < 0.94 {
+            wrong.push((kind, even, z));
         }
     }
     assert!(wrong.is_empty(), "{wrong:?}");
@@ -477,7 +515,7 @@ fn of_2000_calibrations_of_each_kind_95_percent_hold_the_truth() {
 #[test]
 fn a_motion_of_the_frame_leaves_residuals_and_moves_the_points() {
     let mut random = Random(6);
-    let all = spheres(&[BALL], 15.0, BOTH, 0.005, &mut random);
+    let all = spheres(&[BALL], 15.0, BOTH, along_z(0.005), &mut random);
     let motion = Pose {
         rotation: rotation(&Vector3::new(0.4, -1.1, 0.3)),
         translation_mm: Vector3::new(300.0, -70.0, 1200.0),

@@ -293,27 +293,3 @@ fn figures(
         scan_max_mm: off.iter().fold(0.0, |most, (_, mm)| most.max(*mm)),
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The board's scan adds the sensor's noise alone; the loop's adds what the machine has moved
-    /// meanwhile, on the slopes of the arc.
-    #[test]
-    fn the_workpiece_is_scanned_in_three_ways() {
-        let found = scan(3).unwrap();
-        let of = |scanner| found.iter().find(|(which, _)| *which == scanner).unwrap().1;
-        let (board, old, roland) = (
-            of(PartScanner::Board),
-            of(PartScanner::Loop),
-            of(PartScanner::Roland),
-        );
-        assert!(board.points > 300_000 && roland.points > 2000, "{found:?}");
-        assert!((0.008..0.012).contains(&board.scan_rms_mm), "{board:?}");
-        assert!(old.scan_rms_mm > 1.3 * board.scan_rms_mm, "{old:?}");
-        assert!((0.02..0.035).contains(&roland.scan_rms_mm), "{roland:?}");
-        assert!(board.std_mm < old.std_mm, "{found:?}");
-        assert!(board.mean_above_mm > 0.0 && board.mean_below_mm < 0.0);
-    }
-}

@@ -108,6 +108,8 @@ fn a_cloud_goes_into_every_format_and_stays_the_same() {
             (&json!(20), &json!(1)),
             "{extension}"
         );
+        let warned = found["warnings"].to_string().contains("millimetres");
+        assert_eq!(warned, extension.starts_with("la"), "{extension}: {found}");
         assert!(std::fs::metadata(&out).unwrap().len() > 200);
     }
     let back = folder.path("back.csv");

@@ -33,8 +33,54 @@ fn the_demonstration_meets_its_goals() {
         "-1.08",
         "printed, off",
         "within the goals",
+        "WITHOUT noise",
         "+500",
     ] {
         assert!(text.contains(words), "no {words:?} in\n{text}");
     }
+}
+
+/// The thesis' workpiece: the board's scan adds the sensor's noise alone; the loop's adds what the
+/// machine has moved meanwhile, on the slopes of the arc.
+#[test]
+fn the_workpiece_is_scanned_in_three_ways() {
+    let ran = umi(&[
+        "scan",
+        "demo",
+        "--workpiece",
+        "--runs",
+        "1",
+        "--seed",
+        "3",
+        "--json",
+    ]);
+    let found = ran.exits(0).json();
+    let of = |scan: &str, name: &str| {
+        let scans = found["scans"].as_array().unwrap();
+        let row = scans
+            .iter()
+            .find(|row| row["scan"].as_str().unwrap().starts_with(scan));
+        row.unwrap()[name].as_f64().unwrap()
+    };
+    let [board, old, roland] = ["Gocator, board", "Gocator, software loop", "Roland"];
+    assert!(
+        of(board, "points") > 300_000.0 && of(roland, "points") > 2000.0,
+        "{found}"
+    );
+    assert!(
+        (0.008..0.012).contains(&of(board, "scan_rms_mm")),
+        "{found}"
+    );
+    assert!(
+        of(old, "scan_rms_mm") > 1.3 * of(board, "scan_rms_mm"),
+        "{found}"
+    );
+    assert!(
+        (0.02..0.035).contains(&of(roland, "scan_rms_mm")),
+        "{found}"
+    );
+    assert!(of(board, "std_mm") < of(old, "std_mm"), "{found}");
+    assert!(of(board, "mean_above_mm") > 0.0 && of(board, "mean_below_mm") < 0.0);
+    assert_eq!(found["scans"][0]["printed"]["std_mm"], 0.021);
+    assert_eq!(found["scans"][1]["printed"]["mean_below_mm"], -0.022);
 }

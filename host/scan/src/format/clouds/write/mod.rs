@@ -71,6 +71,18 @@ fn format_of(path: &Path) -> Result<Write, ScanError> {
     })
 }
 
+/// What a reader of such a file may take wrongly; none where its unit is clear.
+#[must_use]
+pub fn unit_note(path: &Path) -> Option<&'static str> {
+    let extension = path.extension()?;
+    ["las", "laz"]
+        .iter()
+        .any(|name| extension.eq_ignore_ascii_case(name))
+        .then_some(
+            "LAS states no unit, and most programs take metres: these coordinates are millimetres.",
+        )
+}
+
 /// Refuses an extension that no cloud is written under.
 ///
 /// # Errors

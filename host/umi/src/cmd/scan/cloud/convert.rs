@@ -16,8 +16,9 @@ pub(crate) struct Convert {
 const HELP: &str = "\
 Points go through one by one: the memory does not grow with the cloud. Points that are
 no finite numbers are left out and counted. E57 has metres, because its standard says so;
-all others have mm. LAS and LAZ hold steps of 0.1 µm, and of the columns beside the
-coordinates the intensity alone. A file appears only when it is complete.
+all others have mm. LAS and LAZ state no unit, and most programs take metres there: this one says so
+when it writes them. They hold steps of 0.1 µm, and of the columns beside the coordinates the
+intensity alone. A file appears only when it is complete.
 
 Examples:
   umi scan convert cloud.csv -o cloud.ply --double

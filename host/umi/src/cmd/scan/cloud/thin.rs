@@ -42,6 +42,7 @@ pub(crate) struct Thinned {
     kept: u64,
     not_finite: u64,
     dropped: Vec<Dropped>,
+    warnings: Vec<String>,
 }
 
 /// A step from points to fewer points.
@@ -96,6 +97,10 @@ impl Clouds {
                 kept,
                 not_finite: reader.not_finite,
                 dropped,
+                warnings: write::unit_note(&self.output)
+                    .map(str::to_owned)
+                    .into_iter()
+                    .collect(),
             })
         };
         answer(make(), self.format.json, text)
@@ -110,6 +115,9 @@ fn text(thinned: &Thinned) -> String {
     }
     if thinned.not_finite > 0 {
         let _ = writeln!(text, "{:>12} not finite", thinned.not_finite);
+    }
+    for warning in &thinned.warnings {
+        let _ = writeln!(text, "note: {warning}");
     }
     text
 }

@@ -395,7 +395,13 @@ impl Drive {
             noise_um: self.noise_um,
             seed: self.seed,
             deviations: found,
-            warnings: merged.pairing.warnings.clone(),
+            warnings: merged
+                .pairing
+                .warnings
+                .iter()
+                .cloned()
+                .chain(write::unit_note(&self.output).map(str::to_owned))
+                .collect(),
         })
     }
 }
