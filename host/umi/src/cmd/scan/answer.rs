@@ -5,6 +5,7 @@
 
 use serde::Serialize;
 use umi_client::problem::{Problem, ProblemKind};
+use umi_experiment::scan::mount::MountError;
 use umi_scan::{Ending, ScanError};
 
 use crate::failure::Failure;
@@ -36,4 +37,12 @@ pub fn failure(error: ScanError) -> Failure {
         message: error.message,
         details: error.details,
     })
+}
+
+/// The same for a mount that was not found.
+pub fn mount_failure(error: MountError) -> Failure {
+    match error {
+        MountError::Scan(error) => failure(error),
+        MountError::Scene(error) => Failure::trouble("scene", error),
+    }
 }

@@ -5,12 +5,13 @@ use std::fmt::Write as _;
 use clap::Args;
 use serde::Serialize;
 use umi_experiment::scan::ball::{self, DIAMETER_MM, THESIS_OFF_MM};
-use umi_experiment::scan::mount::{MountError, calibrate};
+use umi_experiment::scan::mount::calibrate;
 use umi_experiment::scan::station::TableMachine;
 use umi_experiment::scan::washer::{self, TRUE_MM, WasherTest};
 use umi_virtual::scene::LineScannerSpec;
 
 use super::super::Format;
+use super::answer::mount_failure;
 use crate::failure::Failure;
 use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 
@@ -113,13 +114,6 @@ struct SpeedRow {
     with_timer_mm: f64,
 }
 
-pub(super) fn failed(error: MountError) -> Failure {
-    match error {
-        MountError::Scan(error) => super::answer::failure(error),
-        MountError::Scene(error) => Failure::trouble("scene", error),
-    }
-}
-
 /// S2's sensor with every error that its report tells of.
 fn washer_sensor() -> Option<LineScannerSpec> {
     Some(LineScannerSpec {
@@ -178,17 +172,17 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
     };
     for seed in &seeds {
         let mut station = TableMachine::new(of_washer.clone(), *seed);
-        let mounted = calibrate(&mut station).map_err(failed)?;
+        let mounted = calibrate(&mut station).map_err(mount_failure)?;
         for (test, [sums, most]) in WasherTest::ALL.into_iter().zip(&mut washers) {
-            let found = washer::run(&mut station, &mounted.machine, test).map_err(failed)?;
+            let found = washer::run(&mut station, &mounted.machine, test).map_err(mount_failure)?;
             for (((sum, most), found), truth) in sums.iter_mut().zip(most).zip(found).zip(TRUE_MM) {
                 *sum += found;
                 *most = most.max((found - truth).abs());
             }
         }
         let mut station = TableMachine::new(of_ball.clone(), *seed);
-        let mounted = calibrate(&mut station).map_err(failed)?;
-        let found = ball::diameter(&mut station, &mounted.machine).map_err(failed)?;
+        let mounted = calibrate(&mut station).map_err(mount_failure)?;
+        let found = ball::diameter(&mut station, &mounted.machine).map_err(mount_failure)?;
         ball_sum += found;
         ball_most = ball_most.max((found - DIAMETER_MM).abs());
         mount.largest_error_mm = mount.largest_error_mm.max(mounted.off.0);
@@ -259,7 +253,7 @@ fn speeds(of_ball: LineScannerSpec) -> Result<Vec<SpeedRow>, Failure> {
     let mut station = TableMachine::new(spec, 1);
     let machine = station.truth.clone();
     let mut at = |speed: f64, late: f64| {
-        ball::place_along_x(&mut station, &machine, speed, late).map_err(failed)
+        ball::place_along_x(&mut station, &machine, speed, late).map_err(mount_failure)
     };
     SPEEDS
         .into_iter()

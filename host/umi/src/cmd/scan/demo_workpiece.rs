@@ -3,7 +3,7 @@
 use serde::Serialize;
 use umi_experiment::scan::workpiece::{PartFigures, PartScanner, scan};
 
-use super::demo::failed;
+use super::answer::mount_failure;
 use crate::failure::Failure;
 use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 
@@ -47,7 +47,7 @@ pub(super) fn run(seeds: &[u64], json: bool) -> Result<(), Failure> {
         .map(|scanner| (scanner, Vec::new()))
         .collect();
     for seed in seeds {
-        for (slot, (_, figures)) in all.iter_mut().zip(scan(*seed).map_err(failed)?) {
+        for (slot, (_, figures)) in all.iter_mut().zip(scan(*seed).map_err(mount_failure)?) {
             slot.1.push(figures);
         }
     }
