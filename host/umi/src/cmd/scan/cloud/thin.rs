@@ -42,6 +42,8 @@ pub(crate) struct Thinned {
     kept: u64,
     not_finite: u64,
     dropped: Vec<Dropped>,
+    /// What a reader of the file may take wrongly.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
 
