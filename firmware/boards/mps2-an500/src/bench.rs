@@ -7,7 +7,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
-use umi_app::board::{Axes, Lights, Outputs, Scanner, Unsupported};
+use umi_app::board::{Axes, CncInput, Lights, Outputs, Scanner, Unsupported};
 use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::message::ResetReason;
 use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
@@ -53,9 +53,21 @@ fn with<T>(work: impl FnOnce(&mut Inner) -> T) -> T {
     critical_section::with(|cs| work(&mut INNER.borrow(cs).borrow_mut()))
 }
 
+/// Does what the bench sends, for ever: in a task of the highest priority, because a panic is among
+/// the things that it may ask for, and no interrupt handler has a way to one.
+pub async fn play() {
+    let mut bytes = [0; MAX_FRAME];
+    loop {
+        if let CncInput::Bytes(count) = BENCH.read(&mut bytes).await {
+            for byte in bytes.iter().take(count) {
+                take(*byte);
+            }
+        }
+    }
+}
+
 /// A byte has come.
-pub extern "C" fn on_receive() {
-    let byte = BENCH.take();
+fn take(byte: u8) {
     with(|inner| {
         let mut stimulus = None;
         let damaged = decode(&mut inner.decoder, &[byte], |whole| stimulus = Some(whole));

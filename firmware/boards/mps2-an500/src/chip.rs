@@ -71,6 +71,8 @@ pub enum Interrupt {
     Timer0 = 8,
     /// The alarm.
     Timer1 = 9,
+    /// No line of the machine: plays what the bench sends.
+    BenchTask = 29,
     /// No line of the machine: runs the serial tasks.
     SerialTasks = 30,
     /// No line of the machine: runs the link's task.

@@ -22,6 +22,8 @@ use crate::chip::{CLOCK_HZ, Register, peripheral};
 const TICK_NS: u64 = 1_000_000_000 / CLOCK_HZ as u64;
 /// Ticks of a microsecond.
 const TICKS_PER_US: u64 = CLOCK_HZ as u64 / 1_000_000;
+/// Until the queue is looked at again if somebody has it.
+const SOON_US: u64 = 100;
 const _: () = assert!(embassy_time_driver::TICK_HZ == 1_000_000, "microseconds");
 
 const ENABLE: u32 = 1 << 0;
@@ -98,11 +100,11 @@ pub extern "C" fn on_alarm() {
     critical_section::with(|cs| {
         ALARM.control.write(0);
         ALARM.flag.write(1);
-        let next = TIME
-            .queue
-            .borrow(cs)
-            .borrow_mut()
-            .next_expiration(TIME.now());
+        // Who has the queue has masked this interrupt; if not, it is looked at again soon.
+        let next = match TIME.queue.borrow(cs).try_borrow_mut() {
+            Ok(mut queue) => queue.next_expiration(TIME.now()),
+            Err(_) => TIME.now().saturating_add(SOON_US),
+        };
         TIME.arm(cs, next);
     });
 }

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! priority          runs
-//! capture           UART 2: edges and axes
+//! capture           UART 2; playing edges and axes
 //! drivers           UARTs 0 and 1, clock
 //! serial tasks      receive, transmit, latch
 //! link tasks        serve; and telling the bench
@@ -71,6 +71,7 @@ static APP: App<Region> = App::new();
 
 static LATCHES: Latches = Latches::new();
 
+static BENCH_TASK: InterruptExecutor = InterruptExecutor::new();
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
 static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 
@@ -123,6 +124,7 @@ fn main() -> ! {
     HOST.start();
     BENCH.start();
     vectors::enable(peripherals.NVIC);
+    BENCH_TASK.start(Interrupt::BenchTask).spawn(first(play()));
     let serial = SERIAL_TASKS.start(Interrupt::SerialTasks);
     serial.spawn(first(receive(app)));
     serial.spawn(first(transmit(app)));
@@ -172,6 +174,11 @@ async fn serve(app: &'static App<Region>) {
     let (mut rx, mut tx) = (link::LinkReceiver, link::LinkTransmitter);
     app.serve(&mut rx, &mut tx, &mut bench::Station, &BoardClock)
         .await;
+}
+
+#[embassy_executor::task]
+async fn play() {
+    bench::play().await;
 }
 
 #[embassy_executor::task]

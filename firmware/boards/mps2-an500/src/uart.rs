@@ -15,13 +15,14 @@
 //! QEMU's lines are as fast as their reader: the divider is set and holds nothing up. The
 //! tests' control keeps the pace of the job's line itself.
 
+use core::cell::RefCell;
 use core::future::poll_fn;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::Poll;
 
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::pipe::Pipe;
+use critical_section::Mutex;
 use embassy_sync::waitqueue::AtomicWaker;
+use heapless::Deque;
 use umi_app::board::CncInput;
 
 use crate::chip::{CLOCK_HZ, Register};
@@ -57,7 +58,8 @@ pub struct Uart {
     interrupts: Register,
     divider: Register,
     full: Full,
-    ring: Pipe<CriticalSectionRawMutex, RING>,
+    ring: Mutex<RefCell<Deque<u8, RING>>>,
+    readable: AtomicWaker,
     /// Bytes lost behind what is in the ring; nothing goes into it meanwhile.
     lost: AtomicU32,
     /// All that ever came.
@@ -79,7 +81,8 @@ impl Uart {
             interrupts: Register::new(base, 0x0C),
             divider: Register::new(base, 0x10),
             full,
-            ring: Pipe::new(),
+            ring: Mutex::new(RefCell::new(Deque::new())),
+            readable: AtomicWaker::new(),
             lost: AtomicU32::new(0),
             received: AtomicU32::new(0),
             overruns: AtomicU32::new(0),
@@ -112,16 +115,18 @@ impl Uart {
             self.state.write(OVERRUN);
             self.count(1);
         }
-        if self.full == Full::Holds && self.ring.is_full() {
+        if self.full == Full::Holds && self.with_ring(|ring| ring.is_full()) != Some(false) {
             self.interrupts.write(RECEIVE_INTERRUPT);
             self.left.store(true, Ordering::Relaxed);
             return;
         }
         let byte = self.take();
         self.received.fetch_add(1, Ordering::Relaxed);
-        if self.lost.load(Ordering::Relaxed) > 0 || self.ring.try_write(&[byte]).is_err() {
+        let push = |ring: &mut Deque<u8, RING>| ring.push_back(byte).is_ok();
+        if self.lost.load(Ordering::Relaxed) > 0 || self.with_ring(push) != Some(true) {
             self.count(1);
         }
+        self.readable.wake();
     }
 
     fn count(&self, lost: u32) {
@@ -137,19 +142,28 @@ impl Uart {
 
     /// Waits for bytes, at least one, or for what was lost in their place.
     pub async fn read(&self, buffer: &mut [u8]) -> CncInput {
-        // What is in the ring came before what was lost.
-        if let Ok(count) = self.ring.try_read(buffer) {
-            self.fetch_what_was_left();
-            return CncInput::Bytes(count);
-        }
-        match self.lost.swap(0, Ordering::Relaxed) {
-            0 => {
-                let count = self.ring.read(buffer).await;
+        poll_fn(|context| {
+            self.readable.register(context.waker());
+            // What is in the ring came before what was lost.
+            let count = self.with_ring(|ring| take_front(ring, buffer));
+            if let Some(count) = count.filter(|count| *count > 0) {
                 self.fetch_what_was_left();
-                CncInput::Bytes(count)
+                return Poll::Ready(CncInput::Bytes(count));
             }
-            lost => CncInput::Lost(lost),
-        }
+            match self.lost.swap(0, Ordering::Relaxed) {
+                0 => Poll::Pending,
+                lost => Poll::Ready(CncInput::Lost(lost)),
+            }
+        })
+        .await
+    }
+
+    /// The ring, if nobody has it: nobody can, in a critical section.
+    fn with_ring<R>(&self, work: impl FnOnce(&mut Deque<u8, RING>) -> R) -> Option<R> {
+        critical_section::with(|section| {
+            let mut ring = self.ring.borrow(section).try_borrow_mut().ok()?;
+            Some(work(&mut ring))
+        })
     }
 
     /// There is room now for the byte that was left in the UART.
@@ -163,7 +177,7 @@ impl Uart {
 
     /// Forgets what has come in.
     pub fn clear(&self) {
-        self.ring.clear();
+        self.with_ring(Deque::clear);
         self.fetch_what_was_left();
     }
 
@@ -202,4 +216,15 @@ impl Uart {
             self.data.write(u32::from(byte));
         }
     }
+}
+
+/// As many of the first bytes as there are, or as the buffer holds.
+fn take_front(ring: &mut Deque<u8, RING>, buffer: &mut [u8]) -> usize {
+    let mut taken = 0_usize;
+    for place in buffer {
+        let Some(byte) = ring.pop_front() else { break };
+        *place = byte;
+        taken = taken.saturating_add(1);
+    }
+    taken
 }

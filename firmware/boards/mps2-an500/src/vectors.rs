@@ -6,7 +6,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
 
 use crate::chip::{Interrupt, Priority};
-use crate::{BENCH, CONTROL, HOST, LINK_TASKS, SERIAL_TASKS, bench, clock, crash_note};
+use crate::{BENCH, BENCH_TASK, CONTROL, HOST, LINK_TASKS, SERIAL_TASKS, clock, crash_note};
 
 type Vector = unsafe extern "C" fn();
 
@@ -34,15 +34,16 @@ static __INTERRUPTS: [Vector; Interrupt::LINES] = {
     table
 };
 
-const LINES: [(Interrupt, Priority, Vector); 10] = [
+const LINES: [(Interrupt, Priority, Vector); 11] = [
     (Interrupt::Uart0Rx, Priority::Drivers, control_receives),
     (Interrupt::Uart0Tx, Priority::Drivers, control_writable),
     (Interrupt::Uart1Rx, Priority::Drivers, host_receives),
     (Interrupt::Uart1Tx, Priority::Drivers, host_writable),
-    (Interrupt::Uart2Rx, Priority::Capture, bench::on_receive),
+    (Interrupt::Uart2Rx, Priority::Capture, bench_receives),
     (Interrupt::Uart2Tx, Priority::Drivers, bench_writable),
     (Interrupt::Timer0, Priority::Drivers, clock::on_wrap),
     (Interrupt::Timer1, Priority::Drivers, clock::on_alarm),
+    (Interrupt::BenchTask, Priority::Capture, bench_task),
     (Interrupt::SerialTasks, Priority::SerialTasks, serial_tasks),
     (Interrupt::LinkTasks, Priority::LinkTasks, link_tasks),
 ];
@@ -51,7 +52,9 @@ const LINES: [(Interrupt, Priority, Vector); 10] = [
 pub fn enable(mut nvic: NVIC) {
     for (line, priority, _) in LINES {
         match line {
-            Interrupt::SerialTasks | Interrupt::LinkTasks => line.set_priority(&mut nvic, priority),
+            Interrupt::BenchTask | Interrupt::SerialTasks | Interrupt::LinkTasks => {
+                line.set_priority(&mut nvic, priority)
+            }
             _ => line.enable(&mut nvic, priority),
         }
     }
@@ -73,8 +76,17 @@ extern "C" fn host_writable() {
     HOST.on_writable();
 }
 
+extern "C" fn bench_receives() {
+    BENCH.on_receive();
+}
+
 extern "C" fn bench_writable() {
     BENCH.on_writable();
+}
+
+extern "C" fn bench_task() {
+    // SAFETY: this is the executor's interrupt, which it enables when it is started.
+    unsafe { BENCH_TASK.on_interrupt() };
 }
 
 extern "C" fn serial_tasks() {

@@ -9,12 +9,14 @@
 //!
 //! Only the lower 16 bits of TIM2 are used, as of the other axes: one rule for all.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
+use core::sync::atomic::{AtomicUsize, Ordering};
 
 use critical_section::Mutex;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt;
 use umi_app::board::{self, Unsupported};
+use umi_core::capture::direction::{DirectedEdge, Directions, LostEdges};
 use umi_core::capture::join_timers::{Capture, Pairing};
 use umi_core::capture::stamp::Rate;
 use umi_core::capture::unwrap::Extender;
@@ -30,10 +32,16 @@ pub static LATCHES: Latches = Latches::new();
 
 static STATE: Mutex<RefCell<State>> = Mutex::new(RefCell::new(State {
     axes: [Extender::new(0); AXES],
-    clock: Extender::new(0),
     skip: Pairing::new(),
+    directions: Directions::new(),
     trigger: Pairing::new(),
 }));
+
+/// The clock, which everybody may read at any time.
+static CLOCK: Mutex<Cell<Extender<32>>> = Mutex::new(Cell::new(Extender::new(0)));
+
+/// Timers that have not seen an edge which others saw, until it is told.
+static SILENT: AtomicUsize = AtomicUsize::new(0);
 
 // A look may be late by as much again as it is long, and a capture that waits for it is
 // still extended rightly.
@@ -45,8 +53,8 @@ const AT_ONCE: usize = 4;
 
 struct State {
     axes: [Extender<16>; AXES],
-    clock: Extender<32>,
     skip: Pairing<TIMERS>,
+    directions: Directions,
     trigger: Pairing<TIMERS>,
 }
 
@@ -56,34 +64,49 @@ impl State {
         for (axis, count) in self.axes.iter_mut().zip(timers::counts()) {
             axis.look(count);
         }
-        self.clock.look(timers::clock());
+        critical_section::with(|section| {
+            let clock = CLOCK.borrow(section);
+            let mut extended = clock.get();
+            extended.look(timers::clock());
+            clock.set(extended);
+        });
     }
 
     /// Reads what a line has captured.
     fn read(&mut self, mut line: CaptureLine) {
-        let cause = match line {
-            CaptureLine::Skip => LatchCause::Skip,
-            CaptureLine::Trigger => LatchCause::Trigger,
-        };
         for _ in 0..AT_ONCE {
             let pairing = match line {
                 CaptureLine::Skip => &mut self.skip,
                 CaptureLine::Trigger => &mut self.trigger,
             };
             match pairing.read(&mut line) {
-                Capture::Nothing => return,
+                Capture::Nothing => {
+                    if matches!(line, CaptureLine::Skip)
+                        && let Some(high) = timers::skip_level()
+                    {
+                        self.directions.rests(high);
+                    }
+                    return;
+                }
                 Capture::Captured { values, missed } => {
                     let [.., clock] = values;
+                    let t_ns = ns(extended(clock));
+                    let Some((cause, missed)) = self.cause(line, t_ns, missed) else {
+                        continue;
+                    };
                     let counts = self.axes.iter().zip(values);
                     let counts = counts.map(|(axis, raw)| axis.captured(raw));
-                    LATCHES.captured(cause, ns(self.clock.captured(clock)), counts, missed);
+                    LATCHES.captured(cause, t_ns, counts, missed);
                 }
                 Capture::Lost { missed, silent } => {
-                    LATCHES.lost(cause, self.now_ns(), missed);
+                    match line {
+                        CaptureLine::Skip => skips_lost(now_ns(), self.directions.lost(missed)),
+                        CaptureLine::Trigger => LATCHES.lost(LatchCause::Trigger, now_ns(), missed),
+                    }
                     if silent == 0 {
                         break;
                     }
-                    defmt::warn!("{} of {} timers do not see the line", silent, TIMERS);
+                    SILENT.store(silent, Ordering::Relaxed);
                 }
             }
         }
@@ -91,9 +114,48 @@ impl State {
         timers::pause(line, true);
     }
 
-    fn now_ns(&self) -> u64 {
-        ns(self.clock.captured(timers::clock()))
+    /// What a captured edge of a line means, and how many like it are lost before it. None: it is
+    /// not known which way the line went, and the edge is told as lost.
+    fn cause(&mut self, line: CaptureLine, t_ns: u64, missed: u32) -> Option<(LatchCause, u32)> {
+        if matches!(line, CaptureLine::Trigger) {
+            return Some((LatchCause::Trigger, missed));
+        }
+        match self.directions.edge(missed, timers::skip_level()) {
+            DirectedEdge::Known { rises, lost } => {
+                let (cause, missed, others) = match rises {
+                    true => (LatchCause::Skip, lost.rises, LostEdges { rises: 0, ..lost }),
+                    false => (
+                        LatchCause::SkipEnd,
+                        lost.falls,
+                        LostEdges { falls: 0, ..lost },
+                    ),
+                };
+                skips_lost(t_ns, others);
+                Some((cause, missed))
+            }
+            DirectedEdge::Unknown { lost } => {
+                skips_lost(t_ns, lost);
+                None
+            }
+        }
     }
+}
+
+/// Edges of the skip line that are told without positions.
+fn skips_lost(t_ns: u64, lost: LostEdges) {
+    for (cause, missed) in [
+        (LatchCause::Skip, lost.rises),
+        (LatchCause::SkipEnd, lost.falls),
+    ] {
+        if missed > 0 {
+            LATCHES.lost(cause, t_ns, missed);
+        }
+    }
+}
+
+/// What the clock's counter was, or is.
+fn extended(raw: u32) -> Counts {
+    critical_section::with(|section| CLOCK.borrow(section).get().captured(raw))
 }
 
 /// The clock's counter goes up once each cycle.
@@ -101,13 +163,17 @@ fn ns(Counts(cycles): Counts) -> u64 {
     Rate::<TIMER_HZ>::ns(Cycles(cycles.max(0).cast_unsigned()))
 }
 
-fn with<R>(work: impl FnOnce(&mut State) -> R) -> R {
-    critical_section::with(|cs| work(&mut STATE.borrow(cs).borrow_mut()))
+/// The state, if nobody has it: nobody can, in a critical section.
+fn with<R>(work: impl FnOnce(&mut State) -> R) -> Option<R> {
+    critical_section::with(|section| {
+        let mut state = STATE.borrow(section).try_borrow_mut().ok()?;
+        Some(work(&mut state))
+    })
 }
 
 /// Time since the timers were started.
 pub fn now_ns() -> u64 {
-    with(|state| state.now_ns())
+    critical_section::with(|_| ns(extended(timers::clock())))
 }
 
 /// An edge has captured the clock.
@@ -142,16 +208,22 @@ pub struct Station {
 impl board::Axes for Station {
     /// The counters are read one after the other, within some 0.2 µs.
     fn positions(&mut self) -> Positions {
+        let silent = SILENT.swap(0, Ordering::Relaxed);
+        if silent > 0 {
+            // Here, as a log that nobody fetches would hold an interrupt up.
+            defmt::warn!("{} of {} timers do not see the line", silent, TIMERS);
+        }
         with(|state| {
             state.look();
             Positions {
                 counts: state.axes.iter().map(|axis| axis.position().0).collect(),
-                t_ns: state.now_ns(),
+                t_ns: now_ns(),
                 // The timers do not tell illegal transitions.
                 illegal: heapless::Vec::new(),
                 lost_samples: 0,
             }
         })
+        .unwrap_or_default()
     }
 }
 

@@ -143,7 +143,7 @@ fn main() -> ! {
         },
         reset,
         line: control::ABILITIES,
-        skip_ends: false,
+        skip_ends: true,
         signer: None,
     };
     let app = &APP;

@@ -5,6 +5,7 @@
 //! bits are read: of a 16-bit counter the upper half is zero.
 
 use embassy_stm32::gpio::{AfType, AnyPin, Flex, Pull};
+use embassy_stm32::pac::gpio::vals::Idr;
 use embassy_stm32::pac::timer::TimGp16;
 use embassy_stm32::pac::timer::regs::{CntCore, SrGp16};
 use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue, Sms};
@@ -39,9 +40,9 @@ const FILTER: FilterValue = {
 /// What captures: a line on one channel of every timer.
 #[derive(Clone, Copy)]
 pub enum CaptureLine {
-    /// Channel 3.
+    /// Channel 3: rises and falls.
     Skip = 2,
-    /// Channel 4.
+    /// Channel 4: rises.
     Trigger = 3,
 }
 
@@ -69,11 +70,14 @@ pub fn start() {
                 }
             });
         }
-        // Rising edges; the encoder mode looks at both by itself.
+        // Rising edges, and of the skip line falling ones too; the encoder mode looks at both by
+        // itself.
         timer.ccer().write(|w| {
             for channel in 0..4 {
                 w.set_cce(channel, true);
             }
+            w.set_ccp(CaptureLine::Skip as usize, true);
+            w.set_ccnp(CaptureLine::Skip as usize, true);
         });
         if index < AXES {
             timer.smcr().write(|w| w.set_sms(Sms::ENCODER_MODE_3));
@@ -124,6 +128,30 @@ fn count(timer: TimGp16) -> u32 {
 pub fn pause(line: CaptureLine, paused: bool) {
     CLOCK.dier().modify(|w| w.set_ccie(line as usize, !paused));
 }
+
+/// The level of the skip line (high: true) that its latest captured edge has left. None: another
+/// edge waits, or comes just now.
+///
+/// The captures are looked at between two looks at the pin. That takes longer than their filter
+/// and synchroniser do: six reads across the slow bus, each of several of its cycles, beside seven
+/// cycles of a timer that is twice as fast. So an edge that the first look has seen is captured.
+pub fn skip_level() -> Option<bool> {
+    let mut line = CaptureLine::Skip;
+    let before = skip_pin();
+    let captured = (0..TIMERS).fold(false, |any, timer| any | line.is_captured(timer));
+    (!captured && before == skip_pin()).then_some(before)
+}
+
+/// The pin of the clock's capture.
+fn skip_pin() -> bool {
+    pac::GPIOA.idr().read().idr(SKIP_PIN) == Idr::HIGH
+}
+
+const SKIP_PIN: usize = {
+    let [.., clock] = &resources::SKIP;
+    assert!(clock.pin.0 as u32 == 'A' as u32);
+    clock.pin.1 as usize
+};
 
 impl Captures<TIMERS> for CaptureLine {
     fn is_captured(&mut self, timer: usize) -> bool {

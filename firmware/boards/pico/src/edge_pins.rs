@@ -14,7 +14,7 @@ use umi_core::capture::stamp::Stamper;
 use umi_core::units::Cycles;
 
 use crate::clock;
-use crate::pins::{INDEX, INDEXED, WATCHED, WATCHED_COUNT};
+use crate::pins::{INDEX, INDEXED, WATCHED, WATCHED_COUNT, is_among};
 use crate::pio;
 use crate::pio::{PIO_LAG_CYCLES, Started};
 use crate::quadrature::{AxisCounts, Quadrature};
@@ -43,7 +43,7 @@ impl Rises {
     /// The pins, counted from the first that is watched.
     pub fn pins(&self) -> impl Iterator<Item = u8> + use<> {
         let pins = self.pins;
-        (0..WATCHED_COUNT).filter(move |pin| pins & 1 << pin != 0)
+        (0..WATCHED_COUNT).filter(move |pin| is_among(*pin, pins))
     }
 }
 

@@ -23,6 +23,7 @@
 
 use core::cell::RefCell;
 
+use cortex_m_rt::interrupt;
 use critical_section::Mutex;
 use embassy_rp::interrupt;
 use embassy_rp::interrupt::{Interrupt, InterruptExt};
@@ -32,7 +33,7 @@ use umi_core::units::Cycles;
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerRefusal};
 
 use crate::edge_pins::EdgePins;
-use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED};
+use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED, is_among};
 use crate::quadrature::{AxisCounts, Quadrature};
 use crate::rate_limit::RateLimit;
 use crate::resources::{
@@ -250,7 +251,7 @@ impl Latches {
         }
         self.start();
         let edges = pio::edges(INPUTS.into_iter());
-        for pin in INPUTS.into_iter().filter(|pin| edges & 1 << pin != 0) {
+        for pin in INPUTS.into_iter().filter(|pin| is_among(*pin, edges)) {
             match pin {
                 SKIP => missed(LatchCause::Skip, 1),
                 TRIGGER_IN => missed(LatchCause::Trigger, 1),

@@ -12,6 +12,7 @@
 //! | file | idea |
 //! | --- | --- |
 //! | [`pins`], [`pin_mux`] | which pin is what |
+//! | [`before_main`] | what a reset leaves |
 //! | [`resources`] | clock, machines, channels, priorities |
 //! | [`pio`] | what the state machines run, and how they are started |
 //! | [`rings`] | samples in memory |
@@ -22,7 +23,7 @@
 //! | [`trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, settings and part programs |
-//! | [`guard`], [`crash_note`], [`lights`], [`clock`] | watchdog, panics, outputs, time |
+//! | [`guard`], [`crash_note`], [`lights`], [`clock`], [`alarms`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
 //!
@@ -30,6 +31,8 @@
 #![no_std]
 #![no_main]
 
+mod alarms;
+mod before_main;
 mod clock;
 mod crash_note;
 mod edge_pins;
@@ -53,6 +56,7 @@ mod uart;
 use core::fmt::Write as _;
 use core::panic::PanicInfo;
 
+use cortex_m_rt::interrupt;
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
@@ -128,6 +132,7 @@ fn boot() -> Parts {
     static SERIAL: StaticCell<Serial> = StaticCell::new();
 
     let chip = embassy_rp::init(Default::default());
+    alarms::start(resources::SERIAL);
     let watchdog = Watchdog::new(chip.WATCHDOG);
     let reset = why_started(&watchdog);
     let mut light = Output::new(chip.PIN_25, Level::High);
@@ -210,10 +215,6 @@ fn boot() -> Parts {
 
 /// Of what the drivers and executors do not set themselves.
 fn set_priorities() {
-    #[cfg(not(feature = "rp2350"))]
-    interrupt::TIMER_IRQ_0.set_priority(resources::SERIAL);
-    #[cfg(feature = "rp2350")]
-    interrupt::TIMER0_IRQ_0.set_priority(resources::SERIAL);
     interrupt::SWI_IRQ_0.set_priority(resources::CONTROL_TASKS);
     interrupt::SWI_IRQ_1.set_priority(resources::HOST_TASKS);
     interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);

@@ -101,3 +101,9 @@ const fn take(used: u32, pin: u8) -> u32 {
     assert!(used & (1 << pin) == 0, "a pin is used twice");
     used | 1 << pin
 }
+
+/// Whether the bit of this pin is set; of a pin from 32 on, that of another. No interrupt has a
+/// way to a panic by it.
+pub const fn is_among(pin: u8, pins: u32) -> bool {
+    pins.wrapping_shr(pin as u32) & 1 == 1
+}

@@ -133,8 +133,9 @@ impl Quadrature {
         let after = surely_past(clock::now_cycles());
         let in_step = self.ring.check(before, slot, after).is_ok() && !pio::stalled();
         let slot = latest_slot();
+        // Counted by a range, which cannot overrun.
         let axes = self.positions.iter_mut().zip(&mut self.illegal);
-        for (axis, (position, illegal)) in axes.enumerate() {
+        for (axis, (position, illegal)) in (0..AXES).zip(axes) {
             let word = rings::read(axis, slot);
             *position = nearest::<POSITION_BITS>(*position, word);
             illegal.look(!word >> POSITION_BITS);

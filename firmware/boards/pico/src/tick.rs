@@ -4,14 +4,10 @@
 //! The tasks' timer has alarm 0 of the same timer, and an interrupt of its own.
 
 use embassy_rp::interrupt::InterruptExt;
-use embassy_rp::pac;
 
+use crate::alarms::TIMER;
 use crate::resources::{CAPTURE, EXTEND_US, TICK_US};
 
-#[cfg(not(feature = "rp2350"))]
-const TIMER: pac::timer::Timer = pac::TIMER;
-#[cfg(feature = "rp2350")]
-const TIMER: pac::timer::Timer = pac::TIMER0;
 #[cfg(not(feature = "rp2350"))]
 use embassy_rp::interrupt::TIMER_IRQ_1 as ALARM;
 #[cfg(feature = "rp2350")]

@@ -26,6 +26,7 @@
 use core::future::poll_fn;
 use core::task::{Context, Poll};
 
+use cortex_m_rt::interrupt;
 use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
 use embassy_rp::pac;

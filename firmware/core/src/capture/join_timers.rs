@@ -131,8 +131,9 @@ impl<const N: usize> Pairing<N> {
     /// Reads every timer once; in order, only those that are still missing.
     fn pass(&mut self, timers: &mut impl Captures<N>) {
         let mut in_order = self.in_order;
-        let places = self.hand.iter_mut().zip(&mut self.lost).enumerate();
-        for (timer, (hand, lost)) in places {
+        // Counted by a range, which cannot overrun: an interrupt has no way to a panic.
+        let places = self.hand.iter_mut().zip(&mut self.lost);
+        for (timer, (hand, lost)) in (0..N).zip(places) {
             if in_order && hand.is_some() || !timers.is_captured(timer) {
                 continue;
             }
@@ -157,7 +158,9 @@ impl<const N: usize> Pairing<N> {
     /// Some timers do not see the line, so what the others hold is lost as well.
     fn incomplete(&mut self) -> Capture<N> {
         let missed = self.news().saturating_add(1);
-        let silent = self.hand.iter().filter(|value| value.is_none()).count();
+        let silent = self.hand.iter().fold(0_usize, |silent, value| {
+            silent.saturating_add(usize::from(value.is_none()))
+        });
         *self = Self {
             in_order: self.in_order,
             ..Self::new()

@@ -21,6 +21,7 @@
 //! edge that was missed, a pulse that came too fast. Nothing here panics,
 //! allocates or loops without a bound.
 
+pub mod direction;
 pub mod join_timers;
 pub mod sample_ring;
 pub mod stamp;

@@ -209,10 +209,10 @@ impl SampleRing {
         let is = write_slot % slots;
         let should_be = self.slot(least);
         let ahead = if is >= should_be {
-            is - should_be
+            is.wrapping_sub(should_be)
         } else {
             // `should_be` is below `ring`.
-            (ring - should_be).saturating_add(is)
+            ring.wrapping_sub(should_be).saturating_add(is)
         };
         if ahead <= may_be_ahead {
             self.advance(surely);

@@ -11,9 +11,16 @@
 #![no_std]
 #![no_main]
 
+// The HAL looks at the clock.
+#[path = "../alarms.rs"]
+mod alarms;
+#[path = "../before_main.rs"]
+mod before_main;
+
 use core::fmt::{self, Write};
 use core::panic::PanicInfo;
 
+use embassy_rp::interrupt::Priority;
 use embassy_rp::peripherals::{PIN_0, UART0};
 use embassy_rp::uart::{Blocking, Config, UartTx};
 
@@ -22,6 +29,7 @@ const BAUD: u32 = 921_600;
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let chip = embassy_rp::init(Default::default());
+    alarms::start(Priority::P1);
     let mut line = Line {
         port: UartTx::new_blocking(chip.UART0, chip.PIN_0, config()),
         is_new: true,
