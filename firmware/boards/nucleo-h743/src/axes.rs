@@ -16,7 +16,7 @@ use critical_section::Mutex;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt;
 use umi_app::board::{self, Unsupported};
-use umi_core::capture::direction::{DirectedEdge, Directions, LostEdges};
+use umi_core::capture::direction::{DirectedEdge, Directions, LostByDirection};
 use umi_core::capture::join_timers::{Capture, Pairing};
 use umi_core::capture::stamp::Rate;
 use umi_core::capture::unwrap::Extender;
@@ -123,11 +123,15 @@ impl State {
         match self.directions.edge(missed, timers::skip_level()) {
             DirectedEdge::Known { rises, lost } => {
                 let (cause, missed, others) = match rises {
-                    true => (LatchCause::Skip, lost.rises, LostEdges { rises: 0, ..lost }),
+                    true => (
+                        LatchCause::Skip,
+                        lost.rises,
+                        LostByDirection { rises: 0, ..lost },
+                    ),
                     false => (
                         LatchCause::SkipEnd,
                         lost.falls,
-                        LostEdges { falls: 0, ..lost },
+                        LostByDirection { falls: 0, ..lost },
                     ),
                 };
                 skips_lost(t_ns, others);
@@ -142,7 +146,7 @@ impl State {
 }
 
 /// Edges of the skip line that are told without positions.
-fn skips_lost(t_ns: u64, lost: LostEdges) {
+fn skips_lost(t_ns: u64, lost: LostByDirection) {
     for (cause, missed) in [
         (LatchCause::Skip, lost.rises),
         (LatchCause::SkipEnd, lost.falls),

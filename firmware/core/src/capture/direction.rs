@@ -10,14 +10,14 @@
 
 /// Edges that were lost, by their direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LostEdges {
+pub struct LostByDirection {
     /// Rises.
     pub rises: u32,
     /// Falls.
     pub falls: u32,
 }
 
-impl LostEdges {
+impl LostByDirection {
     /// So many, of which nothing else is known: each of the two may have been the more frequent.
     const fn unknown(count: u32) -> Self {
         let most = count.div_ceil(2);
@@ -51,12 +51,12 @@ pub enum DirectedEdge {
         /// Whether the line rose.
         rises: bool,
         /// Edges before it that are lost, at least.
-        lost: LostEdges,
+        lost: LostByDirection,
     },
     /// It is not: the edge itself is among the lost ones.
     Unknown {
         /// Lost edges, of each direction as many as there may have been at most.
-        lost: LostEdges,
+        lost: LostByDirection,
     },
 }
 
@@ -85,7 +85,7 @@ impl Directions {
         };
         let Some(rises) = self.level else {
             return DirectedEdge::Unknown {
-                lost: LostEdges::unknown(missed.saturating_add(1)),
+                lost: LostByDirection::unknown(missed.saturating_add(1)),
             };
         };
         let lost = match before {
@@ -93,20 +93,20 @@ impl Directions {
             Some(before) => {
                 let is_odd = before == rises;
                 let more = (missed % 2 == 1) != is_odd;
-                LostEdges::alternating(missed.saturating_add(more as u32), !before)
+                LostByDirection::alternating(missed.saturating_add(more as u32), !before)
             }
             None => match missed {
-                0 => LostEdges { rises: 0, falls: 0 },
-                _ => LostEdges::unknown(missed),
+                0 => LostByDirection { rises: 0, falls: 0 },
+                _ => LostByDirection::unknown(missed),
             },
         };
         DirectedEdge::Known { rises, lost }
     }
 
     /// Edges were lost, at least so many, and none of those that came was captured.
-    pub const fn lost(&mut self, missed: u32) -> LostEdges {
+    pub const fn lost(&mut self, missed: u32) -> LostByDirection {
         self.level = None;
-        LostEdges::unknown(missed)
+        LostByDirection::unknown(missed)
     }
 
     /// All edges so far are told, and the line is at this level.
@@ -127,7 +127,7 @@ mod tests {
         let (rises_lost, falls_lost) = lost;
         DirectedEdge::Known {
             rises,
-            lost: LostEdges {
+            lost: LostByDirection {
                 rises: rises_lost,
                 falls: falls_lost,
             },
@@ -155,7 +155,7 @@ mod tests {
         let mut line = Directions::new();
         line.rests(false);
         let unknown = DirectedEdge::Unknown {
-            lost: LostEdges { rises: 1, falls: 1 },
+            lost: LostByDirection { rises: 1, falls: 1 },
         };
         assert_eq!(line.edge(1, None), unknown);
         assert_eq!(line.edge(0, None), unknown);
@@ -163,7 +163,7 @@ mod tests {
         // One is told, and two it must have been, or none.
         assert_eq!(line.edge(1, Some(true)), known(true, (1, 1)));
         assert_eq!(line.edge(3, Some(true)), known(true, (1, 2)));
-        assert_eq!(line.lost(3), LostEdges { rises: 2, falls: 2 });
+        assert_eq!(line.lost(3), LostByDirection { rises: 2, falls: 2 });
         assert_eq!(line.edge(2, Some(true)), known(true, (1, 1)));
     }
 
@@ -192,10 +192,10 @@ mod tests {
                 match line.edge(missed, steady.then_some(high)) {
                     DirectedEdge::Known { rises, lost: told } => {
                         prop_assert_eq!(rises, high);
-                        prop_assert_eq!(told == LostEdges::default(), lost == 0);
+                        prop_assert_eq!(told == LostByDirection::default(), lost == 0);
                         if exact && all_known {
                             let rises = pending.iter().filter(|rises| **rises).count() as u32;
-                            prop_assert_eq!(told, LostEdges { rises, falls: lost - rises });
+                            prop_assert_eq!(told, LostByDirection { rises, falls: lost - rises });
                         }
                         all_known = true;
                     }
