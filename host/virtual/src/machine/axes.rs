@@ -38,9 +38,12 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
             .map(|(from, to)| (to - from).norm())
             .collect();
         let profile = self.profile(ways.iter().sum(), motion.rate)?;
-        // Turned bodies are not where it would look for them.
-        let stop = (!self.is_table_turned()).then(|| self.collision(&chain));
-        if let Some(stop) = stop.flatten() {
+        let turned = if self.is_turned() {
+            vec![self.turned.clone(); chain.len()]
+        } else {
+            Vec::new()
+        };
+        if let Some(stop) = self.collision(&chain, &turned) {
             let before: f64 = ways.iter().take(stop.line).sum();
             let within = ways.get(stop.line).copied().unwrap_or(0.0) * stop.share;
             let rest = between(&chain, stop.line, stop.share);

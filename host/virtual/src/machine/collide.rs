@@ -27,7 +27,10 @@ impl<W: Wires> VirtualMachine<W> {
     /// A tool that turns passes through `cuttable` bodies, at feed and at rapid: what is
     /// left of the material is known to the [`Cutter`](crate::cutting::Cutter), which
     /// judges rapid motions through it. A tool that stands still collides with them.
-    pub(super) fn collision(&self, chain: &[Vector3<f64>]) -> Option<Stop> {
+    ///
+    /// `turned`: the rotary axes at each of them; nothing where all are at 0. A ball is the same from
+    /// all sides, so bodies that turn with the table are met in the table's own frame.
+    pub(super) fn collision(&self, chain: &[Vector3<f64>], turned: &[Vec<f64>]) -> Option<Stop> {
         let tool = matches!(self.spindle, Spindle::Tool(_));
         let cutting = tool && self.turns;
         let counts = |body: &Body| !(cutting && body.cuttable);
@@ -39,8 +42,15 @@ impl<W: Wires> VirtualMachine<W> {
         let mut first: Option<Stop> = None;
         let stem = self.stem().into_iter().map(|ball| (ball, self.stem_name()));
         for ((down, radius), what) in self.ball().map(|ball| (ball, what)).into_iter().chain(stem) {
-            let way: Vec<Vector3<f64>> =
-                chain.iter().map(|at| at + self.truth(at) + down).collect();
+            let carriage = (!turned.is_empty()).then(|| self.carriage_of(down));
+            let place = |(number, at): (usize, &Vector3<f64>)| {
+                let at = at + self.truth(at);
+                match (&carriage, turned.get(number)) {
+                    (Some(carriage), Some(deg)) => carriage.on_table(&at, deg),
+                    _ => at + down,
+                }
+            };
+            let way: Vec<Vector3<f64>> = chain.iter().enumerate().map(place).collect();
             for body in self.scene.bodies().iter().filter(|body| counts(body)) {
                 let Some(hit) = body.first_collision(&way, radius) else {
                     continue;
@@ -113,7 +123,7 @@ impl<W: Wires> VirtualMachine<W> {
     }
 
     /// The stem as a row of balls, from the gauge line to their centres and their radius.
-    fn stem(&self) -> Vec<(Vector3<f64>, f64)> {
+    pub(super) fn stem(&self) -> Vec<(Vector3<f64>, f64)> {
         if let (Spindle::Sensor, Some(sensing)) = (self.spindle, &self.sensing) {
             return sensing.housing().to_vec();
         }

@@ -1,8 +1,8 @@
 //! Rotary axes in motion.
 //!
-//! Where axes that carry the workpiece are away from 0, the scene's bodies are not where the
-//! collision and the probe look for them: collisions are not looked for then, and a probe is
-//! refused. The line scanner follows all axes.
+//! Collisions are looked for on the way of the tool's balls through the table's frame. A probe
+//! does not know turned bodies: a motion with skip is refused while an axis is away from 0. The
+//! line scanner follows all axes.
 
 use nalgebra::{Matrix3, Vector3};
 use umi_core::units::Point;
@@ -11,16 +11,8 @@ use umi_kinematics::{AxisChain, Pose};
 use super::motion::Profile;
 use super::{VirtualMachine, Wires, micros};
 use crate::nc::{AxisMotion, MotionRate, Trip};
-use crate::scene::AxisLoad;
 
 impl<W: Wires> VirtualMachine<W> {
-    /// Whether the bodies of the scene are turned with the table.
-    pub(super) fn is_table_turned(&self) -> bool {
-        let axes = self.scene.machine.rotary.iter().zip(&self.turned);
-        axes.into_iter()
-            .any(|(axis, deg)| axis.carries == AxisLoad::Workpiece && *deg != 0.0)
-    }
-
     /// Whether any rotary axis is away from 0.
     pub(super) fn is_turned(&self) -> bool {
         self.turned.iter().any(|deg| *deg != 0.0)
@@ -37,9 +29,14 @@ impl<W: Wires> VirtualMachine<W> {
 
     /// The way of a tool's tip through the rotary axes.
     pub(super) fn carriage(&self, length_mm: f64) -> TipCarriage {
+        self.carriage_of(Vector3::new(0.0, 0.0, -length_mm))
+    }
+
+    /// The same of any place in the spindle's frame.
+    pub(super) fn carriage_of(&self, tool: Vector3<f64>) -> TipCarriage {
         TipCarriage {
             chain: self.scene.machine.chain(Pose::identity()),
-            tool: Vector3::new(0.0, 0.0, -length_mm),
+            tool,
         }
     }
 
@@ -113,17 +110,48 @@ impl<W: Wires> VirtualMachine<W> {
             (None, MotionRate::Feed(feed)) => feed,
         };
         let profile = self.profile(unit, MotionRate::Feed(wanted.min(fastest)))?;
-        self.go_turning(&way, &profile, unit);
+        let stop = self.turning_collision(&way);
+        let share = stop.as_ref().map_or(1.0, |(share, _)| *share);
+        let until_s = match stop {
+            Some(_) => profile.time_at_s(unit * share),
+            None => profile.duration_s,
+        };
+        self.go_turning(&way, &profile, unit, until_s);
+        if let Some((_, trip)) = stop {
+            self.turned = way.turned(share);
+            self.tell_turned();
+            self.arrive(way.at(share));
+            return Err(trip);
+        }
         self.turned = to_deg.to_vec();
         self.tell_turned();
         self.arrive(end);
         Ok(())
     }
 
-    fn go_turning(&mut self, way: &Way, profile: &Profile, unit: f64) {
+    /// Where on a way with turns something is touched: share of it.
+    fn turning_collision(&self, way: &Way) -> Option<(f64, Trip)> {
+        if self.ball().is_none() && self.stem().is_empty() {
+            return None;
+        }
+        let largest = way
+            .sweeps
+            .iter()
+            .fold(0.0_f64, |most, sweep| most.max(sweep.abs()));
+        let steps = (largest / CHORD_DEG).ceil().clamp(1.0, MOST_CHORDS);
+        let shares: Vec<f64> = (0..=steps as u32)
+            .map(|step| f64::from(step) / steps)
+            .collect();
+        let chain: Vec<Vector3<f64>> = shares.iter().map(|share| way.at(*share)).collect();
+        let turned: Vec<Vec<f64>> = shares.iter().map(|share| way.turned(*share)).collect();
+        let stop = self.collision(&chain, &turned)?;
+        Some(((stop.line as f64 + stop.share) / steps, stop.trip))
+    }
+
+    fn go_turning(&mut self, way: &Way, profile: &Profile, unit: f64, until_s: f64) {
         if let Some(step_s) = self.wires.sampling_s().filter(|step_s| *step_s > 0.0) {
             let mut time_s = step_s;
-            while time_s < profile.duration_s {
+            while time_s < until_s {
                 let share = profile.travelled_mm(time_s) / unit;
                 self.turned = way.turned(share);
                 self.tell_turned();
@@ -132,9 +160,15 @@ impl<W: Wires> VirtualMachine<W> {
                 time_s += step_s;
             }
         }
-        self.wait(profile.duration_s);
+        self.wait(until_s);
     }
 }
+
+/// Collisions are looked for along chords of this turn: half a metre from an axis their middle lies
+/// 0.005 mm beside the arc.
+const CHORD_DEG: f64 = 0.5;
+/// Chords of a way, at most.
+const MOST_CHORDS: f64 = 4000.0;
 
 /// At so many places of a way on which the tip is carried, travel and speed are looked at.
 const LOOKS: u32 = 32;
@@ -148,7 +182,7 @@ pub(super) struct TipCarriage {
 
 impl TipCarriage {
     /// The tip on the table with the axes there.
-    fn on_table(&self, position: &Vector3<f64>, deg: &[f64]) -> Vector3<f64> {
+    pub fn on_table(&self, position: &Vector3<f64>, deg: &[f64]) -> Vector3<f64> {
         let q: Vec<f64> = position.iter().chain(deg).copied().collect();
         self.chain.sensor_in_workpiece(&q).point(&self.tool)
     }
@@ -360,6 +394,34 @@ dialect = "linuxcnc"
         let off = run(&format!("{go}G0 A30.\nG49\nG91 G28 Z0.\nG90 G0 X1.")).unwrap();
         let [x, _, z] = off.machine.position().to_array_mm();
         assert_eq!((x, z), (6.0, 500.0));
+    }
+
+    /// A block on the table is where the table has turned it: it comes to the tool, or the tool to it.
+    #[test]
+    fn turned_bodies_are_run_into() {
+        let scene = SCENE.to_owned()
+            + "[tools.1]\nlength_mm = 80\nradius_mm = 3\n[[body]]\nname = \"STOP\"\n\
+               shape = { block = { size_mm = [20, 20, 10] } }\nposition_mm = [0, 60, 0]\n";
+        let run = |program: &str| {
+            let mut cell = Cell::new(Scene::parse(&scene).unwrap(), 1, Log::default());
+            let text = format!("T1 M6\nG21 G90 {program}\nM2\n");
+            let ran = cell.run(&text, |_, _| Ok::<(), Alarm>(()));
+            (ran.err().map(|alarm| alarm.message), cell)
+        };
+        // The tip is at Z 20; the block's corner passes there at 45 degrees.
+        let (message, cell) = run("G0 A90");
+        let message = message.unwrap();
+        assert!(message.contains("the tool ran into STOP"), "{message}");
+        let a = cell.machine.turned_deg()[0];
+        assert!((20.0..45.0).contains(&a), "{a}");
+        // From above there is nothing where the block was; where it is now, its side is at Z 10.
+        let (message, _) = run("G0 Z300\nA90\nY60\nZ90");
+        assert_eq!(message, None);
+        let (message, cell) = run("G0 Z300\nA90\nY-55\nG1 Z50 F1000");
+        let message = message.unwrap();
+        assert!(message.contains("ran into STOP"), "{message}");
+        let z = cell.machine.position().to_array_mm()[2];
+        assert!((z - 90.0).abs() < 0.01, "{z}");
     }
 
     #[test]
