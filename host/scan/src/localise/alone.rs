@@ -58,9 +58,9 @@ impl Judge<'_> {
         let facets = FACETS * self.prepared.diagonal;
         let sigma = best.sigma_mm.max(scene.noise_mm.min(facets));
         let own = off(self.part(), &scene.fine, &best.motion, sigma, threads);
-        let explained_own: Vec<bool> = own.iter().map(|o| on(*o)).collect();
+        let explained_own: Vec<bool> = own.off.iter().map(|o| on(*o)).collect();
         let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
-        let held: Vec<usize> = (0..own.len()).filter(|&i| explained_own[i]).collect();
+        let held: Vec<usize> = (0..own.off.len()).filter(|&i| explained_own[i]).collect();
         let sure = certainty(
             &scene.fine,
             &measured,
@@ -114,7 +114,7 @@ impl Judge<'_> {
             let turn = best.motion.inverse().after(&fit.motion);
             let samples = &self.prepared.samples;
             let share = own_share(self.part(), samples, &turn, sigma, threads);
-            match compare(&own, &other, share) {
+            match compare(&own, &other, share, &self.prepared.sides) {
                 Ordering::Greater => None,
                 Ordering::Equal => {
                     equal.push(fit.motion);

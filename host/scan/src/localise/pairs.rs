@@ -35,6 +35,8 @@ pub(super) struct Prepared {
     pub corners: [Vec3; 8],
     /// Of each triangle its normal, and how far from the origin its plane is along it, in mm.
     planes: Vec<(Vec3, f64)>,
+    /// Of each triangle the flat side that it is of: triangles in one plane are of one.
+    pub sides: Vec<u32>,
     /// Whether there is an inside in which no point can be.
     closed: bool,
     pairs: HashMap<u32, Vec<(u16, f32)>>,
@@ -97,6 +99,25 @@ fn turn(frame: &Matrix3<f64>, d: &Vec3) -> f64 {
     d.y.atan2(d.x)
 }
 
+/// The number of the flat side that each of these planes is of.
+fn sides(planes: &[(Vec3, f64)], diagonal: f64) -> Vec<u32> {
+    let mut known: HashMap<[i64; 4], u32> = HashMap::new();
+    planes
+        .iter()
+        .map(|(n, height)| {
+            let step = |x: f64| (x * 100.0).round() as i64;
+            let key = [
+                step(n.x),
+                step(n.y),
+                step(n.z),
+                (height / (1e-3 * diagonal)).round() as i64,
+            ];
+            let next = known.len() as u32;
+            *known.entry(key).or_insert(next)
+        })
+        .collect()
+}
+
 impl Prepared {
     pub fn new(mesh: &Mesh, threads: Threads) -> Self {
         let samples = sample(mesh, SAMPLES);
@@ -119,14 +140,16 @@ impl Prepared {
                 }
             }
         }
+        let planes: Vec<(Vec3, f64)> = mesh
+            .triangles()
+            .iter()
+            .map(|t| (t.normal, t.normal.dot(&t.corners[0])))
+            .collect();
         Self {
             field: HeightField::new(mesh, threads),
             corners: mesh.corners(),
-            planes: mesh
-                .triangles()
-                .iter()
-                .map(|t| (t.normal, t.normal.dot(&t.corners[0])))
-                .collect(),
+            sides: sides(&planes, diagonal),
+            planes,
             samples,
             diagonal,
             closed: mesh.is_closed(),

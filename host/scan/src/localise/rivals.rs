@@ -1,6 +1,7 @@
 //! Poses against each other: which points one explains and the other does not.
 
 use std::cmp::Ordering;
+use std::collections::HashMap;
 
 use super::field::HeightField;
 use super::fit::{Fit, INLIER, boxed};
@@ -10,18 +11,27 @@ use crate::rigid::{Pose, Vec3};
 use crate::solve::measure;
 use crate::surface::CompositeSurface;
 
-/// How far each point lies from the part where `motion` puts it, in units of `sigma_mm`, negative within the material;
-/// infinite, with that sign, where it is clearly none of the part's.
+/// Where points stand by a pose.
+pub(super) struct Standing {
+    /// How far each lies from the part, in units of the noise, negative within the material; infinite, with that sign,
+    /// where it is clearly none of the part's.
+    pub off: Vec<f64>,
+    /// The face that each is nearest to; 0 for those that are clearly none of the part's.
+    pub face: Vec<u32>,
+}
+
+/// Where each point stands if `motion` puts the part, for a noise of `sigma_mm`.
 pub(super) fn off(
     (surface, field): (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
     sigma_mm: f64,
     threads: Threads,
-) -> Vec<f64> {
+) -> Standing {
     let limit = CLEARLY * sigma_mm;
     let inside = boxed(surface, motion, limit);
     let mut off = vec![f64::INFINITY; points.len()];
+    let mut face = vec![0; points.len()];
     let mut place = Vec::new();
     for (i, q) in points.iter().enumerate() {
         if !inside(q) {
@@ -38,8 +48,9 @@ pub(super) fn off(
         .zip(place)
     {
         off[i] = m.distance_mm / sigma_mm;
+        face[i] = m.face as u32;
     }
-    off
+    Standing { off, face }
 }
 
 /// Which points lie on the part where `motion` puts it.
@@ -50,8 +61,8 @@ pub(super) fn explained(
     sigma_mm: f64,
     threads: Threads,
 ) -> Vec<bool> {
-    let off = off(part, points, motion, sigma_mm, threads);
-    off.into_iter().map(on).collect()
+    let standing = off(part, points, motion, sigma_mm, threads);
+    standing.off.into_iter().map(on).collect()
 }
 
 /// By how many points the first explains more than the second, and what of that chance can be.
@@ -67,6 +78,9 @@ const CLEARLY: f64 = 3.0 * INLIER;
 /// Points in the air that what lies within material can support.
 const LEAST_IN_AIR: f64 = 3.0;
 
+/// Two poses contradict each other if the lesser has this share of the points of its own that the other has.
+const CONFLICT: f64 = 0.1;
+
 /// Whether a point at this distance ([`off`]) lies on the part.
 pub(super) fn on(off: f64) -> bool {
     off.abs() < INLIER
@@ -78,14 +92,27 @@ pub(super) fn on(off: f64) -> bool {
 /// stray points make where the surfaces part (`own_share` of the model's surface). Points that lie within the other's
 /// material only say that something of it is missing there. A pin that no scan shows may have been left out, so they
 /// must be many.
-pub(super) fn compare(first: &[f64], second: &[f64], own_share: f64) -> Ordering {
+///
+/// If either pose has points of its own in the air of the other, one of them lies on things that are none of the part's.
+/// A table or a vice shows more points than a part of which little is seen, and any side of a part can be put on it: the
+/// side (`sides`, by face) with the most points of its own does not count for either then.
+pub(super) fn compare(
+    first: &Standing,
+    second: &Standing,
+    own_share: f64,
+    sides: &[u32],
+) -> Ordering {
     let (mut air, mut all, mut strays) = ([0.0; 2], [0.0; 2], [0.0; 2]);
-    for (a, b) in first.iter().zip(second) {
+    let mut by_side: [HashMap<u32, f64>; 2] = Default::default();
+    for (i, (a, b)) in first.off.iter().zip(&second.off).enumerate() {
         for (k, (here, there)) in [(a, b), (b, a)].into_iter().enumerate() {
             if on(*here) && there.abs() > CLEARLY {
                 all[k] += 1.0;
                 if *there > 0.0 {
                     air[k] += 1.0;
+                    let face = [first, second][k].face[i] as usize;
+                    let side = sides.get(face).copied().unwrap_or(u32::MAX);
+                    *by_side[k].entry(side).or_default() += 1.0;
                 }
             } else if !on(*here) && here.abs() <= CLEARLY {
                 strays[k] += 1.0;
@@ -99,6 +126,15 @@ pub(super) fn compare(first: &[f64], second: &[f64], own_share: f64) -> Ordering
     let tossed = 3.0 * sum(air).sqrt();
     let strays = (f64::max(strays[0], strays[1]) / 2.0 + 1.0) * own_share;
     let stray = strays + 3.0 * strays.sqrt() + 5.0;
+    let (less, more) = (air[0].min(air[1]), air[0].max(air[1]));
+    if less > stray && less > CONFLICT * more {
+        let left = [0, 1].map(|k| air[k] - by_side[k].values().fold(0.0, |a, b| f64::max(a, *b)));
+        return if net(left).abs() > 3.0 * sum(left).sqrt() + stray {
+            net(left).total_cmp(&0.0)
+        } else {
+            Ordering::Equal
+        };
+    }
     let many = 5.0 * sum(all).sqrt() + 8.0;
     let speaks = net(air).abs();
     // What lies within the other's material supports them, if they are some.
@@ -127,8 +163,12 @@ pub(super) fn own_share(
     threads: Threads,
 ) -> f64 {
     let points: Vec<Vec3> = samples.iter().map(|s| s.at).collect();
-    let off = off(part, &points, turn, sigma_mm, threads);
-    let apart = off.iter().filter(|off| off.abs() > CLEARLY).count();
+    let standing = off(part, &points, turn, sigma_mm, threads);
+    let apart = standing
+        .off
+        .iter()
+        .filter(|off| off.abs() > CLEARLY)
+        .count();
     // As many more as chance may have left out.
     (apart as f64 + 3.0) / points.len().max(1) as f64
 }
@@ -146,22 +186,36 @@ pub(super) fn sort(fits: &mut [Fit]) {
 mod tests {
     use super::*;
 
+    fn standing(off: Vec<f64>) -> Standing {
+        Standing {
+            face: vec![0; off.len()],
+            off,
+        }
+    }
+
     /// Distances of points to two poses: so many on both, and on the one alone where the other has this.
-    fn seen(both: usize, alone: &[(usize, f64)]) -> [Vec<f64>; 2] {
+    fn seen(both: usize, alone: &[(usize, f64)]) -> [Standing; 2] {
         let mut of = [vec![0.5; both], vec![0.5; both]];
         for &(count, there) in alone {
             of[0].extend(std::iter::repeat_n(-0.5, count));
             of[1].extend(std::iter::repeat_n(there, count));
         }
-        of
+        of.map(standing)
     }
 
     fn says(alone: &[(usize, f64)], strays: usize) -> Ordering {
         let [mut first, mut second] = seen(1000, alone);
-        first.extend(vec![8.0; strays]);
-        second.extend(vec![-8.0; strays]);
-        let way = compare(&first, &second, 0.02);
-        assert_eq!(compare(&second, &first, 0.02), way.reverse());
+        for (of, off) in [(&mut first, 8.0), (&mut second, -8.0)] {
+            of.off.extend(vec![off; strays]);
+            of.face.extend(vec![0; strays]);
+        }
+        way(&first, &second)
+    }
+
+    fn way(first: &Standing, second: &Standing) -> Ordering {
+        let sides = [0, 1, 2];
+        let way = compare(first, second, 0.02, &sides);
+        assert_eq!(compare(second, first, 0.02, &sides), way.reverse());
         way
     }
 
@@ -177,5 +231,30 @@ mod tests {
         assert_eq!(says(&[(5, 50.0), (14, -50.0)], 4), Ordering::Greater);
         // Among many stray points seven are nothing.
         assert_eq!(says(&[(7, 50.0)], 900), Ordering::Equal);
+    }
+    /// So many points of the first on each of three sides, in the air of the second, and the other way round.
+    fn contrary(first: [usize; 3], second: [usize; 3]) -> Ordering {
+        let mut of = [standing(vec![0.5; 500]), standing(vec![0.5; 500])];
+        for (k, counts) in [first, second].into_iter().enumerate() {
+            for (face, count) in counts.into_iter().enumerate() {
+                of[k].off.extend(std::iter::repeat_n(0.5, count));
+                of[1 - k].off.extend(std::iter::repeat_n(50.0, count));
+                for of in &mut of {
+                    of.face.extend(std::iter::repeat_n(face as u32, count));
+                }
+            }
+        }
+        way(&of[0], &of[1])
+    }
+
+    /// A table under a part of which little is seen: more points than the part has.
+    #[test]
+    fn a_side_put_on_a_table_is_not_worth_its_many_points() {
+        assert_eq!(contrary([240, 130, 90], [0, 500, 0]), Ordering::Greater);
+        assert_eq!(contrary([240, 130, 90], [0, 900, 4]), Ordering::Greater);
+        // One side against another one: who knows?
+        assert_eq!(contrary([400, 0, 0], [0, 900, 0]), Ordering::Equal);
+        // Nothing speaks against the first.
+        assert_eq!(contrary([400, 0, 0], [0, 3, 0]), Ordering::Greater);
     }
 }

@@ -49,7 +49,7 @@ impl<'a> Sought<'a> {
             .map(|i| coarse[i])
             .collect();
         let (places, noise_mm) = orient(&coarse, &coarse, 0.75 * least, NEIGHBOURS, task.threads);
-        let fine = spread(task.points.len(), FINE)
+        let fine: Vec<Vec3> = spread(task.points.len(), FINE)
             .into_iter()
             .map(|i| task.points[i])
             .collect();
@@ -66,6 +66,7 @@ impl<'a> Sought<'a> {
                 .map(|s| shapes().position(|o| o.is_like(s)).unwrap_or(0))
                 .collect(),
             fine,
+            coarse,
             places,
             noise_mm: if noise_mm.is_finite() { noise_mm } else { 0.0 },
         }
@@ -104,10 +105,22 @@ impl<'a> Sought<'a> {
         let size = shape.size_mm();
         let reach = (0.15 * size).max(4.0 * self.noise_mm);
         let marks = shape.landmarks();
+        // A body has many starts: thinned points tell which of them are of any worth, all points settle those.
+        let (points, per) = match shape {
+            FiducialShape::Mesh(_) => (
+                &self.coarse,
+                self.fine.len() as f64 / self.coarse.len().max(1) as f64,
+            ),
+            _ => (&self.fine, 1.0),
+        };
+        let starts = match shape {
+            FiducialShape::Mesh(_) => &self.gathered(k, starts, reach)[..],
+            _ => starts,
+        };
         let mut found: Vec<Own> = self
             .task
             .threads
-            .each(starts.len(), |i| self.own(k, &starts[i], reach))
+            .each(starts.len(), |i| self.own_by(points, k, &starts[i], reach))
             .into_iter()
             .flatten()
             .filter(|own| own.holds(shape) && self.is_this_size(k, own))
@@ -124,9 +137,33 @@ impl<'a> Sought<'a> {
                 kept.push(Feature {
                     class: k,
                     motion: own.motion,
-                    inliers: own.on.len(),
+                    inliers: (own.on.len() as f64 * per) as usize,
                     landmarks,
                 });
+            }
+        }
+        kept
+    }
+
+    /// Where a few steps lead from these starts, each place once: many of them lead to the same.
+    fn gathered(&self, k: usize, starts: &[Pose], reach: f64) -> Vec<Pose> {
+        let shape = &self.task.fiducials[k].shape;
+        let marks = shape.landmarks();
+        let near = 0.02 * shape.size_mm();
+        let mut found: Vec<Own> = self
+            .task
+            .threads
+            .each(starts.len(), |i| {
+                self.settled_at(&self.coarse, k, &starts[i], reach, 2)
+            })
+            .into_iter()
+            .flatten()
+            .collect();
+        found.sort_by_key(|own| std::cmp::Reverse(own.on.len()));
+        let mut kept: Vec<Pose> = Vec::new();
+        for own in found {
+            if kept.iter().all(|k| k.apart_mm(&own.motion, &marks) > near) {
+                kept.push(own.motion);
             }
         }
         kept

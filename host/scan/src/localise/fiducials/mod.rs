@@ -255,6 +255,8 @@ struct Sought<'a> {
     class: Vec<usize>,
     /// Points to refine with.
     fine: Vec<Vec3>,
+    /// The same, thinned to cubes that are small against the fiducials.
+    coarse: Vec<Vec3>,
     /// Points to search with.
     places: Vec<Oriented>,
     /// The noise along the normals by the flatness of neighbourhoods, in mm.

@@ -26,6 +26,8 @@ pub(super) struct Own {
 
 /// Points that a fiducial needs.
 const LEAST: usize = 12;
+/// Steps at the end of a fit at most.
+const LAST: usize = 30;
 /// A motion is held if the points hold it by this share of the best one, in squares.
 const HELD: f64 = 1e-3;
 /// An edge is sharp if the normals beside it differ by more than 30 degrees (their cosine).
@@ -35,12 +37,17 @@ impl Sought<'_> {
     /// The fiducial `k` by its own points, from a start that is right to about `reach` mm. What its points do not hold is
     /// as it was at the start.
     pub fn own(&self, k: usize, start: &Pose, reach: f64) -> Option<Own> {
-        let mut found = self.settled_at(k, start, reach)?;
+        self.own_by(&self.fine, k, start, reach)
+    }
+
+    /// The same by these points of the scan.
+    pub fn own_by(&self, points: &[Vec3], k: usize, start: &Pose, reach: f64) -> Option<Own> {
+        let mut found = self.settled_at(points, k, start, reach, LAST)?;
         if !self.rims[k].is_empty() {
             // Once more from there: which points lie beside a rim is known better now.
             let again = (4.0 * INLIER * found.sigma_mm).min(reach);
-            found = self.settled_at(k, &found.held_from(start), again)?;
-            found = self.seen_at(k, &found.held_from(start), found.sigma_mm);
+            found = self.settled_at(points, k, &found.held_from(start), again, LAST)?;
+            found = self.seen_at(points, k, &found.held_from(start), found.sigma_mm);
         }
         let size = self.task.fiducials[k].shape.size_mm();
         // A wrong place has as many points a little off the surface as on it, and is rougher than the scan.
@@ -51,16 +58,24 @@ impl Sought<'_> {
     }
 
     /// The fit of the points near to where `start` puts the fiducial, without those beside a rim: what lies beyond a rim
-    /// is not known, and a ledge there would draw the body along a side that the scan does not show.
-    fn settled_at(&self, k: usize, start: &Pose, reach: f64) -> Option<Own> {
+    /// is not known, and a ledge there would draw the body along a side that the scan does not show. `last`: its last
+    /// steps at most.
+    pub fn settled_at(
+        &self,
+        points: &[Vec3],
+        k: usize,
+        start: &Pose,
+        reach: f64,
+        last: usize,
+    ) -> Option<Own> {
         let one = Threads::new(1);
         let surface = &self.surfaces[k];
         let floor = self.floor_mm();
         let settled = if self.rims[k].is_empty() {
-            fit::settle(surface, &self.fine, start, reach, floor, 30, one)?
+            fit::settle(surface, points, start, reach, floor, last, one)?
         } else {
             let inside = fit::boxed(surface, start, 3.0 * reach);
-            let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
+            let near: Vec<Vec3> = points.iter().filter(|q| inside(q)).copied().collect();
             // What is farther is left out by the fit, too.
             let far = 3.0 * reach;
             let measured = measure_within(surface, &near, start, &[], far, one);
@@ -70,17 +85,17 @@ impl Sought<'_> {
                 .filter(|(q, m)| m.distance_mm.abs() < far && self.is_within(k, start, q, m))
                 .map(|(q, _)| *q)
                 .collect();
-            fit::settle(surface, &within, start, reach, floor, 30, one)?
+            fit::settle(surface, &within, start, reach, floor, last, one)?
         };
-        let found = self.seen_at(k, &settled.motion, settled.sigma_mm);
+        let found = self.seen_at(points, k, &settled.motion, settled.sigma_mm);
         (found.on.len() >= LEAST).then_some(found)
     }
 
     /// What the points say where the fiducial is.
-    fn seen_at(&self, k: usize, motion: &Pose, sigma_mm: f64) -> Own {
+    fn seen_at(&self, points: &[Vec3], k: usize, motion: &Pose, sigma_mm: f64) -> Own {
         let surface = &self.surfaces[k];
         let inside = fit::boxed(surface, motion, 3.0 * INLIER * sigma_mm);
-        let near: Vec<Vec3> = self.fine.iter().filter(|q| inside(q)).copied().collect();
+        let near: Vec<Vec3> = points.iter().filter(|q| inside(q)).copied().collect();
         let reach = 3.0 * INLIER * sigma_mm;
         let measured = measure_within(surface, &near, motion, &[], reach, Threads::new(1));
         let mut own = Own {
