@@ -13,6 +13,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod access;
 pub mod config;
 pub mod job;
 pub mod latch;

@@ -34,9 +34,17 @@
 //! | `ConfigGet` | `Config` or `NotOnThisBoard` | operator | what the owner allows |
 //! | `ConfigSet` | `Done`, `ConfigRefused` or `JobRefused` | owner | replaces that; `JobRefused`: the job in force asks for more |
 //! | `HeadGet` | `Head` | nobody | the newest signed head; with a nonce: one over it, as soon as nothing is under way |
+//! | `AccessGet` | `Access` | nobody | whether the board has an owner, and its own key |
+//! | `KeyList` | `Keys` | operator | the keys that it knows |
+//! | `KeyEnrol` | `Done` | owner | it knows a key from now on; the first owner's needs the jumper instead |
+//! | `KeyRevoke` | `Done` | owner | it does not know it any more |
+//! | `LockSet` | `Done` | owner | it changes nothing any more, or again |
+//! | `Wipe` | `Done` | owner and jumper | it forgets everything and starts anew |
+//! | `SessionBegin` | `SessionChallenge` | nobody | a host wants to prove its key |
+//! | `SessionProve` | `SessionOpen` | nobody | it proves it: [`crate::access`] |
 //!
-//! Every request about programs may be answered by `ProgramRefused`, too. Asked twice, each
-//! does what it does once.
+//! Every request about programs may be answered by `ProgramRefused`, too, and each by
+//! `AccessRefused`. Asked twice, each does what it does once.
 //!
 //! Trigger pulses and laser belong to the host that switched them on: the board
 //! switches them off when that host is gone, and when nothing was heard of it for five
@@ -49,6 +57,9 @@ use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 use thiserror::Error;
 
+use crate::access::{
+    AccessChange, AccessInfo, AccessRefusal, KeyId, KeyInfo, Keys, SessionAsk, SessionChallenge,
+};
 use crate::config::{BoardConfig, ConfigField, Fallbacks};
 use crate::job::job_error::{Field, JobError};
 use crate::job::serial::LineSettings;
@@ -66,6 +77,8 @@ use crate::records::program::{
 use crate::records::verdict::Verdict;
 use crate::schema::max_len;
 
+pub use crate::access::{AccessMode, Role};
+
 /// Raw bytes in one [`Record::Bytes`], at most.
 pub const MAX_BYTES: usize = 256;
 /// Bytes of one encoded [`Record`], at most.
@@ -78,21 +91,6 @@ pub enum RequestClass {
     Immediate,
     /// What the board knows.
     State,
-}
-
-/// Whose key a request needs on a board that has an owner; who may do more may do less, too.
-///
-/// No board has an owner yet: each is [`AccessMode::Open`], and does for everybody what is asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Role {
-    /// Nobody's: who the board is, whether it works, where it stands.
-    None,
-    /// It reads: journal, job, verdicts, programs; it says what is kept elsewhere.
-    Operator,
-    /// It changes what is measured or what moves: job, programs, trigger pulses, laser.
-    Engineer,
-    /// It says what engineers may do: ceilings.
-    Owner,
 }
 
 /// Declares the requests: each one's class, role and possible answers stand beside it.
@@ -134,9 +132,13 @@ macro_rules! requests {
                 }
             }
 
-            /// Whether this can be an answer to it.
+            /// Whether this can be an answer to it. Every request can be refused for want of a key
+            /// or of a session.
             #[must_use]
             pub const fn is_answered_by(&self, response: &Response) -> bool {
+                if matches!(response, Response::AccessRefused(_)) {
+                    return true;
+                }
                 match self {
                     $( Self::$variant { .. } => matches!(
                         response,
@@ -272,6 +274,33 @@ requests! {
         /// Allow this from now on.
         ConfigSet(BoardConfig)
             => State, Owner, Done | ConfigRefused | JobRefused | NotOnThisBoard | StorageFailed;
+        /// How are you guarded?
+        AccessGet => State, None, Access;
+        /// Which keys do you know?
+        KeyList => State, Operator, Keys;
+        /// Know this key from now on, or give it this role. The first is an owner's, and needs the
+        /// jumper instead of a key.
+        KeyEnrol(KeyInfo) => State, Owner, Done | NotOnThisBoard | StorageFailed;
+        /// Do not know this key any more.
+        KeyRevoke {
+            /// The key.
+            key_id: KeyId,
+        } => State, Owner, Done | NotOnThisBoard | StorageFailed;
+        /// Change nothing any more, or again.
+        LockSet {
+            /// True: nothing.
+            locked: bool,
+        } => State, Owner, Done | NotOnThisBoard | StorageFailed;
+        /// Forget everything: keys, configuration, job, programs, journal. It needs the jumper, too;
+        /// the jumper alone is enough where it was closed over two starts. The board starts anew.
+        Wipe => State, Owner, Done | NotOnThisBoard | StorageFailed;
+        /// I have a key, and want a session.
+        SessionBegin(SessionAsk) => State, None, SessionChallenge | NotOnThisBoard;
+        /// This is the proof.
+        SessionProve {
+            /// The signature, R and S.
+            signature: [[u8; 32]; 2],
+        } => State, None, SessionOpen | NotOnThisBoard;
     }
 }
 
@@ -364,6 +393,21 @@ pub enum Response {
     },
     /// To `ConfigSet`: this field cannot be used.
     ConfigRefused(ConfigField),
+    /// To any request: its host may not ask for that. Nothing has changed.
+    AccessRefused(AccessRefusal),
+    /// To `AccessGet`.
+    Access(AccessInfo),
+    /// To `KeyList`.
+    Keys(Keys),
+    /// To `SessionBegin`.
+    SessionChallenge(SessionChallenge),
+    /// To `SessionProve`: from now on this host's frames are sealed.
+    SessionOpen {
+        /// What the key is for.
+        role: Role,
+        /// The board's signature, R and S.
+        signature: [[u8; 32]; 2],
+    },
 }
 
 /// Why nothing is to be taught.
@@ -504,7 +548,12 @@ pub enum Record {
         chain_restarted: bool,
     },
     /// A job was set, or restored at start.
-    JobSet(Job),
+    JobSet {
+        /// The job.
+        job: Job,
+        /// By whose key; none: nobody's, or restored. Older records have none of it.
+        key_id: Option<KeyId>,
+    },
     /// A reference was restored at start.
     ReferenceRestored {
         /// Places of the job's datum features, in its order, then of those on the table.
@@ -558,13 +607,20 @@ pub enum Record {
     /// Triggers or trigger pulses came, and then none for a second.
     Scan(Scan),
     /// A part program was uploaded.
-    ProgramKept(ProgramInfo),
+    ProgramKept {
+        /// Which.
+        program: ProgramInfo,
+        /// By whose key; none: nobody's, or the control punched it. Older records have none of it.
+        key_id: Option<KeyId>,
+    },
     /// A part program was deleted.
     ProgramDeleted {
         /// Its number.
         number: u32,
         /// The CRC-32 of its bytes.
         crc32: u32,
+        /// By whose key; none: nobody's. Older records have none of it.
+        key_id: Option<KeyId>,
     },
     /// A READ for which there is no program: one went out that raises an alarm.
     AlarmSent {
@@ -655,12 +711,46 @@ pub enum Record {
         /// The run.
         run: u32,
     },
+    /// Who may do what was changed.
+    Access {
+        /// What.
+        what: AccessChange,
+        /// Of this key; of a lock: the owner's who did it.
+        key_id: KeyId,
+        /// Its role.
+        role: Role,
+        /// By whose key; none: the jumper was closed.
+        by: Option<KeyId>,
+    },
+    /// Somebody was refused something, so often since the last such entry. At most one a minute for
+    /// each reason.
+    AccessRefused {
+        /// Why, the latest time.
+        why: AccessRefusal,
+        /// How often.
+        count: u32,
+        /// Which key was tried, the latest time, if one was.
+        key_id: Option<KeyId>,
+    },
+    /// The board was wiped: this journal is a new one.
+    Wiped {
+        /// The oldest entry that the old one held.
+        first_seq: u64,
+        /// The number that its next entry would have got.
+        next_seq: u64,
+        /// Its chain value, over everything that was ever in it.
+        chain: [u8; 32],
+        /// By whose key; none: by the jumper alone.
+        key_id: Option<KeyId>,
+    },
 }
 
 /// Kind numbers of the records that are evidence: what was decided, what went out to the machine,
 /// what was in force, and who changed it. Never changed for a kind that there is: the chain of
 /// evidence rests on it.
-const EVIDENCE: [u8; 15] = [0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28];
+const EVIDENCE: [u8; 18] = [
+    0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28, 30, 31, 32,
+];
 
 impl Record {
     /// The kind number stored with a journal entry. Never reused, never renumbered.
@@ -669,7 +759,7 @@ impl Record {
         match self {
             Self::Boot { .. } => 0,
             Self::Recovered { .. } => 1,
-            Self::JobSet(_) => 2,
+            Self::JobSet { .. } => 2,
             Self::ReferenceRestored { .. } => 3,
             Self::Bytes { .. } => 4,
             Self::BytesLost { .. } => 5,
@@ -682,7 +772,7 @@ impl Record {
             Self::CorrectionSent { .. } => 12,
             Self::Latch(_) => 13,
             Self::Scan(_) => 14,
-            Self::ProgramKept(_) => 15,
+            Self::ProgramKept { .. } => 15,
             Self::ProgramDeleted { .. } => 16,
             Self::AlarmSent { .. } => 17,
             Self::ProgramSent { .. } => 18,
@@ -697,6 +787,9 @@ impl Record {
             Self::Acknowledged { .. } => 27,
             Self::ConfigSet(_) => 28,
             Self::LastRun { .. } => 29,
+            Self::Access { .. } => 30,
+            Self::AccessRefused { .. } => 31,
+            Self::Wiped { .. } => 32,
         }
     }
 
@@ -757,19 +850,6 @@ pub struct Status {
     pub latches: LatchCounters,
     /// Who may do what.
     pub access: AccessMode,
-}
-
-/// Who may do what with a board.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr,
-)]
-#[postcard(crate = crate)]
-#[serde(rename_all = "snake_case")]
-#[strum(serialize_all = "snake_case")]
-pub enum AccessMode {
-    /// It has no owner: whoever reaches its port may do everything.
-    #[default]
-    Open,
 }
 
 /// Why the board started.

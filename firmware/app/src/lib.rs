@@ -23,6 +23,7 @@
 //! | [`intake`] | what came in and waits to be measured |
 //! | [`measure`] | what the board knows and decides, keeps, tells, delivers; no waiting |
 //! | `shared` | a lock that tasks of all priorities may wait for |
+//! | [`access`] | who may do what: keys, sessions, wiping |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
 #![no_std]
 #![cfg_attr(
@@ -39,6 +40,7 @@
     reason = "boards are used by generic functions only, never as trait objects"
 )]
 
+pub mod access;
 pub mod board;
 mod capture;
 mod control;
@@ -80,6 +82,10 @@ pub struct App<F: Flash> {
     intake: intake::Intake,
     line: control::line::Line,
     scans: capture::scan::Scans,
+    /// Who may do what; the host's task has it.
+    guarded: shared::Shared<access::Guarded>,
+    /// The board is to start anew.
+    restart: Signal<CriticalSectionRawMutex, ()>,
     /// The host has changed something that the outputs and the clock must know.
     config_changed: Signal<CriticalSectionRawMutex, ()>,
     /// There may be something to tell the host.
@@ -115,6 +121,8 @@ impl<F: Flash> App<F> {
             intake: intake::Intake::new(),
             line: control::line::Line::new(),
             scans: capture::scan::Scans::new(),
+            guarded: shared::Shared::new(access::Guarded::new()),
+            restart: Signal::new(),
             config_changed: Signal::new(),
             events_pending: Signal::new(),
         }
@@ -133,9 +141,31 @@ impl<F: Flash> App<F> {
         now: Micros,
     ) -> Result<Opened<F::Error>, Running> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
+        let mut storage = storage;
+        if guarded.wiping().is_some() {
+            storage.erase();
+        }
         let opened = measure.start(boot, storage, now);
+        guarded.end_wipe(now, &mut measure);
         self.line.note_settings(measure.line());
         Ok(opened)
+    }
+
+    /// Guards the board by this, from before [`Self::start`] on. A board that is not guarded is open
+    /// for ever.
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn guard(&self, gate: &'static mut dyn access::Gate) -> Result<(), Running> {
+        let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
+        guarded.put(gate);
+        Ok(())
+    }
+
+    /// Waits until the board is to start anew: its host has asked for it and has its answer.
+    pub async fn restarts(&self) {
+        self.restart.wait().await;
     }
 
     /// How the line to the control is to be set: by the job, once it has been started.

@@ -122,7 +122,10 @@ impl Replay {
             | Record::ConfigSet(_)
             | Record::Recovered { .. }
             | Record::CorrectionSent { .. }
-            | Record::ProgramKept(_)
+            | Record::ProgramKept { .. }
+            | Record::Access { .. }
+            | Record::AccessRefused { .. }
+            | Record::Wiped { .. }
             | Record::ProgramDeleted { .. }
             | Record::AlarmSent { .. }
             | Record::ProgramSent { .. }
@@ -144,7 +147,7 @@ impl Replay {
                 self.brain = None;
                 Ok(())
             }
-            Record::JobSet(job) => {
+            Record::JobSet { job, .. } => {
                 let complete = self.nothing_expected();
                 self.brain = Some(Brain::new(job.clone()).map_err(|_| Difference::BadJob)?);
                 complete

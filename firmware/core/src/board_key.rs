@@ -134,6 +134,13 @@ pub fn key_id(public: &[u8; 32]) -> [u8; 8] {
     digest.first_chunk().copied().unwrap_or_default()
 }
 
+/// Whether this is a public key by which something can be proven: a point of the curve, of a large
+/// order.
+#[must_use]
+pub fn may_prove(public: &[u8; 32]) -> bool {
+    VerifyingKey::from_bytes(public).is_ok_and(|key| !key.is_weak())
+}
+
 /// Whether a head was signed by the key that it names. Signatures that are not in the one form of
 /// RFC 8032, and keys of a small order, are refused.
 #[must_use]

@@ -17,6 +17,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod access;
 pub mod archive;
 pub mod board_key;
 pub mod brain;

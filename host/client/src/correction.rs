@@ -47,7 +47,7 @@ impl Basis {
                 return Ok(());
             };
             match journal::record(&entry) {
-                Ok(Record::JobSet(set)) => {
+                Ok(Record::JobSet { job: set, .. }) => {
                     job = Some(set);
                     found = None;
                 }

@@ -1,6 +1,9 @@
 //! Which board is meant: `--port`, `UMI_PORT`, or the only one that is plugged in.
 
+use ed25519_dalek::SigningKey;
 use serialport::{SerialPortInfo, SerialPortType};
+
+use umi_protocol::access::AccessMode;
 
 use crate::link::Client;
 use crate::problem::Problem;
@@ -18,6 +21,20 @@ pub fn connect(address: Option<&str>) -> Result<Client, Problem> {
         None => only(&serialport::available_ports().unwrap_or_default())?,
     };
     Ok(Client::open(&address)?)
+}
+
+/// Connects as [`connect`], and proves this key to a board that has an owner.
+///
+/// # Errors
+/// As [`connect`]; the key is not taken.
+pub fn connect_with(address: Option<&str>, key: Option<&SigningKey>) -> Result<Client, Problem> {
+    let mut board = connect(address)?;
+    if let Some(key) = key
+        && board.access()?.mode != AccessMode::Open
+    {
+        board.authenticate(key)?;
+    }
+    Ok(board)
 }
 
 /// The only board among the ports.

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
+use umi_protocol::access::AccessRefusal;
 
 use crate::link::LinkError;
 
@@ -89,6 +90,17 @@ impl From<umi_core::fit::FitError> for Problem {
 
 impl From<LinkError> for Problem {
     fn from(error: LinkError) -> Self {
-        Self::trouble(error.code(), error)
+        let LinkError::Refused(refusal) = error else {
+            return Self::trouble(error.code(), error);
+        };
+        let problem = Self::refused(refusal.code(), refusal);
+        match refusal {
+            AccessRefusal::KeyNeeded { needs } => problem.with("needs", needs.name()),
+            AccessRefusal::RoleTooLow { needs, has } => {
+                problem.with("needs", needs.name()).with("has", has.name())
+            }
+            AccessRefusal::TooManyTries { retry_in_s } => problem.with("retry_in_s", retry_in_s),
+            _ => problem,
+        }
     }
 }

@@ -186,7 +186,7 @@ pub fn receive(board: &mut Client) -> Result<ProgramInfo, Problem> {
         let pulled = journal::pull(board, wanted, |step| {
             if let PullStep::Entry(entry, _) = step {
                 match journal::record(&entry) {
-                    Ok(Record::ProgramKept(program)) => end = Some(Ok(program)),
+                    Ok(Record::ProgramKept { program, .. }) => end = Some(Ok(program)),
                     Ok(Record::ProgramNotKept { why, .. }) => end = Some(Err(refusal(&why))),
                     // It says nothing of this.
                     _ => {}

@@ -20,7 +20,7 @@ struct Cli {
     #[command(flatten)]
     format: cmd::Format,
     #[command(flatten)]
-    _board: cmd::Board,
+    _port: cmd::Port,
     #[command(subcommand)]
     command: cmd::Command,
 }

@@ -19,6 +19,10 @@ pub enum Kind {
     Response,
     /// Unasked: [`Event`].
     Event,
+    /// [`Request`] of a session, with its seal.
+    SealedRequest,
+    /// The answer to that, with its seal.
+    SealedResponse,
     /// Something of a later version.
     Other(u8),
 }
@@ -30,7 +34,27 @@ impl Kind {
             Self::Request => 2,
             Self::Response => 3,
             Self::Event => 4,
+            Self::SealedRequest => 5,
+            Self::SealedResponse => 6,
             Self::Other(number) => number,
+        }
+    }
+
+    /// The kind of such a frame with a seal; of what has none, the same.
+    pub(crate) const fn sealed(self) -> Self {
+        match self {
+            Self::Request => Self::SealedRequest,
+            Self::Response => Self::SealedResponse,
+            other => other,
+        }
+    }
+
+    /// The kind of such a frame without its seal; none if it has none.
+    pub(crate) const fn unsealed(self) -> Option<Self> {
+        match self {
+            Self::SealedRequest => Some(Self::Request),
+            Self::SealedResponse => Some(Self::Response),
+            _ => None,
         }
     }
 
@@ -40,6 +64,8 @@ impl Kind {
             2 => Self::Request,
             3 => Self::Response,
             4 => Self::Event,
+            5 => Self::SealedRequest,
+            6 => Self::SealedResponse,
             other => Self::Other(other),
         }
     }

@@ -21,6 +21,21 @@
 //!   frame (P. Koopman, 32-bit cyclic redundancy codes for internet
 //!   applications, DSN 2002) and all but one in 2^32 of the others.
 //!
+//! # Seals
+//!
+//! In a session ([`crate::access`]) a request and its answer are of the kinds
+//! [`Kind::SealedRequest`] and [`Kind::SealedResponse`], and a seal stands behind the message:
+//!
+//! ```text
+//! payload:  message      counter   code
+//!           0..n bytes   u64 LE    16 bytes
+//! ```
+//!
+//! The code is the first half of HMAC-SHA-256, by a key for each direction, over kind, sequence and
+//! key as they stand in the frame, the counter, and the message. A host counts each frame that it
+//! sends; a board takes none whose counter is not greater than the last one's. An answer has the
+//! counter of its request.
+//!
 //! # Rules of the link
 //!
 //! * All of the above and the layout of [`crate::wire::hello::Hello`] are frozen for ever: any
@@ -76,12 +91,17 @@ const fn longest(a: usize, b: usize) -> usize {
     if a > b { a } else { b }
 }
 
+/// Bytes of a message authentication code in a frame.
+pub const CODE: usize = 16;
+/// Bytes of a seal: a counter and a code.
+pub const SEAL: usize = 8 + CODE;
+
 /// Bytes of the longest frame that a host sends: the board's receive buffer.
-pub const MAX_HOST_FRAME: usize = frame_len(longest(Hello::MAX_LEN, Request::MAX_LEN));
+pub const MAX_HOST_FRAME: usize = frame_len(longest(Hello::MAX_LEN, Request::MAX_LEN + SEAL));
 /// Bytes of the longest frame that a board sends: the host's receive buffer.
 pub const MAX_BOARD_FRAME: usize = frame_len(longest(
     Hello::MAX_LEN,
-    longest(Response::MAX_LEN, Event::MAX_LEN),
+    longest(Response::MAX_LEN + SEAL, Event::MAX_LEN),
 ));
 
 /// The caller's buffer is too small for the frame; [`frame_len`] says how long
@@ -117,11 +137,59 @@ pub fn encode<'b, M: Message>(
     frame(M::KIND, sequence, out, start..end).map_err(|Full| BufferTooSmall)
 }
 
+/// As [`encode`], with a seal.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_sealed<'b, M: Message>(
+    sequence: u16,
+    message: &M,
+    counter: u64,
+    code: &dyn Fn(&Authenticated<'_>) -> [u8; CODE],
+    out: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
+    let start = 2 + HEADER + max_overhead(out.len());
+    let free = out.get_mut(start..).ok_or(BufferTooSmall)?;
+    let (message, rest) = {
+        let len = postcard::to_slice(message, free)
+            .map_err(|_| BufferTooSmall)?
+            .len();
+        free.split_at_mut(len)
+    };
+    let kind = M::KIND.sealed();
+    let code = code(&Authenticated {
+        header: header(kind, sequence, KEY as u32),
+        counter,
+        message,
+    });
+    let seal = rest.get_mut(..SEAL).ok_or(BufferTooSmall)?;
+    let (place, code_place) = seal.split_at_mut(8);
+    place.copy_from_slice(&counter.to_le_bytes());
+    code_place.copy_from_slice(&code);
+    let end = start + message.len() + SEAL;
+    frame(kind, sequence, out, start..end).map_err(|Full| BufferTooSmall)
+}
+
+/// What the code of a seal is made over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Authenticated<'a> {
+    /// Kind, sequence and key as they stand in the frame.
+    pub header: [u8; HEADER],
+    /// The frame's counter.
+    pub counter: u64,
+    /// The message.
+    pub message: &'a [u8],
+}
+
+const fn header(kind: Kind, sequence: u16, key: u32) -> [u8; HEADER] {
+    let [s0, s1] = sequence.to_le_bytes();
+    let [k0, k1, k2, k3] = key.to_le_bytes();
+    [kind.number(), s0, s1, k0, k1, k2, k3]
+}
+
 /// Stuffs header, payload and check value into a frame; the payload stands in `out` already.
 fn frame(kind: Kind, sequence: u16, out: &mut [u8], payload: Range<usize>) -> Result<&[u8], Full> {
-    let [s0, s1] = sequence.to_le_bytes();
-    let [k0, k1, k2, k3] = (KEY as u32).to_le_bytes();
-    let header: [u8; HEADER] = [kind.number(), s0, s1, k0, k1, k2, k3];
+    let header = header(kind, sequence, KEY as u32);
     let mut digest = CRC.digest();
     digest.update(&header);
     digest.update(out.get(payload.clone()).ok_or(Full)?);
@@ -184,6 +252,32 @@ impl<'a> Frame<'a> {
         content
             .split_last_chunk::<TRAILER>()
             .is_some_and(|(checked, crc)| CRC.checksum(checked) == u32::from_le_bytes(*crc))
+    }
+
+    /// The frame without its seal, what the seal's code is to be made over, and the code that it
+    /// has; none if it has no seal. Who compares the codes knows whether it was changed.
+    #[must_use]
+    pub fn unsealed(&self) -> Option<(Self, Authenticated<'a>, &'a [u8; CODE])> {
+        let kind = self.kind.unsealed()?;
+        let (rest, code) = self.payload.split_last_chunk::<CODE>()?;
+        let (message, counter) = rest.split_last_chunk::<8>()?;
+        let inner = Self {
+            kind,
+            payload: message,
+            ..*self
+        };
+        let authenticated = Authenticated {
+            header: header(self.kind, self.sequence, self.key),
+            counter: u64::from_le_bytes(*counter),
+            message,
+        };
+        Some((inner, authenticated, code))
+    }
+
+    /// Whether its sender's messages are ours.
+    #[must_use]
+    pub const fn is_of_this_schema(&self) -> bool {
+        self.key == KEY as u32
     }
 
     /// Opens the frame.

@@ -2,7 +2,9 @@
 
 use serde::Deserialize;
 
+use crate::access::Role;
 use crate::latch::TriggerOut;
+use crate::message::Request;
 use crate::wire::frame::{Frame, Kind};
 use crate::wire::hello::KEY;
 
@@ -24,6 +26,16 @@ const TRIGGER_OUT: u8 = 12;
 const LASER: u8 = 13;
 
 impl ImmediateRequest {
+    /// Whose key it needs: as the table says of the request that it is.
+    #[must_use]
+    pub const fn needs(&self) -> Role {
+        match self {
+            Self::Positions => Request::PositionsGet.needs(),
+            Self::TriggerOut(when) => Request::TriggerOutSet(*when).needs(),
+            Self::Laser(on) => Request::LaserSet { on: *on }.needs(),
+        }
+    }
+
     /// What this frame asks, if it is one of these.
     #[must_use]
     pub fn of(frame: &Frame<'_>) -> Option<Self> {

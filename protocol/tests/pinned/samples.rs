@@ -3,6 +3,10 @@
 //! has its place here.
 
 use heapless::{String, Vec};
+use umi_protocol::access::{
+    AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, KeyInfo, KeyName, Role, SessionAsk,
+    SessionChallenge,
+};
 use umi_protocol::config::{BoardConfig, Ceilings, ConfigField, JournalConfig, WhenFull};
 use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
 use umi_protocol::feature::{FeatureResult, FitReport, Shape};
@@ -21,8 +25,8 @@ use umi_protocol::latch::{
 };
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
-    AccessMode, Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason,
-    Response, Status, TeachRefusal, TeachWhat,
+    Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason, Response,
+    Status, TeachRefusal, TeachWhat,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
@@ -98,7 +102,20 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::HeadGet { .. }) => Request::JournalAck { seq: 70_000 },
         Some(Request::JournalAck { .. }) => Request::ConfigGet,
         Some(Request::ConfigGet) => Request::ConfigSet(config()),
-        Some(Request::ConfigSet(_)) => return None,
+        Some(Request::ConfigSet(_)) => Request::AccessGet,
+        Some(Request::AccessGet) => Request::KeyList,
+        Some(Request::KeyList) => Request::KeyEnrol(key_info()),
+        Some(Request::KeyEnrol(_)) => Request::KeyRevoke { key_id: KEY_ID },
+        Some(Request::KeyRevoke { .. }) => Request::LockSet { locked: true },
+        Some(Request::LockSet { .. }) => Request::Wipe,
+        Some(Request::Wipe) => Request::SessionBegin(SessionAsk {
+            key: [0x21; 32],
+            share: [0x22; 32],
+        }),
+        Some(Request::SessionBegin(_)) => Request::SessionProve {
+            signature: [[0x23; 32], [0x24; 32]],
+        },
+        Some(Request::SessionProve { .. }) => return None,
     })
 }
 
@@ -176,7 +193,27 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             fallbacks: list([ConfigField::RmsMm]),
         },
         Some(Response::Config { .. }) => Response::ConfigRefused(ConfigField::Full),
-        Some(Response::ConfigRefused(_)) => return None,
+        Some(Response::ConfigRefused(_)) => Response::AccessRefused(AccessRefusal::RoleTooLow {
+            needs: Role::Owner,
+            has: Role::Engineer,
+        }),
+        Some(Response::AccessRefused(_)) => Response::Access(AccessInfo {
+            mode: AccessMode::Locked,
+            jumper: Some(true),
+            retry_in_s: 60,
+            board_key: Some([0x31; 32]),
+        }),
+        Some(Response::Access(_)) => Response::Keys(list([key_info()])),
+        Some(Response::Keys(_)) => Response::SessionChallenge(SessionChallenge {
+            challenge: [0x32; 32],
+            share: [0x33; 32],
+            board_key: [0x31; 32],
+        }),
+        Some(Response::SessionChallenge(_)) => Response::SessionOpen {
+            role: Role::Engineer,
+            signature: [[0x34; 32], [0x35; 32]],
+        },
+        Some(Response::SessionOpen { .. }) => return None,
     })
 }
 
@@ -226,8 +263,11 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             damaged_headers: 1,
             chain_restarted: true,
         },
-        Some(Record::Recovered { .. }) => Record::JobSet(job()),
-        Some(Record::JobSet(_)) => Record::ReferenceRestored {
+        Some(Record::Recovered { .. }) => Record::JobSet {
+            job: job(),
+            key_id: Some(KEY_ID),
+        },
+        Some(Record::JobSet { .. }) => Record::ReferenceRestored {
             positions_mm: list([[1.0, 2.0, 3.0], [-4.0, 5.5, 0.0]]),
             learned: Lessons::NONE,
         },
@@ -259,10 +299,14 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             from_ns: 1_000_000_000,
             to_ns: 11_000_000_000,
         }),
-        Some(Record::Scan(_)) => Record::ProgramKept(program()),
-        Some(Record::ProgramKept(_)) => Record::ProgramDeleted {
+        Some(Record::Scan(_)) => Record::ProgramKept {
+            program: program(),
+            key_id: None,
+        },
+        Some(Record::ProgramKept { .. }) => Record::ProgramDeleted {
             number: 1234,
             crc32: 0xCBF4_3926,
+            key_id: Some(KEY_ID),
         },
         Some(Record::ProgramDeleted { .. }) => Record::AlarmSent {
             number: 9010,
@@ -308,8 +352,35 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
         },
         Some(Record::Acknowledged { .. }) => Record::ConfigSet(config()),
         Some(Record::ConfigSet(_)) => Record::LastRun { run: 1234 },
-        Some(Record::LastRun { .. }) => return None,
+        Some(Record::LastRun { .. }) => Record::Access {
+            what: AccessChange::Enrolled,
+            key_id: KEY_ID,
+            role: Role::Owner,
+            by: None,
+        },
+        Some(Record::Access { .. }) => Record::AccessRefused {
+            why: AccessRefusal::TooManyTries { retry_in_s: 60 },
+            count: 12,
+            key_id: Some(KEY_ID),
+        },
+        Some(Record::AccessRefused { .. }) => Record::Wiped {
+            first_seq: 3,
+            next_seq: 300,
+            chain: [0x5B; 32],
+            key_id: Some(KEY_ID),
+        },
+        Some(Record::Wiped { .. }) => return None,
     })
+}
+
+const KEY_ID: KeyId = [1, 2, 3, 4, 5, 6, 7, 8];
+
+fn key_info() -> KeyInfo {
+    KeyInfo {
+        public: [0x21; 32],
+        role: Role::Engineer,
+        name: KeyName::try_from("Anna").unwrap(),
+    }
 }
 
 fn lessons() -> Lessons {

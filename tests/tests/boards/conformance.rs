@@ -570,12 +570,16 @@ fn keeps_programs_whole_whatever_happens_to_an_upload(rig: &mut dyn Rig) {
     assert_eq!(gone, Err(ProgramRefusal::NotThere));
     let (records, findings) = journal(&mut client);
     let kept = records.iter().filter_map(|record| match record {
-        Record::ProgramKept(program) => Some(program),
+        Record::ProgramKept { program, .. } => Some(program),
         _ => None,
     });
     assert!(kept.eq([&old, &new]));
     let (number, crc32) = (new.number, new.crc32);
-    assert!(records.contains(&Record::ProgramDeleted { number, crc32 }));
+    assert!(records.contains(&Record::ProgramDeleted {
+        number,
+        crc32,
+        key_id: None
+    }));
     assert_eq!(findings.differences, []);
 }
 

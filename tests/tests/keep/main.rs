@@ -3,4 +3,5 @@
 mod evidence;
 mod heads;
 mod journal_power_cut;
+mod sessions;
 mod storage;

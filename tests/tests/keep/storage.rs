@@ -136,7 +136,7 @@ fn jobs_since_start(journal: &VirtualFlash) -> Vec<Record> {
         let entry = journal.read(seq, &mut payload).unwrap().entry;
         match postcard::from_bytes(entry.payload).unwrap() {
             Record::Boot { .. } => records.clear(),
-            record @ (Record::JobSet(_) | Record::JobLost { .. }) => records.push(record),
+            record @ (Record::JobSet { .. } | Record::JobLost { .. }) => records.push(record),
             _ => {}
         }
     }
@@ -265,7 +265,7 @@ fn a_power_cut_in_the_settings_leaves_one_of_both_jobs() {
         assert!([job().name, other.name.clone()].contains(&status.job.unwrap()));
         drop((board, client));
         let told = jobs_since_start(&config.journal);
-        assert!(matches!(told[..], [Record::JobSet(_)]), "{bytes} bytes");
+        assert!(matches!(told[..], [Record::JobSet { .. }]), "{bytes} bytes");
     }
     assert!(seen[0] > 3 && seen[1] > 3, "{seen:?}");
 }

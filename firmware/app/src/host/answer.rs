@@ -11,8 +11,9 @@ use umi_core::units::Micros;
 use umi_protocol::config::BoardConfig;
 use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::job::Lessons;
-use umi_protocol::message::{AccessMode, JournalInfo, MAX_ENTRY, Request, Response, Status};
+use umi_protocol::message::{JournalInfo, MAX_ENTRY, Request, Response, Status};
 
+use crate::access::{self, Caller, Guarded};
 use crate::board::{Axes, Scanner, Unsupported};
 use crate::capture::scan::Scans;
 use crate::host::programs;
@@ -27,6 +28,10 @@ pub(crate) struct RequestContext<'a> {
     /// Frames from this host that were damaged.
     pub link_damaged: u32,
     pub scans: &'a Scans,
+    /// The board's gate.
+    pub guarded: &'a mut Guarded,
+    /// Who asks.
+    pub caller: Caller,
 }
 
 /// Does what the host asks and says what came of it.
@@ -96,6 +101,22 @@ pub(crate) fn answer<F: Flash>(
         Request::ProgramPass(info) => response(|| programs::pass(measure, info)),
         Request::ProgramPassed { offset, bytes } => {
             response(|| programs::passed(measure, *offset, bytes))
+        }
+        Request::AccessGet
+        | Request::KeyList
+        | Request::KeyEnrol(_)
+        | Request::KeyRevoke { .. }
+        | Request::LockSet { .. }
+        | Request::Wipe
+        | Request::SessionBegin(_)
+        | Request::SessionProve { .. } => {
+            let RequestContext {
+                now,
+                guarded,
+                caller,
+                ..
+            } = around;
+            access::answer(measure, guarded, now, &caller, request)
         }
     }
 }
@@ -189,8 +210,7 @@ fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Sta
         journal_failures: ledger.failures,
         link_damaged: around.link_damaged,
         latches: around.scans.counters(),
-        // No board has an owner yet.
-        access: AccessMode::Open,
+        access: around.guarded.mode(),
     }
 }
 
@@ -295,6 +315,7 @@ mod tests {
     #[test]
     fn every_answer_is_in_the_table() {
         let mut measure = Instrument::<NoFlash>::new();
+        let mut guarded = Guarded::new();
         let scans = Scans::new();
         let mut immediate = 0;
         let mut requests = 0;
@@ -310,6 +331,8 @@ mod tests {
                 now: Micros(0),
                 link_damaged: 0,
                 scans: &scans,
+                guarded: &mut guarded,
+                caller: Caller::NOBODY,
             };
             let response = answer(&mut measure, &mut Bare, around, &request);
             assert!(

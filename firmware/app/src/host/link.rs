@@ -23,14 +23,18 @@ use core::future::pending;
 use embassy_futures::select::{Either, Either3, Either4, select, select3, select4};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
+use umi_protocol::access::AccessRefusal;
 use umi_protocol::decoder::Decoder;
-use umi_protocol::frame::{Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode};
+use umi_protocol::frame::{
+    Authenticated, Frame, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, encode, encode_sealed,
+};
 use umi_protocol::hello::Hello;
 use umi_protocol::immediate::ImmediateRequest;
 use umi_protocol::latch::TriggerOut;
 use umi_protocol::message::{Event, Request, Response};
 
 use crate::App;
+use crate::access::{self, Caller, Guarded};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
 use crate::host::answer::{RequestContext, answer, immediate};
 use crate::measure::Instrument;
@@ -84,11 +88,21 @@ pub(crate) async fn serve<F: Flash>(
     clock: &impl Clock,
 ) -> ! {
     let mut out = [0; MAX_BOARD_FRAME];
+    let mut guarded = app.guarded.lock().await;
     loop {
         rx.connected().await;
         let liveness = HostLiveness::default();
         liveness.now(clock);
-        let connected = connection(app, rx, tx, station, clock, &liveness, &mut out);
+        let connected = connection(
+            app,
+            rx,
+            tx,
+            station,
+            clock,
+            &liveness,
+            &mut guarded,
+            &mut out,
+        );
         let ended = select(connected, liveness.nothing(clock)).await;
         // What the host has switched on goes with it. A board without these outputs has
         // nothing to switch off.
@@ -98,6 +112,7 @@ pub(crate) async fn serve<F: Flash>(
             // It is told what happens if it wakes.
             continue;
         }
+        guarded.disconnected();
         app.scans.switch(false);
         let mut measure = app.measure.lock().await;
         measure.ledger.events.switch(false);
@@ -112,6 +127,10 @@ pub(crate) async fn serve<F: Flash>(
 }
 
 /// Never returns but by a broken link.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the ends of the link and who uses it"
+)]
 async fn connection<F: Flash>(
     app: &App<F>,
     rx: &mut impl LinkRx,
@@ -119,6 +138,7 @@ async fn connection<F: Flash>(
     station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
     liveness: &HostLiveness,
+    guarded: &mut Guarded,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Infallible, Broken> {
     // What the last connection left unfinished is no part of this one.
@@ -157,18 +177,28 @@ async fn connection<F: Flash>(
                     let Some(frame) = decoder.next_frame(&mut bytes) else {
                         break;
                     };
-                    if matches!(frame.kind, Kind::Request | Kind::Hello) {
+                    if matches!(
+                        frame.kind,
+                        Kind::Request | Kind::SealedRequest | Kind::Hello
+                    ) {
                         liveness.now(clock);
                     }
-                    let length = match respond_immediately(station, liveness, &frame, out) {
+                    let came = guarded.opened(&frame);
+                    let at_once = came.and_then(|(frame, caller)| {
+                        respond_immediately(station, liveness, guarded, &caller, &frame, out)
+                    });
+                    let length = match at_once {
                         Some(length) => length,
                         None => {
                             events = true;
                             let mut measure = lock(app, rx, tx, clock, liveness, out).await?;
+                            let (frame, caller) = came.unwrap_or((frame, Caller::NOBODY));
                             let around = RequestContext {
                                 now: clock.now(),
                                 link_damaged,
                                 scans: &app.scans,
+                                guarded,
+                                caller,
                             };
                             app.config_changed.signal(());
                             respond(&mut measure, station, around, &frame, out)
@@ -176,6 +206,9 @@ async fn connection<F: Flash>(
                     };
                     if length > 0 {
                         tx.write(out.get(..length).unwrap_or_default()).await?;
+                    }
+                    if guarded.restarts {
+                        app.restart.signal(());
                     }
                 }
             }
@@ -225,15 +258,18 @@ async fn tell_scans<F: Flash>(
 }
 
 /// The answer to a request that needs nothing of the state: the length of its frame; none to
-/// all else.
+/// all else, and to one that its host may not ask: that is journaled.
 #[inline(never)]
 fn respond_immediately(
     station: &mut (impl Axes + Scanner),
     liveness: &HostLiveness,
+    guarded: &Guarded,
+    caller: &Caller,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
     let request = ImmediateRequest::of(frame)?;
+    guarded.permits(caller, &request).ok()?;
     let answer = immediate(station, request);
     match request {
         ImmediateRequest::TriggerOut(when) if matches!(answer, Response::Done) => {
@@ -242,7 +278,7 @@ fn respond_immediately(
         ImmediateRequest::Laser(on) if matches!(answer, Response::Done) => liveness.laser.set(on),
         _ => {}
     }
-    Some(encoded(frame, &answer, out))
+    Some(sealed(guarded, caller, frame, &answer, out))
 }
 
 /// The answer to a frame: its length, or 0. What cannot be opened is answered with a Hello: it
@@ -259,7 +295,14 @@ fn respond<F: Flash>(
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
     match frame.kind {
-        Kind::Response | Kind::Event => 0,
+        Kind::Response | Kind::Event | Kind::SealedResponse => 0,
+        // Of a session that there is not.
+        Kind::SealedRequest if frame.is_of_this_schema() => {
+            let why = AccessRefusal::NoSession;
+            measure.refuse_access(around.now, why, None);
+            encoded(frame, &Response::AccessRefused(why), out)
+        }
+        Kind::SealedRequest => hello(measure, frame, out),
         Kind::Request => request(measure, station, around, frame, out)
             .unwrap_or_else(|| hello(measure, frame, out)),
         Kind::Other(_) => hello(measure, frame, out),
@@ -298,14 +341,55 @@ fn request<F: Flash>(
     let Ok(request) = &frame.open::<Request>() else {
         return None;
     };
-    let response = answer(measure, station, around, request);
-    Some(encoded(frame, &response, out))
+    let RequestContext {
+        now,
+        link_damaged,
+        scans,
+        guarded,
+        caller,
+    } = around;
+    let response = match access::admit(measure, guarded, now, &caller, request) {
+        Err(why) => Response::AccessRefused(why),
+        Ok(()) => {
+            if let Some(key_id) = caller.key_id {
+                measure.ledger.by.put(key_id);
+            }
+            let around = RequestContext {
+                now,
+                link_damaged,
+                scans,
+                guarded: &mut *guarded,
+                caller,
+            };
+            let response = answer(measure, station, around, request);
+            measure.ledger.by.clear();
+            response
+        }
+    };
+    Some(sealed(guarded, &caller, frame, &response, out))
 }
 
 /// Puts the answer to a frame into the buffer: its length.
 fn encoded(frame: &Frame<'_>, answer: &impl Message, out: &mut [u8; MAX_BOARD_FRAME]) -> usize {
     // The buffer holds the longest frame.
     encode(frame.sequence, answer, out).map_or(0, <[u8]>::len)
+}
+
+/// Puts the answer to a frame into the buffer, with a seal if the frame had one: its length.
+fn sealed(
+    guarded: &Guarded,
+    caller: &Caller,
+    frame: &Frame<'_>,
+    answer: &Response,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> usize {
+    match caller.counter {
+        None => encoded(frame, answer, out),
+        Some(counter) => {
+            let code = |of: &Authenticated<'_>| guarded.code(of);
+            encode_sealed(frame.sequence, answer, counter, &code, out).map_or(0, <[u8]>::len)
+        }
+    }
 }
 
 #[cfg(test)]

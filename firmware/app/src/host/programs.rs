@@ -160,7 +160,12 @@ pub(crate) fn end<F: Flash>(
 /// A record has kilobytes: off the stack while the flash is at work.
 #[inline(never)]
 fn kept<F: Flash>(measure: &mut Instrument<F>, now: Micros, info: ProgramInfo) {
-    measure.ledger.record(now, Record::ProgramKept(info));
+    let key_id = measure.ledger.by.get().copied();
+    let record = Record::ProgramKept {
+        program: info,
+        key_id,
+    };
+    measure.ledger.record(now, record);
 }
 
 #[inline(never)]
@@ -175,6 +180,10 @@ pub(crate) fn delete<F: Flash>(measure: &mut Instrument<F>, now: Micros, number:
 
 #[inline(never)]
 fn deleted<F: Flash>(measure: &mut Instrument<F>, now: Micros, number: u32, crc32: u32) {
-    let record = Record::ProgramDeleted { number, crc32 };
+    let record = Record::ProgramDeleted {
+        number,
+        crc32,
+        key_id: measure.ledger.by.get().copied(),
+    };
     measure.ledger.record(now, record);
 }

@@ -8,6 +8,7 @@ use umi_core::journal::Flash;
 use umi_core::registration::RigidTransform;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
+use umi_protocol::access::KeyId;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Lessons, Name};
@@ -27,6 +28,7 @@ use crate::measure::release::{Passed, Released, Wanted, transform};
 use crate::measure::settings::{PlacesMm, kept};
 use crate::measure::trust::bucket::Bucket;
 use crate::measure::trust::custody::Custody;
+use crate::measure::trust::refusals::Refusals;
 use crate::measure::trust::signer::Heads;
 use crate::measure::upload::ProgramUpload;
 
@@ -41,6 +43,10 @@ pub(crate) struct Ledger<F: Flash> {
     pub scratch: [u8; RECORD_ROOM],
     /// What is kept for the owner.
     pub custody: ZeroOption<Custody<F>>,
+    /// Whose key the host that asks has proven.
+    pub by: ZeroOption<KeyId>,
+    /// What somebody was refused, counted and not told yet.
+    pub refusals: Refusals,
     /// How often a host may change what is in force: each change is a piece of evidence.
     pub changes: Bucket<64, 2_000_000>,
     /// The latest verdict has released nothing because the journal is full.
@@ -95,6 +101,8 @@ impl<F: Flash> Ledger<F> {
             heads: Heads::new(),
             scratch: [0; RECORD_ROOM],
             custody: ZeroOption::empty(),
+            by: ZeroOption::empty(),
+            refusals: Refusals::new(),
             changes: Bucket::new(),
             is_held_back: false,
             repeats: RepeatedFaults::new(),
@@ -216,12 +224,18 @@ impl<F: Flash> Ledger<F> {
 
     #[inline(never)]
     pub(super) fn job_set(&mut self, now: Micros, job: &Job) {
-        self.record(now, Record::JobSet(job.clone()));
+        let key_id = self.by.get().copied();
+        let job = job.clone();
+        self.record(now, Record::JobSet { job, key_id });
     }
 
     #[inline(never)]
     pub fn kept(&mut self, now: Micros, info: ProgramInfo) {
-        self.record(now, Record::ProgramKept(info));
+        let record = Record::ProgramKept {
+            program: info,
+            key_id: None,
+        };
+        self.record(now, record);
     }
 
     #[inline(never)]

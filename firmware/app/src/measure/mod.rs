@@ -154,6 +154,7 @@ impl<F: Flash> Instrument<F> {
             self.brain.deadline(),
             ledger.too_old(),
             ledger.repeats.due(),
+            ledger.refusals.due(),
         ];
         times.into_iter().flatten().min()
     }
@@ -168,6 +169,9 @@ impl<F: Flash> Instrument<F> {
         }
         if ledger.repeats.due().is_some_and(|due| now >= due) {
             ledger.tell_repeats(now);
+        }
+        if ledger.refusals.due().is_some_and(|due| now >= due) {
+            ledger.tell_refusals(now);
         }
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;

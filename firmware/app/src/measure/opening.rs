@@ -44,6 +44,21 @@ pub struct StorageAreas<F> {
     pub programs: F,
 }
 
+impl<F: Flash> StorageAreas<F> {
+    /// Erases all of them. A power cut on the way leaves the rest for the next start.
+    pub(crate) fn erase(&mut self) {
+        let areas = [&mut self.journal, &mut self.settings, &mut self.programs];
+        let optional = [&mut self.evidence, &mut self.custody];
+        let optional = optional.into_iter().filter_map(Option::as_mut);
+        for area in areas.into_iter().chain(optional) {
+            for sector in 0..area.geometry().sectors {
+                // A sector that cannot be erased shows when the area is opened.
+                let _ = area.erase(sector.into());
+            }
+        }
+    }
+}
+
 /// What became of the storage areas at start.
 #[derive(Debug)]
 pub struct Opened<E> {

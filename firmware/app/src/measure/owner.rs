@@ -3,6 +3,7 @@
 use umi_core::archive::Archive;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
+use umi_protocol::access::{AccessRefusal, KeyId};
 use umi_protocol::config::{BoardConfig, WhenFull};
 use umi_protocol::job_error::JobError;
 use umi_protocol::message::{MAX_RECORD, Record};
@@ -90,7 +91,24 @@ impl<F: Flash> Instrument<F> {
     }
 }
 
+impl<F: Flash> Instrument<F> {
+    /// Somebody was refused something.
+    #[inline(never)]
+    pub(crate) fn refuse_access(&mut self, now: Micros, why: AccessRefusal, key_id: Option<KeyId>) {
+        self.ledger.refusals.count(why, key_id);
+        self.ledger.tell_refusals(now);
+    }
+}
+
 impl<F: Flash> Ledger<F> {
+    /// Tells what was refused and is due.
+    #[inline(never)]
+    pub(crate) fn tell_refusals(&mut self, now: Micros) {
+        while let Some(record) = self.refusals.take(now) {
+            self.record(now, record);
+        }
+    }
+
     /// What is kept for the owner; on a board without the ring, nothing.
     pub(crate) fn in_custody(&self) -> &Kept {
         self.custody.get().map_or(&NOTHING_KEPT, Custody::kept)

@@ -4,9 +4,12 @@ use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+pub use ed25519_dalek::SigningKey;
+use ed25519_dalek::VerifyingKey;
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
-use ed25519_dalek::pkcs8::{DecodePublicKey as _, EncodePrivateKey as _, EncodePublicKey as _};
-use ed25519_dalek::{SigningKey, VerifyingKey};
+use ed25519_dalek::pkcs8::{
+    DecodePrivateKey as _, DecodePublicKey as _, EncodePrivateKey as _, EncodePublicKey as _,
+};
 
 use crate::journal::nonce;
 use crate::problem::Problem;
@@ -31,6 +34,31 @@ pub fn read_public(path: &Path) -> Result<[u8; 32], Problem> {
     VerifyingKey::from_public_key_pem(&text)
         .map(|key| key.to_bytes())
         .map_err(|_| not_a_key(&path.display().to_string()))
+}
+
+/// Reads a secret key; `passphrase` is asked for the one of a file that is encrypted.
+///
+/// # Errors
+/// The file cannot be read; `not_a_key`; `wrong_passphrase`; what `passphrase` says.
+pub fn read_secret(
+    path: &Path,
+    passphrase: impl FnOnce() -> Result<String, Problem>,
+) -> Result<SigningKey, Problem> {
+    let text =
+        std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
+    let file = path.display();
+    if text.contains("BEGIN ENCRYPTED PRIVATE KEY") {
+        return SigningKey::from_pkcs8_encrypted_pem(&text, passphrase()?).map_err(|_| {
+            let message = format_args!("{file} does not open with this passphrase");
+            Problem::trouble("wrong_passphrase", message)
+        });
+    }
+    SigningKey::from_pkcs8_pem(&text).map_err(|_| {
+        let message = format_args!(
+            "{file} is no Ed25519 secret key: give the file that `umi key new` wrote, not its .pub"
+        );
+        Problem::trouble("not_a_key", message)
+    })
 }
 
 fn not_a_key(what: &str) -> Problem {
@@ -97,7 +125,6 @@ fn create(path: &Path, is_secret: bool, bytes: &[u8]) -> Result<(), Problem> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ed25519_dalek::pkcs8::DecodePrivateKey as _;
 
     fn folder(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("umi-key-{}-{name}", std::process::id()));

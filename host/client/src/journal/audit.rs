@@ -42,7 +42,7 @@ impl Default for Audit {
 impl Audit {
     /// Takes the next entry of the journal.
     pub fn take(&mut self, entry: &Entry<'_>, record: &Record) {
-        self.begun |= matches!(record, Record::Boot { .. } | Record::JobSet(_));
+        self.begun |= matches!(record, Record::Boot { .. } | Record::JobSet { .. });
         if !self.begun {
             self.findings.skipped += 1;
             return;

@@ -100,7 +100,7 @@ fn older(entry: &Entry<'_>) -> Option<Record> {
     const ADDED: usize = 16;
     let grown = matches!(
         entry.kind,
-        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | TEACH_ASKED | HEAD
+        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | PROGRAM_DELETED | TEACH_ASKED | HEAD
     );
     let mut bytes = entry.payload.to_vec();
     bytes.resize(bytes.len() + ADDED, 0);
@@ -114,6 +114,7 @@ const JOB_SET: u8 = 2;
 const REFERENCE_RESTORED: u8 = 3;
 const TAUGHT: u8 = 11;
 const PROGRAM_KEPT: u8 = 15;
+const PROGRAM_DELETED: u8 = 16;
 const TEACH_ASKED: u8 = 22;
 /// Kind number of [`Record::Head`].
 const HEAD: u8 = 24;
@@ -122,13 +123,19 @@ const HEAD: u8 = 24;
 /// too; entries are whole by their check value, so there is none.
 fn is_plain(record: &Record) -> bool {
     match record {
-        Record::JobSet(job) => {
-            job.teach == Teach::FirstOk && job.guards == Guards::default() && job.again.is_none()
+        Record::JobSet { job, key_id } => {
+            job.teach == Teach::FirstOk
+                && job.guards == Guards::default()
+                && job.again.is_none()
+                && key_id.is_none()
         }
         Record::ReferenceRestored { learned, .. } | Record::Taught { learned, .. } => {
             learned.largest.is_empty() && learned.further == 0
         }
-        Record::ProgramKept(program) => program.stated == Stated::default(),
+        Record::ProgramKept { program, key_id } => {
+            program.stated == Stated::default() && key_id.is_none()
+        }
+        Record::ProgramDeleted { key_id, .. } => key_id.is_none(),
         Record::TeachAsked { more } => !more,
         Record::Head(head) => head.evidence.is_none(),
         _ => false,
@@ -182,12 +189,15 @@ mod tests {
 
     use super::*;
 
-    /// A job as a firmware wrote it that knew no guards: without the ten zeros at its end.
+    /// A job as a firmware wrote it that knew no guards: without the eleven zeros at its end.
     /// One byte less, and it is no record of any firmware.
     #[test]
     fn a_job_of_an_earlier_firmware_is_read() {
         let job = toml::from_str(include_str!("../../../../examples/three-spheres.toml"));
-        let set = Record::JobSet(job.unwrap());
+        let set = Record::JobSet {
+            job: job.unwrap(),
+            key_id: None,
+        };
         let mut room = [0; umi_protocol::message::MAX_RECORD];
         let bytes = postcard::to_slice(&set, &mut room).unwrap();
         let read = |payload| {
@@ -198,9 +208,9 @@ mod tests {
                 payload,
             })
         };
-        assert_eq!(bytes[bytes.len() - 10..], [0; 10]);
+        assert_eq!(bytes[bytes.len() - 11..], [0; 11]);
         assert_eq!(read(&bytes[..]), Ok(set.clone()));
-        assert_eq!(read(&bytes[..bytes.len() - 10]), Ok(set));
+        assert_eq!(read(&bytes[..bytes.len() - 11]), Ok(set));
         for less in 17..60 {
             assert!(read(&bytes[..bytes.len() - less]).is_err(), "{less}");
         }
@@ -210,7 +220,7 @@ mod tests {
     /// the one and before there was more to teach: they end there.
     #[test]
     fn what_was_kept_before_it_grew_is_read() {
-        let kept = Record::ProgramKept(umi_protocol::program::ProgramInfo {
+        let program = umi_protocol::program::ProgramInfo {
             number: 7,
             name: umi_protocol::job::name("PART"),
             bytes: 12,
@@ -218,8 +228,21 @@ mod tests {
             release: umi_protocol::program::Release::Always,
             hold_s: 5,
             stated: Stated::default(),
-        });
-        for (record_now, added) in [(kept, 3), (Record::TeachAsked { more: false }, 1)] {
+        };
+        let kept = Record::ProgramKept {
+            program,
+            key_id: None,
+        };
+        let deleted = Record::ProgramDeleted {
+            number: 7,
+            crc32: 1,
+            key_id: None,
+        };
+        for (record_now, added) in [
+            (kept, 4),
+            (deleted, 1),
+            (Record::TeachAsked { more: false }, 1),
+        ] {
             let mut room = [0; umi_protocol::message::MAX_RECORD];
             let bytes = postcard::to_slice(&record_now, &mut room).unwrap();
             let before = &bytes[..bytes.len() - added];

@@ -1,5 +1,6 @@
 //! What a host can ask a board: one table of calls, each with its request and its answers.
 
+use umi_protocol::access::{AccessInfo, KeyId, KeyInfo, Role, SessionAsk, SessionChallenge};
 use umi_protocol::config::{BoardConfig, ConfigField, Fallbacks};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::head::HeadAnswer;
@@ -67,6 +68,15 @@ pub enum ConfigRefusal {
     /// The job in force asks for more.
     Job(JobError),
     /// The board cannot be configured.
+    NotOnThisBoard,
+}
+
+/// What came of a proof that was not refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SessionAnswer {
+    /// What the key is for, and the board's signature, R and S.
+    Open(Role, [[u8; 32]; 2]),
+    /// The board cannot have sessions.
     NotOnThisBoard,
 }
 
@@ -215,6 +225,50 @@ calls! {
         Response::NotOnThisBoard => Err(ConfigRefusal::NotOnThisBoard),
     }
 
+    /// How the board is guarded.
+    access() -> AccessInfo = Request::AccessGet => { Response::Access(info) => info, }
+
+    /// The keys that the board knows.
+    keys() -> Vec<KeyInfo> = Request::KeyList => { Response::Keys(keys) => keys.to_vec(), }
+
+    /// The board is to know a key from now on. False: it cannot.
+    key_enrol(key: &KeyInfo) -> bool = Request::KeyEnrol(key.clone()) => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// The board is not to know a key any more. False: it cannot.
+    key_revoke(key_id: KeyId) -> bool = Request::KeyRevoke { key_id } => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// The board is to change nothing any more, or again. False: it cannot.
+    lock(locked: bool) -> bool = Request::LockSet { locked } => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// The board is to forget everything and start anew. False: it cannot.
+    wipe() -> bool = Request::Wipe => {
+        Response::Done => true,
+        Response::NotOnThisBoard => false,
+    }
+
+    /// Asks for a session; none: the board has none.
+    session_begin(ask: SessionAsk) -> Option<SessionChallenge> = Request::SessionBegin(ask) => {
+        Response::SessionChallenge(challenge) => Some(challenge),
+        Response::NotOnThisBoard => None,
+    }
+
+    /// Proves a key.
+    session_prove(signature: [[u8; 32]; 2]) -> SessionAnswer =
+        Request::SessionProve { signature } =>
+    {
+        Response::SessionOpen { role, signature } => SessionAnswer::Open(role, signature),
+        Response::NotOnThisBoard => SessionAnswer::NotOnThisBoard,
+    }
+
     /// The chain value before an entry; before the next one to come: that of the
     /// whole journal.
     journal_chain(seq: u64) -> JournalChain = Request::JournalChain { seq } => {
@@ -336,5 +390,13 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::JournalAck { .. } => "journal acknowledgement",
         Request::ConfigGet => "configuration",
         Request::ConfigSet(_) => "set configuration",
+        Request::AccessGet => "access",
+        Request::KeyList => "keys",
+        Request::KeyEnrol(_) => "enrol key",
+        Request::KeyRevoke { .. } => "revoke key",
+        Request::LockSet { .. } => "lock",
+        Request::Wipe => "wipe",
+        Request::SessionBegin(_) => "session",
+        Request::SessionProve { .. } => "session proof",
     }
 }

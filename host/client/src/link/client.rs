@@ -4,8 +4,12 @@ use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
+use umi_core::access::session::HostSession;
+use umi_protocol::access::AccessRefusal;
 use umi_protocol::decoder::{Decoder, FrameCounters};
-use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, OpenError, encode};
+use umi_protocol::frame::{
+    Authenticated, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, OpenError, encode, encode_sealed,
+};
 use umi_protocol::hello::Hello;
 use umi_protocol::message::{Event, Request, Response};
 
@@ -49,6 +53,8 @@ pub struct Client {
     events: VecDeque<Event>,
     /// Sequence number of the latest event.
     last_event: Option<u16>,
+    /// The session in which requests are sealed.
+    pub(super) session: Option<HostSession>,
 }
 
 /// One message from the board.
@@ -92,6 +98,7 @@ impl Client {
             sequence: 0,
             events: VecDeque::new(),
             last_event: None,
+            session: None,
         };
         client.greet()?;
         Ok(client)
@@ -183,7 +190,7 @@ impl Client {
         let before = self.counters();
         self.sequence = self.sequence.wrapping_add(1);
         for _ in 0..tries {
-            self.send(request)?;
+            self.ask(request)?;
             let deadline = Instant::now() + answer;
             while let Some((sequence, incoming)) = self.wait(deadline, name)? {
                 if sequence != self.sequence {
@@ -192,6 +199,12 @@ impl Client {
                 return match incoming {
                     Incoming::Response(response) => match *response {
                         Response::StorageFailed => Err(LinkError::StorageFailed),
+                        Response::AccessRefused(refusal) => {
+                            if refusal == AccessRefusal::NoSession {
+                                self.session = None;
+                            }
+                            Err(LinkError::Refused(refusal))
+                        }
                         response => {
                             if matches!(request, Request::LiveSet { on: false }) {
                                 // What is not reported from now on is no loss.
@@ -224,6 +237,19 @@ impl Client {
                 waited,
             }
         })
+    }
+
+    /// Sends a request, with a seal in a session.
+    fn ask(&mut self, request: &Request) -> Result<(), LinkError> {
+        let Some(session) = &mut self.session else {
+            return self.send(request);
+        };
+        let mut buffer = [0; MAX_HOST_FRAME];
+        let counter = session.count();
+        let code = |of: &Authenticated<'_>| session.code(of);
+        let frame = encode_sealed(self.sequence, request, counter, &code, &mut buffer)
+            .map_err(|error| LinkError::Closed(io::Error::other(error)))?;
+        self.transport.write(frame).map_err(LinkError::Closed)
     }
 
     fn send<M: Message>(&mut self, message: &M) -> Result<(), LinkError> {
@@ -278,9 +304,22 @@ impl Client {
             self.next = self.input.len() - rest.len();
             let Some(frame) = frame else { return Ok(None) };
             let sequence = frame.sequence;
+            let mut is_sealed = false;
             let opened = match frame.kind {
                 Kind::Hello => frame.open().map(Incoming::Hello),
                 Kind::Response => frame.open().map(|m| Incoming::Response(Box::new(m))),
+                Kind::SealedResponse => {
+                    let Some((inner, authenticated, code)) = frame.unsealed() else {
+                        continue;
+                    };
+                    let session = self.session.as_ref();
+                    if session.is_none_or(|session| !session.is_answer(&authenticated, code)) {
+                        // Somebody else's, or of a session that was.
+                        continue;
+                    }
+                    is_sealed = true;
+                    inner.open().map(|m| Incoming::Response(Box::new(m)))
+                }
                 Kind::Event => match frame.open() {
                     Ok(event) => {
                         self.keep(sequence, event);
@@ -289,9 +328,14 @@ impl Client {
                     Err(error) => Err(error),
                 },
                 // Nothing that this version asked for.
-                Kind::Request | Kind::Other(_) => continue,
+                Kind::Request | Kind::SealedRequest | Kind::Other(_) => continue,
             };
             match opened {
+                // In a session an answer without a seal says one thing only: that there is none.
+                Ok(Incoming::Response(response))
+                    if self.session.is_some()
+                        && !is_sealed
+                        && *response != Response::AccessRefused(AccessRefusal::NoSession) => {}
                 Ok(incoming) => return Ok(Some((sequence, incoming))),
                 // Before the Hello, what an earlier session left behind.
                 Err(_) if self.board.is_none() => {}

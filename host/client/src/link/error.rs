@@ -4,6 +4,7 @@ use std::fmt;
 use std::io;
 use std::time::Duration;
 
+use umi_protocol::access::AccessRefusal;
 use umi_protocol::decoder::FrameCounters;
 use umi_protocol::hello::Mismatch;
 
@@ -88,12 +89,18 @@ pub enum LinkError {
     },
     /// The board's journal storage failed.
     StorageFailed,
+    /// Its host may not ask for that.
+    Refused(AccessRefusal),
+    /// The board cannot have sessions.
+    NoSessions,
+    /// What answers does not prove the board's key.
+    BoardNotProven,
 }
 
 impl LinkError {
     /// The stable name.
     #[must_use]
-    pub const fn code(&self) -> &'static str {
+    pub fn code(&self) -> &'static str {
         match self {
             Self::BadAddress { .. } => "bad_address",
             Self::NoSuchPort { .. } => "no_such_port",
@@ -109,6 +116,9 @@ impl LinkError {
             Self::NotUnderstood { .. } => "not_understood",
             Self::WrongAnswer { .. } => "wrong_answer",
             Self::StorageFailed => "storage_failed",
+            Self::Refused(refusal) => refusal.code(),
+            Self::NoSessions => "not_on_this_board",
+            Self::BoardNotProven => "board_not_proven",
         }
     }
 }
@@ -198,6 +208,11 @@ impl fmt::Display for LinkError {
             Self::WrongAnswer { request } => write!(
                 f,
                 "the board answered `{request}` with something else: please report this fault"
+            ),
+            Self::Refused(refusal) => refusal.fmt(f),
+            Self::NoSessions => f.write_str("this board has no key of its own, and so no owner and no sessions"),
+            Self::BoardNotProven => f.write_str(
+                "what answers there does not prove the key that it calls its own: somebody stands between this umi and the board",
             ),
             Self::StorageFailed => f.write_str(
                 "the board's journal storage failed; measurements are no longer recorded: replace the board",

@@ -22,10 +22,12 @@
 mod calls;
 mod client;
 mod error;
+mod session;
 mod transport;
 
 pub use calls::{
-    Acknowledged, ConfigRefusal, JobInForce, JournalChain, JournalEntry, StoredPrograms,
+    Acknowledged, ConfigRefusal, JobInForce, JournalChain, JournalEntry, SessionAnswer,
+    StoredPrograms,
 };
 pub use client::{Client, Patience};
 pub use error::LinkError;

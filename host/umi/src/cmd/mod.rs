@@ -8,8 +8,12 @@ mod record;
 mod scan;
 mod solve;
 
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+
 use crate::failure::Failure;
 use clap::{Args, Subcommand};
+use umi_client::files::key_file::{self, SigningKey};
 use umi_client::link::Client;
 use umi_client::problem::Problem;
 
@@ -28,6 +32,7 @@ pub(crate) enum Command {
     Log(record::log::Log),
     Key(record::key::Key),
     Access(board::access::Access),
+    Wipe(board::wipe::Wipe),
     Config(board::config::Config),
     Events(record::events::Events),
     Watch(board::watch::Watch),
@@ -56,6 +61,7 @@ impl Command {
             Self::Log(command) => command.run(),
             Self::Key(command) => command.run(),
             Self::Access(command) => command.run(),
+            Self::Wipe(command) => command.run(),
             Self::Config(command) => command.run(),
             Self::Events(command) => command.run(),
             Self::Watch(command) => command.run(),
@@ -79,7 +85,7 @@ pub(crate) struct Format {
 
 /// Which board is meant.
 #[derive(Args)]
-pub(crate) struct Board {
+pub(crate) struct Port {
     /// The board: a serial port as /dev/ttyACM0 or COM3, or tcp://host:port.
     /// Without it, the only openumi board that is plugged in
     #[arg(
@@ -92,14 +98,48 @@ pub(crate) struct Board {
     pub port: Option<String>,
 }
 
+/// Which board is meant, and who asks.
+#[derive(Args)]
+pub(crate) struct Board {
+    #[command(flatten)]
+    port: Port,
+    /// The secret key to prove to a board that has an owner (umi key new). Its passphrase, if it has
+    /// one, is asked for at the terminal
+    #[arg(id = "user_key", long = "key", value_name = "FILE", env = "UMI_KEY")]
+    key: Option<PathBuf>,
+}
+
 impl Board {
     /// Its address, if one was given.
     pub fn address(&self) -> Option<&str> {
-        self.port.as_deref().filter(|address| !address.is_empty())
+        let port = self.port.port.as_deref();
+        port.filter(|address| !address.is_empty())
     }
 
-    /// Connects to it.
-    pub fn connect(&self) -> Result<Client, Problem> {
-        umi_client::port::connect(self.address())
+    /// The key, if one was given.
+    pub fn key(&self) -> Result<Option<SigningKey>, Problem> {
+        let path = self.key.as_deref();
+        let path = path.filter(|path| !path.as_os_str().is_empty());
+        path.map(|path| key_file::read_secret(path, || passphrase(path)))
+            .transpose()
     }
+
+    /// Connects to it, and proves the key if it has an owner.
+    pub fn connect(&self) -> Result<Client, Problem> {
+        umi_client::port::connect_with(self.address(), self.key()?.as_ref())
+    }
+}
+
+/// Asks for the passphrase of a key.
+fn passphrase(path: &Path) -> Result<String, Problem> {
+    if !std::io::stdin().is_terminal() {
+        let message = format_args!(
+            "{} has a passphrase, and there is no terminal to ask for it: use a key that was made with --no-passphrase",
+            path.display()
+        );
+        return Err(Problem::trouble("usage", message));
+    }
+    let prompt = format!("passphrase of {}: ", path.display());
+    rpassword::prompt_password(prompt)
+        .map_err(|error| Problem::trouble("terminal", format_args!("the terminal: {error}")))
 }

@@ -11,6 +11,7 @@
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use umi_core::registration::Distance;
+use umi_protocol::access::KeyId;
 use umi_protocol::fault::{Counters, Fault, FaultCode};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
@@ -355,7 +356,58 @@ fn record(record: &Record) -> Value {
             }
             return Value::Object(object);
         }
-        Record::JobSet(job) => return json!({"type": "job_set", "job": job}),
+        Record::JobSet { job, key_id } => {
+            return json!({"type": "job_set", "job": job, "key_id": id(key_id.as_ref())});
+        }
+        Record::ProgramDeleted {
+            number,
+            crc32,
+            key_id,
+        } => {
+            return json!({
+                "type": "program_deleted",
+                "number": number,
+                "crc32": crc32,
+                "key_id": id(key_id.as_ref()),
+            });
+        }
+        Record::Access {
+            what,
+            key_id,
+            role,
+            by,
+        } => {
+            return json!({
+                "type": "access",
+                "what": what,
+                "key_id": id(Some(key_id)),
+                "role": role,
+                "by": id(by.as_ref()),
+            });
+        }
+        Record::AccessRefused { why, count, key_id } => {
+            return json!({
+                "type": "access_refused",
+                "why": why.code(),
+                "count": count,
+                "key_id": id(key_id.as_ref()),
+                "message": why.to_string(),
+            });
+        }
+        Record::Wiped {
+            first_seq,
+            next_seq,
+            chain,
+            key_id,
+        } => {
+            return json!({
+                "type": "wiped",
+                "first_seq": first_seq,
+                "next_seq": next_seq,
+                "chain": umi_client::journal::hex(chain),
+                "key_id": id(key_id.as_ref()),
+            });
+        }
         Record::ReferenceRestored { positions_mm, .. } => {
             return json!({"type": "reference_restored", "positions_mm": positions_mm});
         }
@@ -372,8 +424,9 @@ fn record(record: &Record) -> Value {
             object.insert("type".into(), "scan".into());
             return Value::Object(object);
         }
-        Record::ProgramKept(program) => {
+        Record::ProgramKept { program, key_id } => {
             let mut object = object(program);
+            object.insert("key_id".into(), id(key_id.as_ref()));
             object.insert("type".into(), "program_kept".into());
             return Value::Object(object);
         }
@@ -399,6 +452,11 @@ fn record(record: &Record) -> Value {
         };
     }
     Value::Object(object)
+}
+
+/// The short name of a key; null: nobody's.
+fn id(key_id: Option<&KeyId>) -> Value {
+    key_id.map(|id| umi_client::journal::hex(id)).into()
 }
 
 /// Who a board is.

@@ -1,5 +1,7 @@
 //! Events and journal records in words for people, one line each.
 
+use umi_client::journal::hex;
+use umi_protocol::access::AccessChange;
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Approach;
@@ -10,7 +12,9 @@ use umi_protocol::program::{ProgramInfo, Release, Stated, StatedDialect};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
-use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, fixed, paint};
+use crate::show::terminal::{
+    BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, count as count_of, fixed, paint,
+};
 use umi_client::axes::{self, Scale};
 use umi_client::quantities::{Amount, QuantityUnit, parameters};
 use umi_client::timeline::{Loss, Lost};
@@ -69,7 +73,7 @@ pub fn record(record: &Record) -> String {
             }
             paint(CAUTION, text)
         }
-        Record::JobSet(job) => format!(
+        Record::JobSet { job, .. } => format!(
             "job {}: {}, {}",
             job.name,
             count(job.features.len() as u64, "feature"),
@@ -109,6 +113,44 @@ pub fn record(record: &Record) -> String {
         Record::Fault(of) => fault(of),
         Record::FaultsAgain { latest, count } => {
             format!("{} ({count} more like the one before)", fault(latest))
+        }
+        Record::Access {
+            what,
+            key_id,
+            role,
+            by,
+        } => {
+            let key = hex(key_id);
+            let by = by.map_or_else(
+                || ", by the board's jumper".to_owned(),
+                |by| format!(", by key {}", hex(&by)),
+            );
+            match what {
+                AccessChange::Enrolled => format!("key {key} enrolled as {}{by}", role.name()),
+                AccessChange::Revoked => format!("key {key} ({}) revoked{by}", role.name()),
+                AccessChange::Locked => format!("board locked{by}"),
+                AccessChange::Unlocked => format!("board unlocked{by}"),
+            }
+        }
+        Record::AccessRefused { why, count, key_id } => {
+            let key = key_id.map_or_else(String::new, |key| format!(", key {}", hex(&key)));
+            let told = format!("refused, {}{key}: {why}", count_of((*count).into(), "time"));
+            paint(CAUTION, told)
+        }
+        Record::Wiped {
+            first_seq,
+            next_seq,
+            key_id,
+            ..
+        } => {
+            let by = key_id.map_or_else(
+                || "the board's jumper alone".to_owned(),
+                |by| format!("key {}", hex(&by)),
+            );
+            let told = format!(
+                "board wiped by {by}; the journal before held the entries {first_seq} to {next_seq}, without the last"
+            );
+            paint(CAUTION, told)
         }
         Record::Acknowledged { seq, lost: 0 } => {
             format!("a host keeps the entries before {seq} elsewhere")
@@ -162,7 +204,7 @@ pub fn record(record: &Record) -> String {
         ),
         Record::Latch(of) => latch(of, &Scale::default()),
         Record::Scan(of) => scan(of),
-        Record::ProgramKept(of) => format!("program {} kept", program(of)),
+        Record::ProgramKept { program: of, .. } => format!("program {} kept", program(of)),
         Record::AlarmSent {
             number,
             why,
@@ -212,7 +254,7 @@ pub fn record(record: &Record) -> String {
             CAUTION,
             format_args!("punched program O{number:04} is not kept: {why}"),
         ),
-        Record::ProgramDeleted { number, crc32 } => {
+        Record::ProgramDeleted { number, crc32, .. } => {
             format!("program O{number:04} deleted, check value {crc32:08X}")
         }
     }

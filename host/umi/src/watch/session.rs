@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use umi_client::files::key_file::SigningKey;
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{Event, Record};
 
@@ -20,6 +21,7 @@ const AGAIN: Duration = Duration::from_millis(500);
 /// A board that is watched.
 pub(crate) struct Session {
     address: Option<String>,
+    key: Option<SigningKey>,
     board: Option<Client>,
     view: View,
     /// When the board was lost, or is looked for again.
@@ -35,8 +37,8 @@ impl Session {
     ///
     /// # Errors
     /// No board is there, or it does not answer.
-    pub fn open(address: Option<&str>) -> Result<Self, Failure> {
-        let mut board = port::connect(address)?;
+    pub fn open(address: Option<&str>, key: Option<SigningKey>) -> Result<Self, Failure> {
+        let mut board = port::connect_with(address, key.as_ref())?;
         let asked = Instant::now();
         let identity = board.identity()?;
         let link = Link {
@@ -61,6 +63,7 @@ impl Session {
         let now = Instant::now();
         Ok(Self {
             address: address.map(str::to_owned),
+            key,
             board: Some(board),
             view,
             gone: None,
@@ -113,7 +116,7 @@ impl Session {
     }
 
     fn connect(&mut self) -> Result<Client, Failure> {
-        let mut board = port::connect(self.address.as_deref())?;
+        let mut board = port::connect_with(self.address.as_deref(), self.key.as_ref())?;
         self.view.identity = board.identity()?;
         self.view.scale = Scale::of(board.job()?.job.as_ref());
         self.view.verdict = board.verdict()?;
@@ -147,7 +150,7 @@ impl Session {
                     Record::Latch(latch) if latch.cause == LatchCause::Skip => {
                         view.latch = Some(latch);
                     }
-                    Record::JobSet(_) => new_job = true,
+                    Record::JobSet { .. } => new_job = true,
                     _ => {}
                 },
                 Some(Event::Line(_) | Event::Latches(_)) => {}

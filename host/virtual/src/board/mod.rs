@@ -18,11 +18,12 @@ mod flash;
 mod host;
 mod key;
 mod ports;
+mod power;
 mod pulses;
 pub mod serve;
 mod wire;
 
-use std::cell::{Cell, RefCell};
+use std::cell::Cell;
 use std::io;
 use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,15 +32,11 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
-use umi_app::board::{Clock as _, Lights, LineAbilities};
-use umi_app::measure::{Boot, StorageAreas};
-use umi_app::{App, Drivers};
+use umi_app::board::{Clock as _, Lights};
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;
-use umi_protocol::job::name;
 use umi_protocol::latch::{LatchReport, Positions};
-use umi_protocol::message::{Identity, ResetReason};
-use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
+use umi_protocol::serial::LineSettings;
 
 pub use clock::VirtualClock;
 pub use flash::VirtualFlash;
@@ -47,10 +44,8 @@ pub use host::HostEnd;
 pub use pulses::SentPulses;
 
 use host::Waiter;
-use ports::{
-    ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
-    NoWatchdog, Station, TeachButton, Wire,
-};
+use ports::{FromControl, FromHost, Lamps, Latched, Station, TeachButton, Wire};
+use power::{Plugs, Power};
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
 pub const JOURNAL: Geometry = Geometry {
@@ -100,6 +95,14 @@ pub const KEY: Geometry = Geometry {
     page_size: 256,
 };
 
+/// The keys of people.
+pub const ACCESS: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
 /// How time passes on a virtual board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardTime {
@@ -126,6 +129,10 @@ pub struct Config {
     pub programs: VirtualFlash,
     /// Flash of the board's key; none: a board without a key, which signs nothing.
     pub key: Option<VirtualFlash>,
+    /// Flash of the keys of people; none: a board that nobody can own.
+    pub access: Option<VirtualFlash>,
+    /// Whether the jumper is closed.
+    pub jumper: bool,
     /// How time passes.
     pub time: BoardTime,
     /// Time that a character takes on the control's line; zero: none.
@@ -147,6 +154,8 @@ impl Default for Config {
             settings: VirtualFlash::in_memory(SETTINGS),
             programs: VirtualFlash::in_memory(PROGRAMS),
             key: None,
+            access: Some(VirtualFlash::in_memory(ACCESS)),
+            jumper: false,
             time: BoardTime::Steered,
             character: Duration::ZERO,
             control: None,
@@ -189,7 +198,7 @@ impl VirtualBoard {
         let lamps = Lamps::default();
         let outputs = lamps.clone();
         let button = TeachButton::default();
-        let mut own_button = button.clone();
+        let own_button = button.clone();
         let clock = match config.time {
             BoardTime::Real => VirtualClock::Real(Instant::now()),
             BoardTime::Steered => VirtualClock::Steered(steered),
@@ -200,35 +209,6 @@ impl VirtualBoard {
         let control = Arc::new(Mutex::new(config.control));
         let own_control = Arc::clone(&control);
         let board = move || {
-            let Config {
-                serial,
-                journal,
-                evidence,
-                custody,
-                settings,
-                programs,
-                key,
-                time: _,
-                character,
-                control: _,
-            } = config;
-            let signer = key.and_then(key::signer);
-            let boot = Boot {
-                identity: Identity {
-                    board: name("virtual"),
-                    serial: name(&serial),
-                    firmware: name(env!("CARGO_PKG_VERSION")),
-                },
-                reset: ResetReason::PowerOn,
-                line: LineAbilities {
-                    least_baud: LEAST_BAUD,
-                    most_baud: MOST_BAUD,
-                    two_stop_bits: true,
-                    cts: false,
-                },
-                skip_ends: true,
-                signer,
-            };
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_time()
                 .build();
@@ -236,55 +216,27 @@ impl VirtualBoard {
                 Ok(runtime) => runtime,
                 Err(error) => return drop(started.send(Err(error))),
             };
-            let app = Box::new(App::new());
-            // Storage that cannot be opened shows as on a real board: in its answers.
-            let areas = StorageAreas {
-                journal,
-                evidence,
-                custody,
-                settings,
-                programs,
-            };
-            let _ = app.start(boot, areas, Micros(0));
             let line = Wire {
-                character,
+                character: config.character,
                 control,
-                board: Rc::new(Cell::new(app.line())),
+                board: Rc::new(Cell::new(LineSettings::DEFAULT)),
             };
-            let to_host = Rc::new(RefCell::new(None));
-            let drivers = Drivers {
-                cnc_rx: ControlRx {
-                    incoming: control_in,
-                    rest: Vec::new(),
-                    line: line.clone(),
-                },
-                cnc_tx: ControlTx {
-                    outgoing: control_out,
-                    line,
-                },
-                link_rx: HostRx {
-                    incoming: host_in,
-                    to_host: Rc::clone(&to_host),
-                    rest: Vec::new(),
-                },
-                link_tx: HostTx { to_host },
-                latches: Latches {
-                    incoming: latches_in,
-                    waiting: None,
-                },
-                station: own_station,
+            let mut plugs = Plugs::new(
+                control_in,
+                control_out,
+                host_in,
+                latches_in,
+                line,
+                own_station,
                 outputs,
-                watchdog: NoWatchdog,
-            };
+                own_button,
+            );
             // Nobody waits any more: then nobody wants the board either.
-            let _ = started.send(Ok(()));
-            runtime.block_on(async {
-                tokio::select! {
-                    () = app.run(drivers, &own_clock) => {}
-                    () = app.button(&mut own_button, &own_clock) => {}
-                    _ = switched_off => {}
-                }
-            });
+            let mut power = Power {
+                started: Some(started),
+                switched_off,
+            };
+            while power.cycle(&config, &runtime, &mut plugs, &own_clock) {}
         };
         let thread = std::thread::Builder::new()
             .name("virtual board".into())

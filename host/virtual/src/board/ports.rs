@@ -181,6 +181,12 @@ impl LinkRx for HostRx {
 }
 
 impl HostRx {
+    /// The board starts anew: the connection ends, what was on its way is lost.
+    pub fn unplug(&mut self) {
+        self.rest.clear();
+        *self.to_host.borrow_mut() = None;
+    }
+
     /// Waits for bytes from the host of this connection.
     async fn more(&mut self) -> Result<(), Broken> {
         match self.incoming.recv().await {

@@ -12,7 +12,7 @@ use umi_client::axes::{NAMES, Scale};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
 use umi_protocol::latch::{LatchCounters, Positions};
-use umi_protocol::message::{Identity, JobLoss, JournalInfo, Status};
+use umi_protocol::message::{AccessMode, Identity, JobLoss, JournalInfo, Status};
 
 use crate::cmd::{Board, Format};
 
@@ -40,13 +40,16 @@ impl Info {
         let mut board = self.board.connect()?;
         let identity = board.identity()?;
         let status = board.status()?;
-        let journal = board.journal_info()?;
+        // Who asks without a key is not refused: that would be a record.
+        let reads = status.access == AccessMode::Open || board.has_session();
+        let journal = reads.then(|| board.journal_info()).transpose()?;
         let positions = board.positions()?;
-        let in_force = board.job()?;
-        let scale = Scale::of(in_force.job.as_ref());
-        let teachings = in_force
-            .taught_mm
-            .map(|_| 1 + u32::from(in_force.learned.further));
+        let in_force = reads.then(|| board.job()).transpose()?;
+        let scale = Scale::of(in_force.as_ref().and_then(|of| of.job.as_ref()));
+        let teachings = in_force.and_then(|of| {
+            let further = of.learned.further;
+            of.taught_mm.map(|_| 1 + u32::from(further))
+        });
         if self.format.json {
             return print_json(&json!({
                 "board": json::identity(&identity),
@@ -56,7 +59,7 @@ impl Info {
                 "status": json::status(&status),
                 "teachings": teachings,
                 "positions": json::positions(&positions, &scale),
-                "journal": json::journal_info(&journal),
+                "journal": journal.as_ref().map(json::journal_info),
                 "access": { "mode": status.access },
             }));
         }
@@ -71,7 +74,7 @@ fn text(
     identity: &Identity,
     status: &Status,
     teachings: Option<u32>,
-    journal: JournalInfo,
+    journal: Option<JournalInfo>,
 ) -> String {
     let mut table = Table::new("<<");
     let Identity {
@@ -106,8 +109,12 @@ fn text(
     };
     table.row(["reference".to_owned(), reference]);
     verdicts(&mut table, status);
-    table.row(["journal".to_owned(), entries(journal)]);
-    if journal.lost > 0 {
+    let told = journal.map_or_else(
+        || "shown to operators and above (--key)".to_owned(),
+        entries,
+    );
+    table.row(["journal".to_owned(), told]);
+    if let Some(journal) = journal.filter(|journal| journal.lost > 0) {
         let lost = count(journal.lost, "entry").replace("entrys", "entries");
         let text = format!(
             "{lost} from {} on overwritten: nobody has said that they are kept elsewhere (umi log ack)",

@@ -8,3 +8,4 @@ pub(super) mod line;
 pub(super) mod teach;
 pub(super) mod virtual_board;
 pub(super) mod watch;
+pub(super) mod wipe;

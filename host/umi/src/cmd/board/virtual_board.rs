@@ -10,7 +10,7 @@ use clap::Args;
 use serde_json::json;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{
-    BoardTime, CUSTODY, Config, EVIDENCE, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard,
+    ACCESS, BoardTime, CUSTODY, Config, EVIDENCE, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard,
     VirtualFlash,
 };
 
@@ -34,7 +34,10 @@ pub(crate) struct Virtual {
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
     baud: u32,
-    /// Keep the board's flash (job, reference, journal, programs, its key) in this folder; without it
+    /// The board's jumper: closed, the first owner's key can be enrolled and the board be wiped
+    #[arg(long, value_name = "STATE", default_value = "open", value_parser = ["closed", "open"])]
+    jumper: String,
+    /// Keep the board's flash (job, reference, journal, programs, keys) in this folder; without it
     /// every start is a new board
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -53,6 +56,10 @@ then, in other terminals, with the addresses that it prints:
   umi job set examples/three-spheres.toml --port /dev/pts/4
   cat session.txt > /dev/pts/3
   umi log --port /dev/pts/4
+
+Its first owner, with the jumper closed:
+  umi virtual --jumper closed --state board
+  umi key new anna && umi access enrol anna.pub --role owner --port /dev/pts/4
 
 A job that teaches when asked: hold the board's button for a second instead of `umi teach`
   umi virtual --button tcp:5054
@@ -89,6 +96,7 @@ impl Virtual {
             // A start bit, eight data bits and a stop bit.
             character: Duration::from_secs(10) / self.baud,
             key: Some(VirtualFlash::in_memory(KEY)),
+            jumper: self.jumper == "closed",
             ..Config::default()
         };
         if let Some(state) = &self.state {
@@ -107,6 +115,8 @@ impl Virtual {
                 VirtualFlash::in_file(PROGRAMS, &state.join("programs.flash")).map_err(failed)?;
             config.key =
                 Some(VirtualFlash::in_file(KEY, &state.join("key.flash")).map_err(failed)?);
+            config.access =
+                Some(VirtualFlash::in_file(ACCESS, &state.join("access.flash")).map_err(failed)?);
         }
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;

@@ -41,7 +41,7 @@ A machine and board to watch:
 
 impl Watch {
     pub fn run(self) -> Result<(), Failure> {
-        let mut session = Session::open(self.board.address())?;
+        let mut session = Session::open(self.board.address(), self.board.key()?)?;
         if self.once {
             // Two looks, so that there is a feed.
             std::thread::sleep(TURN);

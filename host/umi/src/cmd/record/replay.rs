@@ -91,7 +91,7 @@ impl Replay {
             let record = journal::record(&entry)
                 .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
             audit.take(&entry, &record);
-            if let Record::JobSet(job) = &record {
+            if let Record::JobSet { job, .. } = &record {
                 // The setups of another job are another session.
                 if let Some(shown) = shown.replace(Shown::new(job, json)) {
                     shown.finish()?;

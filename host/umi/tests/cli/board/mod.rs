@@ -1,5 +1,6 @@
 //! Commands that talk to a board, and the job that it is given.
 
+mod access;
 mod connected;
 mod job;
 mod line;

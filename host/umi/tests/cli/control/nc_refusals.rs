@@ -197,7 +197,10 @@ fn a_verdict_means_one_thing() {
     let job: umi_protocol::job::Job =
         toml::from_str(&std::fs::read_to_string(job).unwrap()).unwrap();
     let mut board = crate::rig::board::Board::new(0);
-    board.push(&Record::JobSet(job.clone()));
+    board.push(&Record::JobSet {
+        job: job.clone(),
+        key_id: None,
+    });
     board.job = Some(job.clone());
     let mut brain = Brain::new(job).unwrap();
     brain.bytes(

@@ -178,6 +178,8 @@ impl Board {
         };
         match request {
             Request::IdentityGet => Response::Identity(identity()),
+            Request::AccessGet => Response::Access(Default::default()),
+            Request::KeyList => Response::Keys(Default::default()),
             Request::StatusGet => Response::Status(self.status()),
             Request::JobGet => Response::Job {
                 job: self.job.clone(),

@@ -48,6 +48,7 @@ pub fn command(args: &[&str]) -> Command {
     command
         .args(args)
         .env_remove("UMI_PORT")
+        .env_remove("UMI_KEY")
         .env_remove("NO_COLOR");
     command
 }

@@ -169,7 +169,7 @@ impl Events {
             Ok(record) => record,
             Err(unreadable) => return sink.unreadable(seq, t_us, unreadable),
         };
-        if let Record::JobSet(job) = &record {
+        if let Record::JobSet { job, .. } = &record {
             sink.scale = Scale::of(Some(job));
         }
         sink.take(|mut tell| {

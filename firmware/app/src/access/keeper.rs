@@ -1,0 +1,243 @@
+//! Keys on a flash area of their own, and the session of the host that is there.
+//!
+//! # Design
+//!
+//! All that is kept ([`KeyRegister`]) stands in one entry of a small journal, so that it changes whole
+//! or not at all; the newest entry counts. It is written twice: a newest entry that is damaged at
+//! rest looks like one that a power cut tore, and the one before it must not be an older state.
+//! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
+
+use umi_core::access::register::KeyRegister;
+use umi_core::access::session::{BoardHandshake, BoardSession, SignatureParts};
+use umi_core::access::tries::Tries;
+use umi_core::board_key::{NoEntropy, key_id};
+use umi_core::journal::{Flash, Journal};
+use umi_core::units::Micros;
+use umi_protocol::access::{AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge};
+use umi_protocol::frame::{Authenticated, CODE};
+use umi_protocol::schema::max_len;
+
+use super::{Caller, Gate, KeysNotKept, Slowed};
+use crate::measure::trust::signer::HeadSigner;
+
+/// Kind number of the only entry there is. A later layout gets another.
+const KIND: u8 = 1;
+
+/// Bytes of an entry, at most: the keys and some numbers.
+const MOST: usize = 128 + MAX_KEYS * max_len::<KeyInfo>();
+
+/// Fills 32 bytes from the board's source of entropy.
+pub type Draw = fn(&mut [u8; 32]) -> Result<(), NoEntropy>;
+
+/// The keys, and the session.
+pub struct Keeper<F: Flash, J> {
+    /// None: the area cannot be opened. Then nothing is kept, and nobody has a key.
+    ring: Option<Journal<F>>,
+    register: KeyRegister,
+    tries: Tries,
+    /// Whether the jumper is closed.
+    jumper: J,
+    at_start: bool,
+    signer: Option<&'static dyn HeadSigner>,
+    draw: Draw,
+    handshake: Option<BoardHandshake>,
+    /// The session, and its host's key.
+    session: Option<(BoardSession, [u8; 32])>,
+}
+
+impl<F: Flash, J: FnMut() -> bool> Keeper<F, J> {
+    /// Opens the area and looks at the jumper. A board whose area cannot be opened is locked.
+    pub fn open(
+        flash: F,
+        mut jumper: J,
+        signer: Option<&'static dyn HeadSigner>,
+        draw: Draw,
+        now: Micros,
+    ) -> Self {
+        let (ring, register) = match Journal::open(flash) {
+            // Entries behind a header that cannot be read may have been newer.
+            Ok((ring, recovery)) if recovery.damaged_headers > 0 => {
+                (Some(ring), KeyRegister::lost())
+            }
+            Ok((mut ring, _)) => {
+                let register = newest(&mut ring);
+                (Some(ring), register)
+            }
+            Err(_) => (None, KeyRegister::lost()),
+        };
+        let at_start = jumper();
+        let tries = Tries::new(register.wrong_keys, now);
+        let mut keeper = Self {
+            ring,
+            register,
+            tries,
+            jumper,
+            at_start,
+            signer,
+            draw,
+            handshake: None,
+            session: None,
+        };
+        if let Some(started) = keeper.register.started(at_start) {
+            // What is not kept is counted by the next start.
+            let _ = keeper.save(now, started);
+        }
+        keeper
+    }
+
+    fn save(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept> {
+        let mut room = [0; MOST];
+        let payload = postcard::to_slice(&register, &mut room).map_err(|_| KeysNotKept)?;
+        let ring = self.ring.as_mut().ok_or(KeysNotKept)?;
+        for _ in 0..2 {
+            let appended = ring.append(KIND, now, payload);
+            appended.map_err(|_| KeysNotKept)?;
+        }
+        self.register = register;
+        Ok(())
+    }
+
+    /// A key was wrong.
+    fn wrong(&mut self, now: Micros, why: AccessRefusal, key: Option<&[u8; 32]>) -> Slowed {
+        let key_id = key.map(key_id);
+        let told = match self.tries.wrong(now) {
+            Ok(()) => why,
+            Err(retry_in_s) => AccessRefusal::TooManyTries { retry_in_s },
+        };
+        self.keep_tries(now);
+        Slowed {
+            why: Some(why),
+            told,
+            key_id,
+        }
+    }
+
+    fn keep_tries(&mut self, now: Micros) {
+        let wrong_keys = self.tries.kept();
+        if self.register.wrong_keys != wrong_keys {
+            let mut register = self.register.clone();
+            register.wrong_keys = wrong_keys;
+            // Until the next start it is known all the same.
+            let _ = self.save(now, register);
+        }
+    }
+}
+
+/// What was kept last: the newest entry.
+fn newest<F: Flash>(ring: &mut Journal<F>) -> KeyRegister {
+    let Some(newest) = ring.next_seq().checked_sub(1) else {
+        return KeyRegister::default();
+    };
+    let mut room = [0; MOST];
+    let found = ring.read(newest, &mut room).ok();
+    found
+        .filter(|found| found.entry.kind == KIND)
+        .and_then(|found| postcard::from_bytes(found.entry.payload).ok())
+        .unwrap_or_else(KeyRegister::lost)
+}
+
+/// The board cannot have sessions.
+const NO_SESSIONS: Slowed = Slowed {
+    why: None,
+    told: AccessRefusal::NoSession,
+    key_id: None,
+};
+
+impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
+    fn register(&self) -> &KeyRegister {
+        &self.register
+    }
+
+    fn keep(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept> {
+        self.save(now, register)
+    }
+
+    fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept> {
+        (self.session, self.handshake) = (None, None);
+        self.tries = Tries::default();
+        let oldest = |keeper: &Self| keeper.ring.as_ref().map_or(0, Journal::first_seq);
+        let last = self.ring.as_ref().map_or(0, Journal::next_seq);
+        // Once round: what stood before is erased. This start is one with the jumper as it was.
+        let fresh = KeyRegister::default();
+        let fresh = fresh.started(self.at_start).unwrap_or(fresh);
+        while oldest(self) < last {
+            self.save(now, fresh.clone())?;
+        }
+        Ok(())
+    }
+
+    fn board_key(&self) -> Option<[u8; 32]> {
+        self.signer.map(|signer| signer.key())
+    }
+
+    fn jumper(&mut self) -> bool {
+        (self.jumper)()
+    }
+
+    fn jumper_holds(&mut self) -> bool {
+        self.at_start && (self.jumper)()
+    }
+
+    fn retry_in_s(&self, now: Micros) -> u32 {
+        self.tries.retry_in_s(now)
+    }
+
+    fn begin(&mut self, now: Micros, ask: &SessionAsk) -> Result<SessionChallenge, Slowed> {
+        let board_key = self.board_key().ok_or(NO_SESSIONS)?;
+        if self.register.role_of(&ask.key).is_none() {
+            return Err(self.wrong(now, AccessRefusal::KeyUnknown, Some(&ask.key)));
+        }
+        let (mut challenge, mut secret) = ([0; 32], [0; 32]);
+        let drawn = (self.draw)(&mut challenge).and_then(|()| (self.draw)(&mut secret));
+        drawn.map_err(|NoEntropy| NO_SESSIONS)?;
+        let handshake = BoardHandshake::new(ask, board_key, challenge, secret);
+        let challenge = *handshake.challenge();
+        self.handshake = Some(handshake);
+        Ok(challenge)
+    }
+
+    fn prove(
+        &mut self,
+        now: Micros,
+        signature: SignatureParts,
+    ) -> Result<(Role, SignatureParts), Slowed> {
+        let signer = self.signer.ok_or(NO_SESSIONS)?;
+        let Some(handshake) = self.handshake.take() else {
+            return Err(self.wrong(now, AccessRefusal::KeyWrong, None));
+        };
+        let key = *handshake.key();
+        let role = self.register.role_of(&key);
+        match (handshake.prove(signature), role) {
+            (Some((session, signed)), Some(role)) => {
+                self.tries.right();
+                self.keep_tries(now);
+                self.session = Some((session, key));
+                Ok((role, signer.sign(&signed)))
+            }
+            _ => Err(self.wrong(now, AccessRefusal::KeyWrong, Some(&key))),
+        }
+    }
+
+    fn takes(&mut self, of: &Authenticated<'_>, code: &[u8; CODE]) -> Option<Caller> {
+        let (session, key) = self.session.as_mut()?;
+        // A key that was revoked meanwhile has no session any more.
+        let role = self.register.role_of(key)?;
+        session.takes(of, code).then(|| Caller {
+            role,
+            key_id: Some(key_id(key)),
+            counter: Some(session.counter()),
+        })
+    }
+
+    fn code(&self, of: &Authenticated<'_>) -> [u8; CODE] {
+        let session = self.session.as_ref();
+        session.map_or([0; CODE], |(session, _)| session.code(of))
+    }
+
+    fn disconnected(&mut self) {
+        (self.session, self.handshake) = (None, None);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,289 @@
+use super::*;
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicUsize, Ordering};
+extern crate std;
+use std::boxed::Box;
+use std::sync::{Arc, Mutex};
+use std::vec::Vec;
+
+use ed25519_dalek::{Signer as _, SigningKey};
+use umi_core::access::session::HostHandshake;
+use umi_core::journal::Geometry;
+use umi_protocol::access::{AccessMode, KeyName};
+
+const SECTORS: usize = 4;
+const SECTOR: usize = 4096;
+
+/// The cells of a flash; clones share them.
+type Cells = Arc<Mutex<Vec<u8>>>;
+
+fn erased() -> Cells {
+    Arc::new(Mutex::new(std::vec![0xFF; SECTORS * SECTOR]))
+}
+
+/// A flash that loses its power at an operation: of a program a part is written, of an erase a part
+/// is erased. The power comes back with [`Cut::whole`].
+#[derive(Clone)]
+struct Cut {
+    cells: Cells,
+    left: Arc<AtomicUsize>,
+    /// How much of the last operation is done, in quarters.
+    quarters: usize,
+}
+
+impl Cut {
+    fn at(cells: &Cells, left: usize, quarters: usize) -> Self {
+        Self {
+            cells: Arc::clone(cells),
+            left: Arc::new(AtomicUsize::new(left)),
+            quarters,
+        }
+    }
+
+    fn whole(cells: &Cells) -> Self {
+        Self::at(cells, usize::MAX, 4)
+    }
+
+    /// Does as much of an operation as the power lasts for.
+    fn change(&self, at: usize, length: usize, change: impl Fn(usize, &mut u8)) -> Result<(), ()> {
+        let left = self.left.load(Ordering::Relaxed);
+        self.left.store(left.saturating_sub(1), Ordering::Relaxed);
+        let done = match left {
+            0 => 0,
+            1 => length * self.quarters / 4,
+            _ => length,
+        };
+        let mut cells = self.cells.lock().unwrap();
+        for (n, cell) in cells[at..at + done].iter_mut().enumerate() {
+            change(n, cell);
+        }
+        match left {
+            0 | 1 => Err(()),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Flash for Cut {
+    type Error = ();
+
+    fn geometry(&self) -> Geometry {
+        Geometry {
+            sectors: SECTORS as u16,
+            sector_size: SECTOR as u32,
+            write_size: 1,
+            page_size: 256,
+        }
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), ()> {
+        let cells = self.cells.lock().unwrap();
+        into.copy_from_slice(&cells[addr as usize..][..into.len()]);
+        Ok(())
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), ()> {
+        self.change(addr as usize, bytes.len(), |n, cell| *cell &= bytes[n])
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), ()> {
+        self.change(sector as usize * SECTOR, SECTOR, |_, cell| *cell = 0xFF)
+    }
+}
+
+struct Signing(SigningKey);
+
+impl HeadSigner for Signing {
+    fn key(&self) -> [u8; 32] {
+        self.0.verifying_key().to_bytes()
+    }
+
+    fn boot(&self) -> u32 {
+        1
+    }
+
+    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2] {
+        let signature = self.0.sign(bytes);
+        [*signature.r_bytes(), *signature.s_bytes()]
+    }
+}
+
+fn signer() -> Option<&'static dyn HeadSigner> {
+    Some(Box::leak(Box::new(Signing(SigningKey::from_bytes(
+        &[0xB0; 32],
+    )))))
+}
+
+fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {
+    std::thread_local!(static NEXT: Cell<u8> = const { Cell::new(1) });
+    let next = NEXT.with(|next| next.replace(next.get().wrapping_add(1)));
+    bytes.fill(next);
+    Ok(())
+}
+
+fn open(flash: Cut, is_closed: bool) -> Keeper<Cut, impl FnMut() -> bool> {
+    Keeper::open(flash, move || is_closed, signer(), draw, Micros(0))
+}
+
+fn key(of: u8, role: Role) -> KeyInfo {
+    KeyInfo {
+        public: SigningKey::from_bytes(&[of; 32]).verifying_key().to_bytes(),
+        role,
+        name: KeyName::try_from("somebody").unwrap(),
+    }
+}
+
+/// What an owner does, one after the other.
+fn deeds() -> Vec<fn(&KeyRegister) -> KeyRegister> {
+    fn or_same(next: Option<KeyRegister>, register: &KeyRegister) -> KeyRegister {
+        next.unwrap_or_else(|| register.clone())
+    }
+    std::vec![
+        |of| or_same(of.enrolled(&key(1, Role::Owner)).unwrap(), of),
+        |of| or_same(of.enrolled(&key(2, Role::Engineer)).unwrap(), of),
+        |of| or_same(of.enrolled(&key(3, Role::Owner)).unwrap(), of),
+        |of| of.revoked(key_id(&key(1, Role::Owner).public)).unwrap().0,
+        |of| or_same(of.with_lock(true).unwrap(), of),
+        |of| or_same(of.with_lock(false).unwrap(), of),
+        |of| or_same(of.enrolled(&key(2, Role::Operator)).unwrap(), of),
+    ]
+}
+
+/// The power goes at every operation of what an owner does, at four places of each: what is found
+/// is what was kept before or what was being kept, whole; what was said to be kept is; and the board
+/// is never open once it was claimed.
+#[test]
+fn a_power_cut_leaves_one_whole_state() {
+    // Rings with little room left, so that sectors are erased on the way.
+    for filled in [0, 40] {
+        let mut cuts = 0;
+        'cuts: for cut_at in 1.. {
+            for quarters in 0..4 {
+                let cells = erased();
+                let mut keeper = open(Cut::whole(&cells), false);
+                let mut states = std::vec![keeper.register().clone()];
+                for _ in 0..filled {
+                    keeper.keep(Micros(0), KeyRegister::default()).unwrap();
+                }
+                let mut keeper = open(Cut::at(&cells, cut_at, quarters), false);
+                let mut kept = 0;
+                let mut is_cut = false;
+                for deed in deeds() {
+                    let next = deed(states.last().unwrap());
+                    states.push(next.clone());
+                    if keeper.keep(Micros(0), next).is_err() {
+                        is_cut = true;
+                        break;
+                    }
+                    kept += 1;
+                }
+                if !is_cut {
+                    assert!(cut_at > 12, "{cut_at}");
+                    break 'cuts;
+                }
+                cuts += 1;
+                let found = open(Cut::whole(&cells), false).register().clone();
+                // The state that was being kept is the last.
+                let may_be = [states.get(kept), states.get(kept + 1)];
+                assert!(
+                    may_be.contains(&Some(&found)),
+                    "cut {cut_at}, {quarters} quarters, {kept} kept: {found:?}"
+                );
+                assert!(kept == 0 || found.mode() != AccessMode::Open);
+            }
+        }
+        assert!(cuts > 48, "{cuts}");
+    }
+}
+
+/// Whatever single byte of the flash is damaged at rest: never open after claimed, never a key that
+/// was not enrolled, and the state before only as damage that locks the board.
+#[test]
+fn damage_at_rest_never_opens_a_board() {
+    let cells = erased();
+    let mut keeper = open(Cut::whole(&cells), true);
+    let mut register = keeper.register().clone();
+    for deed in deeds() {
+        register = deed(&register);
+        keeper.keep(Micros(0), register.clone()).unwrap();
+    }
+    let image = cells.lock().unwrap().clone();
+    let used = image.iter().rposition(|byte| *byte != 0xFF).unwrap();
+    for at in 0..=used {
+        let mut damaged = image.clone();
+        damaged[at] ^= 0x40;
+        let damaged = Arc::new(Mutex::new(damaged));
+        let found = open(Cut::whole(&damaged), true).register().clone();
+        let is_same = found.keys() == register.keys() && found.mode() == register.mode();
+        let is_locked = found.mode() == AccessMode::Locked && found.keys().is_empty();
+        assert!(is_same || is_locked, "byte {at}: {found:?}");
+    }
+}
+
+/// A stranger is slowed, over restarts; the owner is not, however often the stranger tries.
+#[test]
+fn a_stranger_slows_nobody_else() {
+    let cells = erased();
+    let mut keeper = open(Cut::whole(&cells), false);
+    let claimed = keeper.register().enrolled(&key(1, Role::Owner));
+    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    let (owner, stranger) = ([1; 32], [9; 32]);
+    let [owner, stranger] = [owner, stranger].map(|seed| SigningKey::from_bytes(&seed));
+    let mut now = 0;
+    for _ in 0..9 {
+        let ask = HostHandshake::new(&stranger, [3; 32]).ask();
+        assert_eq!(
+            keeper.begin(Micros(now), &ask).unwrap_err().told,
+            AccessRefusal::KeyUnknown
+        );
+        now += u64::from(keeper.retry_in_s(Micros(now))) * 1_000_000;
+    }
+    let mut keeper = open(Cut::whole(&cells), false);
+    assert_eq!(keeper.retry_in_s(Micros(0)), 60);
+    let ask = HostHandshake::new(&stranger, [3; 32]).ask();
+    let slowed = keeper.begin(Micros(0), &ask).unwrap_err();
+    assert_eq!(slowed.told, AccessRefusal::TooManyTries { retry_in_s: 60 });
+    assert_eq!(slowed.why, Some(AccessRefusal::KeyUnknown));
+
+    let handshake = HostHandshake::new(&owner, [4; 32]);
+    let challenge = keeper.begin(Micros(0), &handshake.ask()).unwrap();
+    let (signature, proof) = handshake.prove(&owner, &challenge).unwrap();
+    let (role, signature) = keeper.prove(Micros(0), signature).unwrap();
+    assert_eq!(role, Role::Owner);
+    assert!(proof.open(signature).is_some());
+    assert_eq!(keeper.retry_in_s(Micros(0)), 0);
+}
+
+/// A challenge is good for one proof, right or wrong.
+#[test]
+fn a_challenge_is_used_once() {
+    let mut keeper = open(Cut::whole(&erased()), false);
+    let claimed = keeper.register().enrolled(&key(1, Role::Owner));
+    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    let owner = SigningKey::from_bytes(&[1; 32]);
+    let handshake = HostHandshake::new(&owner, [4; 32]);
+    let challenge = keeper.begin(Micros(0), &handshake.ask()).unwrap();
+    let (signature, _) = handshake.prove(&owner, &challenge).unwrap();
+    assert!(keeper.prove(Micros(0), signature).is_ok());
+    let again = keeper.prove(Micros(0), signature).unwrap_err();
+    assert_eq!(again.told, AccessRefusal::KeyWrong);
+}
+
+/// A wipe leaves no key in the flash.
+#[test]
+fn a_wipe_leaves_no_key_behind() {
+    let cells = erased();
+    let mut keeper = open(Cut::whole(&cells), true);
+    let claimed = keeper.register().enrolled(&key(1, Role::Owner));
+    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    let has_key = || {
+        let image = cells.lock().unwrap().clone();
+        let public = key(1, Role::Owner).public;
+        image.windows(32).any(|window| window == public)
+    };
+    assert!(has_key());
+    keeper.forget(Micros(0)).unwrap();
+    assert!(!has_key());
+    assert_eq!(keeper.register().mode(), AccessMode::Open);
+}

@@ -1,0 +1,184 @@
+//! From one start of a virtual board to the next: what is plugged in stays, the application is new.
+
+use std::cell::RefCell;
+use std::io;
+use std::rc::Rc;
+use std::sync::mpsc::Sender as Started;
+
+use tokio::runtime::Runtime;
+use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
+use tokio::sync::oneshot;
+use umi_app::App;
+use umi_app::access::Keeper;
+use umi_app::board::{Clock as _, LineAbilities};
+use umi_app::measure::trust::heads::HeadSigner;
+use umi_app::measure::{Boot, StorageAreas};
+use umi_core::board_key::NoEntropy;
+use umi_core::units::Micros;
+use umi_protocol::job::name;
+use umi_protocol::message::{Identity, ResetReason};
+use umi_protocol::serial::{LEAST_BAUD, MOST_BAUD};
+
+use super::clock::VirtualClock;
+use super::ports::{
+    ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
+    NoWatchdog, Station, TeachButton, Wire,
+};
+use super::{Config, key};
+
+/// What is plugged into a board.
+pub(super) struct Plugs {
+    cnc_rx: ControlRx,
+    cnc_tx: ControlTx,
+    link_rx: HostRx,
+    link_tx: HostTx,
+    latches: Latches,
+    station: Station,
+    outputs: Lamps,
+    button: TeachButton,
+}
+
+impl Plugs {
+    #[allow(clippy::too_many_arguments, reason = "one for each plug")]
+    pub fn new(
+        from_control: UnboundedReceiver<FromControl>,
+        to_control: Sender<u8>,
+        from_host: UnboundedReceiver<FromHost>,
+        latches: Receiver<Latched>,
+        line: Wire,
+        station: Station,
+        outputs: Lamps,
+        button: TeachButton,
+    ) -> Self {
+        let to_host = Rc::new(RefCell::new(None));
+        Self {
+            cnc_rx: ControlRx {
+                incoming: from_control,
+                rest: Vec::new(),
+                line: line.clone(),
+            },
+            cnc_tx: ControlTx {
+                outgoing: to_control,
+                line,
+            },
+            link_rx: HostRx {
+                incoming: from_host,
+                to_host: Rc::clone(&to_host),
+                rest: Vec::new(),
+            },
+            link_tx: HostTx { to_host },
+            latches: Latches {
+                incoming: latches,
+                waiting: None,
+            },
+            station,
+            outputs,
+            button,
+        }
+    }
+}
+
+/// The switch, and who waits for the first start.
+pub(super) struct Power {
+    pub started: Option<Started<io::Result<()>>>,
+    pub switched_off: oneshot::Receiver<()>,
+}
+
+impl Power {
+    /// Runs the board from a start until it starts anew (true) or is switched off.
+    pub fn cycle(
+        &mut self,
+        config: &Config,
+        runtime: &Runtime,
+        plugs: &mut Plugs,
+        clock: &VirtualClock,
+    ) -> bool {
+        let is_first = self.started.is_some();
+        let signer = config.key.clone().and_then(key::signer);
+        let boot = Boot {
+            identity: Identity {
+                board: name("virtual"),
+                serial: name(&config.serial),
+                firmware: name(env!("CARGO_PKG_VERSION")),
+            },
+            reset: match is_first {
+                true => ResetReason::PowerOn,
+                false => ResetReason::Software,
+            },
+            line: LineAbilities {
+                least_baud: LEAST_BAUD,
+                most_baud: MOST_BAUD,
+                two_stop_bits: true,
+                cts: false,
+            },
+            skip_ends: true,
+            signer,
+        };
+        let now = match is_first {
+            true => Micros(0),
+            false => clock.now(),
+        };
+        let app = Box::new(App::new());
+        guard(&app, config, signer, now);
+        // Storage that cannot be opened shows as on a real board: in its answers.
+        let areas = StorageAreas {
+            journal: config.journal.clone(),
+            evidence: config.evidence.clone(),
+            custody: config.custody.clone(),
+            settings: config.settings.clone(),
+            programs: config.programs.clone(),
+        };
+        let _ = app.start(boot, areas, now);
+        plugs.cnc_rx.line.board.set(app.line());
+        if let Some(started) = self.started.take() {
+            let _ = started.send(Ok(()));
+        }
+        let Plugs {
+            cnc_rx,
+            cnc_tx,
+            link_rx,
+            link_tx,
+            latches,
+            station,
+            outputs,
+            button,
+        } = plugs;
+        let switched_off = &mut self.switched_off;
+        let mut dog = NoWatchdog;
+        let restarts = runtime.block_on(async {
+            tokio::select! {
+                biased;
+                () = app.receive(cnc_rx, clock) => false,
+                () = app.measure(outputs, clock) => false,
+                () = app.transmit(cnc_tx, clock) => false,
+                () = app.serve(link_rx, link_tx, station, clock) => false,
+                () = app.latch(latches, clock) => false,
+                () = app.supervise(&mut dog, clock) => false,
+                () = app.button(button, clock) => false,
+                () = app.restarts() => true,
+                _ = switched_off => false,
+            }
+        });
+        // As a board on USB that starts anew: it is plugged in again.
+        link_rx.unplug();
+        restarts
+    }
+}
+
+/// Gives the board its keys, if it can have an owner.
+fn guard(
+    app: &App<super::VirtualFlash>,
+    config: &Config,
+    signer: Option<&'static dyn HeadSigner>,
+    now: Micros,
+) {
+    let Some(flash) = config.access.clone() else {
+        return;
+    };
+    let is_closed = config.jumper;
+    let jumper = move || is_closed;
+    let draw = |bytes: &mut [u8; 32]| getrandom::fill(bytes).map_err(|_| NoEntropy);
+    let keeper = Keeper::open(flash, jumper, signer, draw, now);
+    // As long as the board: a process starts few of them. No task has begun.
+    let _ = app.guard(Box::leak(Box::new(keeper)));
+}
