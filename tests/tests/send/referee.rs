@@ -398,8 +398,8 @@ fn linuxcnc_prints_checked_lines() {
     let lines = referee
         .logged(&folder("linuxcnc"), Path::new(macros), &program)
         .unwrap();
-    // First come the active work offset, and what else moves coordinates.
-    assert_eq!(lines.len(), 2 + points.len());
+    // First come the active work offset, what else moves coordinates, and what shifts them.
+    assert_eq!(lines.len(), 3 + points.len());
 
     let job = "name = \"LINE\"\nreference = \"taught\"\nplate_timeout_s = 9\ncompensation = \"in_macro\"\n\
         [receiver]\ncoding = \"auto\"\nidle_timeout_s = 9\npatterns = [{ checked = {} }]\n\
@@ -419,4 +419,28 @@ fn linuxcnc_prints_checked_lines() {
     );
     let rounded = points.map(|point| point.map(|mm: f64| (mm * 1000.0).round() / 1000.0));
     assert_eq!(hits, rounded, "{lines:?}");
+
+    // It looks as well, and aborts by itself.
+    let looks = |name: &str, change: &str| {
+        let program = format!(
+            "G21 G40 G90 G54\nO<UMI_START> CALL\nG0 X10 Z5\n{change}\nO<UMI_LOOK> CALL\nM2\n"
+        );
+        referee.logged(&folder(name), Path::new(macros), &program)
+    };
+    assert_eq!(looks("look", "").unwrap().len(), 3);
+    for (number, (change, said)) in [
+        ("G52 X1", "G52 OR G92 CHANGED"),
+        ("G92 Z1", "G52 OR G92 CHANGED"),
+        ("G10 L2 P1 Y0.3", "WORK OFFSET CHANGED"),
+        ("G10 L2 P1 R1", "WORK OFFSET CHANGED"),
+        ("G55", "OTHER WORK OFFSET NOW"),
+        ("G43.1 Z0.3", "TOOL LENGTH CHANGED"),
+        ("G43.1 X0.3", "TOOL LENGTH CHANGED"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let error = looks(&format!("look{number}"), change).unwrap_err();
+        assert!(error.contains(said), "{change}: {error}");
+    }
 }

@@ -249,9 +249,9 @@ impl Control {
             }),
             5399 => Some(self.input_read),
             5400 => Some(f64::from(self.modal.tool)),
-            // A tool has a length here, and no offset in X and Y.
+            // The loaded tool's in the table, whatever is in force; it has none in X and Y here.
             5401 | 5402 => Some(0.0),
-            5403 => Some(self.modal.length_mm / unit),
+            5403 => Some(self.offsets.length(self.modal.tool) / unit),
             5420..=5422 => {
                 let at = self.frame().undo(self.seen.carried);
                 component(&at.into(), axis(number, 5420)?, unit)

@@ -203,16 +203,16 @@ fn grbl() {
 }
 
 /// `G52` is what `G92` is there, in #5211; on a Haas it is #5201, also for `G10 L2 P0`; on a Fanuc
-/// no variable has it, and machine less work position shows it. `G43.1` has its length in Z.
+/// no variable has it, and machine less work position shows it. `G43.1` has its length in Z, and
+/// #5403 is the loaded tool's all the same.
 #[test]
 fn local_shifts() {
-    let text =
-        "G52 X1.5\nG0 X0\n#100=#5210\n#101=#5211\nG52 X0\nG43.1 Z20\nG0 Z5\n#102=#5403\nM2\n";
+    let text = "G52 X1.5\nG0 X0\n#100=#5210\n#101=#5211\nG52 X0\nG43.1 Z20\nG0 Z5\n#102=#5403\n#103=[#<_abs_z>-#5422]\nM2\n";
     let (control, mock) = run_in(ControlFamily::LinuxCnc, text);
     let ends: Vec<[f64; 2]> = mock.ends().iter().map(|end| [end[0], end[2]]).collect();
     assert_eq!(ends, [[1.5, 0.0], [1.5, 25.0]]);
-    let values = [100, 101, 102].map(|n| control.variable(n));
-    assert_eq!(values, [1.0, 1.5, 20.0].map(Some));
+    let values = [100, 101, 102, 103].map(|n| control.variable(n));
+    assert_eq!(values, [1.0, 1.5, 0.0, 20.0].map(Some));
     let text = "%\nO1\nG52X1.5\nG0X0\n#100=#5201\nG10L2P0X2.5\nG0X0\n#5202=4.\nG0Y0\n\
                 #101=#5021-#5041-#5201\nM30\n%\n";
     let (control, mock) = run_in(ControlFamily::Haas, text);
