@@ -7,17 +7,20 @@
 //! rest looks like one that a power cut tore, and the one before it must not be an older state.
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
 
-use umi_core::access::register::KeyRegister;
+use umi_core::access::register::{KeyRegister, Wiping};
 use umi_core::access::session::{BoardHandshake, BoardSession, SignatureParts};
 use umi_core::access::tries::Tries;
 use umi_core::board_key::{NoEntropy, key_id};
 use umi_core::journal::{Flash, Journal};
 use umi_core::units::Micros;
-use umi_protocol::access::{AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge};
+use umi_protocol::access::{
+    AccessChange, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,
+};
 use umi_protocol::frame::{Authenticated, CODE};
+use umi_protocol::message::Request;
 use umi_protocol::schema::max_len;
 
-use super::{Caller, Gate, KeysNotKept, Slowed};
+use super::{Caller, Gate, KeysNotKept, Slowed, Told};
 use crate::measure::trust::signer::HeadSigner;
 
 /// Kind number of the only entry there is. A later layout gets another.
@@ -136,6 +139,35 @@ fn newest<F: Flash>(ring: &mut Journal<F>) -> KeyRegister {
         .unwrap_or_else(KeyRegister::lost)
 }
 
+/// What becomes of the register, and what is told; none: it is so already.
+fn changed(
+    register: &KeyRegister,
+    request: &Request,
+    caller: &Caller,
+) -> Result<Option<(KeyRegister, Told)>, AccessRefusal> {
+    let told = |what, key_id, role| Told { what, key_id, role };
+    Ok(match request {
+        Request::KeyEnrol(key) => {
+            let told = told(AccessChange::Enrolled, key_id(&key.public), key.role);
+            register.enrolled(key)?.map(|next| (next, told))
+        }
+        Request::KeyRevoke { key_id } => {
+            let (next, role) = register.revoked(*key_id)?;
+            Some((next, told(AccessChange::Revoked, *key_id, role)))
+        }
+        Request::LockSet { locked } => {
+            let what = match locked {
+                true => AccessChange::Locked,
+                false => AccessChange::Unlocked,
+            };
+            let told = told(what, caller.key_id.unwrap_or_default(), caller.role);
+            register.with_lock(*locked)?.map(|next| (next, told))
+        }
+        // All that an owner changes here is above.
+        _ => None,
+    })
+}
+
 /// The board cannot have sessions.
 const NO_SESSIONS: Slowed = Slowed {
     why: None,
@@ -148,7 +180,24 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         &self.register
     }
 
-    fn keep(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept> {
+    fn change(
+        &mut self,
+        now: Micros,
+        request: &Request,
+        caller: &Caller,
+        tell: &mut dyn FnMut(Told) -> bool,
+    ) -> Result<bool, AccessRefusal> {
+        match changed(&self.register, request, caller)? {
+            // It is so already.
+            None => Ok(true),
+            // The record first.
+            Some((register, told)) => Ok(tell(told) && self.save(now, register).is_ok()),
+        }
+    }
+
+    fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept> {
+        let mut register = self.register.clone();
+        register.wiping = Some(wiping);
         self.save(now, register)
     }
 

@@ -20,12 +20,11 @@ pub use keeper::Keeper;
 use umi_core::access::permit::{permit, permit_role};
 use umi_core::access::register::{KeyRegister, Wiping};
 use umi_core::access::session::SignatureParts;
-use umi_core::board_key::key_id;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{
-    AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, KeyInfo, Keys, Role, SessionAsk,
+    AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, Keys, Role, SessionAsk,
     SessionChallenge,
 };
 use umi_protocol::frame::{Authenticated, CODE, Frame};
@@ -59,11 +58,23 @@ pub trait Gate: Send {
     /// What is kept.
     fn register(&self) -> &KeyRegister;
 
-    /// Keeps this. After `Ok` it survives a power cut.
+    /// Does what an owner asks, and has it journaled before it is kept; false: one of the two failed.
+    ///
+    /// # Errors
+    /// [`AccessRefusal`]: nothing has changed.
+    fn change(
+        &mut self,
+        now: Micros,
+        request: &Request,
+        caller: &Caller,
+        tell: &mut dyn FnMut(Told) -> bool,
+    ) -> Result<bool, AccessRefusal>;
+
+    /// Keeps that a wipe has begun. After `Ok` it survives a power cut.
     ///
     /// # Errors
     /// [`KeysNotKept`].
-    fn keep(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept>;
+    fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept>;
 
     /// Keeps this as on a new board, and so that nothing before it can be read any more.
     ///
@@ -273,58 +284,46 @@ pub(crate) fn answer<F: Flash>(
             _ => Response::NotOnThisBoard,
         };
     };
-    let register = gate.register();
-    let change = match request {
-        Request::AccessGet => {
-            return Response::Access(AccessInfo {
-                mode,
-                jumper: Some(gate.jumper()),
-                retry_in_s: gate.retry_in_s(now),
-                board_key: gate.board_key(),
-            });
-        }
-        Request::KeyList => return Response::Keys(register.keys().clone()),
+    match request {
+        Request::AccessGet => Response::Access(AccessInfo {
+            mode,
+            jumper: Some(gate.jumper()),
+            retry_in_s: gate.retry_in_s(now),
+            board_key: gate.board_key(),
+        }),
+        Request::KeyList => Response::Keys(gate.register().keys().clone()),
         Request::SessionBegin(ask) => {
             let begun = gate.begin(now, ask).map(Response::SessionChallenge);
-            return begun.unwrap_or_else(|slowed| slow(measure, now, slowed));
+            begun.unwrap_or_else(|slowed| slow(measure, now, slowed))
         }
         Request::SessionProve { signature } => {
             let proven = gate.prove(now, *signature);
             let proven = proven.map(|(role, signature)| Response::SessionOpen { role, signature });
-            return proven.unwrap_or_else(|slowed| slow(measure, now, slowed));
+            proven.unwrap_or_else(|slowed| slow(measure, now, slowed))
         }
-        _ if gate.board_key().is_none() => return Response::NotOnThisBoard,
-        Request::KeyEnrol(key) => enrol(register, key, caller),
-        Request::KeyRevoke { key_id } => revoke(register, *key_id, caller),
-        Request::LockSet { locked } => lock(register, *locked, caller),
+        _ if gate.board_key().is_none() => Response::NotOnThisBoard,
         Request::Wipe => {
-            let Some(wiping) = measure.to_be_wiped(caller) else {
-                return Response::StorageFailed;
-            };
-            let mut register = register.clone();
-            register.wiping = Some(wiping);
-            if gate.keep(now, register).is_err() {
-                return Response::StorageFailed;
+            let begun = measure
+                .to_be_wiped(caller)
+                .map(|wiping| gate.begin_wipe(now, wiping));
+            match begun {
+                Some(Ok(())) => {
+                    guarded.restarts = true;
+                    Response::Done
+                }
+                _ => Response::StorageFailed,
             }
-            guarded.restarts = true;
-            return Response::Done;
         }
-        // All that is about access is above.
-        _ => return Response::NotOnThisBoard,
-    };
-    match change {
-        Err(why) => {
-            measure.refuse_access(now, why, caller.key_id);
-            Response::AccessRefused(why)
-        }
-        // It is so already.
-        Ok(None) => Response::Done,
-        Ok(Some((register, record))) => {
-            // The record first.
-            let is_kept = measure.ledger.record(now, record) && gate.keep(now, register).is_ok();
-            match is_kept {
-                true => Response::Done,
-                false => Response::StorageFailed,
+        _ => {
+            let by = caller.key_id;
+            let mut tell = |told: Told| measure.tell_access(now, told, by);
+            match gate.change(now, request, caller, &mut tell) {
+                Ok(true) => Response::Done,
+                Ok(false) => Response::StorageFailed,
+                Err(why) => {
+                    measure.refuse_access(now, why, by);
+                    Response::AccessRefused(why)
+                }
             }
         }
     }
@@ -341,36 +340,30 @@ fn slow<F: Flash>(measure: &mut Instrument<F>, now: Micros, slowed: Slowed) -> R
     }
 }
 
-/// What becomes of the register, and what is told; none: it is so already.
-type Change = Result<Option<(KeyRegister, Record)>, AccessRefusal>;
+/// What an owner has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Told {
+    /// What.
+    pub what: AccessChange,
+    /// Of which key.
+    pub key_id: KeyId,
+    /// What it is for.
+    pub role: Role,
+}
 
-fn told(what: AccessChange, key_id: KeyId, role: Role, caller: &Caller) -> Record {
-    Record::Access {
-        what,
-        key_id,
-        role,
-        by: caller.key_id,
+impl<F: Flash> Instrument<F> {
+    /// Journals what an owner has changed.
+    #[inline(never)]
+    fn tell_access(&mut self, now: Micros, told: Told, by: Option<KeyId>) -> bool {
+        let Told { what, key_id, role } = told;
+        let record = Record::Access {
+            what,
+            key_id,
+            role,
+            by,
+        };
+        self.ledger.record(now, record)
     }
-}
-
-fn enrol(register: &KeyRegister, key: &KeyInfo, caller: &Caller) -> Change {
-    let id = key_id(&key.public);
-    let told = || told(AccessChange::Enrolled, id, key.role, caller);
-    Ok(register.enrolled(key)?.map(|next| (next, told())))
-}
-
-fn revoke(register: &KeyRegister, id: KeyId, caller: &Caller) -> Change {
-    let (next, role) = register.revoked(id)?;
-    Ok(Some((next, told(AccessChange::Revoked, id, role, caller))))
-}
-
-fn lock(register: &KeyRegister, locked: bool, caller: &Caller) -> Change {
-    let what = match locked {
-        true => AccessChange::Locked,
-        false => AccessChange::Unlocked,
-    };
-    let told = || told(what, caller.key_id.unwrap_or_default(), caller.role, caller);
-    Ok(register.with_lock(locked)?.map(|next| (next, told())))
 }
 
 impl<F: Flash> Instrument<F> {

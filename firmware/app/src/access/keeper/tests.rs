@@ -164,7 +164,7 @@ fn a_power_cut_leaves_one_whole_state() {
                 let mut keeper = open(Cut::whole(&cells), false);
                 let mut states = std::vec![keeper.register().clone()];
                 for _ in 0..filled {
-                    keeper.keep(Micros(0), KeyRegister::default()).unwrap();
+                    keeper.save(Micros(0), KeyRegister::default()).unwrap();
                 }
                 let mut keeper = open(Cut::at(&cells, cut_at, quarters), false);
                 let mut kept = 0;
@@ -172,7 +172,7 @@ fn a_power_cut_leaves_one_whole_state() {
                 for deed in deeds() {
                     let next = deed(states.last().unwrap());
                     states.push(next.clone());
-                    if keeper.keep(Micros(0), next).is_err() {
+                    if keeper.save(Micros(0), next).is_err() {
                         is_cut = true;
                         break;
                     }
@@ -206,7 +206,7 @@ fn damage_at_rest_never_opens_a_board() {
     let mut register = keeper.register().clone();
     for deed in deeds() {
         register = deed(&register);
-        keeper.keep(Micros(0), register.clone()).unwrap();
+        keeper.save(Micros(0), register.clone()).unwrap();
     }
     let image = cells.lock().unwrap().clone();
     let used = image.iter().rposition(|byte| *byte != 0xFF).unwrap();
@@ -227,7 +227,7 @@ fn a_stranger_slows_nobody_else() {
     let cells = erased();
     let mut keeper = open(Cut::whole(&cells), false);
     let claimed = keeper.register().enrolled(&key(1, Role::Owner));
-    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    keeper.save(Micros(0), claimed.unwrap().unwrap()).unwrap();
     let (owner, stranger) = ([1; 32], [9; 32]);
     let [owner, stranger] = [owner, stranger].map(|seed| SigningKey::from_bytes(&seed));
     let mut now = 0;
@@ -260,7 +260,7 @@ fn a_stranger_slows_nobody_else() {
 fn a_challenge_is_used_once() {
     let mut keeper = open(Cut::whole(&erased()), false);
     let claimed = keeper.register().enrolled(&key(1, Role::Owner));
-    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    keeper.save(Micros(0), claimed.unwrap().unwrap()).unwrap();
     let owner = SigningKey::from_bytes(&[1; 32]);
     let handshake = HostHandshake::new(&owner, [4; 32]);
     let challenge = keeper.begin(Micros(0), &handshake.ask()).unwrap();
@@ -276,7 +276,7 @@ fn a_wipe_leaves_no_key_behind() {
     let cells = erased();
     let mut keeper = open(Cut::whole(&cells), true);
     let claimed = keeper.register().enrolled(&key(1, Role::Owner));
-    keeper.keep(Micros(0), claimed.unwrap().unwrap()).unwrap();
+    keeper.save(Micros(0), claimed.unwrap().unwrap()).unwrap();
     let has_key = || {
         let image = cells.lock().unwrap().clone();
         let public = key(1, Role::Owner).public;
