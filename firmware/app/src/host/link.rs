@@ -348,24 +348,21 @@ fn request<F: Flash>(
         guarded,
         caller,
     } = around;
-    let response = match access::admit(measure, guarded, now, &caller, request) {
-        Err(why) => Response::AccessRefused(why),
-        Ok(()) => {
-            if let Some(key_id) = caller.key_id {
-                measure.ledger.by.put(key_id);
-            }
-            let around = RequestContext {
-                now,
-                link_damaged,
-                scans,
-                guarded: &mut *guarded,
-                caller,
-            };
-            let response = answer(measure, station, around, request);
-            measure.ledger.by.clear();
-            response
-        }
+    if let Err(why) = access::admit(measure, guarded, now, &caller, request) {
+        return Some(refused(guarded, &caller, frame, why, out));
+    }
+    if let Some(key_id) = caller.key_id {
+        measure.ledger.by.put(key_id);
+    }
+    let around = RequestContext {
+        now,
+        link_damaged,
+        scans,
+        guarded: &mut *guarded,
+        caller,
     };
+    let response = answer(measure, station, around, request);
+    measure.ledger.by.clear();
     Some(sealed(guarded, &caller, frame, &response, out))
 }
 
@@ -375,7 +372,20 @@ fn encoded(frame: &Frame<'_>, answer: &impl Message, out: &mut [u8; MAX_BOARD_FR
     encode(frame.sequence, answer, out).map_or(0, <[u8]>::len)
 }
 
+/// Refuses a request: the length of the frame.
+#[inline(never)]
+fn refused(
+    guarded: &Guarded,
+    caller: &Caller,
+    frame: &Frame<'_>,
+    why: AccessRefusal,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> usize {
+    sealed(guarded, caller, frame, &Response::AccessRefused(why), out)
+}
+
 /// Puts the answer to a frame into the buffer, with a seal if the frame had one: its length.
+#[inline(never)]
 fn sealed(
     guarded: &Guarded,
     caller: &Caller,

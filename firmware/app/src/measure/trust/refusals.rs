@@ -2,6 +2,7 @@
 //! count.
 
 use umi_core::units::Micros;
+use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{AccessRefusal, KeyId};
 use umi_protocol::message::Record;
 
@@ -14,23 +15,22 @@ const REASONS: usize = 7;
 /// Counts for each reason. All zeros at the start.
 pub(crate) struct Refusals([Refused; REASONS]);
 
-#[derive(Clone, Copy)]
 struct Refused {
     /// None is told before this.
     until: Micros,
     /// Since the latest that was told.
     count: u32,
-    latest: Option<(AccessRefusal, Option<KeyId>)>,
+    latest: ZeroOption<(AccessRefusal, Option<KeyId>)>,
 }
 
 impl Refusals {
     pub const fn new() -> Self {
-        let none = Refused {
+        const NONE: Refused = Refused {
             until: Micros(0),
             count: 0,
-            latest: None,
+            latest: ZeroOption::empty(),
         };
-        Self([none; REASONS])
+        Self([NONE; REASONS])
     }
 
     /// One more.
@@ -51,7 +51,7 @@ impl Refusals {
         };
         if let Some(of) = self.0.get_mut(place) {
             of.count = of.count.saturating_add(1);
-            of.latest = Some((why, key_id));
+            of.latest.put((why, key_id));
         }
     }
 
