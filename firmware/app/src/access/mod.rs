@@ -4,7 +4,7 @@
 //!
 //! A board that can have an owner gives a [`Gate`], which knows the keys and the session; the one
 //! there is, [`Keeper`], stands on a flash area of its own. A board without a gate is open for ever,
-//! and carries none of its code.
+//! and carries none of its code (the feature `owner`).
 //!
 //! Every frame has a [`Caller`]: who has sealed it, or nobody. A session does not end with a
 //! greeting, because whoever reaches the port can say one; it ends with the connection, with another
@@ -155,18 +155,28 @@ impl Guarded {
     }
 
     fn gate(&mut self) -> Option<&mut (dyn Gate + 'static)> {
+        if !cfg!(feature = "owner") {
+            return None;
+        }
         self.gate.get_mut().map(|gate| &mut **gate)
+    }
+
+    fn look(&self) -> Option<&(dyn Gate + 'static)> {
+        if !cfg!(feature = "owner") {
+            return None;
+        }
+        self.gate.get().map(|gate| &**gate)
     }
 
     /// Who may do what.
     pub fn mode(&self) -> AccessMode {
-        let gate = self.gate.get();
+        let gate = self.look();
         gate.map_or(AccessMode::Open, |gate| gate.register().mode())
     }
 
     /// A wipe that has begun and not ended.
     pub fn wiping(&self) -> Option<Wiping> {
-        self.gate.get()?.register().wiping
+        self.look()?.register().wiping
     }
 
     /// Who has sent a frame, and the frame without its seal; none: its seal is not the session's.
@@ -216,7 +226,7 @@ impl Guarded {
 
     /// The code of an answer.
     pub fn code(&self, of: &Authenticated<'_>) -> [u8; CODE] {
-        let gate = self.gate.get();
+        let gate = self.look();
         gate.map_or([0; CODE], |gate| gate.code(of))
     }
 

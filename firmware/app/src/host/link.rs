@@ -300,7 +300,7 @@ fn respond<F: Flash>(
         Kind::SealedRequest if frame.is_of_this_schema() => {
             let why = AccessRefusal::NoSession;
             measure.refuse_access(around.now, why, None);
-            encoded(frame, &Response::AccessRefused(why), out)
+            refused(around.guarded, &Caller::NOBODY, frame, why, out)
         }
         Kind::SealedRequest => hello(measure, frame, out),
         Kind::Request => request(measure, station, around, frame, out)
@@ -393,7 +393,7 @@ fn sealed(
     answer: &Response,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
-    match caller.counter {
+    match caller.counter.filter(|_| cfg!(feature = "owner")) {
         None => encoded(frame, answer, out),
         Some(counter) => {
             let code = |of: &Authenticated<'_>| guarded.code(of);
