@@ -160,6 +160,17 @@ pub fn receive_all(rig: &mut dyn Rig) -> String {
     text
 }
 
+/// A program for the control, whenever it comes: from `%` to the line of the second one. Silence
+/// is no end, as a loaded machine is silent, too.
+pub fn receive_program(rig: &mut dyn Rig) -> String {
+    let mut text = String::new();
+    while !(text.matches('%').count() == 2 && text.ends_with('\n')) {
+        let byte = rig.control_receives(Duration::from_secs(2));
+        text.push(char::from(byte.expect("the program goes on to its end")));
+    }
+    text
+}
+
 /// What READ gets without an OK verdict: it raises an alarm.
 pub fn alarm() -> String {
     umi_core::correction::alarm(&job().correction.unwrap(), Coding::Ascii)

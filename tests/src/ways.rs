@@ -3,7 +3,6 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use std::{fs, io};
 
 use umi_core::dprnt::checked::CheckedLine;
@@ -13,7 +12,7 @@ use umi_virtual::machine::{VirtualMachine, Wires};
 use umi_virtual::nc::{Alarm, Control, ControlFamily, ControlSettings};
 use umi_virtual::scene::Scene;
 
-use crate::cases::{DC1, clamping, connect, job, receive_all, until};
+use crate::cases::{DC1, clamping, connect, job, receive_program, until};
 use crate::rig::Rig;
 
 /// What happens, one after the other.
@@ -414,9 +413,7 @@ pub fn page(rig: &mut dyn Rig) -> String {
                 Step::Reads(run) => {
                     rig.control_sends(DC1);
                     bytes += 1;
-                    let first = rig.control_receives(Duration::from_secs(2));
-                    let first = char::from(first.expect("READ gets a program"));
-                    let program = format!("{first}{}", receive_all(rig));
+                    let program = receive_program(rig);
                     let does = carried_out(&program, run);
                     let _ = writeln!(page, "   * The control reads in run {run} and {does}.");
                 }

@@ -183,7 +183,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 44] {
+fn rewrites() -> [RefusedLine; 50] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -196,6 +196,7 @@ fn rewrites() -> [RefusedLine; 44] {
         RewriteRefusal::Expression('X'),
         RewriteRefusal::Twice('Y'),
         RewriteRefusal::Meaningless('Z'),
+        RewriteRefusal::NoCode,
         RewriteRefusal::UnknownCode(543),
         RewriteRefusal::Code(280, Why::Coordinates),
         RewriteRefusal::Code(281, Why::Motion),
@@ -206,6 +207,7 @@ fn rewrites() -> [RefusedLine; 44] {
         RewriteRefusal::NoDistanceMode,
         RewriteRefusal::NoUnit,
         RewriteRefusal::NoMotion,
+        RewriteRefusal::NoMotionHere,
         RewriteRefusal::NoPoint('X'),
         RewriteRefusal::UnknownPlace('Y'),
         RewriteRefusal::Rotary('A'),
@@ -223,8 +225,12 @@ fn rewrites() -> [RefusedLine; 44] {
         RewriteRefusal::NoFeed,
         RewriteRefusal::SubprogramModes,
         RewriteRefusal::NotHere(7),
+        RewriteRefusal::CallsNothing,
+        RewriteRefusal::CallsFrom('Q'),
+        RewriteRefusal::Elsewhere(7),
         RewriteRefusal::NamedCall,
         RewriteRefusal::Rewritten,
+        RewriteRefusal::NumberShares,
         RewriteRefusal::Turns,
         RewriteRefusal::BelowR,
         RewriteRefusal::TooManySubprograms,

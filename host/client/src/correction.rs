@@ -3,11 +3,10 @@
 
 use std::path::Path;
 
-use umi_core::correction::{self, Cleared, Figures};
+use umi_core::correction::{self, Cleared, Figures, RunCheck};
 use umi_core::registration::RigidTransform;
 use umi_protocol::job::{CorrectionSpec, Job};
 use umi_protocol::message::Record;
-use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
 use crate::files::points::name;
@@ -93,9 +92,18 @@ impl Basis {
             Self::Judged(judged) => &**judged,
         };
         let (_, transform) = cleared(verdict)?;
+        let run = verdict.of_run();
+        let spec = job.correction.as_ref().zip(job.guards.run_variable);
+        let check =
+            |(spec, variable): (&CorrectionSpec, u32)| RunCheck::of(spec.dialect, variable, run?);
+        let of_run = run.map_or_else(String::new, |run| format!(" - RUN {run}"));
         Ok(ProgramSource {
             transform,
-            name: format!("VERDICT OK - {} - SETUP {}", job.name, verdict.setup),
+            name: format!(
+                "VERDICT OK - {} - SETUP {}{of_run}",
+                job.name, verdict.setup
+            ),
+            run: spec.and_then(check),
         })
     }
 
@@ -151,7 +159,7 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
                 rms_mm,
                 turn_deg,
                 tilt_deg,
-                run: job.guards.run_variable.zip(run_of(verdict)),
+                run: job.guards.run_variable.zip(verdict.of_run()),
             };
             (transform, Some((cleared, figures)))
         }
@@ -197,15 +205,4 @@ fn cleared(verdict: &Verdict) -> Result<(Cleared, RigidTransform), Problem> {
     };
     let transform = RigidTransform::from_rows(registration.rotation, registration.translation_mm);
     Ok((cleared, transform))
-}
-
-/// The run that was measured, where the verdict says it.
-fn run_of(verdict: &Verdict) -> Option<u32> {
-    verdict
-        .remarks
-        .iter()
-        .find_map(|remark| match remark.reason {
-            Reason::OfRun { run } => Some(run),
-            _ => None,
-        })
 }

@@ -7,12 +7,14 @@ use nalgebra::Vector3;
 use umi_client::files::points::{name, text};
 use umi_client::files::tool_path::diff::{Move, Way};
 use umi_client::problem::Problem;
+use umi_core::correction::RunCheck;
 use umi_core::units::Point;
 use umi_virtual::nc::{
     self, Control, ControlSettings, ExecutionLimits, MotionRate, ProgramState, Recorder,
 };
 
-/// The motions of a program, with others loaded that it calls.
+/// The motions of a program, with others loaded that it calls. One that is for one run is
+/// driven in that run.
 ///
 /// # Errors
 /// A file cannot be read; the control stops with an alarm.
@@ -37,6 +39,10 @@ pub fn moves(
         control.load(&text(path)?).map_err(|alarm: nc::Alarm| {
             Problem::refused("alarm", format_args!("{}: {alarm}", name(path)))
         })?;
+    }
+    if let Some(check) = RunCheck::in_text(&program) {
+        let run = Some(f64::from(check.run()));
+        control.set_variable(check.variable(), run).map_err(fail)?;
     }
     let main = control.load(&program).map_err(fail)?;
     control

@@ -9,6 +9,18 @@ use thiserror::Error;
 
 use crate::job::Name;
 
+/// What a value cannot be, where it is one that was given: NaN stands for what is no number.
+struct CannotBe<'a>(&'a f64);
+
+impl fmt::Display for CannotBe<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_nan() {
+            return f.write_str("cannot be used as it is");
+        }
+        write!(f, "cannot be {}", self.0)
+    }
+}
+
 /// A fault in a job: which field, and what is wrong with it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema, Error, IntoStaticStr)]
 #[strum(serialize_all = "snake_case")]
@@ -69,7 +81,7 @@ pub enum JobError {
         feature: Option<Name>,
     },
     /// A number is NaN, infinite, or outside what makes sense.
-    #[error("`{}`{} cannot be {value}", .field.name(), OfFeature(.feature))]
+    #[error("`{}`{} {}", .field.name(), OfFeature(.feature), CannotBe(.value))]
     BadValue {
         /// The field, as in the file.
         field: Field,

@@ -136,7 +136,9 @@ pub enum UnitRule {
 #[serde(rename_all = "snake_case")]
 pub enum Withheld {
     /// There is no OK verdict, it holds no more, or what it gives has gone out.
-    #[error("there is no OK verdict that holds, or its correction has gone out: probe the part")]
+    #[error(
+        "there is no OK verdict that holds, or the part was only taught, or its correction has gone out: probe the part"
+    )]
     NoVerdict,
     /// There is no such program.
     #[strum(serialize = "program_not_there")]
@@ -171,7 +173,7 @@ pub enum Withheld {
     NotReleased,
     /// The job sends a correction: the rewritten program would correct twice.
     #[error(
-        "the job sends a correction, and the rewritten program would correct once more: take [correction] out of the job, or put the program with --release after-verdict"
+        "the job sends a correction, and the rewritten program would correct once more: say `send = \"never\"` in the job's [correction], or put the program with --release after-verdict"
     )]
     CorrectedTwice,
     /// The verdict has no registration to rewrite it by.

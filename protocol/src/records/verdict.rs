@@ -42,6 +42,18 @@ pub struct Verdict {
     pub correction: Option<CorrectionReport>,
 }
 
+impl Verdict {
+    /// The run that was measured, where the control has said it.
+    #[must_use]
+    pub fn of_run(&self) -> Option<u32> {
+        let mut remarks = self.remarks.iter();
+        remarks.find_map(|remark| match remark.reason {
+            Reason::OfRun { run } => Some(run),
+            _ => None,
+        })
+    }
+}
+
 /// A reason, and the feature that it is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]

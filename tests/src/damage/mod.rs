@@ -12,6 +12,7 @@ mod world;
 
 pub use kind::DamageKind;
 pub use session::{DamageTally, SimulatedPlan, measure};
+pub use text::announced;
 
 /// From here on a correction is wrong: 10 µm at a corner of the part.
 pub const WRONG_MM: f64 = 0.010;

@@ -394,6 +394,7 @@ impl<F: Flash> Ledger<F> {
             setup,
             arming,
             until,
+            run: verdict.of_run(),
             transform: verdict.registration.as_ref().map(transform).or(taught),
             gone: Vec::new(),
             correction: match &verdict.correction {

@@ -14,6 +14,8 @@ pub(crate) struct Released {
     pub arming: u32,
     /// No program begins later.
     pub until: Micros,
+    /// The run that was measured, where the control has said it.
+    pub run: Option<u32>,
     /// Nominal to measured.
     pub transform: Option<RigidTransform>,
     /// Programs that have gone out.

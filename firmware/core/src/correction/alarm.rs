@@ -38,7 +38,7 @@ pub fn alarm(spec: &CorrectionSpec, coding: Coding) -> Option<String<MAX_CORRECT
     (can_be_sent && !text.is_empty()).then_some(text)
 }
 
-const WHY: &str = "THERE IS NO OK VERDICT - PROBE AGAIN";
+const WHY: &str = "NO OK VERDICT - OR ONLY TAUGHT - OR GONE OUT - PROBE";
 const ALARM: &str = "UMI NO OK VERDICT";
 
 fn write(out: &mut String<MAX_CORRECTION>, spec: &CorrectionSpec, coding: Coding) -> fmt::Result {
@@ -129,7 +129,7 @@ mod tests {
             let expected = [
                 "%",
                 "O9010(UMI NO CORRECTION)",
-                "(THERE IS NO OK VERDICT - PROBE AGAIN)",
+                "(NO OK VERDICT - OR ONLY TAUGHT - OR GONE OUT - PROBE)",
                 match coding {
                     Coding::Eia => "M00(UMI NO OK VERDICT)",
                     _ => "#3000=1(UMI NO OK VERDICT)",

@@ -277,6 +277,23 @@ pub const fn compares_runs(dialect: Dialect) -> bool {
     )
 }
 
+/// Whether a control of this dialect can count runs in this variable: a common one that it keeps
+/// while it is switched off. Local ones end with their program, the common ones from 100 to 199
+/// with the power (not a Haas'), and what lies beyond is the control's own.
+///
+/// LinuxCNC keeps what its parameter file lists. Sources: Fanuc 16i B-63014EN 15.1 (#1 to #33
+/// local, #100 to #199 common and cleared, #500 to #999 common and kept, #1000 on system
+/// variables) as known; Haas NGC's #100 to #199, #500 to #999, #10000 to #10999, as known;
+/// LinuxCNC's "Numbered Parameters" (31 to 5000 are the user's).
+#[must_use]
+pub const fn keeps_runs(dialect: Dialect, variable: u32) -> bool {
+    match dialect {
+        Dialect::LinuxCnc => matches!(variable, 31..=5000),
+        Dialect::Haas => matches!(variable, 100..=199 | 500..=999 | 10_000..=10_999),
+        _ => matches!(variable, 500..=999 | 98_000..=98_499),
+    }
+}
+
 /// Whether the dialect can write where the job wants it.
 ///
 /// # Errors

@@ -36,6 +36,7 @@
 mod alarm;
 pub mod dialect;
 mod program;
+mod run_check;
 mod withheld;
 
 use nalgebra::{Matrix3, Vector3};
@@ -47,6 +48,8 @@ use dialect::{Form, Turn};
 
 pub use alarm::alarm;
 pub use program::{Cleared, Figures, write, write_given};
+pub(crate) use run_check::Compared;
+pub use run_check::RunCheck;
 pub use withheld::{broken_off, withheld};
 
 /// A correction in the control's steps.

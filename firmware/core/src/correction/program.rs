@@ -3,10 +3,11 @@
 use core::fmt::{self, Write};
 
 use heapless::String;
-use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, WorkOffset};
+use umi_protocol::job::{CorrectionSpec, ProgramEnd, WorkOffset};
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use super::dialect::{self, Form};
+use super::run_check::{Compared, RunCheck};
 use super::{NotExpressible, Plan};
 use crate::decimal::Decimal;
 
@@ -213,15 +214,9 @@ impl Writer<'_> {
             return Ok(());
         };
         let out = &mut self.out;
-        match self.spec.dialect {
-            Dialect::LinuxCnc => write!(
-                out,
-                "o531 if [#{variable} NE {run}]\n(ABORT, UMI CORRECTION OF RUN {run})\no531 endif\n"
-            ),
-            _ => write!(
-                out,
-                "IF[#{variable}EQ{run}]GOTO7\n#3000=2(UMI CORRECTION OF RUN {run})\nN7\n"
-            ),
+        match RunCheck::of(self.spec.dialect, *variable, *run) {
+            Some(check) => check.lines(Compared::Correction, |line| writeln!(out, "{line}")),
+            None => Ok(()),
         }
     }
 

@@ -61,7 +61,7 @@ pub fn check(job: &Job) -> Result<(), JobError> {
         });
     }
     let datums = datums(job).count();
-    if job.correction.is_some() && datums < 3 {
+    if job.correction.is_some() && datums < LEAST_DATUMS {
         return Err(JobError::TooFewDatums {
             got: narrow(datums),
         });
@@ -104,10 +104,23 @@ pub fn closing(job: &Job) -> impl Iterator<Item = (usize, &Closing)> {
     })
 }
 
-/// What nothing in a job that corrects guards against: a remark in each of its verdicts.
+/// Datum features that a registration needs.
+const LEAST_DATUMS: usize = 3;
+
+/// Whether something is moved by a job's verdicts: by a correction, or by a registration, by
+/// which a program is rewritten.
+#[must_use]
+pub fn moves_something(job: &Job) -> bool {
+    job.correction.is_some() || datums(job).count() >= LEAST_DATUMS
+}
+
+/// What nothing in a job guards against by whose verdicts something is moved: a correction, or
+/// a rewritten program, which needs a registration only. A remark in each of its verdicts.
 #[must_use]
 pub fn not_guarded(job: &Job) -> Option<Reason> {
-    job.correction?;
+    if !moves_something(job) {
+        return None;
+    }
     let late_text = job.guards.run_variable.is_none();
     let moved_offset = !job.guards.frame;
     // The macros that print checked lines look before each hit, and before each line.
@@ -256,8 +269,11 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
     let says_run = says_run(job);
     if let Some(variable) = guards.run_variable {
         let dialect = job.correction.as_ref().map(|spec| spec.dialect);
-        let can = dialect.is_some_and(correction::dialect::compares_runs);
-        if !(says_run && can && (1..=99_999).contains(&variable)) {
+        let can = dialect.is_some_and(|dialect| {
+            correction::dialect::compares_runs(dialect)
+                && correction::dialect::keeps_runs(dialect, variable)
+        });
+        if !(says_run && can) {
             return Err(bad(Field::RunVariable, None, variable.into()));
         }
     }
@@ -349,7 +365,7 @@ const fn says_approach(pattern: &LinePattern) -> bool {
 
 /// Whether each run can say its number: by checked lines, or by those of O8811 (`umi_start`)
 /// before blocks.
-fn says_run(job: &Job) -> bool {
+pub fn says_run(job: &Job) -> bool {
     let patterns = &job.receiver.patterns;
     let or_block = |p: &LinePattern| matches!(p, LinePattern::Checked(_) | LinePattern::Block(_));
     patterns.iter().all(or_block) && patterns.iter().any(says_approach)

@@ -19,7 +19,9 @@ use umi_protocol::job::Job;
 
 use crate::units::Point;
 
-pub use check::{check, closing, datums, fixed, not_guarded, touches_again};
+pub use check::{
+    check, closing, datums, fixed, moves_something, not_guarded, says_run, touches_again,
+};
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching};
 

@@ -1101,6 +1101,10 @@ impl Run {
             self.remark(Reason::Taught);
         }
         if let Some(run) = self.run {
+            // Never dropped: what goes out is compared with it.
+            if self.remarks.is_full() {
+                self.remarks.pop();
+            }
             self.remark(Reason::OfRun { run });
         }
         if verdict.ok

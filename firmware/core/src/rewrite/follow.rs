@@ -112,7 +112,7 @@ impl Rewriter {
                 return Err((word.start, RewriteRefusal::Expression('G')));
             };
             let Some(tenths) = tenths(number) else {
-                return Err((word.start, RewriteRefusal::UnknownCode(u16::MAX)));
+                return Err((word.start, RewriteRefusal::NoCode));
             };
             let refuse = |reason| Err((word.start, reason));
             match code(tenths) {
@@ -463,15 +463,24 @@ impl Rewriter {
             };
             // M codes have no decimals that matter here.
             let m = number.digits / super::text::length::power(number.decimals);
-            let is_late = matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 60 | 97 | 98 | 99);
+            let is_late = matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 60 | 97 | 98 | 99 | 198);
             if is_late && self.more != More::Nothing {
                 return Err((word.start, RewriteRefusal::LateCode('M')));
             }
             match m {
                 // Changers move axes on their way.
                 6 | 60 => self.forget_all(),
-                98 => self.call(given, word.start)?,
-                96 | 97 | 198 => return Err((word.start, RewriteRefusal::Flow)),
+                98 => {
+                    for letter in *b"QH" {
+                        if let Some(index) = given.find(letter) {
+                            let reason = RewriteRefusal::CallsFrom(letter as char);
+                            return Err((given.column(index), reason));
+                        }
+                    }
+                    self.call(given, word.start)?;
+                }
+                198 => self.call_elsewhere(given, word.start)?,
+                96 | 97 => return Err((word.start, RewriteRefusal::Flow)),
                 99 => {
                     if given.has(b'P') {
                         return Err((word.start, RewriteRefusal::Flow));
@@ -510,17 +519,38 @@ impl Rewriter {
         Ok(())
     }
 
+    /// What is in force is not known any more, and nothing said before the program helps.
+    pub(super) fn lose_motion(&mut self) {
+        (self.motion, self.out_motion) = (None, None);
+        self.lost_motion = true;
+    }
+
     /// Nothing of place and motion is known behind a call.
     fn leave_for_call(&mut self) {
         self.forget_all();
         self.place.relative = false;
-        (self.motion, self.out_motion) = (None, None);
+        self.lose_motion();
+    }
+
+    /// M198: a program of another device, whatever stands in this file under its number.
+    fn call_elsewhere(&mut self, given: &Given<'_>, column: usize) -> At<()> {
+        let number = given
+            .whole(b'P')?
+            .ok_or((column, RewriteRefusal::CallsNothing))?;
+        if self.modes.compensated || self.modes.cycle.is_some() {
+            return Err((column, RewriteRefusal::SubprogramModes));
+        }
+        if !self.settings.allows_number(number) {
+            return Err((column, RewriteRefusal::Elsewhere(number)));
+        }
+        self.leave_for_call();
+        Ok(())
     }
 
     /// M98, G65: what it does is known when its text comes.
     fn call(&mut self, given: &Given<'_>, column: usize) -> At<()> {
         let Some(p) = given.whole(b'P')? else {
-            return Err((column, RewriteRefusal::NamedCall));
+            return Err((column, RewriteRefusal::CallsNothing));
         };
         // Older controls: four digits of the number behind the count.
         let (number, times) = match given.whole(b'L')? {
@@ -572,7 +602,7 @@ impl Rewriter {
         }
         self.end_subprogram(column)?;
         let found = self.subprograms.iter().position(|sub| sub.number == number);
-        (self.motion, self.out_motion) = (None, None);
+        self.lose_motion();
         match found {
             Some(index) => {
                 if let Some(sub) = self.subprograms.get_mut(index) {

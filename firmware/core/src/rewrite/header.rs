@@ -3,6 +3,7 @@
 use core::fmt::{self, Write as _};
 
 use super::text::emit::Out;
+use crate::correction::{Compared, RunCheck};
 use crate::decimal::Decimal;
 use crate::rewrite::{ProgramIdentity, RewriteSettings};
 
@@ -42,7 +43,32 @@ impl Check {
 }
 
 /// How it begins: by this a rewritten program is known.
-pub(in crate::rewrite) const MARK: &[u8] = b"(UMI REWRITTEN";
+const MARK: &[u8] = b"(UMI REWRITTEN";
+
+/// Where the mark of a rewritten program stands in a line: in any case, blanks or not, as
+/// editors and transfers leave it.
+pub(in crate::rewrite) fn mark(line: &[u8]) -> Option<usize> {
+    let begins = |at: &usize| {
+        let mut text = line.iter().skip(*at).filter(|byte| **byte != b' ');
+        let mut mark = MARK.iter().filter(|byte| **byte != b' ');
+        mark.all(|byte| text.next().is_some_and(|of| of.eq_ignore_ascii_case(byte)))
+    };
+    memchr::memchr_iter(b'(', line).find(begins)
+}
+
+/// Writes the comparison of the run, each line ended as the program's are.
+pub(in crate::rewrite) fn compare<S: FnMut(&[u8])>(
+    check: RunCheck,
+    eol: &[u8],
+    out: &mut Out<'_, S>,
+) {
+    // `Out` takes everything.
+    let _ = check.lines(Compared::Program, |line| {
+        out.write_fmt(line)?;
+        out.put(eol);
+        Ok(())
+    });
+}
 
 /// Writes the header, each line ended as the program's are.
 pub(in crate::rewrite) fn write<S: FnMut(&[u8])>(

@@ -68,6 +68,9 @@
 //!   reads the program twice, and the first time only looks ([`Rewriter::go_on`] finds
 //!   the next reason).
 //! * **Identity** leaves the program byte for byte as it was, without a header.
+//! * **One run** ([`RewriteSettings::run`]): the comparison of the measured run with the
+//!   control's own stands behind the header, and behind the number of every further program
+//!   of the file that none before has called. The identity has it, too, and a header with it.
 //!
 //! # Tradeoffs
 //!
@@ -133,8 +136,8 @@ use text::words::{At, Kind, Words};
 pub const MAX_LINE: usize = 512;
 
 /// Bytes that come out of one call of [`Rewriter::push_line`], at most: a line with all
-/// its words replaced, and the header before it.
-pub const MAX_AT_ONCE: usize = 2 * MAX_LINE;
+/// its words replaced, and before it the header and the comparison of the run.
+pub const MAX_AT_ONCE: usize = 2 * MAX_LINE + 128;
 
 /// What was done to a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -235,6 +238,8 @@ pub struct Rewriter {
     line_ends: LineEnds,
     tape: Tape,
     has_header: bool,
+    /// The next block is the first of a program that nobody before it has called.
+    begins_anew: bool,
     spaced: bool,
     refusal: Option<RefusedLine>,
     /// Lines that follow the block before, and how that one ended.
@@ -244,6 +249,8 @@ pub struct Rewriter {
     modes: Modes,
     motion: Option<Motion>,
     out_motion: Option<Motion>,
+    /// What was in force has been forgotten: a call, a subprogram, an optional block.
+    lost_motion: bool,
     place: Place,
     origins: Origins,
     frame: Option<(u16, [Origin; 3])>,
@@ -321,7 +328,10 @@ impl Rewriter {
                     (value - whole).abs() < 1e-7
                 })
             }),
-            is_identity: is_translation && transform.translation_mm == Vector3::zeros(),
+            // The comparison of the run has to stand in one that does not move, too.
+            is_identity: is_translation
+                && transform.translation_mm == Vector3::zeros()
+                && settings.run.is_none(),
             is_translation,
             steps,
             held: Vec::new(),
@@ -330,6 +340,7 @@ impl Rewriter {
             line_ends: LineEnds::default(),
             tape: Tape::Leader,
             has_header: false,
+            begins_anew: false,
             spaced: true,
             refusal: None,
             more: More::Nothing,
@@ -337,6 +348,7 @@ impl Rewriter {
             modes: modes(settings),
             motion: settings.start.motion,
             out_motion: settings.start.motion,
+            lost_motion: false,
             place: Place::UNKNOWN,
             origins,
             frame: None,
@@ -575,7 +587,7 @@ impl Rewriter {
             Ok(())
         } else if self.line_ends.are_mixed() {
             Err((0, RewriteRefusal::LineEnds))
-        } else if self.plain(line, out) {
+        } else if !self.begins_anew && self.plain(line, out) {
             Ok(())
         } else {
             self.understand(line, out)
@@ -595,15 +607,16 @@ impl Rewriter {
     fn understand<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> At<()> {
         let mut words = Words::new();
         let kind = text::words::read(line, &mut words)?;
+        if let Some(column) = header::mark(line)
+            && !self.settings.again
+        {
+            return Err((column, RewriteRefusal::Rewritten));
+        }
         if let Some(spaced) = text::emit::is_spaced(&words) {
             self.spaced = spaced;
         }
         match kind {
             Kind::Nothing => {
-                let is_rewritten = line.trim_ascii_start().starts_with(header::MARK);
-                if is_rewritten && !self.settings.again {
-                    return Err((0, RewriteRefusal::Rewritten));
-                }
                 out.put(line);
             }
             Kind::Percent => {
@@ -625,14 +638,22 @@ impl Rewriter {
                 out.put(line);
             }
             Kind::Words { optional } => {
-                let is_name = words.iter().all(|word| matches!(word.letter, b'O' | b'N'))
-                    && words.iter().any(|word| word.letter == b'O');
+                let o_word = words.iter().find(|word| word.letter == b'O');
+                let is_name =
+                    o_word.is_some() && words.iter().all(|word| matches!(word.letter, b'O' | b'N'));
+                if let Some(o_word) = o_word
+                    && !is_name
+                    && self.settings.run.is_some()
+                {
+                    return Err((o_word.start, RewriteRefusal::NumberShares));
+                }
                 if !is_name || self.has_begun {
                     self.counts.blocks.add(1);
                     let mut edit = Edit::default();
                     self.block(&words, optional, &mut edit)?;
                     self.begin(out);
                     text::emit::block(line, &words, &edit, self.spaced, out);
+                    self.begins_anew = is_name && self.is_uncalled();
                 } else {
                     self.tape = Tape::Program;
                     out.put(line);
@@ -642,14 +663,26 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Puts the header before the first block that says more than a name.
+    /// Puts the header before the first block that says more than a name, and the comparison
+    /// of the run before the first one of each program that nobody before it has called.
     fn begin<S: FnMut(&[u8])>(&mut self, out: &mut Out<'_, S>) {
         self.tape = Tape::Program;
         self.has_begun = true;
+        let begins_anew = core::mem::take(&mut self.begins_anew) || !self.has_header;
         if !self.has_header {
             self.has_header = true;
             header::write(&self.settings, &self.line_ends.added(), out);
         }
+        if let Some(check) = self.settings.run.filter(|_| begins_anew) {
+            header::compare(check, &self.line_ends.added(), out);
+        }
+    }
+
+    /// Whether the text is that of a program that nobody before it has called: it may be the
+    /// one that the control begins with.
+    fn is_uncalled(&self) -> bool {
+        let current = self.current.and_then(|index| self.subprograms.get(index));
+        current.is_some_and(|sub| sub.called_line == 0)
     }
 
     /// What becomes of a block.
@@ -667,7 +700,7 @@ impl Rewriter {
             return Err((0, RewriteRefusal::OptionalLines));
         }
         if (motion, out_motion) != (self.motion, self.out_motion) {
-            (self.motion, self.out_motion) = (None, None);
+            self.lose_motion();
         }
         for axis in 0..3 {
             if at(&place.nominal, axis) != at(&self.place.nominal, axis)

@@ -55,6 +55,9 @@ pub enum RewriteRefusal {
     /// A word that has no meaning where it stands.
     #[error("{0} has no meaning here that is known")]
     Meaningless(char),
+    /// A G word whose number is no code.
+    #[error("this is no G code: is a letter missing between two numbers, or a blank in one?")]
+    NoCode,
     /// A G code, in tenths, that is not known.
     #[error("{} is not known: what it moves cannot be told", G(*.0))]
     UnknownCode(u16),
@@ -73,6 +76,11 @@ pub enum RewriteRefusal {
     /// Axis words without G0, G1, ... in force.
     #[error("no G0, G1, G2 or G3 is in force: say which")]
     NoMotion,
+    /// The same behind a call, in a subprogram, or behind an optional block.
+    #[error(
+        "which of G0 to G3 is in force is not known behind a call, in a subprogram or behind an optional block: write it into this block"
+    )]
+    NoMotionHere,
     /// A length without a decimal point, and nobody said what it means.
     #[error("{0} has no decimal point: whether it counts units or increments must be said")]
     NoPoint(char),
@@ -86,7 +94,9 @@ pub enum RewriteRefusal {
     #[error("{0} is a second linear axis: write it as X, Y or Z")]
     SecondaryAxis(char),
     /// How this work offset lies to that of the transform is not known.
-    #[error("how this work offset lies to that of the transform is not known: give both origins")]
+    #[error(
+        "how this work offset lies to that of the transform is not known: give the origins of both, which can be given of G54 to G59"
+    )]
     WorkOffset,
     /// Cutter compensation, a corner or a cycle in a plane that is tilted.
     #[error("the transform tilts the plane of {0}: no three-axis control does that truly")]
@@ -128,7 +138,22 @@ pub enum RewriteRefusal {
         "calls O{0}, which is not in the file: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out, or bring O{0}"
     )]
     NotHere(u32),
-    /// A program is called by a name, or by nothing, and its text is not in the file.
+    /// M98 or G65 without the number of a program.
+    #[error(
+        "calls no program: the number of one is missing, as P9010; add it, or leave the call out"
+    )]
+    CallsNothing,
+    /// A call that begins at a block number, or calls a part of the program that it stands in.
+    #[error(
+        "{0} here calls from a block number on: which blocks run cannot be told; give what is called a program of its own, called by P alone"
+    )]
+    CallsFrom(char),
+    /// A program is called on another device.
+    #[error(
+        "calls O{0} of another device: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out"
+    )]
+    Elsewhere(u32),
+    /// A program is called by a name, and its text is not in the file.
     #[error(
         "calls a program that is not in the file: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out"
     )]
@@ -136,9 +161,14 @@ pub enum RewriteRefusal {
     /// The program has been rewritten before.
     #[error("this program has been rewritten before and would be moved twice: take the original")]
     Rewritten,
+    /// The program's number stands with other words in a block.
+    #[error(
+        "the program's number shares its block: the comparison of the run has to stand behind it, so give the number a block of its own"
+    )]
+    NumberShares,
     /// P on an arc: turns for one control, nothing for another.
     #[error(
-        "P on an arc counts turns for LinuxCNC and nothing for others: say whose program this is, or write each turn as an arc of its own"
+        "P on an arc counts turns for LinuxCNC and pitches for Mitsubishi, and has no meaning for Fanuc and Haas: write each turn as an arc of its own, or say that this is LinuxCNC's"
     )]
     Turns,
     /// A canned cycle begins below its R.
@@ -168,7 +198,9 @@ pub enum Why {
     #[error("is a motion that cannot be carried over: write it as G0 to G3")]
     Motion,
     /// A macro decides.
-    #[error("calls a macro: what it moves cannot be told")]
+    #[error(
+        "calls a macro behind every motion: what it moves cannot be told; call it by G65 where it is wanted"
+    )]
     Macro,
     /// It would move through a point of the program.
     #[error("goes through a point of the program: move there first, then G91 and zeros")]

@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 use super::block::{Code, code};
 use super::state::{Feed, Motion};
 use super::text::length::Unit;
+use crate::correction::RunCheck;
 use crate::registration::RigidTransform;
 use crate::registration::transform::Quaternion;
 use crate::units::Mm;
@@ -75,6 +76,14 @@ impl StartModes {
             _ => false,
         };
         fits.then_some(self)
+    }
+}
+
+impl StartModes {
+    /// The unit that is stated.
+    #[must_use]
+    pub const fn unit(&self) -> Option<Unit> {
+        self.unit
     }
 }
 
@@ -175,6 +184,8 @@ pub struct RewriteSettings {
     pub original: Option<ProgramIdentity>,
     /// Where the transform comes from, for the header: a verdict's job and setup.
     pub source: Source,
+    /// The run that was measured: the program begins with an alarm in any other.
+    pub run: Option<RunCheck>,
 }
 
 impl RewriteSettings {
@@ -204,6 +215,7 @@ impl RewriteSettings {
             again: false,
             original: None,
             source: Source::new(),
+            run: None,
         }
     }
 

@@ -5,8 +5,10 @@ use std::ops::Range;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
+use umi_core::correction::dialect::compares_runs;
 use umi_core::dprnt::{ConfigError, check_config};
-use umi_protocol::job::Job;
+use umi_core::job::{moves_something, says_run};
+use umi_protocol::job::{Dialect, Job, Reference, Teach};
 use umi_protocol::job_error::{Field, JobError};
 
 use crate::files::points::{name, text};
@@ -19,6 +21,33 @@ use crate::problem::Problem;
 /// job cannot be used (`Problem::Refused`, with the code of the [`JobError`]).
 pub fn load(path: &Path) -> Result<Job, Problem> {
     parse(&text(path)?).map_err(|fault| fault.in_file(path))
+}
+
+/// A job for a session whose end nobody can wait for: a capture, a virtual machine's run.
+#[derive(Clone, Debug)]
+pub struct SessionJob {
+    /// The job. Where its file does not say `teach`, the first OK setup teaches: nobody can
+    /// ask for it in what was captured.
+    pub job: Job,
+    /// The file does not say `teach`, and a board would teach when asked.
+    pub teach_is_missing: bool,
+}
+
+/// As [`load`], for a session that is replayed or simulated.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_for_session(path: &Path) -> Result<SessionJob, Problem> {
+    let source = text(path)?;
+    let mut job = parse(&source).map_err(|fault| fault.in_file(path))?;
+    let teach_is_missing = job.teach == Teach::Asked && !says_teach(&source);
+    if teach_is_missing {
+        job.teach = Teach::FirstOk;
+    }
+    Ok(SessionJob {
+        job,
+        teach_is_missing,
+    })
 }
 
 /// A job as the text of a job file.
@@ -55,16 +84,30 @@ pub struct TextPlace {
 
 /// Reads and checks a job.
 ///
+/// One that moves something, or could (three datum features make a registration), and does not
+/// say `teach` teaches when asked: nothing is a reference because it came first. In records of
+/// boards an absent `teach` remains [`Teach::FirstOk`], as they were when they were written.
+///
 /// # Errors
 /// What is wrong with it.
 pub fn parse(source: &str) -> Result<Job, JobFault> {
-    let job: Job = toml::from_str(source).map_err(|error| JobFault {
+    let mut job: Job = toml::from_str(source).map_err(|error| JobFault {
         code: "job_syntax",
-        message: error.message().to_owned(),
+        message: in_words(error.message()),
         place: error.span().map(|span| TextPlace::of(source, &span)),
     })?;
+    let is_taught = job.reference == Reference::Taught;
+    if is_taught && moves_something(&job) && !says_teach(source) {
+        job.teach = Teach::Asked;
+    }
     umi_core::job::check(&job).map_err(|error| refused(source, &job, &error))?;
     Ok(job)
+}
+
+/// Whether the file says what makes a setup the reference.
+fn says_teach(source: &str) -> bool {
+    let table = DeTable::parse(source);
+    table.is_ok_and(|table| table.get_ref().contains_key("teach"))
 }
 
 /// A board's or this tool's refusal of a job that is not in a file.
@@ -91,9 +134,10 @@ pub fn refusal(error: &JobError) -> Problem {
 fn refused(source: &str, job: &Job, error: &JobError) -> JobFault {
     JobFault {
         code: error.code(),
-        message: match receiver_error(job, error) {
-            Some(error) => format!("`receiver`: {error}"),
-            None => message(error),
+        message: match (receiver_error(job, error), guard_error(job, error)) {
+            (Some(error), _) => format!("`receiver`: {error}"),
+            (None, Some(why)) => why,
+            (None, None) => message(error),
         },
         place: find(source, job, error).map(|span| TextPlace::of(source, &span)),
     }
@@ -108,6 +152,88 @@ fn receiver_error(job: &Job, error: &JobError) -> Option<ConfigError> {
         } => check_config(&job.receiver).err(),
         _ => None,
     }
+}
+
+/// What a guard lacks, where it is not the value alone: what stands elsewhere in the job.
+fn guard_error(job: &Job, error: &JobError) -> Option<String> {
+    let JobError::BadValue { field, .. } = error else {
+        return None;
+    };
+    let key = match field {
+        Field::RunVariable => "guards.run_variable",
+        Field::Frame if job.guards.frame => "guards.frame",
+        _ => return None,
+    };
+    let is_frame = *field == Field::Frame;
+    let Some(correction) = &job.correction else {
+        return Some(format!(
+            "`{key}` needs a [correction]: {}; give one, with `send = \"never\"` where programs are \
+             rewritten instead, or leave `{key}` out",
+            if is_frame {
+                "it says in which work offset is probed, and with which values"
+            } else {
+                "its `dialect` says how the control compares"
+            }
+        ));
+    };
+    if !says_run(job) {
+        return Some(format!(
+            "`{key}` needs the lines of openumi's macros (hw/control), which say their run: \
+             patterns = [{{ checked = {{}} }}], or blocks and {{ checked = {{}} }} behind them; with \
+             other patterns leave `{key}` out"
+        ));
+    }
+    let variable = job.guards.run_variable.filter(|_| !is_frame)?;
+    let dialect = correction.dialect;
+    if !compares_runs(dialect) {
+        return Some(format!(
+            "`{key}`: a correction for {} compares no runs; leave it out, and each verdict says so \
+             (`umi dialects` lists what others can)",
+            dialect.name()
+        ));
+    }
+    let (why, take) = match (dialect, variable) {
+        (Dialect::LinuxCnc, _) => (
+            "is a parameter of a call, or LinuxCNC's own",
+            "31 to 5000, listed in its parameter file (the macros take 4531)",
+        ),
+        (_, 0..=33) => (
+            "is a local variable, which ends with its program",
+            "500 to 999 (the macros take 531)",
+        ),
+        (_, 100..=199) => (
+            "is cleared when the control is switched off, and the runs would begin anew",
+            "500 to 999 (the macros take 531)",
+        ),
+        (_, 1000..) => (
+            "is a system variable, or one that not every control has",
+            "500 to 999 (the macros take 531)",
+        ),
+        _ => ("is no common variable", "500 to 999 (the macros take 531)"),
+    };
+    Some(format!("`{key}`: #{variable} {why}; give {take}"))
+}
+
+/// What the TOML reader says, without the types of a programming language.
+fn in_words(message: &str) -> String {
+    let kinds = [
+        ("expected u8", "expected a whole number, 0 to 255"),
+        ("expected u16", "expected a whole number, 0 to 65535"),
+        ("expected u32", "expected a whole number, 0 or more"),
+        ("expected f64", "expected a number"),
+        ("expected a boolean", "expected true or false"),
+        (
+            "expected an array of length 3",
+            "expected three numbers in brackets",
+        ),
+        ("expected a sequence", "expected a list in brackets"),
+        ("expected a map", "expected a table"),
+    ];
+    let known = kinds.iter().find_map(|(kind, words)| {
+        let before = message.strip_suffix(kind)?;
+        Some(format!("{before}{words}"))
+    });
+    known.unwrap_or_else(|| message.to_owned())
 }
 
 /// Where in the file the receiver's fault is.
@@ -162,9 +288,9 @@ const fn allowed(field: Field) -> &'static str {
         Field::Probing => "give `sigma_mm` above 0 and `dof` of 1 or more",
         Field::Warmth => "give `expansion_ppm_per_k` and `at_most_k` above 0",
         Field::RunVariable => {
-            "give the number of the variable that the macros count runs in, for checked lines only and a dialect that can compare (not siemens, heidenhain, grbl, haas-e)"
+            "give the number of the variable that the macros count runs in, with checked lines and a dialect that can compare (not siemens, heidenhain, grbl, haas-e)"
         }
-        Field::Frame => "it needs checked lines only, and a correction",
+        Field::Frame => "it needs checked lines, and a correction",
         Field::OriginCounts => "give three finite numbers, in counts",
         Field::FeedMmPerMin => "give mm/min above 0",
         Field::DelayMs => "give milliseconds above 0",

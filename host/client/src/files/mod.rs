@@ -1,5 +1,6 @@
 //! Files that a user writes or gets: jobs, points, tool paths, keys, heads.
 
+pub mod capture;
 pub mod config_file;
 pub mod head_file;
 pub mod job_file;

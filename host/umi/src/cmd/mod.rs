@@ -12,10 +12,13 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
+use crate::show::terminal::{CAUTION, paint, print_error};
 use clap::{Args, Subcommand};
+use umi_client::files::job_file::{self, SessionJob};
 use umi_client::files::key_file::{self, SigningKey};
 use umi_client::link::Client;
 use umi_client::problem::Problem;
+use umi_protocol::job::Job;
 
 /// A command with its options.
 #[derive(Subcommand)]
@@ -73,6 +76,25 @@ impl Command {
             Self::Virtual(command) => command.run(),
         }
     }
+}
+
+/// The job of a session that is replayed or simulated; says what was taken for it that its file
+/// does not say.
+pub(crate) fn session_job(path: &Path) -> Result<Job, Failure> {
+    let SessionJob {
+        job,
+        teach_is_missing,
+    } = job_file::load_for_session(path)?;
+    if teach_is_missing {
+        print_error(&format!(
+            "{} {} does not say `teach`: here the first OK setup is the reference, whichever it \
+             is; a board with this job teaches nothing before `umi teach`. Say teach = \
+             \"first_ok\" or \"asked\"\n",
+            paint(CAUTION, "note"),
+            path.display()
+        ));
+    }
+    Ok(job)
 }
 
 /// How results are printed.

@@ -6,8 +6,8 @@ use umi_core::correction::withheld;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{ProgramIdentity, RewriteSettings, Rewriter};
 use umi_core::units::Mm;
-use umi_protocol::job::Job;
-use umi_protocol::pattern::Coding;
+use umi_protocol::job::{Job, SendWhen};
+use umi_protocol::pattern::{CheckedPattern, Coding, LinePattern};
 use umi_protocol::program::{
     IntegerRule, Piece, ProgramInfo, Release, RewriteSpec, Stated, UnitRule, Withheld,
 };
@@ -97,6 +97,18 @@ pub fn plain_job() -> Job {
         correction: None,
         ..job()
     }
+}
+
+/// The session's job with its runs counted; it rewrites programs and sends no correction.
+pub fn job_of_runs() -> Job {
+    let mut job = job();
+    let checked = LinePattern::Checked(CheckedPattern::default());
+    job.receiver.patterns.push(checked).unwrap();
+    (job.guards.run_variable, job.guards.frame) = (Some(531), true);
+    if let Some(correction) = &mut job.correction {
+        correction.send = SendWhen::Never;
+    }
+    job
 }
 
 /// What the control gets that asks for this number and then reads.

@@ -6,14 +6,18 @@ mod kept;
 mod refusals;
 
 use umi_client::programs;
-use umi_core::correction::withheld;
+use umi_core::correction::{RunCheck, withheld};
 use umi_core::rewrite::{RewriteDialect, RewriteSettings, StartModes};
+use umi_protocol::job::Dialect;
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
     ProgramInfo, ProgramRefusal, Release, Stated, StatedDialect, Withheld,
 };
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::SetupReason;
 use umi_tests::cases::*;
+use umi_tests::damage::announced;
 use umi_tests::rig::Rig;
 
 use common::*;
@@ -22,6 +26,7 @@ umi_tests::on_every_board! {
     reads_programs_by_their_number
     rewrites_a_program_by_the_verdict
     rewrites_by_what_was_said_of_a_program
+    rewrites_for_one_run
     refuses_what_cannot_be_rewritten_before_its_first_byte
     begins_anew_what_the_control_broke_off
     sends_nothing_runnable_after_a_reset
@@ -182,6 +187,76 @@ fn rewrites_by_what_was_said_of_a_program(rig: &mut dyn Rig) {
     read(rig, 89);
     let why = Withheld::NotRewritable { line: 3, column: 4 };
     receive_text(rig, &alarm_of(89, &why));
+}
+
+/// What the board keeps and what the host passes through: both begin with the comparison of the
+/// run that was measured. A program that cannot have it does not go out.
+fn rewrites_for_one_run(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let job = job_of_runs();
+    client.set_job(&job).unwrap().unwrap();
+    let kept = info(1234, POCKET, Release::Rewritten(SPEC));
+    let shares = POCKET.replace("O1234(POCKET)\n", "O1235 ");
+    let shared = info(1235, &shares, Release::Rewritten(SPEC));
+    for (program, text) in [(&kept, POCKET), (&shared, &shares)] {
+        programs::put(&mut client, program, text.as_bytes(), |_| {}).unwrap();
+    }
+    let of_run =
+        |case: usize, run: u32| announced(run, [0.0; 2], false).join("\n") + "\n" + &clamping(case);
+    rig.control_sends((of_run(0, 41) + &of_run(1, 42)).as_bytes());
+    judged(rig, &mut client, 2);
+    let verdict = client.verdict().unwrap().unwrap();
+    assert!(verdict.ok, "{:?}", verdict.reasons);
+    let is_open = |r: &SetupReason| {
+        matches!(
+            r.reason,
+            Reason::NotGuarded {
+                late_text: true,
+                ..
+            }
+        )
+    };
+    assert!(
+        !verdict.remarks.iter().any(is_open),
+        "{:?}",
+        verdict.remarks
+    );
+    let expected = |text: &str| {
+        rewritten_with(text, &job, &verdict, |settings| RewriteSettings {
+            source: (settings.source.as_str().to_owned() + " - RUN 42")
+                .parse()
+                .unwrap(),
+            run: RunCheck::of(Dialect::G10G68, 531, 42),
+            ..settings
+        })
+    };
+    let text = expected(POCKET);
+    let first = text.lines().find(|line| !line.starts_with(['%', 'O', '(']));
+    assert_eq!(
+        first,
+        Some("IF[#531NE42]THEN#3000=2(UMI PROGRAM OF RUN 42)")
+    );
+    read(rig, 1234);
+    receive_text(rig, &text);
+    read(rig, 1235);
+    let why = Withheld::NotRewritable { line: 2, column: 1 };
+    receive_text(rig, &alarm_of(1235, &why));
+
+    let passed = POCKET.replace("1234", "0055");
+    let program = info(55, &passed, Release::Rewritten(SPEC));
+    assert_eq!(client.program_pass(&program).unwrap(), Ok(0));
+    rig.control_sends(DC1);
+    let mut offset = 0;
+    let mut got = String::new();
+    until(rig, "all of it", |rig| {
+        let piece = piece(&passed, offset);
+        let next = client.program_passed(offset, piece).unwrap().unwrap();
+        got += &receive_all(rig);
+        offset = next.unwrap_or(offset);
+        next.is_none().then_some(())
+    });
+    got += &receive_all(rig);
+    assert_eq!(got, expected(&passed));
 }
 
 /// The alarm names the line, and not a byte of the program goes out.

@@ -46,7 +46,7 @@ mod stream;
 use core::fmt::Write as _;
 
 use umi_core::control::{Exchange, XOFF_PATIENCE_US};
-use umi_core::correction::withheld;
+use umi_core::correction::{RunCheck, withheld};
 use umi_core::journal::Flash;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{
@@ -409,7 +409,21 @@ impl<F: Flash> Instrument<F> {
             "VERDICT OK - {} - SETUP {}",
             job.name, released.setup
         );
-        part.how = Some(settings(&spec, transform, &info, source));
+        if let Some(run) = released.run {
+            let _ = write!(source, " - RUN {run}");
+        }
+        let mut how = settings(&spec, transform, &info, source);
+        if let Some(variable) = job.guards.run_variable {
+            // A job that has the one has the other, and a verdict without a run is not OK.
+            let (dialect, run) = job
+                .correction
+                .map(|of| of.dialect)
+                .zip(released.run)
+                .ok_or(Withheld::NoVerdict)?;
+            let check = RunCheck::of(dialect, variable, run);
+            how.run = Some(check.ok_or(Withheld::NoVerdict)?);
+        }
+        part.how = Some(how);
         Ok(part)
     }
 

@@ -687,8 +687,8 @@ fn warmth_is_told() {
     assert!(clamped(warm, 8.0).summary()[1].contains("too_warm"));
 }
 
-/// What nothing in a job guards against stands in each of its verdicts; a job that only
-/// measures has nothing to guard.
+/// What nothing in a job guards against stands in each of its verdicts, also where only programs
+/// are rewritten by them; a job without a registration has nothing to guard.
 #[test]
 fn what_is_not_guarded_is_told() {
     let open = |job: Job| {
@@ -723,6 +723,10 @@ fn what_is_not_guarded_is_told() {
     assert_eq!(open(given), [Some([false, false, true, false]); 2]);
     let mut only = job();
     only.correction = None;
+    assert_eq!(open(only.clone()), [Some([true, true, true, true]); 2]);
+    for feature in only.features.iter_mut().skip(2) {
+        feature.datum = false;
+    }
     assert_eq!(open(only), [None; 2]);
 }
 

@@ -39,7 +39,12 @@ impl Rewriter {
             return self.cycle(given, wanted, edit, incremental, column);
         }
         let Some(motion) = self.motion else {
-            return Err((column, RewriteRefusal::NoMotion));
+            let reason = if self.lost_motion {
+                RewriteRefusal::NoMotionHere
+            } else {
+                RewriteRefusal::NoMotion
+            };
+            return Err((column, reason));
         };
         let is_arc = matches!(motion, Motion::Clockwise | Motion::Counter);
         if is_arc {

@@ -5,6 +5,7 @@ mod arcs;
 mod cycles;
 mod plain;
 mod refusals;
+mod run;
 mod stream;
 mod text;
 mod wrong_ways;

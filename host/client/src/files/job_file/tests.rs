@@ -258,3 +258,114 @@ fn the_mark_stands_under_the_column() {
     assert_eq!((place.line, place.column), (2, 5));
     assert_eq!(place.to_string(), "2 | µ = 22\n        ^");
 }
+
+/// A guard that lacks something elsewhere in the job says what, and a variable that cannot count
+/// is refused by what it is.
+#[test]
+fn a_guard_says_what_it_lacks() {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/three-spheres-run.toml"
+    );
+    let text = std::fs::read_to_string(path).unwrap();
+    let (without, _) = text.split_once("[correction]").unwrap();
+    let no_correction = fault(without);
+    assert!(
+        no_correction
+            .message
+            .starts_with("`guards.run_variable` needs a [correction]: its `dialect` says"),
+        "{}",
+        no_correction.message
+    );
+    assert_at(&no_correction, "run_variable = 531");
+    let frame = without.replace("run_variable = 531", "#");
+    let frame = fault(&frame);
+    assert!(
+        frame
+            .message
+            .starts_with("`guards.frame` needs a [correction]: it says in which"),
+        "{}",
+        frame.message
+    );
+    assert_at(&frame, "frame = true");
+    let no_lines = fault(&text.replace("{ checked = {} },", ""));
+    assert!(
+        no_lines.message.contains("{ checked = {} }"),
+        "{}",
+        no_lines.message
+    );
+    let siemens = fault(&text.replace("\"g10-g68\"", "\"siemens\""));
+    assert!(siemens.message.contains("siemens"), "{}", siemens.message);
+    for (number, why) in [
+        ("0", "local"),
+        ("31", "local variable"),
+        ("50", "no common variable"),
+        ("150", "cleared when the control is switched off"),
+        ("5221", "system variable"),
+        ("100000", "system variable"),
+    ] {
+        let refused =
+            fault(&text.replace("run_variable = 531", &format!("run_variable = {number}")));
+        assert_eq!(refused.code, "bad_value");
+        assert!(
+            refused.message.contains(why),
+            "{number}: {}",
+            refused.message
+        );
+        assert_at(&refused, "run_variable");
+    }
+    let typed = fault(&text.replace("run_variable = 531", "run_variable = true"));
+    assert!(
+        typed
+            .message
+            .ends_with("expected a whole number, 0 or more"),
+        "{}",
+        typed.message
+    );
+    let typed = fault(&text.replace("frame = true", "frame = 1"));
+    assert!(
+        typed.message.ends_with("expected true or false"),
+        "{}",
+        typed.message
+    );
+}
+
+/// Nothing becomes the reference because it came first, unless the file says so; where a session
+/// is over, nobody can be asked, and the first one is taken.
+#[test]
+fn a_job_that_does_not_say_teach_is_asked() {
+    let says = example();
+    assert_eq!(parse(&says).unwrap().teach, Teach::FirstOk);
+    let mute: String = says
+        .split_inclusive('\n')
+        .filter(|l| !l.starts_with("teach"))
+        .collect();
+    assert_eq!(parse(&mute).unwrap().teach, Teach::Asked);
+    let (measures, _) = mute.split_once("[correction]").unwrap();
+    assert_eq!(
+        parse(measures).unwrap().teach,
+        Teach::Asked,
+        "programs move by it"
+    );
+    // Nothing is registered and nothing moves.
+    let two = measures.replace(
+        "name = \"SPHERE3\"\n",
+        "name = \"SPHERE3\"\ndatum = false\n",
+    );
+    assert_eq!(parse(&two).unwrap().teach, Teach::FirstOk);
+    let given = mute.replace("reference = \"taught\"", "reference = \"given\"");
+    assert_eq!(parse(&given).unwrap().teach, Teach::FirstOk);
+
+    let file = std::env::temp_dir().join(format!("umi-mute-{}.toml", std::process::id()));
+    std::fs::write(&file, &mute).unwrap();
+    let session = load_for_session(&file).unwrap();
+    assert!(session.teach_is_missing && session.job.teach == Teach::FirstOk);
+    std::fs::write(
+        &file,
+        mute.replace("reference =", "teach = \"asked\"\nreference ="),
+    )
+    .unwrap();
+    let session = load_for_session(&file).unwrap();
+    assert!(!session.teach_is_missing && session.job.teach == Teach::Asked);
+    std::fs::remove_file(&file).unwrap();
+}

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 use serde_json::Value;
+use umi_core::correction::RunCheck;
 use umi_core::registration::RigidTransform;
 
 use crate::files::points::{name, text};
@@ -16,6 +17,9 @@ pub struct ProgramSource {
     pub transform: RigidTransform,
     /// As it stands in the header.
     pub name: String,
+    /// The run that was measured, where job and verdict say it: a program that is carried by it
+    /// begins with an alarm in any other.
+    pub run: Option<RunCheck>,
 }
 
 #[derive(Deserialize)]
@@ -50,6 +54,7 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
     Ok(ProgramSource {
         transform: written.transform(),
         name: format!("TRANSFORM {}", stem(path)),
+        run: None,
     })
 }
 
@@ -94,6 +99,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     Ok(ProgramSource {
         transform: written.transform(),
         name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
+        run: None,
     })
 }
 

@@ -48,6 +48,11 @@ impl MovedBy {
         })
     }
 
+    /// Whether it is a verdict.
+    pub const fn is_verdict(&self) -> bool {
+        self.verdict.is_some()
+    }
+
     /// The files that are read.
     pub fn inputs(&self) -> impl Iterator<Item = &Path> {
         [&self.verdict, &self.transform]

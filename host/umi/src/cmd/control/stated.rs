@@ -70,6 +70,15 @@ fn call(text: &str) -> Result<String, String> {
 impl Said {
     /// Settings with what is said.
     pub fn settings(&self, settings: RewriteSettings) -> Result<RewriteSettings, Failure> {
+        if let (Some(stated), Some(unit)) =
+            (self.start.and_then(|modes| modes.unit()), settings.unit)
+            && stated != unit
+        {
+            return Err(Failure::trouble(
+                "usage",
+                "--start says one unit (G20, G21) and --unit the other: leave one of them out",
+            ));
+        }
         let allowed_calls = AllowedCalls::try_from(self.allow_call.join(",").as_str())
             .map_err(|_| Failure::trouble("usage", "--allow-call: 96 characters at most"))?;
         Ok(RewriteSettings {
@@ -131,7 +140,9 @@ impl Said {
 /// The option that allows what was refused, where there is one: of these, or of the control's.
 pub(crate) fn option(refused: RewriteRefusal) -> Option<String> {
     let option = match refused {
-        RewriteRefusal::NotHere(number) => return Some(format!("--allow-call P{number}")),
+        RewriteRefusal::NotHere(number) | RewriteRefusal::Elsewhere(number) => {
+            return Some(format!("--allow-call P{number}"));
+        }
         RewriteRefusal::Turns => "--dialect linuxcnc",
         RewriteRefusal::BelowR => "--dialect fanuc or linuxcnc",
         RewriteRefusal::NoDistanceMode => "--start G90",

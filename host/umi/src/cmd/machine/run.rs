@@ -10,7 +10,6 @@ use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, prin
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi_client::files::job_file;
 use umi_client::files::points::{name, text};
 use umi_client::problem::Problem;
 use umi_client::session::DecisionRecord;
@@ -29,8 +28,8 @@ use umi_virtual::serve::PortPlace;
 
 use super::floor::Floor;
 use super::show;
-use crate::cmd::Format;
 use crate::cmd::board::virtual_board::place;
+use crate::cmd::{Format, session_job};
 
 /// Runs NC programs on a virtual machine tool
 #[derive(Args)]
@@ -229,7 +228,7 @@ impl Run {
                 let Some(path) = &self.job else {
                     return Err(Failure::trouble("usage", "--board virtual needs --job"));
                 };
-                let job = job_file::load(path)?;
+                let job = session_job(path)?;
                 if let Some(usb) = &self.usb {
                     let control = &scene.control;
                     let character = Duration::from_secs(1) * control.bits / control.baud;

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
-use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_error, print_json};
 use clap::Args;
 use serde_json::json;
-use umi_client::files::job_file;
+use umi_client::files::capture::CaptureLook;
 use umi_client::journal::audit::{Audit, Findings};
 use umi_client::journal::{self, FileItem};
 use umi_client::session::DecisionRecord;
@@ -16,7 +16,7 @@ use umi_protocol::job::Job;
 use umi_protocol::message::Record;
 use umi_report::terminal;
 
-use crate::cmd::Format;
+use crate::cmd::{Format, session_job};
 
 /// A captured byte file through a virtual board, or the audit of a journal
 #[derive(Args)]
@@ -71,12 +71,18 @@ impl Replay {
     }
 
     fn capture(&self, bytes: &[u8], job: &Path) -> Result<(), Failure> {
-        let job = job_file::load(job)?;
+        let job = session_job(job)?;
         let mut bench = Desk::new(&job)?;
         let mut shown = Shown::new(&job, self.format.json);
         bench.play(bytes, |decision| shown.take(decision))?;
         bench.end(|decision| shown.take(decision))?;
-        shown.finish()
+        let measured = shown.features > 0;
+        shown.finish()?;
+        if !measured {
+            let look = CaptureLook::of(bytes).nothing_measured(&job.receiver);
+            print_error(&format!("{} {look}\n", paint(CAUTION, "note")));
+        }
+        Ok(())
     }
 
     fn audit(&self, bytes: &[u8]) -> Result<(), Failure> {
@@ -157,15 +163,21 @@ impl Replay {
 struct Shown {
     gather: SessionBuilder,
     json: bool,
+    features: u64,
 }
 
 impl Shown {
     fn new(job: &Job, json: bool) -> Self {
         let gather = SessionBuilder::new("Replay", "", job, None);
-        Self { gather, json }
+        Self {
+            gather,
+            json,
+            features: 0,
+        }
     }
 
     fn take(&mut self, decision: DecisionRecord) -> Result<(), Failure> {
+        self.features += u64::from(matches!(decision, DecisionRecord::Feature(_)));
         if self.json {
             print_json(&crate::show::json::decision(&decision))?;
         } else if let DecisionRecord::Fault(fault) = &decision {

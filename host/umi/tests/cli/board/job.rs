@@ -114,7 +114,7 @@ fn a_missing_job_is_named() {
 }
 
 /// A new job is explicit about teaching and has nothing that is not guarded; it is never written
-/// over a file that there is. A job without `teach` says what that risks.
+/// over a file that there is. One that teaches by the first OK setup says what that risks.
 #[test]
 fn a_new_job_is_explicit() {
     let folder = Folder::new();
@@ -175,4 +175,39 @@ fn a_control_without_an_alarm_is_said() {
         said.contains("not guarded: text of another clamping"),
         "{said}"
     );
+}
+
+/// A job that does not say `teach` teaches when asked; a capture, of which nobody can ask, is
+/// replayed with the first OK setup, and that is said.
+#[test]
+fn a_job_that_does_not_say_teach() {
+    let folder = Folder::new();
+    let example = std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap();
+    let mute = example.lines().filter(|line| !line.starts_with("teach"));
+    let mute = folder.file("mute.toml", mute.collect::<Vec<_>>().join("\n"));
+    let value = umi(&["job", "check", &mute, "--json"]).exits(0).json();
+    assert_eq!(value["job"]["teach"], "asked");
+    assert_eq!(
+        value["not_guarded"]["details"]["first_ok"], false,
+        "{value}"
+    );
+    let session = project("examples/session.txt");
+    let replay = |job: &str| umi(&["replay", &session, "--job", job, "--json"]).exits(0);
+    let ran = replay(&mute).says("does not say `teach`");
+    let said = replay(&project("examples/three-spheres.toml"));
+    assert_eq!(ran.out, said.out);
+    assert_eq!(said.err, "");
+}
+
+/// A capture of which a job reads nothing: what was seen, and what to do.
+#[test]
+fn a_replay_of_another_format_is_not_mute() {
+    let (session, job) = (
+        project("examples/session.txt"),
+        project("examples/four-spheres.toml"),
+    );
+    umi(&["replay", &session, "--job", &job])
+        .exits(0)
+        .says("nothing measured: 135 lines, 75 of them points of blocks")
+        .says("examples/three-spheres.toml");
 }

@@ -152,6 +152,66 @@ fn whose_program_it_is() {
         .says("Q has no meaning here");
 }
 
+/// Each refusal names what allows it, and nothing else: no option that would not help.
+#[test]
+fn the_options_that_help() {
+    let bench = Bench::new(QUARTER);
+    let start = "G21 G90 G0 X10. Y0. Z0.\n";
+    for (line, says, option) in [
+        ("M98", "calls no program", None),
+        ("M98 Q20", "Q here calls from a block number on", None),
+        ("M98 P2 H20", "H here calls from a block number on", None),
+        (
+            "M198 P2",
+            "calls O2 of another device",
+            Some("(--allow-call P2)"),
+        ),
+        ("G66 P9010 A1.", "calls a macro behind every motion", None),
+        ("G80.9010", "this is no G code", None),
+        (
+            "(Umi rewritten from)",
+            "rewritten before",
+            Some("(--again)"),
+        ),
+        (
+            "G55 X1.",
+            "give the origins of both",
+            Some("(--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates)"),
+        ),
+        ("M98 P9001\nX2.", "write it into this block", None),
+    ] {
+        let program = bench.folder.file("p.nc", [start, line, "\nM30\n"].concat());
+        let options = ["--force", "--allow-call", "P9001"];
+        let mut refused = bench.rewrite(&program, &options).exits(2).says(says);
+        if let Some(option) = option {
+            refused = refused.says(option);
+        }
+        assert_eq!(
+            refused.err.contains("--"),
+            option.is_some(),
+            "{}",
+            refused.err
+        );
+    }
+    let program = bench
+        .folder
+        .file("p.nc", [start, "M198 P2\nM30\n"].concat());
+    bench
+        .rewrite(&program, &["--force", "--allow-call", "P2"])
+        .exits(0);
+    assert!(bench.made().contains("\nM198 P2\n"), "{}", bench.made());
+    // One unit is said twice, or two.
+    let program = bench.folder.file("p.nc", "G90 G0 X1. Y0. Z0.\nM30\n");
+    let said = ["--force", "--start", "G21", "--unit"];
+    bench
+        .rewrite(&program, &[&said[..], &["inch"]].concat())
+        .exits(1)
+        .says("--unit");
+    bench
+        .rewrite(&program, &[&said[..], &["mm"]].concat())
+        .exits(0);
+}
+
 /// Modes that a program takes for granted are stated; what contradicts itself is none.
 #[test]
 fn modes_are_stated() {
@@ -256,4 +316,70 @@ fn a_verdict_means_one_thing() {
     ])
     .exits(1)
     .says("no such verdict");
+}
+
+/// A program that is carried by a verdict of a counted run begins with an alarm for every other
+/// run; `umi nc diff` drives it in its own. Where runs are not counted, that is said.
+#[test]
+fn a_program_belongs_to_its_run() {
+    use umi_core::brain::{Brain, Output};
+    use umi_core::units::Micros;
+    use umi_protocol::message::Record;
+    use umi_protocol::reason::Reason;
+    use umi_protocol::verdict::SetupReason;
+
+    let bench = Bench::new(QUARTER);
+    let text = |file: &str| std::fs::read_to_string(project(file)).unwrap();
+    let plain: umi_protocol::job::Job =
+        toml::from_str(&text("examples/three-spheres.toml")).unwrap();
+    let mut last = None;
+    let mut brain = Brain::new(plain.clone()).unwrap();
+    let session = text("tests/reference/sessions/session_a.txt");
+    let mut take = |output: Output<'_>| {
+        if let Output::Verdict(verdict) = output {
+            last = Some(verdict.clone());
+        }
+    };
+    brain.bytes(Micros(1), session.as_bytes(), &mut take);
+    brain.input_ended(Micros(2), &mut take);
+    let program = bench.folder.file("p.nc", "G21 G90\nG0 X10. Y0. Z5.\nM30\n");
+    let moved = |counted: bool| {
+        let (mut job, mut verdict) = (plain.clone(), last.clone().unwrap());
+        if counted {
+            job.guards.run_variable = Some(531);
+            let reason = Reason::OfRun { run: 42 };
+            let remark = SetupReason {
+                feature: None,
+                reason,
+            };
+            verdict.remarks.push(remark).unwrap();
+        }
+        let mut board = crate::rig::board::Board::new(0);
+        board.push(&Record::JobSet(job));
+        board.push(&Record::Verdict(verdict));
+        let journal = bench.folder.path("j.umij");
+        umi(&["log", "--port", &board.serve(), "-o", &journal, "--force"]).exits(0);
+        let args = ["nc", "rewrite", &program, "-o", &bench.out, "--force"];
+        let args = [&args[..], &["--verdict", &journal]].concat();
+        let said = umi(&args).exits(0).out;
+        let machine = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
+        let diff = ["nc", "diff", &program, &bench.out, "--verdict", &journal];
+        umi(&diff).exits(0);
+        (said, machine, bench.made())
+    };
+    let (said, machine, made) = moved(true);
+    assert!(said.contains("alarm unless #531 is 42"), "{said}");
+    assert_eq!(
+        (&machine["run"], &machine["run_variable"]),
+        (&42.into(), &531.into())
+    );
+    assert!(made.contains(" - RUN 42)\n"), "{made}");
+    let first = made.lines().find(|line| !line.starts_with('('));
+    assert_eq!(
+        first,
+        Some("IF[#531NE42]THEN#3000=2(UMI PROGRAM OF RUN 42)")
+    );
+    let (said, machine, made) = moved(false);
+    assert!(said.contains("not compared with the control's"), "{said}");
+    assert!(machine["run"].is_null() && !made.contains("#531"), "{made}");
 }

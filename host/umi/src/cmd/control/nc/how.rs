@@ -78,7 +78,9 @@ pub fn told(program: &PartProgram, refused: &RefusedLine) -> String {
         RewriteRefusal::NotHere(number) => Some(format!("--load FILE, --allow-call P{number}")),
         RewriteRefusal::NamedCall => Some("--allow-call '<name>'".to_owned()),
         RewriteRefusal::Rewritten => Some("--again".to_owned()),
-        RewriteRefusal::WorkOffset => Some("--origin G55=X,Y,Z".to_owned()),
+        RewriteRefusal::WorkOffset => {
+            Some("--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates".to_owned())
+        }
         other => option(other),
     };
     let option = option.map_or_else(String::new, |option| format!(" ({option})"));

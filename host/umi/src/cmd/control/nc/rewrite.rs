@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use umi_client::files::points::name;
 use umi_client::files::tool_path::{self, PartProgram};
 use umi_client::problem::Problem;
+use umi_core::correction::RunCheck;
 use umi_core::rewrite::{ProgramIdentity, RewriteSettings, Summary};
 
 use super::how::{How, told};
@@ -41,6 +42,8 @@ The transform q = R p + t holds in the coordinates of the work offset that is in
 force at the program's first motion. What cannot be transformed truly is refused by line
 and reason, and then nothing is written: the file appears whole or not at all.
 A header says check value, source and transform. The identity changes no byte.
+By a verdict of a job that counts runs (`guards.run_variable`), of a board or a journal, the
+program begins with an alarm for every run but the one that was measured.
 A program that is called and is not in the file is refused: --load brings it into the
 file that is written, --allow-call says that nothing in it is to be carried.
 
@@ -64,7 +67,10 @@ impl Rewrite {
         inputs.extend(self.how.inputs().chain(self.moved_by.inputs()));
         self.force.check(&self.output, &inputs)?;
         let program = self.how.program(&self.program)?;
-        let settings = self.how.settings(source.transform)?;
+        let settings = RewriteSettings {
+            run: source.run,
+            ..self.how.settings(source.transform)?
+        };
         let is_stdout = self.output.as_os_str() == "-";
         if is_stdout {
             // What has gone out cannot be taken back.
@@ -85,7 +91,9 @@ impl Rewrite {
             }
         };
         if self.format.json {
-            let value = machine(&identity, &summary);
+            let mut value = machine(&identity, &summary);
+            value["run"] = json!(source.run.map(RunCheck::run));
+            value["run_variable"] = json!(source.run.map(RunCheck::variable));
             if is_stdout {
                 print_error(&format!("{value}\n"));
                 Ok(())
@@ -95,11 +103,14 @@ impl Rewrite {
         } else if is_stdout {
             Ok(())
         } else {
+            let mut table = table(&identity, &summary);
+            if self.moved_by.is_verdict() {
+                table.row(["run".to_owned(), compared(source.run)]);
+            }
             print(&format!(
-                "{} {}\n\n{}",
+                "{} {}\n\n{table}",
                 paint(GOOD, "rewritten"),
                 name(&self.output),
-                table(&identity, &summary)
             ))
         }
     }
@@ -122,6 +133,16 @@ impl Rewrite {
             .with("column", first.column)
             .with("refusals", all)
             .into())
+    }
+}
+
+/// Whether the program compares the run that was measured with the control's own.
+fn compared(check: Option<RunCheck>) -> String {
+    match check {
+        Some(check) => format!("alarm unless #{} is {}", check.variable(), check.run()),
+        None => "not compared with the control's: a late text moves the path, too (the job's \
+                 `guards.run_variable`, and a journal or board as --verdict)"
+            .into(),
     }
 }
 

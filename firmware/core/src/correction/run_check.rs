@@ -1,0 +1,163 @@
+//! The comparison with which a program begins that is for one run: an alarm in any other.
+
+use core::fmt;
+
+use umi_protocol::job::Dialect;
+
+use super::dialect::compares_runs;
+
+/// The run that was measured, and where the control counts its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunCheck {
+    /// The control's variable that counts the runs.
+    variable: u32,
+    /// The run that was measured.
+    run: u32,
+    /// How the control decides.
+    form: RunForm,
+}
+
+/// How a control decides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum RunForm {
+    /// `IF[…]THEN`: no jump. Fanuc takes no `GOTO` in the main program of a DNC operation
+    /// (alarm PS0123), and a rewritten program may be carried out as it comes.
+    Then,
+    /// `IF[…]GOTO`, over the alarm: Mitsubishi's M700 is not known to have `THEN`.
+    Goto,
+    /// `O… IF`.
+    LinuxCnc,
+}
+
+/// What begins with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Compared {
+    /// A correction. It is stored and called, so that all may jump.
+    Correction,
+    /// A part program that is carried.
+    Program,
+}
+
+impl RunCheck {
+    /// For a control of this dialect; none where it compares nothing
+    /// ([`compares_runs`]).
+    #[must_use]
+    pub const fn of(dialect: Dialect, variable: u32, run: u32) -> Option<Self> {
+        if !compares_runs(dialect) {
+            return None;
+        }
+        let form = match dialect {
+            Dialect::LinuxCnc => RunForm::LinuxCnc,
+            Dialect::MazakSettingError | Dialect::MitsubishiSettingError => RunForm::Goto,
+            _ => RunForm::Then,
+        };
+        Some(Self {
+            variable,
+            run,
+            form,
+        })
+    }
+
+    /// The control's variable that counts the runs.
+    #[must_use]
+    pub const fn variable(self) -> u32 {
+        self.variable
+    }
+
+    /// The run that was measured.
+    #[must_use]
+    pub const fn run(self) -> u32 {
+        self.run
+    }
+
+    /// The comparison with which a program of this text begins, whatever its form.
+    #[must_use]
+    pub fn in_text(text: &str) -> Option<Self> {
+        let (before, behind) = text.split_once("UMI PROGRAM OF RUN ")?;
+        let number = |text: &str| {
+            let digits = text.bytes().take_while(u8::is_ascii_digit).count();
+            text.get(..digits)?.parse().ok()
+        };
+        // `IF[#531NE17]THEN#3000=2(`, or the comparison on the line before.
+        let (before, form) = match before.strip_suffix("THEN#3000=2(") {
+            Some(before) => (before, RunForm::Then),
+            None if before.ends_with("(ABORT, ") => (before, RunForm::LinuxCnc),
+            None => (before.strip_suffix("#3000=2(")?, RunForm::Goto),
+        };
+        let (_, variable) = before.rsplit_once('#')?;
+        Some(Self {
+            variable: number(variable)?,
+            run: number(behind)?,
+            form,
+        })
+    }
+
+    /// Gives its lines, without their ends.
+    ///
+    /// # Errors
+    /// That of `line`.
+    pub(crate) fn lines(
+        self,
+        of: Compared,
+        mut line: impl FnMut(fmt::Arguments<'_>) -> fmt::Result,
+    ) -> fmt::Result {
+        let Self { variable, run, .. } = self;
+        // With both numbers at their largest it fits Fanuc's screen: 31 characters.
+        let what = match of {
+            Compared::Correction => "CORRECTION",
+            Compared::Program => "PROGRAM",
+        };
+        let form = match (self.form, of) {
+            (RunForm::Then, Compared::Correction) => RunForm::Goto,
+            (form, _) => form,
+        };
+        match form {
+            RunForm::Then => line(format_args!(
+                "IF[#{variable}NE{run}]THEN#3000=2(UMI {what} OF RUN {run})"
+            )),
+            RunForm::Goto => {
+                line(format_args!("IF[#{variable}EQ{run}]GOTO7"))?;
+                line(format_args!("#3000=2(UMI {what} OF RUN {run})"))?;
+                line(format_args!("N7"))
+            }
+            RunForm::LinuxCnc => {
+                line(format_args!("o531 if [#{variable} NE {run}]"))?;
+                line(format_args!("(ABORT, UMI {what} OF RUN {run})"))?;
+                line(format_args!("o531 endif"))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::String;
+
+    /// What is written is found again, whatever the line ends.
+    #[test]
+    fn it_is_found_in_a_text() {
+        for dialect in Dialect::ALL {
+            let Some(check) = RunCheck::of(dialect, 4531, 99_999) else {
+                continue;
+            };
+            for eol in ["\n", "\r\n"] {
+                let mut text = String::from("%\nO1\n(T 0.5 MM)\n");
+                let line = |line: fmt::Arguments<'_>| {
+                    use core::fmt::Write as _;
+                    assert!(std::format!("{line}").len() < 64);
+                    write!(text, "{line}{eol}")
+                };
+                check.lines(Compared::Program, line).unwrap();
+                assert_eq!(RunCheck::in_text(&text), Some(check), "{text}");
+            }
+        }
+        for other in [
+            "G0 X1",
+            "(UMI PROGRAM OF RUN 3)",
+            "#3000=2(UMI PROGRAM OF RUN )",
+        ] {
+            assert_eq!(RunCheck::in_text(other), None);
+        }
+    }
+}
