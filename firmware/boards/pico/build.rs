@@ -21,6 +21,8 @@ fn main() -> io::Result<()> {
     println!("cargo::rustc-link-arg-bins=--nmagic");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     // The application logs; the figures do not.
-    println!("cargo::rustc-link-arg-bin=umi-pico=-Tdefmt.x");
+    for bin in ["umi-pico", "selftest"] {
+        println!("cargo::rustc-link-arg-bin={bin}=-Tdefmt.x");
+    }
     Ok(())
 }

@@ -25,5 +25,6 @@ pub mod port;
 pub mod problem;
 pub mod programs;
 pub mod quantities;
+pub mod selftest;
 pub mod session;
 pub mod timeline;

@@ -5,7 +5,7 @@ use serialport::{SerialPortInfo, SerialPortType};
 
 use umi_protocol::access::AccessMode;
 
-use crate::link::Client;
+use crate::link::{self, Client, Transport};
 use crate::problem::Problem;
 
 /// What a board's USB descriptors say.
@@ -16,11 +16,23 @@ const MAKER: &str = "openumi";
 /// # Errors
 /// No board or several on USB where none is named; [`crate::link::LinkError`].
 pub fn connect(address: Option<&str>) -> Result<Client, Problem> {
-    let address = match address {
-        Some(address) => address.to_owned(),
-        None => only(&serialport::available_ports().unwrap_or_default())?,
-    };
-    Ok(Client::open(&address)?)
+    Ok(Client::open(&meant(address)?)?)
+}
+
+/// Opens the port of the board at an address, or of the only openumi board on USB, and says
+/// nothing.
+///
+/// # Errors
+/// As [`connect`].
+pub fn open(address: Option<&str>) -> Result<Box<dyn Transport>, Problem> {
+    Ok(link::open(&meant(address)?)?)
+}
+
+fn meant(address: Option<&str>) -> Result<String, Problem> {
+    match address {
+        Some(address) => Ok(address.to_owned()),
+        None => only(&serialport::available_ports().unwrap_or_default()),
+    }
 }
 
 /// Connects as [`connect`], and proves this key to a board that has an owner.

@@ -10,6 +10,7 @@ mod pico_captures;
 mod pico_faults;
 mod pico_figures;
 mod pico_pulses;
+mod pico_selftest;
 mod pico_serial;
 mod pico_stack;
 mod pico_watchdog;

@@ -171,6 +171,12 @@ pub fn start() {
     }
 }
 
+/// Starts all machines again, as after a loss of samples.
+#[allow(dead_code, reason = "the self-test does it, ten thousand times")]
+pub fn restart() {
+    with(Latches::start_again);
+}
+
 /// The state, if nobody has it: nobody can, in a critical section.
 fn with<R>(work: impl FnOnce(&mut Latches) -> R) -> Option<R> {
     critical_section::with(|section| {

@@ -31,6 +31,7 @@ pub(crate) enum Command {
     Job(board::job::Job),
     Line(board::line::Line),
     Teach(board::teach::Teach),
+    Selftest(board::selftest::Selftest),
     Info(board::info::Info),
     Log(record::log::Log),
     Key(record::key::Key),
@@ -74,6 +75,7 @@ impl Command {
             Self::Dialects(command) => command.run(),
             Self::Program(command) => command.run(),
             Self::Virtual(command) => command.run(),
+            Self::Selftest(command) => command.run(),
         }
     }
 }

@@ -5,5 +5,6 @@ mod connected;
 mod job;
 mod line;
 mod owner;
+mod selftest;
 mod teach;
 mod watch;

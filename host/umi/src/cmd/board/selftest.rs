@@ -1,0 +1,109 @@
+//! `umi selftest`
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::{Value, json};
+use umi_client::port;
+use umi_client::selftest::{self, SelfTest};
+
+use crate::cmd::{Board, Format};
+use crate::failure::Failure;
+use crate::output::Force;
+use crate::show::terminal::{BAD, GOOD, PLAIN, Table, paint, print, print_json};
+
+/// Let a board test itself, and show the table of what it promises and measures
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  umi selftest                                  the only board that is plugged in
+  umi selftest --port /dev/ttyACM0 -o board-7.json
+  umi selftest --restarts 100 --json
+
+The board needs the image of the test: `cargo xtask firmware pico` makes pico-selftest.uf2, which
+is copied onto the drive that the board shows while BOOTSEL is pressed. It drives its own encoder,
+skip, trigger and index pins: nothing may be connected to them. It panics and faults once on
+purpose, so it takes two seconds until its port is there.
+
+Exit status: 0 all rows pass, 1 usage or connection, 2 a row fails.")]
+pub(crate) struct Selftest {
+    #[command(flatten)]
+    board: Board,
+    /// How often the rings of samples are restarted
+    #[arg(long, value_name = "NUMBER", default_value_t = 10_000,
+          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    restarts: u32,
+    /// How many edges of each input are driven, and how many trigger pulses sent
+    #[arg(long, value_name = "NUMBER", default_value_t = 40,
+          value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    edges: u32,
+    /// How long to wait for a row, at most
+    #[arg(long, value_name = "SECONDS", default_value_t = 60,
+          value_parser = clap::value_parser!(u64).range(1..=3600))]
+    seconds: u64,
+    /// Keep the table in this file, as JSON
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    format: Format,
+}
+
+impl Selftest {
+    pub fn run(self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            self.force.check(output, &[])?;
+        }
+        let mut port = port::open(self.board.address())?;
+        let patience = Duration::from_secs(self.seconds);
+        let table = selftest::run(port.as_mut(), (self.restarts, self.edges), patience)?;
+        let told = told(&table);
+        if let Some(output) = &self.output {
+            let text = format!("{told:#}\n");
+            self.force.write(output, &[], text.as_bytes())?;
+        }
+        if self.format.json {
+            print_json(&told)?;
+        } else {
+            show(&table)?;
+        }
+        match table.failed().count() {
+            0 => Ok(()),
+            _ => Err(Failure::Negative),
+        }
+    }
+}
+
+fn told(table: &SelfTest) -> Value {
+    let mut told = json!(table);
+    told["passed"] = json!(table.failed().count() == 0);
+    told
+}
+
+fn show(table: &SelfTest) -> Result<(), Failure> {
+    let mut rows = Table::new("<>>< ").titles(&["", "promised", "measured", "", ""]);
+    for row in &table.rows {
+        let (style, says) = match row.passed {
+            true => (GOOD, "pass"),
+            false => (BAD, "FAIL"),
+        };
+        rows.styled([
+            (PLAIN, row.name.clone()),
+            (PLAIN, row.promised.to_string()),
+            (PLAIN, row.measured.to_string()),
+            (PLAIN, row.unit.clone()),
+            (style, says.to_owned()),
+        ]);
+    }
+    print(&format!("{rows}"))?;
+    let says = match table.failed().count() {
+        0 => paint(GOOD, format!("all {} rows pass", table.rows.len())),
+        failed => paint(BAD, format!("{failed} of {} rows fail", table.rows.len())),
+    };
+    print(&format!(
+        "\n{}, firmware {}: {says}\n",
+        table.board, table.firmware
+    ))
+}

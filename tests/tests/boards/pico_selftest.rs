@@ -1,0 +1,164 @@
+//! The self-test of the Pico passes on the emulated board, and each fault that is put into the
+//! chip behind its back fails the row that is about it.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use umi_client::link::{self, Transport};
+use umi_client::selftest::{self, SelfTest};
+use umi_tests::rig::pico::{Emulator, Start};
+use umi_tests::rig::{image, skip_without};
+
+/// A row of a slow machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Short, as twelve of them are made; a bench makes 10 000 restarts and 40 edges.
+const ASKED: (u32, u32) = (20, 8);
+
+/// The board with its host, after its panic and its fault.
+struct Bench {
+    emulator: Emulator,
+    port: Box<dyn Transport>,
+}
+
+impl Bench {
+    fn start() -> Option<Self> {
+        let image = image("UMI_PICO_SELFTEST", "pico-selftest.elf");
+        let mut emulator =
+            skip_without(image.and_then(|image| Emulator::start_image(&image, Start::Paused)))?;
+        emulator.ask(&json!({ "do": "free", "speed": 0 }));
+        emulator.ask(&json!({ "do": "usb", "plugged": true }));
+        let begun = Instant::now();
+        while !emulator.state().is_configured {
+            assert!(begun.elapsed() < PATIENCE, "{:?}", emulator.state());
+            thread::sleep(Duration::from_millis(20));
+        }
+        let port = link::open(&emulator.host_address()).unwrap();
+        Some(Self { emulator, port })
+    }
+
+    fn test(&mut self) -> SelfTest {
+        selftest::run(self.port.as_mut(), ASKED, PATIENCE).unwrap()
+    }
+
+    /// Puts another word into a register while the test runs, and the old one back.
+    fn test_with(&mut self, fault: &Fault) -> SelfTest {
+        let [before] = self.emulator.memory(fault.address, 1)[..] else {
+            panic!("no register at {:#x}", fault.address)
+        };
+        self.emulator
+            .set_memory(fault.address, before & !fault.mask | fault.bits);
+        let table = self.test();
+        self.emulator.set_memory(fault.address, before);
+        table
+    }
+}
+
+/// A register that is wrong, and the row that must fail by it.
+struct Fault {
+    what: &'static str,
+    address: u32,
+    mask: u32,
+    bits: u32,
+    row: &'static str,
+}
+
+/// The control register of a pin (RP2040 data sheet, 2.19.6.1), and its input's override: 1 turns it
+/// round, 2 holds it low, 3 high.
+const fn input(what: &'static str, pin: u32, over: u32, row: &'static str) -> Fault {
+    Fault {
+        what,
+        address: 0x4001_4004 + 8 * pin,
+        mask: 3 << 16,
+        bits: over << 16,
+        row,
+    }
+}
+
+/// A register of a state machine (3.7), 0x18 bytes apart.
+const fn machine(
+    what: &'static str,
+    (pio, number): (u32, u32),
+    register: u32,
+    (mask, bits): (u32, u32),
+    row: &'static str,
+) -> Fault {
+    Fault {
+        what,
+        address: 0x5020_0000 + 0x10_0000 * pio + 0x18 * number + register,
+        mask,
+        bits,
+        row,
+    }
+}
+
+const DIVIDER: u32 = 0xC8;
+const PINS: u32 = 0xDC;
+const HALF_SPEED: (u32, u32) = (0xFFFF_FF00, 2 << 16);
+
+fn faults() -> [Fault; 10] {
+    [
+        input("A of axis 1 is stuck low", 8, 2, "position of axis 1"),
+        input("B of axis 2 is stuck high", 11, 3, "position of axis 2"),
+        input("A of axis 3 is turned round", 12, 1, "position of axis 3"),
+        machine(
+            "axis 4 looks at the pins of axis 1",
+            (0, 3),
+            PINS,
+            (0x1F << 15, 8 << 15),
+            "position of axis 4",
+        ),
+        input("skip is stuck low", 16, 2, "skip edges captured"),
+        input("trigger is stuck high", 17, 3, "triggers captured"),
+        input("an index is stuck low", 19, 2, "index marks captured"),
+        input(
+            "the output is not seen",
+            22,
+            2,
+            "trigger pulses sent and told",
+        ),
+        machine(
+            "the pulses' clock is half as fast",
+            (1, 3),
+            DIVIDER,
+            HALF_SPEED,
+            "trigger pulses sent and told",
+        ),
+        machine(
+            "the stamps' clock of triggers is half as fast",
+            (1, 1),
+            DIVIDER,
+            HALF_SPEED,
+            "triggers captured",
+        ),
+    ]
+}
+
+/// All rows pass on the board as it is.
+#[test]
+fn all_is_as_promised() {
+    let Some(mut bench) = Bench::start() else {
+        return;
+    };
+    let table = bench.test();
+    let failed: Vec<_> = table.failed().collect();
+    assert!(failed.is_empty(), "{failed:?}");
+    assert_eq!((table.board.as_str(), table.rows.len()), ("pico", 27));
+}
+
+/// Each of ten faults fails its row; without them the board passes again.
+#[test]
+fn every_fault_is_found() {
+    let Some(mut bench) = Bench::start() else {
+        return;
+    };
+    for fault in faults() {
+        let table = bench.test_with(&fault);
+        let failed: Vec<&str> = table.failed().map(|row| row.name.as_str()).collect();
+        assert!(failed.contains(&fault.row), "{}: {failed:?}", fault.what);
+    }
+    // What the last fault has left is over after one more.
+    let _ = bench.test();
+    let failed: Vec<_> = bench.test().failed().cloned().collect();
+    assert!(failed.is_empty(), "after the faults: {failed:?}");
+}
