@@ -108,13 +108,7 @@ fn the_most_at_once_is_what_it_says() {
             source: "A".repeat(96).parse().unwrap(),
             ..settings(turned([-0.1, -0.2, -170.0], [-9999.9, -9999.9, -9999.9]))
         };
-        let line: String = [
-            "G90G0X1Y1Z1M3",
-            &"(".repeat(1),
-            &"A".repeat(MAX_LINE - 15),
-            ")",
-        ]
-        .concat();
+        let line: String = ["G90G0X1Y1Z1M3", "(", &"A".repeat(MAX_LINE - 15), ")"].concat();
         assert_eq!(line.len(), MAX_LINE);
         let mut most = 0;
         let mut rewriter = Rewriter::new(&how).unwrap();

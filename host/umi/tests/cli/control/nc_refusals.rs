@@ -355,7 +355,7 @@ fn a_program_belongs_to_its_run() {
             verdict.remarks.push(remark).unwrap();
         }
         let mut board = crate::rig::board::Board::new(0);
-        board.push(&Record::JobSet(job));
+        board.push(&Record::JobSet { job, key_id: None });
         board.push(&Record::Verdict(verdict));
         let journal = bench.folder.path("j.umij");
         umi(&["log", "--port", &board.serve(), "-o", &journal, "--force"]).exits(0);
