@@ -9,14 +9,14 @@ use crate::wire::frame::{Frame, Kind};
 use crate::wire::hello::KEY;
 
 /// A request of [`RequestClass::Immediate`](crate::message::RequestClass::Immediate). Small: a
-/// [`Request`](crate::message::Request) has kilobytes, because a job may be in it.
+/// [`Request`] has kilobytes, because a job may be in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ImmediateRequest {
-    /// [`Request::PositionsGet`](crate::message::Request::PositionsGet).
+    /// [`Request::PositionsGet`].
     Positions,
-    /// [`Request::TriggerOutSet`](crate::message::Request::TriggerOutSet).
+    /// [`Request::TriggerOutSet`].
     TriggerOut(TriggerOut),
-    /// [`Request::LaserSet`](crate::message::Request::LaserSet).
+    /// [`Request::LaserSet`].
     Laser(bool),
 }
 

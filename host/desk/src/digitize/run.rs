@@ -85,7 +85,7 @@ impl Digitized {
 /// answer with all that was measured before.
 ///
 /// # Errors
-/// As [`DigitizeQuestion::check`] and [`program`]; `no_signal` at the first place of an adaptive
+/// As [`DigitizeQuestion::check`] and [`super::program()`]; `no_signal` at the first place of an adaptive
 /// run, `collision`, `over_travel`.
 pub fn run(
     mut scene: Scene,
