@@ -57,7 +57,7 @@ impl std::fmt::Display for Promised {
 
 /// A row of the table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Row {
+pub struct SelfTestRow {
     /// What was measured.
     pub name: String,
     /// What it should be.
@@ -82,12 +82,12 @@ pub struct SelfTest {
     /// How many edges of each input were to be driven.
     pub edges: u32,
     /// In the order of the measurements.
-    pub rows: Vec<Row>,
+    pub rows: Vec<SelfTestRow>,
 }
 
 impl SelfTest {
     /// Rows that are not as promised.
-    pub fn failed(&self) -> impl Iterator<Item = &Row> {
+    pub fn failed(&self) -> impl Iterator<Item = &SelfTestRow> {
         self.rows.iter().filter(|row| !row.passed)
     }
 
@@ -122,7 +122,7 @@ impl SelfTest {
                 if self.rows.len() == MOST_ROWS {
                     return Err(bad("there are too many"));
                 }
-                self.rows.push(Row {
+                self.rows.push(SelfTestRow {
                     name: name.to_owned(),
                     promised,
                     measured,

@@ -740,13 +740,13 @@ fn not_guarded(
     let mut separator = "not guarded: ";
     for (is_open, what) in [
         (*late_text, "text of another clamping"),
-        (*moved_offset, "a work offset, G52 or G92 moved"),
+        (*moved_offset, "a moved offset, G52 or G92"),
         (
             // What is not seen at all is not seen then either.
             *while_probed && !*moved_offset,
-            "a work offset, G52 or G92 moved while probing",
+            "a moved offset, G52 or G92 while probing",
         ),
-        (*first_ok, "a setup taught by chance"),
+        (*first_ok, "teaching by chance"),
     ] {
         if is_open {
             write!(f, "{separator}{what}")?;

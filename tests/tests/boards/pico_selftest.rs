@@ -122,7 +122,7 @@ fn faults() -> [Fault; 10] {
             (1, 3),
             DIVIDER,
             HALF_SPEED,
-            "trigger pulses sent and told",
+            "their width of 20 us",
         ),
         machine(
             "the stamps' clock of triggers is half as fast",

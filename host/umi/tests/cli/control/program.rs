@@ -173,7 +173,7 @@ fn what_would_correct_twice_is_said() {
         port,
     ];
     let said = umi(&put).exits(0).out;
-    assert!(said.contains("take [correction] out of the job"), "{said}");
+    assert!(said.contains("say `send = \"never\"` in the job"), "{said}");
 }
 
 /// What is said of a program goes with it: what was tried here is what the board rewrites by.
