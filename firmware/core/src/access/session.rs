@@ -310,10 +310,13 @@ impl HostSession {
         code(&self.keys.from_host, of)
     }
 
-    /// Whether an answer is the board's, unchanged.
+    /// Whether an answer is the board's, unchanged. Sequence numbers come again after 65 536
+    /// requests: an answer that old would pass for the one to the newest request, and is none.
     #[must_use]
     pub fn is_answer(&self, of: &Authenticated<'_>, given: &[u8; CODE]) -> bool {
-        of.counter <= self.counter && is_code(&self.keys.from_board, of, given)
+        let age = self.counter.checked_sub(of.counter);
+        age.is_some_and(|age| age <= u64::from(u16::MAX))
+            && is_code(&self.keys.from_board, of, given)
     }
 }
 
