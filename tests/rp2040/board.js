@@ -1,6 +1,7 @@
 // One board: the chip, what is soldered to it, and what is plugged into it. It outlives resets
 // and power cuts of the chip.
 
+import { CacheControl } from './cache.js';
 import { Chip } from './chip.js';
 import { Nor, connect } from './nor.js';
 import { Stimuli } from './stimuli.js';
@@ -8,6 +9,7 @@ import { Control, Uart } from './uart.js';
 import { UsbHost } from './usb.js';
 
 const UART0 = 0x40034, UART0_IRQ = 20;
+const XIP_CTRL = 0x14000;
 const NOR_SELECT = 5;
 const AXIS_PINS = [8, 10, 12, 14];
 /** Laser enable, trigger out, LED, OK, NG, busy. */
@@ -51,6 +53,7 @@ export class Board {
     const uart = new Uart(chip, this.control, UART0_IRQ);
     chip.rp.uart[0] = uart;
     chip.rp.peripherals[UART0] = uart;
+    chip.rp.peripherals[XIP_CTRL] = new CacheControl(chip);
     this.control.uart = uart;
     this.usb.connect(chip);
     connect(this.nor, chip, NOR_SELECT);

@@ -8,8 +8,11 @@
 //
 // The datasheet does not say which way a new line takes: here the one that was used longer ago. It
 // does not say either whether the core may go on with the first half of a line: here it may not.
-// Both are the dearer assumption. What the core fetches ahead is not modelled: a line is asked for
+// Both are the dearer assumption. The counters (2.6.3.3) see the core's own accesses only, and what
+// the core executes from one line in a row is one access here, where the chip counts each word. What the core fetches ahead is not modelled: a line is asked for
 // when its first instruction is executed.
+
+import { BasePeripheral } from 'rp2040js';
 
 const WAYS = 2;
 const SETS = 16384 / 8 / WAYS;
@@ -21,8 +24,10 @@ export class Cache {
     this.lineCycles = lineCycles;
     /** The line that the core has executed from last: it is there. */
     this.latest = -1;
-    this.hits = 0;
-    this.misses = 0;
+    /** Since the reset, for the program. */
+    this.total = { hits: 0, misses: 0 };
+    /** Since the bench has asked last. */
+    this.asked = { hits: 0, misses: 0 };
     /** Per set: the lines of its ways, the one used last first. */
     this.lines = new Int32Array(SETS * WAYS).fill(-1);
   }
@@ -41,22 +46,75 @@ export class Cache {
     return this.wait(line);
   }
 
+  /** What there was since this was asked last. */
+  takeCounts() {
+    const { total, asked } = this;
+    this.asked = { ...total };
+    return { hits: total.hits - asked.hits, misses: total.misses - asked.misses };
+  }
+
+  /** Nothing is there any more. */
+  flush() {
+    this.lines.fill(-1);
+    this.latest = -1;
+  }
+
   wait(line) {
     const { lines } = this;
     const first = (line % SETS) * WAYS;
     if (lines[first] === line) {
-      this.hits++;
+      this.total.hits++;
       return 0;
     }
     const before = lines[first];
     lines[first] = line;
     if (lines[first + 1] === line) {
       lines[first + 1] = before;
-      this.hits++;
+      this.total.hits++;
       return 0;
     }
     lines[first + 1] = before;
-    this.misses++;
+    this.total.misses++;
     return this.lineCycles;
+  }
+}
+
+const FLUSH = 0x04, STAT = 0x08, CTR_HIT = 0x0c, CTR_ACC = 0x10;
+/** The cache is flushed, and the stream's FIFO is empty. */
+const READY = 0b011;
+
+/** XIP_CTRL: the program's own look at the cache. */
+export class CacheControl extends BasePeripheral {
+  constructor(chip) {
+    super(chip.rp, 'XIP_CTRL');
+    this.cache = chip.core.cache;
+    /** What the counters had when they were cleared. */
+    this.cleared = { hits: 0, accesses: 0 };
+  }
+
+  get accesses() {
+    return this.cache.total.hits + this.cache.total.misses;
+  }
+
+  readUint32(offset) {
+    switch (offset) {
+      case FLUSH: return 0;
+      case STAT: return READY;
+      case CTR_HIT: return this.cache.total.hits - this.cleared.hits;
+      case CTR_ACC: return this.accesses - this.cleared.accesses;
+    }
+    return super.readUint32(offset);
+  }
+
+  writeUint32(offset, value) {
+    switch (offset) {
+      case FLUSH:
+        if (value & 1) this.cache.flush();
+        return;
+      // Whatever is written clears them.
+      case CTR_HIT: this.cleared.hits = this.cache.total.hits; return;
+      case CTR_ACC: this.cleared.accesses = this.accesses; return;
+    }
+    super.writeUint32(offset, value);
   }
 }

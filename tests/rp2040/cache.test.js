@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Cache, LINE_CYCLES } from './cache.js';
+import { Cache, CacheControl, LINE_CYCLES } from './cache.js';
 
 const FLASH = 0x10000000;
 /** So far apart two addresses share a set. */
@@ -14,7 +14,11 @@ test('a line of eight bytes costs once', () => {
   for (const [address, cycles] of [[0, 56], [7, 0], [4, 0], [8, 56], [15, 0], [0, 0]]) {
     assert.equal(cache.read(FLASH + address), cycles, address);
   }
-  assert.deepEqual([cache.hits, cache.misses], [4, 2]);
+  assert.deepEqual(cache.takeCounts(), { hits: 4, misses: 2 });
+  assert.deepEqual(cache.takeCounts(), { hits: 0, misses: 0 });
+  assert.deepEqual(cache.total, { hits: 4, misses: 2 });
+  cache.flush();
+  assert.equal(cache.read(FLASH), LINE_CYCLES);
 });
 
 test('of three lines for two ways the one used longest ago goes', () => {
@@ -42,4 +46,20 @@ test('a constant that takes the place of the running code makes it come again', 
   assert.equal(cache.latest, -1);
   cache.read(FLASH + 2 * WAY);
   assert.equal(cache.fetch(FLASH), 56);
+});
+
+test('the program counts, flushes and clears by XIP_CTRL', () => {
+  const core = { cache: new Cache() };
+  const control = new CacheControl({ rp: {}, core });
+  const [FLUSH, STAT, HIT, ACCESSES] = [0x04, 0x08, 0x0c, 0x10];
+  for (let at = 0; at < 80; at += 4) core.cache.read(FLASH + at);
+  assert.deepEqual([HIT, ACCESSES].map((at) => control.readUint32(at)), [10, 20]);
+  control.writeUint32(HIT, 0);
+  control.writeUint32(ACCESSES, 0);
+  core.cache.read(FLASH);
+  assert.deepEqual([HIT, ACCESSES].map((at) => control.readUint32(at)), [1, 1]);
+  control.writeUint32(FLUSH, 1);
+  assert.equal(control.readUint32(STAT) & 1, 1);
+  assert.equal(core.cache.read(FLASH), LINE_CYCLES);
+  assert.deepEqual([HIT, ACCESSES].map((at) => control.readUint32(at)), [1, 2]);
 });

@@ -279,10 +279,8 @@ class Bench {
       case 'cache': {
         if (chip === null) throw new Error('the board has no power');
         const { cache } = chip.core;
-        const { hits, misses } = cache;
+        const { hits, misses } = cache.takeCounts();
         cache.lineCycles = request.line_cycles ?? cache.lineCycles;
-        cache.hits = 0;
-        cache.misses = 0;
         return { hits, misses, line_cycles: cache.lineCycles };
       }
       case 'dma_hold':

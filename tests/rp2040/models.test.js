@@ -276,3 +276,24 @@ test('the UART takes and gives the same bytes, at the same rate', () => {
     assert.deepEqual(given, took);
   }
 });
+
+test('a line that is looped back hears itself, and not the control', () => {
+  const board = new Board(sleeper(), Buffer.alloc(8));
+  const { chip, control } = board;
+  const { uart } = control;
+  const [DR, FR, IBRD, LCR_H, CR] = [0x00, 0x18, 0x24, 0x2c, 0x30];
+  uart.writeUint32(IBRD, 68);
+  uart.writeUint32(LCR_H, 0x60);
+  uart.writeUint32(CR, 0x381);
+  uart.writeUint32(DR, 0x5a);
+  control.send(Buffer.from('c'));
+  board.run(20 * 68 * 16);
+  assert.equal(uart.readUint32(FR) & 0x10, 0, 'it has come');
+  assert.equal(uart.readUint32(DR), 0x5a);
+  assert.deepEqual([control.heard, control.unheard], [0, 1]);
+  uart.writeUint32(CR, 0x301);
+  uart.writeUint32(DR, 0x5b);
+  board.run(board.cycle + 20 * 68 * 16);
+  assert.deepEqual([control.heard, uart.readUint32(FR) & 0x10], [1, 0x10]);
+  assert.ok(chip.cycle > 0);
+});

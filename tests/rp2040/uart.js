@@ -11,7 +11,7 @@ const DR = 0x00, RSR = 0x04, FR = 0x18, IBRD = 0x24, FBRD = 0x28, LCR_H = 0x2c, 
 const IFLS = 0x34, IMSC = 0x38, RIS = 0x3c, MIS = 0x40, ICR = 0x44, DMACR = 0x48;
 const FR_CTS = 1 << 0, FR_BUSY = 1 << 3, FR_RXFE = 1 << 4, FR_TXFF = 1 << 5, FR_RXFF = 1 << 6, FR_TXFE = 1 << 7;
 const INT_RX = 1 << 4, INT_TX = 1 << 5, INT_RT = 1 << 6, INT_OE = 1 << 10;
-const CR_EN = 1, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_RTS = 1 << 11, CR_CTSEN = 1 << 15;
+const CR_EN = 1, CR_LBE = 1 << 7, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_RTS = 1 << 11, CR_CTSEN = 1 << 15;
 const DR_OE = 1 << 11;
 const FEN = 1 << 4;
 const FIFO_DEPTH = 32;
@@ -40,8 +40,16 @@ export class Uart extends BasePeripheral {
     this.idleAlarm = chip.clock.createAlarm(() => this.timedOut());
   }
 
+  /** rp2040js tells of a new clock; what it makes of a bit is worked out when it is needed. */
+  clkPeriChanged() {}
+
   get hasFifos() {
     return (this.registers.lcr & FEN) !== 0;
+  }
+
+  /** Its output is led to its input inside the chip, RTS to CTS too (TRM 3.3.8, LBE). */
+  get isLooped() {
+    return (this.registers.cr & CR_LBE) !== 0;
   }
 
   get depth() {
@@ -74,6 +82,7 @@ export class Uart extends BasePeripheral {
 
   /** The control's RTS at our CTS pin: asserted when low. */
   get clearToSend() {
+    if (this.isLooped) return (this.registers.cr & CR_RTS) !== 0;
     return !((this.chip.pins.read(this.chip.now) >>> CTS_PIN) & 1);
   }
 
@@ -105,8 +114,10 @@ export class Uart extends BasePeripheral {
     if (this.shifting >= 0) {
       // The next character follows without a gap, to the fraction of a cycle.
       this.start += this.characterBits * this.bitCycles;
-      this.control.take(this.shifting, this.chip.epoch + this.chip.cycle);
+      const byte = this.shifting;
       this.shifting = -1;
+      if (this.isLooped) this.take(byte);
+      else this.control.take(byte, this.chip.epoch + this.chip.cycle);
     }
     if (this.tx.length === 0) this.start = null;
     this.begin();
@@ -127,8 +138,15 @@ export class Uart extends BasePeripheral {
   received() {
     const byte = this.receiving;
     this.receiving = -1;
+    if (byte >= 0 && this.isLooped) this.control.unheard++;
+    else if (byte >= 0) this.take(byte);
+    this.poke();
+  }
+
+  /** A character has come in. */
+  take(byte) {
     const { cr } = this.registers;
-    if (byte >= 0 && cr & CR_EN && cr & CR_RXE) {
+    if (cr & CR_EN && cr & CR_RXE) {
       if (this.rx.length >= this.depth) {
         this.overrun = true;
         this.control.overruns++;
@@ -141,8 +159,7 @@ export class Uart extends BasePeripheral {
       if (this.rx.length >= (this.hasFifos ? this.level(3) : 1)) this.raw |= INT_RX;
       if (this.hasFifos) this.idleAlarm.at(this.chip.cycle + Math.ceil(32 * this.bitCycles));
       this.checkInterrupts();
-    } else if (byte >= 0) this.control.unheard++;
-    this.poke();
+    } else this.control.unheard++;
   }
 
   timedOut() {

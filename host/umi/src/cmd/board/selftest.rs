@@ -21,10 +21,10 @@ Examples:
   umi selftest --port /dev/ttyACM0 -o board-7.json
   umi selftest --restarts 100 --json
 
-The board needs the image of the test: `cargo xtask firmware pico` makes pico-selftest.uf2, which
-is copied onto the drive that the board shows while BOOTSEL is pressed. It drives its own encoder,
-skip, trigger and index pins: nothing may be connected to them. It panics and faults once on
-purpose, so it takes two seconds until its port is there.
+The board needs the image of the test: `cargo xtask firmware selftest-pico` makes pico-selftest.uf2,
+which is copied onto the drive that the board shows while BOOTSEL is pressed. It drives its own
+encoder, skip, trigger and index pins: nothing may be connected to them. It panics and faults once
+on purpose, so it takes two seconds until its port is there.
 
 Exit status: 0 all rows pass, 1 usage or connection, 2 a row fails.")]
 pub(crate) struct Selftest {

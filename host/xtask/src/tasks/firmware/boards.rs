@@ -25,6 +25,11 @@ pub(crate) struct Board {
 }
 
 impl Board {
+    /// The folder of its package in `firmware/boards`.
+    pub fn folder(&self) -> &'static str {
+        self.package.strip_prefix("umi-").unwrap_or(self.package)
+    }
+
     /// Whether the processor has a floating-point unit, whose registers interrupts save.
     pub fn has_fpu(&self) -> bool {
         self.target.ends_with("hf")
@@ -114,6 +119,32 @@ pub fn find(name: &str) -> Result<&'static Board> {
         })
 }
 
+/// What comes before a board's name where its self-test is meant: `selftest-pico`.
+const SELF_TEST: &str = "selftest-";
+
+/// What is to be built of a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// All its images.
+    All,
+    /// The one that tests the board.
+    SelfTest,
+}
+
+/// The boards of these names, and what is wanted of each; all of all usual ones if none is named.
+pub fn select_images(names: &[String]) -> Result<Vec<(&'static Board, Wanted)>> {
+    if names.is_empty() {
+        return Ok(usual().map(|board| (board, Wanted::All)).collect());
+    }
+    let image = |name: &String| match name.strip_prefix(SELF_TEST) {
+        // There is one Nucleo.
+        Some("nucleo") => Ok((find("nucleo-h743")?, Wanted::SelfTest)),
+        Some(board) => Ok((find(board)?, Wanted::SelfTest)),
+        None => Ok((find(name)?, Wanted::All)),
+    };
+    names.iter().map(image).collect()
+}
+
 /// The boards of these names; all usual ones if none is named.
 pub fn select(names: &[String]) -> Result<Vec<&'static Board>> {
     if names.is_empty() {
@@ -151,5 +182,32 @@ mod tests {
             .collect();
         assert_eq!(all, ["mps2-an500", "pico", "nucleo-h743"]);
         assert_eq!(select(&["pico".into()]).unwrap()[0].package, "umi-pico");
+    }
+
+    /// A self-test goes by its board's name, or by the short one.
+    #[test]
+    fn names_of_self_tests() {
+        let names = [
+            "selftest-pico",
+            "selftest-nucleo",
+            "selftest-nucleo-h743",
+            "pico",
+        ];
+        let images = select_images(&names.map(String::from)).unwrap();
+        let told: Vec<_> = images
+            .iter()
+            .map(|(board, wanted)| (board.name, *wanted))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                ("pico", Wanted::SelfTest),
+                ("nucleo-h743", Wanted::SelfTest),
+                ("nucleo-h743", Wanted::SelfTest),
+                ("pico", Wanted::All),
+            ]
+        );
+        assert!(select_images(&["selftest-pico3".into()]).is_err());
+        assert_eq!(select_images(&[]).unwrap().len(), 3);
     }
 }

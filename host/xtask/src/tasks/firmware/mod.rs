@@ -17,7 +17,7 @@ use std::process::Command;
 use anyhow::{Context as _, Result, ensure};
 use imagecheck::load;
 
-use self::boards::{Board, Flashing};
+use self::boards::{Board, Flashing, Wanted};
 use self::toolchain::{Compiler, Toolchain, Verb};
 use crate::console;
 use crate::workspace::{Workspace, execute};
@@ -31,10 +31,11 @@ use crate::workspace::{Workspace, execute};
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask firmware                # every board but the pico2\n  cargo xtask firmware pico nucleo-h743   # these"
+    after_help = "Examples:\n  cargo xtask firmware                # every board but the pico2\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
 )]
 pub(crate) struct Arguments {
-    /// The boards; all of them but the pico2 if none is named.
+    /// The boards, or `selftest-` and a board for its self-test alone; all boards but the pico2 if
+    /// none is named.
     boards: Vec<String>,
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
@@ -55,8 +56,8 @@ pub(crate) struct Image {
 
 /// Builds what the arguments name.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
-    let boards = boards::select(&arguments.boards)?;
-    let images = build(workspace, &boards, arguments.toolchain)?.images;
+    let wanted = boards::select_images(&arguments.boards)?;
+    let images = build_images(workspace, &wanted, arguments.toolchain)?.images;
     let mut rows = vec![["image", "target", "flash bytes", "files"].map(String::from)];
     for image in &images {
         let bytes = read(&image.elf)?;
@@ -72,7 +73,45 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         ]);
     }
     console::rows(&rows);
+    for (board, _) in wanted
+        .iter()
+        .filter(|(_, wanted)| *wanted == Wanted::SelfTest)
+    {
+        println!("{}", how_to_test(workspace, board, &images));
+    }
     Ok(())
+}
+
+/// What to do with the image of a self-test.
+fn how_to_test(workspace: &Workspace, board: &Board, images: &[Image]) -> String {
+    let name = image_name(board, SELF_TEST_BINARY);
+    let elf = images.iter().find(|image| image.name == name);
+    let file = |end: &str| {
+        let file = elf.map_or_else(PathBuf::new, |image| image.elf.with_extension(end));
+        let short = file.strip_prefix(&workspace.root).unwrap_or(&file);
+        short.display().to_string()
+    };
+    let wiring = format!("firmware/boards/{}/README.md", board.folder());
+    let probe = |chip| {
+        format!(
+            "  by a debug probe    probe-rs download --chip {chip} {elf}\n                      probe-rs reset --chip {chip}",
+            elf = file("elf")
+        )
+    };
+    let ways = match board.flashing {
+        Flashing::Emulator => String::new(),
+        Flashing::Probe { chip } => probe(chip),
+        Flashing::ProbeOrDrive { chip, family } => format!(
+            "  without a probe     hold BOOTSEL while the board is plugged in, and copy {}\n                      onto the drive {} that appears\n{}",
+            file("uf2"),
+            family.board_id(),
+            probe(chip)
+        ),
+    };
+    format!(
+        "\n{name}: the board drives its own inputs. Read \"Self-test\" in {wiring} first:\nwhat may be connected, and what must be.\n{ways}\n  then                wait two seconds, and: umi selftest -o {}-1.json",
+        board.name
+    )
 }
 
 /// What was built.
@@ -90,6 +129,19 @@ pub fn build(
     boards: &[&'static Board],
     asked: Option<Toolchain>,
 ) -> Result<Built> {
+    let all: Vec<_> = boards.iter().map(|board| (*board, Wanted::All)).collect();
+    build_images(workspace, &all, asked)
+}
+
+/// The binary of a board's self-test.
+const SELF_TEST_BINARY: &str = "selftest";
+
+/// Builds what is wanted of these boards, with this compiler or the first that is there.
+fn build_images(
+    workspace: &Workspace,
+    wanted: &[(&'static Board, Wanted)],
+    asked: Option<Toolchain>,
+) -> Result<Built> {
     let toolchain = toolchain::choose(workspace, asked)?;
     let compiler = toolchain.compiler(workspace)?;
     dependencies::check(workspace)?;
@@ -99,9 +151,17 @@ pub fn build(
     let folder = folder(workspace, toolchain);
     fs::create_dir_all(&folder)?;
     let mut images = Vec::new();
-    for board in boards {
-        let binaries = binaries(&packages, board)?;
-        build_board(workspace, toolchain, board)?;
+    for (board, wanted) in wanted {
+        let mut binaries = binaries(&packages, board)?;
+        if *wanted == Wanted::SelfTest {
+            binaries.retain(|binary| binary == SELF_TEST_BINARY);
+            ensure!(
+                !binaries.is_empty(),
+                "there is no self-test of the board `{}`",
+                board.name
+            );
+        }
+        build_board(workspace, toolchain, board, *wanted)?;
         for binary in binaries {
             let built = toolchain
                 .build(workspace)
@@ -160,8 +220,18 @@ pub fn lint(workspace: &Workspace) -> Result<()> {
     Ok(())
 }
 
-fn build_board(workspace: &Workspace, toolchain: Toolchain, board: &Board) -> Result<()> {
-    execute(cargo(workspace, toolchain, Verb::Build, board)?.arg("--bins"))
+fn build_board(
+    workspace: &Workspace,
+    toolchain: Toolchain,
+    board: &Board,
+    wanted: Wanted,
+) -> Result<()> {
+    let mut command = cargo(workspace, toolchain, Verb::Build, board)?;
+    match wanted {
+        Wanted::All => command.arg("--bins"),
+        Wanted::SelfTest => command.args(["--bin", SELF_TEST_BINARY]),
+    };
+    execute(&mut command)
         .with_context(|| format!("the firmware of board `{}` does not build", board.name))
 }
 

@@ -8,16 +8,17 @@
 //!
 //! # Design
 //!
-//! Captures, decoders, rings and pulses are the application's own files. What is driven are the
-//! pins' own outputs, which the state machines read back: **nothing may be connected to the
-//! encoders', skip, trigger and index pins**. It needs no wire.
+//! Captures, decoders, rings, pulses and the control's line are the application's own files. What is
+//! driven are the pins' own outputs, which the state machines read back: **nothing may be connected
+//! to the encoders', skip, trigger and index pins**. The line's output is led back inside the chip.
+//! It needs no wire.
 //!
 //! The table is text, fields between tabs: `selftest`, version, board, firmware; then `row`, name,
 //! promised, measured, unit, `pass` or `fail`; then `end`, rows, failed ones.
 //!
 //! # Limitations
 //!
-//! Receivers, isolators, the control's line and the flash are not tested. A crystal that is off
+//! Receivers, isolators, the pins of the control's line and the journal's flash are not tested. A crystal that is off
 //! shifts everything alike, and shows in nothing here.
 #![no_std]
 #![no_main]
@@ -34,12 +35,14 @@ mod crash_note;
 mod drive;
 #[path = "../../edge_pins.rs"]
 mod edge_pins;
+mod flash_cache;
 #[path = "../../guard.rs"]
 mod guard;
 #[path = "../../latch.rs"]
 mod latch;
 #[path = "../../lights.rs"]
 mod lights;
+mod loopback;
 mod measure;
 mod past;
 #[path = "../../pin_mux.rs"]
@@ -63,6 +66,8 @@ mod stamps;
 mod tick;
 #[path = "../../trigger_out.rs"]
 mod trigger_out;
+#[path = "../../uart.rs"]
+mod uart;
 
 use core::panic::PanicInfo;
 
@@ -103,6 +108,7 @@ fn main() -> ! {
     pin_mux::connect();
     drive::start();
     latch::start();
+    loopback::start();
     interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);
     TASKS
         .init(Executor::new())

@@ -11,11 +11,13 @@ use umi_protocol::latch::{
 
 use crate::clock;
 use crate::drive::{self, Encoders};
+use crate::flash_cache;
 use crate::latch::{self, CAPTURES, Station};
+use crate::loopback;
 use crate::past::Past;
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT};
 use crate::report::{Asked, Table};
-use crate::resources::SKIP_MACHINE;
+use crate::resources::{CYCLES_PER_US, SKIP_MACHINE};
 
 /// What each axis is moved, one count a microsecond.
 const WAYS: [i64; AXES] = [4000, -3000, 2000, -1000];
@@ -49,6 +51,19 @@ const PULSE: TriggerPulse = TriggerPulse {
 const PULSE_US: u32 = 5_000;
 /// A stamp is known to two cycles; both ends have one.
 const PULSE_NS: i64 = 32;
+
+const FAST_BAUD: u32 = 115_200;
+const SLOW_BAUD: u32 = 19_200;
+/// Half a percent of 255 characters.
+const FAST_OFF_US: i64 = 255 * 10 * 1_000_000 / FAST_BAUD as i64 / 200;
+const SLOW_OFF_US: i64 = 255 * 10 * 1_000_000 / SLOW_BAUD as i64 / 200;
+/// What the figures of the README are made with. The RP2350 has other figures, which nobody knows
+/// yet: there is no promise to hold.
+const LINE_CYCLES: i64 = if cfg!(feature = "rp2350") {
+    i32::MAX as i64
+} else {
+    56
+};
 
 /// Everything, one after the other.
 pub async fn all<L: LinkTx>(
@@ -86,6 +101,8 @@ pub async fn all<L: LinkTx>(
     table.exactly("illegal transitions", 0, more, "").await?;
     let lost = i64::from(after.lost_samples).wrapping_sub(before.lost_samples.into());
     table.exactly("losses of samples", 0, lost, "").await?;
+    line(&mut table).await?;
+    cache(&mut table).await?;
     restarted(station, &mut encoders, asked.restarts, &mut table).await?;
     table.end().await
 }
@@ -342,6 +359,61 @@ async fn pulses<L: LinkTx>(
         .await?;
     table
         .at_most("their interval of 5 ms", PULSE_NS, worst_interval, "ns off")
+        .await
+}
+
+/// The control's line, led back inside the chip.
+async fn line<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
+    let all = i64::from(loopback::CHARACTERS);
+    let fast = loopback::run(FAST_BAUD).await;
+    let slow = loopback::run(SLOW_BAUD).await;
+    let right = fast.right.min(slow.right).into();
+    table
+        .exactly("characters that come back", all, right, "")
+        .await?;
+    let lost = i64::from(fast.lost) + i64::from(slow.lost);
+    table.exactly("characters lost", 0, lost, "").await?;
+    table
+        .at_most(
+            "their time at 115200 baud",
+            FAST_OFF_US,
+            fast.off_us.into(),
+            "us off",
+        )
+        .await?;
+    table
+        .at_most(
+            "their time at 19200 baud",
+            SLOW_OFF_US,
+            slow.off_us.into(),
+            "us off",
+        )
+        .await
+}
+
+/// Whether the flash's cache counts, and what a line of the flash takes.
+async fn cache<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
+    let lines = i64::from(flash_cache::LINES);
+    let seen = flash_cache::measure();
+    table
+        .exactly(
+            "reads of the flash counted",
+            2 * lines,
+            seen.reads.into(),
+            "",
+        )
+        .await?;
+    table
+        .exactly("of them found in its cache", lines, seen.hits.into(), "")
+        .await?;
+    let cycles = i64::from(seen.longer_us) * i64::from(CYCLES_PER_US);
+    table
+        .at_most(
+            "a line that is not",
+            LINE_CYCLES,
+            (cycles + lines / 2) / lines,
+            "cycles",
+        )
         .await
 }
 
