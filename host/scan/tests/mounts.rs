@@ -274,6 +274,31 @@ fn exact_sets_give_back_the_truth_from_any_guess() {
     }
 }
 
+/// A guess that puts a small ball wholly beside its points has valleys of its own where the
+/// ball's centre is known: a mount 10 mm and 10° off, which leaves millimetres.
+#[test]
+fn a_small_ball_of_known_centre_is_found_from_any_guess() {
+    for seed in 0..25 {
+        let mut random = Random(seed);
+        let all = spheres(&BALLS, 7.0, BOTH, along_z(0.0), &mut random);
+        // Short profiles: three or four samples on the ball.
+        let mut few = all.clone();
+        few.points = all.points.iter().step_by(4).copied().collect();
+        let names = all.features.iter().cloned();
+        let options = SensorOptions {
+            centres: Some(names.zip(BALLS).collect()),
+            ..on_sphere(Some(7.0))
+        };
+        let answer = sensor(&few, &guess(&mut random), &options)
+            .unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        let (turn, shift) = off(&answer);
+        assert!(
+            turn < 1e-10 && shift < 1e-8,
+            "seed {seed}: {turn:e} {shift:e}"
+        );
+    }
+}
+
 #[test]
 fn what_the_poses_leave_open_is_counted_also_with_noise() {
     let mut random = Random(2);

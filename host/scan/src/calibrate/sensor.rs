@@ -341,7 +341,11 @@ fn best_start(first: MountModel<'_>) -> MountModel<'_> {
     }
 }
 
+/// The least that descents from the first guess and from around it reach. Where balls of known
+/// centres still stand beside their points, the mount is looked for on a grid about the guess.
 fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
+    /// A fit that leaves more than this share of the ball's radius has not found the ball.
+    const BESIDE: f64 = 0.01;
     let mut starts = vec![first.clone()];
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
@@ -358,6 +362,37 @@ fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
             starts.push(shifted);
         }
     }
+    let (least, best) = least_of(&first, starts);
+    let rms_mm = (least / first.all.points.len() as f64).sqrt();
+    if !first.centres_known || rms_mm <= BESIDE * best.radius_mm {
+        return best;
+    }
+    let (beside, grid) = least_of(&first, around(&first));
+    if beside < least { grid } else { best }
+}
+
+/// Mounts about the first guess, 20 mm and 6° around it.
+fn around<'a>(first: &MountModel<'a>) -> Vec<MountModel<'a>> {
+    const SHIFTS_MM: [f64; 3] = [-12.0, 0.0, 12.0];
+    let turns = (0..3).flat_map(|axis| [-0.07, 0.07].map(|angle| Vector3::ith(axis, angle)));
+    let mut mounts = Vec::new();
+    for turn in turns.chain([Vector3::zeros()]) {
+        for place in 0..SHIFTS_MM.len().pow(3) {
+            let shift = Vector3::from_fn(|axis, _| {
+                let by = SHIFTS_MM[place / SHIFTS_MM.len().pow(axis as u32) % SHIFTS_MM.len()];
+                if first.sought[3 + axis] { by } else { 0.0 }
+            });
+            let mut moved = first.clone();
+            moved.mount.rotation = rotation(&turn) * moved.mount.rotation;
+            moved.mount.translation_mm += shift;
+            mounts.push(moved);
+        }
+    }
+    mounts
+}
+
+/// The least sum of squares that these reach, near the first guess.
+fn least_of<'a>(first: &MountModel<'a>, starts: Vec<MountModel<'a>>) -> (f64, MountModel<'a>) {
     let mut best: Option<(f64, MountModel<'_>)> = None;
     for mut model in starts {
         let ssq = descend(&mut model, 60);
@@ -367,7 +402,7 @@ fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
             best = Some((ssq, model));
         }
     }
-    best.map_or(first, |(_, model)| model)
+    best.unwrap_or_else(|| (f64::INFINITY, first.clone()))
 }
 
 fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {

@@ -26,7 +26,7 @@ const MOST_STEPS: usize = 200;
 /// A sum of squares, in mm², that is nothing but rounding: 0.1 nm.
 const ROUNDING: f64 = 1e-14 * 1e-6;
 /// Steps of Gauss and Newton at the end.
-const LAST_STEPS: usize = 12;
+const LAST_STEPS: usize = 40;
 
 /// Fills in the derivatives of a residual.
 pub(super) type Derivatives<'a> = dyn FnMut(&mut [f64]) + 'a;
@@ -110,12 +110,9 @@ fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
         // The change of the residuals that the step promises, beside the noise in them.
         let promised = (&reduced.r * &step).norm_squared();
         converged = promised <= 1e-12 * last + ROUNDING;
-        let mut next = model.clone();
-        next.step(step.as_slice());
-        let ssq = next.ssq();
-        if ssq.is_nan() || ssq > last * (1.0 + 1e-9) + ROUNDING {
+        let Some((next, ssq)) = shortened(&model, &step, last) else {
             break;
-        }
+        };
         model = next;
         last = ssq;
         if promised <= 1e-24 * ssq + 1e-28 {
@@ -133,6 +130,22 @@ fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
         seen: seen.shares,
         converged,
     }
+}
+
+/// The step, or a half, a quarter of it: what is badly seen goes too far by the first.
+fn shortened<M: Model>(model: &M, step: &DVector<f64>, last: f64) -> Option<(M, f64)> {
+    const HALVINGS: i32 = 10;
+    (0..HALVINGS).find_map(|halvings| {
+        let mut next = model.clone();
+        next.step((step * 0.5_f64.powi(halvings)).as_slice());
+        let ssq = next.ssq();
+        // A whole step at the optimum may be worse by rounding.
+        let most = match halvings {
+            0 => last * (1.0 + 1e-9) + ROUNDING,
+            _ => last,
+        };
+        (ssq <= most).then_some((next, ssq))
+    })
 }
 
 /// Levenberg-Marquardt; ends where the sum of squares falls no more. The sum it reaches.
