@@ -454,6 +454,52 @@ pub enum TeachWhat {
     More,
 }
 
+/// A teaching that somebody has asked for and that has not happened yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub struct TeachPending {
+    /// Who asked.
+    pub by: TeachBy,
+    /// What is to be taught.
+    pub what: TeachWhat,
+    /// When it was asked for, since the board started.
+    pub t_us: u64,
+    /// By which setup.
+    pub setup: TeachSetup,
+}
+
+/// Who asks to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum TeachBy {
+    /// A host.
+    Host,
+    /// The board's button.
+    Button,
+    /// A checked line of the control. It asks for its own run alone.
+    Line,
+}
+
+/// Which setup is to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum TeachSetup {
+    /// The one that comes next.
+    Next,
+    /// The one under way.
+    UnderWay {
+        /// Its number.
+        setup: u32,
+    },
+    /// One that was refused: it teaches only if what was refused is probed again now.
+    Refused {
+        /// Its number.
+        setup: u32,
+    },
+}
+
 impl TeachRefusal {
     /// The stable code.
     #[must_use]
@@ -827,6 +873,9 @@ pub struct Status {
     pub job_lost: Option<JobLoss>,
     /// Whether a reference has been taught or given.
     pub has_reference: bool,
+    /// A teaching that was asked for and has not happened yet. A board that starts anew has
+    /// not been asked.
+    pub teaching: Option<TeachPending>,
     /// Verdicts reached.
     pub verdicts: u32,
     /// Of these, OK.

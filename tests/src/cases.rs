@@ -17,6 +17,7 @@ use umi_core::units::Micros;
 use umi_protocol::job::Job;
 use umi_protocol::message::{Record, Status};
 use umi_protocol::pattern::Coding;
+use umi_protocol::program::Withheld;
 use umi_protocol::verdict::Verdict;
 
 use crate::rig::Rig;
@@ -152,10 +153,36 @@ pub fn journal_with(
 
 /// What goes to the control until it is quiet.
 pub fn receive_all(rig: &mut dyn Rig) -> String {
-    let quiet = Duration::from_millis(50);
+    if rig.has_own_time() {
+        let mut text = String::new();
+        while let Some(byte) = rig.control_receives(Duration::from_millis(50)) {
+            text.push(char::from(byte));
+        }
+        return text;
+    }
+    let slowness = rig.slowness();
+    until_quiet(slowness, |patience| rig.control_receives(patience))
+}
+
+/// What comes until it is quiet for 50 ms of a machine that keeps up. On a loaded one a board is
+/// silent because nobody lets it run, and so is whoever waits for it: a wait that ends late says
+/// nothing about silence. After three seconds without a character it is quiet in any case.
+pub fn until_quiet(slowness: u32, mut next: impl FnMut(Duration) -> Option<u8>) -> String {
+    const PIECE: Duration = Duration::from_millis(5);
+    const PIECES: u32 = 10;
+    const IN_ANY_CASE: Duration = Duration::from_secs(3);
     let mut text = String::new();
-    while let Some(byte) = rig.control_receives(quiet) {
-        text.push(char::from(byte));
+    let (mut in_time, mut silent_since) = (0, Instant::now());
+    while in_time < PIECES && silent_since.elapsed() < IN_ANY_CASE * slowness {
+        let begun = Instant::now();
+        match next(PIECE) {
+            Some(byte) => {
+                text.push(char::from(byte));
+                (in_time, silent_since) = (0, Instant::now());
+            }
+            None if begun.elapsed() < 2 * PIECE * slowness => in_time += 1,
+            None => in_time = 0,
+        }
     }
     text
 }
@@ -173,7 +200,12 @@ pub fn receive_program(rig: &mut dyn Rig) -> String {
 
 /// What READ gets without an OK verdict: it raises an alarm.
 pub fn alarm() -> String {
-    umi_core::correction::alarm(&job().correction.unwrap(), Coding::Ascii)
+    alarm_for(&Withheld::NoVerdict)
+}
+
+/// What READ gets in place of a correction, for this reason.
+pub fn alarm_for(why: &Withheld) -> String {
+    umi_core::correction::alarm(&job().correction.unwrap(), why, Coding::Ascii)
         .unwrap()
         .as_str()
         .to_owned()

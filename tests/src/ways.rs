@@ -24,6 +24,8 @@ enum Step {
     Prints(String),
     /// The control prints this, and the macro ends in this alarm.
     Stops(String, String),
+    /// The probe touches, and nothing of it comes.
+    Touches,
     /// The control reads in this run, and carries out what it gets.
     Reads(u32),
 }
@@ -315,7 +317,14 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Probing { between: "#5203=0.02", ..clean(22, HERE) }.step(),
             Step::Reads(22),
         ]),
-        ("As it should be, again", vec![clean(23, THERE).step(), Step::Reads(23)]),
+        ("`G51 X0 Y0 Z0 P2.` is active", vec![before(23, "G51 X0 Y0 Z0 P2.").step(), Step::Reads(23)]),
+        ("`T2.` was left in the program", vec![
+            words(24, [0.1, 0.2, 0.0], "T2.").step(),
+            Step::Reads(24),
+            words(25, HERE, "T2.").step(),
+            Step::Reads(25),
+        ]),
+        ("As it should be, again", vec![clean(26, THERE).step(), Step::Reads(26)]),
         ("Blocks without run numbers, balls in order 2, 3, 1", vec![
             Step::Sets(Box::new(job())),
             Step::Prints(turned(0)),
@@ -330,6 +339,11 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(clamping(1)),
             Step::Reads(2),
             Step::Reads(3),
+        ]),
+        ("The same, a correction that nobody has read; the next setup is touched, and nothing of it comes", vec![
+            Step::Prints(clamping(2)),
+            Step::Touches,
+            Step::Reads(4),
         ]),
         ("Blocks behind the lines of O8811 (`examples/three-spheres-run.toml`): taught, corrected; and the control reads in the next run", vec![
             Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
@@ -409,6 +423,14 @@ pub fn page(rig: &mut dyn Rig) -> String {
                     for said in verdict.reasons.iter().chain(&verdict.remarks) {
                         let _ = writeln!(page, "     {said}.");
                     }
+                }
+                Step::Touches => {
+                    rig.skip();
+                    until(rig, "the touch", |_| {
+                        let status = client.status().unwrap();
+                        (!status.correction_waiting).then_some(())
+                    });
+                    let _ = writeln!(page, "   * The probe touches.");
                 }
                 Step::Reads(run) => {
                     rig.control_sends(DC1);

@@ -5,7 +5,7 @@ use umi_core::brain::{Brain, Output};
 use umi_core::job::Teaching;
 use umi_core::units::Micros;
 use umi_protocol::fault::{Fault, FaultCode};
-use umi_protocol::message::{MAX_RECORD, Record, TeachWhat};
+use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
 use umi_protocol::schema::max_len;
 
 use crate::measure::settings::{kept, points};
@@ -271,10 +271,10 @@ impl Replay {
                 } else {
                     TeachWhat::Again
                 };
-                let _ = brain.teach(what, out);
+                let _ = brain.teach(now, TeachBy::Host, what, out);
             }
             Record::ButtonHeld { refused: None } => {
-                let _ = brain.teach(TeachWhat::Reference, out);
+                let _ = brain.teach(now, TeachBy::Button, TeachWhat::Reference, out);
             }
             Record::ButtonHeld { refused: Some(_) } => {}
             _ => brain.input_ended(now, out),

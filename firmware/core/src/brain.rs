@@ -14,7 +14,7 @@ use umi_protocol::job::Job;
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::LatchReport;
 use umi_protocol::line::{HitReport, LineReport};
-use umi_protocol::message::{TeachRefusal, TeachWhat};
+use umi_protocol::message::{TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::pattern::Coding;
 use umi_protocol::verdict::Verdict;
 
@@ -152,10 +152,12 @@ impl Brain {
     /// Why there is nothing to teach: nothing has changed.
     pub fn teach(
         &mut self,
+        now: Micros,
+        by: TeachBy,
         what: TeachWhat,
         out: &mut impl FnMut(Output<'_>),
     ) -> Result<(), TeachRefusal> {
-        self.run.teach(what, &mut decisions(out))
+        self.run.teach(now, by, what, &mut decisions(out))
     }
 
     /// When [`Self::on_time`] is due.

@@ -20,7 +20,7 @@
 mod scatter;
 
 use nalgebra::{Rotation3, Vector3};
-use umi_core::job::{against_places, closing, datums, fixed, touches_again};
+use umi_core::job::{against_places, closing, datums, fixed, touch_begins_anew, touches_again};
 use umi_core::registration::register;
 use umi_core::units::Point;
 use umi_protocol::job::{Job, Reference, Teach};
@@ -36,6 +36,8 @@ pub enum SeenFrom {
     Always,
     /// From this size on, µm.
     Size(f64),
+    /// Not before so many seconds have passed.
+    After(u32),
     /// Never, up to a metre.
     Never,
 }
@@ -98,8 +100,16 @@ impl GuardTable {
             row(
                 "stale_read",
                 "READ gets an older, unread correction",
-                when(has_run),
-                "run_variable",
+                if has_run {
+                    SeenFrom::Always
+                } else {
+                    SeenFrom::After(job.plate_timeout_s)
+                },
+                if touch_begins_anew(job) {
+                    "run_variable, skip line"
+                } else {
+                    "run_variable"
+                },
             ),
             row(
                 "offset_changed",
@@ -543,6 +553,7 @@ fn least(a: SeenFrom, b: SeenFrom) -> SeenFrom {
         (SeenFrom::Size(a), SeenFrom::Never) | (SeenFrom::Never, SeenFrom::Size(a)) => {
             SeenFrom::Size(a)
         }
+        (SeenFrom::After(_), other) | (other, SeenFrom::After(_)) => other,
         (SeenFrom::Never, SeenFrom::Never) => SeenFrom::Never,
     }
 }
@@ -655,6 +666,11 @@ mod tests {
             let expected = code == "order";
             assert_eq!(seen(&less, code) == SeenFrom::Always, expected, "{code}");
         }
+        // Without runs a correction that nobody has read waits for as long as it may.
+        let mut three = job(THREE);
+        assert_eq!(seen(&three, "stale_read"), SeenFrom::After(1800));
+        three.plate_timeout_s = 90;
+        assert_eq!(seen(&three, "stale_read"), SeenFrom::After(90));
         // Macros that print blocks do not look again.
         let announced = job(include_str!("../../../examples/three-spheres-run.toml"));
         assert_eq!(seen(&announced, "shift_active"), SeenFrom::Always);

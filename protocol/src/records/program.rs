@@ -135,10 +135,8 @@ pub enum UnitRule {
 #[postcard(crate = crate)]
 #[serde(rename_all = "snake_case")]
 pub enum Withheld {
-    /// There is no OK verdict, it holds no more, or what it gives has gone out.
-    #[error(
-        "there is no OK verdict that holds, or the part was only taught, or its correction has gone out: probe the part"
-    )]
+    /// There is no OK verdict, or it holds no more.
+    #[error("there is no OK verdict that holds: probe the part")]
     NoVerdict,
     /// There is no such program.
     #[strum(serialize = "program_not_there")]
@@ -217,6 +215,12 @@ pub enum Withheld {
         "the board's owner allows no program without a verdict (umi config get: ceilings.always)"
     )]
     AlwaysForbidden,
+    /// The setup was taught: where it stands is where the program wants it.
+    #[error("the setup was taught, and needs no correction: probe the next one")]
+    OnlyTaught,
+    /// The correction of the latest verdict has gone out.
+    #[error("the correction of the latest verdict has gone out: probe the part again")]
+    CorrectionGone,
 }
 
 impl Withheld {
@@ -247,6 +251,8 @@ impl Withheld {
             Self::NotJournaled => "JOURNAL NOT WRITTEN",
             Self::JournalFull => "JOURNAL FULL - UMI LOG ACK",
             Self::AlwaysForbidden => "OWNER FORBIDS WITHOUT PROBE",
+            Self::OnlyTaught => "TAUGHT - NO CORRECTION",
+            Self::CorrectionGone => "CORRECTION WENT OUT",
         }
     }
 }

@@ -655,6 +655,11 @@ pub enum Reason {
         "the run did not say whether G52 or G92 shifts its coordinates: its macros are older than the job's `frame`; load all of hw/control"
     )]
     ShiftUnknown,
+    /// A line asks to replace the reference that the setup before was made by such a line.
+    #[error(
+        "the setup before was taught by `T2.` as well, and a program that goes on to say it would teach each setup: take `T2.` out of it, or ask at the host (`umi teach --again`)"
+    )]
+    TaughtTwice,
 }
 
 /// Why a fit or a registration was refused.

@@ -26,7 +26,7 @@ use umi_protocol::latch::{
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{
     Event, Identity, JobLoss, JournalInfo, LineRefusal, Record, Request, ResetReason, Response,
-    Status, TeachRefusal, TeachWhat,
+    Status, TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat,
 };
 use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
@@ -643,6 +643,12 @@ fn status() -> Status {
         job: Some(text("PLATE")),
         job_lost: Some(JobLoss::Damaged),
         has_reference: true,
+        teaching: Some(TeachPending {
+            by: TeachBy::Line,
+            what: TeachWhat::Again,
+            t_us: 3_000_000,
+            setup: TeachSetup::Refused { setup: 2 },
+        }),
         verdicts: 3,
         verdicts_ok: 2,
         last_verdict_ok: Some(false),

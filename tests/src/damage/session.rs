@@ -9,7 +9,7 @@ use umi_core::registration::RigidTransform;
 use umi_core::units::{Micros, Point};
 use umi_protocol::job::{Compensation, Job, Teach};
 use umi_protocol::line::LineStatus;
-use umi_protocol::message::TeachWhat;
+use umi_protocol::message::{TeachBy, TeachWhat};
 use umi_protocol::verdict::Verdict;
 
 use super::WRONG_MM;
@@ -133,7 +133,8 @@ impl<'a> Session<'a> {
         }
         if asked && !self.plan.job.guards.frame {
             // There is no line for it: somebody asks at the host.
-            let _ = self.brain.teach(TeachWhat::Again, &mut |_| {});
+            let (now, by) = (Micros(self.now), TeachBy::Host);
+            let _ = self.brain.teach(now, by, TeachWhat::Again, &mut |_| {});
         }
         self.print(&taught.lines);
         let spoilt = match self.kind {

@@ -37,6 +37,11 @@ pub trait Rig {
         BEGUN.elapsed() / self.slowness()
     }
 
+    /// Whether that time is the board's own, and does not run on while nobody lets it run.
+    fn has_own_time(&self) -> bool {
+        false
+    }
+
     /// Plugs the host's cable in. What was plugged in before is not any more.
     fn connect(&mut self) -> Box<dyn Transport>;
 

@@ -186,6 +186,10 @@ impl Rig for PicoRig {
         self.emulator.state().json["uart"]["baud"].as_f64()
     }
 
+    fn has_own_time(&self) -> bool {
+        true
+    }
+
     fn control_receives(&mut self, patience: Duration) -> Option<u8> {
         // What is there needs no look at the clock, which costs a turn of the emulator.
         let mut byte = [0];

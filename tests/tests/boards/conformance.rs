@@ -13,7 +13,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::message::{Event, Record, Request, ResetReason};
 use umi_protocol::pattern::Handshake;
-use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated, Withheld};
 use umi_tests::cases::*;
 use umi_tests::rig::Rig;
 
@@ -26,6 +26,7 @@ umi_tests::on_every_board! {
     judges_the_golden_session_bit_for_bit
     stops_within_ten_characters
     refuses_a_damaged_setup
+    a_touch_takes_an_unread_correction_back
     latches_skips_and_triggers_with_their_positions
     sums_up_a_scan_after_a_quiet_second
     sends_pulses_along_an_axis
@@ -93,7 +94,7 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
         let verdict = client.verdict().unwrap().unwrap();
         rig.control_sends(DC1);
         let program = verdict.correction.map(|c| c.text.as_str().to_owned());
-        let program = program.unwrap_or_else(alarm);
+        let program = program.unwrap_or_else(|| alarm_for(&Withheld::OnlyTaught));
         assert_eq!(receive(rig, program.len()), program);
         bytes += text.len() + 1;
     }
@@ -103,7 +104,7 @@ fn judges_the_golden_session_bit_for_bit(rig: &mut dyn Rig) {
     });
     rig.control_sends(DC1);
     // A correction goes out once.
-    receive_text(rig, &alarm());
+    receive_text(rig, &alarm_for(&Withheld::CorrectionGone));
     let (records, findings) = journal_with(rig, &mut client, bytes + 1);
     let decided = records
         .iter()
@@ -151,6 +152,21 @@ fn stops_within_ten_characters(rig: &mut dyn Rig) {
         }
     }
     assert_eq!(receive_all(rig), "");
+}
+
+/// Blocks without run numbers: a correction that nobody has read does not wait for the setup that
+/// is being probed next, of which nothing may come.
+fn a_touch_takes_an_unread_correction_back(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    measure_two(rig, &mut client);
+    assert!(client.status().unwrap().correction_waiting);
+    rig.skip();
+    until(rig, "the touch", |_| {
+        let status = client.status().unwrap();
+        (!status.correction_waiting).then_some(())
+    });
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
 }
 
 /// A line of a setup is damaged: NG with its reason, and READ gets an alarm.

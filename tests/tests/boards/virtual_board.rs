@@ -15,8 +15,9 @@ use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::message::{Event, Record};
 use umi_protocol::pattern::Coding;
+use umi_protocol::program::Withheld;
 use umi_protocol::verdict::Verdict;
-use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes};
+use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes, until_quiet};
 use umi_virtual::{Config, VirtualBoard};
 
 const DC1: &[u8] = &[0x11];
@@ -37,19 +38,15 @@ fn verdicts_of(bench: &mut Desk, text: &str) -> Vec<Verdict> {
 }
 
 /// What READ gets without an OK verdict.
-fn alarm(job: &Job) -> String {
-    umi_core::correction::alarm(&job.correction.unwrap(), Coding::Ascii)
+fn alarm(job: &Job, why: &Withheld) -> String {
+    umi_core::correction::alarm(&job.correction.unwrap(), why, Coding::Ascii)
         .unwrap()
         .as_str()
         .to_owned()
 }
 
 fn receive_all(board: &VirtualBoard) -> String {
-    let mut text = String::new();
-    while let Some(byte) = board.control_receives(SOON) {
-        text.push(char::from(byte));
-    }
-    text
+    until_quiet(1, |patience| board.control_receives(patience))
 }
 
 /// Waits until the board has taken everything in.
@@ -74,11 +71,15 @@ fn a_session_through_both_ports() {
         assert!(verdicts[0].ok, "{verdicts:?}");
         let program = bench.read_program().unwrap();
         match &verdicts[0].correction {
-            None => assert_eq!((case, program), (0, Some(alarm(&job())))),
+            None => {
+                let taught = alarm(&job(), &Withheld::OnlyTaught);
+                assert_eq!((case, program), (0, Some(taught)));
+            }
             Some(correction) => {
                 assert_eq!(program.as_deref(), Some(correction.text.as_str()));
                 // Once: the next clamping must not get it without probing.
-                assert_eq!(bench.read_program().unwrap(), Some(alarm(&job())));
+                let gone = alarm(&job(), &Withheld::CorrectionGone);
+                assert_eq!(bench.read_program().unwrap(), Some(gone));
             }
         }
     }
@@ -115,12 +116,13 @@ fn two_runs_give_the_same_journal() {
 #[test]
 fn no_program_without_an_ok_verdict() {
     let mut bench = Desk::new(&job()).unwrap();
-    let alarm = Some(alarm(&job()));
+    let taught = Some(alarm(&job(), &Withheld::OnlyTaught));
+    let alarm = Some(alarm(&job(), &Withheld::NoVerdict));
     assert_eq!(bench.read_program().unwrap(), alarm);
     verdicts_of(&mut bench, &clamping(0));
     assert_eq!(
         bench.read_program().unwrap(),
-        alarm,
+        taught,
         "the taught setup has no correction"
     );
     assert!(verdicts_of(&mut bench, &clamping(1))[0].ok);
@@ -163,14 +165,20 @@ fn what_is_no_read_gets_no_alarm() {
     assert_eq!(bench.read_program().unwrap(), None);
 
     let mut bench = Desk::new(&job()).unwrap();
-    assert_eq!(bench.read_program().unwrap(), Some(alarm(&job())));
+    assert_eq!(
+        bench.read_program().unwrap(),
+        Some(alarm(&job(), &Withheld::NoVerdict))
+    );
     bench.board().control_sends(XOFF);
     bench.board().control_sends(DC1);
     assert_eq!(receive_all(bench.board()), "");
     bench.play(XOFF, nobody).unwrap();
     bench.advance(Micros(6_000_000));
     bench.board().control_sends(DC1);
-    assert_eq!(receive_all(bench.board()), alarm(&job()));
+    assert_eq!(
+        receive_all(bench.board()),
+        alarm(&job(), &Withheld::NoVerdict)
+    );
 }
 
 /// After XOFF at most ten characters still come (two, with a UART that holds one),

@@ -81,7 +81,12 @@ fn without_a_journal_nothing_is_sent() {
     assert!(!after.correction_waiting);
     assert!(board.lights().trouble);
     board.control_sends(&[0x11]);
-    let alarm = umi_core::correction::alarm(&job().correction.unwrap(), Coding::Ascii).unwrap();
+    let alarm = umi_core::correction::alarm(
+        &job().correction.unwrap(),
+        &Withheld::NoVerdict,
+        Coding::Ascii,
+    )
+    .unwrap();
     let patience = Duration::from_secs(5);
     let program = alarm.bytes().map(|_| board.control_receives(patience));
     assert!(program.eq(alarm.bytes().map(Some)));

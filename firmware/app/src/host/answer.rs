@@ -200,6 +200,7 @@ fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Sta
         job: brain.job().map(|job| job.name.clone()),
         job_lost: ledger.job_lost.get().copied(),
         has_reference: brain.run().reference().is_some(),
+        teaching: brain.run().teach_pending(),
         verdicts: ledger.verdicts,
         verdicts_ok: ledger.verdicts_ok,
         last_verdict_ok: ledger.last_ok.get().copied(),

@@ -17,6 +17,7 @@ use umi_protocol::latch::SignalLevel;
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Event, Identity, JobLoss, Record, ResetReason, TeachRefusal};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
+use umi_protocol::reason::Reason;
 use umi_protocol::serial::LineSettings;
 use umi_protocol::verdict::Verdict;
 
@@ -401,6 +402,8 @@ impl<F: Flash> Ledger<F> {
                 Some(correction) => correction.text.clone(),
                 None => String::new(),
             },
+            is_gone: false,
+            is_taught: verdict.remarks.iter().any(|of| of.reason == Reason::Taught),
         });
     }
 

@@ -10,7 +10,8 @@
 //! A correction is armed by a verdict OK that *is in the journal*, and by
 //! nothing else. It is disarmed by whatever may mean that the part is measured
 //! again or has changed: any line from the control that is neither a separator nor a repeated
-//! checked line nor asks for a program, a loss, another verdict, a new job, the job's setup time-out. It also goes out
+//! checked line nor asks for a program, a loss, another verdict, a new job, the job's setup time-out,
+//! and, where blocks have no run number, a touch of the probe. It also goes out
 //! once only: the next clamping must not get it by a READ without probing. One
 //! that broke off may be read again. The same verdict releases the part programs that need
 //! one (`delivery`).
@@ -36,6 +37,7 @@ pub(crate) use ledger::Ledger;
 pub use opening::{Boot, Opened, StorageAreas};
 
 use umi_core::brain::Brain;
+use umi_core::job::touch_begins_anew;
 use umi_core::journal::Flash;
 use umi_core::programs::Store;
 use umi_core::units::Micros;
@@ -44,7 +46,7 @@ use umi_protocol::fault::Counters;
 use umi_protocol::job::Job;
 use umi_protocol::job_error::JobError;
 use umi_protocol::latch::LatchCause;
-use umi_protocol::message::{LineRefusal, MAX_RECORD, TeachRefusal, TeachWhat};
+use umi_protocol::message::{LineRefusal, MAX_RECORD, TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::ProgramRefusal;
 use umi_protocol::serial::LineSettings;
@@ -111,7 +113,12 @@ impl<F: Flash> Instrument<F> {
             Input::End => brain.input_ended(now, &mut ledger.listen(now)),
             // Into the brain whether or not it found room in the journal: then no
             // correction is armed anyway.
-            Input::Latch(latch) => brain.latched(latch),
+            Input::Latch(latch) => {
+                brain.latched(latch);
+                if latch.cause == LatchCause::Skip && brain.job().is_some_and(touch_begins_anew) {
+                    ledger.forget();
+                }
+            }
             Input::Scan(_) | Input::Held => {}
         }
         self.keep_punched(now);
@@ -276,7 +283,7 @@ impl<F: Flash> Instrument<F> {
         brain.run().may_teach(what)?;
         ledger.forget();
         ledger.teach_asked(now, what == TeachWhat::More);
-        brain.teach(what, &mut ledger.listen(now))?;
+        brain.teach(now, TeachBy::Host, what, &mut ledger.listen(now))?;
         self.keep_taught(now);
         Ok(())
     }
@@ -292,7 +299,8 @@ impl<F: Flash> Instrument<F> {
         ledger.button_held(now, refused);
         if refused.is_none() {
             // It was asked a moment ago: it is taken.
-            let _ = brain.teach(TeachWhat::Reference, &mut ledger.listen(now));
+            let what = TeachWhat::Reference;
+            let _ = brain.teach(now, TeachBy::Button, what, &mut ledger.listen(now));
             self.keep_taught(now);
         }
     }

@@ -115,10 +115,14 @@ impl<F: Flash> Ledger<F> {
     }
 
     /// Why nothing is released.
-    pub(crate) fn no_verdict(&self) -> Withheld {
-        match self.is_held_back {
-            true => Withheld::JournalFull,
-            false => Withheld::NoVerdict,
+    pub(crate) fn no_verdict(&self, now: Micros) -> Withheld {
+        if self.is_held_back {
+            return Withheld::JournalFull;
+        }
+        match self.released.get().filter(|of| now < of.until) {
+            Some(released) if released.is_taught => Withheld::OnlyTaught,
+            Some(released) if released.is_gone => Withheld::CorrectionGone,
+            _ => Withheld::NoVerdict,
         }
     }
 

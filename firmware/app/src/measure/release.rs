@@ -22,6 +22,10 @@ pub(crate) struct Released {
     pub gone: Vec<u32, MAX_PROGRAMS>,
     /// The correction, as long as it is armed. It is empty after that, and where there is none.
     pub correction: String<MAX_CORRECTION>,
+    /// The correction has gone out.
+    pub is_gone: bool,
+    /// The setup was taught.
+    pub is_taught: bool,
 }
 
 /// A program that the host passes through.

@@ -5,6 +5,7 @@ use core::fmt::{self, Write as _};
 use heapless::String;
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd};
 use umi_protocol::pattern::Coding;
+use umi_protocol::program::Withheld;
 use umi_protocol::verdict::MAX_CORRECTION;
 
 use crate::dprnt::encode;
@@ -17,7 +18,7 @@ use crate::dprnt::encode;
 /// | --- | --- | --- |
 /// | Fanuc's Custom Macro B and what follows it, Haas | `#3000` | their manuals; one without macros raises an alarm of its own about that block |
 /// | the same in EIA, which has no `#` | `M00` | |
-/// | Haas with `E` variables | zeros and a wrong check value: the macro O8830 raises its alarm | `hw/control/haas` |
+/// | Haas with `E` variables | zeros and a check value that is none: the macro O8830 raises its alarm, and says why | `hw/control/haas` |
 /// | Siemens | `SETAL(65000, …)`, then `M0` for ever | public programs, which take 65000 and on for alarms of their own |
 /// | Heidenhain | `FN 14: ERROR = 1072`, then a stop for ever | Autodesk's public post processor, which raises 1072 where a measured position is out of tolerance |
 /// | LinuxCNC | `(ABORT, …)` | tried with its interpreter |
@@ -30,19 +31,46 @@ use crate::dprnt::encode;
 /// that raises an alarm (`M0` goes on with the next start; sleep lets go of the axes). None
 /// where the line's code does not have the characters.
 #[must_use]
-pub fn alarm(spec: &CorrectionSpec, coding: Coding) -> Option<String<MAX_CORRECTION>> {
+pub fn alarm(
+    spec: &CorrectionSpec,
+    why: &Withheld,
+    coding: Coding,
+) -> Option<String<MAX_CORRECTION>> {
     let mut text = String::new();
     // Two hundred characters: there is room.
-    let _ = write(&mut text, spec, coding);
+    let _ = write(&mut text, spec, why, coding);
     let can_be_sent = text.bytes().all(|byte| encode(coding, byte).is_some());
     (can_be_sent && !text.is_empty()).then_some(text)
 }
 
-const WHY: &str = "NO OK VERDICT - OR ONLY TAUGHT - OR GONE OUT - PROBE";
-const ALARM: &str = "UMI NO OK VERDICT";
+/// What the comment in such a program says: what to do.
+const fn what_to_do(why: &Withheld) -> &'static str {
+    match why {
+        Withheld::OnlyTaught => "STANDS WHERE IT WAS TAUGHT - THE NEXT SETUP IS CORRECTED",
+        Withheld::CorrectionGone => "EACH GOES OUT ONCE - PROBE THE PART",
+        Withheld::JournalFull => "UMI LOG ACK - THEN PROBE THE PART",
+        _ => "PROBE THE PART - READ WHAT THE BOARD SAYS OF IT",
+    }
+}
 
-fn write(out: &mut String<MAX_CORRECTION>, spec: &CorrectionSpec, coding: Coding) -> fmt::Result {
+/// By what the macro O8830 tells apart why there is no correction.
+const fn haas_code(why: &Withheld) -> u8 {
+    match why {
+        Withheld::OnlyTaught => 2,
+        Withheld::CorrectionGone => 3,
+        Withheld::JournalFull => 4,
+        _ => 1,
+    }
+}
+
+fn write(
+    out: &mut String<MAX_CORRECTION>,
+    spec: &CorrectionSpec,
+    why: &Withheld,
+    coding: Coding,
+) -> fmt::Result {
     let number = spec.program_number;
+    let (alarm, what_to_do) = (why.alarm(), what_to_do(why));
     match spec.dialect {
         Dialect::G10G68
         | Dialect::G68ThreeD
@@ -57,24 +85,24 @@ fn write(out: &mut String<MAX_CORRECTION>, spec: &CorrectionSpec, coding: Coding
             };
             write!(
                 out,
-                "%\nO{number:04}(UMI NO CORRECTION)\n({WHY})\n{stop}({ALARM})\nM30\n%\n"
+                "%\nO{number:04}(UMI NO CORRECTION)\n({what_to_do})\n{stop}(UMI {alarm})\nM30\n%\n"
             )
         }
         Dialect::HaasVariables => {
-            // Nothing, and a check value that is not nothing's.
+            // Nothing, and a check value that is not nothing's: it says why.
             for variable in 150..157 {
                 writeln!(out, "E{variable} 0.")?;
             }
-            out.write_str("E157 1.\n")
+            writeln!(out, "E157 {}.", haas_code(why))
         }
         Dialect::Siemens => write!(
             out,
-            "%_N_UMI{number}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI NO CORRECTION\n; {WHY}\nUMI_STOP:\n\
-             SETAL(65000,\"{ALARM}\")\nM0\nGOTOB UMI_STOP\nM30\n"
+            "%_N_UMI{number}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\nUMI_STOP:\n\
+             SETAL(65000,\"UMI {alarm}\")\nM0\nGOTOB UMI_STOP\nM30\n"
         ),
         Dialect::Heidenhain => write!(
             out,
-            "BEGIN PGM UMI{number} MM\n; UMI NO CORRECTION\n; {WHY}\nLBL 1\n\
+            "BEGIN PGM UMI{number} MM\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\nLBL 1\n\
              FN 14: ERROR = 1072\nSTOP\nFN 9: IF +0 EQU +0 GOTO LBL 1\nEND PGM UMI{number} MM\n"
         ),
         Dialect::LinuxCnc => {
@@ -84,7 +112,7 @@ fn write(out: &mut String<MAX_CORRECTION>, spec: &CorrectionSpec, coding: Coding
             };
             write!(
                 out,
-                "{begin}(UMI NO CORRECTION)\n({WHY})\n(ABORT, {ALARM})\n{end}M2\n"
+                "{begin}(UMI NO CORRECTION)\n({what_to_do})\n(ABORT, UMI {alarm})\n{end}M2\n"
             )
         }
         Dialect::Grbl => Ok(()),
@@ -125,11 +153,11 @@ mod tests {
     #[test]
     fn it_stops_and_does_nothing_else() {
         for coding in CODINGS {
-            let text = alarm(&spec(Dialect::G10G68), coding).unwrap();
+            let text = alarm(&spec(Dialect::G10G68), &Withheld::NoVerdict, coding).unwrap();
             let expected = [
                 "%",
                 "O9010(UMI NO CORRECTION)",
-                "(NO OK VERDICT - OR ONLY TAUGHT - OR GONE OUT - PROBE)",
+                "(PROBE THE PART - READ WHAT THE BOARD SAYS OF IT)",
                 match coding {
                     Coding::Eia => "M00(UMI NO OK VERDICT)",
                     _ => "#3000=1(UMI NO OK VERDICT)",
@@ -146,9 +174,18 @@ mod tests {
     /// carry; in EIA only those that have the characters.
     #[test]
     fn every_control_that_has_an_alarm_gets_it() {
+        let whys = [
+            Withheld::NoVerdict,
+            Withheld::OnlyTaught,
+            Withheld::CorrectionGone,
+            Withheld::JournalFull,
+        ];
+        let each = whys
+            .iter()
+            .flat_map(|why| CODINGS.map(|coding| (why, coding)));
         for dialect in Dialect::ALL {
-            for coding in CODINGS {
-                let text = alarm(&spec(dialect), coding);
+            for (why, coding) in each.clone() {
+                let text = alarm(&spec(dialect), why, coding);
                 let is_macro_b = matches!(
                     dialect,
                     Dialect::G10G68
@@ -174,6 +211,12 @@ mod tests {
                 };
                 assert!(text.starts_with(head), "{text}");
                 assert!(text.lines().all(|line| line.len() < 64), "{text}");
+                // It says what is so, within the 31 characters of Fanuc's screen; a Haas with
+                // E variables says it by the macro that takes them.
+                let says = std::format!("UMI {}", why.alarm());
+                assert!(says.len() <= 31, "{says}");
+                let is_said = text.contains(&says);
+                assert_eq!(is_said, dialect != Dialect::HaasVariables, "{text}");
             }
         }
     }
@@ -196,7 +239,7 @@ mod tests {
                 "FN 9: IF +0 EQU +0 GOTO LBL 1",
             ),
         ] {
-            let text = alarm(&spec(dialect), Coding::Ascii).unwrap();
+            let text = alarm(&spec(dialect), &Withheld::NoVerdict, Coding::Ascii).unwrap();
             let mut lines = text.lines().skip(1).filter(|line| !line.starts_with(';'));
             assert_eq!(lines.next(), Some(label));
             assert!(lines.by_ref().take(stop.len()).eq(stop.iter().copied()));

@@ -363,6 +363,19 @@ const fn says_approach(pattern: &LinePattern) -> bool {
     matches!(pattern, LinePattern::Checked(_))
 }
 
+/// Whether lines of this pattern come when all of a feature has been touched, not after each hit.
+const fn is_printed_later(pattern: &LinePattern) -> bool {
+    matches!(pattern, LinePattern::Block(_) | LinePattern::RingCsv(_))
+}
+
+/// Whether a touch of the probe behind a verdict says that another setup is being probed: where
+/// features are printed when they have been touched, the probe is free when a verdict comes. Not
+/// asked where runs have numbers, which say it better.
+#[must_use]
+pub fn touch_begins_anew(job: &Job) -> bool {
+    job.guards.run_variable.is_none() && job.receiver.patterns.iter().all(is_printed_later)
+}
+
 /// Whether each run can say its number: by checked lines, or by those of O8811 (`umi_start`)
 /// before blocks.
 pub fn says_run(job: &Job) -> bool {
@@ -432,8 +445,7 @@ fn check_witness(job: &Job, witness: &WitnessSpec) -> Result<(), JobError> {
     if job.compensation == Compensation::InMacro {
         return Err(JobError::WitnessCompensation);
     }
-    let later = |p: &LinePattern| matches!(p, LinePattern::Block(_) | LinePattern::RingCsv(_));
-    if job.receiver.patterns.iter().any(later) {
+    if job.receiver.patterns.iter().any(is_printed_later) {
         return Err(JobError::WitnessPairing);
     }
     all_finite(witness.counts_per_mm, Field::CountsPerMm, None)?;

@@ -20,7 +20,8 @@ use umi_protocol::job::Job;
 use crate::units::Point;
 
 pub use check::{
-    check, closing, datums, fixed, moves_something, not_guarded, says_run, touches_again,
+    check, closing, datums, fixed, moves_something, not_guarded, says_run, touch_begins_anew,
+    touches_again,
 };
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching};

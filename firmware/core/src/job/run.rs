@@ -27,7 +27,7 @@ use umi_protocol::fault::FaultKind;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{FeatureSpec, Job, Learned, Lessons, MAX_FEATURES, Name, Reference, Teach};
 use umi_protocol::latch::LatchReport;
-use umi_protocol::message::{TeachRefusal, TeachWhat};
+use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -81,6 +81,11 @@ pub struct Run {
     /// What that was before this setup has widened it.
     unwidened: ZeroOption<Lessons>,
     teaching: TeachingAct,
+    /// Who asked to teach, and when: means nothing where nobody has.
+    asked: Asked,
+    /// The reference was taught by a line that says "also in place of what there is", and no
+    /// setup has been measured since without one.
+    taught_by_again: bool,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,
     /// Number of the setup under way, from 0.
@@ -141,6 +146,23 @@ enum TeachingAct {
     This(Lesson),
 }
 
+/// Who asked to teach, and when.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    by: TeachBy,
+    at: Micros,
+    /// Also in place of what there is.
+    again: bool,
+}
+
+impl Asked {
+    const NOBODY: Self = Self {
+        by: TeachBy::Host,
+        at: Micros(0),
+        again: false,
+    };
+}
+
 /// What a setup is to teach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lesson {
@@ -177,6 +199,8 @@ impl Run {
             learned: Lessons::NONE,
             unwidened: ZeroOption::empty(),
             teaching: TeachingAct::None,
+            asked: Asked::NOBODY,
+            taught_by_again: false,
             slots: Vec::new(),
             setup: 0,
             progress: Progress::Empty,
@@ -218,6 +242,8 @@ impl Run {
             learned,
             unwidened,
             teaching,
+            asked,
+            taught_by_again,
             slots,
             setup,
             progress,
@@ -247,7 +273,8 @@ impl Run {
         });
         *learned = Lessons::NONE;
         unwidened.clear();
-        *teaching = TeachingAct::None;
+        (*teaching, *asked) = (TeachingAct::None, Asked::NOBODY);
+        *taught_by_again = false;
         slots.clear();
         for _ in &job.features {
             // Bounded: there are as many slots as a job can have features.
@@ -311,10 +338,14 @@ impl Run {
     /// Why there is nothing to teach: nothing has changed.
     pub fn teach(
         &mut self,
+        now: Micros,
+        by: TeachBy,
         what: TeachWhat,
         out: &mut impl FnMut(Decision<'_>),
     ) -> Result<(), TeachRefusal> {
         self.may_teach(what)?;
+        let again = what == TeachWhat::Again;
+        self.asked = Asked { by, at: now, again };
         self.next_setup();
         self.began_with = None;
         if what == TeachWhat::More {
@@ -344,6 +375,30 @@ impl Run {
             TeachWhat::More if !is_taught => Err(TeachRefusal::NotTaught),
             _ => Ok(()),
         }
+    }
+
+    /// A teaching that was asked for and has not happened yet.
+    #[must_use]
+    pub fn teach_pending(&self) -> Option<TeachPending> {
+        let setup = self.setup;
+        let (lesson, setup) = match self.teaching {
+            TeachingAct::None => return None,
+            TeachingAct::Next(lesson) => (lesson, TeachSetup::Next),
+            TeachingAct::This(lesson) => match (self.progress, self.verdict.get()) {
+                (Progress::Judged, Some(verdict)) if verdict.ok => return None,
+                (Progress::Judged, _) => (lesson, TeachSetup::Refused { setup }),
+                _ => (lesson, TeachSetup::UnderWay { setup }),
+            },
+        };
+        Some(TeachPending {
+            by: self.asked.by,
+            what: match lesson {
+                Lesson::Reference => TeachWhat::Reference,
+                Lesson::More => TeachWhat::More,
+            },
+            t_us: self.asked.at.0,
+            setup,
+        })
     }
 
     /// Puts back a reference that was taught before a restart. Ignored where
@@ -521,12 +576,18 @@ impl Run {
             Said::Shifted { offset, by } => self.looked_at(offset, by),
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
+                if again && self.taught_by_again {
+                    self.next_setup();
+                    self.hold_against(Reason::TaughtTwice);
+                    return;
+                }
                 let what = if again {
                     TeachWhat::Again
                 } else {
                     TeachWhat::Reference
                 };
-                if let Err(TeachRefusal::AlreadyTaught) = self.teach(what, out) {
+                let taken = self.teach(now, TeachBy::Line, what, out);
+                if let Err(TeachRefusal::AlreadyTaught) = taken {
                     self.next_setup();
                     self.hold_against(Reason::AlreadyTaught);
                 }
@@ -556,6 +617,10 @@ impl Run {
         if self.run.is_some() {
             self.give_up(Reason::RunChanged, out);
             self.next_setup();
+        }
+        if self.asked.by == TeachBy::Line && matches!(self.teaching, TeachingAct::Next(_)) {
+            // It was said of a run of which nothing else has come: this one is another.
+            self.teaching = TeachingAct::None;
         }
         self.run = Some(run);
         self.older_than = self.last_run.filter(|last| !is_after(run, *last));
@@ -890,6 +955,11 @@ impl Run {
                     Reason::Error95 { .. } | Reason::Warmer { .. }
                 )
             });
+        }
+        if taught {
+            self.taught_by_again = self.asked.by == TeachBy::Line && self.asked.again;
+        } else if !self.against.contains(&Reason::TaughtTwice) {
+            self.taught_by_again = false;
         }
         let widens = self.widens(&verdict);
         self.add_remarks(taught, &mut verdict);

@@ -8,6 +8,7 @@ use umi_protocol::latch::SignalLevel;
 use umi_protocol::pattern::{
     Coding, FieldFormat, Handshake, LinePattern, Overflow, ReceiverConfig,
 };
+use umi_protocol::program::Withheld;
 use umi_protocol::serial::Cts;
 
 use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
@@ -80,8 +81,9 @@ pub fn text(job: &Job) -> String {
 /// Whether a READ that finds no correction gets a program that raises an alarm.
 #[must_use]
 pub fn has_alarm(job: &Job) -> bool {
-    job.correction
-        .is_some_and(|spec| umi_core::correction::alarm(&spec, Coding::Ascii).is_some())
+    job.correction.is_some_and(|spec| {
+        umi_core::correction::alarm(&spec, &Withheld::NoVerdict, Coding::Ascii).is_some()
+    })
 }
 
 fn compensation(compensation: Compensation) -> String {
@@ -405,6 +407,7 @@ pub fn guards(table: &GuardTable, has_frame: bool) -> String {
             SeenFrom::Size(um) if um < ABSURD_UM => format!("from {um:.0} µm"),
             // No error of this kind is as large: what sees it then is the end of the table.
             SeenFrom::Size(um) => format!("no, below {:.0} mm", um * 1e-3),
+            SeenFrom::After(seconds) => format!("after {seconds} s"),
             SeenFrom::Never => "no".to_owned(),
         };
         rows.row([row.what.to_owned(), seen, row.by.to_owned()]);
@@ -437,12 +440,16 @@ pub fn guards(table: &GuardTable, has_frame: bool) -> String {
 #[must_use]
 pub fn guards_json(table: &GuardTable) -> Value {
     let rows = table.rows.iter().map(|row| {
-        let (seen, from_um) = match row.seen {
-            SeenFrom::Always => ("always", None),
-            SeenFrom::Size(um) => ("from", Some(um)),
-            SeenFrom::Never => ("no", None),
+        let (seen, from_um, after_s) = match row.seen {
+            SeenFrom::Always => ("always", None, None),
+            SeenFrom::Size(um) => ("from", Some(um), None),
+            SeenFrom::After(seconds) => ("after", None, Some(seconds)),
+            SeenFrom::Never => ("no", None, None),
         };
-        json!({ "code": row.code, "what": row.what, "seen": seen, "from_um": from_um, "by": row.by })
+        json!({
+            "code": row.code, "what": row.what, "by": row.by,
+            "seen": seen, "from_um": from_um, "after_s": after_s,
+        })
     });
     json!({ "has_places": table.has_places, "rows": rows.collect::<Vec<_>>() })
 }

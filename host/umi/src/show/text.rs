@@ -7,7 +7,7 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Approach;
 use umi_protocol::latch::{LatchCause, LatchReport, Scan};
 use umi_protocol::line::{HitReport, LineReport, LineStatus};
-use umi_protocol::message::{Record, ResetReason};
+use umi_protocol::message::{Record, ResetReason, TeachBy, TeachPending, TeachSetup, TeachWhat};
 use umi_protocol::program::{ProgramInfo, Release, Stated, StatedDialect};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -43,6 +43,31 @@ pub fn punched(lines: u32) -> String {
         "none: the control seems to punch a program ({}); `%` or a checked line ends it",
         count(lines.into(), "line")
     )
+}
+
+/// What was asked for to be taught and has not been: who asked, how long ago, by which setup.
+#[must_use]
+pub fn teaching(of: &TeachPending, now_us: u64) -> String {
+    let by = match of.by {
+        TeachBy::Host => "a host",
+        TeachBy::Button => "the board's button",
+        TeachBy::Line => "a line of the control (T1. or T2.)",
+    };
+    let ago = now_us.saturating_sub(of.t_us) / 1_000_000;
+    let ago = format!("{}:{:02}:{:02}", ago / 3600, ago / 60 % 60, ago % 60);
+    let teaches = match of.what {
+        TeachWhat::Reference | TeachWhat::Again => "is to be the reference",
+        TeachWhat::More => "is to widen what was learned",
+    };
+    match of.setup {
+        TeachSetup::Next => format!("the setup that comes next {teaches}: {by} asked {ago} ago"),
+        TeachSetup::UnderWay { setup } => {
+            format!("setup {setup}, under way, {teaches}: {by} asked {ago} ago")
+        }
+        TeachSetup::Refused { setup } => format!(
+            "setup {setup} was to teach and is NG: probe what was refused again, or ask again              ({by} asked {ago} ago)"
+        ),
+    }
 }
 
 /// A journal record.

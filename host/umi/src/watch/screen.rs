@@ -70,8 +70,8 @@ fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size, keys: &st
     page.put(positions(view, size));
     let mut verdict = verdict(view).into_iter();
     let mut hits = hits(view).into_iter();
-    let latest = verdict.by_ref().take(1).chain(hits.by_ref().take(1));
-    page.put(latest.collect());
+    let latest = verdict.by_ref().take(1).chain(teaching(view));
+    page.put(latest.chain(hits.by_ref().take(1)).collect());
     page.gap();
     page.beside([
         (losses(view), Vec::new()),
@@ -457,6 +457,14 @@ fn verdict(view: &View) -> Vec<Line<'static>> {
     let first = Span::styled(said.next().unwrap_or_default(), style);
     let first = latest("verdict", first);
     [first].into_iter().chain(said.map(Line::raw)).collect()
+}
+
+/// What is to be taught and has not been.
+fn teaching(view: &View) -> Option<Line<'static>> {
+    let status = &view.status;
+    let said = text::teaching(status.teaching.as_ref()?, status.uptime_us);
+    let name = Span::styled(format!("{:<16}", "to be taught"), FAINT);
+    Some(Line::from(vec![name, Span::styled(said, CAUTION)]))
 }
 
 /// The hits since this began, the newest first and named as such.

@@ -534,7 +534,7 @@ fn xoff_behind_the_last_percent_is_an_end() {
     rig.control_sends(DC1);
     assert_eq!(receive_all(rig), "");
     rig.control_sends(DC1);
-    receive_text(rig, &alarm());
+    receive_text(rig, &alarm_for(&Withheld::CorrectionGone));
 }
 
 /// Nobody knows whether it is all of a program: not its first byte goes out.
@@ -707,7 +707,7 @@ fn a_correction_goes_out_once() {
     rig.control_sends(DC1);
     receive_text(rig, &correction);
     rig.control_sends(DC1);
-    receive_text(rig, &alarm());
+    receive_text(rig, &alarm_for(&Withheld::CorrectionGone));
     rig.control_sends(clamping(2).as_bytes());
     judged(rig, client, 3);
     sleep(Duration::from_millis(2500));

@@ -5,6 +5,7 @@
 
 mod anywhere;
 mod bench;
+mod calls;
 mod faces;
 mod grbl;
 mod lines;

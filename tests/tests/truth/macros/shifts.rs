@@ -172,6 +172,36 @@ fn what_is_active_before_a_run_is_named() {
     }
 }
 
+/// Scaling and mirror show in no position. Where a variable has them the macro stops by itself,
+/// before anything is printed; a program of others, where it looks.
+#[test]
+fn scaling_and_mirror_are_an_alarm() {
+    for family in [Family::Fanuc, Family::MitsubishiMazak, Family::Haas] {
+        for what in ["G51 X0 Y0 Z0 P2.", "G51 X0 Y0 I1. J1. K1.", "G51.1 X0"] {
+            if family == Family::Haas && what.starts_with("G51.1") {
+                // Its mirror is G101, in no variable.
+                continue;
+            }
+            let said = Some("SCALING OR MIRROR ACTIVE");
+            let (verdicts, alarm) = second_run(family, [what, "", "", "", ""]);
+            assert_eq!(alarm.as_deref(), said, "{family:?} {what}");
+            assert_eq!(verdicts.len(), 1, "{family:?} {what}: the taught one");
+            let text = format!("G21 G90 G54\nG0 X1. Y2. Z100.\nG65 P8811\n{what}\nG65 P8819\n");
+            let ran = run_text(family, &scene(TAUGHT), &text);
+            ran.refused("SCALING OR MIRROR ACTIVE");
+            // And off again.
+            let off = if what.starts_with("G51.1") {
+                "G50.1 X0"
+            } else {
+                "G50"
+            };
+            let (verdicts, alarm) = second_run(family, [&format!("{what}\n{off}"), "", "", "", ""]);
+            assert_eq!(alarm, None, "{family:?} {what}");
+            assert!(verdicts.iter().all(|of| of.ok), "{family:?} {what}");
+        }
+    }
+}
+
 /// A shift that was active when the part was taught stops that run too: nothing is taught.
 #[test]
 fn nothing_is_taught_under_a_shift() {

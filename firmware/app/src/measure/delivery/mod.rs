@@ -85,7 +85,7 @@ impl<F: Flash> Instrument<F> {
             Exchange::Xmodem => self.program(now) || self.correction(now),
             // Nothing goes out.
             Exchange::Receive => false,
-            Exchange::Read => self.program(now) || self.correction(now) || self.alarm(),
+            Exchange::Read => self.program(now) || self.correction(now) || self.alarm(now),
         };
         self.ledger.wanted.is_plain |= has_begun && asked != Exchange::Xmodem;
         let delivery = self.delivery.get_mut().filter(|_| has_begun)?;
@@ -257,6 +257,9 @@ impl<F: Flash> Instrument<F> {
             match &record {
                 Record::CorrectionSent { .. } if self.ledger.armed_as(delivery.arming) => {
                     self.ledger.disarm();
+                    if let Some(released) = self.ledger.released.get_mut() {
+                        released.is_gone = true;
+                    }
                 }
                 Record::AlarmSent { number, why, .. } if *number == self.ledger.wanted.number => {
                     if let Some(passed) = self.ledger.passed.get_mut()
@@ -307,15 +310,16 @@ impl<F: Flash> Instrument<F> {
     /// Begins with the program that raises an alarm, in the place of a correction; false if
     /// the job sends none to the control.
     #[inline(never)]
-    fn alarm(&mut self) -> bool {
+    fn alarm(&mut self, now: Micros) -> bool {
         let spec = self.brain().job().and_then(|job| job.correction);
         let Some(spec) = spec.filter(|spec| spec.send != SendWhen::Never) else {
             return false;
         };
-        let Some(text) = umi_core::correction::alarm(&spec, self.coding()) else {
+        let why = self.ledger.no_verdict(now);
+        let Some(text) = umi_core::correction::alarm(&spec, &why, self.coding()) else {
             return false;
         };
-        let (number, why) = (spec.program_number.into(), self.ledger.no_verdict());
+        let number = spec.program_number.into();
         self.open(What::Alarm { number, why }, 0, &text);
         true
     }
@@ -391,7 +395,7 @@ impl<F: Flash> Instrument<F> {
             Release::Rewritten(spec) => Some(spec),
         };
         let released = self.ledger.released.get().filter(|of| now < of.until);
-        let released = released.ok_or(self.ledger.no_verdict())?;
+        let released = released.ok_or(self.ledger.no_verdict(now))?;
         if released.gone.contains(&number) || released.gone.is_full() {
             return Err(Withheld::GoneOut);
         }

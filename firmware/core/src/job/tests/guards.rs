@@ -1,7 +1,7 @@
 //! What one setup alone cannot show, and the guards against it.
 
 use umi_protocol::job::{AgainSpec, ProbingSpec};
-use umi_protocol::message::{TeachRefusal, TeachWhat};
+use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 
 use super::*;
 use crate::dprnt::{Announced, Moved, Said};
@@ -156,14 +156,16 @@ fn teaching_is_an_act() {
     };
     clamp(&mut run, &mut outcome, 0, 0.0);
     assert_eq!(
-        run.teach(TeachWhat::Reference, &mut |d| outcome.take(d)),
+        run.teach(Micros(1), HOST, TeachWhat::Reference, &mut |d| outcome
+            .take(d)),
         Ok(())
     );
     clamp(&mut run, &mut outcome, 1, 0.2);
     clamp(&mut run, &mut outcome, 2, 0.0);
     assert_eq!(outcome.taught, 0);
     assert_eq!(
-        run.teach(TeachWhat::Reference, &mut |d| outcome.take(d)),
+        run.teach(Micros(1), HOST, TeachWhat::Reference, &mut |d| outcome
+            .take(d)),
         Ok(())
     );
     clamp(&mut run, &mut outcome, 3, 0.0);
@@ -174,14 +176,110 @@ fn teaching_is_an_act() {
     assert_eq!(summary[2..], ["no_reference", "OK", "OK"]);
     assert_eq!(outcome.taught, 1);
     // Again only if somebody says so; then the old one is none any more.
-    let again = run.teach(TeachWhat::Reference, &mut |d| outcome.take(d));
+    let again = run.teach(Micros(1), HOST, TeachWhat::Reference, &mut |d| {
+        outcome.take(d)
+    });
     assert_eq!(again, Err(TeachRefusal::AlreadyTaught));
     assert_eq!(
-        run.teach(TeachWhat::Again, &mut |d| outcome.take(d)),
+        run.teach(Micros(1), HOST, TeachWhat::Again, &mut |d| outcome.take(d)),
         Ok(())
     );
     assert_eq!(run.taught(), None);
     assert_eq!(outcome.taught, 2);
+}
+
+const HOST: TeachBy = TeachBy::Host;
+
+/// What was asked for is told until it has happened or lapsed: who asked, when, by which setup.
+#[test]
+fn what_is_to_be_taught_is_told() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let mut pending = TeachPending {
+        by: HOST,
+        what: TeachWhat::Reference,
+        t_us: 7,
+        setup: TeachSetup::Next,
+    };
+    assert_eq!(run.teach_pending(), None);
+    let again = TeachWhat::Again;
+    run.teach(Micros(7), HOST, again, &mut |d| outcome.take(d))
+        .unwrap();
+    assert_eq!(run.teach_pending(), Some(pending));
+    // Another run does not take it back: nobody said which one it is for.
+    let teaches = clamping(0, [1, 2, 3]);
+    send(&mut run, &mut outcome, &teaches[..2], 1);
+    pending.setup = TeachSetup::UnderWay { setup: 0 };
+    assert_eq!(run.teach_pending(), Some(pending));
+    send(&mut run, &mut outcome, &teaches[2..], 1);
+    assert_eq!((outcome.taught, run.teach_pending()), (1, None));
+    // A setup that is refused: only what was refused may come again.
+    run.teach(Micros(9), HOST, again, &mut |d| outcome.take(d))
+        .unwrap();
+    let mut spoilt = clamping(1, [1, 2, 3]);
+    let last = spoilt.last_mut().unwrap();
+    last.1[0][2] += 0.2;
+    send(&mut run, &mut outcome, &spoilt, 2);
+    pending.t_us = 9;
+    pending.setup = TeachSetup::Refused { setup: 1 };
+    assert_eq!(run.teach_pending(), Some(pending));
+    send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 3);
+    assert_eq!(run.teach_pending(), None);
+    assert_eq!(run.taught(), None);
+}
+
+/// A line asks for its own run: if nothing else of that comes, the next run teaches nothing.
+#[test]
+fn a_line_asks_for_its_own_run() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let announced = Announced {
+        run: 1,
+        said: Said::Teach { again: false },
+    };
+    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+    assert_eq!(run.teach_pending().map(|of| of.by), Some(TeachBy::Line));
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 2);
+    assert_eq!((outcome.taught, run.teach_pending()), (0, None));
+    assert_eq!(outcome.summary(), ["no_reference"]);
+}
+
+/// A program in which `T2.` was left would teach each setup, wherever it stands: the second one in
+/// a row is refused, and so are those behind it, until a setup is measured without it or a host
+/// asks.
+#[test]
+fn a_line_that_was_left_in_a_program_teaches_once() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let again = |run: &mut Run, outcome: &mut Outcome, of_run: u32| {
+        let said = Said::Teach { again: true };
+        let announced = Announced { run: of_run, said };
+        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+    };
+    for number in 0..3 {
+        again(&mut run, &mut outcome, number + 1);
+        let blocks = clamping(number as usize, [1, 2, 3]);
+        send(&mut run, &mut outcome, &blocks, number + 1);
+    }
+    assert_eq!(outcome.summary(), ["OK", "taught_twice", "taught_twice"]);
+    assert_eq!(outcome.taught, 1);
+    send(&mut run, &mut outcome, &clamping(3, [1, 2, 3]), 4);
+    again(&mut run, &mut outcome, 5);
+    send(&mut run, &mut outcome, &clamping(4, [1, 2, 3]), 5);
+    assert_eq!(outcome.summary()[3..], ["OK", "OK"]);
+    // What was there is none any more, and then the new one is it.
+    assert_eq!(outcome.taught, 3);
+    let what = TeachWhat::Again;
+    let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
+    assert_eq!(taken, Ok(()));
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 6);
+    assert_eq!(outcome.summary()[5], "OK");
 }
 
 /// A line asks to teach; without "again" it does not replace what there is.
@@ -368,8 +466,9 @@ fn several_teachings_widen_the_limits() {
             feed(run, outcome, name, &points, 5);
         }
     };
-    let more =
-        |run: &mut Run, outcome: &mut Outcome| run.teach(TeachWhat::More, &mut |d| outcome.take(d));
+    let more = |run: &mut Run, outcome: &mut Outcome| {
+        run.teach(Micros(1), HOST, TeachWhat::More, &mut |d| outcome.take(d))
+    };
     let start = || (Run::new(learning.clone()), Outcome::default());
     let (mut run, mut outcome) = start();
     assert_eq!(more(&mut run, &mut outcome), Err(TeachRefusal::NotTaught));

@@ -5,7 +5,7 @@ use crate::show::json;
 use crate::show::terminal::{
     BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, loss_style, paint, print, print_json,
 };
-use crate::show::text::{clock, punched, reset, reset_style};
+use crate::show::text::{clock, punched, reset, reset_style, teaching};
 use clap::Args;
 use serde_json::json;
 use umi_client::axes::{NAMES, Scale};
@@ -108,6 +108,10 @@ fn text(
         None => "none yet".to_owned(),
     };
     table.row(["reference".to_owned(), reference]);
+    if let Some(pending) = &status.teaching {
+        let said = teaching(pending, status.uptime_us);
+        table.styled([(CAUTION, "teaching".to_owned()), (CAUTION, said)]);
+    }
     verdicts(&mut table, status);
     let told = journal.map_or_else(
         || "shown to operators and above (--key)".to_owned(),

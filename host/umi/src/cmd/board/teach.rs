@@ -32,7 +32,9 @@ Examples:
   umi teach --more                      then probe, as often as you like: each time once
 
 A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG, nothing is
-taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces).
+taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
+alone. umi info and umi watch say what was asked for and has not happened yet, by whom and since
+when. A board that starts anew has not been asked.
 
 What a job holds against the taught clamping (`[guards.learned]`) is one sample of what probe and
 balls do. With --more each further clamping that is OK without those limits moves them to the

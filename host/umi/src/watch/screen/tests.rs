@@ -5,7 +5,9 @@ use crate::watch::view::Link;
 use umi_client::axes::Scale;
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::line::HitReport;
-use umi_protocol::message::{AccessMode, Identity, Status};
+use umi_protocol::message::{
+    AccessMode, Identity, Status, TeachBy, TeachPending, TeachSetup, TeachWhat,
+};
 
 fn view(scaled: bool) -> View {
     let name = |text: &str| text.try_into().unwrap();
@@ -30,6 +32,7 @@ fn view(scaled: bool) -> View {
             job: Some(job.name.clone()),
             job_lost: None,
             has_reference: false,
+            teaching: None,
             verdicts: 3,
             verdicts_ok: 2,
             last_verdict_ok: Some(false),
@@ -90,6 +93,25 @@ fn text_says_everything() {
     let counts = text(&view(false), 60);
     assert!(counts.contains("X   -1234567 counts"), "{counts}");
     assert!(counts.contains("does not say how many counts"));
+}
+
+/// A teaching that was asked for is told, until it has happened.
+#[test]
+fn a_pending_teaching_is_told() {
+    let mut view = view(true);
+    assert!(!text(&view, 120).contains("to be taught"));
+    view.status.teaching = Some(TeachPending {
+        by: TeachBy::Button,
+        what: TeachWhat::Reference,
+        t_us: view.status.uptime_us - 3_661_500_000,
+        setup: TeachSetup::Next,
+    });
+    let said = text(&view, 120);
+    let line = "to be taught    the setup that comes next is to be the reference: \
+                the board's button asked 1:01:01 ago";
+    assert!(said.contains(line), "{said}");
+    assert_eq!(view.json()["status"]["teaching"]["by"], "button");
+    assert_eq!(view.json()["status"]["teaching"]["setup"], "next");
 }
 
 /// The feed is the way between two positions over the time between them.

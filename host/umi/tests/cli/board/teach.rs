@@ -109,9 +109,18 @@ fn the_button_teaches_when_it_is_held() {
     press(300);
     board.control_sends(clamping(0).as_bytes());
     assert_eq!(judged(1), 0, "a knock teaches nothing");
+    assert!(!umi(&["info"]).exits(0).out.contains("asked"));
     press(1300);
+    let told = umi(&["info"]).exits(0).out;
+    let said = "the setup that comes next is to be the reference: the board's button asked 0:00:0";
+    assert!(told.contains(said), "{told}");
+    let told = umi(&["watch", "--once", "--json"]).exits(0).json();
+    assert_eq!(told["status"]["teaching"]["by"], "button", "{told}");
+    assert_eq!(told["status"]["teaching"]["setup"], "next", "{told}");
     board.control_sends(clamping(1).as_bytes());
     assert_eq!(judged(2), 1);
+    let told = umi(&["info", "--json"]).exits(0).json();
+    assert!(told["status"]["teaching"].is_null(), "{told}");
     press(1300);
     board.control_sends(clamping(2).as_bytes());
     assert_eq!(judged(3), 1, "the reference stays");

@@ -231,6 +231,7 @@ impl Board {
             job: self.job.as_ref().map(|job| job.name.clone()),
             job_lost: None,
             has_reference: false,
+            teaching: None,
             verdicts: 3,
             verdicts_ok: 2,
             last_verdict_ok: Some(false),

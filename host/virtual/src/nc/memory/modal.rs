@@ -77,6 +77,10 @@ pub(crate) struct Modal {
     pub shift: Vector3<f64>,
     /// Rotations of `G68`, the outer one first.
     pub rotations: Vec<Frame>,
+    /// `G51`: a mode, and no more; nothing moves in it.
+    pub is_scaled: bool,
+    /// `G51.1`, likewise.
+    pub is_mirrored: bool,
     /// Set of `G54.4` in force.
     pub setting_error: Option<u8>,
     /// `G43` (430), `G44` (440), `G43.4` (434) or `G49` (490).
@@ -112,6 +116,8 @@ impl Modal {
             local: Vector3::zeros(),
             shift: Vector3::zeros(),
             rotations: Vec::new(),
+            is_scaled: false,
+            is_mirrored: false,
             setting_error: None,
             length: 490,
             h: 0,

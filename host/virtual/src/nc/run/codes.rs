@@ -36,7 +36,10 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
         440 if is_b => "Z",
         431 if !is_b => "Z",
         // Cancel codes of functions that are never on.
-        150 | 500 if is_b => "",
+        150 if is_b => "",
+        500 if is_b => "",
+        510 if is_b => "XYZPIJK",
+        501 | 511 if is_fanuc => "XYZ",
         970 if !matches!(dialect, ControlFamily::Grbl) => "",
         901 if is_linuxcnc => "",
         911 if !is_b => "",
@@ -82,7 +85,7 @@ pub(crate) const fn may_carry(tenths: u16) -> bool {
 pub(crate) const fn takes_axes(tenths: u16) -> bool {
     matches!(
         tenths,
-        40 | 100 | 280 | 300 | 310 | 382..=385 | 431 | 520 | 680 | 920
+        40 | 100 | 280 | 300 | 310 | 382..=385 | 431 | 501 | 510 | 511 | 520 | 680 | 920
     )
 }
 

@@ -122,6 +122,8 @@ impl Control {
                 990 => modal.returns_to_r = true,
                 610 => modal.is_exact_stop = true,
                 640 => modal.is_exact_stop = false,
+                500 | 510 => modal.is_scaled = *code == 510,
+                501 | 511 => modal.is_mirrored = *code == 511,
                 670 => self.modal_call = None,
                 410 | 420 => {
                     return Err(Fault::new(
@@ -305,8 +307,23 @@ impl Control {
         Ok(())
     }
 
+    /// Scaling and mirror are modes that a macro can read; where they would lead is not
+    /// interpreted.
+    fn is_plain(&self, words: &Words) -> Checked<()> {
+        let sets =
+            |code: u16| codes::takes_axes(code) && !matches!(code, 280 | 300 | 310 | 382..=385);
+        let moves = words.has_axes() && !words.g.iter().any(|(code, _)| sets(*code));
+        if moves && (self.modal.is_scaled || self.modal.is_mirrored) {
+            return Err(Fault::new(
+                "motion in G51 or G51.1 is not interpreted: G50, G50.1 first",
+            ));
+        }
+        Ok(())
+    }
+
     /// Carries out the motion of a block; whether there was one.
     fn motion(&mut self, words: &Words, axes: &mut dyn AxisDrives) -> Checked<bool> {
+        self.is_plain(words)?;
         for (code, at) in &words.g {
             match code {
                 0 | 10 | 20 | 30 => {

@@ -200,6 +200,7 @@ impl Control {
         let codes = modal.codes();
         let code = |place: usize| codes.get(place).map(|tenths| f64::from(*tenths) / 10.0);
         let unit = modal.unit_mm();
+        let mirror = if modal.is_mirrored { 51.1 } else { 50.1 };
         Ok(match number {
             1 => code(0),
             2 => code(1),
@@ -210,6 +211,9 @@ impl Control {
             8 => code(6),
             9 => code(11),
             10 => code(7),
+            11 => Some(if modal.is_scaled { 51.0 } else { 50.0 }),
+            19 if self.settings.dialect == ControlFamily::Mitsubishi => Some(mirror),
+            22 if self.settings.dialect == ControlFamily::Fanuc => Some(mirror),
             // Haas has its work offsets in group 12.
             12 if self.settings.dialect == ControlFamily::Haas => code(8),
             12 => Some(if self.modal_call.is_some() {
