@@ -106,7 +106,7 @@ impl GuardTable {
                     SeenFrom::After(job.plate_timeout_s)
                 },
                 if touch_begins_anew(job) {
-                    "run_variable, skip line"
+                    "run_variable, skip"
                 } else {
                     "run_variable"
                 },

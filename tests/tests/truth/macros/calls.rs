@@ -107,7 +107,7 @@ fn a_line_that_asks_for_something_else_teaches_nothing() {
         let fields = [1, 4, 0, 8, asked, 0, 0, 0, 0].map(ten_thousand);
         let check = check_value(&fields);
         let other = format!(
-            "UMI1 R 1 S 4 B 0 A 8 T {asked} F 0. X 0. Y 0. Z 0. C {}.{:04}",
+            "UMI1 R 1 S 4 B 0 A 8 T {asked} F 0.000 X 0.000 Y 0.000 Z 0.000 C {}.{:04}",
             check / 10_000,
             check % 10_000
         );
