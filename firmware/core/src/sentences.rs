@@ -183,7 +183,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 50] {
+fn rewrites() -> [RefusedLine; 56] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -229,6 +229,12 @@ fn rewrites() -> [RefusedLine; 50] {
         RewriteRefusal::CallsFrom('Q'),
         RewriteRefusal::Elsewhere(7),
         RewriteRefusal::NamedCall,
+        RewriteRefusal::NumberedCall(7),
+        RewriteRefusal::Comma('A'),
+        RewriteRefusal::Semicolon,
+        RewriteRefusal::BehindEnd,
+        RewriteRefusal::Restores(72),
+        RewriteRefusal::TwoShifts,
         RewriteRefusal::Rewritten,
         RewriteRefusal::NumberShares,
         RewriteRefusal::Turns,

@@ -68,7 +68,7 @@ impl Letters {
 pub(super) enum Taker {
     /// G4: X is a time.
     Dwell,
-    /// G22: they are machine coordinates.
+    /// G22: they are machine coordinates. G50.1: they say which mirrors end.
     Nothing,
     /// G65: they are what the macro is given.
     Call,
@@ -82,6 +82,8 @@ pub(super) enum Taker {
     Machine,
     /// G92.
     Here,
+    /// G92.1 with axes: Fanuc's way to end G52 and G92.
+    Preset,
 }
 
 /// What a G code is to a path.
@@ -129,15 +131,15 @@ pub(super) const fn code(tenths: u16) -> Code {
         20 => Code::Motion(Motion::Clockwise),
         30 => Code::Motion(Motion::Counter),
         40 => Code::Takes(Taker::Dwell),
-        220 => Code::Takes(Taker::Nothing),
+        220 | 501 => Code::Takes(Taker::Nothing),
         100 => Code::Takes(Taker::Data),
         280 | 300 => Code::Takes(Taker::Reference),
         520 => Code::Takes(Taker::Local),
         530 => Code::Takes(Taker::Machine),
         920 => Code::Takes(Taker::Here),
         // Look-ahead, exact stop, cancelled functions, limits, blending, spindle speed.
-        50 | 51 | 80 | 90 | 110 | 131 | 150 | 230 | 500 | 501 | 610 | 611 | 620 | 630 | 640
-        | 670 | 690 | 691 | 970 | 1030 | 1870 => Code::Nothing,
+        50 | 51 | 80 | 90 | 110 | 131 | 150 | 230 | 500 | 610 | 611 | 620 | 630 | 640 | 670
+        | 690 | 691 | 970 | 1030 | 1870 => Code::Nothing,
         170 => Code::Plane(2),
         180 => Code::Plane(1),
         190 => Code::Plane(0),

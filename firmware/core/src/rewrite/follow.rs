@@ -7,7 +7,7 @@ use super::state::{Feed, Motion, Place, Plane, Shift, Subprogram};
 use super::text::emit::Edit;
 use super::text::length::{LIMIT_PM, Pm, Unit, length};
 use super::text::words::{At, Number, Value, Words};
-use super::{Integers, Rewriter, at};
+use super::{Integers, RewriteDialect, Rewriter, at};
 
 const SECONDARY: Letters = Letters::of(b"UVW");
 const ROTARY: Letters = Letters::of(b"ABC");
@@ -67,6 +67,11 @@ impl Rewriter {
                 && given.letters.has_any(Letters::CENTRES.with(b'R'));
             if has_axes || is_arc || wanted.cycle.is_some() {
                 self.move_block(&given, &wanted, edit)?;
+                if let Some(corner) = given.corner
+                    && self.more != More::Nothing
+                {
+                    return Err((given.column(corner), RewriteRefusal::LateCode(',')));
+                }
             } else {
                 if let Some((_, motion)) = wanted.motion {
                     self.out_motion = Some(motion);
@@ -86,6 +91,8 @@ impl Rewriter {
         let letters: &[u8] = match (self.modes.cycle, wanted.motion) {
             (Some(_), _) => b"IJKLPQR",
             (None, Some(_)) => b"IJKR",
+            // Alone it calls a subprogram (Sinumerik).
+            (None, None) if !given.has(b'G') && !given.has(b'M') => b"LP",
             (None, None) => b"",
         };
         let is_of_others =
@@ -117,8 +124,17 @@ impl Rewriter {
             let refuse = |reason| Err((word.start, reason));
             match code(tenths) {
                 Code::Nothing => {
-                    if matches!(tenths, 50 | 51) {
-                        wanted.lookahead = Some(index);
+                    match tenths {
+                        50 | 51 => wanted.lookahead = Some(index),
+                        // Of a lathe: sets coordinates.
+                        500 if given.letters.has_any(Letters::AXES) => {
+                            return refuse(RewriteRefusal::Code(500, Why::Offsets));
+                        }
+                        // Of an Okuma: a work offset.
+                        150 if given.has(b'H') => {
+                            return refuse(RewriteRefusal::Code(150, Why::Coordinates));
+                        }
+                        _ => {}
                     }
                 }
                 Code::Motion(motion) => {
@@ -169,8 +185,16 @@ impl Rewriter {
                 }
                 Code::Work(number) => work = Some(number),
                 Code::ExtendedWork => wanted.extended = true,
+                Code::EndOfShift if given.letters.has_any(Letters::AXES) => {
+                    if wanted.taker.is_some() {
+                        return refuse(RewriteRefusal::TwoMotions);
+                    }
+                    wanted.taker = Some((index, Taker::Preset));
+                }
                 Code::EndOfShift => {
                     (self.here, self.here_out) = ([0; 3], [0; 3]);
+                    // Without axes it is LinuxCNC's, whose G52 is the same shift.
+                    self.local = [0; 3];
                     self.shift();
                 }
                 Code::ToR => self.modes.returns_to_r = true,
@@ -317,10 +341,35 @@ impl Rewriter {
             }
             Taker::Local => {
                 for (axis, letter) in AXES.iter().enumerate() {
-                    if let Some(pm) = self.length_of(given, *letter)?
-                        && let Some(slot) = self.local.get_mut(axis)
-                    {
+                    let Some(pm) = self.length_of(given, *letter)? else {
+                        continue;
+                    };
+                    if at(&self.here, axis) != 0 || at(&self.here_out, axis) != 0 {
+                        match self.settings.dialect {
+                            Some(RewriteDialect::Fanuc) => {}
+                            Some(RewriteDialect::LinuxCnc) => self.end_shift(axis),
+                            None => return Err((given.column(word), RewriteRefusal::TwoShifts)),
+                        }
+                    }
+                    if let Some(slot) = self.local.get_mut(axis) {
                         *slot = pm;
+                    }
+                }
+                self.shift();
+                Ok(())
+            }
+            Taker::Preset => {
+                if self.settings.dialect == Some(RewriteDialect::LinuxCnc) {
+                    return Err((given.column(word), RewriteRefusal::TwoMotions));
+                }
+                for (axis, letter) in AXES.iter().enumerate() {
+                    match self.length_of(given, *letter)? {
+                        None => {}
+                        Some(0) => self.end_shift(axis),
+                        Some(_) => {
+                            let reason = RewriteRefusal::Code(921, Why::Offsets);
+                            return Err((given.column(word), reason));
+                        }
                     }
                 }
                 self.shift();
@@ -350,8 +399,17 @@ impl Rewriter {
                             *slot += more;
                         }
                     };
-                    add(&mut self.here, nominal - value - at(&shift.nominal, axis));
-                    add(&mut self.here_out, out - value - at(&shift.out, axis));
+                    // G52 of this axis goes into it: for LinuxCNC both are one, for Fanuc it ends.
+                    let local = at(&self.local, axis);
+                    add(
+                        &mut self.here,
+                        nominal - value - at(&shift.nominal, axis) + local,
+                    );
+                    add(
+                        &mut self.here_out,
+                        out - value - at(&shift.out, axis) + local,
+                    );
+                    add(&mut self.local, -local);
                 }
                 self.shift();
                 Ok(())
@@ -450,6 +508,15 @@ impl Rewriter {
         };
     }
 
+    /// The shifts of an axis end.
+    fn end_shift(&mut self, axis: usize) {
+        for slots in [&mut self.here, &mut self.here_out, &mut self.local] {
+            if let Some(slot) = slots.get_mut(axis) {
+                *slot = 0;
+            }
+        }
+    }
+
     pub(super) fn forget_all(&mut self) {
         for axis in 0..3 {
             self.place.forget(axis);
@@ -480,11 +547,15 @@ impl Rewriter {
                     self.call(given, word.start)?;
                 }
                 198 => self.call_elsewhere(given, word.start)?,
+                72 | 73 if self.settings.dialect != Some(RewriteDialect::Fanuc) => {
+                    return Err((word.start, RewriteRefusal::Restores(m as u8)));
+                }
                 96 | 97 => return Err((word.start, RewriteRefusal::Flow)),
                 99 => {
                     if given.has(b'P') {
                         return Err((word.start, RewriteRefusal::Flow));
                     }
+                    self.end_first(word.start)?;
                     self.end_subprogram(word.start)?;
                     self.forget_all();
                 }
@@ -512,7 +583,7 @@ impl Rewriter {
         if !allowed {
             return Err((
                 column,
-                number.map_or(RewriteRefusal::NamedCall, RewriteRefusal::NotHere),
+                number.map_or(RewriteRefusal::NamedCall, RewriteRefusal::NumberedCall),
             ));
         }
         self.leave_for_call();
@@ -555,7 +626,10 @@ impl Rewriter {
         // Older controls: four digits of the number behind the count.
         let (number, times) = match given.whole(b'L')? {
             Some(times) => (p, times),
-            None if p > 9999 => (p % 10_000, p / 10_000),
+            // Newer ones: a number of five digits and more.
+            None if p > 9999 && !self.subprograms.iter().any(|sub| sub.number == p) => {
+                (p % 10_000, p / 10_000)
+            }
             None => (p, 1),
         };
         let is_known = self.place.nominal.iter().all(Option::is_some) && !self.place.relative;
@@ -578,6 +652,7 @@ impl Rewriter {
             None => {
                 let sub = Subprogram {
                     number,
+                    as_said: p,
                     modes: self.modes,
                     repeated,
                     written: false,
@@ -601,7 +676,10 @@ impl Rewriter {
             return Ok(());
         }
         self.end_subprogram(column)?;
-        let found = self.subprograms.iter().position(|sub| sub.number == number);
+        let found = self
+            .subprograms
+            .iter()
+            .position(|sub| sub.number == number || sub.as_said == number);
         self.lose_motion();
         match found {
             Some(index) => {
@@ -627,6 +705,7 @@ impl Rewriter {
                 };
                 let sub = Subprogram {
                     number,
+                    as_said: number,
                     modes: self.modes,
                     repeated: false,
                     written: true,
@@ -641,6 +720,28 @@ impl Rewriter {
             }
         }
         Ok(())
+    }
+
+    /// M99 in the first program of the file: others may call it, too. It named its places
+    /// itself, as nobody was known to have called it.
+    fn end_first(&mut self, column: usize) -> At<()> {
+        let Some(number) = self.first.filter(|_| self.current.is_none()) else {
+            return Ok(());
+        };
+        self.first = None;
+        let sub = Subprogram {
+            number,
+            as_said: number,
+            modes: self.modes,
+            repeated: false,
+            written: true,
+            drifts: false,
+            called_line: 0,
+            called_column: 0,
+        };
+        self.subprograms
+            .push(sub)
+            .map_err(|_| (column, RewriteRefusal::TooManySubprograms))
     }
 
     /// The end of a subprogram's text: it has to leave what it found.

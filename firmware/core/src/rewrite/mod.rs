@@ -123,6 +123,8 @@ pub use settings::{
 };
 pub use text::length::Unit;
 
+use block::Given;
+use header::Earlier;
 use moved::motion::Extent;
 use moved::plan::More;
 use settings::checked;
@@ -166,6 +168,9 @@ pub struct Summary {
     pub nominal_mm: Option<[[f64; 3]; 2]>,
     /// The same as it is written.
     pub written_mm: Option<[[f64; 3]; 2]>,
+    /// The run that an earlier rewriting has the control compare: it stays, unless
+    /// [`RewriteSettings::run`] brings another.
+    pub earlier_run: Option<u32>,
 }
 
 /// What of it is counted on the way.
@@ -260,6 +265,10 @@ pub struct Rewriter {
     has_begun: bool,
     subprograms: Subprograms,
     current: Option<usize>,
+    /// The number of the file's first program, until it has ended.
+    first: Option<u32>,
+    /// Lines of an earlier comparison of the run.
+    earlier: Earlier,
     counts: Counts,
     nominal_extent: Extent,
     written_extent: Extent,
@@ -300,6 +309,14 @@ impl Rewriter {
                     pm: pm(*mm),
                 };
             }
+        }
+        let mut place = Place::UNKNOWN;
+        for (axis, mm) in settings.start_mm.iter().enumerate() {
+            let Some(mm) = mm else { continue };
+            if !within(-10_000.0, 10_000.0, *mm) {
+                return Err(BadSettings::Origin);
+            }
+            place.set(axis, pm(*mm));
         }
         let r = transform.rotation;
         let rotation = [
@@ -349,7 +366,7 @@ impl Rewriter {
             motion: settings.start.motion,
             out_motion: settings.start.motion,
             lost_motion: false,
-            place: Place::UNKNOWN,
+            place,
             origins,
             frame: None,
             local: [0; 3],
@@ -358,6 +375,8 @@ impl Rewriter {
             has_begun: false,
             subprograms: Vec::new(),
             current: None,
+            first: None,
+            earlier: Earlier::default(),
             counts: Counts::default(),
             nominal_extent: Extent::NOTHING,
             written_extent: Extent::NOTHING,
@@ -435,10 +454,11 @@ impl Rewriter {
     /// The next program that is called and whose text has not come; it is told once.
     fn missing(&mut self) -> Option<RefusedLine> {
         let settings = &self.settings;
-        let sub = self
-            .subprograms
-            .iter_mut()
-            .find(|sub| !sub.written && !settings.allows_number(sub.number))?;
+        let sub = self.subprograms.iter_mut().find(|sub| {
+            !sub.written
+                && !settings.allows_number(sub.number)
+                && !settings.allows_number(sub.as_said)
+        })?;
         sub.written = true;
         Some(RefusedLine {
             line: sub.called_line,
@@ -463,6 +483,7 @@ impl Rewriter {
             written_out: counts.written_out.0,
             nominal_mm: self.nominal_extent.mm(),
             written_mm: self.written_extent.mm(),
+            earlier_run: self.earlier.run,
         }
     }
 
@@ -582,9 +603,17 @@ impl Rewriter {
     ) -> Result<(), RefusedLine> {
         let done = if core::mem::take(&mut self.too_long) {
             Err((MAX_LINE, RewriteRefusal::LineTooLong))
-        } else if self.is_identity || self.tape == Tape::End {
+        } else if self.is_identity {
             out.put(line);
             Ok(())
+        } else if self.tape == Tape::End {
+            match text::words::is_block(line) {
+                Some(column) => Err((column, RewriteRefusal::BehindEnd)),
+                None => {
+                    out.put(line);
+                    Ok(())
+                }
+            }
         } else if self.line_ends.are_mixed() {
             Err((0, RewriteRefusal::LineEnds))
         } else if !self.begins_anew && self.plain(line, out) {
@@ -605,8 +634,29 @@ impl Rewriter {
     }
 
     fn understand<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> At<()> {
+        if !self.has_begun && text::words::is_name(line) {
+            self.tape = Tape::Program;
+            out.put(line);
+            return Ok(());
+        }
+        if let Some(is_first) = self.earlier.takes(line)? {
+            self.begin(out);
+            // Measured anew, it belongs to the new run alone.
+            match (self.settings.run, is_first) {
+                (Some(_), true) => out.put(b"(RUN COMPARED ANEW)"),
+                (Some(_), false) => {}
+                (None, _) => out.put(line),
+            }
+            return Ok(());
+        }
         let mut words = Words::new();
         let kind = text::words::read(line, &mut words)?;
+        if self.settings.dialect != Some(RewriteDialect::LinuxCnc)
+            && let Some(at) = text::words::semicolon(line)
+            && let Some(first) = text::words::is_block(line.get(at..).unwrap_or_default())
+        {
+            return Err((at + first, RewriteRefusal::Semicolon));
+        }
         if let Some(column) = header::mark(line)
             && !self.settings.again
         {
@@ -656,6 +706,7 @@ impl Rewriter {
                     self.begins_anew = is_name && self.is_uncalled();
                 } else {
                     self.tape = Tape::Program;
+                    self.first = Given::new(&words)?.whole(b'O')?;
                     out.put(line);
                 }
             }

@@ -153,11 +153,41 @@ pub enum RewriteRefusal {
         "calls O{0} of another device: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out"
     )]
     Elsewhere(u32),
-    /// A program is called by a name, and its text is not in the file.
+    /// A subprogram is called by an O word and a name.
     #[error(
-        "calls a program that is not in the file: what it moves would not be carried, and if it corrects, the part is corrected twice; leave the call out"
+        "calls a subprogram by an O word, which is not followed: what it moves would not be carried, and if it corrects, the part is corrected twice; write its motions here, or leave the call out"
     )]
     NamedCall,
+    /// The same by a number.
+    #[error(
+        "calls O{0} by an O word, which is not followed: what it moves would not be carried, and if it corrects, the part is corrected twice; write it as M98 P{0}, with O{0} and M99 behind the main program, or leave the call out"
+    )]
+    NumberedCall(u32),
+    /// `,A` and its like.
+    #[error(
+        ",{0} is not known: of words behind a comma only ,R and ,C turn with the part; write out where the motion ends"
+    )]
+    Comma(char),
+    /// Words behind a semicolon.
+    #[error(
+        "words behind `;` are a comment for LinuxCNC and GRBL, and a further block for others: put them into ( ), or into a line of their own, or say that this is LinuxCNC's"
+    )]
+    Semicolon,
+    /// Words behind the closing `%`.
+    #[error(
+        "words behind the closing `%`: some controls go on there, and these would not be carried; make it a file of its own, or leave out the `%` between"
+    )]
+    BehindEnd,
+    /// M72, M73 of LinuxCNC.
+    #[error(
+        "M{0} gives back the modes that LinuxCNC has kept: which they are cannot be told; write them as G codes, or say that this is no program of LinuxCNC's"
+    )]
+    Restores(u8),
+    /// G52 while G92 is in force, or the other way round.
+    #[error(
+        "G52 and G92 are one shift for LinuxCNC and two for others: say whose program this is, or use one of them"
+    )]
+    TwoShifts,
     /// The program has been rewritten before.
     #[error("this program has been rewritten before and would be moved twice: take the original")]
     Rewritten,

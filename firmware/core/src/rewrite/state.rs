@@ -127,6 +127,18 @@ impl Place {
         relative: true,
     };
 
+    /// The tool stands there, as the program says and as it is written.
+    pub fn set(&mut self, axis: usize, pm: Pm) {
+        for places in [&mut self.nominal, &mut self.out] {
+            if let Some(slot) = places.get_mut(axis) {
+                *slot = Some(pm);
+            }
+        }
+        if let Some(slot) = self.last.get_mut(axis) {
+            *slot = pm;
+        }
+    }
+
     pub fn forget(&mut self, axis: usize) {
         for places in [&mut self.nominal, &mut self.out] {
             if let Some(slot) = places.get_mut(axis) {
@@ -150,6 +162,9 @@ pub(super) type Origins = [[Origin; 3]; 6];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Subprogram {
     pub number: u32,
+    /// The same as the call said it: a P of five digits and more is a number, or a number with
+    /// its count before it.
+    pub as_said: u32,
     pub modes: Modes,
     /// Whether it was called from where it, or another one, had ended.
     pub repeated: bool,

@@ -490,6 +490,8 @@ impl Writer {
                     let steps = to[axis] * NM_PER_UM / self.step();
                     self.word(['X', 'Y', 'Z'][axis], steps);
                     self.here[axis] += self.at[axis] - self.shift(axis) - steps * self.step();
+                    // The local coordinates of this axis end.
+                    self.here[axis] += core::mem::take(&mut self.local[axis]);
                 }
                 self.end();
             }

@@ -35,6 +35,14 @@ enum Became {
     Wrong,
 }
 
+/// What is said of a program's start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Start {
+    NotSaid,
+    Modes,
+    ModesAndPlace,
+}
+
 /// All programs below a folder.
 fn programs(folder: &Path, found: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -127,11 +135,12 @@ fn printed_mm(run: &RefereeRun) -> f64 {
 }
 
 /// The nominal motions, with the axes that the machine has placed: by G53, or at the reference
-/// points. An axis is the program's again with its next word, or when it moves.
-fn nominal_moves(text: &str, run: &RefereeRun) -> Vec<Move> {
+/// points. An axis is the program's again with its next word, or when it moves; from the start if
+/// it is stated where it stands.
+fn nominal_moves(text: &str, run: &RefereeRun, is_stated: bool) -> Vec<Move> {
     let lines: Vec<&str> = text.lines().collect();
     let mut all = moves(run);
-    let mut by_machine = [true; 3];
+    let mut by_machine = [!is_stated; 3];
     let printed_mm = printed_mm(run);
     for (moved, made) in all.iter_mut().zip(&run.moves).skip(1) {
         let line = made.block.and_then(|number| lines.get(number as usize - 1));
@@ -188,8 +197,8 @@ fn public_programs_move_as_they_say() {
     let mut found = Vec::new();
     programs(Path::new(&folder), &mut found);
     let mut alone = 0;
-    let mut counts: BTreeMap<(&str, bool, Became), usize> = BTreeMap::new();
-    let mut reasons: BTreeMap<String, usize> = BTreeMap::new();
+    let mut counts: BTreeMap<(&str, Start, Became), usize> = BTreeMap::new();
+    let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
     let mut wrong = Vec::new();
     for path in &found {
         // Comments may be in any code.
@@ -211,18 +220,22 @@ fn public_programs_move_as_they_say() {
             continue;
         }
         alone += 1;
-        let wanted = nominal_moves(&text, &nominal);
+        let origin = nominal.origins_mm[1];
         for (name, transform) in transforms() {
-            for with_start in [false, true] {
+            for with_start in [Start::NotSaid, Start::Modes, Start::ModesAndPlace] {
+                let is_placed = with_start == Start::ModesAndPlace;
+                let wanted = nominal_moves(&text, &nominal, is_placed);
                 let how = RewriteSettings {
                     decimals_mm: 4,
                     dialect: Some(RewriteDialect::LinuxCnc),
                     again: false,
-                    start: if with_start {
-                        stated()
-                    } else {
-                        StartModes::default()
+                    start: match with_start {
+                        Start::NotSaid => StartModes::default(),
+                        Start::Modes | Start::ModesAndPlace => stated(),
                     },
+                    start_mm: core::array::from_fn(|axis| {
+                        is_placed.then_some(HOME_MM[axis] - origin[axis])
+                    }),
                     ..settings(transform, 0.254)
                 };
                 let mut count = |became| {
@@ -232,9 +245,10 @@ fn public_programs_move_as_they_say() {
                     Ok((made, _)) => made,
                     Err(refused) => {
                         count(Became::Refused);
-                        if with_start {
+                        if is_placed {
                             let why = refused.reason.to_string();
-                            *reasons.entry(why).or_default() += 1;
+                            let at = format!("{}:{}, {name}", path.display(), refused.line);
+                            reasons.entry(why).or_default().push(at);
                         }
                         continue;
                     }
@@ -242,7 +256,7 @@ fn public_programs_move_as_they_say() {
                 let printed = printed_mm(&nominal);
                 let judge = Judge {
                     transform,
-                    origin: V::from(nominal.origins_mm[1]),
+                    origin: V::from(origin),
                     rounding_mm: 2.0 * printed + 1e-6,
                     path_mm: CHORD_MM + 4.0 * printed,
                 };
@@ -253,7 +267,7 @@ fn public_programs_move_as_they_say() {
                     Ok(_) => count(Became::Right),
                     Err(why) => {
                         count(Became::Wrong);
-                        wrong.push(format!("{}, {name}, {with_start}: {why}", path.display()));
+                        wrong.push(format!("{}, {name}, {with_start:?}: {why}", path.display()));
                     }
                 }
             }
@@ -261,13 +275,16 @@ fn public_programs_move_as_they_say() {
     }
     println!("{} programs, {alone} run alone", found.len());
     for ((name, with_start, became), count) in counts {
-        let start = if with_start { "stated" } else { "not stated" };
-        println!("{name}, modes {start}: {became:?} {count}");
+        println!("{name}, {with_start:?}: {became:?} {count}");
     }
     let mut reasons: Vec<_> = reasons.into_iter().collect();
-    reasons.sort_by_key(|(_, count)| core::cmp::Reverse(*count));
-    for (why, count) in reasons {
-        println!("{count:5} {why}");
+    reasons.sort_by_key(|(_, places)| core::cmp::Reverse(places.len()));
+    for (why, places) in reasons {
+        println!(
+            "{:5} {why}\n      {}",
+            places.len(),
+            places.join("\n      ")
+        );
     }
     assert!(alone > 0, "no program of {folder} runs alone");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

@@ -49,7 +49,7 @@ impl Rewriter {
         let before = self.place;
         let mut target = self.over(given, incremental, normal)?;
         let mut cycle = self.heights(given, wanted, incremental, normal)?;
-        let rises = self.rises(&cycle, incremental, normal, column)?;
+        let rises = self.rises(&cycle, normal, column)?;
         if !at(&self.keeps, normal) {
             if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
@@ -131,7 +131,7 @@ impl Rewriter {
 
     /// Whether the tool rises to R before it moves across. Where it begins below R and nobody
     /// said whose program it is, that is not known.
-    fn rises(&self, cycle: &Cycle, incremental: bool, normal: usize, column: usize) -> At<bool> {
+    fn rises(&self, cycle: &Cycle, normal: usize, column: usize) -> At<bool> {
         let (Some(r), Some(height)) = (cycle.r, at(&self.place.nominal, normal)) else {
             return Ok(false);
         };
@@ -139,9 +139,9 @@ impl Rewriter {
         match self.settings.dialect {
             _ if !is_below => Ok(false),
             Some(RewriteDialect::Fanuc) => Ok(false),
-            // In increments R would be counted from another height for each hole.
-            Some(RewriteDialect::LinuxCnc) if !incremental => Ok(height < r),
-            _ => Err((column, RewriteRefusal::BelowR)),
+            // In increments, too, R is counted from where the first of the cycles began.
+            Some(RewriteDialect::LinuxCnc) => Ok(height < r),
+            None => Err((column, RewriteRefusal::BelowR)),
         }
     }
 

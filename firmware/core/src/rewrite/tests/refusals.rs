@@ -18,7 +18,7 @@ const REFUSED: &[(&str, usize, RewriteRefusal)] = &[
     ("IF[#1EQ1]GOTO5", 1, RewriteRefusal::Flow),
     ("WHILE[#1LT2]DO1", 1, RewriteRefusal::Flow),
     ("O<sub> call", 1, RewriteRefusal::NamedCall),
-    ("o9010 Call [1]", 1, RewriteRefusal::NotHere(9010)),
+    ("o9010 Call [1]", 1, RewriteRefusal::NumberedCall(9010)),
     ("o100 if [#1 GT 2]", 1, RewriteRefusal::Flow),
     ("o<sub> sub", 1, RewriteRefusal::Flow),
     ("N7 M98 P9010", 4, RewriteRefusal::NotHere(9010)),
@@ -114,6 +114,20 @@ const REFUSED: &[(&str, usize, RewriteRefusal)] = &[
     ("G83 X1. Z-1. R0. F9", 5, RewriteRefusal::CycleLacks('Q')),
     ("G81 X1. Z1. R-1. F9", 5, RewriteRefusal::CycleDepth),
     ("G93 G1 X1.", 8, RewriteRefusal::NoFeed),
+    ("G1 X1. ,A30. F9", 8, RewriteRefusal::Comma('A')),
+    ("G92.1 X1.", 1, RewriteRefusal::Code(921, Why::Offsets)),
+    ("G50 X1.", 1, RewriteRefusal::Code(500, Why::Offsets)),
+    ("G15 H1", 1, RewriteRefusal::Code(150, Why::Coordinates)),
+    ("M72", 1, RewriteRefusal::Restores(72)),
+    ("M73", 1, RewriteRefusal::Restores(73)),
+    ("L100", 1, RewriteRefusal::Meaningless('L')),
+    ("N5 L100 P2", 4, RewriteRefusal::Meaningless('L')),
+    ("G1 X1. F9; X2.", 12, RewriteRefusal::Semicolon),
+    ("(;) G1 X1. F9 (;); (a) G91", 24, RewriteRefusal::Semicolon),
+    ("#100=1 ; M98 P2", 10, RewriteRefusal::Semicolon),
+    ("G92 X1.\nG52 X1.", 1, RewriteRefusal::TwoShifts),
+    ("%\n(more)\nO2", 1, RewriteRefusal::BehindEnd),
+    ("IF[#531EQ42]GOTO7\nN7", 1, RewriteRefusal::Flow),
 ];
 
 /// Each is refused where it stands, and says what to do.
@@ -127,7 +141,7 @@ fn what_cannot_be_followed_is_refused() {
         };
         assert_eq!(
             (refusal.line, refusal.column, refusal.reason),
-            (2, *column, *reason),
+            (1 + line.lines().count() as u64, *column, *reason),
             "{line}: {refusal}"
         );
         assert!(refusal.to_string().len() > 30, "{refusal}");

@@ -125,3 +125,49 @@ fn the_most_at_once_is_what_it_says() {
         assert!(most <= MAX_AT_ONCE, "{dialect:?}: {most}");
     }
 }
+
+/// What was rewritten for a run and is rewritten again: the comparison stays, or that of the new
+/// run takes its place.
+#[test]
+fn again_it_stays_or_is_renewed() {
+    let shift = level(0.0, [1.0, 0.0, 0.0]);
+    for dialect in [Dialect::Haas, Dialect::MazakSettingError, Dialect::LinuxCnc] {
+        let header = RewriteSettings {
+            original: Some(ProgramIdentity { crc32: 7, bytes: 9 }),
+            again: true,
+            ..of_run(shift, dialect)
+        };
+        for eol in ["\n", "\r\n"] {
+            let program = PROGRAM.replace('\n', eol);
+            let again = |settings: &RewriteSettings, text: &str| {
+                let mut out = Vec::new();
+                let mut sink = |bytes: &[u8]| out.extend_from_slice(bytes);
+                let mut rewriter = Rewriter::new(settings).unwrap();
+                rewriter.push(text.as_bytes(), &mut sink).unwrap();
+                let summary = rewriter.finish(&mut sink).unwrap();
+                (String::from_utf8(out).unwrap(), summary)
+            };
+            let (once, first) = again(&header, &program);
+            assert_eq!(first.earlier_run, None);
+            let kept = RewriteSettings {
+                run: None,
+                ..header.clone()
+            };
+            let (twice, second) = again(&kept, &once);
+            assert_eq!(second.earlier_run, Some(17));
+            assert_eq!(RunCheck::in_text(&twice), header.run, "{twice}");
+            assert!(twice.contains("X3."), "{twice}");
+            let renewed = RewriteSettings {
+                run: RunCheck::of(dialect, 531, 18),
+                ..header.clone()
+            };
+            let (twice, second) = again(&renewed, &once);
+            assert_eq!(second.earlier_run, Some(17));
+            assert_eq!(twice.matches("UMI PROGRAM OF RUN").count(), 1, "{twice}");
+            assert_eq!(RunCheck::in_text(&twice), renewed.run, "{twice}");
+            assert_eq!(twice.matches("(RUN COMPARED ANEW)").count(), 1, "{twice}");
+            let labels = twice.lines().filter(|line| line.trim() == "N7").count();
+            assert_eq!(labels, usize::from(dialect == Dialect::MazakSettingError));
+        }
+    }
+}

@@ -151,13 +151,99 @@ fn below_r_each_control_goes_its_way() {
         ],
         "{made}"
     );
-    // In increments R would be counted from another height for each hole.
-    let refused = rewritten(
-        &of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]),
-        "G21 G90 G0 X0. Y0. Z1.\nG91 G81 X1. Z-5. R2. K2 F100\n",
+    // In increments, too: R stays 2 mm above where the cycle began, and the tool stays there.
+    let holes = "G21 G90 G0 X0. Y0. Z1.\nG91 G98 G81 X1. Y0. Z-5. R2. L2 F100\nY1.\nG80\nG0 Z1.\n";
+    let (made, _) = rewritten(&of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]), holes).unwrap();
+    assert_eq!(
+        made,
+        "G21 G90 G0 X0. Y0. Z1.\nG91 G98 G81 X0. Y1. Z-5. R2. F100\nY1.\nX-1. Y0.\nG80\nG0 Z1.\n"
+    );
+}
+
+/// Behind G52 another G92 takes the shift of its axis over; zeros behind G92.1 end both.
+#[test]
+fn shifts_end_as_the_control_ends_them() {
+    let program = "G21 G90 G0 X1. Y0. Z0.\nG52 X1.\nG92 X5.\nG52 X0.\nG0 X5. Y0.\n";
+    let (made, _) = rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]), program).unwrap();
+    // It stands where it stood: Y1.
+    assert!(made.ends_with("G52 X0.\nG0 X5. Y1.\n"), "{made}");
+    let ended = program
+        .replace("G52 X0.", "G92.1 X0.")
+        .replace("X5. Y0.", "X2. Y0.");
+    let (made, _) = rewritten(&settings(level(90.0, [0.0; 3])), &ended).unwrap();
+    assert!(made.ends_with("G92.1 X0.\nG0 X0. Y2.\n"), "{made}");
+    rewritten(&of(RewriteDialect::LinuxCnc, [0.0; 3]), &ended).unwrap();
+    let lathe = rewritten(&of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]), &ended).unwrap_err();
+    assert_eq!(lathe.reason, RewriteRefusal::TwoMotions);
+    // Mirrors that end are no places.
+    let (made, _) = rewritten(
+        &settings(level(90.0, [0.0; 3])),
+        "G50.1 X0 Y0\nG21 G90 G0 X1. Y0. Z0.\nG50.1 X0 Y0\nX2.\n",
     )
-    .unwrap_err();
-    assert_eq!(refused.reason, RewriteRefusal::BelowR);
+    .unwrap();
+    assert_eq!(
+        made,
+        "G50.1 X0 Y0\nG21 G90 G0 X0. Y1. Z0.\nG50.1 X0 Y0\nX0. Y2.\n"
+    );
+}
+
+/// What is no block stays, wherever it stands: comments, ends of file, names, marks of editors.
+#[test]
+fn what_is_no_block_stays() {
+    let turn = || settings(level(90.0, [0.0; 3]));
+    for (program, made) in [
+        (
+            "\u{feff}%\nG21 G90 G0 X1. Y0. Z0.\n%\n",
+            "\u{feff}%\nG21 G90 G0 X0. Y1. Z0.\n%\n",
+        ),
+        (
+            "%\n<PART-1> (x)\nG21 G90 G0 X1. Y0. Z0.\n",
+            "%\n<PART-1> (x)\nG21 G90 G0 X0. Y1. Z0.\n",
+        ),
+        (
+            "G21 G90 G0 X1. Y0. Z0.;\n;T1 D=6\n; 5 mm\nM30;\n\x1a",
+            "G21 G90 G0 X0. Y1. Z0.;\n;T1 D=6\n; 5 mm\nM30;\n\x1a",
+        ),
+        (
+            "%\nG21 G90 G0 X1. Y0. Z0.\n%\n\x1a\x1a\nend of tape\n",
+            "%\nG21 G90 G0 X0. Y1. Z0.\n%\n\x1a\x1a\nend of tape\n",
+        ),
+    ] {
+        assert_eq!(rewritten(&turn(), program).unwrap().0, made, "{program}");
+    }
+    // A name in the middle is another program's.
+    let refused = rewritten(&turn(), "G21 G90 G0 X1. Y0. Z0.\n<B>\n").unwrap_err();
+    assert_eq!(refused.reason, RewriteRefusal::NotAWord);
+    let linuxcnc = of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]);
+    let (made, _) = rewritten(&linuxcnc, "G21 G90 G0 X1. Y0. Z0. ; X9.\n").unwrap();
+    assert_eq!(made, "G21 G90 G0 X0. Y1. Z0. ; X9.\n");
+}
+
+/// A subprogram may stand before its caller, and its number may have five digits.
+#[test]
+fn a_subprogram_is_found_wherever_it_stands() {
+    let turn = || settings(level(90.0, [0.0; 3]));
+    let first = "%\nO2\nG21 G90 G0 X1. Y0. Z0.\nG1 Z-1. F9\nM99\nO1\nG21 G90 G0 X2. Y0. Z0.\n\
+                 M98 P2\nG90 G0 X1. Y0. Z0.\nM30\n%\n";
+    let (made, _) = rewritten(&turn(), first).unwrap();
+    assert_eq!(
+        made,
+        first
+            .replace("X1. Y0.", "X0. Y1.")
+            .replace("X2. Y0.", "X0. Y2.")
+    );
+    // With other modes than it had when it was read.
+    let other = first.replace("Z0.\nM98", "Z0.\nG18\nM98");
+    let refused = rewritten(&turn(), &other).unwrap_err();
+    assert_eq!(refused.reason, RewriteRefusal::SubprogramModes);
+    for (call, number) in [("P12345", 12345), ("P22345", 2345), ("P2345 L2", 2345)] {
+        let program = std::format!(
+            "%\nO1\nG21 G90 G0 X2. Y0. Z0.\nM98 {call}\nG90 G0 X1. Y0. Z0.\nM30\n\
+             O{number}\nG91 G1 X1. F9\nX-1.\nG90\nM99\n%\n"
+        );
+        let (made, _) = rewritten(&turn(), &program).unwrap();
+        assert!(made.contains("G91 G1 X0. Y1. F9\nX0. Y-1.\n"), "{made}");
+    }
 }
 
 /// Modes that a program takes for granted can be stated, once each.

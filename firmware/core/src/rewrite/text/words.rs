@@ -77,10 +77,14 @@ pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
             b':' => (b'O', at + 1),
             b',' => {
                 let letter = skip_blanks(line, at + 1);
-                if !line.get(letter).is_some_and(u8::is_ascii_alphabetic) {
-                    return Err((at, RewriteRefusal::NotAWord));
+                // Corners turn with the part; an angle (`,A`) does not, and stays a number.
+                match line.get(letter).map(u8::to_ascii_uppercase) {
+                    Some(b'R' | b'C') => (b',', letter + 1),
+                    Some(other) if other.is_ascii_alphabetic() => {
+                        return Err((at, RewriteRefusal::Comma(other as char)));
+                    }
+                    _ => return Err((at, RewriteRefusal::NotAWord)),
                 }
-                (b',', letter + 1)
             }
             b'(' => {
                 let rest = line.get(at..).unwrap_or_default();
@@ -91,6 +95,12 @@ pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
                 continue;
             }
             b';' => break,
+            // The end of a file of DOS, and what editors of Windows put before the first byte.
+            END_OF_FILE if is_end(line, at) => break,
+            0xEF if at == 0 && line.starts_with(BYTE_ORDER_MARK) => {
+                at = BYTE_ORDER_MARK.len();
+                continue;
+            }
             b'%' if words.is_empty() && !optional => return Ok(Kind::Percent),
             b'/' if !optional && is_first(words) => {
                 optional = true;
@@ -119,6 +129,71 @@ pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
     } else {
         Kind::Words { optional }
     })
+}
+
+/// Control-Z, with which files of DOS end.
+const END_OF_FILE: u8 = 0x1A;
+/// How a file in UTF-8 may begin.
+const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+
+/// Whether nothing but ends of file stands from here on.
+fn is_end(line: &[u8], at: usize) -> bool {
+    let rest = line.get(at..).unwrap_or_default();
+    rest.iter()
+        .all(|byte| *byte == END_OF_FILE || is_blank(*byte))
+}
+
+/// Whether a text is nothing but words: a block, for a control that reads it as one. Where the
+/// first of them stands.
+pub(in crate::rewrite) fn is_block(text: &[u8]) -> Option<usize> {
+    let mut at = 0;
+    let mut first = None;
+    while let Some(&byte) = text.get(at) {
+        if is_blank(byte) || byte == b';' {
+            at += 1;
+        } else if byte == b'(' {
+            at += memchr::memchr(b')', text.get(at..)?)? + 1;
+        } else if byte.is_ascii_alphabetic() {
+            first = first.or(Some(at));
+            at = skip_blanks(text, at + 1);
+            if matches!(text.get(at), Some(b'+' | b'-')) {
+                at = skip_blanks(text, at + 1);
+            }
+            at = match text.get(at) {
+                Some(b'#' | b'[') => expression(text, at).ok()?,
+                _ => number(text, at, false).ok()?.1,
+            };
+        } else {
+            return None;
+        }
+    }
+    first
+}
+
+/// Where a comment to the end of the line begins.
+pub(in crate::rewrite) fn semicolon(line: &[u8]) -> Option<usize> {
+    let mut at = 0;
+    loop {
+        let rest = line.get(at..)?;
+        at += memchr::memchr2(b'(', b';', rest)?;
+        if line.get(at) == Some(&b';') {
+            return Some(at);
+        }
+        at += memchr::memchr(b')', line.get(at..)?)?;
+    }
+}
+
+/// Whether a line is a program's name in angle brackets: Fanuc's `<PART>`.
+pub(in crate::rewrite) fn is_name(line: &[u8]) -> bool {
+    let begin = skip_blanks(line, 0);
+    let rest = line.get(begin..).unwrap_or_default();
+    let end = rest.iter().position(|byte| *byte == b'>');
+    let behind = end.and_then(|end| rest.get(end + 1..));
+    rest.first() == Some(&b'<')
+        && behind.is_some_and(|behind| {
+            let at = skip_blanks(behind, 0);
+            behind.get(at).is_none_or(|byte| *byte == b'(')
+        })
 }
 
 /// Blanks, tabs, and what tapes and serial lines leave between characters.

@@ -179,6 +179,25 @@ fn the_options_that_help() {
             Some("(--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates)"),
         ),
         ("M98 P9001\nX2.", "write it into this block", None),
+        (
+            "o7 call [1]",
+            "calls O7 by an O word",
+            Some("(--allow-call P7)"),
+        ),
+        (
+            "G1 X1. F9; X2.",
+            "words behind `;`",
+            Some("(--dialect linuxcnc)"),
+        ),
+        ("M72", "gives back the modes", Some("(--dialect fanuc)")),
+        (
+            "G92 X1.\nG52 X1.",
+            "one shift for LinuxCNC",
+            Some("(--dialect fanuc or linuxcnc)"),
+        ),
+        ("G1 X5. ,A30. F9", ",A is not known", None),
+        ("M30\n%\n%\nO2", "words behind the closing `%`", None),
+        ("L100", "L has no meaning here", None),
     ] {
         let program = bench.folder.file("p.nc", [start, line, "\nM30\n"].concat());
         let options = ["--force", "--allow-call", "P9001"];
@@ -238,6 +257,39 @@ fn modes_are_stated() {
             .exits(1)
             .says("is no mode to begin with");
     }
+    // And where the tool stands.
+    let program = bench.folder.file("p.nc", "G1 X10. F9\nZ5.\nM2\n");
+    bench
+        .rewrite(&program, &["--force", "--start", "G90,G21"])
+        .exits(2)
+        .says("where Y is, the program has not said");
+    let places = "G90,G21,X-1.5,y0,Z50";
+    bench
+        .rewrite(&program, &["--force", "--start", places])
+        .exits(0);
+    assert!(
+        bench.made().ends_with("G1 X1. Y10. F9\nZ5.\nM2\n"),
+        "{}",
+        bench.made()
+    );
+    for bad in ["X", "X1,X2", "Xa", "Z1e9"] {
+        bench
+            .rewrite(&program, &["--force", "--start", bad])
+            .exits(1)
+            .says("is no place in mm");
+    }
+    let numbered = bench.folder.file("o7.nc", "%\nO7\nG1 X10. F9\nM30\n%\n");
+    umi(&[
+        "program",
+        "put",
+        &numbered,
+        "--start",
+        "X0",
+        "--port",
+        "/dev/null",
+    ])
+    .exits(1)
+    .says("a board keeps no place");
 }
 
 /// A verdict moves the same, whether a journal brings it, what a replay printed, or the board.
@@ -379,6 +431,19 @@ fn a_program_belongs_to_its_run() {
         first,
         Some("IF[#531NE42]THEN#3000=2(UMI PROGRAM OF RUN 42)")
     );
+    // Again, by a transform that knows no run: it stays, and that is said.
+    let once = bench.folder.file("once.nc", made);
+    let said = bench.rewrite(&once, &["--force", "--again"]).exits(0).out;
+    assert!(
+        said.contains("stays: alarm unless this is run 42"),
+        "{said}"
+    );
+    assert!(bench.made().contains("UMI PROGRAM OF RUN 42"));
+    let machine_again = bench
+        .rewrite(&once, &["--force", "--again", "--json"])
+        .exits(0)
+        .json();
+    assert_eq!(machine_again["earlier_run"], 42);
     let (said, machine, made) = moved(false);
     assert!(said.contains("not compared with the control's"), "{said}");
     assert!(machine["run"].is_null() && !made.contains("#531"), "{made}");

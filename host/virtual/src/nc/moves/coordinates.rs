@@ -138,6 +138,10 @@ impl Control {
                         self.modal.shift.get_mut(axis),
                     ) {
                         *slot += now - value;
+                        // Fanuc: the local coordinates of this axis end, and their shift is in it.
+                        if let Some(local) = self.modal.local.get_mut(axis) {
+                            *slot += core::mem::take(local);
+                        }
                     }
                 }
                 Ok(())

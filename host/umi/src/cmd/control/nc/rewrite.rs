@@ -42,6 +42,8 @@ The transform q = R p + t holds in the coordinates of the work offset that is in
 force at the program's first motion. What cannot be transformed truly is refused by line
 and reason, and then nothing is written: the file appears whole or not at all.
 A header says check value, source and transform. The identity changes no byte.
+A program that was rewritten before needs --again: its comparison of the run stays, unless the
+verdict brings another.
 By a verdict of a job that counts runs (`guards.run_variable`), of a board or a journal, the
 program begins with an alarm for every run but the one that was measured.
 A program that is called and is not in the file is refused: --load brings it into the
@@ -54,6 +56,7 @@ Examples:
   umi nc rewrite part.nc -o here.nc --verdict today.umij --load pocket.nc
   umi nc rewrite part.ngc -o - --transform moved.json --dialect linuxcnc --json
   umi nc rewrite part.ngc -o here.ngc --transform moved.json --start G90,G21
+  umi nc rewrite part.ngc -o here.ngc --transform moved.json --start G90,G21,X0,Y0,Z50
 
 Exit status: 0 written, 1 file or usage, 2 refused: nothing is written.";
 
@@ -94,6 +97,7 @@ impl Rewrite {
             let mut value = machine(&identity, &summary);
             value["run"] = json!(source.run.map(RunCheck::run));
             value["run_variable"] = json!(source.run.map(RunCheck::variable));
+            value["earlier_run"] = json!(summary.earlier_run);
             if is_stdout {
                 print_error(&format!("{value}\n"));
                 Ok(())
@@ -104,8 +108,8 @@ impl Rewrite {
             Ok(())
         } else {
             let mut table = table(&identity, &summary);
-            if self.moved_by.is_verdict() {
-                table.row(["run".to_owned(), compared(source.run)]);
+            if self.moved_by.is_verdict() || summary.earlier_run.is_some() {
+                table.row(["run".to_owned(), compared(source.run, summary.earlier_run)]);
             }
             print(&format!(
                 "{} {}\n\n{table}",
@@ -137,12 +141,23 @@ impl Rewrite {
 }
 
 /// Whether the program compares the run that was measured with the control's own.
-fn compared(check: Option<RunCheck>) -> String {
-    match check {
-        Some(check) => format!("alarm unless #{} is {}", check.variable(), check.run()),
-        None => "not compared with the control's: a late text moves the path, too (the job's \
+fn compared(check: Option<RunCheck>, earlier: Option<u32>) -> String {
+    match (check, earlier) {
+        (Some(check), None) => format!("alarm unless #{} is {}", check.variable(), check.run()),
+        (Some(check), Some(earlier)) => format!(
+            "alarm unless #{} is {}; the comparison with run {earlier} is taken out",
+            check.variable(),
+            check.run()
+        ),
+        (None, Some(earlier)) => format!(
+            "the program's own comparison stays: alarm unless this is run {earlier}, which was \
+             measured before it was rewritten first"
+        ),
+        (None, None) => {
+            "not compared with the control's: a late text moves the path, too (the job's \
                  `guards.run_variable`, and a journal or board as --verdict)"
-            .into(),
+                .into()
+        }
     }
 }
 
