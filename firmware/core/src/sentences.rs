@@ -183,7 +183,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 56] {
+fn rewrites() -> [RefusedLine; 58] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -239,6 +239,8 @@ fn rewrites() -> [RefusedLine; 56] {
         RewriteRefusal::NumberShares,
         RewriteRefusal::Turns,
         RewriteRefusal::BelowR,
+        RewriteRefusal::HeightsMoved,
+        RewriteRefusal::HeightsSaidElsewise,
         RewriteRefusal::TooManySubprograms,
         RewriteRefusal::SubprogramDrifts,
     ]

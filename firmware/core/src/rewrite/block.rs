@@ -196,7 +196,7 @@ pub(super) const fn code(tenths: u16) -> Code {
 /// Where each letter stands in a block.
 pub(super) struct Given<'a> {
     words: &'a Words,
-    /// Index of the word and one; 0 is none. Those of G and M are not told.
+    /// Index of the word and one; 0 is none. Those of G, M and T are not told.
     indices: [u8; 26],
     /// All that there are.
     pub letters: Letters,
@@ -205,7 +205,7 @@ pub(super) struct Given<'a> {
 }
 
 impl<'a> Given<'a> {
-    /// Finds the words; each letter but G and M once.
+    /// Finds the words; each letter but G, M and T once.
     pub fn new(words: &'a Words) -> At<Self> {
         let mut given = Self {
             words,
@@ -217,7 +217,8 @@ impl<'a> Given<'a> {
             given.letters = given.letters.with(word.letter);
             match word.letter {
                 b',' => given.corner = Some(index),
-                b'G' | b'M' => {}
+                // Of two tools a changer puts one in and brings the next (Mazak: `T1 T2 M6`).
+                b'G' | b'M' | b'T' => {}
                 letter => {
                     let slot = given
                         .indices

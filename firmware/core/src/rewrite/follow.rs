@@ -550,6 +550,10 @@ impl Rewriter {
                 72 | 73 if self.settings.dialect != Some(RewriteDialect::Fanuc) => {
                     return Err((word.start, RewriteRefusal::Restores(m as u8)));
                 }
+                // Of a Haas: a block number of this program.
+                97 if given.has(b'P') => {
+                    return Err((word.start, RewriteRefusal::CallsFrom('P')));
+                }
                 96 | 97 => return Err((word.start, RewriteRefusal::Flow)),
                 99 => {
                     if given.has(b'P') {
@@ -722,6 +726,26 @@ impl Rewriter {
         Ok(())
     }
 
+    /// Whether the way from where a subprogram was called needed no rounding, as a step down
+    /// along an axis that keeps its direction: from there it can be called any number of times.
+    fn is_exact(&self) -> bool {
+        let ([Some(x), Some(y), Some(z)], [Some(a), Some(b), Some(c)]) =
+            (self.place.nominal, self.place.out)
+        else {
+            return false;
+        };
+        #[allow(clippy::cast_precision_loss, reason = "places are below 2^53 pm")]
+        let (image, out) = (
+            self.image([x, y, z].map(|pm| pm as f64)),
+            [a, b, c].map(|pm| pm as f64),
+        );
+        // Compared as numbers: less than a picometre is none.
+        image
+            .iter()
+            .zip(out)
+            .all(|(image, out)| (image - out).abs() < 1.0)
+    }
+
     /// M99 in the first program of the file: others may call it, too. It named its places
     /// itself, as nobody was known to have called it.
     fn end_first(&mut self, column: usize) -> At<()> {
@@ -751,13 +775,14 @@ impl Rewriter {
         };
         let modes = self.modes;
         let place = self.place;
+        let drifts = place.relative && place.nominal != [Some(0); 3] && !self.is_exact();
         if let Some(sub) = self.subprograms.get_mut(index) {
             if !agree(&sub.modes, &modes) {
                 return Err((column, RewriteRefusal::SubprogramModes));
             }
             // What it said itself is what its callers must have.
             sub.modes = modes;
-            sub.drifts = place.relative && place.nominal != [Some(0); 3];
+            sub.drifts = drifts;
             if sub.drifts && sub.repeated {
                 return Err((column, RewriteRefusal::SubprogramDrifts));
             }

@@ -206,6 +206,16 @@ pub enum RewriteRefusal {
         "the canned cycle begins below its R: LinuxCNC rises before it moves across, others after; say whose program this is, or go to R first"
     )]
     BelowR,
+    /// A canned cycle goes on, and its R or depth was said under another offset.
+    #[error(
+        "R and depth of this cycle were said under another offset: whether they move with it, controls see differently; say both in this block"
+    )]
+    HeightsMoved,
+    /// A canned cycle goes on, and its R or depth was said in the other distance mode.
+    #[error(
+        "R and depth of this cycle were said in the other of G90 and G91: LinuxCNC counts them anew, others keep the places; say both in this block, or say that this is no program of LinuxCNC's"
+    )]
+    HeightsSaidElsewise,
     /// More subprograms than are followed.
     #[error("too many subprograms in one file")]
     TooManySubprograms,

@@ -72,6 +72,16 @@ pub(super) struct Cycle {
     pub bottom: Option<Pm>,
     pub peck: Option<Pm>,
     pub dwell: Option<Number>,
+    /// How R and the depth were said.
+    pub said: [Option<SaidHeight>; 2],
+}
+
+/// How a height of a cycle was said: later blocks mean the same only if this has not changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SaidHeight {
+    pub incremental: bool,
+    /// From the coordinates of the program to the frame.
+    pub shift: Pm,
 }
 
 /// What stays in force and must be the same wherever a subprogram is called.

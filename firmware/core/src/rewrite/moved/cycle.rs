@@ -3,7 +3,7 @@
 use crate::rewrite::block::{AXES, Given, Letters};
 use crate::rewrite::moved::plan::{Holes, More, Phase, Repeat, Wanted, allow};
 use crate::rewrite::refusal::RewriteRefusal;
-use crate::rewrite::state::{Cycle, Motion};
+use crate::rewrite::state::{Cycle, Motion, SaidHeight};
 use crate::rewrite::text::emit;
 use crate::rewrite::text::emit::{Action, Edit, Out};
 use crate::rewrite::text::length::{LIMIT_PM, Pm, Step};
@@ -48,7 +48,7 @@ impl Rewriter {
         }
         let before = self.place;
         let mut target = self.over(given, incremental, normal)?;
-        let mut cycle = self.heights(given, wanted, incremental, normal)?;
+        let mut cycle = self.heights(given, wanted, incremental, normal, column)?;
         let rises = self.rises(&cycle, normal, column)?;
         if !at(&self.keeps, normal) {
             if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
@@ -206,6 +206,7 @@ impl Rewriter {
         wanted: &Wanted,
         incremental: bool,
         normal: usize,
+        column: usize,
     ) -> At<Cycle> {
         let mut cycle = self.modes.cycle.unwrap_or(Cycle {
             code: 0,
@@ -216,11 +217,27 @@ impl Rewriter {
             bottom: None,
             peck: None,
             dwell: None,
+            said: [None; 2],
         });
         if let Some((_, code)) = wanted.cycle {
             cycle.code = code;
         }
         let shift = at(&self.modes.shift.nominal, normal);
+        let now = SaidHeight { incremental, shift };
+        for (letter, said) in [b'R', at(&AXES, normal)].into_iter().zip(&mut cycle.said) {
+            if given.has(letter) {
+                *said = Some(now);
+            }
+            let Some(said) = *said else { continue };
+            let is_same_mode = said.incremental == incremental
+                || self.settings.dialect == Some(RewriteDialect::Fanuc);
+            if said.shift != shift {
+                return Err((column, RewriteRefusal::HeightsMoved));
+            }
+            if !is_same_mode {
+                return Err((column, RewriteRefusal::HeightsSaidElsewise));
+            }
+        }
         let has_r = self.length_of(given, b'R')?;
         if let Some(r) = has_r {
             cycle.r = if incremental {

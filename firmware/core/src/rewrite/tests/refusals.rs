@@ -24,7 +24,8 @@ const REFUSED: &[(&str, usize, RewriteRefusal)] = &[
     ("N7 M98 P9010", 4, RewriteRefusal::NotHere(9010)),
     ("(UMI REWRITTEN FROM CRC32 0)", 1, RewriteRefusal::Rewritten),
     ("M96 P10 Q8", 1, RewriteRefusal::Flow),
-    ("M97 P5", 1, RewriteRefusal::Flow),
+    ("M97 P5", 1, RewriteRefusal::CallsFrom('P')),
+    ("M97", 1, RewriteRefusal::Flow),
     ("#5221=1.", 1, RewriteRefusal::SystemVariable),
     ("#1=2 G0 X1.", 6, RewriteRefusal::NotAWord),
     (

@@ -301,3 +301,50 @@ fn stated_modes_are_kept_as_they_are() {
     assert_eq!(of(&[591]).unwrap().packed(), None);
     assert_eq!(of(&[400]).unwrap().packed(), Some(0));
 }
+
+/// A step down that is repeated from where it ended needs no rounding where the part lies level;
+/// a way in the plane, or in a part that leans, does.
+#[test]
+fn steps_down_are_repeated() {
+    let program = "O1\nG21 G90 G0 X1. Y0. Z0.\nM98 P2 L4\nG90 G0 X1. Y0. Z0.\nM30\n\
+                   O2\nG91 G1 Z-1. F9\nX1.\nX-1.\nG90\nM99\n";
+    let level = of(RewriteDialect::Fanuc, [0.0, 0.0, 37.0]);
+    let (made, _) = rewritten(&level, program).unwrap();
+    assert!(
+        made.ends_with("G91 G1 Z-1. F9\nX0.799 Y0.602\nX-0.799 Y-0.602\nG90\nM99\n"),
+        "{made}"
+    );
+    let across = program.replace("X-1.\n", "X-2.\n");
+    for (settings, program) in [
+        (&level, across.as_str()),
+        (&of(RewriteDialect::Fanuc, [1.0, 0.0, 0.0]), program),
+    ] {
+        let refused = rewritten(settings, program).unwrap_err();
+        assert_eq!(refused.reason, RewriteRefusal::SubprogramDrifts);
+    }
+}
+
+/// Heights of a cycle that were said in `G90` and are used in `G91`: places for one control,
+/// numbers that count from elsewhere for another.
+#[test]
+fn heights_are_said_in_the_mode_that_uses_them() {
+    let program = "G21 G90 G0 X0. Y0. Z9.\nG99 G81 X1. Y0. Z-5. R2. F9\nG91 X1.\nG80\nM30\n";
+    let refused = rewritten(&settings(level(90.0, [0.0; 3])), program).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (3, RewriteRefusal::HeightsSaidElsewise)
+    );
+    let linuxcnc = of(RewriteDialect::LinuxCnc, [0.0, 0.0, 90.0]);
+    rewritten(&linuxcnc, program).unwrap_err();
+    rewritten(&linuxcnc, &program.replace("G91 X1.", "G91 X1. Z-7. R-7.")).unwrap();
+    let fanuc = of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]);
+    let (made, _) = rewritten(&fanuc, program).unwrap();
+    assert!(made.contains("\nG91 X0. Y1.\nG80\n"), "{made}");
+    // Another height of the coordinates is another height of the hole, or is not.
+    let shifted = program.replace("G91 X1.", "G52 Z1.\nX2.");
+    let refused = rewritten(&fanuc, &shifted).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (4, RewriteRefusal::HeightsMoved)
+    );
+}

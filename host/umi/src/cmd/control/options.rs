@@ -27,8 +27,8 @@ pub(crate) struct Control {
     clearance_mm: f64,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Count {
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Count {
     /// X100 is 100 mm (or inches)
     Units,
     /// X100 is 100 increments

@@ -182,7 +182,7 @@ pub(crate) fn option(refused: RewriteRefusal) -> Option<String> {
             return Some(format!("--allow-call P{number}"));
         }
         RewriteRefusal::Turns | RewriteRefusal::Semicolon => "--dialect linuxcnc",
-        RewriteRefusal::Restores(_) => "--dialect fanuc",
+        RewriteRefusal::Restores(_) | RewriteRefusal::HeightsSaidElsewise => "--dialect fanuc",
         RewriteRefusal::BelowR | RewriteRefusal::TwoShifts => "--dialect fanuc or linuxcnc",
         RewriteRefusal::NoDistanceMode => "--start G90",
         RewriteRefusal::NoUnit => "--start G21",

@@ -14,6 +14,7 @@ use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
 
 use crate::cmd::Format;
 use crate::cmd::control::basis::MovedBy;
+use crate::cmd::control::options::Count;
 use crate::output::Force;
 
 /// Compare two programs motion by motion, the first carried by a transform
@@ -42,14 +43,17 @@ pub(crate) struct Diff {
     /// The control whose language both are
     #[arg(long, value_enum, default_value_t = Language::Fanuc)]
     control: Language,
+    /// What a length without a decimal point counts
+    #[arg(long, value_enum, default_value_t = Count::Units)]
+    integers: Count,
     #[command(flatten)]
     pub format: Format,
 }
 
 const HELP: &str = "\
 Both programs are interpreted by the virtual machine's control, with tools of
-length zero and home at machine zero; numbers without a point are mm. Arcs may
-have become chords. Without a transform the programs are compared as they are. Motions
+length zero and home at machine zero; numbers without a point are mm, or 0.001 mm with
+--integers increments. Arcs may have become chords. Without a transform the programs are compared as they are. Motions
 in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
 not named yet, have no image and are left out.
 
@@ -57,6 +61,7 @@ Examples:
   umi nc diff part.nc here.nc --verdict today.jsonl
   umi nc diff part.nc here.nc --transform moved.json -o diff.html --json
   umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
+  umi nc diff part.nc here.nc --transform moved.json --integers increments
 
 Exit status: 0 all motions have their image, 1 file or usage, 2 some have none.";
 
@@ -98,8 +103,14 @@ impl Diff {
             Language::Linuxcnc => ControlFamily::LinuxCnc,
         };
         let settings = ControlSettings {
-            decimal_point: DecimalPoint::Calculator,
-            increment_mm: 1e-6,
+            decimal_point: match self.integers {
+                Count::Units => DecimalPoint::Calculator,
+                Count::Increments => DecimalPoint::Increments,
+            },
+            increment_mm: match self.integers {
+                Count::Units => 1e-6,
+                Count::Increments => 1e-3,
+            },
             // A program that leaves its feed to what ran before is compared, too.
             feed_mm_min: Some(100.0),
             ..ControlSettings::of(dialect)
