@@ -183,11 +183,13 @@ export class Chip {
   holdTransfers(cycles) {
     this.synchronise();
     this.areTransfersHeld = true;
+    this.rp.uart[0].updateDMARx?.();
     const { machines } = this;
     this.clock.createAlarm(() => {
       this.synchronise();
       this.areTransfersHeld = false;
       for (const machine of machines) machine.updateDMARx();
+      this.rp.uart[0].updateDMARx?.();
     }).at(this.cycle + cycles);
     this.disturb();
   }

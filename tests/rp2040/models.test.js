@@ -297,3 +297,44 @@ test('a line that is looped back hears itself, and not the control', () => {
   assert.deepEqual([control.heard, uart.readUint32(FR) & 0x10], [1, 0x10]);
   assert.ok(chip.cycle > 0);
 });
+
+test('what the line brings asks the DMA for each character, with its errors above it', () => {
+  const board = new Board(sleeper(), Buffer.alloc(8));
+  const { chip, control } = board;
+  const { uart } = control;
+  const { dma } = chip.rp;
+  const [IBRD, LCR_H, CR, DMACR] = [0x24, 0x2c, 0x30, 0x48];
+  const RAM = 0x20001000, HALFWORD = 1 << 2, RING_OF_8 = 1 << 10 | 3 << 6;
+  uart.writeUint32(IBRD, 68);
+  uart.writeUint32(LCR_H, 0x60);
+  uart.writeUint32(CR, 0x301);
+  uart.writeUint32(DMACR, 1);
+  dma.writeUint32(0x404, 0b11);
+  // Two channels that start each other, one transfer each.
+  for (const [channel, other] of [[1, 0], [0, 1]]) {
+    dma.writeUint32(0x40 * channel, UART0);
+    dma.writeUint32(0x40 * channel + 4, RAM + 8 * channel);
+    dma.writeUint32(0x40 * channel + 8, 1);
+    const control = 21 << 15 | other << 11 | RING_OF_8 | 1 << 5 | HALFWORD | 1;
+    dma.writeUint32(0x40 * channel + (channel === 0 ? 0x0c : 0x10), control);
+  }
+  control.send(Buffer.from('abcdefghij'));
+  board.run(5 * 160 * 68);
+  const words = () => [0, 4, 8, 12].flatMap((at) => {
+    const word = chip.core.read32(RAM + at) >>> 0;
+    return [word & 0xffff, word >>> 16];
+  });
+  assert.deepEqual(words().slice(0, 2), [0x61, 0x63]);
+  assert.deepEqual(words().slice(4, 6), [0x62, 0x64]);
+  assert.equal(dma.readUint32(0x40c) & 0b11, 0b11, 'each asks for an interrupt');
+  board.run(board.cycle + 6 * 160 * 68);
+  // The ring of the first begins again with i, that of the second with j.
+  assert.deepEqual(words(), [0x69, 0x63, 0x65, 0x67, 0x6a, 0x64, 0x66, 0x68]);
+  assert.equal(control.overruns, 0);
+  // Without the bus the next is kept, and the one behind it lost, which is told above it.
+  chip.holdTransfers(10 * 160 * 68);
+  control.send(Buffer.from('klm'));
+  board.run(board.cycle + 15 * 160 * 68);
+  assert.deepEqual(words()[1], 0x86b);
+  assert.equal(control.overruns, 2);
+});

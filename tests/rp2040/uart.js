@@ -2,7 +2,8 @@
 //
 // rp2040js sends a byte at once, has no transmitter state, no overrun and always a FIFO of 32.
 // This is the PL011 by its TRM (ARM DDI 0183G): 3.3.6 data and error flags, 3.3.8 flag register,
-// 2.4.2 and 3.3.12 FIFOs off (one character each way beside the shifter) and on (32 deep), 2.8
+// 2.4.2 and 3.3.12 FIFOs off (one character each way beside the shifter) and on (32 deep), 2.4.3
+// requests to the DMA for what has come, 2.8
 // interrupts: transmit on the transition through the level, receive, receive timeout, overrun.
 
 import { BasePeripheral } from 'rp2040js';
@@ -13,6 +14,9 @@ const FR_CTS = 1 << 0, FR_BUSY = 1 << 3, FR_RXFE = 1 << 4, FR_TXFF = 1 << 5, FR_
 const INT_RX = 1 << 4, INT_TX = 1 << 5, INT_RT = 1 << 6, INT_OE = 1 << 10;
 const CR_EN = 1, CR_LBE = 1 << 7, CR_TXE = 1 << 8, CR_RXE = 1 << 9, CR_RTS = 1 << 11, CR_CTSEN = 1 << 15;
 const DR_OE = 1 << 11;
+const RXDMAE = 1;
+/** UART 0 is the only one that the board has (RP2040 datasheet 2.5.3.1). */
+const DREQ_RX = 21;
 const FEN = 1 << 4;
 const FIFO_DEPTH = 32;
 const ID = [0x11, 0x10, 0x34, 0x00, 0x0d, 0xf0, 0x05, 0xb1];
@@ -171,6 +175,15 @@ export class Uart extends BasePeripheral {
 
   checkInterrupts() {
     this.rp2040.setInterrupt(this.irq, (this.raw & this.registers.imsc) !== 0);
+    this.updateDMARx();
+  }
+
+  /** With its FIFO off each character is a request of its own (TRM 2.4.3: single transfers). */
+  updateDMARx() {
+    const { dma } = this.chip.rp;
+    const asks = this.registers.dmacr & RXDMAE && this.rx.length > 0 && !this.chip.areTransfersHeld;
+    if (asks) dma.setDREQ(DREQ_RX);
+    else dma.clearDREQ(DREQ_RX);
   }
 
   // --- Registers ---

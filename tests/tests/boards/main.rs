@@ -9,6 +9,7 @@ mod pico_cache;
 mod pico_captures;
 mod pico_faults;
 mod pico_figures;
+mod pico_load;
 mod pico_pulses;
 mod pico_selftest;
 mod pico_serial;

@@ -72,6 +72,8 @@ pub const PULSE_MACHINE: usize = 3;
 
 /// Rings: one for each axis.
 pub const RINGS: usize = crate::pins::AXES;
+/// The DMA channels that take what the control's line brings; the rings have those before them.
+pub const LINE_CHANNELS: [u8; 2] = [2 * RINGS as u8, 2 * RINGS as u8 + 1];
 /// Transfers until a DMA channel hands over to its partner.
 pub const TRANSFERS: u32 = 1 << 20;
 
@@ -94,8 +96,8 @@ pub const MOST_INTERVAL_US: u32 = u32::MAX / CYCLES_PER_US;
 /// The longest trigger pulse.
 pub const MOST_PULSE_CYCLES: u32 = TriggerPulse::MOST_US as u32 * CYCLES_PER_US;
 
-/// The fastest that the control's line can be: a character takes 87 us, and captures may keep
-/// it waiting for 48.
+/// The fastest that the control's line can be. The DMA takes a character of twice this speed in
+/// time, too, but what the board does with them has not been tried at it.
 pub const MOST_BAUD: u32 = 115_200;
 /// Bytes that wait while the receiving task is busy: 90 ms of the fastest line.
 pub const CNC_RING: usize = 1024;
@@ -120,7 +122,7 @@ pub const MEASURING_S: u32 = 120;
 
 const _: () = {
     assert!(SLOTS.is_power_of_two() && (TRANSFERS as usize).is_multiple_of(SLOTS));
-    assert!(RINGS * 2 <= 12, "the RP2040 has twelve DMA channels");
+    assert!(RINGS * 2 + 2 <= 12, "the RP2040 has twelve DMA channels");
     assert!(
         TRANSFERS < 1 << 28,
         "the RP2350 counts transfers in 28 bits"

@@ -3,10 +3,9 @@
 //! # Design
 //!
 //! Without FIFOs a byte waits behind the one on the line and no more, as the rule of ten
-//! characters wants it: a control that says XOFF gets two characters after it. The price
-//! is an interrupt for each byte that comes: it has 87 us at 115200 baud until the next
-//! one is lost, and only captures stand above it. What is lost anyway is counted, in its
-//! place between the bytes before and after.
+//! characters wants it: a control that says XOFF gets two characters after it. What comes
+//! is taken by DMA ([`crate::line_words`]), so that no interrupt that is late loses a byte. What is
+//! lost anyway is counted, in its place between the bytes before and after.
 //!
 //! Bytes are handed on by the line of text ([`umi_drivers::collector`]).
 //!
@@ -20,8 +19,7 @@
 //! gets the character behind the line when it does.
 //!
 //! The port always moves 8 bits without parity, which takes 7 bits and parity, too. A byte with a
-//! framing error is a lost one. Without FIFOs a byte has the time of the next one to be taken:
-//! so the line goes up to 115200 baud here, and not to 230400.
+//! framing error is a lost one.
 
 use core::future::poll_fn;
 use core::task::{Context, Poll};
@@ -31,12 +29,14 @@ use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
 use embassy_rp::pac;
 use embassy_rp::pac::uart::Uart;
+use embassy_rp::pac::uart::regs::Uartdr;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
 use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
 use umi_drivers::collector::Collector;
 use umi_protocol::serial::{Cts, LEAST_BAUD, LineSettings};
 
+use crate::line_words;
 use crate::resources::{CLOCK_HZ, CNC_RING, MOST_BAUD, SERIAL};
 
 const UART: Uart = pac::UART0;
@@ -56,7 +56,7 @@ pub const ABILITIES: LineAbilities = LineAbilities {
 /// The divisor of the clock in 64ths, rounded: sixteen clocks make a bit.
 const fn divisor_64ths(baud: u32) -> u32 {
     let baud = if baud == 0 { 1 } else { baud };
-    (CLOCK_HZ * 4 + baud / 2) / baud
+    (CLOCK_HZ * 4).wrapping_add(baud / 2) / baud
 }
 
 const _: () = {
@@ -76,11 +76,13 @@ const _: () = {
 
 /// Starts the line. Its pins have been given to it.
 pub fn start(line: LineSettings) {
+    line_words::start(UART);
     set(line);
-    UART.uartimsc().write(|w| w.set_rxim(true));
-    interrupt::UART0_IRQ.set_priority(SERIAL);
-    // SAFETY: its handler is below; no critical section depends on it being off.
-    unsafe { interrupt::UART0_IRQ.enable() };
+    for interrupt in [interrupt::UART0_IRQ, interrupt::DMA_IRQ_0] {
+        interrupt.set_priority(SERIAL);
+        // SAFETY: its handler is below; no critical section depends on it being off.
+        unsafe { interrupt.enable() };
+    }
 }
 
 /// Sets the line while nothing goes out. What comes in at this moment may be damaged.
@@ -108,28 +110,22 @@ fn set(line: LineSettings) {
 
 #[interrupt]
 fn UART0_IRQ() {
-    let status = UART.uartmis().read();
-    if status.rxmis() {
-        receive();
-    }
-    if status.txmis() {
-        // Asked for again by who waits.
-        critical_section::with(|_| UART.uartimsc().modify(|w| w.set_txim(false)));
-        WENT.wake();
-    }
+    // Asked for again by who waits.
+    critical_section::with(|_| UART.uartimsc().modify(|w| w.set_txim(false)));
+    WENT.wake();
 }
 
-/// Takes what has come: one byte, or another that came meanwhile.
-fn receive() {
-    for _ in 0..2 {
-        if UART.uartfr().read().rxfe() {
-            break;
-        }
-        let word = UART.uartdr().read();
+#[interrupt]
+fn DMA_IRQ_0() {
+    let is_overrun = line_words::take(|word| {
+        let word = Uartdr(word.into());
         let is_whole = !(word.fe() || word.be());
         // What was overrun came behind the byte that was there.
         let lost = u32::from(!is_whole) + u32::from(word.oe());
         LINE.take(is_whole.then(|| word.data()), lost);
+    });
+    if is_overrun {
+        LINE.take(None, 1);
     }
 }
 

@@ -42,6 +42,8 @@ mod guard;
 mod latch;
 #[path = "../../lights.rs"]
 mod lights;
+#[path = "../../line_words.rs"]
+mod line_words;
 mod loopback;
 mod measure;
 mod past;
