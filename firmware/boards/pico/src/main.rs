@@ -21,7 +21,7 @@
 //! | [`latch`], [`tick`] | captures |
 //! | [`rate_limit`] | no line keeps the processor |
 //! | [`trigger_out`] | pulses to a scanner |
-//! | [`uart`], [`line_words`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
+//! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, settings and part programs |
 //! | [`guard`], [`crash_note`], [`lights`], [`clock`], [`alarms`] | watchdog, panics, outputs, time |
 //!
@@ -40,7 +40,6 @@ mod flash_line;
 mod guard;
 mod latch;
 mod lights;
-mod line_words;
 mod pin_mux;
 mod pins;
 mod pio;

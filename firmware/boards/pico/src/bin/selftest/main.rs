@@ -42,8 +42,6 @@ mod guard;
 mod latch;
 #[path = "../../lights.rs"]
 mod lights;
-#[path = "../../line_words.rs"]
-mod line_words;
 mod loopback;
 mod measure;
 mod past;
@@ -68,7 +66,7 @@ mod stamps;
 mod tick;
 #[path = "../../trigger_out.rs"]
 mod trigger_out;
-#[path = "../../uart.rs"]
+#[path = "../../uart/mod.rs"]
 mod uart;
 
 use core::panic::PanicInfo;

@@ -4,7 +4,7 @@
 //!
 //! Without FIFOs a byte waits behind the one on the line and no more, as the rule of ten
 //! characters wants it: a control that says XOFF gets two characters after it. What comes
-//! is taken by DMA ([`crate::line_words`]), so that no interrupt that is late loses a byte. What is
+//! is taken by DMA ([`words`]), so that no interrupt that is late loses a byte. What is
 //! lost anyway is counted, in its place between the bytes before and after.
 //!
 //! Bytes are handed on by the line of text ([`umi_drivers::collector`]).
@@ -21,6 +21,8 @@
 //! The port always moves 8 bits without parity, which takes 7 bits and parity, too. A byte with a
 //! framing error is a lost one.
 
+mod words;
+
 use core::future::poll_fn;
 use core::task::{Context, Poll};
 
@@ -36,7 +38,6 @@ use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
 use umi_drivers::collector::Collector;
 use umi_protocol::serial::{Cts, LEAST_BAUD, LineSettings};
 
-use crate::line_words;
 use crate::resources::{CLOCK_HZ, CNC_RING, MOST_BAUD, SERIAL};
 
 const UART: Uart = pac::UART0;
@@ -76,7 +77,7 @@ const _: () = {
 
 /// Starts the line. Its pins have been given to it.
 pub fn start(line: LineSettings) {
-    line_words::start(UART);
+    words::start(UART);
     set(line);
     for interrupt in [interrupt::UART0_IRQ, interrupt::DMA_IRQ_0] {
         interrupt.set_priority(SERIAL);
@@ -117,7 +118,7 @@ fn UART0_IRQ() {
 
 #[interrupt]
 fn DMA_IRQ_0() {
-    let is_overrun = line_words::take(|word| {
+    let is_overrun = words::take(|word| {
         let word = Uartdr(word.into());
         let is_whole = !(word.fe() || word.be());
         // What was overrun came behind the byte that was there.
