@@ -20,6 +20,7 @@ pub mod latch;
 pub mod message;
 pub mod records;
 pub mod schema;
+pub mod update;
 pub mod wire;
 
 pub use job::{job_error, pattern, serial};

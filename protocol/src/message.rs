@@ -42,6 +42,11 @@
 //! | `Wipe` | `Done` | owner and jumper | it forgets everything and starts anew |
 //! | `SessionBegin` | `SessionChallenge` | nobody | a host wants to prove its key |
 //! | `SessionProve` | `SessionOpen` | nobody | it proves it: [`crate::access`] |
+//! | `ImageGet` | `Image` | nobody | the image that runs |
+//! | `UpdateBegin` | `UpdateAt` | owner | a signed image comes: [`crate::update`] |
+//! | `UpdatePiece` | `UpdateAt` | owner | bytes of it |
+//! | `UpdateEnd` | `Done` | owner | it is verified, and runs on trial from the start that follows at once |
+//! | `HostTime` | `Done` | operator | what the host's clock says: noted once a minute at most, trusted never |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too, and each by
 //! `AccessRefused`. Asked twice, each does what it does once.
@@ -76,6 +81,7 @@ use crate::records::program::{
 };
 use crate::records::verdict::Verdict;
 use crate::schema::max_len;
+use crate::update::{IMAGE_HEADER, ImageInfo, ImageVersion, UpdateRefusal, UpdateState};
 
 pub use crate::access::{AccessMode, Role};
 
@@ -301,6 +307,27 @@ requests! {
             /// The signature, R and S.
             signature: [[u8; 32]; 2],
         } => State, None, SessionOpen | NotOnThisBoard;
+        /// Which image do you run?
+        ImageGet => State, None, Image | NotOnThisBoard;
+        /// An image comes, with this header.
+        UpdateBegin {
+            /// The header, in parts of 32 bytes.
+            header: [[u8; 32]; IMAGE_HEADER / 32],
+        } => State, Owner, UpdateAt | UpdateRefused | NotOnThisBoard | StorageFailed;
+        /// Bytes of it.
+        UpdatePiece {
+            /// Where they stand behind the header.
+            offset: u32,
+            /// The bytes.
+            bytes: Piece,
+        } => State, Owner, UpdateAt | UpdateRefused | NotOnThisBoard | StorageFailed;
+        /// It is whole: start it on trial.
+        UpdateEnd => State, Owner, Done | UpdateRefused | NotOnThisBoard | StorageFailed;
+        /// This is the time, as I have it.
+        HostTime {
+            /// Seconds since the start of 1970, UTC.
+            utc_s: u64,
+        } => State, Operator, Done | StorageFailed;
     }
 }
 
@@ -408,6 +435,15 @@ pub enum Response {
         /// The board's signature, R and S.
         signature: [[u8; 32]; 2],
     },
+    /// To `ImageGet`.
+    Image(ImageInfo),
+    /// To `UpdateBegin` and `UpdatePiece`.
+    UpdateAt {
+        /// Where the byte stands that is wanted next.
+        offset: u32,
+    },
+    /// The image is not taken; what runs is as before.
+    UpdateRefused(UpdateRefusal),
 }
 
 /// Why nothing is to be taught.
@@ -789,13 +825,29 @@ pub enum Record {
         /// By whose key; none: by the jumper alone.
         key_id: Option<KeyId>,
     },
+    /// The image that runs was changed, or is to be.
+    Update {
+        /// What became of it.
+        what: UpdateState,
+        /// The version before.
+        from: ImageVersion,
+        /// The version that came.
+        to: ImageVersion,
+    },
+    /// What a host's clock said. The board does not trust it, and no decision rests on it.
+    HostTime {
+        /// Seconds since the start of 1970, UTC.
+        utc_s: u64,
+        /// By whose key; none: nobody's.
+        key_id: Option<KeyId>,
+    },
 }
 
 /// Kind numbers of the records that are evidence: what was decided, what went out to the machine,
 /// what was in force, and who changed it. Never changed for a kind that there is: the chain of
 /// evidence rests on it.
-const EVIDENCE: [u8; 18] = [
-    0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28, 30, 31, 32,
+const EVIDENCE: [u8; 20] = [
+    0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28, 30, 31, 32, 33, 34,
 ];
 
 impl Record {
@@ -836,6 +888,8 @@ impl Record {
             Self::Access { .. } => 30,
             Self::AccessRefused { .. } => 31,
             Self::Wiped { .. } => 32,
+            Self::Update { .. } => 33,
+            Self::HostTime { .. } => 34,
         }
     }
 

@@ -62,7 +62,9 @@ use umi_core::control::{Conversation, Exchange};
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
+use umi_protocol::message::Record;
 use umi_protocol::serial::LineSettings;
+use umi_protocol::update::{ImageVersion, UpdateState};
 
 use board::{
     Axes, Button, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog,
@@ -161,6 +163,57 @@ impl<F: Flash> App<F> {
         let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
         guarded.put(gate);
         Ok(())
+    }
+
+    /// Lets the board take images, from before any task runs.
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn takes_images(&self, images: &'static mut dyn access::Images) -> Result<(), Running> {
+        let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
+        guarded.images.put(images);
+        Ok(())
+    }
+
+    /// Names the image that runs in every head, by its SHA-256; from before any task runs.
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn runs(&self, image: [u8; 32]) -> Result<(), Running> {
+        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        measure.ledger.heads.image = image;
+        Ok(())
+    }
+
+    /// Journals that an image on trial was given up, behind [`Self::start`].
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn tell_reverted(
+        &self,
+        now: Micros,
+        from: ImageVersion,
+        to: ImageVersion,
+    ) -> Result<(), Running> {
+        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        let what = UpdateState::Reverted;
+        // What is not kept is counted.
+        let _ = measure
+            .ledger
+            .record(now, Record::Update { what, from, to });
+        Ok(())
+    }
+
+    /// Ends the trial of an image if the board works: measuring answers, and the journal keeps
+    /// entries. False: it goes on.
+    pub async fn confirm(&self, images: &mut dyn access::Images, clock: &impl Clock) -> bool {
+        let mut measure = self.measure.lock().await;
+        let Some((from, to)) = images.trial() else {
+            return true;
+        };
+        let what = UpdateState::Confirmed;
+        let record = Record::Update { what, from, to };
+        measure.ledger.record(clock.now(), record) && images.confirm().is_ok()
     }
 
     /// Waits until the board is to start anew: its host has asked for it and has its answer.

@@ -126,6 +126,8 @@ impl Replay {
             | Record::Access { .. }
             | Record::AccessRefused { .. }
             | Record::Wiped { .. }
+            | Record::Update { .. }
+            | Record::HostTime { .. }
             | Record::ProgramDeleted { .. }
             | Record::AlarmSent { .. }
             | Record::ProgramSent { .. }

@@ -38,6 +38,7 @@ use umi_protocol::program::{
 };
 use umi_protocol::reason::Reason;
 use umi_protocol::serial::{Cts, LineFamily, LineSettings, LineSpec};
+use umi_protocol::update::{ImageInfo, ImagePlace, UpdateRefusal, UpdateState};
 use umi_protocol::verdict::{
     CorrectionReport, DistanceReport, RegistrationReport, SetupReason, Verdict,
 };
@@ -115,7 +116,19 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::SessionBegin(_)) => Request::SessionProve {
             signature: [[0x23; 32], [0x24; 32]],
         },
-        Some(Request::SessionProve { .. }) => return None,
+        Some(Request::SessionProve { .. }) => Request::ImageGet,
+        Some(Request::ImageGet) => Request::UpdateBegin {
+            header: [[0x41; 32]; 6],
+        },
+        Some(Request::UpdateBegin { .. }) => Request::UpdatePiece {
+            offset: 70_000,
+            bytes: list(*b"umi"),
+        },
+        Some(Request::UpdatePiece { .. }) => Request::UpdateEnd,
+        Some(Request::UpdateEnd) => Request::HostTime {
+            utc_s: 1_795_000_000,
+        },
+        Some(Request::HostTime { .. }) => return None,
     })
 }
 
@@ -213,7 +226,20 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
             role: Role::Engineer,
             signature: [[0x34; 32], [0x35; 32]],
         },
-        Some(Response::SessionOpen { .. }) => return None,
+        Some(Response::SessionOpen { .. }) => Response::Image(ImageInfo {
+            version: [1, 2, 300],
+            counter: 7,
+            place: ImagePlace::B,
+            confirmed: false,
+            sha512: Some([[0x42; 32], [0x43; 32]]),
+            latest: UpdateState::Trial,
+            most_bytes: 65_344,
+        }),
+        Some(Response::Image(_)) => Response::UpdateAt { offset: 70_000 },
+        Some(Response::UpdateAt { .. }) => {
+            Response::UpdateRefused(UpdateRefusal::TooLong { most_bytes: 65_344 })
+        }
+        Some(Response::UpdateRefused(_)) => return None,
     })
 }
 
@@ -369,7 +395,16 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             chain: [0x5B; 32],
             key_id: Some(KEY_ID),
         },
-        Some(Record::Wiped { .. }) => return None,
+        Some(Record::Wiped { .. }) => Record::Update {
+            what: UpdateState::Reverted,
+            from: [1, 2, 300],
+            to: [1, 3, 0],
+        },
+        Some(Record::Update { .. }) => Record::HostTime {
+            utc_s: 1_795_000_000,
+            key_id: Some(KEY_ID),
+        },
+        Some(Record::HostTime { .. }) => return None,
     })
 }
 

@@ -12,6 +12,7 @@ use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::message::{JobLoss, LineRefusal, TeachRefusal};
 use umi_protocol::program::{ProgramRefusal, Withheld};
 use umi_protocol::reason::{FitRefusal, Reason};
+use umi_protocol::update::UpdateRefusal;
 
 use super::hold;
 use super::schema_and_serde::every_variant;
@@ -41,6 +42,7 @@ fn codes_and_sentences_stay() {
     page::<TeachRefusal>(&mut text, |it| it.code().into());
     page::<JobLoss>(&mut text, |it| it.code().into());
     page::<LineRefusal>(&mut text, |it| it.code().into());
+    page::<UpdateRefusal>(&mut text, |it| it.code().into());
     writeln!(text, "# Field").unwrap();
     for bytes in every_variant(Field::SCHEMA, &mut 0) {
         let field: Field = postcard::from_bytes(&bytes).unwrap();

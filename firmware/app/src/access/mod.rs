@@ -13,8 +13,11 @@
 //! What an owner changes is journaled before it is kept: a power cut between the two leaves a record
 //! of what was not done, never a deed without a record.
 
+mod images;
 mod keeper;
 
+pub use images::Images;
+pub(crate) use images::update;
 pub use keeper::Keeper;
 
 use umi_core::access::permit::{permit, permit_role};
@@ -138,6 +141,10 @@ pub struct Slowed {
 /// The board's gate, if it has one.
 pub(crate) struct Guarded {
     gate: ZeroOption<&'static mut dyn Gate>,
+    /// What takes images, if this board does.
+    pub(crate) images: ZeroOption<&'static mut dyn Images>,
+    /// Where the axes stood when an image began to come.
+    pub(crate) stood: u64,
     /// The board is to start anew.
     pub restarts: bool,
 }
@@ -146,6 +153,8 @@ impl Guarded {
     pub const fn new() -> Self {
         Self {
             gate: ZeroOption::empty(),
+            images: ZeroOption::empty(),
+            stood: 0,
             restarts: false,
         }
     }

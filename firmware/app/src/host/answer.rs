@@ -102,6 +102,17 @@ pub(crate) fn answer<F: Flash>(
         Request::ProgramPassed { offset, bytes } => {
             response(|| programs::passed(measure, *offset, bytes))
         }
+        Request::ImageGet
+        | Request::UpdateBegin { .. }
+        | Request::UpdatePiece { .. }
+        | Request::UpdateEnd => {
+            let RequestContext { now, guarded, .. } = around;
+            access::update(measure, guarded, station, now, request)
+        }
+        Request::HostTime { utc_s } => match measure.note_host_time(around.now, *utc_s) {
+            true => Response::Done,
+            false => Response::StorageFailed,
+        },
         Request::AccessGet
         | Request::KeyList
         | Request::KeyEnrol(_)

@@ -92,6 +92,24 @@ impl<F: Flash> Instrument<F> {
 }
 
 impl<F: Flash> Instrument<F> {
+    /// Journals what a host's clock says; within a minute of the last time, nothing. False: it is
+    /// not in the journal.
+    #[inline(never)]
+    pub(crate) fn note_host_time(&mut self, now: Micros, utc_s: u64) -> bool {
+        const LEAST_US: u64 = 60_000_000;
+        let ledger = &mut self.ledger;
+        let latest = ledger.host_time.get().copied();
+        if latest.is_some_and(|latest| now.0.saturating_sub(latest.0) < LEAST_US) {
+            return true;
+        }
+        let key_id = ledger.by.get().copied();
+        let kept = ledger.record(now, Record::HostTime { utc_s, key_id });
+        if kept {
+            ledger.host_time.put(now);
+        }
+        kept
+    }
+
     /// Somebody was refused something.
     #[inline(never)]
     pub(crate) fn refuse_access(&mut self, now: Micros, why: AccessRefusal, key_id: Option<KeyId>) {

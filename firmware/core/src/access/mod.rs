@@ -6,8 +6,10 @@
 //! | [`register`] | the keys that a board knows, its lock, and what a wipe leaves |
 //! | [`session`] | how a key is proven and frames are sealed; both ends |
 //! | [`tries`] | how wrong keys are slowed |
+//! | [`update`] | signed images, and the slots that they run from |
 
 pub mod permit;
 pub mod register;
 pub mod session;
 pub mod tries;
+pub mod update;

@@ -118,10 +118,14 @@ mod tests {
                 | Request::KeyEnrol(_)
                 | Request::KeyRevoke { .. }
                 | Request::LockSet { .. }
+                | Request::UpdateBegin { .. }
+                | Request::UpdatePiece { .. }
+                | Request::UpdateEnd
                 | Request::Wipe => Role::Owner,
                 Request::ProgramRead { .. }
                 | Request::JournalRead { .. }
                 | Request::JobGet
+                | Request::HostTime { .. }
                 | Request::VerdictGet => Role::Operator,
                 _ => Role::None,
             };

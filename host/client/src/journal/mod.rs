@@ -2,6 +2,7 @@
 //! pulled files back.
 
 pub mod audit;
+pub mod guarding;
 mod pull;
 pub mod verify;
 

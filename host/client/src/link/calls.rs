@@ -12,6 +12,7 @@ use umi_protocol::message::{
 };
 use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::serial::LineSettings;
+use umi_protocol::update::{IMAGE_HEADER, ImageInfo, UpdateRefusal};
 use umi_protocol::verdict::Verdict;
 
 use super::LinkError;
@@ -255,6 +256,38 @@ calls! {
         Response::NotOnThisBoard => false,
     }
 
+    /// The image that the board runs; none: it takes none over the line.
+    image() -> Option<ImageInfo> = Request::ImageGet => {
+        Response::Image(info) => Some(info),
+        Response::NotOnThisBoard => None,
+    }
+
+    /// An image comes: where its next byte is wanted; none: the board takes none.
+    update_begin(header: &[u8; IMAGE_HEADER]) -> Result<Option<u32>, UpdateRefusal> =
+        Request::UpdateBegin { header: parts(header) } =>
+    {
+        Response::UpdateAt { offset } => Ok(Some(offset)),
+        Response::UpdateRefused(refusal) => Err(refusal),
+        Response::NotOnThisBoard => Ok(None),
+    }
+
+    /// Bytes of an image: where the next is wanted.
+    update_piece(offset: u32, bytes: Piece) -> Result<u32, UpdateRefusal> =
+        Request::UpdatePiece { offset, bytes } =>
+    {
+        Response::UpdateAt { offset } => Ok(offset),
+        Response::UpdateRefused(refusal) => Err(refusal),
+    }
+
+    /// The image is whole: the board verifies it and starts it on trial.
+    update_end() -> Result<(), UpdateRefusal> = Request::UpdateEnd => {
+        Response::Done => Ok(()),
+        Response::UpdateRefused(refusal) => Err(refusal),
+    }
+
+    /// Says what this machine's clock says, in seconds since the start of 1970, UTC.
+    host_time(utc_s: u64) -> () = Request::HostTime { utc_s } => { Response::Done => (), }
+
     /// Asks for a session; none: the board has none.
     session_begin(ask: SessionAsk) -> Option<SessionChallenge> = Request::SessionBegin(ask) => {
         Response::SessionChallenge(challenge) => Some(challenge),
@@ -357,6 +390,15 @@ calls! {
     }
 }
 
+/// A header as it goes over the line.
+fn parts(header: &[u8; IMAGE_HEADER]) -> [[u8; 32]; IMAGE_HEADER / 32] {
+    let mut parts = [[0; 32]; IMAGE_HEADER / 32];
+    for (part, bytes) in parts.iter_mut().zip(header.chunks_exact(32)) {
+        part.copy_from_slice(bytes);
+    }
+    parts
+}
+
 /// The name of a request in messages.
 pub(super) const fn name(request: &Request) -> &'static str {
     match request {
@@ -398,5 +440,10 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::Wipe => "wipe",
         Request::SessionBegin(_) => "session",
         Request::SessionProve { .. } => "session proof",
+        Request::ImageGet => "image",
+        Request::UpdateBegin { .. } => "update",
+        Request::UpdatePiece { .. } => "update piece",
+        Request::UpdateEnd => "update end",
+        Request::HostTime { .. } => "host time",
     }
 }

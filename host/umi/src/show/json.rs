@@ -11,16 +11,18 @@
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use umi_core::registration::Distance;
-use umi_protocol::access::KeyId;
+use umi_protocol::access::{AccessMode, KeyId};
 use umi_protocol::fault::{Counters, Fault, FaultCode};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::line::{HitReport, LineReport};
 use umi_protocol::message::{Identity, JournalInfo, Record, Status};
 use umi_protocol::reason::Reason;
+use umi_protocol::update::ImageInfo;
 use umi_protocol::verdict::{CorrectionReport, DistanceReport, SetupReason, Verdict};
 
 use umi_client::axes::Scale;
+use umi_client::files::image_file::version_text;
 use umi_client::quantities::{Amount, FitFigures, Registered, Rows, Spread, parameters};
 use umi_client::session::DecisionRecord;
 use umi_client::timeline::{Loss, Lost};
@@ -333,6 +335,16 @@ pub fn entry(seq: u64, t_us: u64, of: &Record) -> Value {
     Value::Object(object)
 }
 
+/// As [`entry`], and with a verdict who may do what with the board that reached it.
+#[must_use]
+pub fn guarded_entry(seq: u64, t_us: u64, of: &Record, mode: Option<AccessMode>) -> Value {
+    let mut value = entry(seq, t_us, of);
+    if let Record::Verdict(_) = of {
+        value["access"] = json!(mode);
+    }
+    value
+}
+
 /// A record's fields behind its type, by the names that they have on the wire.
 fn record(record: &Record) -> Value {
     let why = match record {
@@ -405,6 +417,22 @@ fn record(record: &Record) -> Value {
                 "first_seq": first_seq,
                 "next_seq": next_seq,
                 "chain": umi_client::journal::hex(chain),
+                "key_id": id(key_id.as_ref()),
+            });
+        }
+        Record::Update { what, from, to } => {
+            return json!({
+                "type": "update",
+                "what": what,
+                "from": version_text(*from),
+                "to": version_text(*to),
+            });
+        }
+        Record::HostTime { utc_s, key_id } => {
+            return json!({
+                "type": "host_time",
+                "utc_s": utc_s,
+                "utc": crate::show::utc::utc(*utc_s),
                 "key_id": id(key_id.as_ref()),
             });
         }
@@ -484,6 +512,18 @@ pub fn counters(counters: &Counters) -> Value {
         .collect();
     object.insert("faults".into(), Value::Object(faults));
     Value::Object(object)
+}
+
+/// The image that a board runs.
+#[must_use]
+pub fn image(image: &ImageInfo) -> Value {
+    json!({
+        "version": version_text(image.version),
+        "counter": image.counter,
+        "slot": image.place,
+        "confirmed": image.confirmed,
+        "sha512": image.sha512.map(|halves| umi_client::journal::hex(&halves.concat())),
+    })
 }
 
 /// What a journal holds.

@@ -4,3 +4,4 @@ pub mod job;
 pub mod json;
 pub mod terminal;
 pub mod text;
+pub mod utc;

@@ -1,7 +1,7 @@
 //! Events and journal records in words for people, one line each.
 
 use umi_client::journal::hex;
-use umi_protocol::access::AccessChange;
+use umi_protocol::access::{AccessChange, AccessMode};
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Approach;
@@ -10,12 +10,15 @@ use umi_protocol::line::{HitReport, LineReport, LineStatus};
 use umi_protocol::message::{Record, ResetReason, TeachBy, TeachPending, TeachSetup, TeachWhat};
 use umi_protocol::program::{ProgramInfo, Release, Stated, StatedDialect};
 use umi_protocol::reason::Reason;
+use umi_protocol::update::UpdateState;
 use umi_protocol::verdict::Verdict;
 
 use crate::show::terminal::{
     BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, count as count_of, fixed, paint,
 };
+use crate::show::utc::utc;
 use umi_client::axes::{self, Scale};
+use umi_client::files::image_file::version_text;
 use umi_client::quantities::{Amount, QuantityUnit, parameters};
 use umi_client::timeline::{Loss, Lost};
 use umi_core::rewrite::StartModes;
@@ -176,6 +179,25 @@ pub fn record(record: &Record) -> String {
                 "board wiped by {by}; the journal before held the entries {first_seq} to {next_seq}, without the last"
             );
             paint(CAUTION, told)
+        }
+        Record::Update { what, from, to } => {
+            let (from, to) = (version_text(*from), version_text(*to));
+            match what {
+                UpdateState::Confirmed => paint(
+                    GOOD,
+                    format_args!("image {to} works, and is the one that starts, in place of {from}"),
+                ),
+                UpdateState::Reverted => paint(
+                    BAD,
+                    format_args!("image {to} did not confirm itself: {from} runs again"),
+                ),
+                UpdateState::Trial | UpdateState::None => {
+                    format!("image {to} came in place of {from}, and starts on trial")
+                }
+            }
+        }
+        Record::HostTime { utc_s, .. } => {
+            format!("a host says that it is {}", utc(*utc_s))
         }
         Record::Acknowledged { seq, lost: 0 } => {
             format!("a host keeps the entries before {seq} elsewhere")
@@ -564,6 +586,25 @@ pub fn feature(result: &FeatureResult) -> String {
         text += &format!(", rms {:.4} mm", fit.rms_mm);
     }
     text + &list(result.reasons.iter().map(Reason::to_string))
+}
+
+/// As [`record`], and with a verdict that the board that reached it was open to everybody.
+#[must_use]
+pub fn guarded_record(of: &Record, mode: Option<AccessMode>) -> String {
+    match (of, mode) {
+        (Record::Verdict(_), Some(AccessMode::Open)) => {
+            let text = record(of);
+            let (first, rest) = text.split_once('\n').unwrap_or((&text, ""));
+            let open = paint(CAUTION, "board open");
+            let rest = if rest.is_empty() {
+                String::new()
+            } else {
+                format!("\n{rest}")
+            };
+            format!("{first}, {open}{rest}")
+        }
+        _ => record(of),
+    }
 }
 
 /// A verdict.

@@ -100,7 +100,11 @@ impl View {
             "status": json::status(&self.status),
             "hits": self.hits.iter().map(json::hit).collect::<Vec<_>>(),
             "latch": self.latch.as_ref().map(|latch| json::latch(latch, &self.scale)),
-            "verdict": self.verdict.as_ref().map(json::verdict),
+            "verdict": self.verdict.as_ref().map(|of| {
+                let mut verdict = json::verdict(of);
+                verdict["access"] = json!(self.status.access);
+                verdict
+            }),
         })
     }
 }

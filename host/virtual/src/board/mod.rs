@@ -16,6 +16,7 @@
 mod clock;
 mod flash;
 mod host;
+mod images;
 mod key;
 mod ports;
 mod power;
@@ -41,6 +42,7 @@ use umi_protocol::serial::LineSettings;
 pub use clock::VirtualClock;
 pub use flash::VirtualFlash;
 pub use host::HostEnd;
+pub use images::{ImageAreas, SLOT, SLOTS};
 pub use pulses::SentPulses;
 
 use host::Waiter;
@@ -131,6 +133,10 @@ pub struct Config {
     pub key: Option<VirtualFlash>,
     /// Flash of the keys of people; none: a board that nobody can own.
     pub access: Option<VirtualFlash>,
+    /// Flash of the images; none: a board that takes none.
+    pub images: Option<ImageAreas>,
+    /// The maker's public key, taken if the flash of the images holds none yet.
+    pub firmware_key: Option<[u8; 32]>,
     /// Whether the jumper is closed.
     pub jumper: bool,
     /// How time passes.
@@ -155,6 +161,8 @@ impl Default for Config {
             programs: VirtualFlash::in_memory(PROGRAMS),
             key: None,
             access: Some(VirtualFlash::in_memory(ACCESS)),
+            images: Some(ImageAreas::in_memory()),
+            firmware_key: None,
             jumper: false,
             time: BoardTime::Steered,
             character: Duration::ZERO,

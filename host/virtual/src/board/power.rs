@@ -20,6 +20,7 @@ use umi_protocol::message::{Identity, ResetReason};
 use umi_protocol::serial::{LEAST_BAUD, MOST_BAUD};
 
 use super::clock::VirtualClock;
+use super::images::RunningImage;
 use super::ports::{
     ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
     NoWatchdog, Station, TeachButton, Wire,
@@ -95,11 +96,16 @@ impl Power {
     ) -> bool {
         let is_first = self.started.is_some();
         let signer = config.key.clone().and_then(key::signer);
+        let mut image = config
+            .images
+            .clone()
+            .and_then(|areas| RunningImage::start(areas, config.firmware_key));
+        let version = image.as_ref().map(RunningImage::version);
         let boot = Boot {
             identity: Identity {
                 board: name("virtual"),
                 serial: name(&config.serial),
-                firmware: name(env!("CARGO_PKG_VERSION")),
+                firmware: name(version.as_deref().unwrap_or(env!("CARGO_PKG_VERSION"))),
             },
             reset: match is_first {
                 true => ResetReason::PowerOn,
@@ -128,7 +134,13 @@ impl Power {
             settings: config.settings.clone(),
             programs: config.programs.clone(),
         };
+        if let Some(image) = &image {
+            image.enter(&app);
+        }
         let _ = app.start(boot, areas, now);
+        if let Some(image) = &image {
+            image.tell(&app, now);
+        }
         plugs.cnc_rx.line.board.set(app.line());
         if let Some(started) = self.started.take() {
             let _ = started.send(Ok(()));
@@ -145,6 +157,12 @@ impl Power {
         } = plugs;
         let switched_off = &mut self.switched_off;
         let mut dog = NoWatchdog;
+        let given_up = async {
+            match &mut image {
+                Some(image) => image.given_up(&app, clock).await,
+                None => std::future::pending().await,
+            }
+        };
         let restarts = runtime.block_on(async {
             tokio::select! {
                 biased;
@@ -156,6 +174,7 @@ impl Power {
                 () = app.supervise(&mut dog, clock) => false,
                 () = app.button(button, clock) => false,
                 () = app.restarts() => true,
+                () = given_up => true,
                 _ = switched_off => false,
             }
         });

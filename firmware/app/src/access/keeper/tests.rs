@@ -11,6 +11,13 @@ use ed25519_dalek::{Signer as _, SigningKey};
 use umi_core::access::session::HostHandshake;
 use umi_core::journal::Geometry;
 use umi_protocol::access::{AccessMode, KeyName};
+use umi_protocol::config::BoardConfig;
+use umi_protocol::job::name;
+use umi_protocol::message::{Identity, ResetReason};
+
+use crate::board::LineAbilities;
+use crate::measure::trust::custody::{Custody, NOTHING_KEPT, NotInCustody};
+use crate::measure::{Boot, StorageAreas};
 
 const SECTORS: usize = 4;
 const SECTOR: usize = 4096;
@@ -30,6 +37,8 @@ struct Cut {
     left: Arc<AtomicUsize>,
     /// How much of the last operation is done, in quarters.
     quarters: usize,
+    /// Bytes of a sector.
+    sector: usize,
 }
 
 impl Cut {
@@ -38,6 +47,17 @@ impl Cut {
             cells: Arc::clone(cells),
             left: Arc::new(AtomicUsize::new(left)),
             quarters,
+            sector: SECTOR,
+        }
+    }
+
+    /// Another area of the same board: it loses its power with this one.
+    fn beside(&self, cells: &Cells) -> Self {
+        let sector = cells.lock().unwrap().len() / SECTORS;
+        Self {
+            cells: Arc::clone(cells),
+            sector,
+            ..self.clone()
         }
     }
 
@@ -71,7 +91,7 @@ impl Flash for Cut {
     fn geometry(&self) -> Geometry {
         Geometry {
             sectors: SECTORS as u16,
-            sector_size: SECTOR as u32,
+            sector_size: self.sector as u32,
             write_size: 1,
             page_size: 256,
         }
@@ -88,7 +108,9 @@ impl Flash for Cut {
     }
 
     fn erase(&mut self, sector: u32) -> Result<(), ()> {
-        self.change(sector as usize * SECTOR, SECTOR, |_, cell| *cell = 0xFF)
+        self.change(sector as usize * self.sector, self.sector, |_, cell| {
+            *cell = 0xFF
+        })
     }
 }
 
@@ -286,4 +308,165 @@ fn a_wipe_leaves_no_key_behind() {
     keeper.forget(Micros(0)).unwrap();
     assert!(!has_key());
     assert_eq!(keeper.register().mode(), AccessMode::Open);
+}
+
+/// The areas of a board.
+struct Areas {
+    access: Cells,
+    custody: Cells,
+    journal: Cells,
+    settings: Cells,
+    programs: Cells,
+}
+
+impl Areas {
+    fn copied(&self) -> Self {
+        let copy = |of: &Cells| Arc::new(Mutex::new(of.lock().unwrap().clone()));
+        Self {
+            access: copy(&self.access),
+            custody: copy(&self.custody),
+            journal: copy(&self.journal),
+            settings: copy(&self.settings),
+            programs: copy(&self.programs),
+        }
+    }
+
+    /// A start, with power for so long: the mode, the configuration, and whether the journal tells
+    /// of a wipe.
+    fn start(&self, power: &Cut) -> (AccessMode, BoardConfig, bool) {
+        let app = Box::new(crate::App::new());
+        let keeper = open(power.beside(&self.access), true);
+        app.guard(Box::leak(Box::new(keeper))).unwrap();
+        let boot = Boot {
+            identity: Identity {
+                board: name("virtual"),
+                serial: name("1"),
+                firmware: name("0"),
+            },
+            reset: ResetReason::PowerOn,
+            line: LineAbilities {
+                least_baud: 50,
+                most_baud: 115_200,
+                two_stop_bits: true,
+                cts: false,
+            },
+            skip_ends: true,
+            signer: None,
+        };
+        let storage = StorageAreas {
+            journal: power.beside(&self.journal),
+            evidence: None,
+            custody: Some(power.beside(&self.custody)),
+            settings: power.beside(&self.settings),
+            programs: power.beside(&self.programs),
+        };
+        let _ = app.start(boot, storage, Micros(0)).unwrap();
+        let mode = app.guarded.try_lock().unwrap().mode();
+        let mut measure = app.measure.try_lock().unwrap();
+        let config = measure.ledger.in_custody().config;
+        let mut room = std::vec![0; umi_protocol::message::MAX_RECORD];
+        let told = measure.ledger.journal.get_mut().is_some_and(|journal| {
+            (journal.first_seq()..journal.next_seq()).any(|seq| {
+                let found = journal.read(seq, &mut room);
+                found.is_ok_and(|found| found.kind == WIPED)
+            })
+        });
+        (mode, config, told)
+    }
+}
+
+/// Kind number of [`umi_protocol::message::Record::Wiped`].
+const WIPED: u8 = 32;
+
+/// The power goes at every operation of a wipe, on any area: a board that has an owner still is as
+/// it was, or forgets everything, and tells so; the next start ends what has begun.
+#[test]
+fn a_power_cut_leaves_no_half_wiped_board() {
+    let cells = |sector: usize| Arc::new(Mutex::new(std::vec![0xFF; SECTORS * sector]));
+    let new = Areas {
+        access: cells(SECTOR),
+        custody: cells(SECTOR),
+        journal: cells(16_384),
+        settings: cells(16_384),
+        programs: cells(SECTOR),
+    };
+    let whole = Cut::whole(&new.access);
+    let mut keeper = open(whole.clone(), true);
+    let owner = keeper.register().enrolled(&key(1, Role::Owner)).unwrap();
+    keeper.save(Micros(0), owner.unwrap()).unwrap();
+    let mut configured = NOTHING_KEPT;
+    configured.config.ceilings.rms_mm = Some(0.01);
+    let mut custody = Custody::open(whole.beside(&new.custody)).unwrap();
+    custody.save(Micros(0), configured).unwrap();
+    let claimed = (AccessMode::Claimed, configured.config, false);
+    assert_eq!(new.start(&whole), claimed);
+    let wiped = (AccessMode::Open, BoardConfig::NEW, true);
+    let mut ends = [0, 0];
+    'cuts: for cut_at in 1.. {
+        for quarters in 0..4 {
+            let board = new.copied();
+            let power = Cut::at(&board.access, cut_at, quarters);
+            let mut keeper = open(power.clone(), true);
+            let wiping = Wiping {
+                first_seq: 0,
+                next_seq: 9,
+                chain: [7; 32],
+                key_id: None,
+            };
+            let has_begun = keeper.begin_wipe(Micros(0), wiping).is_ok();
+            if has_begun {
+                board.start(&power);
+            }
+            let is_cut = power.left.load(Ordering::Relaxed) == 0;
+            let found = board.start(&Cut::whole(&board.access));
+            let again = board.start(&Cut::whole(&board.access));
+            assert_eq!(found, again, "cut {cut_at}, {quarters} quarters");
+            assert!(
+                found == wiped || found == claimed && !has_begun,
+                "cut {cut_at}, {quarters} quarters: {found:?}"
+            );
+            ends[usize::from(found == wiped)] += 1;
+            if !is_cut {
+                break 'cuts;
+            }
+        }
+    }
+    assert!(ends[0] > 2 && ends[1] > 80, "{ends:?}");
+}
+
+/// The power goes at every operation while the owner's configuration is kept, again and again: the
+/// one before or the new one, whole, and never the strictest for want of either.
+#[test]
+fn a_power_cut_leaves_one_whole_configuration() {
+    let mut cuts = 0;
+    'cuts: for cut_at in 1.. {
+        for quarters in 0..4 {
+            let cells = erased();
+            let power = Cut::at(&cells, cut_at, quarters);
+            let mut kept = NOTHING_KEPT;
+            let mut saved = Ok(());
+            if let Ok(mut custody) = Custody::open(power) {
+                for n in 1..=150 {
+                    let before = kept;
+                    kept.config.ceilings.rms_mm = Some(f64::from(n) * 0.001);
+                    saved = custody.save(Micros(0), kept);
+                    if saved.is_err() {
+                        let opened = Custody::open(Cut::whole(&cells)).unwrap();
+                        let found = *opened.kept();
+                        assert!(found == before || found == kept, "cut {cut_at}: {found:?}");
+                        assert_eq!(opened.fallbacks().len(), 0, "cut {cut_at}");
+                        break;
+                    }
+                }
+            } else {
+                saved = Err(NotInCustody);
+            }
+            if saved.is_ok() {
+                break 'cuts;
+            }
+            cuts += 1;
+        }
+    }
+    // Over the end of a sector, where one is erased.
+    assert!(cuts > 600, "{cuts}");
 }

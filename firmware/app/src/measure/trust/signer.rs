@@ -23,6 +23,8 @@ pub(crate) struct Heads {
     pub asked: ZeroOption<([u8; 32], Micros)>,
     /// Entries before this one stand before a head, or were there at the start.
     pub since: u64,
+    /// SHA-256 of the image that runs; zeros: nobody has said.
+    pub image: [u8; 32],
     /// Entry `since` is a head.
     pub has_signed: bool,
     /// A start or a verdict has no head behind it.
@@ -39,6 +41,7 @@ impl Heads {
             signer: ZeroOption::empty(),
             asked: ZeroOption::empty(),
             since: 0,
+            image: [0; 32],
             has_signed: false,
             is_due: false,
             latest: Micros(0),

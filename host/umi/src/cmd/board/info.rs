@@ -13,6 +13,7 @@ use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{AccessMode, Identity, JobLoss, JournalInfo, Status};
+use umi_protocol::update::{ImageInfo, ImagePlace};
 
 use crate::cmd::{Board, Format};
 
@@ -43,6 +44,7 @@ impl Info {
         // Who asks without a key is not refused: that would be a record.
         let reads = status.access == AccessMode::Open || board.has_session();
         let journal = reads.then(|| board.journal_info()).transpose()?;
+        let image = board.image()?;
         let positions = board.positions()?;
         let in_force = reads.then(|| board.job()).transpose()?;
         let scale = Scale::of(in_force.as_ref().and_then(|of| of.job.as_ref()));
@@ -61,9 +63,10 @@ impl Info {
                 "positions": json::positions(&positions, &scale),
                 "journal": journal.as_ref().map(json::journal_info),
                 "access": { "mode": status.access },
+                "image": image.as_ref().map(json::image),
             }));
         }
-        print(&text(&identity, &status, teachings, journal))?;
+        print(&text(&identity, &status, teachings, journal, image))?;
         print(&axes(&positions, &scale))?;
         print(&latches(status.latches))?;
         print(&received(&status))
@@ -75,6 +78,7 @@ fn text(
     status: &Status,
     teachings: Option<u32>,
     journal: Option<JournalInfo>,
+    image: Option<ImageInfo>,
 ) -> String {
     let mut table = Table::new("<<");
     let Identity {
@@ -84,6 +88,19 @@ fn text(
     } = identity;
     let umi = env!("CARGO_PKG_VERSION");
     table.row(["firmware", firmware.as_str()]);
+    if let Some(image) = image {
+        let place = match image.place {
+            ImagePlace::BuiltIn => "built in",
+            ImagePlace::A => "slot a",
+            ImagePlace::B => "slot b",
+        };
+        let (style, state) = match image.confirmed {
+            true => (PLAIN, "confirmed"),
+            false => (CAUTION, "on trial"),
+        };
+        let told = format!("{place}, security counter {}, {state}", image.counter);
+        table.styled([(PLAIN, "image".to_owned()), (style, told)]);
+    }
     table.row([
         "protocol".to_owned(),
         format!("{VERSION}, the same as this umi {umi}"),

@@ -7,6 +7,7 @@ pub(super) mod job;
 pub(super) mod line;
 pub(super) mod selftest;
 pub(super) mod teach;
+pub(super) mod update;
 pub(super) mod virtual_board;
 pub(super) mod watch;
 pub(super) mod wipe;

@@ -8,10 +8,11 @@ use crate::failure::Failure;
 use crate::show::terminal::{TITLE, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
+use umi_client::files::key_file;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{
-    ACCESS, BoardTime, CUSTODY, Config, EVIDENCE, JOURNAL, KEY, PROGRAMS, SETTINGS, VirtualBoard,
-    VirtualFlash,
+    ACCESS, BoardTime, CUSTODY, Config, EVIDENCE, ImageAreas, JOURNAL, KEY, PROGRAMS, SETTINGS,
+    VirtualBoard, VirtualFlash,
 };
 
 use crate::cmd::Format;
@@ -37,7 +38,11 @@ pub(crate) struct Virtual {
     /// The board's jumper: closed, the first owner's key can be enrolled and the board be wiped
     #[arg(long, value_name = "STATE", default_value = "open", value_parser = ["closed", "open"])]
     jumper: String,
-    /// Keep the board's flash (job, reference, journal, programs, keys) in this folder; without it
+    /// The public key of who makes the board's firmware: it takes images that are signed by it. Taken
+    /// at the first start of a --state, and kept there
+    #[arg(long, value_name = "FW.pub")]
+    firmware_key: Option<PathBuf>,
+    /// Keep the board's flash (job, reference, journal, programs, keys, images) in this folder; without it
     /// every start is a new board
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -60,6 +65,10 @@ then, in other terminals, with the addresses that it prints:
 Its first owner, with the jumper closed:
   umi virtual --jumper closed --state board
   umi key new anna && umi access enrol anna.pub --role owner --port /dev/pts/4
+
+Signed updates, as on a board whose maker's key is built in (umi update):
+  umi key new fw --no-passphrase
+  umi virtual --firmware-key fw.pub --state board
 
 A job that teaches when asked: hold the board's button for a second instead of `umi teach`
   umi virtual --button tcp:5054
@@ -97,6 +106,11 @@ impl Virtual {
             character: Duration::from_secs(10) / self.baud,
             key: Some(VirtualFlash::in_memory(KEY)),
             jumper: self.jumper == "closed",
+            firmware_key: self
+                .firmware_key
+                .as_deref()
+                .map(key_file::read_public)
+                .transpose()?,
             ..Config::default()
         };
         if let Some(state) = &self.state {
@@ -117,6 +131,7 @@ impl Virtual {
                 Some(VirtualFlash::in_file(KEY, &state.join("key.flash")).map_err(failed)?);
             config.access =
                 Some(VirtualFlash::in_file(ACCESS, &state.join("access.flash")).map_err(failed)?);
+            config.images = Some(ImageAreas::in_folder(state).map_err(failed)?);
         }
         let board = Arc::new(VirtualBoard::start(config).map_err(trouble)?);
         let cnc = Port::open(&self.cnc).map_err(trouble)?;

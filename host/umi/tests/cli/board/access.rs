@@ -10,10 +10,14 @@ use crate::rig::run::{Folder, Ran, command, umi, umi_with};
 
 /// A board in a process of its own, its state and keys of people in a folder, and the port of this
 /// start.
-struct Rig {
-    folder: Folder,
+pub(super) struct Rig {
+    pub folder: Folder,
+    /// What `umi virtual` is told besides.
+    pub more: Vec<String>,
     board: Option<Child>,
-    port: String,
+    pub port: String,
+    /// Where the control says something.
+    pub cnc: String,
 }
 
 impl Drop for Rig {
@@ -23,22 +27,24 @@ impl Drop for Rig {
 }
 
 impl Rig {
-    fn new(is_closed: bool) -> Self {
+    pub fn new(is_closed: bool) -> Self {
         let folder = Folder::new();
         for name in ["anna", "ben", "olga", "eve"] {
             umi(&["key", "new", &folder.path(name), "--no-passphrase"]).exits(0);
         }
         let mut rig = Self {
             folder,
+            more: Vec::new(),
             board: None,
             port: String::new(),
+            cnc: String::new(),
         };
         rig.start(is_closed);
         rig
     }
 
     /// The power goes.
-    fn stop(&mut self) {
+    pub fn stop(&mut self) {
         if let Some(mut board) = self.board.take() {
             board.kill().unwrap();
             board.wait().unwrap();
@@ -46,7 +52,7 @@ impl Rig {
     }
 
     /// A board of Anna, with Ben as engineer and Olga as operator.
-    fn claimed() -> Self {
+    pub fn claimed() -> Self {
         let rig = Self::new(true);
         rig.enrol("anna", "owner", &[]).exits(0);
         let anna = rig.folder.path("anna");
@@ -58,36 +64,38 @@ impl Rig {
     }
 
     /// The power goes and comes back, with the jumper like this.
-    fn start(&mut self, is_closed: bool) {
+    pub fn start(&mut self, is_closed: bool) {
         self.stop();
         let state = self.folder.path("state");
         let jumper = if is_closed { "closed" } else { "open" };
         let mut args = vec!["virtual", "--json", "--usb", "tcp:0", "--cnc", "tcp:0"];
         args.extend(["--state", &state, "--jumper", jumper]);
+        args.extend(self.more.iter().map(String::as_str));
         let mut board = command(&args).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
         let mut told = BufReader::new(board.stdout.take().unwrap());
         told.read_line(&mut line).unwrap();
         let told: Value = serde_json::from_str(&line).unwrap();
         self.port = told["usb"].as_str().unwrap().to_owned();
+        self.cnc = told["cnc"].as_str().unwrap().to_owned();
         self.board = Some(board);
     }
 
-    fn enrol(&self, name: &str, role: &str, more: &[&str]) -> Ran {
+    pub fn enrol(&self, name: &str, role: &str, more: &[&str]) -> Ran {
         let file = self.folder.path(&format!("{name}.pub"));
         let mut args = vec!["access", "enrol", &file, "--role", role];
         args.extend(more);
         self.run(&args)
     }
 
-    fn run(&self, args: &[&str]) -> Ran {
+    pub fn run(&self, args: &[&str]) -> Ran {
         let mut all = args.to_vec();
         all.extend(["--json", "--port", &self.port]);
         umi(&all)
     }
 
     /// With somebody's key.
-    fn as_of(&self, name: &str, args: &[&str]) -> Ran {
+    pub fn as_of(&self, name: &str, args: &[&str]) -> Ran {
         let mut all = args.to_vec();
         let key = self.folder.path(name);
         all.extend(["--key", &key]);
@@ -105,13 +113,13 @@ impl Rig {
     }
 
     /// The journal's entries of a type.
-    fn entries(&self, name: &str, kind: &str) -> Vec<Value> {
+    pub fn entries(&self, name: &str, kind: &str) -> Vec<Value> {
         let listed = self.as_of(name, &["log"]).exits(0).json_lines();
         listed.into_iter().filter(|of| of["type"] == kind).collect()
     }
 }
 
-fn code(ran: Ran) -> String {
+pub(super) fn code(ran: Ran) -> String {
     let error = ran.exits(2).json()["error"].clone();
     error["code"].as_str().unwrap().to_owned()
 }
@@ -302,4 +310,22 @@ fn a_wipe_leaves_a_signed_record() {
     rig.start(true);
     rig.run(&wipe).exits(0);
     assert_eq!(rig.run(&["access", "show"]).exits(0).json()["mode"], "open");
+}
+
+/// Who pulls says the time, once a minute at most.
+#[test]
+fn a_pull_says_the_time() {
+    let rig = Rig::claimed();
+    for name in ["one.umij", "two.umij"] {
+        let file = rig.folder.path(name);
+        rig.as_of("olga", &["log", "pull", &file]).exits(0);
+    }
+    let told = rig.entries("olga", "host_time");
+    assert_eq!(told.len(), 1);
+    assert_eq!(told[0]["key_id"], rig.id("olga"));
+    let now = std::time::SystemTime::now();
+    let now = now.duration_since(std::time::UNIX_EPOCH).unwrap().as_secs();
+    let of = told[0]["utc_s"].as_u64().unwrap();
+    assert!((of..of + 600).contains(&now));
+    assert!(told[0]["utc"].as_str().unwrap().ends_with('Z'));
 }

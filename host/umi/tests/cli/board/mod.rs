@@ -7,4 +7,5 @@ mod line;
 mod owner;
 mod selftest;
 mod teach;
+mod update;
 mod watch;

@@ -60,8 +60,8 @@ fn board(events: Vec<Event>) -> Board {
 #[test]
 fn a_lost_connection_ends_the_list() {
     let mut board = board(vec![hit()]);
-    // Job, status, positions, live; it is gone when it is asked for its status at the end.
-    board.hangs_up_after = Some(5);
+    // Status, job, status, positions, live; it is gone when it is asked for its status at the end.
+    board.hangs_up_after = Some(6);
     let lines = umi(&["events", "--port", &board.serve(), "--for", "0.3", "--json"])
         .exits(1)
         .json_lines();

@@ -179,6 +179,8 @@ impl Board {
         match request {
             Request::IdentityGet => Response::Identity(identity()),
             Request::AccessGet => Response::Access(Default::default()),
+            Request::ImageGet => Response::NotOnThisBoard,
+            Request::HostTime { .. } => Response::Done,
             Request::KeyList => Response::Keys(Default::default()),
             Request::StatusGet => Response::Status(self.status()),
             Request::JobGet => Response::Job {

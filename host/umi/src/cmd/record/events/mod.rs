@@ -12,6 +12,7 @@ use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_j
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use umi_client::axes::Scale;
+use umi_client::journal::guarding::Guarding;
 use umi_client::journal::{self, FileItem, PullRequest};
 use umi_client::timeline::{Follower, LatchTally, TimelineEntry};
 use umi_core::journal::Entry;
@@ -149,6 +150,7 @@ impl Events {
             })?;
             return Ok(());
         }
+        sink.guarding = Guarding::of(board.status()?.access);
         let following = Following {
             scan: &self.scan,
             lasting: self.lasting,

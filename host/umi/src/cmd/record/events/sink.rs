@@ -11,8 +11,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use umi_client::axes::{NAMES, Scale};
 use umi_client::journal::Unreadable;
+use umi_client::journal::guarding::Guarding;
 use umi_client::timeline::{Loss, Lost, TimelineEntry};
 use umi_core::journal::Gap;
+use umi_protocol::access::AccessMode;
 
 use super::{Events, Kind, kind};
 
@@ -29,6 +31,8 @@ pub(crate) struct Sink {
     bar: ProgressBar,
     /// How counts become millimetres.
     pub scale: Scale,
+    /// Whether the board has an owner.
+    pub guarding: Guarding,
     /// How many were shown, without losses.
     pub shown: u64,
     lost: u64,
@@ -79,6 +83,7 @@ impl Sink {
             file,
             bar,
             scale: Scale::default(),
+            guarding: Guarding::default(),
             shown: 0,
             lost: 0,
         };
@@ -102,6 +107,7 @@ impl Sink {
             file: Some((path.to_owned(), LineWriter::new(file))),
             bar: ProgressBar::hidden(),
             scale: Scale::default(),
+            guarding: Guarding::default(),
             shown: 0,
             lost: 0,
         };
@@ -128,6 +134,10 @@ impl Sink {
     }
 
     fn show(&mut self, happening: &TimelineEntry, text: &mut String) {
+        let mode = match happening {
+            TimelineEntry::Record { seq, record, .. } => self.guarding.follow(*seq, record),
+            _ => None,
+        };
         match kind(happening) {
             None => {
                 if let TimelineEntry::Loss(loss) = happening {
@@ -143,8 +153,8 @@ impl Sink {
             }
         }
         let line = match self.form {
-            Form::Text => in_words(happening, &self.scale),
-            Form::Json => in_json(happening, &self.scale),
+            Form::Text => in_words(happening, &self.scale, mode),
+            Form::Json => in_json(happening, &self.scale, mode),
             Form::Table => row(happening, &self.scale),
         };
         text.push_str(&line);
@@ -254,17 +264,19 @@ fn line(t_us: Option<u64>, text: &str) -> String {
     format!("{}  {text}\n", paint(FAINT, format_args!("{time:>14}")))
 }
 
-fn in_words(happening: &TimelineEntry, scale: &Scale) -> String {
+fn in_words(happening: &TimelineEntry, scale: &Scale, mode: Option<AccessMode>) -> String {
     match happening {
         TimelineEntry::Line(of) => line(Some(of.t_us), &text::line(of)),
         TimelineEntry::Hit(of) => line(Some(of.t_us), &text::hit(of)),
         TimelineEntry::Latch(_, of) => line(Some(of.t_ns / 1000), &text::latch(of, scale)),
-        TimelineEntry::Record { t_us, record, .. } => line(Some(*t_us), &text::record(record)),
+        TimelineEntry::Record { t_us, record, .. } => {
+            line(Some(*t_us), &text::guarded_record(record, mode))
+        }
         TimelineEntry::Loss(of) => line(of.t_ns.map(|t_ns| t_ns / 1000), &text::loss(of)),
     }
 }
 
-fn in_json(happening: &TimelineEntry, scale: &Scale) -> String {
+fn in_json(happening: &TimelineEntry, scale: &Scale, mode: Option<AccessMode>) -> String {
     let value = match happening {
         TimelineEntry::Line(of) => json::line(of),
         TimelineEntry::Hit(of) => json::hit(of),
@@ -275,7 +287,9 @@ fn in_json(happening: &TimelineEntry, scale: &Scale) -> String {
             }
             value
         }
-        TimelineEntry::Record { seq, t_us, record } => json::entry(*seq, *t_us, record),
+        TimelineEntry::Record { seq, t_us, record } => {
+            json::guarded_entry(*seq, *t_us, record, mode)
+        }
         TimelineEntry::Loss(of) => json::loss(of),
     };
     format!("{value}\n")

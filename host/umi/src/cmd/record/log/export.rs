@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
+use umi_client::journal::guarding::Guarding;
 use umi_client::journal::{self, FileItem};
 use umi_core::journal::Entry;
 
@@ -58,9 +59,12 @@ impl Export {
         if let Form::Csv = self.format {
             out.extend_from_slice(b"seq,t_us,type,record\r\n");
         }
+        let mut guarding = Guarding::default();
         journal::read(&bytes, |item| {
             let (seq, t_us, value) = match item {
-                FileItem::Entry(entry) => (entry.seq, Some(entry.t.0), value(&entry)),
+                FileItem::Entry(entry) => {
+                    (entry.seq, Some(entry.t.0), value(&entry, &mut guarding))
+                }
                 FileItem::Gap(gap) => {
                     let value = json!({
                         "type": "overwritten",
@@ -99,9 +103,12 @@ impl Export {
     }
 }
 
-fn value(entry: &Entry<'_>) -> Value {
+fn value(entry: &Entry<'_>, guarding: &mut Guarding) -> Value {
     match journal::record(entry) {
-        Ok(record) => crate::show::json::entry(entry.seq, entry.t.0, &record),
+        Ok(record) => {
+            let mode = guarding.follow(entry.seq, &record);
+            crate::show::json::guarded_entry(entry.seq, entry.t.0, &record, mode)
+        }
         Err(unreadable) => json!({
             "seq": entry.seq,
             "t_us": entry.t.0,

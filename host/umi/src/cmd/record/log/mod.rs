@@ -16,6 +16,7 @@ use crate::show::terminal::{CAUTION, FAINT, GOOD, paint, print, print_json};
 use crate::show::text;
 use clap::{Args, Subcommand};
 use serde_json::{Map, Value, json};
+use umi_client::journal::guarding::Guarding;
 use umi_client::journal::verify::VerifiedFile;
 use umi_client::journal::{self, FileItem, PullRequest, PullStep, Stretch, key_id};
 use umi_core::journal::Entry;
@@ -114,8 +115,9 @@ impl Log {
     fn list_file(&self, path: &Path) -> Result<(), Failure> {
         let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
         let from = self.from.unwrap_or(0);
+        let mut guarding = Guarding::default();
         journal::read(&bytes, |item| match item {
-            FileItem::Entry(entry) if entry.seq >= from => self.show(&entry),
+            FileItem::Entry(entry) => self.show(&entry, from, &mut guarding),
             FileItem::Gap(gap) if gap.next > from => self.show_gap(gap.first, gap.next),
             _ => Ok(()),
         })?;
@@ -129,10 +131,11 @@ impl Log {
             from: self.from,
             ..PullRequest::default()
         };
+        let mut guarding = Guarding::default();
         let pulled = journal::pull(&mut board, wanted, |step| match step {
             PullStep::Header(..) => Ok(()),
             PullStep::Gap(gap) => self.show_gap(gap.first, gap.next),
-            PullStep::Entry(entry, _) => self.show(&entry),
+            PullStep::Entry(entry, _) => self.show(&entry, 0, &mut guarding),
         })?;
         if self.format.json {
             return print_json(&Value::Object(summary(&pulled.stretch, None)));
@@ -156,9 +159,17 @@ impl Log {
         print(&format!("{first:>8}  {}\n", paint(CAUTION, text)))
     }
 
-    fn show(&self, entry: &Entry<'_>) -> Result<(), Failure> {
+    /// Shows an entry, if it stands at `from` or behind.
+    fn show(&self, entry: &Entry<'_>, from: u64, guarding: &mut Guarding) -> Result<(), Failure> {
         let (seq, t_us) = (entry.seq, entry.t.0);
         let record = journal::record(entry);
+        let mode = record
+            .as_ref()
+            .ok()
+            .and_then(|record| guarding.follow(seq, record));
+        if seq < from {
+            return Ok(());
+        }
         // What cannot be read is shown always.
         if let Ok(record) = &record
             && !self.only.is_empty()
@@ -167,8 +178,10 @@ impl Log {
             return Ok(());
         }
         match (record, self.format.json) {
-            (Ok(record), true) => print_json(&crate::show::json::entry(seq, t_us, &record)),
-            (Ok(record), false) => line(seq, t_us, &text::record(&record)),
+            (Ok(record), true) => {
+                print_json(&crate::show::json::guarded_entry(seq, t_us, &record, mode))
+            }
+            (Ok(record), false) => line(seq, t_us, &text::guarded_record(&record, mode)),
             (Err(unreadable), true) => print_json(&json!({
                 "seq": seq,
                 "t_us": t_us,

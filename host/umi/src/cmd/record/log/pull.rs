@@ -49,7 +49,9 @@ impl PullFile {
             from: self.from,
             goes_on: true,
         };
-        let verified = pull.run(&mut self.board.connect()?)?;
+        let mut board = self.board.connect()?;
+        board.host_time(crate::show::utc::now_utc_s())?;
+        let verified = pull.run(&mut board)?;
         sum_up(self.format.json, &verified, Some(&self.file))
     }
 }

@@ -1,0 +1,154 @@
+//! Signed images: from a host's requests to the slots ([`umi_core::access::update::slots`]).
+
+use umi_core::access::update::slots::{Slots, UpdateError};
+use umi_core::journal::Flash;
+use umi_core::units::Micros;
+use umi_protocol::latch::Positions;
+use umi_protocol::message::{Record, Request, Response};
+use umi_protocol::update::{IMAGE_HEADER, ImageInfo, ImageVersion, UpdateRefusal, UpdateState};
+
+use super::Guarded;
+use crate::board::Axes;
+use crate::measure::Instrument;
+
+/// What takes images.
+pub trait Images: Send {
+    /// The image that runs.
+    fn info(&mut self) -> ImageInfo;
+
+    /// One comes: where its next byte is wanted.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError>;
+
+    /// Bytes of it.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError>;
+
+    /// It is whole and right: its version.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    fn whole(&mut self) -> Result<ImageVersion, UpdateError>;
+
+    /// It is to run on trial from the next start on.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    fn mark(&mut self) -> Result<(), UpdateError>;
+
+    /// The version before and the one that runs on trial, if one does.
+    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)>;
+
+    /// What runs on trial is the one that starts.
+    ///
+    /// # Errors
+    /// [`UpdateError`]: the next start goes back.
+    fn confirm(&mut self) -> Result<(), UpdateError>;
+}
+
+impl<F: Flash + Send> Images for Slots<F> {
+    fn info(&mut self) -> ImageInfo {
+        Slots::info(self)
+    }
+
+    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError> {
+        Slots::begin(self, header)
+    }
+
+    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError> {
+        Slots::piece(self, offset, bytes)
+    }
+
+    fn whole(&mut self) -> Result<ImageVersion, UpdateError> {
+        Slots::whole(self)
+    }
+
+    fn mark(&mut self) -> Result<(), UpdateError> {
+        Slots::mark(self)
+    }
+
+    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)> {
+        Slots::trial(self)
+    }
+
+    fn confirm(&mut self) -> Result<(), UpdateError> {
+        Slots::confirm(self).map(|_| ())
+    }
+}
+
+/// Where the axes stand, in short.
+fn stand(positions: &Positions) -> u64 {
+    let counts = positions.counts.iter().flat_map(|of| of.to_le_bytes());
+    // FNV-1a, as published by Fowler, Noll and Vo: not against forgers, who do not move axes.
+    counts.fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    })
+}
+
+/// The answer to a request about images.
+#[inline(never)]
+pub(crate) fn update<F: Flash>(
+    measure: &mut Instrument<F>,
+    guarded: &mut Guarded,
+    axes: &mut impl Axes,
+    now: Micros,
+    request: &Request,
+) -> Response {
+    if !cfg!(feature = "owner") {
+        return Response::NotOnThisBoard;
+    }
+    let Some(images) = guarded.images.get_mut() else {
+        return Response::NotOnThisBoard;
+    };
+    if let Request::ImageGet = request {
+        return Response::Image(images.info());
+    }
+    let stand = stand(&axes.positions());
+    if let Request::UpdateBegin { .. } = request {
+        guarded.stood = stand;
+    }
+    // Flash that is written, and a start, would be felt in what is measured, sent or moved.
+    let is_busy = measure.brain().run().is_under_way()
+        || measure.delivery.is_some()
+        || stand != guarded.stood;
+    if is_busy {
+        return Response::UpdateRefused(UpdateRefusal::Busy);
+    }
+    let done = match request {
+        Request::UpdateBegin { header } => {
+            let mut bytes = [0; IMAGE_HEADER];
+            for (place, part) in bytes.chunks_exact_mut(32).zip(header) {
+                place.copy_from_slice(part);
+            }
+            images
+                .begin(&bytes)
+                .map(|offset| Response::UpdateAt { offset })
+        }
+        Request::UpdatePiece { offset, bytes } => images
+            .piece(*offset, bytes)
+            .map(|offset| Response::UpdateAt { offset }),
+        Request::UpdateEnd => {
+            let from = images.info().version;
+            images.whole().and_then(|to| {
+                let what = UpdateState::Trial;
+                let record = Record::Update { what, from, to };
+                // Never a deed without a record.
+                if !measure.ledger.record(now, record) {
+                    return Err(UpdateError::Flash);
+                }
+                images.mark()?;
+                guarded.restarts = true;
+                Ok(Response::Done)
+            })
+        }
+        _ => return Response::NotOnThisBoard,
+    };
+    done.unwrap_or_else(|error| match error {
+        UpdateError::Refused(refusal) => Response::UpdateRefused(refusal),
+        UpdateError::Flash => Response::StorageFailed,
+    })
+}

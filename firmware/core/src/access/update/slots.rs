@@ -1,0 +1,504 @@
+//! Two slots for images, of which one runs: receive, try, confirm, or go back.
+//!
+//! # Design
+//!
+//! ```text
+//! begin ─► pieces ─► end: verified in its slot ─► trial kept ─► start ─► trial begun ─► confirm
+//!                                                                 └── the next start without it: back
+//! ```
+//!
+//! What counts stands in one entry of a small journal, so that it changes whole or not at all. The
+//! slot that runs is never written. An image is verified (board, signature, SHA-512, version and
+//! counter) before it is kept for trial, and the one that is to run again at every start: one that
+//! was changed meanwhile does not run, but the other slot's does, if that is right and not older
+//! than the counter allows; else what was built in.
+//!
+//! # Limitations
+//!
+//! An image is as trusted as the flash of the key that it is verified by.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256, Sha512};
+use umi_protocol::update::{
+    IMAGE_HEADER, ImageInfo, ImagePlace, ImageVersion, UpdateRefusal, UpdateState,
+};
+
+use super::image::ImageHeader;
+use crate::journal::{ERASED, Flash, Journal};
+use crate::units::Micros;
+
+/// Kind number of the only entry there is. A later layout gets another.
+const KIND: u8 = 1;
+
+/// Bytes of an entry, at most.
+const MOST: usize = 128;
+
+/// Bytes that are hashed or programmed at once.
+const PIECE: usize = 256;
+
+/// What is programmed at once, as flash wants it aligned.
+#[repr(align(4))]
+struct Page([u8; PIECE]);
+
+/// What is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Kept {
+    /// The slot that runs; none: what is built in.
+    active: Option<bool>,
+    version: ImageVersion,
+    counter: u32,
+    /// The slot on trial, and whether it has started.
+    trial: Option<(bool, bool)>,
+    latest: UpdateState,
+    /// The maker's key.
+    maker: Option<[u8; 32]>,
+}
+
+/// What runs from this start on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Started {
+    /// Where it stands.
+    pub place: ImagePlace,
+    /// It has to confirm itself.
+    pub on_trial: bool,
+    /// An image on trial has not confirmed itself, or was changed: its version; zeros, if it cannot
+    /// be read any more.
+    pub reverted: Option<ImageVersion>,
+}
+
+/// The flash, or why an image is not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpdateError {
+    /// Why it is not taken.
+    Refused(UpdateRefusal),
+    /// The flash does not keep it.
+    Flash,
+}
+
+impl From<UpdateRefusal> for UpdateError {
+    fn from(refusal: UpdateRefusal) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
+/// An image on its way.
+#[derive(Clone)]
+struct Receiving {
+    slot: bool,
+    header: ImageHeader,
+    offset: u32,
+}
+
+/// What is built in: it runs where no slot does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BuiltIn {
+    /// The kind of board.
+    pub board: &'static str,
+    /// Its version.
+    pub version: ImageVersion,
+}
+
+/// The slots.
+pub struct Slots<F: Flash> {
+    state: Journal<F>,
+    slots: [F; 2],
+    built_in: BuiltIn,
+    kept: Kept,
+    receiving: Option<Receiving>,
+    running: Option<(ImagePlace, ImageHeader)>,
+    on_trial: bool,
+}
+
+const fn place(slot: bool) -> ImagePlace {
+    match slot {
+        false => ImagePlace::A,
+        true => ImagePlace::B,
+    }
+}
+
+impl<F: Flash> Slots<F> {
+    /// Opens the slots; `maker` is taken if there is no key yet.
+    ///
+    /// # Errors
+    /// [`UpdateError::Flash`]: what counts cannot be read or kept.
+    pub fn open(
+        state: F,
+        slots: [F; 2],
+        built_in: BuiltIn,
+        maker: Option<[u8; 32]>,
+    ) -> Result<Self, UpdateError> {
+        let (mut state, recovery) = Journal::open(state).map_err(|_| UpdateError::Flash)?;
+        let new = Kept {
+            active: None,
+            version: built_in.version,
+            counter: 0,
+            trial: None,
+            latest: UpdateState::None,
+            maker: None,
+        };
+        let mut room = [0; MOST];
+        let kept = match state.next_seq().checked_sub(1) {
+            None if recovery.damaged_headers == 0 => new,
+            None => return Err(UpdateError::Flash),
+            Some(newest) => {
+                let found = state
+                    .read(newest, &mut room)
+                    .map_err(|_| UpdateError::Flash)?;
+                let kept = postcard::from_bytes(found.entry.payload);
+                match kept {
+                    Ok(kept) if found.entry.kind == KIND => kept,
+                    _ => return Err(UpdateError::Flash),
+                }
+            }
+        };
+        let mut opened = Self {
+            state,
+            slots,
+            built_in,
+            kept,
+            receiving: None,
+            running: None,
+            on_trial: false,
+        };
+        if kept.maker.is_none() && maker.is_some() {
+            opened.keep(Kept { maker, ..kept })?;
+        }
+        Ok(opened)
+    }
+
+    fn keep(&mut self, kept: Kept) -> Result<(), UpdateError> {
+        let mut room = [0; MOST];
+        let payload = postcard::to_slice(&kept, &mut room).map_err(|_| UpdateError::Flash)?;
+        // Twice: a newest entry that is damaged at rest looks like one that was torn.
+        for _ in 0..2 {
+            let appended = self.state.append(KIND, Micros(0), payload);
+            appended.map_err(|_| UpdateError::Flash)?;
+        }
+        self.kept = kept;
+        Ok(())
+    }
+
+    /// Whether there is a key to verify by: without one nothing is taken.
+    #[must_use]
+    pub fn has_maker(&self) -> bool {
+        self.kept.maker.is_some()
+    }
+
+    fn flash(&mut self, slot: bool) -> &mut F {
+        let [a, b] = &mut self.slots;
+        if slot { b } else { a }
+    }
+
+    /// Bytes of a payload that a slot takes.
+    fn most_bytes(&mut self) -> u32 {
+        let geometry = self.flash(false).geometry();
+        let size = u32::from(geometry.sectors).saturating_mul(geometry.sector_size);
+        size.saturating_sub(IMAGE_HEADER as u32)
+    }
+
+    /// The image of a slot, if it is whole, right and not older than what has been.
+    fn verified(&mut self, slot: bool) -> Result<ImageHeader, UpdateError> {
+        let mut bytes = [0; IMAGE_HEADER];
+        let read = self.flash(slot).read(0, &mut bytes);
+        read.map_err(|_| UpdateError::Flash)?;
+        let header = self.admissible(&bytes)?;
+        let mut hash = Sha512::new();
+        self.pieces(slot, header.length, |piece| hash.update(piece))?;
+        match <[u8; 64]>::from(hash.finalize()) == header.sha512 {
+            true => Ok(header),
+            false => Err(UpdateRefusal::Damaged.into()),
+        }
+    }
+
+    /// A header that this board may run.
+    fn admissible(&mut self, bytes: &[u8; IMAGE_HEADER]) -> Result<ImageHeader, UpdateError> {
+        let (header, signature) = ImageHeader::read(bytes).map_err(|_| UpdateRefusal::Damaged)?;
+        let maker = self.kept.maker.ok_or(UpdateRefusal::Signature)?;
+        if !header.is_signed(signature, &maker) {
+            return Err(UpdateRefusal::Signature.into());
+        }
+        if header.board.as_str() != self.built_in.board {
+            return Err(UpdateRefusal::Board.into());
+        }
+        let Kept {
+            version, counter, ..
+        } = self.kept;
+        if header.counter < counter || header.version < version {
+            return Err(UpdateRefusal::Rollback.into());
+        }
+        let most_bytes = self.most_bytes();
+        if header.length > most_bytes {
+            return Err(UpdateRefusal::TooLong { most_bytes }.into());
+        }
+        Ok(header)
+    }
+
+    /// The board starts: what runs.
+    ///
+    /// # Errors
+    /// [`UpdateError::Flash`]: what counts cannot be kept; what runs is as before.
+    pub fn start(&mut self) -> Result<Started, UpdateError> {
+        let mut reverted = None;
+        if let Some((slot, has_started)) = self.kept.trial {
+            let image = self.verified(slot);
+            if let (Ok(header), false) = (&image, has_started) {
+                let trial = Some((slot, true));
+                self.keep(Kept { trial, ..self.kept })?;
+                self.running = Some((place(slot), header.clone()));
+                self.on_trial = true;
+                return Ok(Started {
+                    place: place(slot),
+                    on_trial: true,
+                    reverted: None,
+                });
+            }
+            reverted = Some(image.map_or([0; 3], |header| header.version));
+            self.keep(Kept {
+                trial: None,
+                latest: UpdateState::Reverted,
+                ..self.kept
+            })?;
+        }
+        self.on_trial = false;
+        self.running = None;
+        // The one that was confirmed; where it is wrong, the other, which may not be older.
+        let slots = self.kept.active.map(|slot| [slot, !slot]);
+        for slot in slots.into_iter().flatten() {
+            if let Ok(header) = self.verified(slot) {
+                self.running = Some((place(slot), header));
+                break;
+            }
+        }
+        Ok(Started {
+            place: self.running.as_ref().map_or(ImagePlace::BuiltIn, |of| of.0),
+            on_trial: false,
+            reverted,
+        })
+    }
+
+    /// The payload of what runs, as far as it finds room; none: it is built in.
+    pub fn payload<'b>(&mut self, room: &'b mut [u8]) -> Option<&'b [u8]> {
+        let (place, header) = self.running.clone()?;
+        let count = room.len().min(usize::try_from(header.length).ok()?);
+        let part = room.get_mut(..count)?;
+        let slot = place == ImagePlace::B;
+        self.flash(slot).read(IMAGE_HEADER as u32, part).ok()?;
+        Some(part)
+    }
+
+    /// The image on trial works: it is the one that starts. The version before.
+    ///
+    /// # Errors
+    /// [`UpdateError::Flash`]: the next start goes back.
+    pub fn confirm(&mut self) -> Result<Option<(ImageVersion, ImageVersion)>, UpdateError> {
+        let (Some((slot, true)), Some((_, header))) = (self.kept.trial, self.running.clone())
+        else {
+            return Ok(None);
+        };
+        let from = self.kept.version;
+        self.keep(Kept {
+            active: Some(slot),
+            version: header.version,
+            counter: header.counter,
+            trial: None,
+            latest: UpdateState::Confirmed,
+            ..self.kept
+        })?;
+        self.on_trial = false;
+        Ok(Some((from, header.version)))
+    }
+
+    /// What runs.
+    pub fn info(&mut self) -> ImageInfo {
+        let most_bytes = self.most_bytes();
+        let running = self.running.as_ref();
+        let halves = |sha512: &[u8; 64]| {
+            let mut halves = [[0; 32]; 2];
+            for (half, part) in halves.iter_mut().zip(sha512.chunks_exact(32)) {
+                half.copy_from_slice(part);
+            }
+            halves
+        };
+        ImageInfo {
+            version: running.map_or(self.built_in.version, |(_, of)| of.version),
+            counter: running.map_or(0, |(_, of)| of.counter),
+            place: running.map_or(ImagePlace::BuiltIn, |(place, _)| *place),
+            confirmed: !self.on_trial,
+            sha512: running.map(|(_, of)| halves(&of.sha512)),
+            latest: match self.kept.trial {
+                Some(_) => UpdateState::Trial,
+                None => self.kept.latest,
+            },
+            most_bytes,
+        }
+    }
+
+    /// An image comes: where its next byte is wanted.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    pub fn begin(&mut self, bytes: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError> {
+        // The other slot holds what a start would go back to.
+        if self.on_trial {
+            return Err(UpdateRefusal::Busy.into());
+        }
+        let header = self.admissible(bytes)?;
+        // Never the one that runs.
+        let running = self.running.as_ref().map(|(place, _)| *place);
+        let slot = running == Some(ImagePlace::A);
+        if let Some(receiving) = &self.receiving
+            && receiving.header == header
+            && receiving.slot == slot
+        {
+            return Ok(receiving.offset);
+        }
+        self.receiving = None;
+        let is_fresh = self.kept.trial.is_none() && self.kept.latest == UpdateState::None;
+        if !is_fresh {
+            self.keep(Kept {
+                trial: None,
+                latest: UpdateState::None,
+                ..self.kept
+            })?;
+        }
+        let flash = self.flash(slot);
+        let geometry = flash.geometry();
+        let end = IMAGE_HEADER as u32 + header.length;
+        for sector in 0..end.div_ceil(geometry.sector_size) {
+            flash.erase(sector).map_err(|_| UpdateError::Flash)?;
+        }
+        self.write(slot, 0, bytes)?;
+        self.receiving = Some(Receiving {
+            slot,
+            header,
+            offset: 0,
+        });
+        Ok(0)
+    }
+
+    /// Programs bytes, page by page: no page crosses the end of a sector.
+    fn write(&mut self, slot: bool, at: u32, bytes: &[u8]) -> Result<(), UpdateError> {
+        let flash = self.flash(slot);
+        let word = (flash.geometry().write_size as usize).max(1);
+        let mut at = at;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let room = PIECE - at as usize % PIECE;
+            let (now, later) = rest.split_at(rest.len().min(room));
+            let mut page = Page([ERASED; PIECE]);
+            for (place, byte) in page.0.iter_mut().zip(now) {
+                *place = *byte;
+            }
+            let whole = page.0.get(..now.len().next_multiple_of(word));
+            let whole = whole.ok_or(UpdateError::Flash)?;
+            flash.program(at, whole).map_err(|_| UpdateError::Flash)?;
+            at = at.saturating_add(now.len() as u32);
+            rest = later;
+        }
+        Ok(())
+    }
+
+    /// Bytes of it: where the next is wanted. Those that stand elsewhere are not taken. All but the
+    /// last piece must be a multiple of the flash's word.
+    ///
+    /// # Errors
+    /// [`UpdateError`].
+    pub fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError> {
+        let receiving = self.receiving.clone().ok_or(UpdateRefusal::NotBegun)?;
+        if offset != receiving.offset || bytes.is_empty() {
+            return Ok(receiving.offset);
+        }
+        let count = u32::try_from(bytes.len()).map_err(|_| UpdateRefusal::Damaged)?;
+        let end = offset.checked_add(count).ok_or(UpdateRefusal::Damaged)?;
+        if end > receiving.header.length {
+            return Err(UpdateRefusal::Damaged.into());
+        }
+        let word = self.flash(receiving.slot).geometry().write_size as usize;
+        if !bytes.len().is_multiple_of(word.max(1)) && end != receiving.header.length {
+            return Err(UpdateRefusal::Damaged.into());
+        }
+        self.write(receiving.slot, IMAGE_HEADER as u32 + offset, bytes)?;
+        if let Some(receiving) = &mut self.receiving {
+            receiving.offset = end;
+        }
+        Ok(end)
+    }
+
+    /// It is whole: it is verified where it stands. It does not count before [`Self::mark`].
+    ///
+    /// # Errors
+    /// [`UpdateError`]: what runs is as before.
+    pub fn whole(&mut self) -> Result<ImageVersion, UpdateError> {
+        if let (None, Some((slot, false))) = (&self.receiving, self.kept.trial) {
+            // Asked twice.
+            return self.verified(slot).map(|header| header.version);
+        }
+        let receiving = self.receiving.clone().ok_or(UpdateRefusal::NotBegun)?;
+        if receiving.offset != receiving.header.length {
+            return Err(UpdateRefusal::Damaged.into());
+        }
+        let header = self.verified(receiving.slot);
+        if header.as_ref() != Ok(&receiving.header) {
+            self.receiving = None;
+            return Err(header.err().unwrap_or(UpdateRefusal::Damaged.into()));
+        }
+        Ok(receiving.header.version)
+    }
+
+    /// What [`Self::whole`] has verified runs on trial from the next start on.
+    ///
+    /// # Errors
+    /// [`UpdateError`]: what runs is as before.
+    pub fn mark(&mut self) -> Result<(), UpdateError> {
+        if let (None, Some((_, false))) = (&self.receiving, self.kept.trial) {
+            return Ok(());
+        }
+        let receiving = self.receiving.take().ok_or(UpdateRefusal::NotBegun)?;
+        self.keep(Kept {
+            trial: Some((receiving.slot, false)),
+            latest: UpdateState::Trial,
+            ..self.kept
+        })
+    }
+
+    /// The version before and the one that runs on trial, if one does.
+    #[must_use]
+    pub fn trial(&self) -> Option<(ImageVersion, ImageVersion)> {
+        let (_, header) = self.running.as_ref().filter(|_| self.on_trial)?;
+        Some((self.kept.version, header.version))
+    }
+
+    /// SHA-256 of what runs, as heads name it; none: it is built in.
+    pub fn digest(&mut self) -> Option<[u8; 32]> {
+        let (place, header) = self.running.clone()?;
+        let mut hash = Sha256::new();
+        self.pieces(place == ImagePlace::B, header.length, |piece| {
+            hash.update(piece);
+        })
+        .ok()?;
+        Some(hash.finalize().into())
+    }
+
+    /// Reads a payload, piece by piece.
+    fn pieces(
+        &mut self,
+        slot: bool,
+        length: u32,
+        mut take: impl FnMut(&[u8]),
+    ) -> Result<(), UpdateError> {
+        let mut room = [0; PIECE];
+        let mut at = 0;
+        while at < length {
+            let count = (length - at).min(PIECE as u32);
+            let piece = room.get_mut(..count as usize).unwrap_or_default();
+            let read = self.flash(slot).read(IMAGE_HEADER as u32 + at, piece);
+            read.map_err(|_| UpdateError::Flash)?;
+            take(piece);
+            at += count;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

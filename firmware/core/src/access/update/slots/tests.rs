@@ -1,0 +1,397 @@
+use super::*;
+use crate::board_key::key_id;
+use crate::journal::Geometry;
+use crate::journal::mock::{Cut, ERASE_CUTS, MockFlash, Op, Random};
+
+use ed25519_dalek::{Signer as _, SigningKey};
+use std::vec::Vec;
+use umi_protocol::job::name;
+
+const STATE: Geometry = Geometry {
+    sectors: 2,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
+const SLOT: Geometry = Geometry {
+    sectors: 2,
+    sector_size: 1024,
+    write_size: 32,
+    page_size: 256,
+};
+
+const BUILT_IN: BuiltIn = BuiltIn {
+    board: "virtual",
+    version: [0, 1, 0],
+};
+
+/// The flash of a board.
+#[derive(Clone)]
+struct Areas {
+    state: MockFlash,
+    slots: [MockFlash; 2],
+}
+
+impl Areas {
+    fn new() -> Self {
+        Self {
+            state: MockFlash::new(STATE),
+            slots: [MockFlash::new(SLOT), MockFlash::new(SLOT)],
+        }
+    }
+
+    fn open(&mut self) -> Slots<&mut MockFlash> {
+        let [a, b] = &mut self.slots;
+        let maker = maker().verifying_key().to_bytes();
+        Slots::open(&mut self.state, [a, b], BUILT_IN, Some(maker)).unwrap()
+    }
+}
+
+fn maker() -> SigningKey {
+    SigningKey::from_bytes(&[5; 32])
+}
+
+/// An image of so many bytes, signed by this key.
+fn image(by: &SigningKey, board: &str, version: ImageVersion, counter: u32, len: usize) -> Vec<u8> {
+    let payload: Vec<u8> = (0..len).map(|n| (n * 7 + len) as u8).collect();
+    let header = ImageHeader {
+        board: name(board),
+        version,
+        counter,
+        length: len as u32,
+        sha512: Sha512::digest(&payload).into(),
+        key_id: key_id(&by.verifying_key().to_bytes()),
+    };
+    let signature = by.sign(&header.signed());
+    let mut bytes = header
+        .encode([*signature.r_bytes(), *signature.s_bytes()])
+        .to_vec();
+    bytes.extend(payload);
+    bytes
+}
+
+fn good(version: u16, counter: u32, len: usize) -> Vec<u8> {
+    image(&maker(), "virtual", [1, version, 0], counter, len)
+}
+
+/// Sends an image to its end.
+fn send<F: Flash>(slots: &mut Slots<F>, image: &[u8]) -> Result<ImageVersion, UpdateError> {
+    let (header, payload) = image.split_first_chunk().unwrap();
+    let mut at = slots.begin(header)? as usize;
+    while at < payload.len() {
+        let end = (at + 96).min(payload.len());
+        at = slots.piece(at as u32, &payload[at..end])? as usize;
+    }
+    end(slots)
+}
+
+fn end<F: Flash>(slots: &mut Slots<F>) -> Result<ImageVersion, UpdateError> {
+    let version = slots.whole()?;
+    slots.mark()?;
+    Ok(version)
+}
+
+fn refused(result: Result<ImageVersion, UpdateError>) -> UpdateRefusal {
+    match result {
+        Err(UpdateError::Refused(refusal)) => refusal,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// An image is received, tried and confirmed, and runs from then on; the next goes to the other
+/// slot; one that does not confirm itself is gone at the next start.
+#[test]
+fn an_image_is_tried_before_it_counts() {
+    let mut areas = Areas::new();
+    let mut slots = areas.open();
+    assert_eq!(slots.start().unwrap().place, ImagePlace::BuiltIn);
+    assert_eq!(send(&mut slots, &good(1, 1, 700)), Ok([1, 1, 0]));
+    assert_eq!(end(&mut slots), Ok([1, 1, 0]), "asked twice");
+    assert_eq!(slots.info().latest, UpdateState::Trial);
+
+    let mut slots = areas.open();
+    let started = slots.start().unwrap();
+    assert_eq!((started.place, started.on_trial), (ImagePlace::A, true));
+    assert!(!slots.info().confirmed);
+    assert_eq!(slots.confirm(), Ok(Some(([0, 1, 0], [1, 1, 0]))));
+    assert_eq!(slots.confirm(), Ok(None));
+    assert_eq!(send(&mut slots, &good(2, 1, 800)), Ok([1, 2, 0]));
+
+    // On trial, and never confirmed.
+    let mut slots = areas.open();
+    assert_eq!(slots.start().unwrap().place, ImagePlace::B);
+    let mut slots = areas.open();
+    let started = slots.start().unwrap();
+    assert_eq!(started.place, ImagePlace::A);
+    assert_eq!(started.reverted, Some([1, 2, 0]));
+    let info = slots.info();
+    assert_eq!(
+        (info.version, info.latest),
+        ([1, 1, 0], UpdateState::Reverted)
+    );
+    // It may be tried again.
+    assert_eq!(send(&mut slots, &good(2, 1, 800)), Ok([1, 2, 0]));
+}
+
+/// Each fault of an image has its name, and none of them changes what runs.
+#[test]
+fn what_is_wrong_with_an_image_is_named() {
+    let mut areas = Areas::new();
+    let mut slots = areas.open();
+    slots.start().unwrap();
+    send(&mut slots, &good(3, 7, 100)).unwrap();
+    let mut slots = areas.open();
+    slots.start().unwrap();
+    slots.confirm().unwrap();
+    let foreign = SigningKey::from_bytes(&[6; 32]);
+    let too_long = refused(send(&mut slots, &good(4, 7, 2000)));
+    assert_eq!(
+        too_long,
+        UpdateRefusal::TooLong {
+            most_bytes: 2048 - 192
+        }
+    );
+    for (bad, why) in [
+        (
+            image(&foreign, "virtual", [2, 0, 0], 9, 50),
+            UpdateRefusal::Signature,
+        ),
+        (
+            image(&maker(), "pico", [2, 0, 0], 9, 50),
+            UpdateRefusal::Board,
+        ),
+        (good(2, 7, 50), UpdateRefusal::Rollback),
+        (good(9, 6, 50), UpdateRefusal::Rollback),
+    ] {
+        assert_eq!(refused(send(&mut slots, &bad)), why);
+    }
+    let mut damaged = good(4, 7, 300);
+    *damaged.last_mut().unwrap() ^= 1;
+    assert_eq!(refused(send(&mut slots, &damaged)), UpdateRefusal::Damaged);
+    let mut header = good(4, 7, 300);
+    header[30] ^= 1;
+    assert_eq!(refused(send(&mut slots, &header)), UpdateRefusal::Signature);
+    assert_eq!(refused(end(&mut slots)), UpdateRefusal::NotBegun);
+    assert_eq!(slots.info().version, [1, 3, 0]);
+    let mut slots = areas.open();
+    assert_eq!(slots.start().unwrap().place, ImagePlace::A);
+}
+
+/// An image that was changed in its slot does not run.
+#[test]
+fn what_was_changed_at_rest_does_not_run() {
+    for at in [0, 20, 60, 130, 192, 250] {
+        let mut areas = Areas::new();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        send(&mut slots, &good(1, 1, 100)).unwrap();
+        areas.slots[0].data[at] ^= 1;
+        let mut slots = areas.open();
+        assert_eq!(
+            slots.start().unwrap().place,
+            ImagePlace::BuiltIn,
+            "on trial"
+        );
+
+        let mut areas = Areas::new();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        send(&mut slots, &good(1, 1, 100)).unwrap();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        slots.confirm().unwrap();
+        areas.slots[0].data[at] ^= 1;
+        let mut slots = areas.open();
+        assert_eq!(
+            slots.start().unwrap().place,
+            ImagePlace::BuiltIn,
+            "confirmed"
+        );
+    }
+}
+
+/// What can happen to an operation: torn at any of its ends, in a word that still reads as erased, in
+/// a page in no order, or done and not told.
+fn ways(op: &Op) -> Vec<Cut> {
+    match op {
+        Op::Erase { .. } => ERASE_CUTS.to_vec(),
+        Op::Program { len, .. } => {
+            let at = [0, 1, len / 2, len - 1, *len].map(Cut::AtByte);
+            let others = [
+                Cut::Unseen(0),
+                Cut::Unseen(len / 2),
+                Cut::Page(0),
+                Cut::Page(len - 1),
+            ];
+            [&at[..], &others[..]].concat()
+        }
+    }
+}
+
+/// The operations on an area from here to the end of an update.
+fn operations(areas: &Areas, area: usize, goes_on: impl Fn(&mut Areas)) -> Vec<Op> {
+    let mut dry = areas.clone();
+    dry.area(area).take_ops();
+    goes_on(&mut dry);
+    dry.area(area).take_ops()
+}
+
+/// The power goes at every operation on any of the three areas, from the first piece of the second
+/// update to its confirmation, and once more at every operation of the start behind that: what
+/// starts is whole, is the version before or the new one, and the counter never goes back; and the
+/// update can be done again.
+#[test]
+fn a_power_cut_leaves_an_image_that_runs() {
+    let before = updated_once();
+    let mut cuts = [0, 0];
+    for area in 0..3 {
+        let ops = operations(&before, area, |areas| second(areas).unwrap());
+        assert!(area == 1 || ops.len() > 4, "{ops:?}");
+        for (at, op) in ops.iter().enumerate() {
+            for way in ways(op) {
+                let mut areas = before.clone();
+                areas.area(area).take_ops();
+                areas.area(area).cut_power_at(at, way, at as u64 + 1);
+                assert!(second(&mut areas).is_err(), "{op:?} {way:?}");
+                areas.power_up();
+                cuts[0] += 1;
+                let again = operations(&areas, 0, |areas| _ = starts(areas));
+                for (at, op) in again.iter().enumerate() {
+                    for way in ways(op) {
+                        let mut areas = areas.clone();
+                        areas.state.cut_power_at(at, way, at as u64 + 1);
+                        let _ = starts(&mut areas);
+                        areas.power_up();
+                        cuts[1] += 1;
+                        is_one(&mut areas);
+                    }
+                }
+                is_one(&mut areas);
+                second(&mut areas).unwrap();
+                let mut slots = areas.open();
+                slots.start().unwrap();
+                assert_eq!(slots.info().version, [1, 2, 0]);
+            }
+        }
+    }
+    assert!(cuts[0] > 100 && cuts[1] > 300, "{cuts:?}");
+}
+
+/// However often it starts, what runs is the one before or the new one, whole.
+fn is_one(areas: &mut Areas) {
+    let mut counter = 0;
+    for _ in 0..3 {
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        let info = slots.info();
+        let either = [([1, 1, 0], 1), ([1, 2, 0], 5)];
+        assert!(either.contains(&(info.version, info.counter)), "{info:?}");
+        assert!(slots.kept.counter >= counter, "the counter went back");
+        counter = slots.kept.counter;
+    }
+}
+
+/// A board that is updated again and again while the power goes: so often, from this seed.
+fn cut_often(times: u32, seed: u64) {
+    let mut random = Random(seed);
+    let mut areas = updated_once();
+    let (mut version, mut kept) = (1, 1);
+    for n in 0..times {
+        let next = good(
+            version + 1,
+            u32::from(version) + 1,
+            64 + random.below(900) as usize,
+        );
+        let goes_on = |areas: &mut Areas| update(areas, &next);
+        let area = random.below(3) as usize;
+        let ops = operations(&areas, area, |areas| _ = goes_on(areas));
+        if !ops.is_empty() {
+            let at = random.below(ops.len() as u64) as usize;
+            let ways = ways(&ops[at]);
+            let way = ways[random.below(ways.len() as u64) as usize];
+            areas.area(area).take_ops();
+            areas.area(area).cut_power_at(at, way, random.bits());
+        }
+        let _ = goes_on(&mut areas);
+        areas.power_up();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        let info = slots.info();
+        assert!(
+            info.version == [1, version, 0] || info.version == [1, version + 1, 0],
+            "{n}: {info:?}"
+        );
+        assert!(slots.kept.counter >= kept, "{n}: the counter went back");
+        kept = slots.kept.counter;
+        if slots.trial().is_none() && info.version == [1, version + 1, 0] {
+            version += 1;
+        }
+    }
+    assert!(u32::from(version) > times / 20, "{version}");
+}
+
+/// 100 cuts, one behind the other.
+#[test]
+fn power_cuts_behind_each_other_leave_an_image_that_runs() {
+    cut_often(100, 1);
+}
+
+/// As above, 10^5 of them. By hand: `cargo test --release -p umi-core long_power_cuts -- --ignored`.
+#[test]
+#[ignore = "minutes"]
+fn long_power_cuts_behind_each_other() {
+    for seed in 0..10 {
+        cut_often(10_000, seed);
+    }
+}
+
+/// A board that runs a first update.
+fn updated_once() -> Areas {
+    let mut areas = Areas::new();
+    update(&mut areas, &good(1, 1, 300)).unwrap();
+    areas
+}
+
+/// From the first piece of an update to its confirmation.
+fn update(areas: &mut Areas, image: &[u8]) -> Result<(), UpdateError> {
+    let mut slots = areas.open_or()?;
+    slots.start()?;
+    send(&mut slots, image)?;
+    starts(areas)
+}
+
+fn second(areas: &mut Areas) -> Result<(), UpdateError> {
+    update(areas, &good(2, 5, 400))
+}
+
+/// A start; what is on trial is confirmed.
+fn starts(areas: &mut Areas) -> Result<(), UpdateError> {
+    let mut slots = areas.open_or()?;
+    slots.start()?;
+    slots.confirm()?;
+    Ok(())
+}
+
+impl Areas {
+    fn area(&mut self, area: usize) -> &mut MockFlash {
+        match area {
+            0 => &mut self.state,
+            1 => &mut self.slots[0],
+            _ => &mut self.slots[1],
+        }
+    }
+
+    fn power_up(&mut self) {
+        for area in 0..3 {
+            self.area(area).power_up();
+        }
+    }
+
+    /// As [`Self::open`], where the power may be gone.
+    fn open_or(&mut self) -> Result<Slots<&mut MockFlash>, UpdateError> {
+        let [a, b] = &mut self.slots;
+        let maker = maker().verifying_key().to_bytes();
+        Slots::open(&mut self.state, [a, b], BUILT_IN, Some(maker))
+    }
+}

@@ -1,0 +1,217 @@
+//! The image that a virtual board runs: a payload of text, in slots as the boards have them.
+//!
+//! ```text
+//! umi-virtual-image
+//! confirms = true
+//! ```
+//!
+//! The program is the same whatever the text says. One that says `confirms = false`, or that is no
+//! such text, runs on trial and never passes its self-test: the next start goes back.
+
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep, sleep_until};
+use umi_app::App;
+use umi_app::access::Images;
+use umi_core::access::update::slots::{BuiltIn, Slots, UpdateError};
+use umi_core::journal::Geometry;
+use umi_core::units::Micros;
+use umi_protocol::update::{IMAGE_HEADER, ImageInfo, ImageVersion};
+
+use super::VirtualFlash;
+use super::clock::VirtualClock;
+
+/// Which image counts.
+pub const SLOTS: Geometry = Geometry {
+    sectors: 4,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// A slot: 640 KiB.
+pub const SLOT: Geometry = Geometry {
+    sectors: 160,
+    sector_size: 4096,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// An image on trial works for so long before it is looked at.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// One that is not confirmed by then is given up.
+const TRIAL: Duration = Duration::from_millis(1000);
+
+/// Flash of the images.
+#[derive(Clone, Debug)]
+pub struct ImageAreas {
+    /// Which of them counts.
+    pub state: VirtualFlash,
+    /// The images.
+    pub slots: [VirtualFlash; 2],
+}
+
+impl ImageAreas {
+    /// New flash.
+    #[must_use]
+    pub fn in_memory() -> Self {
+        Self {
+            state: VirtualFlash::in_memory(SLOTS),
+            slots: [SLOT, SLOT].map(VirtualFlash::in_memory),
+        }
+    }
+
+    /// Flash in files of a folder.
+    ///
+    /// # Errors
+    /// As [`VirtualFlash::in_file`].
+    pub fn in_folder(folder: &Path) -> io::Result<Self> {
+        let slot = |name| VirtualFlash::in_file(SLOT, &folder.join(name));
+        Ok(Self {
+            state: VirtualFlash::in_file(SLOTS, &folder.join("slots.flash"))?,
+            slots: [slot("slot-a.flash")?, slot("slot-b.flash")?],
+        })
+    }
+}
+
+/// The slots, for the application and for what starts it.
+#[derive(Clone)]
+struct SharedSlots(Arc<Mutex<Slots<VirtualFlash>>>);
+
+impl SharedSlots {
+    fn slots(&self) -> MutexGuard<'_, Slots<VirtualFlash>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Images for SharedSlots {
+    fn info(&mut self) -> ImageInfo {
+        self.slots().info()
+    }
+
+    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError> {
+        self.slots().begin(header)
+    }
+
+    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError> {
+        self.slots().piece(offset, bytes)
+    }
+
+    fn whole(&mut self) -> Result<ImageVersion, UpdateError> {
+        self.slots().whole()
+    }
+
+    fn mark(&mut self) -> Result<(), UpdateError> {
+        self.slots().mark()
+    }
+
+    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)> {
+        self.slots().trial()
+    }
+
+    fn confirm(&mut self) -> Result<(), UpdateError> {
+        self.slots().confirm().map(|_| ())
+    }
+}
+
+/// What runs from a start on.
+pub(super) struct RunningImage {
+    slots: SharedSlots,
+    on_trial: bool,
+    confirms: bool,
+    reverted: Option<ImageVersion>,
+}
+
+impl RunningImage {
+    /// Verifies what is to run; none: the flash does not keep what counts, and what is built in runs.
+    pub fn start(areas: ImageAreas, maker: Option<[u8; 32]>) -> Option<Self> {
+        let built_in = BuiltIn {
+            board: "virtual",
+            version: [
+                env!("CARGO_PKG_VERSION_MAJOR"),
+                env!("CARGO_PKG_VERSION_MINOR"),
+                env!("CARGO_PKG_VERSION_PATCH"),
+            ]
+            .map(|part| part.parse().unwrap_or_default()),
+        };
+        let ImageAreas { state, slots } = areas;
+        let mut slots = Slots::open(state, slots, built_in, maker).ok()?;
+        let started = slots.start().ok()?;
+        let mut room = [0; 256];
+        let text = slots.payload(&mut room).unwrap_or_default();
+        Some(Self {
+            confirms: confirms(text),
+            slots: SharedSlots(Arc::new(Mutex::new(slots))),
+            on_trial: started.on_trial,
+            reverted: started.reverted,
+        })
+    }
+
+    /// Its version.
+    pub fn version(&self) -> String {
+        let [major, minor, patch] = self.slots.slots().info().version;
+        format!("{major}.{minor}.{patch}")
+    }
+
+    /// The application is this image: before its start.
+    pub fn enter(&self, app: &App<VirtualFlash>) {
+        // As long as the board: a process starts few of them. No task has begun.
+        let _ = app.takes_images(Box::leak(Box::new(self.slots.clone())));
+        if let Some(digest) = self.slots.slots().digest() {
+            let _ = app.runs(digest);
+        }
+    }
+
+    /// The application has started: what became of the trial before is journaled.
+    pub fn tell(&self, app: &App<VirtualFlash>, now: Micros) {
+        if let Some(to) = self.reverted {
+            let from = self.slots.slots().info().version;
+            let _ = app.tell_reverted(now, from, to);
+        }
+    }
+
+    /// Returns when the board is to start anew, because an image on trial is not confirmed.
+    pub async fn given_up(&mut self, app: &App<VirtualFlash>, clock: &VirtualClock) {
+        let end = Instant::now() + TRIAL;
+        while self.on_trial && Instant::now() < end {
+            sleep(LOOK).await;
+            if self.confirms && app.confirm(&mut self.slots, clock).await {
+                self.on_trial = false;
+            }
+        }
+        match self.on_trial {
+            true => sleep_until(end).await,
+            false => std::future::pending().await,
+        }
+    }
+}
+
+/// Whether a payload is one that works.
+fn confirms(payload: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(payload);
+    let mut lines = text.lines();
+    lines.next() == Some("umi-virtual-image") && lines.next() == Some("confirms = true")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Only what says so works.
+    #[test]
+    fn a_payload_is_a_text() {
+        assert!(confirms(b"umi-virtual-image\nconfirms = true\n"));
+        for text in [
+            "umi-virtual-image\nconfirms = false\n",
+            "umi-virtual-image\n",
+            "confirms = true\n",
+            "",
+        ] {
+            assert!(!confirms(text.as_bytes()), "{text}");
+        }
+    }
+}
