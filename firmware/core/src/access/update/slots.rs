@@ -56,7 +56,7 @@ struct Kept {
 
 /// What runs from this start on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Started {
+pub struct StartedImage {
     /// Where it stands.
     pub place: ImagePlace,
     /// It has to confirm itself.
@@ -237,7 +237,7 @@ impl<F: Flash> Slots<F> {
     ///
     /// # Errors
     /// [`UpdateError::Flash`]: what counts cannot be kept; what runs is as before.
-    pub fn start(&mut self) -> Result<Started, UpdateError> {
+    pub fn start(&mut self) -> Result<StartedImage, UpdateError> {
         let mut reverted = None;
         if let Some((slot, has_started)) = self.kept.trial {
             let image = self.verified(slot);
@@ -246,7 +246,7 @@ impl<F: Flash> Slots<F> {
                 self.keep(Kept { trial, ..self.kept })?;
                 self.running = Some((place(slot), header.clone()));
                 self.on_trial = true;
-                return Ok(Started {
+                return Ok(StartedImage {
                     place: place(slot),
                     on_trial: true,
                     reverted: None,
@@ -269,7 +269,7 @@ impl<F: Flash> Slots<F> {
                 break;
             }
         }
-        Ok(Started {
+        Ok(StartedImage {
             place: self.running.as_ref().map_or(ImagePlace::BuiltIn, |of| of.0),
             on_trial: false,
             reverted,
