@@ -7,6 +7,8 @@
 pub mod boards;
 mod dependencies;
 pub mod pin;
+pub mod reproduce;
+pub mod sbom;
 pub mod toolchain;
 pub mod uf2;
 
@@ -27,7 +29,7 @@ use crate::workspace::{Workspace, execute};
 /// Takes the compiler that firmware/boards/rust-toolchain.toml pins if rustup has it, else the
 /// active one with its targets, else Debian's with the core library from its sources. Leaves an
 /// ELF file for each image in target/firmware, for boards that show a drive a .uf2 file too, and
-/// for boards with a boot loader in ROM a .bin file; what --toolchain debian makes is in
+/// for boards with a boot loader in ROM a .bin file, with the digests of all of them beside; what --toolchain debian makes is in
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
@@ -78,6 +80,23 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         .filter(|(_, wanted)| *wanted == Wanted::SelfTest)
     {
         println!("{}", how_to_test(workspace, board, &images));
+    }
+    sums(&images)
+}
+
+/// Writes the digests of the images beside them, as `sha256sum --check` reads them.
+fn sums(images: &[Image]) -> Result<()> {
+    for image in images {
+        let mut text = String::new();
+        for end in ["elf", "bin", "uf2"] {
+            let file = image.elf.with_extension(end);
+            if file.is_file() {
+                let sum = reproduce::sum(&read(&file)?);
+                text += &format!("{sum}  {}.{end}\n", image.name);
+            }
+        }
+        let file = image.elf.with_extension("sha256");
+        fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))?;
     }
     Ok(())
 }
