@@ -114,7 +114,7 @@ pub(crate) fn update<F: Flash>(
     // Flash that is written, and a start, would be felt in what is measured, sent or moved.
     let is_busy = measure.brain().run().is_under_way()
         || measure.delivery.is_some()
-        || stand != guarded.stood;
+        || guarded.stood != 0 && stand != guarded.stood;
     if is_busy {
         return Response::UpdateRefused(UpdateRefusal::Busy);
     }

@@ -143,7 +143,7 @@ pub(crate) struct Guarded {
     gate: ZeroOption<&'static mut dyn Gate>,
     /// What takes images, if this board does.
     pub(crate) images: ZeroOption<&'static mut dyn Images>,
-    /// Where the axes stood when an image began to come.
+    /// Where the axes stood when an image began to come; 0: none has.
     pub(crate) stood: u64,
     /// The board is to start anew.
     pub restarts: bool,
