@@ -78,6 +78,7 @@ impl Judge<'_> {
         }
         let thinned: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
         let reach = 0.03 * self.prepared.diagonal;
+        let own_passed = self.passed(scene, &best.motion);
         let mut tried = vec![best.motion];
         let mut equal: Vec<Pose> = Vec::new();
         // Some if it is better.
@@ -114,7 +115,8 @@ impl Judge<'_> {
             let turn = best.motion.inverse().after(&fit.motion);
             let samples = &self.prepared.samples;
             let share = own_share(self.part(), samples, &turn, sigma, threads);
-            match compare(&own, &other, share, &self.prepared.sides) {
+            let passed = [&own_passed, &self.passed(scene, &fit.motion)];
+            match compare(&own, &other, share, &self.prepared.sides, passed) {
                 Ordering::Greater => None,
                 Ordering::Equal => {
                     equal.push(fit.motion);

@@ -23,6 +23,8 @@ pub(super) struct Fit {
     pub sigma_mm: f64,
     /// Points on the part.
     pub inliers: usize,
+    /// Points that speak for it, less those that speak against it; [`settle`] does not tell.
+    pub worth: i64,
 }
 
 /// The noise of distances that follow a normal law near zero and anything further out, below `limit` mm.
@@ -136,6 +138,7 @@ pub(super) fn settle(
         motion: settled.motion,
         sigma_mm: sigma,
         inliers,
+        worth: 0,
     })
 }
 

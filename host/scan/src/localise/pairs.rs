@@ -38,7 +38,7 @@ pub(super) struct Prepared {
     /// Of each triangle the flat side that it is of: triangles in one plane are of one.
     pub sides: Vec<u32>,
     /// Whether there is an inside in which no point can be.
-    closed: bool,
+    pub closed: bool,
     pairs: HashMap<u32, Vec<(u16, f32)>>,
 }
 

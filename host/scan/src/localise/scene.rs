@@ -14,6 +14,8 @@ pub(super) struct Scene {
     pub fine: Vec<Vec3>,
     /// The noise along the normals by the flatness of neighbourhoods, in mm.
     pub noise_mm: f64,
+    /// The points to search with, by place.
+    pub tree: PointTree,
 }
 
 /// Points of the fine cloud at most.
@@ -45,6 +47,7 @@ impl Scene {
             .map(|i| fine[i])
             .collect();
         Self {
+            tree: tree(&places),
             places,
             fine,
             noise_mm,
@@ -54,19 +57,23 @@ impl Scene {
     /// The scan seen in a mirror (x becomes −x).
     pub fn mirrored(&self) -> Self {
         let turn = |v: &Vec3| Vec3::new(-v.x, v.y, v.z);
+        let mirrored = self.places.iter().map(|o| Oriented {
+            at: turn(&o.at),
+            normal: turn(&o.normal),
+        });
+        let places: Vec<Oriented> = mirrored.collect();
         Self {
-            places: self
-                .places
-                .iter()
-                .map(|o| Oriented {
-                    at: turn(&o.at),
-                    normal: turn(&o.normal),
-                })
-                .collect(),
+            tree: tree(&places),
+            places,
             fine: self.fine.iter().map(turn).collect(),
             noise_mm: self.noise_mm,
         }
     }
+}
+
+fn tree(places: &[Oriented]) -> PointTree {
+    let at: Vec<Vec3> = places.iter().map(|o| o.at).collect();
+    PointTree::new(&at)
 }
 
 /// The share of the part's surface near which there are points; these in part coordinates.

@@ -1,12 +1,15 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
+use std::collections::HashSet;
+
 use super::field::HeightField;
 use super::fit::{self, Fit};
 use super::flat::{only_normal, sliding};
 use super::oriented::from_seed;
 use super::pairs::Prepared;
-use super::rivals::{advantage, explained};
-use super::scene::{Scene, coverage};
+use super::rivals::rims::{Rim, passed, rims};
+use super::rivals::{advantage, explained, is_within, off, on};
+use super::scene::{Scene, cell_mm, coverage};
 use super::symmetry::SymmetryAxis;
 use super::uncertainty::{Groups, certainty};
 use super::{LocaliseTask, degenerate};
@@ -48,6 +51,8 @@ pub(super) struct Judge<'a> {
     pub task: &'a LocaliseTask<'a>,
     pub surface: &'a CompositeSurface,
     pub prepared: Prepared,
+    /// Where sides of a closed part end.
+    rims: Vec<Rim>,
 }
 
 /// How a fit is worth it.
@@ -62,10 +67,16 @@ pub(super) fn decide(
     task: &LocaliseTask<'_>,
     surface: &CompositeSurface,
 ) -> Result<Decided, ScanError> {
+    let prepared = Prepared::new(task.model, task.threads);
     let judge = Judge {
         task,
         surface,
-        prepared: Prepared::new(task.model, task.threads),
+        rims: if prepared.closed {
+            rims(task.model, &prepared.sides, cell_mm(task.model))
+        } else {
+            Vec::new()
+        },
+        prepared,
     };
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
     let fits = judge.fits(&scene);
@@ -143,13 +154,7 @@ impl Judge<'_> {
         // One measure for all: what lies within a few times the least noise that any of them has.
         let sigma = self.common(&rough, scene);
         for fit in &mut rough {
-            fit.inliers = count(&explained(
-                self.part(),
-                &thinned,
-                &fit.motion,
-                sigma,
-                self.task.threads,
-            ));
+            self.weigh(scene, fit, &thinned, sigma);
         }
         super::rivals::sort(&mut rough);
         let mut fits: Vec<Fit> = Vec::new();
@@ -166,16 +171,33 @@ impl Judge<'_> {
         }
         let sigma = self.common(&fits, scene);
         for fit in &mut fits {
-            fit.inliers = count(&explained(
-                self.part(),
-                &scene.fine,
-                &fit.motion,
-                sigma,
-                self.task.threads,
-            ));
+            self.weigh(scene, fit, &scene.fine, sigma);
         }
         super::rivals::sort(&mut fits);
         fits
+    }
+
+    /// Counts the points that lie on the part by this fit, and weighs them: those on a side that the scan goes beyond say
+    /// nothing, and those deep within a closed body speak against it.
+    fn weigh(&self, scene: &Scene, fit: &mut Fit, points: &[Vec3], sigma: f64) {
+        let standing = off(self.part(), points, &fit.motion, sigma, self.task.threads);
+        let passed = self.passed(scene, &fit.motion);
+        fit.inliers = 0;
+        fit.worth = 0;
+        for (off, face) in standing.off.iter().zip(&standing.face) {
+            if on(*off) {
+                fit.inliers += 1;
+                fit.worth += i64::from(!passed.contains(&self.prepared.sides[*face as usize]));
+            } else if self.prepared.closed && is_within(*off) {
+                fit.worth -= 1;
+            }
+        }
+    }
+
+    /// The sides of the part that lie flush in what is not the part, if `motion` puts it.
+    pub(super) fn passed(&self, scene: &Scene, motion: &Pose) -> HashSet<u32> {
+        let places = (&scene.tree, &scene.places[..]);
+        passed(&self.rims, places, motion, cell_mm(self.task.model))
     }
 
     /// What poses are compared with.
@@ -256,9 +278,10 @@ impl Judge<'_> {
         let on = within(0.0, fit::INLIER);
         // A wrong pose has as many points a little off the surface as on it.
         let beside = within(fit::INLIER, 3.0 * fit::INLIER);
+        // A surface that is not closed has no inside.
         let inside = measured
             .iter()
-            .filter(|m| m.distance_mm < -3.0 * fit::INLIER * fit.sigma_mm)
+            .filter(|m| self.prepared.closed && m.distance_mm < -3.0 * fit::INLIER * fit.sigma_mm)
             .count() as f64;
         let noisy = fit.sigma_mm > 3.0 * scene.noise_mm + self.prepared.diagonal / 400.0
             || fit.sigma_mm > self.prepared.diagonal / 60.0;

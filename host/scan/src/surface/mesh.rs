@@ -10,7 +10,7 @@ use crate::rigid::{Pose, Vec3};
 pub struct Mesh {
     pub(super) triangles: Vec<Triangle>,
     pub(super) tree: Tree,
-    dropped: usize,
+    pub(super) dropped: usize,
 }
 
 impl Mesh {

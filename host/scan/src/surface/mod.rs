@@ -4,6 +4,7 @@ mod bvh;
 mod facet;
 mod mesh;
 mod nearest;
+mod outward;
 mod ray;
 mod shapes;
 mod stl;

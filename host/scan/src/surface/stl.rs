@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use super::mesh::Mesh;
+use super::outward::outward;
 use crate::ScanError;
 use crate::rigid::Vec3;
 
 const HEADER: usize = 84;
 const RECORD: usize = 50;
 
-/// The model of an STL file, in mm.
+/// The model of an STL file, in mm. The triangles of a closed surface look outwards, whichever way the file has them.
 ///
 /// # Errors
 /// `bad_file` if the file cannot be read as STL, `empty_model` and `not_finite` as [`Mesh::new`].
@@ -68,7 +69,7 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
             "it is no STL file: shorter than a header, and it does not begin with `solid`",
         ));
     };
-    Mesh::new(&corners)
+    outward(Mesh::new(&corners)?)
 }
 
 fn binary(records: &[u8]) -> Vec<[Vec3; 3]> {

@@ -1,7 +1,9 @@
 //! Poses against each other: which points one explains and the other does not.
 
+pub(super) mod rims;
+
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::field::HeightField;
 use super::fit::{Fit, INLIER, boxed};
@@ -86,6 +88,11 @@ pub(super) fn on(off: f64) -> bool {
     off.abs() < INLIER
 }
 
+/// Whether a point at this distance lies deep within the part's material, where a scan has none.
+pub(super) fn is_within(off: f64) -> bool {
+    off < -CLEARLY
+}
+
 /// Which of two poses the points ([`off`]) speak for: the first if greater, the second if less, neither if equal.
 ///
 /// Points on the one that stand clearly in the air by the other are not of the other: few of them are enough, more than
@@ -95,12 +102,14 @@ pub(super) fn on(off: f64) -> bool {
 ///
 /// If either pose has points of its own in the air of the other, one of them lies on things that are none of the part's.
 /// A table or a vice shows more points than a part of which little is seen, and any side of a part can be put on it: the
-/// side (`sides`, by face) with the most points of its own does not count for either then.
+/// sides (`sides`, by face) that the scan goes beyond (`passed`) do not count then, nor, where there is none, the side with
+/// the most points of its own of either.
 pub(super) fn compare(
     first: &Standing,
     second: &Standing,
     own_share: f64,
     sides: &[u32],
+    passed: [&HashSet<u32>; 2],
 ) -> Ordering {
     let (mut air, mut all, mut strays) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     let mut by_side: [HashMap<u32, f64>; 2] = Default::default();
@@ -127,8 +136,18 @@ pub(super) fn compare(
     let strays = (f64::max(strays[0], strays[1]) / 2.0 + 1.0) * own_share;
     let stray = strays + 3.0 * strays.sqrt() + 5.0;
     let (less, more) = (air[0].min(air[1]), air[0].max(air[1]));
-    if less > stray && less > CONFLICT * more {
-        let left = [0, 1].map(|k| air[k] - by_side[k].values().fold(0.0, |a, b| f64::max(a, *b)));
+    let any = passed.iter().any(|passed| !passed.is_empty());
+    if less > stray && (any || less > CONFLICT * more) {
+        let left = [0, 1].map(|k| {
+            if any {
+                let kept = by_side[k]
+                    .iter()
+                    .filter(|(side, _)| !passed[k].contains(side));
+                kept.map(|(_, count)| count).sum::<f64>()
+            } else {
+                air[k] - by_side[k].values().fold(0.0, |a, b| f64::max(a, *b))
+            }
+        });
         return if net(left).abs() > 3.0 * sum(left).sqrt() + stray {
             net(left).total_cmp(&0.0)
         } else {
@@ -176,8 +195,8 @@ pub(super) fn own_share(
 /// The best first.
 pub(super) fn sort(fits: &mut [Fit]) {
     fits.sort_by(|a, b| {
-        b.inliers
-            .cmp(&a.inliers)
+        b.worth
+            .cmp(&a.worth)
             .then(a.sigma_mm.total_cmp(&b.sigma_mm))
     });
 }
@@ -214,8 +233,10 @@ mod tests {
 
     fn way(first: &Standing, second: &Standing) -> Ordering {
         let sides = [0, 1, 2];
-        let way = compare(first, second, 0.02, &sides);
-        assert_eq!(compare(second, first, 0.02, &sides), way.reverse());
+        let none = HashSet::new();
+        let way = compare(first, second, 0.02, &sides, [&none; 2]);
+        let back = compare(second, first, 0.02, &sides, [&none; 2]);
+        assert_eq!(back, way.reverse());
         way
     }
 
@@ -245,6 +266,29 @@ mod tests {
             }
         }
         way(&of[0], &of[1])
+    }
+
+    /// A bar within the corner of a chuck: three of its sides lie in the chuck's faces.
+    #[test]
+    fn sides_that_the_scan_goes_beyond_are_not_worth_their_many_points() {
+        let mut of = [standing(vec![0.5; 100]), standing(vec![0.5; 100])];
+        for (k, counts) in [[300, 200, 100], [3000, 2000, 3000]]
+            .into_iter()
+            .enumerate()
+        {
+            for (face, count) in counts.into_iter().enumerate() {
+                of[k].off.extend(std::iter::repeat_n(0.5, count));
+                of[1 - k].off.extend(std::iter::repeat_n(50.0, count));
+                for of in &mut of {
+                    of.face.extend(std::iter::repeat_n(face as u32, count));
+                }
+            }
+        }
+        let (none, all) = (HashSet::new(), HashSet::from([0, 1, 2]));
+        let says = |passed| compare(&of[0], &of[1], 0.02, &[0, 1, 2], passed);
+        assert_eq!(says([&none, &all]), Ordering::Greater);
+        assert_eq!(says([&none, &none]), Ordering::Less);
+        assert_eq!(says([&all, &all]), Ordering::Equal);
     }
 
     /// A table under a part of which little is seen: more points than the part has.
