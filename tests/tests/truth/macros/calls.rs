@@ -40,12 +40,12 @@ fn a_letter_that_is_not_known_is_an_alarm() {
         let programs = called(family);
         assert_eq!(programs.len(), 11, "{family:?}");
         for (number, known) in programs {
+            let begin = match number {
+                8811 => BEGIN.to_owned(),
+                _ => format!("{BEGIN}G65 P8811\n"),
+            };
+            let without = run_text(family, BALL, &begin);
             for letter in LETTERS.chars() {
-                let begin = match number {
-                    8811 => BEGIN.to_owned(),
-                    _ => format!("{BEGIN}G65 P8811\n"),
-                };
-                let without = run_text(family, BALL, &begin);
                 let text = format!("{begin}G65 P{number} {letter}1.\n");
                 let ran = run_text(family, BALL, &text);
                 let said = ran.alarm.as_ref().map(|alarm| alarm.message.clone());
