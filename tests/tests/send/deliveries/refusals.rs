@@ -698,8 +698,6 @@ fn what_is_measured_again_takes_a_correction_back() {
 #[test]
 fn a_correction_goes_out_once() {
     let mut job = umi_tests::cases::job();
-    job.plate_timeout_s = 2;
-    job.receiver.idle_timeout_s = 1;
     let (rig, client) = &mut start(&job);
     rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
     judged(rig, client, 2);
@@ -708,8 +706,11 @@ fn a_correction_goes_out_once() {
     receive_text(rig, &correction);
     rig.control_sends(DC1);
     receive_text(rig, &alarm_for(&Withheld::CorrectionGone));
-    rig.control_sends(clamping(2).as_bytes());
-    judged(rig, client, 3);
+    job.plate_timeout_s = 2;
+    job.receiver.idle_timeout_s = 1;
+    client.set_job(&job).unwrap().unwrap();
+    rig.control_sends((clamping(0) + &clamping(2)).as_bytes());
+    judged(rig, client, 4);
     sleep(Duration::from_millis(2500));
     rig.control_sends(DC1);
     receive_text(rig, &alarm());
