@@ -57,6 +57,32 @@ pub struct PlanMachine {
     pub chain: AxisChain,
 }
 
+/// Table and head at certain angles.
+#[derive(Debug, Clone, Copy)]
+pub struct AxesStand {
+    /// Machine from part.
+    table: Pose,
+    /// Carriage from the sensor's frame.
+    head: Pose,
+}
+
+impl AxesStand {
+    /// The beam in the part's frame.
+    pub fn beam(&self) -> Vector3<f64> {
+        -self.table.rotation.tr_mul(&self.head.rotation.column(2))
+    }
+
+    /// The line in the part's frame.
+    pub fn line(&self) -> Vector3<f64> {
+        self.table.rotation.tr_mul(&self.head.rotation.column(0))
+    }
+
+    /// X, Y, Z that bring the sensor's origin to a point of the part's frame.
+    pub fn carriage(&self, origin_mm: &Vector3<f64>) -> Vector3<f64> {
+        self.table.point(origin_mm) - self.head.translation_mm
+    }
+}
+
 /// What stands between a pose and its axis values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReachFault {
@@ -194,15 +220,23 @@ impl PlanMachine {
         }
     }
 
+    /// Table and head at these angles (table, head, S).
+    pub fn stand(&self, angles: &[f64]) -> AxesStand {
+        AxesStand {
+            table: self.table_at(angles),
+            head: self.head_at(angles),
+        }
+    }
+
     /// Beam and line in the part's frame at these angles (table, head, S).
     pub fn pointing(&self, angles: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
-        let r = self.table_at(angles).rotation.transpose() * self.head_at(angles).rotation;
-        (-r.column(2), r.column(0).into_owned())
+        let stand = self.stand(angles);
+        (stand.beam(), stand.line())
     }
 
     /// X, Y, Z that bring the sensor's origin to a point of the part's frame, at these angles (table, head, S).
     pub fn carriage(&self, origin_mm: &Vector3<f64>, angles: &[f64]) -> Vector3<f64> {
-        self.table_at(angles).point(origin_mm) - self.head_at(angles).translation_mm
+        self.stand(angles).carriage(origin_mm)
     }
 
     /// A direction of the part's frame in the machine's, at these angles.

@@ -11,7 +11,7 @@ use super::machine::SensorPose;
 use super::mesh::PartMesh;
 use super::planner::result::PathRow;
 use super::proof::figures::{Overlap, overlap, stand};
-use super::proof::samples::samples;
+use super::proof::samples::{sample_count, samples};
 use super::proof::see::see;
 use super::spec::ScanSpec;
 use crate::ScanError;
@@ -114,7 +114,7 @@ pub fn read_path<R: BufRead>(
 }
 
 /// Passes of a path: neighbouring rows of one number with the laser on.
-fn passes_of(rows: &[PathRow]) -> Vec<Pass> {
+pub(super) fn passes_of(rows: &[PathRow]) -> Vec<Pass> {
     let mut passes: Vec<Pass> = Vec::new();
     let mut before: Option<&PathRow> = None;
     for row in rows {
@@ -152,7 +152,8 @@ pub fn verify(
     let scenery = &realiser.scenery;
     let passes = passes_of(rows);
     let all: Vec<&Pass> = passes.iter().collect();
-    let seen = see(&spec.sensor, scenery, &samples(part), &all);
+    let count = sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
+    let seen = see(&spec.sensor, scenery, &samples(part, count), &all);
     let stand = stand(spec, scenery, &all);
     let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;
     let mut found = PathFindings {

@@ -4,7 +4,7 @@
 //! levels are placed by the least slope along each line: nowhere is the overlap less than wanted, and the direction is
 //! chosen for which it is hardly more.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::super::map::{Chart, flatten::across};
 use super::super::mesh::PartMesh;
@@ -43,13 +43,23 @@ pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
         .map(|&f| part.normal(f as usize) * part.area_mm2(f as usize))
         .sum();
     let (x, y) = across(&mean);
+    let places = chart.map.vertices.iter().map(|&v| {
+        let p = &part.vertices[v as usize];
+        Vector2::new(p.dot(&x), p.dot(&y))
+    });
+    // Angles are counted from the box of least area, so that a part that lies otherwise is planned alike.
+    let (on_map, on_part) = (
+        box_angle(chart.map.places.clone()),
+        box_angle(places.collect()),
+    );
     let mut fields = Vec::new();
     for k in 0..DIRECTIONS {
         let angle = std::f64::consts::PI * k as f64 / DIRECTIONS as f64;
-        let (s, c) = angle.sin_cos();
         let degrees = angle.to_degrees().round();
+        let (s, c) = (on_map + angle).sin_cos();
         let map: Vec<f64> = chart.map.places.iter().map(|p| c * p.x + s * p.y).collect();
         fields.push(HeightField::new(part, chart, map, format!("map {degrees}")));
+        let (s, c) = (on_part + angle).sin_cos();
         let along = x * c + y * s;
         let plane: Vec<f64> = chart
             .map
@@ -65,6 +75,54 @@ pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
         ));
     }
     fields
+}
+
+/// Edges of a hull that are looked at, at most: more stand for a curve.
+const HULL_EDGES: usize = 256;
+
+/// The direction of a side of the box of least area around points, in radians. One side of it lies on an edge of their
+/// convex hull.
+fn box_angle(mut points: Vec<Vector2<f64>>) -> f64 {
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let mut hull: Vec<Vector2<f64>> = Vec::new();
+    // The lower side forwards, then the upper one back (Andrew's monotone chain).
+    for back in [false, true] {
+        let start = hull.len();
+        for k in 0..points.len() {
+            let p = points[if back { points.len() - 1 - k } else { k }];
+            while hull.len() >= start + 2
+                && (hull[hull.len() - 1] - hull[hull.len() - 2]).perp(&(p - hull[hull.len() - 2]))
+                    <= 0.0
+            {
+                hull.pop();
+            }
+            hull.push(p);
+        }
+        hull.pop();
+    }
+    let mut best = (f64::INFINITY, 0.0);
+    for k in (0..hull.len()).step_by((hull.len() / HULL_EDGES).max(1)) {
+        let edge = hull[(k + 1) % hull.len()] - hull[k];
+        let Some(along) = edge.try_normalize(1e-12) else {
+            continue;
+        };
+        let across = Vector2::new(-along.y, along.x);
+        let extent = |d: &Vector2<f64>| {
+            let (low, high) = hull
+                .iter()
+                .map(|p| p.dot(d))
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                    (l.min(v), h.max(v))
+                });
+            high - low
+        };
+        let area = extent(&along) * extent(&across);
+        // Rounding must not choose between edges that are as good.
+        if area < best.0 * (1.0 - 1e-9) {
+            best = (area, along.y.atan2(along.x));
+        }
+    }
+    best.1
 }
 
 impl HeightField {
@@ -159,5 +217,25 @@ impl HeightField {
         (0..=gaps as usize)
             .map(|k| at(spacing.width_mm / 2.0 + inner * k as f64 / gaps))
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::box_angle;
+
+    #[test]
+    fn the_box_of_least_area_turns_with_its_points() {
+        for degrees in [0.0_f64, 17.0, 45.0, 80.0, 133.0] {
+            let (s, c) = degrees.to_radians().sin_cos();
+            let points = [(0.0, 0.0), (9.0, 0.0), (9.0, 4.0), (0.0, 4.0), (5.0, 2.0)]
+                .map(|(x, y)| Vector2::new(c * x - s * y, s * x + c * y));
+            let found = box_angle(points.to_vec()).to_degrees() - degrees;
+            let off = (found / 90.0).round() * 90.0 - found;
+            assert!(off.abs() < 1e-9, "{degrees}: {found}");
+        }
+        assert_eq!(box_angle(Vec::new()), 0.0);
     }
 }

@@ -9,6 +9,7 @@ use umi_kinematics::branches::{self, Aim, ChainRotation};
 
 use super::super::course::RunPoint;
 use super::super::machine::PlanMachine;
+use super::super::map::flatten::across;
 use super::super::spec::ScanSpec;
 
 /// How a run is held: which way round the line lies, and how the beam leans.
@@ -53,6 +54,9 @@ struct State {
 const TURN_WEIGHT: f64 = 0.3;
 /// The spindle turns the line alone, with little mass.
 const SPINDLE_WEIGHT: f64 = 0.05;
+/// Of the share of the line that does not lie across the way, against the square of a tilt in degrees: a strip that is
+/// narrower by a fiftieth is worth a lean of 9 degrees.
+const LINE_WEIGHT: f64 = 4000.0;
 /// Share of the largest turn that is used, so that rounding cannot exceed it.
 const TURN_SHARE: f64 = 0.95;
 
@@ -87,6 +91,11 @@ impl<'a> Driver<'a> {
     /// Can the line be turned freely about the beam?
     pub fn free_line(&self) -> bool {
         self.spindle
+    }
+
+    /// Is a run held otherwise with the line the other way round? Not where it follows from the beam.
+    pub fn line_has_sense(&self) -> bool {
+        self.spindle || self.aiming.len() > 2
     }
 
     /// The beam's direction on the part, where no axis turns it.
@@ -124,6 +133,23 @@ impl<'a> Driver<'a> {
                 Err(_) => Vec::new(),
             },
         }
+    }
+
+    /// The same for every beam that leans no more than allowed: a ring of leans stands for all.
+    pub fn lines_within_tilt(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        const AROUND: usize = 12;
+        let mut lines = self.lines_for(normal);
+        if self.aiming.len() != 2 {
+            return lines;
+        }
+        let (x, y) = across(normal);
+        // A little less than is allowed: the way along a course must have room, too.
+        let lean = (0.9 * self.tilt_deg).to_radians().tan();
+        for k in 0..AROUND {
+            let (s, c) = (std::f64::consts::TAU * k as f64 / AROUND as f64).sin_cos();
+            lines.extend(self.lines_for(&(normal + (x * c + y * s) * lean).normalize()));
+        }
+        lines
     }
 
     /// Axis values along a run.
@@ -229,17 +255,18 @@ impl<'a> Driver<'a> {
             }
         }
         let mut states = Vec::new();
-        for angles in angles_found {
-            self.whole_turns(&angles, &mut |angles| {
-                if let Some(cost) = self.complete(angles, point, &beam, &line) {
+        for mut angles in angles_found {
+            // Whole turns point the same way and cost the same.
+            if let Some(cost) = self.complete(&mut angles, point, &beam, &line) {
+                self.whole_turns(angles, |angles| {
                     states.push(State {
-                        angles: angles.clone(),
+                        angles,
                         cost,
                         best: f64::INFINITY,
                         parent: 0,
                     });
-                }
-            });
+                });
+            }
         }
         if let Some((place, _)) = self.aiming.last() {
             states.sort_by(|a, b| a.angles[*place].total_cmp(&b.angles[*place]));
@@ -260,26 +287,39 @@ impl<'a> Driver<'a> {
     }
 
     /// The same pointing by whole turns of each aiming joint, within the limits.
-    fn whole_turns(&self, angles: &[f64], each: &mut impl FnMut(&mut Vec<f64>)) {
-        let mut sets = vec![angles.to_vec()];
+    fn whole_turns(&self, angles: Vec<f64>, mut each: impl FnMut(Vec<f64>)) {
+        let turns = |angle: f64, [low, high]: [f64; 2]| {
+            let first = ((low - 1e-9 - angle) / 360.0).ceil();
+            let last = ((high + 1e-9 - angle) / 360.0).floor();
+            (first, last)
+        };
+        let mut sets = vec![angles];
         for (place, turn) in &self.aiming {
-            let [low, high] = turn.limits_deg;
+            // Nearly always the angle stands alone, within its limits.
+            if sets
+                .iter()
+                .all(|set| turns(set[*place], turn.limits_deg) == (0.0, 0.0))
+            {
+                for set in &mut sets {
+                    set[*place] = set[*place].clamp(turn.limits_deg[0], turn.limits_deg[1]);
+                }
+                continue;
+            }
             let mut more = Vec::new();
             for set in &sets {
-                let first = ((low - 1e-9 - set[*place]) / 360.0).ceil();
-                let last = ((high + 1e-9 - set[*place]) / 360.0).floor();
-                let mut k = first;
+                let (mut k, last) = turns(set[*place], turn.limits_deg);
                 while k <= last && more.len() < 64 {
                     let mut other = set.clone();
-                    other[*place] = (set[*place] + 360.0 * k).clamp(low, high);
+                    other[*place] =
+                        (set[*place] + 360.0 * k).clamp(turn.limits_deg[0], turn.limits_deg[1]);
                     more.push(other);
                     k += 1.0;
                 }
             }
             sets = more;
         }
-        for mut set in sets {
-            each(&mut set);
+        for set in sets {
+            each(set);
         }
     }
 
@@ -291,7 +331,8 @@ impl<'a> Driver<'a> {
         wanted: &Vector3<f64>,
         line: &Vector3<f64>,
     ) -> Option<f64> {
-        let (beam, zero_line) = self.machine.pointing(angles);
+        let stand = self.machine.stand(angles);
+        let (beam, zero_line) = (stand.beam(), stand.line());
         let tilt = angle_deg(&beam, &-point.normal);
         if tilt > self.tilt_deg {
             return None;
@@ -314,11 +355,15 @@ impl<'a> Driver<'a> {
             if share < 0.5 {
                 return None;
             }
-            cost += 400.0 * (1.0 - share);
+            cost += LINE_WEIGHT * (1.0 - share);
         }
-        let x = self
-            .machine
-            .carriage(&(point.at - beam * self.spec.sensor.reference_mm), angles);
+        let x = if self.spindle {
+            // The spindle carries the sensor's origin about.
+            self.machine
+                .carriage(&(point.at - beam * self.spec.sensor.reference_mm), angles)
+        } else {
+            stand.carriage(&(point.at - beam * self.spec.sensor.reference_mm))
+        };
         let inside = x
             .iter()
             .zip(&self.machine.travel_mm)

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::super::course::{LaserRun, RunPoint};
 use super::super::machine::SensorPose;
 use super::super::spec::ScanSpec;
-use super::axes::{DrivenRun, Driver, Stance, angle_deg, rounded};
+use super::axes::{DrivenRun, Driver, Stance, Unreached, angle_deg, rounded};
 use super::touch::Scenery;
 
 /// A pass: axis values in the order driven, laser on.
@@ -44,12 +44,24 @@ impl Realiser<'_> {
     ///
     /// Each stance says which stretches it can drive and how much they see; the best stretch of all is taken, then the best
     /// of what is left. A later stance is asked only while the earlier ones leave something.
-    pub fn passes(&self, run: &LaserRun, obstructed: &mut Obstructed) -> Vec<Pass> {
+    ///
+    /// `plain`: what [`Driver::follow`] says of the run in the plain stance.
+    pub fn passes(
+        &self,
+        run: &LaserRun,
+        plain: (Vec<DrivenRun>, Unreached),
+        obstructed: &mut Obstructed,
+    ) -> Vec<Pass> {
+        let mut plain = Some(plain);
         let points = &run.points;
         let mut stretches: Vec<Stretch> = Vec::new();
         let mut collided = false;
-        for (number, stance) in self.stances().into_iter().enumerate() {
-            let (pieces, unreached) = self.driver.follow(points, stance);
+        let senses = if self.driver.line_has_sense() { 2 } else { 1 };
+        for (number, stance) in self.stances(senses).into_iter().enumerate() {
+            // The plain stance comes first.
+            let (pieces, unreached) = plain
+                .take()
+                .unwrap_or_else(|| self.driver.follow(points, stance));
             if pieces.is_empty() && number == 0 {
                 // Leaning widens nothing: the allowed tilt is the same for all stances.
                 obstructed.axis_limit.extend(points.iter().map(|p| p.at));
@@ -74,9 +86,10 @@ impl Realiser<'_> {
             if stretches[before..].iter().any(|s| s.score >= most) {
                 break;
             }
-            // Where nothing is touched, a lean mends only shadows.
+            // Where nothing is touched, a lean mends only shadows; a line that follows from the beam is not mended by it.
             let best = stretches.iter().map(|s| s.score).fold(0.0, f64::max);
-            if number == 1 && !collided && (unreached.points > 0 || best > 0.85 * most) {
+            let beyond_axes = unreached.points > 0 || (senses == 1 && unreached.breaks > 0);
+            if number + 1 == senses && !collided && (beyond_axes || best > 0.85 * most) {
                 break;
             }
         }
@@ -121,7 +134,8 @@ impl Realiser<'_> {
         found.into_iter().map(|(_, pass)| pass).collect()
     }
 
-    fn stances(&self) -> Vec<Stance> {
+    /// Every lean, with the line in one or both senses.
+    fn stances(&self, senses: usize) -> Vec<Stance> {
         let allowed = self.spec.plan.max_tilt_deg;
         let lean = (allowed - 1.5).max(allowed * 0.5);
         let mut stances = Vec::new();
@@ -132,7 +146,7 @@ impl Realiser<'_> {
             (lean, 0.0),
             (-lean, 0.0),
         ] {
-            for turned in [false, true] {
+            for turned in [false, true].into_iter().take(senses) {
                 stances.push(Stance {
                     turned,
                     lean_along_deg: along,

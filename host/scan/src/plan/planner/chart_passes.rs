@@ -1,6 +1,8 @@
 //! The passes of a chart: directions are ranked by the way they would take, the best ones are driven and seen, the least
 //! costly is kept.
 
+use nalgebra::Vector3;
+
 use super::super::course::along_line::line_fields;
 use super::super::course::field::{HeightField, Spacing, fields};
 use super::super::course::level::{LinePoint, lines};
@@ -10,9 +12,10 @@ use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
 use super::super::proof::figures::overlap;
 use super::super::proof::samples::SamplePoint;
-use super::super::proof::see::see;
+use super::super::proof::see::{Depth, Eye};
 use super::Workshop;
 use crate::ScanError;
+use crate::parallel::Threads;
 
 /// How many directions are driven and seen in full.
 const TRIED: usize = 6;
@@ -29,10 +32,11 @@ const EDGE_SHARE: f64 = 0.97;
 /// Normals and directions are smoothed over this share of the line to either side.
 const SMOOTH_SHARE: f64 = 0.3;
 
-/// The best passes for one chart.
+/// The best passes for one chart, of which `samples` are the points.
 pub fn chart_passes(
     shop: &Workshop<'_>,
     chart: &Chart,
+    samples: &[SamplePoint],
     obstructed: &mut Obstructed,
 ) -> Result<Vec<Pass>, ScanError> {
     let line = shop.spec.sensor.line_mm;
@@ -45,33 +49,27 @@ pub fn chart_passes(
     if area < 1e-4 * shop.part.surface.area_mm2() && area < line * 0.5 {
         return Ok(Vec::new());
     }
-    let mut inside = vec![false; shop.part.faces.len()];
-    for &f in &chart.faces {
-        inside[f as usize] = true;
-    }
-    let samples: Vec<_> = shop
-        .samples
-        .iter()
-        .filter(|s| inside[s.face as usize])
-        .copied()
-        .collect();
     let per_sample = shop.part.surface.area_mm2() / shop.samples.len() as f64;
     let mut ranked: Vec<(f64, HeightField, Vec<f64>)> = Vec::new();
     let mut heights = fields(shop.part, chart);
     if !shop.realiser.driver.free_line() {
         heights.extend(line_fields(shop.part, chart, &shop.realiser.driver));
     }
-    for field in heights {
-        if !shop.deadline.more() {
-            break;
+    let ways = LineWays::new(shop, chart);
+    let found = Threads::all().chunks(heights.len(), 1, |range| {
+        let field = &heights[range.start];
+        shop.deadline.more().then(|| {
+            let (share, lost) = ways.share(shop, chart, field);
+            let levels = field.levels(shop.part, chart, spacing(shop, 1.0), &share);
+            let length = level_length(shop, chart, field, &levels);
+            let lost = UNSEEN_WEIGHT * lost / line;
+            (length + lost + 0.25 * line * levels.len() as f64, share)
+        })
+    });
+    for (field, found) in heights.into_iter().zip(found) {
+        if let Some((cost, share)) = found {
+            ranked.push((cost, field, share));
         }
-        let share = line_share(shop, chart, &field);
-        let levels = field.levels(shop.part, chart, spacing(shop, 1.0), &share);
-        let length: f64 = levels
-            .iter()
-            .map(|l| level_length(shop, chart, &field, *l))
-            .sum();
-        ranked.push((length + 0.25 * line * levels.len() as f64, field, share));
     }
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     let tried = if chart.faces.len() > 40_000 {
@@ -79,26 +77,18 @@ pub fn chart_passes(
     } else {
         TRIED
     };
+    let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, samples);
     let mut best: Option<Driven> = None;
-    // In pairs on two threads; the cheaper estimate wins a draw, so that the answer does not depend on which ends first.
-    for pair in ranked[..ranked.len().min(tried)].chunks(2) {
+    for (estimate, field, share) in &ranked[..ranked.len().min(tried)] {
         shop.deadline.check()?;
         // Nothing that must take a fifth more way than the best has taken will win.
-        if best.as_ref().is_some_and(|b| pair[0].0 > 1.25 * b.cost) {
+        if best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
             break;
         }
-        let drive = |one: &(f64, HeightField, Vec<f64>)| {
-            driven(shop, chart, &one.1, &one.2, &samples, per_sample)
-        };
-        let (first, second) = std::thread::scope(|scope| {
-            let other = pair.get(1).map(|one| scope.spawn(|| drive(one)));
-            (Some(drive(&pair[0])), other.and_then(|o| o.join().ok()))
-        });
-        for found in [first, second].into_iter().flatten() {
-            let found = found?;
-            if best.as_ref().is_none_or(|b| found.cost < b.cost) {
-                best = Some(found);
-            }
+        let found = driven(shop, chart, field, share, &eye, per_sample)?;
+        // The cheaper estimate wins a draw.
+        if best.as_ref().is_none_or(|b| found.cost < b.cost) {
+            best = Some(found);
         }
     }
     let Some(best) = best else {
@@ -122,27 +112,40 @@ fn driven(
     chart: &Chart,
     field: &HeightField,
     share: &[f64],
-    samples: &[SamplePoint],
+    eye: &Eye<'_>,
     per_sample: f64,
 ) -> Result<Driven, ScanError> {
     let line_mm = shop.spec.sensor.line_mm;
+    let threads = Threads::all();
     let mut best: Option<Driven> = None;
     for tighter in [1.0, 0.93, 0.86] {
         let mut hindered = Obstructed::default();
         let mut passes = Vec::new();
-        for level in field.levels(shop.part, chart, spacing(shop, tighter), share) {
-            for line in lines(shop.part, chart, field, level) {
-                shop.deadline.check()?;
-                passes.extend(line_passes(shop, &line, &mut hindered));
+        let levels = field.levels(shop.part, chart, spacing(shop, tighter), share);
+        let courses = threads.each(levels.len(), |k| lines(shop.part, chart, field, levels[k]));
+        let courses: Vec<Vec<LinePoint>> = courses.into_iter().flatten().collect();
+        // Each course on its own; they are put together in their order.
+        let found = threads.chunks(courses.len(), 1, |range| {
+            let mut hindered = Obstructed::default();
+            if !shop.deadline.more() {
+                return (Vec::new(), hindered);
             }
+            let passes = line_passes(shop, &courses[range.start], &mut hindered);
+            (passes, hindered)
+        });
+        shop.deadline.check()?;
+        for (more, by) in found {
+            passes.extend(more);
+            hindered.axis_limit.extend(by.axis_limit);
+            hindered.collision.extend(by.collision);
         }
         let all: Vec<&Pass> = passes.iter().collect();
-        let seen = see(&shop.spec.sensor, &shop.realiser.scenery, samples, &all);
+        let seen = eye.see(&all, Depth::Range, threads);
         let unseen = seen.sights.iter().filter(|s| s.is_empty()).count() as f64 * per_sample;
         let length: f64 = passes.iter().map(|p| p.length_mm(shop.spec)).sum();
         let short = overlap(shop.spec, &all, &seen)
             .is_some_and(|o| o.min < enough_overlap(shop, per_sample));
-        let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * samples.len() as f64 * per_sample;
+        let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * seen.sights.len() as f64 * per_sample;
         let beyond = (unseen - may).max(0.0);
         let cost = length
             + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / line_mm
@@ -155,7 +158,7 @@ fn driven(
             });
         }
         // What is hindered is not mended by closer courses.
-        if !short || unseen > 0.2 * samples.len() as f64 * per_sample {
+        if !short || unseen > 0.2 * seen.sights.len() as f64 * per_sample {
             break;
         }
     }
@@ -191,80 +194,105 @@ pub fn line_passes(
     let Some(mut best) = run(line, step, smooth) else {
         return Vec::new();
     };
-    let breaks = |points: &[_]| {
-        shop.realiser
-            .driver
-            .follow(points, Stance::default())
-            .1
-            .breaks
-    };
-    let mut least = breaks(&best.points);
+    let follow = |points: &[_]| shop.realiser.driver.follow(points, Stance::default());
+    let mut driven = follow(&best.points);
     for _ in 0..3 {
-        if least == 0 || best.points.len() > 10_000 {
+        if driven.1.breaks == 0 || best.points.len() > 10_000 {
             break;
         }
         step /= 2.0;
         let Some(finer) = run(line, step, smooth) else {
             break;
         };
-        let fewer = breaks(&finer.points);
-        if fewer >= least {
+        let closer = follow(&finer.points);
+        if closer.1.breaks >= driven.1.breaks {
             // The axes jump there however close the points are.
             break;
         }
-        (best, least) = (finer, fewer);
+        (best, driven) = (finer, closer);
     }
-    shop.realiser.passes(&best, obstructed)
+    shop.realiser.passes(&best, driven, obstructed)
 }
 
-/// How much of the line lies across the course on each triangle, where the line follows from the beam.
-fn line_share(shop: &Workshop<'_>, chart: &Chart, field: &HeightField) -> Vec<f64> {
-    let driver = &shop.realiser.driver;
-    if driver.free_line() {
-        return vec![1.0; chart.faces.len()];
+/// Where the line follows from the beam: the ways it can lie on a few triangles of a chart, each standing for its
+/// neighbours in the list. Empty where the line is free.
+struct LineWays {
+    stride: usize,
+    ways: Vec<Vec<Vector3<f64>>>,
+}
+
+/// The least share of the line across the course that is driven; [`Driver`] asks for as much.
+const LEAST_SHARE: f64 = 0.5;
+
+impl LineWays {
+    fn new(shop: &Workshop<'_>, chart: &Chart) -> Self {
+        let driver = &shop.realiser.driver;
+        if driver.free_line() {
+            return LineWays {
+                stride: 1,
+                ways: Vec::new(),
+            };
+        }
+        // Neighbours in the list are neighbours on the part; beyond some thousand a few stand for all.
+        let stride = (chart.faces.len() / 3000).max(1);
+        let few: Vec<u32> = chart.faces.iter().step_by(stride).copied().collect();
+        let ways = Threads::all().each(few.len(), |k| {
+            driver.lines_within_tilt(&shop.part.normal(few[k] as usize))
+        });
+        LineWays { stride, ways }
     }
-    // Neighbours in the list are neighbours on the part; beyond some thousand a few stand for all.
-    let stride = (chart.faces.len() / 3000).max(1);
-    let mut share = 1.0;
-    chart
-        .faces
-        .iter()
-        .enumerate()
-        .map(|(k, &f)| {
-            if k % stride == 0 {
+
+    /// How much of the line can lie across the courses of a height, on each triangle; and the area on which that is too
+    /// little for a course.
+    fn share(&self, shop: &Workshop<'_>, chart: &Chart, field: &HeightField) -> (Vec<f64>, f64) {
+        if self.ways.is_empty() {
+            return (vec![1.0; chart.faces.len()], 0.0);
+        }
+        let mut lost = 0.0;
+        let mut best = 1.0;
+        let share = chart.faces.iter().enumerate().map(|(k, &f)| {
+            let lines = &self.ways[k / self.stride];
+            if k % self.stride == 0 {
                 let slope = field.slope[k].try_normalize(1e-12);
-                let lines = driver.lines_for(&shop.part.normal(f as usize));
                 // Where the beam cannot point at all, the line is no reason for denser courses.
-                share = slope.filter(|_| !lines.is_empty()).map_or(1.0, |s| {
-                    let across = lines.iter().map(|l| l.dot(&s).abs());
-                    across.fold(0.05, f64::max)
+                best = slope.filter(|_| !lines.is_empty()).map_or(1.0, |s| {
+                    lines.iter().map(|l| l.dot(&s).abs()).fold(0.0, f64::max)
                 });
             }
-            share
-        })
-        .collect()
+            if best < LEAST_SHARE {
+                lost += shop.part.area_mm2(f as usize);
+            }
+            // A course that no line lies across is not driven: nothing is gained by more of them.
+            best.max(LEAST_SHARE)
+        });
+        (share.collect(), lost)
+    }
 }
 
-/// Length of a level line on the surface.
-fn level_length(shop: &Workshop<'_>, chart: &Chart, field: &HeightField, level: f64) -> f64 {
+/// Length of all level lines on the surface; `levels` rise.
+fn level_length(shop: &Workshop<'_>, chart: &Chart, field: &HeightField, levels: &[f64]) -> f64 {
     let mut sum = 0.0;
     for (f, &face) in chart.map.faces.iter().zip(&chart.faces) {
         let h = f.map(|k| field.height[k as usize]);
-        let above = h.map(|v| v >= level);
-        if above[0] == above[1] && above[1] == above[2] {
-            continue;
-        }
-        let t = shop.part.corners(face as usize);
-        let mut ends = [t[0]; 2];
-        let mut found = 0;
-        for k in 0..3 {
-            let j = (k + 1) % 3;
-            if above[k] != above[j] && found < 2 {
-                ends[found] = t[k] + (t[j] - t[k]) * ((level - h[k]) / (h[j] - h[k]));
-                found += 1;
+        let (low, high) = (h[0].min(h[1]).min(h[2]), h[0].max(h[1]).max(h[2]));
+        let from = levels.partition_point(|l| *l <= low);
+        for &level in levels[from..].iter().take_while(|l| **l <= high) {
+            let above = h.map(|v| v >= level);
+            if above[0] == above[1] && above[1] == above[2] {
+                continue;
             }
+            let t = shop.part.corners(face as usize);
+            let mut ends = [t[0]; 2];
+            let mut found = 0;
+            for k in 0..3 {
+                let j = (k + 1) % 3;
+                if above[k] != above[j] && found < 2 {
+                    ends[found] = t[k] + (t[j] - t[k]) * ((level - h[k]) / (h[j] - h[k]));
+                    found += 1;
+                }
+            }
+            sum += (ends[1] - ends[0]).norm();
         }
-        sum += (ends[1] - ends[0]).norm();
     }
     sum
 }

@@ -6,11 +6,13 @@ use super::super::course::field::HeightField;
 use super::super::course::level::{LinePoint, lines};
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::{Chart, flatten::across};
+use super::super::proof::cells::Cells;
 use super::super::proof::samples::SamplePoint;
-use super::super::proof::see::see;
+use super::super::proof::see::{Depth, Eye};
 use super::Workshop;
 use super::chart_passes::line_passes;
 use crate::ScanError;
+use crate::parallel::Threads;
 
 /// Passes added at most.
 const MOST: usize = 80;
@@ -55,11 +57,10 @@ pub fn fill(
 ) -> Result<(), ScanError> {
     let sensor = &shop.spec.sensor;
     let scenery = &shop.realiser.scenery;
-    let seen = see(
-        sensor,
-        scenery,
-        &shop.samples,
+    let seen = Eye::new(sensor, scenery, &shop.samples).see(
         &passes.iter().collect::<Vec<_>>(),
+        Depth::Range,
+        Threads::all(),
     );
     let open: Vec<usize> = (0..shop.samples.len())
         .filter(|i| seen.sights[*i].is_empty())
@@ -73,14 +74,7 @@ pub fn fill(
     let per_sample = shop.part.surface.area_mm2() / total;
     let points: Vec<SamplePoint> = open.iter().map(|&i| shop.samples[i]).collect();
     let lines = offered_lines(shop, charts, &points, per_sample);
-    let (first, second) = lines.split_at(lines.len() / 2);
-    // Two threads; the offers stand in the order of their lines whichever ends first.
-    let (mut offers, more) = std::thread::scope(|scope| {
-        let other = scope.spawn(|| offers(shop, second, &points));
-        let mine = offers(shop, first, &points);
-        (mine, other.join().unwrap_or_default())
-    });
-    offers.extend(more);
+    let mut offers = offers(shop, &lines, &points);
     shop.deadline.check()?;
     let mut unseen = vec![true; points.len()];
     let mut left = open.len();
@@ -114,26 +108,23 @@ pub fn fill(
 
 /// What can be driven of lines, and what that sees.
 fn offers(shop: &Workshop<'_>, lines: &[Vec<LinePoint>], points: &[SamplePoint]) -> Vec<Offer> {
-    let mut offers = Vec::new();
-    for line in lines {
+    let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, points);
+    let of_line = |k: usize| -> Vec<Offer> {
         if !shop.deadline.more() {
-            break;
+            return Vec::new();
         }
-        for pass in line_passes(shop, line, &mut Obstructed::default()) {
-            let gain = see(&shop.spec.sensor, &shop.realiser.scenery, points, &[&pass]);
-            let sees: Vec<u32> = (0..points.len() as u32)
-                .filter(|i| !gain.sights[*i as usize].is_empty())
-                .collect();
-            if sees.len() > 2 {
-                offers.push(Offer {
-                    length_mm: pass.length_mm(shop.spec),
-                    pass,
-                    sees,
-                });
-            }
-        }
-    }
-    offers
+        let offer = |pass: Pass| Offer {
+            length_mm: pass.length_mm(shop.spec),
+            sees: eye.seen_by(&pass),
+            pass,
+        };
+        let passes = line_passes(shop, &lines[k], &mut Obstructed::default());
+        let mut offers: Vec<Offer> = passes.into_iter().map(offer).collect();
+        offers.retain(|o| o.sees.len() > 2);
+        offers
+    };
+    let found = Threads::all().chunks(lines.len(), 1, |range| of_line(range.start));
+    found.into_iter().flatten().collect()
 }
 
 /// Lines over the charts that have open samples: planes in several directions, close together.
@@ -176,9 +167,13 @@ fn offered_lines(
             .iter()
             .filter(|p| chart_of[p.face as usize] as usize == number)
             .collect();
+        let places: Vec<Vector3<f64>> = of_chart.iter().map(|p| p.at).collect();
+        let cells = Cells::new(&places, line / 2.0);
         for k in 0..DIRECTIONS {
             let (s, c) = (std::f64::consts::PI * k as f64 / DIRECTIONS as f64).sin_cos();
             let direction = x * c + y * s;
+            let mut heights: Vec<f64> = places.iter().map(|p| p.dot(&direction)).collect();
+            heights.sort_by(f64::total_cmp);
             let height: Vec<f64> = chart
                 .map
                 .vertices
@@ -196,18 +191,16 @@ fn offered_lines(
             for j in 0..=count {
                 let level = low + (high - low - step * count as f64) / 2.0 + step * j as f64;
                 // Only where something is open within the line's reach.
-                if !of_chart
-                    .iter()
-                    .any(|p| (p.at.dot(&direction) - level).abs() < 0.6 * line)
-                {
+                let next = heights.partition_point(|h| *h <= level - 0.6 * line);
+                if heights.get(next).is_none_or(|h| *h >= level + 0.6 * line) {
                     continue;
                 }
                 for whole in lines(shop.part, chart, &field, level) {
                     let near = |p: &LinePoint| {
                         beam.is_none_or(|b| shop.realiser.driver.within_tilt(&b, &p.normal))
-                            && of_chart
-                                .iter()
-                                .any(|s| (s.at - p.at).norm_squared() < 0.64 * line * line)
+                            && cells.any_near(&p.at, 0.8 * line, |k| {
+                                (places[k] - p.at).norm_squared() < 0.64 * line * line
+                            })
                     };
                     // Stretches of the line with something open beside them.
                     let mut stretch: Vec<LinePoint> = Vec::new();

@@ -17,12 +17,13 @@ use super::drive::links::link;
 use super::drive::order::order;
 use super::drive::realise::{Obstructed, Pass, Realiser};
 use super::drive::touch::Scenery;
-use super::map::chart::charts;
+use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
-use super::proof::samples::{SamplePoint, samples};
-use super::proof::see::see;
+use super::proof::samples::{SamplePoint, sample_count, samples};
+use super::proof::see::{Depth, Eye};
 use super::spec::ScanSpec;
 use crate::ScanError;
+use crate::parallel::Threads;
 use crate::surface::Mesh;
 use result::{PathRow, ScanPlan};
 
@@ -76,6 +77,25 @@ pub struct Workshop<'a> {
     pub deadline: Deadline,
 }
 
+impl Workshop<'_> {
+    /// The points of each chart.
+    fn by_chart(&self, charts: &[Chart]) -> Vec<Vec<SamplePoint>> {
+        let mut home = vec![usize::MAX; self.part.faces.len()];
+        for (number, chart) in charts.iter().enumerate() {
+            for &f in &chart.faces {
+                home[f as usize] = number;
+            }
+        }
+        let mut points = vec![Vec::new(); charts.len()];
+        for s in &self.samples {
+            if let Some(mine) = points.get_mut(home[s.face as usize]) {
+                mine.push(*s);
+            }
+        }
+        points
+    }
+}
+
 /// Edges sharper than this part the surface into charts.
 fn sharp_deg(spec: &ScanSpec) -> f64 {
     (2.0 * spec.plan.max_tilt_deg).clamp(25.0, 60.0)
@@ -99,7 +119,10 @@ pub fn plan(
     let shop = Workshop {
         part,
         spec,
-        samples: samples(part),
+        samples: samples(
+            part,
+            sample_count(part.surface.area_mm2(), spec.sensor.line_mm),
+        ),
         realiser: Realiser {
             spec,
             driver: Driver::new(spec),
@@ -112,31 +135,23 @@ pub fn plan(
     let mut obstructed = Obstructed::default();
     let mut passes: Vec<Pass> = Vec::new();
     let mut quality: Option<super::map::flatten::MapQuality> = None;
-    for chart in &charts {
+    let by_chart = shop.by_chart(&charts);
+    for (chart, points) in charts.iter().zip(&by_chart) {
         deadline.check()?;
         quality = Some(quality.map_or(chart.map.quality, |q| q.worst(chart.map.quality)));
-        passes.extend(chart_passes::chart_passes(&shop, chart, &mut obstructed)?);
+        passes.extend(chart_passes::chart_passes(
+            &shop,
+            chart,
+            points,
+            &mut obstructed,
+        )?);
     }
     if charts.len() > 1 {
         prune(&shop, &mut passes);
     }
     fill::fill(&shop, &charts, &mut passes, options.allow_partial)?;
     let mut passes = order(spec, passes);
-    let rows = loop {
-        deadline.check()?;
-        match join(&shop, &passes) {
-            Ok(rows) => break rows,
-            // No safe way leads there: it is left out, and the proof tells what that costs.
-            Err(place) => {
-                let lost = passes.remove(place);
-                let tips = lost
-                    .poses
-                    .iter()
-                    .map(|p| p.origin_mm + p.beam * spec.sensor.reference_mm);
-                obstructed.collision.extend(tips);
-            }
-        }
-    };
+    let rows = join(&shop, &mut passes, &mut obstructed)?;
     let mut plan = result::proved(&shop, rows, &passes, quality, &obstructed, options)?;
     plan.flat = charts
         .iter()
@@ -148,12 +163,8 @@ pub fn plan(
 /// Passes that see nothing which others do not are left out, the shortest first.
 fn prune(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
     let all: Vec<&Pass> = passes.iter().collect();
-    let seen = see(
-        &shop.spec.sensor,
-        &shop.realiser.scenery,
-        &shop.samples,
-        &all,
-    );
+    let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, &shop.samples);
+    let seen = eye.see(&all, Depth::Range, Threads::all());
     let mut by: Vec<Vec<u32>> = seen
         .sights
         .iter()
@@ -176,12 +187,26 @@ fn prune(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
     passes.retain(|_| kept.next().unwrap_or(true));
 }
 
-/// Rows of passes with the links between them; the place of a pass that no safe way leads to.
-fn join(shop: &Workshop<'_>, passes: &[Pass]) -> Result<Vec<PathRow>, usize> {
+/// Rows of passes with the links between them. A pass that no safe way leads to is left out; the proof tells what that
+/// costs.
+fn join(
+    shop: &Workshop<'_>,
+    passes: &mut Vec<Pass>,
+    obstructed: &mut Obstructed,
+) -> Result<Vec<PathRow>, ScanError> {
     let mut rows: Vec<PathRow> = Vec::new();
-    for (number, pass) in passes.iter().enumerate() {
+    let mut joined: Vec<Pass> = Vec::with_capacity(passes.len());
+    for pass in std::mem::take(passes) {
+        shop.deadline.check()?;
         if let (Some(before), Some(first)) = (rows.last(), pass.axes.first()) {
-            let way = link(shop.spec, &shop.realiser.scenery, &before.axes, first).ok_or(number)?;
+            let Some(way) = link(shop.spec, &shop.realiser.scenery, &before.axes, first) else {
+                let tips = pass
+                    .poses
+                    .iter()
+                    .map(|p| p.origin_mm + p.beam * shop.spec.sensor.reference_mm);
+                obstructed.collision.extend(tips);
+                continue;
+            };
             for axes in way {
                 rows.push(PathRow {
                     pass: -1,
@@ -193,12 +218,14 @@ fn join(shop: &Workshop<'_>, passes: &[Pass]) -> Result<Vec<PathRow>, usize> {
         }
         for (axes, pose) in pass.axes.iter().zip(&pass.poses) {
             rows.push(PathRow {
-                pass: number as i32,
+                pass: joined.len() as i32,
                 laser: true,
                 axes: axes.clone(),
                 pose: *pose,
             });
         }
+        joined.push(pass);
     }
+    *passes = joined;
     Ok(rows)
 }

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::super::drive::realise::Obstructed;
+use super::super::proof::cells::Cells;
 use super::super::proof::see::SampleSights;
 use super::Workshop;
 
@@ -32,10 +33,14 @@ pub fn reasons(
     ];
     let per_sample = shop.part.surface.area_mm2() / shop.samples.len() as f64;
     let reach = shop.spec.sensor.line_mm * 0.6;
-    let near = |points: &[Vector3<f64>], at: &Vector3<f64>| {
-        points
-            .iter()
-            .any(|p| (p - at).norm_squared() < reach * reach)
+    let (touched, limited) = (
+        Cells::new(&obstructed.collision, reach / 2.0),
+        Cells::new(&obstructed.axis_limit, reach / 2.0),
+    );
+    let near = |cells: &Cells, points: &[Vector3<f64>], at: &Vector3<f64>| {
+        cells.any_near(at, reach, |k| {
+            (points[k] - at).norm_squared() < reach * reach
+        })
     };
     let mut counts = [0_usize; 6];
     for ((sights, missed), sample) in seen.sights.iter().zip(&seen.missed).zip(&shop.samples) {
@@ -48,9 +53,9 @@ pub fn reasons(
             1
         } else if missed.range {
             2
-        } else if near(&obstructed.collision, &sample.at) {
+        } else if near(&touched, &obstructed.collision, &sample.at) {
             3
-        } else if near(&obstructed.axis_limit, &sample.at) {
+        } else if near(&limited, &obstructed.axis_limit, &sample.at) {
             4
         } else {
             5

@@ -1,9 +1,11 @@
 //! The finished path, scanned: rays, boxes and planes, not assumptions.
 //!
 //! * [`samples`]: points of equal area.
+//! * [`cells`]: points by where they lie.
 //! * [`see`]: which of them a path sees, and why not the others.
 //! * [`figures`]: coverage, overlap, stand-off, tilt, clearance, limits of the rows as they are written.
 
+pub mod cells;
 pub mod figures;
 pub mod samples;
 pub mod see;

@@ -1,12 +1,16 @@
 //! What a path sees: the laser's plane is carried from pose to pose and over each point.
 
+use std::ops::Range;
+
 use nalgebra::Vector3;
 
 use super::super::drive::realise::{Pass, receiver};
 use super::super::drive::touch::Scenery;
 use super::super::machine::SensorPose;
 use super::super::spec::SensorSpec;
+use super::cells::Cells;
 use super::samples::SamplePoint;
+use crate::parallel::Threads;
 
 /// How a pass saw a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,79 +51,150 @@ impl SampleSights {
     }
 }
 
-/// Scans passes in simulation.
+/// How far along the beam points are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Depth {
+    /// Within the range: what is measured, and what stands before it.
+    Range,
+    /// From the sensor to well beyond the range: what is too near or too far is named, too.
+    All,
+}
+
+/// Scans passes in simulation, with every reason for what is not measured.
 pub fn see(
     sensor: &SensorSpec,
     scenery: &Scenery<'_>,
     samples: &[SamplePoint],
     passes: &[&Pass],
 ) -> SampleSights {
-    let mut seen = SampleSights {
-        sights: vec![Vec::new(); samples.len()],
-        missed: vec![Missed::default(); samples.len()],
-    };
-    if passes.is_empty() {
-        return seen;
-    }
-    // Two halves of the samples on two threads; each sample is on its own, so the answer does not depend on it.
-    let half = samples.len() / 2;
-    let (sights_a, sights_b) = seen.sights.split_at_mut(half);
-    let (missed_a, missed_b) = seen.missed.split_at_mut(half);
-    let (samples_a, samples_b) = samples.split_at(half);
-    std::thread::scope(|scope| {
-        scope.spawn(|| part_of(sensor, scenery, samples_a, passes, sights_a, missed_a));
-        part_of(sensor, scenery, samples_b, passes, sights_b, missed_b);
-    });
-    seen
+    Eye::new(sensor, scenery, samples).see(passes, Depth::All, Threads::all())
 }
 
-fn part_of(
-    sensor: &SensorSpec,
-    scenery: &Scenery<'_>,
-    samples: &[SamplePoint],
-    passes: &[&Pass],
-    sights: &mut [Vec<Sight>],
-    missed: &mut [Missed],
-) {
-    let far = sensor.range_mm[1] * (1.0 + sensor.line_mm / sensor.reference_mm);
-    let cell = Cells::new(samples, far.max(1.0));
-    for (number, pass) in passes.iter().enumerate() {
-        for (step, pair) in pass.poses.windows(2).enumerate() {
-            let [a, b] = [&pair[0], &pair[1]];
-            let (fa, fb) = (a.feed(), b.feed());
-            cell.near(
-                &a.origin_mm,
-                far + (b.origin_mm - a.origin_mm).norm(),
-                |i| {
-                    let point = &samples[i];
+/// A sensor among points, made ready for many scans.
+pub struct Eye<'a> {
+    sensor: &'a SensorSpec,
+    scenery: &'a Scenery<'a>,
+    samples: &'a [SamplePoint],
+    cells: Cells,
+}
+
+/// What one chunk of passes adds.
+type Found = (Vec<(u32, Sight)>, Vec<(u32, Missed)>);
+
+impl<'a> Eye<'a> {
+    /// Sorts the points into cells.
+    pub fn new(
+        sensor: &'a SensorSpec,
+        scenery: &'a Scenery<'a>,
+        samples: &'a [SamplePoint],
+    ) -> Self {
+        let places: Vec<Vector3<f64>> = samples.iter().map(|s| s.at).collect();
+        Eye {
+            sensor,
+            scenery,
+            samples,
+            cells: Cells::new(&places, sensor.line_mm / 4.0),
+        }
+    }
+
+    /// Scans passes. The answer does not depend on the threads: passes are put together in their order.
+    pub fn see(&self, passes: &[&Pass], depth: Depth, threads: Threads) -> SampleSights {
+        let mut seen = SampleSights {
+            sights: vec![Vec::new(); self.samples.len()],
+            missed: vec![Missed::default(); self.samples.len()],
+        };
+        let chunk = passes.len().div_ceil(32);
+        let found = threads.chunks(passes.len(), chunk, |range| self.some(passes, range, depth));
+        for (sights, missed) in found {
+            for (i, sight) in sights {
+                seen.sights[i as usize].push(sight);
+            }
+            for (i, why) in missed {
+                let m = &mut seen.missed[i as usize];
+                m.occluded |= why.occluded;
+                m.incidence |= why.incidence;
+                m.range |= why.range;
+            }
+        }
+        seen
+    }
+
+    /// Which points a single pass sees, by number.
+    pub fn seen_by(&self, pass: &Pass) -> Vec<u32> {
+        let (sights, _) = self.some(&[pass], 0..1, Depth::Range);
+        let mut seen: Vec<u32> = sights.into_iter().map(|(i, _)| i).collect();
+        seen.sort_unstable();
+        seen
+    }
+
+    fn some(&self, passes: &[&Pass], range: Range<usize>, depth: Depth) -> Found {
+        const NEVER: u32 = u32::MAX;
+        let mut last = vec![NEVER; self.samples.len()];
+        let (mut sights, mut missed) = (Vec::new(), Vec::new());
+        for number in range {
+            for (step, pair) in passes[number].poses.windows(2).enumerate() {
+                let [a, b] = [&pair[0], &pair[1]];
+                let (fa, fb) = (a.feed(), b.feed());
+                let (low, high) = swept(self.sensor, a, b, depth);
+                self.cells.within(&low, &high, |i| {
+                    let point = &self.samples[i];
                     let (f0, f1) = (
                         (point.at - a.origin_mm).dot(&fa),
                         (point.at - b.origin_mm).dot(&fb),
                     );
-                    if f0 * f1 > 0.0 || f0 == f1 {
+                    if f0 * f1 > 0.0 || f0 == f1 || last[i] == number as u32 {
                         return;
                     }
-                    if sights[i].last().is_some_and(|s| s.pass == number as u32) {
-                        return;
-                    }
-                    match at_crossing(sensor, scenery, point, a, b, f0 / (f0 - f1)) {
-                        Ok(lateral) => sights[i].push(Sight {
-                            pass: number as u32,
-                            step: step as u32,
-                            lateral,
-                        }),
-                        Err(Some(why)) => {
-                            let m = &mut missed[i];
-                            m.occluded |= why.occluded;
-                            m.incidence |= why.incidence;
-                            m.range |= why.range;
+                    match at_crossing(self.sensor, self.scenery, point, a, b, f0 / (f0 - f1)) {
+                        Ok(lateral) => {
+                            last[i] = number as u32;
+                            let sight = Sight {
+                                pass: number as u32,
+                                step: step as u32,
+                                lateral,
+                            };
+                            sights.push((i as u32, sight));
                         }
+                        Err(Some(why)) => missed.push((i as u32, why)),
                         Err(None) => {}
                     }
-                },
-            );
+                });
+            }
+        }
+        (sights, missed)
+    }
+}
+
+/// An upright box around everything that the laser's plane sweeps between two poses.
+fn swept(
+    sensor: &SensorSpec,
+    a: &SensorPose,
+    b: &SensorPose,
+    depth: Depth,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let [near, far] = match depth {
+        Depth::Range => sensor.range_mm,
+        Depth::All => [
+            0.0,
+            sensor.range_mm[1] * (1.0 + sensor.line_mm / sensor.reference_mm),
+        ],
+    };
+    let half = |along: f64| sensor.line_mm / 2.0 * along / sensor.reference_mm;
+    let mut low = Vector3::repeat(f64::INFINITY);
+    let mut high = Vector3::repeat(f64::NEG_INFINITY);
+    for pose in [a, b] {
+        for along in [near, far] {
+            for side in [-1.0, 1.0] {
+                let corner = pose.origin_mm + pose.beam * along + pose.line * (side * half(along));
+                low = low.inf(&corner);
+                high = high.sup(&corner);
+            }
         }
     }
+    // Between the poses beam and line are made unit vectors again: they reach a little further than the corners' mean.
+    let longer = |x: &Vector3<f64>, y: &Vector3<f64>| 2.0 / (x + y).norm().max(0.02) - 1.0;
+    let spare = far * longer(&a.beam, &b.beam) + half(far) * longer(&a.line, &b.line) + 1e-6;
+    (low - Vector3::repeat(spare), high + Vector3::repeat(spare))
 }
 
 /// The place along the line at which a point is measured as the plane passes it; or why it is not.
@@ -168,78 +243,4 @@ fn at_crossing(
         }));
     }
     Ok(lateral / half)
-}
-
-/// Samples in cells, so that a pose looks at those within its reach alone.
-struct Cells {
-    size: f64,
-    low: Vector3<f64>,
-    counts: [usize; 3],
-    starts: Vec<u32>,
-    order: Vec<u32>,
-}
-
-impl Cells {
-    fn new(samples: &[SamplePoint], reach: f64) -> Self {
-        let (low, high) = samples.iter().fold(
-            (
-                Vector3::repeat(f64::INFINITY),
-                Vector3::repeat(f64::NEG_INFINITY),
-            ),
-            |(l, h), s| (l.inf(&s.at), h.sup(&s.at)),
-        );
-        let widest = if samples.is_empty() {
-            1.0
-        } else {
-            (high - low).amax()
-        };
-        let size = (reach / 2.0).max(widest / 64.0).max(1e-6);
-        let counts: [usize; 3] = std::array::from_fn(|k| {
-            let n = (high[k] - low[k]) / size;
-            if n.is_finite() { n as usize + 1 } else { 1 }
-        });
-        let mut cells = Cells {
-            size,
-            low,
-            counts,
-            starts: vec![0; counts.iter().product::<usize>() + 1],
-            order: vec![0; samples.len()],
-        };
-        let homes: Vec<usize> = samples.iter().map(|s| cells.home(&s.at)).collect();
-        for &h in &homes {
-            cells.starts[h + 1] += 1;
-        }
-        for k in 1..cells.starts.len() {
-            cells.starts[k] += cells.starts[k - 1];
-        }
-        let mut next = cells.starts.clone();
-        for (i, &h) in homes.iter().enumerate() {
-            cells.order[next[h] as usize] = i as u32;
-            next[h] += 1;
-        }
-        cells
-    }
-
-    fn place(&self, at: &Vector3<f64>, k: usize) -> usize {
-        (((at[k] - self.low[k]) / self.size).max(0.0) as usize).min(self.counts[k] - 1)
-    }
-
-    fn home(&self, at: &Vector3<f64>) -> usize {
-        (self.place(at, 0) * self.counts[1] + self.place(at, 1)) * self.counts[2]
-            + self.place(at, 2)
-    }
-
-    fn near(&self, at: &Vector3<f64>, reach: f64, mut each: impl FnMut(usize)) {
-        let r = Vector3::repeat(reach);
-        let (low, high) = (at - r, at + r);
-        for x in self.place(&low, 0)..=self.place(&high, 0) {
-            for y in self.place(&low, 1)..=self.place(&high, 1) {
-                let row = (x * self.counts[1] + y) * self.counts[2];
-                let (from, to) = (row + self.place(&low, 2), row + self.place(&high, 2));
-                for &i in &self.order[self.starts[from] as usize..self.starts[to + 1] as usize] {
-                    each(i as usize);
-                }
-            }
-        }
-    }
 }

@@ -23,7 +23,7 @@ use umi_scan::pair::PairOptions;
 use umi_scan::parallel::Threads;
 use umi_scan::plan::mesh::PartMesh;
 use umi_scan::plan::program::{PathDialect, ProgramStyle, program};
-use umi_scan::plan::proof::samples::samples;
+use umi_scan::plan::proof::samples::{sample_count, samples};
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::plan::verify::read_path;
 use umi_scan::rigid::Vec3;
@@ -344,7 +344,10 @@ impl Drive {
         // A cell of the cloud is so long and so wide; a slope makes it up to twice as long.
         let within = 2.0 * across.max(along);
         let tree = PointTree::new(&cloud);
-        let places = samples(part);
+        let places = samples(
+            part,
+            sample_count(part.surface.area_mm2(), spec.sensor.line_mm),
+        );
         let mut close = Vec::new();
         let covered = places.iter().filter(|place| {
             close.clear();
