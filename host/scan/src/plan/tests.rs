@@ -11,7 +11,7 @@ use super::map::chart::charts;
 use super::mesh::{PartMesh, RawMesh, read_part};
 use super::planner::{PlanOptions, plan, result::ScanPlan};
 use super::poses::{forward, inverse};
-use super::proof::see::{Depth, Eye};
+use super::proof::see::{Eye, SightDepth};
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::format::table::TableReader;
@@ -624,7 +624,7 @@ fn the_papers_part_on_five_axes_and_on_three() {
         let samples: Vec<_> = plan.seen.iter().map(|(s, _)| *s).collect();
         let scenery = super::drive::touch::Scenery::new(&spec, vec![&part.surface]);
         let seen =
-            Eye::new(&spec.sensor, &scenery, &samples).see(&all, Depth::Range, Threads::all());
+            Eye::new(&spec.sensor, &scenery, &samples).see(&all, SightDepth::Range, Threads::all());
         // Noise of a point: its root is the incidence's secant, by which the line's spot on the part grows.
         let noise: Vec<f64> = samples
             .iter()

@@ -12,7 +12,7 @@ use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
 use super::super::proof::figures::overlap;
 use super::super::proof::samples::SamplePoint;
-use super::super::proof::see::{Depth, Eye};
+use super::super::proof::see::{Eye, SightDepth};
 use super::Workshop;
 use crate::ScanError;
 use crate::parallel::Threads;
@@ -140,7 +140,7 @@ fn driven(
             hindered.collision.extend(by.collision);
         }
         let all: Vec<&Pass> = passes.iter().collect();
-        let seen = eye.see(&all, Depth::Range, threads);
+        let seen = eye.see(&all, SightDepth::Range, threads);
         let unseen = seen.sights.iter().filter(|s| s.is_empty()).count() as f64 * per_sample;
         let length: f64 = passes.iter().map(|p| p.length_mm(shop.spec)).sum();
         let short = overlap(shop.spec, &all, &seen)

@@ -8,7 +8,7 @@ use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::{Chart, flatten::across};
 use super::super::proof::cells::Cells;
 use super::super::proof::samples::SamplePoint;
-use super::super::proof::see::{Depth, Eye};
+use super::super::proof::see::{Eye, SightDepth};
 use super::Workshop;
 use super::chart_passes::line_passes;
 use crate::ScanError;
@@ -59,7 +59,7 @@ pub fn fill(
     let scenery = &shop.realiser.scenery;
     let seen = Eye::new(sensor, scenery, &shop.samples).see(
         &passes.iter().collect::<Vec<_>>(),
-        Depth::Range,
+        SightDepth::Range,
         Threads::all(),
     );
     let open: Vec<usize> = (0..shop.samples.len())

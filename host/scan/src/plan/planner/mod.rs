@@ -20,7 +20,7 @@ use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::samples::{SamplePoint, sample_count, samples};
-use super::proof::see::{Depth, Eye};
+use super::proof::see::{Eye, SightDepth};
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::parallel::Threads;
@@ -164,7 +164,7 @@ pub fn plan(
 fn prune(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
     let all: Vec<&Pass> = passes.iter().collect();
     let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, &shop.samples);
-    let seen = eye.see(&all, Depth::Range, Threads::all());
+    let seen = eye.see(&all, SightDepth::Range, Threads::all());
     let mut by: Vec<Vec<u32>> = seen
         .sights
         .iter()

@@ -53,7 +53,7 @@ impl SampleSights {
 
 /// How far along the beam points are looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Depth {
+pub enum SightDepth {
     /// Within the range: what is measured, and what stands before it.
     Range,
     /// From the sensor to well beyond the range: what is too near or too far is named, too.
@@ -67,7 +67,7 @@ pub fn see(
     samples: &[SamplePoint],
     passes: &[&Pass],
 ) -> SampleSights {
-    Eye::new(sensor, scenery, samples).see(passes, Depth::All, Threads::all())
+    Eye::new(sensor, scenery, samples).see(passes, SightDepth::All, Threads::all())
 }
 
 /// A sensor among points, made ready for many scans.
@@ -98,7 +98,7 @@ impl<'a> Eye<'a> {
     }
 
     /// Scans passes. The answer does not depend on the threads: passes are put together in their order.
-    pub fn see(&self, passes: &[&Pass], depth: Depth, threads: Threads) -> SampleSights {
+    pub fn see(&self, passes: &[&Pass], depth: SightDepth, threads: Threads) -> SampleSights {
         let mut seen = SampleSights {
             sights: vec![Vec::new(); self.samples.len()],
             missed: vec![Missed::default(); self.samples.len()],
@@ -121,13 +121,13 @@ impl<'a> Eye<'a> {
 
     /// Which points a single pass sees, by number.
     pub fn seen_by(&self, pass: &Pass) -> Vec<u32> {
-        let (sights, _) = self.some(&[pass], 0..1, Depth::Range);
+        let (sights, _) = self.some(&[pass], 0..1, SightDepth::Range);
         let mut seen: Vec<u32> = sights.into_iter().map(|(i, _)| i).collect();
         seen.sort_unstable();
         seen
     }
 
-    fn some(&self, passes: &[&Pass], range: Range<usize>, depth: Depth) -> Found {
+    fn some(&self, passes: &[&Pass], range: Range<usize>, depth: SightDepth) -> Found {
         const NEVER: u32 = u32::MAX;
         let mut last = vec![NEVER; self.samples.len()];
         let (mut sights, mut missed) = (Vec::new(), Vec::new());
@@ -170,11 +170,11 @@ fn swept(
     sensor: &SensorSpec,
     a: &SensorPose,
     b: &SensorPose,
-    depth: Depth,
+    depth: SightDepth,
 ) -> (Vector3<f64>, Vector3<f64>) {
     let [near, far] = match depth {
-        Depth::Range => sensor.range_mm,
-        Depth::All => [
+        SightDepth::Range => sensor.range_mm,
+        SightDepth::All => [
             0.0,
             sensor.range_mm[1] * (1.0 + sensor.line_mm / sensor.reference_mm),
         ],
