@@ -556,7 +556,8 @@ impl Rewriter {
                 }
                 96 | 97 => return Err((word.start, RewriteRefusal::Flow)),
                 99 => {
-                    if given.has(b'P') {
+                    // To another block, or another number of times.
+                    if given.has(b'P') || given.has(b'L') {
                         return Err((word.start, RewriteRefusal::Flow));
                     }
                     self.end_first(word.start)?;

@@ -743,8 +743,12 @@ impl Rewriter {
         }
         let (modes, motion, out_motion, place) =
             (self.modes, self.motion, self.out_motion, self.place);
+        let current = self.current;
+        // It may go on behind `/M99`: how it leaves the modes, the last M99 says.
+        let first = self.first.take();
         self.follow(words, edit)?;
-        if modes != self.modes {
+        self.first = first;
+        if modes != self.modes || current != self.current {
             return Err((0, RewriteRefusal::OptionalMode));
         }
         if self.more != More::Nothing {

@@ -51,6 +51,10 @@ impl Rewriter {
         let mut cycle = self.heights(given, wanted, incremental, normal, column)?;
         let rises = self.rises(&cycle, normal, column)?;
         if !at(&self.keeps, normal) {
+            // Written out, the way up in increments would be lost.
+            if incremental && rises {
+                return Err((column, RewriteRefusal::BelowR));
+            }
             if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
             }

@@ -348,3 +348,33 @@ fn heights_are_said_in_the_mode_that_uses_them() {
         (4, RewriteRefusal::HeightsMoved)
     );
 }
+
+/// A return that may be left out: behind it the subprogram may leave other modes. In a main
+/// program nobody comes back to it.
+#[test]
+fn an_optional_return_is_no_end() {
+    let turn = || settings(level(90.0, [0.0; 3]));
+    let program = "O1\nG21 G90 G0 X1. Y0. Z0.\nM98 P2\nG0 X1. Y0. Z0.\n/M99\nM30\n\
+                   O2\n/M99\nG91\nM99\n";
+    let refused = rewritten(&turn(), program).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (8, RewriteRefusal::OptionalMode)
+    );
+    let refused = rewritten(&turn(), &program.replace("O2\n/M99\n", "O2\n")).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (9, RewriteRefusal::SubprogramModes)
+    );
+    let main = program.replace("O2\n/M99\nG91\n", "O2\n");
+    rewritten(&turn(), &main).unwrap();
+    // The first of the file may be one, too.
+    let first = "O2\nG21 G90 G0 X1. Y0. Z0.\n/M99\nG18\nM99\nO1\nG21 G90 G17 G0 X1. Y0. Z0.\n\
+                 M98 P2\nG0 X1. Y0. Z0.\nM30\n";
+    let refused = rewritten(&turn(), first).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (8, RewriteRefusal::SubprogramModes)
+    );
+    rewritten(&turn(), &first.replace("M99\nO1", "M99 L2\nO1")).unwrap_err();
+}
