@@ -310,14 +310,6 @@ impl Rewriter {
                 };
             }
         }
-        let mut place = Place::UNKNOWN;
-        for (axis, mm) in settings.start_mm.iter().enumerate() {
-            let Some(mm) = mm else { continue };
-            if !within(-10_000.0, 10_000.0, *mm) {
-                return Err(BadSettings::Origin);
-            }
-            place.set(axis, pm(*mm));
-        }
         let r = transform.rotation;
         let rotation = [
             [r.m11, r.m12, r.m13],
@@ -366,7 +358,7 @@ impl Rewriter {
             motion: settings.start.motion,
             out_motion: settings.start.motion,
             lost_motion: false,
-            place,
+            place: Place::UNKNOWN,
             origins,
             frame: None,
             local: [0; 3],

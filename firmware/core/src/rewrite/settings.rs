@@ -173,9 +173,6 @@ pub struct RewriteSettings {
     pub clearance: Mm,
     /// Modes that the program takes for granted.
     pub start: StartModes,
-    /// Where the tool stands when the program starts, in the coordinates of its first work
-    /// offset, mm: axes that it takes for granted. Its first motion carries them to their image.
-    pub start_mm: [Option<f64>; 3],
     /// Whose meaning counts where controls differ; none refuses what they do differently.
     pub dialect: Option<RewriteDialect>,
     /// Programs that may be called although their text is not there. Each must leave the modes
@@ -213,7 +210,6 @@ impl RewriteSettings {
                 work: None,
                 motion: None,
             },
-            start_mm: [None; 3],
             dialect: None,
             allowed_calls: AllowedCalls::new(),
             again: false,
@@ -250,7 +246,7 @@ pub enum BadSettings {
     Chord,
     /// A clearance from 0 to 100 mm.
     Clearance,
-    /// An origin, or a place at the start, beyond 10 m.
+    /// An origin beyond 10 m.
     Origin,
 }
 
@@ -264,7 +260,7 @@ impl core::fmt::Display for BadSettings {
             Self::Decimals => "the increment is 0.1 to 0.000001 mm, a power of ten",
             Self::Chord => "the tolerance of arcs is at least 3 increments, at most 10 mm",
             Self::Clearance => "the clearance of pecks is 0 to 100 mm",
-            Self::Origin => "an origin, and where the tool starts, is a place within 10 m",
+            Self::Origin => "an origin is a place within 10 m",
         })
     }
 }

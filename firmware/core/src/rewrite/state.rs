@@ -137,18 +137,6 @@ impl Place {
         relative: true,
     };
 
-    /// The tool stands there, as the program says and as it is written.
-    pub fn set(&mut self, axis: usize, pm: Pm) {
-        for places in [&mut self.nominal, &mut self.out] {
-            if let Some(slot) = places.get_mut(axis) {
-                *slot = Some(pm);
-            }
-        }
-        if let Some(slot) = self.last.get_mut(axis) {
-            *slot = pm;
-        }
-    }
-
     pub fn forget(&mut self, axis: usize) {
         for places in [&mut self.nominal, &mut self.out] {
             if let Some(slot) = places.get_mut(axis) {

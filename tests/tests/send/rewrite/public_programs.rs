@@ -35,14 +35,6 @@ enum Became {
     Wrong,
 }
 
-/// What is said of a program's start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Start {
-    NotSaid,
-    Modes,
-    ModesAndPlace,
-}
-
 /// All programs below a folder.
 fn programs(folder: &Path, found: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -135,12 +127,11 @@ fn printed_mm(run: &RefereeRun) -> f64 {
 }
 
 /// The nominal motions, with the axes that the machine has placed: by G53, or at the reference
-/// points. An axis is the program's again with its next word, or when it moves; from the start if
-/// it is stated where it stands.
-fn nominal_moves(text: &str, run: &RefereeRun, is_stated: bool) -> Vec<Move> {
+/// points. An axis is the program's again with its next word, or when it moves.
+fn nominal_moves(text: &str, run: &RefereeRun) -> Vec<Move> {
     let lines: Vec<&str> = text.lines().collect();
     let mut all = moves(run);
-    let mut by_machine = [!is_stated; 3];
+    let mut by_machine = [true; 3];
     let printed_mm = printed_mm(run);
     for (moved, made) in all.iter_mut().zip(&run.moves).skip(1) {
         let line = made.block.and_then(|number| lines.get(number as usize - 1));
@@ -197,7 +188,7 @@ fn public_programs_move_as_they_say() {
     let mut found = Vec::new();
     programs(Path::new(&folder), &mut found);
     let mut alone = 0;
-    let mut counts: BTreeMap<(&str, Start, Became), usize> = BTreeMap::new();
+    let mut counts: BTreeMap<(&str, bool, Became), usize> = BTreeMap::new();
     let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
     let mut wrong = Vec::new();
     for path in &found {
@@ -220,22 +211,18 @@ fn public_programs_move_as_they_say() {
             continue;
         }
         alone += 1;
-        let origin = nominal.origins_mm[1];
+        let wanted = nominal_moves(&text, &nominal);
         for (name, transform) in transforms() {
-            for with_start in [Start::NotSaid, Start::Modes, Start::ModesAndPlace] {
-                let is_placed = with_start == Start::ModesAndPlace;
-                let wanted = nominal_moves(&text, &nominal, is_placed);
+            for with_start in [false, true] {
                 let how = RewriteSettings {
                     decimals_mm: 4,
                     dialect: Some(RewriteDialect::LinuxCnc),
                     again: false,
-                    start: match with_start {
-                        Start::NotSaid => StartModes::default(),
-                        Start::Modes | Start::ModesAndPlace => stated(),
+                    start: if with_start {
+                        stated()
+                    } else {
+                        StartModes::default()
                     },
-                    start_mm: core::array::from_fn(|axis| {
-                        is_placed.then_some(HOME_MM[axis] - origin[axis])
-                    }),
                     ..settings(transform, 0.254)
                 };
                 let mut count = |became| {
@@ -245,7 +232,7 @@ fn public_programs_move_as_they_say() {
                     Ok((made, _)) => made,
                     Err(refused) => {
                         count(Became::Refused);
-                        if is_placed {
+                        if with_start {
                             let why = refused.reason.to_string();
                             let at = format!("{}:{}, {name}", path.display(), refused.line);
                             reasons.entry(why).or_default().push(at);
@@ -256,7 +243,7 @@ fn public_programs_move_as_they_say() {
                 let printed = printed_mm(&nominal);
                 let judge = Judge {
                     transform,
-                    origin: V::from(origin),
+                    origin: V::from(nominal.origins_mm[1]),
                     rounding_mm: 2.0 * printed + 1e-6,
                     path_mm: CHORD_MM + 4.0 * printed,
                 };
@@ -267,7 +254,7 @@ fn public_programs_move_as_they_say() {
                     Ok(_) => count(Became::Right),
                     Err(why) => {
                         count(Became::Wrong);
-                        wrong.push(format!("{}, {name}, {with_start:?}: {why}", path.display()));
+                        wrong.push(format!("{}, {name}, {with_start}: {why}", path.display()));
                     }
                 }
             }
@@ -275,7 +262,8 @@ fn public_programs_move_as_they_say() {
     }
     println!("{} programs, {alone} run alone", found.len());
     for ((name, with_start, became), count) in counts {
-        println!("{name}, {with_start:?}: {became:?} {count}");
+        let start = if with_start { "stated" } else { "not stated" };
+        println!("{name}, modes {start}: {became:?} {count}");
     }
     let mut reasons: Vec<_> = reasons.into_iter().collect();
     reasons.sort_by_key(|(_, places)| core::cmp::Reverse(places.len()));

@@ -12,10 +12,9 @@ use crate::failure::Failure;
 /// What is said of a program.
 #[derive(Args)]
 pub(crate) struct Said {
-    /// What the program takes for granted: modes as G90,G17,G21, and where the tool stands, in mm,
-    /// as X0,Y0,Z50
-    #[arg(long, value_name = "G90,G17,X0,…", value_parser = start, allow_hyphen_values = true)]
-    start: Option<Start>,
+    /// Modes that the program takes for granted, as G90,G17,G21
+    #[arg(long, value_name = "G90,G17,…", value_parser = start)]
+    start: Option<StartModes>,
     /// Whose program this is, where controls differ: P on an arc, a cycle that begins below R
     #[arg(long, value_enum)]
     dialect: Option<Family>,
@@ -23,13 +22,6 @@ pub(crate) struct Said {
     /// (repeatable): it moves nothing that must be carried, and corrects nothing
     #[arg(long, value_name = "P9010", value_parser = call)]
     allow_call: Vec<String>,
-}
-
-/// What a program takes for granted.
-#[derive(Clone, Copy, Default)]
-struct Start {
-    modes: StartModes,
-    place_mm: [Option<f64>; 3],
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -40,26 +32,9 @@ enum Family {
     Linuxcnc,
 }
 
-fn start(text: &str) -> Result<Start, String> {
-    let Start {
-        mut modes,
-        mut place_mm,
-    } = Start::default();
+fn start(text: &str) -> Result<StartModes, String> {
+    let mut modes = StartModes::default();
     for word in text.split([',', ' ']).filter(|word| !word.is_empty()) {
-        let letter = word.chars().next().unwrap_or_default();
-        if let Some(axis) = "XYZ".find(letter.to_ascii_uppercase()) {
-            let mm = word.get(1..).and_then(|number| number.parse::<f64>().ok());
-            let mm = mm.filter(|mm| mm.abs() <= 10_000.0);
-            match (mm, place_mm.get_mut(axis)) {
-                (Some(mm), Some(slot @ None)) => *slot = Some(mm),
-                _ => {
-                    return Err(format!(
-                        "{word} is no place in mm, or says an axis twice: X0"
-                    ));
-                }
-            }
-            continue;
-        }
         let tenths = word
             .strip_prefix(['G', 'g'])
             .and_then(|number| number.parse::<f64>().ok())
@@ -74,12 +49,11 @@ fn start(text: &str) -> Result<Start, String> {
         modes = with.ok_or_else(|| {
             format!(
                 "{word} is no mode to begin with, or contradicts another: give some of G0 to G3, \
-                 G17 G18 G19, G20 G21, G54 to G59, G90 G91, G90.1 G91.1, G93 G94 G95, G98 G99, \
-                 and places as X0, Y0, Z50 in mm"
+                 G17 G18 G19, G20 G21, G54 to G59, G90 G91, G90.1 G91.1, G93 G94 G95, G98 G99"
             )
         })?;
     }
-    Ok(Start { modes, place_mm })
+    Ok(modes)
 }
 
 fn call(text: &str) -> Result<String, String> {
@@ -96,10 +70,9 @@ fn call(text: &str) -> Result<String, String> {
 impl Said {
     /// Settings with what is said.
     pub fn settings(&self, settings: RewriteSettings) -> Result<RewriteSettings, Failure> {
-        if let (Some(stated), Some(unit)) = (
-            self.start.and_then(|start| start.modes.unit()),
-            settings.unit,
-        ) && stated != unit
+        if let (Some(stated), Some(unit)) =
+            (self.start.and_then(|modes| modes.unit()), settings.unit)
+            && stated != unit
         {
             return Err(Failure::trouble(
                 "usage",
@@ -109,8 +82,7 @@ impl Said {
         let allowed_calls = AllowedCalls::try_from(self.allow_call.join(",").as_str())
             .map_err(|_| Failure::trouble("usage", "--allow-call: 96 characters at most"))?;
         Ok(RewriteSettings {
-            start: self.start.unwrap_or_default().modes,
-            start_mm: self.start.unwrap_or_default().place_mm,
+            start: self.start.unwrap_or_default(),
             dialect: self.dialect.map(|family| match family {
                 Family::Fanuc => RewriteDialect::Fanuc,
                 Family::Linuxcnc => RewriteDialect::LinuxCnc,
@@ -134,15 +106,7 @@ impl Said {
     /// What a board keeps of it with a program: work offsets to G59, and one number that may
     /// be called.
     pub fn kept(&self) -> Result<Stated, Failure> {
-        let start = self.start.unwrap_or_default();
-        if start.place_mm != [None; 3] {
-            return Err(Failure::trouble(
-                "usage",
-                "--start: a board keeps no place of the tool: name X, Y and Z in the program's first \
-                 G0 block",
-            ));
-        }
-        let start_packed = start.modes.packed().ok_or_else(|| {
+        let start_packed = self.start.unwrap_or_default().packed().ok_or_else(|| {
             Failure::trouble(
                 "usage",
                 "--start: a board keeps G54 to G59 and none beyond: state the work offset in the \

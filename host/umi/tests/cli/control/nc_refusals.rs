@@ -257,39 +257,6 @@ fn modes_are_stated() {
             .exits(1)
             .says("is no mode to begin with");
     }
-    // And where the tool stands.
-    let program = bench.folder.file("p.nc", "G1 X10. F9\nZ5.\nM2\n");
-    bench
-        .rewrite(&program, &["--force", "--start", "G90,G21"])
-        .exits(2)
-        .says("where Y is, the program has not said");
-    let places = "G90,G21,X-1.5,y0,Z50";
-    bench
-        .rewrite(&program, &["--force", "--start", places])
-        .exits(0);
-    assert!(
-        bench.made().ends_with("G1 X1. Y10. F9\nZ5.\nM2\n"),
-        "{}",
-        bench.made()
-    );
-    for bad in ["X", "X1,X2", "Xa", "Z1e9"] {
-        bench
-            .rewrite(&program, &["--force", "--start", bad])
-            .exits(1)
-            .says("is no place in mm");
-    }
-    let numbered = bench.folder.file("o7.nc", "%\nO7\nG1 X10. F9\nM30\n%\n");
-    umi(&[
-        "program",
-        "put",
-        &numbered,
-        "--start",
-        "X0",
-        "--port",
-        "/dev/null",
-    ])
-    .exits(1)
-    .says("a board keeps no place");
 }
 
 /// A verdict moves the same, whether a journal brings it, what a replay printed, or the board.

@@ -56,7 +56,6 @@ Examples:
   umi nc rewrite part.nc -o here.nc --verdict today.umij --load pocket.nc
   umi nc rewrite part.ngc -o - --transform moved.json --dialect linuxcnc --json
   umi nc rewrite part.ngc -o here.ngc --transform moved.json --start G90,G21
-  umi nc rewrite part.ngc -o here.ngc --transform moved.json --start G90,G21,X0,Y0,Z50
 
 Exit status: 0 written, 1 file or usage, 2 refused: nothing is written.";
 
