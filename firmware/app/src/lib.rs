@@ -175,16 +175,6 @@ impl<F: Flash> App<F> {
         Ok(())
     }
 
-    /// Names the image that runs in every head, by its SHA-256; from before any task runs.
-    ///
-    /// # Errors
-    /// [`Running`]: a task has begun already.
-    pub fn runs(&self, image: [u8; 32]) -> Result<(), Running> {
-        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
-        measure.ledger.heads.image = image;
-        Ok(())
-    }
-
     /// Journals that an image on trial was given up, behind [`Self::start`].
     ///
     /// # Errors

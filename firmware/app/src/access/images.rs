@@ -81,11 +81,11 @@ impl<F: Flash + Send> Images for Slots<F> {
 }
 
 /// Where the axes stand, in short.
-fn stand(positions: &Positions) -> u64 {
+fn stand(positions: &Positions) -> u32 {
     let counts = positions.counts.iter().flat_map(|of| of.to_le_bytes());
     // FNV-1a, as published by Fowler, Noll and Vo: not against forgers, who do not move axes.
-    counts.fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    counts.fold(0x811C_9DC5, |hash, byte| {
+        (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
     })
 }
 

@@ -144,7 +144,7 @@ pub(crate) struct Guarded {
     /// What takes images, if this board does.
     pub(crate) images: ZeroOption<&'static mut dyn Images>,
     /// Where the axes stood when an image began to come; 0: none has.
-    pub(crate) stood: u64,
+    pub(crate) stood: u32,
     /// The board is to start anew.
     pub restarts: bool,
 }

@@ -46,8 +46,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub custody: ZeroOption<Custody<F>>,
     /// Whose key the host that asks has proven.
     pub by: ZeroOption<KeyId>,
-    /// When a host's time was journaled last.
-    pub host_time: ZeroOption<Micros>,
+    /// When a host's time was journaled last; 0: never.
+    pub host_time: Micros,
     /// What somebody was refused, counted and not told yet.
     pub refusals: Refusals,
     /// How often a host may change what is in force: each change is a piece of evidence.
@@ -105,7 +105,7 @@ impl<F: Flash> Ledger<F> {
             scratch: [0; RECORD_ROOM],
             custody: ZeroOption::empty(),
             by: ZeroOption::empty(),
-            host_time: ZeroOption::empty(),
+            host_time: Micros(0),
             refusals: Refusals::new(),
             changes: Bucket::new(),
             is_held_back: false,

@@ -98,14 +98,14 @@ impl<F: Flash> Instrument<F> {
     pub(crate) fn note_host_time(&mut self, now: Micros, utc_s: u64) -> bool {
         const LEAST_US: u64 = 60_000_000;
         let ledger = &mut self.ledger;
-        let latest = ledger.host_time.get().copied();
-        if latest.is_some_and(|latest| now.0.saturating_sub(latest.0) < LEAST_US) {
+        let latest = ledger.host_time;
+        if latest != Micros(0) && now.0.saturating_sub(latest.0) < LEAST_US {
             return true;
         }
         let key_id = ledger.by.get().copied();
         let kept = ledger.record(now, Record::HostTime { utc_s, key_id });
         if kept {
-            ledger.host_time.put(now);
+            ledger.host_time = Micros(now.0.max(1));
         }
         kept
     }

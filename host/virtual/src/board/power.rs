@@ -95,12 +95,16 @@ impl Power {
         clock: &VirtualClock,
     ) -> bool {
         let is_first = self.started.is_some();
-        let signer = config.key.clone().and_then(key::signer);
         let mut image = config
             .images
             .clone()
             .and_then(|areas| RunningImage::start(areas, config.firmware_key));
         let version = image.as_ref().map(RunningImage::version);
+        let digest = image.as_ref().and_then(RunningImage::digest);
+        let signer = config
+            .key
+            .clone()
+            .and_then(|flash| key::signer(flash, digest.unwrap_or_default()));
         let boot = Boot {
             identity: Identity {
                 board: name("virtual"),

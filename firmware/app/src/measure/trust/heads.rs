@@ -119,7 +119,7 @@ impl<F: Flash> Instrument<F> {
             chain: journal.chain_head().0,
             boot: signer.boot(),
             key: signer.key(),
-            image: ledger.heads.image,
+            image: signer.image(),
             serial: ledger.identity.serial.clone(),
             firmware: ledger.identity.firmware.clone(),
             nonce,

@@ -12,6 +12,11 @@ pub trait HeadSigner: Sync {
     /// Starts of the board so far, this one included.
     fn boot(&self) -> u32;
 
+    /// SHA-256 of the image that runs; zeros: nobody has said.
+    fn image(&self) -> [u8; 32] {
+        [0; 32]
+    }
+
     /// The Ed25519 signature of these bytes, R and S.
     fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2];
 }
@@ -23,8 +28,6 @@ pub(crate) struct Heads {
     pub asked: ZeroOption<([u8; 32], Micros)>,
     /// Entries before this one stand before a head, or were there at the start.
     pub since: u64,
-    /// SHA-256 of the image that runs; zeros: nobody has said.
-    pub image: [u8; 32],
     /// Entry `since` is a head.
     pub has_signed: bool,
     /// A start or a verdict has no head behind it.
@@ -41,7 +44,6 @@ impl Heads {
             signer: ZeroOption::empty(),
             asked: ZeroOption::empty(),
             since: 0,
-            image: [0; 32],
             has_signed: false,
             is_due: false,
             latest: Micros(0),
