@@ -285,5 +285,8 @@ fn an_axis_too_fast_for_its_pulses_is_told() {
     assert_eq!(client.trigger_out(TriggerOut::Off).unwrap(), Ok(()));
     let counters = client.status().unwrap().latches;
     assert_eq!(counters.outputs as usize, begins.len());
-    assert_eq!(counters.outputs + counters.missed, 30, "lines");
+    // Never fewer. Where the machines start anew after a loss, the pulse that is under way is told
+    // as missed, too.
+    let lines = counters.outputs + counters.missed;
+    assert!((30..=31).contains(&lines), "{lines} lines");
 }

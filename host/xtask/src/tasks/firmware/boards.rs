@@ -19,9 +19,6 @@ pub(crate) struct Board {
     pub cpu: Option<&'static str>,
     /// How an image gets into it.
     pub flashing: Flashing,
-    /// It is built when no board is named. A second chip with the sources of the first
-    /// would make every build and check minutes longer.
-    pub is_usual: bool,
 }
 
 impl Board {
@@ -64,7 +61,6 @@ pub const BOARDS: &[Board] = &[
         target: "thumbv7em-none-eabihf",
         cpu: Some("cortex-m7"),
         flashing: Flashing::Emulator,
-        is_usual: true,
     },
     Board {
         name: "pico",
@@ -76,7 +72,6 @@ pub const BOARDS: &[Board] = &[
             chip: "RP2040",
             family: uf2::Family::Rp2040,
         },
-        is_usual: true,
     },
     Board {
         name: "pico2",
@@ -88,7 +83,6 @@ pub const BOARDS: &[Board] = &[
             chip: "RP235x",
             family: uf2::Family::Rp2350,
         },
-        is_usual: false,
     },
     Board {
         name: "nucleo-h743",
@@ -99,14 +93,8 @@ pub const BOARDS: &[Board] = &[
         flashing: Flashing::Probe {
             chip: "STM32H743ZITx",
         },
-        is_usual: true,
     },
 ];
-
-/// The boards that are built when none is named.
-pub fn usual() -> impl Iterator<Item = &'static Board> {
-    BOARDS.iter().filter(|board| board.is_usual)
-}
 
 /// The board of this name, or what names there are.
 pub fn find(name: &str) -> Result<&'static Board> {
@@ -131,10 +119,10 @@ pub(crate) enum Wanted {
     SelfTest,
 }
 
-/// The boards of these names, and what is wanted of each; all of all usual ones if none is named.
+/// The boards of these names, and what is wanted of each; all of all boards if none is named.
 pub fn select_images(names: &[String]) -> Result<Vec<(&'static Board, Wanted)>> {
     if names.is_empty() {
-        return Ok(usual().map(|board| (board, Wanted::All)).collect());
+        return Ok(BOARDS.iter().map(|board| (board, Wanted::All)).collect());
     }
     let image = |name: &String| match name.strip_prefix(SELF_TEST) {
         // There is one Nucleo.
@@ -145,10 +133,10 @@ pub fn select_images(names: &[String]) -> Result<Vec<(&'static Board, Wanted)>> 
     names.iter().map(image).collect()
 }
 
-/// The boards of these names; all usual ones if none is named.
+/// The boards of these names; all if none is named.
 pub fn select(names: &[String]) -> Result<Vec<&'static Board>> {
     if names.is_empty() {
-        return Ok(usual().collect());
+        return Ok(BOARDS.iter().collect());
     }
     names.iter().map(|name| find(name)).collect()
 }
@@ -167,7 +155,7 @@ mod tests {
         }
     }
 
-    /// A wrong name is answered with the right ones; no name means all usual ones.
+    /// A wrong name is answered with the right ones; no name means all.
     #[test]
     fn names() {
         let error = select(&["pico3".into()]).unwrap_err().to_string();

@@ -33,11 +33,11 @@ use crate::workspace::{Workspace, execute};
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask firmware                # every board but the pico2\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
+    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
 )]
 pub(crate) struct Arguments {
-    /// The boards, or `selftest-` and a board for its self-test alone; all boards but the pico2 if
-    /// none is named.
+    /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
+    /// named.
     boards: Vec<String>,
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
@@ -229,10 +229,10 @@ fn forms(workspace: &Workspace, image: &Image) -> String {
     }
 }
 
-/// Holds clippy's lints in the package of every usual board.
+/// Holds clippy's lints in the package of every board.
 pub fn lint(workspace: &Workspace) -> Result<()> {
     let toolchain = toolchain::choose(workspace, None)?;
-    for board in boards::usual() {
+    for board in boards::BOARDS {
         let mut command = cargo(workspace, toolchain, Verb::Clippy, board)?;
         execute(command.args(["--", "-D", "warnings"]))?;
     }

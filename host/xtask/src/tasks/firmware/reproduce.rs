@@ -21,7 +21,7 @@ use crate::workspace::{Workspace, output};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  cargo xtask reproduce\n  cargo xtask reproduce pico")]
 pub(crate) struct Arguments {
-    /// The boards; all of them but the pico2 if none is named.
+    /// The boards; all of them if none is named.
     boards: Vec<String>,
 }
 

@@ -29,10 +29,10 @@ use crate::workspace::Workspace;
 /// pointers is not seen.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask size\n  cargo xtask size pico --stack    # which calls need the stack\n  cargo xtask size --json > sizes.json\n  cargo xtask size mps2-an500 pico pico2 nucleo-h743 --write   # tests/bench/SIZES.md"
+    after_help = "Examples:\n  cargo xtask size\n  cargo xtask size pico --stack    # which calls need the stack\n  cargo xtask size --json > sizes.json\n  cargo xtask size --write   # tests/bench/SIZES.md"
 )]
 pub(crate) struct Arguments {
-    /// The boards; all of them but the pico2 if none is named.
+    /// The boards; all of them if none is named.
     boards: Vec<String>,
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
@@ -52,7 +52,7 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// The usual boards, with this compiler or the first that is there.
+    /// All boards, with this compiler or the first that is there.
     pub fn with(toolchain: Option<Toolchain>) -> Self {
         Self {
             toolchain,

@@ -23,7 +23,7 @@ pub fn markdown<const N: usize, const M: usize>(
     compiler: &Compiler,
 ) -> String {
     let mut page = format!(
-        "# What the firmware images take\n\nWritten by `cargo xtask size mps2-an500 pico pico2 nucleo-h743 --write`, with {}.\n\n",
+        "# What the firmware images take\n\nWritten by `cargo xtask size --write`, with {}.\n\n",
         compiler.version
     );
     table(&mut page, rows, 1);
