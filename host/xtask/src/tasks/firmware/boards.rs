@@ -168,7 +168,7 @@ mod tests {
             .iter()
             .map(|board| board.name)
             .collect();
-        assert_eq!(all, ["mps2-an500", "pico", "nucleo-h743"]);
+        assert_eq!(all, ["mps2-an500", "pico", "pico2", "nucleo-h743"]);
         assert_eq!(select(&["pico".into()]).unwrap()[0].package, "umi-pico");
     }
 
@@ -196,6 +196,6 @@ mod tests {
             ]
         );
         assert!(select_images(&["selftest-pico3".into()]).is_err());
-        assert_eq!(select_images(&[]).unwrap().len(), 3);
+        assert_eq!(select_images(&[]).unwrap().len(), 4);
     }
 }
