@@ -442,6 +442,13 @@ impl Rewriter {
         let Some(incremental) = self.modes.incremental else {
             return Err((column, RewriteRefusal::NoDistanceMode));
         };
+        // Whether G91 counts here, controls see differently: LinuxCNC sets the place all the same.
+        let incremental = match self.settings.dialect {
+            _ if !incremental => false,
+            Some(RewriteDialect::LinuxCnc) => false,
+            Some(RewriteDialect::Fanuc) => true,
+            None => return offsets,
+        };
         for (axis, letter) in AXES.iter().enumerate() {
             let Some(pm) = self.length_of(given, *letter)? else {
                 continue;
@@ -797,8 +804,6 @@ fn agree(sub: &super::Modes, caller: &super::Modes) -> bool {
     let merged = super::Modes {
         incremental: sub.incremental.or(caller.incremental),
         unit: sub.unit.or(caller.unit),
-        // Settled while the text went by.
-        returns_to_r: caller.returns_to_r,
         ..*sub
     };
     let caller = super::Modes {

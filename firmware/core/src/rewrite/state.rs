@@ -74,6 +74,8 @@ pub(super) struct Cycle {
     pub dwell: Option<Number>,
     /// How R and the depth were said.
     pub said: [Option<SaidHeight>; 2],
+    /// Whether its last hole ended at R.
+    pub to_r: bool,
 }
 
 /// How a height of a cycle was said: later blocks mean the same only if this has not changed.

@@ -55,6 +55,17 @@ impl Rewriter {
             if incremental && rises {
                 return Err((column, RewriteRefusal::BelowR));
             }
+            // A depth in increments counts from R: said alone, R takes the bottom with it.
+            if incremental && given.has(b'R') && !given.has(letter) && cycle.bottom.is_some() {
+                return Err((column, RewriteRefusal::CycleLacks(letter as char)));
+            }
+            // LinuxCNC rises before it goes across where G98 comes after G99.
+            let rises_again = self.modes.cycle.is_some_and(|before| before.to_r)
+                && !self.modes.returns_to_r
+                && self.settings.dialect != Some(RewriteDialect::Fanuc);
+            if rises_again {
+                return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
+            }
             if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
             }
@@ -98,7 +109,8 @@ impl Rewriter {
             }
         });
         let height = (at(&self.place.nominal, normal), at(&self.place.out, normal));
-        let mut image = self.carry(&target, false, column)?;
+        // A hole is cut where it is: no place of it may be guessed.
+        let mut image = self.carry(&target, true, column)?;
         if let Some(slot) = image.get_mut(normal) {
             *slot = None;
         }
@@ -222,7 +234,9 @@ impl Rewriter {
             peck: None,
             dwell: None,
             said: [None; 2],
+            to_r: false,
         });
+        cycle.to_r = self.modes.returns_to_r;
         if let Some((_, code)) = wanted.cycle {
             cycle.code = code;
         }

@@ -4,7 +4,7 @@
 
 use std::string::String;
 
-use super::super::refusal::RewriteRefusal;
+use super::super::refusal::{RewriteRefusal, Why};
 use super::super::{AllowedCalls, RewriteDialect, RewriteSettings, Rewriter, StartModes};
 use super::{level, rewritten, settings, text, turned};
 
@@ -377,4 +377,67 @@ fn an_optional_return_is_no_end() {
         (8, RewriteRefusal::SubprogramModes)
     );
     rewritten(&turn(), &first.replace("M99\nO1", "M99 L2\nO1")).unwrap_err();
+}
+
+/// Programs whose holes or paths would be elsewhere than said, without a word about it.
+#[test]
+fn holes_whose_place_or_depth_is_not_said_are_refused() {
+    let small = level(1.0, [0.0; 3]);
+    let leaning = turned([0.3, 0.0, 0.0], [0.0; 3]);
+    let begin = "G17 G21 G90 G54 G0 X0. Y80. Z30.\n";
+    for (transform, family, program, line, reason) in [
+        // Y is where a change of tool has put it.
+        (
+            &small,
+            None,
+            "M6\nG43 H2 Z50.\nG81 X100. Z-5. R2. F100.\n",
+            4,
+            RewriteRefusal::UnknownPlace('Y'),
+        ),
+        // A depth in increments goes with R.
+        (
+            &leaning,
+            None,
+            "G91 G98 G81 X10. R-22. Z-5. F100.\nX10. R-15.\n",
+            3,
+            RewriteRefusal::CycleLacks('Z'),
+        ),
+        // LinuxCNC rises first.
+        (
+            &leaning,
+            Some(RewriteDialect::LinuxCnc),
+            "G99 G81 X5. Z-5. R2. F100.\nX10.\nG98 X20.\n",
+            4,
+            RewriteRefusal::TiltedCycle(810),
+        ),
+        // G98 in one call, G99 in the other.
+        (
+            &leaning,
+            None,
+            "G99 G81 X5. Z-5. R2. F100.\nM98 P100\nG80 G98\nG81 X5. Z-5. R2.\nM98 P100\nM30\nO100\nX11.\nX21.\nM99\n",
+            3,
+            RewriteRefusal::SubprogramModes,
+        ),
+        (
+            &small,
+            None,
+            "#1=5 #5221=1\n",
+            2,
+            RewriteRefusal::SystemVariable,
+        ),
+        (
+            &small,
+            None,
+            "G91 G10 L2 P1 X5.\nG90 G1 X1. Y1. Z1. F9\n",
+            2,
+            RewriteRefusal::Code(100, Why::Offsets),
+        ),
+    ] {
+        let settings = RewriteSettings {
+            dialect: family,
+            ..settings(transform.clone())
+        };
+        let refused = rewritten(&settings, &std::format!("{begin}{program}M30\n")).unwrap_err();
+        assert_eq!((refused.line, refused.reason), (line, reason), "{program}");
+    }
 }

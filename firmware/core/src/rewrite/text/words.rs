@@ -415,6 +415,8 @@ fn assignment(line: &[u8], at: usize) -> At<()> {
     while let Some(&byte) = line.get(at) {
         match byte {
             b';' | b'(' => break,
+            // LinuxCNC takes several in a line.
+            b'=' => return Err((at, RewriteRefusal::SystemVariable)),
             b'<' => {
                 let rest = line.get(at..).unwrap_or_default();
                 at += rest.iter().position(|b| *b == b'>').unwrap_or(0);
