@@ -435,7 +435,7 @@ fn holes_whose_place_or_depth_is_not_said_are_refused() {
     ] {
         let settings = RewriteSettings {
             dialect: family,
-            ..settings(transform.clone())
+            ..settings(*transform)
         };
         let refused = rewritten(&settings, &std::format!("{begin}{program}M30\n")).unwrap_err();
         assert_eq!((refused.line, refused.reason), (line, reason), "{program}");
