@@ -804,6 +804,8 @@ fn agree(sub: &super::Modes, caller: &super::Modes) -> bool {
     let merged = super::Modes {
         incremental: sub.incremental.or(caller.incremental),
         unit: sub.unit.or(caller.unit),
+        // Settled while the text went by.
+        returns_to_r: caller.returns_to_r,
         ..*sub
     };
     let caller = super::Modes {

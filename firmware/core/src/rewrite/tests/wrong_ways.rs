@@ -410,14 +410,6 @@ fn holes_whose_place_or_depth_is_not_said_are_refused() {
             4,
             RewriteRefusal::TiltedCycle(810),
         ),
-        // G98 in one call, G99 in the other.
-        (
-            &leaning,
-            None,
-            "G99 G81 X5. Z-5. R2. F100.\nM98 P100\nG80 G98\nG81 X5. Z-5. R2.\nM98 P100\nM30\nO100\nX11.\nX21.\nM99\n",
-            3,
-            RewriteRefusal::SubprogramModes,
-        ),
         (
             &small,
             None,
