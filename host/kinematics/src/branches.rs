@@ -202,7 +202,78 @@ pub fn aim(turns: &[ChainRotation], aim: &Aim) -> Branches {
     }
     drop_repeated(&mut result.branches);
     result.singular &= !result.branches.is_empty();
+    if result.singular {
+        let within = |set: &Vec<f64>| {
+            set.iter()
+                .zip(turns)
+                .all(|(a, t)| nearest_turn(*a, t.limits_deg, 0.0).is_some())
+        };
+        if !result.branches.iter().any(within)
+            && let Some(set) = at_limits(turns, aim)
+        {
+            result.branches.insert(0, set);
+        }
+    }
     result
+}
+
+/// At a pole the angles that reach the aim are a line. Where it runs through the limits, it meets them where one of the
+/// angles stands at its own limit, or at zero: of these, the set with the least angles.
+fn at_limits(turns: &[ChainRotation], aim: &Aim) -> Option<Vec<f64>> {
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for (k, one) in turns.iter().enumerate() {
+        let [low, high] = one.limits_deg;
+        for held in [0.0, low, high] {
+            if nearest_turn(held, one.limits_deg, 0.0).is_none() {
+                continue;
+            }
+            for set in with_held(turns, aim, k, held) {
+                let inside: Option<Vec<f64>> = set
+                    .iter()
+                    .zip(turns)
+                    .map(|(a, t)| nearest_turn(*a, t.limits_deg, 0.0))
+                    .collect();
+                let Some(set) = inside else { continue };
+                let size = set.iter().map(|a| a.abs()).sum();
+                if best.as_ref().is_none_or(|(least, _)| size < *least) {
+                    best = Some((size, set));
+                }
+            }
+        }
+    }
+    best.map(|(_, set)| set)
+}
+
+/// Angles of all rotations that reach an aim with one of them held, in degrees: those further in are turned by it, and so
+/// is what they carry. One set for each branch of the others.
+pub fn with_held(turns: &[ChainRotation], aim: &Aim, held: usize, degrees: f64) -> Vec<Vec<f64>> {
+    let mut sets = holding(turns, aim, held, degrees).branches;
+    for set in &mut sets {
+        set.insert(held, degrees);
+    }
+    sets
+}
+
+fn holding(turns: &[ChainRotation], aim: &Aim, held: usize, degrees: f64) -> Branches {
+    let by = turn(&turns[held].direction, degrees.to_radians());
+    let others = turns.iter().enumerate().filter(|(k, _)| *k != held);
+    let rest: Vec<ChainRotation> = others
+        .map(|(k, t)| ChainRotation {
+            direction: if k > held {
+                by * t.direction
+            } else {
+                t.direction
+            },
+            limits_deg: t.limits_deg,
+        })
+        .collect();
+    self::aim(
+        &rest,
+        &Aim {
+            beam: (by * aim.beam.0, aim.beam.1),
+            line: aim.line.map(|(from, to)| (by * from, to)),
+        },
+    )
 }
 
 fn drop_repeated(branches: &mut Vec<Vec<f64>>) {
@@ -311,6 +382,8 @@ fn free_within_limits(
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{SMatrix, SVector};
+
     use super::*;
 
     fn axis(x: f64, y: f64, z: f64) -> ChainRotation {
@@ -375,6 +448,117 @@ mod tests {
         }
     }
 
+    /// Angles of a search that knows no geometry: Newton's steps from a raster of starts, each different end once.
+    fn searched(turns: &[ChainRotation], aim: &Aim) -> Vec<Vec<f64>> {
+        let pairs: Vec<_> = std::iter::once(aim.beam).chain(aim.line).collect();
+        let miss = |angles: &[f64; 3]| {
+            let mut rest = SVector::<f64, 6>::zeros();
+            for (k, (from, to)) in pairs.iter().enumerate() {
+                let v = turns
+                    .iter()
+                    .zip(angles)
+                    .rev()
+                    .fold(*from, |v, (t, a)| turn(&t.direction, *a) * v);
+                rest.fixed_rows_mut::<3>(3 * k).copy_from(&(v - to));
+            }
+            rest
+        };
+        let (n, starts) = (turns.len(), 9_usize);
+        let mut ends: Vec<Vec<f64>> = Vec::new();
+        for number in 0..starts.pow(n as u32) {
+            let mut angles = [0.0; 3];
+            for (k, angle) in angles.iter_mut().enumerate().take(n) {
+                *angle = (number / starts.pow(k as u32) % starts) as f64 * 0.7 - 3.1;
+            }
+            for _ in 0..40 {
+                let here = miss(&angles);
+                let mut slopes = SMatrix::<f64, 6, 3>::zeros();
+                for k in 0..n {
+                    let (mut up, mut down) = (angles, angles);
+                    up[k] += 1e-6;
+                    down[k] -= 1e-6;
+                    slopes.set_column(k, &((miss(&up) - miss(&down)) / 2e-6));
+                }
+                let normal = slopes.tr_mul(&slopes) + Matrix3::identity() * 1e-12;
+                let Some(step) = normal.lu().solve(&slopes.tr_mul(&here)) else {
+                    break;
+                };
+                let short = 1.0 / (step.amax() / 0.6).max(1.0);
+                for k in 0..n {
+                    angles[k] -= step[k] * short;
+                }
+                if step.amax() < 1e-13 {
+                    break;
+                }
+            }
+            if miss(&angles).norm() < 1e-10 {
+                ends.push(
+                    angles[..n]
+                        .iter()
+                        .map(|a| a.to_degrees() - 360.0 * (a.to_degrees() / 360.0).round())
+                        .collect(),
+                );
+            }
+        }
+        drop_repeated(&mut ends);
+        ends
+    }
+
+    /// As many branches as a search finds, and the same; away from poles, where there are endless ones.
+    #[test]
+    fn a_search_finds_no_branch_that_is_missing() {
+        let mut state = 17_u64;
+        let mut random = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1_u64 << 53) as f64 * 2.0 - 1.0
+        };
+        let mut counts = [0; 5];
+        for case in 0..60 {
+            let mut direction = || axis(random(), random(), random());
+            let turns = match case % 4 {
+                0 => vec![
+                    axis(0.0, 0.0, -1.0),
+                    axis(1.0, 0.0, 0.0),
+                    axis(0.0, 0.0, 1.0),
+                ],
+                1 => vec![axis(0.0, 1.0, 1.0), axis(0.0, 0.0, 1.0)],
+                2 => vec![direction(), direction(), direction()],
+                _ => vec![direction(), direction()],
+            };
+            let unit = |v: Vector3<f64>| v.normalize();
+            let beam = unit(Vector3::new(random(), random(), random()));
+            let across = unit(beam.cross(&Vector3::new(random(), random(), random())));
+            // Half of the aims are made by angles, so that they can be reached.
+            let r = turns.iter().fold(Matrix3::identity(), |r, t| {
+                r * turn(&t.direction, random() * 3.0)
+            });
+            let reached = case % 3 > 0;
+            let from =
+                |v: Vector3<f64>, w: Vector3<f64>| if reached { r.transpose() * v } else { w };
+            let other = unit(Vector3::new(random(), random(), random()));
+            let other_across = unit(other.cross(&Vector3::new(random(), random(), random())));
+            let aim_ = Aim {
+                beam: (from(beam, other), beam),
+                line: (turns.len() > 2).then(|| (from(across, other_across), across)),
+            };
+            let (ours, wanted) = (aim(&turns, &aim_), searched(&turns, &aim_));
+            assert!(!ours.singular);
+            assert_eq!(
+                ours.branches.len(),
+                wanted.len(),
+                "case {case}: {ours:?} {wanted:?}"
+            );
+            let mut both = ours.branches.clone();
+            both.extend(wanted.iter().cloned());
+            drop_repeated(&mut both);
+            assert_eq!(both.len(), wanted.len(), "case {case}: {ours:?} {wanted:?}");
+            counts[wanted.len()] += 1;
+        }
+        assert!(counts[0] > 3 && counts[2] > 20, "{counts:?}");
+    }
+
     #[test]
     fn a_pole_is_named_and_its_free_axis_stands_at_zero() {
         let chain = [
@@ -394,6 +578,67 @@ mod tests {
         assert!(found.singular);
         assert!(found.branches[0][2].abs() < 1e-12, "{:?}", found.branches);
         assert!((found.branches[0][0].abs() - 0.7_f64.to_degrees()).abs() < 1e-9);
+    }
+
+    /// Two axes along one line share an angle: neither alone has room for it, and zero is not allowed to either.
+    #[test]
+    fn a_pole_that_needs_both_axes_is_reached_within_their_limits() {
+        let (beam, line) = (-Vector3::z(), Vector3::y());
+        let limited = |x: f64, y: f64, z: f64, limits_deg: [f64; 2]| ChainRotation {
+            limits_deg,
+            ..axis(x, y, z)
+        };
+        let chains = [
+            // Spindle and table about one line, with and without a tilt between.
+            vec![
+                limited(0.0, 0.0, -1.0, [-40.0, 40.0]),
+                limited(0.0, 0.0, 1.0, [-50.0, 60.0]),
+            ],
+            vec![
+                limited(0.0, 0.0, -1.0, [-40.0, 40.0]),
+                limited(1.0, 0.0, 0.0, [-90.0, 90.0]),
+                limited(0.0, 0.0, 1.0, [10.0, 60.0]),
+            ],
+            vec![
+                limited(1.0, 0.0, 0.0, [-90.0, 90.0]),
+                limited(0.0, 0.0, -1.0, [-40.0, 40.0]),
+                limited(0.0, 0.0, 1.0, [-50.0, 60.0]),
+            ],
+        ];
+        for chain in chains {
+            // The spindle's rotation is counted the other way.
+            let made: Vec<f64> = chain
+                .iter()
+                .map(|t| match t.direction.z {
+                    z if z < -0.5 => -38.0,
+                    z if z > 0.5 => 55.0,
+                    _ => 0.0,
+                })
+                .collect();
+            let r = chain
+                .iter()
+                .zip(&made)
+                .fold(Matrix3::identity(), |r, (t, a)| {
+                    r * turn(&t.direction, f64::to_radians(*a))
+                });
+            let aim_ = Aim {
+                beam: (r.transpose() * beam, beam),
+                line: Some((r.transpose() * line, line)),
+            };
+            let found = aim(&chain, &aim_);
+            assert!(found.singular, "{chain:?}");
+            let first = &found.branches[0];
+            for (a, t) in first.iter().zip(&chain) {
+                assert!(nearest_turn(*a, t.limits_deg, 0.0).is_some(), "{found:?}");
+            }
+            let back = chain
+                .iter()
+                .zip(first)
+                .fold(Matrix3::identity(), |r, (t, a)| {
+                    r * turn(&t.direction, a.to_radians())
+                });
+            assert!((back - r).amax() < 1e-9);
+        }
     }
 
     #[test]

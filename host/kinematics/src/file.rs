@@ -18,6 +18,7 @@
 //! [sensor]                        # X; [workpiece] is W; the identity where missing
 //! rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 //! translation_mm = [0, 0, 0]
+//! # covariance = [[...6], ...6]   # of [sensor] alone, from a calibration: wx wy wz tx ty tz
 //! ```
 
 use nalgebra::Vector3;
@@ -65,6 +66,7 @@ struct FrameText {
     rotation: [[f64; 3]; 3],
     #[serde(default)]
     translation_mm: [f64; 3],
+    covariance: Option<[[f64; 6]; 6]>,
 }
 
 fn identity_rows() -> [[f64; 3]; 3] {
@@ -101,6 +103,7 @@ impl AxisChain {
             sensor_chain,
             workpiece_chain,
             sensor: frame("sensor", file.sensor.as_ref())?,
+            sensor_covariance: covariance(&file)?,
             workpiece: frame("workpiece", file.workpiece.as_ref())?,
             joints,
         })
@@ -221,6 +224,36 @@ fn frame(name: &str, text: Option<&FrameText>) -> Result<Pose, MachineError> {
     })
 }
 
+/// The covariance of the mount, if it is one.
+fn covariance(file: &FileText) -> Result<Option<[[f64; 6]; 6]>, MachineError> {
+    if file
+        .workpiece
+        .as_ref()
+        .is_some_and(|w| w.covariance.is_some())
+    {
+        return Err(MachineError::wrong(
+            "[workpiece] has no covariance: only [sensor] has",
+        ));
+    }
+    let Some(c) = file.sensor.as_ref().and_then(|sensor| sensor.covariance) else {
+        return Ok(None);
+    };
+    for i in 0..6 {
+        for k in 0..6 {
+            let bound = (c[i][i] * c[k][k]).sqrt() * (1.0 + 1e-6);
+            let fits = c[i][i] >= 0.0 && c[i][k].abs() <= bound && c[i][k] == c[k][i];
+            if !fits {
+                return Err(MachineError::wrong(format!(
+                    "[sensor] covariance: row {}, column {} does not belong to a covariance",
+                    i + 1,
+                    k + 1
+                )));
+            }
+        }
+    }
+    Ok(Some(c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,6 +289,20 @@ workpiece = ["C"]
         let pose = machine.sensor_in_workpiece(&[x, c]);
         let expected = Vector3::new(10.0, 8.0, 0.0);
         assert!((pose.translation_mm - expected).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_mounts_covariance_is_read_or_refused() {
+        let with = |table: &str, c01: f64| {
+            let mut c = [[0.0; 6]; 6];
+            (0..6).for_each(|i| c[i][i] = 1e-6);
+            (c[0][1], c[1][0]) = (c01, c01);
+            AxisChain::parse(&format!("{GOOD}[{table}]\ncovariance = {c:?}\n"))
+        };
+        let machine = with("sensor", 5e-7).unwrap();
+        assert_eq!(machine.sensor_covariance.unwrap()[1][0], 5e-7);
+        assert!(with("sensor", 5e-6).is_err());
+        assert!(with("workpiece", 0.0).is_err());
     }
 
     #[test]

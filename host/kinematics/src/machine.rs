@@ -16,6 +16,9 @@ pub struct AxisChain {
     pub workpiece_chain: Vec<usize>,
     /// X: the sensor's frame in the machine's frame, joints at 0.
     pub sensor: Pose,
+    /// Of the mount, where a calibration said so: wx wy wz tx ty tz in rad and mm, with
+    /// `R_true = exp([w]×) R` and `t_true = t + (tx, ty, tz)`.
+    pub sensor_covariance: Option<[[f64; 6]; 6]>,
     /// W: the workpiece's frame in the machine's frame, joints at 0.
     pub workpiece: Pose,
 }

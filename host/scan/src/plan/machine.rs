@@ -101,6 +101,9 @@ pub struct ReachedPose {
     pub singular: bool,
 }
 
+/// Steps in which an axis is held that is free, where it cannot stand at zero.
+const HELD_STEP_DEG: f64 = 0.5;
+
 fn joint(name: &str, kind: JointKind, direction: Vector3<f64>, point_mm: Vector3<f64>) -> Joint {
     Joint {
         name: name.into(),
@@ -153,6 +156,7 @@ impl PlanMachine {
                     rotation: Matrix3::from_columns(&[line, line.cross(&beam), -beam]),
                     translation_mm: mount_origin_mm,
                 },
+                sensor_covariance: None,
                 workpiece: Pose {
                     rotation: part.rotation,
                     translation_mm: part_translation_mm,
@@ -312,34 +316,51 @@ impl PlanMachine {
             line: line.map(|l| (self.part_direction(l), mounted.1)),
         };
         let found = branches::aim(&turns, &aim);
-        if found.branches.is_empty() {
-            return Err(ReachFault::Unreachable);
-        }
-        let mut solutions = Vec::new();
-        for angles in &found.branches {
+        let complete = |angles: &[f64]| {
             let mut axes = vec![0.0; 3 + joints.len()];
-            let mut inside = true;
             for ((place, turn), angle) in joints.iter().zip(angles) {
-                match branches::nearest_turn(*angle, turn.limits_deg, 0.0) {
-                    Some(value) => axes[3 + place] = value,
-                    None => inside = false,
-                }
-            }
-            if !inside {
-                continue;
+                axes[3 + place] = branches::nearest_turn(*angle, turn.limits_deg, 0.0)?;
             }
             let x = self.carriage(origin_mm, &axes[3..]);
             axes[..3].copy_from_slice(x.as_slice());
-            if self.within_limits(&axes) {
-                solutions.push(axes);
-            }
-        }
+            self.within_limits(&axes).then_some(axes)
+        };
+        let mut solutions: Vec<Vec<f64>> =
+            found.branches.iter().filter_map(|a| complete(a)).collect();
         if found.singular {
             // Every set of angles is the same pose here; one is enough.
             solutions.truncate(1);
         }
+        let endless = found.singular || (line.is_none() && turns.len() > 2);
+        let mut reached = !found.branches.is_empty();
+        if solutions.is_empty() && endless {
+            // The free axis cannot stand at zero: the least angle is taken that all limits allow.
+            let mut steps: Vec<(usize, f64)> = Vec::new();
+            for (k, turn) in turns.iter().enumerate() {
+                let [low, high] = turn.limits_deg.map(|limit| limit.clamp(-360.0, 360.0));
+                let count = ((high - low) / HELD_STEP_DEG).ceil().max(1.0);
+                let held = |j: usize| low + (high - low) * j as f64 / count;
+                steps.extend((0..=count as usize).map(|j| (k, held(j))));
+            }
+            steps.sort_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+            for (k, held) in steps {
+                let sets = branches::with_held(&turns, &aim, k, held);
+                reached |= !sets.is_empty();
+                solutions.extend(sets.iter().filter_map(|set| complete(set)));
+                if !solutions.is_empty() {
+                    break;
+                }
+            }
+            if found.singular {
+                solutions.truncate(1);
+            }
+        }
         if solutions.is_empty() {
-            return Err(ReachFault::AxisLimit);
+            return Err(if reached {
+                ReachFault::AxisLimit
+            } else {
+                ReachFault::Unreachable
+            });
         }
         Ok(ReachedPose {
             solutions,

@@ -372,6 +372,12 @@ fn limits(pair: [f64; 2], what: &str) -> Result<[f64; 2], ScanError> {
     Ok(pair)
 }
 
+/// Columns of a path beside its rotary axes.
+const TAKEN: [&str; 15] = [
+    "X", "Y", "Z", "S", "pass", "laser", "ox_mm", "oy_mm", "oz_mm", "bx", "by", "bz", "lx", "ly",
+    "lz",
+];
+
 fn check_axes(raw: Vec<RawAxis>, names: &mut Vec<String>) -> Result<Vec<TurnAxis>, ScanError> {
     let mut axes = Vec::new();
     for a in raw {
@@ -384,7 +390,9 @@ fn check_axes(raw: Vec<RawAxis>, names: &mut Vec<String>) -> Result<Vec<TurnAxis
         need(
             !names.contains(&name),
             "machine_spec",
-            format!("[machine] The name {name} is given twice, or is one of X, Y, Z, S."),
+            format!(
+                "[machine] The name {name} is given twice, or is one of the path's other columns (X, Y, Z, S, pass, laser and the pose's)."
+            ),
         )?;
         need(
             near(&a.point_mm),
@@ -425,7 +433,7 @@ fn check_machine(
         code,
         "[machine] The mount's beam and line need a right angle between them.",
     )?;
-    let mut names: Vec<String> = ["X", "Y", "Z", "S"].map(String::from).to_vec();
+    let mut names: Vec<String> = TAKEN.map(String::from).to_vec();
     let table = check_axes(m.table, &mut names)?;
     let head = check_axes(m.head, &mut names)?;
     let (orient_deg, orient_word) = match m.spindle {
@@ -435,6 +443,11 @@ fn check_machine(
                 !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric()),
                 code,
                 "[machine.spindle] word needs letters or digits, such as W.",
+            )?;
+            need(
+                !["X", "Y", "Z"].contains(&word.as_str()),
+                code,
+                format!("[machine.spindle] word {word} is that of a linear axis."),
             )?;
             (Some(limits(s.orient_deg, "spindle orient_deg")?), word)
         }

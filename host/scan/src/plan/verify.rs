@@ -4,13 +4,12 @@ use std::io::BufRead;
 
 use serde::Serialize;
 
-use super::drive::axes::Driver;
-use super::drive::realise::{Pass, Realiser};
+use super::drive::realise::Pass;
 use super::drive::touch::Scenery;
 use super::machine::SensorPose;
 use super::mesh::PartMesh;
 use super::planner::result::PathRow;
-use super::proof::figures::{Overlap, overlap, stand};
+use super::proof::figures::{JudgedOverlap, judged_overlap, stand};
 use super::proof::samples::{sample_count, samples};
 use super::proof::see::see;
 use super::spec::ScanSpec;
@@ -18,6 +17,16 @@ use crate::ScanError;
 use crate::format::table::TableReader;
 use crate::surface::Mesh;
 use nalgebra::Vector3;
+
+/// A promise that a path does not keep.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PathFault {
+    /// `kinematics`, `axis_limit`, `max_step`, `max_turn`, `stand_off`, `tilt`, `off_part`, `collision`, `coverage` or
+    /// `overlap`.
+    pub fault: &'static str,
+    /// What is so and what is allowed.
+    pub message: String,
+}
 
 /// What a path is found to be.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -27,7 +36,7 @@ pub struct PathFindings {
     /// Nothing that was promised is broken.
     pub holds: bool,
     /// What is broken.
-    pub faults: Vec<String>,
+    pub faults: Vec<PathFault>,
     /// Passes with the laser on.
     pub passes: usize,
     /// Poses with the laser on.
@@ -44,8 +53,8 @@ pub struct PathFindings {
     pub tilt_max_deg: f64,
     /// Poses whose middle ray meets no part.
     pub off_part: usize,
-    /// Of neighbouring passes.
-    pub overlap: Option<Overlap>,
+    /// Of neighbouring passes; none where there is one pass.
+    pub overlap: Option<JudgedOverlap>,
     /// By how much the pose of a row differs from that of its axes.
     pub kinematics_mm: f64,
     /// The same for beam and line.
@@ -58,10 +67,17 @@ pub struct PathFindings {
     pub collisions: usize,
 }
 
+/// Beam and line are unit vectors at a right angle by this: six decimals.
+const UNIT: f64 = 2e-6;
+
+/// The largest number of a pass.
+const MOST_PASSES: f64 = 1e6;
+
 /// Reads a path as `umi scan plan` writes it.
 ///
 /// # Errors
-/// A column is missing or a cell is no finite number; `bad_path` where there is no row.
+/// A column is missing or a cell is no finite number; `bad_path` where there is no row, where beam and line are no unit
+/// vectors at a right angle, or where pass and laser contradict each other.
 pub fn read_path<R: BufRead>(
     spec: &ScanSpec,
     mut table: TableReader<R>,
@@ -86,18 +102,45 @@ pub fn read_path<R: BufRead>(
         for (value, column) in v.iter_mut().zip(&nine) {
             *value = row.finite(*column)?;
         }
-        let unit = |at: usize| Vector3::new(v[at], v[at + 1], v[at + 2]).try_normalize(1e-6);
-        let (Some(beam), Some(line)) = (unit(3), unit(6)) else {
-            return Err(ScanError::refused(
-                "bad_path",
-                format_args!("Line {}: beam or line have no direction.", row.line()),
+        let line_number = row.line();
+        let bad =
+            |what: &str| ScanError::refused("bad_path", format_args!("Line {line_number}: {what}"));
+        let three = |at: usize| Vector3::new(v[at], v[at + 1], v[at + 2]);
+        let (beam, line) = (three(3), three(6));
+        for (name, v) in [("beam", beam), ("line", line)] {
+            if (v.norm() - 1.0).abs() > UNIT {
+                return Err(bad(&format!(
+                    "the {name} is {:.9} long; a unit vector is needed.",
+                    v.norm()
+                )));
+            }
+        }
+        if beam.dot(&line).abs() > UNIT {
+            return Err(bad("beam and line are not at a right angle."));
+        }
+        let number = row.finite(pass)?;
+        if number.fract() != 0.0 || !(-1.0..=MOST_PASSES).contains(&number) {
+            return Err(bad(
+                "pass needs a whole number: 0, 1, and so on, or -1 for a link.",
             ));
+        }
+        let on = match row.finite(laser)? {
+            0.0 => false,
+            1.0 => true,
+            _ => return Err(bad("laser needs 0 or 1.")),
         };
+        if on != (number >= 0.0) {
+            return Err(bad(if on {
+                "the laser is on in a link (pass -1)."
+            } else {
+                "the laser is off in a pass: a link has pass -1."
+            }));
+        }
         rows.push(PathRow {
-            pass: row.finite(pass)? as i32,
-            laser: row.finite(laser)? != 0.0,
+            pass: number as i32,
+            laser: on,
             pose: SensorPose {
-                origin_mm: Vector3::new(v[0], v[1], v[2]),
+                origin_mm: three(0),
                 beam,
                 line,
             },
@@ -144,12 +187,7 @@ pub fn verify(
 ) -> PathFindings {
     let mut meshes = vec![&part.surface];
     meshes.extend(obstacles);
-    let realiser = Realiser {
-        spec,
-        driver: Driver::new(spec),
-        scenery: Scenery::new(spec, meshes),
-    };
-    let scenery = &realiser.scenery;
+    let scenery = &Scenery::new(spec, meshes);
     let passes = passes_of(rows);
     let all: Vec<&Pass> = passes.iter().collect();
     let count = sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
@@ -171,7 +209,7 @@ pub fn verify(
         stand_off_max_mm: stand.stand_off_max_mm,
         tilt_max_deg: stand.tilt_max_deg,
         off_part: stand.off_part,
-        overlap: overlap(spec, &all, &seen),
+        overlap: judged_overlap(spec, scenery, part, &all),
         kinematics_mm: 0.0,
         kinematics_rad: 0.0,
         max_step_mm: 0.0,
@@ -211,16 +249,17 @@ pub fn verify(
     found
 }
 
-fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
+fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<PathFault> {
     let plan = &spec.plan;
     let mut faults = Vec::new();
-    let mut need = |holds: bool, fault: String| {
+    let mut need = |holds: bool, fault: &'static str, message: String| {
         if !holds {
-            faults.push(fault);
+            faults.push(PathFault { fault, message });
         }
     };
     need(
         f.kinematics_mm <= 1e-6 && f.kinematics_rad <= 1e-8,
+        "kinematics",
         format!(
             "Pose and axes differ by {:.2e} mm and {:.2e} rad.",
             f.kinematics_mm, f.kinematics_rad
@@ -228,10 +267,12 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         beyond == 0,
+        "axis_limit",
         format!("{beyond} rows leave the limits of an axis."),
     );
     need(
         f.max_step_mm <= plan.max_step_mm + 1e-6,
+        "max_step",
         format!(
             "A step is {:.3} mm long; {} is allowed.",
             f.max_step_mm, plan.max_step_mm
@@ -239,6 +280,7 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         f.max_turn_deg <= plan.max_turn_deg + 1e-6,
+        "max_turn",
         format!(
             "An axis turns by {:.3} degrees in a step; {} is allowed.",
             f.max_turn_deg, plan.max_turn_deg
@@ -246,6 +288,7 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         f.stand_off_max_mm <= plan.stand_off_tolerance_mm,
+        "stand_off",
         format!(
             "The stand-off is off by {:.3} mm; {} is allowed.",
             f.stand_off_max_mm, plan.stand_off_tolerance_mm
@@ -253,6 +296,7 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         f.tilt_max_deg <= plan.max_tilt_deg + 1.5,
+        "tilt",
         format!(
             "The beam leans by {:.2} degrees; {} is allowed, and 1.5 more for facets.",
             f.tilt_max_deg, plan.max_tilt_deg
@@ -260,10 +304,12 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         f.off_part == 0,
+        "off_part",
         format!("The middle ray of {} poses misses the part.", f.off_part),
     );
     need(
         f.collisions == 0,
+        "collision",
         format!(
             "The sensor's box touches something between {} pairs of rows.",
             f.collisions
@@ -271,11 +317,22 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<String> {
     );
     need(
         f.coverage >= plan.min_coverage,
+        "coverage",
         format!(
             "{:.1} % of the area are seen; {:.1} % are wanted.",
             f.coverage * 100.0,
             plan.min_coverage * 100.0
         ),
     );
+    if let Some(overlap) = &f.overlap {
+        need(
+            overlap.holds(),
+            "overlap",
+            format!(
+                "Neighbouring strips overlap by {:.3} of the line or less on a tenth of their length, by {:.3} in the middle; {} is wanted everywhere.",
+                overlap.tenth, overlap.median, overlap.wanted
+            ),
+        );
+    }
     faults
 }

@@ -11,8 +11,10 @@ use super::super::drive::axes::Driver;
 use super::super::map::Chart;
 use super::super::mesh::{PartMesh, weld::BORDER};
 use super::field::HeightField;
+use umi_sparse::SparseSystem;
 
-const MOST_STEPS: usize = 2000;
+/// A triangle's area counts as no less than this share of its longest edge's square: a sliver does not own the system.
+const LEAST_AREA: f64 = 1e-5;
 
 /// Heights that rise along the laser line, one for each branch of the axes.
 pub fn line_fields(part: &PartMesh, chart: &Chart, driver: &Driver<'_>) -> Vec<HeightField> {
@@ -23,14 +25,15 @@ pub fn line_fields(part: &PartMesh, chart: &Chart, driver: &Driver<'_>) -> Vec<H
         .collect();
     let branches = lines.iter().map(Vec::len).max().unwrap_or(0);
     (0..branches)
-        .map(|branch| {
+        .filter_map(|branch| {
             let chosen: Vec<Option<Vector3<f64>>> = lines
                 .iter()
                 .map(|l| l.get(branch).or_else(|| l.last()).copied())
                 .collect();
             let slopes = one_sense(part, chart, &chosen);
-            let height = rise(part, chart, &slopes);
-            HeightField::new(part, chart, height, format!("line, branch {branch}"))
+            let height = rise(part, chart, &slopes)?;
+            let name = format!("line, branch {branch}");
+            Some(HeightField::new(part, chart, height, name))
         })
         .collect()
 }
@@ -73,64 +76,33 @@ fn one_sense(part: &PartMesh, chart: &Chart, lines: &[Option<Vector3<f64>>]) -> 
     slopes
 }
 
-/// The height whose slope is nearest to the wanted one, by conjugate gradients.
-fn rise(part: &PartMesh, chart: &Chart, slopes: &[Vector3<f64>]) -> Vec<f64> {
-    let n = chart.map.vertices.len();
-    let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::with_capacity(7); n];
-    let mut diagonal = vec![1e-9; n];
-    let mut rest = vec![0.0; n];
-    for (k, f) in chart.map.faces.iter().enumerate() {
-        let face = chart.faces[k] as usize;
-        let (t, normal) = (part.corners(face), part.normal(face));
-        for c in 0..3 {
-            let (i, j, o) = (f[c], f[(c + 1) % 3], f[(c + 2) % 3]);
-            let (a, b) = (t[c] - t[(c + 2) % 3], t[(c + 1) % 3] - t[(c + 2) % 3]);
-            let cot = (a.dot(&b) / a.cross(&b).norm().max(1e-300)).clamp(-1e4, 1e4) / 2.0;
-            for (p, q) in [(i, j), (j, i)] {
-                match rows[p as usize].iter_mut().find(|(v, _)| *v == q) {
-                    Some((_, w)) => *w += cot,
-                    None => rows[p as usize].push((q, cot)),
+/// The height whose slope is nearest to the wanted one. None where the system cannot be solved.
+fn rise(part: &PartMesh, chart: &Chart, slopes: &[Vector3<f64>]) -> Option<Vec<f64>> {
+    // The first vertex stands at zero: heights are told but for a constant.
+    let unknown = |v: u32| v.checked_sub(1);
+    let count = chart.map.vertices.len().saturating_sub(1) as u32;
+    let mut system = SparseSystem::new(count, 6 * chart.faces.len());
+    let mut right = vec![0.0; count as usize];
+    for ((f, &face), slope) in chart.map.faces.iter().zip(&chart.faces).zip(slopes) {
+        let (t, normal) = (part.corners(face as usize), part.normal(face as usize));
+        let edge = |k: usize| t[(k + 2) % 3] - t[(k + 1) % 3];
+        // The slope of each corner's hat function, times the area.
+        let hats = [0, 1, 2].map(|k| normal.cross(&edge(k)) / 2.0);
+        let longest = hats
+            .iter()
+            .map(|h| 4.0 * h.norm_squared())
+            .fold(0.0, f64::max);
+        let area = part.area_mm2(face as usize).max(LEAST_AREA * longest);
+        for i in 0..3 {
+            let Some(row) = unknown(f[i]) else { continue };
+            right[row as usize] += hats[i].dot(slope);
+            for j in 0..3 {
+                if let Some(column) = unknown(f[j]) {
+                    system.add(row, column, hats[i].dot(&hats[j]) / area);
                 }
-                diagonal[p as usize] += cot;
             }
-            // The slope of the corner's hat function, times the area.
-            let hat = normal.cross(&(t[c] - t[(c + 1) % 3])) / 2.0;
-            rest[o as usize] += hat.dot(&slopes[k]);
         }
     }
-    for d in &mut diagonal {
-        *d = d.max(1e-9);
-    }
-    let mut x = vec![0.0; n];
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut step: Vec<f64> = rest.iter().zip(&diagonal).map(|(r, d)| r / d).collect();
-    let mut size = dot(&rest, &step);
-    let goal = size * 1e-10;
-    let mut product = vec![0.0; n];
-    for _ in 0..MOST_STEPS {
-        if size.is_nan() || size <= goal || size < 1e-300 {
-            break;
-        }
-        for (i, row) in rows.iter().enumerate() {
-            product[i] = row
-                .iter()
-                .map(|(j, w)| w * (step[i] - step[*j as usize]))
-                .sum();
-        }
-        let curvature = dot(&step, &product);
-        if curvature.is_nan() || curvature <= 0.0 {
-            break;
-        }
-        let length = size / curvature;
-        for k in 0..n {
-            x[k] += step[k] * length;
-            rest[k] -= product[k] * length;
-        }
-        let next: f64 = rest.iter().zip(&diagonal).map(|(r, d)| r * r / d).sum();
-        for k in 0..n {
-            step[k] = rest[k] / diagonal[k] + step[k] * (next / size);
-        }
-        size = next;
-    }
-    x
+    let solved = system.solve(&right)?;
+    Some(std::iter::once(0.0).chain(solved).collect())
 }

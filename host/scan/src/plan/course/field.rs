@@ -15,6 +15,9 @@ const DIRECTIONS: usize = 18;
 /// Steps of the height in which slopes are collected.
 const BINS: usize = 256;
 
+/// How far from the end of the reach the last course lies, of the strip's width.
+const CUT_INSET: f64 = 0.15;
+
 /// A height over the vertices of a chart.
 #[derive(Debug, Clone)]
 pub struct HeightField {
@@ -80,8 +83,12 @@ pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
 /// Edges of a hull that are looked at, at most: more stand for a curve.
 const HULL_EDGES: usize = 256;
 
-/// The direction of a side of the box of least area around points, in radians. One side of it lies on an edge of their
-/// convex hull.
+/// Boxes whose area is larger by this share are nearly as good.
+const AS_GOOD: f64 = 1e-3;
+
+/// The direction of a side of the box of least area around points, in radians, up to quarter turns. One side of it lies on
+/// an edge of their convex hull; of boxes that are nearly as good the mean, so that a part that is the same in a mirror has
+/// the direction of its mirror.
 fn box_angle(mut points: Vec<Vector2<f64>>) -> f64 {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let mut hull: Vec<Vector2<f64>> = Vec::new();
@@ -100,7 +107,8 @@ fn box_angle(mut points: Vec<Vector2<f64>>) -> f64 {
         }
         hull.pop();
     }
-    let mut best = (f64::INFINITY, 0.0);
+    // Of each edge: the area of its box, its own length, and its angle.
+    let mut boxes: Vec<(f64, f64, f64)> = Vec::new();
     for k in (0..hull.len()).step_by((hull.len() / HULL_EDGES).max(1)) {
         let edge = hull[(k + 1) % hull.len()] - hull[k];
         let Some(along) = edge.try_normalize(1e-12) else {
@@ -117,12 +125,19 @@ fn box_angle(mut points: Vec<Vector2<f64>>) -> f64 {
             high - low
         };
         let area = extent(&along) * extent(&across);
-        // Rounding must not choose between edges that are as good.
-        if area < best.0 * (1.0 - 1e-9) {
-            best = (area, along.y.atan2(along.x));
-        }
+        boxes.push((area, edge.norm(), along.y.atan2(along.x)));
     }
-    best.1
+    let least = boxes.iter().map(|b| b.0).fold(f64::INFINITY, f64::min);
+    let mean: Vector2<f64> = boxes
+        .iter()
+        .map(|(area, length, angle)| {
+            // As good as the best but for rounding or the mesh: each has its say, so that neither chooses.
+            let weight = length * (-(area / least - 1.0) / AS_GOOD).exp();
+            let (s, c) = (4.0 * angle).sin_cos();
+            Vector2::new(c, s) * weight
+        })
+        .sum();
+    mean.y.atan2(mean.x) / 4.0
 }
 
 impl HeightField {
@@ -149,8 +164,9 @@ impl HeightField {
         }
     }
 
-    /// Levels of the courses. `share` tells for each triangle of the chart how much of the line's length lies across the
-    /// course there (1 where the line can be turned freely).
+    /// Levels of the courses. `share` tells for each triangle of the chart how wide a strip is there, as a share of the
+    /// line's length (1 where the beam follows the surface and the line can be turned freely); 0 where it is not reached.
+    /// Where the reach ends before the height does, the last course lies near that end: half its line sees beyond.
     pub fn levels(
         &self,
         part: &PartMesh,
@@ -158,12 +174,17 @@ impl HeightField {
         spacing: Spacing,
         share: &[f64],
     ) -> Vec<f64> {
-        let (low, high) = self
-            .height
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
-                (l.min(*v), h.max(*v))
-            });
+        let span = |heights: &mut dyn Iterator<Item = f64>| {
+            heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(v), h.max(v))
+            })
+        };
+        let whole = span(&mut self.height.iter().copied());
+        let reached = chart.map.faces.iter().zip(share).filter(|(_, s)| **s > 0.0);
+        let (low, high) = span(&mut reached.flat_map(|(f, _)| f.map(|v| self.height[v as usize])));
+        if low > high {
+            return Vec::new();
+        }
         let bin = (high - low) / BINS as f64;
         if bin.is_nan() || bin <= 1e-9 {
             return vec![(low + high) / 2.0];
@@ -177,6 +198,9 @@ impl HeightField {
                 place(h[0].min(h[1]).min(h[2])),
                 place(h[0].max(h[1]).max(h[2])),
             );
+            if share[k] <= 0.0 {
+                continue;
+            }
             let area = part.area_mm2(chart.faces[k] as usize) / (to - from + 1) as f64;
             let slope = self.slope[k].norm() * share[k];
             for here in &mut slopes[from..=to] {
@@ -209,13 +233,19 @@ impl HeightField {
             let share = (s - way[k - 1]) / (way[k] - way[k - 1]).max(1e-300);
             low + bin * (k as f64 - 1.0 + share.clamp(0.0, 1.0))
         };
-        if last <= spacing.width_mm {
+        let inset = |cut: bool| spacing.width_mm * if cut { CUT_INSET } else { 0.5 };
+        let little = 0.01 * (whole.1 - whole.0);
+        let (first, end) = (
+            inset(low - whole.0 > little),
+            last - inset(whole.1 - high > little),
+        );
+        let inner = end - first;
+        if inner <= 0.0 {
             return vec![at(last / 2.0)];
         }
-        let inner = last - spacing.width_mm;
         let gaps = (inner / spacing.pitch_mm).ceil().clamp(1.0, 20_000.0);
         (0..=gaps as usize)
-            .map(|k| at(spacing.width_mm / 2.0 + inner * k as f64 / gaps))
+            .map(|k| at(first + inner * k as f64 / gaps))
             .collect()
     }
 }
@@ -237,5 +267,19 @@ mod tests {
             assert!(off.abs() < 1e-9, "{degrees}: {found}");
         }
         assert_eq!(box_angle(Vec::new()), 0.0);
+        // Four boxes are as good: two lean to either side.
+        let roofs = [
+            (0.0, 1.0),
+            (5.0, 0.0),
+            (10.0, 1.0),
+            (10.0, 6.0),
+            (5.0, 7.0),
+            (0.0, 6.0),
+        ];
+        for turn in [0, 2, 5] {
+            let mut points = roofs.map(|(x, y)| Vector2::new(x, y)).to_vec();
+            points.rotate_left(turn);
+            assert!(box_angle(points).abs() < 1e-9);
+        }
     }
 }

@@ -5,11 +5,18 @@ use nalgebra::Vector3;
 use super::level::LinePoint;
 use crate::plan::laser_run::{LaserRun, RunPoint};
 
-/// How far before the border the middle ray stays, so that it meets the part.
-const INSET_MM: f64 = 0.02;
+/// How a run ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunEnds {
+    /// How far before the border the middle ray stays, so that it meets the part.
+    pub inset_mm: f64,
+    /// What is shorter is no run.
+    pub shortest_mm: f64,
+}
 
 /// Makes a run with steps of at most `step_mm`; normals and directions are smoothed over `smooth_mm` to either side.
-pub fn run(line: &[LinePoint], step_mm: f64, smooth_mm: f64) -> Option<LaserRun> {
+pub fn run(line: &[LinePoint], step_mm: f64, smooth_mm: f64, ends: RunEnds) -> Option<LaserRun> {
+    let inset = ends.inset_mm;
     let mut ways = Vec::with_capacity(line.len());
     let mut way = 0.0;
     for (k, p) in line.iter().enumerate() {
@@ -18,8 +25,8 @@ pub fn run(line: &[LinePoint], step_mm: f64, smooth_mm: f64) -> Option<LaserRun>
         }
         ways.push(way);
     }
-    let length = way - 2.0 * INSET_MM;
-    if length.is_nan() || length < 0.2 {
+    let length = way - 2.0 * inset;
+    if length.is_nan() || length < ends.shortest_mm {
         return None;
     }
     let at = |s: f64| {
@@ -36,14 +43,14 @@ pub fn run(line: &[LinePoint], step_mm: f64, smooth_mm: f64) -> Option<LaserRun>
     let fine = (length / (step_mm / 3.0).min(0.7)).ceil().clamp(2.0, 2e6) as usize;
     let fine_step = length / fine as f64;
     let dense: Vec<_> = (0..=fine)
-        .map(|k| at(INSET_MM + fine_step * k as f64))
+        .map(|k| at(inset + fine_step * k as f64))
         .collect();
     let reach = (smooth_mm / fine_step).ceil() as usize;
     let count = (length / step_mm).ceil().max(1.0) as usize;
     let mut points = Vec::with_capacity(count + 1);
     for k in 0..=count {
         let s = length * k as f64 / count as f64;
-        let (place, _) = at(INSET_MM + s);
+        let (place, _) = at(inset + s);
         let centre = ((s / fine_step).round() as usize).min(fine);
         let (from, to) = (centre.saturating_sub(reach), (centre + reach).min(fine));
         // One-sided windows at the ends would lean; they shrink to stay even.

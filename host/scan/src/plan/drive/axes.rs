@@ -11,6 +11,7 @@ use super::super::course::RunPoint;
 use super::super::machine::PlanMachine;
 use super::super::map::flatten::across;
 use super::super::spec::ScanSpec;
+use super::deadline::Deadline;
 
 /// How a run is held: which way round the line lies, and how the beam leans.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -21,6 +22,8 @@ pub struct Stance {
     pub lean_along_deg: f64,
     /// Lean of the beam across the way.
     pub lean_across_deg: f64,
+    /// Further off than the reference distance; negative: nearer.
+    pub shift_mm: f64,
 }
 
 /// Consecutive poses of a run that the axes can follow.
@@ -57,8 +60,24 @@ const SPINDLE_WEIGHT: f64 = 0.05;
 /// Of the share of the line that does not lie across the way, against the square of a tilt in degrees: a strip that is
 /// narrower by a fiftieth is worth a lean of 9 degrees.
 const LINE_WEIGHT: f64 = 4000.0;
+/// Points between two looks at the time.
+pub const LOOK_EVERY: usize = 128;
+
 /// Share of the largest turn that is used, so that rounding cannot exceed it.
 const TURN_SHARE: f64 = 0.95;
+
+/// An axis without end is looked for this far to either side of its angle nearest to zero. Three turns are enough for a
+/// run to wind; each more is as many candidates again.
+const TURNS_SOUGHT_DEG: f64 = 540.0;
+
+/// Limits, cut where an axis turns on and on.
+fn sought([low, high]: [f64; 2]) -> [f64; 2] {
+    let middle = 0.0_f64.max(low).min(high);
+    [
+        low.max(middle - TURNS_SOUGHT_DEG),
+        high.min(middle + TURNS_SOUGHT_DEG),
+    ]
+}
 
 /// Everything that does not change along a run.
 pub struct Driver<'a> {
@@ -70,6 +89,7 @@ pub struct Driver<'a> {
     spindle: bool,
     tilt_deg: f64,
     turn_deg: f64,
+    deadline: Option<Deadline>,
 }
 
 impl<'a> Driver<'a> {
@@ -79,13 +99,32 @@ impl<'a> Driver<'a> {
         Driver {
             spec,
             machine,
-            aiming: machine.aiming_joints(),
+            aiming: machine
+                .aiming_joints()
+                .into_iter()
+                .map(|(place, mut joint)| {
+                    joint.limits_deg = sought(joint.limits_deg);
+                    (place, joint)
+                })
+                .collect(),
             limits: machine.limits()[3..].to_vec(),
             spindle: machine.line_by_spindle(),
             // Facets differ from the smoothed normal by about this much.
             tilt_deg: (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8),
             turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
+            deadline: None,
         }
+    }
+
+    /// Runs are followed no longer than this: a late answer is short, and whoever asks looks at the time.
+    pub fn until(mut self, deadline: Deadline) -> Self {
+        self.deadline = Some(deadline);
+        self
+    }
+
+    /// Is there time? Asked at every some hundred points.
+    pub fn more(&self) -> bool {
+        self.deadline.is_none_or(Deadline::more)
     }
 
     /// Can the line be turned freely about the beam?
@@ -111,45 +150,78 @@ impl<'a> Driver<'a> {
         angle_deg(beam, &-normal) <= self.tilt_deg
     }
 
+    /// Angles within their limits that bring the beam against a normal, as near as the axes can; the spindle at zero.
+    fn aimed(&self, normal: &Vector3<f64>) -> Vec<Vec<f64>> {
+        let zero = vec![0.0; self.limits.len()];
+        let beam = self.machine.part_direction(&-normal);
+        let mounted = self.machine.mounted().0;
+        match self.aiming.as_slice() {
+            [] => vec![zero],
+            [(place, turn)] => {
+                let mut angles = zero;
+                let [low, high] = turn.limits_deg;
+                let best = best_about(&turn.direction, &beam, &mounted).unwrap_or(0.0);
+                angles[*place] = branches::nearest_turn(best, turn.limits_deg, 0.0)
+                    .unwrap_or_else(|| best.clamp(low, high));
+                vec![angles]
+            }
+            aiming => {
+                let turns: Vec<ChainRotation> = aiming.iter().map(|(_, t)| t.clone()).collect();
+                let aim = Aim {
+                    beam: (beam, mounted),
+                    line: None,
+                };
+                let within = |set: &Vec<f64>| {
+                    let mut angles = zero.clone();
+                    for ((place, turn), angle) in aiming.iter().zip(set) {
+                        angles[*place] = branches::nearest_turn(*angle, turn.limits_deg, 0.0)?;
+                    }
+                    Some(angles)
+                };
+                let found = branches::aim(&turns, &aim).branches;
+                found.iter().filter_map(within).collect()
+            }
+        }
+    }
+
     /// The line's direction where the beam is against this normal as well as the axes can, one for each branch; none where
     /// two axes do not reach it. For machines whose line follows from the beam.
     pub fn lines_for(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let mut angles = vec![0.0; self.limits.len()];
-        match self.aiming.as_slice() {
-            [] => vec![self.machine.pointing(&angles).1],
-            [(place, turn)] => {
-                let beam = self.machine.part_direction(&-normal);
-                let [low, high] = turn.limits_deg;
-                let best = best_about(&turn.direction, &beam, &self.machine.mounted().0);
-                angles[*place] = best.unwrap_or(0.0).clamp(low, high);
-                vec![self.machine.pointing(&angles).1]
-            }
-            _ => match self.machine.inverse(&Vector3::zeros(), &-normal, None) {
-                Ok(reached) => reached
-                    .solutions
-                    .iter()
-                    .map(|axes| self.machine.pointing(&axes[3..]).1)
-                    .collect(),
-                Err(_) => Vec::new(),
-            },
-        }
+        let sets = self.aimed(normal);
+        sets.iter().map(|a| self.machine.pointing(a).1).collect()
     }
 
     /// The same for every beam that leans no more than allowed: a ring of leans stands for all.
     pub fn lines_within_tilt(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        const AROUND: usize = 12;
         let mut lines = self.lines_for(normal);
-        if self.aiming.len() != 2 {
-            return lines;
-        }
-        let (x, y) = across(normal);
-        // A little less than is allowed: the way along a course must have room, too.
-        let lean = (0.9 * self.tilt_deg).to_radians().tan();
-        for k in 0..AROUND {
-            let (s, c) = (std::f64::consts::TAU * k as f64 / AROUND as f64).sin_cos();
-            lines.extend(self.lines_for(&(normal + (x * c + y * s) * lean).normalize()));
+        if self.aiming.len() == 2 {
+            for leant in self.leans(normal) {
+                lines.extend(self.lines_for(&leant));
+            }
         }
         lines
+    }
+
+    /// Normals around one, leant by nearly as much as is allowed: the way along a course must have room, too.
+    fn leans(&self, normal: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> {
+        const AROUND: usize = 12;
+        let (x, y) = across(normal);
+        let (normal, lean) = (*normal, (0.9 * self.tilt_deg).to_radians().tan());
+        (0..AROUND).map(move |k| {
+            let (s, c) = (std::f64::consts::TAU * k as f64 / AROUND as f64).sin_cos();
+            (normal + (x * c + y * s) * lean).normalize()
+        })
+    }
+
+    /// Can the axes point the beam at a surface with this normal within the tilt? X, Y, Z are not asked.
+    pub fn reaches(&self, normal: &Vector3<f64>) -> bool {
+        let near = |aimed_at: &Vector3<f64>| {
+            let beams = self.aimed(aimed_at);
+            beams
+                .iter()
+                .any(|a| self.within_tilt(&self.machine.pointing(a).0, normal))
+        };
+        near(normal) || (self.aiming.len() > 1 && self.leans(normal).any(|n| near(&n)))
     }
 
     /// Axis values along a run.
@@ -159,17 +231,20 @@ impl<'a> Driver<'a> {
         let mut open: Vec<Vec<State>> = Vec::new();
         let mut from = 0;
         for (k, point) in points.iter().enumerate() {
+            if k % LOOK_EVERY == 0 && !self.more() {
+                break;
+            }
             let mut states = self.states(point, stance);
             if states.is_empty() {
                 unreached.points += 1;
-                self.close(&mut pieces, from, &mut open, points);
+                self.close(&mut pieces, from, &mut open, points, stance);
                 continue;
             }
             if let Some(before) = open.last()
                 && !self.join(before, &mut states)
             {
                 unreached.breaks += 1;
-                self.close(&mut pieces, from, &mut open, points);
+                self.close(&mut pieces, from, &mut open, points, stance);
             }
             if open.is_empty() {
                 from = k;
@@ -181,8 +256,13 @@ impl<'a> Driver<'a> {
             }
             open.push(states);
         }
-        self.close(&mut pieces, from, &mut open, points);
+        self.close(&mut pieces, from, &mut open, points, stance);
         (pieces, unreached)
+    }
+
+    /// From the surface to the sensor's origin.
+    fn off(&self, stance: Stance) -> f64 {
+        self.spec.sensor.reference_mm + stance.shift_mm
     }
 
     /// Candidates at a point: angles that keep the tilt and the limits.
@@ -196,11 +276,10 @@ impl<'a> Driver<'a> {
         let count = self.limits.len();
         if !self.spindle && self.aiming.len() > 2 {
             // Three rotations hold beam and line exactly.
-            if let Ok(reached) = self.machine.inverse(
-                &(point.at - beam * self.spec.sensor.reference_mm),
-                &beam,
-                Some(&line),
-            ) {
+            if let Ok(reached) =
+                self.machine
+                    .inverse(&(point.at - beam * self.off(stance)), &beam, Some(&line))
+            {
                 angles_found.extend(reached.solutions.iter().map(|axes| axes[3..].to_vec()));
             }
         } else {
@@ -257,7 +336,7 @@ impl<'a> Driver<'a> {
         let mut states = Vec::new();
         for mut angles in angles_found {
             // Whole turns point the same way and cost the same.
-            if let Some(cost) = self.complete(&mut angles, point, &beam, &line) {
+            if let Some(cost) = self.complete(&mut angles, point, stance, &beam, &line) {
                 self.whole_turns(angles, |angles| {
                     states.push(State {
                         angles,
@@ -328,6 +407,7 @@ impl<'a> Driver<'a> {
         &self,
         angles: &mut [f64],
         point: &RunPoint,
+        stance: Stance,
         wanted: &Vector3<f64>,
         line: &Vector3<f64>,
     ) -> Option<f64> {
@@ -360,9 +440,9 @@ impl<'a> Driver<'a> {
         let x = if self.spindle {
             // The spindle carries the sensor's origin about.
             self.machine
-                .carriage(&(point.at - beam * self.spec.sensor.reference_mm), angles)
+                .carriage(&(point.at - beam * self.off(stance)), angles)
         } else {
-            stand.carriage(&(point.at - beam * self.spec.sensor.reference_mm))
+            stand.carriage(&(point.at - beam * self.off(stance)))
         };
         let inside = x
             .iter()
@@ -421,6 +501,7 @@ impl<'a> Driver<'a> {
         from: usize,
         open: &mut Vec<Vec<State>>,
         points: &[RunPoint],
+        stance: Stance,
     ) {
         let states = std::mem::take(open);
         let Some(last) = states.last() else { return };
@@ -442,7 +523,7 @@ impl<'a> Driver<'a> {
             let axes = rows[start..start + length]
                 .iter()
                 .zip(&points[from + start..])
-                .map(|(angles, point)| self.with_carriage(angles, point))
+                .map(|(angles, point)| self.with_carriage(angles, point, stance))
                 .collect();
             pieces.push(DrivenRun {
                 from: from + start,
@@ -452,13 +533,13 @@ impl<'a> Driver<'a> {
         }
     }
 
-    fn with_carriage(&self, angles: &[f64], point: &RunPoint) -> Vec<f64> {
+    fn with_carriage(&self, angles: &[f64], point: &RunPoint, stance: Stance) -> Vec<f64> {
         // Rounded as the path's file is, so that pose and axes agree to its last digit.
         let angles: Vec<f64> = angles.iter().map(|a| rounded(*a)).collect();
         let beam = self.machine.pointing(&angles).0;
         let x = self
             .machine
-            .carriage(&(point.at - beam * self.spec.sensor.reference_mm), &angles);
+            .carriage(&(point.at - beam * self.off(stance)), &angles);
         x.iter()
             .map(|v| rounded(*v))
             .chain(angles.iter().copied())

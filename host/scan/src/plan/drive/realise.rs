@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::super::course::{LaserRun, RunPoint};
 use super::super::machine::SensorPose;
 use super::super::spec::ScanSpec;
-use super::axes::{DrivenRun, Driver, Stance, Unreached, angle_deg, rounded};
+use super::axes::{DrivenRun, Driver, LOOK_EVERY, Stance, Unreached, angle_deg, rounded};
 use super::touch::Scenery;
 
 /// A pass: axis values in the order driven, laser on.
@@ -34,10 +34,28 @@ pub struct Realiser<'a> {
     pub driver: Driver<'a>,
     /// What is touched and what shadows; the part first.
     pub scenery: Scenery<'a>,
+    /// Passes shorter than this are left out.
+    pub shortest_mm: f64,
 }
 
-/// Passes shorter than this are left out.
+/// Passes shorter than this are left out, on a part that is not small itself.
 const SHORTEST_MM: f64 = 0.5;
+
+/// Share of the stand-off's tolerance that a shift takes.
+const SHIFT_SHARE: f64 = 0.9;
+
+/// Less is no way out of anything.
+const LEAST_SHIFT_MM: f64 = 0.05;
+
+/// The shortest pass of a part: it is small beside the part, too.
+pub fn shortest_mm(part: &crate::surface::Mesh) -> f64 {
+    let corners = || part.triangles().iter().flat_map(|t| t.corners);
+    let across = (0..3).map(|k| {
+        let values = || corners().map(|c| c[k]);
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+    });
+    SHORTEST_MM.min(0.2 * across.fold(0.0, f64::max))
+}
 
 impl Realiser<'_> {
     /// Passes along a run; none where nothing of it can be driven.
@@ -57,7 +75,11 @@ impl Realiser<'_> {
         let mut stretches: Vec<Stretch> = Vec::new();
         let mut collided = false;
         let senses = if self.driver.line_has_sense() { 2 } else { 1 };
+        let leant = 5 * senses;
         for (number, stance) in self.stances(senses).into_iter().enumerate() {
+            if !self.driver.more() {
+                return Vec::new();
+            }
             // The plain stance comes first.
             let (pieces, unreached) = plain
                 .take()
@@ -92,6 +114,10 @@ impl Realiser<'_> {
             if number + 1 == senses && !collided && (beyond_axes || best > 0.85 * most) {
                 break;
             }
+            // Another distance is for what touches.
+            if number + 1 == leant && !collided {
+                break;
+            }
         }
         let mut free = vec![true; points.len()];
         let mut found = Vec::new();
@@ -102,7 +128,7 @@ impl Realiser<'_> {
                 for (from, to) in open_parts(&free, s.from, s.from + s.axes.len()) {
                     let share = (to - from - 1) as f64 / (s.axes.len() - 1) as f64;
                     // A later stance must be clearly better: it leans or turns for it.
-                    let score = s.score * share * (1.0 - 0.01 * s.stance as f64);
+                    let score = s.score * share * (1.0 - 0.01 * s.stance.min(30) as f64);
                     if best.is_none_or(|b| score > b.0) {
                         best = Some((score, k, from, to));
                     }
@@ -119,7 +145,7 @@ impl Realiser<'_> {
             let axes = s.axes[from - s.from..to - s.from].to_vec();
             let poses = axes.iter().map(|a| self.spec.machine.forward(a)).collect();
             let mut pass = Pass { axes, poses };
-            if pass.length_mm(self.spec) < SHORTEST_MM {
+            if pass.length_mm(self.spec) < self.shortest_mm {
                 continue;
             }
             if from == 0 {
@@ -134,23 +160,36 @@ impl Realiser<'_> {
         found.into_iter().map(|(_, pass)| pass).collect()
     }
 
-    /// Every lean, with the line in one or both senses.
+    /// Every lean, with the line in one or both senses; then the other distances that are allowed, plain and leant.
     fn stances(&self, senses: usize) -> Vec<Stance> {
         let allowed = self.spec.plan.max_tilt_deg;
         let lean = (allowed - 1.5).max(allowed * 0.5);
+        let sensor = &self.spec.sensor;
+        let shift = SHIFT_SHARE * self.spec.plan.stand_off_tolerance_mm;
+        // The middle ray stays within what is measured.
+        let away = shift.min(sensor.range_mm[1] - sensor.reference_mm);
+        let near = shift.min(sensor.reference_mm - sensor.range_mm[0]);
         let mut stances = Vec::new();
-        for (along, across) in [
+        let leans = [
             (0.0, 0.0),
             (0.0, lean),
             (0.0, -lean),
             (lean, 0.0),
             (-lean, 0.0),
-        ] {
+        ];
+        let shifted = [away, -near]
+            .into_iter()
+            .filter(|by| by.abs() > LEAST_SHIFT_MM);
+        for (along, across, shift_mm) in std::iter::once(0.0)
+            .chain(shifted)
+            .flat_map(|by| leans.map(|(along, across)| (along, across, by)))
+        {
             for turned in [false, true].into_iter().take(senses) {
                 stances.push(Stance {
                     turned,
                     lean_along_deg: along,
                     lean_across_deg: across,
+                    shift_mm,
                 });
             }
         }
@@ -166,7 +205,10 @@ impl Realiser<'_> {
         obstructed: &mut Obstructed,
         into: &mut Vec<Stretch>,
     ) -> bool {
-        let states: Vec<Usable> = piece.axes.iter().map(|a| self.usable(a)).collect();
+        let usable = |(k, axes): (usize, &Vec<f64>)| {
+            (k % LOOK_EVERY > 0 || self.driver.more()).then(|| self.usable(axes))
+        };
+        let states: Vec<Usable> = piece.axes.iter().enumerate().map_while(usable).collect();
         let mut collided = false;
         for (k, state) in states.iter().enumerate() {
             if *state == Usable::Touches {
@@ -205,6 +247,18 @@ impl Realiser<'_> {
         collided
     }
 
+    /// Does a pass meet the part as it should, and touch nothing, on its ways too?
+    pub fn drivable(&self, pass: &Pass) -> bool {
+        let machine = &self.spec.machine;
+        pass.axes
+            .iter()
+            .all(|axes| machine.within_limits(axes) && self.usable(axes) == Usable::Yes)
+            && !pass
+                .axes
+                .windows(2)
+                .any(|w| self.scenery.touches_between(machine, &w[0], &w[1]))
+    }
+
     fn usable(&self, axes: &[f64]) -> Usable {
         let pose = self.spec.machine.forward(axes);
         let sensor = &self.spec.sensor;
@@ -216,7 +270,7 @@ impl Realiser<'_> {
         let obstacle = self.scenery.meshes[1..]
             .iter()
             .any(|m| m.first_hit(&pose.origin_mm, &pose.beam, hit.at).is_some());
-        let tilt = angle_deg(&-pose.beam, &part.triangles()[hit.face].normal);
+        let tilt = self.scenery.tilt_deg(&pose, &hit);
         if obstacle
             || (hit.at - sensor.reference_mm).abs() > self.spec.plan.stand_off_tolerance_mm * 0.98
             || tilt > self.spec.plan.max_tilt_deg + 1.0

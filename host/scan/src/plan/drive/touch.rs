@@ -4,13 +4,18 @@ use nalgebra::Vector3;
 
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::spec::ScanSpec;
-use crate::surface::{Mesh, StandingBox};
+use super::axes::angle_deg;
+use crate::surface::{Mesh, RayHit, StandingBox};
 
 /// Between poses, the box is looked at this often: mm and degrees.
 const LOOK: f64 = 2.0;
 
 /// Added to the clearance, for what lies between two looks.
 const SPARE_MM: f64 = 0.05;
+
+/// A ray so near to an edge may meet either side of it, by the last digits of the axes; far less than courses keep off a
+/// sharp edge.
+const ON_EDGE_MM: f64 = 2e-7;
 
 /// Part and obstacles, with the sensor's box.
 pub struct Scenery<'a> {
@@ -32,6 +37,29 @@ impl<'a> Scenery<'a> {
             clearance_mm: spec.plan.clearance_mm,
             reference_mm: spec.sensor.reference_mm,
         }
+    }
+
+    /// The angle between the beam and the triangle that its middle ray meets; on an edge the larger one of those beside it.
+    pub fn tilt_deg(&self, pose: &SensorPose, hit: &RayHit) -> f64 {
+        let part = self.meshes[0];
+        let tilt = |face: usize| angle_deg(&-pose.beam, &part.triangles()[face].normal);
+        let corners = part.triangles()[hit.face].corners;
+        let at = pose.origin_mm + pose.beam * hit.at;
+        let on_edge = (0..3).any(|k| {
+            let edge = corners[(k + 1) % 3] - corners[k];
+            (at - corners[k]).cross(&edge).norm() < ON_EDGE_MM * edge.norm()
+        });
+        if !on_edge {
+            return tilt(hit.face);
+        }
+        [pose.line, -pose.line, pose.feed(), -pose.feed()]
+            .into_iter()
+            .filter_map(|aside| {
+                let from = pose.origin_mm + aside * (3.0 * ON_EDGE_MM);
+                part.first_hit(&from, &pose.beam, hit.at + 1.0)
+            })
+            .map(|beside| tilt(beside.face))
+            .fold(tilt(hit.face), f64::max)
     }
 
     fn grown_touches(&self, pose: &SensorPose, grown_mm: f64) -> bool {

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 
 use super::super::mesh::{PartMesh, weld::BORDER};
 use super::flatten::FlatMap;
+use crate::ScanError;
 
 /// Triangles that are planned together, with their map.
 #[derive(Debug, Clone)]
@@ -49,10 +50,19 @@ const SCALE_RATIO: f64 = 6.0;
 /// Normals within this of a cap's direction belong to it.
 const CAP_DEG: f64 = 50.0;
 
-/// Parts the surface. Edges sharper than `sharp_deg` end a chart.
-pub fn charts(part: &PartMesh, sharp_deg: f64) -> Vec<Chart> {
+/// Parts the surface. Edges sharper than `sharp_deg` end a chart. `go_on` is asked before each piece and can refuse.
+///
+/// # Errors
+/// What `go_on` says.
+pub fn charts(
+    part: &PartMesh,
+    sharp_deg: f64,
+    go_on: impl Fn() -> Result<(), ScanError>,
+) -> Result<Vec<Chart>, ScanError> {
     let sharp = sharp_deg.to_radians().cos();
     let mut taken = vec![false; part.faces.len()];
+    // True but while a piece is parted: one for all, as a part can have very many pieces.
+    let mut parted = vec![true; part.faces.len()];
     let mut charts = Vec::new();
     for start in 0..part.faces.len() {
         if taken[start] {
@@ -61,9 +71,10 @@ pub fn charts(part: &PartMesh, sharp_deg: f64) -> Vec<Chart> {
         let piece = grow(part, &mut taken, start, |f, g| {
             part.normal(f).dot(&part.normal(g)) >= sharp
         });
-        charts.extend(part_piece(part, piece));
+        go_on()?;
+        charts.extend(part_piece(part, piece, &mut parted));
     }
-    charts
+    Ok(charts)
 }
 
 /// All faces that hang together with `start` by edges that `passes` lets through.
@@ -89,7 +100,7 @@ fn grow(
     piece
 }
 
-fn part_piece(part: &PartMesh, piece: Vec<u32>) -> Vec<Chart> {
+fn part_piece(part: &PartMesh, piece: Vec<u32>, parted: &mut [bool]) -> Vec<Chart> {
     let inside: std::collections::HashSet<u32> = piece.iter().copied().collect();
     let open = piece.iter().any(|&f| {
         part.neighbours[f as usize]
@@ -103,7 +114,7 @@ fn part_piece(part: &PartMesh, piece: Vec<u32>) -> Vec<Chart> {
             return vec![Chart::new(part, piece, map)];
         }
     }
-    caps(part, piece)
+    caps(part, piece, parted)
         .into_iter()
         .map(|faces| {
             let map = FlatMap::new(part, &faces);
@@ -126,10 +137,9 @@ fn wraps(part: &PartMesh, piece: &[u32]) -> bool {
         .any(|&f| part.normal(f as usize).dot(&mean) < -0.3)
 }
 
-/// Parts a piece by the directions of its normals, the largest cap first.
-fn caps(part: &PartMesh, piece: Vec<u32>) -> Vec<Vec<u32>> {
+/// Parts a piece by the directions of its normals, the largest cap first. `taken`: all true, before and after.
+fn caps(part: &PartMesh, piece: Vec<u32>, taken: &mut [bool]) -> Vec<Vec<u32>> {
     let cap = CAP_DEG.to_radians().cos();
-    let mut taken = vec![true; part.faces.len()];
     for &f in &piece {
         taken[f as usize] = false;
     }
@@ -145,7 +155,7 @@ fn caps(part: &PartMesh, piece: Vec<u32>) -> Vec<Vec<u32>> {
             continue;
         }
         let axis = part.normal(start as usize);
-        pieces.push(grow(part, &mut taken, start as usize, |_, g| {
+        pieces.push(grow(part, taken, start as usize, |_, g| {
             part.normal(g).dot(&axis) >= cap
         }));
     }

@@ -1,11 +1,14 @@
 //! Least squares conformal map with a free border.
 //!
 //! Of the maps that keep angles, this one needs one linear system and takes any border, so that holes stay holes.
-//! Minimised is Dirichlet's energy less the signed area (Mullen and others, 2008, eq. 3): zero where every angle is
-//! kept. Two border vertices far apart are held. The system is solved by conjugate gradients from the projection onto
-//! the mean plane: it is sparse, and neither memory nor time grow faster than the mesh times its width.
+//! Two vertices far apart are held. The system is sparse and has no negative eigenvalue; it is solved by a Cholesky
+//! factorisation. Where that fails, the surface is projected along its mean normal; what is said of the map's
+//! quality is measured on it in any case.
+
+use std::collections::HashMap;
 
 use nalgebra::{Vector2, Vector3};
+use umi_sparse::SparseSystem;
 
 use super::super::mesh::PartMesh;
 
@@ -64,23 +67,20 @@ impl MapQuality {
     }
 }
 
-const MOST_STEPS: usize = 2500;
-
 impl FlatMap {
     /// Flattens the faces of a chart.
     pub fn new(part: &PartMesh, chart: &[u32]) -> Self {
-        let mut number = vec![u32::MAX; part.vertices.len()];
+        // Not one slot for each of the part's vertices: a part can have as many charts as triangles.
+        let mut number: HashMap<u32, u32> = HashMap::with_capacity(chart.len());
         let mut vertices = Vec::new();
         let faces: Vec<[u32; 3]> = chart
             .iter()
             .map(|&f| {
                 part.faces[f as usize].map(|v| {
-                    let slot = &mut number[v as usize];
-                    if *slot == u32::MAX {
-                        *slot = vertices.len() as u32;
+                    *number.entry(v).or_insert_with(|| {
                         vertices.push(v);
-                    }
-                    *slot
+                        vertices.len() as u32 - 1
+                    })
                 })
             })
             .collect();
@@ -98,8 +98,9 @@ impl FlatMap {
             .iter()
             .map(|p| Vector2::new((p - centre).dot(&x), (p - centre).dot(&y)))
             .collect();
-        let energy = Energy::new(&at, &faces);
-        energy.relax(&mut places, farthest_pair(&at));
+        if let Some(conformal) = conformal(&at, &faces, farthest_pair(&at)) {
+            places = conformal;
+        }
         normalise(part, chart, &faces, &mut places);
         let quality = quality(part, chart, &faces, &places);
         FlatMap {
@@ -134,109 +135,82 @@ fn farthest_pair(at: &[Vector3<f64>]) -> [usize; 2] {
     [a, far(&at[a])]
 }
 
-/// The quadratic form: for each vertex, its neighbours with the cotangent weight and the border's turn.
-struct Energy {
-    rows: Vec<Vec<(u32, f64, f64)>>,
-    diagonal: Vec<f64>,
-}
+/// A triangle's area counts as no less than this share of its longest edge's square: a sliver does not own the system.
+const LEAST_AREA: f64 = 1e-5;
 
-impl Energy {
-    fn new(at: &[Vector3<f64>], faces: &[[u32; 3]]) -> Self {
-        let mut rows: Vec<Vec<(u32, f64, f64)>> = vec![Vec::with_capacity(7); at.len()];
-        let mut add = |i: u32, j: u32, weight: f64, turn: f64| {
-            let row = &mut rows[i as usize];
-            match row.iter_mut().find(|(k, _, _)| *k == j) {
-                Some((_, w, t)) => {
-                    *w += weight;
-                    *t += turn;
+/// The conformal map (Lévy and others, 2002, eq. 4): of a triangle with edges W opposite to its corners, as complex
+/// numbers in its own plane, the sum of W U over the corners' places U is zero where every angle is kept. The squares of
+/// these sums by area are minimised; two vertices are held, as far apart as on the part. None where the system cannot be
+/// solved.
+fn conformal(
+    at: &[Vector3<f64>],
+    faces: &[[u32; 3]],
+    [first, second]: [usize; 2],
+) -> Option<Vec<Vector2<f64>>> {
+    let apart = (at[second] - at[first]).norm();
+    if first == second || apart.is_nan() || apart <= 0.0 {
+        return None;
+    }
+    let held = |k: usize| Vector2::new(if k == second { apart } else { 0.0 }, 0.0);
+    // The held vertices are no unknowns; each other one is two.
+    let mut count = 0;
+    let unknown: Vec<Option<u32>> = (0..at.len())
+        .map(|k| {
+            (k != first && k != second).then(|| {
+                count += 2;
+                count - 2
+            })
+        })
+        .collect();
+    let mut system = SparseSystem::new(count, 13 * faces.len());
+    let mut right = vec![0.0; count as usize];
+    for f in faces {
+        let [a, b, c] = f.map(|k| at[k as usize]);
+        let (u, v) = (b - a, c - a);
+        let Some(x) = u.try_normalize(1e-300) else {
+            continue;
+        };
+        // Corners in the triangle's plane: a at zero, b along its first edge.
+        let height = u.cross(&v).norm() / u.norm();
+        let corners = [
+            Vector2::zeros(),
+            Vector2::new(u.norm(), 0.0),
+            Vector2::new(v.dot(&x), height),
+        ];
+        let w = [0, 1, 2].map(|k| corners[(k + 2) % 3] - corners[(k + 1) % 3]);
+        let longest = w.iter().map(Vector2::norm_squared).fold(0.0, f64::max);
+        let twice = (u.norm() * height).max(2.0 * LEAST_AREA * longest);
+        for i in 0..3 {
+            let Some(row) = unknown[f[i] as usize] else {
+                continue;
+            };
+            for j in 0..3 {
+                // The conjugate of W_i times W_j.
+                let (same, turned) = (w[i].dot(&w[j]) / twice, w[i].perp(&w[j]) / twice);
+                match unknown[f[j] as usize] {
+                    Some(column) => {
+                        system.add(row, column, same);
+                        system.add(row + 1, column + 1, same);
+                        if i != j {
+                            system.add(row, column + 1, -turned);
+                            system.add(row + 1, column, turned);
+                        }
+                    }
+                    None => {
+                        let there = held(f[j] as usize);
+                        right[row as usize] -= same * there.x - turned * there.y;
+                        right[row as usize + 1] -= turned * there.x + same * there.y;
+                    }
                 }
-                None => row.push((j, weight, turn)),
-            }
-        };
-        for f in faces {
-            for k in 0..3 {
-                let (i, j, o) = (f[k], f[(k + 1) % 3], f[(k + 2) % 3]);
-                let (a, b) = (
-                    at[i as usize] - at[o as usize],
-                    at[j as usize] - at[o as usize],
-                );
-                // A sliver's cotangent is bounded, so that one damaged triangle does not own the system.
-                let cot = (a.dot(&b) / a.cross(&b).norm().max(1e-300)).clamp(-1e4, 1e4);
-                add(i, j, cot / 2.0, 0.5);
-                add(j, i, cot / 2.0, -0.5);
             }
         }
-        // Inside, each edge is run both ways and its turns cancel; the border's stay.
-        let diagonal = rows
-            .iter()
-            .map(|row| row.iter().map(|r| r.1).sum::<f64>().max(1e-9))
-            .collect();
-        Energy { rows, diagonal }
     }
-
-    fn apply(&self, x: &[Vector2<f64>], out: &mut [Vector2<f64>]) {
-        for (i, row) in self.rows.iter().enumerate() {
-            let mut sum = Vector2::zeros();
-            for &(j, weight, turn) in row {
-                let other = x[j as usize];
-                sum += (x[i] - other) * weight;
-                // Of the signed area: its gradient is the neighbour turned by a right angle.
-                sum += Vector2::new(-other.y, other.x) * turn;
-            }
-            out[i] = sum;
-        }
-    }
-
-    /// Conjugate gradients with a diagonal preconditioner; the held vertices stay.
-    fn relax(&self, x: &mut [Vector2<f64>], held: [usize; 2]) {
-        let n = x.len();
-        let zero = Vector2::zeros();
-        let free = |v: &mut [Vector2<f64>]| {
-            for h in held {
-                v[h] = zero;
-            }
-        };
-        let dot = |a: &[Vector2<f64>], b: &[Vector2<f64>]| {
-            a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>()
-        };
-        let mut product = vec![zero; n];
-        self.apply(x, &mut product);
-        let mut rest: Vec<_> = product.iter().map(|p| -p).collect();
-        free(&mut rest);
-        let mut step: Vec<_> = rest
-            .iter()
-            .zip(&self.diagonal)
-            .map(|(r, d)| r / *d)
-            .collect();
-        let mut size = dot(&rest, &step);
-        let goal = size * 1e-12;
-        for _ in 0..MOST_STEPS {
-            if size.is_nan() || size <= goal || size < 1e-300 {
-                break;
-            }
-            self.apply(&step, &mut product);
-            free(&mut product);
-            let curvature = dot(&step, &product);
-            if curvature.is_nan() || curvature <= 0.0 {
-                break;
-            }
-            let length = size / curvature;
-            for k in 0..n {
-                x[k] += step[k] * length;
-                rest[k] -= product[k] * length;
-            }
-            let next: f64 = rest
-                .iter()
-                .zip(&self.diagonal)
-                .map(|(r, d)| r.norm_squared() / d)
-                .sum();
-            let keep = next / size;
-            for k in 0..n {
-                step[k] = rest[k] / self.diagonal[k] + step[k] * keep;
-            }
-            size = next;
-        }
-    }
+    let solved = system.solve(&right)?;
+    let place = |k: usize| match unknown[k] {
+        Some(u) => Vector2::new(solved[u as usize], solved[u as usize + 1]),
+        None => held(k),
+    };
+    Some((0..at.len()).map(place).collect())
 }
 
 fn doubled(places: &[Vector2<f64>], f: &[u32; 3]) -> f64 {

@@ -10,7 +10,7 @@ mod step;
 mod unreadable;
 pub mod weld;
 
-pub use read::read_part;
+pub use read::{part_from_bytes, read_part};
 pub use weld::PartMesh;
 
 use nalgebra::Vector3;

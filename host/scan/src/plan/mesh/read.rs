@@ -7,13 +7,20 @@ use super::{PartMesh, RawMesh, obj, ply, step, weld};
 use crate::ScanError;
 use crate::surface::{Mesh, stl_from_bytes};
 
+/// Before the border of a STEP face: its triangles lie off the surface by up to a quarter of this.
+const STEP_INSET_MM: f64 = 0.02;
+
 /// Reads the part: STL, OBJ, PLY or STEP.
 ///
 /// # Errors
 /// A missing file is `file` (status 1); all else is refused as `mesh_format`, `mesh_unreadable`, `mesh_empty`,
 /// `mesh_not_finite`, `mesh_degenerate`, `mesh_not_manifold`, `mesh_not_oriented` or `mesh_scale`.
 pub fn read_part(path: &Path) -> Result<PartMesh, ScanError> {
-    PartMesh::weld(raw(path)?, true).map_err(|e| named(e, path))
+    let mut part = PartMesh::weld(raw(path)?, true).map_err(|e| named(e, path))?;
+    if !is_mesh(&extension(path)) {
+        part.inset_mm = STEP_INSET_MM;
+    }
+    Ok(part)
 }
 
 /// Reads what stands beside the part: only its triangles count, not how they hang together.
@@ -30,12 +37,18 @@ fn named(mut error: ScanError, path: &Path) -> ScanError {
     error
 }
 
+fn extension(path: &Path) -> String {
+    let extension = path.extension().unwrap_or_default();
+    extension.to_string_lossy().to_ascii_lowercase()
+}
+
+fn is_mesh(extension: &str) -> bool {
+    ["stl", "obj", "ply"].contains(&extension)
+}
+
 fn raw(path: &Path) -> Result<RawMesh, ScanError> {
-    let extension = path
-        .extension()
-        .map(|e| e.to_string_lossy().to_ascii_lowercase())
-        .unwrap_or_default();
-    if !["stl", "obj", "ply", "step", "stp"].contains(&extension.as_str()) {
+    let extension = extension(path);
+    if !is_mesh(&extension) && !["step", "stp"].contains(&extension.as_str()) {
         // A missing file is a missing file, whatever its name.
         std::fs::metadata(path).map_err(|e| ScanError::file("read", path, &e))?;
         return Err(ScanError::refused(
@@ -50,8 +63,16 @@ fn raw(path: &Path) -> Result<RawMesh, ScanError> {
     from_bytes(&extension, &bytes).map_err(|e| named(e, path))
 }
 
+/// The part in the bytes of a file, as [`read_part`] reads it, of this extension in small letters.
+///
+/// # Errors
+/// As [`read_part`].
+pub fn part_from_bytes(extension: &str, bytes: &[u8]) -> Result<PartMesh, ScanError> {
+    PartMesh::weld(from_bytes(extension, bytes)?, true)
+}
+
 /// The triangles in a file's bytes.
-pub(super) fn from_bytes(extension: &str, bytes: &[u8]) -> Result<RawMesh, ScanError> {
+pub(in crate::plan) fn from_bytes(extension: &str, bytes: &[u8]) -> Result<RawMesh, ScanError> {
     let raw = match extension {
         "stl" => stl(bytes)?,
         "obj" => obj::read(bytes)?,

@@ -1,30 +1,35 @@
 //! The passes of a chart: directions are ranked by the way they would take, the best ones are driven and seen, the least
 //! costly is kept.
 
-use nalgebra::Vector3;
-
 use super::super::course::along_line::line_fields;
 use super::super::course::field::{HeightField, Spacing, fields};
 use super::super::course::level::{LinePoint, lines};
-use super::super::course::run::run;
+use super::super::course::run::{RunEnds, run};
 use super::super::drive::axes::Stance;
+use super::super::drive::order::idle_s;
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
-use super::super::proof::figures::overlap;
+use super::super::proof::figures::{overlap, overlap_resolution};
 use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::{Eye, SightDepth};
 use super::Workshop;
+use super::reach::ChartReach;
 use crate::ScanError;
 use crate::parallel::Threads;
 
 /// How many directions are driven and seen in full.
-const TRIED: usize = 6;
+const TRIED: usize = 12;
 
 /// What a strip of the part that is not seen costs, against the way that would see it.
 const UNSEEN_WEIGHT: f64 = 3.0;
 
 /// The same for what is beyond half of what may stay unseen: the other half is for the part's other pieces.
 const BEYOND_WEIGHT: f64 = 12.0;
+
+/// What a second costs that the laser point does not move on in, in way with the laser on: of two directions with nearly the
+/// same way, that whose passes lie handier for the axes. (So does a part that is the same in a mirror get one plan, whatever
+/// its mesh.)
+const HASTE_MM_PER_S: f64 = 0.5;
 
 /// Share of the line that is counted on at the outer ends of the first and last pass.
 const EDGE_SHARE: f64 = 0.97;
@@ -55,13 +60,13 @@ pub fn chart_passes(
     if !shop.realiser.driver.free_line() {
         heights.extend(line_fields(shop.part, chart, &shop.realiser.driver));
     }
-    let ways = LineWays::new(shop, chart);
+    let reach = ChartReach::new(shop, chart);
     let found = Threads::all().chunks(heights.len(), 1, |range| {
         let field = &heights[range.start];
         shop.deadline.more().then(|| {
-            let (share, lost) = ways.share(shop, chart, field);
+            let (share, lost) = reach.share(shop, chart, field);
             let levels = field.levels(shop.part, chart, spacing(shop, 1.0), &share);
-            let length = level_length(shop, chart, field, &levels);
+            let length = level_length(shop, chart, field, &levels, &share);
             let lost = UNSEEN_WEIGHT * lost / line;
             (length + lost + 0.25 * line * levels.len() as f64, share)
         })
@@ -72,17 +77,21 @@ pub fn chart_passes(
         }
     }
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let tried = if chart.faces.len() > 40_000 {
-        TRIED / 2
-    } else {
-        TRIED
+    let beyond = reach.beyond(chart);
+    // Where the axes reach a part of the chart only, lengths of courses say little: all are driven.
+    let cut = beyond.len() * 20 > chart.faces.len();
+    let tried = match chart.faces.len() {
+        40_000.. => TRIED / 4,
+        10_000.. => TRIED / 2,
+        ..5_000 if cut => ranked.len(),
+        _ => TRIED,
     };
     let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, samples);
     let mut best: Option<Driven> = None;
     for (estimate, field, share) in &ranked[..ranked.len().min(tried)] {
         shop.deadline.check()?;
         // Nothing that must take a fifth more way than the best has taken will win.
-        if best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
+        if !cut && best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
             break;
         }
         let found = driven(shop, chart, field, share, &eye, per_sample)?;
@@ -94,6 +103,8 @@ pub fn chart_passes(
     let Some(best) = best else {
         return Ok(Vec::new());
     };
+    let unreached = samples.iter().filter(|s| beyond.contains(&s.face));
+    obstructed.axis_limit.extend(unreached.map(|s| s.at));
     obstructed.axis_limit.extend(best.hindered.axis_limit);
     obstructed.collision.extend(best.hindered.collision);
     Ok(best.passes)
@@ -122,7 +133,13 @@ fn driven(
         let mut hindered = Obstructed::default();
         let mut passes = Vec::new();
         let levels = field.levels(shop.part, chart, spacing(shop, tighter), share);
-        let courses = threads.each(levels.len(), |k| lines(shop.part, chart, field, levels[k]));
+        let courses = threads.each(levels.len(), |k| {
+            if shop.deadline.more() {
+                lines(shop.part, chart, field, levels[k])
+            } else {
+                Vec::new()
+            }
+        });
         let courses: Vec<Vec<LinePoint>> = courses.into_iter().flatten().collect();
         // Each course on its own; they are put together in their order.
         let found = threads.chunks(courses.len(), 1, |range| {
@@ -144,10 +161,11 @@ fn driven(
         let unseen = seen.sights.iter().filter(|s| s.is_empty()).count() as f64 * per_sample;
         let length: f64 = passes.iter().map(|p| p.length_mm(shop.spec)).sum();
         let short = overlap(shop.spec, &all, &seen)
-            .is_some_and(|o| o.min < enough_overlap(shop, per_sample));
+            .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample));
         let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * seen.sights.len() as f64 * per_sample;
         let beyond = (unseen - may).max(0.0);
         let cost = length
+            + HASTE_MM_PER_S * idle_s(shop.spec, &all, shop.deadline)
             + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / line_mm
             + if short { 0.1 * length } else { 0.0 };
         if best.as_ref().is_none_or(|b| cost < b.cost) {
@@ -171,7 +189,7 @@ fn driven(
 
 /// The least overlap that the samples can tell from the wanted one.
 pub fn enough_overlap(shop: &Workshop<'_>, per_sample_mm2: f64) -> f64 {
-    shop.spec.plan.overlap - 0.6 * 1.2 * per_sample_mm2.sqrt() / shop.spec.sensor.line_mm
+    shop.spec.plan.overlap - overlap_resolution(shop.spec, per_sample_mm2)
 }
 
 fn spacing(shop: &Workshop<'_>, tighter: f64) -> Spacing {
@@ -191,7 +209,11 @@ pub fn line_passes(
 ) -> Vec<Pass> {
     let smooth = SMOOTH_SHARE * shop.spec.sensor.line_mm;
     let mut step = shop.spec.plan.max_step_mm * 0.97;
-    let Some(mut best) = run(line, step, smooth) else {
+    let ends = RunEnds {
+        inset_mm: shop.part.inset_mm,
+        shortest_mm: 0.4 * shop.realiser.shortest_mm,
+    };
+    let Some(mut best) = run(line, step, smooth, ends) else {
         return Vec::new();
     };
     let follow = |points: &[_]| shop.realiser.driver.follow(points, Stance::default());
@@ -201,7 +223,7 @@ pub fn line_passes(
             break;
         }
         step /= 2.0;
-        let Some(finer) = run(line, step, smooth) else {
+        let Some(finer) = run(line, step, smooth, ends) else {
             break;
         };
         let closer = follow(&finer.points);
@@ -214,65 +236,23 @@ pub fn line_passes(
     shop.realiser.passes(&best, driven, obstructed)
 }
 
-/// Where the line follows from the beam: the ways it can lie on a few triangles of a chart, each standing for its
-/// neighbours in the list. Empty where the line is free.
-struct LineWays {
-    stride: usize,
-    ways: Vec<Vec<Vector3<f64>>>,
-}
-
-/// The least share of the line across the course that is driven; [`Driver`] asks for as much.
-const LEAST_SHARE: f64 = 0.5;
-
-impl LineWays {
-    fn new(shop: &Workshop<'_>, chart: &Chart) -> Self {
-        let driver = &shop.realiser.driver;
-        if driver.free_line() {
-            return LineWays {
-                stride: 1,
-                ways: Vec::new(),
-            };
-        }
-        // Neighbours in the list are neighbours on the part; beyond some thousand a few stand for all.
-        let stride = (chart.faces.len() / 3000).max(1);
-        let few: Vec<u32> = chart.faces.iter().step_by(stride).copied().collect();
-        let ways = Threads::all().each(few.len(), |k| {
-            driver.lines_within_tilt(&shop.part.normal(few[k] as usize))
-        });
-        LineWays { stride, ways }
-    }
-
-    /// How much of the line can lie across the courses of a height, on each triangle; and the area on which that is too
-    /// little for a course.
-    fn share(&self, shop: &Workshop<'_>, chart: &Chart, field: &HeightField) -> (Vec<f64>, f64) {
-        if self.ways.is_empty() {
-            return (vec![1.0; chart.faces.len()], 0.0);
-        }
-        let mut lost = 0.0;
-        let mut best = 1.0;
-        let share = chart.faces.iter().enumerate().map(|(k, &f)| {
-            let lines = &self.ways[k / self.stride];
-            if k % self.stride == 0 {
-                let slope = field.slope[k].try_normalize(1e-12);
-                // Where the beam cannot point at all, the line is no reason for denser courses.
-                best = slope.filter(|_| !lines.is_empty()).map_or(1.0, |s| {
-                    lines.iter().map(|l| l.dot(&s).abs()).fold(0.0, f64::max)
-                });
-            }
-            if best < LEAST_SHARE {
-                lost += shop.part.area_mm2(f as usize);
-            }
-            // A course that no line lies across is not driven: nothing is gained by more of them.
-            best.max(LEAST_SHARE)
-        });
-        (share.collect(), lost)
-    }
-}
-
-/// Length of all level lines on the surface; `levels` rise.
-fn level_length(shop: &Workshop<'_>, chart: &Chart, field: &HeightField, levels: &[f64]) -> f64 {
+/// Length of all level lines on the surface, where it is reached; `levels` rise.
+fn level_length(
+    shop: &Workshop<'_>,
+    chart: &Chart,
+    field: &HeightField,
+    levels: &[f64],
+    share: &[f64],
+) -> f64 {
     let mut sum = 0.0;
-    for (f, &face) in chart.map.faces.iter().zip(&chart.faces) {
+    for ((f, &face), _) in chart
+        .map
+        .faces
+        .iter()
+        .zip(&chart.faces)
+        .zip(share)
+        .filter(|(_, s)| **s > 0.0)
+    {
         let h = f.map(|k| field.height[k as usize]);
         let (low, high) = (h[0].min(h[1]).min(h[2]), h[0].max(h[1]).max(h[2]));
         let from = levels.partition_point(|l| *l <= low);

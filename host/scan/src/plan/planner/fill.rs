@@ -18,7 +18,7 @@ use crate::parallel::Threads;
 const MOST: usize = 80;
 
 /// More than the wanted coverage is not sought: it would cost way.
-const SPARE: f64 = 0.008;
+pub const SPARE: f64 = 0.008;
 
 /// Directions in which lines are tried over a chart.
 const DIRECTIONS: usize = 4;
@@ -33,7 +33,7 @@ const FIXED_SHARE: f64 = 0.1;
 const MOST_LINES: usize = 240;
 
 /// Share of its strip that a pass must see anew.
-const WORTH: f64 = 0.2;
+const WORTH: f64 = 0.3;
 
 /// The same while less than the wanted share of the part is seen.
 const NEED: f64 = 0.01;
@@ -92,7 +92,7 @@ pub fn fill(
                 .filter(|(w, _)| *w > 0.0)
                 .max_by(|a, b| a.0.total_cmp(&b.0))
         };
-        // A pass costs its way and a link; what sees less than a fifth of its strip anew is not worth it, unless too
+        // A pass costs its way and a link; what sees less than that share of its strip anew is not worth it, unless too
         // little would be seen without.
         let found = best(WORTH).or_else(|| (!enough(left)).then(|| best(NEED)).flatten());
         let Some((_, k)) = found else { break };

@@ -2,30 +2,40 @@
 //!
 //! * [`chart_passes`]: the passes of one chart, the best of several directions.
 //! * [`fill`]: short passes for what is left.
+//! * `limits`: steps and turns, within those allowed, with which it is planned.
+//! * [`reach`]: what the axes can point the beam at.
 //! * [`result`]: the path's rows and figures.
+//! * [`thin`]: passes that others make needless.
 //! * [`unseen`]: why what is not seen is not.
+//! * `ways`: other axis values for the same poses.
 
 pub mod chart_passes;
 pub mod fill;
+mod limits;
+pub mod reach;
 pub mod result;
+pub mod thin;
 pub mod unseen;
+mod ways;
 
 use std::time::{Duration, Instant};
 
 use super::drive::axes::Driver;
+use super::drive::deadline::Deadline;
 use super::drive::links::link;
 use super::drive::order::order;
-use super::drive::realise::{Obstructed, Pass, Realiser};
+use super::drive::realise::{Obstructed, Pass, Realiser, shortest_mm};
 use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::samples::{SamplePoint, sample_count, samples};
-use super::proof::see::{Eye, SightDepth};
+use super::proof::see::Eye;
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::parallel::Threads;
 use crate::surface::Mesh;
 use result::{PathRow, ScanPlan};
+use ways::ways;
 
 /// What the caller may say.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,31 +46,6 @@ pub struct PlanOptions {
     pub time_limit: Duration,
     /// Feed with the laser on that times are reckoned with, mm/min.
     pub feed_mm_per_min: f64,
-}
-
-/// A search that may last no longer than it was told.
-#[derive(Debug, Clone, Copy)]
-pub struct Deadline(Instant);
-
-impl Deadline {
-    /// Refuses once the time is up.
-    ///
-    /// # Errors
-    /// `time_limit`.
-    pub fn check(self) -> Result<(), ScanError> {
-        if self.more() {
-            return Ok(());
-        }
-        Err(ScanError::refused(
-            "time_limit",
-            "Planning was not done within --time-limit. Thin the mesh, plan a part of it, or allow more time.",
-        ))
-    }
-
-    /// Is there time for something that could be left out?
-    pub fn more(self) -> bool {
-        Instant::now() < self.0
-    }
 }
 
 /// Everything that the steps of a plan share.
@@ -101,6 +86,9 @@ fn sharp_deg(spec: &ScanSpec) -> f64 {
     (2.0 * spec.plan.max_tilt_deg).clamp(25.0, 60.0)
 }
 
+/// More than this share is all of a part, nearly.
+const ALL: f64 = 0.999;
+
 /// Plans a path and proves it.
 ///
 /// # Errors
@@ -113,78 +101,87 @@ pub fn plan(
     options: PlanOptions,
 ) -> Result<ScanPlan, ScanError> {
     let started = Instant::now();
-    let deadline = Deadline(started.checked_add(options.time_limit).unwrap_or(started));
-    let mut meshes = vec![&part.surface];
-    meshes.extend(obstacles);
-    let shop = Workshop {
-        part,
-        spec,
-        samples: samples(
-            part,
-            sample_count(part.surface.area_mm2(), spec.sensor.line_mm),
-        ),
-        realiser: Realiser {
-            spec,
-            driver: Driver::new(spec),
-            scenery: Scenery::new(spec, meshes),
-        },
-        deadline,
-    };
-    let charts = charts(part, sharp_deg(spec));
+    let deadline = Deadline::after(started, options.time_limit);
+    let charts = charts(part, sharp_deg(spec), || deadline.check())?;
     deadline.check()?;
+    // Where hardly anything may go unseen, small gaps count.
+    let closer = if spec.plan.min_coverage > ALL { 4 } else { 1 };
+    let points = closer * sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
+    limits::best(spec, part.faces.len(), options, deadline, |inner| {
+        let mut meshes = vec![&part.surface];
+        meshes.extend(obstacles);
+        let shop = Workshop {
+            part,
+            spec: inner,
+            samples: samples(part, points),
+            realiser: Realiser {
+                spec: inner,
+                driver: Driver::new(inner).until(deadline),
+                scenery: Scenery::new(inner, meshes),
+                shortest_mm: shortest_mm(&part.surface),
+            },
+            deadline,
+        };
+        planned(&shop, &charts, options)
+    })
+}
+
+/// A path within the steps and turns of the workshop's specification.
+fn planned(
+    shop: &Workshop<'_>,
+    charts: &[Chart],
+    options: PlanOptions,
+) -> Result<ScanPlan, ScanError> {
+    let deadline = shop.deadline;
     let mut obstructed = Obstructed::default();
     let mut passes: Vec<Pass> = Vec::new();
     let mut quality: Option<super::map::flatten::MapQuality> = None;
-    let by_chart = shop.by_chart(&charts);
+    let by_chart = shop.by_chart(charts);
     for (chart, points) in charts.iter().zip(&by_chart) {
         deadline.check()?;
         quality = Some(quality.map_or(chart.map.quality, |q| q.worst(chart.map.quality)));
         passes.extend(chart_passes::chart_passes(
-            &shop,
+            shop,
             chart,
             points,
             &mut obstructed,
         )?);
     }
     if charts.len() > 1 {
-        prune(&shop, &mut passes);
+        thin::thin(shop, &mut passes);
     }
-    fill::fill(&shop, &charts, &mut passes, options.allow_partial)?;
-    let mut passes = order(spec, passes);
-    let rows = join(&shop, &mut passes, &mut obstructed)?;
-    let mut plan = result::proved(&shop, rows, &passes, quality, &obstructed, options)?;
+    let before = passes.len();
+    fill::fill(shop, charts, &mut passes, options.allow_partial)?;
+    if passes.len() > before {
+        thin::thin(shop, &mut passes);
+    }
+    let mut passes = order(shop.spec, all_ways(shop, passes), deadline);
+    let rows = join(shop, &mut passes, &mut obstructed)?;
+    let mut plan = result::proved(shop, rows, &passes, quality, &obstructed, options)?;
     plan.flat = charts
         .iter()
-        .map(|chart| chart.map.scales(part, &chart.faces))
+        .map(|chart| chart.map.scales(shop.part, &chart.faces))
         .collect();
     Ok(plan)
 }
 
-/// Passes that see nothing which others do not are left out, the shortest first.
-fn prune(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
-    let all: Vec<&Pass> = passes.iter().collect();
-    let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, &shop.samples);
-    let seen = eye.see(&all, SightDepth::Range, Threads::all());
-    let mut by: Vec<Vec<u32>> = seen
-        .sights
-        .iter()
-        .map(|s| s.iter().map(|x| x.pass).collect())
-        .collect();
-    let lengths: Vec<f64> = passes.iter().map(|p| p.length_mm(shop.spec)).collect();
-    let mut order: Vec<usize> = (0..passes.len()).collect();
-    order.sort_by(|a, b| lengths[*a].total_cmp(&lengths[*b]));
-    let mut keep = vec![true; passes.len()];
-    for p in order {
-        let mine = p as u32;
-        if by.iter().all(|b| b.as_slice() != [mine]) {
-            keep[p] = false;
-            for b in &mut by {
-                b.retain(|x| *x != mine);
-            }
-        }
+/// Passes of which other ways are looked for, at most: of very many, each has its link near.
+const MOST_WITH_WAYS: usize = 300;
+
+/// Each pass with the other ways to drive it.
+fn all_ways(shop: &Workshop<'_>, passes: Vec<Pass>) -> Vec<Vec<Pass>> {
+    if passes.len() < 2 || passes.len() > MOST_WITH_WAYS || shop.spec.machine.limits().len() == 3 {
+        return passes.into_iter().map(|pass| vec![pass]).collect();
     }
-    let mut kept = keep.into_iter();
-    passes.retain(|_| kept.next().unwrap_or(true));
+    let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, &shop.samples);
+    Threads::all().chunks(passes.len(), 1, |range| {
+        let pass = passes[range.start].clone();
+        if shop.deadline.more() {
+            ways(&shop.realiser, &eye, pass)
+        } else {
+            vec![pass]
+        }
+    })
 }
 
 /// Rows of passes with the links between them. A pass that no safe way leads to is left out; the proof tells what that

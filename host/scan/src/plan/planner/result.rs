@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use super::super::drive::order::{RAPID_MM_PER_S, seconds};
+use super::super::drive::price::{RAPID_MM_PER_S, seconds};
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::map::flatten::MapQuality;
-use super::super::proof::figures::{Overlap, overlap, stand};
+use super::super::proof::figures::{JudgedOverlap, judged_overlap, stand};
 use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::see;
 use super::super::spec::ScanSpec;
@@ -51,7 +51,7 @@ pub struct PlanFigures {
     /// Largest angle of the middle ray against the facet it meets.
     pub tilt_max_deg: f64,
     /// Of neighbouring passes; none where there is one pass.
-    pub overlap: Option<Overlap>,
+    pub overlap: Option<JudgedOverlap>,
     /// By how much the sensor's box could grow on all sides before it touches.
     pub clearance_mm: f64,
     /// How true the map is.
@@ -71,6 +71,8 @@ pub struct ScanPlan {
     pub figures: PlanFigures,
     /// Points that stand for the surface, with the number of passes that see each.
     pub seen: Vec<(SamplePoint, usize)>,
+    /// Area of the part.
+    pub area_mm2: f64,
     /// The charts' triangles in the plane, with the length there of a millimetre on the surface.
     pub flat: Vec<Vec<FlatTriangle>>,
 }
@@ -113,14 +115,13 @@ pub fn proved(
             shop.part.dropped
         ));
     }
-    let per_sample = shop.part.surface.area_mm2() / shop.samples.len() as f64;
-    let overlap = overlap(spec, &all, &seen);
+    let overlap = judged_overlap(spec, scenery, shop.part, &all);
     if let Some(o) = overlap
-        && o.min < super::chart_passes::enough_overlap(shop, per_sample)
+        && !o.holds()
     {
         warnings.push(format!(
             "A tenth of the strips overlap by {:.3} of the line or less; {} was wanted.",
-            o.min, spec.plan.overlap
+            o.tenth, spec.plan.overlap
         ));
     }
     if coverage < wanted {
@@ -170,6 +171,7 @@ pub fn proved(
         rows,
         figures,
         seen: shop.samples.iter().copied().zip(sights).collect(),
+        area_mm2: shop.part.surface.area_mm2(),
         flat: Vec::new(),
     })
 }
@@ -200,6 +202,7 @@ fn unreachable(coverage: f64, wanted: f64, nothing: bool, uncovered: &[Uncovered
             wanted * 100.0
         ),
     )
+    .with("coverage", coverage)
     .with("uncovered", serde_json::to_value(uncovered).unwrap_or_default())
 }
 

@@ -1,66 +1,229 @@
 //! Figures of a path as it stands in its file.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::super::drive::axes::angle_deg;
 use super::super::drive::realise::Pass;
 use super::super::drive::touch::Scenery;
+use super::super::machine::SensorPose;
+use super::super::mesh::PartMesh;
 use super::super::spec::ScanSpec;
-use super::see::SampleSights;
+use super::cells::Cells;
+use super::samples::{SamplePoint, samples};
+use super::see::{Eye, SampleSights, Sight, SightDepth};
+use crate::parallel::Threads;
 
 /// Overlap of neighbouring passes as a share of the line's length.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Overlap {
-    /// A tenth of the stretches have less.
+    /// The least of all stretches that enough points tell of (a tenth of all, where there is none).
     pub min: f64,
+    /// A tenth of the stretches have less.
+    pub tenth: f64,
     /// The middle of all stretches.
     pub median: f64,
+}
+
+/// Points in a stretch from which its width follows, whatever lies between them.
+const TELLING: usize = 8;
+
+/// Points on a part of which overlap is told, at least.
+const OVERLAP_POINTS: usize = 40_000;
+
+/// The overlap of a finished path, and whether that is enough.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct JudgedOverlap {
+    /// What is wanted.
+    pub wanted: f64,
+    /// The least of all stretches that enough points tell of; 0 where strips lie side by side without any.
+    pub min: f64,
+    /// A tenth of the stretches have less: this is judged.
+    pub tenth: f64,
+    /// The middle of all stretches.
+    pub median: f64,
+    /// By how much the points can tell less than there is.
+    pub resolution: f64,
+}
+
+impl JudgedOverlap {
+    /// Is it as wide as wanted, as far as the points can tell?
+    pub fn holds(&self) -> bool {
+        self.tenth >= self.wanted - self.resolution
+    }
+}
+
+/// The overlap of a finished path, by more points than its coverage needs on a small part. Strips without any count: where the line of a pass ends on the surface, another pass sees what
+/// lies beyond that end, and both see nothing in common. None where no pass has a neighbour.
+pub fn judged_overlap(
+    spec: &ScanSpec,
+    scenery: &Scenery<'_>,
+    part: &PartMesh,
+    passes: &[&Pass],
+) -> Option<JudgedOverlap> {
+    let points = samples(part, OVERLAP_POINTS);
+    let eye = Eye::new(&spec.sensor, scenery, &points);
+    let seen = eye.see(passes, SightDepth::Range, Threads::all());
+    let apart_mm = (part.surface.area_mm2() / points.len() as f64).sqrt();
+    let mut widths = widths(spec, passes, &seen);
+    for stretch in bare(spec, passes, &points, &seen, apart_mm) {
+        widths.entry(stretch).or_insert([0.0; 2]);
+    }
+    let bare = widths.values().any(|w| w[0] == 0.0);
+    let Overlap { min, tenth, median } = told(widths)?;
+    Some(JudgedOverlap {
+        wanted: spec.plan.overlap,
+        min: if bare { 0.0 } else { min },
+        tenth,
+        median,
+        resolution: overlap_resolution(spec, apart_mm * apart_mm),
+    })
+}
+
+/// Points so far from the line's end, of half the line, lie at it.
+const AT_END: f64 = 0.9;
+
+/// Strips with a gap between them are neighbours up to this share of the line; a wider gap is seen in the coverage.
+const GAP: f64 = 0.1;
+
+/// Stretches at whose end of the line the neighbour's strip begins without a point in common.
+fn bare(
+    spec: &ScanSpec,
+    passes: &[&Pass],
+    points: &[SamplePoint],
+    seen: &SampleSights,
+    apart_mm: f64,
+) -> HashSet<StretchEnd> {
+    let ways = ways(spec, passes);
+    let places: Vec<Vector3<f64>> = points.iter().map(|p| p.at).collect();
+    // As wide as an end counts, a narrow gap, and on to the next points.
+    let near_mm = (0.5 * (1.0 - AT_END) + GAP) * spec.sensor.line_mm + 2.0 * apart_mm;
+    let cells = Cells::new(&places, near_mm);
+    // A corner of a strip is no stretch of it: a part of the points that lie at its end must say so.
+    let at_end = STRETCH_MM * 0.5 * (1.0 - AT_END) * spec.sensor.line_mm / apart_mm.powi(2);
+    let needed = |pass: u32| {
+        let way = &ways[pass as usize];
+        let length = way.last().zip(way.first()).map_or(0.0, |(b, a)| b - a);
+        (0.25 * at_end * (length / STRETCH_MM).min(1.0)).clamp(1.0, 1e6) as usize
+    };
+    let mut found: HashMap<StretchEnd, usize> = HashMap::new();
+    for (point, sights) in points.iter().zip(&seen.sights) {
+        let [only] = sights.as_slice() else { continue };
+        let stretch = stretch(&ways, only);
+        if only.lateral.abs() < AT_END
+            || found.get(&stretch).is_some_and(|n| *n >= needed(only.pass))
+        {
+            continue;
+        }
+        let pose = &passes[only.pass as usize].poses[only.step as usize];
+        let outwards = pose.line * only.lateral.signum();
+        let beyond = |k: usize| {
+            let d = places[k] - point.at;
+            let others = &seen.sights[k];
+            d.norm() < near_mm
+                && d.dot(&outwards) > 0.0
+                && d.dot(&pose.feed()).abs() < 2.0 * apart_mm
+                && points[k].normal.dot(&point.normal) > SAME_SIDE
+                && !others.is_empty()
+                && others.iter().all(|s| s.pass != only.pass)
+        };
+        if cells.any_near(&point.at, near_mm, beyond) {
+            *found.entry(stretch).or_insert(0) += 1;
+        }
+    }
+    found
+        .into_iter()
+        .filter(|(stretch, count)| *count >= needed(stretch.0))
+        .map(|(stretch, _)| stretch)
+        .collect()
+}
+
+/// Normals within this of each other (a cosine) belong to one side of the part: beyond a sharp edge a strip may begin anew.
+const SAME_SIDE: f64 = 0.9;
+
+/// Of the distance of points: they tell an overlap by so much too small at both its edges.
+const RESOLUTION: f64 = 1.2;
+
+/// The share of that which a plan is allowed: its own points are spread evenly.
+const SHARE: f64 = 0.6;
+
+/// By how much of the line an overlap may be told less than wanted, where points of this area stand for the surface.
+pub fn overlap_resolution(spec: &ScanSpec, per_sample_mm2: f64) -> f64 {
+    SHARE * RESOLUTION * per_sample_mm2.sqrt() / spec.sensor.line_mm
+}
+
+/// Overlap is told in stretches so long.
+const STRETCH_MM: f64 = 10.0;
+
+/// A stretch of a pass, and the line's end there.
+type StretchEnd = (u32, u64, bool);
+
+/// Way of each pose, on and on over all passes.
+fn ways(spec: &ScanSpec, passes: &[&Pass]) -> Vec<Vec<f64>> {
+    let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;
+    let mut way = 0.0;
+    let of_pass = |pass: &&Pass| {
+        let steps = (0..pass.poses.len()).map(|k| {
+            if k > 0 {
+                way += (tip(&pass.poses[k]) - tip(&pass.poses[k - 1])).norm();
+            }
+            way
+        });
+        steps.collect()
+    };
+    passes.iter().map(of_pass).collect()
+}
+
+fn stretch(ways: &[Vec<f64>], sight: &Sight) -> StretchEnd {
+    let way = ways[sight.pass as usize][sight.step as usize];
+    (sight.pass, (way / STRETCH_MM) as u64, sight.lateral > 0.0)
 }
 
 /// The overlap in stretches of 10 mm at each end of the line; none where no two passes see a point in common.
 ///
 /// Where another pass sees the strip's edge too, the strip that both see is as wide as the points there lie apart.
 pub fn overlap(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> Option<Overlap> {
-    let mut ways: Vec<Vec<f64>> = Vec::new();
-    let mut way = 0.0;
-    for pass in passes {
-        let mut at = Vec::with_capacity(pass.poses.len());
-        for (k, p) in pass.poses.iter().enumerate() {
-            if k > 0 {
-                let tip = |p: &super::super::machine::SensorPose| {
-                    p.origin_mm + p.beam * spec.sensor.reference_mm
-                };
-                way += (tip(p) - tip(&pass.poses[k - 1])).norm();
-            }
-            at.push(way);
-        }
-        ways.push(at);
-    }
-    let mut bins: HashMap<(u32, u32, u64, bool), Vec<f64>> = HashMap::new();
+    told(widths(spec, passes, seen))
+}
+
+/// Of each stretch the overlap that its points span, and the same with what lies between the points (0 of few points).
+fn widths(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> HashMap<StretchEnd, [f64; 2]> {
+    let ways = ways(spec, passes);
+    let mut bins: HashMap<(StretchEnd, u32), Vec<f64>> = HashMap::new();
     for sights in &seen.sights {
         for a in sights {
             for b in sights {
                 if a.pass != b.pass {
-                    let stretch = (ways[a.pass as usize][a.step as usize] / 10.0) as u64;
-                    bins.entry((a.pass, b.pass, stretch, a.lateral > 0.0))
+                    bins.entry((stretch(&ways, a), b.pass))
                         .or_default()
                         .push(a.lateral.abs());
                 }
             }
         }
     }
-    let mut widths: HashMap<(u32, u64, bool), f64> = HashMap::new();
-    for ((pass, _, stretch, side), laterals) in bins {
+    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
+    for ((stretch, _), laterals) in bins {
         let edge = laterals.iter().copied().fold(0.0, f64::max);
         let inner = laterals.iter().copied().fold(f64::INFINITY, f64::min);
         if edge > 0.7 && laterals.len() >= 3 {
-            let width = widths.entry((pass, stretch, side)).or_insert(0.0);
-            *width = width.max((edge - inner) / 2.0);
+            let count = laterals.len() as f64;
+            let width = (edge - inner) / 2.0;
+            let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);
+            *seen = seen.max(width);
+            if laterals.len() >= TELLING {
+                // The outermost of some points in a strip leave a little of it at either edge.
+                *whole = whole.max(width * (count + 1.0) / (count - 1.0));
+            }
         }
     }
-    let mut sorted: Vec<f64> = widths.into_values().collect();
+    widths
+}
+
+fn told(widths: HashMap<StretchEnd, [f64; 2]>) -> Option<Overlap> {
+    let told = widths.values().map(|w| w[1]).filter(|w| *w > 0.0);
+    let least = told.fold(f64::INFINITY, f64::min);
+    let mut sorted: Vec<f64> = widths.into_values().map(|w| w[0]).collect();
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| {
         let place = share * (sorted.len() - 1) as f64;
@@ -71,7 +234,8 @@ pub fn overlap(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> Option
         low + (high - low) * place.fract()
     };
     (!sorted.is_empty()).then(|| Overlap {
-        min: at(0.1),
+        min: least.min(at(0.1)),
+        tenth: at(0.1),
         median: at(0.5),
     })
 }
@@ -99,7 +263,7 @@ pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand 
         match part.first_hit(&pose.origin_mm, &pose.beam, spec.sensor.range_mm[1] * 1.5) {
             Some(hit) => {
                 let off = (hit.at - spec.sensor.reference_mm).abs();
-                let tilt = angle_deg(&-pose.beam, &part.triangles()[hit.face].normal);
+                let tilt = scenery.tilt_deg(pose, &hit);
                 stand.stand_off_max_mm = stand.stand_off_max_mm.max(off);
                 stand.tilt_max_deg = stand.tilt_max_deg.max(tilt);
             }

@@ -29,11 +29,19 @@ pub(super) fn triangles(
     longest_mm: f64,
     into: &mut RawMesh,
 ) -> Result<(), ScanError> {
-    let mut rings: Vec<Vec<Corner>> = Vec::with_capacity(borders.len());
-    for border in borders {
-        let ring = ring(surface, border, rings.first().map(|r| r[0].0))?;
-        rings.push(ring);
-    }
+    let turned_ball;
+    let (surface, rings) = match rings_of(surface, borders) {
+        Ok(rings) => (surface, rings),
+        Err(refusal) => {
+            // The corner of fillets on three edges: a piece of a ball with its pole at a corner. Another pole serves as well.
+            turned_ball = surface.turned_towards(borders).ok_or(refusal)?;
+            let rings = rings_of(&turned_ball, borders)?;
+            if (doubled_area(&rings[0]) > 0.0) == turned {
+                return Err(super::not_read("a ball with a piece cut out of it"));
+            }
+            (&turned_ball, rings)
+        }
+    };
     let all = || rings.iter().flatten().map(|(q, _)| *q);
     let (low, high) = all().fold(
         (
@@ -149,6 +157,23 @@ pub(super) fn triangles(
     } else {
         Err(unreadable("a face has nothing between its borders"))
     }
+}
+
+/// All borders in the parameters.
+fn rings_of(surface: &Surface, borders: &[Border]) -> Result<Vec<Vec<Corner>>, ScanError> {
+    let mut rings: Vec<Vec<Corner>> = Vec::with_capacity(borders.len());
+    for border in borders {
+        let ring = ring(surface, border, rings.first().map(|r| r[0].0))?;
+        rings.push(ring);
+    }
+    Ok(rings)
+}
+
+/// Twice the area within a ring, positive if it is gone round counter-clockwise.
+fn doubled_area(ring: &[Corner]) -> f64 {
+    (0..ring.len())
+        .map(|k| ring[k].0.perp(&ring[(k + 1) % ring.len()].0))
+        .sum()
 }
 
 /// A border in the parameters, gone along without a jump.

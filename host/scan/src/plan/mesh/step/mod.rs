@@ -157,7 +157,15 @@ fn face_text(drawing: &Drawing, number: u64) -> Result<FaceText, ScanError> {
         else {
             return Err(unreadable(format_args!("#{bound} is no border of a face")));
         };
-        bounds.push(curve::loop_edges(drawing, bound.entity(1)?)?);
+        let mut edges = curve::loop_edges(drawing, bound.entity(1)?)?;
+        if !bound.flag(2)? {
+            // Gone along the other way: the face lies on the left, seen from its outer side.
+            edges.reverse();
+            for (_, along) in &mut edges {
+                *along = !*along;
+            }
+        }
+        bounds.push(edges);
     }
     Ok(FaceText {
         number,

@@ -202,6 +202,30 @@ impl Surface {
         }
     }
 
+    /// A ball with its poles away from a face that is less than half of it; none for other surfaces and larger faces.
+    pub fn turned_towards(&self, borders: &[Vec<Vector3<f64>>]) -> Option<Self> {
+        let Surface::Sphere(frame, radius) = self else {
+            return None;
+        };
+        let out = |p: &Vector3<f64>| (p - frame.at).normalize();
+        let mean: Vector3<f64> = borders.iter().flatten().map(out).sum();
+        let x = mean.try_normalize(1e-6)?;
+        // Nearer than this to the rim of the half, parameters would crowd at the new poles.
+        if borders.iter().flatten().any(|p| out(p).dot(&x) < 0.15) {
+            return None;
+        }
+        // Across the face where it is narrow: its first corner lies on the equator.
+        let first = borders.first()?.first().map(out)?;
+        let z = x.cross(&first).try_normalize(1e-6)?;
+        let turned = Frame {
+            at: frame.at,
+            x,
+            y: z.cross(&x),
+            z,
+        };
+        Some(Surface::Sphere(turned, *radius))
+    }
+
     /// The parameters of a point on the surface, near to those of a point beside it where there are several.
     ///
     /// # Errors

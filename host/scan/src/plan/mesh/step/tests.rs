@@ -271,3 +271,24 @@ fn every_cut_and_every_kind_of_damage_is_named() {
         }
     }
 }
+
+/// An eighth of a ball of 20 mm, by Open CASCADE: its round face reaches the ball's pole.
+#[test]
+fn the_corner_of_fillets_is_a_piece_of_a_ball() {
+    let octant = include_str!("../../../../../../tests/reference/plan/ball_octant.step");
+    let wanted = PI * 400.0 / 2.0 + 3.0 * PI * 400.0 / 4.0;
+    assert!(
+        (area(octant) / wanted - 1.0).abs() < 2e-3,
+        "{}",
+        area(octant)
+    );
+    let part = PartMesh::weld(read(octant.as_bytes()).unwrap(), true).unwrap();
+    // All looks outwards: the mean of the box lies behind every triangle.
+    let inside = nalgebra::Vector3::new(6.0, 6.0, 6.0);
+    for t in part.surface.triangles() {
+        assert!(t.normal.dot(&(t.corners[0] - inside)) > 0.0);
+        for c in t.corners {
+            assert!(c.norm() < 20.0 + 1e-6);
+        }
+    }
+}

@@ -18,8 +18,7 @@ use umi_scan::format::clouds::{CloudStyle, write, write_cloud};
 use umi_scan::format::points::PointSink;
 use umi_scan::format::table::TableReader;
 use umi_scan::format::triggers::{self, LatchSignal};
-use umi_scan::merge::{Merged, merge};
-use umi_scan::pair::PairOptions;
+use umi_scan::merge::{MergeOptions, Merged, merge};
 use umi_scan::parallel::Threads;
 use umi_scan::plan::mesh::PartMesh;
 use umi_scan::plan::program::{PathDialect, ProgramStyle, program};
@@ -36,7 +35,7 @@ use crate::cmd::Format;
 use crate::cmd::record::events::Sink;
 use crate::cmd::scan::answer::{answer, failure};
 use crate::failure::Failure;
-use crate::output::Force;
+use crate::output::{Force, SetAside, distinct};
 
 /// Drives a path on the virtual machine: its cloud, and how far that is from the mesh
 #[derive(Args)]
@@ -208,12 +207,17 @@ impl Drive {
             self.force.check(&path, &inputs)?;
         }
         write::check_extension(&self.output).map_err(failure)?;
-        let made = self.make();
-        if !matches!(made, Ok(Ok(_))) {
-            // An older cloud must not be taken for this path's.
-            for path in self.outputs() {
-                let _ = fs::remove_file(path);
+        let outputs = self.outputs();
+        distinct(outputs.iter().map(PathBuf::as_path))?;
+        let older = SetAside::new(outputs);
+        let mut made = self.make();
+        let kept = older.end(matches!(made, Ok(Ok(_))));
+        match (kept, &mut made) {
+            (Some(kept), Ok(Err(error))) => error.message = format!("{} {kept}", error.message),
+            (Some(kept), Err(Failure::Told(problem))) => {
+                problem.message = format!("{} {kept}", problem.message);
             }
+            _ => {}
         }
         answer(made?, self.format.json, text)
     }
@@ -256,9 +260,7 @@ impl Drive {
                     &folder.path.join(FILES[0]),
                     &triggers,
                     &driven.machine,
-                    0.0,
-                    &PairOptions::default(),
-                    false,
+                    &MergeOptions::default(),
                     &mut gather,
                 )
             })
@@ -292,6 +294,7 @@ impl Drive {
             dialect: path_dialect,
             mode: self.nc_mode.of_program(),
             feed_mm_per_min: self.feed,
+            number: 1000,
         };
         Ok((program(spec, meshes, &rows, style)?.text, dialect))
     }
@@ -381,6 +384,7 @@ impl Drive {
                 intensity: false,
             },
             double: self.double,
+            longest_mm: None,
         };
         let count = write_cloud(&self.output, style, Box::new(points.into_iter().map(Ok)))?;
         Ok(Answer {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::failure::Failure;
-use crate::output::Force;
+use crate::output::{Force, SetAside, distinct};
 use clap::{Args, ValueEnum};
 use umi_report::path_plan;
 use umi_scan::ScanError;
@@ -14,7 +14,7 @@ use umi_scan::plan::mesh::read::read_obstacle;
 use umi_scan::plan::mesh::{PartMesh, read_part};
 use umi_scan::plan::planner::result::{PlanFigures, csv};
 use umi_scan::plan::planner::{PlanOptions, plan};
-use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
+use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program, ready};
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::surface::Mesh;
 
@@ -44,6 +44,10 @@ pub(crate) struct Plan {
     /// Axis values, or the point on the part that the control carries through its rotary axes
     #[arg(long, value_enum, default_value_t = Mode::Rotary, requires = "nc")]
     nc_mode: Mode,
+    /// The program's number [default: that of its file's name, such as O1234.nc; else 1000]
+    #[arg(long, value_name = "N", requires = "nc",
+          value_parser = clap::value_parser!(u16).range(1..=9999))]
+    nc_number: Option<u16>,
     /// Writes a page and a picture of the plan into this folder: plan.html, plan.svg
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -92,8 +96,11 @@ Examples:
   umi scan plan part.stl --spec spec.toml -o path.csv --report plan
   umi scan plan pocket.ply --spec spec.toml -o path.csv --allow-partial --json | jq .uncovered
 
-The path is written only if a simulated scan of its rows confirms it: what is seen, from how far, how
-steeply, and that the sensor's box with its clearance touches nothing, between rows and on links too.
+The path is written only if a simulated scan of its rows confirms it: what is seen, from how far,
+how steeply, and that the sensor's box with its clearance touches nothing, between rows and on
+links too.
+
+With --force, older files go when the plan is written. Where there is none, they are kept as NAME.old.
 
 Exit status: 0 planned, 1 usage or a file that cannot be read, 2 refused (no file is left):
 mesh_format, mesh_unreadable, mesh_empty, mesh_not_finite, mesh_degenerate, mesh_not_manifold,
@@ -109,21 +116,29 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
 
 impl Plan {
     pub fn run(self) -> Result<(), Failure> {
-        let pages = self.pages();
-        for path in std::iter::once(&self.output).chain(&self.nc).chain(&pages) {
-            self.force.check(path, &[&self.mesh, &self.spec])?;
+        let outputs = self.outputs();
+        let mut inputs = vec![self.mesh.clone(), self.spec.clone()];
+        // A specification that cannot be read is refused below, by its own name.
+        inputs.extend(ScanSpec::open(&self.spec).map_or(Vec::new(), |spec| spec.obstacles));
+        let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+        for path in &outputs {
+            self.force.check(path, &inputs)?;
         }
-        answer(self.make(), self.format.json, text)
+        distinct(outputs.iter().map(PathBuf::as_path))?;
+        answer(self.make(outputs), self.format.json, text)
     }
 
-    fn make(&self) -> Result<PlanFigures, ScanError> {
-        let made = self.plan();
-        if made.is_err() {
-            // An older path must not be taken for this plan's. Where there is none, that is as well.
-            let _ = fs::remove_file(&self.output);
-            for path in self.pages().iter().chain(&self.nc) {
-                let _ = fs::remove_file(path);
-            }
+    fn outputs(&self) -> Vec<PathBuf> {
+        let files = std::iter::once(&self.output).chain(&self.nc).cloned();
+        files.chain(self.pages()).collect()
+    }
+
+    fn make(&self, outputs: Vec<PathBuf>) -> Result<PlanFigures, ScanError> {
+        let older = SetAside::new(outputs);
+        let mut made = self.plan();
+        let kept = older.end(made.is_ok());
+        if let (Err(error), Some(kept)) = (&mut made, kept) {
+            error.message = format!("{} {kept}", error.message);
         }
         made
     }
@@ -135,20 +150,28 @@ impl Plan {
             time_limit: Duration::from_secs_f64(self.time_limit),
             feed_mm_per_min: self.feed,
         };
-        let plan = plan(&part, &obstacles, &spec, options)?;
+        let dialect = match self.dialect {
+            Language::Fanuc => PathDialect::Fanuc,
+            Language::Siemens => PathDialect::Siemens,
+            Language::Heidenhain => PathDialect::Heidenhain,
+            Language::Linuxcnc => PathDialect::LinuxCnc,
+        };
+        let mode = self.nc_mode.of_program();
+        if self.nc.is_some() {
+            ready(&spec, dialect, mode)?;
+        }
+        let mut plan = plan(&part, &obstacles, &spec, options)?;
         if let Some(path) = &self.nc {
             let meshes = std::iter::once(&part.surface).chain(&obstacles).collect();
             let style = ProgramStyle {
-                dialect: match self.dialect {
-                    Language::Fanuc => PathDialect::Fanuc,
-                    Language::Siemens => PathDialect::Siemens,
-                    Language::Heidenhain => PathDialect::Heidenhain,
-                    Language::Linuxcnc => PathDialect::LinuxCnc,
-                },
-                mode: self.nc_mode.of_program(),
+                dialect,
+                mode,
                 feed_mm_per_min: self.feed,
+                number: self.nc_number.unwrap_or_else(|| number_of(path)),
             };
-            write(path, &program(&spec, meshes, &plan.rows, style)?.text)?;
+            let program = program(&spec, meshes, &plan.rows, style)?;
+            plan.figures.warnings.extend(program.warnings);
+            write(path, &program.text)?;
         }
         write(&self.output, &csv(&spec.machine, &plan.rows))?;
         if let (Some(folder), [html, svg]) = (&self.report, &self.pages()[..]) {
@@ -167,6 +190,16 @@ impl Plan {
         folder
             .flat_map(|folder| ["plan.html", "plan.svg"].map(|name| folder.join(name)))
             .collect()
+    }
+}
+
+/// The number in a program's name, as `O1234.nc` or `1234.nc`; 1000 where there is none that a control takes.
+fn number_of(path: &Path) -> u16 {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let digits = name.trim_start_matches(['O', 'o']);
+    match digits.parse() {
+        Ok(number @ 1..=9999) if digits.bytes().all(|b| b.is_ascii_digit()) => number,
+        _ => 1000,
     }
 }
 

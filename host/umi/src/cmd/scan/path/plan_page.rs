@@ -48,7 +48,7 @@ pub fn page(mesh: &Path, spec: &ScanSpec, plan: &ScanPlan) -> PlanPage {
             "overlap",
             format!(
                 "a tenth of the strips {:.3} of the line or less, in the middle {:.3} ({} wanted)",
-                o.min, o.median, spec.plan.overlap
+                o.tenth, o.median, spec.plan.overlap
             ),
         ));
     }

@@ -31,12 +31,21 @@ pub(crate) struct Verify {
 }
 
 const HELP: &str = "\
+With --json: `kind` \"scan_verify\", `holds`, `faults` [{`fault`: kinematics | axis_limit | max_step |
+max_turn | stand_off | tilt | off_part | collision | coverage | overlap, `message`}], and the figures
+that they are judged by. `overlap` {`wanted`, `min`, `tenth`, `median`, `resolution`}: strips that
+lie side by side without any have 0. A tenth of their length may have a little less than wanted
+(`tenth` is judged, less the `resolution` of the points): least widths are told by few points.
+
 Examples:
   umi scan verify part.stl --spec spec.toml path.csv
-  umi scan verify part.stl --spec spec.toml path.csv --json | jq .faults
+  umi scan verify part.stl --spec spec.toml path.csv --json | jq '.faults[].fault'
 
 Exit status: 0 looked through (`holds` says whether the path keeps everything), 1 usage or a file
-that cannot be read, 2 refused: the codes of `umi scan plan` for mesh and specification, bad_path.";
+that cannot be read (file; a damaged table, as of every command: missing_column, corrupt, truncated),
+2 refused: the codes of `umi scan plan` for mesh and specification, not_finite, and bad_path (no row;
+beam and line no unit vectors at a right angle; laser other than 0 and 1; laser 1 with pass -1, or 0
+with another).";
 
 impl Verify {
     pub fn run(self) -> Result<(), Failure> {
@@ -70,11 +79,18 @@ fn text(f: &PathFindings) -> String {
         "stand-off within {:.3} mm, tilt up to {:.1} degrees",
         f.stand_off_max_mm, f.tilt_max_deg
     );
+    if let Some(overlap) = &f.overlap {
+        let _ = writeln!(
+            text,
+            "overlap {:.3} at least, {:.3} in the middle, {} wanted",
+            overlap.min, overlap.median, overlap.wanted
+        );
+    }
     if f.holds {
         text.push_str("the path keeps what the specification wants\n");
     }
     for fault in &f.faults {
-        let _ = writeln!(text, "broken: {fault}");
+        let _ = writeln!(text, "broken ({}): {}", fault.fault, fault.message);
     }
     text
 }

@@ -1,5 +1,9 @@
 //! Reference cases, and what users of other planners suffer.
 
+mod damage;
+mod judge;
+mod peers;
+
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -30,7 +34,7 @@ fn spec(text: &str) -> Result<ScanSpec, ScanError> {
     ScanSpec::read(text, Path::new(""))
 }
 
-const SPEC: &str = include_str!("../../../../tests/reference/plan/kinematics_ac.toml");
+const SPEC: &str = include_str!("../../../../../tests/reference/plan/kinematics_ac.toml");
 
 #[test]
 fn poses_of_the_reference_within_a_hundredth_of_a_nanometre() {
@@ -201,21 +205,75 @@ fn upright() -> ScanSpec {
 
 #[test]
 fn a_ridge_under_the_pole_is_passed_without_whirling() {
-    let spec = upright();
     // Normals pass under the axis C, where an exact inverse turns C by 180 degrees.
     let raw = height_field([30.0, 14.0], 24, |x, y| -x * x / 160.0 - y * y / 400.0);
     let part = PartMesh::weld(raw, true).unwrap();
-    let plan = plan(&part, &[], &spec, options(false)).unwrap();
-    keeps(&plan, &spec);
-    assert!(plan.figures.coverage > 0.97);
-    // The table's C is the fifth axis.
-    let most = plan
-        .rows
-        .windows(2)
-        .filter(|w| w[0].laser && w[1].laser && w[0].pass == w[1].pass)
-        .map(|w| (w[1].axes[4] - w[0].axes[4]).abs())
-        .fold(0.0, f64::max);
-    assert!(most < 3.0, "C turns by {most} degrees in a step");
+    for (name, spec) in machines_with_c() {
+        let plan = plan(&part, &[], &spec, options(false)).unwrap();
+        keeps(&plan, &spec);
+        assert!(plan.figures.coverage > 0.97, "{name}");
+        let c = spec.machine.names().iter().position(|n| *n == "C").unwrap();
+        let most = plan
+            .rows
+            .windows(2)
+            .filter(|w| w[0].laser && w[1].laser && w[0].pass == w[1].pass)
+            .map(|w| (w[1].axes[c] - w[0].axes[c]).abs())
+            .fold(0.0, f64::max);
+        println!("{name}: C turns by {most:.3} degrees a pose at most");
+        assert!(most < 3.0, "{name}: C turns by {most} degrees in a step");
+    }
+}
+
+/// Machines whose C is upright where the others are at zero: on the table, in the head, on either side; with a spindle that
+/// turns and with one that stands.
+fn machines_with_c() -> Vec<(&'static str, ScanSpec)> {
+    let head = SPEC
+        .split("[machine]")
+        .next()
+        .unwrap()
+        .replace("[10.0, 5.0, -30.0]", "[0, 0, 0]");
+    let axis = |where_: &str, name: &str, axis: [i32; 3]| {
+        format!(
+            "[[machine.{where_}]]\nname = \"{name}\"\naxis = {axis:?}\npoint_mm = [0, 0, -20]\nlimits_deg = [-360, 360]\n"
+        )
+    };
+    let (table, carried) = ("table", "head");
+    [
+        (
+            "tables A and C, spindle turns",
+            true,
+            [axis(table, "A", [1, 0, 0]), axis(table, "C", [0, 0, 1])],
+        ),
+        (
+            "tables B and C",
+            false,
+            [axis(table, "B", [0, 1, 0]), axis(table, "C", [0, 0, 1])],
+        ),
+        (
+            "table C, head B",
+            false,
+            [axis(table, "C", [0, 0, 1]), axis(carried, "B", [0, 1, 0])],
+        ),
+        (
+            "table C, head B, spindle turns",
+            true,
+            [axis(table, "C", [0, 0, 1]), axis(carried, "B", [0, 1, 0])],
+        ),
+        (
+            "head C and A",
+            false,
+            [axis(carried, "C", [0, 0, 1]), axis(carried, "A", [1, 0, 0])],
+        ),
+    ]
+    .map(|(name, turns, axes)| {
+        let spindle = if turns { "spindle = { orient_deg = [-360, 360] }\n" } else { "" };
+        let text = format!(
+            "{head}[machine]\ntravel_mm = {{ X = [-900, 900], Y = [-900, 900], Z = [-900, 900] }}\n{spindle}mount = {{ origin_mm = [0, 0, -150], beam = [0, 0, -1], line = [0, 1, 0] }}\n{}",
+            axes.concat()
+        );
+        (name, spec(&text).unwrap())
+    })
+    .into()
 }
 
 #[test]
@@ -305,11 +363,101 @@ fn a_saddle_under_a_line_that_follows_from_the_beam_takes_less_than_twice_the_bo
     assert!(ratio < 2.0, "{ratio}");
 }
 
+/// Steps of 10 mm joined what shorter ones see: 97.3 % in three times the way, where a turn of 1.5 degrees was allowed.
+#[test]
+fn looser_limits_do_no_worse() {
+    let raw = height_field([30.0, 14.0], 24, |x, y| -x * x / 160.0 - y * y / 400.0);
+    let part = PartMesh::weld(raw, true).unwrap();
+    let mut spec = fixed_line();
+    spec.plan.min_coverage = 0.985;
+    let mut ways = Vec::new();
+    for (step, turn) in [
+        (1.0, 1.5),
+        (2.0, 1.5),
+        (10.0, 1.5),
+        (10.0, 6.0),
+        (100.0, 360.0),
+    ] {
+        spec.plan.max_step_mm = step;
+        spec.plan.max_turn_deg = turn;
+        let plan = plan(&part, &[], &spec, options(false)).unwrap();
+        keeps(&plan, &spec);
+        ways.push(plan.figures.scan_length_mm);
+    }
+    let shortest = ways.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(ways.iter().all(|w| *w < 1.01 * shortest), "{ways:?}");
+}
+
+#[test]
+fn a_part_of_half_a_millimetre_and_a_whole_plate_are_planned() {
+    let mut spec = upright();
+    for half in [[0.3, 0.2], [0.5, 0.5]] {
+        let part = PartMesh::weld(height_field(half, 4, |x, _| 0.1 * x * x), true).unwrap();
+        let plan = plan(&part, &[], &spec, options(false)).unwrap();
+        keeps(&plan, &spec);
+        assert!(plan.figures.coverage > 0.99, "{}", plan.figures.coverage);
+    }
+    spec.plan.min_coverage = 1.0;
+    let part = PartMesh::weld(height_field([30.0, 20.0], 8, |_, _| 0.0), true).unwrap();
+    let plan = plan(&part, &[], &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    assert_eq!(plan.figures.coverage, 1.0);
+}
+
+/// A shelf over the sensor's box leaves room only where the sensor stands nearer than its reference.
+#[test]
+fn where_the_box_would_touch_another_distance_is_taken() {
+    let mut spec = upright();
+    spec.plan.stand_off_tolerance_mm = 5.0;
+    let part = PartMesh::weld(height_field([20.0, 4.0], 8, |_, _| 0.0), true).unwrap();
+    let flat = PartMesh::weld(height_field([60.0, 60.0], 2, |_, _| 0.0), false).unwrap();
+    let high = spec.sensor.body_mm[0].z.abs() + spec.sensor.reference_mm;
+    let shelf = |z: f64| {
+        let corners: Vec<_> = flat
+            .surface
+            .triangles()
+            .iter()
+            .map(|t| t.corners.map(|c| c + Vector3::z() * z))
+            .collect();
+        crate::surface::Mesh::new(&corners).unwrap()
+    };
+    let free = plan(&part, &[shelf(high + 10.0)], &spec, options(false)).unwrap();
+    assert!(free.figures.stand_off_max_mm < 0.1);
+    let low = plan(
+        &part,
+        &[shelf(high + spec.plan.clearance_mm - 2.0)],
+        &spec,
+        options(false),
+    )
+    .unwrap();
+    keeps(&low, &spec);
+    assert!(low.figures.stand_off_max_mm > 2.0, "{:?}", low.figures);
+}
+
 /// The same part turned and shifted on its table, and the table's frame with it: the same plan.
 #[test]
 fn a_rigid_motion_of_part_and_fixture_together_changes_nothing() {
-    let surface = |x: f64, y: f64| 4.0 * (x / 17.0).sin() * (y / 21.0).cos() - x * x / 300.0;
-    let raw = height_field([30.0, 24.0], 20, surface);
+    for raw in shapes(20) {
+        moves_alike(&raw);
+    }
+}
+
+/// Surfaces of several kinds.
+fn shapes(cells: usize) -> [RawMesh; 4] {
+    let waves = |x: f64, y: f64| 4.0 * (x / 17.0).sin() * (y / 21.0).cos() - x * x / 300.0;
+    [
+        height_field([30.0, 24.0], cells, waves),
+        height_field([30.0, 24.0], cells, |x, y| {
+            (80.0_f64.powi(2) - x * x - y * y).sqrt() - 80.0
+        }),
+        height_field([30.0, 24.0], cells, |x, y| (x * x - y * y) / 140.0),
+        height_field([40.0, 12.0], cells, |x, y| {
+            x * (y / 60.0).sin() - x * x / 200.0
+        }),
+    ]
+}
+
+fn moves_alike(raw: &RawMesh) {
     let spec_at = |turns: Vector3<f64>, shift: Vector3<f64>| {
         let text = SPEC
             .replace(
@@ -342,7 +490,7 @@ fn a_rigid_motion_of_part_and_fixture_together_changes_nothing() {
     };
     for (turns, shift) in [
         (
-            Vector3::new(0.0, 0.0, 37.0),
+            Vector3::new(3.0, -2.0, 37.0),
             Vector3::new(120.0, -45.0, 8.0),
         ),
         (
@@ -365,12 +513,12 @@ fn a_rigid_motion_of_part_and_fixture_together_changes_nothing() {
         let spec = spec_at(back, there);
         let again = plan(&part, &[], &spec, options(false)).unwrap();
         keeps(&again, &spec);
-        assert_alike(&still, &again, 0.01);
+        assert_alike(&still, &again, 0.01, 0.01);
     }
 }
 
-/// Coverage and way of two plans differ by no more than a share.
-fn assert_alike(a: &ScanPlan, b: &ScanPlan, share: f64) {
+/// Coverage and way of two plans differ by no more than a share; the way with its links by another.
+fn assert_alike(a: &ScanPlan, b: &ScanPlan, share: f64, with_links: f64) {
     let (a, b) = (&a.figures, &b.figures);
     assert!(
         (a.coverage - b.coverage).abs() <= share,
@@ -384,17 +532,28 @@ fn assert_alike(a: &ScanPlan, b: &ScanPlan, share: f64) {
         a.scan_length_mm,
         b.scan_length_mm
     );
+    assert!(
+        (a.path_length_mm / b.path_length_mm - 1.0).abs() <= with_links,
+        "with links {} {}",
+        a.path_length_mm,
+        b.path_length_mm
+    );
 }
 
 #[test]
 fn a_mesh_written_otherwise_is_planned_alike() {
-    let surface = |x: f64, y: f64| 4.0 * (x / 17.0).sin() * (y / 21.0).cos() - x * x / 300.0;
-    let raw = height_field([30.0, 24.0], 30, surface);
-    let spec = upright();
+    for raw in shapes(20) {
+        is_written_alike(&raw, &upright(), 0.01);
+        // A line that follows from the beam: two directions can be as good in way, and unlike in links.
+        is_written_alike(&raw, &fixed_line(), 0.1);
+    }
+}
+
+fn is_written_alike(raw: &RawMesh, spec: &ScanSpec, with_links: f64) {
     let of = |raw: RawMesh| {
         let part = PartMesh::weld(raw, true).unwrap();
-        let plan = plan(&part, &[], &spec, options(false)).unwrap();
-        keeps(&plan, &spec);
+        let plan = plan(&part, &[], spec, options(true)).unwrap();
+        keeps(&plan, spec);
         plan
     };
     let plain = of(raw.clone());
@@ -408,7 +567,7 @@ fn a_mesh_written_otherwise_is_planned_alike() {
             f
         })
         .collect();
-    assert_alike(&plain, &of(shuffled), 0.01);
+    assert_alike(&plain, &of(shuffled), 1e-9, 1e-9);
     // Corners of their own for each triangle, in single precision, as STL has them.
     let mut loose = RawMesh::default();
     for f in &raw.faces {
@@ -420,7 +579,7 @@ fn a_mesh_written_otherwise_is_planned_alike() {
         let n = loose.vertices.len();
         loose.faces.push([n - 3, n - 2, n - 1]);
     }
-    assert_alike(&plain, &of(loose), 0.01);
+    assert_alike(&plain, &of(loose), 0.01, with_links);
     // Each triangle in four: the same surface.
     let mut fine = RawMesh {
         vertices: raw.vertices.clone(),
@@ -439,7 +598,7 @@ fn a_mesh_written_otherwise_is_planned_alike() {
             [n, n + 1, n + 2],
         ]);
     }
-    assert_alike(&plain, &of(fine), 0.01);
+    assert_alike(&plain, &of(fine), 0.01, with_links);
 }
 
 #[test]
@@ -507,8 +666,8 @@ fn papers_part(cells: usize) -> RawMesh {
     })
 }
 
-/// Guo and others have one scale for the whole map (eq. 6). Areas' shares of 3 and 97 percent of the overlap, which is
-/// wanted to be 0.15, with their distance and with ours, on the same lines of the same map.
+/// Guo and others have one scale for the whole map (eq. 6). The least and the largest overlap, which is wanted to be 0.15,
+/// with their distance and with ours, on the same lines of the same map; then the shares of 3 and 97 percent of the area.
 #[test]
 fn equal_distances_on_a_map_are_no_equal_overlap_and_ours_are_nowhere_too_wide() {
     let (line, wanted) = (16.0, 0.15);
@@ -533,7 +692,7 @@ fn equal_distances_on_a_map_are_no_equal_overlap_and_ours_are_nowhere_too_wide()
     ];
     for (name, raw) in shapes {
         let part = PartMesh::weld(raw, true).unwrap();
-        let charts = charts(&part, 25.0);
+        let charts = charts(&part, 25.0, || Ok(())).unwrap();
         assert_eq!(charts.len(), 1, "{name}");
         let chart = &charts[0];
         let scales = chart.map.scales(&part, &chart.faces);
@@ -572,9 +731,14 @@ fn equal_distances_on_a_map_are_no_equal_overlap_and_ours_are_nowhere_too_wide()
                 ours.push((1.0 - apart / line, area));
             }
         }
-        let theirs = [share(0.03, &mut theirs), share(0.97, &mut theirs)];
-        let ours = [share(0.03, &mut ours), share(0.97, &mut ours)];
-        println!("{name}: eq. 6 {theirs:.3?}, by the local scale {ours:.3?}");
+        let mut shares = |at: f64| [share(at, &mut theirs), share(at, &mut ours)];
+        let [least, few, many, most] = [0.0, 0.03, 0.97, 1.0 - 1e-12].map(&mut shares);
+        println!(
+            "{name}: eq. 6 {:.3} to {:.3} (3 and 97 %: {:.3} to {:.3}), by the local scale {:.3} to {:.3} ({:.3} to {:.3})",
+            least[0], most[0], few[0], many[0], least[1], most[1], few[1], many[1]
+        );
+        assert!(least[1] > least[0], "{name}: {least:?}");
+        let (theirs, ours) = ([few[0], many[0]], [few[1], many[1]]);
         assert!(theirs[0] < wanted - 0.01, "{name}: {theirs:?}");
         assert!(ours[0] > wanted - 0.01, "{name}: {ours:?}");
     }
@@ -599,16 +763,32 @@ fn the_papers_part_on_five_axes_and_on_three() {
          [[machine.head]]\nname = \"B\"\naxis = [0, 1, 0]\npoint_mm = [0, 0, 0]\nlimits_deg = [-110, 110]\n",
     )
     .replace("[10.0, 5.0, -30.0]", "[90, 0, 90]");
-    let three = machine(
-        "spindle = { orient_deg = [-360, 360] }\n\
-         mount = { origin_mm = [0, 0, -150], beam = [0, 0, -1], line = [0, 1, 0] }\n",
-    )
-    .replace("[10.0, 5.0, -30.0]", "[0, 0, 0]");
-    let steep = three.replace("max_tilt_deg = 10.0", "max_tilt_deg = 65.0");
+    // The same machine with B and C clamped.
+    let three = five.split("[[machine.table]]").next().unwrap().to_owned();
+    let any_tilt = |text: &str| text.replace("max_tilt_deg = 10.0", "max_tilt_deg = 65.0");
+    let quarter = three.replace("line = [0, 1, 0]", "line = [0, 0, 1]");
+    let spindle = three
+        .replace(
+            "[machine]\n",
+            "[machine]\nspindle = { orient_deg = [-360, 360] }\n",
+        )
+        .replace("[90, 0, 90]", "[0, 0, 0]")
+        .replace(
+            "origin_mm = [-150, 0, 0], beam = [-1, 0, 0]",
+            "origin_mm = [0, 0, -150], beam = [0, 0, -1]",
+        );
     for (name, text) in [
-        ("five axes", five),
-        ("three, 10 degrees", three),
-        ("three, any tilt", steep),
+        ("five axes", five.clone()),
+        ("three, 10 degrees", three.clone()),
+        ("three, any tilt", any_tilt(&three)),
+        (
+            "three, sensor turned by a quarter, any tilt",
+            any_tilt(&quarter),
+        ),
+        (
+            "three and a spindle that turns, any tilt",
+            any_tilt(&spindle),
+        ),
     ] {
         let spec = spec(&text).unwrap();
         let options = PlanOptions {

@@ -5,16 +5,21 @@
 //! block's time (G93) where the control knows that, since a feed in mm/min means something else on every control as soon
 //! as rotary axes move.
 
+mod carried;
+mod words;
+
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 
-use super::drive::order::{RAPID_MM_PER_S, seconds};
+use super::drive::price::{RAPID_MM_PER_S, seconds};
 use super::drive::touch::Scenery;
 use super::planner::result::PathRow;
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::surface::Mesh;
+
+pub use carried::off_the_spindle;
 
 /// Whose language it is in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +52,8 @@ pub struct ProgramStyle {
     pub mode: ProgramMode,
     /// With the laser on, mm/min on the part.
     pub feed_mm_per_min: f64,
+    /// The program's number: `O` of a Fanuc, a part of the name in plain language.
+    pub number: u16,
 }
 
 /// A program and what its rounding does.
@@ -56,6 +63,8 @@ pub struct PathProgram {
     pub text: String,
     /// By how much words of three decimals move the middle ray's point on the part, at most.
     pub rounding_mm: f64,
+    /// What its user must know and set up.
+    pub warnings: Vec<String>,
 }
 
 /// Decimals of every axis word.
@@ -66,10 +75,37 @@ fn word(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0 + 0.0
 }
 
+/// The first row is come down to from this far above, by feed.
+const DESCENT_MM: f64 = 5.0;
+
+/// The pass of the place over the first row, which is no row of the path.
+const ABOVE: i32 = -2;
+
+/// What a user must set up for such a program; whether there can be one at all is known before a path is.
+///
+/// # Errors
+/// `machine_spec` where the language has no word for a rotary axis, `nc_mode` where the control has no `rtcp` that this
+/// could be said in.
+pub fn ready(
+    spec: &ScanSpec,
+    dialect: PathDialect,
+    mode: ProgramMode,
+) -> Result<Vec<String>, ScanError> {
+    words::check(&spec.machine, dialect)?;
+    match (mode, dialect) {
+        (ProgramMode::Rotary, _) => Ok(Vec::new()),
+        (ProgramMode::Rtcp, PathDialect::LinuxCnc) => Err(ScanError::refused(
+            "nc_mode",
+            "LinuxCNC has no word that switches to the tool's point for every machine: take --nc-mode rotary.",
+        )),
+        (ProgramMode::Rtcp, _) => carried::carried(spec, dialect),
+    }
+}
+
 /// Writes a program.
 ///
 /// # Errors
-/// `nc_mode` where the control has no `rtcp` that this could be said in, `nc_approach` where the straight way down from
+/// Those of [`ready`], and `nc_approach` where the straight way down from
 /// the top of Z to the first row, or up from the last, touches something.
 pub fn program(
     spec: &ScanSpec,
@@ -77,12 +113,7 @@ pub fn program(
     rows: &[PathRow],
     style: ProgramStyle,
 ) -> Result<PathProgram, ScanError> {
-    if style.mode == ProgramMode::Rtcp && style.dialect == PathDialect::LinuxCnc {
-        return Err(ScanError::refused(
-            "nc_mode",
-            "LinuxCNC has no word that switches to the tool's point for every machine: take --nc-mode rotary.",
-        ));
-    }
+    let warnings = ready(spec, style.dialect, style.mode)?;
     let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
         return Err(ScanError::refused("nc_approach", "The path has no row."));
     };
@@ -110,8 +141,12 @@ pub fn program(
         text: String::new(),
     };
     writer.head(rows, rounding_mm);
-    writer.approach(first);
-    let mut before: Option<&PathRow> = None;
+    for warning in &warnings {
+        writer.comment(&warning.to_ascii_uppercase());
+    }
+    let above = above(spec, first);
+    writer.approach(&above);
+    let mut before = Some(&above);
     for row in rows {
         writer.row(before, row);
         before = Some(row);
@@ -120,7 +155,22 @@ pub fn program(
     Ok(PathProgram {
         text: writer.text,
         rounding_mm,
+        warnings,
     })
+}
+
+/// Over a row, in the machine's Z: no block of a program is without a way, which `G93` would be at odds with.
+fn above(spec: &ScanSpec, row: &PathRow) -> PathRow {
+    let mut axes = row.axes.clone();
+    axes[2] = (axes[2] + DESCENT_MM)
+        .min(spec.machine.travel_mm[2][1])
+        .max(axes[2]);
+    PathRow {
+        pass: ABOVE,
+        laser: false,
+        pose: spec.machine.forward(&axes),
+        axes,
+    }
 }
 
 fn tip(spec: &ScanSpec, row: &PathRow) -> Vector3<f64> {
@@ -154,9 +204,11 @@ impl Writer<'_> {
 
     fn head(&mut self, rows: &[PathRow], rounding_mm: f64) {
         match self.style.dialect {
-            PathDialect::Fanuc => self.line("%\nO1000"),
+            PathDialect::Fanuc => self.line(&format!("%\nO{:04}", self.style.number)),
             PathDialect::LinuxCnc => self.line("%"),
-            PathDialect::Heidenhain => self.line("BEGIN PGM SCAN MM"),
+            PathDialect::Heidenhain => {
+                self.line(&format!("BEGIN PGM SCAN{} MM", self.style.number))
+            }
             PathDialect::Siemens => {}
         }
         let scanning = rows.iter().filter(|r| r.laser).count();
@@ -305,9 +357,11 @@ impl Writer<'_> {
             };
             self.comment(&words);
         }
+        // A pass and the way down to the path's beginning are by feed; links are not.
+        let by_feed = scanning || before.is_some_and(|b| b.pass == ABOVE);
         let time = before.map_or(1.0, |b| {
             let at_rapid = seconds(&b.axes, &row.axes, RAPID_MM_PER_S);
-            if scanning {
+            if by_feed {
                 let way = (tip(self.spec, row) - tip(self.spec, b)).norm();
                 at_rapid.max(way / (self.style.feed_mm_per_min / 60.0))
             } else {
@@ -320,10 +374,14 @@ impl Writer<'_> {
         let line = if self.heidenhain() {
             // Its feed is along X Y Z, or in degrees a minute where these stand still.
             let way = before.map_or(0.0, |b| {
-                let linear = (0..3)
-                    .map(|k| (row.axes[k] - b.axes[k]).powi(2))
-                    .sum::<f64>()
-                    .sqrt();
+                let linear = match self.style.mode {
+                    // The control holds the feed at the point that it carries.
+                    ProgramMode::Rtcp => (tip(self.spec, row) - tip(self.spec, b)).norm(),
+                    ProgramMode::Rotary => (0..3)
+                        .map(|k| (row.axes[k] - b.axes[k]).powi(2))
+                        .sum::<f64>()
+                        .sqrt(),
+                };
                 let turn = row.axes[3..]
                     .iter()
                     .zip(&b.axes[3..])
@@ -360,7 +418,8 @@ impl Writer<'_> {
                 if self.style.mode == ProgramMode::Rtcp {
                     self.line("M129");
                 }
-                self.line("L Z+0 R0 FMAX M91\nM30\nEND PGM SCAN MM");
+                self.line("L Z+0 R0 FMAX M91\nM30");
+                self.line(&format!("END PGM SCAN{} MM", self.style.number));
             }
         }
     }

@@ -1,0 +1,127 @@
+//! Steps and turns with which a path is planned, within those that are allowed.
+//!
+//! Courses are followed and joined at their points. Points far apart miss what shorter steps find, so that a looser limit
+//! alone could end worse than a tight one. Beyond a share of the laser line, steps are therefore never longer, whatever is
+//! allowed; and what is not good enough is planned again with shorter ones, the better plan is kept.
+
+use super::super::drive::deadline::Deadline;
+use super::super::spec::ScanSpec;
+use super::PlanOptions;
+use super::result::ScanPlan;
+use crate::ScanError;
+
+/// The longest step, of the line's length.
+const STEP_SHARE: f64 = 0.125;
+
+/// The largest turn in a step.
+const TURN_DEG: f64 = 12.0;
+
+/// Way over the bound (area over the line without its overlap) that is good enough.
+const GOOD_RATIO: f64 = 1.25;
+
+/// Parts of more triangles are planned again only where they are refused: a long way there is not worth the time.
+const MOST_TRIANGLES: usize = 20_000;
+
+/// A plan that is worth another one is better by this share.
+const GAIN: f64 = 0.005;
+
+/// Steps and turns, as shares of those that are begun with.
+const FINER: [[f64; 2]; 3] = [[0.5, 1.0], [0.5, 0.5], [0.25, 0.5]];
+
+/// The best of the plans that `plan` makes of a specification with its own and with tighter limits.
+///
+/// # Errors
+/// Those of the plan that sees the most, where none is one.
+pub(super) fn best(
+    spec: &ScanSpec,
+    triangles: usize,
+    options: PlanOptions,
+    deadline: Deadline,
+    plan: impl Fn(&ScanSpec) -> Result<ScanPlan, ScanError>,
+) -> Result<ScanPlan, ScanError> {
+    let step = spec.plan.max_step_mm.min(STEP_SHARE * spec.sensor.line_mm);
+    let turn = spec.plan.max_turn_deg.min(TURN_DEG);
+    let with = |[steps, turns]: [f64; 2]| {
+        let mut inner = spec.clone();
+        // No finer than a specification may say.
+        inner.plan.max_step_mm = (step * steps).max(0.01_f64.min(step));
+        inner.plan.max_turn_deg = (turn * turns).max(0.01_f64.min(turn));
+        plan(&inner)
+    };
+    let begun = std::time::Instant::now();
+    let mut best = with([1.0, 1.0]);
+    if !worth_another(spec, options, &best) || (best.is_ok() && triangles > MOST_TRIANGLES) {
+        return best;
+    }
+    let took = begun.elapsed();
+    for finer in FINER {
+        // Shorter steps take longer: twice, about.
+        if !deadline.lasts(took * 4) {
+            break;
+        }
+        let found = with(finer);
+        let gained = better(spec, &found, &best);
+        if gained {
+            best = found;
+        }
+        if !gained || !worth_another(spec, options, &best) {
+            break;
+        }
+    }
+    best
+}
+
+/// Is a plan refused for what finer steps may mend, or long?
+fn worth_another(
+    spec: &ScanSpec,
+    options: PlanOptions,
+    found: &Result<ScanPlan, ScanError>,
+) -> bool {
+    match found {
+        Ok(plan) => {
+            let figures = &plan.figures;
+            let area = plan.area_mm2 * figures.coverage;
+            let bound = area / (spec.sensor.line_mm * (1.0 - spec.plan.overlap));
+            // A part narrower than the line has no bound by its area.
+            let narrow = figures.passes < 3;
+            let long = figures.scan_length_mm > GOOD_RATIO * bound && !narrow;
+            let little = options.allow_partial && figures.coverage < spec.plan.min_coverage;
+            long || little
+        }
+        Err(error) => matches!(
+            error.code,
+            "coverage_unreachable" | "axis_limit" | "plan_unproved"
+        ),
+    }
+}
+
+/// Does one plan see enough where the other does not, or see more, or as much in less way?
+fn better(
+    spec: &ScanSpec,
+    one: &Result<ScanPlan, ScanError>,
+    other: &Result<ScanPlan, ScanError>,
+) -> bool {
+    let seen = |found: &Result<ScanPlan, ScanError>| match found {
+        Ok(plan) => plan.figures.coverage,
+        Err(error) => error
+            .details
+            .get("coverage")
+            .and_then(|v| v.as_f64())
+            .unwrap_or(0.0),
+    };
+    let wanted = spec.plan.min_coverage;
+    match (one, other) {
+        (Ok(one), Ok(other)) => {
+            let (a, b) = (&one.figures, &other.figures);
+            if a.coverage.min(b.coverage) < wanted {
+                return a.coverage.min(wanted) > b.coverage.min(wanted) + GAIN
+                    || (a.coverage >= b.coverage
+                        && a.scan_length_mm < b.scan_length_mm * (1.0 - GAIN));
+            }
+            a.scan_length_mm < b.scan_length_mm * (1.0 - GAIN)
+        }
+        (Ok(_), Err(_)) => true,
+        (Err(_), Ok(_)) => false,
+        (Err(_), Err(_)) => seen(one) > seen(other) + GAIN,
+    }
+}
