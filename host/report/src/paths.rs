@@ -82,7 +82,7 @@ pub fn html(
 
 /// The ways of all cuts, drawn in straight pieces.
 fn cuts(moves: &[Move], carried: impl Fn(V) -> V) -> Vec<Vec<V>> {
-    let cuts = moves.iter().filter(|made| made.is_feed && !made.away);
+    let cuts = moves.iter().filter(|made| made.is_feed && !made.is_away());
     cuts.map(|cut| {
         let pieces = cut.pieces();
         let part = |piece| f64::from(piece) / f64::from(pieces);

@@ -320,14 +320,33 @@ fn verdict(out: &mut String, setup: &Setup, paint: Paint) {
     }
     for remark in &verdict.remarks {
         if remark.reason != umi_protocol::reason::Reason::Taught {
-            let _ = writeln!(
-                out,
-                "    {} {}",
-                paint.quiet("remark:"),
-                visible(&remark.to_string())
-            );
+            let text = visible(&remark.to_string());
+            let mut lines = folded(&text, WIDTH - REMARK.len() - 5).into_iter();
+            let first = lines.next().unwrap_or_default();
+            let _ = writeln!(out, "    {} {first}", paint.quiet(REMARK));
+            for line in lines {
+                let _ = writeln!(out, "    {:width$} {line}", "", width = REMARK.len());
+            }
         }
     }
+}
+
+/// Before a remark.
+const REMARK: &str = "remark:";
+
+/// The words of a text in lines of so many characters at most; a longer word stands alone.
+fn folded(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 fn dash(text: Option<String>) -> String {

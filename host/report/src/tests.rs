@@ -65,7 +65,10 @@ fn every_page_has_a_policy() {
             &[],
             &[],
             &umi_core::registration::RigidTransform::identity(),
-            1.0,
+            umi_client::files::tool_path::diff::DiffLimits {
+                near_mm: 1.0,
+                within_mm: 1.0,
+            },
         ),
     );
     assert_self_contained(&paths);

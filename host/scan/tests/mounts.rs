@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, Pose};
 use umi_scan::ScanError;
 use umi_scan::calibrate::axis::{TurnedCentre, axis};
+use umi_scan::calibrate::bar::BallBar;
 use umi_scan::calibrate::observations::{Observation, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_scan::rigid::rotation;
@@ -105,6 +106,8 @@ enum Noise {
     Distance(f64),
     /// Its range, as that of a triangulating sensor whose columns are sharp.
     Range(f64),
+    /// Its range, and the more the further away: at z = 0, and what a mm away from the sensor adds.
+    Growing(f64, f64),
 }
 
 fn along_z(mm: f64) -> Noise {
@@ -112,9 +115,14 @@ fn along_z(mm: f64) -> Noise {
 }
 
 impl Noise {
-    /// `normal`: x and z of the surface's normal in the sensor's frame, of a unit vector.
-    fn of(self, normal: [f64; 2], random: &mut Random) -> Vector3<f64> {
+    /// `normal`: x and z of the surface's normal in the sensor's frame, of a unit vector; `z_mm`:
+    /// where it is.
+    fn of(self, normal: [f64; 2], z_mm: f64, random: &mut Random) -> Vector3<f64> {
         match self {
+            Self::Growing(mm, each) => {
+                let mm = (mm - each * z_mm).max(0.0);
+                Vector3::new(0.0, 0.0, mm * random.normal())
+            }
             Self::Range(mm) => Vector3::new(0.0, 0.0, mm * random.normal()),
             Self::Distance(mm) => {
                 let [x, z] = normal;
@@ -157,7 +165,11 @@ fn spheres(
                 flange: profile,
                 feature,
                 seen_mm: Vector3::new(middle.x + cut * cos, 0.0, middle.z + cut * sin)
-                    + noise.of([cos * cut / radius_mm, sin * cut / radius_mm], random),
+                    + noise.of(
+                        [cos * cut / radius_mm, sin * cut / radius_mm],
+                        middle.z + cut * sin,
+                        random,
+                    ),
             });
         }
     }
@@ -195,6 +207,7 @@ fn plane(normal: &Vector3<f64>, swing: Swing, noise: Noise, random: &mut Random)
                             normal.dot(&sensor.rotation.column(0)),
                             normal.dot(&sensor.rotation.column(2)),
                         ],
+                        z,
                         random,
                     ),
             });
@@ -209,6 +222,7 @@ fn on_sphere(radius_mm: Option<f64>) -> SensorOptions {
         radius_mm,
         centres: None,
         hold: [false; 3],
+        bars: Vec::new(),
     }
 }
 
@@ -381,6 +395,167 @@ fn what_is_held_is_not_sought() {
     assert_eq!(free(sensor(&all, &start, &options)), 1);
 }
 
+/// A bar is as long as it is, with the uncertainty that its length scatters with; a certificate that
+/// does not fit is refused.
+#[test]
+fn a_ball_bar_is_held_to_its_certificate() {
+    let mut random = Random(14);
+    let certified = (BALLS[1] - BALLS[0]).norm();
+    let bar = |length_mm: f64, within_mm: f64| SensorOptions {
+        bars: vec![BallBar {
+            balls: ["0".into(), "1".into()],
+            length_mm,
+            within_mm,
+        }],
+        ..on_sphere(Some(12.7))
+    };
+    let mut squares = 0.0;
+    const RUNS: u32 = 30;
+    for _ in 0..RUNS {
+        let all = spheres(&BALLS, 12.7, BOTH, EVEN, &mut random);
+        let answer = sensor(&all, &truth(), &bar(certified, 0.02)).unwrap();
+        let found = &answer.bars[0];
+        assert!((found.found_mm - certified - found.off_mm).abs() < 1e-12);
+        squares += (found.off_mm / found.u_mm.unwrap()).powi(2);
+    }
+    // Chi squared with as many degrees of freedom as runs: within 99.9 %.
+    assert!((10.0..62.0).contains(&squares), "{squares}");
+    let all = spheres(&BALLS, 12.7, BOTH, EVEN, &mut random);
+    let error = sensor(&all, &truth(), &bar(certified + 0.1, 0.02)).unwrap_err();
+    assert_eq!(error.code, "bar_length", "{error}");
+    let mut options = bar(certified, 0.02);
+    options.bars[0].balls[1] = "7".into();
+    let error = sensor(&all, &truth(), &options).unwrap_err();
+    assert_eq!(error.code, "missing_centre", "{error}");
+}
+
+/// Where nothing is left of what was seen, all of the mount is open, not what rounding leaves; a mount
+/// half a turn away fits a mirrored ball, and is refused.
+#[test]
+fn what_fits_by_rounding_or_in_a_mirror_is_refused() {
+    let mut random = Random(15);
+    let all = spheres(&[BALL], 15.0, BOTH, EVEN, &mut random);
+    let mut same = all.clone();
+    for n in (10..300).step_by(10) {
+        for place in [0, 3, 100] {
+            same.points = vec![all.points[place]; n];
+            let found = sensor(&same, &truth(), &on_sphere(Some(15.0)));
+            assert_eq!(free(found), 6, "{n} times observation {place}");
+        }
+    }
+    let mut mirrored = all;
+    for point in &mut mirrored.points {
+        point.seen_mm.x = -point.seen_mm.x;
+    }
+    let error = sensor(&mirrored, &truth(), &on_sphere(Some(15.0))).unwrap_err();
+    assert!(
+        ["far_from_start", "uncertain", "no_convergence"].contains(&error.code),
+        "{error}"
+    );
+    // An axis of which every ball was measured at one angle.
+    let at = |i: u8| TurnedCentre {
+        angle_deg: 30.0,
+        ball: usize::from(i % 2),
+        measured_mm: Vector3::new(f64::from(i) * 20.0, f64::from(i * i), 3.0),
+    };
+    let centres: Vec<TurnedCentre> = (0..8).map(at).collect();
+    let error = axis(&centres).unwrap_err();
+    assert_eq!(error.code, "unidentifiable", "{error}");
+    // Radians are told also where, taken for degrees, they leave the axis open.
+    let centres: Vec<TurnedCentre> = (0..12_u8)
+        .map(|i| {
+            let angle = 0.5 * f64::from(i / 2);
+            let arm = Vector3::new(
+                90.0,
+                20.0 * f64::from(i % 2),
+                15.0 + 40.0 * f64::from(i % 2),
+            );
+            TurnedCentre {
+                angle_deg: angle,
+                ball: usize::from(i % 2),
+                measured_mm: rotation(&(Vector3::z() * angle)) * arm,
+            }
+        })
+        .collect();
+    assert_eq!(axis(&centres).unwrap_err().code, "angle_unit");
+}
+
+/// Centres of balls, at arms from a place on the axis, that turn by these angles; each with noise of so many mm.
+fn turned(
+    axis: &Vector3<f64>,
+    arms: &[Vector3<f64>],
+    angles_deg: &[f64],
+    noise_mm: f64,
+    random: &mut Random,
+) -> Vec<TurnedCentre> {
+    let place = Vector3::new(120.0, -35.0, 60.0);
+    let mut centres = Vec::new();
+    for (ball, arm) in arms.iter().enumerate() {
+        for &angle_deg in angles_deg {
+            let noise = Vector3::from_fn(|_, _| noise_mm * random.normal());
+            centres.push(TurnedCentre {
+                angle_deg,
+                ball,
+                measured_mm: place + rotation(&(axis * angle_deg.to_radians())) * arm + noise,
+            });
+        }
+    }
+    centres
+}
+
+/// Half turns and balls on the axis do not show its sense, whole turns show nothing.
+#[test]
+fn an_axis_that_balls_do_not_show_is_refused() {
+    let mut random = Random(11);
+    let arms = [
+        Vector3::new(90.0, 10.0, 15.0),
+        Vector3::new(60.0, -50.0, 55.0),
+        Vector3::new(-20.0, 80.0, 0.0),
+    ];
+    for noise_mm in [0.0, 0.005] {
+        for _ in 0..10 {
+            let u = Vector3::from_fn(|_, _| random.normal()).normalize();
+            let code = |arms: &[Vector3<f64>], angles: &[f64], random: &mut Random| {
+                axis(&turned(&u, arms, angles, noise_mm, random))
+                    .map_or_else(|error| error.code, |_| "an axis")
+            };
+            assert_eq!(code(&arms, &[0.0, 180.0], &mut random), "degenerate");
+            assert_eq!(
+                code(&arms, &[-90.0, 90.0, 270.0], &mut random),
+                "degenerate"
+            );
+            let whole = code(&arms, &[0.0, 360.0, 720.0], &mut random);
+            assert!(["unidentifiable", "angle_unit"].contains(&whole), "{whole}");
+            let on_it = [u * 10.0, u * 90.0];
+            let open = code(&on_it, &[0.0, 40.0, 110.0, 200.0], &mut random);
+            assert!(["degenerate", "unidentifiable"].contains(&open), "{open}");
+        }
+    }
+}
+
+/// One ball at three or four angles gives an axis of any direction.
+#[test]
+fn an_axis_of_any_direction_is_found_by_one_ball() {
+    let mut random = Random(12);
+    for angles in [
+        &[0.0, 90.0, 180.0, 270.0][..],
+        &[0.0, 120.0, 240.0],
+        &[10.0, 35.0, 70.0],
+    ] {
+        for _ in 0..60 {
+            let u = Vector3::from_fn(|_, _| random.normal()).normalize();
+            let side = u
+                .cross(&Vector3::from_fn(|_, _| random.normal()))
+                .normalize();
+            let arm = side * 80.0 + u * 20.0;
+            let found = axis(&turned(&u, &[arm], angles, 0.005, &mut random))
+                .unwrap_or_else(|e| panic!("{angles:?} {u:?} {arm:?} {e}"));
+            let off = (Vector3::from(found.direction) - u).norm();
+            assert!(off < 2e-3, "{off}");
+        }
+    }
+}
+
 /// Noise that leaves more than 1 mm is refused as uncertain.
 #[test]
 fn a_mount_that_nobody_could_use_is_uncertain() {
@@ -400,19 +575,31 @@ fn edge(chi_squared: f64, k: f64, dof: usize) -> f64 {
     chi_squared * (1.0 + (chi_squared - k + 2.0) / (2.0 * dof as f64))
 }
 
-/// Whether the truth lies within the answer's 95 % region of six parts.
-fn holds(answer: &SensorAnswer) -> bool {
+/// Whether the truth lies within the 95 % regions of six parts: by the covariance that takes
+/// residuals for alike, and by that of their own scatter.
+fn holds(answer: &SensorAnswer) -> [bool; 2] {
     let r = truth().rotation * Matrix3::from_fn(|i, k| answer.rotation[i][k]).transpose();
     let t = truth().translation_mm - Vector3::from(answer.translation_mm);
     let w = umi_scan::rigid::rotation_vector(&r);
     let off = nalgebra::Vector6::new(w.x, w.y, w.z, t.x, t.y, t.z);
-    let covariance = answer.covariance.unwrap();
-    let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
-    off.dot(&(covariance.try_inverse().unwrap() * off)) < edge(12.592, 6.0, answer.dof)
+    // Of Hotelling's T², to the first order.
+    let scatter = 12.592 * (1.0 + (12.592 + 6.0) / (2.0 * answer.dof_scatter.unwrap()));
+    let alike = edge(12.592, 6.0, answer.dof);
+    [
+        (answer.covariance, alike),
+        (answer.covariance_scatter, scatter),
+    ]
+    .map(|(covariance, edge)| {
+        let covariance = covariance.unwrap();
+        let covariance = nalgebra::Matrix6::from_fn(|i, k| covariance[i][k]);
+        off.dot(&(covariance.try_inverse().unwrap() * off)) < edge
+    })
 }
 
 /// 5 um.
 const EVEN: Noise = Noise::Distance(0.005);
+/// 5 um at z = 0, 8 um 15 mm further away, 1 um 20 mm nearer.
+const GROWING: Noise = Noise::Growing(0.005, 0.000_2);
 
 /// The kinds of calibration of a sensor that find all of its mount.
 const KINDS: [&str; 6] = [
@@ -455,17 +642,27 @@ fn calibrated(kind: &str, noise: Noise, random: &mut Random) -> SensorAnswer {
     sensor(&all, &truth(), &options).unwrap()
 }
 
-/// The covariance is honest: over simulated calibrations of each kind the truth lies within the
-/// 95 % region (six degrees of freedom) in 95 %.
+/// The share of simulated calibrations whose 95 % regions hold the truth, by both covariances.
+fn shares(kind: &str, noise: Noise, runs: u32, random: &mut Random) -> [f64; 2] {
+    let held: Vec<[bool; 2]> = (0..runs)
+        .map(|_| holds(&calibrated(kind, noise, random)))
+        .collect();
+    [0, 1].map(|which| held.iter().filter(|held| held[which]).count() as f64 / f64::from(runs))
+}
+
+/// The covariances are honest: over simulated calibrations the truth lies within the 95 % region
+/// (six degrees of freedom) in 95 %; by the residuals' own scatter also where only the range is
+/// unsharp and grows so with the distance.
 #[test]
 fn the_95_percent_region_holds_the_truth() {
     let mut random = Random(5);
     for (kind, runs) in [("one ball", 40_u32), ("inclined plane", 40)] {
-        let inside = (0..runs).filter(|_| holds(&calibrated(kind, EVEN, &mut random)));
-        let share = inside.count() as f64 / f64::from(runs);
         let spread = 4.0 * (0.95 * 0.05 / f64::from(runs)).sqrt();
-        assert!((share - 0.95).abs() < spread, "{kind}: {share}");
+        let [even, _] = shares(kind, EVEN, runs, &mut random);
+        assert!((even - 0.95).abs() < spread, "{kind}: {even}");
     }
+    let [_, growing] = shares("inclined plane", GROWING, 40, &mut random);
+    assert!((growing - 0.95).abs() < 0.14, "{growing}");
 }
 
 /// The same of a rotary axis from the centres of balls: its direction, and its place across it,
@@ -525,27 +722,44 @@ fn axis_shares(runs: u32, spread: f64) {
     }
 }
 
-/// 2000 calibrations of each kind: 94 to 96 %, and no less where the noise is along z alone. By hand; the last result is in docs/promises.md.
+/// By hand; the last result is in docs/promises.md.
+#[test]
+#[ignore = "minutes"]
+fn of_2000_axes_95_percent_hold_the_truth() {
+    axis_shares(2000, 0.01);
+}
+
+/// 2000 calibrations of each kind with each noise: 94 to 96 %, by the residuals' own scatter, which is a
+/// little wide, up to 96.5 %. By hand; the last result is in docs/promises.md. `UMI_KIND` is the place
+/// of the only kind to run.
 #[test]
 #[ignore = "minutes"]
 fn of_2000_calibrations_of_each_kind_95_percent_hold_the_truth() {
-    axis_shares(2000, 0.01);
     let mut wrong = Vec::new();
+    let only: Option<u64> = std::env::var("UMI_KIND")
+        .ok()
+        .and_then(|kind| kind.parse().ok());
     for (kind, seed) in KINDS.into_iter().zip(7..) {
+        if only.is_some_and(|only| only + 7 != seed) {
+            continue;
+        }
         let mut random = Random(seed);
-        let mut share = |runs: u32, noise: Noise| {
-            let inside = (0..runs).filter(|_| holds(&calibrated(kind, noise, &mut random)));
-            inside.count() as f64 / f64::from(runs)
-        };
-        // Where only the range is unsharp, flanks are better than they are weighed: too wide.
-        let (even, z) = (share(2000, EVEN), share(400, along_z(0.005)));
-        println!(
-            "{kind}: {:.1} %, noise along z {:.1} %",
-            even * 100.0,
-            z * 100.0
-        );
-        if !(0.94..=0.96).contains(&even) || z < 0.94 {
-            wrong.push((kind, even, z));
+        for (name, noise) in [
+            ("distance", EVEN),
+            ("range", along_z(0.005)),
+            ("growing range", GROWING),
+        ] {
+            let [alike, scatter] = shares(kind, noise, 2000, &mut random);
+            println!(
+                "{kind}, {name}: {:.1} %, by the scatter {:.1} %",
+                alike * 100.0,
+                scatter * 100.0
+            );
+            let model = matches!(noise, Noise::Distance(_));
+            let right = |share: f64| (0.94..=0.96).contains(&share);
+            if (model && !right(alike)) || !(0.94..=0.965).contains(&scatter) {
+                wrong.push((kind, name, alike, scatter));
+            }
         }
     }
     assert!(wrong.is_empty(), "{wrong:?}");

@@ -47,7 +47,7 @@ pub struct DeviationPage {
     pub bands: Bands,
     /// The ends of the bands are limits that somebody has set.
     pub limits: bool,
-    /// Sections.
+    /// Sections; without any the page has no place for them.
     pub sections: Vec<Section>,
 }
 
@@ -153,8 +153,10 @@ pub fn html(shown: &DeviationPage) -> String {
                     "How many points have which deviation; positive is outside of the nominal.",
                 ))
                 .child(el("div").class("tables").children(tables)),
-        )
-        .child(cuts);
+        );
+    if !shown.sections.is_empty() {
+        main = main.child(cuts);
+    }
     let page = el("html")
         .attr("lang", "en")
         .child(document_head_with(&shown.title, &turning::policy()))

@@ -150,7 +150,8 @@ pub(super) fn across(u: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
 /// Fits the axis.
 ///
 /// # Errors
-/// `too_few_points`; `unidentifiable` where balls or angles leave the axis open;
+/// `too_few_points`; `unidentifiable` where balls or angles leave the axis open; `degenerate` where they
+/// leave its sense open;
 /// `angle_unit` where the angles fit as radians; `no_convergence`.
 pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
     let balls = centres.iter().map(|c| c.ball + 1).max().unwrap_or(0);
@@ -166,10 +167,13 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
             ),
         ));
     }
-    let angles: Vec<f64> = centres.iter().map(|c| c.angle_deg.to_radians()).collect();
+    // A whole turn is none: in radians it would leave a rounding of a turn.
+    let angles = (centres.iter()).map(|c| c.angle_deg.rem_euclid(360.0).to_radians());
+    let angles: Vec<f64> = angles.collect();
     let start = best_start(centres, &angles, balls);
     let scale = [1.0 / REACH_MM, 1.0 / REACH_MM, 1.0, 1.0];
     let solution = solve(start, &scale);
+    refuse_radians(centres, balls, solution.ssq)?;
     if !solution.unseen.is_empty() {
         let unobservable = name_directions(
             &solution.unseen,
@@ -190,10 +194,9 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
             "no axis brings the centres together: check the angles' unit and sign",
         ));
     }
+    refuse_either_sense(&solution.model, solution.ssq)?;
     let dof = 3 * centres.len() - unknowns;
     let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
-    refuse_radians(centres, balls, solution.ssq)?;
-
     let model = &solution.model;
     let u = model.direction;
     let point = model.point_mm + model.origin_mm;
@@ -231,39 +234,101 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
     })
 }
 
-/// The best of descents from directions all over the sphere.
+/// An axis that turns the other way fits a scatter of this many times the squares as well.
+const AS_WELL: f64 = 4.0;
+/// Squares of what coordinates of a machine are rounded to, in mm².
+const ROUNDED_MM2: f64 = 1e-18;
+
+/// Balls that were seen at angles half a turn apart, or that lie on the axis, fit an axis of either sense.
+fn refuse_either_sense(model: &AxisModel<'_>, ssq: f64) -> Result<(), ScanError> {
+    let mut other = model.clone();
+    other.direction = -model.direction;
+    other.derotate();
+    let rounded = ROUNDED_MM2 * model.centres.len() as f64;
+    let fits = descend(&mut other, 100) <= AS_WELL * ssq + rounded;
+    // It may have come all the way around.
+    if !fits || other.direction.dot(&model.direction) > 0.0 {
+        return Ok(());
+    }
+    Err(ScanError::refused(
+        "degenerate",
+        "the axis is seen, but not which way it turns: measure a ball off the axis at an angle between, 90 degrees say",
+    ))
+}
+
+impl AxisModel<'_> {
+    /// Puts each ball where the first of its centres, turned back, says.
+    fn derotate(&mut self) {
+        for (centre, angle) in self.centres.iter().zip(&self.angles_rad).rev() {
+            let back = Pose::turn(&self.direction, &Vector3::zeros(), -angle).rotation;
+            let seen = centre.measured_mm - self.origin_mm;
+            self.balls_mm[centre.ball] = self.point_mm + back * (seen - self.point_mm);
+        }
+    }
+
+    /// The axis of the circles that the balls run on, by linear least squares: m = c + p cos + q sin, where q is
+    /// u × p. None where no ball was seen at three angles.
+    fn of_circles(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let (mut normal, mut middle, mut weight) = (Vector3::zeros(), Vector3::zeros(), 0.0);
+        for ball in 0..self.balls_mm.len() {
+            let mut left = Matrix3::zeros();
+            let mut right = Matrix3::zeros();
+            for (centre, angle) in self.centres.iter().zip(&self.angles_rad) {
+                if centre.ball == ball {
+                    let row = Vector3::new(1.0, angle.cos(), angle.sin());
+                    left += row * row.transpose();
+                    right += row * (centre.measured_mm - self.origin_mm).transpose();
+                }
+            }
+            let Some(inverse) = left.try_inverse().filter(|m| m.amax() < 1e6) else {
+                continue;
+            };
+            let solved = inverse * right;
+            let [c, p, q] = [0, 1, 2].map(|k| solved.row(k).transpose());
+            let across = p.cross(&q);
+            normal += across;
+            middle += c * across.norm();
+            weight += across.norm();
+        }
+        let direction = normal.try_normalize(1e-9)?;
+        Some((direction, middle / weight))
+    }
+}
+
+/// The best of the axis of the circles and of descents from directions all over the sphere.
 fn best_start<'a>(centres: &'a [TurnedCentre], angles: &[f64], balls: usize) -> AxisModel<'a> {
     const STARTS: usize = 40;
     let sum: Vector3<f64> = centres.iter().map(|c| c.measured_mm).sum();
     let origin_mm = sum / centres.len() as f64;
-    let start = |direction: Vector3<f64>| {
-        let mut balls_mm = vec![Vector3::zeros(); balls];
-        for (centre, angle) in centres.iter().zip(angles).rev() {
-            let back = Pose::turn(&direction, &Vector3::zeros(), -angle);
-            balls_mm[centre.ball] = back.rotation * (centre.measured_mm - origin_mm);
-        }
-        AxisModel {
+    let start = |direction: Vector3<f64>, point_mm: Vector3<f64>| {
+        let mut model = AxisModel {
             centres,
             angles_rad: angles.to_vec(),
             origin_mm,
             direction,
-            point_mm: Vector3::zeros(),
-            balls_mm,
-        }
+            point_mm,
+            balls_mm: vec![Vector3::zeros(); balls],
+        };
+        model.derotate();
+        model
     };
-    let mut best: Option<(f64, AxisModel<'a>)> = None;
+    let blank = start(Vector3::z(), Vector3::zeros());
+    let mut best: Option<(f64, AxisModel<'a>)> = blank.of_circles().map(|(direction, point)| {
+        let mut model = start(direction, point);
+        (descend(&mut model, 20), model)
+    });
     for i in 0..STARTS {
         // A spiral of equal steps in height covers the sphere evenly.
         let z = 1.0 - (2.0 * i as f64 + 1.0) / STARTS as f64;
         let (sin, cos) = (2.399_963_229_728_653 * i as f64).sin_cos();
         let r = (1.0 - z * z).sqrt();
-        let mut model = start(Vector3::new(r * cos, r * sin, z));
+        let mut model = start(Vector3::new(r * cos, r * sin, z), Vector3::zeros());
         let ssq = descend(&mut model, 20);
         if best.as_ref().is_none_or(|(least, _)| ssq < *least) {
             best = Some((ssq, model));
         }
     }
-    best.map_or_else(|| start(Vector3::z()), |(_, model)| model)
+    best.map_or(blank, |(_, model)| model)
 }
 
 /// Angles within one turn in radians that fit a hundred times better as such are no degrees.

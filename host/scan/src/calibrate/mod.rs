@@ -1,7 +1,9 @@
 //! Where the sensor sits on the machine, and how a rotary axis lies, with their uncertainty.
 //!
 //! * [`observations`]: what was seen of planes and balls.
-//! * [`sensor`]: the mount of the sensor.
+//! * [`sensor`]: the mount of the sensor; [`bar`]: ball bars beside their certificates.
+//! * [`observe`]: what was seen, straight from a scan.
+//! * [`poses`]: poses that determine a mount, and what to expect of them.
 //! * [`axis`]: the line of a rotary axis, from centres of balls that turn with it.
 //!
 //! Before there is an answer, the solver asks whether the data determine it: a motion of the
@@ -9,8 +11,12 @@
 //! are.
 
 pub mod axis;
+pub mod bar;
 mod features;
 mod naming;
 pub mod observations;
+pub mod observe;
+pub mod poses;
 pub mod sensor;
+mod shapes;
 mod solve;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::BufRead;
 
 use nalgebra::Vector3;
-use umi_kinematics::{AxisChain, Pose};
+use umi_kinematics::{AxisChain, JointKind, Pose};
 
 use crate::ScanError;
 use crate::format::table::TableReader;
@@ -26,8 +26,12 @@ pub struct Observation {
 pub struct Observations {
     /// The names of the features, in the order of their appearance.
     pub features: Vec<String>,
-    /// For every profile that saw something, the flange in the workpiece's frame.
+    /// The names of the profiles that saw something, in the order of their appearance.
+    pub profiles: Vec<String>,
+    /// For each of these, the flange in the workpiece's frame.
     pub flanges: Vec<Pose>,
+    /// The flanges if the angles were radians; only where all of them are within one turn as such.
+    pub flanges_by_radians: Option<Vec<Pose>>,
     /// By profile.
     pub points: Vec<Observation>,
 }
@@ -42,13 +46,16 @@ pub fn read<R: BufRead, P: BufRead>(
     mut observed: TableReader<R>,
     positions: TableReader<P>,
 ) -> Result<Observations, ScanError> {
-    let flanges = read_positions(machine, positions)?;
+    let (flanges, by_radians) = read_positions(machine, positions)?;
     let profile = observed.column("profile")?;
     let feature = observed.column("feature")?;
     let (x, z) = (observed.column("x_mm")?, observed.column("z_mm")?);
     let name = observed.name().to_owned();
     let mut used: HashMap<String, usize> = HashMap::new();
-    let mut all = Observations::default();
+    let mut all = Observations {
+        flanges_by_radians: by_radians.as_ref().map(|_| Vec::new()),
+        ..Observations::default()
+    };
     while let Some(row) = observed.next_row()? {
         let key = row.text(profile);
         let flange = match used.get(key) {
@@ -64,6 +71,10 @@ pub fn read<R: BufRead, P: BufRead>(
                     )
                 })?;
                 all.flanges.push(*pose);
+                if let (Some(all), Some(poses)) = (&mut all.flanges_by_radians, &by_radians) {
+                    all.push(poses.get(key).copied().unwrap_or(*pose));
+                }
+                all.profiles.push(key.to_owned());
                 used.insert(key.to_owned(), all.flanges.len() - 1);
                 all.flanges.len() - 1
             }
@@ -83,20 +94,41 @@ pub fn read<R: BufRead, P: BufRead>(
     Ok(all)
 }
 
+/// Poses of the flange by the profiles' names.
+type Flanges = HashMap<String, Pose>;
+
+/// The flanges; and what they would be by radians, where the angles look like these.
 fn read_positions<R: BufRead>(
     machine: &AxisChain,
     mut positions: TableReader<R>,
-) -> Result<HashMap<String, Pose>, ScanError> {
+) -> Result<(Flanges, Option<Flanges>), ScanError> {
+    const TURN: f64 = std::f64::consts::TAU + 1e-6;
     let columns = JointColumns::find(machine, &positions)?;
     let profile = positions.column("profile")?;
+    let rotary: Vec<usize> = machine
+        .moving()
+        .filter(|(_, joint)| joint.kind == JointKind::Rotary && joint.constant().is_none())
+        .map(|(place, _)| place)
+        .collect();
     let mut flanges = HashMap::new();
+    let mut by_radians = HashMap::new();
+    let mut within_turn = !rotary.is_empty();
     while let Some(row) = positions.next_row()? {
-        let pose = machine.flange_in_workpiece(&columns.values(&row)?);
-        if flanges.insert(row.text(profile).to_owned(), pose).is_some() {
+        let mut q = columns.values(&row)?;
+        let pose = machine.flange_in_workpiece(&q);
+        let key = row.text(profile).to_owned();
+        if flanges.insert(key.clone(), pose).is_some() {
             return Err(row.wrong(profile, "one row for each profile"));
         }
+        within_turn &= rotary.iter().all(|&place| q[place].abs() <= TURN);
+        if within_turn {
+            rotary
+                .iter()
+                .for_each(|&place| q[place] = q[place].to_degrees());
+            by_radians.insert(key, machine.flange_in_workpiece(&q));
+        }
     }
-    Ok(flanges)
+    Ok((flanges, within_turn.then_some(by_radians)))
 }
 
 /// Reads `feature,x_mm,y_mm,z_mm`: centres that are known, in the workpiece's frame.

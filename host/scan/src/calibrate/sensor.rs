@@ -6,19 +6,21 @@
 
 use std::collections::HashMap;
 
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use umi_kinematics::Pose;
 
 use super::axis::across;
+use super::bar::{self, BallBar, BarAnswer};
 use super::features::{
     SampleSights, algebraic_centre, cuts, middles, plane_through, points_by_feature,
 };
 use super::naming::name_directions;
 use super::observations::Observations;
+use super::solve::scatter::{scatter_covariance, unit_uncertainty};
 use super::solve::{Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
-use crate::rigid::{orthonormal, rotation};
+use crate::rigid::{orthonormal, rotation, rotation_vector};
 
 /// What the sensor looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +42,8 @@ pub struct SensorOptions {
     pub centres: Option<HashMap<String, Vector3<f64>>>,
     /// Which components of the shift stay as they are.
     pub hold: [bool; 3],
+    /// Ball bars whose length is looked at.
+    pub bars: Vec<BallBar>,
 }
 
 /// The answer of `umi scan calibrate sensor`.
@@ -59,12 +63,36 @@ pub struct SensorAnswer {
     pub covariance_unit: [[f64; 6]; 6],
     /// `sigma²` times that: rad², rad·mm, mm².
     pub covariance: Option<[[f64; 6]; 6]>,
+    /// The same where residuals are not alike everywhere: from each residual's own size.
+    pub covariance_scatter: Option<[[f64; 6]; 6]>,
+    /// The degrees of freedom of that, for a region of all that was sought (Hotelling).
+    pub dof_scatter: Option<f64>,
     /// Of the balls.
     pub radius_mm: Option<f64>,
     /// What was seen, in the workpiece's frame.
     pub features: Vec<FeatureAnswer>,
+    /// Ball bars beside their certificates.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bars: Vec<BarAnswer>,
     /// The least singular value over the largest, rotations worth 100 mm.
     pub conditioning: f64,
+    /// The residual of each observation in mm, in their order.
+    #[serde(skip)]
+    pub residuals_mm: Vec<f64>,
+    /// What is odd, but no reason to refuse.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+impl SensorAnswer {
+    /// The mount, as a machine file has it.
+    #[must_use]
+    pub fn mount(&self) -> Pose {
+        Pose {
+            rotation: Matrix3::from_fn(|i, k| self.rotation[i][k]),
+            translation_mm: self.translation_mm.into(),
+        }
+    }
 }
 
 /// A plane or a ball that was seen.
@@ -212,8 +240,43 @@ impl Model for MountModel<'_> {
 ///
 /// # Errors
 /// `too_few_points`, `unidentifiable` with `free` and `unobservable`, `uncertain`,
-/// `missing_centre`, `no_convergence`.
+/// `missing_centre`, `no_convergence`, `far_from_start`, `bar_length`; `angle_unit` where none of it is a reason once the angles are
+/// taken for radians.
 pub fn sensor(
+    all: &Observations,
+    start: &Pose,
+    options: &SensorOptions,
+) -> Result<SensorAnswer, ScanError> {
+    let found = mount(all, start, options);
+    // Radians taken for degrees leave millimetres, or turns too small to show anything.
+    const MUCH_MM: f64 = 0.05;
+    let bad = match &found {
+        Ok(answer) => answer.sigma_mm.is_some_and(|sigma| sigma > MUCH_MM),
+        Err(error) => matches!(
+            error.code,
+            "uncertain" | "no_convergence" | "unidentifiable"
+        ),
+    };
+    let Some(flanges) = all.flanges_by_radians.as_ref().filter(|_| bad) else {
+        return found;
+    };
+    let by_radians = Observations {
+        flanges: flanges.clone(),
+        flanges_by_radians: None,
+        ..all.clone()
+    };
+    match mount(&by_radians, start, options) {
+        Ok(answer) if answer.sigma_mm.is_some_and(|sigma| sigma < 0.2 * MUCH_MM) => {
+            Err(ScanError::refused(
+                "angle_unit",
+                "the angles of the positions look like radians: they are wanted in degrees",
+            ))
+        }
+        _ => found,
+    }
+}
+
+fn mount(
     all: &Observations,
     start: &Pose,
     options: &SensorOptions,
@@ -239,8 +302,14 @@ pub fn sensor(
     let covariance_unit = all_six(&solution.covariance_unit, &solution.model.sought);
     let covariance =
         sigma_mm.map(|sigma| covariance_unit.map(|row| row.map(|v| v * sigma * sigma)));
+    let radius = radius_wanted(&solution, options);
     if let Some(covariance) = &covariance {
-        refuse_uncertain(covariance)?;
+        refuse_uncertain(covariance).map_err(|mut error| {
+            if let Some(radius) = &radius {
+                error.message += &format!("; {radius}");
+            }
+            error
+        })?;
     }
     if !solution.converged {
         return Err(ScanError::refused(
@@ -249,7 +318,14 @@ pub fn sensor(
              6° and 20 mm",
         ));
     }
+    refuse_far(&solution.model.mount, start)?;
     let model = &solution.model;
+    let bars = bars(model, options, sigma_mm)?;
+    let mut residuals_mm = Vec::with_capacity(n);
+    model.rows(&mut |value, _| residuals_mm.push(value));
+    let scatter = scatter_covariance(model);
+    let dof_scatter = scatter.as_ref().map(|(_, dof)| *dof);
+    let covariance_scatter = scatter.map(|(covariance, _)| all_six(&covariance, &model.sought));
     Ok(SensorAnswer {
         rotation: model.mount.rows(),
         translation_mm: model.mount.translation_mm.into(),
@@ -258,10 +334,52 @@ pub fn sensor(
         sigma_mm,
         covariance_unit,
         covariance,
+        covariance_scatter,
+        dof_scatter,
         radius_mm: (options.on == Artefact::Sphere).then_some(model.radius_mm),
         features: features(model),
+        bars,
         conditioning: solution.seen.last().copied().unwrap_or(1.0),
+        residuals_mm,
+        warnings: radius.into_iter().collect(),
     })
+}
+
+/// The ball bars, each within what is allowed.
+fn bars(
+    model: &MountModel<'_>,
+    options: &SensorOptions,
+    sigma_mm: Option<f64>,
+) -> Result<Vec<BarAnswer>, ScanError> {
+    let (nuisances, targets) = model.unknowns();
+    let mut found = Vec::with_capacity(options.bars.len());
+    for bar in &options.bars {
+        let mut places = [0; 2];
+        let mut centres = [Vector3::zeros(); 2];
+        for (i, name) in bar.balls.iter().enumerate() {
+            let place = model.all.features.iter().position(|known| known == name);
+            let seen = place.and_then(|place| model.features.get(place).map(|seen| (place, seen)));
+            let Some((place, SampleSights::Ball { centre_mm })) = seen else {
+                return Err(ScanError::refused(
+                    "missing_centre",
+                    format_args!("the ball {name} of a bar is not among the observations"),
+                ));
+            };
+            (places[i], centres[i]) = (place, *centre_mm);
+        }
+        let (found_mm, along) = bar::length(&centres[0], &centres[1]);
+        let gradient = bar::gradient(&along, places, nuisances + targets);
+        let answer = BarAnswer {
+            balls: bar.balls.clone(),
+            certified_mm: bar.length_mm,
+            found_mm,
+            off_mm: found_mm - bar.length_mm,
+            u_mm: sigma_mm.map(|sigma| sigma * unit_uncertainty(model, &gradient)),
+        };
+        bar::refuse_off(bar, &answer)?;
+        found.push(answer);
+    }
+    Ok(found)
 }
 
 fn first_model<'a>(
@@ -325,6 +443,8 @@ fn best_start(first: MountModel<'_>) -> MountModel<'_> {
     }
     let thin = Observations {
         features: first.all.features.clone(),
+        profiles: first.all.profiles.clone(),
+        flanges_by_radians: None,
         flanges: first.all.flanges.clone(),
         points: first.all.points.iter().step_by(every).copied().collect(),
     };
@@ -403,6 +523,59 @@ fn least_of<'a>(first: &MountModel<'a>, starts: Vec<MountModel<'a>>) -> (f64, Mo
         }
     }
     best.unwrap_or_else(|| (f64::INFINITY, first.clone()))
+}
+
+/// What the residuals say of a stated radius, where they want another one clearly.
+fn radius_wanted(solution: &Solution<MountModel<'_>>, options: &SensorOptions) -> Option<String> {
+    /// Standard uncertainties by which it must be off.
+    const CLEARLY: f64 = 5.0;
+    /// What a certificate leaves open.
+    const LEAST_MM: f64 = 0.001;
+    let stated = options
+        .radius_mm
+        .filter(|_| options.on == Artefact::Sphere)?;
+    let mut model = solution.model.clone();
+    model.radius_free = true;
+    let (nuisances, targets) = model.unknowns();
+    let dof = model
+        .residuals()
+        .checked_sub(nuisances + targets)
+        .filter(|dof| *dof > 0)?;
+    let ssq = descend(&mut model, 60);
+    let off = model.radius_mm - stated;
+    // What the radius alone gains is (off / u)² sigma².
+    let gained = (solution.ssq - ssq) / (ssq / dof as f64).max(1e-18);
+    (off.abs() > LEAST_MM && gained > CLEARLY * CLEARLY).then(|| {
+        format!(
+            "radius: the residuals want a radius of {:.4} mm, not {stated} mm ({:.0} standard \
+             uncertainties off)",
+            model.radius_mm,
+            gained.sqrt()
+        )
+    })
+}
+
+/// A mount as far as this from where it was said to be is another one: a ball seen in a mirror fits as
+/// well, half a turn away.
+fn refuse_far(mount: &Pose, start: &Pose) -> Result<(), ScanError> {
+    const MOST_TURN_DEG: f64 = 30.0;
+    const MOST_SHIFT_MM: f64 = 200.0;
+    let turn = rotation_vector(&(mount.rotation * start.rotation.transpose()));
+    let turn_deg = turn.norm().to_degrees();
+    let shift_mm = (mount.translation_mm - start.translation_mm).norm();
+    if turn_deg <= MOST_TURN_DEG && shift_mm <= MOST_SHIFT_MM {
+        return Ok(());
+    }
+    Err(ScanError::refused(
+        "far_from_start",
+        format_args!(
+            "the mount that fits is turned by {turn_deg:.1}° and shifted by {shift_mm:.1} mm from \
+             [sensor] of the machine file, which must be right within 6° and 20 mm: look whether x \
+             of the profiles runs the other way, or measure the sensor's place again"
+        ),
+    )
+    .with("turn_deg", turn_deg)
+    .with("shift_mm", shift_mm))
 }
 
 fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {

@@ -1,9 +1,13 @@
-//! How far a cloud is from its nominal: signed distances, positive outside; no alignment.
+//! How far a cloud is from its nominal: signed distances, positive outside.
+//!
+//! Nothing is aligned unless [`align`] is called.
 
+mod align;
 mod nominal;
 
 use serde::Serialize;
 
+pub use align::{CloudAlignment, Locked, align};
 pub use nominal::Nominal;
 
 use crate::ScanError;
@@ -132,6 +136,21 @@ mod tests {
             ),
             (
                 "kind = \"sphere\"\ncenter_mm = [3, 4, 0]\nradius_mm = 3",
+                -2.0,
+            ),
+            // On the axis 1 mm from the apex: sin 30° from each generator.
+            (
+                "kind = \"cone\"\napex_mm = [3, 4, 0]\ndirection = [0, 0, 7]\nhalf_angle_deg = 30",
+                -0.5,
+            ),
+            // Behind the apex.
+            (
+                "kind = \"cone\"\napex_mm = [3, 4, 3]\ndirection = [0, 0, 1]\nhalf_angle_deg = 30",
+                2.0,
+            ),
+            // 5 mm from the axis, 1 mm above the ring of 5 mm.
+            (
+                "kind = \"torus\"\ncenter_mm = [0, 0, 0]\ndirection = [0, 0, 1]\nmajor_radius_mm = 5\nminor_radius_mm = 3",
                 -2.0,
             ),
         ] {

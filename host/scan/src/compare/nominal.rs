@@ -1,12 +1,14 @@
-//! What a cloud is compared with: a plane, cylinder or sphere from a TOML file, or a mesh.
+//! What a cloud is compared with: a plane, cylinder, sphere, cone or torus from a TOML file, or a
+//! mesh.
 
 use std::path::Path;
 
 use serde::Deserialize;
 
 use crate::ScanError;
+use crate::plan::mesh::read::read_obstacle;
 use crate::rigid::Vec3;
-use crate::surface::{CompositeSurface, Near, read_stl};
+use crate::surface::{CompositeSurface, Near, outward, read_stl};
 
 /// A surface with an outward side.
 #[derive(Debug, Clone)]
@@ -34,6 +36,26 @@ pub enum Nominal {
         /// Its radius.
         radius_mm: f64,
     },
+    /// One nappe without end; outside is away from the axis, and behind the apex.
+    Cone {
+        /// Its apex.
+        apex_mm: Vec3,
+        /// Unit vector from the apex into the cone.
+        direction: Vec3,
+        /// Half of its angle.
+        half_angle_rad: f64,
+    },
+    /// Outside is away from the ring.
+    Torus {
+        /// Its centre.
+        center_mm: Vec3,
+        /// Unit vector along its axis.
+        direction: Vec3,
+        /// Of the ring.
+        major_radius_mm: f64,
+        /// Of the tube; less than that of the ring.
+        minor_radius_mm: f64,
+    },
     /// Outside is where the faces look.
     Mesh(Box<CompositeSurface>),
 }
@@ -54,10 +76,22 @@ enum NominalText {
         center_mm: [f64; 3],
         radius_mm: f64,
     },
+    Cone {
+        apex_mm: [f64; 3],
+        direction: [f64; 3],
+        half_angle_deg: f64,
+    },
+    Torus {
+        center_mm: [f64; 3],
+        direction: [f64; 3],
+        major_radius_mm: f64,
+        minor_radius_mm: f64,
+    },
 }
 
 impl Nominal {
-    /// Reads a nominal: `.stl` is a mesh, all else TOML.
+    /// Reads a nominal: `.stl`, `.step`, `.stp` and `.obj` are meshes, all else TOML. STEP becomes
+    /// triangles within 0.005 mm.
     ///
     /// # Errors
     /// `nominal` where the file describes none, or the mesh's own.
@@ -67,6 +101,14 @@ impl Nominal {
             .is_some_and(|e| e.eq_ignore_ascii_case("stl"))
         {
             let mesh = read_stl(path)?;
+            return Ok(Self::Mesh(Box::new(CompositeSurface::from(mesh))));
+        }
+        let is = |name: &str| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case(name))
+        };
+        if ["step", "stp", "obj"].into_iter().any(is) {
+            let mesh = outward(read_obstacle(path)?)?;
             return Ok(Self::Mesh(Box::new(CompositeSurface::from(mesh))));
         }
         let text =
@@ -105,6 +147,44 @@ impl Nominal {
                 center_mm: finite("center_mm", center_mm)?,
                 radius_mm: radius(radius_mm)?,
             },
+            NominalText::Cone {
+                apex_mm,
+                direction,
+                half_angle_deg,
+            } => {
+                if !(half_angle_deg > 0.0 && half_angle_deg < 90.0) {
+                    return Err(ScanError::refused(
+                        "nominal",
+                        "half_angle_deg must be above 0 and below 90",
+                    ));
+                }
+                Self::Cone {
+                    apex_mm: finite("apex_mm", apex_mm)?,
+                    direction: unit("direction", direction)?,
+                    half_angle_rad: half_angle_deg.to_radians(),
+                }
+            }
+            NominalText::Torus {
+                center_mm,
+                direction,
+                major_radius_mm,
+                minor_radius_mm,
+            } => {
+                let (major_radius_mm, minor_radius_mm) =
+                    (radius(major_radius_mm)?, radius(minor_radius_mm)?);
+                if minor_radius_mm >= major_radius_mm {
+                    return Err(ScanError::refused(
+                        "nominal",
+                        "minor_radius_mm must be below major_radius_mm",
+                    ));
+                }
+                Self::Torus {
+                    center_mm: finite("center_mm", center_mm)?,
+                    direction: unit("direction", direction)?,
+                    major_radius_mm,
+                    minor_radius_mm,
+                }
+            }
         })
     }
 
@@ -140,12 +220,85 @@ impl Nominal {
                 center_mm,
                 radius_mm,
             } => from(p - center_mm, (p - center_mm).norm() - radius_mm),
+            Self::Cone {
+                apex_mm,
+                direction,
+                half_angle_rad,
+            } => {
+                let off = p - apex_mm;
+                let height = direction.dot(&off);
+                let radial = off - direction * height;
+                let across = radial.norm();
+                let (sin, cos) = half_angle_rad.sin_cos();
+                // The foot on the generator beside the point; behind the apex the apex is nearest.
+                if height * cos + across * sin <= 0.0 {
+                    return Some(from(off, off.norm()));
+                }
+                let away = radial
+                    .try_normalize(0.0)
+                    .unwrap_or_else(|| beside(direction));
+                from(away * cos - direction * sin, across * cos - height * sin)
+            }
+            Self::Torus {
+                center_mm,
+                direction,
+                major_radius_mm,
+                minor_radius_mm,
+            } => {
+                let off = p - center_mm;
+                let height = direction.dot(&off);
+                let radial = off - direction * height;
+                let away = radial
+                    .try_normalize(0.0)
+                    .unwrap_or_else(|| beside(direction));
+                let from_ring = off - away * *major_radius_mm;
+                from(from_ring, from_ring.norm() - minor_radius_mm)
+            }
             Self::Mesh(surface) => {
                 let near = surface.near(p, *hint)?;
                 *hint = near.face;
                 near
             }
         })
+    }
+
+    /// What is odd about it beside these points, but no reason to refuse: a mesh with edges where no
+    /// face goes on, and sizes that look like another unit.
+    #[must_use]
+    pub fn warnings(&self, points: &[Vec3], rms_mm: f64) -> Vec<String> {
+        let Self::Mesh(surface) = self else {
+            return Vec::new();
+        };
+        let Some(mesh) = &surface.mesh else {
+            return Vec::new();
+        };
+        let mut warnings = Vec::new();
+        if !mesh.is_closed() {
+            warnings.push(
+                "open_mesh: the nominal has edges where no face goes on; which side is outside, its \
+                 faces alone say"
+                    .to_owned(),
+            );
+        }
+        let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(-f64::INFINITY));
+        for point in points {
+            (least, most) = (least.inf(point), most.sup(point));
+        }
+        let (cloud_mm, mesh_mm) = ((most - least).norm(), mesh.diagonal_mm());
+        for (factor, unit) in [
+            (25.4, "the nominal looks like inches"),
+            (1000.0, "the nominal looks like metres"),
+            (1.0 / 25.4, "the cloud looks like inches"),
+            (1e-3, "the cloud looks like metres"),
+        ] {
+            let ratio = cloud_mm / mesh_mm / factor;
+            if (0.8..1.25).contains(&ratio) && rms_mm > 0.05 * cloud_mm.min(mesh_mm) {
+                warnings.push(format!(
+                    "unit: {unit}: the cloud spans {cloud_mm:.1} mm, the nominal {mesh_mm:.1} mm"
+                ));
+            }
+        }
+        warnings
     }
 
     /// Where the plane across an axis (0 X, 1 Y, 2 Z) cuts a mesh; nothing for other nominals.
@@ -169,6 +322,12 @@ fn cut(corners: &[Vec3; 3], axis: usize, at_mm: f64) -> Option<[Vec3; 2]> {
         ((u >= 0.0) != (v >= 0.0)).then(|| a + (b - a) * (u / (u - v)))
     });
     Some([ends.next()?, ends.next()?])
+}
+
+/// Any unit vector across another.
+fn beside(direction: &Vec3) -> Vec3 {
+    let axis = Vec3::ith(direction.iamin(), 1.0);
+    direction.cross(&axis).normalize()
 }
 
 fn finite(name: &str, values: [f64; 3]) -> Result<Vec3, ScanError> {

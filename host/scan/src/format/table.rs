@@ -5,7 +5,9 @@
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
 //! * Numbers have a decimal point. A row has a cell for every column.
-//! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`).
+//! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). Where
+//!   a machine wrote the table ([`TableReader::of_a_stream`]), a last line without its end is one, too: a
+//!   number that was cut is another number.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -27,6 +29,8 @@ pub struct TableReader<R> {
     line: u64,
     text: String,
     cells: Vec<Range<usize>>,
+    /// Whether the last line needs its line end.
+    of_a_stream: bool,
 }
 
 /// The place of a column.
@@ -70,6 +74,7 @@ impl<R: BufRead> TableReader<R> {
             line: 0,
             text: String::new(),
             cells: Vec::new(),
+            of_a_stream: false,
         };
         if table.read_line()?.is_none() {
             return Err(ScanError::unreadable(
@@ -98,6 +103,13 @@ impl<R: BufRead> TableReader<R> {
             }
         }
         Ok(table)
+    }
+
+    /// A table that was written line by line as something happened: its last line needs its end.
+    #[must_use]
+    pub fn of_a_stream(mut self) -> Self {
+        self.of_a_stream = true;
+        self
     }
 
     /// What messages call the table.
@@ -150,6 +162,17 @@ impl<R: BufRead> TableReader<R> {
         }
         self.cells.push(begin..self.text.len());
         let (has, wants) = (self.cells.len(), self.columns.len());
+        if has == wants && !whole && self.of_a_stream {
+            return Err(ScanError::unreadable(
+                "truncated",
+                format_args!(
+                    "{}, line {}: the last line has no line end, so its last number may be cut: \
+                     if it is whole, end it",
+                    self.name, self.line
+                ),
+            )
+            .with("line", self.line));
+        }
         if has != wants {
             let (code, why) = if has < wants && !whole {
                 (
@@ -315,6 +338,10 @@ mod tests {
         assert_eq!(code("a,b,c\n1,2"), "truncated");
         assert_eq!(code("a,b,c\n1,2\n"), "corrupt");
         assert_eq!(code("a,b\n1,2,3\n"), "corrupt");
+        let last = |text| open(text).of_a_stream().next_row().map(|row| row.is_some());
+        assert_eq!(last("a,b\n1,2.3\n"), Ok(true));
+        assert_eq!(last("a,b\n1,2.3").unwrap_err().code, "truncated");
+        assert!(open("a,b\n1,2.3").next_row().unwrap().is_some());
     }
 
     #[test]

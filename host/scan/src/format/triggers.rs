@@ -83,9 +83,10 @@ pub fn read(path: &Path, cause: Option<LatchSignal>) -> Result<Triggers, ScanErr
 /// # Errors
 /// As [`read`].
 pub fn parse<R: BufRead>(
-    mut table: TableReader<R>,
+    table: TableReader<R>,
     cause: Option<LatchSignal>,
 ) -> Result<Triggers, ScanError> {
+    let mut table = table.of_a_stream();
     let event = table.column("event")?;
     let number = table.column("number")?;
     let of_cause = table.column("cause")?;
@@ -161,15 +162,12 @@ pub fn parse<R: BufRead>(
         }
         None => usize::from(latches[0].is_empty()),
     };
+    let asked = cause;
     let cause = [LatchSignal::Output, LatchSignal::Trigger][side];
     let [output, trigger] = latches;
     let latches = if side == 0 { output } else { trigger };
     if latches.is_empty() {
-        let which = if cause == LatchSignal::Output {
-            "output"
-        } else {
-            "trigger"
-        };
+        let which = asked.map_or("output or trigger", LatchSignal::name);
         let others = others.into_iter().collect::<Vec<_>>().join(", ");
         return Err(ScanError::refused(
             "no_triggers",

@@ -110,24 +110,26 @@ pub(super) fn settle(
 ) -> Option<Fit> {
     let mut motion = *start;
     let mut limit = reach;
-    let mut near = close(surface, points, &motion, 3.0 * reach, threads);
+    let (mut near, mut measured) = close(surface, points, &motion, 3.0 * reach, threads);
     for round in 0..12 {
         if near.len() < 12 {
             return None;
         }
-        let settled = robust(surface, &near, limit, 3, threads).solve(&motion);
-        motion = settled.motion;
-        let sigma = noise(&settled.measured, limit).max(floor);
+        let settled = robust(surface, &near, limit, 3, threads).solve_on(&motion, measured);
+        (motion, measured) = (settled.motion, settled.measured);
+        let sigma = noise(&measured, limit).max(floor);
         let next = (TUKEY * sigma).clamp(limit * 0.35, limit);
         if round > 1 && next > 0.97 * limit {
             break;
         }
         if round == 3 && near.len() > 64 {
-            near = close(surface, &near, &motion, 3.0 * limit, threads);
+            (near, measured) = (near.into_iter().zip(measured))
+                .filter(|(_, m)| m.distance_mm.abs() < 3.0 * limit)
+                .unzip();
         }
         limit = next;
     }
-    let settled: Settled = robust(surface, &near, limit, last, threads).solve(&motion);
+    let settled: Settled = robust(surface, &near, limit, last, threads).solve_on(&motion, measured);
     let sigma = noise(&settled.measured, limit).max(floor);
     let inliers = settled
         .measured
@@ -189,22 +191,20 @@ pub(super) fn weighed(
     motion
 }
 
-/// The points nearer than `limit` mm to the model.
+/// The points nearer than `limit` mm to the model, and how they lie there.
 fn close(
     surface: &CompositeSurface,
     points: &[Vec3],
     motion: &Pose,
     limit: f64,
     threads: Threads,
-) -> Vec<Vec3> {
+) -> (Vec<Vec3>, Vec<Measured>) {
     let inside = boxed(surface, motion, limit);
     let boxed: Vec<Vec3> = points.iter().filter(|q| inside(q)).copied().collect();
-    measure_within(surface, &boxed, motion, &[], limit, threads)
-        .iter()
-        .zip(&boxed)
-        .filter(|(m, _)| m.distance_mm.abs() < limit)
-        .map(|(_, q)| *q)
-        .collect()
+    let measured = measure_within(surface, &boxed, motion, &[], limit, threads);
+    (boxed.into_iter().zip(measured))
+        .filter(|(_, m)| m.distance_mm.abs() < limit)
+        .unzip()
 }
 
 /// Whether a point lies in the model's box, widened by `limit` mm: most of a large scan does not.

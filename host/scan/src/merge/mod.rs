@@ -7,8 +7,9 @@
 //! profile once.
 
 mod moment;
+mod mount;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -20,7 +21,9 @@ use crate::format::points::PointSink;
 use crate::format::profiles::{self, Depth};
 use crate::format::triggers::{TriggerLatch, Triggers};
 use crate::pair::{PairOptions, ScanPairing, pair};
-use moment::counts_at;
+use moment::{between, counts_at};
+use mount::MountShare;
+pub use mount::MountUncertainty;
 
 /// The answer of `umi scan merge`.
 #[derive(Debug, Clone, Serialize)]
@@ -36,8 +39,29 @@ pub struct Merged {
     pub points: u64,
     /// Samples of paired profiles that the file holds without a range.
     pub invalid: u64,
+    /// Profiles without a latch whose place was taken from the latches before and behind them;
+    /// only where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolated: Option<Vec<u64>>,
+    /// How uncertain the points are by the mount alone, where the machine file has its covariance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount_u_mm: Option<MountUncertainty>,
     /// What the points span; none without points.
     pub bounds_mm: Option<Bounds>,
+}
+
+/// How profiles become points.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MergeOptions {
+    /// How profiles find their latches.
+    pub pairing: PairOptions,
+    /// The sensor sees so many microseconds after the edge; before it, if negative.
+    pub latency_us: f64,
+    /// If the board lost motion of an axis, take the profiles before.
+    pub until_loss: bool,
+    /// A profile without a latch gets its place from the latches before and behind it, where these
+    /// are at most so many microseconds apart.
+    pub interpolate_us: Option<f64>,
 }
 
 /// The least and the greatest coordinates.
@@ -65,10 +89,16 @@ impl Bounds {
     }
 }
 
+/// What is longer than ten seconds is another unit.
+const LONGEST_LATENCY_US: f64 = 1e7;
+
 /// Where the machine held the sensor at each latch.
 pub struct Merger<'a> {
     machine: &'a AxisChain,
+    /// Those whose counts are right.
     latches: &'a [TriggerLatch],
+    /// Motion was lost behind them.
+    is_cut: bool,
     /// For every joint a constant, or the place of its counts.
     sources: Vec<Source>,
     latency_us: f64,
@@ -84,7 +114,7 @@ impl<'a> Merger<'a> {
     /// `latency_us` after the edge, or before it where that is negative.
     ///
     /// # Errors
-    /// `missing_axis`; `not_finite` for the latency; `too_few_latches` where there is a
+    /// `missing_axis`; `not_finite` or `latency` for the latency; `too_few_latches` where there is a
     /// latency, but no motion to take from one latch.
     pub fn new(
         machine: &'a AxisChain,
@@ -97,7 +127,16 @@ impl<'a> Merger<'a> {
                 "the latency is not finite",
             ));
         }
-        if latency_us != 0.0 && triggers.latches.len() < 2 {
+        if latency_us.abs() > LONGEST_LATENCY_US {
+            return Err(ScanError::refused(
+                "latency",
+                format_args!(
+                    "no sensor sees {latency_us:e} µs from its edge: give --latency-us in microseconds"
+                ),
+            ));
+        }
+        let latches = &triggers.latches[..triggers.right()];
+        if latency_us != 0.0 && latches.len() < 2 {
             return Err(ScanError::refused(
                 "too_few_latches",
                 "with one latch nobody knows where the axes were before or after it",
@@ -132,28 +171,96 @@ impl<'a> Merger<'a> {
         }
         Ok(Self {
             machine,
-            latches: &triggers.latches,
+            latches,
+            is_cut: triggers.right_until_ns.is_some(),
             sources,
             latency_us,
         })
     }
 
-    /// The sensor in the workpiece's frame for the latch at a place of the table.
+    /// Whether it is known where the sensor was when it saw what belongs to the latch at a place of the table. Behind the
+    /// last latch before a loss of motion nobody knows, whatever the latches behind the loss say.
+    #[must_use]
+    pub fn knows(&self, latch: usize) -> bool {
+        let (Some(of), Some(last)) = (self.latches.get(latch), self.latches.last()) else {
+            return false;
+        };
+        let left_ns = last.t_ns.saturating_sub(of.t_ns) as f64;
+        !self.is_cut || self.latency_us * 1e3 <= left_ns
+    }
+
+    /// How far outside the time of the latches the sensor saw what belongs to the latch at a place, in intervals of the
+    /// two latches there.
+    fn outside(&self, latch: usize) -> f64 {
+        let since_ns = |from: usize, to: usize| {
+            self.latches[to]
+                .t_ns
+                .saturating_sub(self.latches[from].t_ns) as f64
+        };
+        let last = self.latches.len() - 1;
+        if last == 0 || self.latency_us == 0.0 {
+            return 0.0;
+        }
+        let moment_ns = since_ns(0, latch) + self.latency_us * 1e3;
+        let before = -moment_ns / since_ns(0, 1);
+        let behind = (moment_ns - since_ns(0, last)) / since_ns(last - 1, last);
+        before.max(behind).max(0.0)
+    }
+
+    /// The sensor in the workpiece's frame for the latch at a place of the table, one that it [knows](Self::knows).
     #[must_use]
     pub fn pose(&self, latch: usize) -> Pose {
-        let q: Vec<f64> = self
-            .sources
+        self.pose_by(|axis| counts_at(self.latches, latch, axis, self.latency_us))
+    }
+
+    /// The sensor for an edge at a moment of the board's clock that no latch tells, on the straight
+    /// line between those before and behind it; none where these are more than `most_us` apart.
+    #[must_use]
+    pub fn pose_between(&self, t_us: f64, most_us: f64) -> Option<Pose> {
+        let (left, share) = between(self.latches, (t_us + self.latency_us) * 1e3)?;
+        let (a, b) = (&self.latches[left], &self.latches[left + 1]);
+        if b.t_ns.saturating_sub(a.t_ns) as f64 > most_us * 1e3 {
+            return None;
+        }
+        Some(self.pose_by(|axis| {
+            let (from, to) = (a.counts[axis].unwrap_or(0), b.counts[axis].unwrap_or(0));
+            from as f64 + share * to.saturating_sub(from) as f64
+        }))
+    }
+
+    /// Whether no encoder of the machine counted between the first latch and the last.
+    fn stands_still(&self) -> bool {
+        let axes = self.sources.iter().filter_map(|source| match source {
+            Source::Constant(_) => None,
+            Source::Counts(axis) => Some(*axis),
+        });
+        let axes: Vec<usize> = axes.collect();
+        let still = |axis: usize| {
+            let first = self.latches.first().and_then(|latch| latch.counts[axis]);
+            self.latches.iter().all(|latch| latch.counts[axis] == first)
+        };
+        self.latches.len() > 2 && !axes.is_empty() && axes.into_iter().all(still)
+    }
+
+    /// The joints' values at the latch at a place of the table, mm and degrees.
+    #[must_use]
+    pub fn joints(&self, latch: usize) -> Vec<f64> {
+        self.joints_by(|axis| counts_at(self.latches, latch, axis, self.latency_us))
+    }
+
+    fn pose_by(&self, counts: impl Fn(usize) -> f64) -> Pose {
+        self.machine.sensor_in_workpiece(&self.joints_by(counts))
+    }
+
+    fn joints_by(&self, counts: impl Fn(usize) -> f64) -> Vec<f64> {
+        self.sources
             .iter()
             .zip(&self.machine.joints)
             .map(|(source, joint)| match source {
                 Source::Constant(value) => *value,
-                Source::Counts(axis) => {
-                    let counts = counts_at(self.latches, latch, *axis, self.latency_us);
-                    joint.value(counts).unwrap_or(0.0)
-                }
+                Source::Counts(axis) => joint.value(counts(*axis)).unwrap_or(0.0),
             })
-            .collect();
-        self.machine.sensor_in_workpiece(&q)
+            .collect()
     }
 }
 
@@ -169,25 +276,26 @@ fn missing_axis(joint: &str, what: &str) -> ScanError {
 /// a latch.
 ///
 /// # Errors
-/// `motion_lost` where the counts of a pair are wrong and not only those before (`until_loss`) are
+/// `motion_lost` where the counts of a pair are wrong and not only those before ([`MergeOptions::until_loss`]) are
 /// wanted; those of [`pair`], [`Merger::new`] and the files. What was written until then is for the
 /// caller to throw away.
 pub fn merge(
     profiles: &Path,
     triggers: &Triggers,
     machine: &AxisChain,
-    latency_us: f64,
-    options: &PairOptions,
-    until_loss: bool,
+    options: &MergeOptions,
     sink: &mut dyn PointSink,
 ) -> Result<Merged, ScanError> {
-    let merger = Merger::new(machine, triggers, latency_us)?;
+    let merger = Merger::new(machine, triggers, options.latency_us)?;
     let stamps = profiles::stamps(profiles)?;
-    let pairing = pair(&stamps, triggers, options)?;
+    let pairing = pair(&stamps, triggers, &options.pairing)?;
     let right = triggers.right();
-    let wrong = pairing.pairs.iter().filter(|pair| pair.latch >= right);
+    let wrong = pairing
+        .pairs
+        .iter()
+        .filter(|pair| !merger.knows(pair.latch));
     let wrong = wrong.count();
-    if wrong > 0 && !until_loss {
+    if wrong > 0 && !options.until_loss {
         return Err(ScanError::refused(
             "motion_lost",
             format_args!(
@@ -203,36 +311,100 @@ pub fn merge(
     let latches: HashMap<u64, usize> = pairing
         .pairs
         .iter()
-        .filter(|pair| pair.latch < right)
+        .filter(|pair| merger.knows(pair.latch))
         .map(|pair| (pair.profile, pair.latch))
         .collect();
+    let between: HashMap<u64, Pose> = options
+        .interpolate_us
+        .map(|most_us| {
+            let drift = 1.0 + pairing.clock.drift_ppm * 1e-6;
+            let unpaired: HashSet<u64> = pairing.unpaired_profiles.iter().copied().collect();
+            let unpaired = stamps.iter().filter(|s| unpaired.contains(&s.profile));
+            let places = unpaired.filter_map(|stamp| {
+                let t_us = pairing.clock.offset_us + drift * stamp.t_us;
+                let pose = merger.pose_between(t_us, most_us)?;
+                Some((stamp.profile, pose))
+            });
+            places.collect()
+        })
+        .unwrap_or_default();
     let mut merged = Merged {
         profiles: stamps.len() as u64,
         paired: latches.len() as u64,
         points: 0,
         invalid: 0,
+        interpolated: options.interpolate_us.map(|_| {
+            let mut profiles: Vec<u64> = between.keys().copied().collect();
+            profiles.sort_unstable();
+            profiles
+        }),
+        mount_u_mm: None,
         bounds_mm: None,
         pairing,
     };
+    let mut mount = MountShare::of(machine);
     let mut points = Vec::new();
     profiles::visit(profiles, Depth::Samples, |profile| {
-        let Some(&latch) = latches.get(&profile.stamp.profile) else {
+        let number = profile.stamp.profile;
+        let of_latch = latches.get(&number).map(|&latch| merger.pose(latch));
+        let Some(pose) = of_latch.or_else(|| between.get(&number).copied()) else {
             return Ok(());
         };
-        let pose = merger.pose(latch);
         points.clear();
         points.extend(profile.samples.iter().map(|sample| {
             let point = pose.point(&Vector3::new(sample.x_mm, 0.0, sample.z_mm));
             (sample.index, <[f64; 3]>::from(point))
         }));
+        if points
+            .iter()
+            .flat_map(|(_, at)| at)
+            .any(|mm| !mm.is_finite())
+        {
+            return Err(ScanError::refused(
+                "not_finite",
+                format_args!(
+                    "a point of profile {number} is not finite: look at the scales of the machine's \
+                     axes, their counts and the latency"
+                ),
+            )
+            .with("profile", number));
+        }
+        if let Some(mount) = &mut mount {
+            for sample in profile.samples {
+                mount.take(&Vector3::new(sample.x_mm, 0.0, sample.z_mm));
+            }
+        }
         if let Some((_, first)) = points.first() {
             let bounds = merged.bounds_mm.get_or_insert_with(|| Bounds::of(*first));
             points.iter().for_each(|(_, point)| bounds.take(point));
         }
         merged.points += points.len() as u64;
         merged.invalid += profile.invalid;
-        sink.profile(profile.stamp.profile, &points)
+        sink.pose(number, &pose)?;
+        sink.profile(number, &points)
     })?;
+    if merged.points == 0 {
+        merged.pairing.warnings.push(
+            "no_range: no sample of a profile with a latch has a range: the cloud is empty".into(),
+        );
+    }
+    let outside = latches.values().map(|&latch| merger.outside(latch));
+    let far: Vec<f64> = outside.filter(|intervals| *intervals > 1.0).collect();
+    if let Some(most) = far.iter().copied().reduce(f64::max) {
+        merged.pairing.warnings.push(format!(
+            "extrapolated: with this latency {} profiles were seen up to {most:.0} intervals of the trigger before the first \
+             latch or behind the last: their places are guessed; look at the unit of --latency-us",
+            far.len()
+        ));
+    }
+    if merger.stands_still() {
+        merged.pairing.warnings.push(
+            "stationary: no axis of the machine moved between the latches: all profiles lie in one \
+             plane of the workpiece"
+                .into(),
+        );
+    }
     sink.finish(merged.points)?;
+    merged.mount_u_mm = mount.and_then(|mount| mount.finish());
     Ok(merged)
 }

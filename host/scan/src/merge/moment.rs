@@ -28,6 +28,19 @@ pub(super) fn counts_at(
     counts(left) as f64 + share * counts(right).saturating_sub(counts(left)) as f64
 }
 
+/// The latches on either side of a moment, and the share of the way between them; none where
+/// the moment is before the first or behind the last.
+pub(super) fn between(latches: &[TriggerLatch], t_ns: f64) -> Option<(usize, f64)> {
+    // Differences from the first keep their nanoseconds, however late the clock is.
+    let origin_ns = latches.first()?.t_ns;
+    let since_ns = |latch: &TriggerLatch| latch.t_ns.saturating_sub(origin_ns) as f64;
+    let moment_ns = t_ns - origin_ns as f64;
+    let behind = latches.partition_point(|latch| since_ns(latch) <= moment_ns);
+    let left = behind.checked_sub(1)?;
+    let (a, b) = (since_ns(&latches[left]), since_ns(latches.get(behind)?));
+    Some((left, (moment_ns - a) / (b - a)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,6 +52,16 @@ mod tests {
             counts: [Some(x), None, None, None, None, None],
         };
         rows.iter().map(latch).collect()
+    }
+
+    #[test]
+    fn a_moment_is_between_two_latches_or_nowhere() {
+        let latches = latches(&[(1_000_000, 0), (2_000_000, 100), (4_000_000, 900)]);
+        assert_eq!(between(&latches, 2_500_000.0), Some((1, 0.25)));
+        assert_eq!(between(&latches, 1_000_000.0), Some((0, 0.0)));
+        assert_eq!(between(&latches, 999_999.0), None);
+        assert_eq!(between(&latches, 4_000_000.0), None);
+        assert_eq!(between(&[], 0.0), None);
     }
 
     #[test]

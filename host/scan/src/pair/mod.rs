@@ -136,9 +136,15 @@ pub fn pair(
             ),
         ));
     }
-    let pairing = answer(&found, &frames, triggers, clock);
+    let mut pairing = answer(&found, &frames, triggers, clock);
     if options.strict {
-        refuse_faults(&pairing)?;
+        refuse_faults(&pairing, triggers)?;
+    }
+    if triggers.right_until_ns.is_some() {
+        pairing.warnings.push(format!(
+            "motion_lost: the board lost motion of an axis; the counts of {} latches behind that are wrong",
+            triggers.latches.len() - triggers.right()
+        ));
     }
     Ok(pairing)
 }
@@ -269,6 +275,7 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
     for (factor, what) in [
         (1.0 / 1.024, "divided by 1.024: they are a Gocator's ticks"),
         (1e3, "times 1000: they are milliseconds"),
+        (1e6, "times 1000000: they are seconds"),
         (1e-3, "divided by 1000: they are nanoseconds"),
     ] {
         if matches!(
@@ -281,13 +288,17 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
     ScanError::refused("no_match", why)
 }
 
-fn refuse_faults(pairing: &ScanPairing) -> Result<(), ScanError> {
+fn refuse_faults(pairing: &ScanPairing, triggers: &Triggers) -> Result<(), ScanError> {
     let faults = [
         (pairing.unpaired_profiles.len() as u64, "unpaired profiles"),
         (pairing.duplicates.len() as u64, "duplicates"),
         (pairing.unpaired_triggers.len() as u64, "unpaired triggers"),
         (pairing.lost_frames, "lost frames"),
         (pairing.missed_latches, "missed latches"),
+        (
+            u64::from(triggers.right_until_ns.is_some()),
+            "loss of motion",
+        ),
     ];
     let named: Vec<String> = faults
         .iter()

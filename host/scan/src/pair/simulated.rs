@@ -142,6 +142,7 @@ fn random_scans_are_paired_rightly_or_refused() {
         .unwrap_or(1500);
     let mut random = Random(0x5CA7);
     let (mut even, mut uneven, mut refused_even, mut refused_uneven) = (0, 0, 0, 0);
+    let mut causes = std::collections::BTreeMap::<_, u32>::new();
     for number in 0..scans {
         let scan = scan(&mut random);
         let (all, refused) = if scan.even {
@@ -166,12 +167,14 @@ fn random_scans_are_paired_rightly_or_refused() {
                     "scan {number}: {error}"
                 );
                 *refused += 1;
+                *causes.entry((scan.even, error.code)).or_default() += 1;
             }
         }
     }
     println!(
         "{scans} scans: refused {refused_even} of {even} even, {refused_uneven} of {uneven} uneven"
     );
+    println!("by cause (even, code): {causes:?}");
     assert!(
         refused_uneven * 100 <= uneven,
         "{refused_uneven} of {uneven}"

@@ -128,6 +128,12 @@ impl Task<'_> {
     /// Gauss and Newton with weights renewed at each step, from `start`. A step that costs more is halved.
     #[must_use]
     pub fn solve(&self, start: &Pose) -> Settled {
+        self.solve_on(start, self.measure(start, &[]))
+    }
+
+    /// The same, from points that are measured already: at `start`, and to `within_mm` at least.
+    #[must_use]
+    pub fn solve_on(&self, start: &Pose, mut measured: Vec<Measured>) -> Settled {
         let arm = self
             .points
             .iter()
@@ -136,7 +142,6 @@ impl Task<'_> {
         let mut x = Vector6::zeros();
         let mut offset = 0.0;
         let mut motion = *start;
-        let mut measured = self.measure(&motion, &[]);
         if self.offset == Offset::Free {
             offset = mean(&measured);
         }

@@ -15,6 +15,7 @@ mod triangle;
 pub use mesh::Mesh;
 pub(crate) use mesh::box_corners;
 pub use nearest::Near;
+pub(crate) use outward::outward;
 pub use ray::{RayHit, StandingBox};
 pub use shapes::{BallShape, CompositeSurface, Cone};
 pub(crate) use stl::is_stl;

@@ -13,7 +13,7 @@ type Sides = Vec<(usize, bool)>;
 ///
 /// # Errors
 /// As [`Mesh::new`].
-pub(super) fn outward(mesh: Mesh) -> Result<Mesh, ScanError> {
+pub(crate) fn outward(mesh: Mesh) -> Result<Mesh, ScanError> {
     match turned(&mesh) {
         None => Ok(mesh),
         Some(corners) => Ok(Mesh {

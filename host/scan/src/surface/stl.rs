@@ -34,11 +34,17 @@ pub(crate) fn is_stl(bytes: &[u8]) -> bool {
     solid || is_binary(bytes)
 }
 
-/// Whether the file is as large as a binary header states.
+/// Whether the file is as large as a binary header states. Some programs write a few bytes behind the last triangle; as
+/// many as a triangle has are a triangle too many.
 fn is_binary(bytes: &[u8]) -> bool {
     let stated = bytes.get(80..HEADER).and_then(|b| b.try_into().ok());
     let stated = stated.map(|b| u32::from_le_bytes(b) as usize);
-    stated.is_some_and(|n| n.checked_mul(RECORD) == Some(bytes.len() - HEADER))
+    stated.is_some_and(|n| {
+        let behind = n
+            .checked_mul(RECORD)
+            .and_then(|size| (bytes.len() - HEADER).checked_sub(size));
+        behind == Some(0) || (n > 0 && behind.is_some_and(|b| b < RECORD))
+    })
 }
 
 /// The model in the bytes of an STL file. Which of the two kinds it is, its size says: binary files begin with `solid` too.

@@ -121,7 +121,9 @@ fn an_stl_file_is_read_from_both_kinds() {
     let mut bytes = binary(&corners);
     // Many programs begin their binary files so.
     bytes[..5].copy_from_slice(b"solid");
-    for bytes in [bytes.as_slice(), text.as_bytes()] {
+    // Others write a few bytes behind the last triangle.
+    let longer = [bytes.as_slice(), b"ab"].concat();
+    for bytes in [bytes.as_slice(), &longer, text.as_bytes()] {
         let mesh = stl_from_bytes(bytes).unwrap();
         assert_eq!(mesh.triangles().len(), 12);
         assert!((mesh.area_mm2() - 2.0 * (1.5 * 2.25 + 1.5 * 3.0 + 2.25 * 3.0)).abs() < 1e-12);
@@ -133,6 +135,8 @@ fn a_bad_stl_file_is_refused_before_memory_is_taken() {
     let code = |bytes: &[u8]| stl_from_bytes(bytes).unwrap_err().code;
     let good = binary(&block(1.0, 1.0, 1.0));
     assert_eq!(code(&good[..good.len() - 1]), "bad_file");
+    let more = [good.as_slice(), &[0; 50]].concat();
+    assert_eq!(code(&more), "bad_file");
     let mut huge = good.clone();
     huge[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
     assert_eq!(code(&huge), "bad_file");

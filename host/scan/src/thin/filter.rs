@@ -157,7 +157,7 @@ pub fn statistical(
     keep(points, drops, "outlier", |i, _| means[i] <= most)
 }
 
-fn keep(
+pub(super) fn keep(
     points: Vec<CloudPoint>,
     drops: &RefCell<Drops>,
     reason: &'static str,

@@ -38,6 +38,7 @@ fn write(path: &std::path::Path, double: bool) -> u64 {
     let style = CloudStyle {
         columns: ALL,
         double,
+        longest_mm: None,
     };
     write_cloud(path, style, Box::new(cloud().into_iter().map(Ok))).unwrap()
 }
@@ -284,6 +285,7 @@ fn damaged_clouds_are_named() {
         let style = CloudStyle {
             columns: ALL,
             double: false,
+            longest_mm: None,
         };
         write_cloud(&path, style, Box::new(cloud().into_iter().take(9).map(Ok))).unwrap();
         std::fs::read(&path).unwrap()

@@ -2,20 +2,36 @@
 //!
 //! * `.csv`: `profile,index,x_mm,y_mm,z_mm`, as many digits as the doubles need.
 //! * `.ply`: binary little endian, x y z as floats or doubles.
+//! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
+//!   [`super::clouds`] writes them.
 //!
 //! A file appears under its name only when it is complete.
 
 mod csv;
+#[cfg(feature = "cloud-formats")]
+mod e57;
+mod handed;
 mod ply;
 
 use std::io::BufWriter;
 use std::path::Path;
 
+use umi_kinematics::Pose;
+
 use crate::ScanError;
+use crate::format::clouds::write::check_extension;
 use crate::format::partial::Partial;
 
 /// Takes the points of a scan.
 pub trait PointSink {
+    /// Takes where the sensor was, in the workpiece's frame, at the profile that comes next.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    fn pose(&mut self, _profile: u64, _pose: &Pose) -> Result<(), ScanError> {
+        Ok(())
+    }
+
     /// Takes the points of a profile, each with its index in the sensor's array.
     ///
     /// # Errors
@@ -33,7 +49,8 @@ pub trait PointSink {
 pub struct PointFile {
     // Closed before the partial file is taken away.
     sink: Box<dyn PointSink>,
-    partial: Partial,
+    /// Of a sink that has not one of its own.
+    partial: Option<Partial>,
 }
 
 impl PointFile {
@@ -47,13 +64,11 @@ impl PointFile {
             .map(|e| e.to_string_lossy().to_lowercase())
             .unwrap_or_default();
         if !matches!(extension.as_str(), "csv" | "ply") {
-            return Err(ScanError::unreadable(
-                "format",
-                format_args!(
-                    "{}: points are written as .csv or .ply, by the extension",
-                    path.display()
-                ),
-            ));
+            check_extension(path)?;
+            return Ok(Self {
+                sink: Box::new(handed::HandedPoints::new(path, double)),
+                partial: None,
+            });
         }
         let partial = Partial::new(path);
         let out = BufWriter::with_capacity(1 << 20, partial.begin()?);
@@ -63,11 +78,47 @@ impl PointFile {
         } else {
             Box::new(ply::PlyPoints::new(out, shown, double)?)
         };
-        Ok(Self { sink, partial })
+        Ok(Self {
+            sink,
+            partial: Some(partial),
+        })
+    }
+}
+
+impl PointFile {
+    /// Begins an E57 file with a scan for each profile: its points in the sensor's frame, and the
+    /// sensor's pose.
+    ///
+    /// # Errors
+    /// `format` for another extension, or where E57 is not built in; the file cannot be written.
+    pub fn each_profile(path: &Path) -> Result<Self, ScanError> {
+        #[cfg(feature = "cloud-formats")]
+        if path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("e57"))
+        {
+            let partial = Partial::new(path);
+            let shown = path.display().to_string();
+            return Ok(Self {
+                sink: Box::new(e57::E57Profiles::new(partial.begin()?, shown)?),
+                partial: Some(partial),
+            });
+        }
+        Err(ScanError::unreadable(
+            "format",
+            format_args!(
+                "{}: a scan for each profile is written as .e57",
+                path.display()
+            ),
+        ))
     }
 }
 
 impl PointSink for PointFile {
+    fn pose(&mut self, profile: u64, pose: &Pose) -> Result<(), ScanError> {
+        self.sink.pose(profile, pose)
+    }
+
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
         self.sink.profile(profile, points)
     }
@@ -75,7 +126,7 @@ impl PointSink for PointFile {
     fn finish(&mut self, points: u64) -> Result<(), ScanError> {
         self.sink.finish(points)?;
         self.sink = Box::new(Nothing);
-        self.partial.complete()
+        self.partial.as_mut().map_or(Ok(()), Partial::complete)
     }
 }
 

@@ -15,9 +15,10 @@ use crate::profile::{Profile, ProfilePoint, Stamp};
 /// `corrupt` where rows of one profile disagree or do not stand together, those of the
 /// table, or what `take` refuses.
 pub fn visit<R: BufRead>(
-    mut table: TableReader<R>,
+    table: TableReader<R>,
     mut take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
+    let mut table = table.of_a_stream();
     let profile = table.column("profile")?;
     let frame = table.column("frame")?;
     let t_us = table.column("t_us")?;
@@ -118,6 +119,9 @@ mod tests {
             assert_eq!(read(rows).unwrap_err().code, "corrupt", "{rows}");
         }
         assert_eq!(read("0,5,1.5,,0,nan,1.0\n").unwrap_err().code, "not_finite");
-        assert_eq!(read("0,5,1.5,,0").unwrap_err().code, "truncated");
+        // Cut between two cells, and within the last number.
+        for cut in ["0,5,1.5,,0", "0,5,1.5,,0,1.0,2."] {
+            assert_eq!(read(cut).unwrap_err().code, "truncated", "{cut}");
+        }
     }
 }

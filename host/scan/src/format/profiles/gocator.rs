@@ -239,6 +239,11 @@ impl Channel<'_> {
                 ),
             ));
         }
+        // Samples without a pitch would all lie in one place.
+        let flat = layout.x_scale_mm == 0.0 || layout.z_scale_mm == 0.0;
+        if flat && layout.count > 0 && layout.width > 0 {
+            return Err(self.error("corrupt", "samples with a scale of 0"));
+        }
         Ok(layout)
     }
 
@@ -432,9 +437,12 @@ mod tests {
         wide[12] = 200;
         let mut attributes = profiles(5, 24, 2, &[1, 10, 2, 11]);
         attributes[6..8].copy_from_slice(&9999_u16.to_le_bytes());
+        let mut flat = profiles(5, 24, 2, &[1, 10, 2, 11]);
+        flat[20..24].fill(0);
         for capture in [
             narrow,
             many,
+            [stamp(), flat].concat(),
             [stamp(), wide].concat(),
             [stamp(), attributes].concat(),
             profiles(5, 24, 2, &[1, 10, 2, 11]),

@@ -1,14 +1,15 @@
 //! Profiles from files, one after the other in constant memory.
 //!
-//! * [`csv`]: a row per sample.
+//! * [`csv`]: a row per sample; [`three_lines`]: three lines a profile.
 //! * [`gocator`]: a sensor's data channel, byte for byte; [`groups`]: its groups as they come.
 
 pub mod csv;
 pub mod gocator;
 pub mod groups;
+pub mod three_lines;
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use super::table::TableReader;
@@ -24,7 +25,8 @@ pub enum Depth {
     Samples,
 }
 
-/// Hands out every profile of a file in its order: a `.gocator` capture, else CSV.
+/// Hands out every profile of a file in its order: a `.gocator` capture, a table of three lines a
+/// profile where the first line has no column names, else CSV.
 ///
 /// # Errors
 /// `truncated`, `corrupt`, `not_finite`, or what `take` refuses.
@@ -40,8 +42,28 @@ pub fn visit(
     {
         let file = File::open(path).map_err(|error| ScanError::file("read", path, &error))?;
         gocator::visit(BufReader::with_capacity(1 << 18, file), &name, depth, take)
+    } else if has_three_lines(path)? {
+        let file = File::open(path).map_err(|error| ScanError::file("read", path, &error))?;
+        three_lines::visit(BufReader::with_capacity(1 << 16, file), &name, take)
     } else {
         csv::visit(TableReader::open(path)?, take)
+    }
+}
+
+/// Whether the first line that holds something begins a table of three lines a profile.
+fn has_three_lines(path: &Path) -> Result<bool, ScanError> {
+    let unread = |error: std::io::Error| ScanError::file("read", path, &error);
+    let file = File::open(path).map_err(unread)?;
+    let mut lines = BufReader::new(file.take(1 << 16));
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        let read = lines.read_until(b'\n', &mut line).map_err(unread)?;
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim_start_matches('\u{FEFF}').trim();
+        if read == 0 || !(text.is_empty() || text.starts_with('#')) {
+            return Ok(three_lines::begins(text));
+        }
     }
 }
 

@@ -2,10 +2,11 @@
 
 use serde_json::{Value, json};
 
-use super::super::symmetry;
+use super::super::{scene, symmetry};
 use super::adjust::{Seen, Stray};
 use super::features::Feature;
 use super::matching::{Match, Matching, Tolerance};
+use super::own::Own;
 use super::{FiducialTask, Searched, Sought};
 use crate::ScanError;
 use crate::rigid::{Pose, Vec3};
@@ -22,9 +23,13 @@ const LOOSE: Tolerance = Tolerance {
     of_distance: 0.0,
 };
 /// Matches that are tried with the points themselves.
-const TRIED: usize = 12;
+const TRIED: usize = 24;
 /// A mirror image that shows this many times the points is the right one.
 const FAR_MORE: f64 = 1.3;
+
+/// A side counts if it is this share of the body's surface, and has so many times as many points on it as beside it.
+const SIDE_SHOWN: f64 = 0.2;
+const SIDE_BESIDE: usize = 10;
 
 /// A match tried with the points.
 struct Tried {
@@ -253,7 +258,8 @@ fn attempt(
         }
         let start = seen.machine.after(&fiducial.pose);
         let own = sought.own(f, &start, reach(sought, f));
-        if let Some(own) = own.filter(|own| own.holds(&fiducial.shape)) {
+        let is_it = |own: &Own| own.holds(&fiducial.shape) || shows_a_side(own, &fiducial.shape);
+        if let Some(own) = own.filter(is_it) {
             let middle = fiducial.shape.middle();
             let off = own.motion.point(&middle) - start.point(&middle);
             // A body of which two sides are seen slides along them.
@@ -299,6 +305,19 @@ fn attempt(
         elsewhere,
         held,
     })
+}
+
+/// Whether a body shows one side of it, where the others put it. That holds three motions, no place; but it is there, and
+/// where a wrong pose puts it there is nothing, or something in another plane: whether it agrees is asked of all alike.
+fn shows_a_side(own: &Own, shape: &super::FiducialShape) -> bool {
+    let super::FiducialShape::Mesh(mesh) = shape else {
+        return false;
+    };
+    let shown = || {
+        let at: Vec<Vec3> = own.on.iter().map(|(q, _)| own.motion.undo(q)).collect();
+        scene::coverage(mesh, &at)
+    };
+    SIDE_BESIDE * own.beside <= own.on.len() && shown() > SIDE_SHOWN
 }
 
 /// Whether that is the feature.

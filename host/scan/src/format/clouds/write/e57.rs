@@ -65,7 +65,7 @@ pub(super) fn write(
 }
 
 /// A name that no other file has, by the clock (a UUID's form, version 8: of its maker's own making).
-fn guid(part: u64) -> String {
+pub(crate) fn guid(part: u64) -> String {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let now = since.map_or(0, |d| d.as_nanos()) as u64;
     let process = u64::from(std::process::id());
@@ -74,7 +74,7 @@ fn guid(part: u64) -> String {
         now >> 32,
         (now >> 16) & 0xFFFF,
         now & 0xFFF,
-        part & 0xFFF,
-        process & 0xFFFF_FFFF_FFFF
+        (part >> 32) & 0xFFF,
+        (part << 16 | process & 0xFFFF) & 0xFFFF_FFFF_FFFF
     )
 }

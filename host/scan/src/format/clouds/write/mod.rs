@@ -11,6 +11,7 @@ mod parquet;
 mod pcd;
 mod ply;
 mod records;
+mod stl;
 mod text;
 
 use std::path::Path;
@@ -20,15 +21,19 @@ use crate::cloud::{CloudColumns, Points};
 use crate::format::partial::Partial;
 use counted::Counted;
 
+#[cfg(feature = "cloud-formats")]
+pub(crate) use e57::guid;
 pub use figures::write_ply;
 
 /// How a cloud is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CloudStyle {
     /// What is written beside the coordinates.
     pub columns: CloudColumns,
     /// Coordinates of PLY and PCD as doubles instead of floats.
     pub double: bool,
+    /// The longest edge of a mesh (STL), in mm; without, by the grid's own pitch.
+    pub longest_mm: Option<f64>,
 }
 
 /// What a format does: points to the file under its partial name; how many there were.
@@ -36,9 +41,9 @@ type Write = fn(&Partial, CloudStyle, &mut Counted<'_>) -> Result<(), ScanError>
 
 /// The extensions that clouds are written under.
 pub const EXTENSIONS: &str = if cfg!(feature = "cloud-formats") {
-    ".csv, .ply, .pcd, .las, .laz, .e57 or .parquet"
+    ".csv, .ply, .pcd, .las, .laz, .e57, .parquet, or .stl for a grid"
 } else {
-    ".csv, .ply or .pcd"
+    ".csv, .ply, .pcd, or .stl for a grid"
 };
 
 /// How a file is written, by its extension.
@@ -51,6 +56,7 @@ fn format_of(path: &Path) -> Result<Write, ScanError> {
         "csv" => text::write,
         "ply" => ply::write,
         "pcd" => pcd::write,
+        "stl" => stl::write,
         #[cfg(feature = "cloud-formats")]
         "las" => |file, style, points| las::write(file, style, points, false),
         #[cfg(feature = "cloud-formats")]

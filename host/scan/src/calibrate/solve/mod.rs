@@ -8,7 +8,12 @@
 //! Levenberg-Marquardt from afar; then Gauss-Newton steps through singular values, where
 //! directions that nothing sees do not move.
 
-use nalgebra::{DMatrix, DVector, SVD};
+mod jacobi;
+pub(super) mod scatter;
+
+use nalgebra::{DMatrix, DVector};
+
+use jacobi::Jacobi;
 
 /// A direction whose singular value is below this share of the largest is degenerate, exact
 /// up to rounding.
@@ -21,6 +26,9 @@ const DOUBTFUL: f64 = 1e-4;
 const LIFTED_MM: f64 = 5.0;
 /// The same for nuisances, which may be as badly seen as they like.
 const UNSEEN_NUISANCE: f64 = 1e-10;
+/// Singular values below this share of the targets' own columns are rounding: where the nuisances take
+/// all of them, the largest is no measure.
+const TAKEN: f64 = 1e-12;
 /// Steps of Levenberg and Marquardt.
 const MOST_STEPS: usize = 200;
 /// A sum of squares, in mm², that is nothing but rounding: 0.1 nm.
@@ -66,16 +74,17 @@ pub(super) struct Solution<M> {
     /// The singular values of what is unseen, and the largest of all.
     doubtful: Vec<f64>,
     largest: f64,
+    floor: f64,
     /// The last step over the standard uncertainty, or over rounding where that is 0.
     pub converged: bool,
 }
 
 /// R of `[J r]`, cut into its parts.
-struct Reduced {
+pub(super) struct Reduced {
     nuisances: usize,
     targets: usize,
     /// `[R; 0]`, without the column of residuals.
-    r: DMatrix<f64>,
+    pub r: DMatrix<f64>,
     residual: DVector<f64>,
 }
 
@@ -92,7 +101,9 @@ pub(super) fn solve<M: Model>(mut model: M, scale: &[f64]) -> Solution<M> {
         .residuals()
         .saturating_sub(nuisances + targets);
     let sigma_mm = (careful.ssq / dof.max(1) as f64).sqrt();
-    let lifted = |value: f64| value <= DEGENERATE * careful.largest || sigma_mm > LIFTED_MM * value;
+    let lifted = |value: f64| {
+        value <= (DEGENERATE * careful.largest).max(careful.floor) || sigma_mm > LIFTED_MM * value
+    };
     if careful.doubtful.iter().all(|value| lifted(*value)) {
         return careful;
     }
@@ -111,6 +122,8 @@ fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
         let promised = (&reduced.r * &step).norm_squared();
         converged = promised <= 1e-12 * last + ROUNDING;
         let Some((next, ssq)) = shortened(&model, &step, last) else {
+            // Nothing lowers the sum any more: what is left may be a hundred-thousandth of the noise.
+            converged = promised <= 1e-10 * last + ROUNDING;
             break;
         };
         model = next;
@@ -125,6 +138,7 @@ fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
         model,
         doubtful: seen.doubtful,
         largest: seen.largest,
+        floor: seen.floor,
         unseen: seen.unseen,
         covariance_unit: seen.covariance_unit,
         seen: seen.shares,
@@ -189,6 +203,8 @@ struct SeenUnknowns {
     /// Their singular values, and the largest of all.
     doubtful: Vec<f64>,
     largest: f64,
+    /// What is not above this is rounding.
+    floor: f64,
     /// The targets' block of `inv(JᵀJ)`, over what is seen.
     covariance_unit: DMatrix<f64>,
     /// Singular values over the largest, falling.
@@ -198,7 +214,7 @@ struct SeenUnknowns {
 /// How many rows are reduced at once.
 const BLOCK: usize = 4096;
 
-fn reduce<M: Model>(model: &M) -> Reduced {
+pub(super) fn reduce<M: Model>(model: &M) -> Reduced {
     let (nuisances, targets) = model.unknowns();
     let width = nuisances + targets + 1;
     let mut block = DMatrix::<f64>::zeros(BLOCK.min(model.residuals()) + width, width);
@@ -274,26 +290,23 @@ impl Reduced {
         let project = |v: DMatrix<f64>| &v - &basis * basis.tr_mul(&v);
         // Twice, so that nothing of what was projected away is left but rounding.
         let seen = project(project(m.clone()));
-        let svd = SVD::new(seen, true, true);
-        let (u, vt) = (
-            svd.u.unwrap_or_else(|| DMatrix::zeros(rows, 0)),
-            svd.v_t.unwrap_or_else(|| DMatrix::zeros(0, self.targets)),
-        );
-        let largest = svd.singular_values.amax();
+        let svd = Jacobi::new(seen);
+        let largest = svd.largest();
+        let floor = TAKEN * m.norm();
         let mut targets = DVector::zeros(self.targets);
         let mut covariance = DMatrix::zeros(self.targets, self.targets);
         let (mut unseen, mut doubtful) = (Vec::new(), Vec::new());
         let scaled = |v: DVector<f64>| {
             DVector::from_iterator(v.len(), v.iter().zip(scale).map(|(v, s)| v * s))
         };
-        for (i, &value) in svd.singular_values.iter().enumerate() {
-            let direction = vt.row(i).transpose();
-            if value <= least * largest || largest == 0.0 {
+        for (i, &value) in svd.values.iter().enumerate() {
+            let direction = svd.v.column(i).into_owned();
+            if value <= (least * largest).max(floor) {
                 doubtful.push(value);
                 unseen.push(scaled(direction));
                 continue;
             }
-            targets -= &direction * (u.column(i).dot(&self.residual) / value);
+            targets -= &direction * (svd.u.column(i).dot(&self.residual) / value);
             let direction = scaled(direction) / value;
             covariance += &direction * direction.transpose();
         }
@@ -306,37 +319,54 @@ impl Reduced {
         for (i, value) in scaled(targets).iter().enumerate() {
             step[self.nuisances + i] = *value;
         }
-        let mut shares: Vec<f64> = svd
-            .singular_values
+        let shares: Vec<f64> = svd
+            .values
             .iter()
             .map(|value| value / largest.max(1e-300))
             .collect();
-        shares.sort_by(|a, b| b.total_cmp(a));
         SeenUnknowns {
             step,
             unseen,
             doubtful,
             largest,
+            floor,
             covariance_unit: covariance,
             shares,
         }
     }
 }
 
-/// An orthonormal basis of what the columns reach.
+/// An orthonormal basis of what the columns reach, by Gram and Schmidt, the largest rest first.
 fn range(f: &DMatrix<f64>) -> DMatrix<f64> {
-    if f.ncols() == 0 {
-        return DMatrix::zeros(f.nrows(), 0);
+    let mut rest = f.clone();
+    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(f.ncols());
+    let mut largest = 0.0;
+    while basis.len() < f.ncols() {
+        let norms = rest.column_iter().map(|column| column.norm());
+        let (mut most, mut place) = (0.0, 0);
+        for (i, norm) in norms.enumerate() {
+            if norm > most {
+                (most, place) = (norm, i);
+            }
+        }
+        largest = f64::max(largest, most);
+        if most <= UNSEEN_NUISANCE * largest {
+            break;
+        }
+        let mut next = rest.column(place) / most;
+        // What rounding left of the others: twice is enough.
+        for _ in 0..2 {
+            for other in &basis {
+                let along = other.dot(&next);
+                next.axpy(-along, other, 1.0);
+            }
+        }
+        let next = next.normalize();
+        let along = rest.tr_mul(&next);
+        rest -= &next * along.transpose();
+        basis.push(next);
     }
-    let svd = SVD::new(f.clone(), true, false);
-    let Some(u) = svd.u else {
-        return DMatrix::zeros(f.nrows(), 0);
-    };
-    let largest = svd.singular_values.amax();
-    let seen: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|&i| svd.singular_values[i] > UNSEEN_NUISANCE * largest)
-        .collect();
-    u.select_columns(&seen)
+    DMatrix::from_fn(f.nrows(), basis.len(), |i, k| basis[k][i])
 }
 
 /// The shortest `x` that comes nearest to `f x = b`.
@@ -344,8 +374,13 @@ fn pseudo_solve(f: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     if f.ncols() == 0 {
         return DVector::zeros(0);
     }
-    let svd = SVD::new(f.clone(), true, true);
-    let least = UNSEEN_NUISANCE * svd.singular_values.amax();
-    svd.solve(b, least)
-        .unwrap_or_else(|_| DVector::zeros(f.ncols()))
+    let svd = Jacobi::new(f.clone());
+    let least = UNSEEN_NUISANCE * svd.largest();
+    let mut x = DVector::zeros(f.ncols());
+    for (i, &value) in svd.values.iter().enumerate() {
+        if value > least {
+            x.axpy(svd.u.column(i).dot(b) / value, &svd.v.column(i), 1.0);
+        }
+    }
+    x
 }

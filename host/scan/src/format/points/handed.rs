@@ -1,0 +1,130 @@
+//! Points to a writer that takes them one by one: the formats of clouds beside CSV and PLY.
+//!
+//! The writer has a thread of its own, and a channel of a few profiles between: memory does not
+//! grow with the scan. What ends before its end leaves no file.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use super::PointSink;
+use crate::ScanError;
+use crate::cloud::{CloudColumns, CloudPoint};
+use crate::format::clouds::{CloudStyle, write_cloud};
+
+/// Profiles that wait between merge and writer.
+const WAITING: usize = 64;
+
+enum Handover {
+    Points(Vec<CloudPoint>),
+    /// There are no more.
+    End,
+}
+
+pub(super) struct HandedPoints {
+    to: Option<SyncSender<Handover>>,
+    writer: Option<JoinHandle<Result<u64, ScanError>>>,
+}
+
+impl HandedPoints {
+    pub(super) fn new(path: &Path, double: bool) -> Self {
+        let (to, from) = sync_channel(WAITING);
+        let path = path.to_owned();
+        let style = CloudStyle {
+            columns: CloudColumns {
+                profile: true,
+                index: true,
+                intensity: false,
+            },
+            double,
+            longest_mm: None,
+        };
+        let writer = std::thread::spawn(move || {
+            let points = Arriving {
+                from,
+                points: Vec::new().into_iter(),
+                ended: false,
+            };
+            write_cloud(&path, style, Box::new(points))
+        });
+        Self {
+            to: Some(to),
+            writer: Some(writer),
+        }
+    }
+
+    /// What the writer says once nothing more comes.
+    fn close(&mut self) -> Result<u64, ScanError> {
+        self.to = None;
+        let gone = || ScanError::unreadable("file", "the writer of the cloud ended");
+        self.writer
+            .take()
+            .map_or_else(|| Err(gone()), |writer| writer.join().map_err(|_| gone())?)
+    }
+
+    fn hand(&mut self, message: Handover) -> Result<(), ScanError> {
+        let taken = self.to.as_ref().is_some_and(|to| to.send(message).is_ok());
+        if taken {
+            return Ok(());
+        }
+        // The writer stopped: what it says is the reason.
+        self.close().map(|_| ())
+    }
+}
+
+impl PointSink for HandedPoints {
+    fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
+        let points = points.iter().map(|&(index, at)| CloudPoint {
+            at,
+            profile,
+            index,
+            intensity: 0.0,
+        });
+        self.hand(Handover::Points(points.collect()))
+    }
+
+    fn finish(&mut self, _: u64) -> Result<(), ScanError> {
+        self.hand(Handover::End)?;
+        self.close().map(|_| ())
+    }
+}
+
+impl Drop for HandedPoints {
+    fn drop(&mut self) {
+        // Waits until the writer has taken its partial file away; its refusal is our own.
+        let _ = self.close();
+    }
+}
+
+/// The writer's end.
+struct Arriving {
+    from: Receiver<Handover>,
+    points: std::vec::IntoIter<CloudPoint>,
+    ended: bool,
+}
+
+impl Iterator for Arriving {
+    type Item = Result<CloudPoint, ScanError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(point) = self.points.next() {
+                return Some(Ok(point));
+            }
+            if self.ended {
+                return None;
+            }
+            match self.from.recv() {
+                Ok(Handover::Points(points)) => self.points = points.into_iter(),
+                Ok(Handover::End) => self.ended = true,
+                Err(_) => {
+                    self.ended = true;
+                    return Some(Err(ScanError::unreadable(
+                        "file",
+                        "the cloud ended before its end",
+                    )));
+                }
+            }
+        }
+    }
+}
