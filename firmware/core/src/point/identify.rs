@@ -32,8 +32,12 @@ const WIDEST_CIRCLE: f64 = 0.02;
 /// Spreads that noise alone makes are within so many times the noise.
 const NOISE_FACTOR: f64 = 10.0;
 
+/// The mean of the noise that pushes points out of a great circle's plane, in units of its standard error, and twice
+/// for safety: at ten, one set in 65 000 passed.
+const PUSH_FACTOR: f64 = 20.0;
+
 /// Singular values of the scaled Jacobian below this are none.
-const LEAST_SINGULAR: f64 = 1e-4;
+const LEAST_SINGULAR: f64 = 1e-3;
 
 /// Singular values of the scaled Jacobian below this are worth a warning.
 const WEAK_SINGULAR: f64 = 0.03;
@@ -100,7 +104,7 @@ pub(super) fn at<const K: usize>(
     }
     // On a great circle noise alone pushes the points out of its plane, until
     // what the ball curves away makes up for the mean of the noise.
-    let pushed = NOISE_FACTOR * rms / (radius * root_n);
+    let pushed = PUSH_FACTOR * rms / (radius * root_n);
     let flat = spreads[2] < SPREAD_LIMIT || spreads[2] * spreads[2] < pushed;
     // A narrow cap is as thin, but not in one direction only.
     if flat && spreads[2] < 0.5 * spreads[1] {

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use super::error::PointRefusal;
 use super::reading::{BallReading, CalibrationBall, PointQuestion};
-use crate::fit::solve::least_squares::{Surface, Term};
+use crate::fit::solve::least_squares::{Sums, Surface, System, Term};
 use crate::fit::solve::linalg::{norm, perpendicular_frame, unit};
 
 /// Unknowns of every calibration: three of t, two of a.
@@ -90,6 +90,80 @@ impl<const K: usize> Beam<K> {
     }
 }
 
+/// Adds one term to the sums: for each row the columns up to it. Written out, because a search looks
+/// at thousands of terms, and a loop over so few takes longer than what it does.
+macro_rules! add_term {
+    ($sums:ident, $residual:ident, $slope:ident, $second:ident: $($i:literal => $($j:literal)+;)+) => {
+        $($sums.gradient[$i] += $slope[$i] * $residual;)+
+        $($({
+            let square = $slope[$i] * $slope[$j];
+            $sums.gram[$i][$j] += square;
+            $sums.hessian[$i][$j] += square + $residual * $second[$i][$j];
+        })+)+
+    };
+}
+
+impl<const K: usize> Beam<K> {
+    /// What a reading adds where neither gain nor radius is asked for: as `term`, to the last bit.
+    fn add(&self, seen: &Sighting, sums: &mut Sums<ALWAYS>) -> Option<()> {
+        let arm = self.arm(seen);
+        let length = norm(&arm);
+        // Also refuses NaN.
+        if !(length > 0.0 && length.is_finite()) {
+            return None;
+        }
+        let normal = arm / length;
+        let [x, y, z] = [normal.x, normal.y, normal.z];
+        let [e1, e2] = self.across;
+        let stretch = seen.spread * self.gain;
+        let bend = -stretch * normal.dot(&self.direction);
+        let (s1, s2) = (stretch * normal.dot(&e1), stretch * normal.dot(&e2));
+        let aside = |e: f64, slope: f64, n: f64| (stretch * e - slope * n) / length;
+        let turn = |slope: f64| (stretch * stretch - slope * slope) / length + bend;
+        let mut slope = [x, y, z, s1, s2];
+        let mut second = [
+            [(1.0 - x * x) / length, 0.0, 0.0, 0.0, 0.0],
+            [-y * x / length, (1.0 - y * y) / length, 0.0, 0.0, 0.0],
+            [
+                -z * x / length,
+                -z * y / length,
+                (1.0 - z * z) / length,
+                0.0,
+                0.0,
+            ],
+            [
+                aside(e1.x, s1, x),
+                aside(e1.y, s1, y),
+                aside(e1.z, s1, z),
+                turn(s1),
+                0.0,
+            ],
+            [
+                aside(e2.x, s2, x),
+                aside(e2.y, s2, y),
+                aside(e2.z, s2, z),
+                -s2 * s1 / length,
+                turn(s2),
+            ],
+        ];
+        let weight = seen.weight;
+        if weight != 1.0 {
+            slope = slope.map(|slope| slope * weight);
+            second = second.map(|row| row.map(|value| value * weight));
+        }
+        let residual = weight * (length - seen.radius - self.radius_error);
+        sums.sum += residual * residual;
+        add_term!(sums, residual, slope, second:
+            0 => 0;
+            1 => 0 1;
+            2 => 0 1 2;
+            3 => 0 1 2 3;
+            4 => 0 1 2 3 4;
+        );
+        Some(())
+    }
+}
+
 impl<const K: usize> Surface<K, Sighting> for Beam<K> {
     fn term(&self, seen: &Sighting) -> Option<Term<K>> {
         let arm = self.arm(seen);
@@ -154,6 +228,27 @@ impl<const K: usize> Surface<K, Sighting> for Beam<K> {
             gradient,
             second,
         })
+    }
+
+    fn system<I>(&self, points: &I) -> Option<System<K>>
+    where
+        I: Iterator<Item = Sighting> + Clone,
+    {
+        if K != ALWAYS {
+            return System::at(self, points);
+        }
+        let mut sums = Sums {
+            sum: 0.0,
+            gradient: [0.0; ALWAYS],
+            gram: [[0.0; ALWAYS]; ALWAYS],
+            hessian: [[0.0; ALWAYS]; ALWAYS],
+        };
+        let mut n = 0_usize;
+        for seen in points.clone() {
+            n += 1;
+            self.add(&seen, &mut sums)?;
+        }
+        System::of(n, &sums)
     }
 
     fn moved(&self, step: &[f64; K]) -> Option<Self> {

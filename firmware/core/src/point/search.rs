@@ -33,6 +33,9 @@ const TOLD_APART_PART: f64 = 1e-4;
 /// the radius.
 const CLEARLY_BETTER: f64 = 3.0;
 
+/// Residuals below this part of the radius are what rounding makes.
+const ROUNDING_PART: f64 = 1e-9;
+
 /// See [`CLEARLY_BETTER`].
 const NOISE_PART: f64 = 1e-3;
 
@@ -56,6 +59,8 @@ pub(super) enum Outcome<const K: usize> {
     Found(Found<K>),
     /// No minimum on the right side; where the search ended, if anywhere.
     Nowhere(Option<Beam<K>>),
+    /// A minimum, but a start came lower and found none there.
+    Valley(Beam<K>),
     /// One on the wrong side, or from inside the ball.
     OtherWay {
         /// Where it is.
@@ -77,6 +82,9 @@ pub(super) fn least<const K: usize>(view: &View<'_, K>, rough: &Vector3<f64>) ->
         for (beam, _) in scouted.right.iter().chain([&scouted.wrong]).flatten() {
             tally.refine(*beam);
         }
+        if let Some(beam) = scouted.lower() {
+            tally.refine(beam);
+        }
         if tally.right[0].is_none() {
             tally.search();
         }
@@ -89,9 +97,12 @@ pub(super) fn least<const K: usize>(view: &View<'_, K>, rough: &Vector3<f64>) ->
                 beam,
                 rms: libm::sqrt(sum / n),
             },
-            None => Outcome::Nowhere(tally.stopped),
+            None => Outcome::Nowhere(tally.stopped.map(|(beam, _)| beam)),
         };
     };
+    if let Some(beam) = tally.lower() {
+        return Outcome::Valley(beam);
+    }
     let (rms, radius) = (libm::sqrt(sum / n), view.least_radius());
     let wrong_rms = tally.wrong.map(|(beam, sum)| (beam, libm::sqrt(sum / n)));
     if let Some((beam, wrong_rms)) = wrong_rms
@@ -156,8 +167,8 @@ struct Tally<'a, const K: usize> {
     right: [Option<(Beam<K>, f64)>; 2],
     /// The least of all others.
     wrong: Option<(Beam<K>, f64)>,
-    /// Where a start ended that led to no minimum.
-    stopped: Option<Beam<K>>,
+    /// The least place on the right side where a start ended that led to no minimum.
+    stopped: Option<(Beam<K>, f64)>,
 }
 
 impl<'a, const K: usize> Tally<'a, K> {
@@ -225,9 +236,10 @@ impl<'a, const K: usize> Tally<'a, K> {
         }
         match descend(coarse, &points, FINE_STEPS) {
             Ok(converged) => self.keep(&converged),
-            Err(Stopped { surface, .. }) => {
-                if self.stopped.is_none() && surface.direction.dot(&self.rough) > 0.0 {
-                    self.stopped = Some(surface);
+            Err(Stopped { surface, sum, .. }) => {
+                let is_least = self.stopped.is_none_or(|(_, least)| sum < least);
+                if is_least && self.is_right(&surface) {
+                    self.stopped = Some((surface, sum));
                 }
             }
         }
@@ -235,13 +247,7 @@ impl<'a, const K: usize> Tally<'a, K> {
 
     fn keep(&mut self, converged: &Converged<Beam<K>, K>) {
         let (beam, sum) = (converged.surface, converged.system.sum);
-        // A beam strikes a ball from outside: there it runs against the normal.
-        let along: f64 = self
-            .view
-            .sightings()
-            .filter_map(|seen| beam.normal(&seen))
-            .fold(0.0, |sum, normal| sum + normal.dot(&beam.direction));
-        if beam.direction.dot(&self.rough) <= 0.0 || along > 0.0 {
+        if !self.is_right(&beam) {
             if self.wrong.is_none_or(|(_, least)| sum < least) {
                 self.wrong = Some((beam, sum));
             }
@@ -259,6 +265,28 @@ impl<'a, const K: usize> Tally<'a, K> {
             }
             [None, _] => self.right = [Some((beam, sum)), None],
         }
+    }
+
+    /// Whether a beam is on the side of the rough direction, and strikes the balls from outside: there it runs
+    /// against the normal.
+    fn is_right(&self, beam: &Beam<K>) -> bool {
+        let along: f64 = self
+            .view
+            .sightings()
+            .filter_map(|seen| beam.normal(&seen))
+            .fold(0.0, |sum, normal| sum + normal.dot(&beam.direction));
+        beam.direction.dot(&self.rough) > 0.0 && along <= 0.0
+    }
+
+    /// Where a start ended without a minimum, but lower than the best one: that is not the least then. A set that is
+    /// singular at its optimum, as points of a great circle are, has false minima beside a valley without one.
+    /// With the radius free a start may end at the radius' bound, which is no answer however low.
+    fn lower(&self) -> Option<Beam<K>> {
+        let ((best, sum), (beam, lower)) = (self.right[0]?, self.stopped?);
+        let rounding = ROUNDING_PART * self.view.least_radius();
+        let is_lower =
+            libm::sqrt(lower) + rounding * libm::sqrt(self.view.count()) < libm::sqrt(sum);
+        (is_lower && !self.view.free_radius() && !self.same(&best, &beam)).then_some(beam)
     }
 
     fn same(&self, a: &Beam<K>, b: &Beam<K>) -> bool {

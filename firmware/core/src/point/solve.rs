@@ -61,7 +61,7 @@ fn not_one_circle<const K: usize>(
     match search::least(&view, &rough) {
         Outcome::Found(found) => identify::one_circle(&view, &found.beam),
         // What is wrong is told where all unknowns are free.
-        Outcome::Nowhere(_) | Outcome::OtherWay { .. } => Ok(()),
+        Outcome::Nowhere(_) | Outcome::Valley(_) | Outcome::OtherWay { .. } => Ok(()),
     }
 }
 
@@ -84,6 +84,13 @@ fn solve<const K: usize>(
         Outcome::Nowhere(ended) => {
             return Err(ended
                 .and_then(|beam| identify::at(&view, &beam, false).err())
+                .unwrap_or(PointRefusal::NoConvergence));
+        }
+        Outcome::Valley(beam) => {
+            // What is left there is noise, or the way that is left.
+            return Err(identify::at(&view, &beam, false)
+                .and_then(|()| identify::at(&view, &beam, true))
+                .err()
                 .unwrap_or(PointRefusal::NoConvergence));
         }
         Outcome::OtherWay { beam, rms } => {

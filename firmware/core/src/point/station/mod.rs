@@ -1,72 +1,58 @@
 //! Digitizing under a control's own command: captures, their places, and what the control hears.
 //!
-//! A macro on the control prints short checked lines (`command`); the sensor sends its readings
-//! as text (`text`); each capture pulse latches the axes. This station joins them: reading n
-//! belongs to latch n, or the loss is named (`pairing`). Captures at rest are averaged
-//! (`collect`) and become points P = Q + t + γ g a. The control hears of it in three ways:
-//! by a program that sets variables (`answer`), by the skip input ([`CaptureStation::skip`]), or not
+//! A macro on the control prints short checked lines (`wire`); the sensor sends its readings
+//! as text; each capture pulse latches the axes. This station joins them: reading n
+//! belongs to latch n, or the loss is named (`captures`). Captures at rest are averaged
+//! and become points P = Q + t + γ g a. The control hears of it in three ways:
+//! by a program that sets variables, by the skip input ([`CaptureStation::skip`]), or not
 //! at all, where pulses are made on the way.
 //!
 //! Nothing here waits and nothing is asked: bytes, latches and time come in, what is to be done
 //! next is read ([`CaptureStation::order`]).
 
-mod answer;
-mod buffer;
-mod collect;
-mod command;
-mod pairing;
+mod arrivals;
+mod beam;
+mod captures;
+mod orders;
+mod places;
 mod record;
-mod sweep;
+mod setup;
 #[cfg(test)]
 mod tests;
-mod text;
 mod watch;
+mod wire;
 
 use heapless::Deque;
 use nalgebra::Vector3;
 
-pub use answer::{ANSWER_BYTES, ANSWER_PROGRAM, CommandAnswer};
-pub use command::{CommandFault, SensorCommand, SensorConfiguration, check_value};
 pub use record::{PlacePoint, PlaceState, StationRecord};
-pub use text::{NumberedReading, ReadingText, SignalLoss};
+pub use setup::check_sensor;
+pub use wire::{
+    ANSWER_BYTES, ANSWER_PROGRAM, CommandAnswer, CommandFault, CommandLine, NumberedReading,
+    ReadingText, SensorCommand, SensorConfiguration, SignalLoss, check_value,
+};
 
 use super::sensor::PointSensor;
 use crate::units::{Micros, Mm, Point};
-use collect::Collected;
-use command::CommandLine;
-use pairing::{Latched, Pairing};
-use sweep::Sweep;
-use text::TextLine;
-use watch::{Trip, Watch};
-
-/// Readings that a board takes to bring a sensor to its place.
-const ADAPT_CAPTURES: u32 = 16;
+use beam::BeamProof;
+use captures::collect::Collected;
+use captures::pairing::Pairing;
+use captures::sweep::Sweep;
+use orders::ADAPT_CAPTURES;
+use watch::Watch;
+use wire::text::TextLine;
 
 /// A reading that has not come this long after its pulse is lost.
-const LATE_US: u64 = 50_000;
+const LATE_US: u64 = 200_000;
+
+/// No latch for so long, though the sensor is triggered: nothing is captured any more.
+const STALLED_US: u64 = 1_000_000;
+
+/// Readings that came before the board had told their latches.
+const EARLY: usize = 8;
 
 /// How often a gate is on before the first line: away along the beam, back, nearer, back.
 pub const BEAM_GATES: u8 = 4;
-
-/// Along the beam the reading must change as the axes move, to this and a twentieth of the way.
-const BEAM_MM: f64 = 0.01;
-
-/// A shorter way says nothing about the beam.
-const BEAM_WAY_MM: f64 = 0.05;
-
-/// ... and the noise of the two means may move it by so many of its standard deviations: no
-/// false alarm in a million places, even from the scatter of thirty captures.
-const BEAM_SIGMAS: f64 = 7.0;
-
-/// So many readings in succession that do not follow are no edge of the part any more.
-const DOUBTS: u8 = 3;
-
-/// So many captures that are alike to the last figure are no chance.
-const FROZEN: f64 = 4.0;
-
-/// Where noise may move it by more than this part of the way, a swapped sign could pass: such a
-/// way proves nothing.
-const BEAM_PROOF: f64 = 0.5;
 
 /// What a station knows of its machine and its sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,29 +117,21 @@ enum Doing {
         origin_counts: i64,
         interval_counts: i64,
     },
+    /// The way is over; the last readings of it are to come.
+    Resting,
 }
 
-/// Where the axes stood, and what was read there.
-#[derive(Clone, Copy, Debug)]
-struct Seen {
-    axes: Vector3<f64>,
-    gamma: f64,
-    /// Captures in its mean.
-    captures: f64,
-}
-
-/// What is known of the beam since the sensor was configured.
+/// What a station has counted since it began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Beam {
-    /// Nothing yet.
-    #[default]
-    Unknown,
-    /// Readings change with the axes as the calibration says.
-    Follows,
-    /// They do not.
-    Wrong,
-    /// Their noise hides whether they do.
-    Hidden,
+pub struct StationCounters {
+    /// Readings with their latches.
+    pub paired: u32,
+    /// Latches without a reading.
+    pub lost: u32,
+    /// Readings without a latch.
+    pub unpaired: u32,
+    /// Lines that were no readings.
+    pub unreadable: u32,
 }
 
 /// The station.
@@ -178,14 +156,12 @@ pub struct CaptureStation {
     sequence: u16,
     /// Places measured so far.
     places: u32,
-    seen: Option<Seen>,
-    beam: Beam,
-    /// How often in succession a reading did not follow.
-    doubts: u8,
-    /// Squares of the readings' differences from the means at rest, mm², and their degrees of
-    /// freedom, since the sensor was configured.
-    scatter: (f64, f64),
-    latest: Option<[i64; 3]>,
+    proof: BeamProof,
+    /// Readings that may have come before their latches, and when.
+    early: Deque<(NumberedReading, Micros), EARLY>,
+    /// Since when nothing was captured, though it should.
+    stalled_since: Option<Micros>,
+    counters: StationCounters,
     records: Deque<StationRecord, 16>,
     /// Records that found no room.
     dropped: u32,
@@ -211,11 +187,10 @@ impl CaptureStation {
             gates: 0,
             sequence: 0,
             places: 0,
-            seen: None,
-            beam: Beam::Unknown,
-            doubts: 0,
-            scatter: (0.0, 0.0),
-            latest: None,
+            proof: BeamProof::default(),
+            early: Deque::new(),
+            stalled_since: None,
+            counters: StationCounters::default(),
             records: Deque::new(),
             dropped: 0,
         }
@@ -225,6 +200,14 @@ impl CaptureStation {
     #[must_use]
     pub fn configuration(&self) -> Option<SensorConfiguration> {
         self.configuration
+    }
+
+    /// From capture to capture where they come in time: not more often than was asked for.
+    #[must_use]
+    pub fn interval_us(&self) -> u32 {
+        let rate_hz = self.configuration.map_or(1.0, |with| with.rate_hz);
+        // The cast ends at the bounds.
+        libm::ceil(1e6 / rate_hz - 1e-6) as u32
     }
 
     /// When the sensor is to be triggered from now on.
@@ -313,41 +296,89 @@ impl CaptureStation {
 
     /// A byte that the control has printed; the axes stand at these counts.
     pub fn command_byte(&mut self, byte: u8, counts: [i64; 3]) {
-        match self.line.byte(byte) {
-            None => {}
-            Some(Ok((sequence, command))) => self.carry_out(sequence, command, counts),
-            Some(Err(fault)) => self.record(StationRecord::Refused(fault)),
+        if let Some(line) = self.line.byte(byte) {
+            self.command(line, counts);
         }
     }
 
-    /// The sensor was triggered, and the axes stood at these counts.
-    pub fn latched(&mut self, counts: [i64; 3], now: Micros) {
-        self.latest = Some(counts);
-        if let Doing::Collecting { left, .. } = &mut self.doing {
-            *left = left.saturating_sub(1);
+    /// A line that the control has printed; the axes stand at these counts.
+    pub fn command(&mut self, line: Result<(u16, SensorCommand), CommandFault>, counts: [i64; 3]) {
+        match line {
+            Ok((sequence, command)) => self.carry_out(sequence, command, counts),
+            Err(fault) => self.record(StationRecord::Refused(fault)),
         }
-        if let Some(lost) = self.pairing.latched(counts, now) {
+    }
+
+    /// The sensor was triggered at this time, and the axes stood at these counts.
+    pub fn latched(&mut self, counts: [i64; 3], at: Micros) {
+        self.stalled_since = None;
+        let is_surplus = match &mut self.doing {
+            Doing::Collecting { left: 0, .. } | Doing::Idle => true,
+            Doing::Collecting { left, .. } => {
+                *left -= 1;
+                false
+            }
+            Doing::Joining => !self.pairing.is_empty(),
+            Doing::Watching | Doing::Pulsing { .. } | Doing::Resting => false,
+        };
+        if let Some(lost) = self.pairing.latched(counts, at, is_surplus) {
             self.lost(lost);
         }
+        self.take_early(at);
+    }
+
+    /// The sensor was triggered so often, and where the axes stood is not known.
+    pub fn missed(&mut self, count: u32) {
+        self.pairing.missed(count);
     }
 
     /// A byte from the sensor.
-    pub fn sensor_byte(&mut self, byte: u8) {
+    pub fn sensor_byte(&mut self, byte: u8, now: Micros) {
         match self.text.byte(byte, &self.setup.text) {
             None => {}
-            Some(Ok(reading)) => self.read(reading),
-            Some(Err(())) => self.record(StationRecord::Unreadable),
+            Some(Ok(reading)) => self.came(reading, now),
+            Some(Err(())) => self.unreadable(),
         }
     }
 
-    /// Time passes: a reading that is late is lost.
+    /// Characters of the sensor were lost: what they belong to cannot be read.
+    pub fn sensor_lost(&mut self) {
+        self.text = TextLine::default();
+        self.text.spoil();
+    }
+
+    /// Time passes: a reading that is late is lost, and so is one whose latch does not come.
     pub fn tick(&mut self, now: Micros) {
-        while let Some(lost) = self
-            .pairing
-            .older_than(Micros(now.0.saturating_sub(LATE_US)))
-        {
+        let since = Micros(now.0.saturating_sub(LATE_US));
+        while let Some(lost) = self.pairing.older_than(since) {
             self.lost(lost);
         }
+        while let Some((reading, _)) = self.early.front().copied().filter(|(_, at)| *at < since) {
+            self.early.pop_front();
+            self.unpaired(reading.number);
+        }
+        if self.order() != CapturePulses::Time {
+            self.stalled_since = None;
+            return;
+        }
+        let since = *self.stalled_since.get_or_insert(now);
+        if now.0.saturating_sub(since.0) > STALLED_US {
+            self.stalled_since = None;
+            self.stalled();
+        }
+    }
+
+    /// What was counted since the station began.
+    #[must_use]
+    pub const fn counters(&self) -> StationCounters {
+        self.counters
+    }
+
+    /// When [`Self::tick`] is due, at the latest so long from now; none: never.
+    #[must_use]
+    pub fn patience(&self) -> Option<Micros> {
+        let waits = !self.pairing.is_empty() || !self.early.is_empty();
+        (waits || self.order() == CapturePulses::Time).then_some(Micros(LATE_US / 10))
     }
 
     #[cfg(test)]
@@ -361,127 +392,6 @@ impl CaptureStation {
         }
     }
 
-    fn carry_out(&mut self, sequence: u16, command: SensorCommand, counts: [i64; 3]) {
-        // What has not come for the command before is not what this one asks for.
-        while let Some(lost) = self.pairing.oldest() {
-            self.lost(lost);
-        }
-        self.answer = None;
-        self.is_arming = false;
-        self.sequence = sequence;
-        match (command, self.configuration) {
-            (SensorCommand::Configure(wanted), _) => self.configure(wanted),
-            (SensorCommand::Finish, _) => {
-                self.doing = Doing::Idle;
-                self.configuration = None;
-                self.reply(Mm(0.0), PlaceState::Ok);
-            }
-            (_, None) => self.refuse(),
-            (SensorCommand::Adapt, Some(_)) => self.collect(ADAPT_CAPTURES, false),
-            (SensorCommand::Measure, Some(with)) => self.collect(with.captures, true),
-            (SensorCommand::TripNear, Some(with)) => self.trip(Trip::AtMost(with.target.0)),
-            (SensorCommand::TripFar, Some(with)) => {
-                self.trip(Trip::AtLeast(with.target.0 + with.overshoot.0));
-            }
-            (SensorCommand::Pulses, Some(with)) => self.pulse(with, counts),
-            (SensorCommand::Rest, Some(_)) => {
-                self.rest();
-                self.reply(Mm(0.0), PlaceState::Ok);
-            }
-        }
-    }
-
-    fn configure(&mut self, wanted: SensorConfiguration) {
-        let is_possible = wanted.rate_hz > 0.0
-            && wanted.rate_hz <= self.setup.max_rate_hz
-            && (0.0..=self.setup.power_max).contains(&wanted.power)
-            && wanted.captures > 0;
-        if !is_possible {
-            self.refuse();
-            return;
-        }
-        self.configuration = Some(wanted);
-        self.pairing = Pairing::default();
-        self.places = 0;
-        self.seen = None;
-        self.beam = Beam::Unknown;
-        self.doubts = 0;
-        self.scatter = (0.0, 0.0);
-        self.doing = Doing::Joining;
-    }
-
-    fn refuse(&mut self) {
-        self.doing = Doing::Idle;
-        self.record(StationRecord::Refused(CommandFault::Value));
-        self.reply(Mm(0.0), PlaceState::Refused);
-    }
-
-    fn collect(&mut self, captures: u32, place: bool) {
-        self.collected = Collected::of(captures);
-        self.doing = Doing::Collecting {
-            left: captures,
-            place,
-        };
-    }
-
-    /// Watches for the target; answered once the first reading shows on which side of it the
-    /// sensor is.
-    fn trip(&mut self, trip: Trip) {
-        // One reading on the way is too noisy to hold the beam against.
-        self.seen = None;
-        self.is_arming = true;
-        self.watch(Watch::trip(trip));
-    }
-
-    fn watch(&mut self, watch: Watch) {
-        self.watch = watch;
-        self.doing = Doing::Watching;
-    }
-
-    fn pulse(&mut self, with: SensorConfiguration, counts: [i64; 3]) {
-        let [per_mm, _, _] = self.setup.counts_per_mm;
-        let step = libm::fabs(with.interval.0 * per_mm);
-        // Not more often than was asked for.
-        let interval = libm::ceil(step / f64::from(with.captures) - 1e-6) as i64;
-        let [at, _, _] = counts;
-        if interval < 2 {
-            self.refuse();
-            return;
-        }
-        let Point { mm } = self.axes(counts);
-        // A capture in the middle of a cell where there is one only.
-        self.sweep = Sweep::new(mm.x, with.interval);
-        self.doing = Doing::Pulsing {
-            origin_counts: at.saturating_add(interval / 2),
-            interval_counts: interval,
-        };
-        self.reply(Mm(0.0), PlaceState::Ok);
-    }
-
-    /// Ends the captures on the way.
-    fn rest(&mut self) {
-        if matches!(self.doing, Doing::Pulsing { .. })
-            && let Some(place) = self.sweep.end()
-        {
-            self.place(place);
-        }
-        self.doing = Doing::Idle;
-    }
-
-    /// Takes a capture on the way, with its reading if that came.
-    fn on_the_way(&mut self, axes: Point, reading: Option<&NumberedReading>) {
-        // Three cells at most.
-        while let Some(done) = self.sweep.go_on(axes) {
-            if let Some(place) = done {
-                self.place(place);
-            }
-        }
-        match reading {
-            Some(reading) => self.sweep.add(axes, reading),
-            None => self.sweep.lost(),
-        }
-    }
-
     fn reply(&mut self, gamma: Mm, state: PlaceState) {
         self.answered = (self.sequence, state);
         self.answer = Some(CommandAnswer {
@@ -489,60 +399,6 @@ impl CaptureStation {
             state,
             sequence: self.sequence,
         });
-    }
-
-    /// A latch whose reading never came.
-    fn lost(&mut self, latch: Latched) {
-        self.record(StationRecord::Lost {
-            latch: latch.number,
-        });
-        match self.doing {
-            Doing::Joining => {
-                self.doing = Doing::Idle;
-                self.reply(Mm(0.0), PlaceState::LostCapture);
-            }
-            Doing::Collecting { .. } => {
-                self.collected.lost();
-                self.close();
-            }
-            Doing::Pulsing { .. } => self.on_the_way(self.axes(latch.counts), None),
-            Doing::Idle | Doing::Watching => {}
-        }
-    }
-
-    fn read(&mut self, reading: NumberedReading) {
-        if self.doing == Doing::Joining {
-            // One pulse, one reading: their numbers belong together from here on.
-            self.pairing.join(reading.number);
-        }
-        while let Some(lost) = self.pairing.before(reading.number) {
-            self.lost(lost);
-        }
-        let Some(latch) = self.pairing.take(reading.number) else {
-            self.record(StationRecord::Unpaired {
-                reading: reading.number,
-            });
-            return;
-        };
-        let axes = self.axes(latch.counts);
-        match self.doing {
-            Doing::Joining => {
-                self.doing = Doing::Idle;
-                self.reply(Mm(0.0), PlaceState::Ok);
-            }
-            Doing::Collecting { .. } => {
-                self.collected.add(axes, &reading);
-                self.close();
-            }
-            Doing::Watching => {
-                self.watch.look(reading.signal.ok().map(|s| s.gamma.0));
-                if core::mem::take(&mut self.is_arming) {
-                    self.reply(Mm(0.0), PlaceState::Ok);
-                }
-            }
-            Doing::Pulsing { .. } => self.on_the_way(axes, Some(&reading)),
-            Doing::Idle => {}
-        }
     }
 
     /// Where the axes stand at these counts.
@@ -554,109 +410,5 @@ impl CaptureStation {
             *slot = (count - origin) as f64 / per_mm;
         }
         Point { mm }
-    }
-
-    /// Ends the captures at rest once each has its reading or is lost.
-    fn close(&mut self) {
-        let Doing::Collecting { left: 0, place } = self.doing else {
-            return;
-        };
-        if !self.collected.is_complete() {
-            return;
-        }
-        let mut found = self.collected.place();
-        if found.state == PlaceState::Ok {
-            self.check_beam(&mut found, place);
-        } else {
-            self.seen = None;
-        }
-        self.reply(found.gamma, found.state);
-        if place {
-            self.place(found);
-            self.seen = None;
-        }
-        let guards = self.configuration.is_some_and(|with| with.guards);
-        if guards {
-            self.watch(Watch::guard());
-        } else {
-            self.doing = Doing::Idle;
-        }
-    }
-
-    /// Where the axes have moved along the beam since the last reading of this place, the
-    /// reading must have changed by as much, but for the noise of both.
-    fn check_beam(&mut self, found: &mut PlacePoint, place: bool) {
-        let sensor = &self.setup.sensor;
-        let captures = f64::from(found.captures.max(1));
-        // Of one reading: that of all places together, for a few captures say little of it.
-        let squares = found.spread.0 * found.spread.0 * captures;
-        self.scatter.0 += squares;
-        self.scatter.1 += captures - 1.0;
-        let (sum, freedom) = self.scatter;
-        let mut is_edge = false;
-        // A sensor with noise that says the same again and again does not measure any more.
-        if squares == 0.0 && captures >= FROZEN && sum > 1e-12 * freedom {
-            self.beam = Beam::Wrong;
-        }
-        if let Some(seen) = self.seen {
-            let way = found.axes.mm - seen.axes;
-            let along = way.dot(&sensor.direction);
-            let aside = crate::fit::solve::linalg::norm(&(way - sensor.direction * along));
-            let length = libm::fabs(along);
-            if length >= BEAM_WAY_MM && aside <= 0.01 {
-                let off = libm::fabs((found.gamma.0 - seen.gamma) * sensor.gain + along);
-                let variance = sum / freedom.max(1.0) * (1.0 / captures + 1.0 / seen.captures);
-                let noise = BEAM_SIGMAS * sensor.gain * libm::sqrt(variance);
-                let is_off = off > BEAM_MM + 0.05 * length + noise;
-                let is_proof = noise <= BEAM_PROOF * length;
-                self.doubts = if is_off {
-                    self.doubts.saturating_add(1)
-                } else {
-                    0
-                };
-                is_edge = is_off;
-                self.beam = match self.beam {
-                    Beam::Wrong => Beam::Wrong,
-                    // One reading beside the others is an edge of the part.
-                    Beam::Follows if self.doubts < DOUBTS => Beam::Follows,
-                    _ if is_off => Beam::Wrong,
-                    _ if is_proof => Beam::Follows,
-                    _ => Beam::Hidden,
-                };
-            }
-        }
-        // What is to prove it cannot wait for the proof.
-        if self.beam != Beam::Unknown || place {
-            found.state = self.beam_state();
-        }
-        if is_edge && found.state == PlaceState::Ok {
-            found.state = PlaceState::Edge;
-        }
-        self.seen = Some(Seen {
-            axes: found.axes.mm,
-            gamma: found.gamma.0,
-            captures,
-        });
-    }
-
-    /// What becomes of a place that is otherwise good.
-    const fn beam_state(&self) -> PlaceState {
-        match self.beam {
-            Beam::Follows => PlaceState::Ok,
-            Beam::Wrong => PlaceState::BeamMismatch,
-            Beam::Unknown | Beam::Hidden => PlaceState::BeamUnproven,
-        }
-    }
-
-    fn place(&mut self, mut found: PlacePoint) {
-        if found.state == PlaceState::Ok {
-            found.state = self.beam_state();
-        }
-        found.number = self.places;
-        self.places = self.places.saturating_add(1);
-        if found.state == PlaceState::Ok {
-            found.point = Some(self.setup.sensor.place(found.axes, found.gamma));
-        }
-        self.record(StationRecord::Place(found));
     }
 }

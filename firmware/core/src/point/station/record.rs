@@ -1,7 +1,9 @@
 //! What a station has to tell.
 
-use super::command::CommandFault;
-use super::text::SignalLoss;
+use umi_protocol::point_sensor::{CaptureLoss, CommandFault, PlaceReport};
+
+pub use umi_protocol::point_sensor::PlaceState;
+
 use crate::units::{Mm, Point};
 
 /// Something for the journal.
@@ -25,65 +27,19 @@ pub enum StationRecord {
     Refused(CommandFault),
 }
 
-/// How a place ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PlaceState {
-    /// There is a point.
-    #[default]
-    Ok,
-    /// No signal.
-    NoSignal(SignalLoss),
-    /// A capture has no reading.
-    LostCapture,
-    /// The axes moved between the captures.
-    Moved,
-    /// Readings do not change with the axes as the calibration says.
-    BeamMismatch,
-    /// Nothing has shown that they do: no signal where it was tried, or noise hides it.
-    BeamUnproven,
-    /// The captures on the way to it and from it follow no smooth surface; at rest, the reading
-    /// changed otherwise than the axes along the beam, and others before did not.
-    Edge,
-    /// The command cannot be carried out.
-    Refused,
-}
-
-impl PlaceState {
-    /// The name, as in a cloud's column: never changes.
-    #[must_use]
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::NoSignal(SignalLoss::OutOfRange) => "out_of_range",
-            Self::NoSignal(SignalLoss::TooSteep) => "too_steep",
-            Self::NoSignal(SignalLoss::Occluded) => "occluded",
-            Self::NoSignal(SignalLoss::Underexposed) => "underexposed",
-            Self::LostCapture => "lost_capture",
-            Self::Moved => "moved",
-            Self::BeamMismatch => "beam_mismatch",
-            Self::BeamUnproven => "beam_unproven",
-            Self::Edge => "edge",
-            Self::Refused => "refused",
-        }
-    }
-
-    /// The number that the control's macro gets: 1 is a reading, 2 to 5 are no signal, what is
-    /// above is an alarm.
-    #[must_use]
-    pub const fn number(self) -> u8 {
-        match self {
-            Self::Ok => 1,
-            Self::NoSignal(SignalLoss::OutOfRange) => 2,
-            Self::NoSignal(SignalLoss::TooSteep) => 3,
-            Self::NoSignal(SignalLoss::Occluded) => 4,
-            Self::NoSignal(SignalLoss::Underexposed) => 5,
-            Self::LostCapture => 6,
-            Self::Moved => 7,
-            Self::BeamMismatch => 8,
-            Self::Refused => 9,
-            Self::Edge => 10,
-            Self::BeamUnproven => 11,
-        }
+impl StationRecord {
+    /// As it is journaled: a place, or what was lost.
+    ///
+    /// # Errors
+    /// It is no place.
+    pub fn report(&self) -> Result<PlaceReport, CaptureLoss> {
+        Err(match *self {
+            Self::Place(place) => return Ok(place.report()),
+            Self::Lost { latch } => CaptureLoss::Latch { latch },
+            Self::Unpaired { reading } => CaptureLoss::Reading { reading },
+            Self::Unreadable => CaptureLoss::Text,
+            Self::Refused(fault) => CaptureLoss::Command(fault),
+        })
     }
 }
 
@@ -112,6 +68,26 @@ pub struct PlacePoint {
     pub total: f64,
     /// The point, where `state` is OK.
     pub point: Option<Point>,
+}
+
+impl PlacePoint {
+    /// As it is journaled.
+    #[must_use]
+    pub fn report(&self) -> PlaceReport {
+        PlaceReport {
+            number: self.number,
+            state: self.state,
+            axes_mm: self.axes.to_array_mm(),
+            gamma_mm: self.gamma.0,
+            spread_mm: self.spread.0,
+            captures: self.captures,
+            outliers: self.outliers,
+            lost: self.lost,
+            snr: self.snr,
+            total: self.total,
+            point_mm: self.point.map(|point| point.to_array_mm()),
+        }
+    }
 }
 
 impl Default for PlacePoint {

@@ -46,7 +46,7 @@ fn say(station: &mut CaptureStation, text: &str) {
 
 fn read(station: &mut CaptureStation, text: &str) {
     for byte in text.bytes() {
-        station.sensor_byte(byte);
+        station.sensor_byte(byte, Micros(0));
     }
 }
 
@@ -66,7 +66,7 @@ fn configured(captures: i64, guards: i64) -> CaptureStation {
     assert_eq!(station.order(), CapturePulses::Off);
     read(&mut station, "00100 44.5 90.0 3000\r\n");
     assert_eq!(station.take_answer().unwrap().state, PlaceState::Ok);
-    station.beam = Beam::Follows;
+    station.proof = BeamProof::follows();
     station
 }
 
@@ -130,7 +130,7 @@ fn wrong_pairs_are_named() {
         for n in numbers {
             read(station, &format!("{n} 44.0 90 3000\n"));
         }
-        station.tick(Micros(200_000));
+        station.tick(Micros(1000 + LATE_US + 1));
         records(station)
     };
     let lost = |records: &[StationRecord]| {
@@ -171,7 +171,7 @@ fn a_beam_that_does_not_follow_is_named() {
         (44.0, PlaceState::BeamMismatch),
     ] {
         let mut station = configured(1, 0);
-        station.beam = Beam::Unknown;
+        station.proof = BeamProof::default();
         say(&mut station, &line(2, &[2]));
         for n in 0..ADAPT_CAPTURES {
             station.latched(COUNTS, Micros(0));
@@ -233,7 +233,7 @@ fn an_edge_at_rest_is_no_wrong_beam() {
 #[test]
 fn a_beam_that_was_not_tried_gives_no_point() {
     let mut station = configured(2, 0);
-    station.beam = Beam::Unknown;
+    station.proof = BeamProof::default();
     say(&mut station, &line(2, &[3]));
     for n in 101..103 {
         station.latched(COUNTS, Micros(0));
@@ -256,7 +256,7 @@ fn a_noisy_beam_is_told_from_a_wrong_one() {
     ] {
         for seed in 0..200 {
             let mut station = configured(16, 0);
-            station.beam = Beam::Unknown;
+            station.proof = BeamProof::default();
             let mut number = 100;
             let mut seen = |station: &mut CaptureStation, counts, gamma: f64| {
                 for _ in 0..ADAPT_CAPTURES {
@@ -460,9 +460,124 @@ fn any_bytes() {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let byte = b"UMIPSKABDEFHC0123456789.- \n"[(seed >> 8) as usize % 27];
         station.command_byte(byte, COUNTS);
-        station.sensor_byte(byte);
+        station.sensor_byte(byte, Micros(0));
         for record in records(&mut station) {
             assert!(!matches!(record, StationRecord::Place(_)), "{record:?}");
         }
     }
+}
+
+/// A board may tell a capture a moment after its reading has come: they are one all the same. A
+/// reading that came before the edge itself belongs to no capture.
+#[test]
+fn a_reading_may_come_before_its_latch_is_told() {
+    let mut station = configured(2, 0);
+    let text = |station: &mut CaptureStation, text: &str, now: u64| {
+        for byte in text.bytes() {
+            station.sensor_byte(byte, Micros(now));
+        }
+    };
+    say(&mut station, &line(2, &[3]));
+    text(&mut station, "101 44 90 3000\n", 2000);
+    assert!(records(&mut station).is_empty());
+    station.latched(COUNTS, Micros(1900));
+    text(&mut station, "102 44 90 3000\n", 2400);
+    station.latched(COUNTS, Micros(2300));
+    assert_eq!(measured(&mut station).state, PlaceState::Ok);
+
+    say(&mut station, &line(3, &[3]));
+    text(&mut station, "103 44 90 3000\n", 3000);
+    // The edge of the next capture was later than that.
+    station.latched(COUNTS, Micros(3100));
+    let told = records(&mut station);
+    assert!(
+        matches!(told.as_slice(), [StationRecord::Unpaired { reading: 103 }]),
+        "{told:?}"
+    );
+    station.tick(Micros(3100 + LATE_US + 1));
+    let told = records(&mut station);
+    assert!(
+        matches!(told.as_slice(), [StationRecord::Lost { .. }]),
+        "{told:?}"
+    );
+    assert_eq!(station.counters().lost, 1);
+}
+
+/// Pulses that were on their way when enough had come are neither captures nor losses.
+#[test]
+fn pulses_too_many_are_no_loss() {
+    let mut station = configured(2, 0);
+    say(&mut station, &line(2, &[3]));
+    for _ in 0..4 {
+        station.latched(COUNTS, Micros(500));
+    }
+    read(
+        &mut station,
+        "101 44 90 3000\n102 44 90 3000\n103 44 90 3000\n",
+    );
+    assert_eq!(measured(&mut station).captures, 2);
+    // The last one never comes.
+    station.tick(Micros(500 + 2 * LATE_US));
+    assert!(records(&mut station).is_empty());
+    // The numbers are still those of the pulses.
+    say(&mut station, &line(3, &[3]));
+    for number in [105, 106] {
+        station.latched(COUNTS, Micros(900_000));
+        read(&mut station, &format!("{number} 44 90 3000\n"));
+    }
+    assert_eq!(measured(&mut station).captures, 2);
+}
+
+/// An edge that the board has missed leaves its reading without a latch, and no other.
+#[test]
+fn a_missed_edge_shifts_nothing() {
+    let mut station = configured(2, 0);
+    say(&mut station, &line(2, &[3]));
+    station.latched(COUNTS, Micros(0));
+    read(&mut station, "101 44 90 3000\n");
+    station.missed(1);
+    station.latched(COUNTS, Micros(0));
+    read(&mut station, "102 45 90 3000\n103 44 90 3000\n");
+    let told = records(&mut station);
+    let [
+        StationRecord::Unpaired { reading: 102 },
+        StationRecord::Place(place),
+    ] = told.as_slice()
+    else {
+        panic!("{told:?}");
+    };
+    assert_eq!((place.state, place.captures), (PlaceState::Ok, 2));
+    assert!((place.gamma.0 - 44.0).abs() < 1e-9);
+}
+
+/// A sensor that does not answer its trigger is told to the control, and as a place.
+#[test]
+fn a_sensor_that_is_off_is_told() {
+    let mut station = configured(2, 0);
+    say(&mut station, &line(2, &[3]));
+    station.tick(Micros(1_000_000));
+    station.tick(Micros(1_900_000));
+    assert!(station.take_answer().is_none());
+    station.tick(Micros(2_000_001));
+    assert_eq!(measured(&mut station).state, PlaceState::LostCapture);
+    assert_eq!(
+        station.take_answer().unwrap().state,
+        PlaceState::LostCapture
+    );
+    assert_eq!(station.order(), CapturePulses::Off);
+}
+
+/// The readings of the last captures on the way come after the line that ends it.
+#[test]
+fn a_way_ends_with_its_last_reading() {
+    let mut station = configured(20, 0);
+    say(&mut station, &line(2, &[7]));
+    assert!(matches!(station.order(), CapturePulses::Distance { .. }));
+    station.latched(COUNTS, Micros(0));
+    say(&mut station, &line(3, &[8]));
+    assert_eq!(station.order(), CapturePulses::Off);
+    assert_eq!(station.take_answer(), None);
+    read(&mut station, "101 44 90 3000\n");
+    assert_eq!(station.take_answer().unwrap().state, PlaceState::Ok);
+    assert_eq!(station.counters().lost, 0);
 }

@@ -48,6 +48,11 @@ impl Watch {
         self.tripped
     }
 
+    /// There are no readings any more.
+    pub fn gone(&mut self) {
+        self.tripped = true;
+    }
+
     /// The next reading, mm; none without signal.
     pub fn look(&mut self, gamma: Option<f64>) {
         let Some(gamma) = gamma else {

@@ -44,11 +44,12 @@ fn at_depths(places: &[Vector3<f64>]) -> Vec<BallReading> {
         .collect()
 }
 
-/// The upper half of a great circle that contains the beam.
-fn great_circle(turn: f64, number: usize) -> Vec<BallReading> {
-    let up = -sensor().direction;
-    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(&up);
+/// The upper half of a great circle whose plane is `tilt` beside the beam.
+fn great_circle(turn: f64, tilt: f64, number: usize) -> Vec<BallReading> {
+    let beam = -sensor().direction;
+    let (e1, e2) = crate::fit::solve::linalg::perpendicular_frame(&beam);
     let side = e1 * libm::cos(turn) + e2 * libm::sin(turn);
+    let up = beam * libm::cos(tilt) + beam.cross(&side) * libm::sin(tilt);
     let places: Vec<_> = (0..number)
         .map(|k| {
             let angle = -1.0 + 2.0 * k as f64 / (number - 1) as f64;
@@ -62,13 +63,15 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn one_great_circle(turn in 0.0..3.1_f64, number in 8_usize..60, sigma in 0_usize..4, seed in 0_u64..1000) {
+    fn one_great_circle(turn in 0.0..3.1_f64, tilt in prop_oneof![Just(0.0), -0.5..0.5_f64], number in 8_usize..60, sigma in 0_usize..4, seed in 0_u64..1000) {
         let sigma = [0.0, 1e-6, 1e-3, 0.01][sigma];
-        let readings = noisy(&great_circle(turn, number), &sensor(), &ball(), sigma, &mut Random(seed));
+        // Of eight readings, three more than unknowns, one set in 30 000 scatters by chance as little as if it told something.
+        let number = if sigma > 1e-5 { number + 12 } else { number };
+        let readings = noisy(&great_circle(turn, tilt, number), &sensor(), &ball(), sigma, &mut Random(seed));
         let code = refused(&readings, &PointQuestion::default());
         prop_assert!(["great_circle", "degenerate", "ambiguous"].contains(&code), "{}", code);
         // ResidualNoise hides what is singular from a solver, not from a name.
-        prop_assert!(sigma > 1e-5 || code == "great_circle", "{}", code);
+        prop_assert!(sigma > 0.0 || tilt != 0.0 || code == "great_circle", "{}", code);
     }
 
     #[test]

@@ -8,11 +8,18 @@
 //! `S` counts the lines, `K` is the command, `C` their check value. Blanks may stand anywhere
 //! between letters and numbers, as DPRNT makes them.
 
+use umi_protocol::point_sensor::MAX_COMMAND;
+
+pub use umi_protocol::point_sensor::CommandFault;
+
 use super::buffer::{LineBuffer, TooLong};
 use crate::units::Mm;
 
 /// Longest line.
-const LINE: usize = 120;
+const LINE: usize = MAX_COMMAND;
+
+/// With what a line begins.
+const NAME: &[u8] = b"UMIP";
 
 /// The letters of a line in the order of the check value.
 const LETTERS: [u8; 8] = *b"SKABDEFH";
@@ -61,26 +68,14 @@ pub enum SensorCommand {
     Rest,
 }
 
-/// Why a line was not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommandFault {
-    /// It is not written as a command is.
-    Unreadable,
-    /// Its check value is another one.
-    CheckValue,
-    /// There is no such command, or not with these values, or not before the sensor is configured.
-    Value,
-}
-
-impl CommandFault {
-    /// The name.
+impl SensorCommand {
+    /// Whether a control that is served calls for the answer: captures are over by then.
     #[must_use]
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::Unreadable => "unreadable",
-            Self::CheckValue => "check_value",
-            Self::Value => "value",
-        }
+    pub const fn is_served(&self) -> bool {
+        matches!(
+            self,
+            Self::Configure(_) | Self::Adapt | Self::Measure | Self::Finish
+        )
     }
 }
 
@@ -94,9 +89,21 @@ pub fn check_value(values: &[i64]) -> i64 {
 
 /// A line as it comes.
 #[derive(Debug, Default)]
-pub(super) struct CommandLine(LineBuffer<LINE>);
+pub struct CommandLine(LineBuffer<LINE>);
 
 impl CommandLine {
+    /// Nothing has come.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(LineBuffer::new())
+    }
+
+    /// Whether what has come of a line so far may become a command.
+    #[must_use]
+    pub fn is_of_a_sensor(&self) -> bool {
+        self.0.so_far().trim_ascii_start().starts_with(NAME)
+    }
+
     /// The next byte; at the end of a line with something on it, what it asks for.
     pub fn byte(&mut self, byte: u8) -> Option<Result<(u16, SensorCommand), CommandFault>> {
         match byte & 0x7F {
@@ -118,7 +125,7 @@ impl CommandLine {
 
 /// What a line asks for.
 fn command(line: &[u8]) -> Result<(u16, SensorCommand), CommandFault> {
-    let rest = line.strip_prefix(b"UMIP").ok_or(CommandFault::Unreadable)?;
+    let rest = line.strip_prefix(NAME).ok_or(CommandFault::Unreadable)?;
     let mut values = [None; LETTERS.len()];
     let mut check = None;
     let mut rest = rest.trim_ascii_start();

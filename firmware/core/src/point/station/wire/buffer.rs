@@ -14,15 +14,25 @@ pub(super) struct TooLong;
 
 impl<const N: usize> Default for LineBuffer<N> {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> LineBuffer<N> {
+    /// Nothing has come.
+    pub const fn new() -> Self {
         Self {
             bytes: [0; N],
             length: 0,
             is_too_long: false,
         }
     }
-}
 
-impl<const N: usize> LineBuffer<N> {
+    /// What has come of a line.
+    pub fn so_far(&self) -> &[u8] {
+        self.bytes.get(..self.length).unwrap_or_default()
+    }
+
     /// The next character.
     pub const fn push(&mut self, byte: u8) {
         match self.bytes.split_at_mut_checked(self.length) {
@@ -32,6 +42,11 @@ impl<const N: usize> LineBuffer<N> {
             }
             _ => self.is_too_long = true,
         }
+    }
+
+    /// Something of the line is lost: it is as good as too long.
+    pub const fn spoil(&mut self) {
+        self.is_too_long = true;
     }
 
     /// The line is over: its characters. The next one begins.

@@ -9,15 +9,17 @@ const WAITING: usize = 64;
 
 /// Where the axes were at a trigger pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Latched {
+pub(in crate::point::station) struct Latched {
     pub number: u32,
     pub counts: [i64; 3],
+    /// Nothing is made of it: a pulse that came after the last one that was asked for.
+    pub is_surplus: bool,
     at: Micros,
 }
 
 /// Latches without a reading yet, and the numbers of both.
 #[derive(Debug, Default)]
-pub(super) struct Pairing {
+pub(in crate::point::station) struct Pairing {
     waiting: Deque<Latched, WAITING>,
     next: u32,
     /// Number of a reading less that of its latch.
@@ -35,7 +37,7 @@ impl Pairing {
     }
 
     /// The axes are latched; the oldest latch, if it had to go for this one.
-    pub fn latched(&mut self, counts: [i64; 3], at: Micros) -> Option<Latched> {
+    pub fn latched(&mut self, counts: [i64; 3], at: Micros, is_surplus: bool) -> Option<Latched> {
         let gone = if self.waiting.is_full() {
             self.waiting.pop_front()
         } else {
@@ -44,8 +46,32 @@ impl Pairing {
         let number = self.next;
         self.next = self.next.wrapping_add(1);
         // There is room now.
-        let _ = self.waiting.push_back(Latched { number, counts, at });
+        let _ = self.waiting.push_back(Latched {
+            number,
+            counts,
+            is_surplus,
+            at,
+        });
         gone
+    }
+
+    /// So many edges were captured by the sensor and not by the board.
+    pub fn missed(&mut self, count: u32) {
+        self.next = self.next.wrapping_add(count);
+    }
+
+    /// How many latches are to come until that of a reading; none if it is there, or was.
+    pub fn is_ahead(&self, reading: u32) -> Option<u32> {
+        let number = reading.wrapping_sub(self.ahead);
+        let ahead = number.wrapping_sub(self.next);
+        (ahead < WAITING as u32).then_some(ahead)
+    }
+
+    /// What has come is not waited for any more.
+    pub fn give_up(&mut self) {
+        for latch in &mut self.waiting {
+            latch.is_surplus = true;
+        }
     }
 
     /// This reading belongs to the latch that waits.

@@ -5,7 +5,7 @@ use core::fmt::Write as _;
 use heapless::String;
 
 use super::command::check_value;
-use super::record::PlaceState;
+use crate::point::station::record::PlaceState;
 use crate::units::Mm;
 
 /// The program that the macro calls with `M198`.

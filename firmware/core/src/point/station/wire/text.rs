@@ -5,6 +5,10 @@
 //! 00018 - out_of_range
 //! ```
 
+use umi_protocol::point_sensor::{ColumnSeparator, SensorText};
+
+pub use umi_protocol::point_sensor::SignalLoss;
+
 use super::buffer::{LineBuffer, TooLong};
 use crate::units::Mm;
 
@@ -12,7 +16,7 @@ use crate::units::Mm;
 const LINE: usize = 80;
 
 /// Most columns.
-const COLUMNS: usize = 8;
+pub(in crate::point::station) const COLUMNS: usize = 8;
 
 /// How a sensor writes a reading: columns, counted from 0, with something between them. A
 /// distance that begins with no digit and no sign before one is no signal; its reason is then
@@ -34,27 +38,25 @@ pub struct ReadingText {
 impl Default for ReadingText {
     /// Number, distance, SNR, Total with blanks between them.
     fn default() -> Self {
-        Self {
-            separator: b' ',
-            number: 0,
-            gamma: 1,
-            snr: 2,
-            total: 3,
-        }
+        SensorText::default().into()
     }
 }
 
-/// Why there is no reading.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SignalLoss {
-    /// No surface within the depth of field.
-    OutOfRange,
-    /// The surface is steeper than the sensor's angle.
-    TooSteep,
-    /// Something stands before the surface.
-    Occluded,
-    /// Too little light comes back.
-    Underexposed,
+impl From<SensorText> for ReadingText {
+    fn from(text: SensorText) -> Self {
+        Self {
+            separator: match text.separator {
+                ColumnSeparator::Blank => b' ',
+                ColumnSeparator::Comma => b',',
+                ColumnSeparator::Semicolon => b';',
+                ColumnSeparator::Tab => b'\t',
+            },
+            number: text.number.into(),
+            gamma: text.gamma.into(),
+            snr: text.snr.into(),
+            total: text.total.into(),
+        }
+    }
 }
 
 /// A reading with its quality.
@@ -79,9 +81,14 @@ pub struct NumberedReading {
 
 /// A line as it comes.
 #[derive(Debug, Default)]
-pub(super) struct TextLine(LineBuffer<LINE>);
+pub(in crate::point::station) struct TextLine(LineBuffer<LINE>);
 
 impl TextLine {
+    /// Something of the line is lost: it says nothing.
+    pub fn spoil(&mut self) {
+        self.0.spoil();
+    }
+
     /// The next byte; at the end of a line, what it says. Empty lines say nothing.
     pub fn byte(&mut self, byte: u8, text: &ReadingText) -> Option<Result<NumberedReading, ()>> {
         let byte = byte & 0x7F;

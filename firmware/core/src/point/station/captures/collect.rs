@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::record::{PlacePoint, PlaceState};
-use super::text::{NumberedReading, SignalLoss};
+use crate::point::station::record::{PlacePoint, PlaceState};
+use crate::point::station::wire::{NumberedReading, SignalLoss};
 use crate::units::{Mm, Point};
 
 /// Axes that stand do not leave their first latch by more.
@@ -14,7 +14,7 @@ const OUTLIER: f64 = 0.5;
 
 /// What has come so far.
 #[derive(Debug, Default)]
-pub(super) struct Collected {
+pub(in crate::point::station) struct Collected {
     wanted: u32,
     good: u32,
     outliers: u32,

@@ -19,8 +19,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::record::{PlacePoint, PlaceState};
-use super::text::{NumberedReading, SignalLoss};
+use crate::point::station::record::{PlacePoint, PlaceState};
+use crate::point::station::wire::{NumberedReading, SignalLoss};
 use crate::units::{Mm, Point};
 
 /// Captures of a cell that a parabola needs.
@@ -118,7 +118,7 @@ impl Cell {
 
 /// A line of places along X.
 #[derive(Debug)]
-pub(super) struct Sweep {
+pub(in crate::point::station) struct Sweep {
     /// Where the axes stood a step and a half before the first place, mm.
     start_x: f64,
     step: f64,

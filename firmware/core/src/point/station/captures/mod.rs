@@ -1,0 +1,5 @@
+//! Captures joined with their latches, and what they come to: at rest, and in the cells of a way.
+
+pub(super) mod collect;
+pub(super) mod pairing;
+pub(super) mod sweep;
