@@ -36,9 +36,9 @@
 //!   name are then somewhere that the program does not say. A rapid may follow that names
 //!   not all axes (`G0 X0 Y0` below the spindle's home): an axis that was not named stands
 //!   still, the others take its last known place. Where the transform is level, that is
-//!   exact; else it is off by tilt times height until the program names the axis, and not
-//!   allowed beyond a slope of 1 in 50. A feed motion must know every place that it
-//!   depends on.
+//!   exact; else it is off by tilt times height until the program names the axis: refused,
+//!   unless [`RewriteSettings::loose_rapids`] allows it, and beyond a slope of 1 in 50 always.
+//!   A feed motion must know every place that it depends on.
 //! * **Arcs** stay arcs if what a control makes of the rounded words stays within
 //!   [`RewriteSettings::chord`] of the image, and has the same sweep: end and centre are rounded,
 //!   and then judged as the control will. R becomes I and J where it would throw the centre
@@ -51,7 +51,9 @@
 //! * **Cutter compensation** stays where the transform keeps the plane's normal; in a
 //!   tilted plane a plunge would move in the plane, and turn the compensation. Refused.
 //! * **Subprograms** in the same file are followed by their text: called with the same
-//!   modes from everywhere, left with the modes that they found. In `G91` they may be
+//!   modes from everywhere, left with the modes and the offsets that they found, also those
+//!   not in force. A main program that `M99` begins again leaves what it does not say before
+//!   it counts on it. In `G91` subprograms may be
 //!   called from anywhere: directions turn. One that ends elsewhere than it began is
 //!   refused if it is repeated from there, for the rounding. Inside, the tool is within a
 //!   whole step: half of the caller's place, half of the way from there. After a call the
@@ -128,7 +130,9 @@ use header::Earlier;
 use moved::motion::Extent;
 use moved::plan::More;
 use settings::checked;
-use state::{Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms};
+use state::{
+    Beginning, Cycle, Groups, Modes, Motion, Origin, Origins, Place, Plane, Shift, Subprograms,
+};
 use text::emit::{Edit, Out};
 use text::length::{PM_PER_MM, Step};
 use text::line_ends::LineEnds;
@@ -252,6 +256,7 @@ pub struct Rewriter {
     terminator: Option<u8>,
 
     modes: Modes,
+    cycle_in_force: Option<Cycle>,
     motion: Option<Motion>,
     out_motion: Option<Motion>,
     /// What was in force has been forgotten: a call, a subprogram, an optional block.
@@ -262,11 +267,21 @@ pub struct Rewriter {
     local: [i64; 3],
     here: [i64; 3],
     here_out: [i64; 3],
+    /// G92 has taken over a shift of G52.
+    took_local: [bool; 3],
     has_begun: bool,
     subprograms: Subprograms,
     current: Option<usize>,
+    /// Modes that the text of this program has said, and those that counted before it did.
+    said: Groups,
+    unsaid: Groups,
     /// The number of the file's first program, until it has ended.
     first: Option<u32>,
+    beginning: Beginning,
+    /// An offset was chosen or set in this program, and the offsets that the text has met are
+    /// not those of its call.
+    shifts: bool,
+    elsewise: bool,
     /// Lines of an earlier comparison of the run.
     earlier: Earlier,
     counts: Counts,
@@ -317,6 +332,7 @@ impl Rewriter {
             [r.m31, r.m32, r.m33],
         ];
         let is_translation = r == Matrix3::identity();
+        let before = offsets(is_translation, &origins, &[[0; 3]; 4]);
         Ok(Self {
             settings: settings.clone(),
             rotation,
@@ -355,6 +371,7 @@ impl Rewriter {
             more: More::Nothing,
             terminator: None,
             modes: modes(settings),
+            cycle_in_force: None,
             motion: settings.start.motion,
             out_motion: settings.start.motion,
             lost_motion: false,
@@ -364,10 +381,22 @@ impl Rewriter {
             local: [0; 3],
             here: [0; 3],
             here_out: [0; 3],
+            took_local: [false; 3],
             has_begun: false,
             subprograms: Vec::new(),
             current: None,
+            said: Groups::default(),
+            unsaid: Groups::default(),
             first: None,
+            beginning: Beginning {
+                is_here: true,
+                returned: false,
+                before,
+                offsets: None,
+                steps: false,
+            },
+            shifts: false,
+            elsewise: false,
             earlier: Earlier::default(),
             counts: Counts::default(),
             nominal_extent: Extent::NOTHING,
@@ -626,6 +655,15 @@ impl Rewriter {
     }
 
     fn understand<S: FnMut(&[u8])>(&mut self, line: &[u8], out: &mut Out<'_, S>) -> At<()> {
+        // It stands before everything, the header too.
+        let behind_mark = line.strip_prefix(text::words::BYTE_ORDER_MARK);
+        let line = match behind_mark.filter(|_| self.line == 1) {
+            Some(rest) => {
+                out.put(text::words::BYTE_ORDER_MARK);
+                rest
+            }
+            None => line,
+        };
         if !self.has_begun && text::words::is_name(line) {
             self.tape = Tape::Program;
             out.put(line);
@@ -736,11 +774,14 @@ impl Rewriter {
         let (modes, motion, out_motion, place) =
             (self.modes, self.motion, self.out_motion, self.place);
         let current = self.current;
+        let (offsets, said, cycle) = (self.offsets(), self.said, self.cycle_in_force);
         // It may go on behind `/M99`: how it leaves the modes, the last M99 says.
         let first = self.first.take();
         self.follow(words, edit)?;
         self.first = first;
-        if modes != self.modes || current != self.current {
+        self.said = said;
+        let is_other = modes != self.modes || cycle != self.cycle_in_force;
+        if is_other || current != self.current || offsets != self.offsets() {
             return Err((0, RewriteRefusal::OptionalMode));
         }
         if self.more != More::Nothing {
@@ -759,6 +800,13 @@ impl Rewriter {
         Ok(())
     }
 
+    /// Offsets as they stand, in force or not.
+    fn offsets(&self) -> u64 {
+        let taken = self.took_local.map(i64::from);
+        let shifts = [self.local, self.here, self.here_out, taken];
+        offsets(self.is_translation, &self.origins, &shifts)
+    }
+
     /// The step of the unit in force.
     fn step(&self) -> Step {
         let [millimetres, inches] = self.steps;
@@ -767,6 +815,18 @@ impl Rewriter {
             _ => millimetres,
         }
     }
+}
+
+/// Offsets as one number, to see whether they have changed. Where a work offset lies does not
+/// matter to a translation.
+fn offsets(is_translation: bool, origins: &Origins, shifts: &[[i64; 3]; 4]) -> u64 {
+    let origins = origins.iter().flatten().filter(|_| !is_translation);
+    let words = origins.flat_map(|origin| [i64::from(origin.is_absolute), origin.pm]);
+    words
+        .chain(shifts.iter().flatten().copied())
+        .fold(0, |sum: u64, word| {
+            (sum.rotate_left(5) ^ word as u64).wrapping_mul(0x517c_c1b7_2722_0a95)
+        })
 }
 
 /// Modes before the program says any.
@@ -783,10 +843,9 @@ fn modes(settings: &RewriteSettings) -> Modes {
         absolute_centres: start.absolute_centres.unwrap_or_default(),
         feed: start.feed.unwrap_or(state::Feed::PerMinute),
         compensated: false,
-        returns_to_r: start.returns_to_r.unwrap_or_default(),
+        returns_to_r: start.returns_to_r,
         has_length: false,
         work: start.work.unwrap_or(1),
-        cycle: None,
         shift: Shift {
             nominal: [0; 3],
             out: [0; 3],

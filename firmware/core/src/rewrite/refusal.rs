@@ -70,6 +70,11 @@ pub enum RewriteRefusal {
     /// No G90 or G91 yet.
     #[error("neither G90 nor G91 is in force: say which")]
     NoDistanceMode,
+    /// A cycle is written out, and neither G98 nor G99 has been said.
+    #[error(
+        "neither G98 nor G99 is in force: Fanuc begins with G98, LinuxCNC with what was left or G99, and the hole ends elsewhere; say which, or that this is no program of LinuxCNC's"
+    )]
+    NoReturn,
     /// No G20 or G21 yet, and no unit given.
     #[error("neither G20 nor G21 is in force: say which")]
     NoUnit,
@@ -85,14 +90,31 @@ pub enum RewriteRefusal {
     #[error("{0} has no decimal point: whether it counts units or increments must be said")]
     NoPoint(char),
     /// The motion depends on where an axis is, and the program has not said it.
-    #[error("where {0} is, the program has not said: name it in a G90 block with G0 first")]
+    #[error(
+        "where {0} is, the program has not said here: behind what has moved it (its begin, M6, G28, G53, G43, a call, `/`), name X, Y and Z in one G90 block with G0"
+    )]
     UnknownPlace(char),
+    /// A rapid in a part that leans, and where one axis is, the program has not said.
+    #[error(
+        "where {0} is, the program has not said here, and the part leans: this rapid would end beside its place by the lean times the height; name X, Y and Z in one G90 block with G0, or allow it"
+    )]
+    RapidOver(char),
     /// A rotary axis away from zero.
     #[error("{0} turns the part: the transform holds where it was probed, at {0}0")]
     Rotary(char),
     /// U, V, W.
     #[error("{0} is a second linear axis: write it as X, Y or Z")]
     SecondaryAxis(char),
+    /// G10 in G91 adds, or does not.
+    #[error(
+        "G10 in G91 adds to an offset for Fanuc and sets it for LinuxCNC: write it in G90, or say whose program this is"
+    )]
+    OffsetStep,
+    /// G10 sets something else than G54 to G59.
+    #[error(
+        "G10 with this L and P is not followed: L2 with P1 to P6 (G54 to G59) is; give the offset so, or set it by hand and leave the block out"
+    )]
+    OffsetNumber,
     /// How this work offset lies to that of the transform is not known.
     #[error(
         "how this work offset lies to that of the transform is not known: give the origins of both, which can be given of G54 to G59"
@@ -130,8 +152,11 @@ pub enum RewriteRefusal {
     /// Inverse time without an F word.
     #[error("G93 needs F in every block")]
     NoFeed,
-    /// A subprogram that is called in two different modes, or leaves another one.
-    #[error("a subprogram that is called in different modes, or leaves others than it found")]
+    /// A subprogram that is called in two different modes or offsets, or leaves others; or a main
+    /// program that M99 begins again in others than the first time.
+    #[error(
+        "a program that is called or begun again in different modes or offsets, or leaves others than it found: say them at its begin, and leave them as they were"
+    )]
     SubprogramModes,
     /// A program is called whose text is not in the file.
     #[error(
@@ -188,6 +213,11 @@ pub enum RewriteRefusal {
         "G52 and G92 are one shift for LinuxCNC and two for others: say whose program this is, or use one of them"
     )]
     TwoShifts,
+    /// G52 behind a G92 that has taken over its shift.
+    #[error(
+        "G52 of an axis whose shift a G92 has taken over: it has ended for Fanuc, and a Haas still has it; write G52 with zero before that G92"
+    )]
+    ShiftTaken,
     /// The program has been rewritten before.
     #[error("this program has been rewritten before and would be moved twice: take the original")]
     Rewritten,
@@ -206,9 +236,14 @@ pub enum RewriteRefusal {
         "the canned cycle begins below its R: LinuxCNC rises before it moves across, others after; say whose program this is, or go to R first"
     )]
     BelowR,
-    /// A canned cycle goes on, and its R or depth was said under another offset.
+    /// G89 under G98, to be written out.
     #[error(
-        "R and depth of this cycle were said under another offset: whether they move with it, controls see differently; say both in this block"
+        "LinuxCNC feeds out of G89 under G98 up to where it began, others to R: say whose program this is, or drill under G99"
+    )]
+    FeedsOut,
+    /// A canned cycle goes on under another offset, or in another plane, than it began.
+    #[error(
+        "this cycle began under another offset or in another plane: whether its heights go with it, controls see differently; end it with G80 before that, and begin it anew"
     )]
     HeightsMoved,
     /// A canned cycle goes on, and its R or depth was said in the other distance mode.
@@ -222,7 +257,7 @@ pub enum RewriteRefusal {
     /// A subprogram that ends elsewhere than it began and is repeated: rounding would
     /// add up.
     #[error(
-        "this subprogram is repeated from where it ended: rounding would add up; give the place before each call"
+        "this subprogram is repeated from where it ended: rounding would add up; call it once at a time, with X, Y and Z named before each call"
     )]
     SubprogramDrifts,
 }

@@ -178,6 +178,10 @@ pub struct RewriteSettings {
     /// Programs that may be called although their text is not there. Each must leave the modes
     /// as it finds them, and its motions are not carried.
     pub allowed_calls: AllowedCalls,
+    /// Whether a rapid may go over an axis whose place the program has not said, where that one
+    /// leans a little: it ends beside its image by the lean times the height, until the program
+    /// names the axis.
+    pub loose_rapids: bool,
     /// Whether a program may be rewritten that was rewritten before.
     pub again: bool,
     /// Check value of the original, for the header.
@@ -212,11 +216,20 @@ impl RewriteSettings {
             },
             dialect: None,
             allowed_calls: AllowedCalls::new(),
+            loose_rapids: false,
             again: false,
             original: None,
             source: Source::new(),
             run: None,
         }
+    }
+
+    /// Whether a program that is said to be one control's may begin with this comparison of the
+    /// run: in LinuxCNC's words no other control knows it, and LinuxCNC knows no other's.
+    #[must_use]
+    pub fn takes(&self, run: RunCheck) -> bool {
+        self.dialect
+            .is_none_or(|dialect| run.is_linuxcnc() == (dialect == RewriteDialect::LinuxCnc))
     }
 
     /// Whether a program may be called by this name although its text is not there.

@@ -72,18 +72,15 @@ pub(super) struct Cycle {
     pub bottom: Option<Pm>,
     pub peck: Option<Pm>,
     pub dwell: Option<Number>,
-    /// How R and the depth were said.
-    pub said: [Option<SaidHeight>; 2],
+    /// Whether R and the depth were said in increments: later blocks mean the same only if this
+    /// has not changed.
+    pub said: [Option<bool>; 2],
+    /// Its axis, and from the coordinates of the program to the frame along it, nominal and in
+    /// the program that is written: as it began.
+    pub normal: usize,
+    pub shifts: [Pm; 2],
     /// Whether its last hole ended at R.
     pub to_r: bool,
-}
-
-/// How a height of a cycle was said: later blocks mean the same only if this has not changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct SaidHeight {
-    pub incremental: bool,
-    /// From the coordinates of the program to the frame.
-    pub shift: Pm,
 }
 
 /// What stays in force and must be the same wherever a subprogram is called.
@@ -95,11 +92,18 @@ pub(super) struct Modes {
     pub absolute_centres: bool,
     pub feed: Feed,
     pub compensated: bool,
-    pub returns_to_r: bool,
+    /// None: neither G98 nor G99 has been said, and controls begin with either.
+    pub returns_to_r: Option<bool>,
     pub has_length: bool,
     pub work: u16,
-    pub cycle: Option<Cycle>,
     pub shift: Shift,
+}
+
+impl Modes {
+    /// Whether cycles return to R, as far as it is said.
+    pub fn returns_to_r(&self) -> bool {
+        self.returns_to_r.unwrap_or_default()
+    }
 }
 
 /// From the coordinates of the program to those of the transform's frame.
@@ -158,6 +162,51 @@ pub(super) struct Origin {
 /// A work offset by number: 1 to 6 are G54 to G59, beyond are others.
 pub(super) type Origins = [[Origin; 3]; 6];
 
+/// Modes by their groups, a bit for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Groups(u16);
+
+impl Groups {
+    pub const NONE: Self = Self(0);
+    pub const DISTANCE: Self = Self(1);
+    pub const PLANE: Self = Self(1 << 1);
+    pub const UNIT: Self = Self(1 << 2);
+    pub const CENTRES: Self = Self(1 << 3);
+    pub const FEED: Self = Self(1 << 4);
+    pub const COMPENSATION: Self = Self(1 << 5);
+    pub const RETURN: Self = Self(1 << 6);
+    pub const WORK: Self = Self(1 << 7);
+    pub const CYCLE: Self = Self(1 << 8);
+    pub const MOTION: Self = Self(1 << 9);
+    pub const ALL: Self = Self((1 << 10) - 1);
+
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    pub const fn less(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+}
+
+/// What the first program of the file begins with: M99 at its end begins it again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Beginning {
+    /// The text is still that of the first program.
+    pub is_here: bool,
+    /// It has ended with M99: others may call it.
+    pub returned: bool,
+    /// Offsets before the program, and at its first motion: until then they are only set, which
+    /// is the same each time, unless G10 steps in G91.
+    pub before: u64,
+    pub offsets: Option<u64>,
+    pub steps: bool,
+}
+
 /// A subprogram of the same file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Subprogram {
@@ -166,6 +215,20 @@ pub(super) struct Subprogram {
     /// its count before it.
     pub as_said: u32,
     pub modes: Modes,
+    /// Offsets at its first call, in force or not, as one number; and whether another call, or
+    /// its text, met others.
+    pub offsets: u64,
+    pub elsewise: bool,
+    /// Whether the frame of the transform was settled at its first call.
+    pub framed: bool,
+    /// Whether its text chooses or sets an offset.
+    pub shifts: bool,
+    /// Whether it is called under G98 and under G99; and whether its text says one of them, or
+    /// counts on the caller's: it drills, or calls another.
+    pub called_under_both: bool,
+    pub has_return: bool,
+    /// Whether it leaves a canned cycle in force.
+    pub leaves_cycle: bool,
     /// Whether it was called from where it, or another one, had ended.
     pub repeated: bool,
     /// Whether its text has passed, and whether it came back to where it began.

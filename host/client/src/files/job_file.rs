@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
-use umi_core::correction::dialect::compares_runs;
+use umi_core::correction::dialect::{compares_runs, is_written};
 use umi_core::dprnt::{ConfigError, check_config};
 use umi_core::job::{moves_something, says_run};
 use umi_protocol::job::{Dialect, Job, Reference, Teach};
@@ -193,6 +193,13 @@ fn guard_error(job: &Job, error: &JobError) -> Option<String> {
         ));
     }
     let (why, take) = match (dialect, variable) {
+        _ if is_written(Some(correction), variable) => (
+            "is one of the four that the correction writes (`set`)",
+            "another one, or another `set`",
+        ),
+        (Dialect::HaasVariables, _) => ("is none that O8830 compares", "531"),
+        (Dialect::Siemens, _) => ("is no R parameter", "0 to 999, as many as MD28050 says"),
+        (Dialect::Heidenhain, _) => ("is no QR parameter, which is kept", "0 to 499"),
         (Dialect::LinuxCnc, _) => (
             "is a parameter of a call, or LinuxCNC's own",
             "31 to 5000, listed in its parameter file (the macros take 4531)",
@@ -288,7 +295,7 @@ const fn allowed(field: Field) -> &'static str {
         Field::Probing => "give `sigma_mm` above 0 and `dof` of 1 or more",
         Field::Warmth => "give `expansion_ppm_per_k` and `at_most_k` above 0",
         Field::RunVariable => {
-            "give the number of the variable that the macros count runs in, with checked lines and a dialect that can compare (not siemens, heidenhain, grbl, haas-e)"
+            "give the number of the variable that the macros count runs in, with checked lines and a dialect that can compare (not grbl)"
         }
         Field::Frame => "it needs checked lines, and a correction",
         Field::OriginCounts => "give three finite numbers, in counts",

@@ -22,7 +22,7 @@ use proptest::test_runner::TestRunner;
 use umi_core::registration::RigidTransform;
 use umi_virtual::nc::ControlFamily;
 
-use crate::rewrite::follow::{AWAY_MM, Judge, interpreted};
+use crate::rewrite::follow::{AWAY_MM, Judge, LOOSE_MM, interpreted};
 use crate::rewrite::{rewritten, settings, turned};
 
 /// How far arcs may lie from their images, of each pass.
@@ -116,6 +116,8 @@ struct Writer {
     maybe_chords: u64,
     /// G43 or G92: a subprogram is called with the same modes and shifts, or refused.
     has_shifted: bool,
+    /// G92 has taken over a shift of G52: another G52 is refused.
+    took_local: bool,
 }
 
 impl Writer {
@@ -153,6 +155,7 @@ impl Writer {
             has_tilted_arcs: false,
             maybe_chords: 0,
             has_shifted: false,
+            took_local: false,
         };
         writer.text += "F100.\n";
         writer.go_anew();
@@ -470,7 +473,7 @@ impl Writer {
             }
             Part::Local(um) => {
                 // LinuxCNC has none.
-                if self.dialect == ControlFamily::Fanuc {
+                if self.dialect == ControlFamily::Fanuc && !self.took_local {
                     self.text += "G52";
                     for axis in 0..3 {
                         let steps = um[axis] * NM_PER_UM / self.step();
@@ -491,6 +494,7 @@ impl Writer {
                     self.word(['X', 'Y', 'Z'][axis], steps);
                     self.here[axis] += self.at[axis] - self.shift(axis) - steps * self.step();
                     // The local coordinates of this axis end.
+                    self.took_local |= self.local[axis] != 0;
                     self.here[axis] += core::mem::take(&mut self.local[axis]);
                 }
                 self.end();
@@ -681,6 +685,7 @@ fn there_and_back(
         origin: nalgebra::Vector3::from(ORIGINS[0].map(|nm| nm as f64 / 1e6)),
         rounding_mm: program.step_mm / 2.0 + 1e-6,
         path_mm: CHORD_MM + program.step_mm,
+        loose_mm: LOOSE_MM,
     };
     interpreted(dialect, &there)
         .and_then(|written| image.moves(&nominal, &written))
@@ -702,6 +707,7 @@ fn there_and_back(
         origin: nalgebra::Vector3::zeros(),
         rounding_mm,
         path_mm,
+        loose_mm: LOOSE_MM,
     };
     let written = interpreted(dialect, &back).map_err(|why| format!("{why}\n{there}\n{back}"))?;
     let compared = judge

@@ -8,7 +8,7 @@ use umi_core::rewrite::{RewriteDialect, RewriteSettings};
 use umi_tests::referee::{Before, Referee};
 use umi_virtual::nc::ControlFamily;
 
-use crate::rewrite::follow::{Compared, HOME_MM, Judge, V, interpreted};
+use crate::rewrite::follow::{Compared, HOME_MM, Judge, LOOSE_MM, V, interpreted};
 use crate::rewrite::{moves, rewritten, settings, table_4_2, turned};
 
 /// How far arcs may lie from their images.
@@ -191,6 +191,7 @@ fn rewritten_programs_end_where_they_should() {
                     origin: program.origin(),
                     rounding_mm: rounding(&program, 0.0),
                     path_mm: CHORD_MM,
+                    loose_mm: LOOSE_MM,
                 };
                 let compared =
                     interpreted(dialect, &made).and_then(|written| judge.moves(&nominal, &written));
@@ -260,6 +261,7 @@ fn the_referee_agrees() {
                 origin: program.origin(),
                 rounding_mm: rounding(&program, 2.0 * printed),
                 path_mm: CHORD_MM + 4.0 * printed,
+                loose_mm: LOOSE_MM,
             };
             match ways(&made).and_then(|written| judge.moves(&nominal, &written)) {
                 Ok(_) => ran += 1,

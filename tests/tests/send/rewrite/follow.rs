@@ -1,7 +1,8 @@
 //! Motions of a program by the virtual machine's interpreter, and whether one program's are
 //! the images of another's.
 
-use core::f64::consts::PI;
+use core::f64::consts::{PI, TAU};
+use core::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 use umi_core::registration::RigidTransform;
@@ -12,6 +13,9 @@ use umi_virtual::nc::{
 };
 
 pub type V = Vector3<f64>;
+
+/// More than a machine is high.
+pub const LOOSE_MM: f64 = 20_000.0;
 
 /// Where axes at home are: no program goes there otherwise. Four decimals, as LinuxCNC's
 /// interpreter prints; the tests' programs have three of a millimetre, or four of an inch, which
@@ -46,14 +50,19 @@ impl Move {
         let way = self.to - self.from;
         match self.path {
             MotionPath::Line => way.norm(),
-            MotionPath::Arc {
-                center,
-                axis,
-                sweep,
-            } => {
+            MotionPath::Arc { axis, sweep, .. } => {
+                (self.radius_mm() * sweep.0).hypot(axis.dot(&way))
+            }
+        }
+    }
+
+    /// Of an arc; 0 of a line.
+    fn radius_mm(&self) -> f64 {
+        match self.path {
+            MotionPath::Line => 0.0,
+            MotionPath::Arc { center, axis, .. } => {
                 let arm = self.from - center.mm;
-                let radius = (arm - axis * axis.dot(&arm)).norm();
-                (radius * sweep.0).hypot(axis.dot(&way))
+                (arm - axis * axis.dot(&arm)).norm()
             }
         }
     }
@@ -124,6 +133,9 @@ pub struct Judge {
     pub rounding_mm: f64,
     /// How far a path may lie from its image.
     pub path_mm: f64,
+    /// How high an axis may stand that the machine has placed: a rapid over it may end beside its
+    /// image by the lean times this.
+    pub loose_mm: f64,
 }
 
 /// What was compared.
@@ -144,9 +156,9 @@ impl Judge {
             + self.origin
     }
 
-    /// How much the axes that the machine has placed may move the others.
-    fn allowance(&self, machine: [bool; 3]) -> f64 {
-        if !machine.contains(&true) {
+    /// How much the axes that the machine has placed may move one of the others.
+    fn allowance(&self, nominal: &Move, axis: usize) -> f64 {
+        if !nominal.by_machine.contains(&true) {
             return self.rounding_mm;
         }
         let r = &self.transform.rotation;
@@ -156,7 +168,10 @@ impl Judge {
             .max(r.m23.abs())
             .max(r.m31.abs())
             .max(r.m32.abs());
-        self.rounding_mm + lean * 20_000.0
+        // What stands still beside it is where it was.
+        let stands = (nominal.to[axis] - nominal.from[axis]).abs() < 1e-9;
+        let loose_mm = if stands { LOOSE_MM } else { self.loose_mm };
+        self.rounding_mm + lean * loose_mm
     }
 
     /// The distance of a place from the image of an end, over the axes of the program.
@@ -172,24 +187,29 @@ impl Judge {
                 };
                 let off = (place[axis] - wanted).abs();
                 // What the machine has placed, it has placed exactly.
-                if machine[axis] && off > self.rounding_mm {
-                    f64::INFINITY
+                let allowed = if machine[axis] {
+                    self.rounding_mm
+                } else {
+                    self.allowance(nominal, axis)
+                };
+                if off <= allowed {
+                    off.min(self.rounding_mm)
                 } else {
                     off
                 }
             })
             .fold(0.0, f64::max);
-        (apart, self.allowance(machine))
+        (apart, self.rounding_mm)
     }
 
     /// Follows both lists of ends: each end of the nominal program has its image, in order.
-    /// `may_end` says of a nominal motion whether it may end with this written one, or without
-    /// any. Returns how many of the written ends belong to each.
+    /// `may_end` says of a nominal motion whether it may end with the last of these written ones, or
+    /// without any. Returns how many of the written ends belong to each.
     pub fn ends(
         &self,
         nominal: &[Move],
         written: &[V],
-        may_end: impl Fn(usize, Option<usize>) -> bool,
+        may_end: impl Fn(usize, Option<RangeInclusive<usize>>) -> bool,
     ) -> Result<(Compared, Vec<usize>), String> {
         let mut compared = Compared::default();
         let mut counts = Vec::new();
@@ -214,7 +234,7 @@ impl Judge {
                     count += 1;
                     let (apart, allowed) = self.apart(end, place);
                     closest = closest.min(apart);
-                    if apart <= allowed && may_end(number, Some(next + count - 1)) {
+                    if apart <= allowed && may_end(number, Some(next..=next + count - 1)) {
                         if !end.by_machine.contains(&true) {
                             compared.ends += 1;
                             compared.largest_end_mm = compared.largest_end_mm.max(apart);
@@ -264,7 +284,14 @@ impl Judge {
             let is_closed = (wanted.to - wanted.from).norm() < 3.0 * self.rounding_mm
                 && sweep.0.abs() > PI
                 && (wanted.from - center.mm).norm() > 3.0 * self.rounding_mm;
-            last.is_some_and(|last| !(is_closed && is_still(&written[last])))
+            let Some(range) = last else { return false };
+            let made = &written[range];
+            // Of several turns each comes by the end, and all have to be gone.
+            let gone_mm: f64 = made.iter().map(Move::length_mm).sum();
+            let turn_mm = TAU * wanted.radius_mm();
+            let has_gone = sweep.0.abs() <= TAU + 1e-9
+                || gone_mm > wanted.length_mm() - 0.5 * turn_mm - 10.0 * self.path_mm;
+            has_gone && !(is_closed && made.last().is_some_and(is_still))
         })?;
         let more = written.len() - counts.iter().sum::<usize>();
         if !written[written.len() - more..].iter().all(is_still) {
@@ -294,7 +321,9 @@ impl Judge {
                     let apart = self.off_way(wanted, &place);
                     compared.largest_path_mm = compared.largest_path_mm.max(apart);
                     if apart > self.path_mm {
-                        return Err(format!("motion {number} is {apart} mm off its way"));
+                        return Err(format!(
+                            "motion {number} is {apart} mm off its way: {wanted:?}, {part:?}"
+                        ));
                     }
                 }
             }
@@ -373,21 +402,25 @@ fn distance(way: &Move, place: &V) -> f64 {
         let part = (angle * sweep.0.signum()).rem_euclid(2.0 * PI) / sweep.0.abs();
         return off(part.min(1.0)).min(ends);
     }
-    // Of a helix: the nearest of many on each turn, nearer than the next turn is, then by thirds.
-    let turns = (sweep.0.abs() / (2.0 * PI)).ceil();
-    let steps = 128 * turns as u32;
+    // Of a helix: the nearest of many on each turn, then by thirds. On one turn the way may have
+    // ended short of the place, while another passes it.
+    let turns = (sweep.0.abs() / (2.0 * PI)).ceil() as u32;
+    let steps = 128 * turns;
     let part = |n: u32| f64::from(n) / f64::from(steps);
-    let best = (0..=steps)
-        .min_by(|a, b| off(part(*a)).total_cmp(&off(part(*b))))
-        .unwrap_or(0);
-    let (mut low, mut high) = (part(best.saturating_sub(1)), part((best + 1).min(steps)));
-    for _ in 0..40 {
-        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-        if off(a) < off(b) {
-            high = b;
-        } else {
-            low = a;
+    let of_turn = |turn: u32| {
+        let best = (128 * turn..=128 * (turn + 1))
+            .min_by(|a, b| off(part(*a)).total_cmp(&off(part(*b))))
+            .unwrap_or(0);
+        let (mut low, mut high) = (part(best.saturating_sub(1)), part((best + 1).min(steps)));
+        for _ in 0..40 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if off(a) < off(b) {
+                high = b;
+            } else {
+                low = a;
+            }
         }
-    }
-    off(f64::midpoint(low, high)).min(ends)
+        off(f64::midpoint(low, high))
+    };
+    (0..turns).map(of_turn).fold(ends, f64::min)
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use umi_virtual::nc::ControlFamily;
 
-use crate::rewrite::follow::{Judge, interpreted};
+use crate::rewrite::follow::{Judge, LOOSE_MM, interpreted};
 use crate::rewrite::{rewritten, settings, table_4_2};
 
 /// Laces over a wavy surface, with arcs at their ends.
@@ -55,6 +55,7 @@ fn a_long_program_stays_on_its_image() {
             origin: nalgebra::Vector3::zeros(),
             rounding_mm: 0.0005 + 1e-6,
             path_mm: 0.01,
+            loose_mm: LOOSE_MM,
         };
         let written = interpreted(ControlFamily::Fanuc, &made).unwrap();
         let compared = judge.moves(&nominal, &written).unwrap();

@@ -3,7 +3,9 @@
 
 mod back;
 mod corpus;
+mod differential;
 mod follow;
+mod grammar;
 mod long;
 mod public_programs;
 mod random;
@@ -50,6 +52,7 @@ fn settings(transform: RigidTransform, clearance_mm: f64) -> RewriteSettings {
     RewriteSettings {
         // The way back is a second rewriting.
         again: true,
+        loose_rapids: true,
         dialect: Some(RewriteDialect::Fanuc),
         integers: Some(Integers::Units),
         clearance: Mm(clearance_mm),

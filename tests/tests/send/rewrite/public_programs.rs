@@ -18,7 +18,7 @@ use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{RewriteDialect, RewriteSettings, StartModes};
 use umi_tests::referee::{Before, Referee, RefereeRun};
 
-use crate::rewrite::follow::{HOME_MM, Judge, Move, V};
+use crate::rewrite::follow::{HOME_MM, Judge, LOOSE_MM, Move, V};
 use crate::rewrite::{moves, rewritten, settings, turned};
 
 /// How far arcs may lie from their images.
@@ -246,6 +246,7 @@ fn public_programs_move_as_they_say() {
                     origin: V::from(nominal.origins_mm[1]),
                     rounding_mm: 2.0 * printed + 1e-6,
                     path_mm: CHORD_MM + 4.0 * printed,
+                    loose_mm: LOOSE_MM,
                 };
                 let judged = referee
                     .run(&place, &before, &from_home(&made))

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use umi_virtual::nc::ControlFamily;
 
-use crate::rewrite::follow::{Judge, interpreted};
+use crate::rewrite::follow::{Judge, LOOSE_MM, interpreted};
 use crate::rewrite::{rewritten, settings, turned};
 
 fn number() -> impl Strategy<Value = String> {
@@ -82,6 +82,7 @@ proptest! {
             origin: nalgebra::Vector3::zeros(),
             rounding_mm: if program.contains("G20") { 0.00127 + 1e-6 } else { 0.0005 + 1e-6 },
             path_mm: 0.0101,
+            loose_mm: LOOSE_MM,
         };
         let compared = interpreted(ControlFamily::Haas, &made).and_then(|written| judge.moves(&nominal, &written));
         prop_assert!(compared.is_ok(), "{}\n{program}\n{made}", compared.unwrap_err());

@@ -3,7 +3,7 @@
 use crate::rewrite::block::{AXES, Given, Letters};
 use crate::rewrite::moved::plan::{Holes, More, Phase, Repeat, Wanted, allow};
 use crate::rewrite::refusal::RewriteRefusal;
-use crate::rewrite::state::{Cycle, Motion, SaidHeight};
+use crate::rewrite::state::{Cycle, Motion};
 use crate::rewrite::text::emit;
 use crate::rewrite::text::emit::{Action, Edit, Out};
 use crate::rewrite::text::length::{LIMIT_PM, Pm, Step};
@@ -44,26 +44,46 @@ impl Rewriter {
         let axes = given.axes();
         let moves = (0..3).any(|axis| axis != normal && at(&axes, axis).is_some());
         if count == 0 && moves {
-            return Err((column, RewriteRefusal::Meaningless('K')));
+            let (letter, word) = match given.find(b'K') {
+                Some(word) => ('K', Some(word)),
+                None => ('L', given.find(b'L')),
+            };
+            let column = word.map_or(column, |word| given.column(word));
+            return Err((column, RewriteRefusal::Meaningless(letter)));
         }
         let before = self.place;
         let mut target = self.over(given, incremental, normal)?;
         let mut cycle = self.heights(given, wanted, incremental, normal, column)?;
+        // LinuxCNC rises to an R above where it begins. An axis that the machine has placed does not
+        // move with the part, so that it may stand above R in one program and below in the other.
+        if cycle.initial.is_none()
+            && at(&self.translation_pm, normal) != 0.0
+            && self.settings.dialect != Some(RewriteDialect::Fanuc)
+        {
+            return Err((column, RewriteRefusal::UnknownPlace(letter as char)));
+        }
         let rises = self.rises(&cycle, normal, column)?;
         if !at(&self.keeps, normal) {
             // Written out, the way up in increments would be lost.
             if incremental && rises {
-                return Err((column, RewriteRefusal::BelowR));
+                return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
+            }
+            // LinuxCNC feeds out of G89 as far as it comes out.
+            let is_above = cycle.initial > cycle.r && !self.modes.returns_to_r();
+            if cycle.code == 890 && is_above && self.settings.dialect.is_none() {
+                return Err((column, RewriteRefusal::FeedsOut));
             }
             // A depth in increments counts from R: said alone, R takes the bottom with it.
             if incremental && given.has(b'R') && !given.has(letter) && cycle.bottom.is_some() {
                 return Err((column, RewriteRefusal::CycleLacks(letter as char)));
             }
             // LinuxCNC rises before it goes across where G98 comes after G99.
-            let rises_again = self.modes.cycle.is_some_and(|before| before.to_r)
-                && !self.modes.returns_to_r
+            let rises_again = self.cycle_in_force.is_some_and(|before| before.to_r)
+                && !self.modes.returns_to_r()
                 && self.settings.dialect != Some(RewriteDialect::Fanuc);
-            if rises_again {
+            // And to a higher R it goes on the way across, where it began above.
+            let climbs = rises && cycle.initial >= cycle.r;
+            if rises_again || climbs {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
             }
             if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
@@ -118,7 +138,7 @@ impl Rewriter {
             self.write_axes(&plane_axes, &target, &image, incremental, edit, column)?;
         }
         self.stand(normal, height, &cycle, count > 0);
-        self.modes.cycle = Some(cycle);
+        self.cycle_in_force = Some(cycle);
         self.counts.holes.add(count);
         let by = by(&before.nominal, &target, normal);
         if count < 2 || !incremental || by == [0; 3] {
@@ -156,7 +176,10 @@ impl Rewriter {
             _ if !is_below => Ok(false),
             Some(RewriteDialect::Fanuc) => Ok(false),
             // In increments, too, R is counted from where the first of the cycles began.
-            Some(RewriteDialect::LinuxCnc) => Ok(height < r),
+            Some(RewriteDialect::LinuxCnc) => {
+                let began_below = cycle.initial.is_some_and(|initial| initial < r);
+                Ok(height < r || (began_below && height != r))
+            }
             None => Err((column, RewriteRefusal::BelowR)),
         }
     }
@@ -169,7 +192,8 @@ impl Rewriter {
         cycle: &Cycle,
         moved: bool,
     ) {
-        let to_r = self.modes.returns_to_r || (self.stays_above_r() && cycle.initial < cycle.r);
+        let begins_below = cycle.initial.is_some() && cycle.initial < cycle.r;
+        let to_r = self.modes.returns_to_r() || (self.stays_above_r() && begins_below);
         let (nominal, out) = match (moved, to_r) {
             (false, _) => height,
             (true, true) => (cycle.r, cycle.r_out),
@@ -224,7 +248,9 @@ impl Rewriter {
         normal: usize,
         column: usize,
     ) -> At<Cycle> {
-        let mut cycle = self.modes.cycle.unwrap_or(Cycle {
+        let shift = at(&self.modes.shift.nominal, normal);
+        let shifts = [shift, at(&self.modes.shift.out, normal)];
+        let mut cycle = self.cycle_in_force.unwrap_or(Cycle {
             code: 0,
             initial: at(&self.place.nominal, normal),
             initial_out: at(&self.place.out, normal),
@@ -234,35 +260,39 @@ impl Rewriter {
             peck: None,
             dwell: None,
             said: [None; 2],
+            normal,
+            shifts,
             to_r: false,
         });
-        cycle.to_r = self.modes.returns_to_r;
+        if (cycle.normal, cycle.shifts) != (normal, shifts) {
+            return Err((column, RewriteRefusal::HeightsMoved));
+        }
+        cycle.to_r = self.modes.returns_to_r();
         if let Some((_, code)) = wanted.cycle {
             cycle.code = code;
         }
-        let shift = at(&self.modes.shift.nominal, normal);
-        let now = SaidHeight { incremental, shift };
         for (letter, said) in [b'R', at(&AXES, normal)].into_iter().zip(&mut cycle.said) {
             if given.has(letter) {
-                *said = Some(now);
+                *said = Some(incremental);
             }
             let Some(said) = *said else { continue };
-            let is_same_mode = said.incremental == incremental
-                || self.settings.dialect == Some(RewriteDialect::Fanuc);
-            if said.shift != shift {
-                return Err((column, RewriteRefusal::HeightsMoved));
-            }
+            let is_same_mode =
+                said == incremental || self.settings.dialect == Some(RewriteDialect::Fanuc);
             if !is_same_mode {
                 return Err((column, RewriteRefusal::HeightsSaidElsewise));
             }
         }
         let has_r = self.length_of(given, b'R')?;
         if let Some(r) = has_r {
-            cycle.r = if incremental {
-                cycle.initial.map(|initial| initial + r)
+            let from = if incremental {
+                let letter = at(&AXES, normal) as char;
+                cycle
+                    .initial
+                    .ok_or((column, RewriteRefusal::UnknownPlace(letter)))?
             } else {
-                Some(shift + r)
+                shift
             };
+            cycle.r = Some(from + r);
         }
         if let Some(z) = self.length_of(given, at(&AXES, normal))? {
             cycle.bottom = if incremental {
@@ -349,6 +379,15 @@ impl Rewriter {
                 Some(_) => {}
             }
         }
+        // Below R LinuxCNC comes back to it in any case. Fanuc's kind begins with G98.
+        let comes_back = match self.settings.dialect {
+            Some(RewriteDialect::Fanuc) => false,
+            Some(RewriteDialect::LinuxCnc) => cycle.initial > cycle.r,
+            None => cycle.initial != cycle.r,
+        };
+        if self.modes.returns_to_r.is_none() && comes_back {
+            return Err((column, RewriteRefusal::NoReturn));
+        }
         for letter in [b'R', b'Q', b'P', b'K', b'L', b'I', b'J', at(&AXES, normal)] {
             if let Some(word) = given.find(letter) {
                 edit.set(word, Action::Drop);
@@ -360,13 +399,13 @@ impl Rewriter {
             edit.code(Motion::Rapid.code());
         }
         self.out_motion = Some(Motion::Rapid);
-        self.modes.cycle = Some(*cycle);
+        self.cycle_in_force = Some(*cycle);
         if count == 0 {
             return Ok(());
         }
         // The first block goes over the hole, at the height where the tool is.
         let axes = given.axes();
-        let plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
+        let mut plane_axes: [Option<usize>; 3] = core::array::from_fn(|axis| {
             if axis == normal {
                 None
             } else {
@@ -376,6 +415,10 @@ impl Rewriter {
         let mut begin = target;
         let mut first = [0; 3];
         if rises {
+            // The words lead over the hole, and none may stay as it was by chance.
+            for word in plane_axes.iter_mut().filter_map(Option::take) {
+                edit.set(word, Action::Drop);
+            }
             first = by(&before.nominal, &target, normal);
             begin = before.nominal;
             if let Some(slot) = begin.get_mut(normal) {
@@ -394,7 +437,7 @@ impl Rewriter {
             },
             cycle: *cycle,
             normal,
-            to_r: self.modes.returns_to_r,
+            to_r: self.modes.returns_to_r(),
             hole: 0,
             phase: Phase::Over,
             over: [0; 3],
@@ -413,8 +456,12 @@ impl Rewriter {
         let Some(next) = moved(&self.place.nominal, &repeat.by) else {
             return false;
         };
-        let motion = self.out_motion.unwrap_or(Motion::Rapid);
+        // The cycle is in force: a code would end it, even where none was said before it.
+        let said = self.out_motion;
+        let motion = said.unwrap_or(Motion::Rapid);
+        self.out_motion = Some(motion);
         self.point(motion, next, None, out);
+        self.out_motion = said;
         repeat.count -= 1;
         repeat.count > 0
     }
@@ -440,6 +487,8 @@ impl Rewriter {
         // Not zero: see `write_out`.
         let peck = peck.filter(|_| matches!(code, 730 | 830));
         let clearance = pm(self.settings.clearance.0);
+        let to_r = holes.to_r || (self.stays_above_r() && initial < r);
+        let top = if to_r { r } else { initial };
         let mut to = |rewriter: &mut Self, motion: Motion, height: Pm| {
             let mut place = holes.over;
             if let Some(slot) = place.get_mut(holes.normal) {
@@ -502,14 +551,15 @@ impl Rewriter {
                 Phase::Out
             }
             Phase::Out => {
-                if matches!(code, 850 | 890) {
-                    to(self, Motion::Line, r);
+                match code {
+                    890 if self.stays_above_r() => to(self, Motion::Line, top),
+                    850 | 890 => to(self, Motion::Line, r),
+                    _ => {}
                 }
                 Phase::Top
             }
             Phase::Top => {
-                let to_r = holes.to_r || (self.stays_above_r() && initial < r);
-                to(self, Motion::Rapid, if to_r { r } else { initial });
+                to(self, Motion::Rapid, top);
                 holes.hole += 1;
                 Phase::Over
             }

@@ -35,7 +35,7 @@ impl Rewriter {
         if !self.modes.shift.known {
             return Err((column, RewriteRefusal::WorkOffset));
         }
-        if wanted.cycle.is_some() || self.modes.cycle.is_some() {
+        if wanted.cycle.is_some() || self.cycle_in_force.is_some() {
             return self.cycle(given, wanted, edit, incremental, column);
         }
         let Some(motion) = self.motion else {
@@ -126,10 +126,6 @@ impl Rewriter {
         if let [Some(x), Some(y), Some(z)] = *target {
             return Ok(self.image([x as f64, y as f64, z as f64]).map(Some));
         }
-        let unknown = |axis: usize| {
-            let letter = at(&AXES, axis) as char;
-            Err((column, RewriteRefusal::UnknownPlace(letter)))
-        };
         let mut image = [None; 3];
         for (axis, slot) in image.iter_mut().enumerate() {
             let row = at(&self.rotation, axis);
@@ -139,13 +135,9 @@ impl Rewriter {
                 for other in 0..3 {
                     let moves = at(target, other).is_some()
                         && at(target, other) != at(&self.place.nominal, other);
-                    let allowed = match at(&coupling, other) {
-                        Coupling::None => true,
-                        Coupling::Small => !is_feed,
-                        Coupling::Large => false,
-                    };
-                    if other != axis && moves && !allowed {
-                        return unknown(axis);
+                    let leans = at(&coupling, other);
+                    if other != axis && moves && leans != Coupling::None {
+                        self.loose(leans, is_feed, axis, column)?;
                     }
                 }
                 continue;
@@ -155,14 +147,28 @@ impl Rewriter {
                 let place = match (at(target, other), at(&coupling, other)) {
                     (Some(place), _) => place,
                     (None, Coupling::None) => 0,
-                    (None, Coupling::Small) if !is_feed => at(&self.place.last, other),
-                    _ => return unknown(other),
+                    (None, leans) => {
+                        self.loose(leans, is_feed, other, column)?;
+                        at(&self.place.last, other)
+                    }
                 };
                 sum += at(&row, other) * place as f64;
             }
             *slot = Some(sum);
         }
         Ok(image)
+    }
+
+    /// Whether a motion may go where it depends on an axis whose place is not known.
+    fn loose(&self, leans: Coupling, is_feed: bool, axis: usize, column: usize) -> At<()> {
+        let letter = at(&AXES, axis) as char;
+        if is_feed || leans == Coupling::Large {
+            Err((column, RewriteRefusal::UnknownPlace(letter)))
+        } else if self.settings.loose_rapids {
+            Ok(())
+        } else {
+            Err((column, RewriteRefusal::RapidOver(letter)))
+        }
     }
 
     fn translation(&self, axis: usize) -> f64 {

@@ -82,7 +82,7 @@ impl Rewriter {
             && self.frame.is_some()
             && modes.incremental == Some(false)
             && modes.shift.known
-            && modes.cycle.is_none()
+            && self.cycle_in_force.is_none()
             && modes.feed != Feed::InverseTime
             && (!modes.compensated || at(&self.keeps, modes.plane.normal()))
             && !self.place.relative

@@ -101,7 +101,7 @@ fn pecks_of_many_holes_are_bounded() {
 fn a_motion_goes_on_behind_written_out_holes() {
     let made = text(
         turned([0.0, 0.1, 0.0], [0.0; 3]),
-        "G21 G90 G0 X0. Y0. Z10.\nG1 X1. F50\nG81 X2. Z-5. R1.\nG80\nX9. Z10.\nX8.\n",
+        "G21 G90 G0 X0. Y0. Z10.\nG1 X1. F50\nG98 G81 X2. Z-5. R1.\nG80\nX9. Z10.\nX8.\n",
     );
     let behind: Vec<&str> = made.lines().skip_while(|line| *line != "G80").collect();
     assert!(behind[1].starts_with("G1 X9."), "{made}");

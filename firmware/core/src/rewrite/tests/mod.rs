@@ -2,6 +2,7 @@
 //! a machine is in `tests/tests/send/rewrite`.
 
 mod arcs;
+mod called;
 mod cycles;
 mod plain;
 mod refusals;
@@ -43,6 +44,7 @@ pub(super) fn settings(transform: RigidTransform) -> RewriteSettings {
     RewriteSettings {
         integers: Some(Integers::Units),
         unit: Some(Unit::Millimetre),
+        loose_rapids: true,
         ..RewriteSettings::new(transform)
     }
 }

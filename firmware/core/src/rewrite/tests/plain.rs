@@ -68,7 +68,7 @@ fn plain_is_what_nothing_else_has_a_part_in() {
         "G2\n",
         "G28\n",
         "G55\n",
-        "G81 X5. Y5. Z-5. R-2.\n",
+        "G98 G81 X5. Y5. Z-5. R-2.\n",
         "G91 G28 X0.\nG90\n",
     ] {
         assert!(!is_plain(&format!("{BEGUN}{more}"), "X1."), "{more}");

@@ -44,7 +44,7 @@ fn it_begins_with_the_run() {
         assert_eq!(text, ["%\nO1234(PART)\n(A)\n", check, MOVED].concat());
     }
     for dialect in Dialect::ALL {
-        let compares = crate::correction::dialect::compares_runs(dialect);
+        let compares = crate::correction::dialect::programs_compare_runs(dialect);
         assert_eq!(RunCheck::of(dialect, 531, 17).is_some(), compares);
     }
     // The part that was taught moves by nothing, and belongs to its run as well.

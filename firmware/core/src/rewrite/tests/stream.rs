@@ -54,7 +54,7 @@ fn line_by_line(settings: &RewriteSettings, program: &[u8]) -> (Vec<u8>, Option<
     (out, done.err())
 }
 
-const PROGRAM: &str = "%\nO1\nG21 G90 G17\nG0 X10. Y0. Z5.\nG3 X0. Y10. I-10. J0. F100\n\nG81 X5. Y5. \
+const PROGRAM: &str = "%\nO1\nG21 G90 G17 G98\nG0 X10. Y0. Z5.\nG3 X0. Y10. I-10. J0. F100\n\nG81 X5. Y5. \
     Z-5. R2.\nX7.\nG80\n(LONG COMMENT HERE) G91 G1 X-1. Y-2.\nG90 G28 X0\n";
 
 /// One call gives a line and no more, of what becomes thousands of lines as well: chords,
@@ -64,7 +64,7 @@ fn little_comes_out_at_once() {
     let comment = "C".repeat(MAX_LINE - 60);
     let program = std::format!(
         "G21 G90 G17 G94 F100 X1. Y2. Z3. G0 M8 S1234 T1 ({comment})\nG0 X0. Y0. Z5.\n\
-         G2 X0. Y0. I400. J0.\nG91 G83 X1. Y1. Z-90. R-1. Q0.1 K5\nG80\n"
+         G2 X0. Y0. I400. J0.\nG91 G98 G83 X1. Y1. Z-90. R-1. Q0.1 K5\nG80\n"
     );
     let mut settings = settings(turned([3.0, 2.0, 12.0], [1.0, 2.0, 3.0]));
     settings.original = Some(Check::default().finish());

@@ -144,7 +144,7 @@ fn below_r_each_control_goes_its_way() {
     assert_eq!(
         lines,
         [
-            "G98 G0 X0.003 Y0. Z2. F100",
+            "G98 G0 X0.003 Z2. F100",
             "X10.003 Z1.983",
             "G1 X9.991 Z-5.017",
             "G0 X10.003 Z1.983",
@@ -164,9 +164,24 @@ fn below_r_each_control_goes_its_way() {
 #[test]
 fn shifts_end_as_the_control_ends_them() {
     let program = "G21 G90 G0 X1. Y0. Z0.\nG52 X1.\nG92 X5.\nG52 X0.\nG0 X5. Y0.\n";
-    let (made, _) = rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]), program).unwrap();
-    // It stands where it stood: Y1.
-    assert!(made.ends_with("G52 X0.\nG0 X5. Y1.\n"), "{made}");
+    // For Fanuc it has ended, a Haas still has it.
+    for family in [None, Some(RewriteDialect::Fanuc)] {
+        let level = RewriteSettings {
+            dialect: family,
+            ..settings(level(90.0, [0.0; 3]))
+        };
+        let refused = rewritten(&level, program).unwrap_err();
+        assert_eq!(
+            (refused.line, refused.reason),
+            (4, RewriteRefusal::ShiftTaken)
+        );
+        let ended = program
+            .replace("G92", "G52 X0.\nG92")
+            .replace("G52 X0.\nG0", "G0");
+        let (made, _) = rewritten(&level, &ended).unwrap();
+        // It stands where it stood: Y1.
+        assert!(made.ends_with("G92 X5.\nG0 X5. Y1.\n"), "{made}");
+    }
     let ended = program
         .replace("G52 X0.", "G92.1 X0.")
         .replace("X5. Y0.", "X2. Y0.");
@@ -422,7 +437,7 @@ fn holes_whose_place_or_depth_is_not_said_are_refused() {
             None,
             "G91 G10 L2 P1 X5.\nG90 G1 X1. Y1. Z1. F9\n",
             2,
-            RewriteRefusal::Code(100, Why::Offsets),
+            RewriteRefusal::OffsetStep,
         ),
     ] {
         let settings = RewriteSettings {
@@ -432,4 +447,227 @@ fn holes_whose_place_or_depth_is_not_said_are_refused() {
         let refused = rewritten(&settings, &std::format!("{begin}{program}M30\n")).unwrap_err();
         assert_eq!((refused.line, refused.reason), (line, reason), "{program}");
     }
+}
+
+/// A rapid over an axis whose place is not said ends beside its place where the part leans: it is
+/// allowed by name only, and a feed never.
+#[test]
+fn rapids_over_an_unknown_axis_are_asked_for() {
+    let leaning = turned([0.3, 0.0, 0.0], [0.0; 3]);
+    let strict = RewriteSettings {
+        loose_rapids: false,
+        ..settings(leaning)
+    };
+    let begin = "G21 G90 G0 X0. Y0. Z50.\nG91 G28 Z0.\nG90 ";
+    for (block, reason) in [
+        ("G0 Y5.", Some(RewriteRefusal::RapidOver('Z'))),
+        ("G1 Y5. F9", Some(RewriteRefusal::UnknownPlace('Z'))),
+        // Y stands still, and whether it should is not known.
+        ("G0 X5.", Some(RewriteRefusal::RapidOver('Z'))),
+        ("G0 Y5. Z30.", None),
+    ] {
+        let program = [begin, block, "\nG0 X0. Y0. Z9.\nM30\n"].concat();
+        let refused = rewritten(&strict, &program).err();
+        assert_eq!(refused.map(|it| it.reason), reason, "{block}");
+        let is_feed = block.starts_with("G1");
+        assert_eq!(rewritten(&settings(leaning), &program).is_err(), is_feed);
+        // On a level part all of it is exact.
+        let level = RewriteSettings {
+            loose_rapids: false,
+            ..settings(level(30.0, [1.0, 2.0, 0.0]))
+        };
+        let named = program
+            .replace("G90 G0 Y5.", "G90 G0 X0. Y5.")
+            .replace("G90 G0 X5.", "G90 G0 X5. Y0.");
+        rewritten(&level, &named).map(|_| ()).unwrap();
+    }
+}
+
+/// Words that lead over the hole do not stay in the block that rises to R, and where a cycle begins
+/// at an unknown height, it does not end at R.
+#[test]
+fn linuxcnc_rises_where_it_stands() {
+    let program = "G21 G90 G17 G0 X0. Y0. Z10.\nG92 X0. Y0. Z0.\nG18 G98 G82 Z4. X2. Y-9. R5. P1 F9\nG80\nM2\n";
+    let half = of(RewriteDialect::LinuxCnc, [0.0, 0.0, 180.0]);
+    let (made, _) = rewritten(&half, program).unwrap();
+    // Y first, alone: its image is the other way, and Z stays.
+    assert!(made.contains("G18 G98 G0 Y-5. F9\nX-2. Z4.\n"), "{made}");
+    let unknown = "G21 G90 G17 G0 X0. Y0.\nG98 G83 X1. Y1. Z-5. R2. Q1. F9\nG80\nG91 G1 Z1.\nM2\n";
+    let refused = rewritten(&half, unknown).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (4, RewriteRefusal::UnknownPlace('Z'))
+    );
+    // R in increments counts from there.
+    let counted = "G21 G90 G17 G0 X0. Y0.\nG91 G99 G81 X1. Z-5. R-2. F9\nG80\nM2\n";
+    let refused = rewritten(&half, counted).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (2, RewriteRefusal::UnknownPlace('Z'))
+    );
+}
+
+/// What goes on in a cycle under another offset or in another plane is refused; a count alone, or a
+/// cycle's code alone, drills for one control and not for another.
+#[test]
+fn a_cycle_goes_on_as_it_began() {
+    let fanuc = of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]);
+    let begin = "G21 G90 G17 G0 X0. Y0. Z30.\nG2 X2. Y0. I1. J0. F9\nG81 X1. Y1. Z-5. R2.\n";
+    for (block, reason) in [
+        ("X5.", None),
+        ("G18 X5. Z1.", Some(RewriteRefusal::HeightsMoved)),
+        ("G92 Z30.\nX5.", None),
+        ("G92 Z29.\nX5.", Some(RewriteRefusal::HeightsMoved)),
+        ("K2", Some(RewriteRefusal::Meaningless('K'))),
+        ("G82", Some(RewriteRefusal::CycleLacks('Z'))),
+    ] {
+        let program = [begin, block, "\nG80\nM30\n"].concat();
+        let refused = rewritten(&fanuc, &program).err();
+        assert_eq!(refused.map(|it| it.reason), reason, "{block}");
+    }
+    // The program that is written has another shift: the part lies higher.
+    let higher = RewriteSettings {
+        dialect: Some(RewriteDialect::Fanuc),
+        ..settings(level(90.0, [0.0, 0.0, 3.0]))
+    };
+    let refused = rewritten(&higher, &[begin, "G92 Z30.\nX5.\nM30\n"].concat()).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (5, RewriteRefusal::HeightsMoved)
+    );
+}
+
+/// LinuxCNC feeds out of G89 as far as it comes out, others to R.
+#[test]
+fn boring_feeds_out() {
+    let program = "G21 G90 G17 G0 X0. Y0. Z30.\nG98 G89 X0. Y0. Z-5. R2. P1 F9\nG80\nM30\n";
+    let lean = [0.01, 0.0, 0.0];
+    let none = settings(turned(lean, [0.0; 3]));
+    let refused = rewritten(&none, program).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (2, RewriteRefusal::FeedsOut)
+    );
+    rewritten(&none, &program.replace("G98", "G99")).unwrap();
+    for (family, height) in [
+        (RewriteDialect::Fanuc, "Z2."),
+        (RewriteDialect::LinuxCnc, "Z30."),
+    ] {
+        let (made, _) = rewritten(&of(family, lean), program).unwrap();
+        let mut lines = made.lines().skip_while(|line| !line.starts_with("G4"));
+        let out = lines.nth(1).unwrap();
+        // The feed is in force still.
+        assert!(!out.starts_with("G0") && out.ends_with(height), "{made}");
+    }
+}
+
+/// Holes that a count repeats stay holes where no G0 to G3 was said before the cycle: a code would
+/// end it.
+#[test]
+fn repeated_holes_are_drilled() {
+    let program = "G21 G90 G17 G54\nG99 G81 X1. Y1. Z-5. R2.\nG91 Y-5. K3\nG80\nM30\n";
+    let fanuc = RewriteSettings {
+        dialect: Some(RewriteDialect::Fanuc),
+        ..settings(level(0.0, [10.0, 0.0, 0.0]))
+    };
+    let (made, _) = rewritten(&fanuc, program).unwrap();
+    let holes = "G91 Y-5.\nY-5.\nY-5.\nG80\n";
+    assert!(made.contains(holes), "{made}");
+}
+
+/// A cycle that begins where nobody knows is above its R on one machine and below it in the part's
+/// new place: LinuxCNC would rise to another height.
+#[test]
+fn a_cycle_begins_at_a_known_height() {
+    let lies = |shift: [f64; 3], dialect| RewriteSettings {
+        dialect,
+        ..settings(level(0.0, shift))
+    };
+    let program = "G21 G90 G17 G54\nG0 X0. Y0.\nG99 G81 X1. Y1. Z-5. R2.\nG80\nM30\n";
+    let high = [1.0, 2.0, 3.0];
+    for dialect in [None, Some(RewriteDialect::LinuxCnc)] {
+        let refused = rewritten(&lies(high, dialect), program).unwrap_err();
+        let why = RewriteRefusal::UnknownPlace('Z');
+        assert_eq!((refused.line, refused.reason), (3, why));
+        let named = program.replace("X0. Y0.", "X0. Y0. Z9.");
+        rewritten(&lies(high, dialect), &named).unwrap();
+        rewritten(&lies([1.0, 2.0, 0.0], dialect), program).unwrap();
+    }
+    // Others go across where they are, whatever R is.
+    rewritten(&lies(high, Some(RewriteDialect::Fanuc)), program).unwrap();
+}
+
+/// Some controls begin with G98, others (LinuxCNC's interpreter) with G99, and each keeps what the
+/// program before has left: where holes are written out, somebody must have said it.
+#[test]
+fn the_height_of_return_is_said() {
+    let lean = settings(turned([0.3, 0.0, 0.0], [0.0; 3]));
+    let program = "G21 G90 G17 G54\nG0 X0. Y0. Z30.\nG81 X5. Y5. Z-5. R2. F50\nX9.\nG80\nM30\n";
+    let refused = rewritten(&lean, program).unwrap_err();
+    assert_eq!(
+        (refused.line, refused.column, refused.reason),
+        (3, 5, RewriteRefusal::NoReturn)
+    );
+    for (says, tenths) in [("G98 ", 980), ("G99 ", 990)] {
+        let said = program.replace("G81", &[says, "G81"].concat());
+        let (in_text, _) = rewritten(&lean, &said).unwrap();
+        let stated = RewriteSettings {
+            start: StartModes::default().with(tenths).unwrap(),
+            ..lean.clone()
+        };
+        let (stated, _) = rewritten(&stated, program).unwrap();
+        assert_eq!(stated, in_text.replace(says, ""));
+    }
+    // Fanuc's kind begins with G98.
+    let fanuc = of(RewriteDialect::Fanuc, [0.3, 0.0, 0.0]);
+    let said = program.replace("G81", "G98 G81");
+    let said = rewritten(&fanuc, &said).unwrap().0.replace("G98 ", "");
+    assert_eq!(rewritten(&fanuc, program).unwrap().0, said);
+    let linuxcnc = of(RewriteDialect::LinuxCnc, [0.3, 0.0, 0.0]);
+    let refused = rewritten(&linuxcnc, program).unwrap_err();
+    assert_eq!(refused.reason, RewriteRefusal::NoReturn);
+    // Where it begins at R both are the same, and where it stays, the control does it.
+    rewritten(&lean, &program.replace("R2.", "R30.")).unwrap();
+    rewritten(&settings(level(20.0, [1.0; 3])), program).unwrap();
+}
+
+/// Words that move or shift on one control and do nothing on others.
+#[test]
+fn words_of_other_controls_are_refused() {
+    let begin = "G21 G90 G17 G54\nG0 X0. Y0. Z30.\nG1 X1. F9\n";
+    let level = settings(level(20.0, [1.0, 2.0, 3.0]));
+    for (line, column, reason) in [
+        // LinuxCNC measures a tool where the axes are, and they are elsewhere now.
+        ("G10 L10 P1 Z5.", 1, RewriteRefusal::Code(100, Why::Offsets)),
+        ("G10 L11 P1 X5.", 1, RewriteRefusal::Code(100, Why::Offsets)),
+        // A pole, and straight lines by angle and radius from it (Heidenhain).
+        ("I5. J5.", 1, RewriteRefusal::Meaningless('I')),
+        ("G11 R20. H45.", 1, RewriteRefusal::Code(110, Why::Motion)),
+        ("G10 R20. H45.", 1, RewriteRefusal::OffsetNumber),
+    ] {
+        let refused = rewritten(&level, &[begin, line, "\nM30\n"].concat()).unwrap_err();
+        let refused = (refused.line, refused.column, refused.reason);
+        assert_eq!(refused, (4, column, reason), "{line}");
+    }
+    for line in ["G10 L10 P1 R5.", "G10 P1 R5.", "G10 L1 P1 Z5.", "G11"] {
+        rewritten(&level, &[begin, line, "\nM30\n"].concat()).unwrap();
+    }
+}
+
+/// A byte order mark stays before everything, the header too; elsewhere it is no word.
+#[test]
+fn a_byte_order_mark_stays_first() {
+    let program = "\u{feff}G21 G90 G17\nG0 X1. Y0. Z0.\n";
+    let with_header = RewriteSettings {
+        original: Some(super::super::Check::default().finish()),
+        ..settings(level(90.0, [0.0; 3]))
+    };
+    let (made, _) = rewritten(&with_header, program).unwrap();
+    assert!(made.starts_with("\u{feff}(UMI REWRITTEN"), "{made}");
+    assert!(made.ends_with(")\nG21 G90 G17\nG0 X0. Y1. Z0.\n"), "{made}");
+    let refused = rewritten(&with_header, "G21 G90\n\u{feff}G0 X1. Y0. Z0.\n").unwrap_err();
+    assert_eq!(
+        (refused.line, refused.reason),
+        (2, RewriteRefusal::NotAWord)
+    );
 }

@@ -95,12 +95,8 @@ pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
                 continue;
             }
             b';' => break,
-            // The end of a file of DOS, and what editors of Windows put before the first byte.
+            // The end of a file of DOS.
             END_OF_FILE if is_end(line, at) => break,
-            0xEF if at == 0 && line.starts_with(BYTE_ORDER_MARK) => {
-                at = BYTE_ORDER_MARK.len();
-                continue;
-            }
             b'%' if words.is_empty() && !optional => return Ok(Kind::Percent),
             b'/' if !optional && is_first(words) => {
                 optional = true;
@@ -133,8 +129,8 @@ pub(in crate::rewrite) fn read(line: &[u8], words: &mut Words) -> At<Kind> {
 
 /// Control-Z, with which files of DOS end.
 const END_OF_FILE: u8 = 0x1A;
-/// How a file in UTF-8 may begin.
-const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+/// How a file in UTF-8 may begin: editors of Windows put it before the first byte.
+pub(in crate::rewrite) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// Whether nothing but ends of file stands from here on.
 fn is_end(line: &[u8], at: usize) -> bool {

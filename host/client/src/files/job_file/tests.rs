@@ -294,8 +294,32 @@ fn a_guard_says_what_it_lacks() {
         "{}",
         no_lines.message
     );
-    let siemens = fault(&text.replace("\"g10-g68\"", "\"siemens\""));
-    assert!(siemens.message.contains("siemens"), "{}", siemens.message);
+    let grbl = fault(&text.replace("\"g10-g68\"", "\"grbl\""));
+    assert!(grbl.message.contains("grbl"), "{}", grbl.message);
+    // Each of these counts elsewhere, or cannot count where the correction writes.
+    for (dialect, variable, why) in [
+        ("siemens", 1000, "no R parameter"),
+        ("heidenhain", 531, "no QR parameter"),
+        ("haas-e", 532, "none that O8830 compares"),
+        (
+            "variables",
+            150,
+            "one of the four that the correction writes",
+        ),
+    ] {
+        let with = |number: u32| {
+            text.replace("\"g10-g68\"", &format!("\"{dialect}\""))
+                .replace("run_variable = 531", &format!("run_variable = {number}"))
+        };
+        let refused = fault(&with(variable));
+        assert!(
+            refused.message.contains(why),
+            "{dialect}: {}",
+            refused.message
+        );
+        let good = if dialect == "heidenhain" { 31 } else { 531 };
+        parse(&with(good)).unwrap();
+    }
     for (number, why) in [
         ("0", "local"),
         ("31", "local variable"),

@@ -11,10 +11,13 @@ use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
 use nalgebra::{Rotation3, Vector3};
+use umi_core::correction::RunCheck;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{
-    BadSettings, MAX_AT_ONCE, ProgramIdentity, RefusedLine, RewriteSettings, Rewriter, Summary,
+    MAX_AT_ONCE, ProgramIdentity, RefusedLine, RewriteDialect, RewriteSettings, Rewriter, Summary,
 };
+
+use umi_protocol::job::Dialect;
 
 use crate::problem::Problem;
 
@@ -74,7 +77,7 @@ pub struct Examined {
 /// # Errors
 /// The file cannot be read, or the settings cannot be used.
 pub fn examine(program: &PartProgram, settings: &RewriteSettings) -> Result<Examined, Problem> {
-    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    let mut rewriter = rewriter(settings)?;
     let mut refusals = Vec::new();
     let mut more = 0;
     let mut note = |rewriter: &mut Rewriter, refusal: RefusedLine| {
@@ -132,7 +135,7 @@ pub fn identity(path: &Path) -> Result<ProgramIdentity, Problem> {
 /// # Errors
 /// The settings cannot be used.
 pub fn refusal(program: &[u8], settings: &RewriteSettings) -> Result<Option<RefusedLine>, Problem> {
-    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    let mut rewriter = rewriter(settings)?;
     let done = rewriter
         .push(program, &mut |_| ())
         .and_then(|()| rewriter.finish(&mut |_| ()));
@@ -150,7 +153,7 @@ pub fn rewrite(
     to: &Path,
     settings: &RewriteSettings,
 ) -> Result<Summary, Problem> {
-    let mut rewriter = Rewriter::new(settings).map_err(|bad| bad_settings(&bad))?;
+    let mut rewriter = rewriter(settings)?;
     if to == Path::new("-") {
         return run(&mut rewriter, from, to, io::stdout());
     }
@@ -218,6 +221,22 @@ fn run(
     })
 }
 
-fn bad_settings(bad: &BadSettings) -> Problem {
-    Problem::trouble("settings", bad)
+/// One for these settings, whose comparison of the run is in the program's language.
+fn rewriter(settings: &RewriteSettings) -> Result<Rewriter, Problem> {
+    let is_other = settings
+        .run
+        .zip(settings.dialect)
+        .is_some_and(|(run, dialect)| {
+            let linuxcnc = RunCheck::of(Dialect::LinuxCnc, run.variable(), run.run());
+            (linuxcnc == Some(run)) != (dialect == RewriteDialect::LinuxCnc)
+        });
+    if is_other {
+        return Err(Problem::refused(
+            "run_of_another",
+            "the program is said to be one control's, and the job of the verdict is for another: \
+             the comparison of the run would be an alarm there; say the dialect of the job's \
+             control, or none",
+        ));
+    }
+    Rewriter::new(settings).map_err(|bad| Problem::trouble("settings", bad))
 }

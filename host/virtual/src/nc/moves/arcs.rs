@@ -7,9 +7,13 @@ use umi_core::units::Rad;
 
 use crate::nc::memory::alarm::{Checked, Fault};
 use crate::nc::memory::motion::{AxisDrives, AxisMotion, MotionPath};
+use crate::nc::memory::settings::ControlFamily;
 use crate::nc::run::control::Control;
 use crate::nc::run::execute::finite;
 use crate::nc::run::words::Words;
+
+/// Turns of one arc (LinuxCNC's P).
+const MAX_TURNS: u32 = 1000;
 
 impl Control {
     /// Moves on an arc in the selected plane; travel along its normal makes a helix.
@@ -75,6 +79,13 @@ impl Control {
                 let turn = angle([x0 - cx, y0 - cy], [x1 - cx, y1 - cy], is_left);
                 (cx, cy, turn)
             }
+        };
+        let is_linuxcnc = self.settings.dialect == ControlFamily::LinuxCnc;
+        let turns = words.whole(b'P', MAX_TURNS)?;
+        let sweep = match turns.filter(|_| is_linuxcnc) {
+            None => sweep,
+            Some(0) => return Err(Fault::new("P counts the turns of an arc: 1 or more")),
+            Some(turns) => sweep + sweep.signum() * 2.0 * PI * f64::from(turns - 1),
         };
         let rise = (to - from).get(normal).copied().unwrap_or(0.0);
         let around = (x0 - cx).hypot(y0 - cy) * sweep;

@@ -1,4 +1,4 @@
-//! Canned cycles of drilling: G73, G81, G82, G83.
+//! Canned cycles: G73, G81 to G86, G89. What their spindle does is not the axes'.
 
 use nalgebra::Vector3;
 
@@ -44,6 +44,13 @@ impl Control {
             (None, Some(cycle)) => cycle.r,
             (None, None) => return Err(Fault::new("a cycle needs R, the height of approach")),
         };
+        if incremental && old.is_some() && words.has(b'R') && !words.has(letter) {
+            return Err(Fault::new(format!(
+                "R in G91 without {}: whether the bottom goes with it, controls see differently: \
+                 say both",
+                letter as char
+            )));
+        }
         let bottom = match (self.length_word(words, letter), old) {
             (Some(z), _) if incremental => r + z,
             (Some(z), _) => z,
@@ -118,13 +125,22 @@ impl Control {
         let is_linuxcnc = self.settings.dialect == ControlFamily::LinuxCnc;
         let mut over = over;
         let height = over.get(normal).copied().unwrap_or(0.0);
-        if is_linuxcnc && height < cycle.r {
-            // It climbs to R before it moves over the hole. Other controls move over the
+        let rises = cycle.initial < cycle.r;
+        if is_linuxcnc && rises && (height - cycle.r).abs() > 1e-9 {
+            // From below R it goes to R before it moves over the hole. Other controls move over the
             // hole at the height where they are.
             let mut above = self.here(axes);
             put(&mut above, normal, cycle.r);
             self.line(above, MotionRate::Rapid, axes)?;
             put(&mut over, normal, cycle.r);
+        } else if is_linuxcnc && !rises {
+            // Up on the way across: to a higher R, or to where it began, where G98 comes again.
+            let back = if self.modal.returns_to_r {
+                cycle.r
+            } else {
+                cycle.initial
+            };
+            put(&mut over, normal, height.max(back));
         }
         self.line(over, MotionRate::Rapid, axes)?;
         self.line(at(cycle.r), MotionRate::Rapid, axes)?;
@@ -152,7 +168,7 @@ impl Control {
             }
             _ => {
                 self.line(at(cycle.bottom), feed, axes)?;
-                if code == 820 {
+                if matches!(code, 820 | 860 | 890) {
                     axes.dwell(cycle.dwell);
                 }
             }
@@ -164,6 +180,12 @@ impl Control {
         } else {
             cycle.initial
         };
+        match code {
+            // LinuxCNC feeds all the way.
+            890 if is_linuxcnc => self.line(at(top), feed, axes)?,
+            840 | 850 | 890 => self.line(at(cycle.r), feed, axes)?,
+            _ => {}
+        }
         self.line(at(top), MotionRate::Rapid, axes)
     }
 }

@@ -16,6 +16,7 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
     let is_linuxcnc = dialect == ControlFamily::LinuxCnc;
     Some(match tenths {
         0 | 10 => "XYZ",
+        20 | 30 if is_linuxcnc => "XYZIJKRP",
         20 | 30 => "XYZIJKR",
         40 if is_b => "PX",
         40 => "P",
@@ -58,7 +59,7 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
         681 if dialect == ControlFamily::Mitsubishi => "XYZIJKR",
         691 if dialect == ControlFamily::Mitsubishi => "",
         730 | 830 if dialect != ControlFamily::Grbl => "XYZRQLKF",
-        810 | 820 if dialect != ControlFamily::Grbl => "XYZRPLKF",
+        810 | 820 | 840 | 850 | 860 | 890 if dialect != ControlFamily::Grbl => "XYZRPLKF",
         800 => "",
         920 => "XYZ",
         921 if !is_b => "",
@@ -70,7 +71,10 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
 
 /// Whether a code is one of motion (group 1) or a canned cycle.
 pub(crate) const fn is_motion(tenths: u16) -> bool {
-    matches!(tenths, 0 | 10 | 20 | 30 | 730 | 810 | 820 | 830 | 382..=385)
+    matches!(
+        tenths,
+        0 | 10 | 20 | 30 | 730 | 810 | 820 | 830 | 840 | 850 | 860 | 890 | 382..=385
+    )
 }
 
 /// Whether a code may stand where the control carries the tip through the rotary axes (`G43.4`).

@@ -226,6 +226,12 @@ impl Control {
         Ok(numbers)
     }
 
+    /// How often M99 has begun the main program again since it was selected.
+    #[must_use]
+    pub const fn begun_again(&self) -> u64 {
+        self.main_repeats
+    }
+
     /// The O numbers in memory.
     pub fn programs(&self) -> impl Iterator<Item = u32> {
         self.programs.keys().copied()

@@ -358,7 +358,7 @@ impl Control {
             .g
             .iter()
             .map(|(code, _)| *code)
-            .find(|code| matches!(code, 730 | 810 | 820 | 830))
+            .find(|code| matches!(code, 730 | 810 | 820 | 830 | 840 | 850 | 860 | 890))
         {
             return self.cycle(Some(code), words, axes);
         }

@@ -1,0 +1,357 @@
+//! How two programs differ as motions: each motion of the first, carried by a transform, and
+//! what the second makes of it.
+//!
+//! An end of the first program is found in the second in order; between, any number of
+//! motions may stand (an arc as chords). What is measured is how far these stray from the image of
+//! the first program's way, walked from its begin to its end: another direction, another centre,
+//! a turn too few are as far off as they lie apart. Ends and ways have one limit. Motions in machine
+//! coordinates, and those with an axis that such a motion has left somewhere, have no image: the
+//! axes that are there must be at the same places in both programs, and the way behind such a
+//! motion is not measured, as nobody knows where it begins.
+
+mod way;
+
+use umi_core::registration::RigidTransform;
+use umi_core::units::Point;
+
+pub use way::{Move, Way};
+
+use way::{Follower, V};
+
+/// Further motions in which an end is looked for.
+const WINDOW: usize = 20_000;
+
+/// Where the second program lies farthest from the first.
+#[derive(Clone, Copy, Debug)]
+pub struct Largest {
+    /// How far, mm.
+    pub mm: f64,
+    /// The lines of both programs.
+    pub lines: [u32; 2],
+    /// The place in the second program, mm.
+    pub at_mm: [f64; 3],
+}
+
+/// How far one motion is from its image.
+#[derive(Clone, Copy, Debug)]
+pub struct Deviation {
+    /// Its end, mm.
+    pub end_mm: f64,
+    /// Its way, mm; 0 where that is not measured.
+    pub way_mm: f64,
+}
+
+/// From when on two programs differ.
+#[derive(Clone, Copy, Debug)]
+pub struct DiffLimits {
+    /// An end is looked for within this, mm.
+    pub near_mm: f64,
+    /// Ends and ways may lie this far from their images, mm.
+    pub within_mm: f64,
+}
+
+/// How two programs differ.
+#[derive(Clone, Debug)]
+pub struct PathDifference {
+    /// What counts as different.
+    pub limits: DiffLimits,
+    /// Motions of both.
+    pub moves: [usize; 2],
+    /// Motions of both that are left out: an axis is in machine coordinates.
+    pub away: [usize; 2],
+    /// The first motion of each that `G28`, `G30` or `G53` sends elsewhere than the other's, or
+    /// that the other has not.
+    pub sent_elsewhere: [Option<u32>; 2],
+    /// Motions of the first whose ends are in the second.
+    pub matched: usize,
+    /// Those of them whose ways are not measured: they come from a motion that is left out.
+    pub from_away: usize,
+    /// Lines of the first whose ends are not.
+    pub missing: Vec<u32>,
+    /// Motions that are cuts in one program only.
+    pub other_rate: usize,
+    /// Lines of the second whose motions stand before the end of one that comes from a motion
+    /// that is left out: they lead elsewhere first.
+    pub inserted: Vec<u32>,
+    /// Motions of the second behind the last of the first.
+    pub left_over: usize,
+    /// Of the motions that were found, in order.
+    pub deviations: Vec<Deviation>,
+    /// Root mean square of the deviations of the ends, mm.
+    pub rms_mm: f64,
+    /// The largest deviation of the ends.
+    pub largest_end: Option<Largest>,
+    /// The largest deviation of the ways of cuts.
+    pub largest_way: Option<Largest>,
+    /// The largest deviation of the ways of rapids.
+    pub largest_rapid: Option<Largest>,
+}
+
+impl PathDifference {
+    /// The largest deviation of all.
+    fn largest(&self) -> Option<&Largest> {
+        let all = [&self.largest_way, &self.largest_rapid, &self.largest_end];
+        all.into_iter()
+            .flatten()
+            .max_by(|a, b| a.mm.total_cmp(&b.mm))
+    }
+
+    /// Whether ends and ways lie within the limit.
+    #[must_use]
+    pub fn is_within(&self) -> bool {
+        self.largest()
+            .is_none_or(|most| most.mm <= self.limits.within_mm)
+    }
+
+    /// Whether every motion has its image within the limit, all the way, and nothing else is
+    /// there.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.missing.is_empty()
+            && self.inserted.is_empty()
+            && self.left_over == 0
+            && self.other_rate == 0
+            && self.sent_elsewhere == [None; 2]
+            && self.is_within()
+    }
+
+    /// The result in one sentence: the same, or by how much it differs, and at which lines.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        if let Some(line) = self.missing.first() {
+            return format!("different: the motion of line {line} is not in the second program");
+        }
+        if let Some(line) = self.inserted.first() {
+            return format!("different: the motion of line {line} is not in the first program");
+        }
+        if self.left_over > 0 {
+            let motions = self.left_over;
+            return format!("different: the second program goes on, by {motions} more motions");
+        }
+        if self.other_rate > 0 {
+            let motions = self.other_rate;
+            return format!("different: {motions} motions cut in one program only");
+        }
+        let place = match self.sent_elsewhere {
+            [None, None] => None,
+            [Some(a), Some(b)] => Some(format!("lines {a} and {b} each send")),
+            [Some(line), None] => Some(format!("only line {line} of the first program sends")),
+            [None, Some(line)] => Some(format!("only line {line} of the second program sends")),
+        };
+        if let Some(place) = place {
+            return format!("different: {place} an axis somewhere in machine coordinates");
+        }
+        let most = self.largest().filter(|most| most.mm >= 5e-7);
+        let Some(Largest { mm, lines, .. }) = most else {
+            return "same: every motion has its image, to less than a nanometre".to_owned();
+        };
+        let ([a, b], within) = (lines, self.limits.within_mm);
+        if self.is_within() {
+            format!(
+                "every motion has its image, different by at most {mm:.6} mm at lines {a} and {b}"
+            )
+        } else {
+            format!("different: by {mm:.6} mm at lines {a} and {b}, more than {within} mm")
+        }
+    }
+}
+
+/// Compares the second program with the image of the first.
+#[must_use]
+pub fn compare(
+    first: &[Move],
+    second: &[Move],
+    transform: &RigidTransform,
+    limits: DiffLimits,
+) -> PathDifference {
+    let image = |p: V| transform.apply(Point { mm: p }).mm;
+    let inverse = transform.inverse();
+    let back = |p: V| inverse.apply(Point { mm: p }).mm;
+    let near_mm = limits.near_mm;
+    let left_out = |moves: &[Move]| moves.iter().filter(|made| made.is_away()).count();
+    let mut found = PathDifference {
+        limits,
+        moves: [first.len(), second.len()],
+        away: [left_out(first), left_out(second)],
+        sent_elsewhere: sent_elsewhere(&sent(first), &sent(second), near_mm),
+        matched: 0,
+        from_away: 0,
+        missing: Vec::new(),
+        other_rate: 0,
+        inserted: Vec::new(),
+        left_over: 0,
+        deviations: Vec::new(),
+        rms_mm: 0.0,
+        largest_end: None,
+        largest_way: None,
+        largest_rapid: None,
+    };
+    // What goes nowhere is the image of what goes nowhere.
+    let second: Vec<&Move> = second
+        .iter()
+        .filter(|made| !made.is_away() && !made.stands())
+        .collect();
+    let mut squares = 0.0;
+    let mut next = 0_usize;
+    // Nobody knows where the first one begins.
+    let mut is_from_away = true;
+    for wanted in first {
+        let [_, end] = wanted.ends.map(image);
+        let off = |made: &Move| (made.ends[1] - end).norm();
+        let rest = second.get(next..).unwrap_or_default();
+        let is_there = next
+            .checked_sub(1)
+            .and_then(|at| second.get(at))
+            .is_some_and(|made| off(made) <= near_mm);
+        if wanted.stands() && is_there && !wanted.is_away() {
+            found.matched += 1;
+            continue;
+        }
+        let is_from_away = core::mem::replace(&mut is_from_away, wanted.is_away());
+        if wanted.is_away() {
+            continue;
+        }
+        // Hardly a way may have been rounded to none.
+        let comes = rest.first().is_some_and(|made| off(made) <= near_mm);
+        if is_there && wanted.is_below(limits.within_mm) && !comes {
+            found.matched += 1;
+            continue;
+        }
+        let window = rest.get(..WINDOW.min(rest.len())).unwrap_or_default();
+        let Some(mut last) = ends_here(wanted, window, near_mm, off, back) else {
+            found.missing.push(wanted.line);
+            continue;
+        };
+        // The nearest of those that come close one after another. What goes farther than between two
+        // close places is a motion of its own, as a whole circle.
+        while let (Some(now), Some(then)) = (window.get(last), window.get(last + 1))
+            && off(then) + 1e-6 < off(now)
+            && then.length_mm() <= 2.0 * near_mm
+        {
+            last += 1;
+        }
+        let made = rest.get(..=last).unwrap_or_default();
+        next += last + 1;
+        found.matched += 1;
+        let other = |part: &&&Move| part.is_feed != wanted.is_feed;
+        found.other_rate += made.iter().filter(other).count();
+        let Some(part) = made.last() else { continue };
+        let end_mm = off(part);
+        squares += end_mm * end_mm;
+        let lines = [wanted.line, part.line];
+        larger(&mut found.largest_end, end_mm, lines, part.ends[1]);
+        let mut way_mm = 0.0;
+        if is_from_away {
+            found.from_away += 1;
+            let before = made.split_last().map_or(made, |(_, before)| before);
+            found.inserted.extend(before.iter().map(|part| part.line));
+        } else {
+            let mut follower = Follower::new(wanted);
+            let mut line = part.line;
+            for part in made {
+                let before = follower.strays.mm;
+                follower.go(part, back);
+                if follower.strays.mm > before {
+                    line = part.line;
+                }
+            }
+            let strays = follower.end(back(part.ends[1]));
+            way_mm = strays.mm;
+            let largest = if wanted.is_feed {
+                &mut found.largest_way
+            } else {
+                &mut found.largest_rapid
+            };
+            larger(largest, way_mm, [wanted.line, line], image(strays.at));
+        }
+        found.deviations.push(Deviation { end_mm, way_mm });
+    }
+    found.left_over = second.len() - next;
+    if found.matched > 0 {
+        found.rms_mm = (squares / found.matched as f64).sqrt();
+    }
+    found
+}
+
+/// With which of the motions the wanted one ends: with the first that comes near its end after
+/// all turns of it; where none does, with the first that comes near.
+fn ends_here(
+    wanted: &Move,
+    window: &[&Move],
+    near_mm: f64,
+    off: impl Fn(&Move) -> f64,
+    back: impl Fn(V) -> V,
+) -> Option<usize> {
+    let is_near = |made: &Move| off(made) <= near_mm;
+    if matches!(wanted.path, Way::Line) {
+        return window.iter().position(|made| is_near(made));
+    }
+    let mut follower = Follower::new(wanted);
+    let mut first_near = None;
+    let mut gone_mm = 0.0;
+    // What takes a way that much longer takes another.
+    let most_mm = 2.0 * wanted.length_mm() + 100.0 * near_mm;
+    for (number, made) in window.iter().enumerate() {
+        let is_too_long = gone_mm > most_mm;
+        if is_too_long && first_near.is_some() {
+            break;
+        }
+        if !is_too_long {
+            follower.turn(made, &back);
+            gone_mm += made.length_mm();
+        }
+        if is_near(made) {
+            if follower.may_end() {
+                return Some(number);
+            }
+            first_near = first_near.or(Some(number));
+        }
+    }
+    first_near
+}
+
+/// Where `G28`, `G30` and `G53` send axes, the last motion of each block.
+fn sent(moves: &[Move]) -> Vec<&Move> {
+    let mut sent: Vec<&Move> = Vec::new();
+    let mut was_sent = false;
+    for made in moves {
+        if made.by_machine {
+            match sent.last_mut() {
+                Some(last) if was_sent && last.line == made.line => *last = made,
+                _ => sent.push(made),
+            }
+        }
+        was_sent = made.by_machine;
+    }
+    sent
+}
+
+/// The lines of the first two that send axes to different places.
+fn sent_elsewhere(first: &[&Move], second: &[&Move], near_mm: f64) -> [Option<u32>; 2] {
+    let differs = |a: &Move, b: &Move| {
+        a.away != b.away
+            || (0..3)
+                .any(|axis| a.away[axis] && (a.ends[1][axis] - b.ends[1][axis]).abs() > near_mm)
+    };
+    let line = |of: &[&Move], at: usize| of.get(at).map(|made| made.line);
+    let many = first.len().max(second.len());
+    (0..many)
+        .find(|at| match (first.get(*at), second.get(*at)) {
+            (Some(a), Some(b)) => differs(a, b),
+            _ => true,
+        })
+        .map_or([None; 2], |at| [line(first, at), line(second, at)])
+}
+
+fn larger(largest: &mut Option<Largest>, mm: f64, lines: [u32; 2], at: V) {
+    if largest.is_none_or(|old| mm > old.mm) {
+        *largest = Some(Largest {
+            mm,
+            lines,
+            at_mm: at.into(),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;
