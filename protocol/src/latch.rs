@@ -269,6 +269,11 @@ pub enum TriggerRefusal {
         /// What the interval leaves for a pulse, microseconds.
         most_us: u32,
     },
+    /// The pulses are those of the distance sensor that is set up on the board.
+    #[error(
+        "the board's trigger pulses are those of its distance sensor: take that away first (umi scan serve --off)"
+    )]
+    OfTheSensor,
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ pub mod config;
 pub mod job;
 pub mod latch;
 pub mod message;
+pub mod point_sensor;
 pub mod records;
 pub mod schema;
 pub mod update;

@@ -47,6 +47,9 @@
 //! | `UpdatePiece` | `UpdateAt` | owner | bytes of it |
 //! | `UpdateEnd` | `Done` | owner | it is verified, and runs on trial from the start that follows at once |
 //! | `HostTime` | `Done` | operator | what the host's clock says: noted once a minute at most, trusted never |
+//! | `SensorSet` | `Done`, `SensorRefused` or `NotOnThisBoard` | engineer | sets a distance sensor up on the second port, or takes it away; it outlives a restart |
+//! | `SensorGet` | `Sensor` or `NotOnThisBoard` | operator | the sensor in force, and the answer to the latest line |
+//! | `SensorCommand` | `Done`, `SensorRefused` or `NotOnThisBoard` | engineer | a line to the station, as the control's macro prints it; its answer comes by `SensorGet` |
 //!
 //! Every request about programs may be answered by `ProgramRefused`, too, and each by
 //! `AccessRefused`. Asked twice, each does what it does once.
@@ -71,6 +74,9 @@ use crate::job::serial::LineSettings;
 use crate::job::{Job, Lessons, MAX_DATUMS, Name};
 use crate::latch::{
     LatchBatch, LatchCounters, LatchReport, Positions, Scan, TriggerOut, TriggerRefusal,
+};
+use crate::point_sensor::{
+    CaptureLoss, CommandText, PlaceReport, SensorOnBoard, SensorRefusal, SensorStatus,
 };
 use crate::records::fault::{Counters, Fault};
 use crate::records::feature::FeatureResult;
@@ -328,6 +334,16 @@ requests! {
             /// Seconds since the start of 1970, UTC.
             utc_s: u64,
         } => State, Operator, Done | StorageFailed;
+        /// Set this distance sensor up; none: take it away.
+        SensorSet(Option<SensorOnBoard>)
+            => State, Engineer, Done | SensorRefused | NotOnThisBoard | StorageFailed;
+        /// What does the sensor's station do?
+        SensorGet => State, Operator, Sensor | NotOnThisBoard;
+        /// A line to the station, as the control's macro prints it.
+        SensorCommand {
+            /// The line.
+            line: CommandText,
+        } => State, Engineer, Done | SensorRefused | NotOnThisBoard;
     }
 }
 
@@ -444,6 +460,10 @@ pub enum Response {
     },
     /// The image is not taken; what runs is as before.
     UpdateRefused(UpdateRefusal),
+    /// To `SensorGet`.
+    Sensor(SensorStatus),
+    /// To `SensorSet` and `SensorCommand`: nothing has changed.
+    SensorRefused(SensorRefusal),
 }
 
 /// Why nothing is to be taught.
@@ -841,13 +861,24 @@ pub enum Record {
         /// By whose key; none: nobody's.
         key_id: Option<KeyId>,
     },
+    /// A distance sensor was set up, taken away, or restored at start.
+    SensorSet {
+        /// The sensor; none: it was taken away.
+        sensor: Option<SensorOnBoard>,
+        /// By whose key; none: nobody's, or restored.
+        key_id: Option<KeyId>,
+    },
+    /// A place was measured by the distance sensor, or was not, and why.
+    Place(PlaceReport),
+    /// A capture of the distance sensor, or what belongs to it, was lost.
+    CaptureLost(CaptureLoss),
 }
 
 /// Kind numbers of the records that are evidence: what was decided, what went out to the machine,
 /// what was in force, and who changed it. Never changed for a kind that there is: the chain of
 /// evidence rests on it.
-const EVIDENCE: [u8; 20] = [
-    0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28, 30, 31, 32, 33, 34,
+const EVIDENCE: [u8; 21] = [
+    0, 1, 2, 3, 10, 11, 12, 16, 18, 20, 21, 23, 24, 27, 28, 30, 31, 32, 33, 34, 35,
 ];
 
 impl Record {
@@ -890,6 +921,9 @@ impl Record {
             Self::Wiped { .. } => 32,
             Self::Update { .. } => 33,
             Self::HostTime { .. } => 34,
+            Self::SensorSet { .. } => 35,
+            Self::Place(_) => 36,
+            Self::CaptureLost(_) => 37,
         }
     }
 

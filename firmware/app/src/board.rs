@@ -8,7 +8,7 @@
 
 use umi_core::units::Micros;
 use umi_protocol::job_error::Field;
-use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerRefusal};
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::serial::{Cts, LineSettings};
 
 use crate::intake::PIECE;
@@ -157,6 +157,70 @@ pub trait Scanner {
     /// # Errors
     /// [`Unsupported`]: nothing has changed.
     fn laser(&mut self, on: bool) -> Result<(), Unsupported>;
+}
+
+/// When a distance sensor is triggered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorTrigger {
+    /// Never.
+    Off,
+    /// At a time interval.
+    Every {
+        /// From pulse to pulse.
+        interval_us: u32,
+    },
+    /// Where an axis crosses lines, in both directions.
+    Lines {
+        /// Which axis, from 0.
+        axis: u8,
+        /// A line.
+        origin_counts: i64,
+        /// From line to line, encoder counts.
+        interval_counts: u32,
+    },
+}
+
+/// Outputs of the board to a control's inputs, from the station of a distance sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SensorLines {
+    /// The control's skip input.
+    pub skip: bool,
+    /// The number of the last line that was answered is odd.
+    pub parity: bool,
+    /// It was carried out; of a measurement: there is a reading.
+    pub is_ok: bool,
+    /// There was no signal to measure, or an edge.
+    pub has_no_signal: bool,
+}
+
+impl SensorLines {
+    /// All are low.
+    pub const REST: Self = Self {
+        skip: false,
+        parity: false,
+        is_ok: false,
+        has_no_signal: false,
+    };
+}
+
+/// A distance sensor's port: a second serial line, its trigger and the outputs that go with it. A
+/// board need not have one: then [`crate::App::sense`] is not run.
+pub trait SensorPort: Axes {
+    /// Waits for what the sensor sends: 8 data bits, no parity. The driver must always drain it.
+    async fn read(&mut self, buffer: &mut [u8]) -> CncInput;
+
+    /// Sets the line's speed, baud.
+    fn set_baud(&mut self, baud: u32);
+
+    /// Triggers the sensor from now on like this, and not otherwise. Each pulse, or what the sensor
+    /// sends back for it, is captured as a latch.
+    ///
+    /// # Errors
+    /// [`TriggerRefusal`]: no pulses from now on.
+    fn trigger(&mut self, when: SensorTrigger, pulse: TriggerPulse) -> Result<(), TriggerRefusal>;
+
+    /// Shows this at the outputs from now on. What raises the skip line is at work already: no wait.
+    fn show(&mut self, lines: SensorLines);
 }
 
 /// The board cannot do that: it has no such output.

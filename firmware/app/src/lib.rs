@@ -5,7 +5,8 @@
 //!             │ XON/XOFF/READ │   │ Brain       │                  │
 //!             └────────► Line ┼───┼─────► transmit ─► CncTx        └─► serve ◄─► LinkRx/LinkTx
 //! LatchSource ─► latch ───────┘   └─► Outputs                          │ │
-//!                  └─► Scans: triggers ────────────────────────────────┘ └─► Axes, Scanner
+//!                  ├─► Scans: triggers ────────────────────────────────┘ └─► Axes, Scanner
+//! SensorPort ◄─► sense ─► measure: places of a distance sensor
 //! ```
 //!
 //! Every arrow is one function or one channel. A board gives its drivers
@@ -22,6 +23,7 @@
 //! | `capture` | captures: of touches into the queue, of scans to the host |
 //! | [`intake`] | what came in and waits to be measured |
 //! | [`measure`] | what the board knows and decides, keeps, tells, delivers; no waiting |
+//! | [`sensor`] | a distance sensor: its line, its captures and commands, joined |
 //! | `shared` | a lock that tasks of all priorities may wait for |
 //! | [`access`] | who may do what: keys, sessions, wiping |
 //! | [`replay`] | a journal's inputs through a new brain: the same decisions, bit for bit |
@@ -48,13 +50,18 @@ mod host;
 pub mod intake;
 pub mod measure;
 pub mod replay;
+pub mod sensor;
 mod shared;
 #[cfg(test)]
 mod test_board;
 
+use core::cell::Cell;
+use core::future::pending;
+
 use embassy_futures::join::{join, join5};
-use embassy_futures::select::{Either6, select6};
+use embassy_futures::select::{Either, Either6, select, select6};
 use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use umi_core::button::HeldButton;
@@ -67,10 +74,12 @@ use umi_protocol::serial::LineSettings;
 use umi_protocol::update::{ImageVersion, UpdateState};
 
 use board::{
-    Axes, Button, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, Watchdog,
+    Axes, Button, Clock, CncRx, CncTx, LatchSource, LinkRx, LinkTx, Outputs, Scanner, SensorPort,
+    Watchdog,
 };
 use intake::Input;
 use measure::{Boot, Instrument, Opened, StorageAreas};
+use sensor::PointStation;
 
 pub use host::link::SILENCE_US;
 pub use umi_core::control::XOFF_PATIENCE_US;
@@ -86,6 +95,8 @@ pub struct App<F: Flash> {
     scans: capture::scan::Scans,
     /// Who may do what; the host's task has it.
     guarded: shared::Shared<access::Guarded>,
+    /// The station of a distance sensor, where there is one.
+    point: Mutex<CriticalSectionRawMutex, Cell<Option<&'static PointStation>>>,
     /// The board is to start anew.
     restart: Signal<CriticalSectionRawMutex, ()>,
     /// The host has changed something that the outputs and the clock must know.
@@ -124,6 +135,7 @@ impl<F: Flash> App<F> {
             line: control::line::Line::new(),
             scans: capture::scan::Scans::new(),
             guarded: shared::Shared::new(access::Guarded::new()),
+            point: Mutex::new(Cell::new(None)),
             restart: Signal::new(),
             config_changed: Signal::new(),
             events_pending: Signal::new(),
@@ -173,6 +185,30 @@ impl<F: Flash> App<F> {
         let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
         guarded.images.put(images);
         Ok(())
+    }
+
+    /// Gives the board a station for a distance sensor, from before [`Self::start`] on.
+    ///
+    /// # Errors
+    /// [`Running`]: a task has begun already.
+    pub fn senses(&self, station: &'static PointStation) -> Result<(), Running> {
+        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        measure.ledger.point = Some(station);
+        self.point.lock(|point| point.set(Some(station)));
+        Ok(())
+    }
+
+    /// The station of a distance sensor.
+    fn point(&self) -> Option<&'static PointStation> {
+        self.point.lock(Cell::get)
+    }
+
+    /// Joins the captures and readings of a distance sensor, for ever: at a priority above measuring.
+    pub async fn sense(&self, port: &mut impl SensorPort, clock: &impl Clock) {
+        match self.point() {
+            Some(station) => sensor::sense(station, port, clock).await,
+            None => pending().await,
+        }
     }
 
     /// Journals that an image on trial was given up, behind [`Self::start`].
@@ -282,6 +318,9 @@ impl<F: Flash> App<F> {
         let measure = self.measure.lock().await;
         self.note(&measure);
         drop(measure);
+        let point = self.point();
+        // What asks for an answer of the sensor's station that is not there yet.
+        let mut asks: Option<Exchange> = None;
         loop {
             let deadline = {
                 let measure = self.measure.lock().await;
@@ -291,15 +330,37 @@ impl<F: Flash> App<F> {
             };
             // Without a deadline the clock's future never comes.
             let due = clock.wait_until(deadline.unwrap_or(Micros(u64::MAX)));
-            let came = select6(
+            let sensed = async {
+                match point {
+                    Some(point) => point.told().await,
+                    None => pending().await,
+                }
+            };
+            let others = select6(
                 self.line.send_done.wait(),
                 self.intake.next(),
                 due,
                 self.config_changed.wait(),
                 self.line.refill_needed.wait(),
                 self.line.next(),
-            )
-            .await;
+            );
+            let came = match select(sensed, others).await {
+                Either::Second(came) => came,
+                Either::First(()) => {
+                    if let Some(point) = point {
+                        let mut measure = self.measure.lock().await;
+                        measure.sensed(clock.now(), point);
+                        drop(measure);
+                        self.events_pending.signal(());
+                        if point.take_answered()
+                            && let Some(asked) = asks.take()
+                        {
+                            self.line.requested.signal(asked);
+                        }
+                    }
+                    continue;
+                }
+            };
             let mut measure = self.measure.lock().await;
             let before = measure.arming();
             match came {
@@ -313,6 +374,12 @@ impl<F: Flash> App<F> {
                         self.line.with(Conversation::take_back);
                     }
                     if let Input::Bytes(bytes) = &input {
+                        if let Some(point) = point
+                            && point.control_bytes(bytes)
+                        {
+                            measure.serves();
+                            asks = None;
+                        }
                         self.line.on_measured(time, bytes);
                     }
                 }
@@ -327,6 +394,12 @@ impl<F: Flash> App<F> {
                 }
                 Either6::Fourth(()) if measure.is_hungry() => self.line.refill_needed.signal(()),
                 Either6::Fourth(()) => {}
+                // The control waits at the line until the captures are over.
+                Either6::Sixth(asked)
+                    if asked != Exchange::Verdict && point.is_some_and(PointStation::owes) =>
+                {
+                    asks = Some(asked);
+                }
                 Either6::Sixth(asked) => {
                     if let Some(hold_us) = measure.begin(clock.now(), asked) {
                         self.line.begin(hold_us, asked);

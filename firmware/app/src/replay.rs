@@ -128,6 +128,9 @@ impl Replay {
             | Record::Wiped { .. }
             | Record::Update { .. }
             | Record::HostTime { .. }
+            | Record::SensorSet { .. }
+            | Record::Place(_)
+            | Record::CaptureLost(_)
             | Record::ProgramDeleted { .. }
             | Record::AlarmSent { .. }
             | Record::ProgramSent { .. }

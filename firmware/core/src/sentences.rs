@@ -183,7 +183,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 58] {
+fn rewrites() -> [RefusedLine; 64] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -205,11 +205,17 @@ fn rewrites() -> [RefusedLine; 58] {
         RewriteRefusal::Code(920, Why::Offsets),
         RewriteRefusal::TwoMotions,
         RewriteRefusal::NoDistanceMode,
+        RewriteRefusal::NoReturn,
         RewriteRefusal::NoUnit,
         RewriteRefusal::NoMotion,
         RewriteRefusal::NoMotionHere,
         RewriteRefusal::NoPoint('X'),
         RewriteRefusal::UnknownPlace('Y'),
+        RewriteRefusal::RapidOver('Z'),
+        RewriteRefusal::OffsetStep,
+        RewriteRefusal::OffsetNumber,
+        RewriteRefusal::FeedsOut,
+        RewriteRefusal::ShiftTaken,
         RewriteRefusal::Rotary('A'),
         RewriteRefusal::SecondaryAxis('U'),
         RewriteRefusal::WorkOffset,

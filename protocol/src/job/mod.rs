@@ -117,7 +117,7 @@ pub enum Teach {
 }
 
 /// Features that repeat another one, at most.
-pub const MAX_CLOSING: usize = 2;
+pub const MAX_CLOSING: usize = 3;
 /// Features that stay on the table, at most.
 pub const MAX_FIXED: usize = 2;
 
@@ -152,7 +152,7 @@ pub struct Guards {
     pub frame: bool,
     /// The external offset (`#5201`; G52 on a Haas, G52 and G92 on LinuxCNC) that a run must have.
     pub external_mm: [f64; 3],
-    /// The tool length in force that a run must have; absent: any.
+    /// The tool length in force that a run must have; absent: that of the taught run.
     pub tool_length_mm: Option<f64>,
 }
 
@@ -188,7 +188,8 @@ pub struct LearnedLimits {
 #[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct ProbingSpec {
-    /// Standard deviation of one hit along its approach, from a calibration.
+    /// Standard deviation of one hit along its approach, from a calibration. What the control's
+    /// step adds to it comes on top.
     pub sigma_mm: f64,
     /// Degrees of freedom of that calibration: repeated hits less one.
     pub dof: u16,
@@ -238,6 +239,8 @@ pub struct Lessons {
     pub largest: Vec<Learned, MAX_FEATURES>,
     /// Setups that have taught after the first.
     pub further: u16,
+    /// The tool length in force in the first one, where its run said it.
+    pub tool_length_mm: Option<f64>,
 }
 
 impl Lessons {
@@ -246,6 +249,7 @@ impl Lessons {
         smallest: Vec::new(),
         largest: Vec::new(),
         further: 0,
+        tool_length_mm: None,
     };
 
     /// The smallest and the largest of a feature, by its place in the job.

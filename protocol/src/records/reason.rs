@@ -519,7 +519,7 @@ pub enum Reason {
     // --- later remarks
     /// The plate is warmer (or colder) than taught.
     #[error(
-        "{kelvin:+.1} K (sigma {sigma_k:.1} K) warmer than taught; the correction is right at the part's middle and rigid beyond"
+        "{kelvin:+.1} K (sigma {sigma_k:.1} K) warmer than taught; the correction is right at the part's middle"
     )]
     Warmer {
         /// Kelvin.
@@ -572,7 +572,8 @@ pub enum Reason {
     NotGuarded {
         /// Text of another clamping: no run number goes back with the correction.
         late_text: bool,
-        /// A work offset that was moved, G52, G92: no run says where its coordinates lie.
+        /// A work offset that was moved, G52, G92, another tool length: no run says where its
+        /// coordinates lie.
         moved_offset: bool,
         /// The same while it is probed: what prints these lines does not look again.
         while_probed: bool,
@@ -660,6 +661,56 @@ pub enum Reason {
         "the setup before was taught by `T2.` as well, and a program that goes on to say it would teach each setup: take `T2.` out of it, or ask at the host (`umi teach --again`)"
     )]
     TaughtTwice,
+    /// A datum feature was not probed between the closing one and the one that it repeats: what
+    /// moved there leaves no trace.
+    #[error(
+        "{name} was not probed between {first} and this one, so a slip of the part is not seen there: probe one that is probed twice first, and all of them again when the others are done"
+    )]
+    NotEnclosed {
+        /// The feature that lies outside.
+        name: Name,
+        /// The feature that is repeated.
+        first: Name,
+    },
+    /// The tool length in force is another one than in the taught setup.
+    #[error(
+        "the tool length in force is {got_mm:.4} mm, {taught_mm:.4} mm when taught; call the probe's own, or teach again"
+    )]
+    ToolLengthSinceTaught {
+        /// The control's value.
+        got_mm: f64,
+        /// Of the taught setup.
+        taught_mm: f64,
+    },
+    /// A remark: nothing says which tool length the reference rests on.
+    #[error(
+        "not guarded: another tool length than the reference's; give `tool_length_mm` in the job's [guards], or teach again"
+    )]
+    LengthNotGuarded,
+    /// The part has grown with the plate by more than a rigid correction may leave.
+    #[error(
+        "the part's corners have grown by {grown_mm:.4} mm since it was taught, which no correction moves, limit {limit_mm:.4} mm; let it come to temperature, or teach again"
+    )]
+    PartGrown {
+        /// At the corner that has moved most against the part's middle.
+        grown_mm: f64,
+        /// The job's limit.
+        limit_mm: f64,
+    },
+    /// A remark: what a rigid correction leaves of the part's growth.
+    #[error("left at the part's corners: {grown_mm:.4} mm that it has grown since it was taught")]
+    GrowthLeft {
+        /// At the corner that has moved most against the part's middle.
+        grown_mm: f64,
+    },
+    /// The control rounds to steps with which a correction is not within what is stated of it.
+    #[error(
+        "all coordinates are whole steps of {step_mm:.3} mm, 0.010 mm at most: a correction would be off by as much; let the control measure and print finer"
+    )]
+    CoarseStep {
+        /// What the control rounds to.
+        step_mm: f64,
+    },
 }
 
 /// Why a fit or a registration was refused.
@@ -745,7 +796,7 @@ fn not_guarded(
     let mut separator = "not guarded: ";
     for (is_open, what) in [
         (*late_text, "text of another clamping"),
-        (*moved_offset, "a moved offset, G52 or G92"),
+        (*moved_offset, "a moved offset, G52, G92, tool length"),
         (
             // What is not seen at all is not seen then either.
             *while_probed && !*moved_offset,

@@ -32,6 +32,10 @@ use umi_protocol::pattern::{
     BlockPattern, CheckedPattern, Coding, FieldFormat, Handshake, LinePattern, ReceiverConfig,
     Travel,
 };
+use umi_protocol::point_sensor::{
+    CaptureLoss, CapturedAt, PlaceReport, PlaceState, SensorOnBoard, SensorRefusal, SensorStatus,
+    SensorText, SignalLoss, StationAnswer,
+};
 use umi_protocol::program::{
     IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, Stated,
     StatedDialect, UnitRule, Withheld,
@@ -128,7 +132,12 @@ pub fn request_after(sample: Option<&Request>) -> Option<Request> {
         Some(Request::UpdateEnd) => Request::HostTime {
             utc_s: 1_795_000_000,
         },
-        Some(Request::HostTime { .. }) => return None,
+        Some(Request::HostTime { .. }) => Request::SensorSet(Some(point_sensor())),
+        Some(Request::SensorSet(_)) => Request::SensorGet,
+        Some(Request::SensorGet) => Request::SensorCommand {
+            line: b"UMIP S13 K2 C4711".iter().copied().collect(),
+        },
+        Some(Request::SensorCommand { .. }) => return None,
     })
 }
 
@@ -239,7 +248,22 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         Some(Response::UpdateAt { .. }) => {
             Response::UpdateRefused(UpdateRefusal::TooLong { most_bytes: 65_344 })
         }
-        Some(Response::UpdateRefused(_)) => return None,
+        Some(Response::UpdateRefused(_)) => Response::Sensor(SensorStatus {
+            sensor: Some(point_sensor()),
+            waits: false,
+            answer: Some(StationAnswer {
+                sequence: 13,
+                state: PlaceState::NoSignal(SignalLoss::TooSteep),
+                gamma_mm: 44.25,
+            }),
+            skip: true,
+            paired: 400,
+            lost: 1,
+            unpaired: 2,
+            unreadable: 3,
+        }),
+        Some(Response::Sensor(_)) => Response::SensorRefused(SensorRefusal::Direction),
+        Some(Response::SensorRefused(_)) => return None,
     })
 }
 
@@ -404,8 +428,43 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             utc_s: 1_795_000_000,
             key_id: Some(KEY_ID),
         },
-        Some(Record::HostTime { .. }) => return None,
+        Some(Record::HostTime { .. }) => Record::SensorSet {
+            sensor: Some(point_sensor()),
+            key_id: Some(KEY_ID),
+        },
+        Some(Record::SensorSet { .. }) => Record::Place(PlaceReport {
+            number: 6560,
+            state: PlaceState::Ok,
+            axes_mm: [1.5, -2.5, 164.0],
+            gamma_mm: 44.25,
+            spread_mm: 0.001,
+            captures: 400,
+            outliers: 2,
+            lost: 0,
+            snr: 87.5,
+            total: 3391.0,
+            point_mm: Some([1.25, -2.75, 0.5]),
+        }),
+        Some(Record::Place(_)) => Record::CaptureLost(CaptureLoss::Latch { latch: 17 }),
+        Some(Record::CaptureLost(_)) => return None,
     })
+}
+
+/// A distance sensor.
+fn point_sensor() -> SensorOnBoard {
+    SensorOnBoard {
+        offset_mm: [0.25, -0.5, -164.0],
+        direction: [0.0, 0.0, -1.0],
+        gain: 1.0,
+        counts_per_mm: [1000.0, 1000.0, -2000.0],
+        origin_counts: [10, -20, 30],
+        max_rate_hz: 9000.0,
+        power_max: 5000.0,
+        baud: 921_600,
+        text: SensorText::default(),
+        captured_at: CapturedAt::Sync,
+        pulse: TriggerPulse::default(),
+    }
 }
 
 const KEY_ID: KeyId = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -428,6 +487,7 @@ fn lessons() -> Lessons {
         smallest: list([learned(0.0)]),
         largest: list([learned(0.0005)]),
         further: 2,
+        tool_length_mm: Some(81.5),
     }
 }
 

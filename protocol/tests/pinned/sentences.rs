@@ -10,6 +10,7 @@ use umi_protocol::Schema;
 use umi_protocol::fault::{BlockEndCause, FaultCode, FaultKind, NumberIssue};
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::message::{JobLoss, LineRefusal, TeachRefusal};
+use umi_protocol::point_sensor::SensorRefusal;
 use umi_protocol::program::{ProgramRefusal, Withheld};
 use umi_protocol::reason::{FitRefusal, Reason};
 use umi_protocol::update::UpdateRefusal;
@@ -37,6 +38,7 @@ fn codes_and_sentences_stay() {
     page::<NumberIssue>(&mut text, |_| String::new());
     page::<BlockEndCause>(&mut text, |_| String::new());
     page::<JobError>(&mut text, |it| it.code().into());
+    page::<SensorRefusal>(&mut text, |it| it.code().into());
     page::<Withheld>(&mut text, |it| format!("{} ({})", it.code(), it.alarm()));
     page::<ProgramRefusal>(&mut text, |it| it.code().into());
     page::<TeachRefusal>(&mut text, |it| it.code().into());

@@ -41,7 +41,12 @@ pub(crate) async fn take<F: Flash>(
     loop {
         match select(latches.next(), clock.wait_until(look)).await {
             Either::First(latch) => {
-                if is_of_a_scan(latch.cause) {
+                if let Some(point) = app.point()
+                    && point.takes(latch.cause)
+                {
+                    app.scans.count(&latch);
+                    point.latched(&latch);
+                } else if is_of_a_scan(latch.cause) {
                     if app.scans.take(latch) {
                         look = look.min(after(clock, scan::PATIENCE_US));
                     }

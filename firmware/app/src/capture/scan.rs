@@ -151,7 +151,7 @@ impl Scans {
     }
 
     /// The oldest latches that wait, as many as go into one message; none if they are
-    /// to wait for more.
+    /// to wait for more. [`Self::came`] says if there is another message.
     pub fn batch(&self) -> Option<LatchBatch> {
         let first = self.with(State::first_due)?;
         let (cause, mut number, mut t_ns) = (first.cause, first.number, first.t_ns);
@@ -175,6 +175,9 @@ impl Scans {
             };
             // There is room: just looked.
             let _ = batch.steps.push(step);
+        }
+        if self.with(|state| state.is_due()) {
+            self.came.signal(());
         }
         Some(batch)
     }
@@ -232,8 +235,11 @@ impl State {
 
     /// The oldest latch that waits, if it is to be told now.
     fn first_due(&mut self) -> Option<LatchReport> {
-        let told = self.due > 0 || self.waiting.len() >= FULL;
-        told.then(|| self.pop()).flatten()
+        self.is_due().then(|| self.pop()).flatten()
+    }
+
+    const fn is_due(&self) -> bool {
+        self.due > 0 || self.waiting.len() >= FULL
     }
 
     fn pop(&mut self) -> Option<LatchReport> {

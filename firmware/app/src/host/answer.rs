@@ -113,6 +113,22 @@ pub(crate) fn answer<F: Flash>(
             true => Response::Done,
             false => Response::StorageFailed,
         },
+        Request::SensorSet(sensor) => measure.set_sensor(around.now, sensor.as_ref()),
+        Request::SensorGet => match measure.ledger.point {
+            Some(point) => {
+                // Its places are in the journal before its answer is known.
+                measure.sensed(around.now, point);
+                Response::Sensor(point.status())
+            }
+            None => Response::NotOnThisBoard,
+        },
+        Request::SensorCommand { line } => match measure.ledger.point {
+            Some(point) => match point.host_line(line) {
+                Ok(()) => Response::Done,
+                Err(refusal) => Response::SensorRefused(refusal),
+            },
+            None => Response::NotOnThisBoard,
+        },
         Request::AccessGet
         | Request::KeyList
         | Request::KeyEnrol(_)

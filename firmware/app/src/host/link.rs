@@ -30,7 +30,7 @@ use umi_protocol::frame::{
 };
 use umi_protocol::hello::Hello;
 use umi_protocol::immediate::ImmediateRequest;
-use umi_protocol::latch::TriggerOut;
+use umi_protocol::latch::{TriggerOut, TriggerRefusal};
 use umi_protocol::message::{Event, Request, Response};
 
 use crate::App;
@@ -38,6 +38,7 @@ use crate::access::{self, Caller, Guarded};
 use crate::board::{Axes, Broken, Clock, LinkRx, LinkTx, Scanner};
 use crate::host::answer::{RequestContext, answer, immediate};
 use crate::measure::Instrument;
+use crate::sensor::PointStation;
 use crate::shared::Guard;
 
 /// Bytes taken from the link at once: a full-speed USB packet.
@@ -106,7 +107,9 @@ pub(crate) async fn serve<F: Flash>(
         let ended = select(connected, liveness.nothing(clock)).await;
         // What the host has switched on goes with it. A board without these outputs has
         // nothing to switch off.
-        let _ = station.trigger_out(TriggerOut::Off);
+        if !app.point().is_some_and(PointStation::has_the_pulses) {
+            let _ = station.trigger_out(TriggerOut::Off);
+        }
         let _ = station.laser(false);
         if let Either::Second(()) = ended {
             // It is told what happens if it wakes.
@@ -185,7 +188,15 @@ async fn connection<F: Flash>(
                     }
                     let came = guarded.opened(&frame);
                     let at_once = came.and_then(|(frame, caller)| {
-                        respond_immediately(station, liveness, guarded, &caller, &frame, out)
+                        respond_immediately(
+                            app.point(),
+                            station,
+                            liveness,
+                            guarded,
+                            &caller,
+                            &frame,
+                            out,
+                        )
                     });
                     let length = match at_once {
                         Some(length) => length,
@@ -242,25 +253,36 @@ async fn lock<'a, F: Flash>(
     }
 }
 
-/// Tells the host the latches that wait.
+/// Tells the host one message of latches that wait. For the next one it is called again: latches
+/// that come as fast as they are told would keep a request waiting for ever.
 async fn tell_scans<F: Flash>(
     app: &App<F>,
     tx: &mut impl LinkTx,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<(), Broken> {
-    while let Some(batch) = app.scans.batch() {
-        // Latches are numbered themselves: the number of the frame counts other events.
-        let frame = encode(0, &Event::Latches(batch), out);
-        // The buffer holds the longest frame.
-        tx.write(frame.unwrap_or_default()).await?;
+    match latches(app, out) {
+        0 => Ok(()),
+        length => tx.write(out.get(..length).unwrap_or_default()).await,
     }
-    Ok(())
+}
+
+/// The frame of the latches that wait: its length, 0 if there are none to tell. A message is large: it
+/// is on the stack only while it is encoded.
+#[inline(never)]
+fn latches<F: Flash>(app: &App<F>, out: &mut [u8; MAX_BOARD_FRAME]) -> usize {
+    let Some(batch) = app.scans.batch() else {
+        return 0;
+    };
+    // Latches are numbered themselves: the number of the frame counts other events. The buffer holds
+    // the longest frame.
+    encode(0, &Event::Latches(batch), out).map_or(0, |frame| frame.len())
 }
 
 /// The answer to a request that needs nothing of the state: the length of its frame; none to
 /// all else, and to one that its host may not ask: that is journaled.
 #[inline(never)]
 fn respond_immediately(
+    point: Option<&'static PointStation>,
     station: &mut (impl Axes + Scanner),
     liveness: &HostLiveness,
     guarded: &Guarded,
@@ -270,7 +292,12 @@ fn respond_immediately(
 ) -> Option<usize> {
     let request = ImmediateRequest::of(frame)?;
     guarded.permits(caller, &request).ok()?;
-    let answer = immediate(station, request);
+    let answer = match request {
+        ImmediateRequest::TriggerOut(_) if point.is_some_and(PointStation::has_the_pulses) => {
+            Response::TriggerRefused(TriggerRefusal::OfTheSensor)
+        }
+        _ => immediate(station, request),
+    };
     match request {
         ImmediateRequest::TriggerOut(when) if matches!(answer, Response::Done) => {
             liveness.pulses.set(when != TriggerOut::Off);

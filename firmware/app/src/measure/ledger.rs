@@ -32,6 +32,7 @@ use crate::measure::trust::custody::Custody;
 use crate::measure::trust::refusals::Refusals;
 use crate::measure::trust::signer::Heads;
 use crate::measure::upload::ProgramUpload;
+use crate::sensor::PointStation;
 
 /// Where decisions go: everything but the brain, which is busy meanwhile.
 pub(crate) struct Ledger<F: Flash> {
@@ -84,6 +85,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub(super) is_new: bool,
     /// Why no job was restored at start, until one is set.
     pub job_lost: ZeroOption<JobLoss>,
+    /// The station of a distance sensor, where there is one.
+    pub point: Option<&'static PointStation>,
     pub verdicts: u32,
     pub verdicts_ok: u32,
     pub last_ok: ZeroOption<bool>,
@@ -124,6 +127,7 @@ impl<F: Flash> Ledger<F> {
             listening: ZeroOption::empty(),
             is_new: false,
             job_lost: ZeroOption::empty(),
+            point: None,
             verdicts: 0,
             verdicts_ok: 0,
             last_ok: ZeroOption::empty(),

@@ -29,6 +29,7 @@ mod ledger;
 mod opening;
 mod owner;
 pub(crate) mod release;
+mod sensed;
 pub(crate) mod settings;
 pub mod trust;
 mod upload;
@@ -54,7 +55,7 @@ use umi_protocol::serial::LineSettings;
 use crate::board::Lights;
 use crate::intake::Input;
 use crate::measure::delivery::Delivery;
-use crate::measure::settings::{JobStore, kept};
+use crate::measure::settings::{JobStore, NotKept, kept};
 use crate::measure::upload::UploadEnd;
 
 /// Room in the journal that a setup may need: its bytes, features and verdict.
@@ -63,7 +64,7 @@ const ROOM: u32 = 4 * MAX_RECORD as u32;
 /// What the board knows.
 pub struct Instrument<F: Flash> {
     brain: Brain,
-    settings: ZeroOption<JobStore<F>>,
+    pub(crate) settings: ZeroOption<JobStore<F>>,
     /// Part programs.
     pub(crate) programs: ZeroOption<Store<F>>,
     /// What is being sent to the control.
@@ -217,8 +218,10 @@ impl<F: Flash> Instrument<F> {
         if !ledger.changes.take(now) {
             return Err(SetJobError::Job(JobError::TooOften));
         }
-        settings
-            .save(now, job, None, &mut ledger.scratch)
+        // Neither is dropped for the other.
+        ledger
+            .keep_sensor_in(settings, now)
+            .and_then(|()| settings.save(now, job, None, &mut ledger.scratch))
             .map_err(|_| SetJobError::Storage)?;
         ledger.tell_repeats(now);
         ledger.forget();
@@ -379,6 +382,21 @@ impl<F: Flash> Instrument<F> {
         }
     }
 
+    /// Keeps the job that is in force once more, with its reference; nothing where there is none.
+    pub(crate) fn keep_job(&mut self, now: Micros) -> Result<(), NotKept> {
+        let Self {
+            brain,
+            settings,
+            ledger,
+            ..
+        } = self;
+        let taught = brain.run().taught().as_ref().map(kept);
+        match settings.get_mut().zip(brain.job()) {
+            Some((settings, job)) => settings.save(now, job, taught.as_ref(), &mut ledger.scratch),
+            None => Ok(()),
+        }
+    }
+
     /// Keeps a reference that was just taught, with its job.
     fn keep_taught(&mut self, now: Micros) {
         let Self {
@@ -392,7 +410,9 @@ impl<F: Flash> Instrument<F> {
         }
         let taught = brain.run().taught().as_ref().map(kept);
         let kept = settings.get_mut().zip(brain.job()).is_some_and(|(s, job)| {
-            s.save(now, job, taught.as_ref(), &mut ledger.scratch)
+            ledger
+                .keep_sensor_in(s, now)
+                .and_then(|()| s.save(now, job, taught.as_ref(), &mut ledger.scratch))
                 .is_ok()
         });
         if !kept {

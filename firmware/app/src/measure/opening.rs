@@ -111,6 +111,7 @@ impl<F: Flash> Instrument<F> {
             self.open_custody(now, custody);
         }
         self.restore(now);
+        self.restore_sensor(now);
         opened
     }
 

@@ -2,7 +2,8 @@
 //! the reference that was taught.
 //!
 //! Both stand in one entry of a small journal of their own, so that they change
-//! together or not at all; the newest entry counts. The schema key stands before
+//! together or not at all; the newest entry counts. A distance sensor has entries of its own between
+//! them; each time a job is kept, so is the sensor before it, and the ring drops neither. The schema key stands before
 //! them, so that a layout of another version is never misread.
 //!
 //! A board without a job says why: none was ever kept, another firmware kept it, it is damaged
@@ -20,6 +21,7 @@ use umi_core::units::{Micros, Point};
 use umi_protocol::hello::KEY;
 use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
 use umi_protocol::message::JobLoss;
+use umi_protocol::point_sensor::SensorOnBoard;
 
 /// Datum positions in the order of the job's datum features.
 pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
@@ -27,8 +29,10 @@ pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
 /// What one entry holds: the job and the reference that was taught.
 type Kept = (Job, Option<(PlacesMm, Lessons)>);
 
-/// Kind number of the only entry there is. A later layout gets another.
+/// Kind number of a job's entry. A later layout gets another.
 const KIND: u8 = 1;
+/// Of a distance sensor's.
+const SENSOR: u8 = 2;
 
 /// The settings ring.
 pub struct JobStore<F: Flash> {
@@ -54,29 +58,61 @@ impl<F: Flash> JobStore<F> {
     /// Why there is no job: [`JobLoss`]. A power cut while settings were kept leaves the ones
     /// before.
     pub fn load(&mut self, scratch: &mut [u8]) -> Result<Kept, JobLoss> {
-        let newest = self.journal.next_seq().checked_sub(1);
-        let newest = newest.ok_or(match self.has_lost {
-            true => JobLoss::Damaged,
-            false => JobLoss::Absent,
-        })?;
-        let found = self
-            .journal
-            .read(newest, scratch)
-            .map_err(|error| match error {
+        for seq in (self.journal.first_seq()..self.journal.next_seq()).rev() {
+            let found = self.journal.read(seq, scratch);
+            let found = found.map_err(|error| match error {
                 JournalError::Flash(_) => JobLoss::Storage,
                 _ => JobLoss::Damaged,
             })?;
-        if found.entry.kind != KIND {
-            return Err(JobLoss::OtherSchema);
+            match found.entry.kind {
+                SENSOR => continue,
+                KIND => {}
+                _ => return Err(JobLoss::OtherSchema),
+            }
+            // The check value of the entry is right: what does not fit was written by another.
+            return match postcard::take_from_bytes::<u64>(found.entry.payload) {
+                Ok((KEY, rest)) => match postcard::take_from_bytes(rest) {
+                    Ok((settings, [])) => Ok(settings),
+                    _ => Err(JobLoss::Damaged),
+                },
+                _ => Err(JobLoss::OtherSchema),
+            };
         }
-        // The check value of the entry is right: what does not fit was written by another.
-        match postcard::take_from_bytes::<u64>(found.entry.payload) {
-            Ok((KEY, rest)) => match postcard::take_from_bytes(rest) {
-                Ok((settings, [])) => Ok(settings),
-                _ => Err(JobLoss::Damaged),
-            },
-            _ => Err(JobLoss::OtherSchema),
+        Err(match self.has_lost {
+            true => JobLoss::Damaged,
+            false => JobLoss::Absent,
+        })
+    }
+
+    /// The newest sensor of a board of these messages; none: none is set up, or it cannot be read.
+    pub fn load_sensor(&mut self, scratch: &mut [u8]) -> Option<SensorOnBoard> {
+        for seq in (self.journal.first_seq()..self.journal.next_seq()).rev() {
+            let found = self.journal.read(seq, scratch).ok()?;
+            if found.entry.kind != SENSOR {
+                continue;
+            }
+            let (key, rest) = postcard::take_from_bytes::<u64>(found.entry.payload).ok()?;
+            return match postcard::take_from_bytes(rest) {
+                Ok((sensor, [])) if key == KEY => sensor,
+                _ => None,
+            };
         }
+        None
+    }
+
+    /// Keeps a sensor, or that there is none.
+    ///
+    /// # Errors
+    /// Nothing was kept; what was there before still counts.
+    pub fn save_sensor(
+        &mut self,
+        now: Micros,
+        sensor: Option<&SensorOnBoard>,
+        scratch: &mut [u8],
+    ) -> Result<(), NotKept> {
+        let payload = postcard::to_slice(&(KEY, sensor), scratch).map_err(|_| NotKept)?;
+        let kept = self.journal.append(SENSOR, now, payload);
+        kept.map(|_| ()).map_err(|_| NotKept)
     }
 
     /// Keeps these settings. After `Ok` they survive a power cut.

@@ -7,10 +7,12 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
-use umi_app::board::{Axes, CncInput, Lights, Outputs, Scanner, Unsupported};
+use umi_app::board::{Axes, CncInput, Lights, Outputs, Scanner, SensorLines, Unsupported};
 use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::message::ResetReason;
-use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
+use umi_stimuli::{
+    BenchState, MAX_FRAME, SensorTriggers, Stimulus, StimulusDecoder, decode, encode,
+};
 
 use crate::link::LINK;
 use crate::path::Path;
@@ -39,6 +41,8 @@ static INNER: Mutex<RefCell<Inner>> = Mutex::new(RefCell::new(Inner {
         laser: false,
         from_control: 0,
         overruns: 0,
+        sensor: [false; 4],
+        triggers: SensorTriggers::Off,
     },
     due_ns: None,
 }));
@@ -142,6 +146,24 @@ pub async fn tell() {
             BENCH.write(*byte).await;
         }
     }
+}
+
+/// What the station of a distance sensor wants from now on.
+pub fn note_triggers(triggers: SensorTriggers) {
+    with(|inner| inner.state.triggers = triggers);
+    CHANGED.signal(());
+}
+
+/// What it shows to the control.
+pub fn note_sensor(lines: SensorLines) {
+    let SensorLines {
+        skip,
+        parity,
+        is_ok,
+        has_no_signal,
+    } = lines;
+    with(|inner| inner.state.sensor = [skip, parity, is_ok, has_no_signal]);
+    CHANGED.signal(());
 }
 
 /// The outputs to the machine.

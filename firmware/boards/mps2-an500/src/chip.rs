@@ -47,6 +47,8 @@ pub mod peripheral {
     pub const UART_2: usize = 0x4000_6000;
     /// To whoever looks on.
     pub const UART_3: usize = 0x4000_7000;
+    /// To a distance sensor.
+    pub const UART_4: usize = 0x4000_9000;
     /// Raises the NMI when it has not been fed, and resets the chip the next time.
     pub const WATCHDOG: usize = 0x4000_8000;
 }
@@ -71,6 +73,8 @@ pub enum Interrupt {
     Timer0 = 8,
     /// The alarm.
     Timer1 = 9,
+    /// A byte from the distance sensor.
+    Uart4Rx = 20,
     /// No line of the machine: plays what the bench sends.
     BenchTask = 29,
     /// No line of the machine: runs the serial tasks.

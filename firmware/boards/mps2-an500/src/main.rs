@@ -1,12 +1,12 @@
 //! openumi on the Cortex-M7 of QEMU's machine `mps2-an500`: the application unchanged, with
-//! its control and its host on two UARTs, and everything else on a third ([`bench`]).
+//! its control, its host and a distance sensor on three UARTs, and everything else on another ([`bench`]).
 //!
 //! ```text
 //! priority          runs
 //! capture           UART 2; playing edges and axes
-//! drivers           UARTs 0 and 1, clock
+//! drivers           UARTs 0, 1 and 4, clock
 //! serial tasks      receive, transmit, latch
-//! link tasks        serve; and telling the bench
+//! link tasks        serve, sense; and telling the bench
 //! none              measure, supervise
 //! ```
 //!
@@ -15,6 +15,7 @@
 //! | [`chip`] | addresses, interrupts, priorities |
 //! | [`vectors`] | which function each interrupt runs |
 //! | [`uart`], [`control`], [`link`], [`bench`] | a UART, and the three ports |
+//! | [`sensor`] | a distance sensor's port |
 //! | [`path`] | where the axes are |
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
@@ -34,6 +35,7 @@ mod control;
 mod crash_note;
 mod link;
 mod path;
+mod sensor;
 mod storage;
 mod uart;
 mod vectors;
@@ -45,6 +47,7 @@ use cortex_m::peripheral::SCB;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use static_cell::StaticCell;
 use umi_app::measure::{Boot, StorageAreas};
+use umi_app::sensor::PointStation;
 use umi_app::{App, Running};
 use umi_core::units::Micros;
 use umi_drivers::latches::Latches;
@@ -64,12 +67,17 @@ static CONTROL: Uart = Uart::new(peripheral::UART_0, Full::Counts);
 static HOST: Uart = Uart::new(peripheral::UART_1, Full::Holds);
 /// To the test bench.
 static BENCH: Uart = Uart::new(peripheral::UART_2, Full::Holds);
+/// From the distance sensor.
+static SENSOR: Uart = Uart::new(peripheral::UART_4, Full::Counts);
 /// For who looks on: what a start has to say.
 static CONSOLE: Uart = Uart::new(peripheral::UART_3, Full::Holds);
 
 static APP: App<Region> = App::new();
 
 static LATCHES: Latches = Latches::new();
+
+/// Of the distance sensor.
+static POINT: PointStation = PointStation::new();
 
 static BENCH_TASK: InterruptExecutor = InterruptExecutor::new();
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -107,6 +115,9 @@ fn main() -> ! {
         settings,
         programs,
     };
+    if let Err(Running) = app.senses(&POINT) {
+        stop("the application runs already");
+    }
     match app.start(boot, areas, Micros(0)) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
@@ -123,6 +134,7 @@ fn main() -> ! {
     CONTROL.set_baud(app.line().baud);
     HOST.start();
     BENCH.start();
+    SENSOR.start();
     vectors::enable(peripherals.NVIC);
     BENCH_TASK.start(Interrupt::BenchTask).spawn(first(play()));
     let serial = SERIAL_TASKS.start(Interrupt::SerialTasks);
@@ -131,6 +143,7 @@ fn main() -> ! {
     serial.spawn(first(latch(app)));
     let link = LINK_TASKS.start(Interrupt::LinkTasks);
     link.spawn(first(serve(app)));
+    link.spawn(first(sense(app)));
     link.spawn(first(tell()));
     let watchdog = WatchdogTimer::start();
     TASKS.init(Executor::new()).run(|here| {
@@ -174,6 +187,11 @@ async fn serve(app: &'static App<Region>) {
     let (mut rx, mut tx) = (link::LinkReceiver, link::LinkTransmitter);
     app.serve(&mut rx, &mut tx, &mut bench::Station, &BoardClock)
         .await;
+}
+
+#[embassy_executor::task]
+async fn sense(app: &'static App<Region>) {
+    app.sense(&mut sensor::SensorUart, &BoardClock).await;
 }
 
 #[embassy_executor::task]

@@ -6,7 +6,9 @@ use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
 
 use crate::chip::{Interrupt, Priority};
-use crate::{BENCH, BENCH_TASK, CONTROL, HOST, LINK_TASKS, SERIAL_TASKS, clock, crash_note};
+use crate::{
+    BENCH, BENCH_TASK, CONTROL, HOST, LINK_TASKS, SENSOR, SERIAL_TASKS, clock, crash_note,
+};
 
 type Vector = unsafe extern "C" fn();
 
@@ -34,13 +36,14 @@ static __INTERRUPTS: [Vector; Interrupt::LINES] = {
     table
 };
 
-const LINES: [(Interrupt, Priority, Vector); 11] = [
+const LINES: [(Interrupt, Priority, Vector); 12] = [
     (Interrupt::Uart0Rx, Priority::Drivers, control_receives),
     (Interrupt::Uart0Tx, Priority::Drivers, control_writable),
     (Interrupt::Uart1Rx, Priority::Drivers, host_receives),
     (Interrupt::Uart1Tx, Priority::Drivers, host_writable),
     (Interrupt::Uart2Rx, Priority::Capture, bench_receives),
     (Interrupt::Uart2Tx, Priority::Drivers, bench_writable),
+    (Interrupt::Uart4Rx, Priority::Drivers, sensor_receives),
     (Interrupt::Timer0, Priority::Drivers, clock::on_wrap),
     (Interrupt::Timer1, Priority::Drivers, clock::on_alarm),
     (Interrupt::BenchTask, Priority::Capture, bench_task),
@@ -82,6 +85,10 @@ extern "C" fn bench_receives() {
 
 extern "C" fn bench_writable() {
     BENCH.on_writable();
+}
+
+extern "C" fn sensor_receives() {
+    SENSOR.on_receive();
 }
 
 extern "C" fn bench_task() {

@@ -189,7 +189,8 @@ pub const fn form(dialect: Dialect) -> Form {
             // The macro turns, whatever the job says of an end. It looks here:
             turn_ends_with_program: false,
             set: Some((150, 150, 150)),
-            program: "E{0} {x}\nE{1} {y}\nE{2} {z}\nE{3} {u}\nE{4} {v}\nE{5} {c}\nE{6} {N}.\nE{7} {H}\n",
+            program: "E{0} {x}\nE{1} {y}\nE{2} {z}\nE{3} {u}\nE{4} {v}\nE{5} {c}\nE{6} {N}.\nE{8} {r}.\n\
+                      E{7} {H}\n",
             ..FANUC
         },
         Dialect::Siemens => Form {
@@ -199,7 +200,7 @@ pub const fn form(dialect: Dialect) -> Form {
             further: Some(("G5", 2, 5, 99)),
             comment: ("; ", "\n"),
             program: "%_N_UMI{m}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI CORRECTION {w}\n{#}\
-                      ; {f} WAS X{o} Y{p} Z{q} - RUN WITH {w}\nG17 G71 G90\n\
+                      ; {f} WAS X{o} Y{p} Z{q} - RUN WITH {w}\n{?}G17 G71 G90\n\
                       $P_UIFR[{n}]=CTRANS(X,{x},Y,{y},Z,{z}):CROT(X,{a},Y,{b},Z,{c})\n\
                       {w}\n^M17|M30^\n",
             ..FANUC
@@ -214,7 +215,7 @@ pub const fn form(dialect: Dialect) -> Form {
             set: Some((1, 9999, 1)),
             comment: ("; ", "\n"),
             program: "BEGIN PGM UMI{m} MM\n; UMI CORRECTION PRESET {s}\n{#}\
-                      ; PRESET WAS X{o} Y{p} Z{q} - RUN WITH PRESET {s}\n\
+                      ; PRESET WAS X{o} Y{p} Z{q} - RUN WITH PRESET {s}\n{?}\
                       FN 17: SYSWRITE ID 507 NR{s} IDX1 = {x}\nFN 17: SYSWRITE ID 507 NR{s} IDX2 = {y}\n\
                       FN 17: SYSWRITE ID 507 NR{s} IDX3 = {z}\nFN 17: SYSWRITE ID 507 NR{s} IDX4 = {a}\n\
                       FN 17: SYSWRITE ID 507 NR{s} IDX5 = {b}\nFN 17: SYSWRITE ID 507 NR{s} IDX6 = {c}\n\
@@ -267,13 +268,21 @@ impl Form {
 
 /// Whether a correction can compare the run that was measured with the control's own.
 ///
-/// Not with GRBL, which has no variables, nor with `haas-e`, whose file sets variables and
-/// decides nothing. For Siemens and Heidenhain there are no macros of ours that count runs.
+/// Not with GRBL, which has no variables. With `haas-e` the macro O8830 compares, in `#531`. For
+/// Siemens and Heidenhain there are no macros of ours that count runs: the part program's own
+/// must, and print the lines.
 #[must_use]
 pub const fn compares_runs(dialect: Dialect) -> bool {
+    !matches!(dialect, Dialect::Grbl)
+}
+
+/// Whether a rewritten part program can: those that are rewritten are of Fanuc's manner, or
+/// LinuxCNC's.
+#[must_use]
+pub const fn programs_compare_runs(dialect: Dialect) -> bool {
     !matches!(
         dialect,
-        Dialect::Grbl | Dialect::HaasVariables | Dialect::Siemens | Dialect::Heidenhain
+        Dialect::Grbl | Dialect::Siemens | Dialect::Heidenhain
     )
 }
 
@@ -284,14 +293,28 @@ pub const fn compares_runs(dialect: Dialect) -> bool {
 /// LinuxCNC keeps what its parameter file lists. Sources: Fanuc 16i B-63014EN 15.1 (#1 to #33
 /// local, #100 to #199 common and cleared, #500 to #999 common and kept, #1000 on system
 /// variables) as known; Haas NGC's #100 to #199, #500 to #999, #10000 to #10999, as known;
-/// LinuxCNC's "Numbered Parameters" (31 to 5000 are the user's).
+/// LinuxCNC's "Numbered Parameters" (31 to 5000 are the user's); Siemens' R parameters (MD28050
+/// says how many there are) and Heidenhain's QR0 to QR499, which both keep, as known.
 #[must_use]
 pub const fn keeps_runs(dialect: Dialect, variable: u32) -> bool {
     match dialect {
         Dialect::LinuxCnc => matches!(variable, 31..=5000),
         Dialect::Haas => matches!(variable, 100..=199 | 500..=999 | 10_000..=10_999),
+        // O8830 knows no other one.
+        Dialect::HaasVariables => variable == 531,
+        Dialect::Siemens => variable <= 999,
+        Dialect::Heidenhain => variable <= 499,
         _ => matches!(variable, 500..=999 | 98_000..=98_499),
     }
+}
+
+/// Whether a correction writes this variable: `variables` writes four from its set on.
+#[must_use]
+pub fn is_written(spec: Option<&CorrectionSpec>, variable: u32) -> bool {
+    spec.is_some_and(|spec| {
+        let first = u32::from(form(spec.dialect).set(spec));
+        spec.dialect == Dialect::Variables && (first..first + 4).contains(&variable)
+    })
 }
 
 /// Whether the dialect can write where the job wants it.

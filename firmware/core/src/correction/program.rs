@@ -160,7 +160,9 @@ impl Writer<'_> {
             'h' => (self.check_value(), mm),
             'H' => {
                 let unit = i64::from(10u32.pow(mm.into()));
-                (self.check_value() + 7 * i64::from(self.number()) * unit, mm)
+                let (number, run) = (i64::from(self.number()), i64::from(self.run()));
+                // A tenth of the run: the sum keeps to the eight digits of a control.
+                (self.check_value() + 7 * number * unit + run * unit / 10, mm)
             }
             _ => return self.word(key),
         };
@@ -178,7 +180,7 @@ impl Writer<'_> {
         };
         let variable = |axis| first + number.saturating_sub(1).saturating_mul(20) + axis;
         let set = self.form.set(spec);
-        let with_further = self.number();
+        let (with_further, run) = (self.number(), self.run());
         let out = &mut self.out;
         match key {
             'w' => self.offset(offset),
@@ -186,6 +188,7 @@ impl Writer<'_> {
             'g' => write!(out, "G10 L{l} P{number}"),
             'n' => write!(out, "{number}"),
             'N' => write!(out, "{with_further}"),
+            'r' => write!(out, "{run}"),
             'X' => write!(out, "{}", variable(0)),
             'Y' => write!(out, "{}", variable(1)),
             'Z' => write!(out, "{}", variable(2)),
@@ -214,9 +217,17 @@ impl Writer<'_> {
             return Ok(());
         };
         let out = &mut self.out;
-        match RunCheck::of(self.spec.dialect, *variable, *run) {
+        match RunCheck::of_correction(self.spec.dialect, *variable, *run) {
             Some(check) => check.lines(Compared::Correction, |line| writeln!(out, "{line}")),
             None => Ok(()),
+        }
+    }
+
+    /// What the macro on a Haas compares; 0: nothing.
+    fn run(&self) -> u32 {
+        match self.origin {
+            Origin::Verdict(figures) => figures.run.map_or(0, |(_, run)| run),
+            Origin::Given(_) => 0,
         }
     }
 

@@ -4,7 +4,7 @@ use core::fmt;
 
 use umi_protocol::job::Dialect;
 
-use super::dialect::compares_runs;
+use super::dialect::{compares_runs, programs_compare_runs};
 
 /// The run that was measured, and where the control counts its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +27,10 @@ enum RunForm {
     Goto,
     /// `O… IF`.
     LinuxCnc,
+    /// `IF … GOTOF`, over an alarm that leads back to itself.
+    Siemens,
+    /// `FN 9`, likewise.
+    Heidenhain,
 }
 
 /// What begins with it.
@@ -39,15 +43,26 @@ pub(crate) enum Compared {
 }
 
 impl RunCheck {
-    /// For a control of this dialect; none where it compares nothing
-    /// ([`compares_runs`]).
+    /// For a part program on a control of this dialect; none where it compares nothing
+    /// ([`programs_compare_runs`]).
     #[must_use]
     pub const fn of(dialect: Dialect, variable: u32, run: u32) -> Option<Self> {
+        match programs_compare_runs(dialect) {
+            true => Self::of_correction(dialect, variable, run),
+            false => None,
+        }
+    }
+
+    /// For a correction; none where it compares nothing ([`compares_runs`]).
+    #[must_use]
+    pub const fn of_correction(dialect: Dialect, variable: u32, run: u32) -> Option<Self> {
         if !compares_runs(dialect) {
             return None;
         }
         let form = match dialect {
             Dialect::LinuxCnc => RunForm::LinuxCnc,
+            Dialect::Siemens => RunForm::Siemens,
+            Dialect::Heidenhain => RunForm::Heidenhain,
             Dialect::MazakSettingError | Dialect::MitsubishiSettingError => RunForm::Goto,
             _ => RunForm::Then,
         };
@@ -68,6 +83,12 @@ impl RunCheck {
     #[must_use]
     pub const fn run(self) -> u32 {
         self.run
+    }
+
+    /// Whether it is in LinuxCNC's words: no other control knows them, and it knows no others.
+    #[must_use]
+    pub const fn is_linuxcnc(self) -> bool {
+        matches!(self.form, RunForm::LinuxCnc)
     }
 
     /// The comparison with which a program of this text begins, whatever its form.
@@ -119,6 +140,23 @@ impl RunCheck {
                 line(format_args!("IF[#{variable}EQ{run}]GOTO7"))?;
                 line(format_args!("#3000=2(UMI {what} OF RUN {run})"))?;
                 line(format_args!("N7"))
+            }
+            RunForm::Siemens => {
+                line(format_args!("IF R{variable}=={run} GOTOF UMI_RUN"))?;
+                line(format_args!("UMI_STOP:"))?;
+                line(format_args!("SETAL(65000,\"UMI {what} OF RUN {run}\")"))?;
+                line(format_args!("M0"))?;
+                line(format_args!("GOTOB UMI_STOP"))?;
+                line(format_args!("UMI_RUN:"))
+            }
+            RunForm::Heidenhain => {
+                line(format_args!("; UMI {what} OF RUN {run}"))?;
+                line(format_args!("FN 9: IF +QR{variable} EQU +{run} GOTO LBL 2"))?;
+                line(format_args!("LBL 1"))?;
+                line(format_args!("FN 14: ERROR = 1072"))?;
+                line(format_args!("STOP"))?;
+                line(format_args!("FN 9: IF +0 EQU +0 GOTO LBL 1"))?;
+                line(format_args!("LBL 2"))
             }
             RunForm::LinuxCnc => {
                 line(format_args!("o531 if [#{variable} NE {run}]"))?;

@@ -215,12 +215,25 @@ fn the_run_is_compared_before_anything_is_set() {
             Dialect::LinuxCnc => {
                 "o531 if [#531 NE 17]\n(ABORT, UMI CORRECTION OF RUN 17)\no531 endif\n"
             }
+            Dialect::Siemens => {
+                "IF R531==17 GOTOF UMI_RUN\nUMI_STOP:\nSETAL(65000,\"UMI CORRECTION OF RUN 17\")\n\
+                 M0\nGOTOB UMI_STOP\nUMI_RUN:\n"
+            }
+            Dialect::Heidenhain => {
+                "; UMI CORRECTION OF RUN 17\nFN 9: IF +QR531 EQU +17 GOTO LBL 2\nLBL 1\n\
+                 FN 14: ERROR = 1072\nSTOP\nFN 9: IF +0 EQU +0 GOTO LBL 1\nLBL 2\n"
+            }
+            // What O8830 compares, before the check value that holds it.
+            Dialect::HaasVariables => "E158 17.\nE157 ",
             _ => "IF[#531EQ17]GOTO7\n#3000=2(UMI CORRECTION OF RUN 17)\nN7\n",
         };
         let (before, _) = text
             .split_once(check)
             .unwrap_or_else(|| panic!("{dialect:?}: {text}"));
-        let sets_nothing = |line: &str| line.is_empty() || line.starts_with(['(', '%', 'O', 'o']);
+        let begin = ['(', '%', 'O', 'o', ';'];
+        // A Haas sets variables, and O8830 applies them.
+        let is_head = |line: &str| line.starts_with("BEGIN") || line.starts_with("E15");
+        let sets_nothing = |line: &str| line.is_empty() || line.starts_with(begin) || is_head(line);
         assert!(before.lines().all(sets_nothing), "{dialect:?}: {before}");
     }
 }

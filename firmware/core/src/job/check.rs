@@ -214,6 +214,22 @@ pub fn touches_again(feature: &FeatureSpec) -> bool {
         })
 }
 
+/// The first closing feature of the part which in the job's order shows less than it should: one
+/// that a datum feature follows, or any where none repeats the first of these.
+fn not_enclosing(job: &Job) -> Option<&Closing> {
+    let place = |name: &Name| job.features.iter().position(|f| f.name == *name);
+    let mut due = datums(job).map(|(of, _)| of);
+    let first = due.next()?;
+    let last = due.last().unwrap_or(first);
+    let on_part = |closing: &&Closing| !job.guards.fixed.contains(&closing.repeats);
+    let mut closings = job.guards.closing.iter().filter(on_part);
+    let any = closings.clone().next()?;
+    let begins = |closing: &Closing| place(&closing.repeats) <= Some(first);
+    let repeats_first = closings.clone().any(begins);
+    let followed = closings.find(|closing| place(&closing.feature) < Some(last));
+    followed.or((!repeats_first).then_some(any))
+}
+
 fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
     let feature = |name: &Name, field| {
         let found = job.features.iter().find(|f| f.name == *name);
@@ -232,6 +248,12 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
             return Err(bad(Field::Closing, Some(&again.name), f64::NAN));
         }
         positive(closing.within_mm, Field::Closing, Some(&closing.feature))?;
+    }
+    if !says_run(job)
+        && let Some(closing) = not_enclosing(job)
+    {
+        // Without runs the order is the job's, and no setup could be OK.
+        return Err(bad(Field::Closing, Some(&closing.feature), f64::NAN));
     }
     for name in &guards.fixed {
         feature(name, Field::Fixed)?;
@@ -272,7 +294,7 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
         let can = dialect.is_some_and(|dialect| {
             correction::dialect::compares_runs(dialect)
                 && correction::dialect::keeps_runs(dialect, variable)
-        });
+        }) && !correction::dialect::is_written(job.correction.as_ref(), variable);
         if !(says_run && can) {
             return Err(bad(Field::RunVariable, None, variable.into()));
         }

@@ -7,19 +7,34 @@
 //! 4.2.4). With five hits a ball has one of its own, so three balls alone say next to nothing:
 //! without the prior a lucky setup would state 0.1 µm.
 //!
+//! To the prior comes what the control's step adds: a coordinate that is rounded to whole steps is
+//! off evenly by up to half of one, with the variance step²/12 along any normal (JCGM 100:2008,
+//! F.2.2.1). That is known and not estimated, so the prior's degrees of freedom grow by the square
+//! of what its variance grows by (G.4.1). The residuals have the step in them.
+//!
 //! It is carried through each fit (its unit covariance) and through the registration to the
 //! part: with n places at arms aᵢ from their centroid, `H = Σ (|aᵢ|² I - aᵢ aᵢᵀ)`, an error eᵢ of
 //! place i moves a point at arm d by `Mᵢ eᵢ`, `Mᵢ = I/n - [d]× H⁻¹ [aᵢ]×`. A taught reference was
 //! measured the same way, so it counts as much again.
 //!
-//! The 95 % error is `√(tr C · F)`, F the 95 % point of the F distribution with
-//! `h = (tr C)² / tr C²` and the pooled degrees of freedom: the length of an error whose
-//! covariance is not a sphere's, after F. E. Satterthwaite (Biometrics Bulletin 2, 1946).
+//! Where warmth is fitted, the scale is `Σ aᵢ·eᵢ / Σ |aᵢ|²` off: the part's corner at arm d goes
+//! with it, so `Mᵢ` has `d aᵢᵀ / Σ |aᵢ|²` besides. A rigid correction leaves the part's growth
+//! about its middle, a known error b of each corner.
+//!
+//! The stated error holds at all corners of the part at once: `E = max |e|²` over them. Its mean m
+//! and variance come from a cubature over the seven errors that move them (place, turn, scale),
+//! exact where E is a polynomial of them up to the fifth degree, which it is but for the change
+//! from corner to corner (A. H. Stroud, Approximate Calculation of Multiple Integrals, 1971,
+//! Eₙ 5-2). The 95 % error is `√(m F)`, F the 95 % point of the F distribution with `2 m² / var`
+//! and `ν (m / (m - |b|²))²` degrees of freedom, ν the pooled ones: a sum of squares whose parts
+//! differ, after F. E. Satterthwaite (Biometrics Bulletin 2, 1946), and with a known part after
+//! P. B. Patnaik (Biometrika 36, 1949).
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use umi_protocol::feature::{FitReport, Shape};
-use umi_protocol::job::{MAX_DATUMS, ProbingSpec};
+use umi_protocol::job::{CorrectionSpec, MAX_DATUMS, ProbingSpec};
 
+use crate::correction;
 use crate::registration::Registration;
 use crate::units::Point;
 
@@ -35,21 +50,24 @@ pub struct Scatter {
     taught: bool,
 }
 
-/// What a correction may be wrong by at one point.
+/// What a correction may be wrong by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// Expected root mean square of the error's length, mm.
+    /// Expected root mean square of the error's length at the corner where that is most, mm.
     pub rms_mm: f64,
-    /// 95 of 100 errors are shorter, mm.
+    /// Of 95 of 100 corrections all corners are closer, mm.
     pub error_95_mm: f64,
 }
 
 impl Scatter {
-    /// What the job says before anything is measured.
-    pub fn of(probing: ProbingSpec, taught: bool) -> Self {
-        let dof = f64::from(probing.dof);
+    /// What the job says before anything is measured, and the step of the control's coordinates.
+    pub fn of(probing: ProbingSpec, step_mm: f64, taught: bool) -> Self {
+        let hit = probing.sigma_mm * probing.sigma_mm;
+        let variance = hit + step_mm * step_mm / 12.0;
+        let grows = variance / hit;
+        let dof = f64::from(probing.dof) * grows * grows;
         Self {
-            squares: dof * probing.sigma_mm * probing.sigma_mm,
+            squares: dof * variance,
             dof,
             places: heapless::Vec::new(),
             taught,
@@ -72,59 +90,197 @@ impl Scatter {
         let _ = self.places.push(unit);
     }
 
-    /// Standard deviation of one hit, mm.
-    pub fn sigma_mm(&self) -> f64 {
-        libm::sqrt(self.squares / self.dof)
+    /// Variance of one hit, mm²; counted twice where the reference was measured, too.
+    fn variance(&self) -> f64 {
+        let twice = if self.taught { 2.0 } else { 1.0 };
+        twice * self.squares / self.dof
     }
 
-    /// What the image of `at` may be wrong by; none where it cannot be told. `unsure`: by what
-    /// all images are off besides, for hits that scatter by 1 mm.
-    pub fn at(
+    /// Standard deviation of a scale that was fitted to the distances between these places.
+    pub fn scale_sigma(&self, places: &[Point]) -> f64 {
+        let Some(centroid) = centroid(places) else {
+            return f64::NAN;
+        };
+        let (mut sum, mut arms) = (0.0, 0.0);
+        for (place, unit) in places.iter().zip(&self.places) {
+            let arm = place.mm - centroid;
+            sum += arm.dot(&(unit * arm));
+            arms += arm.norm_squared();
+        }
+        libm::sqrt(sum * self.variance()) / arms
+    }
+
+    /// What the images of the part's corners may be wrong by; none where it cannot be told.
+    /// `scale`: by how much more than 1 the part has grown, where warmth is fitted.
+    pub fn expected(
         &self,
         fit: &Registration,
         measured: &[Point],
-        at: Point,
-        unsure: Vector3<f64>,
+        spec: &CorrectionSpec,
+        scale: Option<f64>,
     ) -> Option<Expected> {
-        let besides = unsure * unsure.transpose() * (self.squares / self.dof);
-        let cov = self.covariance(fit, measured, at)? + besides;
-        let trace = cov.trace();
-        let effective = trace * trace / (cov * cov).trace();
+        let part = Part::new(fit, spec, scale.unwrap_or_default());
+        let errors = self.errors(fit, measured, &part, scale.is_some())?;
+        let (mean, variance) = part.moments(&errors);
+        let known = mean / (mean - part.known);
+        let dof = self.dof * known * known;
+        // Beyond, nothing changes in what is printed, and the fraction takes longer.
+        let f = f_95(
+            (2.0 * mean * mean / variance).min(MOST_DOF),
+            dof.min(MOST_DOF),
+        );
         let expected = Expected {
-            rms_mm: libm::sqrt(trace),
-            error_95_mm: libm::sqrt(trace * f_95(effective, self.dof)),
+            rms_mm: libm::sqrt(part.square(&errors)),
+            error_95_mm: libm::sqrt(mean * f),
         };
         (expected.rms_mm.is_finite() && expected.error_95_mm.is_finite()).then_some(expected)
     }
 
-    /// Sum of the three variances of the image of `at`: cheap, to find the worst corner.
-    pub fn variance(&self, fit: &Registration, measured: &[Point], at: Point) -> Option<f64> {
-        Some(self.covariance(fit, measured, at)?.trace())
-    }
-
-    fn covariance(
+    /// The covariance of what moves the part's corners: three of its middle's place, three of its
+    /// turn, one of its scale.
+    #[inline(never)]
+    fn errors(
         &self,
         fit: &Registration,
         measured: &[Point],
-        at: Point,
-    ) -> Option<Matrix3<f64>> {
+        part: &Part,
+        scaled: bool,
+    ) -> Option<Errors> {
         let count = f64::from(u8::try_from(measured.len()).ok()?);
-        let centroid = measured.iter().map(|p| p.mm).sum::<Vector3<f64>>() / count;
-        let mut inertia = Matrix3::zeros();
+        let centroid = centroid(measured)?;
+        let (mut inertia, mut arms) = (Matrix3::zeros(), 0.0);
         for place in measured {
             let arm = place.mm - centroid;
+            arms += arm.norm_squared();
             inertia += Matrix3::identity() * arm.norm_squared() - arm * arm.transpose();
         }
         let inverse = inertia.try_inverse()?;
-        let turned = cross(&(fit.apply(at).mm - centroid)) * inverse;
-        let mut cov = Matrix3::zeros();
+        let out = fit.apply(Point { mm: part.middle }).mm - centroid;
+        let mut errors = Errors::zeros();
         for (place, unit) in measured.iter().zip(&self.places) {
-            let moves = Matrix3::identity() / count - turned * cross(&(place.mm - centroid));
-            cov += moves * unit * moves.transpose();
+            let arm = place.mm - centroid;
+            let turns = inverse * cross(&arm);
+            let grows = if scaled { arm / arms } else { Vector3::zeros() };
+            let moves = Matrix3::identity() / count - cross(&out) * turns + out * grows.transpose();
+            let mut by = SMatrix::<f64, 7, 3>::zeros();
+            by.fixed_rows_mut::<3>(0).copy_from(&moves);
+            by.fixed_rows_mut::<3>(3).copy_from(&turns);
+            by.fixed_rows_mut::<1>(6).copy_from(&grows.transpose());
+            errors += by * unit * by.transpose();
         }
-        let twice = if self.taught { 2.0 } else { 1.0 };
-        Some(cov * (twice * self.squares / self.dof))
+        Some(errors * self.variance())
     }
+}
+
+/// Covariance of the errors of a part's place, turn and scale.
+type Errors = SMatrix<f64, 7, 7>;
+
+/// A part as it stands, and what a rigid correction leaves of its growth.
+struct Part {
+    /// Its middle, in the reference's coordinates.
+    middle: Vector3<f64>,
+    /// From there to its eight corners, as it stands.
+    arms: [Vector3<f64>; 8],
+    /// The scale's excess over 1: the known error of a corner is so much of its arm.
+    scale: f64,
+    /// Square of the known error, of any corner.
+    known: f64,
+}
+
+impl Part {
+    fn new(fit: &Registration, spec: &CorrectionSpec, scale: f64) -> Self {
+        let (min, max) = (spec.part_min_mm.into(), spec.part_max_mm.into());
+        let middle = (min + max) * 0.5;
+        let turn = fit.transform.rotation;
+        let mut arms = [Vector3::zeros(); 8];
+        for (arm, corner) in arms.iter_mut().zip(correction::corners(&min, &max)) {
+            *arm = turn * (corner - middle);
+        }
+        let known = scale * scale * (max - min).norm_squared() * 0.25;
+        Self {
+            middle,
+            arms,
+            scale,
+            known,
+        }
+    }
+
+    /// The largest square of an error of the corners, by what moves them.
+    fn most(&self, by: &SVector<f64, 7>) -> f64 {
+        let (moves, turns) = (by.fixed_rows::<3>(0), by.fixed_rows::<3>(3));
+        let (moves, turns): (Vector3<f64>, Vector3<f64>) = (moves.into(), turns.into());
+        let grows = by[6] - self.scale;
+        self.arms.iter().fold(0.0, |most: f64, arm| {
+            most.max((moves + turns.cross(arm) + arm * grows).norm_squared())
+        })
+    }
+
+    /// Mean and variance of that.
+    #[inline(never)]
+    fn moments(&self, errors: &Errors) -> (f64, f64) {
+        const N: usize = 7;
+        let root = root(errors);
+        let all = f64::from(N as u8);
+        let (far, near) = (libm::sqrt(all + 2.0), libm::sqrt((all + 2.0) / 2.0));
+        let square = (all + 2.0) * (all + 2.0);
+        let (mut mean, mut squares) = (0.0, 0.0);
+        let mut take = |weight: f64, by: &SVector<f64, 7>| {
+            let most = self.most(by);
+            mean += weight * most;
+            squares += weight * most * most;
+        };
+        take(2.0 / (all + 2.0), &SVector::zeros());
+        for (at, one) in root.column_iter().enumerate() {
+            for sign in [far, -far] {
+                take((4.0 - all) / (2.0 * square), &(one * sign));
+            }
+            for other in root.column_iter().skip(at + 1) {
+                for (a, b) in [(near, near), (near, -near), (-near, near), (-near, -near)] {
+                    take(1.0 / square, &(one * a + other * b));
+                }
+            }
+        }
+        (mean, squares - mean * mean)
+    }
+
+    /// Expected square of the error of the corner where that is most.
+    fn square(&self, errors: &Errors) -> f64 {
+        let mut most = 0.0;
+        for arm in &self.arms {
+            let mut sees = SMatrix::<f64, 3, 7>::zeros();
+            sees.fixed_columns_mut::<3>(0)
+                .copy_from(&Matrix3::identity());
+            sees.fixed_columns_mut::<3>(3).copy_from(&-cross(arm));
+            sees.fixed_columns_mut::<1>(6).copy_from(arm);
+            let square = (sees * errors * sees.transpose()).trace();
+            most = f64::max(most, square);
+        }
+        most + self.known
+    }
+}
+
+/// A matrix whose product with its transpose is this, column by column (A.-L. Cholesky); what
+/// does not vary stays zero.
+fn root(of: &Errors) -> Errors {
+    let (mut rest, mut root) = (*of, Errors::zeros());
+    for (number, mut column) in root.column_iter_mut().enumerate() {
+        let source = rest.column(number).into_owned();
+        let pivot = source.get(number).copied().unwrap_or_default();
+        if pivot > 0.0 {
+            let taken = source / libm::sqrt(pivot);
+            rest -= taken * taken.transpose();
+            column.copy_from(&taken);
+        }
+    }
+    root
+}
+
+/// Degrees of freedom from which on an F distribution is as good as its limit.
+const MOST_DOF: f64 = 10_000.0;
+
+fn centroid(places: &[Point]) -> Option<Vector3<f64>> {
+    let count = f64::from(u8::try_from(places.len()).ok()?);
+    Some(places.iter().map(|p| p.mm).sum::<Vector3<f64>>() / count)
 }
 
 /// `[v]×`

@@ -15,7 +15,7 @@ use umi_protocol::verdict::{
 use super::check::{datums, fixed};
 use super::exceeds;
 use super::report::refusal;
-use super::scatter::{Expected, Scatter};
+use super::scatter::Scatter;
 use crate::correction;
 use crate::dprnt::Moved;
 use crate::registration::{self, Registration};
@@ -101,13 +101,15 @@ pub fn judge(
     {
         add(verdict, Reason::SuspectExchange { a, b });
     }
-    let growth = warmer.zip(job.correction.as_ref()).map(|(warmer, spec)| {
-        let arm = pose.registration.transform.rotation * to_part(spec, reference);
-        (arm * warmer.scale, arm * warmer.unit_sigma)
-    });
-    let (grown, unsure) = growth.unwrap_or_default();
-    let mut report = registration_report(verdict, job, &pose, reference, measured, scatter, unsure);
-    pose.registration.transform.translation_mm += grown;
+    if let (Some(scale), Some(spec)) = (warmer, &job.correction) {
+        growth_reasons(verdict, job, spec, scale);
+    }
+    let mut report = registration_report(verdict, job, &pose, reference, measured, scatter, warmer);
+    if let (Some(scale), Some(spec)) = (warmer, &job.correction) {
+        let arm = middle(spec) - centroid(reference);
+        let grown = pose.registration.transform.rotation * arm * scale;
+        pose.registration.transform.translation_mm += grown;
+    }
     report.translation_mm = pose.registration.transform.translation_mm.into();
     if let (Some(error_mm), Some(limit_mm)) =
         (report.expected_error_mm, job.limits.expected_error_mm)
@@ -182,17 +184,24 @@ pub fn against_moved(verdict: &mut Verdict, guards: &Guards, moved: &Moved) {
             );
         }
     }
-    let got_mm = moved.tool_length_mm;
-    if let Some(expected_mm) = guards.tool_length_mm
-        && exceeds((got_mm - expected_mm).abs(), PRINTED_MM)
-    {
-        add(
+}
+
+/// Holds the tool length in force against the job's, or else against that of the taught setup.
+pub fn against_length(verdict: &mut Verdict, guards: &Guards, taught_mm: Option<f64>, got_mm: f64) {
+    let differs = |from_mm: f64, by_mm: f64| exceeds((got_mm - from_mm).abs(), by_mm);
+    match (guards.tool_length_mm, taught_mm) {
+        (Some(expected_mm), _) if differs(expected_mm, PRINTED_MM) => add(
             verdict,
             Reason::ToolLength {
                 got_mm,
                 expected_mm,
             },
-        );
+        ),
+        // That was printed, too.
+        (None, Some(taught_mm)) if differs(taught_mm, 2.0 * PRINTED_MM) => {
+            add(verdict, Reason::ToolLengthSinceTaught { got_mm, taught_mm });
+        }
+        _ => {}
     }
 }
 
@@ -272,22 +281,27 @@ fn nominal_reasons(verdict: &mut Verdict, job: &Job) {
     }
 }
 
-/// By how much a plate has grown since it was taught.
-#[derive(Clone, Copy)]
-struct Growth {
-    /// Its scale's excess over 1.
-    scale: f64,
-    /// Standard deviation of that, for hits that scatter by 1 mm.
-    unit_sigma: f64,
+/// What a rigid correction leaves of a warm part's growth. A known error of each corner: the
+/// part grows about its middle, which the correction takes along.
+fn growth_reasons(verdict: &mut Verdict, job: &Job, spec: &CorrectionSpec, scale: f64) {
+    let leftover_mm = spec.leftover_mm;
+    let limit_mm = (job.limits.expected_error_mm).map_or(leftover_mm, |mm| mm.min(leftover_mm));
+    let grown_mm = left_at_corners(spec, scale);
+    if exceeds(grown_mm, limit_mm) {
+        add(verdict, Reason::PartGrown { grown_mm, limit_mm });
+    } else {
+        add_remark(verdict, Reason::GrowthLeft { grown_mm });
+    }
 }
 
-/// From the centroid of the places to the middle of the part.
-fn to_part(spec: &CorrectionSpec, reference: &[Point]) -> Vector3<f64> {
-    let (min, max) = (
-        Vector3::from(spec.part_min_mm),
-        Vector3::from(spec.part_max_mm),
-    );
-    (min + max) * 0.5 - centroid(reference)
+/// By how much each corner of a part that has grown moves against its middle.
+fn left_at_corners(spec: &CorrectionSpec, scale: f64) -> f64 {
+    let diagonal = Vector3::from(spec.part_max_mm) - Vector3::from(spec.part_min_mm);
+    libm::fabs(scale) * 0.5 * diagonal.norm()
+}
+
+fn middle(spec: &CorrectionSpec) -> Vector3<f64> {
+    (Vector3::from(spec.part_min_mm) + Vector3::from(spec.part_max_mm)) * 0.5
 }
 
 fn centroid(places: &[Point]) -> Vector3<f64> {
@@ -296,7 +310,7 @@ fn centroid(places: &[Point]) -> Vector3<f64> {
 }
 
 /// Tells how much warmer than taught the plate is, and whether that is allowed: then `scaled`
-/// is the reference as it is when so warm.
+/// is the reference as it is when so warm, and the scale's excess over 1 is given.
 ///
 /// One scale, fitted to the distances by least squares. The registration's rotation and its
 /// place at the centroid are the same with it and without it, because the reference is scaled
@@ -309,7 +323,7 @@ fn warmth(
     reference: &[Point],
     scatter: Option<&Scatter>,
     scaled: &mut DatumPoints,
-) -> Option<Growth> {
+) -> Option<f64> {
     let spec = job.guards.warmth?;
     let (mut along, mut square) = (0.0, 0.0);
     for pair in &verdict.distances {
@@ -325,10 +339,7 @@ fn warmth(
         add(verdict, Reason::TooWarm { kelvin, limit_k });
         return None;
     }
-    // Each distance has two ends along it, taught and now: four variances of about one hit.
-    let hit_mm = scatter.map_or(0.0, Scatter::sigma_mm);
-    let unit_sigma = 2.0 / libm::sqrt(square);
-    let sigma_k = hit_mm * unit_sigma / per_kelvin;
+    let sigma_k = scatter.map_or(0.0, |scatter| scatter.scale_sigma(reference)) / per_kelvin;
     add_remark(verdict, Reason::Warmer { kelvin, sigma_k });
     let centroid = centroid(reference);
     for place in reference {
@@ -336,7 +347,7 @@ fn warmth(
         // Bounded: it is as long as the reference.
         let _ = scaled.push(Point { mm });
     }
-    Some(Growth { scale, unit_sigma })
+    Some(scale)
 }
 
 /// Keeps what was noticed and changes nothing.
@@ -556,7 +567,7 @@ fn registration_report(
     reference: &[Point],
     measured: &[Point],
     scatter: Option<&Scatter>,
-    unsure: Vector3<f64>,
+    scale: Option<f64>,
 ) -> RegistrationReport {
     let fit = &pose.registration;
     let spec = job.correction.as_ref();
@@ -567,7 +578,7 @@ fn registration_report(
         .collect();
     let honest = scatter
         .zip(spec)
-        .and_then(|(scatter, spec)| worst_corner(scatter, spec, fit, measured, unsure));
+        .and_then(|(scatter, spec)| scatter.expected(fit, measured, spec, scale));
     if let Some(expected) = honest {
         let error_mm = expected.error_95_mm;
         add_remark(verdict, Reason::Error95 { error_mm });
@@ -577,7 +588,9 @@ fn registration_report(
         let (min, max) = (spec.part_min_mm.into(), spec.part_max_mm.into());
         let mut worst: Option<f64> = None;
         for corner in correction::corners(&min, &max) {
-            let error = fit.expected_error_at(Point { mm: corner })?.0;
+            let scatter_mm = fit.expected_error_at(Point { mm: corner })?.0;
+            let left_mm = scale.map_or(0.0, |scale| left_at_corners(spec, scale));
+            let error = libm::sqrt(scatter_mm * scatter_mm + left_mm * left_mm);
             worst = Some(worst.map_or(error, |most| most.max(error)));
         }
         worst
@@ -596,26 +609,6 @@ fn registration_report(
         cov_unit_t: fit.cov_unit_at(Point::from_mm(0.0, 0.0, 0.0)),
         expected_error_mm,
     }
-}
-
-/// What the correction may be wrong by at the corner of the part where it is least known.
-/// `unsure`: by what the whole correction is off for hits that scatter by 1 mm, besides.
-fn worst_corner(
-    scatter: &Scatter,
-    spec: &CorrectionSpec,
-    fit: &Registration,
-    measured: &[Point],
-    unsure: Vector3<f64>,
-) -> Option<Expected> {
-    let (min, max) = (spec.part_min_mm.into(), spec.part_max_mm.into());
-    let mut worst: Option<(f64, Point)> = None;
-    for mm in correction::corners(&min, &max) {
-        let variance = scatter.variance(fit, measured, Point { mm })?;
-        if worst.is_none_or(|(most, _)| variance > most) {
-            worst = Some((variance, Point { mm }));
-        }
-    }
-    scatter.at(fit, measured, worst?.1, unsure)
 }
 
 /// A matrix by rows (nalgebra stores columns).

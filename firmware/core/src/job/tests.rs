@@ -23,6 +23,7 @@ use super::*;
 use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 use crate::units::{Micros, Point};
 
+mod coverage;
 mod guards;
 
 /// Three spheres, taught, as `examples/three-spheres.toml` has it.
@@ -82,6 +83,14 @@ fn job() -> Job {
         skip: umi_protocol::job::SkipSpec::default(),
         again: None,
     }
+}
+
+/// With numbers, as checked lines name them.
+fn with_ids(mut job: Job) -> Job {
+    for (id, feature) in (1..).zip(&mut job.features) {
+        feature.id = Some(id);
+    }
+    job
 }
 
 /// A block as printed: name and points.

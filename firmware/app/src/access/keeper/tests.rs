@@ -381,6 +381,10 @@ const WIPED: u8 = 32;
 /// The power goes at every operation of a wipe, on any area: a board that has an owner still is as
 /// it was, or forgets everything, and tells so; the next start ends what has begun.
 #[test]
+#[cfg_attr(
+    not(feature = "owner"),
+    ignore = "without the feature `owner` a board has none"
+)]
 fn a_power_cut_leaves_no_half_wiped_board() {
     let cells = |sector: usize| Arc::new(Mutex::new(std::vec![0xFF; SECTORS * sector]));
     let new = Areas {

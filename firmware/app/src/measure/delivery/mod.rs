@@ -41,6 +41,7 @@
 //! What a program prints while it is carried out as it comes is a measurement like any other:
 //! one that needs a verdict breaks off there.
 
+mod answer;
 mod stream;
 
 use core::fmt::Write as _;
@@ -95,7 +96,7 @@ impl<F: Flash> Instrument<F> {
         }
         Some(match &delivery.what {
             What::Program(part) => part.hold_us,
-            What::Correction { .. } | What::Alarm { .. } => XOFF_PATIENCE_US,
+            What::Correction { .. } | What::Alarm { .. } | What::Answer => XOFF_PATIENCE_US,
         })
     }
 
@@ -188,7 +189,7 @@ impl<F: Flash> Instrument<F> {
             _ if of.request != self.ledger.wanted.count => false,
             What::Correction { .. } => self.ledger.armed_as(of.arming),
             What::Program(_) if of.arming > 0 => self.ledger.released_as(of.arming),
-            What::Program(_) | What::Alarm { .. } => true,
+            What::Program(_) | What::Alarm { .. } | What::Answer => true,
         })
     }
 
@@ -218,6 +219,14 @@ impl<F: Flash> Instrument<F> {
                 bytes,
                 complete,
             },
+            What::Answer => {
+                if complete {
+                    self.answer_is_out(delivery.request);
+                }
+                // What it says is in the journal with its place; that it went out would be an
+                // entry for each line.
+                return;
+            }
             What::Program(part) => {
                 let end = match delivery.refused {
                     Some(why) => Some(Err(why)),
@@ -333,6 +342,9 @@ impl<F: Flash> Instrument<F> {
             return false;
         }
         self.ledger.wanted.has_begun = true;
+        if self.answer(number) {
+            return true;
+        }
         match self.part(now, number) {
             Ok(part) => self.open_program(now, part),
             Err(why) => {
@@ -424,8 +436,11 @@ impl<F: Flash> Instrument<F> {
                 .map(|of| of.dialect)
                 .zip(released.run)
                 .ok_or(Withheld::NoVerdict)?;
-            let check = RunCheck::of(dialect, variable, run);
-            how.run = Some(check.ok_or(Withheld::NoVerdict)?);
+            let check = RunCheck::of(dialect, variable, run).ok_or(Withheld::NoVerdict)?;
+            if !how.takes(check) {
+                return Err(Withheld::BadSettings);
+            }
+            how.run = Some(check);
         }
         part.how = Some(how);
         Ok(part)
@@ -546,6 +561,8 @@ fn settings(
             StatedDialect::LinuxCnc => Some(RewriteDialect::LinuxCnc),
         },
         allowed_calls,
+        // Who put the program here was asked.
+        loose_rapids: true,
         ..RewriteSettings::new(transform)
     }
 }

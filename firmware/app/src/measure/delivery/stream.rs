@@ -67,8 +67,15 @@ impl Part {
 
 #[allow(clippy::large_enum_variant, reason = "no heap; one exists at a time")]
 pub(super) enum What {
-    Correction { setup: u32 },
-    Alarm { number: u32, why: Withheld },
+    Correction {
+        setup: u32,
+    },
+    Alarm {
+        number: u32,
+        why: Withheld,
+    },
+    /// Of the station of a distance sensor.
+    Answer,
     Program(Part),
 }
 
@@ -438,7 +445,7 @@ impl Delivery {
     fn left(&self) -> usize {
         match &self.what {
             What::Program(part) => (part.bytes - self.offset) as usize,
-            What::Correction { .. } | What::Alarm { .. } => 0,
+            What::Correction { .. } | What::Alarm { .. } | What::Answer => 0,
         }
     }
 

@@ -29,6 +29,14 @@ pub(crate) trait Surface<const K: usize, Seen = Vector3<f64>>: Copy {
     /// point is the centre of the sphere, or on the axis).
     fn term(&self, q: &Seen) -> Option<Term<K>>;
 
+    /// The sum of squares at these parameters. None where a term does not exist.
+    fn system<I>(&self, points: &I) -> Option<System<K>>
+    where
+        I: Iterator<Item = Seen> + Clone,
+    {
+        System::at(self, points)
+    }
+
     /// The surface after a step; None if it is no such surface any more.
     fn moved(&self, step: &[f64; K]) -> Option<Self>;
 
@@ -113,7 +121,7 @@ where
     const MAX_DAMPING: f64 = 1e12;
 
     let mut surface = start;
-    let Some(mut system) = System::at(&surface, points) else {
+    let Some(mut system) = surface.system(points) else {
         return Err(Stopped {
             surface,
             sum: f64::INFINITY,
@@ -158,7 +166,7 @@ where
         }
         let next = surface
             .moved(&step)
-            .and_then(|s| System::at(&s, points).map(|system| (s, system)));
+            .and_then(|s| s.system(points).map(|system| (s, system)));
         match next {
             Some((next_surface, next_system)) if blind || next_system.sum < system.sum => {
                 surface = next_surface;
@@ -185,6 +193,18 @@ fn raised(damping: f64) -> f64 {
     (damping * 8.0).max(1e-3)
 }
 
+/// What the terms of `L` parameters add up to; only the lower triangles are read.
+pub(crate) struct Sums<const L: usize> {
+    /// `Σ d²`.
+    pub(crate) sum: f64,
+    /// `Jᵀd`.
+    pub(crate) gradient: [f64; L],
+    /// `JᵀJ`.
+    pub(crate) gram: Square<L>,
+    /// `JᵀJ + Σ d ∇²d`.
+    pub(crate) hessian: Square<L>,
+}
+
 /// The sum of squares at some parameters, with its derivatives.
 pub(crate) struct System<const K: usize> {
     /// Number of points.
@@ -202,7 +222,7 @@ pub(crate) struct System<const K: usize> {
 // Indices run over 0..K of arrays of length K.
 #[allow(clippy::indexing_slicing, clippy::needless_range_loop)]
 impl<const K: usize> System<K> {
-    fn at<S, I>(surface: &S, points: &I) -> Option<Self>
+    pub(crate) fn at<S, I>(surface: &S, points: &I) -> Option<Self>
     where
         S: Surface<K, I::Item>,
         I: Iterator + Clone,
@@ -232,14 +252,38 @@ impl<const K: usize> System<K> {
                 }
             }
         }
+        system.closed(n)
+    }
+
+    /// Of `n` points, whose terms were summed up in the lower triangles.
+    fn closed(mut self, n: usize) -> Option<Self> {
         for i in 0..K {
             for j in 0..i {
-                system.gram[j][i] = system.gram[i][j];
-                system.hessian[j][i] = system.hessian[i][j];
+                self.gram[j][i] = self.gram[i][j];
+                self.hessian[j][i] = self.hessian[i][j];
             }
         }
-        system.count = count(n);
-        system.sum.is_finite().then_some(system)
+        self.count = count(n);
+        self.sum.is_finite().then_some(self)
+    }
+
+    /// Of `n` points; the first `L` parameters are all that there are.
+    pub(crate) fn of<const L: usize>(n: usize, sums: &Sums<L>) -> Option<Self> {
+        let mut system = Self {
+            count: 0.0,
+            sum: sums.sum,
+            gradient: [0.0; K],
+            gram: [[0.0; K]; K],
+            hessian: [[0.0; K]; K],
+        };
+        for i in 0..K.min(L) {
+            system.gradient[i] = sums.gradient[i];
+            for j in 0..=i {
+                system.gram[i][j] = sums.gram[i][j];
+                system.hessian[i][j] = sums.hessian[i][j];
+            }
+        }
+        system.closed(n)
     }
 
     /// The next step, and whether it is an undamped Newton step. None if no

@@ -1,0 +1,371 @@
+//! A setup that is complete, or never will be, gets its verdict.
+
+use umi_protocol::job::{Closing, Job, Lessons, Name, Teach};
+use umi_protocol::message::TeachBy;
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::Verdict;
+
+use super::teach::{Lesson, TeachingAct};
+use super::{Decision, Progress, Run, Teaching};
+use crate::job::check::{datums, fixed, moves_something, not_guarded, place_count};
+use crate::job::scatter::Scatter;
+use crate::job::setup::DatumPoints;
+use crate::job::{feature, setup};
+use crate::units::Point;
+
+impl Run {
+    /// Judges the setup under way.
+    #[inline(never)]
+    pub(super) fn close(&mut self, reason: Option<Reason>, out: &mut impl FnMut(Decision<'_>)) {
+        if self.progress != Progress::UnderWay {
+            return;
+        }
+        if self.job.get().is_none() {
+            return;
+        }
+        // Of a setup that is judged again, not what was said when it was OK.
+        self.remarks.retain(|remark| {
+            !matches!(
+                remark,
+                Reason::Taught
+                    | Reason::TaughtMore { .. }
+                    | Reason::OfRun { .. }
+                    | Reason::Witnessed { .. }
+                    | Reason::WitnessLearned
+                    | Reason::SkipChatter { .. }
+            )
+        });
+        let mut verdict = setup::blank(self.setup);
+        let mut measured = DatumPoints::new();
+        let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
+        if self.older_than.is_none() {
+            self.last_run = self.run.or(self.last_run);
+        }
+        if !verdict.ok {
+            // How good the correction is says nothing where there is none.
+            verdict.remarks.retain(|remark| {
+                !matches!(
+                    remark.reason,
+                    Reason::Error95 { .. } | Reason::Warmer { .. } | Reason::GrowthLeft { .. }
+                )
+            });
+        }
+        if taught {
+            self.taught_by_again = self.asked.by == TeachBy::Line && self.asked.again;
+        } else if !self.against.contains(&Reason::TaughtTwice) {
+            self.taught_by_again = false;
+        }
+        let widens = self.widens(&verdict);
+        self.add_remarks(taught, &mut verdict);
+        if taught {
+            self.learned = Lessons::NONE;
+            self.learned.smallest = self.shown();
+            self.learned.tool_length_mm = self.moved.get().map(|moved| moved.tool_length_mm);
+            let learned = &self.learned;
+            let places = &measured;
+            out(Decision::Taught(Teaching { places, learned }));
+            self.reference = Some(measured);
+            self.taught_here = true;
+        } else if !verdict.ok && core::mem::take(&mut self.taught_here) {
+            // What it taught does not hold any more.
+            out(Decision::Taught(Teaching::NONE));
+            self.reference = None;
+            self.learned = Lessons::NONE;
+        } else if widens && let Some(taught) = self.taught() {
+            out(Decision::Taught(taught));
+        }
+        self.order_shown |= verdict.ok && self.run.is_none();
+        if !verdict.ok
+            && let Some(witness) = self.witness.get_mut()
+        {
+            witness.unlearn();
+        }
+        out(Decision::Verdict(&verdict));
+        self.verdict.put(verdict);
+        self.progress = Progress::Judged;
+    }
+
+    /// Judges what is there of the setup; whether it becomes the reference.
+    ///
+    /// Not inlined, as [`Self::add_remarks`]: what it needs of the stack is free again when
+    /// the verdict is told.
+    #[inline(never)]
+    fn weigh(
+        &self,
+        reason: Option<&Reason>,
+        verdict: &mut Verdict,
+        measured: &mut DatumPoints,
+    ) -> bool {
+        let Some(job) = self.job.get() else {
+            return false;
+        };
+        for reason in self.against.iter().chain(reason) {
+            setup::add(verdict, reason.clone());
+        }
+        if let Some(began_with) = self.began_with_name() {
+            setup::add(verdict, Reason::OrderUnknown { began_with });
+        }
+        self.against_frame(job, verdict);
+        if job.guards.run_variable.is_some() && self.run.is_none() {
+            setup::add(verdict, Reason::RunUnknown);
+        }
+        let all_repeated = self
+            .slots
+            .iter()
+            .all(|slot| slot.in_this_setup && slot.repeated);
+        if all_repeated {
+            setup::add(verdict, Reason::RepeatedSetup);
+        }
+        if let (Some(run), Some(last)) = (self.run, self.older_than) {
+            setup::add(verdict, Reason::OldRun { run, last });
+        }
+        // Of one that was dropped as a whole its reason says all.
+        let is_empty = self.slots.iter().all(|slot| !slot.in_this_setup);
+        for (place, spec) in job.features.iter().enumerate() {
+            match self.in_this_setup(place) {
+                None if is_empty && reason.is_some() => {}
+                None => setup::add(
+                    verdict,
+                    Reason::MissingFeature {
+                        name: spec.name.clone(),
+                    },
+                ),
+                Some(result) => {
+                    for reason in &result.reasons {
+                        setup::add_about(verdict, Some(&spec.name), reason.clone());
+                    }
+                }
+            }
+        }
+        if let Some(witness) = self.witness.get() {
+            witness.judge(&mut |reason| setup::add(verdict, reason));
+        }
+        for (place, _) in datums(job).chain(fixed(job)) {
+            let result = self.in_this_setup(place);
+            let fit = result.and_then(|result| result.fit.as_ref());
+            if let Some(position) = fit.and_then(|fit| fit.shape.position_mm()) {
+                // Bounded: the job check limits them together with the datums.
+                let _ = measured.push(Point::from_array_mm(position));
+            }
+        }
+        self.against_closing(job, verdict);
+        self.against_step(job, verdict);
+        let mut taught = false;
+        let complete = measured.len() == place_count(job);
+        let may_teach =
+            job.teach == Teach::FirstOk || self.teaching == TeachingAct::This(Lesson::Reference);
+        match &self.reference {
+            // A setup with a reason against it is not judged further: figures
+            // from wrong hits would only mislead.
+            _ if !verdict.reasons.is_empty() || !complete => {}
+            Some(reference) => {
+                let scatter = self.scatter(job);
+                setup::judge(
+                    verdict,
+                    job,
+                    reference,
+                    measured,
+                    scatter.as_ref(),
+                    self.run,
+                );
+            }
+            // A job without datum features has nothing to teach.
+            None if may_teach || measured.is_empty() => {
+                setup::judge_taught(verdict, job, measured);
+                taught = verdict.ok && !measured.is_empty();
+            }
+            None => setup::add(verdict, Reason::NoReference),
+        }
+        if !verdict.ok && self.reference.is_none() && job.correction.is_some() {
+            setup::add(verdict, Reason::NoReference);
+        }
+        taught
+    }
+
+    /// Holds what the run says of its work offset against the job.
+    fn against_frame(&self, job: &Job, verdict: &mut Verdict) {
+        if let Some(moved) = self.moved.get() {
+            // What is to be taught is held against nothing that was.
+            let is_taught = self.reference.is_some() && self.reference_is_taught();
+            let taught_mm = self.learned.tool_length_mm.filter(|_| is_taught);
+            setup::against_length(verdict, &job.guards, taught_mm, moved.tool_length_mm);
+        }
+        let Some(spec) = &job.correction else {
+            return;
+        };
+        if let Some(frame) = &self.frame {
+            setup::against_frame(verdict, spec, frame.offset, frame.origin);
+        }
+        if let Some(moved) = self.moved.get() {
+            setup::against_moved(verdict, &job.guards, moved);
+        }
+        if let Some(by) = self.shifted {
+            setup::against_shift(verdict, by);
+        }
+        if job.guards.frame {
+            if self.frame.is_none() || !self.moved.is_some() {
+                setup::add(verdict, Reason::FrameUnknown);
+            } else if self.shifted.is_none() {
+                setup::add(verdict, Reason::ShiftUnknown);
+            }
+        }
+    }
+
+    /// Holds the features that were probed twice against each other.
+    fn against_closing(&self, job: &Job, verdict: &mut Verdict) {
+        let position = |name: &Name| {
+            let place = self.place_of(|feature| feature.name == *name)?;
+            let fit = self.in_this_setup(place)?.fit.as_ref()?;
+            fit.shape.position_mm().map(Point::from_array_mm)
+        };
+        for closing in &job.guards.closing {
+            // What is missing or refused is told as such.
+            if let (Some(first), Some(again)) =
+                (position(&closing.repeats), position(&closing.feature))
+            {
+                setup::against_closing(verdict, closing, first, again);
+            }
+        }
+        self.against_order(job, verdict);
+    }
+
+    /// Whether the order in which they were probed shows what moved: a closing feature comes
+    /// behind all datum features, and one of them repeats the first of these. What moved else
+    /// moves neither against the other.
+    ///
+    /// One that does not enclose all with the one that it repeats is told only where none does.
+    fn against_order(&self, job: &Job, verdict: &mut Verdict) {
+        let probed = |place: usize| self.in_this_setup(place).map(|result| result.index);
+        // One on the table says nothing of the part.
+        let on_part = |closing: &&Closing| !job.guards.fixed.contains(&closing.repeats);
+        // Behind it, then in front of the one that it repeats: which of the two is told.
+        for is_behind in [true, false] {
+            let mut told = None;
+            for closing in job.guards.closing.iter().filter(on_part) {
+                let by_name = |name: &Name| self.place_of(|feature| feature.name == *name);
+                let (first, again) = (by_name(&closing.repeats), by_name(&closing.feature));
+                let (Some(first), Some(again)) = (first.and_then(probed), again.and_then(probed))
+                else {
+                    continue;
+                };
+                let outside = datums(job).find(|(place, _)| {
+                    // What is missing is told as such.
+                    probed(*place).is_some_and(|index| {
+                        if is_behind {
+                            index > again
+                        } else {
+                            index < first
+                        }
+                    })
+                });
+                match outside {
+                    Some((_, outside)) => _ = told.get_or_insert((closing, outside)),
+                    None if is_behind => {}
+                    None => return,
+                }
+            }
+            if let Some((closing, outside)) = told {
+                let (name, first) = (outside.name.clone(), closing.repeats.clone());
+                let reason = Reason::NotEnclosed { name, first };
+                setup::add_about(verdict, Some(&closing.feature), reason);
+                return;
+            }
+        }
+    }
+
+    /// Whether the control rounds to steps that are too coarse for what is moved by its verdicts.
+    ///
+    /// Coordinates that are whole by chance, as on paper, fit without residuals: what is rounded
+    /// does not.
+    #[inline(never)]
+    fn against_step(&self, job: &Job, verdict: &mut Verdict) {
+        let step_mm = feature::step_mm(self.step(job));
+        let is_rounded = |place: usize| {
+            let fit = self
+                .in_this_setup(place)
+                .and_then(|result| result.fit.as_ref());
+            fit.is_some_and(|fit| fit.rms_mm > 0.05 * step_mm)
+        };
+        if step_mm > feature::MOST_STEP_MM
+            && moves_something(job)
+            && datums(job).any(|(place, _)| is_rounded(place))
+        {
+            setup::add(verdict, Reason::CoarseStep { step_mm });
+        }
+    }
+
+    /// The number of the control's step. Of all datum features the finest: the others hit upon
+    /// coarser numbers.
+    fn step(&self, job: &Job) -> u8 {
+        let slots = datums(job).filter_map(|(place, _)| self.slots.get(place));
+        slots.map(|slot| slot.step).min().unwrap_or_default()
+    }
+
+    /// What the features' fits and the job say of the scatter of hits.
+    fn scatter(&self, job: &Job) -> Option<Scatter> {
+        let step_mm = feature::step_mm(self.step(job)).min(feature::MOST_STEP_MM);
+        let is_taught = self.reference_is_taught();
+        let mut scatter = Scatter::of(job.guards.probing?, step_mm, is_taught);
+        for (place, _) in datums(job) {
+            scatter.add(self.in_this_setup(place)?.fit.as_ref()?);
+        }
+        Some(scatter)
+    }
+
+    /// What was noticed and does not change the verdict.
+    #[inline(never)]
+    fn add_remarks(&mut self, taught: bool, verdict: &mut Verdict) {
+        if taught {
+            self.remark(Reason::Taught);
+        }
+        if let Some(run) = self.run {
+            // Never dropped: what goes out is compared with it.
+            if self.remarks.is_full() {
+                self.remarks.pop();
+            }
+            self.remark(Reason::OfRun { run });
+        }
+        if verdict.ok
+            && let Some(witness) = self.witness.get_mut()
+        {
+            for remark in witness.conclude().into_iter().flatten() {
+                let _ = self.remarks.push(remark);
+            }
+        }
+        for reason in self.remarks.iter().cloned() {
+            setup::add_remark(verdict, reason);
+        }
+        if let Some(job) = self.job.get() {
+            if let Some(open) = not_guarded(job) {
+                setup::add_remark(verdict, open);
+            }
+            // Without `frame` the remark above says it.
+            let is_known =
+                job.guards.tool_length_mm.is_some() || self.learned.tool_length_mm.is_some();
+            if job.guards.frame && self.reference.is_some() && !is_known {
+                setup::add_remark(verdict, Reason::LengthNotGuarded);
+            }
+        }
+    }
+
+    pub(super) fn next_setup(&mut self) {
+        if self.progress == Progress::Judged {
+            self.setup = self.setup.saturating_add(1);
+        }
+        for slot in &mut self.slots {
+            slot.in_this_setup = false;
+        }
+        if matches!(self.teaching, TeachingAct::This(_)) && self.progress != Progress::Empty {
+            self.teaching = TeachingAct::None;
+        }
+        self.unwidened.clear();
+        self.progress = Progress::Empty;
+        self.taught_here = false;
+        if let Some(witness) = self.witness.get_mut() {
+            witness.next_setup();
+        }
+        self.last = None;
+        self.against.clear();
+        self.remarks.clear();
+    }
+}

@@ -1,0 +1,182 @@
+//! Teaching: who asked for it, what a setup teaches, and what was taught.
+
+use heapless::Vec;
+use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference};
+use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
+use umi_protocol::reason::Reason;
+use umi_protocol::verdict::Verdict;
+
+use super::{Decision, Progress, Run, Teaching};
+use crate::job::check::place_count;
+use crate::job::feature;
+use crate::units::{Micros, Point};
+
+/// Whether somebody asked to teach, and what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TeachingAct {
+    /// No.
+    None,
+    /// The setup that comes next.
+    Next(Lesson),
+    /// The setup under way.
+    This(Lesson),
+}
+
+/// Who asked to teach, and when.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    pub(super) by: TeachBy,
+    pub(super) at: Micros,
+    /// Also in place of what there is.
+    pub(super) again: bool,
+}
+
+impl Asked {
+    pub(super) const NOBODY: Self = Self {
+        by: TeachBy::Host,
+        at: Micros(0),
+        again: false,
+    };
+}
+
+/// What a setup is to teach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Lesson {
+    /// The reference, and how its features are.
+    Reference,
+    /// How features may be, besides.
+    More,
+}
+
+impl Run {
+    pub(super) fn reference_is_taught(&self) -> bool {
+        let job = self.job.get();
+        job.is_some_and(|job| job.reference == Reference::Taught)
+    }
+
+    /// Nominal positions of the datum features: given, or taught.
+    #[must_use]
+    pub fn reference(&self) -> Option<&[Point]> {
+        self.reference.as_deref()
+    }
+
+    /// The taught reference; none where the job gives its positions.
+    #[must_use]
+    pub fn taught(&self) -> Option<Teaching<'_>> {
+        let places = self.reference().filter(|_| self.reference_is_taught())?;
+        let learned = &self.learned;
+        Some(Teaching { places, learned })
+    }
+
+    /// The setup that comes next is to teach. With [`TeachWhat::Again`] the reference that there
+    /// is, is none any more, whatever becomes of the new one.
+    ///
+    /// # Errors
+    /// Why there is nothing to teach: nothing has changed.
+    pub fn teach(
+        &mut self,
+        now: Micros,
+        by: TeachBy,
+        what: TeachWhat,
+        out: &mut impl FnMut(Decision<'_>),
+    ) -> Result<(), TeachRefusal> {
+        self.may_teach(what)?;
+        let again = what == TeachWhat::Again;
+        self.asked = Asked { by, at: now, again };
+        self.next_setup();
+        self.began_with = None;
+        if what == TeachWhat::More {
+            self.teaching = TeachingAct::Next(Lesson::More);
+            return Ok(());
+        }
+        self.teaching = TeachingAct::Next(Lesson::Reference);
+        if self.reference.take().is_some() {
+            self.learned = Lessons::NONE;
+            out(Decision::Taught(Teaching::NONE));
+        }
+        Ok(())
+    }
+
+    /// Whether [`Self::teach`] would be taken.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn may_teach(&self, what: TeachWhat) -> Result<(), TeachRefusal> {
+        let job = self.job.get().ok_or(TeachRefusal::NoJob)?;
+        let is_taught = self.reference.is_some();
+        match what {
+            _ if !self.reference_is_taught() => Err(TeachRefusal::Given),
+            _ if self.is_under_way() => Err(TeachRefusal::UnderWay),
+            TeachWhat::Reference if is_taught => Err(TeachRefusal::AlreadyTaught),
+            TeachWhat::More if job.guards.learned.is_none() => Err(TeachRefusal::NoLearned),
+            TeachWhat::More if !is_taught => Err(TeachRefusal::NotTaught),
+            _ => Ok(()),
+        }
+    }
+
+    /// A teaching that was asked for and has not happened yet.
+    #[must_use]
+    pub fn teach_pending(&self) -> Option<TeachPending> {
+        let setup = self.setup;
+        let (lesson, setup) = match self.teaching {
+            TeachingAct::None => return None,
+            TeachingAct::Next(lesson) => (lesson, TeachSetup::Next),
+            TeachingAct::This(lesson) => match (self.progress, self.verdict.get()) {
+                (Progress::Judged, Some(verdict)) if verdict.ok => return None,
+                (Progress::Judged, _) => (lesson, TeachSetup::Refused { setup }),
+                _ => (lesson, TeachSetup::UnderWay { setup }),
+            },
+        };
+        Some(TeachPending {
+            by: self.asked.by,
+            what: match lesson {
+                Lesson::Reference => TeachWhat::Reference,
+                Lesson::More => TeachWhat::More,
+            },
+            t_us: self.asked.at.0,
+            setup,
+        })
+    }
+
+    /// Puts back a reference that was taught before a restart. Ignored where
+    /// the job gives its positions or the count does not fit.
+    pub fn restore_reference(&mut self, taught: Teaching<'_>) {
+        let due = self.job.get().map(place_count);
+        if self.reference_is_taught() && due == Some(taught.places.len()) {
+            self.reference = Vec::from_slice(taught.places).ok();
+            self.learned = taught.learned.clone();
+        }
+    }
+
+    /// How each feature of this setup is.
+    pub(super) fn shown(&self) -> Vec<Learned, MAX_FEATURES> {
+        let mut shown = Vec::new();
+        for slot in &self.slots {
+            let fit = slot.result.as_ref().and_then(|result| result.fit.as_ref());
+            let learned = fit.map(|fit| feature::learned(fit, slot.centring_mm));
+            // There are no more slots than that.
+            let _ = shown.push(learned.unwrap_or_default());
+        }
+        shown
+    }
+
+    /// Widens what was learned by this setup, if it is to and is OK; whether what was learned
+    /// has changed: also where a setup that has widened it is NG after all.
+    #[inline(never)]
+    pub(super) fn widens(&mut self, verdict: &Verdict) -> bool {
+        let before = self.unwidened.take();
+        let was_wider = before.is_some();
+        if let Some(before) = before {
+            self.learned = before;
+        }
+        if self.teaching != TeachingAct::This(Lesson::More) || !verdict.ok {
+            return was_wider;
+        }
+        self.unwidened.put(self.learned.clone());
+        let shown = self.shown();
+        self.learned.widen(&shown);
+        let further = self.learned.further;
+        self.remark(Reason::TaughtMore { further });
+        true
+    }
+}

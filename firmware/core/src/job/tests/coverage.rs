@@ -1,0 +1,288 @@
+//! The stated 95 % error against errors that were drawn: whole clampings through the job, taught
+//! and measured, clean, warm, and on controls that round.
+
+use nalgebra::{Rotation3, Vector3};
+use umi_protocol::job::ProbingSpec;
+
+use super::*;
+use crate::correction::corners;
+
+const BALLS: [[f64; 3]; 5] = [
+    [-135.0, -136.6, 135.9],
+    [138.0, -134.7, 110.2],
+    [-136.7, 136.4, 136.1],
+    [137.2, 138.1, 121.0],
+    [4.0, 150.0, 95.0],
+];
+
+/// Small, seeded, and good enough: the xorshift of G. Marsaglia (2003) and his polar method; the
+/// sum of twelve would have no tails.
+struct Noise(u64);
+
+impl Noise {
+    fn unit(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        f64::from(u32::try_from(self.0 >> 32).unwrap()) / f64::from(u32::MAX)
+    }
+
+    fn within(&mut self, most: f64) -> f64 {
+        most * (2.0 * self.unit() - 1.0)
+    }
+
+    fn normal(&mut self) -> f64 {
+        loop {
+            let (u, v) = (self.within(1.0), self.within(1.0));
+            let s = u * u + v * v;
+            if s > 0.0 && s < 1.0 {
+                return u * libm::sqrt(-2.0 * libm::log(s) / s);
+            }
+        }
+    }
+}
+
+/// What is drawn.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    balls: usize,
+    hits: usize,
+    /// What a hit scatters, mm.
+    sigma_mm: f64,
+    /// What the control rounds its coordinates to; 0: nothing.
+    step_mm: f64,
+    /// Warmth is fitted, and the plate is up to so much warmer or colder.
+    kelvin: Option<f64>,
+    /// Half the part's edges, mm.
+    half_mm: [f64; 3],
+}
+
+const SMALL_MM: [f64; 3] = [25.4, 35.1, 3.5];
+const PLAIN: Case = Case {
+    balls: 4,
+    hits: 6,
+    sigma_mm: 0.0012,
+    step_mm: 0.0,
+    kelvin: None,
+    half_mm: SMALL_MM,
+};
+
+/// The part's middle.
+const MIDDLE_MM: [f64; 3] = [0.0, 0.0, 21.9];
+
+impl Case {
+    fn job(&self, sigma_mm: f64) -> Job {
+        let mut job = with_ids(job());
+        let one = job.features[0].clone();
+        job.features = (1..=self.balls)
+            .map(|number| FeatureSpec {
+                name: format!("SPHERE{number}").as_str().try_into().unwrap(),
+                id: Some(u16::try_from(number).unwrap()),
+                hits: u16::try_from(self.hits).unwrap(),
+                approach: Default::default(),
+                ..one.clone()
+            })
+            .collect();
+        job.limits = Limits {
+            radius_error_mm: 1.0,
+            rms_mm: 1.0,
+            approach_deg: None,
+            lone_hit_mm: None,
+            distance_error_mm: 1.0,
+            registration_rms_mm: 1.0,
+            rotation_deg: 10.0,
+            tilt_deg: 1.0,
+            shift_mm: [100.0; 3],
+            expected_error_mm: None,
+        };
+        let spec = job.correction.as_mut().unwrap();
+        spec.leftover_mm = 1.0;
+        let (middle, half) = (Vector3::from(MIDDLE_MM), Vector3::from(self.half_mm));
+        spec.part_min_mm = (middle - half).into();
+        spec.part_max_mm = (middle + half).into();
+        // What the control's step adds is not in it.
+        job.guards.probing = Some(ProbingSpec { sigma_mm, dof: 19 });
+        job.guards.warmth = self.kelvin.map(|_| WarmthSpec {
+            expansion_ppm_per_k: 11.5,
+            at_most_k: 50.0,
+        });
+        job
+    }
+
+    /// Hits on a ball: the pole, and rings of four between it and the equator; of six the last is
+    /// at the pole again.
+    fn ball(&self, center: Vector3<f64>, radius: f64, noise: &mut Noise) -> Vec<[f64; 3]> {
+        let rings = (self.hits - 1) / 4;
+        let mut points = Vec::new();
+        let mut touch = |direction: Vector3<f64>| {
+            let at = center + direction * (radius + self.sigma_mm * noise.normal());
+            let rounded = |mm: f64| match self.step_mm {
+                0.0 => mm,
+                step_mm => libm::round(mm / step_mm) * step_mm,
+            };
+            points.push(at.map(rounded).into());
+        };
+        touch(Vector3::z());
+        for ring in 0..rings {
+            let [ring, rings] = [ring, rings].map(|n| f64::from(u8::try_from(n).unwrap()));
+            let height = 0.8 * ring / rings;
+            let out = libm::sqrt(1.0 - height * height);
+            for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+                touch(Vector3::new(x * out, y * out, height));
+            }
+        }
+        if self.hits == 6 {
+            touch(Vector3::z());
+        }
+        points
+    }
+
+    /// Which share of errors lies within the stated one: at the corner where fewest do, and at all
+    /// corners at once; and the smallest that was stated.
+    fn share(&self, runs: u32, noise: &mut Noise) -> ([f64; 2], f64) {
+        let (mut within, mut smallest) = ([0_u32; 9], f64::INFINITY);
+        for _ in 0..runs {
+            let calibrated: f64 = (0..19).map(|_| noise.normal()).map(|n| n * n).sum();
+            let mut run = Run::new(self.job(self.sigma_mm * libm::sqrt(calibrated / 19.0)));
+            let mut outcome = Outcome::default();
+            let anywhere = |noise: &mut Noise, turn: f64, shift: f64| {
+                let turn = Rotation3::new(Vector3::z() * noise.within(turn));
+                (turn, Vector3::from_fn(|_, _| noise.within(shift)))
+            };
+            // Taught somewhere within a step, then measured wherever it stands.
+            let (_, taught_at) = anywhere(noise, 0.0, 0.05);
+            let (turn, shift) = anywhere(noise, 0.03, 40.0);
+            let shift = Vector3::new(shift.x, shift.y, shift.z * 0.01);
+            let kelvin = self.kelvin.unwrap_or_default();
+            let scale = 1.0 + 11.5e-6 * noise.within(kelvin);
+            let stands = |place: Vector3<f64>| turn * (place * scale) + shift;
+            // No plate was made to whole steps.
+            let balls = BALLS[..self.balls].iter();
+            let balls: Vec<_> = balls
+                .map(|mm| Vector3::from(*mm) + Vector3::from_fn(|_, _| noise.within(0.05)))
+                .collect();
+            let radii: Vec<f64> = balls.iter().map(|_| 12.7 + noise.within(0.01)).collect();
+            for number in 0..2 {
+                for (id, place) in (1..).zip(&balls) {
+                    let place = place + taught_at;
+                    let center = if number == 0 { place } else { stands(place) };
+                    for point in self.ball(center, radii[usize::from(id) - 1], noise) {
+                        let mut hit = hit(point);
+                        (hit.feature_id, hit.run) = (Some(id), Some(number + 1));
+                        run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+                    }
+                }
+            }
+            assert_eq!(outcome.summary(), ["OK", "OK"]);
+            let verdict = outcome.verdicts.remove(1);
+            let stated = verdict
+                .remarks
+                .iter()
+                .find_map(|remark| match remark.reason {
+                    Reason::Error95 { error_mm } => Some(error_mm),
+                    _ => None,
+                });
+            let stated = stated.expect("it is stated");
+            let said = verdict.registration.unwrap();
+            let rotation = nalgebra::Matrix3::from_fn(|row, column| said.rotation[row][column]);
+            let spec = self.job(1.0).correction.unwrap();
+            let corners = corners(&spec.part_min_mm.into(), &spec.part_max_mm.into());
+            let errors = corners.map(|at| {
+                let image = rotation * at + Vector3::from(said.translation_mm);
+                (image - stands(at)).norm()
+            });
+            let mut all = true;
+            for (count, error) in within.iter_mut().zip(errors) {
+                *count += u32::from(error <= stated);
+                all &= error <= stated;
+            }
+            within[8] += u32::from(all);
+            smallest = smallest.min(stated);
+        }
+        let share = |of: u32| f64::from(of) / f64::from(runs);
+        let worst = within[..8].iter().min().unwrap();
+        ([*worst, within[8]].map(share), smallest)
+    }
+}
+
+/// For 3, 4 and 5 balls.
+fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for balls in [3, 4, 5] {
+        let plain = Case { balls, ..PLAIN };
+        for hits in [5, 6, 9, 13, 25] {
+            cases.push(Case { hits, ..plain });
+        }
+        for step_mm in [0.001, 0.002, 0.005, 0.01] {
+            cases.push(Case {
+                step_mm,
+                hits: 9,
+                ..plain
+            });
+            cases.push(Case {
+                step_mm,
+                hits: 5,
+                sigma_mm: 0.0005,
+                ..plain
+            });
+        }
+        for half_mm in [SMALL_MM, [150.0, 150.0, 20.0]] {
+            for kelvin in [1.0, 2.0, 5.0] {
+                let kelvin = Some(kelvin);
+                cases.push(Case {
+                    half_mm,
+                    kelvin,
+                    ..plain
+                });
+                let step_mm = 0.001;
+                cases.push(Case {
+                    half_mm,
+                    kelvin,
+                    step_mm,
+                    hits: 5,
+                    ..plain
+                });
+            }
+        }
+    }
+    cases
+}
+
+/// Of clean, warm and rounded clampings 94 to 96 of 100 are right to within what is stated, at all
+/// corners of the part at once.
+///
+/// `UMI_COVERAGE_RUNS=10000 cargo test -p umi-core ninety_five -- --nocapture` prints the
+/// table of `tests/bench/DAMAGE.md`; fewer are held to their own scatter, and all together.
+#[test]
+fn ninety_five_of_a_hundred() {
+    let mut noise = Noise(0x0123_4567_89AB_CDEF);
+    let runs: u32 = std::env::var("UMI_COVERAGE_RUNS").map_or(30, |text| text.parse().unwrap());
+    // Four standard deviations of so many draws.
+    let scatter = |runs: f64| 4.0 * libm::sqrt(0.95 * 0.05 / runs);
+    let mut shares = Vec::new();
+    for case in cases() {
+        let ([_, all], smallest) = case.share(runs, &mut noise);
+        let [x, y, z] = case.half_mm.map(|mm| 2.0 * mm);
+        let kelvin = case.kelvin.map_or("-".into(), |kelvin| format!("{kelvin}"));
+        std::println!(
+            "| {} | {} | {} | {} | {kelvin} | {x:.0} x {y:.0} x {z:.0} | {:.1} % |",
+            case.balls,
+            case.hits,
+            1000.0 * case.sigma_mm,
+            1000.0 * case.step_mm,
+            100.0 * all
+        );
+        // What is rounded has no tails, and a part's growth has none either: of 10 000 each, 94.0 to
+        // 96.2 of 100.
+        let is_plain = case.step_mm == 0.0 && case.kelvin.is_none();
+        let band = if is_plain { 0.01 } else { 0.015 };
+        let most = scatter(f64::from(runs)).max(band);
+        assert!((all - 0.95).abs() <= most, "{case:?}: {all}");
+        assert!(smallest > case.sigma_mm, "{case:?}: {smallest}");
+        shares.push(all);
+    }
+    let count = f64::from(u32::try_from(shares.len()).unwrap());
+    let share = shares.iter().sum::<f64>() / count;
+    let most = scatter(count * f64::from(runs)) + 0.005;
+    assert!((share - 0.95).abs() <= most, "of all: {share}");
+}
