@@ -93,9 +93,23 @@ impl Basis {
         };
         let (_, transform) = cleared(verdict)?;
         let run = verdict.of_run();
-        let spec = job.correction.as_ref().zip(job.guards.run_variable);
-        let check =
-            |(spec, variable): (&CorrectionSpec, u32)| RunCheck::of(spec.dialect, variable, run?);
+        let spec = job
+            .correction
+            .as_ref()
+            .zip(job.guards.run_variable)
+            .zip(run);
+        let check = |((spec, variable), run): ((&CorrectionSpec, u32), u32)| {
+            let dialect = spec.dialect;
+            RunCheck::of(dialect, variable, run).ok_or_else(|| {
+                let said = format!(
+                    "a rewritten program for {} compares no run, and the job has `run_variable`: \
+                     take it out of a job by which programs are rewritten",
+                    dialect.name()
+                );
+                Problem::refused("not_compared", said)
+            })
+        };
+        let check = spec.map(check).transpose()?;
         let of_run = run.map_or_else(String::new, |run| format!(" - RUN {run}"));
         Ok(ProgramSource {
             transform,
@@ -103,7 +117,7 @@ impl Basis {
                 "VERDICT OK - {} - SETUP {}{of_run}",
                 job.name, verdict.setup
             ),
-            run: spec.and_then(check),
+            run: check,
         })
     }
 

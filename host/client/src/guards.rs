@@ -19,11 +19,15 @@
 
 mod scatter;
 
-use nalgebra::{Rotation3, Vector3};
-use umi_core::job::{against_places, closing, datums, fixed, touch_begins_anew, touches_again};
+use std::ops::Range;
+
+use nalgebra::{Rotation3, Unit, Vector3};
+use umi_core::job::{
+    against_places, closing, datums, fixed, moves_something, touch_begins_anew, touches_again,
+};
 use umi_core::registration::register;
 use umi_core::units::Point;
-use umi_protocol::job::{Job, Reference, Teach};
+use umi_protocol::job::{FeatureKind, FeatureSpec, Job, Reference, Teach};
 use umi_protocol::pattern::LinePattern;
 
 /// Where features are taken that say no place: on a circle around the origin.
@@ -62,6 +66,8 @@ pub struct GuardTable {
     pub rows: Vec<Guarded>,
     /// False: they are taken on a circle.
     pub has_places: bool,
+    /// The datum features that say no place.
+    pub without_place: Vec<String>,
 }
 
 impl GuardTable {
@@ -82,6 +88,10 @@ impl GuardTable {
             .iter()
             .all(|pattern| matches!(pattern, LinePattern::Checked(_)));
         let has_run = job.guards.run_variable.is_some();
+        let guards = &job.guards;
+        let holds_length =
+            guards.frame && (guards.tool_length_mm.is_some() || job.reference == Reference::Taught);
+        let closes = closing(job).any(|(_, closing)| !guards.fixed.contains(&closing.repeats));
         let or_from =
             |sees: bool, from: &dyn Fn() -> SeenFrom| if sees { SeenFrom::Always } else { from() };
         let row = |code, what, seen, by| Guarded {
@@ -132,6 +142,16 @@ impl GuardTable {
                 if is_checked { "frame" } else { "checked lines" },
             ),
             row(
+                "tool_length",
+                "another tool length than when taught",
+                or_from(holds_length, &|| setup.together()),
+                if job.reference == Reference::Taught {
+                    "frame"
+                } else {
+                    "frame, tool_length_mm"
+                },
+            ),
+            row(
                 "silent_teaching",
                 "taught by a setup nobody meant",
                 when(job.teach == Teach::Asked || job.reference == Reference::Given),
@@ -162,8 +182,14 @@ impl GuardTable {
             row(
                 "chip_on_top",
                 "chip on a top, each touch early",
-                setup.one(&UP),
+                setup.chip(),
                 "a 4th ball",
+            ),
+            row(
+                "chips_on_two",
+                "chips on two tops, as if it were tilted",
+                setup.two(),
+                "tilt_deg",
             ),
             row(
                 "wrong_digit",
@@ -200,15 +226,61 @@ impl GuardTable {
                 "closing",
             ),
             row(
+                "turned",
+                "turned on the table while probed",
+                setup.turned(),
+                "a 2nd closing",
+            ),
+            row(
+                "rocked",
+                "rocked over two balls while probed",
+                setup.rocked(),
+                "a 3rd closing",
+            ),
+            row(
+                "not_enclosed",
+                "a ball probed outside the closing pair",
+                or_from(closes, &|| setup.slip()),
+                "closing",
+            ),
+            row(
                 "z_scale",
                 "Z scale, error at the part",
                 setup.z_scale(),
                 "fixed, witness",
             ),
+            row(
+                "feed",
+                "probe trips later: other feed, or worn",
+                setup.trips_later(),
+                "learned",
+            ),
+            row(
+                "coarse_step",
+                "a control's step of 20, 50, 100 µm",
+                when(moves_something(job)),
+                "the board",
+            ),
+            row(
+                "moved_while_closing",
+                "moved behind the first closing ball",
+                setup.moved_while_closing(),
+                "firm clamps",
+            ),
+            row(
+                "moved_after",
+                "moved after the last hit",
+                SeenFrom::Never,
+                "firm clamps",
+            ),
         ];
         Self {
             rows,
             has_places: setup.has_places,
+            without_place: datums(job)
+                .filter(|(_, feature)| feature.position_mm.is_none())
+                .map(|(_, feature)| feature.name.to_string())
+                .collect(),
         }
     }
 }
@@ -230,6 +302,9 @@ const UP: [[i8; 3]; 1] = [[0, 0, 1]];
 fn unit(direction: &[i8; 3]) -> Vector3<f64> {
     Vector3::from(direction.map(f64::from)).normalize()
 }
+
+/// So many datum features have middles that are tried as well.
+const FEW: usize = 4;
 
 /// Sizes that are tried.
 const STEPS: u32 = 35;
@@ -407,19 +482,51 @@ impl Setup {
         }))
     }
 
+    /// Which feature is probed as this one: what lies on a ball is there again when it is probed
+    /// again.
+    fn repeated(&self, index: usize) -> usize {
+        let again = closing(&self.job).find(|(again, _)| *again == index);
+        again
+            .and_then(|(_, closing)| {
+                let features = &self.job.features;
+                features.iter().position(|f| f.name == closing.repeats)
+            })
+            .unwrap_or(index)
+    }
+
+    /// Something lies on one feature, and is there when it is probed again.
+    fn chip(&self) -> SeenFrom {
+        let balls = datums(&self.job).count();
+        worst(datums(&self.job).map(|(of, _)| {
+            self.from(balls, &|index, mm| {
+                Vector3::z() * if self.repeated(index) == of { mm } else { 0.0 }
+            })
+        }))
+    }
+
+    /// Two features are too high alike: where they lie on one side, a tilt does so as well.
+    fn two(&self) -> SeenFrom {
+        let balls = datums(&self.job).count();
+        let due: Vec<usize> = datums(&self.job).map(|(index, _)| index).collect();
+        worst(due.iter().enumerate().flat_map(|(number, one)| {
+            let behind = due.iter().skip(number + 1);
+            behind.map(move |other| {
+                self.from(balls, &|index, mm| {
+                    let of = self.repeated(index);
+                    Vector3::z() * if of == *one || of == *other { mm } else { 0.0 }
+                })
+            })
+        }))
+    }
+
     /// The worst of [`DIRECTIONS`], and from there on as long as a step aside is worse.
     fn worst_direction(
         &self,
         balls: usize,
         off: &dyn Fn(Vector3<f64>, usize, f64) -> Vector3<f64>,
     ) -> SeenFrom {
-        // Whether one is worse is seen at the worst size so far, before its own is looked for.
-        let is_worse = |along: Vector3<f64>, than: SeenFrom| match than {
-            SeenFrom::Size(um) => [1.0, 1.6, 4.0].iter().any(|times| {
-                let mm = (um - self.scatter_um(balls)).max(0.1) * times * 1e-3;
-                !self.refuses(&|index| off(along, index, mm))
-            }),
-            _ => false,
+        let is_worse = |along: Vector3<f64>, than: SeenFrom| {
+            self.is_later(than, balls, &|index, mm| off(along, index, mm))
         };
         let from = |along: Vector3<f64>| self.from(balls, &|index, mm| off(along, index, mm));
         let mut most = (unit(&DIRECTIONS[0]), from(unit(&DIRECTIONS[0])));
@@ -463,8 +570,12 @@ impl Setup {
     /// Those that move with the part, in their order.
     fn moving(&self) -> Vec<usize> {
         let fixed: Vec<usize> = fixed(&self.job).map(|(index, _)| index).collect();
+        // One that repeats a feature on the table is on it as well.
+        let again = closing(&self.job)
+            .filter(|(_, closing)| self.job.guards.fixed.contains(&closing.repeats));
+        let again: Vec<usize> = again.map(|(index, _)| index).collect();
         (0..self.places.len())
-            .filter(|index| !fixed.contains(index))
+            .filter(|index| !fixed.contains(index) && !again.contains(index))
             .collect()
     }
 
@@ -489,12 +600,151 @@ impl Setup {
         }))
     }
 
+    /// From one of them on, up to the first closing one, it has turned on the table: about a ball,
+    /// or between two. The size is what the datum feature does that moves most, of those that were
+    /// probed before: if none of them has moved, what was measured is right.
+    fn turned(&self) -> SeenFrom {
+        self.worst_turn(self.upright(), 1..self.first_closing())
+    }
+
+    /// It has rocked there: over two of its balls, or a line between them.
+    fn rocked(&self) -> SeenFrom {
+        self.worst_turn(self.lying(), 1..self.first_closing())
+    }
+
+    /// It has turned or rocked between the first closing one and the last: each is seen by those
+    /// alone that come behind it.
+    fn moved_while_closing(&self) -> SeenFrom {
+        let behind = self.first_closing()..self.moving().len();
+        let axes = self.upright().into_iter().chain(self.lying());
+        self.worst_turn(axes.collect(), behind)
+    }
+
+    /// So many of those that move come before the part has moved, at most, where the first closing
+    /// one has seen it.
+    fn first_closing(&self) -> usize {
+        let moving = self.moving();
+        let is_closing = |index: &usize| closing(&self.job).any(|(again, _)| again == *index);
+        let upto = moving.iter().position(is_closing);
+        upto.map_or(moving.len(), |first| first + 1)
+    }
+
+    /// Upright axes of a turn.
+    fn upright(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let pivots = self.pivots();
+        pivots.into_iter().map(|at| (at, Vector3::z())).collect()
+    }
+
+    /// Axes of a turn through two pivots.
+    fn lying(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let pivots = self.pivots();
+        let pairs = pivots.iter().enumerate().flat_map(|(number, from)| {
+            let behind = pivots.iter().skip(number + 1);
+            behind.map(move |to| (*from, to - from))
+        });
+        pairs.collect()
+    }
+
+    /// The datum places, and where they are few the middles of each two: what closing features
+    /// show least of passes through some of these.
+    fn pivots(&self) -> Vec<Vector3<f64>> {
+        let places: Vec<Vector3<f64>> = (datums(&self.job))
+            .map(|(index, _)| self.at(index))
+            .collect();
+        let mut pivots = places.clone();
+        if places.len() <= FEW {
+            for (number, a) in places.iter().enumerate() {
+                pivots.extend(places.iter().skip(number + 1).map(|b| (a + b) / 2.0));
+            }
+        }
+        pivots
+    }
+
+    /// The worst turn about one of these axes, before one of these of all that move.
+    fn worst_turn(
+        &self,
+        axes: Vec<(Vector3<f64>, Vector3<f64>)>,
+        before: Range<usize>,
+    ) -> SeenFrom {
+        let (moving, balls) = (self.moving(), self.against());
+        // None is tried where there is nothing to turn about, or no second feature that shows it.
+        let mut most = None;
+        for first in before {
+            let moved = &moving[first..];
+            for (about, along) in &axes {
+                let Some(along) = Unit::try_new(*along, 1e-9) else {
+                    continue;
+                };
+                let arm = moving[..first]
+                    .iter()
+                    .map(|index| along.cross(&(self.at(*index) - about)).norm())
+                    .fold(0.0, f64::max);
+                if arm < 1.0 {
+                    continue;
+                }
+                let off = |index: usize, mm: f64| {
+                    let by = Rotation3::from_axis_angle(&along, mm / arm);
+                    let arm = self.at(index) - about;
+                    if moved.contains(&index) {
+                        by * arm - arm
+                    } else {
+                        Vector3::zeros()
+                    }
+                };
+                most = Some(match most {
+                    None => self.from(balls, &off),
+                    Some(most) if self.is_later(most, balls, &off) => {
+                        worst([most, self.from(balls, &off)].into_iter())
+                    }
+                    Some(most) => most,
+                });
+            }
+        }
+        most.unwrap_or(SeenFrom::Never)
+    }
+
+    /// Whether an error is seen later than from this size on: tried there, before its own size is
+    /// looked for.
+    fn is_later(
+        &self,
+        than: SeenFrom,
+        balls: usize,
+        off: &dyn Fn(usize, f64) -> Vector3<f64>,
+    ) -> bool {
+        let SeenFrom::Size(um) = than else {
+            return false;
+        };
+        [1.0, 1.6, 4.0].iter().any(|times| {
+            let mm = (um - self.scatter_um(balls)).max(0.1) * times * 1e-3;
+            !self.refuses(&|index| off(index, mm))
+        })
+    }
+
     /// How many balls stand against each other where the part has moved: the closing one
     /// against the first, or all of them.
     fn against(&self) -> usize {
         match self.job.guards.closing.first() {
             Some(_) => 1,
             None => datums(&self.job).count(),
+        }
+    }
+
+    /// Each hit is so much later than when taught, as at another feed: a ball's radius shows it.
+    fn trips_later(&self) -> SeenFrom {
+        let limits = &self.job.limits;
+        let learned = self.job.guards.learned;
+        let mm = match learned {
+            Some(learned) => learned.radius_mm.min(limits.radius_error_mm),
+            // Twice: the taught one may be off the other way.
+            None => 2.0 * limits.radius_error_mm,
+        };
+        let has_radius = |feature: &FeatureSpec| {
+            matches!(feature.kind, FeatureKind::Sphere | FeatureKind::Circle)
+        };
+        if datums(&self.job).any(|(_, feature)| has_radius(feature)) {
+            self.scattered(1, mm * 1e3)
+        } else {
+            SeenFrom::Never
         }
     }
 
@@ -583,6 +833,12 @@ mod tests {
     const FOUR: &str = include_str!("../../../examples/four-spheres.toml");
     const THREE: &str = include_str!("../../../examples/three-spheres.toml");
 
+    /// One closing ball less.
+    fn without_last(job: &mut Job) {
+        let last = job.guards.closing.pop().unwrap();
+        job.features.retain(|feature| feature.name != last.feature);
+    }
+
     /// Three standard deviations of so many balls against as many, of 1 µm a hit.
     fn scatter_um(balls: f64) -> f64 {
         3.0 * (2.0 * balls).sqrt()
@@ -649,7 +905,7 @@ mod tests {
     fn each_guard_sees_its_row() {
         let four = job(FOUR);
         type Without = fn(&mut Job);
-        let guards: [(&str, Without); 8] = [
+        let guards: [(&str, Without); 10] = [
             ("late_text", |job| job.guards.run_variable = None),
             ("stale_read", |job| job.guards.run_variable = None),
             ("mixed_setups", |job| job.guards.run_variable = None),
@@ -657,6 +913,8 @@ mod tests {
             ("shift_active", |job| job.guards.frame = false),
             ("shift_while_probed", |job| job.guards.frame = false),
             ("silent_teaching", |job| job.teach = Default::default()),
+            ("tool_length", |job| job.guards.frame = false),
+            ("not_enclosed", |job| job.guards.closing.clear()),
             ("order", |_| ()),
         ];
         for (code, without) in guards {
@@ -666,6 +924,27 @@ mod tests {
             let expected = code == "order";
             assert_eq!(seen(&less, code) == SeenFrom::Always, expected, "{code}");
         }
+        // Nothing was taught whose length could be compared.
+        let mut given = four.clone();
+        given.reference = umi_protocol::job::Reference::Given;
+        assert_ne!(seen(&given, "tool_length"), SeenFrom::Always);
+        given.guards.tool_length_mm = Some(81.5);
+        assert_eq!(seen(&given, "tool_length"), SeenFrom::Always);
+        // What is probed twice on the table says nothing of the part.
+        let mut table = four.clone();
+        without_last(&mut table);
+        without_last(&mut table);
+        table
+            .guards
+            .fixed
+            .push("SPHERE1".try_into().unwrap())
+            .unwrap();
+        assert_ne!(seen(&table, "not_enclosed"), SeenFrom::Always);
+        assert!(
+            um(seen(&table, "slip")) > 20.0,
+            "{:?}",
+            seen(&table, "slip")
+        );
         // Without runs a correction that nobody has read waits for as long as it may.
         let mut three = job(THREE);
         assert_eq!(seen(&three, "stale_read"), SeenFrom::After(1800));
@@ -678,7 +957,11 @@ mod tests {
         // The closing ball sees what moves: at its limit, whatever the direction.
         for code in ["drift", "slip"] {
             let from = um(seen(&four, code));
-            let within_um = four.guards.closing[0].within_mm * 1e3;
+            let mut within_um = four.guards.closing[0].within_mm * 1e3;
+            if code == "drift" {
+                // The last one stands against the second of seven.
+                within_um *= 6.0 / 5.0;
+            }
             let from = from - scatter_um(1.0);
             assert!((from - within_um).abs() < 0.01, "{code}: {from}");
             let mut open = four.clone();
@@ -694,7 +977,7 @@ mod tests {
         let mut table = four.clone();
         let mut ball = table.features[3].clone();
         ball.name = "TABLE".try_into().unwrap();
-        ball.id = Some(6);
+        ball.id = Some(8);
         table.features.push(ball).unwrap();
         table
             .guards
@@ -705,6 +988,48 @@ mod tests {
         umi_core::job::check(&table).unwrap();
         let from = um(seen(&table, "longer_probe")) - scatter_um(1.0);
         assert!((from - 6.0).abs() < 0.01, "{from}");
+    }
+
+    /// One closing ball shows no turn about it, two no rocking over both, three show each from a
+    /// few times their limit on.
+    #[test]
+    fn three_closing_balls_show_each_turn() {
+        let mut job = job(FOUR);
+        let [turned, rocked] = ["turned", "rocked"].map(|code| um(seen(&job, code)));
+        let within_um = job.guards.closing[0].within_mm * 1e3;
+        assert!((within_um..2.0 * within_um).contains(&turned), "{turned}");
+        // By the plane of three limits a fourth ball moves by three of them.
+        assert!((within_um..4.0 * within_um).contains(&rocked), "{rocked}");
+        // Between the closing ones it is seen by the last alone: not about that one.
+        assert_eq!(seen(&job, "moved_while_closing"), SeenFrom::Never);
+        without_last(&mut job);
+        assert!(um(seen(&job, "turned")) < 3.0 * within_um);
+        assert_eq!(seen(&job, "rocked"), SeenFrom::Never);
+        without_last(&mut job);
+        assert_eq!(seen(&job, "turned"), SeenFrom::Never);
+        assert_eq!(seen(&job, "rocked"), SeenFrom::Never);
+    }
+
+    /// One ring has nothing that it turns against.
+    #[test]
+    fn a_feature_alone_shows_no_turn() {
+        let ring = job(include_str!("../../../examples/ring-gauge.toml"));
+        for code in ["turned", "rocked"] {
+            assert_eq!(seen(&ring, code), SeenFrom::Never, "{code}");
+        }
+    }
+
+    /// Two chips on one side look like a tilt: the limit both ways, where the part leans against
+    /// them, over the distance of the two sides.
+    #[test]
+    fn chips_on_one_side_are_a_tilt() {
+        let mut job = job(FOUR);
+        let from = um(seen(&job, "chips_on_two")) - scatter_um(4.0);
+        let both_ways = 2.0 * 273_000.0 * job.limits.tilt_deg.to_radians().tan();
+        assert!((from - both_ways).abs() < 2.0, "{from} {both_ways}");
+        job.limits.tilt_deg *= 2.0;
+        let wider = um(seen(&job, "chips_on_two")) - scatter_um(4.0);
+        assert!((wider / from - 2.0).abs() < 0.1, "{wider} {from}");
     }
 
     /// A worn stylus: the rms of 6 hits is that of two degrees of freedom, so a ball passes a

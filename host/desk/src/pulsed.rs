@@ -6,10 +6,10 @@
 
 use std::time::Duration;
 
-use umi_client::link::Client;
+use umi_client::link::{Client, Patience};
 use umi_client::problem::Problem;
 use umi_core::units::Micros;
-use umi_protocol::latch::{Positions, TriggerOut, TriggerPulse};
+use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerPulse};
 use umi_protocol::message::{Event, Status};
 use umi_virtual::machine::Wires;
 use umi_virtual::{Config, VirtualBoard};
@@ -29,8 +29,16 @@ const SAMPLING: Duration = Duration::from_millis(2);
 const BEAT_US: u64 = 200_000;
 /// And after so many pulses: what waits for a host that does not read is bounded.
 const BEAT_PULSES: usize = 16;
-/// Without an event for so long there is none any more.
-const QUIET: Duration = Duration::from_millis(100);
+/// Beats behind the last pulse after which nothing more comes.
+const LAST_BEATS: u32 = 5;
+/// Beats that are given to pulses that the host has not heard of yet.
+const MOST_BEATS: u32 = 500;
+/// The board is a thread of this process: it answers when it is given time, and its end closes the
+/// link. A question is asked once, so that nothing here depends on how busy the computer is.
+const PATIENCE: Patience = Patience {
+    answer: Duration::from_secs(120),
+    tries: 1,
+};
 
 /// The board, its host, and what came of the pulses.
 pub struct PulsedDesk {
@@ -46,6 +54,8 @@ pub struct PulsedDesk {
     events: Vec<Event>,
     beat_us: u64,
     unread: usize,
+    /// Pulses in all.
+    sent: usize,
     /// The board when its pulses began.
     begun: Option<(Status, Positions)>,
     /// The first trouble: a machine's wire cannot report one.
@@ -71,7 +81,7 @@ impl PulsedDesk {
     pub fn new() -> Result<Self, Problem> {
         let board = VirtualBoard::start(Config::default())
             .map_err(|error| Problem::trouble("virtual_board", error))?;
-        let client = crate::client(&board)?;
+        let client = Client::with_patience(crate::link(&board), PATIENCE)?;
         Ok(Self {
             board,
             client,
@@ -83,6 +93,7 @@ impl PulsedDesk {
             events: Vec::new(),
             beat_us: 0,
             unread: 0,
+            sent: 0,
             begun: None,
             failure: None,
         })
@@ -136,17 +147,17 @@ impl PulsedDesk {
         }
         let ended = self.client.trigger_out(TriggerOut::Off)?;
         ended.map_err(|why| Problem::refused(why.into(), why))?;
-        // What the board keeps back for a while comes.
-        for _ in 0..5 {
-            self.offset_us += BEAT_US;
-            if let Some((_, at)) = self.told {
-                self.tell(0, at)?;
+        // What the board keeps back for a while comes, on its own clock.
+        for beat in 0..MOST_BEATS {
+            if beat >= LAST_BEATS && self.heard() >= self.sent {
+                break;
             }
+            let Some((at_us, at)) = self.told else { break };
+            self.tell((at_us + BEAT_US).saturating_sub(self.offset_us), at)?;
         }
+        // The answers stand behind all that was told before.
         let (after, to) = (self.client.status()?, self.client.positions()?);
-        while let Some(event) = self.client.next_event(QUIET)? {
-            self.events.push(event);
-        }
+        self.listen()?;
         let (before, from) = self
             .begun
             .ok_or_else(|| Problem::trouble("virtual_board", "the pulses never began"))?;
@@ -155,6 +166,26 @@ impl PulsedDesk {
             status: [before, after],
             positions: [from, to],
         })
+    }
+
+    /// Takes what the board has told.
+    fn listen(&mut self) -> Result<(), Problem> {
+        while let Some(event) = self.client.next_event(Duration::ZERO)? {
+            self.events.push(event);
+        }
+        Ok(())
+    }
+
+    /// Pulses that the host has heard of.
+    fn heard(&self) -> usize {
+        let batches = self.events.iter().filter_map(|event| match event {
+            Event::Latches(batch) => Some(batch),
+            _ => None,
+        });
+        batches
+            .flat_map(|batch| batch.reports())
+            .filter(|latch| latch.cause == LatchCause::Output && !latch.counts.is_empty())
+            .count()
     }
 
     /// The axes are there at this time of the machine.
@@ -180,11 +211,10 @@ impl PulsedDesk {
         self.shots
             .extend(pulses.map(|latch| rise(latch, sent.pulse, counts.axes, speed)));
         self.unread += self.shots.len() - known;
+        self.sent += self.shots.len() - known;
         if at_us - self.beat_us >= BEAT_US || self.unread >= BEAT_PULSES {
             self.client.status()?;
-            while let Some(event) = self.client.next_event(Duration::ZERO)? {
-                self.events.push(event);
-            }
+            self.listen()?;
             (self.beat_us, self.unread) = (at_us, 0);
         }
         Ok(())

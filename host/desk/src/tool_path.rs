@@ -56,13 +56,14 @@ pub fn moves(
     let mut away = [true; 3];
     loop {
         let step = control.step(&mut axes).map_err(fail)?;
-        follow(&step.text, &mut away);
-        lines.resize(axes.motions.len(), (step.line, away.contains(&true)));
+        let by_machine = follow(&step.text, &mut away);
+        lines.resize(axes.motions.len(), (step.line, away, by_machine));
         if origin.is_none() && !axes.motions.is_empty() {
             // That of the first motion: the frame of the transform.
             origin = Some(control.offset(control.status().offset));
         }
-        if step.state == ProgramState::Ended {
+        // Begun again it has moved once more from where it ended; a control goes on for ever.
+        if step.state == ProgramState::Ended || control.begun_again() > 1 {
             break;
         }
     }
@@ -71,7 +72,7 @@ pub fn moves(
         .motions
         .iter()
         .zip(lines)
-        .map(|((from, motion), (line, away))| {
+        .map(|((from, motion), (line, away, by_machine))| {
             let path = match motion.path {
                 nc::MotionPath::Line => Way::Line,
                 nc::MotionPath::Arc {
@@ -90,13 +91,14 @@ pub fn moves(
                 is_feed: matches!(motion.rate, MotionRate::Feed(_)),
                 line,
                 away,
+                by_machine,
             }
         });
     Ok(moves.collect())
 }
 
 /// Which axes a block sends to machine coordinates, and which it brings back.
-fn follow(block: &str, away: &mut [bool; 3]) {
+fn follow(block: &str, away: &mut [bool; 3]) -> bool {
     let mut in_comment = false;
     let words: String = block
         .split(';')
@@ -120,4 +122,5 @@ fn follow(block: &str, away: &mut [bool; 3]) {
             *away = leaves;
         }
     }
+    leaves
 }

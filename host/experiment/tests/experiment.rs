@@ -1,12 +1,12 @@
 //! The thesis' experiment, whole: misplace, probe, correct, cut, measure.
 
 use umi_client::problem::Problem;
-use umi_experiment::cases::{self, ExperimentCase};
-use umi_experiment::outcome::{ExperimentOutcome, Method, Setting};
-use umi_experiment::path::Passes;
-use umi_experiment::run;
-use umi_experiment::run::ExperimentProgress;
-use umi_experiment::thesis;
+use umi_experiment::thesis::cases::{self, ExperimentCase};
+use umi_experiment::thesis::outcome::{ExperimentOutcome, Method, Setting};
+use umi_experiment::thesis::path::Passes;
+use umi_experiment::thesis::printed as thesis;
+use umi_experiment::thesis::run;
+use umi_experiment::thesis::run::ExperimentProgress;
 use umi_protocol::job::Dialect;
 
 fn quietly(_: ExperimentProgress<'_>) -> Result<(), Problem> {
@@ -111,7 +111,7 @@ fn the_report_quotes_the_thesis() {
         ..SETTING
     };
     let outcome = run_with(setting, &cases::stated());
-    let page = umi_experiment::pages::html(&outcome, &[outcome.summary()]);
+    let page = umi_experiment::thesis::pages::html(&outcome, &[outcome.summary()]);
     // Its cells, row by row, with a blank between them.
     let table = |name: &str| -> String {
         let from = page.find(&format!("{name}. ")).expect("the table");
@@ -230,7 +230,7 @@ fn beyond_the_limits_nothing_is_cut() {
         left.min_mm > -0.05 && left.uncut > left.nodes / 2,
         "{left:?}"
     );
-    let page = umi_experiment::pages::html(&outcome, &[outcome.summary()]);
+    let page = umi_experiment::thesis::pages::html(&outcome, &[outcome.summary()]);
     assert!(page.contains("NG") && !page.contains("NaN"));
 }
 

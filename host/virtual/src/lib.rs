@@ -20,7 +20,7 @@ pub mod cell;
 pub mod cutting;
 pub mod machine;
 pub mod nc;
-pub(crate) mod random;
+pub mod random;
 pub mod scanner;
 pub mod scene;
 pub mod sensor;

@@ -2,9 +2,11 @@
 
 /// A seeded source of noise.
 #[derive(Clone, Debug)]
-pub(crate) struct Random(fastrand::Rng);
+pub struct Random(fastrand::Rng);
 
 impl Random {
+    /// From this seed.
+    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(fastrand::Rng::with_seed(seed))
     }

@@ -176,7 +176,7 @@ impl Wires for SensorStation {
                 Err(fault) => writeln!(self.text, "{shown:05} - {}\r", fault.code()),
             };
             for byte in self.text.bytes() {
-                self.station.sensor_byte(byte);
+                self.station.sensor_byte(byte, at);
             }
         }
         self.last = read.ok().or(self.last);

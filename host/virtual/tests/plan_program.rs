@@ -68,6 +68,7 @@ fn a_program_goes_to_the_rows_of_its_path() {
             dialect,
             mode: ProgramMode::Rotary,
             feed_mm_per_min: 600.0,
+            number: 1000,
         };
         let text = program(&spec, Vec::new(), &rows, style).unwrap().text;
         let scene = scene(name);

@@ -10,6 +10,7 @@ use umi_protocol::latch::{Positions, TriggerOut, TriggerRefusal};
 use umi_protocol::message::{
     Identity, JournalInfo, LineRefusal, Request, Response, Status, TeachRefusal, TeachWhat,
 };
+use umi_protocol::point_sensor::{CommandText, SensorOnBoard, SensorRefusal, SensorStatus};
 use umi_protocol::program::{Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::serial::LineSettings;
 use umi_protocol::update::{IMAGE_HEADER, ImageInfo, UpdateRefusal};
@@ -69,6 +70,17 @@ pub enum ConfigRefusal {
     /// The job in force asks for more.
     Job(JobError),
     /// The board cannot be configured.
+    NotOnThisBoard,
+}
+
+/// What came of a sensor, or of a line to its station.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorTaken {
+    /// It is in force; the line is carried out.
+    Done,
+    /// It is not taken.
+    Refused(SensorRefusal),
+    /// The board has no second port.
     NotOnThisBoard,
 }
 
@@ -288,6 +300,26 @@ calls! {
     /// Says what this machine's clock says, in seconds since the start of 1970, UTC.
     host_time(utc_s: u64) -> () = Request::HostTime { utc_s } => { Response::Done => (), }
 
+    /// Sets a distance sensor up on the board's second port, or takes it away; or says why not.
+    set_sensor(sensor: Option<SensorOnBoard>) -> SensorTaken = Request::SensorSet(sensor) => {
+        Response::Done => SensorTaken::Done,
+        Response::SensorRefused(refusal) => SensorTaken::Refused(refusal),
+        Response::NotOnThisBoard => SensorTaken::NotOnThisBoard,
+    }
+
+    /// What the station of a distance sensor does; none: the board has no second port.
+    sensor() -> Option<SensorStatus> = Request::SensorGet => {
+        Response::Sensor(status) => Some(status),
+        Response::NotOnThisBoard => None,
+    }
+
+    /// Passes a line on to the station, as the control's macro prints it.
+    sensor_command(line: CommandText) -> SensorTaken = Request::SensorCommand { line } => {
+        Response::Done => SensorTaken::Done,
+        Response::SensorRefused(refusal) => SensorTaken::Refused(refusal),
+        Response::NotOnThisBoard => SensorTaken::NotOnThisBoard,
+    }
+
     /// Asks for a session; none: the board has none.
     session_begin(ask: SessionAsk) -> Option<SessionChallenge> = Request::SessionBegin(ask) => {
         Response::SessionChallenge(challenge) => Some(challenge),
@@ -445,5 +477,8 @@ pub(super) const fn name(request: &Request) -> &'static str {
         Request::UpdatePiece { .. } => "update piece",
         Request::UpdateEnd => "update end",
         Request::HostTime { .. } => "host time",
+        Request::SensorSet(_) => "set sensor",
+        Request::SensorGet => "sensor",
+        Request::SensorCommand { .. } => "sensor command",
     }
 }

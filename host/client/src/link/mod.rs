@@ -26,8 +26,8 @@ mod session;
 mod transport;
 
 pub use calls::{
-    Acknowledged, ConfigRefusal, JobInForce, JournalChain, JournalEntry, SessionAnswer,
-    StoredPrograms,
+    Acknowledged, ConfigRefusal, JobInForce, JournalChain, JournalEntry, SensorTaken,
+    SessionAnswer, StoredPrograms,
 };
 pub use client::{Client, Patience};
 pub use error::LinkError;

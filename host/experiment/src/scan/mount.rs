@@ -116,6 +116,7 @@ pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
         radius_mm: Some(RADIUS_MM),
         centres: None,
         hold: [false; 3],
+        bars: Vec::new(),
     };
     let answer = sensor(&all, &station.drawn.sensor, &options)?;
     let found = Pose::from_rows(&answer.rotation, &answer.translation_mm)
@@ -133,6 +134,7 @@ pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
     );
     let machine = AxisChain {
         sensor: found,
+        sensor_covariance: answer.covariance_scatter,
         ..station.drawn.clone()
     };
     Ok(Mounted {

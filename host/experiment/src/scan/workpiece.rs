@@ -1,7 +1,7 @@
 //! The five-clamping workpiece of the thesis, scanned as in its sections 5.1 and 6.5: tables 5.1,
 //! 6.2 and 6.3 beside ours, once with its software loop and once with the board.
 //!
-//! What is scanned is the surface that [`crate::run`] has cut, as triangles: its part stands turned
+//! What is scanned is the surface that [`crate::thesis::run`] has cut, as triangles: its part stands turned
 //! by 90 degrees about Z, so that its axis lies along the sensor's line. The mount is calibrated on a ball
 //! first.
 //!
@@ -24,11 +24,11 @@ use umi_virtual::scene::{BeamEnd, LineScannerSpec};
 
 use super::mount::{MountError, calibrate};
 use super::station::{Recording, Stop, TableMachine, place};
-use crate::cases::stated;
-use crate::outcome::{Method, Setting};
-use crate::part::{NOMINAL, border_y_mm};
-use crate::path::Passes;
-use crate::run::run;
+use crate::thesis::cases::stated;
+use crate::thesis::outcome::{Method, Setting};
+use crate::thesis::part::{NOMINAL, border_y_mm};
+use crate::thesis::path::Passes;
+use crate::thesis::run::run;
 
 /// Speed of the scan (section 6.4).
 const SPEED_MM_PER_S: f64 = 2.5;
@@ -239,7 +239,7 @@ fn figures(
     target: &CutSurface,
     passes: &Passes,
 ) -> Result<PartFigures, MountError> {
-    let [left, right] = crate::part::MEASURED_X_MM;
+    let [left, right] = crate::thesis::part::MEASURED_X_MM;
     let half = border_y_mm() - RIM_MM;
     let on_part = |p: &[f64; 3]| {
         (left + RIM_MM..=right - RIM_MM).contains(&p[0]) && (p[1] - NOMINAL.axis_y_mm).abs() < half

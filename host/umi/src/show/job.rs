@@ -1,8 +1,8 @@
 //! A job as text for people.
 
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Job, Lessons, ProgramEnd, Reference, SendWhen, Teach,
-    WitnessSpec,
+    Approach, Compensation, CorrectionSpec, Dialect, Job, Lessons, ProgramEnd, Reference, SendWhen,
+    Teach, WitnessSpec,
 };
 use umi_protocol::latch::SignalLevel;
 use umi_protocol::pattern::{
@@ -67,15 +67,96 @@ pub fn text(job: &Job) -> String {
         Some(spec) => correction(spec).to_string(),
         None => "  no correction: the job only measures\n".to_owned(),
     };
+    for note in notes(job) {
+        text += &format!("\n{}\n", paint(CAUTION, wrapped(&note.message)));
+    }
+    text
+}
+
+/// What somebody must know who takes this job.
+pub struct Note {
+    /// Its stable name.
+    code: &'static str,
+    /// The sentence.
+    message: String,
+}
+
+/// All that is told of a job beside its tables: what is not guarded, and what must fit to it.
+#[must_use]
+pub fn notes(job: &Job) -> Vec<Note> {
+    let mut notes = Vec::new();
+    let mut note = |code, message: String| notes.push(Note { code, message });
     if job.correction.is_some() && !has_alarm(job) {
         let said = "a READ without an OK verdict gets nothing: this control has no word that \
                     raises an alarm";
-        text += &format!("\n  {}\n", paint(CAUTION, said));
+        note("read_gets_nothing", said.to_owned());
+    }
+    if let Some((code, said)) = other_count(job) {
+        note(code, said);
     }
     if let Some(open) = umi_core::job::not_guarded(job) {
-        text += &format!("\n  {}\n", paint(CAUTION, open));
+        note(open.code(), open.to_string());
+    }
+    notes
+}
+
+/// The notes for machines: those of the job, and what its table of guards assumes.
+#[must_use]
+pub fn notes_json(job: &Job, table: Option<&GuardTable>) -> Value {
+    let of_table = table.map_or_else(Vec::new, |table| guard_notes(table, job.guards.frame));
+    let all = notes(job).into_iter().chain(of_table);
+    all.map(|note| json!({ "code": note.code, "message": note.message }))
+        .collect()
+}
+
+/// Characters of a line of a note, at most.
+const NOTE_WIDTH: usize = 77;
+
+/// A sentence in lines, two blanks before each.
+fn wrapped(sentence: &str) -> String {
+    let mut text = String::new();
+    let mut room = 0;
+    for word in sentence.split(' ') {
+        let length = word.chars().count() + 1;
+        if length > room {
+            text += if text.is_empty() { "  " } else { "\n  " };
+            room = NOTE_WIDTH;
+        } else {
+            text += " ";
+        }
+        text += word;
+        room -= length.min(room);
     }
     text
+}
+
+/// Where the job compares another variable than the macros of hw/control count runs in.
+fn other_count(job: &Job) -> Option<(&'static str, String)> {
+    let (variable, dialect) = (job.guards.run_variable?, job.correction?.dialect);
+    let (ours, theirs) = match dialect {
+        Dialect::Siemens => (None, "R"),
+        Dialect::Heidenhain => (None, "QR"),
+        Dialect::LinuxCnc => (Some(4531), "#"),
+        _ => (Some(531), "#"),
+    };
+    match ours {
+        Some(ours) if ours == variable => None,
+        Some(ours) => Some((
+            "other_run_variable",
+            format!(
+                "runs are compared in #{variable}, and hw/control counts them in #{ours}: change \
+                 one of them, or each correction is an alarm"
+            ),
+        )),
+        None => Some((
+            "run_counted_by_you",
+            format!(
+                "runs are compared in {theirs}{variable}: your own program must count them there, \
+                 keep the number while the control is off, and print the lines of hw/control; \
+                 there are no macros for this control"
+            ),
+        )),
+    }
 }
 
 /// Whether a READ that finds no correction gets a program that raises an alarm.
@@ -392,8 +473,8 @@ pub fn learned(learned: &Lessons, job: &Job) -> String {
     )
 }
 
-/// From here on no error is meant by a size, µm.
-const ABSURD_UM: f64 = 1000.0;
+/// From here on sizes are told in mm, µm.
+const MILLIMETRE_UM: f64 = 1000.0;
 
 /// Which errors a job sees, for people.
 #[must_use]
@@ -404,36 +485,44 @@ pub fn guards(table: &GuardTable, has_frame: bool) -> String {
         let seen = match row.seen {
             SeenFrom::Always => "always".to_owned(),
             SeenFrom::Size(um) if um < 100.0 => format!("from {um:.1} µm"),
-            SeenFrom::Size(um) if um < ABSURD_UM => format!("from {um:.0} µm"),
-            // No error of this kind is as large: what sees it then is the end of the table.
-            SeenFrom::Size(um) => format!("no, below {:.0} mm", um * 1e-3),
+            SeenFrom::Size(um) if um < MILLIMETRE_UM => format!("from {um:.0} µm"),
+            SeenFrom::Size(um) => format!("from {:.0} mm", um * 1e-3),
             SeenFrom::After(seconds) => format!("after {seconds} s"),
             SeenFrom::Never => "no".to_owned(),
         };
         rows.row([row.what.to_owned(), seen, row.by.to_owned()]);
     }
-    let assumed = if table.has_places {
-        String::new()
-    } else {
-        paint(
-            FAINT,
-            format_args!(
-                "  no `position_mm` in the job: features taken evenly on a circle of \
-                 {ASSUMED_RADIUS_MM} mm;\n  enter where they stand, for the figures of this plate\n"
+    let mut text = rows.to_string();
+    for note in guard_notes(table, has_frame) {
+        text += &format!("{}\n", paint(FAINT, wrapped(&note.message)));
+    }
+    text
+}
+
+/// What the table assumes, and where its guards end.
+fn guard_notes(table: &GuardTable, has_frame: bool) -> Vec<Note> {
+    let mut notes = Vec::new();
+    if !table.has_places {
+        notes.push(Note {
+            code: "assumed_places",
+            message: format!(
+                "no `position_mm` at {}: all features are taken evenly on a circle of \
+                 {ASSUMED_RADIUS_MM} mm; enter where each stands, for the figures of this plate",
+                table.without_place.join(", ")
             ),
-        )
-    };
-    let frame = if has_frame {
-        paint(
-            FAINT,
-            "  `frame`: an offset from 1 µm, G52 and G92 from 3 µm on, by hw/control;\n  \
-             runs of older macros are refused. What is set after the last hit nobody sees.\n  \
-             Macros of your own that print blocks: `G65 P8819` before each block\n",
-        )
-    } else {
-        String::new()
-    };
-    format!("{rows}{assumed}{frame}")
+        });
+    }
+    if has_frame {
+        notes.push(Note {
+            code: "frame_limits",
+            message:
+                "`frame`: offset, tool length from 1 µm, G52, G92 from 3 µm on, by hw/control; \
+                      runs of older macros are refused. What is set after the last hit nobody \
+                      sees. Macros of your own that print blocks: `G65 P8819` before each block"
+                    .to_owned(),
+        });
+    }
+    notes
 }
 
 /// The same for machines.
@@ -451,5 +540,9 @@ pub fn guards_json(table: &GuardTable) -> Value {
             "seen": seen, "from_um": from_um, "after_s": after_s,
         })
     });
-    json!({ "has_places": table.has_places, "rows": rows.collect::<Vec<_>>() })
+    json!({
+        "has_places": table.has_places,
+        "without_place": table.without_place,
+        "rows": rows.collect::<Vec<_>>(),
+    })
 }

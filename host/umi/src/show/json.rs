@@ -436,6 +436,15 @@ fn record(record: &Record) -> Value {
                 "key_id": id(key_id.as_ref()),
             });
         }
+        Record::SensorSet { sensor, key_id } => {
+            return json!({
+                "type": "sensor_set",
+                "sensor": sensor,
+                "key_id": id(key_id.as_ref()),
+            });
+        }
+        Record::Place(place) => return super::sensor::place_json(place),
+        Record::CaptureLost(loss) => return super::sensor::loss_json(loss),
         Record::ReferenceRestored { positions_mm, .. } => {
             return json!({"type": "reference_restored", "positions_mm": positions_mm});
         }

@@ -2,6 +2,7 @@
 
 pub mod job;
 pub mod json;
+pub mod sensor;
 pub mod terminal;
 pub mod text;
 pub mod utc;

@@ -55,10 +55,14 @@ pub fn print(text: &str) -> Result<(), Failure> {
     let written = out
         .write_all(ink::shown(text).as_bytes())
         .and_then(|()| out.flush());
-    written.map_err(|error| match error.kind() {
+    written.map_err(|error| not_written(&error))
+}
+
+fn not_written(error: &io::Error) -> Failure {
+    match error.kind() {
         io::ErrorKind::BrokenPipe => Failure::OutputClosed,
         _ => Failure::trouble("file", format_args!("cannot write the output: {error}")),
-    })
+    }
 }
 
 /// Writes a JSON value as one line to standard output.
@@ -67,6 +71,61 @@ pub fn print(text: &str) -> Result<(), Failure> {
 /// As [`print()`].
 pub fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
     print(&format!("{value}\n"))
+}
+
+/// Writes what may be long as one line of JSON to standard output, a piece at a time: as a JSON
+/// value it would take ten times the memory.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_as_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let mut out = Shown {
+        out: anstream::stdout().lock(),
+        piece: Vec::with_capacity(2 * PIECE),
+    };
+    let written = serde_json::to_writer(&mut out, value)
+        .map_err(io::Error::from)
+        .and_then(|()| out.write_all(b"\n"))
+        .and_then(|()| out.flush());
+    written.map_err(|error| not_written(&error))
+}
+
+/// So many bytes go out at a time.
+const PIECE: usize = 1 << 16;
+
+/// A writer of text of which nothing steers the terminal.
+struct Shown<W> {
+    out: W,
+    piece: Vec<u8>,
+}
+
+impl<W: io::Write> Shown<W> {
+    fn pass_on(&mut self) -> io::Result<()> {
+        // A character whose end is still to come waits for it.
+        let whole = match std::str::from_utf8(&self.piece) {
+            Ok(text) => text.len(),
+            Err(error) => error.valid_up_to(),
+        };
+        let text = str::from_utf8(&self.piece[..whole]).unwrap_or_default();
+        self.out.write_all(ink::shown(text).as_bytes())?;
+        self.piece.drain(..whole);
+        Ok(())
+    }
+}
+
+impl<W: io::Write> io::Write for Shown<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.piece.extend_from_slice(bytes);
+        if self.piece.len() >= PIECE {
+            self.pass_on()?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.pass_on()?;
+        self.out.flush()
+    }
 }
 
 /// Writes to standard error; there is nobody to tell if that fails.
@@ -328,6 +387,22 @@ mod tests {
             assert!((got - t).abs() < 1e-3, "{dof}: {got} not {t}");
         }
         assert_eq!(coverage_95(0), None);
+    }
+
+    /// What goes out in pieces is the text that goes out at once, also where a character lies across
+    /// two pieces; what steers a terminal does not go out.
+    #[test]
+    fn pieces_are_the_whole() {
+        let value = serde_json::json!({ "a": "€\u{9b}ü".repeat(PIECE), "b": [1.5, null] });
+        let mut shown = Shown {
+            out: Vec::new(),
+            piece: Vec::new(),
+        };
+        for bytes in value.to_string().as_bytes().chunks(1000) {
+            shown.write_all(bytes).unwrap();
+        }
+        shown.flush().unwrap();
+        assert!(shown.out == ink::shown(&value.to_string()).into_bytes());
     }
 
     /// Bars grow from the middle to their side and stay within their width.

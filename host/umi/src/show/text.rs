@@ -68,7 +68,8 @@ pub fn teaching(of: &TeachPending, now_us: u64) -> String {
             format!("setup {setup}, under way, {teaches}: {by} asked {ago} ago")
         }
         TeachSetup::Refused { setup } => format!(
-            "setup {setup} was to teach and is NG: probe what was refused again, or ask again              ({by} asked {ago} ago)"
+            "setup {setup} was to teach and is NG: probe the refused feature once more now, or \
+             ask to teach again ({by} asked {ago} ago)"
         ),
     }
 }
@@ -196,6 +197,12 @@ pub fn record(record: &Record) -> String {
                 }
             }
         }
+        Record::SensorSet { sensor, .. } => match sensor {
+            Some(_) => "distance sensor set up on the second port".to_owned(),
+            None => "distance sensor taken away".to_owned(),
+        },
+        Record::Place(place) => super::sensor::place_text(place),
+        Record::CaptureLost(loss) => paint(CAUTION, super::sensor::loss_text(loss)),
         Record::HostTime { utc_s, .. } => {
             format!("a host says that it is {}", utc(*utc_s))
         }

@@ -16,7 +16,7 @@ use umi_protocol::line::HitReport;
 use umi_protocol::message::ResetReason;
 
 use super::digits::Size;
-use super::view::View;
+use super::view::{Correction, View};
 use crate::show::text;
 use umi_client::axes::NAMES;
 
@@ -453,9 +453,26 @@ fn verdict(view: &View) -> Vec<Line<'static>> {
     };
     let said = umi_report::ink::plain(&text::verdict(verdict));
     let mut said = said.lines().map(str::to_owned);
-    let style = if verdict.ok { GOOD } else { BAD };
-    let first = Span::styled(said.next().unwrap_or_default(), style);
-    let first = latest("verdict", first);
+    let mut style = if verdict.ok { GOOD } else { BAD };
+    let mut first = said.next().unwrap_or_default();
+    let since = if view.reference_is_forgotten() {
+        Some("the reference is forgotten: NG until another setup has taught")
+    } else {
+        match view.correction() {
+            Some(Correction::WentOut) => {
+                first += "; its correction went out";
+                None
+            }
+            Some(Correction::Gone) => Some("its correction waits no more: READ gets an alarm"),
+            Some(Correction::Waits) | None => None,
+        }
+    };
+    if let Some(since) = since {
+        // What it was stands behind what is true now.
+        first = format!("{since} (it was {first})");
+        style = CAUTION;
+    }
+    let first = latest("verdict", Span::styled(first, style));
     [first].into_iter().chain(said.map(Line::raw)).collect()
 }
 

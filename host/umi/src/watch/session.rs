@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use umi_client::files::key_file::SigningKey;
+use umi_protocol::job::{Job, SendWhen};
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{Event, Record};
 
@@ -17,6 +18,12 @@ const STATUS: Duration = Duration::from_millis(500);
 
 /// How long is waited before a board that went away is looked for again.
 const AGAIN: Duration = Duration::from_millis(500);
+
+/// Whether a job's corrections go to the control.
+fn sends(job: Option<&Job>) -> bool {
+    let spec = job.and_then(|job| job.correction.as_ref());
+    spec.is_some_and(|spec| spec.send != SendWhen::Never)
+}
 
 /// A board that is watched.
 pub(crate) struct Session {
@@ -48,13 +55,16 @@ impl Session {
             events_lost: 0,
             reconnected: 0,
         };
+        let job = board.job()?.job;
         let view = View {
             identity,
             link,
             status: board.status()?,
             positions: board.positions()?,
             feed_mm_per_min: None,
-            scale: Scale::of(board.job()?.job.as_ref()),
+            scale: Scale::of(job.as_ref()),
+            sends: sends(job.as_ref()),
+            sent: None,
             hits: [].into(),
             latch: None,
             verdict: board.verdict()?,
@@ -118,7 +128,9 @@ impl Session {
     fn connect(&mut self) -> Result<Client, Failure> {
         let mut board = port::connect_with(self.address.as_deref(), self.key.as_ref())?;
         self.view.identity = board.identity()?;
-        self.view.scale = Scale::of(board.job()?.job.as_ref());
+        let job = board.job()?.job;
+        self.view.scale = Scale::of(job.as_ref());
+        (self.view.sends, self.view.sent) = (sends(job.as_ref()), None);
         self.view.verdict = board.verdict()?;
         // Another start, another zero.
         self.view.positions = board.positions()?;
@@ -138,7 +150,7 @@ impl Session {
             self.next_status = asked + STATUS;
             view.status = board.status()?;
         }
-        let mut new_job = false;
+        let (mut new_job, mut new_state) = (false, false);
         // What comes meanwhile is for the next turn.
         for _ in 0..1000 {
             match board.next_event(Duration::ZERO)? {
@@ -146,7 +158,19 @@ impl Session {
                 Some(Event::Hit(hit)) => view.hit(hit),
                 Some(Event::Dropped { count }) => view.link.events_lost += u64::from(count),
                 Some(Event::Record { record, .. }) => match record {
-                    Record::Verdict(verdict) => view.verdict = Some(verdict),
+                    Record::Verdict(verdict) => {
+                        view.verdict = Some(verdict);
+                        new_state = true;
+                    }
+                    Record::Taught { .. } => new_state = true,
+                    Record::CorrectionSent {
+                        setup,
+                        complete: true,
+                        ..
+                    } => {
+                        view.sent = Some(setup);
+                        new_state = true;
+                    }
                     Record::Latch(latch) if latch.cause == LatchCause::Skip => {
                         view.latch = Some(latch);
                     }
@@ -157,7 +181,13 @@ impl Session {
             }
         }
         if new_job {
-            view.scale = Scale::of(board.job()?.job.as_ref());
+            let job = board.job()?.job;
+            view.scale = Scale::of(job.as_ref());
+            (view.sends, view.sent, view.verdict) = (sends(job.as_ref()), None, board.verdict()?);
+        }
+        if new_job || new_state {
+            // What is said of a verdict is not older than the verdict.
+            view.status = board.status()?;
         }
         view.link.damaged = self.damaged + u64::from(board.counters().damaged());
         Ok(())

@@ -38,6 +38,31 @@ pub(crate) struct View {
     pub latch: Option<LatchReport>,
     /// The latest verdict.
     pub verdict: Option<Verdict>,
+    /// The setup whose correction went out, since this began.
+    pub sent: Option<u32>,
+    /// The job's corrections go to the control.
+    pub sends: bool,
+}
+
+/// What has become of the correction of the latest verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Correction {
+    /// It waits for the control.
+    Waits,
+    /// It went out.
+    WentOut,
+    /// It waits no more: it went out before this began, or what came since took it back.
+    Gone,
+}
+
+impl Correction {
+    const fn code(self) -> &'static str {
+        match self {
+            Self::Waits => "waits",
+            Self::WentOut => "went_out",
+            Self::Gone => "gone",
+        }
+    }
 }
 
 /// The connection.
@@ -60,6 +85,25 @@ impl View {
     pub fn hit(&mut self, hit: HitReport) {
         self.hits.push_front(hit);
         self.hits.truncate(HITS);
+    }
+
+    /// What has become of the latest verdict's correction; none where there is none to send.
+    #[must_use]
+    pub fn correction(&self) -> Option<Correction> {
+        let verdict = self.verdict.as_ref()?;
+        verdict.correction.as_ref().filter(|_| self.sends)?;
+        Some(match self.status.correction_waiting {
+            true => Correction::Waits,
+            false if self.sent == Some(verdict.setup) => Correction::WentOut,
+            false => Correction::Gone,
+        })
+    }
+
+    /// The latest verdict is OK, and the reference on which it rests has been forgotten since.
+    #[must_use]
+    pub fn reference_is_forgotten(&self) -> bool {
+        let rests = |verdict: &Verdict| verdict.ok && !verdict.distances.is_empty();
+        !self.status.has_reference && self.verdict.as_ref().is_some_and(rests)
     }
 
     /// The axes are there now.
@@ -103,6 +147,8 @@ impl View {
             "verdict": self.verdict.as_ref().map(|of| {
                 let mut verdict = json::verdict(of);
                 verdict["access"] = json!(self.status.access);
+                verdict["correction_is"] = json!(self.correction().map(Correction::code));
+                verdict["reference_forgotten"] = json!(self.reference_is_forgotten());
                 verdict
             }),
         })

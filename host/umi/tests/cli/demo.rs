@@ -150,3 +150,14 @@ fn a_wrong_stepover_is_refused() {
         .says("from 0.05 to 4 mm");
     assert!(!std::path::Path::new(&out).exists());
 }
+
+/// The long one is tried by hand; here, that nothing of an older run is lost before it begins.
+#[test]
+fn demo_localise_replaces_nothing_unasked() {
+    let folder = Folder::new();
+    let page = folder.path("stock.html");
+    std::fs::write(&page, "mine").unwrap();
+    let ran = umi(&["demo", "localise", "--out", &folder.path("")]).exits(1);
+    assert!(ran.err.contains("is there already"), "{}", ran.err);
+    assert_eq!(std::fs::read_to_string(&page).unwrap(), "mine");
+}

@@ -33,7 +33,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc::{self, Sender, UnboundedSender};
 use tokio::sync::{oneshot, watch};
-use umi_app::board::{Clock as _, Lights};
+use umi_app::board::{Clock as _, Lights, SensorLines};
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;
 use umi_protocol::latch::{LatchReport, Positions};
@@ -46,7 +46,9 @@ pub use images::{ImageAreas, SLOT, SLOTS};
 pub use pulses::SentPulses;
 
 use host::Waiter;
-use ports::{FromControl, FromHost, Lamps, Latched, Station, TeachButton, Wire};
+use ports::{
+    FromControl, FromHost, Lamps, Latched, SensorEnd, SensorLamps, Station, TeachButton, Wire,
+};
 use power::{Plugs, Power};
 
 /// The journal: 4 MiB of NOR flash as the boards carry it.
@@ -183,6 +185,8 @@ pub struct VirtualBoard {
     lamps: Lamps,
     button: TeachButton,
     station: Station,
+    from_sensor: UnboundedSender<Vec<u8>>,
+    sensor: SensorLamps,
     /// How the control's port is set.
     control: Arc<Mutex<Option<LineSettings>>>,
     off: Option<oneshot::Sender<()>>,
@@ -214,6 +218,14 @@ impl VirtualBoard {
         let own_clock = clock.clone();
         let station = Station::new(clock.clone());
         let own_station = station.clone();
+        let (from_sensor, sensor_in) = mpsc::unbounded_channel();
+        let sensor = SensorLamps::default();
+        let sensor_end = SensorEnd {
+            incoming: sensor_in,
+            rest: Vec::new(),
+            station: station.clone(),
+            shown: sensor.clone(),
+        };
         let control = Arc::new(Mutex::new(config.control));
         let own_control = Arc::clone(&control);
         let board = move || {
@@ -238,6 +250,7 @@ impl VirtualBoard {
                 own_station,
                 outputs,
                 own_button,
+                sensor_end,
             );
             // Nobody waits any more: then nobody wants the board either.
             let mut power = Power {
@@ -261,6 +274,8 @@ impl VirtualBoard {
             lamps,
             button,
             station,
+            from_sensor,
+            sensor,
             control: own_control,
             off: Some(off),
             thread: Some(thread),
@@ -316,6 +331,19 @@ impl VirtualBoard {
     #[must_use]
     pub fn now(&self) -> Micros {
         self.clock.now()
+    }
+
+    /// A distance sensor at the second port sends bytes.
+    pub fn sensor_sends(&self, bytes: &[u8]) {
+        // The board's thread ends only with this value.
+        let _ = self.from_sensor.send(bytes.to_vec());
+    }
+
+    /// What the station of a distance sensor shows to the control, and whether it triggers the
+    /// sensor.
+    #[must_use]
+    pub fn sensor_lines(&self) -> (SensorLines, bool) {
+        self.sensor.look()
     }
 
     /// The control's port is set like this from now on.

@@ -10,10 +10,10 @@ use std::time::Duration;
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
 use umi_app::board::{
     Axes, Broken, Button, Clock as _, CncInput, CncRx, CncTx, LatchSource, Lights, LinkRx, LinkTx,
-    Outputs, Scanner, Unsupported, Watchdog,
+    Outputs, Scanner, SensorLines, SensorPort, SensorTrigger, Unsupported, Watchdog,
 };
 use umi_app::intake::PIECE;
-use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerRefusal};
+use umi_protocol::latch::{LatchReport, Positions, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::serial::LineSettings;
 
 use super::clock::VirtualClock;
@@ -344,6 +344,81 @@ impl Scanner for Station {
     fn laser(&mut self, on: bool) -> Result<(), Unsupported> {
         self.with(|state| state.laser = on);
         Ok(())
+    }
+}
+
+/// What happens at the sensor's port.
+pub(crate) struct SensorEnd {
+    pub incoming: UnboundedReceiver<Vec<u8>>,
+    pub rest: Vec<u8>,
+    pub station: Station,
+    pub shown: SensorLamps,
+}
+
+/// What a station of a distance sensor shows, and that it triggers.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SensorLamps(Arc<Mutex<(SensorLines, bool)>>);
+
+impl SensorLamps {
+    fn with<T>(&self, work: impl FnOnce(&mut (SensorLines, bool)) -> T) -> T {
+        work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    pub fn look(&self) -> (SensorLines, bool) {
+        self.with(|of| *of)
+    }
+}
+
+impl Axes for SensorEnd {
+    fn positions(&mut self) -> Positions {
+        self.station.positions()
+    }
+}
+
+impl SensorPort for SensorEnd {
+    async fn read(&mut self, buffer: &mut [u8]) -> CncInput {
+        // A line gives the board time between its bytes; so does this one.
+        tokio::task::yield_now().await;
+        while self.rest.is_empty() {
+            match self.incoming.recv().await {
+                Some(bytes) => self.rest = bytes,
+                None => std::future::pending().await,
+            }
+        }
+        let count = self.rest.len().min(buffer.len());
+        for (place, byte) in buffer.iter_mut().zip(self.rest.drain(..count)) {
+            *place = byte;
+        }
+        CncInput::Bytes(count)
+    }
+
+    fn set_baud(&mut self, _: u32) {}
+
+    fn trigger(&mut self, when: SensorTrigger, pulse: TriggerPulse) -> Result<(), TriggerRefusal> {
+        self.shown.with(|of| of.1 = when != SensorTrigger::Off);
+        self.station.with(|state| match when {
+            SensorTrigger::Off => state.pulses.ask(TriggerOut::Off, &state.positions),
+            SensorTrigger::Every { interval_us } => {
+                let when = TriggerOut::Time { interval_us, pulse };
+                state.pulses.ask(when, &state.positions)
+            }
+            SensorTrigger::Lines {
+                axis,
+                origin_counts,
+                interval_counts,
+            } => {
+                let when = TriggerOut::Distance {
+                    axis,
+                    interval_counts,
+                    pulse,
+                };
+                state.pulses.ask_from(when, origin_counts, &state.positions)
+            }
+        })
+    }
+
+    fn show(&mut self, lines: SensorLines) {
+        self.shown.with(|of| of.0 = lines);
     }
 }
 

@@ -13,6 +13,7 @@ use umi_app::access::Keeper;
 use umi_app::board::{Clock as _, LineAbilities};
 use umi_app::measure::trust::heads::HeadSigner;
 use umi_app::measure::{Boot, StorageAreas};
+use umi_app::sensor::PointStation;
 use umi_core::board_key::NoEntropy;
 use umi_core::units::Micros;
 use umi_protocol::job::name;
@@ -23,7 +24,7 @@ use super::clock::VirtualClock;
 use super::images::RunningImage;
 use super::ports::{
     ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
-    NoWatchdog, Station, TeachButton, Wire,
+    NoWatchdog, SensorEnd, Station, TeachButton, Wire,
 };
 use super::{Config, key};
 
@@ -37,6 +38,7 @@ pub(super) struct Plugs {
     station: Station,
     outputs: Lamps,
     button: TeachButton,
+    sensor: SensorEnd,
 }
 
 impl Plugs {
@@ -50,6 +52,7 @@ impl Plugs {
         station: Station,
         outputs: Lamps,
         button: TeachButton,
+        sensor: SensorEnd,
     ) -> Self {
         let to_host = Rc::new(RefCell::new(None));
         Self {
@@ -75,6 +78,7 @@ impl Plugs {
             station,
             outputs,
             button,
+            sensor,
         }
     }
 }
@@ -141,6 +145,8 @@ impl Power {
         if let Some(image) = &image {
             image.enter(&app);
         }
+        // As long as the board, as its keys: no task has begun.
+        let _ = app.senses(Box::leak(Box::new(PointStation::new())));
         let _ = app.start(boot, areas, now);
         if let Some(image) = &image {
             image.tell(&app, now);
@@ -158,6 +164,7 @@ impl Power {
             station,
             outputs,
             button,
+            sensor,
         } = plugs;
         let switched_off = &mut self.switched_off;
         let mut dog = NoWatchdog;
@@ -177,6 +184,7 @@ impl Power {
                 () = app.latch(latches, clock) => false,
                 () = app.supervise(&mut dog, clock) => false,
                 () = app.button(button, clock) => false,
+                () = app.sense(sensor, clock) => false,
                 () = app.restarts() => true,
                 () = given_up => true,
                 _ = switched_off => false,

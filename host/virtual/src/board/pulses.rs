@@ -118,6 +118,23 @@ impl Pulses {
         Ok(())
     }
 
+    /// As [`Self::ask`], of lines of which one lies at a count.
+    ///
+    /// # Errors
+    /// What this board cannot do: nothing has changed.
+    pub fn ask_from(
+        &mut self,
+        when: TriggerOut,
+        origin: i64,
+        here: &Positions,
+    ) -> Result<(), TriggerRefusal> {
+        self.ask(when, here)?;
+        if let Some(lines) = &mut self.lines {
+            lines.origin = origin;
+        }
+        Ok(())
+    }
+
     /// How they are.
     pub const fn pulse(&self) -> TriggerPulse {
         self.pulse

@@ -104,6 +104,7 @@ pub(super) fn chain(rotary: &[RotarySpec], mount: Pose) -> AxisChain {
         sensor_chain,
         workpiece_chain,
         sensor: mount,
+        sensor_covariance: None,
         workpiece: Pose::identity(),
     }
 }

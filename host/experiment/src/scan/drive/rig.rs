@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, COLUMNS, Drive, JointKind, Pose};
 use umi_scan::ScanError;
+use umi_scan::plan::program::off_the_spindle;
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::surface::Mesh;
 use umi_virtual::scanner::LaserTarget;
@@ -138,10 +139,7 @@ fn carried(spec: &ScanSpec) -> Result<(Vector3<f64>, Vector3<f64>), ScanError> {
              those of the machine, or take --nc-mode rotary.",
         ));
     }
-    let tip = chain
-        .sensor
-        .point(&Vector3::new(0.0, 0.0, -spec.sensor.reference_mm));
-    if tip.x.abs().max(tip.y.abs()) > 1e-6 || tip.z > 0.0 {
+    if let Some(tip) = off_the_spindle(spec) {
         return Err(ScanError::refused(
             "nc_mode",
             format_args!(
@@ -151,6 +149,9 @@ fn carried(spec: &ScanSpec) -> Result<(Vector3<f64>, Vector3<f64>), ScanError> {
             ),
         ));
     }
+    let tip = chain
+        .sensor
+        .point(&Vector3::new(0.0, 0.0, -spec.sensor.reference_mm));
     Ok((chain.workpiece.translation_mm, tip))
 }
 

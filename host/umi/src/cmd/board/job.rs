@@ -39,7 +39,7 @@ enum Action {
     Get(Get),
 }
 
-/// Write the job to begin with: four balls, the first again, every guard
+/// Write the job to begin with: four balls, three of them again, every guard
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -150,10 +150,12 @@ impl Check {
         let job = job_file::load(&self.file)?;
         if self.format.json {
             let open = umi_core::job::not_guarded(&job);
+            let table = GuardTable::of(&job);
             return print_json(&json!({
                 "status": "ok",
                 "job": job,
-                "guards": job_text::guards_json(&GuardTable::of(&job)),
+                "guards": job_text::guards_json(&table),
+                "notes": job_text::notes_json(&job, Some(&table)),
                 "read_raises_alarm": job_text::has_alarm(&job),
                 "not_guarded": open.as_ref().map(json::reason),
             }));
@@ -179,6 +181,7 @@ impl Show {
                 "job": in_force.job,
                 "taught_mm": in_force.taught_mm,
                 "learned": in_force.learned,
+                "notes": in_force.job.as_ref().map(|job| job_text::notes_json(job, None)),
             }));
         }
         let Some(job) = in_force.job else {

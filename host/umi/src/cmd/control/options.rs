@@ -7,6 +7,8 @@ use umi_core::rewrite::{Integers, RewriteSettings, Rewriter, Unit};
 use umi_core::units::Mm;
 use umi_protocol::program::{IntegerRule, RewriteSpec, UnitRule};
 
+use super::stated::Said;
+
 /// What the control takes.
 #[derive(Args)]
 pub(crate) struct Control {
@@ -22,9 +24,11 @@ pub(crate) struct Control {
     /// The unit where the program says neither G20 nor G21
     #[arg(long, value_enum)]
     unit: Option<Length>,
-    /// How far pecks retract where a canned cycle is written out
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
-    clearance_mm: f64,
+    /// How far pecks retract (G73), and stop short of the last depth (G83), where a canned cycle is
+    /// written out: the control's parameter (Fanuc 5114, 5115). By itself 1 mm; with --dialect
+    /// linuxcnc its 0.254 mm (0.010 inch)
+    #[arg(long, value_name = "MM")]
+    clearance_mm: Option<f64>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -61,8 +65,16 @@ impl Control {
         Ok(whole as u8)
     }
 
+    fn clearance_mm(&self, said: &Said) -> f64 {
+        self.clearance_mm.unwrap_or_else(|| said.clearance_mm())
+    }
+
     /// The settings for a transform.
-    pub fn settings(&self, transform: RigidTransform) -> Result<RewriteSettings, Failure> {
+    pub fn settings(
+        &self,
+        transform: RigidTransform,
+        said: &Said,
+    ) -> Result<RewriteSettings, Failure> {
         Ok(RewriteSettings {
             decimals_mm: self.decimals()?,
             chord: Mm(self.chord_mm),
@@ -74,19 +86,19 @@ impl Control {
                 Length::Mm => Unit::Millimetre,
                 Length::Inch => Unit::Inch,
             }),
-            clearance: Mm(self.clearance_mm),
+            clearance: Mm(self.clearance_mm(said)),
             ..RewriteSettings::new(transform)
         })
     }
 
     /// What a board keeps with a program that it rewrites.
-    pub fn spec(&self) -> Result<RewriteSpec, Failure> {
-        let settings = self.settings(RigidTransform::identity())?;
+    pub fn spec(&self, said: &Said) -> Result<RewriteSpec, Failure> {
+        let settings = self.settings(RigidTransform::identity(), said)?;
         Rewriter::new(&settings).map_err(|error| Failure::trouble("usage", error))?;
         Ok(RewriteSpec {
             decimals_mm: self.decimals()?,
             chord_um: micrometres("--chord-mm", self.chord_mm)?,
-            clearance_um: micrometres("--clearance-mm", self.clearance_mm)?,
+            clearance_um: micrometres("--clearance-mm", self.clearance_mm(said))?,
             integers: match self.integers {
                 None => IntegerRule::Refused,
                 Some(Count::Units) => IntegerRule::Units,

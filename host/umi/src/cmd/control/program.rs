@@ -80,7 +80,7 @@ impl Rule {
     fn release(&self) -> Result<Release, Failure> {
         Ok(match self.release {
             When::AfterVerdict => Release::AfterVerdict,
-            When::Rewritten => Release::Rewritten(self.control.spec()?),
+            When::Rewritten => Release::Rewritten(self.control.spec(&self.said)?),
             When::Always => Release::Always,
         })
     }
@@ -122,7 +122,8 @@ impl Rule {
                 None => Ok(()),
             };
         };
-        let settings = self.control.settings(tool_path::LEANING.transform())?;
+        let leaning = tool_path::LEANING.transform();
+        let settings = self.control.settings(leaning, &self.said)?;
         let settings = self.said.settings(settings)?;
         let Some(refusal) = tool_path::refusal(bytes, &settings)? else {
             return Ok(());

@@ -22,6 +22,11 @@ pub(crate) struct Said {
     /// (repeatable): it moves nothing that must be carried, and corrects nothing
     #[arg(long, value_name = "P9010", value_parser = call)]
     allow_call: Vec<String>,
+    /// Take a rapid of a part that leans although the program has not said where an axis is, as
+    /// `G0 X0 Y0` behind `G91 G28 Z0`: it ends beside its place by the lean times the height,
+    /// until the program names the axis
+    #[arg(long)]
+    allow_rapids: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -88,8 +93,18 @@ impl Said {
                 Family::Linuxcnc => RewriteDialect::LinuxCnc,
             }),
             allowed_calls,
+            loose_rapids: self.allow_rapids,
             ..settings
         })
+    }
+
+    /// How far pecks retract on this control, where nobody has said it, mm.
+    pub const fn clearance_mm(&self) -> f64 {
+        match self.dialect {
+            // `G83_RAPID_DELTA` of its interpreter, which no parameter changes: 0.010 inch.
+            Some(Family::Linuxcnc) => 0.254,
+            Some(Family::Fanuc) | None => 1.0,
+        }
     }
 
     /// The first option that is given.
@@ -99,12 +114,13 @@ impl Said {
             Self {
                 dialect: Some(_), ..
             } => Some("--dialect"),
-            Self { allow_call, .. } => (!allow_call.is_empty()).then_some("--allow-call"),
+            Self { allow_call, .. } if !allow_call.is_empty() => Some("--allow-call"),
+            Self { allow_rapids, .. } => allow_rapids.then_some("--allow-rapids"),
         }
     }
 
     /// What a board keeps of it with a program: work offsets to G59, and one number that may
-    /// be called.
+    /// be called. It takes all rapids: here they were asked for.
     pub fn kept(&self) -> Result<Stated, Failure> {
         let start_packed = self.start.unwrap_or_default().packed().ok_or_else(|| {
             Failure::trouble(
@@ -147,8 +163,13 @@ pub(crate) fn option(refused: RewriteRefusal) -> Option<String> {
         }
         RewriteRefusal::Turns | RewriteRefusal::Semicolon => "--dialect linuxcnc",
         RewriteRefusal::Restores(_) | RewriteRefusal::HeightsSaidElsewise => "--dialect fanuc",
-        RewriteRefusal::BelowR | RewriteRefusal::TwoShifts => "--dialect fanuc or linuxcnc",
+        RewriteRefusal::BelowR
+        | RewriteRefusal::TwoShifts
+        | RewriteRefusal::OffsetStep
+        | RewriteRefusal::FeedsOut => "--dialect fanuc or linuxcnc",
+        RewriteRefusal::RapidOver(_) => "--allow-rapids",
         RewriteRefusal::NoDistanceMode => "--start G90",
+        RewriteRefusal::NoReturn => "--start G98 or G99, --dialect fanuc",
         RewriteRefusal::NoUnit => "--start G21",
         RewriteRefusal::NoMotion => "--start G1",
         RewriteRefusal::NoPoint(_) => "--integers units",

@@ -86,8 +86,8 @@ the last line shows the block, position and feed. Programs that call macros need
 A body of the scene with `cuttable = true` is cut by ball-nose tools and measured at the end.
 With --read, what the control gets after each program is the board's correction, or, without
 an OK verdict, a program under the same number that raises an alarm. Exit status 2: an alarm, a
-verdict NG or none; verdicts of a board on a port, and of one that others watch (--usb),
-are not seen (ask it with umi info).
+verdict NG, or none for what was probed; verdicts of a board on a port, and of one that others
+watch (--usb), are not seen (ask it with umi info).
 
 Examples:
   umi machine run probe.nc --scene scene.toml --load hw/control/fanuc/*.nc
@@ -284,6 +284,8 @@ struct View<'a> {
     serial: Vec<u8>,
     ng: bool,
     verdicts: u64,
+    /// Hits and bytes at the last verdict.
+    judged: (usize, usize),
 }
 
 impl<'a> View<'a> {
@@ -306,6 +308,7 @@ impl<'a> View<'a> {
             serial: Vec::new(),
             ng: false,
             verdicts: 0,
+            judged: (0, 0),
         }
     }
 
@@ -406,6 +409,7 @@ impl<'a> View<'a> {
         if let DecisionRecord::Verdict(verdict) = &decision {
             self.ng |= !verdict.ok;
             self.verdicts += 1;
+            self.judged = (self.hits, self.serial.len());
         }
         let Some(gather) = &mut self.gather else {
             return Ok(());
@@ -509,7 +513,9 @@ impl<'a> View<'a> {
         self.keep_serial()?;
         let status = cell.machine.machine().status();
         // A board with a job was to judge something.
-        let unjudged = self.gather.is_some() && self.verdicts == 0;
+        let (hits, bytes) = self.judged;
+        let goes_on = self.hits > hits && self.serial.len() > bytes;
+        let unjudged = self.gather.is_some() && (self.verdicts == 0 || goes_on);
         let surface = cell
             .machine
             .workpiece()
@@ -528,6 +534,7 @@ impl<'a> View<'a> {
                 "hits": status.hits,
                 "serial_bytes": self.serial.len(),
                 "verdicts": self.verdicts,
+                "unjudged": unjudged,
             }))?;
         } else {
             if let Some(surface) = surface {
@@ -545,8 +552,12 @@ impl<'a> View<'a> {
                 count(self.serial.len() as u64, "byte"),
             ))?;
             if unjudged {
+                let what = match self.verdicts {
+                    0 => "the board reached no verdict",
+                    _ => "what was probed behind the last verdict has none",
+                };
                 print(&format!(
-                    "{} the board reached no verdict: do program and job fit?\n",
+                    "{} {what}: do program and job fit?\n",
                     paint(BAD, "NG")
                 ))?;
             }

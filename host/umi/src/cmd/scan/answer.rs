@@ -9,7 +9,7 @@ use umi_experiment::scan::mount::MountError;
 use umi_scan::{Ending, ScanError};
 
 use crate::failure::Failure;
-use crate::show::terminal::{print, print_json};
+use crate::show::terminal::{print, print_as_json};
 
 /// Prints an answer, as one JSON object or as the text that `show` makes of it.
 pub fn answer<T: Serialize>(
@@ -21,9 +21,7 @@ pub fn answer<T: Serialize>(
     if !json {
         return print(&show(&found));
     }
-    let value = serde_json::to_value(&found)
-        .map_err(|error| Failure::trouble("json", format_args!("no JSON: {error}")))?;
-    print_json(&value)
+    print_as_json(&found)
 }
 
 /// The exit status and the words for what did not end well.

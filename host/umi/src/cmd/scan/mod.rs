@@ -12,6 +12,9 @@ mod point;
 mod profile;
 mod triple;
 
+pub(super) use answer::failure;
+pub(super) use place::{report::html as placed_page, stock_page::page as stock_page};
+
 use crate::failure::Failure;
 use clap::{Args, Subcommand};
 
@@ -36,6 +39,7 @@ Examples:
   umi scan digitize --scene scene.toml --calibration sensor.json --strategy adaptive \\
     --at -8,-8,223.5 --size 16,16 --step 2,2 -o cloud.csv
   umi scan points readings.csv --calibration sensor.json -o cloud.csv
+  umi scan serve --sensor sensor.toml --calibration sensor.json -o cloud.csv
   umi scan stock part.stl raw.ply --require 0.5
   umi scan simulate cell.toml -o scan.ply
   umi scan plan part.stl --spec spec.toml -o path.csv
@@ -63,6 +67,7 @@ enum What {
     Convert(cloud::convert::Convert),
     Kinematics(path::kinematics::Kinematics),
     Points(point::points::Points),
+    Serve(Box<point::serve::Serve>),
     Pose(profile::pose::Pose),
     Machine(machine::Machine),
     Localise(Box<place::localise::Localise>),
@@ -90,6 +95,7 @@ impl Scan {
             What::Convert(command) => command.run(),
             What::Kinematics(command) => command.run(),
             What::Points(command) => command.run(),
+            What::Serve(command) => command.run(),
             What::Pose(command) => command.run(),
             What::Machine(command) => command.run(),
             What::Localise(command) => command.run(),

@@ -67,7 +67,74 @@ fn view(scaled: bool) -> View {
         .into(),
         latch: None,
         verdict: None,
+        sent: None,
+        sends: true,
     }
+}
+
+/// An OK is shown as one as long as it counts: its correction may have gone out, or been taken
+/// back by what was printed since, and its reference may be forgotten.
+#[test]
+fn an_ok_that_was_taken_back_is_none() {
+    let mut view = view(true);
+    let correction = umi_protocol::verdict::CorrectionReport {
+        dialect: umi_protocol::job::Dialect::G10G68,
+        text: heapless::String::new(),
+        leftover_mm: 0.0,
+    };
+    let name = |text: &str| text.try_into().unwrap();
+    let distance = umi_protocol::verdict::DistanceReport {
+        a: name("SPHERE1"),
+        b: name("SPHERE2"),
+        measured_mm: 200.0,
+        reference_mm: Some(200.0),
+    };
+    view.verdict = Some(umi_protocol::verdict::Verdict {
+        setup: 4,
+        ok: true,
+        reasons: [].into_iter().collect(),
+        reasons_dropped: 0,
+        remarks: [].into_iter().collect(),
+        distances: [distance].into_iter().collect(),
+        registration: None,
+        correction: Some(correction),
+    });
+    let line = |view: &View| {
+        let said = text(view, 120);
+        let line = said.lines().find(|line| line.starts_with("latest verdict"));
+        line.unwrap().to_owned()
+    };
+    (view.status.has_reference, view.status.correction_waiting) = (true, true);
+    let waits = line(&view);
+    assert!(
+        !waits.contains("waits no more") && !waits.contains("went out"),
+        "{waits}"
+    );
+    assert_eq!(view.json()["verdict"]["correction_is"], "waits");
+    view.status.correction_waiting = false;
+    let gone = line(&view);
+    assert!(
+        gone.contains("its correction waits no more: READ gets an alarm (it was "),
+        "{gone}"
+    );
+    assert_eq!(view.json()["verdict"]["correction_is"], "gone");
+    view.sent = Some(3);
+    assert_eq!(line(&view), gone);
+    view.sent = Some(4);
+    assert!(
+        line(&view).contains("; its correction went out"),
+        "{}",
+        line(&view)
+    );
+    view.sends = false;
+    assert_eq!(line(&view), waits);
+    view.status.has_reference = false;
+    let forgotten = line(&view);
+    assert!(
+        forgotten.contains("the reference is forgotten: NG until another"),
+        "{forgotten}"
+    );
+    assert_eq!(view.json()["verdict"]["reference_forgotten"], true);
 }
 
 /// Plain text has a line for each axis, in millimetres where the job says how, and

@@ -72,6 +72,42 @@ fn a_check_says_what_the_job_sees() {
     assert!(seen(&three, "slip").1 > seen(&four, "slip").1 || seen(&three, "slip").0 == "no");
 }
 
+/// Who lacks a place is named; a ball outside the closing pair and another tool length are seen.
+#[test]
+fn a_check_names_what_lacks_a_place() {
+    let four = std::fs::read_to_string(project("examples/four-spheres.toml")).unwrap();
+    let folder = Folder::new();
+    let without = four.replace("position_mm = [-136.7, 136.4, 136.1]\n", "");
+    assert_ne!(without, four);
+    let file = folder.file("four.toml", &without);
+    let text = umi(&["job", "check", &file]).exits(0).out;
+    assert!(text.contains("no `position_mm` at SPHERE3:"), "{text}");
+    let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
+    assert_eq!(
+        value["guards"]["without_place"],
+        serde_json::json!(["SPHERE3"])
+    );
+    let whole = umi(&["job", "check", &folder.file("whole.toml", &four)])
+        .exits(0)
+        .out;
+    assert!(!whole.contains("no `position_mm`"), "{whole}");
+    let row = |text: &str, what: &str| {
+        let line = text.lines().find(|line| line.contains(what));
+        line.unwrap_or_else(|| panic!("no {what} in\n{text}"))
+            .to_owned()
+    };
+    assert!(
+        row(&whole, "outside the closing pair").contains("always"),
+        "{whole}"
+    );
+    assert!(
+        row(&whole, "another tool length").contains("always"),
+        "{whole}"
+    );
+    let bent = row(&whole, "bent stylus");
+    assert!(bent.contains("from 170 mm"), "{bent}");
+}
+
 /// A fault is refused with file, line, column, the line itself and what is allowed.
 #[test]
 fn a_fault_is_shown_in_its_line() {
@@ -175,6 +211,55 @@ fn a_control_without_an_alarm_is_said() {
         said.contains("not guarded: text of another clamping"),
         "{said}"
     );
+}
+
+/// What the text tells beside its tables, JSON tells as well: word for word, by a stable name.
+#[test]
+fn notes_are_told_for_people_and_for_machines() {
+    let folder = Folder::new();
+    let four = std::fs::read_to_string(project("examples/four-spheres.toml")).unwrap();
+    let linuxcnc = four.replace("dialect = \"g10-g68\"", "dialect = \"linuxcnc\"");
+    assert_ne!(linuxcnc, four);
+    let counted = linuxcnc.replace("run_variable = 531", "run_variable = 4531");
+    assert_ne!(linuxcnc, counted);
+    let siemens = four
+        .replace("dialect = \"g10-g68\"", "dialect = \"siemens\"")
+        .replace("ends_with = \"M99\"", "ends_with = \"M30\"");
+    let grbl = std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap();
+    let dialect = grbl
+        .lines()
+        .find(|line| line.starts_with("dialect"))
+        .unwrap();
+    let grbl = grbl.replace(dialect, "dialect = \"grbl\"");
+    for (name, job, codes) in [
+        ("four", four.clone(), &["frame_limits"][..]),
+        (
+            "linuxcnc",
+            linuxcnc,
+            &["other_run_variable", "frame_limits"],
+        ),
+        ("counted", counted, &["frame_limits"]),
+        ("siemens", siemens, &["run_counted_by_you", "frame_limits"]),
+        ("grbl", grbl, &["read_gets_nothing", "not_guarded"]),
+    ] {
+        let file = folder.file(&format!("{name}.toml"), job);
+        let value = umi(&["job", "check", &file, "--json"]).exits(0).json();
+        let notes = value["notes"].as_array().unwrap();
+        let told: Vec<&str> = notes
+            .iter()
+            .map(|note| note["code"].as_str().unwrap())
+            .collect();
+        assert_eq!(told, codes, "{name}");
+        let text = umi(&["job", "check", &file]).exits(0).out;
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        for note in notes {
+            let message = note["message"].as_str().unwrap();
+            assert!(
+                words(&text).contains(&words(message)),
+                "{name}: {message}\n{text}"
+            );
+        }
+    }
 }
 
 /// A job that does not say `teach` teaches when asked; a capture, of which nobody can ask, is

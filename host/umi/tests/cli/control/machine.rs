@@ -130,8 +130,10 @@ fn a_setup_is_probed_into_a_verdict() {
     // The setup that is taught has no correction: an old one must not run.
     let reads: Vec<_> = lines.iter().filter(|l| l["type"] == "read").collect();
     assert!(reads.iter().all(|read| read["programs"][0] == 9010));
-    let is_alarm = |read: &serde_json::Value| read["text"].as_str().unwrap().contains("#3000");
-    assert!(is_alarm(reads[0]) && !is_alarm(reads[1]));
+    let has = |at: usize, what: &str| reads[at]["text"].as_str().unwrap().contains(what);
+    assert!(has(0, "UMI NO CORRECTION") && !has(1, "UMI NO CORRECTION"));
+    // It is of this run alone.
+    assert!(has(1, "#3000=2(UMI CORRECTION OF RUN 2)"));
     assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
 }
 
@@ -195,6 +197,29 @@ fn no_verdict_is_not_ok() {
     // It reads blocks, the macros print checked lines.
     let ran = run(&probing(&[&probe], "examples/three-spheres.toml")).exits(2);
     assert!(ran.out.contains("reached no verdict"), "{}", ran.out);
+    // A whole setup, and two of the three balls behind it.
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(&probe).unwrap();
+    let call = text.lines().find(|line| line.contains("P8822")).unwrap();
+    let two = "G65 P8820 D25.4 B1. Q40.\nG0 Z171.\nG0 X138. Y-134.7\nG0 Z145.\n\
+               G65 P8820 D25.4 B2. Q40.";
+    let less = folder.file("less.nc", text.replace(call, two));
+    let job = "examples/three-spheres-witnessed.toml";
+    let mut args = probing(&[&probe, &less], job);
+    let ran = run(&args).exits(2);
+    assert!(
+        ran.out
+            .contains("what was probed behind the last verdict has none"),
+        "{}",
+        ran.out
+    );
+    args.push("--json".into());
+    let lines = run(&args).exits(2).json_lines();
+    let end = lines.last().unwrap();
+    assert_eq!(
+        (&end["verdicts"], &end["unjudged"]),
+        (&1.into(), &true.into())
+    );
 }
 
 /// A workpiece is cut and measured; a tool that meets it at rapid is named.

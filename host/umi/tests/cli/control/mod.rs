@@ -3,5 +3,7 @@
 mod correction;
 mod machine;
 mod nc;
+mod nc_diff;
+mod nc_hints;
 mod nc_refusals;
 mod program;

@@ -114,6 +114,34 @@ fn a_verdict_moves_the_path() {
         .says("NG");
 }
 
+/// A rapid that only a leaning part keeps from being carried: the option is for that part, and a
+/// level one needs none.
+#[test]
+fn a_check_offers_no_option_that_is_not_needed() {
+    let folder = Folder::new();
+    let program = folder.file(
+        "p.nc",
+        "G90 G21 G17 G54\nG0 X0. Y0.\nZ9.\nG1 Z-1. F9\nM30\n",
+    );
+    let ran = umi(&["nc", "check", &program]).exits(0);
+    for says in [
+        "p.nc only where the part leans: line 2, column 4: where Z is",
+        "(--allow-rapids, where it does lean)",
+        "0 reasons against rewriting it, 1 only where the part leans",
+    ] {
+        assert!(ran.out.contains(says), "{says}: {}", ran.out);
+    }
+    let lines = umi(&["nc", "check", &program, "--json"])
+        .exits(0)
+        .json_lines();
+    assert_eq!(lines[0]["only_leaning"], true);
+    assert_eq!(lines[0]["option"], "--allow-rapids");
+    let level = r#"{"rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]], "translation_mm": [1, 2, 3]}"#;
+    let level = folder.file("level.json", level);
+    let ran = umi(&["nc", "check", &program, "--transform", &level]).exits(0);
+    assert!(!ran.out.contains("--allow-rapids"), "{}", ran.out);
+}
+
 /// A check lists every reason, and tells what only a leaning part brings.
 #[test]
 fn a_check_lists_all_reasons() {

@@ -384,7 +384,17 @@ fn a_program_belongs_to_its_run() {
         let machine = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
         let diff = ["nc", "diff", &program, &bench.out, "--verdict", &journal];
         umi(&diff).exits(0);
-        (said, machine, bench.made())
+        let made = bench.made();
+        // Its comparison is none for another control.
+        let other = umi(&[&args[..], &["--dialect", "linuxcnc"]].concat());
+        if counted {
+            other.exits(2).says("the job of the verdict is for another");
+            assert_eq!(bench.made(), made);
+        } else {
+            other.exits(0);
+        }
+        umi(&[&args[..], &["--dialect", "fanuc"]].concat()).exits(0);
+        (said, machine, made)
     };
     let (said, machine, made) = moved(true);
     assert!(said.contains("alarm unless #531 is 42"), "{said}");

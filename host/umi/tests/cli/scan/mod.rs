@@ -1,11 +1,16 @@
 //! `umi scan`.
 
+mod calibrate;
 mod clouds;
 mod demo;
 mod digitize;
 mod drive;
 mod localise;
+mod mount;
+mod plan;
 mod point_sensor;
 mod profiles;
 mod record;
 mod report;
+mod serve;
+mod views;

@@ -295,6 +295,27 @@ fn what_lies_behind_a_loss_of_motion_is_refused() {
     let paired = merged["paired"].as_u64().unwrap();
     assert!(paired > 0 && paired <= number + 1, "{merged}");
     assert!(merged["points"].as_u64().unwrap() < 879);
+    let warnings = merged["warnings"].to_string();
+    assert!(warnings.contains("motion_lost"), "{merged}");
+    // What the sensor saw behind the last right latch: nobody knows where, whatever the latches say behind the loss.
+    let late = merge(&["--until-loss", "--latency-us", "30", "--force"])
+        .exits(0)
+        .json();
+    assert_eq!(late["paired"].as_u64().unwrap(), paired - 1, "{late}");
+    let early = merge(&["--until-loss", "--latency-us=-30", "--force"])
+        .exits(0)
+        .json();
+    assert_eq!(early["paired"].as_u64().unwrap(), paired, "{early}");
+    let strict = [
+        "scan",
+        "pair",
+        "merge_3axis.profiles.csv",
+        &table,
+        "--strict",
+    ];
+    let strict = run(&strict.map(str::to_owned)).exits(2).json();
+    assert_eq!(strict["error"]["code"], "faults", "{strict}");
+    assert!(strict.to_string().contains("loss of motion"), "{strict}");
 }
 
 /// A capture that is cut anywhere within a message, or whose sizes make no sense, is told so.
@@ -388,6 +409,17 @@ fn a_planned_path_holds_and_its_program_goes_to_its_rows() {
     for name in ["passes", "poses", "coverage"] {
         assert_eq!(verified[name], planned[name], "{name}");
     }
+    // Where more overlap is wanted than the path has, that is told by name.
+    let more = std::fs::read_to_string(&spec).unwrap();
+    let more = folder.file("more.toml", more.replace("overlap = 0.15", "overlap = 0.5"));
+    let verify = ["scan", "verify", &part, "--spec", &more, &path];
+    let wanting = umi(&[&verify[..], &["--json"]].concat()).exits(0).json();
+    assert_eq!(wanting["holds"], false);
+    assert_eq!(wanting["faults"][0]["fault"], "overlap", "{wanting}");
+    assert_eq!(wanting["faults"][1], serde_json::Value::Null);
+    assert_eq!(wanting["overlap"]["wanted"], 0.5);
+    let told = umi(&verify).exits(0).out;
+    assert!(told.contains("broken (overlap)"), "{told}");
 
     let page = std::fs::read_to_string(format!("{pages}/plan.html")).unwrap();
     let seen = 100.0 * planned["coverage"].as_f64().unwrap();

@@ -6,10 +6,12 @@ use crate::failure::Failure;
 use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
+use umi_client::files::points::name;
 use umi_client::files::tool_path::{self, Examined, PartProgram};
-use umi_core::rewrite::RefusedLine;
+use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{RefusedLine, RewriteSettings};
 
-use super::how::{How, told};
+use super::how::{How, allowed_by, told};
 use super::rewrite::{machine, table};
 use crate::cmd::Format;
 use crate::cmd::control::basis::MovedBy;
@@ -30,8 +32,9 @@ pub(crate) struct Check {
 }
 
 const HELP: &str = "\
-Without a transform it is tried with a part that is turned about Z, and with one
-that leans: cutter compensation and some canned cycles only stand the first.
+Without a transform, or with one that moves nothing, it is tried with a part that is
+turned about Z, and with one that leans: cutter compensation and some canned cycles only
+stand the first.
 What a control itself would complain about says `umi machine check`.
 
 Examples:
@@ -49,12 +52,18 @@ impl Check {
             let settings = self.how.settings(transform)?;
             Ok::<_, Failure>(tool_path::examine(&program, &settings)?)
         };
-        let Some(basis) = self.moved_by.read()? else {
+        let transform = match self.moved_by.read()? {
+            Some(basis) => Some(basis.source()?.transform),
+            None => None,
+        };
+        // The identity changes no byte, and so refuses none: what another would, is asked.
+        let Some(transform) = transform.filter(|it| *it != RigidTransform::identity()) else {
             let level = examine(tool_path::LEVEL.transform())?;
             let leaning = examine(tool_path::LEANING.transform())?;
-            return self.tell(&program, &level, Some(&leaning));
+            let tried = tool_path::LEANING.transform();
+            return self.tell(&program, &level, Some(&leaning), tried);
         };
-        self.tell(&program, &examine(basis.source()?.transform)?, None)
+        self.tell(&program, &examine(transform)?, None, transform)
     }
 
     fn tell(
@@ -62,7 +71,9 @@ impl Check {
         program: &PartProgram,
         found: &Examined,
         leaning: Option<&Examined>,
+        tried: RigidTransform,
     ) -> Result<(), Failure> {
+        let settings = self.how.settings(tried)?;
         let no_others = Vec::new();
         let others: &Vec<RefusedLine> = leaning.map_or(&no_others, |examined| &examined.refusals);
         let only_leaning = || {
@@ -71,10 +82,10 @@ impl Check {
                 .filter(|refusal| !found.refusals.contains(refusal))
         };
         for refusal in &found.refusals {
-            self.reason(program, refusal, false)?;
+            self.reason(program, refusal, &settings, false)?;
         }
         for refusal in only_leaning() {
-            self.reason(program, refusal, true)?;
+            self.reason(program, refusal, &settings, true)?;
         }
         let reasons = found.refusals.len() as u64 + found.more;
         let leans = only_leaning().count() as u64;
@@ -111,8 +122,10 @@ impl Check {
         &self,
         program: &PartProgram,
         refused: &RefusedLine,
+        settings: &RewriteSettings,
         only_leaning: bool,
     ) -> Result<(), Failure> {
+        let option = allowed_by(program, refused, settings);
         if self.format.json {
             let (file, refused) = program.place(refused);
             return print_json(&json!({
@@ -122,11 +135,22 @@ impl Check {
                 "column": refused.column,
                 "message": refused.reason.to_string(),
                 "only_leaning": only_leaning,
+                "option": option,
             }));
         }
-        let style = if only_leaning { CAUTION } else { BAD };
-        let said = told(program, refused);
-        let (file, rest) = said.split_once(", ").unwrap_or((said.as_str(), ""));
-        print(&format!("{} {rest}\n", paint(style, file)))
+        if !only_leaning {
+            let said = told(program, refused, settings);
+            let (file, rest) = said.split_once(", ").unwrap_or((said.as_str(), ""));
+            return print(&format!("{} {rest}\n", paint(BAD, file)));
+        }
+        // A level part needs neither another program nor an option for it.
+        let (file, refused) = program.place(refused);
+        let option = option.map_or_else(String::new, |option| {
+            format!(" ({option}, where it does lean)")
+        });
+        print(&format!(
+            "{} only where the part leans: {refused}{option}\n",
+            paint(CAUTION, name(file))
+        ))
     }
 }

@@ -7,7 +7,7 @@ use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use umi_client::files::points::name;
-use umi_client::files::tool_path::diff::{self, Largest, PathDifference};
+use umi_client::files::tool_path::diff::{self, DiffLimits, Largest, PathDifference};
 use umi_core::registration::RigidTransform;
 use umi_report::paths;
 use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
@@ -37,7 +37,11 @@ pub(crate) struct Diff {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Ends farther apart than this are not the same place
+    /// How far ends and ways may lie from their images: by itself a thousandth of an inch, more than
+    /// twice what umi nc rewrite's arcs may
+    #[arg(long, value_name = "MM", default_value_t = 0.025)]
+    within_mm: f64,
+    /// Ends farther apart than this are not the same place: they are not found at all
     #[arg(long, value_name = "MM", default_value_t = 0.05)]
     near_mm: f64,
     /// The control whose language both are
@@ -53,17 +57,22 @@ pub(crate) struct Diff {
 const HELP: &str = "\
 Both programs are interpreted by the virtual machine's control, with tools of
 length zero and home at machine zero; numbers without a point are mm, or 0.001 mm with
---integers increments. Arcs may have become chords. Without a transform the programs are compared as they are. Motions
-in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
-not named yet, have no image and are left out.
+--integers increments. Without a transform the programs are compared as they are.
+Arcs may have become chords. Every motion is followed all the way, in its direction and by all its
+turns: where it strays more than --within-mm from the image of the first program's, the programs
+differ. Feeds and spindles are not compared.
+Motions in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
+not named yet, have no image and are left out; axes have to be sent to the same places. The way of
+the motion behind them is not measured, only its end.
 
 Examples:
   umi nc diff part.nc here.nc --verdict today.jsonl
   umi nc diff part.nc here.nc --transform moved.json -o diff.html --json
+  umi nc diff part.nc here.nc --transform moved.json --within-mm 0.005
   umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
   umi nc diff part.nc here.nc --transform moved.json --integers increments
 
-Exit status: 0 all motions have their image, 1 file or usage, 2 some have none.";
+Exit status: 0 all motions have their image within --within-mm, 1 file or usage, 2 they differ.";
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Language {
@@ -86,6 +95,17 @@ impl Diff {
                 "--near-mm is above 0, at most 100",
             ));
         }
+        let within_is_good = self.within_mm > 0.0 && self.within_mm <= 100.0;
+        if !within_is_good {
+            return Err(Failure::trouble(
+                "usage",
+                "--within-mm is above 0, at most 100",
+            ));
+        }
+        let limits = DiffLimits {
+            near_mm: self.near_mm,
+            within_mm: self.within_mm,
+        };
         if let Some(path) = &self.output {
             let mut inputs = vec![self.first.as_path(), self.second.as_path()];
             inputs.extend(self.load.iter().map(PathBuf::as_path));
@@ -117,7 +137,7 @@ impl Diff {
         };
         let first = umi_desk::tool_path::moves(&self.first, &self.load, &settings)?;
         let second = umi_desk::tool_path::moves(&self.second, &self.load, &settings)?;
-        let found = diff::compare(&first, &second, &transform, self.near_mm);
+        let found = diff::compare(&first, &second, &transform, limits);
         if let Some(path) = &self.output {
             let title = format!("{} and {}", name(&self.first), name(&self.second));
             let page = paths::html(
@@ -163,6 +183,8 @@ fn machine(found: &PathDifference) -> Value {
     json!({
         "type": "diff",
         "complete": found.is_complete(),
+        "within": found.is_within(),
+        "within_mm": found.limits.within_mm,
         "moves_a": found.moves[0],
         "moves_b": found.moves[1],
         "left_out_a": found.away[0],
@@ -170,10 +192,15 @@ fn machine(found: &PathDifference) -> Value {
         "matched": found.matched,
         "missing_lines_a": found.missing,
         "other_rate": found.other_rate,
+        "inserted_lines_b": found.inserted,
         "left_over_b": found.left_over,
+        "sent_elsewhere_line_a": found.sent_elsewhere[0],
+        "sent_elsewhere_line_b": found.sent_elsewhere[1],
+        "ways_left_out": found.from_away,
         "rms_ends_mm": found.rms_mm,
         "largest_end": largest(&found.largest_end),
         "largest_way": largest(&found.largest_way),
+        "largest_rapid": largest(&found.largest_rapid),
     })
 }
 
@@ -195,10 +222,19 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
             ),
         );
     }
-    if !found.missing.is_empty() {
-        let lines: Vec<String> = found.missing.iter().take(10).map(u32::to_string).collect();
-        let dots = if found.missing.len() > 10 { " …" } else { "" };
-        fact("not found", format!("line {}{dots}", lines.join(", ")));
+    if found.from_away > 0 {
+        let ways = count(found.from_away as u64, "motion");
+        fact("ends only", format!("{ways}: behind what is left out"));
+    }
+    for (name, lines) in [
+        ("not found", &found.missing),
+        ("not in the first", &found.inserted),
+    ] {
+        if !lines.is_empty() {
+            let dots = if lines.len() > 10 { " …" } else { "" };
+            let lines: Vec<String> = lines.iter().take(10).map(u32::to_string).collect();
+            fact(name, format!("line {}{dots}", lines.join(", ")));
+        }
     }
     if found.other_rate > 0 {
         let motions = count(found.other_rate as u64, "motion");
@@ -211,6 +247,7 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
     for (name, largest) in [
         ("ends, largest", &found.largest_end),
         ("cuts, largest", &found.largest_way),
+        ("rapids, largest", &found.largest_rapid),
     ] {
         if let Some(Largest { mm, lines, at_mm }) = largest {
             let [a, b] = lines;
@@ -221,6 +258,7 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
             );
         }
     }
+    fact("limit", format!("{} mm", found.limits.within_mm));
     facts
 }
 

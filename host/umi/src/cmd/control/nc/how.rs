@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::failure::Failure;
 use clap::Args;
 use umi_client::files::points::name;
-use umi_client::files::tool_path::PartProgram;
+use umi_client::files::tool_path::{self, PartProgram};
 use umi_client::problem::Problem;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{RefusedLine, RewriteRefusal, RewriteSettings};
@@ -56,7 +56,9 @@ impl How {
         Ok(RewriteSettings {
             origins_mm,
             again: self.again,
-            ..self.said.settings(self.control.settings(transform)?)?
+            ..self
+                .said
+                .settings(self.control.settings(transform, &self.said)?)?
         })
     }
 
@@ -72,17 +74,44 @@ impl How {
 }
 
 /// A refused line with its file, and the option that allows it.
-pub fn told(program: &PartProgram, refused: &RefusedLine) -> String {
+pub fn told(program: &PartProgram, refused: &RefusedLine, settings: &RewriteSettings) -> String {
+    let option = allowed_by(program, refused, settings);
+    let option = option.map_or_else(String::new, |option| format!(" ({option})"));
     let (path, refused) = program.place(refused);
-    let option = match refused.reason {
+    format!("{}, {refused}{option}", name(path))
+}
+
+/// The option with which a refused line is taken.
+pub fn allowed_by(
+    program: &PartProgram,
+    refused: &RefusedLine,
+    settings: &RewriteSettings,
+) -> Option<String> {
+    match refused.reason {
         RewriteRefusal::NotHere(number) => Some(format!("--load FILE, --allow-call P{number}")),
         RewriteRefusal::NamedCall => Some("--allow-call '<name>'".to_owned()),
         RewriteRefusal::Rewritten => Some("--again".to_owned()),
         RewriteRefusal::WorkOffset => {
             Some("--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates".to_owned())
         }
+        RewriteRefusal::RapidOver(_) if !helps_to_allow(program, refused, settings) => None,
         other => option(other),
+    }
+}
+
+/// Whether a line is taken where rapids over an unknown axis are allowed: another axis may lean too
+/// much for it.
+fn helps_to_allow(
+    program: &PartProgram,
+    refused: &RefusedLine,
+    settings: &RewriteSettings,
+) -> bool {
+    let loose = RewriteSettings {
+        loose_rapids: true,
+        ..settings.clone()
     };
-    let option = option.map_or_else(String::new, |option| format!(" ({option})"));
-    format!("{}, {refused}{option}", name(path))
+    tool_path::examine(program, &loose).is_ok_and(|examined| {
+        let mut left = examined.refusals.iter();
+        !left.any(|left| left.line == refused.line)
+    })
 }

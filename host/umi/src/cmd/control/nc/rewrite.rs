@@ -129,7 +129,10 @@ impl Rewrite {
             0 => String::new(),
             n => format!(" ({} more: umi nc check lists them)", n),
         };
-        let why = format_args!("{}{others}; nothing is written", told(program, first));
+        let why = format_args!(
+            "{}{others}; nothing is written",
+            told(program, first, settings)
+        );
         let (_, first) = program.place(first);
         Err(Problem::refused("cannot_rewrite", why)
             .with("line", first.line)

@@ -1,8 +1,11 @@
 //! `umi scan calibrate`
 
 mod axis;
+mod line_plan;
+mod observe;
 mod plan;
 mod point;
+mod residual_page;
 mod sensor;
 
 use crate::failure::Failure;
@@ -12,6 +15,10 @@ use clap::{Args, Subcommand};
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
+  umi scan calibrate plan --machine m.toml --at 40,25,30 --radius-mm 12.7 --swing A=-30..30 \\
+      --swing C=-180..180 -o poses.csv
+  umi scan calibrate observe ball.gocator scan.csv --machine m.toml --on sphere --radius-mm 12.7 \\
+      -o seen.csv --positions positions.csv
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere --radius-mm 12.7
   umi scan calibrate axis centres.csv
   umi scan calibrate point readings.csv --spheres ball.toml")]
@@ -22,15 +29,17 @@ pub(crate) struct Calibrate {
 
 #[derive(Subcommand)]
 enum What {
+    Observe(Box<observe::Observe>),
     Sensor(sensor::Sensor),
     Axis(axis::Axis),
     Point(point::CalibratePoint),
-    Plan(plan::Plan),
+    Plan(Box<plan::Plan>),
 }
 
 impl Calibrate {
     pub fn run(self) -> Result<(), Failure> {
         match self.what {
+            What::Observe(command) => command.run(),
             What::Sensor(command) => command.run(),
             What::Axis(command) => command.run(),
             What::Point(command) => command.run(),

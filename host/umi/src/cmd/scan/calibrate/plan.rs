@@ -12,26 +12,37 @@ use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan, program};
 use super::super::super::Format;
 use super::super::answer::answer;
 use super::super::triple::Triple;
+use super::line_plan::{self, LinePlan};
 
-/// The program of a set of places from which a calibration is well determined
+/// Places from which a calibration is well determined, and the uncertainty to expect
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Plan {
     /// For a point distance sensor
-    #[arg(long, required = true)]
+    #[arg(long, required_unless_present = "machine")]
     point_sensor: bool,
     /// Centre of the ball in machine coordinates, mm, from the touch probe
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    ball: Triple,
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true,
+        required_unless_present = "machine"
+    )]
+    ball: Option<Triple>,
     /// Radius of the ball
-    #[arg(long, value_name = "MM")]
-    radius_mm: f64,
+    #[arg(long, value_name = "MM", required_unless_present = "machine")]
+    radius_mm: Option<f64>,
     /// Standard uncertainty of the centre along each axis
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     u_center_mm: f64,
     /// Rough offset from the position of the axes to the zero of the readings, mm
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    offset: Triple,
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true,
+        required_unless_present = "machine"
+    )]
+    offset: Option<Triple>,
     /// Rough direction of the beam
     #[arg(
         long,
@@ -62,10 +73,17 @@ pub(crate) struct Plan {
     #[arg(long, value_name = "MM", default_value_t = 0.001)]
     increment_mm: f64,
     /// Height to approach from, machine coordinates
-    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
-    safe_z: f64,
-    /// Where the program goes
-    #[arg(short, long, value_name = "PROGRAM.nc")]
+    #[arg(
+        long,
+        value_name = "MM",
+        allow_hyphen_values = true,
+        required_unless_present = "machine"
+    )]
+    safe_z: Option<f64>,
+    #[command(flatten)]
+    line: LinePlan,
+    /// Where the program goes, or a line scanner's positions (profile and the joints)
+    #[arg(short, long, value_name = "PROGRAM.nc|POSITIONS.csv")]
     output: PathBuf,
     #[command(flatten)]
     force: Force,
@@ -77,21 +95,43 @@ const HELP: &str = "\
 Examples:
   umi scan calibrate plan --point-sensor --ball 210,-98.6,-614.5 --radius-mm 10 \\
     --offset 3,-54,-138 --safe-z -300 -o calibrate.nc
+  umi scan calibrate plan --machine m.toml --at 40,25,30 --radius-mm 12.7 --swing A=-30..30 \\
+    --swing C=-180..180 --noise-mm 0.005 -o poses.csv
+  umi scan calibrate plan --machine m.toml --on plane --at 0,0,0 --normal 0.3,-0.2,1 \\
+    --swing A=-30..30 --swing C=-180..180 -o poses.csv
 
-Refused (status 2): bad_input, and what umi scan calibrate point would refuse.";
+For a line scanner the poses go through the calibration itself: what they leave open is refused by
+name, with the number of free motions.
+
+Refused (status 2): bad_input, and what umi scan calibrate point would refuse; for a line scanner
+machine, missing_axis, unreachable, unidentifiable, too_few_points.";
 
 impl Plan {
     pub fn run(self) -> Result<(), Failure> {
+        if let Some(machine) = &self.line.machine {
+            self.force.check(&self.output, &[machine])?;
+            let made = self.line.make(machine, self.radius_mm, &self.output);
+            return answer(made, self.format.json, line_plan::text);
+        }
         self.force.check(&self.output, &[])?;
         answer(self.make(), self.format.json, text)
     }
 
     fn make(&self) -> Result<SensorPlan, ScanError> {
+        // Clap has made sure that all four are there.
+        let (Some(ball), Some(radius_mm), Some(offset), Some(safe_z_mm)) =
+            (self.ball, self.radius_mm, self.offset, self.safe_z)
+        else {
+            return Err(ScanError::unreadable(
+                "usage",
+                "--point-sensor needs --ball, --radius-mm, --offset and --safe-z",
+            ));
+        };
         let question = PlanQuestion {
-            center_mm: self.ball.0,
-            radius_mm: self.radius_mm,
+            center_mm: ball.0,
+            radius_mm,
             u_center_mm: self.u_center_mm,
-            offset_mm: self.offset.0,
+            offset_mm: offset.0,
             direction: self.direction.0,
             stand_off_mm: self.stand_off_mm,
             range_mm: self.range_mm,
@@ -100,7 +140,7 @@ impl Plan {
             places: self.places,
             sigma_mm: self.sigma_mm,
             increment_mm: self.increment_mm,
-            safe_z_mm: self.safe_z,
+            safe_z_mm,
         };
         let plan = plan(&question)?;
         std::fs::write(&self.output, program(&question, &plan))

@@ -4,15 +4,19 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::failure::Failure;
+use crate::output::Force;
 use clap::{ArgGroup, Args, ValueEnum};
+use umi_report::deviation::html;
 use umi_scan::ScanError;
-use umi_scan::calibrate::observations;
+use umi_scan::calibrate::bar::BallBar;
+use umi_scan::calibrate::observations::{self, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_scan::format::machine;
 use umi_scan::format::table::TableReader;
 
 use super::super::super::Format;
 use super::super::answer::answer;
+use super::residual_page::page;
 
 /// Where the sensor sits on the machine, from planes or balls that it saw
 #[derive(Args)]
@@ -42,6 +46,21 @@ pub(crate) struct Sensor {
     /// Components of the shift that stay as the machine file has them
     #[arg(long, value_name = "tx,ty,tz", value_delimiter = ',', value_enum)]
     hold: Vec<Component>,
+    /// Two features that are the balls of a bar, its certified length, and how far the length that
+    /// is found may be off; may be given again for another bar
+    #[arg(long, value_name = "A,B,MM,WITHIN", value_parser = BallBar::parse)]
+    bar: Vec<BallBar>,
+    /// The machine file with this mount and its covariance, all else as it is
+    #[arg(short, long, value_name = "MACHINE.toml")]
+    output: Option<PathBuf>,
+    /// The residual of each observation, in its row
+    #[arg(long, value_name = "RESIDUALS.csv")]
+    residuals: Option<PathBuf>,
+    /// A page with the residuals where they are, on maps and in a view that turns
+    #[arg(long, value_name = "PAGE.html")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     pub format: Format,
 }
@@ -60,9 +79,18 @@ Examples:
       --radius-mm 12.7 --centres probed.csv
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere \\
       --radius-mm 12.7 --hold tx,ty,tz
+  umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere \\
+      --radius-mm 12.7 -o calibrated.toml --report residuals.html
+  umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere \\
+      --radius-mm 10 --bar 0,1,249.532,0.005
+
+`covariance` reckons with residuals that are alike, as `sigma_mm` says; `covariance_scatter` takes
+each for itself, and holds also where noise grows with the distance. The machine file gets the
+latter; `umi scan merge` tells then what the mount makes of a point's uncertainty.
 
 Refused (status 2): unidentifiable, uncertain, too_few_points, not_finite, machine,
-missing_axis, missing_position, missing_centre, no_convergence.";
+missing_axis, missing_position, missing_centre, no_convergence, angle_unit, far_from_start,
+bar_length.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum On {
@@ -73,7 +101,7 @@ enum On {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Component {
+pub(super) enum Component {
     /// Along X of the flange
     Tx,
     /// Along Y
@@ -82,11 +110,19 @@ enum Component {
     Tz,
 }
 
-fn radius(text: &str) -> Result<f64, String> {
+impl Component {
+    /// Which of tx, ty, tz are held.
+    pub fn held(hold: &[Self]) -> [bool; 3] {
+        [Self::Tx, Self::Ty, Self::Tz].map(|component| hold.contains(&component))
+    }
+}
+
+/// A length above 0.
+pub(super) fn radius(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|radius: &f64| radius.is_finite() && *radius > 0.0)
-        .ok_or_else(|| format!("`{text}` is no radius above 0"))
+        .ok_or_else(|| format!("`{text}` is no length above 0"))
 }
 
 impl Sensor {
@@ -98,16 +134,59 @@ impl Sensor {
                 "--on sphere needs --radius-mm R, or --radius-free",
             ));
         }
-        if !sphere && (self.radius_mm.is_some() || self.radius_free || self.centres.is_some()) {
+        let of_balls = self.radius_mm.is_some()
+            || self.radius_free
+            || self.centres.is_some()
+            || !self.bar.is_empty();
+        if !sphere && of_balls {
             return Err(Failure::trouble(
                 "usage",
-                "--radius-mm, --radius-free and --centres are for --on sphere",
+                "--radius-mm, --radius-free, --centres and --bar are for --on sphere",
             ));
         }
-        answer(self.find(), self.format.json, text)
+        if self.centres.is_some() && !self.bar.is_empty() {
+            return Err(Failure::trouble(
+                "usage",
+                "where the centres are known, they say how long a bar is: --bar is without --centres",
+            ));
+        }
+        let inputs = [&*self.observations, &*self.positions, &*self.machine];
+        let outputs = [&self.output, &self.residuals, &self.report];
+        let outputs: Vec<&PathBuf> = outputs.into_iter().flatten().collect();
+        for (place, path) in outputs.iter().enumerate() {
+            self.force.check(path, &inputs)?;
+            if outputs[..place].contains(path) {
+                return Err(Failure::trouble(
+                    "file",
+                    "machine file, residuals and page need a file each",
+                ));
+            }
+        }
+        answer(self.make(), self.format.json, text)
     }
 
-    fn find(&self) -> Result<SensorAnswer, ScanError> {
+    fn make(&self) -> Result<SensorAnswer, ScanError> {
+        let (found, all) = self.find()?;
+        if let Some(path) = &self.residuals {
+            std::fs::write(path, residuals(&found, &all))
+                .map_err(|error| ScanError::file("write", path, &error))?;
+        }
+        if let Some(path) = &self.report {
+            std::fs::write(path, html(&page(&found, &all)))
+                .map_err(|error| ScanError::file("write", path, &error))?;
+        }
+        if let Some(path) = &self.output {
+            let text = std::fs::read_to_string(&self.machine)
+                .map_err(|error| ScanError::file("read", &self.machine, &error))?;
+            let covariance = found.covariance_scatter.as_ref();
+            let covariance = covariance.or(found.covariance.as_ref());
+            let text = machine::with_sensor(&text, &found.mount(), covariance)?;
+            std::fs::write(path, text).map_err(|error| ScanError::file("write", path, &error))?;
+        }
+        Ok(found)
+    }
+
+    fn find(&self) -> Result<(SensorAnswer, Observations), ScanError> {
         let machine = machine::read(&self.machine)?;
         let all = observations::read(
             &machine,
@@ -118,7 +197,6 @@ impl Sensor {
             Some(path) => Some(observations::read_centres(TableReader::open(path)?)?),
             None => None,
         };
-        let held = |component| self.hold.contains(&component);
         let options = SensorOptions {
             on: match self.on {
                 On::Plane => Artefact::Plane,
@@ -126,16 +204,36 @@ impl Sensor {
             },
             radius_mm: self.radius_mm,
             centres,
-            hold: [Component::Tx, Component::Ty, Component::Tz].map(held),
+            hold: Component::held(&self.hold),
+            bars: self.bar.clone(),
         };
-        sensor(&all, &machine.sensor, &options)
+        let found = sensor(&all, &machine.sensor, &options)?;
+        Ok((found, all))
     }
+}
+
+/// A row for each observation, in their order.
+fn residuals(found: &SensorAnswer, all: &Observations) -> String {
+    let mut text = String::from("profile,feature,x_mm,z_mm,residual_mm\n");
+    for (point, residual) in all.points.iter().zip(&found.residuals_mm) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{residual}",
+            all.profiles[point.flange],
+            all.features[point.feature],
+            point.seen_mm.x,
+            point.seen_mm.z
+        );
+    }
+    text
 }
 
 fn text(found: &SensorAnswer) -> String {
     let u = |i: usize| {
         found
-            .covariance
+            .covariance_scatter
+            .or(found.covariance)
             .map_or_else(|| "unknown".into(), |c| format!("{:.2e}", c[i][i].sqrt()))
     };
     let mut text = String::from("[sensor]\nrotation = [");
@@ -148,7 +246,7 @@ fn text(found: &SensorAnswer) -> String {
     let _ = writeln!(text, "]\ntranslation_mm = [{x}, {y}, {z}]\n");
     let _ = writeln!(
         text,
-        "standard uncertainty: turns {} {} {} rad, shifts {} {} {} mm",
+        "standard uncertainty: turns {} {} {} rad, shifts {} {} {} mm (by the residuals' scatter)",
         u(0),
         u(1),
         u(2),
@@ -158,6 +256,19 @@ fn text(found: &SensorAnswer) -> String {
     );
     if let Some(radius) = found.radius_mm {
         let _ = writeln!(text, "radius {radius:.6} mm");
+    }
+    for warning in &found.warnings {
+        let _ = writeln!(text, "warning: {warning}");
+    }
+    for bar in &found.bars {
+        let u = bar
+            .u_mm
+            .map_or_else(|| "unknown".into(), |u| format!("{u:.6} mm"));
+        let _ = writeln!(
+            text,
+            "bar {}-{}: {:.6} mm, {:+.6} mm from its certificate, standard uncertainty {u}",
+            bar.balls[0], bar.balls[1], bar.found_mm, bar.off_mm
+        );
     }
     for feature in &found.features {
         let _ = writeln!(

@@ -24,6 +24,13 @@ Examples:
   umi scan convert cloud.csv -o cloud.ply --double
   umi scan convert cloud.ply -o cloud.laz
   umi scan convert cloud.ply -o cloud.parquet --json
+  umi scan convert cloud.csv -o view.stl --longest-mm 0.5
+
+An STL is made of the grid of one view (columns profile and index), which is held in memory. Where a
+point or a profile is missing, and where neighbours lie too far apart, the mesh has a hole. Its
+triangles look up by most of the surface.
+
+Refused (status 2): no_grid, for an STL of points without profiles, or of several views.
 
 Exit status: 1 for a cloud that cannot be understood: bad_file, corrupt, truncated,
 missing_column, format.";

@@ -151,7 +151,7 @@ pub fn page(of: &Compared<'_>) -> DeviationPage {
 }
 
 /// A round number, up and down, that 99 % of the deviations lie within.
-fn spread(mut deviations: Vec<f64>) -> Bands {
+pub fn spread(mut deviations: Vec<f64>) -> Bands {
     for d in &mut deviations {
         *d = d.abs();
     }

@@ -1,15 +1,23 @@
 //! `umi scan filter`
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use umi_scan::ScanError;
+use umi_scan::format::poses;
+use umi_scan::format::table::TableReader;
+use umi_scan::rigid::Vec3;
+use umi_scan::thin::edges::mixed;
 use umi_scan::thin::filter::{held, intensity, isolated, spikes, statistical};
+use umi_scan::thin::seen::{Beams, range, steep};
 
 use super::thin::{Clouds, above_zero, numbers};
+use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 
-/// A cloud without points that are no surface: dark ones, spikes, isolated ones, outliers
+/// A cloud without points that are no surface, or that the sensor saw badly: dark ones, out of
+/// range, mixed ones at edges, spikes, too much from the side, isolated ones, outliers
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Filter {
@@ -18,10 +26,23 @@ pub(crate) struct Filter {
     /// The least and the greatest intensity
     #[arg(long, value_name = "LEAST,MOST", value_parser = numbers::<2>)]
     intensity: Option<[f64; 2]>,
+    /// The least and the greatest z in the sensor's own frame, in mm (--poses)
+    #[arg(long, value_name = "LEAST,MOST", value_parser = numbers::<2>, allow_hyphen_values = true, requires = "poses")]
+    range: Option<[f64; 2]>,
+    /// Leave out mixed points: at most N points in a row that lie further than MM from what the
+    /// profile has before and behind them
+    #[arg(long, value_name = "MM,N", value_parser = cell)]
+    mixed: Option<(f64, u64)>,
     /// Leave out a point further than this from both its neighbours in the profile, where
     /// these are within it of each other
     #[arg(long, value_name = "MM", value_parser = above_zero)]
     spike: Option<f64>,
+    /// Leave out points where the surface stands off the beam by more than DEG, by the points in
+    /// their cell of MM and those about it (--poses or --beam)
+    #[arg(long, value_name = "DEG[,MM]", value_parser = incidence, requires = "looking")]
+    incidence: Option<(f64, f64)>,
+    #[command(flatten)]
+    looking: Looking,
     /// Leave out points with fewer than N others in their cell of MM and those about it
     #[arg(long, value_name = "MM,N", value_parser = cell)]
     isolated: Option<(f64, u64)>,
@@ -34,17 +55,50 @@ pub(crate) struct Filter {
     dropped: Option<PathBuf>,
 }
 
+/// Where the sensor looked from.
+#[derive(Args)]
+#[group(id = "looking", multiple = false)]
+struct Looking {
+    /// Where the sensor was at each profile, as `umi scan merge --poses` writes it
+    #[arg(long, value_name = "POSES.csv")]
+    poses: Option<PathBuf>,
+    /// The direction in which it always looked, in the cloud's frame
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    beam: Option<[f64; 3]>,
+}
+
 const HELP: &str = "\
 Filters follow each other in the order above; each point that is left out is counted by the
-first one that says so. With --intensity and --spike points go through one by one;
---isolated and --statistical hold the cloud in memory.
+first one that says so. With --intensity, --range, --mixed and --spike points go through one by
+one; --incidence, --isolated and --statistical hold the cloud in memory. What --mixed leaves out is
+told as mixed even where it is a spike, too.
 
 Examples:
   umi scan filter cloud.csv --spike 0.5 -o clean.csv
   umi scan filter cloud.ply --isolated 1,3 --dropped lonely.ply -o clean.ply
   umi scan filter cloud.csv --intensity 20,250 --statistical 8,3 -o clean.laz --json
+  umi scan filter cloud.csv --mixed 0.3,2 --incidence 65 --beam 0,0,-1 -o clean.ply
+  umi scan filter cloud.csv --poses poses.csv --range -38,38 --incidence 60,0.4 -o clean.ply
 
-Refused (status 2): no_filter, no_profiles (for --spike), no_intensity, too_few_points.";
+Refused (status 2): no_filter, no_profiles (for --spike, --mixed and --poses), no_intensity,
+too_few_points, not_finite.";
+
+/// The cell's edge where none is given, in mm.
+const CELL_MM: f64 = 0.5;
+
+fn incidence(text: &str) -> Result<(f64, f64), String> {
+    let (deg, mm) = match text.split_once(',') {
+        Some(_) => numbers::<2>(text).map(|[deg, mm]| (deg, mm))?,
+        None => numbers::<1>(text).map(|[deg]| (deg, CELL_MM))?,
+    };
+    if deg > 0.0 && deg < 90.0 && mm > 0.0 {
+        return Ok((deg, mm));
+    }
+    Err(
+        "give an angle above 0 and below 90 degrees, and the size of a cell in mm, as 60,0.5"
+            .into(),
+    )
+}
 
 fn cell(text: &str) -> Result<(f64, u64), String> {
     numbers::<2>(text)
@@ -66,8 +120,14 @@ impl Filter {
     pub fn run(&self) -> Result<(), Failure> {
         let any = self.intensity.is_some()
             || self.spike.is_some()
+            || self.range.is_some()
+            || self.mixed.is_some()
+            || self.incidence.is_some()
             || self.isolated.is_some()
             || self.statistical.is_some();
+        let beams = self.looking.read().map_err(failure)?;
+        let by_profile =
+            self.spike.is_some() || self.mixed.is_some() || matches!(beams, Some(Beams::Poses(_)));
         self.clouds.run(
             "filter",
             self.dropped.as_deref(),
@@ -76,10 +136,11 @@ impl Filter {
                 if !any {
                     return refused(
                         "no_filter",
-                        "Name what goes: --intensity, --spike, --isolated or --statistical.",
+                        "Name what goes: --intensity, --range, --mixed, --spike, --incidence, \
+                         --isolated or --statistical.",
                     );
                 }
-                if self.spike.is_some() && !columns.profile {
+                if by_profile && !columns.profile {
                     return refused(
                         "no_profiles",
                         "The cloud does not say which profiles its points are of: it has no column `profile`.",
@@ -98,13 +159,23 @@ impl Filter {
                 if let Some([least, most]) = self.intensity {
                     points = intensity(points, least, most, drops);
                 }
+                if let (Some([least, most]), Some(Beams::Poses(poses))) = (self.range, &beams) {
+                    points = range(points, Arc::clone(poses), least, most, drops);
+                }
+                if let Some((off_mm, most)) = self.mixed {
+                    points = mixed(points, off_mm, most as usize, drops);
+                }
                 if let Some(off_mm) = self.spike {
                     points = spikes(points, off_mm, drops);
                 }
-                if self.isolated.is_none() && self.statistical.is_none() {
+                if self.incidence.is_none() && self.isolated.is_none() && self.statistical.is_none()
+                {
                     return Ok(points);
                 }
                 let mut all = held(points)?;
+                if let (Some((most_deg, cell_mm)), Some(beams)) = (self.incidence, &beams) {
+                    all = steep(all, beams, most_deg, cell_mm, drops)?;
+                }
                 if let Some((cell_mm, least)) = self.isolated {
                     all = isolated(all, cell_mm, least, drops)?;
                 }
@@ -114,5 +185,21 @@ impl Filter {
                 Ok(Box::new(all.into_iter().map(Ok)))
             },
         )
+    }
+}
+
+impl Looking {
+    fn read(&self) -> Result<Option<Beams>, ScanError> {
+        if let Some(path) = &self.poses {
+            return Ok(Some(Beams::Poses(Arc::new(poses::read(
+                TableReader::open(path)?,
+            )?))));
+        }
+        let Some(beam) = self.beam else {
+            return Ok(None);
+        };
+        let beam = Vec3::from(beam).try_normalize(1e-12);
+        let beam = beam.ok_or_else(|| ScanError::unreadable("usage", "--beam has length 0"))?;
+        Ok(Some(Beams::Along(beam)))
     }
 }

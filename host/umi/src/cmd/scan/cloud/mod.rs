@@ -5,7 +5,10 @@ pub(super) mod convert;
 pub(super) mod crop;
 pub(super) mod deviation_page;
 pub(super) mod filter;
+mod limits;
 pub(super) mod merged;
 pub(super) mod report;
 pub(super) mod sample;
 pub(super) mod thin;
+
+pub(super) use deviation_page::spread;

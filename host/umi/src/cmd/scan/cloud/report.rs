@@ -12,6 +12,7 @@ use umi_scan::parallel::Threads;
 
 use super::compare::finite_cloud;
 use super::deviation_page::{Compared, beyond, page};
+use super::limits::limits;
 use super::merged::MergeLosses;
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
@@ -65,20 +66,6 @@ With --json: `kind` \"scan_report\", the figures of `umi scan compare`, `limits_
 
 Exit status: 0 written, whatever the deviations; 1 a file (bad_file) or usage; 2 refused:
 too_few_points, not_finite, nominal.";
-
-fn limits(text: &str) -> Result<Bands, String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|number| number.trim().parse().map_err(|_| number.to_owned()))
-        .collect::<Result<_, _>>()
-        .map_err(|number| format!("`{number}` is no number"))?;
-    match numbers[..] {
-        [low_mm, high_mm] if low_mm.is_finite() && high_mm.is_finite() && low_mm < high_mm => {
-            Ok(Bands { low_mm, high_mm })
-        }
-        _ => Err("two numbers are needed, the lower first: -0.05,0.05".into()),
-    }
-}
 
 fn section(text: &str) -> Result<(usize, f64), String> {
     let wrong = || format!("`{text}` is no section: x=10, y=-2.5 or z=0");

@@ -22,12 +22,16 @@ pub(crate) struct Clouds {
     /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD, LAS, LAZ or E57
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
-    /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet
+    /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet;
+    /// .stl makes a mesh of the grid of one view, holes left open
     #[arg(short, long, value_name = "CLOUD")]
     output: PathBuf,
     /// Coordinates of a PLY or PCD file as doubles instead of floats
     #[arg(long)]
     double: bool,
+    /// The longest edge of a mesh (.stl); without, four times the usual diagonal of its grid
+    #[arg(long, value_name = "MM", value_parser = above_zero)]
+    longest_mm: Option<f64>,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -86,6 +90,7 @@ impl Clouds {
                     reader.columns
                 },
                 double: self.double,
+                longest_mm: self.longest_mm,
             };
             let drops = RefCell::new(match dropped {
                 Some(path) => Drops::to_file(path)?,

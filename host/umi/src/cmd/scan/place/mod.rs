@@ -7,5 +7,5 @@ pub(super) mod report;
 pub(super) mod scans;
 pub(super) mod simulate;
 pub(super) mod stock;
-mod stock_page;
+pub(super) mod stock_page;
 pub(super) mod transform;

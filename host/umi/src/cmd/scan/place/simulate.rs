@@ -116,6 +116,7 @@ impl Simulate {
         let style = CloudStyle {
             columns: CloudColumns::default(),
             double: self.double,
+            longest_mm: None,
         };
         let points = seen.points.iter().map(|p| {
             Ok(CloudPoint {

@@ -2,3 +2,4 @@
 
 pub(super) mod digitize;
 pub(super) mod points;
+pub(super) mod serve;

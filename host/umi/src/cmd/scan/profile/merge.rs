@@ -6,10 +6,12 @@ use std::path::PathBuf;
 use crate::failure::Failure;
 use crate::output::Force;
 use clap::Args;
+use umi_kinematics::Pose;
 use umi_scan::ScanError;
 use umi_scan::format::machine;
-use umi_scan::format::points::PointFile;
-use umi_scan::merge::{Merged, merge};
+use umi_scan::format::points::{PointFile, PointSink};
+use umi_scan::format::poses::PoseFile;
+use umi_scan::merge::{MergeOptions, Merged, merge};
 
 use super::pair::{self, Streams};
 use crate::cmd::Format;
@@ -32,15 +34,26 @@ pub(crate) struct Merge {
         allow_negative_numbers = true
     )]
     latency_us: f64,
-    /// Where the points go: .csv (with profile and index) or .ply (binary)
+    /// Where the points go: .csv (with profile and index), .ply (binary), .pcd, .las, .laz, .e57
+    /// or .parquet; .stl makes a mesh of the grid of one view, holes left open
     #[arg(short, long, value_name = "CLOUD")]
     output: PathBuf,
-    /// Coordinates of a PLY file as doubles instead of floats
+    /// Coordinates of a PLY or PCD file as doubles instead of floats
     #[arg(long)]
     double: bool,
+    /// E57 with a scan for each profile: points in the sensor's frame, and the sensor's pose
+    #[arg(long)]
+    each_profile: bool,
+    /// Where the sensor was at each profile, as `umi scan filter` wants it
+    #[arg(long, value_name = "POSES.csv")]
+    poses: Option<PathBuf>,
     /// If the board lost motion of an axis, take the profiles before
     #[arg(long)]
     until_loss: bool,
+    /// A profile whose latch was lost gets its place from the latches before and behind it, where
+    /// these are at most so far apart; without, it is left out
+    #[arg(long, value_name = "MS", value_parser = milliseconds)]
+    interpolate_ms: Option<f64>,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -50,8 +63,11 @@ pub(crate) struct Merge {
 const HELP: &str = "\
 Profiles are paired as by `umi scan pair`; every valid sample of a paired profile becomes a
 point. With a latency the counts are taken from the straight line between the latches on
-either side of that moment. A file that is there already is replaced, but only by a whole
-scan: where it is refused, no file is written.
+either side of that moment; behind a loss of motion nothing is taken. Where the scan is refused, no
+file is written, and one that was there stays.
+
+With --interpolate-ms the answer names the profiles that no latch placed (`interpolated`): their
+points stand on a straight line between two latches, whatever the axes did there.
 
 Floats keep 24 bits: at 800 mm they are right within 0.03 µm; --double keeps all.
 
@@ -59,35 +75,87 @@ Examples:
   umi scan merge profiles.csv scan.csv --machine mill.toml -o cloud.ply
   umi scan merge part.gocator scan.csv --machine c800u.toml --latency-us 150 -o cloud.csv
   umi scan merge part.gocator scan.csv --machine c800u.toml --encoder x -o cloud.ply --double
+  umi scan merge part.gocator scan.csv --machine c800u.toml --interpolate-ms 20 -o cloud.e57
+  umi scan merge part.gocator scan.csv --machine c800u.toml --each-profile -o profiles.e57
+  umi scan merge part.gocator scan.csv --machine c800u.toml --poses poses.csv -o cloud.csv
 
-Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost.";
+Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost, latency,
+no_grid, too_many_profiles.";
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let value = text.trim().parse().ok();
+    value
+        .filter(|ms: &f64| ms.is_finite() && *ms > 0.0)
+        .ok_or_else(|| format!("`{text}` is no time above 0"))
+}
 
 impl Merge {
     pub fn run(self) -> Result<(), Failure> {
-        self.force.check(
-            &self.output,
-            &[
-                &self.machine,
-                &self.streams.profiles,
-                &self.streams.triggers,
-            ],
-        )?;
+        let inputs = [
+            &*self.machine,
+            &*self.streams.profiles,
+            &*self.streams.triggers,
+        ];
+        self.force.check(&self.output, &inputs)?;
+        if let Some(poses) = &self.poses {
+            self.force.check(poses, &inputs)?;
+            if *poses == self.output {
+                return Err(Failure::trouble(
+                    "file",
+                    "points and poses need a file each",
+                ));
+            }
+        }
         answer(self.find(), self.format.json, text)
     }
 
     fn find(&self) -> Result<Merged, ScanError> {
         let machine = machine::read(&self.machine)?;
         let triggers = self.streams.read_triggers()?;
-        let mut file = PointFile::create(&self.output, self.double)?;
+        let mut file = Files {
+            points: if self.each_profile {
+                PointFile::each_profile(&self.output)?
+            } else {
+                PointFile::create(&self.output, self.double)?
+            },
+            poses: self.poses.as_deref().map(PoseFile::create).transpose()?,
+        };
         merge(
             &self.streams.profiles,
             &triggers,
             &machine,
-            self.latency_us,
-            &self.streams.options(),
-            self.until_loss,
+            &MergeOptions {
+                pairing: self.streams.options(),
+                latency_us: self.latency_us,
+                until_loss: self.until_loss,
+                interpolate_us: self.interpolate_ms.map(|ms| ms * 1e3),
+            },
             &mut file,
         )
+    }
+}
+
+/// The cloud, and where the sensor was if that is wanted.
+struct Files {
+    points: PointFile,
+    poses: Option<PoseFile>,
+}
+
+impl PointSink for Files {
+    fn pose(&mut self, profile: u64, pose: &Pose) -> Result<(), ScanError> {
+        if let Some(file) = &mut self.poses {
+            file.pose(profile, pose)?;
+        }
+        self.points.pose(profile, pose)
+    }
+
+    fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
+        self.points.profile(profile, points)
+    }
+
+    fn finish(&mut self, points: u64) -> Result<(), ScanError> {
+        self.points.finish(points)?;
+        self.poses.as_mut().map_or(Ok(()), PoseFile::finish)
     }
 }
 
@@ -96,6 +164,14 @@ fn text(merged: &Merged) -> String {
         "{} points of {} of {} profiles; {} samples without range\n",
         merged.points, merged.paired, merged.profiles, merged.invalid
     );
+    if let Some(profiles) = &merged.interpolated {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{} profiles without a latch placed between two others",
+            profiles.len()
+        );
+    }
     if let Some(bounds) = &merged.bounds_mm {
         for (axis, (min, max)) in ["X", "Y", "Z"]
             .iter()
@@ -104,6 +180,13 @@ fn text(merged: &Merged) -> String {
             // Writing to a string cannot fail.
             let _ = writeln!(text, "{axis} {min:.4} to {max:.4} mm");
         }
+    }
+    if let Some(mount) = &merged.mount_u_mm {
+        let _ = writeln!(
+            text,
+            "standard uncertainty of a point by the mount: {:.4} mm (rms), {:.4} mm at most",
+            mount.rms_mm, mount.max_mm
+        );
     }
     text + &pair::text(&merged.pairing)
 }

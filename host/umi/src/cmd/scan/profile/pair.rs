@@ -40,7 +40,8 @@ corrupt.";
 /// What the sensor and the board told, and what their pairing must keep to.
 #[derive(Args)]
 pub(crate) struct Streams {
-    /// Profiles: CSV (profile,frame,t_us,encoder,index,x_mm,z_mm) or a .gocator capture
+    /// Profiles: CSV (profile,frame,t_us,encoder,index,x_mm,z_mm), a .gocator capture, or a table of
+    /// three lines a profile: time in ms, places along the line, distances (mm)
     #[arg(value_name = "PROFILES")]
     pub profiles: PathBuf,
     /// The board's latches, as `umi events --csv` writes them
@@ -56,7 +57,7 @@ pub(crate) struct Streams {
     #[arg(long, value_name = "US", default_value_t = 20.0, value_parser = at_least_0)]
     jitter_us: f64,
     /// The most by which the two clocks drift, in parts per million
-    #[arg(long, value_name = "PPM", default_value_t = 200.0, value_parser = at_least_0)]
+    #[arg(long, value_name = "PPM", default_value_t = 200.0, value_parser = drift)]
     drift_ppm: f64,
     /// The sensor's frame counter starts at 0 again after so many bits
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
@@ -123,6 +124,20 @@ fn at_least_0(text: &str) -> Result<f64, String> {
         .ok()
         .filter(|value: &f64| value.is_finite() && *value >= 0.0)
         .ok_or_else(|| format!("`{text}` is no number of 0 or more"))
+}
+
+/// No two clocks drift by more than this; what looks like more is another unit of time.
+const MOST_DRIFT_PPM: f64 = 10_000.0;
+
+fn drift(text: &str) -> Result<f64, String> {
+    at_least_0(text).and_then(|ppm| {
+        if ppm <= MOST_DRIFT_PPM {
+            return Ok(ppm);
+        }
+        Err(format!(
+            "`{text}` ppm is no drift of a clock: at most {MOST_DRIFT_PPM}"
+        ))
+    })
 }
 
 /// What was paired and what was not, as a few lines.

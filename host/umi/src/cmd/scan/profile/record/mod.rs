@@ -283,11 +283,15 @@ impl View {
             self.said = lost;
             self.spoke = Instant::now();
         }
-        if came.profiles == 0 && latches > 0 && !self.warned && self.began.elapsed() > SILENCE {
+        if came.profiles == 0 && !self.warned && self.began.elapsed() > SILENCE {
             self.warned = true;
             self.say(
                 "silence",
-                "latches come, but no profile: is the sensor started, and set to its trigger input?",
+                if latches > 0 {
+                    "latches come, but no profile: is the sensor started, and set to its trigger input?"
+                } else {
+                    "neither latches nor profiles come: does the axis that triggers move, or the sensor?"
+                },
             )?;
         }
         let (since, profiles) = self.look;

@@ -26,15 +26,15 @@ use umi_desk::tap::Tap;
 use umi_desk::wiring::{Peer, WireEvent, Wiring};
 
 /// The job: that of the example, with the part where it stands here.
-const JOB: &str = include_str!("../../../examples/three-spheres.toml");
+const JOB: &str = include_str!("../../../../examples/three-spheres.toml");
 /// The machine, the control, the plate.
-pub const SCENE: &str = include_str!("scene.toml");
+pub const SCENE: &str = include_str!("shop/scene.toml");
 /// The programs in the control's memory before it starts, with the names of their files.
 pub const MEMORY: [(&str, &str); 4] = [
-    ("ring.nc", include_str!("ring.nc")),
-    ("sphere.nc", include_str!("sphere.nc")),
-    ("plate.nc", include_str!("plate.nc")),
-    ("surface.nc", include_str!("surface.nc")),
+    ("ring.nc", include_str!("shop/ring.nc")),
+    ("sphere.nc", include_str!("shop/sphere.nc")),
+    ("plate.nc", include_str!("shop/plate.nc")),
+    ("surface.nc", include_str!("shop/surface.nc")),
 ];
 
 /// Program numbers.
@@ -413,10 +413,12 @@ const BELOW_THE_TOP: &str = "G53 G0 Z390.\n";
 /// The finishing program where the part stands.
 fn rewritten(nominal: &str, registration: &RegistrationReport) -> Result<String, Problem> {
     let [a, b, c] = registration.rotation;
-    let settings = rewrite::RewriteSettings::new(RigidTransform {
+    let mut settings = rewrite::RewriteSettings::new(RigidTransform {
         rotation: nalgebra::Matrix3::from_rows(&[a.into(), b.into(), c.into()]),
         translation_mm: registration.translation_mm.into(),
     });
+    // Behind G53 the program goes on below the top of Z.
+    settings.loose_rapids = true;
     let mut text = Vec::new();
     let mut sink = |bytes: &[u8]| text.extend_from_slice(bytes);
     let refused = |refusal| Problem::refused("cannot_rewrite", refusal);

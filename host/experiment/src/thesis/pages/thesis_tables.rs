@@ -2,9 +2,9 @@
 
 use umi_protocol::feature::{FeatureResult, FitReport};
 
-use crate::outcome::ExperimentOutcome;
-use crate::pages::polar;
-use crate::thesis;
+use crate::thesis::outcome::ExperimentOutcome;
+use crate::thesis::pages::polar;
+use crate::thesis::printed as thesis;
 use umi_client::session::{Session, Setup, datums};
 use umi_report::draw::markup::{Element, el};
 use umi_report::draw::number::{fixed, mm, signed, typographic, um, um_signed};

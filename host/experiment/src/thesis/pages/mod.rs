@@ -5,7 +5,7 @@ mod map;
 mod polar;
 mod thesis_tables;
 
-use crate::outcome::{ExperimentOutcome, ExperimentSummary};
+use crate::thesis::outcome::{ExperimentOutcome, ExperimentSummary};
 
 /// The report of an experiment: that of its session, with the finished surface and the
 /// thesis' tables before the clampings.

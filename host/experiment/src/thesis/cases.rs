@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use umi_core::registration::RigidTransform;
 use umi_core::units::Rad;
 
-use super::thesis;
+use super::printed;
 
 /// One clamping.
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ pub fn stated() -> Vec<ExperimentCase> {
 #[must_use]
 pub fn printed() -> Vec<ExperimentCase> {
     let mut cases = stated();
-    for (case, printed) in cases.iter_mut().skip(1).zip(&thesis::REGISTRATIONS) {
+    for (case, printed) in cases.iter_mut().skip(1).zip(&printed::REGISTRATIONS) {
         let turn = Matrix3::from_fn(|row, column| printed.rotation[row][column]);
         // Four printed decimals leave R orthonormal to 1e-4: Gram and Schmidt do.
         let x = turn.row(0).transpose().normalize();
@@ -86,7 +86,7 @@ mod tests {
             assert!((r * r.transpose() - Matrix3::identity()).norm() < 1e-12);
             assert!((r.determinant() - 1.0).abs() < 1e-12);
         }
-        for (case, printed) in printed().iter().skip(1).zip(&thesis::REGISTRATIONS) {
+        for (case, printed) in printed().iter().skip(1).zip(&printed::REGISTRATIONS) {
             for (row, digits) in printed.rotation.iter().enumerate() {
                 for (column, digit) in digits.iter().enumerate() {
                     let off = case.pose.rotation[(row, column)] - digit;

@@ -1,12 +1,14 @@
 //! `umi demo`
 
+mod localise;
+
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::terminal::{FAINT, GOOD, TITLE, Table, count, paint, print, print_json};
-use clap::Args;
 use clap::builder::PossibleValuesParser;
+use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi_client::files::job_file;
@@ -14,22 +16,25 @@ use umi_client::journal::audit::{Audit, Findings};
 use umi_client::journal::{self, PullRequest, PullStep, Stretch};
 use umi_client::session::Fact;
 use umi_desk::capture::Desk;
-use umi_experiment::cases::{self, ExperimentCase};
-use umi_experiment::outcome::{
+use umi_experiment::thesis::cases::{self, ExperimentCase};
+use umi_experiment::thesis::outcome::{
     ExperimentOutcome, ExperimentSummary, Method, Setting, Surface, spread,
 };
-use umi_experiment::path::Passes;
-use umi_experiment::run::{self, ExperimentProgress};
-use umi_experiment::thesis;
+use umi_experiment::thesis::path::Passes;
+use umi_experiment::thesis::printed as thesis;
+use umi_experiment::thesis::run::{self, ExperimentProgress};
 use umi_report::terminal;
 use umi_virtual::cutting::DeviationStatistics;
 
 use super::Format;
+use localise::DemoLocalise;
 
 /// The thesis' experiment: misplace a part, probe it, correct, cut, measure what was cut
 #[derive(Args)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, args_conflicts_with_subcommands = true)]
 pub(crate) struct Demo {
+    #[command(subcommand)]
+    other: Option<OtherDemo>,
     /// Where the report, all programs and the journal go
     #[arg(long, value_name = "DIR", default_value = "umi-demo")]
     out: PathBuf,
@@ -56,6 +61,12 @@ pub(crate) struct Demo {
     force: Force,
     #[command(flatten)]
     pub format: Format,
+}
+
+/// Other demonstrations.
+#[derive(Subcommand)]
+enum OtherDemo {
+    Localise(DemoLocalise),
 }
 
 /// The page; a folder that has one is of an older run.
@@ -95,6 +106,9 @@ Examples:
 
 impl Demo {
     pub fn run(self) -> Result<(), Failure> {
+        if let Some(OtherDemo::Localise(demo)) = self.other {
+            return demo.run();
+        }
         // A wrong stepover is told before anything is written.
         Passes::new(self.stepover_mm).map_err(|fault| Failure::trouble("stepover", fault))?;
         self.force.check(&self.out.join(REPORT), &[])?;
@@ -124,8 +138,11 @@ impl Demo {
         self.write_programs(&outcome)?;
         outcome.session.facts = facts(&outcome, entries, &findings);
         let page = self.out.join(REPORT);
-        std::fs::write(&page, umi_experiment::pages::html(&outcome, &summaries))
-            .map_err(|error| Failure::file("write", &page, &error))?;
+        std::fs::write(
+            &page,
+            umi_experiment::thesis::pages::html(&outcome, &summaries),
+        )
+        .map_err(|error| Failure::file("write", &page, &error))?;
         if self.format.json {
             self.print_json(&outcome, &summaries, &page, entries, findings.identical)?;
         } else {

@@ -2,10 +2,10 @@
 
 use umi_virtual::cutting::DeviationStatistics;
 
-use crate::outcome::{ExperimentOutcome, ExperimentSummary, Surface, spread};
-use crate::pages::map::{self, Map};
-use crate::pages::thesis_tables;
-use crate::thesis;
+use crate::thesis::outcome::{ExperimentOutcome, ExperimentSummary, Surface, spread};
+use crate::thesis::pages::map::{self, Map};
+use crate::thesis::pages::thesis_tables;
+use crate::thesis::printed as thesis;
 use umi_client::session::Session;
 use umi_report::draw::markup::{Element, el};
 use umi_report::draw::number::{fixed, signed, typographic, um, um_signed};

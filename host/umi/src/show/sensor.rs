@@ -1,0 +1,74 @@
+//! What the station of a distance sensor tells.
+
+use serde_json::{Value, json};
+use umi_protocol::point_sensor::{CaptureLoss, PlaceReport};
+
+/// A place as the journal's object.
+pub fn place_json(place: &PlaceReport) -> Value {
+    json!({
+        "type": "place",
+        "number": place.number,
+        "status": place.state.code(),
+        "axes_mm": place.axes_mm,
+        "gamma_mm": place.gamma_mm,
+        "spread_mm": place.spread_mm,
+        "captures": place.captures,
+        "outliers": place.outliers,
+        "lost": place.lost,
+        "snr": place.snr,
+        "total": place.total,
+        "point_mm": place.point_mm,
+    })
+}
+
+/// What was lost as the journal's object.
+pub fn loss_json(loss: &CaptureLoss) -> Value {
+    let (what, number) = match loss {
+        CaptureLoss::Latch { latch } => ("latch", Some(*latch)),
+        CaptureLoss::Reading { reading } => ("reading", Some(*reading)),
+        CaptureLoss::Text => ("text", None),
+        CaptureLoss::Characters { count } => ("characters", Some(*count)),
+        CaptureLoss::Command(_) => ("command", None),
+        CaptureLoss::Records { count } => ("records", Some(*count)),
+    };
+    json!({
+        "type": "capture_lost",
+        "what": what,
+        "number": number,
+        "message": loss_text(loss),
+    })
+}
+
+/// A place in a line.
+pub fn place_text(place: &PlaceReport) -> String {
+    match place.point_mm {
+        Some([x, y, z]) => format!(
+            "place {}: X {x:.4} Y {y:.4} Z {z:.4} from {} captures, reading {:.4} mm",
+            place.number, place.captures, place.gamma_mm
+        ),
+        None => format!("place {}: no point, {}", place.number, place.state.code()),
+    }
+}
+
+/// What was lost, in a line.
+pub fn loss_text(loss: &CaptureLoss) -> String {
+    match loss {
+        CaptureLoss::Latch { latch } => format!("capture {latch} of the sensor has no reading"),
+        CaptureLoss::Reading { reading } => {
+            format!("reading {reading} of the sensor belongs to no capture")
+        }
+        CaptureLoss::Text => "a line of the sensor is no reading".to_owned(),
+        CaptureLoss::Characters { count } => {
+            format!("{count} characters of the sensor were lost")
+        }
+        CaptureLoss::Command(fault) => {
+            format!(
+                "a line to the sensor's station was not carried out: {}",
+                fault.code()
+            )
+        }
+        CaptureLoss::Records { count } => {
+            format!("{count} entries of the sensor's station found no room")
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! From a plan to a scan, from the scan to what was seen of the ball, from that to the mount.
+
+use std::fmt::Write as _;
+
+use serde_json::Value;
+use umi_kinematics::AxisChain;
+
+use crate::rig::run::{Folder, umi};
+
+const RADIUS_MM: f64 = 12.7;
+const BALL_MM: [f64; 3] = [40.0, 25.0, 30.0];
+/// The mount as it is.
+const TRUTH: &str = "[sensor]\nrotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n\
+                     translation_mm = [0.7, 28.2, -120.7]\n";
+/// The mount as somebody measured it: 0.6 degrees and 3 mm off.
+const GUESS: &str = "[sensor]\nrotation = [[0.99995, -0.01, 0], [0.01, 0.99995, 0], [0, 0, 1]]\n\
+                     translation_mm = [2.5, 26.2, -119.7]\n";
+
+/// The preset of a tilting and turning table with a mount.
+fn machine(mount: &str) -> String {
+    let preset = umi(&["scan", "machine", "new", "c800u"]).exits(0).out;
+    let (chains, _) = preset.split_once("[sensor]").unwrap();
+    let mount = mount.replace("0.99995, -0.01", "0.999950001249938, -0.01");
+    format!(
+        "{chains}{}",
+        mount.replace("0.01, 0.99995,", "0.01, 0.999950001249938,")
+    )
+}
+
+/// The streams of a scan at these positions: a ball on a table, 5 µm of noise, spikes.
+fn scan(truth: &AxisChain, poses: &str) -> (String, String) {
+    let mut profiles = String::from("profile,frame,t_us,encoder,index,x_mm,z_mm\n");
+    let mut latches = String::from(
+        "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,axis5_counts,axis6_counts,lost\n",
+    );
+    let mut noise = 1_u64;
+    for (number, row) in poses.lines().skip(1).enumerate() {
+        let q: Vec<f64> = row.split(',').skip(1).map(|v| v.parse().unwrap()).collect();
+        let counts: Vec<i64> = q
+            .iter()
+            .zip([1e3, 1e3, 1e3, 1e4, 1e4])
+            .map(|(q, scale)| (q * scale).round() as i64)
+            .collect();
+        // An uneven rhythm has one pairing only.
+        let t_us = 1_000_000 + 100_000 * number as u64 + 777 * (number as u64 * number as u64 % 13);
+        let [x, y, z, a, c] = counts[..] else {
+            panic!("{row}");
+        };
+        writeln!(
+            latches,
+            "latch,{number},output,{}000,{x},{y},{z},{a},{c},,0",
+            t_us + 5_000_000
+        )
+        .unwrap();
+        let back = truth.sensor_in_workpiece(&q).inverse();
+        let ball = back.point(&BALL_MM.into());
+        let up = back.rotation.column(2).into_owned();
+        let table = up.dot(&back.point(&[0.0, 0.0, 0.0].into()));
+        for i in 0..600 {
+            let x = -30.0 + 0.1 * f64::from(i);
+            let height = RADIUS_MM.powi(2) - ball.y.powi(2) - (x - ball.x).powi(2);
+            let on_table = (table - up.x * x) / up.z;
+            let mut at = if height > 0.0 {
+                ball.z + height.sqrt()
+            } else {
+                on_table
+            };
+            let mut sum = 0.0;
+            for _ in 0..4 {
+                noise = noise
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                sum += (noise >> 40) as f64 / f64::from(1 << 24) - 0.5;
+            }
+            at += 0.005 * sum * 3.0_f64.sqrt();
+            if i % 41 == 0 {
+                at += 1.5;
+            }
+            writeln!(profiles, "{number},{number},{t_us},,{i},{x},{at}").unwrap();
+        }
+    }
+    (profiles, latches)
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    let list = value.as_array().unwrap();
+    list.iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_planned_scan_of_a_ball_becomes_the_mount_with_the_uncertainty_that_was_expected() {
+    let folder = Folder::new();
+    let guess = folder.file("guess.toml", machine(GUESS));
+    let truth = AxisChain::parse(&machine(TRUTH)).unwrap();
+    let poses = folder.path("poses.csv");
+    let ball = ["--at", "40,25,30", "--radius-mm", "12.7"];
+    let swings = ["--swing", "A=-25..25", "--swing", "C=-180..180"];
+    let base = [
+        "scan",
+        "calibrate",
+        "plan",
+        "--machine",
+        &guess,
+        "-o",
+        &poses,
+        "--json",
+    ];
+    let plan = umi(&[&base[..], &ball, &swings, &["--noise-mm", "0.005"]].concat());
+    let plan = plan.exits(0).json();
+    let table = std::fs::read_to_string(&poses).unwrap();
+    assert_eq!(table.lines().next(), Some("profile,X,Y,Z,A,C"));
+    assert_eq!(table.lines().count(), 31);
+
+    let (profiles, latches) = scan(&truth, &table);
+    let profiles = folder.file("profiles.csv", profiles);
+    let latches = folder.file("latches.csv", latches);
+    let (seen, at) = (folder.path("seen.csv"), folder.path("at.csv"));
+    let observe = |more: &[&str]| {
+        let args = [
+            "scan",
+            "calibrate",
+            "observe",
+            &profiles,
+            &latches,
+            "--machine",
+            &guess,
+        ];
+        let out = ["-o", &seen, "--positions", &at, "--json"];
+        umi(&[&args[..], &out, more].concat())
+    };
+    let observed = observe(&["--on", "sphere", "--radius-mm", "12.7"])
+        .exits(0)
+        .json();
+    assert_eq!(observed["paired"], 30);
+    let used = observed["used"].as_u64().unwrap();
+    assert!(used >= 28, "{observed}");
+    assert!(
+        observed["samples_beside"].as_u64().unwrap() > 1000,
+        "{observed}"
+    );
+    assert_eq!(observed["features"].as_array().unwrap().len(), 1);
+
+    let out = folder.path("found.toml");
+    let args = [
+        "scan",
+        "calibrate",
+        "sensor",
+        &seen,
+        &at,
+        "--machine",
+        &guess,
+        "--on",
+        "sphere",
+    ];
+    let more = ["--radius-mm", "12.7", "-o", &out, "--json"];
+    let found = umi(&[&args[..], &more].concat()).exits(0).json();
+    let sigma = found["sigma_mm"].as_f64().unwrap();
+    assert!((0.003..0.006).contains(&sigma), "{found}");
+    assert_eq!(found.get("warnings"), None, "{found}");
+    for (k, (value, right)) in numbers(&found["translation_mm"])
+        .into_iter()
+        .zip([0.7, 28.2, -120.7])
+        .enumerate()
+    {
+        let u = found["covariance_scatter"][3 + k][3 + k]
+            .as_f64()
+            .unwrap()
+            .sqrt();
+        assert!(
+            (value - right).abs() < 4.0 * u && u < 0.003,
+            "{k}: {value} {u}"
+        );
+        // The plan reckoned with other samples; its figure is of the same size.
+        let expected = plan["u_shift_mm"][k].as_f64().unwrap();
+        assert!((0.4..2.5).contains(&(u / expected)), "{u} {expected}");
+        let turn = found["covariance_scatter"][k][k].as_f64().unwrap().sqrt();
+        assert!(turn < 1e-4, "{turn}");
+    }
+
+    // Another radius is told: as a warning, or with the refusal.
+    let more = ["--radius-mm", "12.72", "--json"];
+    let other = umi(&[&args[..], &more].concat()).json().to_string();
+    let (_, wanted) = other.split_once("the residuals want a radius of ").unwrap();
+    let wanted: f64 = wanted.split(' ').next().unwrap().parse().unwrap();
+    assert!((wanted - RADIUS_MM).abs() < 0.002, "{other}");
+    // Positions in radians.
+    let text = std::fs::read_to_string(&at).unwrap();
+    let mut radians = String::new();
+    for (i, row) in text.lines().enumerate() {
+        let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
+        if i > 0 {
+            for cell in &mut cells[4..] {
+                *cell = cell.parse::<f64>().unwrap().to_radians().to_string();
+            }
+        }
+        radians += &(cells.join(",") + "\n");
+    }
+    let radians = folder.file("radians.csv", radians);
+    let args = [
+        "scan",
+        "calibrate",
+        "sensor",
+        &seen,
+        &radians,
+        "--machine",
+        &guess,
+    ];
+    let error = umi(&[
+        &args[..],
+        &["--on", "sphere", "--radius-mm", "12.7", "--json"],
+    ]
+    .concat());
+    assert_eq!(error.exits(2).json()["error"]["code"], "angle_unit");
+}
+
+#[test]
+fn a_plan_says_what_its_poses_leave_open() {
+    let folder = Folder::new();
+    let machine = folder.file("machine.toml", machine(TRUTH));
+    let out = folder.path("poses.csv");
+    let plan = |more: &[&str]| {
+        let args = [
+            "scan",
+            "calibrate",
+            "plan",
+            "--machine",
+            &machine,
+            "-o",
+            &out,
+            "--json",
+        ];
+        umi(&[&args[..], &["--at", "40,25,30"], more].concat())
+    };
+    let error = plan(&["--radius-mm", "12.7"]).exits(2).json();
+    assert_eq!(
+        (&error["error"]["code"], &error["error"]["free"]),
+        (&"unidentifiable".into(), &3.into())
+    );
+    let error = plan(&["--radius-mm", "12.7", "--swing", "B=0..10"])
+        .exits(2)
+        .json();
+    assert_eq!(error["error"]["code"], "missing_axis");
+    plan(&["--radius-mm", "12.7", "--swing", "A"]).exits(1);
+    plan(&[]).exits(1);
+    let swings = ["--swing", "A=-25..25", "--swing", "C=-180..180"];
+    let error = plan(&[&["--on", "plane"], &swings[..]].concat())
+        .exits(2)
+        .json();
+    assert_eq!(error["error"]["free"], 1, "{error}");
+    plan(&[&["--on", "plane", "--normal", "0.3,-0.2,1"], &swings[..]].concat()).exits(0);
+    assert!(std::path::Path::new(&out).exists());
+}

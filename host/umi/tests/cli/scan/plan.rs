@@ -1,0 +1,220 @@
+//! `umi scan plan` and `verify`: outputs, names of axes, programs and damaged paths.
+
+use std::fs;
+
+use crate::rig::run::{Folder, Ran, project, umi};
+
+/// The name of a refusal or trouble.
+fn code(ran: Ran, status: i32) -> String {
+    let told = ran.exits(status).json();
+    told["error"]["code"].as_str().unwrap().to_owned()
+}
+
+/// The reference's machine with other words for its rotary axes.
+fn spec_with(folder: &Folder, name: &str, changes: &[(&str, &str)]) -> String {
+    let text = fs::read_to_string(project("tests/reference/plan/step_wavy.toml")).unwrap();
+    let text = changes.iter().fold(text, |text, (from, to)| {
+        let changed = text.replace(from, to);
+        assert_ne!(changed, text, "{from}");
+        changed
+    });
+    let path = folder.path(name);
+    fs::write(&path, text).unwrap();
+    path
+}
+
+const PART: &str = "tests/reference/plan/three_axes.obj";
+const SPEC: &str = "tests/reference/plan/three_axes.toml";
+
+#[test]
+fn outputs_of_one_plan_are_different_files_and_none_is_an_input() {
+    let folder = Folder::new();
+    let (part, spec) = (project(PART), project(SPEC));
+    let path = folder.path("path.csv");
+    let same = folder.path("sub/../path.csv");
+    fs::create_dir(folder.path("sub")).unwrap();
+    let plan = [
+        "scan", "plan", &part, "--spec", &spec, "-o", &path, "--json",
+    ];
+    for other in [&path, &same] {
+        let ran = umi(&[&plan[..], &["--nc", other, "--force"]].concat());
+        assert_eq!(code(ran, 1), "file");
+        assert!(!fs::exists(&path).unwrap());
+    }
+}
+
+#[test]
+fn a_refusal_leaves_no_path_and_keeps_the_older_one_beside() {
+    let folder = Folder::new();
+    let part = project(PART);
+    let spec = spec_with(&folder, "spec.toml", &[("overlap = 0.15", "overlap = 1.0")]);
+    let path = folder.path("path.csv");
+    fs::write(&path, "older").unwrap();
+    let ran = umi(&[
+        "scan", "plan", &part, "--spec", &spec, "-o", &path, "--force", "--json",
+    ]);
+    assert_eq!(code(ran, 2), "plan_spec");
+    assert!(!fs::exists(&path).unwrap());
+    assert_eq!(fs::read_to_string(format!("{path}.old")).unwrap(), "older");
+    // One that succeeds replaces it.
+    fs::write(&path, "older").unwrap();
+    let spec = project(SPEC);
+    umi(&[
+        "scan", "plan", &part, "--spec", &spec, "-o", &path, "--force", "--json",
+    ])
+    .exits(0);
+    assert!(
+        fs::read_to_string(&path)
+            .unwrap()
+            .starts_with("pass,laser,")
+    );
+    assert!(!fs::exists(format!("{path}.old1")).unwrap());
+}
+
+#[test]
+fn words_that_a_control_reads_as_something_else_are_refused_by_name() {
+    let folder = Folder::new();
+    let part = project("tests/reference/plan/step_wavy.step");
+    let orient = "orient_deg = [-360, 360]";
+    for (number, (from, to, dialect)) in [
+        (orient, "orient_deg = [-360, 360], word = \"X\"", "fanuc"),
+        (orient, "orient_deg = [-360, 360], word = \"B\"", "fanuc"),
+        (
+            orient,
+            "orient_deg = [-360, 360], word = \"SPOS\"",
+            "siemens",
+        ),
+        ("name = \"B\"", "name = \"F\"", "heidenhain"),
+        ("name = \"B\"", "name = \"B1\"", "linuxcnc"),
+        ("name = \"B\"", "name = \"BETA\"", "siemens"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let spec = spec_with(&folder, &format!("{number}.toml"), &[(from, to)]);
+        let (path, program) = (folder.path("path.csv"), folder.path("path.nc"));
+        let ran = umi(&[
+            "scan",
+            "plan",
+            &part,
+            "--spec",
+            &spec,
+            "-o",
+            &path,
+            "--nc",
+            &program,
+            "--dialect",
+            dialect,
+            "--json",
+        ]);
+        assert_eq!(code(ran, 2), "machine_spec", "{to}");
+        assert!(!fs::exists(&path).unwrap() && !fs::exists(&program).unwrap());
+    }
+}
+
+/// The feed of a carried point is that of the part; the program's number is its file's.
+#[test]
+fn plain_language_holds_the_feed_at_the_point_that_it_carries() {
+    let folder = Folder::new();
+    let part = project("tests/reference/plan/step_wavy.step");
+    let spec = project("tests/reference/plan/step_wavy.toml");
+    let (path, program) = (folder.path("path.csv"), folder.path("O0815.h"));
+    umi(&[
+        "scan",
+        "plan",
+        &part,
+        "--spec",
+        &spec,
+        "-o",
+        &path,
+        "--nc",
+        &program,
+        "--dialect",
+        "heidenhain",
+        "--nc-mode",
+        "rtcp",
+        "--feed",
+        "700",
+        "--json",
+    ])
+    .exits(0);
+    let text = fs::read_to_string(&program).unwrap();
+    assert!(text.starts_with("BEGIN PGM SCAN815 MM\n"));
+    let feeds: Vec<&str> = text
+        .lines()
+        .filter_map(|line| line.split(" R0 F").nth(1))
+        .filter(|feed| !feed.starts_with("MAX"))
+        .collect();
+    let held = feeds.iter().filter(|feed| **feed == "700").count();
+    // Where an axis turns at its most, it is less; links are faster.
+    assert!(held * 10 > feeds.len() * 8, "{held} of {}", feeds.len());
+    // A sensor beside the spindle's axis cannot be said by a tool's length.
+    let spec = spec_with(
+        &folder,
+        "beside.toml",
+        &[("origin_mm = [0, 0, -150.0]", "origin_mm = [20, 0, -150.0]")],
+    );
+    let beside = folder.path("beside.csv");
+    let ran = umi(&[
+        "scan",
+        "plan",
+        &part,
+        "--spec",
+        &spec,
+        "-o",
+        &beside,
+        "--nc",
+        &folder.path("b.nc"),
+        "--nc-mode",
+        "rtcp",
+        "--json",
+    ]);
+    assert_eq!(code(ran, 2), "nc_mode");
+}
+
+#[test]
+fn a_damaged_path_is_refused_by_name() {
+    let folder = Folder::new();
+    let (part, spec) = (project(PART), project(SPEC));
+    let path = folder.path("path.csv");
+    umi(&[
+        "scan", "plan", &part, "--spec", &spec, "-o", &path, "--json",
+    ])
+    .exits(0);
+    let rows = fs::read_to_string(&path).unwrap();
+    let rows: Vec<&str> = rows.lines().collect();
+    let damaged = |cell: usize, value: &str| {
+        let mut rows: Vec<String> = rows.iter().map(|row| (*row).to_owned()).collect();
+        let mut cells: Vec<&str> = rows[5].split(',').collect();
+        cells[cell] = value;
+        rows[5] = cells.join(",");
+        rows.join("\n") + "\n"
+    };
+    for (text, status, named) in [
+        (damaged(7, "-1.1"), 2, "bad_path"),
+        (damaged(8, "0.01"), 2, "bad_path"),
+        (damaged(1, "2"), 2, "bad_path"),
+        (damaged(0, "-1"), 2, "bad_path"),
+        (damaged(1, "0"), 2, "bad_path"),
+        (damaged(0, "0.5"), 2, "bad_path"),
+        (damaged(0, "1e300"), 2, "bad_path"),
+        (damaged(2, "nan"), 2, "not_finite"),
+        (damaged(2, "x"), 1, "corrupt"),
+        (format!("{}\n", rows[0]), 2, "bad_path"),
+        (
+            rows[..9].join("\n").replace(",S", ",T") + "\n",
+            1,
+            "missing_column",
+        ),
+    ] {
+        let damage = folder.path("damaged.csv");
+        fs::write(&damage, text).unwrap();
+        let ran = umi(&["scan", "verify", &part, "--spec", &spec, &damage, "--json"]);
+        assert_eq!(code(ran, status), named);
+        let cloud = folder.path("cloud.ply");
+        let ran = umi(&[
+            "scan", "drive", &part, "--spec", &spec, &damage, "-o", &cloud, "--json",
+        ]);
+        assert_eq!(code(ran, status), named, "drive");
+    }
+}
