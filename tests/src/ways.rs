@@ -36,6 +36,8 @@ struct Probing {
     run: u32,
     /// Where the plate stands: mm in X and Y, degrees.
     stands: [f64; 3],
+    /// By what it is turned about ball 1 besides, degrees.
+    turn_deg: [f64; 3],
     /// Words behind `G65 P8811 W54.`
     words: &'static str,
     /// Blocks before it.
@@ -101,20 +103,20 @@ impl Probing {
             let call = call.expect("the program probes").to_owned();
             program = program.replace(&call, probes);
         }
-        let table = "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B6. Q40. H2.\nG53 G0 Z300.\nM30";
+        let table = "G0 X0 Y230.\nG0 Z110.\nG65 P8820 D25.4 B8. Q40. H2.\nG53 G0 Z300.\nM30";
         program = program.replace("M30", &format!("{}\n{table}", self.between));
         let [x, y, turn] = self.stands;
+        let turns_deg = match self.turn_deg {
+            [0.0, 0.0, 0.0] => format!("rotation_deg = [0.0, 0.0, {turn:?}]"),
+            turns => format!("rotation_deg = {turns:?}\npivot_mm = [-135.0, -136.6, 135.9]"),
+        };
         let scene = read("examples/scenes/four-spheres.toml")
             .replacen(
                 "translation_mm = [0.0, 0.0, 0.0]",
                 &format!("translation_mm = [{x:?}, {y:?}, 0.0]"),
                 1,
             )
-            .replacen(
-                "rotation_deg = [0.0, 0.0, 0.0]",
-                &format!("rotation_deg = [0.0, 0.0, {turn:?}]"),
-                1,
-            )
+            .replacen("rotation_deg = [0.0, 0.0, 0.0]", &turns_deg, 1)
             .replacen(
                 "[machine]\n",
                 &format!(
@@ -146,7 +148,7 @@ impl Probing {
 fn guarded() -> Job {
     let mut job: Job = toml::from_str(&read("examples/four-spheres.toml")).expect("a job");
     let mut table = job.features[0].clone();
-    (table.name, table.id) = ("TABLE".try_into().expect("a name"), Some(6));
+    (table.name, table.id) = ("TABLE".try_into().expect("a name"), Some(8));
     job.guards.fixed.push(table.name.clone()).expect("room");
     job.guards.fixed_mm = Some(0.007);
     job.features.push(table).expect("room");
@@ -177,6 +179,28 @@ fn early_once(step: Step, ball: u16, mm: f64) -> Step {
         lines[at] = format!("{before}{line}");
     }
     Step::Prints(lines.join("\r\n") + "\r\n")
+}
+
+/// The part turns about ball 1, by degrees about the axes, when balls 1 to 4 have been probed.
+fn turned_about_first(run: u32, turn_deg: [f64; 3]) -> Step {
+    let probes = |turn_deg| {
+        Probing {
+            turn_deg,
+            ..Probing {
+                run,
+                ..Probing::default()
+            }
+        }
+        .prints()
+    };
+    let ((before, alarm), (after, _)) = (probes([0.0; 3]), probes(turn_deg));
+    assert_eq!(alarm, None);
+    let lines = before.lines().zip(after.lines()).map(|(before, after)| {
+        let of = hit_line(before).map_or(0, |line| line.feature);
+        // The one on the table stays where it is.
+        if (5..8).contains(&of) { after } else { before }
+    });
+    Step::Prints(lines.collect::<Vec<_>>().join("\r\n") + "\r\n")
 }
 
 /// A hit's checked line from its text.
@@ -246,13 +270,11 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
         before,
         ..clean(run, [f64::from(run), 1.0, 0.2])
     };
-    let balls = [
-        (3, -136.7, 136.4),
-        (1, -135.0, -136.6),
-        (4, 137.2, 138.1),
-        (5, -135.0, -136.6),
-        (2, 138.0, -134.7),
-    ];
+    let (first, closing) = ((1, -135.0, -136.6), (5, -135.0, -136.6));
+    let (closing4, closing2) = ((6, 137.2, 138.1), (7, 138.0, -134.7));
+    let (second, third, fourth) = ((2, 138.0, -134.7), (3, -136.7, 136.4), (4, 137.2, 138.1));
+    let between = [first, third, fourth, second, closing, closing4, closing2];
+    let outside = [third, first, fourth, closing, second, closing4, closing2];
     let in_turn = |(number, x, y): (u32, f64, f64)| {
         format!("G0 X{x:?} Y{y:?}\nG0 Z165.\nG65 P8820 D25.4 B{number}. Q50. H2.\nG0 Z171.\n")
     };
@@ -281,8 +303,8 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
         ("Work offset moved by 1 mm after teaching", vec![before(8, "#5221=1.").step(), Step::Reads(8)]),
         ("External offset moved by 0.05 mm", vec![before(9, "#5202=0.05").step(), Step::Reads(9)]),
         ("Another work offset is active", vec![before(10, "G55").step(), Step::Reads(10)]),
-        ("Another order of the balls: 3, 1, 4, closing, 2", vec![
-            Probing { probes: Some(balls.map(in_turn).concat()), ..clean(11, [1.0, 2.0, 0.0]) }.step(),
+        ("Another order of the balls: 1, 3, 4, 2, closing ones", vec![
+            Probing { probes: Some(between.map(in_turn).concat()), ..clean(11, [1.0, 2.0, 0.0]) }.step(),
             Step::Reads(11),
         ]),
         ("Taught again without saying so: T1.", vec![words(12, [0.3, 0.1, 0.0], "T1.").step(), Step::Reads(12)]),
@@ -309,7 +331,7 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Probing { behind: "G55", ..clean(20, HERE) }.step(),
             Step::Reads(20),
         ]),
-        ("`G10 L2 P1 X0.5` behind the closing ball, before the one on the table", vec![
+        ("`G10 L2 P1 X0.5` behind the closing balls, before the one on the table", vec![
             Probing { between: "G10 L2 P1 X0.5", ..clean(21, HERE) }.step(),
             Step::Reads(21),
         ]),
@@ -325,6 +347,32 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Reads(25),
         ]),
         ("As it should be, again", vec![clean(26, THERE).step(), Step::Reads(26)]),
+        ("The number of run 26 again, of another clamping: a count that was set back by one", vec![
+            clean(26, [1.5, -1.0, 0.4]).step(),
+            Step::Reads(26),
+        ]),
+        ("`T2.` of run 25 comes late, from a buffer that was not flushed", vec![
+            words(25, HERE, "T2.").step(),
+            Step::Reads(26),
+            clean(27, [2.5, 1.5, 0.3]).step(),
+            Step::Reads(27),
+        ]),
+        ("Balls before the one that is probed twice, and behind its second time: 3, 1, 4, closing, 2", vec![
+            Probing { probes: Some(outside.map(in_turn).concat()), ..clean(28, [1.0, 2.0, 0.0]) }.step(),
+            Step::Reads(28),
+        ]),
+        ("Another tool length in force than when it was taught, by 0.05 mm", vec![
+            before(29, "G10 L10 P1 R0.05\nG43 H1").step(),
+            Step::Reads(29),
+        ]),
+        ("Turned by 0.2 degrees about ball 1 when ball 4 had been probed", vec![
+            turned_about_first(30, [0.0, 0.0, 0.2]),
+            Step::Reads(30),
+        ]),
+        ("Rocked by 0.02 degrees over balls 1 and 4 there", vec![
+            turned_about_first(31, [0.014, 0.0141, 0.0]),
+            Step::Reads(31),
+        ]),
         ("Blocks without run numbers, balls in order 2, 3, 1", vec![
             Step::Sets(Box::new(job())),
             Step::Prints(turned(0)),

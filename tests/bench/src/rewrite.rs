@@ -148,7 +148,10 @@ fn settings() -> RewriteSettings {
         }
         transform.translation_mm[row] = TRANSLATION_MM[row];
     }
-    RewriteSettings::new(transform)
+    RewriteSettings {
+        loose_rapids: true,
+        ..RewriteSettings::new(transform)
+    }
 }
 
 /// Rewrites a path that is made on the way; time and memory as JSON. Only the time of the

@@ -238,6 +238,7 @@ fn rewritten(
 ) -> Result<[u32; 2], Failed> {
     let settings = RewriteSettings {
         integers: Some(Integers::Units),
+        loose_rapids: true,
         ..RewriteSettings::new(*transform)
     };
     let mut written = 0;

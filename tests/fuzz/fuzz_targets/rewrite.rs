@@ -138,6 +138,8 @@ fn compare(settings: &RewriteSettings, text: &str, is_haas: bool) {
         origin: V::zeros(),
         rounding_mm: if is_inch { 0.001_27 } else { 0.000_5 } + 1e-6,
         path_mm: 0.0101,
+        // Nothing is allowed that is not asked for.
+        loose_mm: 0.0,
     };
     let compared = interpreted(dialect, &made).and_then(|written| judge.moves(&nominal, &written));
     if let Err(why) = compared {

@@ -31,7 +31,8 @@ pub enum DamageKind {
     TeachingRefused,
     /// Nothing of a clamping comes; the control reads all the same.
     NothingCame,
-    /// The balls come in another order than the job's.
+    /// The balls come in another order than the job's; where one closes, between it and the one
+    /// that it repeats.
     OtherOrder,
     /// One or two balls are those of the clamping before, which stood elsewhere by 10 to 100 µm.
     BallsOfTwo,
@@ -56,11 +57,31 @@ pub enum DamageKind {
     /// The coordinates are shifted by as much while it is probed, before one of the balls: by
     /// `G52`, `G92`, `G10`, another work offset.
     ShiftWhileProbed,
+    /// The part slips by 5 to 50 µm between two balls, probed in an order in which the closing one
+    /// does not enclose all: one lies before the ball that it repeats, or behind it.
+    SlipOutside,
+    /// Probed with a tool length in force that is another one than when it was taught, by 0.005
+    /// to 50 mm.
+    OtherLength,
+    /// The part slips by 5 to 50 µm between two hits of a ball.
+    SlipInBall,
+    /// The part turns about the first ball, upright or tilted, between two balls: of those that
+    /// were probed before, the one that moves most does so by 5 µm to 5 mm.
+    TurnedAboutFirst,
+    /// The part turns on the table about any place, by as much.
+    TurnedAnywhere,
+    /// The part rocks over two of its balls, or over a level line through one, by as much.
+    Rocked,
+    /// The part slips or turns by 5 to 50 µm when the first closing ball has been probed, or behind
+    /// the last hit.
+    MovedBehind,
+    /// A chip of 10 to 50 µm on each of two balls.
+    TwoChips,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 34] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -87,6 +108,14 @@ impl DamageKind {
         Self::ChipOnTop,
         Self::ShiftActive,
         Self::ShiftWhileProbed,
+        Self::SlipOutside,
+        Self::OtherLength,
+        Self::SlipInBall,
+        Self::TurnedAboutFirst,
+        Self::TurnedAnywhere,
+        Self::Rocked,
+        Self::MovedBehind,
+        Self::TwoChips,
     ];
 
     /// For the table.
@@ -107,7 +136,7 @@ impl DamageKind {
             Self::OldBeforeTeaching => "an old clamping before teaching",
             Self::TeachingRefused => "the taught clamping refused",
             Self::NothingCame => "nothing came, READ all the same",
-            Self::OtherOrder => "balls in order 2-3-1 or 3-1-2",
+            Self::OtherOrder => "balls in another order",
             Self::BallsOfTwo => "balls of two clampings",
             Self::EarlyTop => "top touched early once, sides follow, 10-50 µm",
             Self::BentStylus => "longer probe, bent stylus, 10-60 µm",
@@ -119,6 +148,14 @@ impl DamageKind {
             Self::ChipOnTop => "chip on a top, every touch early, 10-50 µm",
             Self::ShiftActive => "G52 or G92 active since teaching",
             Self::ShiftWhileProbed => "G52, G92, G10 or another offset while probing",
+            Self::SlipOutside => "slip while probing, in any order",
+            Self::OtherLength => "another tool length in force than when taught",
+            Self::SlipInBall => "slip between two hits of a ball, 5-50 µm",
+            Self::TurnedAboutFirst => "turned about the first ball while probing, 5 µm to 5 mm",
+            Self::TurnedAnywhere => "turned about any place while probing, 5 µm to 5 mm",
+            Self::Rocked => "rocked over two balls while probing, 5 µm to 5 mm",
+            Self::MovedBehind => "slipped or turned behind the first closing ball, 5-50 µm",
+            Self::TwoChips => "chips on two tops, 10-50 µm",
         }
     }
 
@@ -135,6 +172,7 @@ impl DamageKind {
                 | Self::BentStylus
                 | Self::ZScale
                 | Self::ShiftActive
+                | Self::OtherLength
         )
     }
 

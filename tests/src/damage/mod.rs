@@ -3,15 +3,18 @@
 //! correction that leaves held against where the plate really stood.
 //!
 //! A correction is *wrong* if it puts a corner of the part more than [`WRONG_MM`] from where
-//! it is. A refusal is *harmless* if the damage had moved nothing by as much.
+//! it is when it is machined: where it has moved while it was probed, where it ended up. A refusal is *harmless* if the damage had moved nothing by as much.
 
 mod kind;
+mod motion;
+mod plan;
 mod session;
 mod text;
 mod world;
 
 pub use kind::DamageKind;
-pub use session::{DamageTally, SimulatedPlan, measure};
+pub use plan::SimulatedPlan;
+pub use session::{DamageTally, measure};
 pub use text::announced;
 
 /// From here on a correction is wrong: 10 µm at a corner of the part.

@@ -7,31 +7,17 @@ use umi_core::brain::{Brain, Output};
 use umi_core::correction::corners;
 use umi_core::registration::RigidTransform;
 use umi_core::units::{Micros, Point};
-use umi_protocol::job::{Compensation, Job, Teach};
+use umi_protocol::job::{Compensation, Teach};
 use umi_protocol::line::LineStatus;
 use umi_protocol::message::{TeachBy, TeachWhat};
 use umi_protocol::verdict::Verdict;
 
 use super::WRONG_MM;
 use super::kind::DamageKind;
+use super::motion::{PartMotion, is_enclosed};
+use super::plan::SimulatedPlan;
 use super::text::{self, SimulatedBall};
 use super::world::{Dice, Probing, TruePose, error_mm, hits};
-
-/// What is measured: a job and the places of its features in the taught clamping.
-#[derive(Clone, Debug)]
-pub struct SimulatedPlan {
-    /// The job.
-    pub job: Job,
-    /// Places of the features, in the job's order, mm.
-    pub places: Vec<[f64; 3]>,
-    /// How many of them move with the part; those behind stay on the table.
-    pub moving: usize,
-    /// Datum features, the first of `places`.
-    pub datums: usize,
-    /// From and to which size a damage that has one is, mm, in place of its own sizes; of Z's
-    /// scale, at the lowest feature.
-    pub sizes_mm: Option<[f64; 2]>,
-}
 
 /// What became of the clampings of a kind.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -215,6 +201,7 @@ impl<'a> Session<'a> {
         let sizes = |own: [f64; 2]| self.plan.sizes_mm.unwrap_or(own);
         let lowest = self.plan.places.iter().map(|place| place[2]);
         let lowest_mm = lowest.fold(f64::INFINITY, f64::min);
+        let middle = self.middle();
         let dice = &mut self.dice;
         let mut pose = pose;
         if kind == DamageKind::Warm {
@@ -233,9 +220,22 @@ impl<'a> Session<'a> {
             }
             _ => {}
         }
-        let way = dice.direction() * dice.within(sizes([0.005, 0.05]));
-        let slips_at = 1 + dice.below(self.plan.moving - 1);
+        let motion = PartMotion::of(kind, self.plan, &pose, middle, dice);
+        // Which ball is probed as which.
+        let mut turns: Vec<usize> = (0..self.plan.places.len()).collect();
+        if kind == DamageKind::SlipOutside {
+            loop {
+                for at in (1..self.plan.moving).rev() {
+                    turns.swap(at, dice.below(at + 1));
+                }
+                if !is_enclosed(&self.plan.job, &turns) {
+                    break;
+                }
+            }
+        }
         let one = dice.below(self.plan.datums);
+        let other = (one + 1 + dice.below(self.plan.datums - 1)) % self.plan.datums;
+        let other_chip = dice.within(sizes([0.01, 0.05]));
         let early = dice.within(sizes([0.01, 0.05]));
         let axis = dice.below(3);
         let [least, most] = sizes([0.01, 0.09]);
@@ -248,38 +248,44 @@ impl<'a> Session<'a> {
         let origin = by(kind == DamageKind::OffsetMoved);
         let shift = by(kind == DamageKind::ShiftActive);
         let jump = by(kind == DamageKind::ShiftWhileProbed);
+        let length = match kind {
+            DamageKind::OtherLength => (dice.either(0.005, 50.0) * 1000.0).round() / 1000.0,
+            _ => 0.0,
+        };
         let jumps_at = match kind {
             DamageKind::ShiftWhileProbed => dice.below(self.plan.moving),
             _ => self.plan.places.len(),
         };
-        let middle = self.middle();
         let mut balls: Vec<SimulatedBall> = Vec::new();
         for (place, at) in self.plan.places.iter().enumerate() {
-            #[allow(clippy::cast_precision_loss, reason = "a handful")]
-            let share = place as f64 / (self.plan.moving - 1) as f64;
-            let moved = match kind {
-                DamageKind::Drift => way * share,
-                DamageKind::Slip if place >= slips_at => way,
-                _ => Vector3::zeros(),
-            };
             let nominal = Vector3::from(*at);
-            let center = if place < self.plan.moving {
-                pose.nudged(moved).carries(nominal, middle)
-            } else {
-                nominal
-            };
+            let turn = turns.iter().position(|of| *of == place).unwrap_or(place);
+            let count = usize::from(self.plan.job.features[place].hits);
+            let centers: Vec<Vector3<f64>> = (0..count)
+                .map(|hit| {
+                    let at = [turn, self.plan.moving, hit];
+                    if place < self.plan.moving {
+                        motion.at(&pose, middle, at).carries(nominal, middle)
+                    } else {
+                        nominal
+                    }
+                })
+                .collect();
+            let is_again = |ball: usize| self.plan.places[ball] == *at;
             let mut probing = probing;
             match kind {
                 DamageKind::EarlyTop if place == one => probing.early_top_mm = early,
-                DamageKind::ChipOnTop if place == one => probing.chip_mm = early,
-                // It is the first ball, and the chip is still there.
-                DamageKind::ChipOnTop if self.plan.places[one] == *at => probing.chip_mm = early,
+                // It is probed again, and the chip is still there.
+                DamageKind::ChipOnTop | DamageKind::TwoChips if is_again(one) => {
+                    probing.chip_mm = early;
+                }
+                DamageKind::TwoChips if is_again(other) => probing.chip_mm = other_chip,
                 _ => {}
             }
-            let count = self.plan.job.features[place].hits;
-            let mut points = hits(center, count, &probing, &mut self.dice);
+            let mut points = hits(&centers, &probing, &mut self.dice);
             for point in &mut points {
                 point[0] -= origin + shift;
+                point[2] -= length;
                 if place >= jumps_at {
                     point[0] -= jump;
                 }
@@ -289,16 +295,22 @@ impl<'a> Session<'a> {
             }
             balls.push((u16::try_from(place + 1).unwrap_or(u16::MAX), points));
         }
+        // What metal will meet.
+        let pose = motion.end(&pose, middle);
         let harm_mm = self.harm(&balls, &pose);
         if kind == DamageKind::OtherOrder {
-            balls[..self.plan.datums].rotate_left(self.begins_with);
+            // Where one closes, the one that it repeats stays the first.
+            let first = usize::from(self.plan.moving > self.plan.datums);
+            let of = self.begins_with % (self.plan.datums - first);
+            balls[first..self.plan.datums].rotate_left(of.max(1));
         }
+        balls = turns.iter().map(|place| balls[*place].clone()).collect();
         if self.is_checked() {
             // O8812 looks before each hit and ends in an alarm: what it prints is tried on the
             // virtual machine (`tests/tests/truth/macros/shifts.rs`).
             balls.truncate(jumps_at);
         }
-        let lines = self.lines(&balls, [origin, shift], teaches);
+        let lines = self.lines(&balls, [origin, shift, length], teaches);
         let run = self.run;
         let mut clamping = Clamping {
             lines,
@@ -318,7 +330,7 @@ impl<'a> Session<'a> {
         matches!(self.plan.job.compensation, Compensation::OnBoard { .. })
     }
 
-    fn lines(&self, balls: &[SimulatedBall], moved_mm: [f64; 2], teaches: bool) -> Vec<String> {
+    fn lines(&self, balls: &[SimulatedBall], moved_mm: [f64; 3], teaches: bool) -> Vec<String> {
         if let Compensation::OnBoard { tip_radius_mm, .. } = self.plan.job.compensation {
             text::checked(balls, self.run, moved_mm, teaches, tip_radius_mm)
         } else {

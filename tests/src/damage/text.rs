@@ -39,11 +39,11 @@ pub fn blocks(balls: &[SimulatedBall], names: &[String]) -> Vec<String> {
 pub fn checked(
     balls: &[SimulatedBall],
     run: u32,
-    moved_x_mm: [f64; 2],
+    moved_mm: [f64; 3],
     teaches: bool,
     tip_mm: f64,
 ) -> Vec<String> {
-    let mut lines = announced(run, moved_x_mm, teaches);
+    let mut lines = announced(run, moved_mm, teaches);
     let mut sequence = u32::try_from(lines.len()).unwrap_or(u32::MAX);
     let mut next = || {
         sequence += 1;
@@ -73,24 +73,33 @@ pub fn checked(
     lines
 }
 
-/// What O8811 prints before a run's hits, whatever these look like: the offset's X, and by what
-/// the coordinates are shifted besides.
-pub fn announced(run: u32, [origin_x_mm, shift_x_mm]: [f64; 2], teaches: bool) -> Vec<String> {
+/// What O8811 prints before a run's hits, whatever these look like: the offset's X, by what
+/// the coordinates are shifted besides in X, and the tool length in force.
+pub fn announced(
+    run: u32,
+    [origin_x_mm, shift_x_mm, length_mm]: [f64; 3],
+    teaches: bool,
+) -> Vec<String> {
     let mut lines = vec![
-        said(run, 1, [1, 7, 0], origin_x_mm),
-        said(run, 2, [0, 9, 0], 0.0),
-        said(run, 3, [1, 7, 1], shift_x_mm),
+        said(run, 1, [1, 7, 0], [0.0, origin_x_mm]),
+        said(run, 2, [0, 9, 0], [length_mm, 0.0]),
+        said(run, 3, [1, 7, 1], [0.0, shift_x_mm]),
     ];
     if teaches {
-        lines.push(said(run, 4, [0, 8, 0], 0.0));
+        lines.push(said(run, 4, [0, 8, 0], [0.0; 2]));
     }
     lines
 }
 
 /// A checked line that says something about its run.
-fn said(run: u32, sequence: u32, [body, code, touched]: [u32; 3], x_mm: f64) -> String {
+fn said(
+    run: u32,
+    sequence: u32,
+    [body, code, touched]: [u32; 3],
+    [feed_mm, x_mm]: [f64; 2],
+) -> String {
     #[allow(clippy::cast_possible_truncation, reason = "a machine is small")]
-    let x = (x_mm * 10_000.0).round() as i64;
+    let [feed, x] = [feed_mm, x_mm].map(|mm| (mm * 10_000.0).round() as i64);
     let whole = |value: u32| i64::from(value) * 10_000;
     let fields = [
         whole(run),
@@ -98,14 +107,14 @@ fn said(run: u32, sequence: u32, [body, code, touched]: [u32; 3], x_mm: f64) -> 
         whole(body),
         whole(code),
         whole(touched),
-        0,
+        feed,
         x,
         0,
         0,
     ];
     let check = check_value(&fields);
     format!(
-        "UMI1 R {run} S {sequence} B {body} A {code} T {touched} F 0.000 X {x_mm:.3} Y 0.000 Z 0.000 C {}.{:04}",
+        "UMI1 R {run} S {sequence} B {body} A {code} T {touched} F {feed_mm:.3} X {x_mm:.3} Y 0.000 Z 0.000 C {}.{:04}",
         check / 10_000,
         check % 10_000
     )

@@ -105,6 +105,15 @@ impl TruePose {
         }
     }
 
+    /// The same, turned about a place.
+    pub fn turned(&self, about: Vector3<f64>, by: Rotation3<f64>, middle: Vector3<f64>) -> Self {
+        Self {
+            turn: by * self.turn,
+            shift: by * (middle + self.shift - about) + about - middle,
+            ..*self
+        }
+    }
+
     pub fn carries(&self, p: Vector3<f64>, middle: Vector3<f64>) -> Vector3<f64> {
         self.turn * ((p - middle) * self.scale) + middle + self.shift
     }
@@ -141,28 +150,33 @@ pub struct Probing {
 /// Contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
 /// then +X, -X, +Y and -Y, driven exactly one radius below the top hit; with six hits the top
 /// once more.
-pub fn hits(center: Vector3<f64>, count: u16, probing: &Probing, dice: &mut Dice) -> Vec<[f64; 3]> {
+///
+/// `centers`: where the ball is at each hit.
+pub fn hits(centers: &[Vector3<f64>], probing: &Probing, dice: &mut Dice) -> Vec<[f64; 3]> {
     let sigma = (SIGMA_MM * SIGMA_MM + probing.scatter_mm * probing.scatter_mm).sqrt();
     let bent = Vector3::from(probing.bent_mm);
-    let mut seen = center + bent;
-    seen.z *= 1.0 + probing.z_scale;
+    let seen = |hit: usize| {
+        let mut seen = centers[hit] + bent;
+        seen.z *= 1.0 + probing.z_scale;
+        seen
+    };
     let touch = |dice: &mut Dice| sigma * dice.normal();
-    let is = seen.z + RADIUS_MM + probing.chip_mm;
-    let top = is + probing.early_top_mm + touch(dice);
+    let is = |hit: usize| seen(hit).z + RADIUS_MM + probing.chip_mm;
+    let top = is(0) + probing.early_top_mm + touch(dice);
     let side = top - RADIUS_MM;
     // The routine centres itself before it goes down, to the scatter of its first touches.
-    let (beside_x, beside_y) = (touch(dice), touch(dice));
+    let (beside_x, beside_y) = (seen(0).x + touch(dice), seen(0).y + touch(dice));
     let mut points = vec![
-        [seen.x + beside_x, seen.y + beside_y, top],
-        [seen.x + RADIUS_MM + touch(dice), seen.y + beside_y, side],
-        [seen.x - RADIUS_MM + touch(dice), seen.y + beside_y, side],
-        [seen.x + beside_x, seen.y + RADIUS_MM + touch(dice), side],
-        [seen.x + beside_x, seen.y - RADIUS_MM + touch(dice), side],
+        [beside_x, beside_y, top],
+        [seen(1).x + RADIUS_MM + touch(dice), beside_y, side],
+        [seen(2).x - RADIUS_MM + touch(dice), beside_y, side],
+        [beside_x, seen(3).y + RADIUS_MM + touch(dice), side],
+        [beside_x, seen(4).y - RADIUS_MM + touch(dice), side],
     ];
-    if count == 6 {
+    if centers.len() == 6 {
         // Over the centre that the sides have shown.
-        let (beside_x, beside_y) = (touch(dice), touch(dice));
-        points.push([seen.x + beside_x, seen.y + beside_y, is + touch(dice)]);
+        let (beside_x, beside_y) = (seen(4).x + touch(dice), seen(4).y + touch(dice));
+        points.push([beside_x, beside_y, is(5) + touch(dice)]);
     }
     // A machine's increment.
     let rounded = |point: [f64; 3]| point.map(|value| (value * 1000.0).round() / 1000.0);

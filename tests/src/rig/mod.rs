@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use umi_app::board::Lights;
+use umi_app::board::{Lights, SensorLines};
 use umi_client::link::Transport;
 use umi_protocol::serial::LineSettings;
 
@@ -100,6 +100,20 @@ pub trait Rig {
     fn stack_bytes(&mut self) -> Option<(u32, u32)> {
         None
     }
+}
+
+/// A board with a distance sensor at a second port. The sensor is triggered by the board and answers
+/// at the trigger input: [`Rig::trigger`] is its capture.
+pub trait SensorRig: Rig {
+    /// The board's clock goes on while the machine that runs the tests is busy: a reading may come
+    /// later than the board waits for one.
+    const CLOCK_RUNS_ON: bool;
+
+    /// The sensor sends bytes.
+    fn sensor_sends(&mut self, bytes: &[u8]);
+
+    /// What the station shows to the control, and whether it triggers the sensor.
+    fn sensor_lines(&mut self) -> (SensorLines, bool);
 }
 
 /// The image of a board: the file that `variable` names, or else the one that `cargo xtask

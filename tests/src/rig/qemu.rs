@@ -17,12 +17,14 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use umi_app::board::Lights;
+use umi_app::board::{Lights, SensorLines};
 use umi_client::link::Transport;
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::ResetReason;
 use umi_protocol::serial::LineSettings;
-use umi_stimuli::{BenchState, MAX_FRAME, Stimulus, StimulusDecoder, decode, encode};
+use umi_stimuli::{
+    BenchState, MAX_FRAME, SensorTriggers, Stimulus, StimulusDecoder, decode, encode,
+};
 
 use super::{Rig, image, is_installed, skip_without};
 
@@ -65,6 +67,7 @@ struct Machine {
     control: UnixStream,
     bench: UnixStream,
     monitor: UnixStream,
+    sensor: UnixStream,
     /// The host's end of the cable, if one is plugged in.
     host: Option<UnixStream>,
     decoder: StimulusDecoder,
@@ -163,7 +166,7 @@ impl Machine {
             "memory-backend-file,id=psram,size={FLASH_BYTES},mem-path={},share=on",
             folder.path("flash")
         );
-        for left in ["control", "host", "bench", "monitor", "console"] {
+        for left in ["control", "host", "bench", "monitor", "sensor", "console"] {
             let _ = fs::remove_file(folder.file(left));
         }
         let qemu = Command::new(QEMU)
@@ -175,21 +178,23 @@ impl Machine {
             .args(["-serial", &socket("control"), "-serial", &socket("host")])
             .args(["-serial", &socket("bench"), "-serial"])
             .arg(format!("file:{}", folder.path("console")))
+            .args(["-serial", &socket("sensor")])
             .args(["-monitor", &socket("monitor")])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(File::create(folder.file("said"))?)
             .spawn()?;
         let mut qemu = Ended(Some(qemu));
-        let [control, bench, monitor] =
-            ["control", "bench", "monitor"].map(|name| plug_in(&folder.file(name)));
-        let (control, bench, monitor) = (control?, bench?, monitor?);
+        let [control, bench, monitor, sensor] =
+            ["control", "bench", "monitor", "sensor"].map(|name| plug_in(&folder.file(name)));
+        let (control, bench, monitor, sensor) = (control?, bench?, monitor?, sensor?);
         let mut machine = Self {
             // From here on the machine ends it.
             qemu: qemu.0.take().ok_or(io::ErrorKind::NotFound)?,
             control,
             bench,
             monitor,
+            sensor,
             host: None,
             decoder: StimulusDecoder::new(),
             state: BenchState::default(),
@@ -501,5 +506,26 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+impl super::SensorRig for QemuRig {
+    const CLOCK_RUNS_ON: bool = true;
+
+    fn sensor_sends(&mut self, bytes: &[u8]) {
+        let sensor = &mut self.machine().sensor;
+        sensor.write_all(bytes).expect("QEMU runs");
+    }
+
+    fn sensor_lines(&mut self) -> (SensorLines, bool) {
+        let state = self.stimulate(&Stimulus::Look);
+        let [skip, parity, is_ok, has_no_signal] = state.sensor;
+        let lines = SensorLines {
+            skip,
+            parity,
+            is_ok,
+            has_no_signal,
+        };
+        (lines, state.triggers != SensorTriggers::Off)
     }
 }

@@ -3,7 +3,7 @@
 use std::io;
 use std::time::Duration;
 
-use umi_app::board::Lights;
+use umi_app::board::{Lights, SensorLines};
 use umi_client::link::Transport;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::serial::LineSettings;
@@ -144,5 +144,17 @@ impl Rig for VirtualRig {
         (self.skips, self.triggers) = (0, 0);
         // Its counters begin again.
         self.move_to(&[0; 3]);
+    }
+}
+
+impl super::SensorRig for VirtualRig {
+    const CLOCK_RUNS_ON: bool = false;
+
+    fn sensor_sends(&mut self, bytes: &[u8]) {
+        self.board().sensor_sends(bytes);
+    }
+
+    fn sensor_lines(&mut self) -> (SensorLines, bool) {
+        self.board().sensor_lines()
     }
 }

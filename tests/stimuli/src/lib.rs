@@ -98,6 +98,33 @@ pub struct BenchState {
     pub from_control: u32,
     /// Those of them that found no room and are lost.
     pub overruns: u32,
+    /// The outputs of a distance sensor's station: skip line, number of the answered line odd,
+    /// carried out, no signal.
+    pub sensor: [bool; 4],
+    /// When it triggers the sensor.
+    pub triggers: SensorTriggers,
+}
+
+/// When a board triggers its distance sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SensorTriggers {
+    /// Never.
+    #[default]
+    Off,
+    /// At a time interval.
+    Every {
+        /// From pulse to pulse.
+        interval_us: u32,
+    },
+    /// Where an axis crosses lines.
+    Lines {
+        /// Which axis.
+        axis: u8,
+        /// A line.
+        origin_counts: i64,
+        /// From line to line.
+        interval_counts: u32,
+    },
 }
 
 /// Puts a message into a frame.

@@ -15,6 +15,7 @@ mod pico_selftest;
 mod pico_serial;
 mod pico_stack;
 mod pico_watchdog;
+mod point_sensor;
 mod qemu;
 mod qemu_figures;
 mod speeds;

@@ -87,7 +87,7 @@ const BUDGETS: [(&str, u64); 13] = [
     // bytes a second is 4166.
     (names::LACES, 158),
     (names::CHORDS, 171),
-    (names::CALIBRATION_100, 10_000_000),
+    (names::CALIBRATION_100, 6_550_000),
     (names::PLACE, 140),
 ];
 

@@ -208,7 +208,7 @@ fn a_lost_job_is_told_by_its_reason() {
             settings_of(1, &payload(KEY ^ 1, &job())),
             JobLoss::OtherSchema,
         ),
-        (settings_of(2, &payload(KEY, &job())), JobLoss::OtherSchema),
+        (settings_of(3, &payload(KEY, &job())), JobLoss::OtherSchema),
         (
             settings_of(1, &payload(KEY, &job())[..40]),
             JobLoss::Damaged,

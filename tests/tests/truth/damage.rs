@@ -41,15 +41,15 @@ fn three_announced() -> SimulatedPlan {
     }
 }
 
-/// Four balls and the first again, on checked lines.
+/// Four balls and three of them again, on checked lines.
 fn four() -> SimulatedPlan {
     let job = toml::from_str(include_str!("../../../examples/four-spheres.toml")).unwrap();
     let mut places = BALLS.to_vec();
-    places.push(BALLS[0]);
+    places.extend([BALLS[0], BALLS[3], BALLS[1]]);
     SimulatedPlan {
         job,
         places,
-        moving: 5,
+        moving: 7,
         datums: 4,
         sizes_mm: None,
     }
@@ -59,7 +59,7 @@ fn four() -> SimulatedPlan {
 fn four_and_table() -> SimulatedPlan {
     let mut plan = four();
     let mut table = plan.job.features[0].clone();
-    (table.name, table.id) = ("TABLE".try_into().unwrap(), Some(6));
+    (table.name, table.id) = ("TABLE".try_into().unwrap(), Some(8));
     plan.job.guards.fixed.push(table.name.clone()).unwrap();
     plan.job.guards.fixed_mm = Some(0.007);
     plan.job.features.push(table).unwrap();
@@ -84,7 +84,7 @@ fn probed() -> SimulatedPlan {
 }
 
 /// The rows of `umi job check` that have a size, and what they mean here.
-const SIZED: [(&str, DamageKind); 9] = [
+const SIZED: [(&str, DamageKind); 12] = [
     ("mixed_setups", DamageKind::BallsOfTwo),
     ("early_top", DamageKind::EarlyTop),
     ("chip_on_top", DamageKind::ChipOnTop),
@@ -93,6 +93,9 @@ const SIZED: [(&str, DamageKind); 9] = [
     ("worn_stylus", DamageKind::WornStylus),
     ("drift", DamageKind::Drift),
     ("slip", DamageKind::Slip),
+    ("turned", DamageKind::TurnedAnywhere),
+    ("rocked", DamageKind::Rocked),
+    ("chips_on_two", DamageKind::TwoChips),
     ("z_scale", DamageKind::ZScale),
 ];
 
@@ -151,16 +154,24 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         DamageKind::Late
         | DamageKind::OffsetMoved
         | DamageKind::ShiftActive
+        | DamageKind::OtherLength
         | DamageKind::NothingCame => announced.then_some(0.0),
         // By what was learned; in a block one of a thousand at most.
         DamageKind::WornStylus if announced && !four => Some(0.001),
         DamageKind::WornStylus
-        | DamageKind::Drift
         | DamageKind::EarlyTop
         | DamageKind::ShiftWhileProbed
+        | DamageKind::SlipOutside
         | DamageKind::BallsOfTwo => four.then_some(0.0),
         // What is left lies just below the limits, and is hardly more than 10 µm.
-        DamageKind::SameDigit | DamageKind::ChipOnTop | DamageKind::Slip => four.then_some(0.001),
+        DamageKind::SameDigit
+        | DamageKind::ChipOnTop
+        | DamageKind::Slip
+        | DamageKind::Drift
+        | DamageKind::SlipInBall
+        | DamageKind::TurnedAboutFirst
+        | DamageKind::TurnedAnywhere
+        | DamageKind::Rocked => four.then_some(0.001),
         // At 10 µm, where wrong begins, both scatter.
         DamageKind::BentStylus => table.then_some(0.01),
         _ => None,
@@ -191,7 +202,10 @@ fn no_wrong_correction() {
             "three balls, blocks behind the lines of O8811, teaching asked for",
             three_announced(),
         ),
-        ("four balls, each top twice, closing, checked lines", four()),
+        (
+            "four balls, each top twice, three closing, checked lines",
+            four(),
+        ),
         ("the same with a ball on the table", four_and_table()),
     ];
     // In CI 10 000 in all.
@@ -272,7 +286,8 @@ const KEPT: &str = "## What is left, and why";
 const HEAD: &str = "# Damaged sessions with known truth\n\n\
     Made by `tests/tests/truth/damage.rs`. A correction is wrong if it puts a corner of the part more than\n\
     10 µm from where it stands. A hit scatters by 1 µm. A refusal is harmless if what happened had\n\
-    moved no corner by as much and no line was damaged.\n\n";
+    moved no corner by as much and no line was damaged. A part that moved while it was probed is judged\n\
+    by where it ended up.\n\n";
 
 fn row(kind: DamageKind, of: &DamageTally) -> String {
     let share = |count: u32| 100.0 * f64::from(count) / f64::from(of.clampings);

@@ -16,7 +16,7 @@ use umi_tests::cases::*;
 use umi_tests::rig::{Rig, VirtualRig};
 
 /// A pocket: straight lines, arcs, a canned cycle.
-pub const POCKET: &str = "%\nO1234(POCKET)\nG21 G90 G17 G94\nG0 X0. Y0. Z50.\nG1 Z-2. F300\n\
+pub const POCKET: &str = "%\nO1234(POCKET)\nG21 G90 G17 G94 G98\nG0 X0. Y0. Z50.\nG1 Z-2. F300\n\
     G1 X40. F800\nG3 X50. Y10. I0. J10.\nG1 Y30.\nX0.\nY0.\nG0 Z50.\nG81 X5. Y5. Z-4. R2.\n\
     X15.\nG80\nM30\n%\n";
 
@@ -149,6 +149,8 @@ pub fn rewritten_with(
         source: format!("VERDICT OK - {} - SETUP {}", job.name, verdict.setup)
             .parse()
             .unwrap(),
+        // A board takes them: who puts a program there was asked.
+        loose_rapids: true,
         ..RewriteSettings::new(transform)
     };
     let mut out = Vec::new();

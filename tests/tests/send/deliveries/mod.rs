@@ -202,7 +202,7 @@ fn rewrites_for_one_run(rig: &mut dyn Rig) {
         programs::put(&mut client, program, text.as_bytes(), |_| {}).unwrap();
     }
     let of_run =
-        |case: usize, run: u32| announced(run, [0.0; 2], false).join("\n") + "\n" + &clamping(case);
+        |case: usize, run: u32| announced(run, [0.0; 3], false).join("\n") + "\n" + &clamping(case);
     rig.control_sends((of_run(0, 41) + &of_run(1, 42)).as_bytes());
     judged(rig, &mut client, 2);
     let verdict = client.verdict().unwrap().unwrap();

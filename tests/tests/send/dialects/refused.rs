@@ -65,6 +65,38 @@ fn a_correction_by_variables_of_a_haas_is_taken_once() {
     assert!(corrected(&mut control, &spec, "", &points(&spec)).is_err());
 }
 
+/// A Haas' macro compares the run in which a correction was measured with its own count, before it
+/// sets anything; and takes one that says none.
+#[test]
+fn a_correction_by_variables_of_a_haas_belongs_to_its_run() {
+    let spec = spec(Dialect::HaasVariables);
+    let text = made(&spec, &rigid([0.0; 3], [1.0, 2.0, 3.0]));
+    let of_run = |run: u32| {
+        // As the board writes it: the run, and a tenth of it in the check value.
+        let (before, value) = text.split_once("E158 0.\nE157 ").unwrap();
+        let value: f64 = value.trim().parse().unwrap();
+        format!(
+            "{before}E158 {run}.\nE157 {:.3}\n",
+            value + f64::from(run) / 10.0
+        )
+    };
+    let carried_out = |text: &str, count: u32| {
+        let mut control = Control::new(ControlSettings::of(language(spec.dialect)));
+        let counted = format!("E531 {count}.\n{text}");
+        corrected(&mut control, &spec, &counted, &points(&spec))
+    };
+    assert!(carried_out(&text, 7).is_ok());
+    for run in [1, 17, 99_999] {
+        assert!(carried_out(&of_run(run), run).is_ok(), "{run}");
+        let alarm = carried_out(&of_run(run), run + 1).unwrap_err();
+        assert!(alarm.message.contains("OF ANOTHER RUN"), "{alarm}");
+        // A run that was damaged on its way is not the check value's.
+        let damaged = of_run(run).replace(&format!("E158 {run}."), &format!("E158 {}.", run + 1));
+        let alarm = carried_out(&damaged, run + 1).unwrap_err();
+        assert!(alarm.message.contains("NOT RECEIVED"), "{alarm}");
+    }
+}
+
 /// LinuxCNC's own interpreter ends every move where the virtual machine's does, and so
 /// where the part stands within what is stated.
 #[test]

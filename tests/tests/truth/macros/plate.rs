@@ -121,14 +121,14 @@ fn turned_about_the_middle_and_tilted() {
     }
 }
 
-/// Four balls, each top twice, and the first ball again at the end: the machine has not moved, so it is found
-/// where it was.
+/// Four balls, each top twice, and one, two or three of them again at the end: they have not
+/// moved, so they are found where they were.
 #[test]
-fn four_balls_and_the_first_again() {
+fn four_balls_and_some_again() {
     let fourth = [190.0, 160.0, -8.0];
     let pivot = [-20.0, -20.0, 50.0];
     for family in FAMILIES {
-        for turn in [-10.0, 7.0] {
+        for (turn, again) in [(-10.0, 0), (7.0, 1), (-9.0, 2), (10.0, 3), (-10.0, 3)] {
             let mut text = scene([3.0, -2.0, 0.0], [0.0, 0.0, turn], pivot);
             let [x, y, z] =
                 [0, 1, 2].map(|axis| [START_MM[0], START_MM[1], 95.0][axis] + fourth[axis]);
@@ -140,9 +140,16 @@ fn four_balls_and_the_first_again() {
             let [r, s, t] = fourth;
             call.macro_b += &format!(" R{r:.4} S{s:.4} T{t:.4} C9. H2.");
             call.linuxcnc += &format!(" [{r:.4}] [{s:.4}] [{t:.4}] [9] [2]");
+            // Left out it is one.
+            if again > 0 {
+                call.macro_b += &format!(" K{again}.");
+                call.linuxcnc += &format!(" [{again}]");
+            }
+            let again = again.max(1);
             let ran = run(family, &text, START_MM, &[call]);
             let radius = Some(RADIUS_MM);
-            let features = [1, 2, 3, 4, 9].map(|id| (id, "sphere", 6, radius));
+            let numbers = [1, 2, 3, 4, 9, 10, 11].into_iter().take(4 + again);
+            let features: Vec<_> = numbers.map(|id| (id, "sphere", 6, radius)).collect();
             let twice = "hits = 6\napproach = [\"-z\", \"-x\", \"+x\", \"-y\", \"+y\", \"-z\"]\n";
             let job = job(Tip::OnBoard, &features).replace("hits = 6\n", twice)
                 + "[again]\nwithin_mm = 0.002\n";
@@ -151,9 +158,11 @@ fn four_balls_and_the_first_again() {
                 .iter()
                 .filter_map(Shape::position_mm)
                 .collect();
-            for (name, center) in ["BALL1", "BALL2", "BALL3", "BALL4", "BALL1"]
-                .iter()
-                .zip(&centers)
+            for (name, center) in [
+                "BALL1", "BALL2", "BALL3", "BALL4", "BALL1", "BALL4", "BALL2",
+            ]
+            .iter()
+            .zip(&centers)
             {
                 let bodies = ran.machine.scene().bodies();
                 let body = bodies.iter().find(|body| body.name == *name).unwrap();
@@ -163,7 +172,42 @@ fn four_balls_and_the_first_again() {
                     "{family:?} {name}: off by {off}\n{ran}"
                 );
             }
-            assert_eq!(centers.len(), 5);
+            assert_eq!(centers.len(), 4 + again);
+        }
+    }
+}
+
+/// K is 1 to 3, and nothing without C.
+#[test]
+fn how_many_are_probed_again() {
+    let flat = scene([0.0; 3], [0.0; 3], [0.0; 3]);
+    for (again, says) in [
+        (("C9. K4.", "[0] [0] [0] [9] [1] [4]"), "NOT 1"),
+        (("C9. K1.5", "[0] [0] [0] [9] [1] [1.5]"), "NOT 1"),
+        (("C9. K-1.", "[0] [0] [0] [9] [1] [-1]"), "NOT 1"),
+        (("K2.", "[0] [0] [0] [0] [1] [2]"), "WITHOUT C"),
+        (("C998. K3.", "[0] [0] [0] [998] [1] [3]"), "C NOT 0"),
+    ] {
+        for family in FAMILIES {
+            let mut call = call(10.0);
+            call.macro_b += &format!(" {}", again.0);
+            call.linuxcnc += &format!(" {}", again.1);
+            run(family, &flat, START_MM, &[call]).refused(says);
+        }
+    }
+    // Of three balls the last one is the third.
+    for family in FAMILIES {
+        let mut call = call(10.0);
+        call.macro_b += " C9. K3.";
+        call.linuxcnc += " [0] [0] [0] [9] [1] [3]";
+        let ran = run(family, &flat, START_MM, &[call]);
+        let features = [1, 2, 3, 9, 10, 11].map(|id| (id, "sphere", 5, Some(RADIUS_MM)));
+        let shapes = ran.shapes(&job(Tip::OnBoard, &features));
+        let centers: Vec<[f64; 3]> = shapes.iter().filter_map(Shape::position_mm).collect();
+        assert_eq!(centers.len(), 6, "{family:?}");
+        for (again, first) in [(3, 0), (4, 2), (5, 1)] {
+            let off = distance(centers[again], centers[first]);
+            assert!(off <= TOLERANCE_MM, "{family:?} {again}: {off}");
         }
     }
 }
