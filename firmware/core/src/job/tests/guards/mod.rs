@@ -1,0 +1,45 @@
+//! What one setup alone cannot show, and the guards against it.
+
+mod again;
+mod coordinates;
+mod runs;
+mod teaching;
+
+use umi_protocol::job::{AgainSpec, Lessons, ProbingSpec};
+use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
+
+use super::*;
+use crate::dprnt::{Announced, Moved, Said};
+
+/// As `job`, with room for all of a session's clampings against any of them.
+fn job() -> Job {
+    let mut job = super::job();
+    job.limits.rotation_deg = 6.0;
+    job.limits.shift_mm = [120.0, 120.0, 0.2];
+    job.limits.expected_error_mm = Some(0.02);
+    job
+}
+
+/// Features 1, 2 and 3 of a session's clamping, in another order.
+fn clamping(number: usize, order: [usize; 3]) -> Vec<Block> {
+    let blocks = session_a();
+    order
+        .map(|sphere| blocks[3 * number + sphere - 1].clone())
+        .to_vec()
+}
+
+fn whole_session(order: [usize; 3]) -> Vec<Block> {
+    (0..5).flat_map(|number| clamping(number, order)).collect()
+}
+
+/// Lines with a run number: hits of features by their id.
+fn send(run: &mut Run, outcome: &mut Outcome, blocks: &[Block], of_run: u32) {
+    for (name, points) in blocks {
+        let id = name.strip_prefix("SPHERE").unwrap().parse().unwrap();
+        for point in points {
+            let mut hit = hit(*point);
+            (hit.feature_id, hit.run) = (Some(id), Some(of_run));
+            run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+        }
+    }
+}
