@@ -159,10 +159,9 @@ const WIDE: &[(&str, usize)] = &[
     ("firmware/core/src", 25),
     ("firmware/core/src/job", 17),
     ("firmware/core/src/journal", 15),
-    ("host/client/src", 16),
+    ("host/client/src", 15),
     ("host/report/src", 16),
     ("host/scan/src", 19),
-    ("host/scan/src/localise", 17),
     ("host/scan/src/plan", 14),
     ("host/virtual/src/scene", 13),
 ];

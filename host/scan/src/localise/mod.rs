@@ -1,19 +1,9 @@
 //! Where a part is in a scan, without a first guess, or why the scan does not say.
 
-mod alone;
-#[cfg(test)]
-mod coverage;
 pub mod fiducials;
-mod field;
 mod fit;
-mod flat;
-mod oriented;
-mod pairs;
-mod rivals;
 pub mod scans;
-mod scene;
-mod shared;
-mod symmetry;
+mod search;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
@@ -27,10 +17,11 @@ use crate::rigid::{Pose, Vec3};
 use crate::solve::{self, Kernel, Measured};
 use crate::surface::{CompositeSurface, Mesh};
 
-pub use symmetry::SymmetryAxis;
+use search::{pairs, scene};
 pub use uncertainty::Certainty;
 use uncertainty::Groups;
 use verdict::Decided;
+pub use verdict::symmetry::SymmetryAxis;
 
 /// What is asked.
 #[derive(Clone, Debug)]

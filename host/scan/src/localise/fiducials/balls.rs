@@ -1,7 +1,7 @@
 //! Balls of a known radius: every point says that the centre lies one radius away along its normal.
 
-use super::super::oriented::Oriented;
 use crate::cloud::tree::PointTree;
+use crate::localise::search::oriented::Oriented;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 

@@ -1,8 +1,8 @@
 //! Cones of a known angle: two points with their normals say where the apex is and which way the axis goes.
 
-use super::super::oriented::Oriented;
-use super::super::pairs::spread;
 use crate::cloud::tree::PointTree;
+use crate::localise::search::oriented::Oriented;
+use crate::localise::search::pairs::spread;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 
@@ -146,7 +146,7 @@ fn gathered(votes: &[Vote], height_mm: f64, threads: Threads) -> Vec<Pose> {
     }
     kept.iter()
         .map(|v| Pose {
-            rotation: super::super::pairs::frame(&v.axis),
+            rotation: crate::localise::search::pairs::frame(&v.axis),
             translation_mm: v.apex,
         })
         .collect()

@@ -1,9 +1,9 @@
 //! What in a scan looks like a fiducial, each shape by itself.
 
-use super::super::oriented::{from_seed, orient, thin};
-use super::super::pairs::spread;
 use super::own::Own;
 use super::{FiducialTask, Sought, balls, cones, meshes, own};
+use crate::localise::search::oriented::{from_seed, orient, thin};
+use crate::localise::search::pairs::spread;
 use crate::rigid::{Pose, Vec3};
 
 use super::FiducialShape;

@@ -3,8 +3,9 @@
 use nalgebra::Matrix6;
 
 use super::super::fit::{self, INLIER};
+use super::super::search::scene;
 use super::super::uncertainty::{Group, Groups, certainty};
-use super::super::{Located, degenerate, scene, verdict_reasons};
+use super::super::{Located, degenerate, verdict_reasons};
 use super::own::{self, Own};
 use super::{
     Fiducial, FiducialSeen, FiducialShape, FiducialTask, LEAST_POINTS, ScannerFound, SymmetryAxis,

@@ -1,8 +1,8 @@
 //! Bodies of any shape: pairs of oriented points vote for poses, as for a part, but near to where they are.
 
-use super::super::oriented::Oriented;
-use super::super::pairs::{Prepared, Proposal, sort, spread};
 use crate::cloud::tree::PointTree;
+use crate::localise::search::oriented::Oriented;
+use crate::localise::search::pairs::{Prepared, Proposal, sort, spread};
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, rotation};
 use crate::surface::Mesh;

@@ -16,10 +16,10 @@ mod refuse;
 #[cfg(test)]
 mod tests;
 
-use super::oriented::Oriented;
 use super::uncertainty::Group;
 use super::{Located, SymmetryAxis};
 use crate::ScanError;
+use crate::localise::search::oriented::Oriented;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::Kernel;

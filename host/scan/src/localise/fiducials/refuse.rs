@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::super::{scene, symmetry};
+use super::super::search::scene;
+use super::super::verdict::symmetry;
 use super::adjust::{Seen, Stray};
 use super::features::Feature;
 use super::matching::{Match, Matching, Tolerance};

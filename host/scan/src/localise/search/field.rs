@@ -9,7 +9,7 @@ const CELLS: f64 = 64.0;
 
 /// The distances around a model.
 #[derive(Clone, Debug)]
-pub(super) struct HeightField {
+pub(in crate::localise) struct HeightField {
     low: Vec3,
     cell: f64,
     size: [usize; 3],

@@ -1,13 +1,13 @@
 //! A scan made ready for a search: thinned to one density, with normals.
 
-use super::oriented::{NEIGHBOURS, Oriented, orient, sample, thin};
 use crate::cloud::tree::PointTree;
+use crate::localise::search::oriented::{NEIGHBOURS, Oriented, orient, sample, thin};
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
 use crate::surface::Mesh;
 
 /// The scan in two densities.
-pub(super) struct Scene {
+pub(in crate::localise) struct Scene {
     /// Points to search with.
     pub places: Vec<Oriented>,
     /// Points to refine and to compare with.
@@ -24,7 +24,7 @@ const FINE: usize = 40_000;
 const PLACES: usize = 12_000;
 
 /// The edge of a search's cubes: a part's area is some 1500 of them.
-pub(super) fn cell_mm(mesh: &Mesh) -> f64 {
+pub(in crate::localise) fn cell_mm(mesh: &Mesh) -> f64 {
     (mesh.area_mm2() / 1500.0).sqrt()
 }
 
@@ -42,7 +42,7 @@ impl Scene {
             coarse = thin(&coarse, cell, threads);
         }
         let (places, noise_mm) = orient(&coarse, &fine, 1.6 * cell, NEIGHBOURS, threads);
-        let fine = super::pairs::spread(fine.len(), FINE)
+        let fine = crate::localise::search::pairs::spread(fine.len(), FINE)
             .into_iter()
             .map(|i| fine[i])
             .collect();
@@ -77,7 +77,7 @@ fn tree(places: &[Oriented]) -> PointTree {
 }
 
 /// The share of the part's surface near which there are points; these in part coordinates.
-pub(super) fn coverage(mesh: &Mesh, points: &[Vec3]) -> f64 {
+pub(in crate::localise) fn coverage(mesh: &Mesh, points: &[Vec3]) -> f64 {
     let samples = sample(mesh, 1500);
     let cell = cell_mm(mesh);
     let thinned = thin(points, cell / 3.0, Threads::new(1));

@@ -5,8 +5,8 @@
 
 use nalgebra::Vector6;
 
-use super::tests::{Random, bracket, scan, task};
-use super::*;
+use crate::localise::tests::{Random, bracket, scan, task};
+use crate::localise::*;
 use crate::rigid::{rotation_vector, stepped};
 
 /// The 95 % point of χ² with six degrees of freedom.

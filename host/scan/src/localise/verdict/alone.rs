@@ -2,16 +2,16 @@
 
 use std::cmp::Ordering;
 
-use super::degenerate;
-use super::fit::{self, Fit};
-use super::flat::{only_normal, sliding};
-use super::pairs::Proposal;
-use super::rivals::{advantage, compare, explained, off, on, own_share};
-use super::scene::Scene;
-use super::symmetry::{self, SymmetryAxis};
-use super::uncertainty::{Groups, certainty};
-use super::verdict::{Decided, Judge, count, no_fit};
 use crate::ScanError;
+use crate::localise::degenerate;
+use crate::localise::fit::{self, Fit};
+use crate::localise::search::pairs::Proposal;
+use crate::localise::search::scene::Scene;
+use crate::localise::uncertainty::{Groups, certainty};
+use crate::localise::verdict::flat::{only_normal, sliding};
+use crate::localise::verdict::rivals::{advantage, compare, explained, off, on, own_share};
+use crate::localise::verdict::symmetry::{self, SymmetryAxis};
+use crate::localise::verdict::{Decided, Judge, count, no_fit};
 use crate::rigid::{Pose, Vec3, rotation};
 use crate::solve::measure;
 
@@ -32,7 +32,11 @@ const BETTER: usize = 6;
 
 impl Judge<'_> {
     /// The best fit if no other explains the scan as well.
-    pub(super) fn only_one(&self, scene: &Scene, fits: &[Fit]) -> Result<Decided, ScanError> {
+    pub(in crate::localise) fn only_one(
+        &self,
+        scene: &Scene,
+        fits: &[Fit],
+    ) -> Result<Decided, ScanError> {
         let mut best = fits[0].clone();
         // A rival may turn out to be better than what stood first by the mere number of points.
         for _ in 0..BETTER {
@@ -156,7 +160,12 @@ impl Judge<'_> {
 
     /// The normal of the only side that the scan shows of the part, if it shows but one. Along such a side only the
     /// outline holds the part, and an outline is far worse than the noise of the points claims.
-    pub(super) fn only_side(&self, scene: &Scene, motion: &Pose, sigma: f64) -> Option<Vec3> {
+    pub(in crate::localise) fn only_side(
+        &self,
+        scene: &Scene,
+        motion: &Pose,
+        sigma: f64,
+    ) -> Option<Vec3> {
         let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
         let own = explained(self.part(), &at, motion, sigma, self.task.threads);
         let shown = scene.places.iter().zip(own).filter(|(_, own)| *own);
@@ -175,7 +184,7 @@ impl Judge<'_> {
             proposal.score = prepared.score(&prepared.samples, &proposal.motion);
         }
         let whole = prepared.score(&prepared.samples, &Pose::identity());
-        super::pairs::sort(&mut all);
+        crate::localise::search::pairs::sort(&mut all);
         prepared
             .distinct(&all, 40, 0.05)
             .into_iter()
@@ -191,7 +200,7 @@ impl Judge<'_> {
         best: &Fit,
         own: &[bool],
         sigma: f64,
-        sure: &super::Certainty,
+        sure: &crate::localise::Certainty,
     ) -> Result<(SymmetryAxis, Vec<Pose>), ScanError> {
         let [v] = sure.free.as_slice() else {
             return Err(degenerate(&sure.free, &sure.about_mm, "part"));

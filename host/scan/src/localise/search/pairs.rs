@@ -6,8 +6,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
-use super::field::HeightField;
-use super::oriented::{Oriented, sample};
+use crate::localise::search::field::HeightField;
+use crate::localise::search::oriented::{Oriented, sample};
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
 use crate::solve::pseudo_solve;
@@ -28,7 +28,7 @@ const PARTNERS: usize = 350;
 const PROPOSALS: usize = 14;
 
 /// A model prepared for searches.
-pub(super) struct Prepared {
+pub(in crate::localise) struct Prepared {
     pub samples: Vec<Oriented>,
     pub field: HeightField,
     pub diagonal: f64,
@@ -44,13 +44,13 @@ pub(super) struct Prepared {
 
 /// A pose with what speaks for it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Proposal {
+pub(in crate::localise) struct Proposal {
     pub motion: Pose,
     pub score: f64,
 }
 
 /// Two directions that are square to `n` and to each other.
-pub(super) fn frame(n: &Vec3) -> Matrix3<f64> {
+pub(in crate::localise) fn frame(n: &Vec3) -> Matrix3<f64> {
     let least = n.iamin();
     let mut other = Vec3::zeros();
     other[least] = 1.0;
@@ -337,12 +337,12 @@ impl Prepared {
 }
 
 /// Best first; of equal ones the order stays.
-pub(super) fn sort(proposals: &mut [Proposal]) {
+pub(in crate::localise) fn sort(proposals: &mut [Proposal]) {
     proposals.sort_by(|a, b| b.score.total_cmp(&a.score));
 }
 
 /// At most `most` numbers of `0..count`, spread evenly.
-pub(super) fn spread(count: usize, most: usize) -> Vec<usize> {
+pub(in crate::localise) fn spread(count: usize, most: usize) -> Vec<usize> {
     if count <= most {
         return (0..count).collect();
     }

@@ -3,14 +3,14 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::super::oriented::Oriented;
 use crate::cloud::tree::PointTree;
+use crate::localise::search::oriented::Oriented;
 use crate::rigid::{Pose, Vec3};
 use crate::surface::Mesh;
 
 /// A place where a flat side ends at a sharp outer edge.
 #[derive(Clone, Copy, Debug)]
-pub(in super::super) struct Rim {
+pub(in crate::localise) struct Rim {
     /// On the side, a little before its edge.
     before: Vec3,
     /// In its plane, beyond the edge, in the air.
@@ -30,7 +30,7 @@ const PASSED: f64 = 0.3;
 const LEAST: usize = 3;
 
 /// The rims of a closed model's sides, `cell` mm apart; `sides` by triangle.
-pub(in super::super) fn rims(mesh: &Mesh, sides: &[u32], cell: f64) -> Vec<Rim> {
+pub(in crate::localise) fn rims(mesh: &Mesh, sides: &[u32], cell: f64) -> Vec<Rim> {
     let key = |c: &Vec3| [c.x, c.y, c.z].map(|x| (x + 0.0).to_bits());
     let mut by_edge: HashMap<_, Vec<u32>> = HashMap::new();
     let edge = |t: usize, k: usize| {
@@ -73,7 +73,7 @@ pub(in super::super) fn rims(mesh: &Mesh, sides: &[u32], cell: f64) -> Vec<Rim> 
 }
 
 /// The sides beyond whose edges the scan goes on in their plane, if `motion` puts the part.
-pub(in super::super) fn passed(
+pub(in crate::localise) fn passed(
     rims: &[Rim],
     (tree, places): (&PointTree, &[Oriented]),
     motion: &Pose,
@@ -107,11 +107,11 @@ pub(in super::super) fn passed(
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::oriented::sample;
-    use super::super::super::pairs::Prepared;
-    use super::super::super::scene::cell_mm;
-    use super::super::super::tests::bracket;
     use super::*;
+    use crate::localise::search::oriented::sample;
+    use crate::localise::search::pairs::Prepared;
+    use crate::localise::search::scene::cell_mm;
+    use crate::localise::tests::bracket;
     use crate::parallel::Threads;
 
     /// A flat floor at this height, its points 1.5 mm apart.

@@ -1,8 +1,12 @@
 //! How far a pose can be off: noise by the residuals, and what neighbours share of it.
 
+#[cfg(test)]
+mod coverage;
+mod shared;
+
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
-use super::shared::shared;
+use crate::localise::uncertainty::shared::shared;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::{Measured, eigen};
 

@@ -1,19 +1,24 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
+mod alone;
+pub(super) mod flat;
+pub(super) mod rivals;
+pub(super) mod symmetry;
+
 use std::collections::HashSet;
 
-use super::field::HeightField;
-use super::fit::{self, Fit};
-use super::flat::{only_normal, sliding};
-use super::oriented::from_seed;
-use super::pairs::Prepared;
-use super::rivals::rims::{Rim, passed, rims};
-use super::rivals::{advantage, explained, is_within, off, on};
-use super::scene::{Scene, cell_mm, coverage};
-use super::symmetry::SymmetryAxis;
-use super::uncertainty::{Groups, certainty};
 use super::{LocaliseTask, degenerate};
 use crate::ScanError;
+use crate::localise::fit::{self, Fit};
+use crate::localise::search::field::HeightField;
+use crate::localise::search::oriented::from_seed;
+use crate::localise::search::pairs::Prepared;
+use crate::localise::search::scene::{Scene, cell_mm, coverage};
+use crate::localise::uncertainty::{Groups, certainty};
+use crate::localise::verdict::flat::{only_normal, sliding};
+use crate::localise::verdict::rivals::rims::{Rim, passed, rims};
+use crate::localise::verdict::rivals::{advantage, explained, is_within, off, on};
+use crate::localise::verdict::symmetry::SymmetryAxis;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::measure;
 use crate::surface::CompositeSurface;
@@ -156,7 +161,7 @@ impl Judge<'_> {
         for fit in &mut rough {
             self.weigh(scene, fit, &thinned, sigma);
         }
-        super::rivals::sort(&mut rough);
+        crate::localise::verdict::rivals::sort(&mut rough);
         let mut fits: Vec<Fit> = Vec::new();
         for fit in rough {
             if fits.len() >= 6 {
@@ -173,7 +178,7 @@ impl Judge<'_> {
         for fit in &mut fits {
             self.weigh(scene, fit, &scene.fine, sigma);
         }
-        super::rivals::sort(&mut fits);
+        crate::localise::verdict::rivals::sort(&mut fits);
         fits
     }
 
@@ -216,7 +221,7 @@ impl Judge<'_> {
             })
             .copied()
             .collect();
-        super::pairs::spread(near.len(), TRIED)
+        crate::localise::search::pairs::spread(near.len(), TRIED)
             .into_iter()
             .map(|i| near[i])
             .collect()
@@ -245,7 +250,7 @@ impl Judge<'_> {
 
     pub(super) fn refine(&self, scene: &Scene, motion: &Pose) -> Option<Fit> {
         // Enough to tell poses apart; what is printed uses all points.
-        let few: Vec<Vec3> = super::pairs::spread(scene.fine.len(), COMPARED)
+        let few: Vec<Vec3> = crate::localise::search::pairs::spread(scene.fine.len(), COMPARED)
             .into_iter()
             .map(|i| scene.fine[i])
             .collect();

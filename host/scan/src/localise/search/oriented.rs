@@ -15,7 +15,7 @@ use crate::surface::Mesh;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Oriented {
+pub(in crate::localise) struct Oriented {
     /// Where it is, in mm.
     pub at: Vec3,
     /// The normal, of either sign in a scan; zero where the neighbourhood has none.
@@ -30,7 +30,7 @@ impl Oriented {
 }
 
 /// `count` points spread evenly over the area of a mesh, always the same ones.
-pub(super) fn sample(mesh: &Mesh, count: usize) -> Vec<Oriented> {
+pub(in crate::localise) fn sample(mesh: &Mesh, count: usize) -> Vec<Oriented> {
     let triangles = mesh.triangles();
     let step = mesh.area_mm2() / count as f64;
     let mut points = Vec::with_capacity(count);
@@ -59,7 +59,7 @@ pub(super) fn sample(mesh: &Mesh, count: usize) -> Vec<Oriented> {
 }
 
 /// The points from another one on: with another seed, other points stand for their cubes and vote first.
-pub(super) fn from_seed(points: &[Vec3], seed: u64) -> Cow<'_, [Vec3]> {
+pub(in crate::localise) fn from_seed(points: &[Vec3], seed: u64) -> Cow<'_, [Vec3]> {
     let first = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) % (points.len().max(1) as u64);
     if first == 0 {
         return Cow::Borrowed(points);
@@ -69,7 +69,7 @@ pub(super) fn from_seed(points: &[Vec3], seed: u64) -> Cow<'_, [Vec3]> {
 }
 
 /// One point of each cube of `cell` mm: the first one in the order of the list.
-pub(super) fn thin(points: &[Vec3], cell: f64, threads: Threads) -> Vec<Vec3> {
+pub(in crate::localise) fn thin(points: &[Vec3], cell: f64, threads: Threads) -> Vec<Vec3> {
     let Some(first) = points.first() else {
         return Vec::new();
     };
@@ -99,13 +99,13 @@ fn first_of_each(points: &[Vec3], origin: &Vec3, cell: f64) -> Vec<Vec3> {
 }
 
 /// Neighbours that a normal is taken from, where a surface has many.
-pub(super) const NEIGHBOURS: usize = 24;
+pub(in crate::localise) const NEIGHBOURS: usize = 24;
 /// Neighbours that a normal needs.
 const LEAST: usize = 7;
 
 /// The points of `places` with normals by their neighbours among `points` within `radius` mm, and the noise along the
 /// normals (mm, the median over the points; 0 if there are none). A normal is taken from the nearest `most` of them.
-pub(super) fn orient(
+pub(in crate::localise) fn orient(
     places: &[Vec3],
     points: &[Vec3],
     radius: f64,

@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, Matrix6, MatrixXx6, Vector6};
 
-use super::pairs::spread;
+use crate::localise::search::pairs::spread;
 use crate::rigid::Vec3;
 use crate::solve::Measured;
 
@@ -45,7 +45,7 @@ impl Falling {
 
 /// The sum over pairs of what their points share of each other's rows, in mm²; zero if neighbours share nothing.
 /// `row`: what moves a point's distance.
-pub(super) fn shared(
+pub(in crate::localise) fn shared(
     points: &[Vec3],
     measured: &[Measured],
     on_part: &[usize],

@@ -1,20 +1,20 @@
 //! Poses against each other: which points one explains and the other does not.
 
-pub(super) mod rims;
+pub(in crate::localise) mod rims;
 
 use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
 
-use super::field::HeightField;
-use super::fit::{Fit, INLIER, boxed};
-use super::oriented::Oriented;
+use crate::localise::fit::{Fit, INLIER, boxed};
+use crate::localise::search::field::HeightField;
+use crate::localise::search::oriented::Oriented;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::measure;
 use crate::surface::CompositeSurface;
 
 /// Where points stand by a pose.
-pub(super) struct Standing {
+pub(in crate::localise) struct Standing {
     /// How far each lies from the part, in units of the noise, negative within the material; infinite, with that sign,
     /// where it is clearly none of the part's.
     pub off: Vec<f64>,
@@ -23,7 +23,7 @@ pub(super) struct Standing {
 }
 
 /// Where each point stands if `motion` puts the part, for a noise of `sigma_mm`.
-pub(super) fn off(
+pub(in crate::localise) fn off(
     (surface, field): (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
@@ -56,7 +56,7 @@ pub(super) fn off(
 }
 
 /// Which points lie on the part where `motion` puts it.
-pub(super) fn explained(
+pub(in crate::localise) fn explained(
     part: (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
@@ -68,7 +68,7 @@ pub(super) fn explained(
 }
 
 /// By how many points the first explains more than the second, and what of that chance can be.
-pub(super) fn advantage(first: &[bool], second: &[bool]) -> (f64, f64) {
+pub(in crate::localise) fn advantage(first: &[bool], second: &[bool]) -> (f64, f64) {
     let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count() as f64;
     let (mine, theirs) = (only(first, second), only(second, first));
     (mine - theirs, 5.0 * (mine + theirs).sqrt() + 8.0)
@@ -84,12 +84,12 @@ const LEAST_IN_AIR: f64 = 3.0;
 const CONFLICT: f64 = 0.1;
 
 /// Whether a point at this distance ([`off`]) lies on the part.
-pub(super) fn on(off: f64) -> bool {
+pub(in crate::localise) fn on(off: f64) -> bool {
     off.abs() < INLIER
 }
 
 /// Whether a point at this distance lies deep within the part's material, where a scan has none.
-pub(super) fn is_within(off: f64) -> bool {
+pub(in crate::localise) fn is_within(off: f64) -> bool {
     off < -CLEARLY
 }
 
@@ -104,7 +104,7 @@ pub(super) fn is_within(off: f64) -> bool {
 /// A table or a vice shows more points than a part of which little is seen, and any side of a part can be put on it: the
 /// sides (`sides`, by face) that the scan goes beyond (`passed`) do not count then, nor, where there is none, the side with
 /// the most points of its own of either.
-pub(super) fn compare(
+pub(in crate::localise) fn compare(
     first: &Standing,
     second: &Standing,
     own_share: f64,
@@ -174,7 +174,7 @@ pub(super) fn compare(
 }
 
 /// The share of the model's surface that is clearly off the surface after a motion of the model.
-pub(super) fn own_share(
+pub(in crate::localise) fn own_share(
     part: (&CompositeSurface, &HeightField),
     samples: &[Oriented],
     turn: &Pose,
@@ -193,7 +193,7 @@ pub(super) fn own_share(
 }
 
 /// The best first.
-pub(super) fn sort(fits: &mut [Fit]) {
+pub(in crate::localise) fn sort(fits: &mut [Fit]) {
     fits.sort_by(|a, b| {
         b.worth
             .cmp(&a.worth)

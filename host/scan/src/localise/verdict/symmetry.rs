@@ -3,8 +3,8 @@
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
-use super::pairs::Prepared;
 use crate::ScanError;
+use crate::localise::search::pairs::Prepared;
 use crate::rigid::{Pose, Vec3, rotation, rotation_vector, rows};
 use crate::solve::eigen;
 
@@ -20,7 +20,7 @@ pub struct SymmetryAxis {
 }
 
 /// Motions of the part onto itself that are worth a try: turns by 1/2 to 1/12 about its principal axes.
-pub(super) fn candidates(prepared: &Prepared) -> Vec<Pose> {
+pub(in crate::localise) fn candidates(prepared: &Prepared) -> Vec<Pose> {
     let n = prepared.samples.len().max(1) as f64;
     let middle = prepared.samples.iter().map(|s| s.at).sum::<Vec3>() / n;
     let mut spread = Matrix3::zeros();
@@ -55,7 +55,7 @@ pub(super) fn candidates(prepared: &Prepared) -> Vec<Pose> {
 }
 
 /// The axes of the group that these motions of the part belong to.
-pub(super) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
+pub(in crate::localise) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
     let mut found: Vec<(SymmetryAxis, f64)> = Vec::new();
     for motion in motions {
         let w = rotation_vector(&motion.rotation);
@@ -93,7 +93,7 @@ pub(super) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
 }
 
 /// The refusal of a scan with several answers: `what` and what to do (`advice`).
-pub(super) fn ambiguous(
+pub(in crate::localise) fn ambiguous(
     axes: &[SymmetryAxis],
     poses: &[Pose],
     what: &str,
