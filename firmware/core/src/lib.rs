@@ -38,5 +38,4 @@ pub mod rewrite;
 mod sentences;
 pub mod trigger;
 pub mod units;
-pub mod xmodem;
 pub mod zero_option;

@@ -7,9 +7,9 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
+use umi_core::control::xmodem::CAN;
 use umi_core::control::{BlockAnswer, Conversation, Exchange};
 use umi_core::units::Micros;
-use umi_core::xmodem::CAN;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::serial::LineSettings;
 

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //!
-//! The same bytes as without it, in blocks with a check sum ([`umi_core::xmodem`]): who may
+//! The same bytes as without it, in blocks with a check sum ([`umi_core::control::xmodem`]): who may
 //! have a program, and how it is rewritten, does not depend on how it goes out. What the
 //! control says meanwhile answers blocks, and is no text. A program that is taken back in
 //! the middle is cancelled.
@@ -15,10 +15,10 @@
 
 use embassy_futures::select::{Either, select};
 use umi_core::control::XOFF_PATIENCE_US;
+use umi_core::control::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
+use umi_core::control::xmodem::sender::{BlockSender, SendOutcome, SendStep};
+use umi_core::control::xmodem::{BLOCK, FRAME, NAK};
 use umi_core::journal::Flash;
-use umi_core::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
-use umi_core::xmodem::sender::{BlockSender, SendOutcome, SendStep};
-use umi_core::xmodem::{BLOCK, FRAME, NAK};
 
 use crate::App;
 use crate::board::{Clock, CncTx};

@@ -35,12 +35,13 @@
 
 pub mod codes;
 mod throttle;
+pub mod xmodem;
 
 use umi_protocol::pattern::Coding;
 
 use crate::units::Micros;
-use crate::xmodem::{ACK, CAN, NAK};
 use codes::{PARITY, SYN, XOFF, XON};
+use xmodem::{ACK, CAN, NAK};
 
 pub use throttle::{RxFlowControl, Throttle};
 

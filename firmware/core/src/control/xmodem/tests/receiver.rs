@@ -6,8 +6,8 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::control::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
 use crate::journal::mock::Random;
-use crate::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
 
 /// A receiver and what it said and was given.
 struct Bench {

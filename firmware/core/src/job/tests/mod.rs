@@ -116,7 +116,7 @@ fn session(text: &str) -> Vec<Block> {
 
 fn session_a() -> Vec<Block> {
     session(include_str!(
-        "../../../../tests/reference/sessions/session_a.json"
+        "../../../../../tests/reference/sessions/session_a.json"
     ))
 }
 
@@ -219,8 +219,8 @@ fn run_blocks(job: Job, blocks: &[Block]) -> Outcome {
 #[test]
 fn reference_sessions_are_ok_and_right() {
     for text in [
-        include_str!("../../../../tests/reference/sessions/session_a.json"),
-        include_str!("../../../../tests/reference/sessions/session_b.json"),
+        include_str!("../../../../../tests/reference/sessions/session_a.json"),
+        include_str!("../../../../../tests/reference/sessions/session_b.json"),
     ] {
         let outcome = run_blocks(job(), &session(text));
         assert_eq!(outcome.summary(), ["OK"; 5]);

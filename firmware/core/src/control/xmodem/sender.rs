@@ -81,7 +81,7 @@ enum State {
 ///
 /// ```
 /// use umi_core::units::Micros;
-/// use umi_core::xmodem::sender::{SendStep, SendOutcome, BlockSender};
+/// use umi_core::control::xmodem::sender::{SendStep, SendOutcome, BlockSender};
 ///
 /// let mut program = b"%\nO1\nM30\n%\n".as_slice();
 /// let mut sender = BlockSender::new(Micros(0));

@@ -9,8 +9,8 @@ use std::vec;
 use std::vec::Vec;
 
 use super::*;
-use crate::xmodem::receiver::{self, BlockReceiver};
-use crate::xmodem::sender::{self, BlockSender};
+use crate::control::xmodem::receiver::{self, BlockReceiver};
+use crate::control::xmodem::sender::{self, BlockSender};
 
 /// The first block of both, as recorded, and its check sum.
 const FIRST: &str = "\n%\nO05555(CS390_Test_NC)\n(Using G0 which travels along dogleg path.)\n\

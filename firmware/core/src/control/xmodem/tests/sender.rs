@@ -6,8 +6,8 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::control::xmodem::sender::{At, BlockSender, SendOutcome, SendStep};
 use crate::journal::mock::Random;
-use crate::xmodem::sender::{At, BlockSender, SendOutcome, SendStep};
 
 /// Sends a program to a control that answers what this says to the n-th transmission; its
 /// end, and what went out.

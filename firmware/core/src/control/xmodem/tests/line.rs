@@ -9,9 +9,9 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::control::xmodem::receiver::{self, BlockReceiver};
+use crate::control::xmodem::sender::{self, BlockSender};
 use crate::journal::mock::Random;
-use crate::xmodem::receiver::{self, BlockReceiver};
-use crate::xmodem::sender::{self, BlockSender};
 
 /// Time of a character at 9600 baud.
 const CHARACTER_US: u64 = 1_042;
