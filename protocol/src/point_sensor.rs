@@ -256,6 +256,37 @@ pub enum CaptureLoss {
         /// How many.
         count: u32,
     },
+    /// The sensor that was set up is not in force any more, since the start.
+    Setup(SensorLoss),
+}
+
+/// Why a sensor that was set up could not be restored at start. Where none was, nothing is told.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema, Error, IntoStaticStr,
+)]
+#[strum(serialize_all = "snake_case")]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorLoss {
+    /// It was kept by a firmware with other messages.
+    #[error(
+        "the sensor was set up by a firmware with other messages, which this one does not read: set it up again"
+    )]
+    OtherSchema,
+    /// It was kept and cannot be read.
+    #[error("the sensor was set up and cannot be read any more: set it up again")]
+    Damaged,
+    /// This firmware does not take the sensor that was kept.
+    #[error("this firmware does not take the sensor that was set up: set it up again")]
+    Refused,
+}
+
+impl SensorLoss {
+    /// Its name for programs.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// Why a line was not carried out.
@@ -303,6 +334,8 @@ pub struct StationAnswer {
 pub struct SensorStatus {
     /// The sensor in force; none: nothing is captured.
     pub sensor: Option<SensorOnBoard>,
+    /// Why the one that was set up is not, until one is set up.
+    pub setup_lost: Option<SensorLoss>,
     /// A line waits for its answer.
     pub waits: bool,
     /// The latest answer.

@@ -33,8 +33,8 @@ use umi_protocol::pattern::{
     Travel,
 };
 use umi_protocol::point_sensor::{
-    CaptureLoss, CapturedAt, PlaceReport, PlaceState, SensorOnBoard, SensorRefusal, SensorStatus,
-    SensorText, SignalLoss, StationAnswer,
+    CaptureLoss, CapturedAt, PlaceReport, PlaceState, SensorLoss, SensorOnBoard, SensorRefusal,
+    SensorStatus, SensorText, SignalLoss, StationAnswer,
 };
 use umi_protocol::program::{
     IntegerRule, ProgramInfo, ProgramRefusal, ProgramRoom, Release, RewriteSpec, Stated,
@@ -250,6 +250,7 @@ pub fn response_after(sample: Option<&Response>) -> Option<Response> {
         }
         Some(Response::UpdateRefused(_)) => Response::Sensor(SensorStatus {
             sensor: Some(point_sensor()),
+            setup_lost: Some(SensorLoss::Damaged),
             waits: false,
             answer: Some(StationAnswer {
                 sequence: 13,

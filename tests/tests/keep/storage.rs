@@ -9,8 +9,10 @@ use umi_core::journal::{Flash as _, Journal, MAX_PAYLOAD};
 use umi_core::units::Micros;
 use umi_protocol::envelope::KEY;
 use umi_protocol::job::{Job, LearnedLimits};
+use umi_protocol::latch::TriggerPulse;
 use umi_protocol::message::{JobLoss, Record, Status, TeachRefusal, TeachWhat};
 use umi_protocol::pattern::Coding;
+use umi_protocol::point_sensor::{CaptureLoss, CapturedAt, SensorLoss, SensorOnBoard, SensorText};
 use umi_protocol::program::{ProgramInfo, Release, Stated, Withheld};
 use umi_tests::cases::{SESSION, clamping, job, journal};
 use umi_virtual::board::{JOURNAL, SETTINGS};
@@ -133,7 +135,7 @@ fn without_settings_no_job_is_taken() {
 }
 
 /// What a board's journal says about the job since its latest start.
-fn jobs_since_start(journal: &VirtualFlash) -> Vec<Record> {
+fn settings_since_start(journal: &VirtualFlash) -> Vec<Record> {
     let (mut journal, _) = Journal::open(journal.clone()).unwrap();
     let mut records = Vec::new();
     for seq in journal.first_seq()..journal.next_seq() {
@@ -141,7 +143,10 @@ fn jobs_since_start(journal: &VirtualFlash) -> Vec<Record> {
         let entry = journal.read(seq, &mut payload).unwrap().entry;
         match postcard::from_bytes(entry.payload).unwrap() {
             Record::Boot { .. } => records.clear(),
-            record @ (Record::JobSet { .. } | Record::JobLost { .. }) => records.push(record),
+            record @ (Record::JobSet { .. }
+            | Record::JobLost { .. }
+            | Record::SensorSet { .. }
+            | Record::CaptureLost(_)) => records.push(record),
             _ => {}
         }
     }
@@ -186,7 +191,7 @@ fn a_lost_job_is_told_by_its_reason() {
     assert_eq!(client.status().unwrap().job_lost, Some(JobLoss::Absent));
     drop((board, client));
     assert_eq!(
-        jobs_since_start(&config.journal),
+        settings_since_start(&config.journal),
         [],
         "a new board has lost none"
     );
@@ -233,8 +238,84 @@ fn a_lost_job_is_told_by_its_reason() {
             assert_eq!(client.status().unwrap().job_lost, None);
         }
         drop((board, client));
-        let told = jobs_since_start(&config.journal);
+        let told = settings_since_start(&config.journal);
         assert_eq!(told.first(), Some(&Record::JobLost { why }), "{why:?}");
+    }
+}
+
+fn sensor() -> SensorOnBoard {
+    SensorOnBoard {
+        offset_mm: [1.0, -1.0, -100.0],
+        direction: [0.0, 0.0, -1.0],
+        gain: 1.0,
+        counts_per_mm: [1000.0; 3],
+        origin_counts: [0; 3],
+        max_rate_hz: 9000.0,
+        power_max: 5000.0,
+        baud: 921_600,
+        text: SensorText::default(),
+        captured_at: CapturedAt::Sync,
+        pulse: TriggerPulse::default(),
+    }
+}
+
+/// A distance sensor that was set up and is not in force after the start is told by its reason, to
+/// the host and in the journal: another firmware kept it, it is damaged, it would not be taken any
+/// more. Setting one up ends that; where none was, or it was taken away, nothing is told.
+#[test]
+fn a_lost_sensor_is_told_by_its_reason() {
+    /// Of a sensor's entry.
+    const SENSOR: u8 = 2;
+    let payload = |key: u64, sensor: Option<SensorOnBoard>| {
+        let mut bytes = [0; MAX_PAYLOAD];
+        postcard::to_slice(&(key, sensor), &mut bytes)
+            .unwrap()
+            .to_vec()
+    };
+    let refused = SensorOnBoard {
+        gain: 3.0,
+        ..sensor()
+    };
+    let whole = payload(KEY, Some(sensor()));
+    let other = payload(KEY ^ 1, Some(sensor()));
+    let cases = [
+        (Some(&whole[..]), Ok(Some(sensor()))),
+        (Some(&payload(KEY, None)[..]), Ok(None)),
+        (None, Ok(None)),
+        (Some(&other[..]), Err(SensorLoss::OtherSchema)),
+        (Some(&whole[..30]), Err(SensorLoss::Damaged)),
+        (Some(&whole[..3]), Err(SensorLoss::Damaged)),
+        (
+            Some(&payload(KEY, Some(refused))[..]),
+            Err(SensorLoss::Refused),
+        ),
+    ];
+    for (kept, expected) in cases {
+        let config = Config {
+            settings: match kept {
+                Some(kept) => settings_of(SENSOR, kept),
+                None => VirtualFlash::in_memory(SETTINGS),
+            },
+            ..Config::default()
+        };
+        let (board, mut client) = start(&config);
+        let status = client.sensor().unwrap().unwrap();
+        assert_eq!(status.sensor, expected.unwrap_or(None));
+        assert_eq!(status.setup_lost, expected.err());
+        client.set_sensor(Some(sensor())).unwrap();
+        let status = client.sensor().unwrap().unwrap();
+        assert_eq!((status.sensor, status.setup_lost), (Some(sensor()), None));
+        drop((board, client));
+        let told = settings_since_start(&config.journal);
+        let first = told
+            .iter()
+            .find(|record| !matches!(record, Record::JobLost { .. }));
+        let set = Record::SensorSet {
+            sensor: Some(sensor()),
+            key_id: None,
+        };
+        let lost = expected.err().map(CaptureLoss::Setup);
+        assert_eq!(first, Some(&lost.map_or(set, Record::CaptureLost)));
     }
 }
 
@@ -269,7 +350,7 @@ fn a_power_cut_in_the_settings_leaves_one_of_both_jobs() {
         seen[usize::from(status.job == Some(other.name.clone()))] += 1;
         assert!([job().name, other.name.clone()].contains(&status.job.unwrap()));
         drop((board, client));
-        let told = jobs_since_start(&config.journal);
+        let told = settings_since_start(&config.journal);
         assert!(matches!(told[..], [Record::JobSet { .. }]), "{bytes} bytes");
     }
     assert!(seen[0] > 3 && seen[1] > 3, "{seen:?}");

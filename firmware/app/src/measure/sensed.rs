@@ -4,7 +4,7 @@ use umi_core::journal::Flash;
 use umi_core::point::station::check_sensor;
 use umi_core::units::Micros;
 use umi_protocol::message::{Record, Response};
-use umi_protocol::point_sensor::{CaptureLoss, SensorOnBoard, SensorRefusal};
+use umi_protocol::point_sensor::{CaptureLoss, SensorLoss, SensorOnBoard, SensorRefusal};
 
 use crate::measure::settings::{JobStore, NotKept};
 use crate::measure::{Instrument, Ledger};
@@ -65,22 +65,31 @@ impl<F: Flash> Instrument<F> {
         self.keep_job(now)
     }
 
-    /// Takes up the sensor that was in force.
+    /// Takes up the sensor that was in force, or tells why there is none any more.
     #[inline(never)]
     pub(crate) fn restore_sensor(&mut self, now: Micros) {
-        let Some(station) = self.ledger.point else {
+        let (Some(station), Some(settings)) = (self.ledger.point, self.settings.get_mut()) else {
+            // Without settings there is no job either, and that is told.
             return;
         };
-        let scratch = &mut self.ledger.scratch;
-        let kept = self.settings.get_mut();
-        let kept = kept.and_then(|settings| settings.load_sensor(scratch));
-        let Some(sensor) = kept.filter(|sensor| check_sensor(sensor).is_ok()) else {
-            return;
-        };
-        station.set(Some(sensor));
-        let record = Record::SensorSet {
-            sensor: Some(sensor),
-            key_id: None,
+        let kept = settings.load_sensor(&mut self.ledger.scratch);
+        let kept = kept.and_then(|kept| match kept.map(|sensor| check_sensor(&sensor)) {
+            Some(Err(_)) => Err(SensorLoss::Refused),
+            _ => Ok(kept),
+        });
+        let record = match kept {
+            Ok(None) => return,
+            Ok(sensor) => {
+                station.set(sensor);
+                Record::SensorSet {
+                    sensor,
+                    key_id: None,
+                }
+            }
+            Err(why) => {
+                station.lost(why);
+                Record::CaptureLost(CaptureLoss::Setup(why))
+            }
         };
         self.ledger.record(now, record);
     }

@@ -21,7 +21,7 @@ use umi_core::units::{Micros, Point};
 use umi_protocol::hello::KEY;
 use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
 use umi_protocol::message::JobLoss;
-use umi_protocol::point_sensor::SensorOnBoard;
+use umi_protocol::point_sensor::{SensorLoss, SensorOnBoard};
 
 /// Datum positions in the order of the job's datum features.
 pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
@@ -84,20 +84,27 @@ impl<F: Flash> JobStore<F> {
         })
     }
 
-    /// The newest sensor of a board of these messages; none: none is set up, or it cannot be read.
-    pub fn load_sensor(&mut self, scratch: &mut [u8]) -> Option<SensorOnBoard> {
+    /// The newest sensor; none: none was set up, or it was taken away.
+    ///
+    /// # Errors
+    /// Why there is none any more.
+    pub fn load_sensor(&mut self, scratch: &mut [u8]) -> Result<Option<SensorOnBoard>, SensorLoss> {
         for seq in (self.journal.first_seq()..self.journal.next_seq()).rev() {
-            let found = self.journal.read(seq, scratch).ok()?;
-            if found.entry.kind != SENSOR {
+            let found = self.journal.read(seq, scratch);
+            let entry = found.map_err(|_| SensorLoss::Damaged)?.entry;
+            if entry.kind != SENSOR {
                 continue;
             }
-            let (key, rest) = postcard::take_from_bytes::<u64>(found.entry.payload).ok()?;
-            return match postcard::take_from_bytes(rest) {
-                Ok((sensor, [])) if key == KEY => sensor,
-                _ => None,
+            return match postcard::take_from_bytes::<u64>(entry.payload) {
+                Ok((KEY, kept)) => match postcard::take_from_bytes(kept) {
+                    Ok((sensor, [])) => Ok(sensor),
+                    _ => Err(SensorLoss::Damaged),
+                },
+                Ok(_) => Err(SensorLoss::OtherSchema),
+                Err(_) => Err(SensorLoss::Damaged),
             };
         }
-        None
+        Ok(None)
     }
 
     /// Keeps a sensor, or that there is none.

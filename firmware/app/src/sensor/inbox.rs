@@ -13,7 +13,7 @@ use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::point_sensor::{
-    CapturedAt, SensorOnBoard, SensorRefusal, SensorStatus, StationAnswer,
+    CapturedAt, SensorLoss, SensorOnBoard, SensorRefusal, SensorStatus, StationAnswer,
 };
 
 use crate::board::SensorLines;
@@ -60,6 +60,8 @@ pub struct PointStation {
 
 struct Inbox {
     sensor: ZeroOption<SensorOnBoard>,
+    /// Why the one that was set up is not in force.
+    setup_lost: ZeroOption<SensorLoss>,
     /// The station has not begun with it yet.
     is_new: bool,
     line: CommandLine,
@@ -100,6 +102,7 @@ impl PointStation {
         Self {
             state: Mutex::new(RefCell::new(Inbox {
                 sensor: ZeroOption::empty(),
+                setup_lost: ZeroOption::empty(),
                 is_new: false,
                 line: CommandLine::new(),
                 lines: Deque::new(),
@@ -144,6 +147,7 @@ impl PointStation {
                 Some(sensor) => of.sensor.put(sensor),
                 None => of.sensor.clear(),
             }
+            of.setup_lost.clear();
             of.is_new = true;
             of.lines.clear();
             of.latches.clear();
@@ -157,10 +161,16 @@ impl PointStation {
         self.came.signal(());
     }
 
+    /// The sensor that was set up cannot be restored.
+    pub(crate) fn lost(&self, why: SensorLoss) {
+        self.with(|of| of.setup_lost.put(why));
+    }
+
     /// What it does.
     pub(crate) fn status(&self) -> SensorStatus {
         self.with(|of| SensorStatus {
             sensor: of.sensor.get().copied(),
+            setup_lost: of.setup_lost.get().copied(),
             waits: of.waits_for.is_some(),
             answer: of.answer.get().map(|answer| StationAnswer {
                 sequence: answer.sequence,

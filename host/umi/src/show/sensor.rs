@@ -30,11 +30,17 @@ pub fn loss_json(loss: &CaptureLoss) -> Value {
         CaptureLoss::Characters { count } => ("characters", Some(*count)),
         CaptureLoss::Command(_) => ("command", None),
         CaptureLoss::Records { count } => ("records", Some(*count)),
+        CaptureLoss::Setup(_) => ("setup", None),
     };
     json!({
         "type": "capture_lost",
         "what": what,
         "number": number,
+        "code": match loss {
+            CaptureLoss::Command(fault) => Some(fault.code()),
+            CaptureLoss::Setup(why) => Some(why.code()),
+            _ => None,
+        },
         "message": loss_text(loss),
     })
 }
@@ -70,5 +76,6 @@ pub fn loss_text(loss: &CaptureLoss) -> String {
         CaptureLoss::Records { count } => {
             format!("{count} entries of the sensor's station found no room")
         }
+        CaptureLoss::Setup(why) => format!("no sensor is in force: {why}"),
     }
 }

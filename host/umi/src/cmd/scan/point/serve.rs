@@ -120,9 +120,13 @@ impl Serve {
             return Err(not_there());
         };
         if status.sensor.is_none() {
+            let why = match status.setup_lost {
+                Some(why) => why.to_string(),
+                None => "no sensor is set up on this board".to_owned(),
+            };
             return Err(Failure::refused(
                 "no_sensor",
-                "no sensor is set up on this board: give --sensor and --calibration",
+                format_args!("{why}: give --sensor and --calibration"),
             ));
         }
         let mut cloud = match &self.output {
