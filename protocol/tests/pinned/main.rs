@@ -16,6 +16,7 @@ mod layout;
 mod samples;
 mod schema_and_serde;
 mod sentences;
+mod table;
 
 use std::fmt::{Debug, Write as _};
 use std::fs;

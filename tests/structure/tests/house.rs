@@ -157,8 +157,6 @@ const WIDE: &[(&str, usize)] = &[
     ("firmware/boards/mps2-an500/src", 14),
     ("firmware/boards/pico/src", 23),
     ("firmware/core/src", 23),
-    ("firmware/core/src/job", 13),
-    ("firmware/core/src/journal", 14),
     ("host/client/src", 15),
     ("host/report/src", 15),
     ("host/scan/src", 19),

@@ -3,7 +3,7 @@
 use umi_protocol::message::Record;
 
 use super::ROOM;
-use crate::journal::chain::CRC32;
+use crate::journal::format::chain::CRC32;
 use crate::journal::{Chain, Flash, Journal, JournalError, ReadEntry};
 use crate::units::Micros;
 

@@ -77,7 +77,7 @@ enum Course {
     GivenUp,
 }
 
-/// What the line is doing. The tag stands alone, so that `Idle` is zero: see `place`.
+/// What the line is doing. The tag stands alone, so that `Idle` is zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum State {

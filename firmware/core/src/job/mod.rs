@@ -12,7 +12,6 @@ mod report;
 mod run;
 mod scatter;
 mod setup;
-pub mod skip;
 mod witness;
 
 use umi_protocol::job::Job;
@@ -25,6 +24,7 @@ pub use check::{
 };
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching};
+pub use witness::skip;
 
 /// Whether the job's limits stand against a setup whose places are `measured`: judged as on the
 /// board, with hits that are taken as exact. Both hold the datum places and behind them those on

@@ -309,13 +309,13 @@ fn centroid(places: &[Point]) -> Vector3<f64> {
     places.iter().map(|p| p.mm).sum::<Vector3<f64>>() / count
 }
 
-/// Tells how much warmer than taught the plate is, and whether that is allowed: then `scaled`
+/// Tells how much warmer than taught the part is, and whether that is allowed: then `scaled`
 /// is the reference as it is when so warm, and the scale's excess over 1 is given.
 ///
 /// One scale, fitted to the distances by least squares. The registration's rotation and its
 /// place at the centroid are the same with it and without it, because the reference is scaled
 /// about its centroid; only the residuals lose what the warmth has put into them. The part has
-/// grown with the plate, so its middle lies that much farther from the centroid: the translation
+/// grown with its balls, so its middle lies that much farther from the centroid: the translation
 /// takes it along, and what a rigid correction leaves is the growth of the part itself.
 fn warmth(
     verdict: &mut Verdict,
@@ -479,7 +479,7 @@ fn pose_reasons(verdict: &mut Verdict, limits: &Limits, pose: &Pose) {
     }
 }
 
-/// Distances between all pairs of datum positions: the plate check. It needs
+/// Distances between all pairs of datum positions. It needs
 /// no registration and sees what a registration averages away.
 fn distances(
     job: &Job,

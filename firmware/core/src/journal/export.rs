@@ -34,11 +34,11 @@
 
 use core::fmt;
 
-use super::chain::Chain;
-use super::entry::{Entry, Found, NoEntry, Source, chain_over, probe};
 use super::error::JournalFault;
-use super::layout::OVERHEAD;
-use super::sector::{put, seal, take, unseal};
+use super::format::chain::Chain;
+use super::format::entry::{Entry, Found, NoEntry, Source, chain_over, probe};
+use super::format::layout::OVERHEAD;
+use super::format::sector::{put, seal, take, unseal};
 
 /// Size of an encoded [`FileHeader`].
 pub const FILE_HEADER_SIZE: usize = 84;

@@ -86,15 +86,12 @@
 //!   sector joins sectors: its driver erases two for one, which may be cut between.
 //! * Erased flash must read 0xFF. Sectors must all have one size.
 
-pub(crate) mod chain;
-mod entry;
 mod error;
 mod export;
 pub(crate) mod flash;
-mod layout;
+pub(crate) mod format;
 mod open;
 mod read;
-pub(crate) mod sector;
 mod walk;
 pub(crate) mod write;
 
@@ -107,23 +104,23 @@ pub(crate) mod mock;
 #[cfg(test)]
 mod tests;
 
-pub use chain::{Chain, TAG_SIZE};
-pub use entry::{Entry, encode_in_place};
 pub use error::{GeometryFault, JournalError, JournalFault};
 pub use export::{
     EntryIter, FILE_HEADER_SIZE, FILE_HEADER_SIZE_1, FILE_VERSION, FileError, FileHeader, GAP_SIZE,
     Gap, decode_file, encode_entry,
 };
 pub use flash::{ERASED, Flash, Geometry};
+pub use format::chain::{Chain, TAG_SIZE};
+pub use format::entry::{Entry, encode_in_place};
 pub use open::Recovery;
 pub use read::{EntryPart, ReadEntry, Verified};
 
 use crate::units::Micros;
 use flash::LARGEST_WRITE;
-use layout::Layout;
-pub use layout::{FIELDS, MAX_PAYLOAD, OVERHEAD};
+use format::layout::Layout;
+pub use format::layout::{FIELDS, MAX_PAYLOAD, OVERHEAD};
+use format::sector::Header;
 use open::{State, is_given_up, recover, set_oldest};
-use sector::Header;
 use walk::{Cursor, Extent};
 use write::Stage;
 

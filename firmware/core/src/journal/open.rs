@@ -1,11 +1,11 @@
 //! Recovery of the record after a power cycle. Nothing is written here, so
 //! that a second power cut during recovery finds what the first one left.
 
-use super::chain::Chain;
 use super::error::JournalError;
 use super::flash::Flash;
-use super::layout::{HEADER_SIZE, Layout};
-use super::sector::{Header, HeaderRead};
+use super::format::chain::Chain;
+use super::format::layout::{HEADER_SIZE, Layout};
+use super::format::sector::{Header, HeaderRead};
 use super::walk::{Cursor, Extent, Step, is_erased, read_header, search};
 
 /// What [`Journal::open`](super::Journal::open) found. Unless it

@@ -1,12 +1,12 @@
 //! Reading the record back, one entry at a time, and proving it.
 
 use super::Journal;
-use super::chain::Chain;
-use super::entry::{Entry, Found};
 use super::error::{JournalError, JournalFault};
 use super::flash::Flash;
-use super::layout::OVERHEAD;
-use super::sector::HeaderRead;
+use super::format::chain::Chain;
+use super::format::entry::{Entry, Found};
+use super::format::layout::OVERHEAD;
+use super::format::sector::HeaderRead;
 use super::walk::{Cursor, Step, read_header};
 use crate::units::Micros;
 

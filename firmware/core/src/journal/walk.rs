@@ -1,12 +1,12 @@
 //! Walking through the entries of a ring of sectors, past everything that a
 //! power cut or a worn cell can leave between them.
 
-use super::chain::Chain;
-use super::entry::{Found, MARKER, announced_len, chain_over, probe};
 use super::error::JournalFault;
 use super::flash::{ERASED, Flash};
-use super::layout::{HEADER_SIZE, Layout, OVERHEAD};
-use super::sector::{Header, HeaderRead};
+use super::format::chain::Chain;
+use super::format::entry::{Found, MARKER, announced_len, chain_over, probe};
+use super::format::layout::{HEADER_SIZE, Layout, OVERHEAD};
+use super::format::sector::{Header, HeaderRead};
 
 /// Which part of the flash holds the record.
 #[derive(Clone, Copy, Debug)]

@@ -43,7 +43,7 @@ use umi_protocol::program::{
     IntegerRule, ProgramInfo, Release, RewriteSpec, Stated, StatedDialect, UnitRule,
 };
 
-use crate::journal::sector::{put, seal, take, unseal};
+use crate::journal::format::sector::{put, seal, take, unseal};
 use crate::journal::{Geometry, GeometryFault};
 
 /// Size of a header.

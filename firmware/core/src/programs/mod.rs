@@ -43,8 +43,8 @@ mod tests;
 use heapless::Vec;
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, ProgramRoom};
 
-use crate::journal::chain::CRC32;
 use crate::journal::flash::LARGEST_WRITE;
+use crate::journal::format::chain::CRC32;
 use crate::journal::write::{Buffer, program_kept};
 use crate::journal::{self, ERASED, Flash, GeometryFault};
 use crate::rewrite::StartModes;

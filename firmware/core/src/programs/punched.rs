@@ -26,7 +26,7 @@ use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, St
 use super::header::DEFAULT_HOLD_S;
 use super::{MAX_PROGRAMS, Program, Store, StoreError, Upload};
 use crate::journal::Flash;
-use crate::journal::chain::CRC32;
+use crate::journal::format::chain::CRC32;
 
 /// The CRC-32 so far.
 #[derive(Clone)]

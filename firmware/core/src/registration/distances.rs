@@ -1,12 +1,12 @@
-//! The plate check: distances between the points of a plate, measured against
-//! nominal. They do not depend on where the plate lies, so they tell a bad
-//! sphere or a bent plate from a moved one.
+//! Distances between the points of a part, measured against nominal. They do not
+//! depend on where the part lies, so they tell a bad sphere or a bent part from a
+//! moved one.
 
 use crate::fit::solve::linalg::norm;
 use crate::fit::{FitError, PointSet};
 use crate::units::{Mm, Point};
 
-/// The distance between two points of a plate, nominal and measured.
+/// The distance between two points of a part, nominal and measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
     /// Index of the first point, from 0.
@@ -27,7 +27,7 @@ impl Distance {
     }
 }
 
-/// All distances of a plate, in the order 0-1, 0-2, …, 1-2, …: n(n-1)/2 of them.
+/// All distances of a part, in the order 0-1, 0-2, …, 1-2, …: n(n-1)/2 of them.
 ///
 /// These are distances in space, unlike the distances in plan of the thesis'
 /// table 5.3.

@@ -510,7 +510,7 @@ impl<F: Flash> Instrument<F> {
     }
 }
 
-/// What becomes of a program, said by who sends it. Plain numbers: see `control::line::place`.
+/// What becomes of a program, said by who sends it. Plain numbers: a value of zeros is valid.
 #[derive(Clone, Copy, Debug)]
 pub struct Sent {
     /// Bytes that went out.

@@ -26,14 +26,16 @@
 //! its hits. A latch belongs to the line that follows it: lines that are printed
 //! later, as blocks are, cannot have a second witness.
 
+pub mod skip;
+
 use umi_protocol::job::{Approach, SkipSpec, WitnessSpec};
 use umi_protocol::latch::LatchReport;
 use umi_protocol::reason::Reason;
 
 use super::exceeds;
 use super::feature::{Hit, Seen};
-use super::skip::{Chatter, SkipLine};
 use crate::dprnt::ReportedHit;
+use skip::{Chatter, SkipLine};
 
 /// Both witnesses of a setup's hits.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! Damage and tampering on the flash: nothing false is read, nothing is lost
 //! without being named, and no number is used twice.
 
-use super::super::sector::HeaderRead;
+use super::super::format::sector::HeaderRead;
 use super::*;
 
 /// Three and a half laps of a small ring.
@@ -218,7 +218,7 @@ fn an_edited_entry_is_named_by_verify_and_marked_when_read() {
     let len = content(seq).2.len() + OVERHEAD;
     let (mut journal, _) = tamper(journal, |cells| {
         cells[at + 1] ^= 1;
-        let crc = chain::CRC32.checksum(&cells[at..at + len - 4]);
+        let crc = crate::journal::format::chain::CRC32.checksum(&cells[at..at + len - 4]);
         cells[at + len - 4..at + len].copy_from_slice(&crc.to_le_bytes());
     });
     let fault = JournalFault::ChainBroken { seq };

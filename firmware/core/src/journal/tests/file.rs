@@ -67,7 +67,9 @@ fn read(file: &[u8]) -> (u64, Option<JournalFault>) {
 /// Makes the CRC of the entry in `bytes` right again, as a careful forger would.
 fn fix_crc(bytes: &mut [u8]) {
     let (content, crc) = bytes.split_last_chunk_mut::<4>().unwrap();
-    *crc = chain::CRC32.checksum(content).to_le_bytes();
+    *crc = crate::journal::format::chain::CRC32
+        .checksum(content)
+        .to_le_bytes();
 }
 
 #[test]

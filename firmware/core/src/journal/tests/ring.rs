@@ -298,7 +298,7 @@ fn a_journal_of_another_shape_or_version_is_named_and_left_alone() {
     let mut newer = MockFlash::new(GEOMETRY);
     newer.data[..64].copy_from_slice(&data[..64]);
     newer.data[4] = 2;
-    let crc = chain::CRC32.checksum(&newer.data[..60]);
+    let crc = crate::journal::format::chain::CRC32.checksum(&newer.data[..60]);
     newer.data[60..64].copy_from_slice(&crc.to_le_bytes());
     assert_eq!(
         Journal::open(newer).unwrap_err(),

@@ -1,8 +1,8 @@
 //! Layout of a journal: sizes, and addresses on its flash.
 
 use super::chain::TAG_SIZE;
-use super::error::GeometryFault;
-use super::flash::{Geometry, LARGEST_WRITE};
+use crate::journal::error::GeometryFault;
+use crate::journal::flash::{Geometry, LARGEST_WRITE};
 
 /// Longest payload that is written, in bytes: that of the longest record, and what stands before
 /// it in the ring of evidence (`archive`).
@@ -15,7 +15,7 @@ pub const OVERHEAD: usize = FIELDS + TAG_SIZE + 4;
 pub const FIELDS: usize = 20;
 
 /// Size of an encoded header.
-pub(super) const HEADER_SIZE: usize = 64;
+pub(in crate::journal) const HEADER_SIZE: usize = 64;
 
 /// Far above any board, and no sum of addresses overflows.
 const LARGEST_REGION: u64 = 1 << 31;
@@ -25,7 +25,7 @@ const LEAST_PAYLOAD: u32 = 64;
 
 /// Where things are: derived once from the geometry, which it has checked.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(in crate::journal) struct Layout {
     pub sectors: u32,
     pub sector_size: u32,
     /// Every entry starts at a multiple of this.

@@ -22,7 +22,7 @@ impl Chain {
     pub const GENESIS: Self = Self([0; 32]);
 
     /// The part that an entry carries: the first [`TAG_SIZE`] bytes.
-    pub(super) fn tag(&self) -> [u8; TAG_SIZE] {
+    pub(in crate::journal) fn tag(&self) -> [u8; TAG_SIZE] {
         let Some(tag) = self.0.first_chunk() else {
             return [0; TAG_SIZE];
         };
@@ -47,7 +47,7 @@ impl fmt::Debug for Chain {
 }
 
 /// One link of the chain, fed in pieces.
-pub(super) struct Link(Sha256);
+pub(in crate::journal) struct Link(Sha256);
 
 impl Link {
     pub fn after(previous: &Chain) -> Self {

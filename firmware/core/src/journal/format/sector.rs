@@ -21,13 +21,13 @@ use super::chain::{CRC32, Chain};
 use super::layout::{HEADER_SIZE, Layout};
 
 /// Version of everything on flash and in files that this code writes.
-pub(super) const VERSION: u8 = 1;
+pub(in crate::journal) const VERSION: u8 = 1;
 
 const MAGIC: [u8; 4] = *b"UMJS";
 
 /// What a sector says of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Header {
+pub(in crate::journal) struct Header {
     pub generation: u64,
     pub first_seq: u64,
     pub chain: Chain,
@@ -35,7 +35,7 @@ pub(super) struct Header {
 
 /// What is found where a header should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum HeaderRead {
+pub(in crate::journal) enum HeaderRead {
     Valid(Header),
     /// A sound header of another format version.
     OtherVersion(u8),

@@ -17,8 +17,8 @@
 //! is last, so an entry that was cut fails it.
 
 use super::chain::{CRC32, Chain, Link, TAG_SIZE};
-use super::flash::Flash;
 use super::layout::{FIELDS, MAX_PAYLOAD, OVERHEAD};
+use crate::journal::flash::Flash;
 use crate::units::Micros;
 
 /// Longest payload of the format, in bytes. It does not follow the records, so
@@ -28,7 +28,7 @@ const LONGEST: u16 = 8192;
 const _: () = assert!(MAX_PAYLOAD <= LONGEST as usize);
 
 /// First byte of every entry.
-pub(super) const MARKER: u8 = 0xA5;
+pub(in crate::journal) const MARKER: u8 = 0xA5;
 
 /// One record of the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub struct Entry<'a> {
 impl Entry<'_> {
     /// Gives the encoded entry to `sink` in pieces, in order; returns the chain
     /// value that includes it. The caller has checked the payload's length.
-    pub(super) fn emit<E>(
+    pub(in crate::journal) fn emit<E>(
         &self,
         previous: &Chain,
         mut sink: impl FnMut(&[u8]) -> Result<(), E>,
@@ -106,7 +106,7 @@ pub fn encode_in_place(
 
 /// What stands before the payload.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fields {
+pub(in crate::journal) struct Fields {
     pub kind: u8,
     pub len: u16,
     pub seq: u64,
@@ -161,14 +161,14 @@ impl Fields {
 
 /// Payload length that the first four bytes of an entry announce, if an entry
 /// can start like that.
-pub(super) fn announced_len([marker, _, l0, l1]: [u8; 4]) -> Option<u16> {
+pub(in crate::journal) fn announced_len([marker, _, l0, l1]: [u8; 4]) -> Option<u16> {
     let len = u16::from_le_bytes([l0, l1]);
     (marker == MARKER && len <= LONGEST).then_some(len)
 }
 
 /// An entry whose CRC is right, at an address of its source.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
+pub(in crate::journal) struct Found {
     pub addr: u32,
     pub fields: Fields,
     tag: [u8; TAG_SIZE],
@@ -187,7 +187,7 @@ impl Found {
 }
 
 /// Where entries are read from: a flash or a slice.
-pub(super) trait Source {
+pub(in crate::journal) trait Source {
     type Error;
     fn fetch(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Self::Error>;
 }
@@ -202,7 +202,7 @@ impl<F: Flash> Source for F {
 
 /// Why there is no entry at an address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum NoEntry {
+pub(in crate::journal) enum NoEntry {
     /// The source ends before the entry would.
     CutShort,
     /// The marker, the length or the CRC is wrong.
@@ -210,7 +210,7 @@ pub(super) enum NoEntry {
 }
 
 /// Looks for an entry at `addr`, ending at or before `limit`. Reads it once.
-pub(super) fn probe<S: Source>(
+pub(in crate::journal) fn probe<S: Source>(
     source: &mut S,
     addr: u32,
     limit: u32,
@@ -245,7 +245,7 @@ pub(super) fn probe<S: Source>(
 
 /// The chain value that includes `found` when `previous` is the one before it,
 /// or nothing if the entry does not follow that value. Reads the entry once more.
-pub(super) fn chain_over<S: Source>(
+pub(in crate::journal) fn chain_over<S: Source>(
     source: &mut S,
     found: &Found,
     previous: &Chain,
@@ -258,7 +258,7 @@ pub(super) fn chain_over<S: Source>(
 }
 
 /// Reads `len` bytes in pieces of 64, so that no entry-sized buffer is needed.
-pub(super) fn each_piece<S: Source>(
+pub(in crate::journal) fn each_piece<S: Source>(
     source: &mut S,
     mut addr: u32,
     mut len: u32,
