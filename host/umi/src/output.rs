@@ -66,6 +66,20 @@ impl Force {
     }
 }
 
+/// Refuses standard output as a file's name, where a command's answer goes there.
+///
+/// # Errors
+/// `file`.
+pub(crate) fn no_stream(output: &Path) -> Result<(), Failure> {
+    if output == Path::new("-") {
+        return Err(Failure::trouble(
+            "file",
+            "- is no file's name here: standard output has this command's answer. Name a file",
+        ));
+    }
+    Ok(())
+}
+
 /// Refuses two outputs of a command that are one file.
 ///
 /// # Errors

@@ -101,6 +101,9 @@ pub struct ReachedPose {
     pub singular: bool,
 }
 
+/// Beam and line of a table are unit vectors at a right angle by this: six decimals.
+pub(super) const UNIT: f64 = 2e-6;
+
 /// Steps in which an axis is held that is free, where it cannot stand at zero.
 const HELD_STEP_DEG: f64 = 0.5;
 

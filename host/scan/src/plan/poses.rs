@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::machine::{PlanMachine, ReachFault};
+use super::machine::{PlanMachine, ReachFault, UNIT};
 use crate::ScanError;
 use crate::format::table::TableReader;
 
@@ -64,7 +64,7 @@ pub fn forward<R: BufRead>(
 /// Poses (`ox_mm,oy_mm,oz_mm,bx,by,bz[,lx,ly,lz]`) to all axis values.
 ///
 /// # Errors
-/// A column is missing, a cell is no finite number, beam and line are no directions at a right angle (`bad_pose`).
+/// A column is missing, a cell is no finite number, beam and line are no unit vectors at a right angle (`bad_pose`).
 pub fn inverse<R: BufRead>(
     machine: &PlanMachine,
     mut table: TableReader<R>,
@@ -98,10 +98,12 @@ pub fn inverse<R: BufRead>(
             |what: &str| ScanError::refused("bad_pose", format_args!("Pose {number}: {what}"));
         let direction = |v: Vector3<f64>, what: &str| {
             let length = v.norm();
-            if length.is_finite() && length > 1e-6 {
+            if (length - 1.0).abs() <= UNIT {
                 Ok(v / length)
             } else {
-                Err(bad(&format!("the {what} has no direction")))
+                Err(bad(&format!(
+                    "the {what} is {length:.9} long; a unit vector is needed."
+                )))
             }
         };
         let at = vector(origin)?;
@@ -109,8 +111,8 @@ pub fn inverse<R: BufRead>(
         let line = match line {
             Some(columns) => {
                 let line = direction(vector(columns)?, "line")?;
-                if line.dot(&beam).abs() > 1e-6 {
-                    return Err(bad("beam and line are not at a right angle"));
+                if line.dot(&beam).abs() > UNIT {
+                    return Err(bad("beam and line are not at a right angle."));
                 }
                 Some((line - beam * beam.dot(&line)).normalize())
             }

@@ -6,12 +6,12 @@ use serde::Serialize;
 
 use super::drive::realise::Pass;
 use super::drive::touch::Scenery;
-use super::machine::SensorPose;
+use super::machine::{SensorPose, UNIT};
 use super::mesh::PartMesh;
 use super::planner::result::PathRow;
-use super::proof::figures::{JudgedOverlap, judged_overlap, stand};
+use super::proof::figures::{JudgedOverlap, OverlapPoints, stand};
 use super::proof::samples::{sample_count, samples};
-use super::proof::see::see;
+use super::proof::see::{SampleSights, see};
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::format::table::TableReader;
@@ -67,8 +67,46 @@ pub struct PathFindings {
     pub collisions: usize,
 }
 
-/// Beam and line are unit vectors at a right angle by this: six decimals.
-const UNIT: f64 = 2e-6;
+/// Pose and axes of a row are the same place by this.
+const SAME_MM: f64 = 1e-6;
+/// The same for beam and line.
+const SAME_RAD: f64 = 1e-8;
+
+/// By how much a row's pose differs from that of its axes: at the origin, in mm, and of beam and line.
+fn off_its_axes(spec: &ScanSpec, row: &PathRow) -> [f64; 2] {
+    let pose = spec.machine.forward(&row.axes);
+    let turned = (pose.beam - row.pose.beam)
+        .amax()
+        .max((pose.line - row.pose.line).amax());
+    [(pose.origin_mm - row.pose.origin_mm).amax(), turned]
+}
+
+impl PathFindings {
+    /// Do poses and axes contradict each other?
+    fn differs(&self) -> bool {
+        self.kinematics_mm > SAME_MM || self.kinematics_rad > SAME_RAD
+    }
+}
+
+/// Refuses a path whose poses are not those of its axes: what is driven would not be what was looked at.
+///
+/// # Errors
+/// `bad_path`, with the first such row.
+pub fn same_place(spec: &ScanSpec, rows: &[PathRow]) -> Result<(), ScanError> {
+    for (number, row) in rows.iter().enumerate() {
+        let [mm, rad] = off_its_axes(spec, row);
+        if mm > SAME_MM || rad > SAME_RAD {
+            return Err(ScanError::refused(
+                "bad_path",
+                format_args!(
+                    "Row {}: the pose differs from that of its axes by {mm:.6} mm and {rad:.2e} rad. The path was made for another specification, or columns were changed: plan it again.",
+                    number + 1
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
 
 /// The largest number of a pass.
 const MOST_PASSES: f64 = 1e6;
@@ -188,10 +226,24 @@ pub fn verify(
     let mut meshes = vec![&part.surface];
     meshes.extend(obstacles);
     let scenery = &Scenery::new(spec, meshes);
+    let count = sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
+    let points = samples(part, count);
     let passes = passes_of(rows);
     let all: Vec<&Pass> = passes.iter().collect();
-    let count = sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
-    let seen = see(&spec.sensor, scenery, &samples(part, count), &all);
+    let seen = see(&spec.sensor, scenery, &points, &all);
+    findings(part, scenery, spec, rows, &seen)
+}
+
+/// The same of a path of which it is known what it sees: [`sample_count`] points or more.
+pub(super) fn findings(
+    part: &PartMesh,
+    scenery: &Scenery<'_>,
+    spec: &ScanSpec,
+    rows: &[PathRow],
+    seen: &SampleSights,
+) -> PathFindings {
+    let passes = passes_of(rows);
+    let all: Vec<&Pass> = passes.iter().collect();
     let stand = stand(spec, scenery, &all);
     let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;
     let mut found = PathFindings {
@@ -209,7 +261,7 @@ pub fn verify(
         stand_off_max_mm: stand.stand_off_max_mm,
         tilt_max_deg: stand.tilt_max_deg,
         off_part: stand.off_part,
-        overlap: judged_overlap(spec, scenery, part, &all),
+        overlap: OverlapPoints::new(part).judge(spec, scenery, &all),
         kinematics_mm: 0.0,
         kinematics_rad: 0.0,
         max_step_mm: 0.0,
@@ -218,14 +270,9 @@ pub fn verify(
     };
     let mut beyond = 0;
     for (k, row) in rows.iter().enumerate() {
-        let pose = spec.machine.forward(&row.axes);
-        found.kinematics_mm = found
-            .kinematics_mm
-            .max((pose.origin_mm - row.pose.origin_mm).amax());
-        let turned = (pose.beam - row.pose.beam)
-            .amax()
-            .max((pose.line - row.pose.line).amax());
-        found.kinematics_rad = found.kinematics_rad.max(turned);
+        let [mm, rad] = off_its_axes(spec, row);
+        found.kinematics_mm = found.kinematics_mm.max(mm);
+        found.kinematics_rad = found.kinematics_rad.max(rad);
         beyond += usize::from(!spec.machine.within_limits(&row.axes));
         let Some(next) = rows.get(k + 1) else {
             continue;
@@ -258,7 +305,7 @@ fn faults(spec: &ScanSpec, f: &PathFindings, beyond: usize) -> Vec<PathFault> {
         }
     };
     need(
-        f.kinematics_mm <= 1e-6 && f.kinematics_rad <= 1e-8,
+        !f.differs(),
         "kinematics",
         format!(
             "Pose and axes differ by {:.2e} mm and {:.2e} rad.",

@@ -24,6 +24,17 @@ pub struct Obstructed {
     pub axis_limit: Vec<Vector3<f64>>,
     /// The box would touch.
     pub collision: Vec<Vector3<f64>>,
+    /// Breaks of courses, where the axes would have to turn too far in a step.
+    pub breaks: usize,
+}
+
+impl Obstructed {
+    /// Adds what stands in another's way.
+    pub fn add(&mut self, other: Obstructed) {
+        self.axis_limit.extend(other.axis_limit);
+        self.collision.extend(other.collision);
+        self.breaks += other.breaks;
+    }
 }
 
 /// What is needed at every run.

@@ -1,15 +1,16 @@
 //! The passes of a chart: directions are ranked by the way they would take, the best ones are driven and seen, the least
 //! costly is kept.
 
+use super::super::course::LaserRun;
 use super::super::course::along_line::line_fields;
 use super::super::course::field::{HeightField, Spacing, fields};
 use super::super::course::level::{LinePoint, lines};
 use super::super::course::run::{RunEnds, run};
-use super::super::drive::axes::Stance;
+use super::super::drive::axes::{Stance, angle_deg};
 use super::super::drive::order::idle_s;
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
-use super::super::proof::figures::{overlap, overlap_resolution};
+use super::super::proof::figures::{OverlapPoints, overlap, overlap_resolution};
 use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::{Eye, SightDepth};
 use super::Workshop;
@@ -31,8 +32,17 @@ const BEYOND_WEIGHT: f64 = 12.0;
 /// its mesh.)
 const HASTE_MM_PER_S: f64 = 0.5;
 
+/// What strips that overlap too little cost, of their way, by the few points that coverage needs.
+const MAYBE_SHORT_WEIGHT: f64 = 0.1;
+
+/// The same by the points that a finished path is judged by: less than what goes unseen, more than any way.
+const SHORT_WEIGHT: f64 = 4.0;
+
 /// Share of the line that is counted on at the outer ends of the first and last pass.
 const EDGE_SHARE: f64 = 0.97;
+
+/// How often a course that breaks is followed again with closer points.
+const FINER_RUNS: usize = 3;
 
 /// Normals and directions are smoothed over this share of the line to either side.
 const SMOOTH_SHARE: f64 = 0.3;
@@ -80,10 +90,12 @@ pub fn chart_passes(
     let beyond = reach.beyond(chart);
     // Where the axes reach a part of the chart only, lengths of courses say little: all are driven.
     let cut = beyond.len() * 20 > chart.faces.len();
+    let faces = || chart.faces.iter().copied().collect();
+    let judge = shop.overlap_points.as_ref().map(|all| all.on(&faces()));
     let tried = match chart.faces.len() {
         40_000.. => TRIED / 4,
         10_000.. => TRIED / 2,
-        ..5_000 if cut => ranked.len(),
+        ..5_000 if cut || judge.is_some() => ranked.len(),
         _ => TRIED,
     };
     let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, samples);
@@ -94,7 +106,7 @@ pub fn chart_passes(
         if !cut && best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
             break;
         }
-        let found = driven(shop, chart, field, share, &eye, per_sample)?;
+        let found = driven(shop, chart, field, share, &eye, judge.as_ref(), per_sample)?;
         // The cheaper estimate wins a draw.
         if best.as_ref().is_none_or(|b| found.cost < b.cost) {
             best = Some(found);
@@ -105,8 +117,7 @@ pub fn chart_passes(
     };
     let unreached = samples.iter().filter(|s| beyond.contains(&s.face));
     obstructed.axis_limit.extend(unreached.map(|s| s.at));
-    obstructed.axis_limit.extend(best.hindered.axis_limit);
-    obstructed.collision.extend(best.hindered.collision);
+    obstructed.add(best.hindered);
     Ok(best.passes)
 }
 
@@ -124,6 +135,7 @@ fn driven(
     field: &HeightField,
     share: &[f64],
     eye: &Eye<'_>,
+    judge: Option<&OverlapPoints>,
     per_sample: f64,
 ) -> Result<Driven, ScanError> {
     let line_mm = shop.spec.sensor.line_mm;
@@ -153,21 +165,31 @@ fn driven(
         shop.deadline.check()?;
         for (more, by) in found {
             passes.extend(more);
-            hindered.axis_limit.extend(by.axis_limit);
-            hindered.collision.extend(by.collision);
+            hindered.add(by);
         }
         let all: Vec<&Pass> = passes.iter().collect();
         let seen = eye.see(&all, SightDepth::Range, threads);
         let unseen = seen.sights.iter().filter(|s| s.is_empty()).count() as f64 * per_sample;
         let length: f64 = passes.iter().map(|p| p.length_mm(shop.spec)).sum();
-        let short = overlap(shop.spec, &all, &seen)
-            .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample));
+        let (short, weight) = match judge {
+            Some(points) => (
+                points
+                    .judge(shop.spec, &shop.realiser.scenery, &all)
+                    .is_some_and(|o| !o.holds()),
+                SHORT_WEIGHT,
+            ),
+            None => (
+                overlap(shop.spec, &all, &seen)
+                    .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample)),
+                MAYBE_SHORT_WEIGHT,
+            ),
+        };
         let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * seen.sights.len() as f64 * per_sample;
         let beyond = (unseen - may).max(0.0);
         let cost = length
             + HASTE_MM_PER_S * idle_s(shop.spec, &all, shop.deadline)
             + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / line_mm
-            + if short { 0.1 * length } else { 0.0 };
+            + if short { weight * length } else { 0.0 };
         if best.as_ref().is_none_or(|b| cost < b.cost) {
             best = Some(Driven {
                 cost,
@@ -197,7 +219,9 @@ fn spacing(shop: &Workshop<'_>, tighter: f64) -> Spacing {
     Spacing {
         width_mm: line * EDGE_SHARE,
         // A hundredth more than wanted, for what facets and smoothing take.
-        pitch_mm: line * (1.0 - shop.spec.plan.overlap - 0.01).max(0.02) * tighter,
+        pitch_mm: line
+            * (1.0 - shop.spec.plan.overlap - shop.overlap_spare - 0.01).max(0.02)
+            * tighter,
     }
 }
 
@@ -218,22 +242,33 @@ pub fn line_passes(
     };
     let follow = |points: &[_]| shop.realiser.driver.follow(points, Stance::default());
     let mut driven = follow(&best.points);
-    for _ in 0..3 {
+    for _ in 0..FINER_RUNS {
         if driven.1.breaks == 0 || best.points.len() > 10_000 {
             break;
         }
-        step /= 2.0;
+        // As much shorter as the normals turn too far from point to point; half as long at least.
+        let turn = sharpest_turn_deg(&best) / shop.spec.plan.max_turn_deg;
+        step /= (1.25 * turn).clamp(2.0, 32.0);
         let Some(finer) = run(line, step, smooth, ends) else {
             break;
         };
         let closer = follow(&finer.points);
-        if closer.1.breaks >= driven.1.breaks {
+        if turn <= 1.0 && closer.1.breaks >= driven.1.breaks {
             // The axes jump there however close the points are.
             break;
         }
         (best, driven) = (finer, closer);
     }
+    obstructed.breaks += driven.1.breaks;
     shop.realiser.passes(&best, driven, obstructed)
+}
+
+/// The largest angle between the normals of neighbouring points.
+fn sharpest_turn_deg(run: &LaserRun) -> f64 {
+    let turns = run.points.windows(2);
+    turns
+        .map(|w| angle_deg(&w[0].normal, &w[1].normal))
+        .fold(0.0, f64::max)
 }
 
 /// Length of all level lines on the surface, where it is reached; `levels` rise.

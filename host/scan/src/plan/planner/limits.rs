@@ -7,7 +7,7 @@
 use super::super::drive::deadline::Deadline;
 use super::super::spec::ScanSpec;
 use super::PlanOptions;
-use super::result::ScanPlan;
+use super::result::{COVERAGE_UNREACHABLE, OVERLAP_UNREACHABLE, ScanPlan};
 use crate::ScanError;
 
 /// The longest step, of the line's length.
@@ -28,7 +28,11 @@ const GAIN: f64 = 0.005;
 /// Steps and turns, as shares of those that are begun with.
 const FINER: [[f64; 2]; 3] = [[0.5, 1.0], [0.5, 0.5], [0.25, 0.5]];
 
-/// The best of the plans that `plan` makes of a specification with its own and with tighter limits.
+/// Where strips overlap too little, every direction is judged by its overlap; passes lie closer by these shares of the line.
+const CARES: [f64; 3] = [0.0, 0.03, 0.1];
+
+/// The best of the plans that `plan` makes of a specification with its own and with tighter limits, and with care for the
+/// overlap where it is too little.
 ///
 /// # Errors
 /// Those of the plan that sees the most, where none is one.
@@ -37,19 +41,31 @@ pub(super) fn best(
     triangles: usize,
     options: PlanOptions,
     deadline: Deadline,
-    plan: impl Fn(&ScanSpec) -> Result<ScanPlan, ScanError>,
+    plan: impl Fn(&ScanSpec, Option<f64>) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
     let step = spec.plan.max_step_mm.min(STEP_SHARE * spec.sensor.line_mm);
     let turn = spec.plan.max_turn_deg.min(TURN_DEG);
-    let with = |[steps, turns]: [f64; 2]| {
+    let with = |[steps, turns]: [f64; 2], care: Option<f64>| {
         let mut inner = spec.clone();
         // No finer than a specification may say.
         inner.plan.max_step_mm = (step * steps).max(0.01_f64.min(step));
         inner.plan.max_turn_deg = (turn * turns).max(0.01_f64.min(turn));
-        plan(&inner)
+        plan(&inner, care)
     };
-    let begun = std::time::Instant::now();
-    let mut best = with([1.0, 1.0]);
+    let mut begun = std::time::Instant::now();
+    let mut best = with([1.0, 1.0], None);
+    let mut care = None;
+    for spare in CARES {
+        // Judging takes its time.
+        if overlaps(&best) || !deadline.lasts(begun.elapsed() * 4) {
+            break;
+        }
+        begun = std::time::Instant::now();
+        let found = with([1.0, 1.0], Some(spare));
+        if better(spec, &found, &best) {
+            (best, care) = (found, Some(spare));
+        }
+    }
     if !worth_another(spec, options, &best) || (best.is_ok() && triangles > MOST_TRIANGLES) {
         return best;
     }
@@ -59,7 +75,7 @@ pub(super) fn best(
         if !deadline.lasts(took * 4) {
             break;
         }
-        let found = with(finer);
+        let found = with(finer, care);
         let gained = better(spec, &found, &best);
         if gained {
             best = found;
@@ -69,6 +85,14 @@ pub(super) fn best(
         }
     }
     best
+}
+
+/// Is nothing known of strips that overlap too little?
+fn overlaps(found: &Result<ScanPlan, ScanError>) -> bool {
+    match found {
+        Ok(plan) => holds(plan),
+        Err(error) => error.code != OVERLAP_UNREACHABLE,
+    }
 }
 
 /// Is a plan refused for what finer steps may mend, or long?
@@ -90,9 +114,13 @@ fn worth_another(
         }
         Err(error) => matches!(
             error.code,
-            "coverage_unreachable" | "axis_limit" | "plan_unproved"
+            COVERAGE_UNREACHABLE | OVERLAP_UNREACHABLE | "axis_limit" | "plan_unproved"
         ),
     }
+}
+
+fn holds(plan: &ScanPlan) -> bool {
+    plan.figures.overlap.is_none_or(|o| o.holds())
 }
 
 /// Does one plan see enough where the other does not, or see more, or as much in less way?
@@ -113,6 +141,12 @@ fn better(
     match (one, other) {
         (Ok(one), Ok(other)) => {
             let (a, b) = (&one.figures, &other.figures);
+            let [overlapping, before] = [one, other].map(holds);
+            if overlapping != before
+                && (a.coverage.min(b.coverage) >= wanted || a.coverage >= b.coverage - GAIN)
+            {
+                return overlapping;
+            }
             if a.coverage.min(b.coverage) < wanted {
                 return a.coverage.min(wanted) > b.coverage.min(wanted) + GAIN
                     || (a.coverage >= b.coverage

@@ -28,6 +28,7 @@ use super::drive::realise::{Obstructed, Pass, Realiser, shortest_mm};
 use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
+use super::proof::figures::OverlapPoints;
 use super::proof::samples::{SamplePoint, sample_count, samples};
 use super::proof::see::Eye;
 use super::spec::ScanSpec;
@@ -60,6 +61,10 @@ pub struct Workshop<'a> {
     pub realiser: Realiser<'a>,
     /// When to end.
     pub deadline: Deadline,
+    /// Where a plan of least way overlaps too little: every step of the next is judged by these.
+    pub overlap_points: Option<OverlapPoints>,
+    /// Passes lie closer than the overlap needs by this share of the line.
+    pub overlap_spare: f64,
 }
 
 impl Workshop<'_> {
@@ -92,7 +97,8 @@ const ALL: f64 = 0.999;
 /// Plans a path and proves it.
 ///
 /// # Errors
-/// `coverage_unreachable` or `axis_limit` where too little can be seen, `time_limit`, `plan_unproved` where the finished
+/// `coverage_unreachable` or `axis_limit` where too little can be seen, `overlap_unreachable` where neighbouring strips
+/// overlap too little, `time_limit`, `plan_unproved` where the finished
 /// path does not keep what it should.
 pub fn plan(
     part: &PartMesh,
@@ -107,7 +113,7 @@ pub fn plan(
     // Where hardly anything may go unseen, small gaps count.
     let closer = if spec.plan.min_coverage > ALL { 4 } else { 1 };
     let points = closer * sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
-    limits::best(spec, part.faces.len(), options, deadline, |inner| {
+    limits::best(spec, part.faces.len(), options, deadline, |inner, care| {
         let mut meshes = vec![&part.surface];
         meshes.extend(obstacles);
         let shop = Workshop {
@@ -121,6 +127,8 @@ pub fn plan(
                 shortest_mm: shortest_mm(&part.surface),
             },
             deadline,
+            overlap_points: care.map(|_| OverlapPoints::new(part)),
+            overlap_spare: care.unwrap_or(0.0),
         };
         planned(&shop, &charts, options)
     })

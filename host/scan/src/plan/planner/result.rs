@@ -4,14 +4,15 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use super::super::drive::price::{RAPID_MM_PER_S, seconds};
+use super::super::drive::price::{RAPID_MM_PER_S, TURN_DEG_PER_S, seconds};
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::map::flatten::MapQuality;
-use super::super::proof::figures::{JudgedOverlap, judged_overlap, stand};
-use super::super::proof::samples::SamplePoint;
+use super::super::proof::figures::JudgedOverlap;
+use super::super::proof::samples::{SamplePoint, sample_count, samples};
 use super::super::proof::see::see;
 use super::super::spec::ScanSpec;
+use super::super::verify::findings;
 use super::unseen::{Uncovered, reasons};
 use super::{PlanOptions, Workshop};
 use crate::ScanError;
@@ -44,8 +45,10 @@ pub struct PlanFigures {
     pub scan_length_mm: f64,
     /// The same over all rows.
     pub path_length_mm: f64,
-    /// Time at the feed told, with rapid 100 mm/s and 30 degrees/s for links and turning.
+    /// Time at the speeds of `duration_at`.
     pub duration_s: f64,
+    /// What the time is reckoned with.
+    pub duration_at: Speeds,
     /// Largest difference of the middle ray from the reference distance.
     pub stand_off_max_mm: f64,
     /// Largest angle of the middle ray against the facet it meets.
@@ -60,6 +63,17 @@ pub struct PlanFigures {
     pub uncovered: Vec<Uncovered>,
     /// What a user should know.
     pub warnings: Vec<String>,
+}
+
+/// Speeds that a path's time is reckoned with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Speeds {
+    /// With the laser on, on the part.
+    pub feed_mm_per_min: f64,
+    /// X, Y, Z together, on links and wherever they would be faster than this.
+    pub rapid_mm_per_s: f64,
+    /// Each rotary axis.
+    pub turn_deg_per_s: f64,
 }
 
 /// A proved plan.
@@ -79,6 +93,15 @@ pub struct ScanPlan {
 
 /// A triangle of a map, and its scale.
 pub type FlatTriangle = ([[f64; 2]; 3], f64);
+
+/// Less of the part can be seen than is wanted.
+pub(super) const COVERAGE_UNREACHABLE: &str = "coverage_unreachable";
+
+/// Neighbouring strips overlap less than is wanted.
+pub(super) const OVERLAP_UNREACHABLE: &str = "overlap_unreachable";
+
+/// The fault of a path whose strips overlap too little.
+const OVERLAP: &str = "overlap";
 
 /// The clearance is told up to this.
 const MOST_CLEARANCE_MM: f64 = 100.0;
@@ -100,14 +123,23 @@ pub fn proved(
     let all: Vec<&Pass> = passes.iter().collect();
     let scenery = &shop.realiser.scenery;
     let seen = see(&spec.sensor, scenery, &shop.samples, &all);
-    let coverage = seen.share();
     let uncovered = reasons(shop, &seen, obstructed);
     let wanted = spec.plan.min_coverage;
-    if rows.is_empty() || (coverage < wanted && !options.allow_partial) {
-        return Err(unreachable(coverage, wanted, rows.is_empty(), &uncovered));
+    if rows.is_empty() {
+        return Err(unreachable(shop, 0.0, &uncovered, obstructed, options));
     }
-    let stand = stand(spec, scenery, &all);
-    check(shop, &rows, &stand)?;
+    // The same look as `umi scan verify` takes, at the same points.
+    let count = sample_count(shop.part.surface.area_mm2(), spec.sensor.line_mm);
+    let found = if shop.samples.len() == count {
+        findings(shop.part, scenery, spec, &rows, &seen)
+    } else {
+        let same = see(&spec.sensor, scenery, &samples(shop.part, count), &all);
+        findings(shop.part, scenery, spec, &rows, &same)
+    };
+    let coverage = seen.share().min(found.coverage);
+    if coverage < wanted && !options.allow_partial {
+        return Err(unreachable(shop, coverage, &uncovered, obstructed, options));
+    }
     let mut warnings = Vec::new();
     if shop.part.dropped > 0 {
         warnings.push(format!(
@@ -115,14 +147,14 @@ pub fn proved(
             shop.part.dropped
         ));
     }
-    let overlap = judged_overlap(spec, scenery, shop.part, &all);
-    if let Some(o) = overlap
-        && !o.holds()
-    {
-        warnings.push(format!(
-            "A tenth of the strips overlap by {:.3} of the line or less; {} was wanted.",
-            o.tenth, spec.plan.overlap
-        ));
+    for fault in &found.faults {
+        match fault.fault {
+            // Told below.
+            "coverage" => {}
+            OVERLAP if options.allow_partial => warnings.push(fault.message.clone()),
+            OVERLAP => return Err(too_little_overlap(&fault.message, coverage)),
+            _ => return Err(unproved(&fault.message)),
+        }
     }
     if coverage < wanted {
         warnings.push(format!(
@@ -139,9 +171,14 @@ pub fn proved(
         scan_length_mm: passes.iter().map(|p| p.length_mm(spec)).sum(),
         path_length_mm: 0.0,
         duration_s: 0.0,
-        stand_off_max_mm: stand.stand_off_max_mm,
-        tilt_max_deg: stand.tilt_max_deg,
-        overlap,
+        duration_at: Speeds {
+            feed_mm_per_min: options.feed_mm_per_min,
+            rapid_mm_per_s: RAPID_MM_PER_S,
+            turn_deg_per_s: TURN_DEG_PER_S,
+        },
+        stand_off_max_mm: found.stand_off_max_mm,
+        tilt_max_deg: found.tilt_max_deg,
+        overlap: found.overlap,
         clearance_mm: MOST_CLEARANCE_MM,
         map,
         uncovered,
@@ -161,8 +198,8 @@ pub fn proved(
             scenery.clearance(&spec.machine, &a.axes, &b.axes, figures.clearance_mm);
     }
     if figures.clearance_mm < spec.plan.clearance_mm {
-        return Err(unproved(format!(
-            "the sensor's box comes as near as {:.3} mm",
+        return Err(unproved(&format!(
+            "The sensor's box comes as near as {:.3} mm.",
             figures.clearance_mm
         )));
     }
@@ -176,7 +213,14 @@ pub fn proved(
     })
 }
 
-fn unreachable(coverage: f64, wanted: f64, nothing: bool, uncovered: &[Uncovered]) -> ScanError {
+fn unreachable(
+    shop: &Workshop<'_>,
+    coverage: f64,
+    uncovered: &[Uncovered],
+    obstructed: &Obstructed,
+    options: PlanOptions,
+) -> ScanError {
+    let plan = &shop.spec.plan;
     let mut why = String::new();
     for u in uncovered {
         // Writing to a string cannot fail.
@@ -188,81 +232,62 @@ fn unreachable(coverage: f64, wanted: f64, nothing: bool, uncovered: &[Uncovered
             u.area_mm2
         );
     }
-    let limits = nothing && uncovered.iter().all(|u| u.reason == "axis_limit");
+    let limits = coverage == 0.0 && uncovered.iter().all(|u| u.reason == "axis_limit");
     let code = if limits {
         "axis_limit"
     } else {
-        "coverage_unreachable"
+        COVERAGE_UNREACHABLE
     };
     ScanError::refused(
         code,
         format_args!(
-            "{:.1} % of the area can be seen, {:.1} % are wanted. Not seen: {why}. Allow more tilt, stand the part otherwise, or take --allow-partial.",
+            "{:.1} % of the area can be seen, {:.1} % are wanted. Not seen: {why}.{}",
             coverage * 100.0,
-            wanted * 100.0
+            plan.min_coverage * 100.0,
+            advice(obstructed.breaks, options.allow_partial)
         ),
     )
     .with("coverage", coverage)
-    .with("uncovered", serde_json::to_value(uncovered).unwrap_or_default())
-}
-
-fn unproved(what: String) -> ScanError {
-    ScanError::refused(
-        "plan_unproved",
-        format_args!(
-            "The finished path does not keep its promise: {what}. It is not written; this is a fault of the planner."
-        ),
+    .with(
+        "uncovered",
+        serde_json::to_value(uncovered).unwrap_or_default(),
     )
 }
 
-/// Everything a row must keep, looked at again on the rows themselves.
-fn check(
-    shop: &Workshop<'_>,
-    rows: &[PathRow],
-    stand: &super::super::proof::figures::Stand,
-) -> Result<(), ScanError> {
-    let (spec, plan) = (shop.spec, &shop.spec.plan);
-    if stand.off_part > 0 {
-        return Err(unproved(format!(
-            "the middle ray of {} poses misses the part",
-            stand.off_part
-        )));
-    }
-    if stand.stand_off_max_mm > plan.stand_off_tolerance_mm {
-        return Err(unproved(format!(
-            "the stand-off is off by {:.3} mm",
-            stand.stand_off_max_mm
-        )));
-    }
-    if stand.tilt_max_deg > plan.max_tilt_deg + 1.5 {
-        return Err(unproved(format!(
-            "the beam leans by {:.2} degrees",
-            stand.tilt_max_deg
-        )));
-    }
-    for (k, row) in rows.iter().enumerate() {
-        if !spec.machine.within_limits(&row.axes) {
-            return Err(unproved(format!("row {k} leaves the limits of an axis")));
-        }
-        let Some(next) = rows
-            .get(k + 1)
-            .filter(|n| n.laser && row.laser && n.pass == row.pass)
-        else {
-            continue;
-        };
-        let step = (tip(spec, &next.pose) - tip(spec, &row.pose)).norm();
-        let turn = row.axes[3..]
-            .iter()
-            .zip(&next.axes[3..])
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
-        if step > plan.max_step_mm + 1e-9 || turn > plan.max_turn_deg + 1e-9 {
-            return Err(unproved(format!(
-                "row {k} steps {step:.3} mm and turns {turn:.3} degrees"
-            )));
-        }
-    }
-    Ok(())
+/// What helps where too little is seen, after so many breaks of courses.
+fn advice(breaks: usize, allow_partial: bool) -> String {
+    let (broken, or_turn) = match breaks {
+        0 => (String::new(), ""),
+        n => (
+            format!(" At {n} places an axis would turn too far from pose to pose (max_turn_deg)."),
+            " or turn",
+        ),
+    };
+    let partial = if allow_partial {
+        ": there is not even a partial path"
+    } else {
+        ", or take --allow-partial"
+    };
+    format!("{broken} Allow more tilt{or_turn}, or stand the part otherwise{partial}.")
+}
+
+fn too_little_overlap(what: &str, coverage: f64) -> ScanError {
+    ScanError::refused(
+        OVERLAP_UNREACHABLE,
+        format_args!(
+            "{what} No path was found that keeps it. Want less overlap, or take --allow-partial."
+        ),
+    )
+    .with("coverage", coverage)
+}
+
+fn unproved(what: &str) -> ScanError {
+    ScanError::refused(
+        "plan_unproved",
+        format_args!(
+            "The finished path does not keep its promise. {what} It is not written; this is a fault of the planner."
+        ),
+    )
 }
 
 /// The path as its file has it.
@@ -286,4 +311,20 @@ pub fn csv(machine: &PlanMachine, rows: &[PathRow]) -> String {
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::advice;
+
+    #[test]
+    fn the_limit_that_breaks_courses_is_named_and_nothing_is_advised_twice() {
+        assert_eq!(
+            advice(0, false),
+            " Allow more tilt, or stand the part otherwise, or take --allow-partial."
+        );
+        let broken = advice(3, true);
+        assert!(broken.contains("At 3 places") && broken.contains("max_turn_deg"));
+        assert!(!broken.contains("--allow-partial"));
+    }
 }

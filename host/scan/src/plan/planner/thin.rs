@@ -69,9 +69,21 @@ pub fn thin(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
         for sights in &mut without.sights {
             sights.retain(|s| s.pass as usize != p);
         }
-        let overlaps = match (needed, least(&without)) {
-            (Some(needed), Some(found)) => found >= needed - 1e-9,
-            _ => true,
+        let overlaps = match &shop.overlap_points {
+            Some(points) => {
+                let left = || passes.iter().zip(&keep).enumerate();
+                let left: Vec<&Pass> = left()
+                    .filter(|(k, (_, kept))| **kept && *k != p)
+                    .map(|(_, (pass, _))| pass)
+                    .collect();
+                points
+                    .judge(shop.spec, &shop.realiser.scenery, &left)
+                    .is_none_or(|o| o.holds())
+            }
+            None => match (needed, least(&without)) {
+                (Some(needed), Some(found)) => found >= needed - 1e-9,
+                _ => true,
+            },
         };
         if overlaps {
             keep[p] = false;

@@ -4,6 +4,10 @@
 //! `rtcp` has the middle ray's point on the part and leaves the linear axes to the control. Feeds are the inverse of a
 //! block's time (G93) where the control knows that, since a feed in mm/min means something else on every control as soon
 //! as rotary axes move.
+//!
+//! No language has a word for the laser: comments tell it. `LASER ON` stands behind the block that goes to a pass's first
+//! pose, `LASER OFF` behind the block that goes to its last one. Where a sensor is switched by the program, its user puts
+//! the machine's M function in these places.
 
 mod carried;
 mod words;
@@ -151,6 +155,9 @@ pub fn program(
         writer.row(before, row);
         before = Some(row);
     }
+    if last.laser {
+        writer.comment("END: LASER OFF");
+    }
     writer.leave();
     Ok(PathProgram {
         text: writer.text,
@@ -213,7 +220,7 @@ impl Writer<'_> {
         }
         let scanning = rows.iter().filter(|r| r.laser).count();
         self.comment(&format!(
-            "SCAN PATH: {} ROWS, {scanning} WITH THE LASER ON",
+            "SCAN PATH: {} ROWS, {scanning} OF THEM SCANNING",
             rows.len()
         ));
         match self.style.mode {
@@ -349,13 +356,8 @@ impl Writer<'_> {
 
     fn row(&mut self, before: Option<&PathRow>, row: &PathRow) {
         let scanning = before.is_some_and(|b| b.laser && row.laser && b.pass == row.pass);
-        if before.is_none_or(|b| b.pass != row.pass || b.laser != row.laser) {
-            let words = if row.laser {
-                format!("PASS {}: LASER ON", row.pass)
-            } else {
-                "LINK: LASER OFF".to_string()
-            };
-            self.comment(&words);
+        if before.is_some_and(|b| b.laser) && !scanning {
+            self.comment("LINK: LASER OFF");
         }
         // A pass and the way down to the path's beginning are by feed; links are not.
         let by_feed = scanning || before.is_some_and(|b| b.pass == ABOVE);
@@ -395,6 +397,10 @@ impl Writer<'_> {
             format!("G1{words} F{:.3}", 60.0 / time.clamp(1e-3, 6e4))
         };
         self.line(&line);
+        // Not before the sensor stands at the pass's first pose.
+        if row.laser && !scanning {
+            self.comment(&format!("PASS {}: LASER ON", row.pass));
+        }
     }
 
     fn leave(&mut self) {

@@ -54,31 +54,55 @@ impl JudgedOverlap {
     }
 }
 
-/// The overlap of a finished path, by more points than its coverage needs on a small part. Strips without any count: where the line of a pass ends on the surface, another pass sees what
-/// lies beyond that end, and both see nothing in common. None where no pass has a neighbour.
-pub fn judged_overlap(
-    spec: &ScanSpec,
-    scenery: &Scenery<'_>,
-    part: &PartMesh,
-    passes: &[&Pass],
-) -> Option<JudgedOverlap> {
-    let points = samples(part, OVERLAP_POINTS);
-    let eye = Eye::new(&spec.sensor, scenery, &points);
-    let seen = eye.see(passes, SightDepth::Range, Threads::all());
-    let apart_mm = (part.surface.area_mm2() / points.len() as f64).sqrt();
-    let mut widths = widths(spec, passes, &seen);
-    for stretch in bare(spec, passes, &points, &seen, apart_mm) {
-        widths.entry(stretch).or_insert([0.0; 2]);
+/// Points by which overlap is judged: more than the coverage of a small part needs.
+pub struct OverlapPoints {
+    points: Vec<SamplePoint>,
+    apart_mm: f64,
+}
+
+impl OverlapPoints {
+    /// Points on the whole part.
+    pub fn new(part: &PartMesh) -> Self {
+        let points = samples(part, OVERLAP_POINTS);
+        OverlapPoints {
+            apart_mm: (part.surface.area_mm2() / points.len() as f64).sqrt(),
+            points,
+        }
     }
-    let bare = widths.values().any(|w| w[0] == 0.0);
-    let Overlap { min, tenth, median } = told(widths)?;
-    Some(JudgedOverlap {
-        wanted: spec.plan.overlap,
-        min: if bare { 0.0 } else { min },
-        tenth,
-        median,
-        resolution: overlap_resolution(spec, apart_mm * apart_mm),
-    })
+
+    /// Those of them that lie on certain triangles.
+    pub fn on(&self, faces: &HashSet<u32>) -> Self {
+        let points = self.points.iter().copied();
+        OverlapPoints {
+            points: points.filter(|p| faces.contains(&p.face)).collect(),
+            apart_mm: self.apart_mm,
+        }
+    }
+
+    /// The overlap of a path. Strips without any count: where the line of a pass ends on the surface, another pass sees what
+    /// lies beyond that end, and both see nothing in common. None where no pass has a neighbour.
+    pub fn judge(
+        &self,
+        spec: &ScanSpec,
+        scenery: &Scenery<'_>,
+        passes: &[&Pass],
+    ) -> Option<JudgedOverlap> {
+        let eye = Eye::new(&spec.sensor, scenery, &self.points);
+        let seen = eye.see(passes, SightDepth::Range, Threads::all());
+        let mut widths = widths(spec, passes, &seen);
+        for stretch in bare(spec, passes, &self.points, &seen, self.apart_mm) {
+            widths.entry(stretch).or_insert([0.0; 2]);
+        }
+        let bare = widths.values().any(|w| w[0] == 0.0);
+        let Overlap { min, tenth, median } = told(widths)?;
+        Some(JudgedOverlap {
+            wanted: spec.plan.overlap,
+            min: if bare { 0.0 } else { min },
+            tenth,
+            median,
+            resolution: overlap_resolution(spec, self.apart_mm * self.apart_mm),
+        })
+    }
 }
 
 /// Points so far from the line's end, of half the line, lie at it.
@@ -187,33 +211,44 @@ pub fn overlap(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> Option
     told(widths(spec, passes, seen))
 }
 
+/// A neighbour's strip that reaches beyond the line's middle ends where its points leave a gap of this share of half the line:
+/// what lies behind it belongs to the line's other end.
+const STRIP_GAP: f64 = 0.3;
+
 /// Of each stretch the overlap that its points span, and the same with what lies between the points (0 of few points).
 fn widths(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> HashMap<StretchEnd, [f64; 2]> {
     let ways = ways(spec, passes);
+    // By stretch and neighbour: places of the points that both see, from the line's middle towards that end.
     let mut bins: HashMap<(StretchEnd, u32), Vec<f64>> = HashMap::new();
     for sights in &seen.sights {
         for a in sights {
-            for b in sights {
-                if a.pass != b.pass {
-                    bins.entry((stretch(&ways, a), b.pass))
-                        .or_default()
-                        .push(a.lateral.abs());
+            let (pass, at, _) = stretch(&ways, a);
+            for b in sights.iter().filter(|b| b.pass != a.pass) {
+                for (side, towards) in [(true, a.lateral), (false, -a.lateral)] {
+                    let bin = bins.entry(((pass, at, side), b.pass));
+                    bin.or_default().push(towards);
                 }
             }
         }
     }
     let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
-    for ((stretch, _), laterals) in bins {
-        let edge = laterals.iter().copied().fold(0.0, f64::max);
-        let inner = laterals.iter().copied().fold(f64::INFINITY, f64::min);
-        if edge > 0.7 && laterals.len() >= 3 {
-            let count = laterals.len() as f64;
+    for ((stretch, _), mut places) in bins {
+        places.sort_by(|a, b| b.total_cmp(a));
+        let apart = places
+            .windows(2)
+            .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
+        places.truncate(apart.map_or(places.len(), |k| k + 1));
+        let (Some(edge), Some(inner)) = (places.first(), places.last()) else {
+            continue;
+        };
+        if *edge > 0.7 && places.len() >= 3 {
+            let count = places.len() as f64;
             let width = (edge - inner) / 2.0;
             let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);
             *seen = seen.max(width);
-            if laterals.len() >= TELLING {
+            if places.len() >= TELLING {
                 // The outermost of some points in a strip leave a little of it at either edge.
-                *whole = whole.max(width * (count + 1.0) / (count - 1.0));
+                *whole = whole.max((width * (count + 1.0) / (count - 1.0)).min(1.0));
             }
         }
     }

@@ -307,6 +307,7 @@ fn a_plan_of_a_damaged_mesh_is_proved_or_refused_within_its_time() {
                     [
                         "time_limit",
                         "coverage_unreachable",
+                        "overlap_unreachable",
                         "axis_limit",
                         "plan_unproved"
                     ]

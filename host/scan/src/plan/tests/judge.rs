@@ -56,6 +56,15 @@ fn strips_that_overlap_too_little_are_told_by_name() {
     let overlap = found.overlap.unwrap();
     assert_eq!(overlap.wanted, spec.plan.overlap);
     assert!((overlap.median - 0.16).abs() < 0.01, "{overlap:?}");
+    // More than half of the line, too: there the part's edge cuts some strips, by up to an eighth of the line.
+    for share in [0.5, 0.6, 0.7, 0.85] {
+        let (_, found) = five(16.0 * (1.0 - share));
+        let overlap = found.overlap.unwrap();
+        assert!(
+            (overlap.median - share).abs() < 0.015,
+            "{share}: {overlap:?}"
+        );
+    }
     // Too little; none at all, where nothing is seen by two passes; and a gap of a twentieth of the line.
     for (share, most) in [(0.08, 0.09), (0.0, 0.002), (-0.05, 0.0)] {
         let (_, found) = five(16.0 * (1.0 - share));

@@ -2,6 +2,7 @@
 
 mod damage;
 mod judge;
+mod kept;
 mod peers;
 
 use std::path::{Path, PathBuf};

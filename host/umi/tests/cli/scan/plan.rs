@@ -218,3 +218,129 @@ fn a_damaged_path_is_refused_by_name() {
         assert_eq!(code(ran, status), named, "drive");
     }
 }
+
+/// The poses tell what was planned, the axes what is driven: where they are at odds, nothing is driven.
+#[test]
+fn a_path_whose_axes_are_not_at_its_poses_is_not_driven() {
+    let folder = Folder::new();
+    let (part, spec) = (project(PART), project(SPEC));
+    let path = folder.path("path.csv");
+    let planned = umi(&[
+        "scan", "plan", &part, "--spec", &spec, "-o", &path, "--feed", "900", "--json",
+    ]);
+    let at = &planned.exits(0).json()["duration_at"];
+    assert_eq!(at["feed_mm_per_min"], 900.0);
+    assert_eq!(at["rapid_mm_per_s"], 100.0);
+    assert_eq!(at["turn_deg_per_s"], 30.0);
+    let shifted: String = fs::read_to_string(&path)
+        .unwrap()
+        .lines()
+        .enumerate()
+        .map(|(number, line)| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if number > 0 {
+                let x: f64 = cells[11].parse().unwrap();
+                cells[11] = (x + 1.0).to_string();
+            }
+            cells.join(",") + "\n"
+        })
+        .collect();
+    let other = folder.path("other.csv");
+    fs::write(&other, shifted).unwrap();
+    let cloud = folder.path("cloud.ply");
+    let ran = umi(&[
+        "scan", "drive", &part, "--spec", &spec, &other, "-o", &cloud, "--json",
+    ]);
+    assert_eq!(code(ran, 2), "bad_path");
+    assert!(!fs::exists(&cloud).unwrap());
+}
+
+#[test]
+fn standard_output_is_no_file_of_a_path_and_a_beam_is_a_unit_vector() {
+    let folder = Folder::new();
+    let (part, spec) = (project(PART), project(SPEC));
+    let ran = umi(&["scan", "plan", &part, "--spec", &spec, "-o", "-", "--json"]);
+    assert_eq!(code(ran, 1), "file");
+    let poses = folder.path("poses.csv");
+    for (bz, status) in [("-1", 0), ("-2", 2), ("0", 2), ("-1.00001", 2)] {
+        fs::write(
+            &poses,
+            format!("ox_mm,oy_mm,oz_mm,bx,by,bz\n0,0,60,0,0,{bz}\n"),
+        )
+        .unwrap();
+        let ran = umi(&[
+            "scan",
+            "kinematics",
+            "--spec",
+            &spec,
+            "--inverse",
+            &poses,
+            "--json",
+        ]);
+        if status == 0 {
+            ran.exits(0);
+        } else {
+            assert_eq!(code(ran, status), "bad_pose", "{bz}");
+        }
+    }
+}
+
+/// The laser is on from a pass's first pose to its last, and off on every way to one.
+#[test]
+fn a_program_says_where_the_laser_is_off() {
+    let folder = Folder::new();
+    let part = project("examples/scan-plan/blade.obj");
+    let spec = project("examples/scan-plan/spec.toml");
+    for dialect in ["fanuc", "siemens", "heidenhain", "linuxcnc"] {
+        let (path, program) = (
+            folder.path(&format!("{dialect}.csv")),
+            folder.path(&format!("{dialect}.nc")),
+        );
+        umi(&[
+            "scan",
+            "plan",
+            &part,
+            "--spec",
+            &spec,
+            "-o",
+            &path,
+            "--nc",
+            &program,
+            "--dialect",
+            dialect,
+            "--json",
+        ])
+        .exits(0);
+        let text = fs::read_to_string(&program).unwrap();
+        // Of each block of a row: the laser while it runs.
+        let mut on = false;
+        let mut lit = Vec::new();
+        for line in text.lines() {
+            if line.contains("LASER ON") {
+                assert!(!on, "{dialect}: {line}");
+                on = true;
+            } else if line.contains("LASER OFF") {
+                assert!(on, "{dialect}: {line}");
+                on = false;
+            } else if line.starts_with("G1 ") || (line.starts_with("L X") && !line.contains("FMAX"))
+            {
+                lit.push(on);
+            }
+        }
+        assert!(!on, "{dialect}");
+        let rows = fs::read_to_string(&path).unwrap();
+        let passes: Vec<&str> = rows
+            .lines()
+            .skip(1)
+            .map(|row| row.split(',').next().unwrap())
+            .collect();
+        let wanted: Vec<bool> = (0..passes.len())
+            .map(|k| k > 0 && passes[k] != "-1" && passes[k] == passes[k - 1])
+            .collect();
+        assert_eq!(lit, wanted, "{dialect}");
+        assert!(
+            wanted[1..].iter().any(|lit| !lit),
+            "{dialect}: one pass only"
+        );
+    }
+}

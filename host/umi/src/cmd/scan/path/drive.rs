@@ -24,7 +24,7 @@ use umi_scan::plan::mesh::PartMesh;
 use umi_scan::plan::program::{PathDialect, ProgramStyle, program};
 use umi_scan::plan::proof::samples::{sample_count, samples};
 use umi_scan::plan::spec::ScanSpec;
-use umi_scan::plan::verify::read_path;
+use umi_scan::plan::verify::{read_path, same_place};
 use umi_scan::rigid::Vec3;
 use umi_scan::surface::{CompositeSurface, Mesh};
 
@@ -35,7 +35,7 @@ use crate::cmd::Format;
 use crate::cmd::record::events::Sink;
 use crate::cmd::scan::answer::{answer, failure};
 use crate::failure::Failure;
-use crate::output::{Force, SetAside, distinct};
+use crate::output::{Force, SetAside, distinct, no_stream};
 
 /// Drives a path on the virtual machine: its cloud, and how far that is from the mesh
 #[derive(Args)]
@@ -105,6 +105,9 @@ sends none but empty ones where the laser is off (the comments LASER ON and LASE
 
 A program with G43.4 has the part's place in G54 and the length from the spindle to the point on the
 part in H1: this command sets both.
+
+A path whose poses are not those of its axes is refused (bad_path): it was planned for another
+specification.
 
 The machine is ideal: what is off is the sensor's noise, the encoders' steps (0.0001 mm and
 degrees), the words' three decimals and the profiles' own steps. It stops at each block's end.
@@ -204,6 +207,7 @@ impl Drive {
             self.path.as_path(),
         ];
         for path in self.outputs() {
+            no_stream(&path)?;
             self.force.check(&path, &inputs)?;
         }
         write::check_extension(&self.output).map_err(failure)?;
@@ -289,6 +293,8 @@ impl Drive {
             return Ok((text, dialect));
         }
         let rows = read_path(spec, TableReader::open(&self.path)?)?;
+        // The axes are driven; the poses say what they were planned for.
+        same_place(spec, &rows)?;
         let meshes = std::iter::once(&part.surface).chain(obstacles).collect();
         let style = ProgramStyle {
             dialect: path_dialect,

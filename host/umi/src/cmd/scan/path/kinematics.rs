@@ -43,6 +43,8 @@ Examples:
   umi scan kinematics --spec spec.toml --forward axes.csv
   umi scan kinematics --spec spec.toml --inverse poses.csv --json | jq '.poses[0].solutions'
 
+Beam and line are unit vectors at a right angle, by six decimals; others are refused (bad_pose).
+
 For each pose there is one set of axis values for every branch within the limits, angles nearest to
 zero. At a pole, where an axis is free, there is one set with that axis at zero, and `singular` says so.
 

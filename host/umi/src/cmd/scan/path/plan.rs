@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::failure::Failure;
-use crate::output::{Force, SetAside, distinct};
+use crate::output::{Force, SetAside, distinct, no_stream};
 use clap::{Args, ValueEnum};
 use umi_report::path_plan;
 use umi_scan::ScanError;
@@ -100,12 +100,19 @@ The path is written only if a simulated scan of its rows confirms it: what is se
 how steeply, and that the sensor's box with its clearance touches nothing, between rows and on
 links too.
 
+SPEC.toml: every key with its unit and default is in docs/scan-plan.md; examples/scan-plan has one.
+
+`duration_s` is reckoned with --feed while the laser is on, and with 100 mm/s and 30 degrees/s for links
+and turning axes (`duration_at` in --json): a machine with other rapids takes another time.
+A pass's comments LASER ON and LASER OFF in the program tell where it is scanned; no language has a word
+for that.
+
 With --force, older files go when the plan is written. Where there is none, they are kept as NAME.old.
 
 Exit status: 0 planned, 1 usage or a file that cannot be read, 2 refused (no file is left):
 mesh_format, mesh_unreadable, mesh_empty, mesh_not_finite, mesh_degenerate, mesh_not_manifold,
 mesh_not_oriented, mesh_scale, bad_spec, sensor_spec, plan_spec, machine_spec, coverage_unreachable,
-axis_limit, time_limit, nc_mode, nc_approach, plan_unproved.";
+overlap_unreachable, axis_limit, time_limit, nc_mode, nc_approach, plan_unproved.";
 
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -122,6 +129,7 @@ impl Plan {
         inputs.extend(ScanSpec::open(&self.spec).map_or(Vec::new(), |spec| spec.obstacles));
         let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
         for path in &outputs {
+            no_stream(path)?;
             self.force.check(path, &inputs)?;
         }
         distinct(outputs.iter().map(PathBuf::as_path))?;
@@ -228,8 +236,12 @@ fn text(f: &PlanFigures) -> String {
     );
     let _ = writeln!(
         text,
-        "way with the laser on {:.1} mm, in all {:.1} mm, {:.0} s",
-        f.scan_length_mm, f.path_length_mm, f.duration_s
+        "way with the laser on {:.1} mm, in all {:.1} mm; {:.0} s with rapids of {} mm/s and {} degrees/s",
+        f.scan_length_mm,
+        f.path_length_mm,
+        f.duration_s,
+        f.duration_at.rapid_mm_per_s,
+        f.duration_at.turn_deg_per_s
     );
     let _ = writeln!(
         text,

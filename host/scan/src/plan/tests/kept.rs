@@ -1,0 +1,74 @@
+//! What leaves the planner keeps what it must, or it is refused by name: narrow parts, small ones, wide overlaps.
+
+use super::super::mesh::{PartMesh, RawMesh};
+use super::super::planner::plan;
+use super::super::planner::result::ScanPlan;
+use super::super::spec::ScanSpec;
+use super::super::verify::verify;
+use super::{fixed_line, height_field, options, upright};
+
+/// Plans, and looks the path through as anybody may.
+fn kept(name: &str, raw: RawMesh, spec: &ScanSpec) -> ScanPlan {
+    let part = PartMesh::weld(raw, true).unwrap();
+    let plan = plan(&part, &[], spec, options(false)).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let found = verify(&part, &[], spec, &plan.rows);
+    assert!(found.holds, "{name}: {:?}", found.faults);
+    assert_eq!(found.coverage, plan.figures.coverage, "{name}");
+    plan
+}
+
+#[test]
+fn strips_on_a_part_narrower_than_the_line_overlap() {
+    for (length, width) in [(120.0, 4.0), (120.0, 1.0), (60.0, 6.0), (200.0, 10.0)] {
+        let flat = || height_field([length / 2.0, width / 2.0], 24, |_, _| 0.0);
+        for (machine, spec) in [("turns", upright()), ("stands", fixed_line())] {
+            let name = format!("{length} x {width}, the line {machine}");
+            let plan = kept(&name, flat(), &spec);
+            assert!(
+                plan.figures.scan_length_mm < 1.05 * length,
+                "{name}: {} mm",
+                plan.figures.scan_length_mm
+            );
+        }
+    }
+}
+
+#[test]
+fn a_small_dome_is_seen_within_a_few_degrees_a_pose() {
+    for max_turn_deg in [3.0, 5.0, 6.0] {
+        let mut spec = upright();
+        spec.plan.max_turn_deg = max_turn_deg;
+        spec.plan.min_coverage = 0.9;
+        let dome = height_field([1.2, 1.2], 24, |x, y| (4.0 - x * x - y * y).sqrt());
+        kept(&format!("{max_turn_deg} degrees"), dome, &spec);
+    }
+}
+
+#[test]
+fn what_was_given_is_not_advised() {
+    // Its outer side lies below.
+    let mut raw = height_field([10.0, 10.0], 4, |_, _| 0.0);
+    for face in &mut raw.faces {
+        face.swap(0, 1);
+    }
+    let part = PartMesh::weld(raw, true).unwrap();
+    for partial in [false, true] {
+        let error = plan(&part, &[], &upright(), options(partial)).unwrap_err();
+        assert_eq!(error.code, "axis_limit");
+        let advised = error.message.contains("take --allow-partial");
+        assert_eq!(advised, !partial, "{}", error.message);
+    }
+}
+
+#[test]
+fn more_than_half_an_overlap_is_planned_and_told() {
+    for overlap in [0.5, 0.6, 0.75, 0.9] {
+        let mut spec = upright();
+        spec.plan.overlap = overlap;
+        let wavy = height_field([25.0, 20.0], 24, |x, y| (x / 15.0).sin() + (y / 12.0).cos());
+        let plan = kept(&format!("overlap {overlap}"), wavy, &spec);
+        let found = plan.figures.overlap.unwrap();
+        assert!(found.tenth > overlap - 0.02, "{found:?}");
+        assert!(found.median < overlap + 0.1, "{found:?}");
+    }
+}
