@@ -344,3 +344,26 @@ fn a_program_says_where_the_laser_is_off() {
         );
     }
 }
+
+/// The page's commands run as they are printed, one after the other.
+#[test]
+fn the_commands_of_the_page_run() {
+    let folder = Folder::new();
+    let page = fs::read_to_string(project("docs/scan-plan.md")).unwrap();
+    let mut run = 0;
+    for line in page.lines().filter(|line| line.starts_with("umi scan ")) {
+        let place = |word: &str| match word {
+            word if word.starts_with("examples/") => project(word),
+            word if word.contains('.') => folder.path(word),
+            word => word.to_owned(),
+        };
+        let words: Vec<String> = line.split(' ').skip(1).map(place).collect();
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let ran = umi(&[&words[..], &["--json"]].concat()).exits(0).json();
+        if words[1] == "verify" {
+            assert_eq!(ran["holds"], true, "{ran}");
+        }
+        run += 1;
+    }
+    assert_eq!(run, 3);
+}
