@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use umi_scan::plan::planner::result::PathRow;
 use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
+use umi_scan::plan::proof::row::PathRow;
 use umi_scan::plan::spec::ScanSpec;
 use umi_virtual::cell::Cell;
 use umi_virtual::machine::Unwired;

@@ -216,12 +216,13 @@ pub fn enough_overlap(shop: &Workshop<'_>, per_sample_mm2: f64) -> f64 {
 
 fn spacing(shop: &Workshop<'_>, tighter: f64) -> Spacing {
     let line = shop.spec.sensor.line_mm;
+    let (overlap, spare) = (shop.spec.plan.overlap, shop.overlap_spare);
+    // With care, the strips on both sides of a cut overlap, too.
+    let seam = if spare > 0.0 { overlap + spare } else { 0.0 };
     Spacing {
-        width_mm: line * EDGE_SHARE,
+        width_mm: line * (EDGE_SHARE - seam).max(0.1),
         // A hundredth more than wanted, for what facets and smoothing take.
-        pitch_mm: line
-            * (1.0 - shop.spec.plan.overlap - shop.overlap_spare - 0.01).max(0.02)
-            * tighter,
+        pitch_mm: line * (1.0 - overlap - spare - 0.01).max(0.02) * tighter,
     }
 }
 

@@ -29,13 +29,14 @@ use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::figures::OverlapPoints;
+use super::proof::row::PathRow;
 use super::proof::samples::{SamplePoint, sample_count, samples};
 use super::proof::see::Eye;
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::parallel::Threads;
 use crate::surface::Mesh;
-use result::{PathRow, ScanPlan};
+use result::ScanPlan;
 use ways::ways;
 
 /// What the caller may say.

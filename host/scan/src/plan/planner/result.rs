@@ -9,6 +9,7 @@ use super::super::drive::realise::{Obstructed, Pass};
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::map::flatten::MapQuality;
 use super::super::proof::figures::JudgedOverlap;
+use super::super::proof::row::PathRow;
 use super::super::proof::samples::{SamplePoint, sample_count, samples};
 use super::super::proof::see::see;
 use super::super::spec::ScanSpec;
@@ -16,19 +17,6 @@ use super::super::verify::findings;
 use super::unseen::{Uncovered, reasons};
 use super::{PlanOptions, Workshop};
 use crate::ScanError;
-
-/// A row of the path. Between rows all axes move linearly together.
-#[derive(Debug, Clone)]
-pub struct PathRow {
-    /// Number of the pass, -1 for a link.
-    pub pass: i32,
-    /// Scanning.
-    pub laser: bool,
-    /// Values of the axes.
-    pub axes: Vec<f64>,
-    /// Pose of the sensor on the part.
-    pub pose: SensorPose,
-}
 
 /// What a plan is, for `--json`.
 #[derive(Debug, Clone, Serialize)]

@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 
 use super::drive::price::{RAPID_MM_PER_S, seconds};
 use super::drive::touch::Scenery;
-use super::planner::result::PathRow;
+use super::proof::row::PathRow;
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::surface::Mesh;

@@ -2,10 +2,12 @@
 //!
 //! * [`samples`]: points of equal area.
 //! * [`cells`]: points by where they lie.
+//! * [`row`]: the path, row by row.
 //! * [`see`]: which of them a path sees, and why not the others.
 //! * [`figures`]: coverage, overlap, stand-off, tilt, clearance, limits of the rows as they are written.
 
 pub mod cells;
 pub mod figures;
+pub mod row;
 pub mod samples;
 pub mod see;

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::super::machine::SensorPose;
 use super::super::mesh::PartMesh;
-use super::super::planner::result::PathRow;
+use super::super::proof::row::PathRow;
 use super::super::spec::ScanSpec;
 use super::super::verify::{PathFindings, verify};
 use super::{height_field, upright};

@@ -1,5 +1,7 @@
 //! What leaves the planner keeps what it must, or it is refused by name: narrow parts, small ones, wide overlaps.
 
+use nalgebra::Vector3;
+
 use super::super::mesh::{PartMesh, RawMesh};
 use super::super::planner::plan;
 use super::super::planner::result::ScanPlan;
@@ -42,6 +44,36 @@ fn a_small_dome_is_seen_within_a_few_degrees_a_pose() {
         let dome = height_field([1.2, 1.2], 24, |x, y| (4.0 - x * x - y * y).sqrt());
         kept(&format!("{max_turn_deg} degrees"), dome, &spec);
     }
+}
+
+/// The outside of a tube about Z.
+fn tube(radius_mm: f64, length_mm: f64) -> RawMesh {
+    let (around, along) = (40, 8);
+    let mut raw = RawMesh::default();
+    for i in 0..around {
+        let (s, c) = (std::f64::consts::TAU * f64::from(i) / f64::from(around)).sin_cos();
+        for j in 0..=along {
+            let z = length_mm * (f64::from(j) / f64::from(along) - 0.5);
+            let at = Vector3::new(radius_mm * c, radius_mm * s, z);
+            raw.vertices.push(at);
+        }
+    }
+    let number = |i: i32, j: i32| ((i % around) * (along + 1) + j) as usize;
+    for i in 0..around {
+        for j in 0..along {
+            let [a, b] = [number(i, j), number(i + 1, j)];
+            raw.faces.push([a, b, b + 1]);
+            raw.faces.push([a, b + 1, a + 1]);
+        }
+    }
+    raw
+}
+
+#[test]
+fn strips_on_both_sides_of_a_cut_overlap() {
+    let mut spec = fixed_line();
+    spec.plan.min_coverage = 0.95;
+    kept("tube", tube(24.28, 33.437), &spec);
 }
 
 #[test]
