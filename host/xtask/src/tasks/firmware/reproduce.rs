@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, ensure};
 use sha2::{Digest as _, Sha256};
 
-use super::{boards, build};
+use super::boards::{self, Board, Wanted};
+use super::build_images;
 use crate::console;
 use crate::workspace::{Workspace, output};
 
@@ -19,28 +20,70 @@ use crate::workspace::{Workspace, output};
 /// Takes the sources of the newest commit. Both folders are in target/reproduce and are removed
 /// where the images are the same.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  cargo xtask reproduce\n  cargo xtask reproduce pico")]
+#[command(
+    after_help = "Examples:\n  cargo xtask reproduce\n  cargo xtask reproduce pico\n  cargo xtask reproduce selftest-pico   # the smallest image"
+)]
 pub(crate) struct Arguments {
-    /// The boards; all of them if none is named.
+    /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
+    /// named.
     boards: Vec<String>,
 }
 
 /// Builds and compares.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
-    let boards = boards::select(&arguments.boards)?;
-    let folder = workspace.target.join("reproduce");
-    if folder.exists() {
-        fs::remove_dir_all(&folder)?;
-    }
+    let wanted = boards::select_images(&arguments.boards)?;
+    let folder = emptied(workspace)?;
     let mut sums = Vec::new();
     for root in [folder.join("a"), folder.join("another/folder/deeper")] {
-        let copy = copied(workspace, &root)?;
-        build(&copy, &boards, None)?;
-        sums.push(summed(&copy.firmware())?);
+        sums.push(built(workspace, &root, &wanted)?);
     }
     let [first, second] = &sums[..] else {
         unreachable!("two folders")
     };
+    same(first, second, &folder)
+}
+
+/// Builds the smallest image in another folder, and compares it with the one that is built here:
+/// what a test can do each time. None: what is here is not what is committed.
+pub fn check(workspace: &Workspace) -> Result<Option<()>> {
+    let changed = workspace
+        .command("git")
+        .args(["status", "--porcelain"])
+        .output();
+    if changed.is_ok_and(|changed| !changed.stdout.is_empty()) {
+        return Ok(None);
+    }
+    let wanted = boards::select_images(&["selftest-pico".to_owned()])?;
+    build_images(workspace, &wanted, None)?;
+    let folder = emptied(workspace)?;
+    let there = built(workspace, &folder.join("another"), &wanted)?;
+    let mut here = summed(&workspace.firmware())?;
+    here.retain(|(name, _)| there.iter().any(|(other, _)| name == other));
+    same(&here, &there, &folder).map(Some)
+}
+
+/// The folder for copies, without any.
+fn emptied(workspace: &Workspace) -> Result<PathBuf> {
+    let folder = workspace.target.join("reproduce");
+    if folder.exists() {
+        fs::remove_dir_all(&folder)?;
+    }
+    Ok(folder)
+}
+
+/// The digests of images that are built in a folder of their own.
+fn built(
+    workspace: &Workspace,
+    root: &Path,
+    wanted: &[(&'static Board, Wanted)],
+) -> Result<Vec<(String, String)>> {
+    let copy = copied(workspace, root)?;
+    build_images(&copy, wanted, None)?;
+    summed(&copy.firmware())
+}
+
+/// Says that images are the same, or which are not.
+fn same(first: &[(String, String)], second: &[(String, String)], folder: &Path) -> Result<()> {
     ensure!(!first.is_empty(), "no image was built");
     let differ: Vec<&str> = first
         .iter()
@@ -57,7 +100,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     let mut rows = vec![["image", "SHA-256 in both folders"].map(String::from)];
     rows.extend(first.iter().map(|(name, sum)| [name.clone(), sum.clone()]));
     console::rows(&rows);
-    fs::remove_dir_all(&folder)?;
+    fs::remove_dir_all(folder)?;
     Ok(())
 }
 
@@ -109,4 +152,27 @@ fn name(file: &Path) -> String {
 pub(super) fn sum(bytes: &[u8]) -> String {
     let sum = Sha256::digest(bytes);
     sum.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Images with the same digests are the same; another digest, or one that is missing, is told.
+    #[test]
+    fn what_differs_is_told() {
+        let folder = std::env::temp_dir().join(format!("umi-reproduce-{}", std::process::id()));
+        let image = |name: &str, sum: &str| (name.to_owned(), sum.to_owned());
+        let first = [image("pico.elf", "01"), image("pico.uf2", "02")];
+        let other = [image("pico.elf", "01"), image("pico.uf2", "03")];
+        for wrong in [&other[..], &first[..1], &[]] {
+            fs::create_dir_all(&folder).unwrap();
+            let refused = same(&first, wrong, &folder);
+            assert!(refused.is_err(), "{wrong:?}");
+            assert!(folder.exists(), "what differs stays");
+        }
+        assert!(same(&[], &[], &folder).is_err());
+        same(&first, &first, &folder).unwrap();
+        assert!(!folder.exists());
+    }
 }
