@@ -4,4 +4,5 @@ mod evidence;
 mod heads;
 mod journal_power_cut;
 mod sessions;
+mod soak;
 mod storage;
