@@ -49,8 +49,7 @@ pub fn text(head: &Head) -> String {
 pub fn read(path: &Path) -> Result<Head, Problem> {
     let text =
         std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
-    let value: Option<Value> = serde_json::from_str(&text).ok();
-    value.as_ref().and_then(parse).ok_or_else(|| {
+    parse(&text).ok_or_else(|| {
         let message = format_args!(
             "{} is no head: give a file that `umi log head -o` wrote",
             path.display()
@@ -59,7 +58,10 @@ pub fn read(path: &Path) -> Result<Head, Problem> {
     })
 }
 
-fn parse(value: &Value) -> Option<Head> {
+/// Reads a file's text; none: it is no head.
+#[must_use]
+pub fn parse(text: &str) -> Option<Head> {
+    let value: Value = serde_json::from_str(text).ok()?;
     let number = |name: &str| value.get(name)?.as_u64();
     let text = |name: &str| value.get(name)?.as_str();
     let name = |field: &str| Name::try_from(text(field)?).ok();
@@ -146,12 +148,12 @@ mod tests {
             signature: [[0x51; 32], [0x52; 32]],
         };
         let value = json(&head);
-        assert_eq!(parse(&value), Some(head.clone()));
+        assert_eq!(parse(&value.to_string()), Some(head.clone()));
         let alone = Head {
             nonce: None,
             ..head
         };
-        assert_eq!(parse(&json(&alone)), Some(alone));
+        assert_eq!(parse(&text(&alone)), Some(alone));
         for field in value.as_object().unwrap().keys() {
             // A head of an older firmware has no evidence: without it the signature is not right.
             if field == "key_id" || field == "evidence" {
@@ -159,7 +161,7 @@ mod tests {
             }
             let mut less = value.clone();
             less.as_object_mut().unwrap().remove(field);
-            assert_eq!(parse(&less), None, "{field}");
+            assert_eq!(parse(&less.to_string()), None, "{field}");
         }
     }
 }

@@ -79,20 +79,26 @@ pub fn sign(
 /// It cannot be read; `image_damaged`.
 pub fn read(path: &Path) -> Result<Image, Problem> {
     let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
-    let damaged = |what: &str| {
+    parse(&bytes).map_err(|what| {
         let message = format_args!("{}: {what}", path.display());
         Problem::refused("image_damaged", message)
-    };
+    })
+}
+
+/// Reads a file's bytes, as [`read`].
+///
+/// # Errors
+/// What is wrong with them.
+pub fn parse(bytes: &[u8]) -> Result<Image, &'static str> {
     let (header_bytes, payload) = bytes
         .split_first_chunk::<IMAGE_HEADER>()
-        .ok_or_else(|| damaged("it is too short for an image"))?;
-    let (header, signature) = ImageHeader::read(header_bytes).map_err(|_| {
-        damaged("it has no header of an image: give a file that `umi image sign` wrote")
-    })?;
+        .ok_or("it is too short for an image")?;
+    let (header, signature) = ImageHeader::read(header_bytes)
+        .map_err(|_| "it has no header of an image: give a file that `umi image sign` wrote")?;
     let is_whole = u32::try_from(payload.len()) == Ok(header.length)
         && <[u8; 64]>::from(Sha512::digest(payload)) == header.sha512;
     if !is_whole {
-        return Err(damaged("its bytes are not those that its header names"));
+        return Err("its bytes are not those that its header names");
     }
     Ok(Image {
         header,

@@ -31,9 +31,14 @@ pub fn public_text(key: &[u8; 32]) -> Result<String, Problem> {
 pub fn read_public(path: &Path) -> Result<[u8; 32], Problem> {
     let text =
         std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
-    VerifyingKey::from_public_key_pem(&text)
-        .map(|key| key.to_bytes())
-        .map_err(|_| not_a_key(&path.display().to_string()))
+    parse_public(&text).ok_or_else(|| not_a_key(&path.display().to_string()))
+}
+
+/// Reads a public key's text; none: it is none.
+#[must_use]
+pub fn parse_public(text: &str) -> Option<[u8; 32]> {
+    let key = VerifyingKey::from_public_key_pem(text).ok()?;
+    Some(key.to_bytes())
 }
 
 /// Reads a secret key; `passphrase` is asked for the one of a file that is encrypted.
