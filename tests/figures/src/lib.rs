@@ -10,6 +10,8 @@
 pub mod calibration;
 pub mod fits;
 mod half_sphere;
+mod meter;
+mod trust;
 pub mod work;
 
 pub use half_sphere::half_sphere;
@@ -65,7 +67,7 @@ mod tests {
         }
         let mut runs = Runs(Vec::new());
         assert_eq!(work::all(&mut runs), Ok(()));
-        assert_eq!(runs.0.len(), 13);
+        assert_eq!(runs.0.len(), 18);
     }
 
     /// Every case of the index gives numbers, or a refusal where one is right.

@@ -1,13 +1,12 @@
 //! The work that instructions are counted for.
 
-use core::convert::Infallible;
 use core::hint::black_box;
 
 use heapless::Vec;
 use umi_core::brain::{Brain, Output};
 use umi_core::dprnt::{Item, LineSplitter, ReceiverConfig};
 use umi_core::fit::sphere;
-use umi_core::journal::{ERASED, Flash, Geometry, Journal};
+use umi_core::journal::Journal;
 use umi_core::registration::{RigidTransform, register};
 use umi_core::rewrite::{Integers, RewriteSettings, Rewriter};
 use umi_core::units::{Micros, Point};
@@ -16,7 +15,10 @@ use umi_protocol::pattern::{BlockPattern, LinePattern};
 
 use crate::calibration::Readings;
 use crate::half_sphere::half_sphere;
-use crate::{CASES, Case};
+use crate::meter::{Ram, repeated};
+use crate::{CASES, Case, trust};
+
+pub use crate::meter::{Failed, Meter, names};
 
 /// Lines of a finishing path, as CAM software writes them (Sawula 2013, appendix E).
 const LACES: &[u8] = include_bytes!("../../reference/toolpath/appendix_e.nc");
@@ -35,17 +37,6 @@ const TIMES: u32 = 20;
 /// Points of a best fit of a scanned surface.
 const MANY: usize = 500;
 
-/// Work that did not come to its result: its count would mean nothing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Failed(pub &'static str);
-
-/// Who counts: given the name of the work, how many units of it are done in one go, and
-/// what does it.
-pub trait Meter {
-    /// Does it, once, and counts.
-    fn measure(&mut self, work: &'static str, units: u32, run: &mut dyn FnMut());
-}
-
 /// Does all work.
 ///
 /// # Errors
@@ -56,53 +47,8 @@ pub fn all(meter: &mut impl Meter) -> Result<(), Failed> {
     journal(meter)?;
     setup(meter)?;
     rewriting(meter)?;
-    point_sensor(meter)
-}
-
-/// Does something a few times and counts it; `what` says whether it worked.
-fn repeated(
-    meter: &mut impl Meter,
-    work: &'static str,
-    times: u32,
-    mut what: impl FnMut() -> bool,
-) -> Result<(), Failed> {
-    let mut all_worked = true;
-    meter.measure(work, times, &mut || {
-        for _ in 0..times {
-            all_worked &= what();
-        }
-    });
-    all_worked.then_some(()).ok_or(Failed(work))
-}
-
-/// The name and the work go together, and a test that holds the count names it.
-pub mod names {
-    /// A byte of DPRNT text.
-    pub const BYTE: &str = "DPRNT text, a byte";
-    /// A sphere of five hits.
-    pub const SPHERE_5: &str = "sphere of 5 points with covariance";
-    /// A best fit of a scan.
-    pub const SPHERE_500: &str = "sphere of 500 points with covariance";
-    /// Three datum features.
-    pub const REGISTRATION_3: &str = "registration of 3 pairs with covariance";
-    /// Five datum features.
-    pub const REGISTRATION_5: &str = "registration of 5 pairs with covariance";
-    /// A best fit of a scan to its nominal points.
-    pub const REGISTRATION_500: &str = "registration of 500 pairs with covariance";
-    /// A journal entry.
-    pub const APPEND: &str = "journal entry of 64 bytes";
-    /// From the last hit's line to the correction.
-    pub const VERDICT: &str = "last hit of a setup: its sphere, registration, verdict, correction";
-    /// A tool path on its way to a control: what it was.
-    pub const LACES: &str = "tool path of lines rewritten, a byte read";
-    /// A tool path on its way to a control: what it becomes.
-    pub const CHORDS: &str = "tool path of arcs rewritten as chords, a byte written";
-    /// A point sensor on a ball: the paper's spiral.
-    pub const CALIBRATION_100: &str = "calibration of a point sensor by 100 readings";
-    /// P = Q + t + γ g a.
-    pub const PLACE: &str = "point of a reading of a point sensor";
-    /// All of it.
-    pub const SETUP: &str = "setup of 15 hits, from its first byte to its correction";
+    point_sensor(meter)?;
+    trust::all(meter)
 }
 
 fn dprnt(meter: &mut impl Meter) -> Result<(), Failed> {
@@ -162,7 +108,7 @@ fn fits(meter: &mut impl Meter) -> Result<(), Failed> {
 }
 
 fn journal(meter: &mut impl Meter) -> Result<(), Failed> {
-    let opened = Journal::open(Ram([ERASED; RAM]));
+    let opened = Journal::open(Ram::new());
     let (mut journal, _) = opened.map_err(|_| Failed(names::APPEND))?;
     repeated(meter, names::APPEND, TIMES, || {
         journal.append(1, Micros(1), black_box(&[0x55; 64])).is_ok()
@@ -266,47 +212,4 @@ fn point_sensor(meter: &mut impl Meter) -> Result<(), Failed> {
         let place = black_box(sensor.place(reading.axes, reading.gamma));
         place.mm.x.is_finite()
     })
-}
-
-const SECTOR: usize = 4096;
-const SECTORS: usize = 4;
-const RAM: usize = SECTORS * SECTOR;
-
-/// Flash that takes no time: the journal's own work is counted.
-struct Ram([u8; RAM]);
-
-impl Flash for Ram {
-    type Error = Infallible;
-
-    fn geometry(&self) -> Geometry {
-        Geometry {
-            sectors: SECTORS as u16,
-            sector_size: SECTOR as u32,
-            write_size: 1,
-            page_size: 256,
-        }
-    }
-
-    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Infallible> {
-        if let Some(cells) = self.0.get(addr as usize..addr as usize + into.len()) {
-            into.copy_from_slice(cells);
-        }
-        Ok(())
-    }
-
-    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Infallible> {
-        let cells = self.0.get_mut(addr as usize..addr as usize + bytes.len());
-        if let Some(cells) = cells {
-            cells.copy_from_slice(bytes);
-        }
-        Ok(())
-    }
-
-    fn erase(&mut self, sector: u32) -> Result<(), Infallible> {
-        let at = sector as usize * SECTOR;
-        if let Some(cells) = self.0.get_mut(at..at + SECTOR) {
-            cells.fill(ERASED);
-        }
-        Ok(())
-    }
 }

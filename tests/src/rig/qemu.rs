@@ -8,7 +8,7 @@
 
 use std::env;
 use std::fs::{self, File};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _, Seek as _, Write as _};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -32,6 +32,11 @@ const QEMU: &str = "qemu-system-arm";
 
 /// The PSRAM of the machine, in which the board has its flash.
 const FLASH_BYTES: u64 = 16 << 20;
+
+/// In that file, what the machine has no hardware for: entropy, and the jumper
+/// (`firmware/boards/mps2-an500/src/storage/mod.rs`).
+const ENTROPY_AT: u64 = 16;
+const JUMPER_AT: u64 = ENTROPY_AT + 32;
 
 /// Bytes that the control sends at once, at most.
 const PIECE: usize = 64;
@@ -101,6 +106,37 @@ impl QemuRig {
     #[must_use]
     pub fn start_or_skip() -> Option<Self> {
         skip_without(Self::start())
+    }
+
+    /// As [`Self::start_or_skip`], with entropy for the board's key, and its jumper closed.
+    ///
+    /// # Panics
+    /// As [`Self::start_or_skip`]; the file of the flash cannot be written.
+    #[must_use]
+    pub fn start_with_a_key(entropy: [u8; 32]) -> Option<Self> {
+        let mut rig = Self::start_or_skip()?;
+        rig.write_flash(ENTROPY_AT, &entropy);
+        rig.close_jumper(true);
+        rig.power_cycle();
+        Some(rig)
+    }
+
+    /// Closes the jumper, or opens it.
+    ///
+    /// # Panics
+    /// The file of the flash cannot be written.
+    pub fn close_jumper(&mut self, is_closed: bool) {
+        self.write_flash(JUMPER_AT, &[u8::from(is_closed)]);
+    }
+
+    /// The board sees it at once: the file is its memory.
+    fn write_flash(&self, at: u64, bytes: &[u8]) {
+        let file = File::options().write(true).open(self.folder.file("flash"));
+        let written = file.and_then(|mut file| {
+            file.seek(io::SeekFrom::Start(at))?;
+            file.write_all(bytes)
+        });
+        written.expect("the file of the flash is there");
     }
 
     fn with(image: PathBuf) -> io::Result<Self> {

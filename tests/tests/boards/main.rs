@@ -18,5 +18,6 @@ mod pico_watchdog;
 mod point_sensor;
 mod qemu;
 mod qemu_figures;
+mod qemu_owner;
 mod speeds;
 mod virtual_board;

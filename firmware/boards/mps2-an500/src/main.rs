@@ -19,6 +19,7 @@
 //! | [`path`] | where the axes are |
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
+//! | [`storage::owner`] | the board's key, and the keys of people |
 //! | [`crash_note`] | why the board started, and where it panicked |
 //!
 //! # Limitations
@@ -57,7 +58,7 @@ use umi_protocol::message::{Identity, ResetReason};
 use chip::{Interrupt, peripheral};
 use clock::BoardClock;
 use crash_note::Cause;
-use storage::Region;
+use storage::{Region, owner};
 use uart::{Full, Uart};
 use watchdog::WatchdogTimer;
 
@@ -94,7 +95,8 @@ fn main() -> ! {
     };
     clock::start();
     // SAFETY: here and nowhere else.
-    let [journal, settings, programs] = unsafe { storage::open() };
+    let kept = unsafe { storage::open() };
+    let signer = owner::signer(kept.key, kept.entropy);
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),
@@ -104,17 +106,19 @@ fn main() -> ! {
         reset,
         line: control::ABILITIES,
         skip_ends: true,
-        signer: None,
+        signer,
     };
     let app = &APP;
     let areas = StorageAreas {
-        journal,
-        // What this board has not: noise can overwrite its verdicts.
-        evidence: None,
-        custody: None,
-        settings,
-        programs,
+        journal: kept.journal,
+        evidence: Some(kept.evidence),
+        custody: Some(kept.custody),
+        settings: kept.settings,
+        programs: kept.programs,
     };
+    if let Err(Running) = app.guard(owner::keeper(kept.access, signer)) {
+        stop("the application runs already");
+    }
     if let Err(Running) = app.senses(&POINT) {
         stop("the application runs already");
     }

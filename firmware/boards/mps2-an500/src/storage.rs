@@ -13,6 +13,8 @@
 //! It takes no time, and no power cut falls into it: the journal is tested against those
 //! on the host.
 
+pub mod owner;
+
 use core::ptr;
 
 use umi_core::journal::{ERASED, Flash, Geometry};
@@ -41,13 +43,29 @@ const PROGRAMS: Geometry = Geometry {
     page_size: 256,
 };
 
+/// Verdicts and other evidence, apart from the noise: 1 MiB.
+const EVIDENCE: Geometry = Geometry {
+    sectors: 16,
+    ..JOURNAL
+};
+
+/// Small areas: what is kept for the owner, the keys of people, and the board's own.
+const SMALL: Geometry = Geometry {
+    sectors: 4,
+    ..PROGRAMS
+};
+
 /// Says that the memory behind it has been erased once, as flash comes from its maker.
 const FLASH: u32 = 0x464C_5348;
 
 const JOURNAL_AT: usize = 0x1000;
 const SETTINGS_AT: usize = JOURNAL_AT + size(JOURNAL);
 const PROGRAMS_AT: usize = SETTINGS_AT + size(SETTINGS);
-const END: usize = PROGRAMS_AT + size(PROGRAMS);
+const EVIDENCE_AT: usize = PROGRAMS_AT + size(PROGRAMS);
+const CUSTODY_AT: usize = EVIDENCE_AT + size(EVIDENCE);
+const ACCESS_AT: usize = CUSTODY_AT + size(SMALL);
+const KEY_AT: usize = ACCESS_AT + size(SMALL);
+const END: usize = KEY_AT + size(SMALL);
 const _: () = assert!(END <= 16 * 1024 * 1024, "the PSRAM has 16 MB");
 
 const fn size(geometry: Geometry) -> usize {
@@ -78,29 +96,66 @@ pub enum Refusal {
     NotErased,
 }
 
-/// Journal, settings and programs.
+/// Before the first region the bench says what this machine has no hardware for: in place of a source
+/// of entropy 32 bytes, zeros where there is none; and a byte, 1 while the jumper is closed.
+const ENTROPY_AT: usize = 16;
+const JUMPER_AT: usize = ENTROPY_AT + 32;
+
+/// Whether the jumper is closed now.
+pub fn jumper_is_closed() -> bool {
+    let psram = &raw const PSRAM;
+    // SAFETY: the byte is there, and only the bench writes to it.
+    unsafe { psram.add(JUMPER_AT).read_volatile() == 1 }
+}
+
+/// All that the board keeps.
+pub struct Areas {
+    /// The journal.
+    pub journal: Region,
+    /// Job and taught reference.
+    pub settings: Region,
+    /// Part programs.
+    pub programs: Region,
+    /// Evidence.
+    pub evidence: Region,
+    /// For the owner.
+    pub custody: Region,
+    /// Keys of people.
+    pub access: Region,
+    /// The board's own key.
+    pub key: Region,
+    /// In place of a source of entropy.
+    pub entropy: [u8; 32],
+}
+
+/// Opens the flash.
 ///
 /// # Safety
 /// To be called once: the regions are the only ones that reach the PSRAM.
-pub unsafe fn open() -> [Region; 3] {
+pub unsafe fn open() -> Areas {
     let psram = &raw const PSRAM as *mut u8;
     let mark = psram.cast::<u32>();
     // SAFETY: the PSRAM is there, aligned, and nobody else's.
     unsafe {
         if mark.read_volatile() != FLASH {
             // New memory, or an empty file.
-            ptr::write_bytes(psram, ERASED, END);
+            ptr::write_bytes(psram.add(JOURNAL_AT), ERASED, END - JOURNAL_AT);
             mark.write_volatile(FLASH);
         }
         let region = |at: usize, geometry| Region {
             start: psram.add(at),
             geometry,
         };
-        [
-            region(JOURNAL_AT, JOURNAL),
-            region(SETTINGS_AT, SETTINGS),
-            region(PROGRAMS_AT, PROGRAMS),
-        ]
+        Areas {
+            journal: region(JOURNAL_AT, JOURNAL),
+            settings: region(SETTINGS_AT, SETTINGS),
+            programs: region(PROGRAMS_AT, PROGRAMS),
+            evidence: region(EVIDENCE_AT, EVIDENCE),
+            custody: region(CUSTODY_AT, SMALL),
+            access: region(ACCESS_AT, SMALL),
+            key: region(KEY_AT, SMALL),
+            entropy: psram.add(ENTROPY_AT).cast::<[u8; 32]>().read_volatile(),
+        }
     }
 }
 
