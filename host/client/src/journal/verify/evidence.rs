@@ -60,6 +60,19 @@ pub(super) struct EvidenceCheck {
     early_cut: Option<u64>,
     /// The first entry that nothing proves.
     unproven: Option<u64>,
+    /// Pieces before a head are not all that it names; a later head may say that the board has
+    /// overwritten the others since.
+    doubt: Option<Doubt>,
+}
+
+/// Pieces that are not all that a head names.
+struct Doubt {
+    /// Of the head.
+    seq: u64,
+    /// Where the last piece before them stands, and what the head says.
+    from: Place,
+    said: Place,
+    pieces: Vec<Evidence>,
 }
 
 /// The evidence is not that of which the head in entry `seq` says that it was all.
@@ -81,6 +94,7 @@ impl EvidenceCheck {
             cut: None,
             early_cut: None,
             unproven: None,
+            doubt: None,
         }
     }
 
@@ -128,11 +142,21 @@ impl EvidenceCheck {
                 chain: Chain(mark.chain),
             };
             let recent = std::mem::take(&mut self.recent);
-            match self.place {
-                Some(place) => {
-                    self.is_all(place, &recent, mark, said)
-                        .map_err(|()| OtherEvidence { seq: entry.seq })?;
+            self.resolve(mark)?;
+            let place = self.place;
+            match place {
+                Some(place) if !self.is_all(place, &recent, mark, said) => {
+                    if let Some(doubt) = &self.doubt {
+                        return Err(OtherEvidence { seq: doubt.seq });
+                    }
+                    self.doubt = Some(Doubt {
+                        seq: entry.seq,
+                        from: place,
+                        said,
+                        pieces: recent,
+                    });
                 }
+                Some(_) => {}
                 None => {
                     self.early_cut = self.cut.take();
                     self.reached = Some((said, entry.seq));
@@ -155,31 +179,46 @@ impl EvidenceCheck {
     /// it still had them.
     fn is_all(
         &mut self,
-        mut place: Place,
+        place: Place,
         recent: &[Evidence],
         mark: &EvidenceMark,
         said: Place,
-    ) -> Result<(), ()> {
-        let mut from = 0;
-        if mark.first > place.number {
-            place = Place {
-                number: mark.first,
-                chain: Chain(mark.first_chain),
-            };
-            from = mark.first_seq;
-        }
-        for piece in recent.iter().filter(|of| of.seq >= from) {
-            place.pass(piece);
-        }
-        if let Some(cut) = self.cut.take().filter(|cut| *cut < from) {
+    ) -> bool {
+        let from = if mark.first > place.number {
+            mark.first_seq
+        } else {
+            0
+        };
+        let is_all = leads_to(place, recent, mark, said);
+        if is_all && let Some(cut) = self.cut.take().filter(|cut| *cut < from) {
             self.unproven.get_or_insert(cut);
         }
-        (place == said).then_some(()).ok_or(())
+        is_all
+    }
+
+    /// A later head says what the board had overwritten by then.
+    fn resolve(&mut self, mark: &EvidenceMark) -> Result<(), OtherEvidence> {
+        let Some(doubt) = self.doubt.take_if(|doubt| mark.first > doubt.from.number) else {
+            return Ok(());
+        };
+        // Where it held nothing any more of what stands before that head, the head alone is proven.
+        let is_all =
+            mark.first > doubt.said.number || leads_to(doubt.from, &doubt.pieces, mark, doubt.said);
+        if !is_all {
+            return Err(OtherEvidence { seq: doubt.seq });
+        }
+        if let Some(cut) = self.cut.take().filter(|cut| *cut < mark.first_seq) {
+            self.unproven.get_or_insert(cut);
+        }
+        Ok(())
     }
 
     /// The file has ended: the first entry that nothing proves.
     pub fn end(mut self) -> Result<Option<u64>, OtherEvidence> {
         self.gap();
+        if let Some(doubt) = &self.doubt {
+            return Err(OtherEvidence { seq: doubt.seq });
+        }
         let mut first = [self.unproven, self.cut].into_iter().flatten().min();
         let Some((reached, seq)) = self.reached else {
             return Ok(first);
@@ -204,4 +243,21 @@ impl EvidenceCheck {
         }
         Ok(first)
     }
+}
+
+/// Whether these pieces lead from a place, or from the oldest that a board still had by its mark, to
+/// where a head says that they end.
+fn leads_to(mut place: Place, pieces: &[Evidence], mark: &EvidenceMark, said: Place) -> bool {
+    let mut from = 0;
+    if mark.first > place.number {
+        place = Place {
+            number: mark.first,
+            chain: Chain(mark.first_chain),
+        };
+        from = mark.first_seq;
+    }
+    for piece in pieces.iter().filter(|of| of.seq >= from) {
+        place.pass(piece);
+    }
+    place == said
 }

@@ -683,6 +683,8 @@ struct Placed {
     before: Chain,
     kind: u8,
     raw: Vec<u8>,
+    /// Its number among the evidence, and the chain of that before it.
+    piece: Option<(u64, Chain)>,
 }
 
 impl EvidenceBoard {
@@ -713,6 +715,7 @@ impl EvidenceBoard {
         };
         let mut raw = vec![0; payload.len() + OVERHEAD];
         encode_entry(&entry, &mut self.chain, &mut raw).unwrap();
+        let piece_before = (self.number, self.evidence);
         if Record::is_evidence(kind) {
             let payload = [&seq.to_le_bytes()[..], &before.0, payload].concat();
             let piece = Entry {
@@ -730,14 +733,23 @@ impl EvidenceBoard {
             before,
             kind,
             raw,
+            piece: Record::is_evidence(kind).then_some(piece_before),
         });
         self.seq += 1;
     }
 
     /// Signs, when the journal holds entries from `first_seq` on and all evidence.
     fn head(&mut self, first_seq: u64, nonce: Option<[u8; 32]>) {
-        let pieces = self.all.iter().filter(|of| Record::is_evidence(of.kind));
-        let first = pieces.map(|of| of.seq).next().unwrap_or(self.seq);
+        self.head_with(first_seq, 0, nonce);
+    }
+
+    /// As [`Self::head`], when the board has overwritten the evidence before entry `oldest`, too.
+    fn head_with(&mut self, first_seq: u64, oldest: u64, nonce: Option<[u8; 32]>) {
+        let oldest = self.all.iter().find_map(|of| {
+            let (number, chain) = of.piece.filter(|_| of.seq >= oldest)?;
+            Some((of.seq, number, chain))
+        });
+        let (first, number, chain) = oldest.unwrap_or((self.seq, self.number, self.evidence));
         let mut head = Head {
             seq: self.seq,
             t_us: 10 * self.seq,
@@ -751,9 +763,9 @@ impl EvidenceBoard {
             nonce,
             signature: [[0; 32]; 2],
             evidence: Some(umi_protocol::head::EvidenceMark {
-                first: 0,
+                first: number,
                 first_seq: first,
-                first_chain: [0; 32],
+                first_chain: chain.0,
                 next: self.number,
                 chain: self.evidence.0,
             }),
@@ -834,6 +846,7 @@ fn changed_at(entry: &Placed, (seq, before): (u64, Chain), byte: usize) -> Place
         before,
         kind: entry.kind,
         raw,
+        piece: None,
     }
 }
 
@@ -919,4 +932,65 @@ fn evidence_between_gaps_is_proven() {
         }
     }
     assert!(found > 500, "{found}");
+}
+
+/// A file that is pulled in two goes, with evidence overwritten between them: the heads that were
+/// signed while the board still had it name it, and the last one that it is gone. It holds, and says
+/// what is missing. Where the last head says that the board has it, somebody took it out.
+#[test]
+fn evidence_that_was_overwritten_between_two_pulls_is_no_forgery() {
+    let mut random = Random(78);
+    let (mut doubts, mut forgeries) = (0, 0);
+    for turn in 0..200 {
+        let mut board = EvidenceBoard::new(board_key(1));
+        let key = Some(board.key.public());
+        let count = 5 + random.below(40);
+        board.noise(&mut random, count);
+        board.head(0, None);
+        let pulled = board.seq;
+        for _ in 0..2 + random.below(3) {
+            let count = 5 + random.below(40);
+            board.noise(&mut random, count);
+            board.head(0, None);
+        }
+        // Overwritten up to somewhere behind the first pull; then the host asks again.
+        let oldest = pulled + 1 + random.below((board.seq - pulled) as usize - 1) as u64;
+        let mut other = EvidenceBoard {
+            key: board_key(1),
+            all: board.all.clone(),
+            ..board
+        };
+        board.head_with(oldest, oldest, Some([9; 32]));
+        let held = |of: &&Placed| of.seq < pulled || of.seq >= oldest;
+        let kept: Vec<_> = board.all.iter().filter(held).cloned().collect();
+        let verified = verify(&file_of(&kept, Some([9; 32])), key, None);
+        let verified = verified.unwrap_or_else(|refused| panic!("{turn}: {refused:?}"));
+        assert!(verified.signed);
+        assert_eq!(verified.stretch.overwritten, [(pulled, oldest)]);
+        let is_lost = |of: &&Placed| of.piece.is_some() && !held(of);
+        let lost = board.all.iter().filter(is_lost).count();
+        doubts += lost;
+
+        // The same file, from a board whose last head says that it still has all evidence.
+        other.head(oldest, Some([9; 32]));
+        let kept: Vec<_> = other.all.iter().filter(held).cloned().collect();
+        let forged = verify(&file_of(&kept, Some([9; 32])), key, None);
+        match forged {
+            Err(refused) => assert_eq!(refused.code, "head_signature", "{turn}"),
+            Ok(_) => assert_eq!(lost, 0, "{turn}"),
+        }
+        forgeries += usize::from(lost > 0);
+
+        // And what is left of the evidence behind the gap is proven all the same.
+        let pieces: Vec<_> = (1..kept.len())
+            .filter(|at| kept[*at].seq >= oldest && kept[*at].kind != HEAD)
+            .filter(|at| kept[*at].piece.is_some())
+            .collect();
+        if let Some(at) = pieces.first() {
+            let mut less: Vec<_> = board.all.iter().filter(held).cloned().collect();
+            less.remove(*at);
+            assert!(verify(&file_of(&less, Some([9; 32])), key, None).is_err());
+        }
+    }
+    assert!(doubts > 200 && forgeries > 100, "{doubts}, {forgeries}");
 }
