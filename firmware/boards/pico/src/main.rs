@@ -12,18 +12,18 @@
 //! | file | idea |
 //! | --- | --- |
 //! | [`pins`], [`pin_mux`] | which pin is what |
-//! | [`before_main`] | what a reset leaves |
+//! | [`safety::before_main`] | what a reset leaves |
 //! | [`resources`] | clock, machines, channels, priorities |
-//! | [`pio`] | what the state machines run, and how they are started |
-//! | [`rings`] | samples in memory |
-//! | [`quadrature`] | 64-bit positions at an instant |
-//! | [`stamps`], [`edge_pins`] | edges to instants |
-//! | [`latch`], [`tick`] | captures |
-//! | [`rate_limit`] | no line keeps the processor |
-//! | [`trigger_out`] | pulses to a scanner |
+//! | [`capture::pio`] | what the state machines run, and how they are started |
+//! | [`capture::rings`] | samples in memory |
+//! | [`capture::quadrature`] | 64-bit positions at an instant |
+//! | [`capture::stamps`], [`capture::edge_pins`] | edges to instants |
+//! | [`capture::latch`], [`time::tick`] | captures |
+//! | [`capture::rate_limit`] | no line keeps the processor |
+//! | [`capture::trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, settings and part programs |
-//! | [`guard`], [`crash_note`], [`lights`], [`clock`], [`alarms`] | watchdog, panics, outputs, time |
+//! | [`safety::guard`], [`safety::crash_note`], [`lights`], [`time::clock`], [`time::alarms`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
 //!
@@ -31,26 +31,14 @@
 #![no_std]
 #![no_main]
 
-mod alarms;
-mod before_main;
-mod clock;
-mod crash_note;
-mod edge_pins;
-mod flash_line;
-mod guard;
-mod latch;
+mod capture;
 mod lights;
 mod pin_mux;
 mod pins;
-mod pio;
-mod quadrature;
-mod rate_limit;
 mod resources;
-mod rings;
-mod stamps;
+mod safety;
 mod storage;
-mod tick;
-mod trigger_out;
+mod time;
 mod uart;
 
 use core::fmt::Write as _;
@@ -77,11 +65,14 @@ use umi_drivers::usb_serial;
 use umi_protocol::job::name;
 use umi_protocol::message::{Identity, ResetReason};
 
+use capture::latch;
+use capture::latch::Station;
 use clock::BoardClock;
-use guard::Dog;
-use latch::Station;
 use lights::Lamps;
+use safety::guard::Dog;
+use safety::{crash_note, guard};
 use storage::{Part, Storage};
+use time::{alarms, clock};
 use umi_app::board::Clock as _;
 
 bind_interrupts!(struct Interrupts {

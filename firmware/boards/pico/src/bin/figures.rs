@@ -12,9 +12,9 @@
 #![no_main]
 
 // The HAL looks at the clock.
-#[path = "../alarms.rs"]
+#[path = "../time/alarms.rs"]
 mod alarms;
-#[path = "../before_main.rs"]
+#[path = "../safety/before_main.rs"]
 mod before_main;
 
 use core::fmt::{self, Write};

@@ -8,7 +8,7 @@ use embassy_time::{Duration, Timer};
 use umi_app::board::{CncInput, CncRx as _, CncTx as _};
 use umi_protocol::serial::{Cts, LineSettings};
 
-use crate::clock;
+use crate::time::clock;
 use crate::uart::{self, Receiver, Transmitter};
 
 /// Characters of a test.

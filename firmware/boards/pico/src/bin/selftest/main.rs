@@ -24,22 +24,10 @@
 #![no_main]
 #![allow(dead_code, reason = "the application uses the rest of its files")]
 
-#[path = "../../alarms.rs"]
-mod alarms;
-#[path = "../../before_main.rs"]
-mod before_main;
-#[path = "../../clock.rs"]
-mod clock;
-#[path = "../../crash_note.rs"]
-mod crash_note;
+#[path = "../../capture/mod.rs"]
+mod capture;
 mod drive;
-#[path = "../../edge_pins.rs"]
-mod edge_pins;
 mod flash_cache;
-#[path = "../../guard.rs"]
-mod guard;
-#[path = "../../latch.rs"]
-mod latch;
 #[path = "../../lights.rs"]
 mod lights;
 mod loopback;
@@ -49,23 +37,13 @@ mod past;
 mod pin_mux;
 #[path = "../../pins.rs"]
 mod pins;
-#[path = "../../pio/mod.rs"]
-mod pio;
-#[path = "../../quadrature.rs"]
-mod quadrature;
-#[path = "../../rate_limit.rs"]
-mod rate_limit;
 mod report;
 #[path = "../../resources.rs"]
 mod resources;
-#[path = "../../rings.rs"]
-mod rings;
-#[path = "../../stamps.rs"]
-mod stamps;
-#[path = "../../tick.rs"]
-mod tick;
-#[path = "../../trigger_out.rs"]
-mod trigger_out;
+#[path = "../../safety/mod.rs"]
+mod safety;
+#[path = "../../time/mod.rs"]
+mod time;
 #[path = "../../uart/mod.rs"]
 mod uart;
 
@@ -85,8 +63,11 @@ use static_cell::StaticCell;
 use umi_app::board::LinkRx as _;
 use umi_drivers::usb_serial;
 
-use latch::Station;
+use capture::latch;
+use capture::latch::Station;
 use past::Past;
+use safety::{crash_note, guard};
+use time::alarms;
 
 bind_interrupts!(struct Interrupts {
     USBCTRL_IRQ => InterruptHandler<USB>;

@@ -9,15 +9,15 @@ use umi_protocol::latch::{
     LatchCause, LatchReport, Positions, SignalLevel, TriggerOut, TriggerPulse,
 };
 
-use crate::clock;
+use crate::capture::latch::{self, CAPTURES, Station};
 use crate::drive::{self, Encoders};
 use crate::flash_cache;
-use crate::latch::{self, CAPTURES, Station};
 use crate::loopback;
 use crate::past::Past;
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT};
 use crate::report::{Asked, Table};
 use crate::resources::{CYCLES_PER_US, SKIP_MACHINE};
+use crate::time::clock;
 
 /// What each axis is moved, one count a microsecond.
 const WAYS: [i64; AXES] = [4000, -3000, 2000, -1000];

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use crate::crash_note;
+use crate::safety::crash_note;
 
 /// Says that the two words behind it are ours.
 const OURS: u32 = 0x5E1F_7E57;

@@ -10,7 +10,7 @@
 //! # Limitations
 //!
 //! At 125 MHz the four rings take 50 million transfers per second, less than half of what
-//! the DMA can do. A machine whose FIFO runs full tells it: see [`crate::pio::stalled`].
+//! the DMA can do. A machine whose FIFO runs full tells it: see [`crate::capture::pio::stalled`].
 
 use core::sync::atomic::{AtomicU32, Ordering};
 

@@ -13,12 +13,12 @@
 use umi_core::capture::stamp::Stamper;
 use umi_core::units::Cycles;
 
-use crate::clock;
+use crate::capture::pio;
+use crate::capture::pio::{PIO_LAG_CYCLES, Started};
+use crate::capture::quadrature::{AxisCounts, Quadrature};
 use crate::pins::{INDEX, INDEXED, WATCHED, WATCHED_COUNT, is_among};
-use crate::pio;
-use crate::pio::{PIO_LAG_CYCLES, Started};
-use crate::quadrature::{AxisCounts, Quadrature};
 use crate::resources::{CYCLES_PER_US, EVENTS_MACHINE, PERIOD_CYCLES};
+use crate::time::clock;
 
 /// Bits of time in a stamp; above them are the levels of the look before, and of this one.
 const TIME_BITS: u32 = 22;

@@ -16,7 +16,7 @@ use umi_protocol::message::ResetReason;
 use crate::lights;
 use crate::pins;
 use crate::resources::{HOST_S, MEASURING_S, WATCHDOG_MS};
-use crate::tick;
+use crate::time::tick;
 
 /// The lowest level: it answers when the measuring does.
 static MEASURING: TaskWatchdog = TaskWatchdog::new(MEASURING_S * 1_000_000);

@@ -13,10 +13,11 @@ use umi_core::capture::sample_ring::SampleRing;
 use umi_core::capture::unwrap::{Tally, nearest};
 use umi_core::units::{Counts, Cycles};
 
+use crate::capture::pio::{FIRST_SAMPLE_CYCLES, Started};
+use crate::capture::{pio, rings};
 use crate::pins::AXES;
-use crate::pio::{FIRST_SAMPLE_CYCLES, Started};
 use crate::resources::{CADENCE, CYCLES_PER_US, ILLEGAL_BITS, PERIOD_CYCLES, POSITION_BITS, SLOTS};
-use crate::{clock, pio, rings};
+use crate::time::clock;
 
 /// Positions of the axes at one instant.
 pub type AxisCounts = [Counts; AXES];

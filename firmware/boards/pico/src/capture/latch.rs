@@ -32,18 +32,21 @@ use umi_app::board::{Axes, Scanner, Unsupported};
 use umi_core::units::Cycles;
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerRefusal};
 
-use crate::edge_pins::EdgePins;
+use crate::capture::edge_pins::EdgePins;
+use crate::capture::quadrature::{AxisCounts, Quadrature};
+use crate::capture::rate_limit::RateLimit;
+use crate::capture::stamps::{LostEdges, Stamped, Stamps};
+use crate::capture::trigger_out::Pulses;
+use crate::capture::{pio, rings, stamps, trigger_out};
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT, WATCHED, is_among};
-use crate::quadrature::{AxisCounts, Quadrature};
-use crate::rate_limit::RateLimit;
 use crate::resources::{
     CAPTURE, CONTROL_TASKS, CYCLES_PER_US, EXTEND_US, MOST_PULSE_CYCLES, PERIOD_CYCLES,
     SCANS_AT_ONCE, SCANS_PER_S, SERIAL, SKIP_MACHINE, SKIPS_AT_ONCE, SKIPS_PER_S, SystemClock,
     TICK_US, TRIGGER_MACHINE,
 };
-use crate::stamps::{LostEdges, Stamped, Stamps};
-use crate::trigger_out::Pulses;
-use crate::{clock, guard, pio, rings, stamps, tick, trigger_out};
+use crate::safety::guard;
+use crate::time::clock;
+use crate::time::tick;
 
 /// Captures on their way to the application.
 pub static CAPTURES: umi_drivers::latches::Latches = umi_drivers::latches::Latches::new();

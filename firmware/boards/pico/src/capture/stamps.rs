@@ -3,12 +3,12 @@
 use umi_core::capture::stamp::Stamper;
 use umi_core::units::Cycles;
 
-use crate::clock;
-use crate::pio;
-use crate::pio::programs::stamp::{LOST_AT_EDGE, LOST_AT_FALL};
-use crate::pio::{PIO_LAG_CYCLES, Started};
-use crate::quadrature::{AxisCounts, Gone, Quadrature};
+use crate::capture::pio;
+use crate::capture::pio::programs::stamp::{LOST_AT_EDGE, LOST_AT_FALL};
+use crate::capture::pio::{PIO_LAG_CYCLES, Started};
+use crate::capture::quadrature::{AxisCounts, Gone, Quadrature};
 use crate::resources::CYCLES_PER_US;
+use crate::time::clock;
 
 /// Bits of time in a stamp; above them is the edge's number.
 const TIME_BITS: u32 = 19;

@@ -396,15 +396,15 @@ fn start_at_tick() -> u64 {
             control.0,
         );
     }
-    extended(low, crate::clock::now_us())
+    extended(low, crate::time::clock::now_us())
 }
 
 #[cfg(feature = "rp2350")]
 fn start_at_tick() -> u64 {
-    let before = crate::clock::now_us();
+    let before = crate::time::clock::now_us();
     let mut now = before;
     while now == before {
-        now = crate::clock::now_us();
+        now = crate::time::clock::now_us();
     }
     pac::PIO0.ctrl().write(|w| {
         w.set_sm_enable(0xF);

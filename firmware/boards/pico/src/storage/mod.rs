@@ -6,6 +6,8 @@
 //! from it, captures neither. The other one hangs on SPI 0 and may be as busy as it
 //! likes: who waits for it is the task of the lowest priority.
 
+mod flash_line;
+
 use core::convert::Infallible;
 
 use embassy_rp::gpio::{Level, Output};
@@ -18,7 +20,7 @@ use static_cell::StaticCell;
 use umi_core::journal::{Flash, Geometry};
 use umi_drivers::spi_nor::{self, FlashFault, SectorSize, SpiNor, Wanted};
 
-use crate::flash_line::FlashLine;
+use crate::storage::flash_line::FlashLine;
 
 /// Clock of the line: any W25Q reads so fast with its slow command.
 const SPI_HZ: u32 = 32_000_000;

@@ -5,8 +5,8 @@
 
 use embassy_rp::interrupt::InterruptExt;
 
-use crate::alarms::TIMER;
 use crate::resources::{CAPTURE, EXTEND_US, TICK_US};
+use crate::time::alarms::TIMER;
 
 #[cfg(not(feature = "rp2350"))]
 use embassy_rp::interrupt::TIMER_IRQ_1 as ALARM;

@@ -50,7 +50,7 @@
 //! | a fall that is not: `watch`, `fell` | 2 | 0 | [`stamp::LOST_AT_FALL`] |
 //!
 //! What X has lost is known from the number of edges, and given back to the time
-//! ([`crate::stamps`]).
+//! ([`crate::capture::stamps`]).
 //!
 //! A pulse must last two cycles. An edge within twelve cycles of the one before is stamped when
 //! these are over, if the level is still the other one then: so a spark of 16 ns has both its

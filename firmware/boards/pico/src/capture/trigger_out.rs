@@ -21,9 +21,9 @@ use core::num::NonZeroU32;
 use umi_core::trigger::{self, Lines, Motion, PulsePlan, PulseRoom, pulse_period};
 use umi_protocol::latch::{TriggerOut, TriggerPulse, TriggerRefusal};
 
-use crate::pio;
-use crate::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES, hold_of};
-use crate::quadrature::{AxisCounts, AxisSeen, Quadrature};
+use crate::capture::pio;
+use crate::capture::pio::programs::{PULSE_LEAD_CYCLES, PULSE_OVERHEAD_CYCLES, hold_of};
+use crate::capture::quadrature::{AxisCounts, AxisSeen, Quadrature};
 use crate::resources::{CLOCK_HZ, CYCLES_PER_US, LEAST_INTERVAL_US, MOST_INTERVAL_US, TICK_US};
 
 /// What is foreseen: until the next tick, however late it comes. No line is foreseen while
