@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::ScanError;
 use crate::plan::mesh::read::read_obstacle;
 use crate::rigid::Vec3;
-use crate::surface::{CompositeSurface, Near, outward, read_stl};
+use crate::surface::{CompositeSurface, Mesh, Near, outward, read_stl};
 
 /// A surface with an outward side.
 #[derive(Debug, Clone)]
@@ -262,43 +262,76 @@ impl Nominal {
         })
     }
 
-    /// What is odd about it beside these points, but no reason to refuse: a mesh with edges where no
-    /// face goes on, and sizes that look like another unit.
+    /// What is odd about it beside these points, but no reason to refuse: what a mesh has for [flaws](crate::surface::Mesh::flaws), and sizes
+    /// that look like another unit.
     #[must_use]
-    pub fn warnings(&self, points: &[Vec3], rms_mm: f64) -> Vec<String> {
-        let Self::Mesh(surface) = self else {
-            return Vec::new();
+    pub fn warnings(&self, points: &[Vec3]) -> Vec<String> {
+        let mut warnings = match self.mesh() {
+            Some(mesh) => mesh.flaws(),
+            None => Vec::new(),
         };
-        let Some(mesh) = &surface.mesh else {
-            return Vec::new();
-        };
-        let mut warnings = Vec::new();
-        if !mesh.is_closed() {
-            warnings.push(
-                "open_mesh: the nominal has edges where no face goes on; which side is outside, its \
-                 faces alone say"
-                    .to_owned(),
-            );
+        warnings.extend(self.other_unit(points));
+        warnings
+    }
+
+    fn mesh(&self) -> Option<&Mesh> {
+        match self {
+            Self::Mesh(surface) => surface.mesh.as_ref(),
+            _ => None,
         }
+    }
+
+    /// A unit in which cloud and nominal would agree, where they do not in millimetres: the cloud lies on a nominal that
+    /// is so much larger, or spans as much as such a mesh.
+    fn other_unit(&self, points: &[Vec3]) -> Option<String> {
         let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(-f64::INFINITY));
         for point in points {
             (least, most) = (least.inf(point), most.sup(point));
         }
-        let (cloud_mm, mesh_mm) = ((most - least).norm(), mesh.diagonal_mm());
-        for (factor, unit) in [
+        let cloud_mm = (most - least).norm();
+        let mesh_mm = self.mesh().map(Mesh::diagonal_mm);
+        let rms_mm = self.rms_mm(points, 1.0)?;
+        let units = [
             (25.4, "the nominal looks like inches"),
             (1000.0, "the nominal looks like metres"),
             (1.0 / 25.4, "the cloud looks like inches"),
             (1e-3, "the cloud looks like metres"),
-        ] {
-            let ratio = cloud_mm / mesh_mm / factor;
-            if (0.8..1.25).contains(&ratio) && rms_mm > 0.05 * cloud_mm.min(mesh_mm) {
-                warnings.push(format!(
+        ];
+        // Sizes that agree tell of a mesh that lies elsewhere; of a shape, which may have no end, the place tells.
+        if let Some(mesh_mm) = mesh_mm
+            && rms_mm > 0.05 * cloud_mm.min(mesh_mm)
+        {
+            let alike = |factor: f64| (0.8..1.25).contains(&(cloud_mm / mesh_mm / factor));
+            if let Some((_, unit)) = units.iter().find(|(factor, _)| alike(*factor)) {
+                return Some(format!(
                     "unit: {unit}: the cloud spans {cloud_mm:.1} mm, the nominal {mesh_mm:.1} mm"
                 ));
             }
         }
-        warnings
+        let then = units.map(|(factor, unit)| Some((self.rms_mm(points, factor)?, factor, unit)));
+        let (then_mm, factor, unit) =
+            (then.into_iter().flatten()).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (10.0 * then_mm < rms_mm && rms_mm > 0.005 * cloud_mm).then(|| {
+            format!(
+                "unit: {unit}: the cloud is {rms_mm:.3} mm (rms) from the nominal, and {then_mm:.3} mm from one {factor:.4} \
+                 times as large"
+            )
+        })
+    }
+
+    /// The root mean square of the distances from the nominal made `factor` times as large about the origin, of some
+    /// thousand points that are spread evenly over the cloud.
+    fn rms_mm(&self, points: &[Vec3], factor: f64) -> Option<f64> {
+        const ENOUGH: usize = 4000;
+        let step = points.len() / ENOUGH + 1;
+        let mut hint = 0;
+        let (mut n, mut sum) = (0.0, 0.0);
+        for point in points.iter().step_by(step) {
+            let mm = factor * self.distance_mm(&(point / factor), &mut hint);
+            n += 1.0;
+            sum += mm * mm;
+        }
+        (n > 0.0 && f64::is_finite(sum)).then(|| (sum / n).sqrt())
     }
 
     /// Where the plane across an axis (0 X, 1 Y, 2 Z) cuts a mesh; nothing for other nominals.

@@ -11,6 +11,7 @@ pub struct Mesh {
     pub(super) triangles: Vec<Triangle>,
     pub(super) tree: Tree,
     pub(super) dropped: usize,
+    pub(super) turned: usize,
 }
 
 impl Mesh {
@@ -54,6 +55,7 @@ impl Mesh {
         let tree = Tree::new(&triangles);
         Ok(Self {
             dropped: corners.len() - triangles.len(),
+            turned: 0,
             triangles,
             tree,
         })
@@ -69,6 +71,12 @@ impl Mesh {
     #[must_use]
     pub fn dropped(&self) -> usize {
         self.dropped
+    }
+
+    /// How many triangles of a closed surface looked inwards in their file and were turned.
+    #[must_use]
+    pub fn turned(&self) -> usize {
+        self.turned
     }
 
     /// Whether every edge has a triangle on either side: then there is an inside.
@@ -126,7 +134,11 @@ impl Mesh {
             .iter()
             .map(|t| t.corners.map(|c| motion.point(&c)))
             .collect();
-        Self::new(&corners)
+        Ok(Self {
+            dropped: self.dropped,
+            turned: self.turned,
+            ..Self::new(&corners)?
+        })
     }
 }
 

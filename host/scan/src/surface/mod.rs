@@ -2,6 +2,7 @@
 
 mod bvh;
 mod facet;
+mod flaws;
 mod mesh;
 mod nearest;
 mod outward;

@@ -16,10 +16,15 @@ type Sides = Vec<(usize, bool)>;
 pub(crate) fn outward(mesh: Mesh) -> Result<Mesh, ScanError> {
     match turned(&mesh) {
         None => Ok(mesh),
-        Some(corners) => Ok(Mesh {
-            dropped: mesh.dropped,
-            ..Mesh::new(&corners)?
-        }),
+        Some(corners) => {
+            let pairs = mesh.triangles().iter().zip(&corners);
+            let turned = pairs.filter(|(was, is)| was.corners != **is).count();
+            Ok(Mesh {
+                dropped: mesh.dropped,
+                turned,
+                ..Mesh::new(&corners)?
+            })
+        }
     }
 }
 

@@ -25,25 +25,23 @@ pub fn read_stl(path: &Path) -> Result<Mesh, ScanError> {
     })
 }
 
-/// Whether these are the bytes of an STL file, whole or cut: its size is what its header states, or its text begins as one.
-pub(crate) fn is_stl(bytes: &[u8]) -> bool {
-    let text = bytes.trim_ascii_start();
-    let solid = text.starts_with(b"solid")
-        && text.get(5).is_none_or(u8::is_ascii_whitespace)
-        && std::str::from_utf8(text).is_ok();
-    solid || is_binary(bytes)
+/// Whether a file that begins so and has so many bytes is an STL file, whole or cut: its size is what its header states,
+/// or it begins as a text or as the header that many programs write.
+pub(crate) fn is_stl(begin: &[u8], bytes: u64) -> bool {
+    let text = begin.trim_ascii_start();
+    let ends_word = |b: &u8| b.is_ascii_whitespace() || *b == 0;
+    let solid = text.starts_with(b"solid") && text.get(5).is_none_or(ends_word);
+    solid || is_binary(begin, bytes)
 }
 
 /// Whether the file is as large as a binary header states. Some programs write a few bytes behind the last triangle; as
 /// many as a triangle has are a triangle too many.
-fn is_binary(bytes: &[u8]) -> bool {
-    let stated = bytes.get(80..HEADER).and_then(|b| b.try_into().ok());
-    let stated = stated.map(|b| u32::from_le_bytes(b) as usize);
+fn is_binary(begin: &[u8], bytes: u64) -> bool {
+    let stated = begin.get(80..HEADER).and_then(|b| b.try_into().ok());
+    let stated = stated.map(|b| u64::from(u32::from_le_bytes(b)));
     stated.is_some_and(|n| {
-        let behind = n
-            .checked_mul(RECORD)
-            .and_then(|size| (bytes.len() - HEADER).checked_sub(size));
-        behind == Some(0) || (n > 0 && behind.is_some_and(|b| b < RECORD))
+        let behind = bytes.checked_sub(HEADER as u64 + n * RECORD as u64);
+        behind == Some(0) || (n > 0 && behind.is_some_and(|b| b < RECORD as u64))
     })
 }
 
@@ -57,9 +55,11 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
         .and_then(|b| b.try_into().ok())
         .map(|b| u32::from_le_bytes(b) as usize);
     let there = bytes.len().saturating_sub(HEADER) / RECORD;
-    let corners = if is_binary(bytes) {
+    // No text has a byte of 0, and no binary file is without.
+    let is_text = bytes.trim_ascii_start().starts_with(b"solid") && !bytes.contains(&0);
+    let corners = if is_binary(bytes, bytes.len() as u64) {
         binary(&bytes[HEADER..])
-    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+    } else if is_text {
         text(bytes)?
     } else if let Some(stated) = stated {
         return Err(ScanError::unreadable(
@@ -72,7 +72,7 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
     } else {
         return Err(ScanError::unreadable(
             "bad_file",
-            "it is no STL file: shorter than a header, and it does not begin with `solid`",
+            "it is cut short or no STL file: shorter than the header of a binary one",
         ));
     };
     outward(Mesh::new(&corners)?)
@@ -88,9 +88,19 @@ fn binary(records: &[u8]) -> Vec<[Vec3; 3]> {
 }
 
 fn text(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
+    // Of the last body's two lines the second, which a cut takes first.
+    let ends = (bytes.split(|&b| b == b'\n').rev())
+        .map(<[u8]>::trim_ascii_start)
+        .find(|line| line.starts_with(b"solid") || line.starts_with(b"endsolid"));
+    let cut = ScanError::unreadable(
+        "bad_file",
+        "it begins as a text STL file and its last body has no `endsolid`: it is cut short",
+    );
+    if !ends.is_some_and(|line| line.starts_with(b"endsolid")) {
+        return Err(cut);
+    }
     let mut corners: Vec<Vec3> = Vec::new();
     let mut triangles = Vec::new();
-    let mut ended = false;
     for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
         let wrong =
             |what: &str| ScanError::unreadable("bad_file", format_args!("line {}: {what}", i + 1));
@@ -115,16 +125,12 @@ fn text(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
                 triangles.push(three);
                 corners.clear();
             }
-            Some("endsolid") => ended = true,
             _ => {}
         }
     }
-    if ended && corners.is_empty() {
+    if corners.is_empty() {
         Ok(triangles)
     } else {
-        Err(ScanError::unreadable(
-            "bad_file",
-            "it begins as a text STL file and has no `endsolid`: it is cut short",
-        ))
+        Err(cut)
     }
 }

@@ -169,7 +169,7 @@ impl Compare {
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let figures = summary(&deviations)?;
         Ok(ComparedCloud {
-            warnings: nominal.warnings(&cloud, figures.rms_mm),
+            warnings: nominal.warnings(&cloud),
             limits: self.limits.map(|bands| {
                 let count = |is: &dyn Fn(f64) -> bool| {
                     deviations

@@ -27,7 +27,7 @@ pub(crate) struct Report {
     /// Points in mm: CSV with the columns x_mm, y_mm, z_mm, PLY, PCD, LAS, E57 and what else is read
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
-    /// kind = "plane", "cylinder" or "sphere" with its figures (TOML), or a mesh (STL) in mm
+    /// What `umi scan compare` takes: a shape with its figures (TOML), or a mesh in mm (STL, OBJ, STEP)
     #[arg(long, value_name = "NOMINAL.toml|MESH.stl")]
     nominal: PathBuf,
     /// Where the page goes
@@ -36,7 +36,7 @@ pub(crate) struct Report {
     /// Between which deviations a point is good, in mm; without, the colours end where 99 % of the points do
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = limits)]
     limits: Option<Bands>,
-    /// A section across an axis, as y=12.5 (mm); without any, three through the middle
+    /// A section across an axis, as y=12.5 (mm); several may be given. Without any, three through the middle
     #[arg(long, value_name = "AXIS=MM", value_parser = section)]
     section: Vec<(usize, f64)>,
     /// What `umi scan merge --json` (or `pair`) has printed: lost frames and all that was not used
@@ -54,6 +54,12 @@ pub(crate) struct Report {
 const HELP: &str = "\
 The page is one file: it loads nothing and sends nothing, and runs one script, its own, that turns
 the points under the mouse. Nothing is aligned: see `umi scan localise` for that.
+
+A section is drawn across its axis at that coordinate of the cloud's frame. Its points are those of a slice
+about that plane: 0.05 % of the largest dimension to each side at first, doubled until 800 points are in it, at most
+to 1 %. Points where the nominal leans more than 30 degrees out of the plane are left out, because
+their deviation is not within it. The page states how many points a section has, and how thick it is. Without a point in the slice
+there is no drawing.
 
 Examples:
   umi scan report cloud.ply --nominal part.stl -o page.html
@@ -87,6 +93,8 @@ struct Reported {
     below: Option<usize>,
     above: Option<usize>,
     lost_frames: Option<u64>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 impl Report {
@@ -104,7 +112,16 @@ impl Report {
                 .map_err(|error| Failure::trouble("json", format_args!("no JSON: {error}")))?;
             return print_json(&value);
         }
-        print(&format!("{}\n{}\n", page.result, self.output.display()))
+        let notes: String = reported
+            .warnings
+            .iter()
+            .map(|warning| format!("warning: {warning}\n"))
+            .collect();
+        print(&format!(
+            "{}\n{}\n{notes}",
+            page.result,
+            self.output.display()
+        ))
     }
 
     fn make(&self) -> Result<(DeviationPage, Reported), ScanError> {
@@ -116,6 +133,7 @@ impl Report {
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let found = summary(&deviations)?;
         let beyond = self.limits.map(|bands| beyond(&near, bands));
+        let warnings = nominal.warnings(&cloud);
         let page = page(&Compared {
             cloud: &self.cloud,
             nominal: &self.nominal,
@@ -126,7 +144,7 @@ impl Report {
             limits: self.limits,
             sections: &self.section,
             losses: losses.as_ref(),
-            remarks: Vec::new(),
+            remarks: warnings.clone(),
         });
         let reported = Reported {
             kind: "scan_report",
@@ -135,6 +153,7 @@ impl Report {
             above: beyond.map(|(_, above)| above),
             lost_frames: losses.as_ref().map(|l| l.lost_frames),
             figures: found,
+            warnings,
         };
         Ok((page, reported))
     }
