@@ -3,9 +3,10 @@
 use std::io::BufRead;
 
 use serde::Serialize;
-use umi_kinematics::{AxisChain, Pose};
+use umi_kinematics::{AxisChain, Joint, JointKind, Pose};
 
 use crate::ScanError;
+use crate::format::machine;
 use crate::format::table::{Column, Row, TableReader};
 
 /// The answer of `umi scan pose`.
@@ -13,6 +14,9 @@ use crate::format::table::{Column, Row, TableReader};
 pub struct Poses {
     /// One for each row of positions.
     pub poses: Vec<PoseAnswer>,
+    /// What may be a slip: of the machine file, and of the angles' unit.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// The sensor's frame in the workpiece's frame.
@@ -44,11 +48,36 @@ pub fn poses<R: BufRead>(
 ) -> Result<Poses, ScanError> {
     let columns = JointColumns::find(machine, &positions)?;
     let mut poses = Vec::new();
+    let mut largest_deg = vec![0.0_f64; machine.joints.len()];
     while let Some(row) = positions.next_row()? {
-        let pose = machine.sensor_in_workpiece(&columns.values(&row)?);
-        poses.push(PoseAnswer::from(&pose));
+        let values = columns.values(&row)?;
+        for (largest, value) in largest_deg.iter_mut().zip(&values) {
+            *largest = largest.max(value.abs());
+        }
+        poses.push(PoseAnswer::from(&machine.sensor_in_workpiece(&values)));
     }
-    Ok(Poses { poses })
+    let mut warnings = machine::warnings(machine);
+    warnings.extend(small_angles(machine, &largest_deg));
+    Ok(Poses { poses, warnings })
+}
+
+/// Angles that would all lie within a turn in radians: only whoever wrote them knows.
+fn small_angles(machine: &AxisChain, largest_deg: &[f64]) -> Option<String> {
+    let turning = |(place, joint): &(usize, &Joint)| {
+        joint.kind == JointKind::Rotary && joint.constant().is_none() && largest_deg[*place] > 0.0
+    };
+    let turning: Vec<(usize, &Joint)> = machine.moving().filter(turning).collect();
+    let small = |(place, _): &(usize, &Joint)| largest_deg[*place] <= std::f64::consts::TAU + 1e-3;
+    let names: Vec<&str> = turning
+        .iter()
+        .map(|(_, joint)| joint.name.as_str())
+        .collect();
+    (!turning.is_empty() && turning.iter().all(small)).then(|| {
+        format!(
+            "No angle of {} is above 6.3, a whole turn in radians. They were taken for degrees.",
+            names.join(", ")
+        )
+    })
 }
 
 /// Where the values of all joints stand in a table of positions.

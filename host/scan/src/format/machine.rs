@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use toml_edit::{Array, DocumentMut, Item, Table, value};
-use umi_kinematics::{AxisChain, Pose};
+use umi_kinematics::{AxisChain, Drive, Joint, JointKind, Pose};
 
 use crate::ScanError;
 
@@ -19,6 +19,70 @@ pub fn read(path: &Path) -> Result<AxisChain, ScanError> {
         error.message = format!("{}: {}", path.display(), error.message);
         error
     })
+}
+
+/// What is no fault of a machine file, and may be a slip: every command that uses the machine tells it.
+#[must_use]
+pub fn warnings(machine: &AxisChain) -> Vec<String> {
+    let mut all = Vec::new();
+    for (place, joint) in machine.joints.iter().enumerate() {
+        let name = &joint.name;
+        if !machine.sensor_chain.contains(&place) && !machine.workpiece_chain.contains(&place) {
+            all.push(format!("{name} is in neither chain: it moves nothing."));
+        }
+        if let Drive::Encoder { column, .. } = joint.drive {
+            let same = machine.joints[..place].iter().find(
+                |other| matches!(other.drive, Drive::Encoder { column: c, .. } if c == column),
+            );
+            if let Some(other) = same {
+                all.push(format!(
+                    "{} and {name} have the same input, {column}.",
+                    other.name
+                ));
+            }
+        }
+        all.extend(radians(joint));
+    }
+    if machine.sensor == Pose::identity() {
+        all.push("The sensor's mount is not known: umi scan calibrate sensor finds it.".into());
+    }
+    all
+}
+
+/// A rotary joint whose figures look like radians.
+fn radians(joint: &Joint) -> Option<String> {
+    use std::f64::consts::{PI, TAU};
+    if joint.kind != JointKind::Rotary {
+        return None;
+    }
+    let whole = |x: f64| (x - x.round()).abs();
+    let name = &joint.name;
+    match joint.drive {
+        // 15 degrees and their multiples, as an indexing head has them, with four digits or more.
+        Drive::Constant(at) if at != 0.0 && at.abs() < TAU + 1e-3 => {
+            let steps = at / (PI / 12.0);
+            (steps.round() != 0.0 && whole(steps) < 5e-4).then(|| {
+                format!(
+                    "{name} stands at {at}: that looks like radians, {:.0} degrees. `value` is in degrees.",
+                    at.to_degrees()
+                )
+            })
+        }
+        // A turn has a whole number of counts.
+        Drive::Encoder {
+            counts_per_unit, ..
+        } => {
+            let (by_degrees, by_radians) = (360.0 * counts_per_unit, TAU * counts_per_unit);
+            (by_radians.abs() > 100.0 && whole(by_radians) < 1e-3 && whole(by_degrees) > 1e-3).then(|| {
+                format!(
+                    "{name} has {counts_per_unit} counts a degree: that looks like counts a radian, of {by_radians:.0} a \
+                     turn. `counts_per_deg` would be {}.",
+                    by_radians.round() / 360.0
+                )
+            })
+        }
+        _ => None,
+    }
 }
 
 /// The text of a machine file with another mount, and how uncertain that is; comments and all else
@@ -66,6 +130,40 @@ pub fn with_sensor(
 mod tests {
     use super::*;
     use nalgebra::Vector3;
+
+    #[test]
+    fn figures_that_look_like_radians_are_told() {
+        let told = |kind: &str, drive: &str| {
+            let text = format!(
+                "[[joint]]\nname = \"B\"\nkind = \"{kind}\"\ndirection = [0, 1, 0]\npoint_mm = [0, 0, 0]\n{drive}\n\
+                 [chain]\nsensor = [\"B\"]\nworkpiece = []\n[sensor]\ntranslation_mm = [0, 0, -9]\n"
+            );
+            warnings(&AxisChain::parse(&text).unwrap())
+        };
+        for drive in [
+            "value = 1.5708",
+            "value = -0.5236",
+            "column = \"w\"\ncounts_per_deg = 572957.79513\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = -3183.0988618\norigin_counts = 0",
+        ] {
+            let all = told("rotary", drive);
+            assert_eq!(all.len(), 1, "{drive}: {all:?}");
+            assert!(
+                all[0].starts_with("B ") && all[0].contains("radian"),
+                "{all:?}"
+            );
+        }
+        for drive in [
+            "value = 90.0",
+            "value = 0.0",
+            "value = 1.6",
+            "value = 7.5",
+            "column = \"w\"\ncounts_per_deg = 10000\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 2777.7777777777777\norigin_counts = 0",
+        ] {
+            assert_eq!(told("rotary", drive), Vec::<String>::new(), "{drive}");
+        }
+    }
 
     #[test]
     fn a_new_mount_leaves_the_rest_of_the_file() {

@@ -81,6 +81,13 @@ impl Bounds {
         }
     }
 
+    /// The greatest coordinate, whichever its sign.
+    #[must_use]
+    pub fn farthest_mm(&self) -> f64 {
+        let all = self.min.iter().chain(&self.max);
+        all.fold(0.0, |most, mm| mm.abs().max(most))
+    }
+
     fn take(&mut self, point: &[f64; 3]) {
         for ((min, max), &value) in self.min.iter_mut().zip(&mut self.max).zip(point) {
             *min = min.min(value);
@@ -288,7 +295,7 @@ pub fn merge(
 ) -> Result<Merged, ScanError> {
     let merger = Merger::new(machine, triggers, options.latency_us)?;
     let stamps = profiles::stamps(profiles)?;
-    let pairing = pair(&stamps, triggers, &options.pairing)?;
+    let mut pairing = pair(&stamps, triggers, &options.pairing)?;
     let right = triggers.right();
     let wrong = pairing
         .pairs
@@ -328,6 +335,9 @@ pub fn merge(
             places.collect()
         })
         .unwrap_or_default();
+    pairing
+        .warnings
+        .extend(crate::format::machine::warnings(machine));
     let mut merged = Merged {
         profiles: stamps.len() as u64,
         paired: latches.len() as u64,

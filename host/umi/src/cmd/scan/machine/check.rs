@@ -142,37 +142,16 @@ fn picture(machine: &AxisChain) -> String {
     text
 }
 
-/// What is no fault, and may be a slip.
+/// What every command that uses the machine tells, and what the counts of a scan want besides.
 fn warnings(machine: &AxisChain) -> Vec<String> {
-    let mut all = Vec::new();
-    for (place, joint) in machine.joints.iter().enumerate() {
-        if !machine.sensor_chain.contains(&place) && !machine.workpiece_chain.contains(&place) {
-            all.push(format!(
-                "{} is in neither chain: it moves nothing.",
-                joint.name
-            ));
-        }
-        if joint.drive == Drive::Named {
-            all.push(format!(
-                "{} has no encoder: umi scan merge needs counts of it.",
-                joint.name
-            ));
-        }
-        if let Drive::Encoder { column, .. } = joint.drive {
-            let same = machine.joints[..place].iter().find(
-                |other| matches!(other.drive, Drive::Encoder { column: c, .. } if c == column),
-            );
-            if let Some(other) = same {
-                all.push(format!(
-                    "{} and {} have the same input, {column}.",
-                    other.name, joint.name
-                ));
-            }
-        }
-    }
-    if machine.sensor == Pose::identity() {
-        all.push("The sensor's mount is not known: umi scan calibrate sensor finds it.".into());
-    }
+    let mut all = machine::warnings(machine);
+    let named = machine.joints.iter().filter(|j| j.drive == Drive::Named);
+    all.extend(named.map(|joint| {
+        format!(
+            "{} has no encoder: umi scan merge needs counts of it.",
+            joint.name
+        )
+    }));
     all
 }
 

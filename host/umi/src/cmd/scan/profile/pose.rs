@@ -55,5 +55,8 @@ fn text(found: &Poses) -> String {
             let _ = writeln!(text, "   {:12.9} {:12.9} {:12.9}", row[0], row[1], row[2]);
         }
     }
+    for warning in &found.warnings {
+        let _ = writeln!(text, "note: {warning}");
+    }
     text
 }
