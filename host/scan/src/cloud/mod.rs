@@ -17,9 +17,33 @@ pub struct ScanCloud {
     pub not_finite: usize,
     /// The file's format states the unit, and they are in mm by it.
     pub states_unit: bool,
+    /// What the file says beside the coordinates.
+    pub columns: CloudColumns,
+    /// That of each point, where the file says any of it.
+    pub beside: Vec<BesidePoint>,
+}
+
+/// What a file says of a point beside its coordinates; 0 where it does not say.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BesidePoint {
+    /// The profile it is of.
+    pub profile: u64,
+    /// Its place in the sensor's array.
+    pub index: u32,
+    /// How bright it was, in the sensor's own measure.
+    pub intensity: f64,
 }
 
 impl ScanCloud {
+    /// Takes a point with what the file says of it, or counts it if it is not finite.
+    pub(crate) fn push_with(&mut self, point: Vec3, beside: BesidePoint) {
+        let before = self.points.len();
+        self.push(point);
+        if self.points.len() > before && self.columns != CloudColumns::default() {
+            self.beside.push(beside);
+        }
+    }
+
     /// Takes a point, or counts it if it is not finite.
     pub(crate) fn push(&mut self, point: Vec3) {
         if point.iter().all(|x| x.is_finite()) {

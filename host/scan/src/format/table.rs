@@ -2,12 +2,12 @@
 //!
 //! * The first line names the columns; they go by their names, in any order and among others.
 //! * Commas separate, or semicolons or tabs where the first line has no comma.
+//! * Points ([`TableReader::of_points`]) may have blanks between, and no line of names.
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
 //! * Numbers have a decimal point. A row has a cell for every column.
-//! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). Where
-//!   a machine wrote the table ([`TableReader::of_a_stream`]), a last line without its end is one, too: a
-//!   number that was cut is another number.
+//! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). A last line without its
+//!   end is one, too: a number that was cut is another number.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -29,8 +29,8 @@ pub struct TableReader<R> {
     line: u64,
     text: String,
     cells: Vec<Range<usize>>,
-    /// Whether the last line needs its line end.
-    of_a_stream: bool,
+    /// The first line holds numbers: it is a row that nobody has taken yet, whole or not.
+    first_row: Option<bool>,
 }
 
 /// The place of a column.
@@ -66,6 +66,19 @@ impl<R: BufRead> TableReader<R> {
     /// # Errors
     /// There is no first line, it is no text, or names a column twice.
     pub fn new(input: R, name: String) -> Result<Self, ScanError> {
+        Self::begin(input, name, false)
+    }
+
+    /// A table of points, as other programs write them: columns may be parted by blanks, and a first line of numbers is
+    /// a point, its columns `x_mm`, `y_mm`, `z_mm` and nameless ones.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_points(input: R, name: String) -> Result<Self, ScanError> {
+        Self::begin(input, name, true)
+    }
+
+    fn begin(input: R, name: String, of_points: bool) -> Result<Self, ScanError> {
         let mut table = Self {
             input,
             name,
@@ -74,9 +87,9 @@ impl<R: BufRead> TableReader<R> {
             line: 0,
             text: String::new(),
             cells: Vec::new(),
-            of_a_stream: false,
+            first_row: None,
         };
-        if table.read_line()?.is_none() {
+        let Some(whole) = table.read_line()? else {
             return Err(ScanError::unreadable(
                 "corrupt",
                 format_args!(
@@ -84,15 +97,26 @@ impl<R: BufRead> TableReader<R> {
                     table.name
                 ),
             ));
-        }
-        let header = table.text.strip_prefix('\u{FEFF}').unwrap_or(&table.text);
+        };
         table.separator = [b',', b';', b'\t']
             .into_iter()
-            .find(|&byte| header.as_bytes().contains(&byte))
-            .unwrap_or(b',');
-        table.columns = header
-            .split(char::from(table.separator))
-            .map(|column| column.trim().trim_matches('"').to_owned())
+            .find(|&byte| table.text.as_bytes().contains(&byte))
+            .unwrap_or(if of_points { b' ' } else { b',' });
+        table.split();
+        let cells = table
+            .cells
+            .iter()
+            .map(|cell| table.text[cell.clone()].trim());
+        if of_points && cells.clone().all(|cell| cell.parse::<f64>().is_ok()) {
+            let named = ["x_mm", "y_mm", "z_mm"].map(str::to_owned).into_iter();
+            let others =
+                (named.len()..table.cells.len()).map(|place| format!("column {}", place + 1));
+            table.columns = named.take(table.cells.len()).chain(others).collect();
+            table.first_row = Some(whole);
+            return Ok(table);
+        }
+        table.columns = cells
+            .map(|cell| cell.trim_matches('"').to_owned())
             .collect();
         for (place, column) in table.columns.iter().enumerate() {
             if table.columns[..place].contains(column) {
@@ -103,13 +127,6 @@ impl<R: BufRead> TableReader<R> {
             }
         }
         Ok(table)
-    }
-
-    /// A table that was written line by line as something happened: its last line needs its end.
-    #[must_use]
-    pub fn of_a_stream(mut self) -> Self {
-        self.of_a_stream = true;
-        self
     }
 
     /// What messages call the table.
@@ -125,6 +142,11 @@ impl<R: BufRead> TableReader<R> {
             .iter()
             .position(|name| name == column)
             .map(Column)
+    }
+
+    /// The first column that such a name fits.
+    pub(super) fn found(&self, fits: impl Fn(&str) -> bool) -> Option<Column> {
+        self.columns.iter().position(|name| fits(name)).map(Column)
     }
 
     /// A column that must be there.
@@ -149,20 +171,18 @@ impl<R: BufRead> TableReader<R> {
     /// # Errors
     /// The file cannot be read on, or the row has not one cell for each column.
     pub fn next_row(&mut self) -> Result<Option<Row<'_>>, ScanError> {
-        let Some(whole) = self.read_line()? else {
-            return Ok(None);
-        };
-        self.cells.clear();
-        let mut begin = 0;
-        for (at, byte) in self.text.bytes().enumerate() {
-            if byte == self.separator {
-                self.cells.push(begin..at);
-                begin = at + 1;
+        let whole = match self.first_row.take() {
+            Some(whole) => whole,
+            None => {
+                let Some(whole) = self.read_line()? else {
+                    return Ok(None);
+                };
+                self.split();
+                whole
             }
-        }
-        self.cells.push(begin..self.text.len());
+        };
         let (has, wants) = (self.cells.len(), self.columns.len());
-        if has == wants && !whole && self.of_a_stream {
+        if has == wants && !whole {
             return Err(ScanError::unreadable(
                 "truncated",
                 format_args!(
@@ -200,6 +220,22 @@ impl<R: BufRead> TableReader<R> {
         }))
     }
 
+    /// Finds the cells of `text`.
+    fn split(&mut self) {
+        self.cells.clear();
+        let of_blanks = self.separator == b' ';
+        let mut begin = 0;
+        let ends = self.text.bytes().enumerate().filter(|(_, byte)| {
+            *byte == self.separator || (of_blanks && byte.is_ascii_whitespace())
+        });
+        for (at, _) in ends.chain([(self.text.len(), 0)]) {
+            if !of_blanks || at > begin {
+                self.cells.push(begin..at);
+            }
+            begin = at + 1;
+        }
+    }
+
     /// Reads the next line that is neither empty nor a comment into `text`.
     /// Whether it had its line end; none at the end of the file.
     fn read_line(&mut self) -> Result<Option<bool>, ScanError> {
@@ -220,6 +256,9 @@ impl<R: BufRead> TableReader<R> {
             }
             while matches!(bytes.last(), Some(b'\n' | b'\r')) {
                 bytes.pop();
+            }
+            if self.line == 1 && bytes.starts_with("\u{FEFF}".as_bytes()) {
+                bytes.drain(.."\u{FEFF}".len());
             }
             if bytes.is_empty() || bytes.first() == Some(&b'#') {
                 continue;
@@ -338,10 +377,36 @@ mod tests {
         assert_eq!(code("a,b,c\n1,2"), "truncated");
         assert_eq!(code("a,b,c\n1,2\n"), "corrupt");
         assert_eq!(code("a,b\n1,2,3\n"), "corrupt");
-        let last = |text| open(text).of_a_stream().next_row().map(|row| row.is_some());
+        let last = |text| open(text).next_row().map(|row| row.is_some());
         assert_eq!(last("a,b\n1,2.3\n"), Ok(true));
         assert_eq!(last("a,b\n1,2.3").unwrap_err().code, "truncated");
-        assert!(open("a,b\n1,2.3").next_row().unwrap().is_some());
+    }
+
+    #[test]
+    fn points_need_no_names_and_may_have_blanks_between() {
+        let points =
+            |text: &'static str| TableReader::of_points(text.as_bytes(), "p".into()).unwrap();
+        for text in [
+            "1,2,-3\n4,5,6\n",
+            "1 2   -3\n 4 5 6 \n",
+            "# a\n1\t2\t-3\n4\t5\t6\n",
+        ] {
+            let mut table = points(text);
+            let z = table.column("z_mm").unwrap();
+            let mut found = Vec::new();
+            while let Some(row) = table.next_row().unwrap() {
+                found.push(row.number(z).unwrap());
+            }
+            assert_eq!(found, [-3.0, 6.0], "{text}");
+        }
+        let mut table = points("z x y\n1 2 3\n");
+        let z = table.column("z").unwrap();
+        assert_eq!(table.next_row().unwrap().unwrap().number(z), Ok(1.0));
+        assert_eq!(
+            points("1,2\n3,4\n").column("z_mm").unwrap_err().code,
+            "missing_column"
+        );
+        assert_eq!(points("1,2,3").next_row().err().unwrap().code, "truncated");
     }
 
     #[test]

@@ -40,7 +40,9 @@ fn write(path: &std::path::Path, double: bool) -> u64 {
         double,
         longest_mm: None,
     };
-    write_cloud(path, style, Box::new(cloud().into_iter().map(Ok))).unwrap()
+    write_cloud(path, style, Box::new(cloud().into_iter().map(Ok)))
+        .unwrap()
+        .points
 }
 
 fn near(a: [f64; 3], b: [f64; 3], within: f64) {
@@ -89,10 +91,25 @@ fn coordinates_of_other_formats_come_back() {
         let path = folder.join(name);
         write(&path, true);
         let mut reader = CloudReader::open(&path).unwrap();
-        assert_eq!(reader.columns, CloudColumns::default());
+        let holds_all = ["a.pcd", "a.e57"].contains(&name);
+        let columns = CloudColumns {
+            profile: holds_all,
+            index: holds_all,
+            intensity: true,
+        };
+        assert_eq!(reader.columns, columns, "{name}");
         for wanted in cloud() {
+            let found = reader.next_point().unwrap().unwrap();
             // A step of LAS is 0.1 µm.
-            near(reader.next_point().unwrap().unwrap().at, wanted.at, 5.1e-5);
+            near(found.at, wanted.at, 5.1e-5);
+            if holds_all {
+                assert_eq!((found.profile, found.index), (wanted.profile, wanted.index));
+            }
+            let within = if holds_all { 1e-3 } else { 0.5 };
+            assert!(
+                (found.intensity - wanted.intensity).abs() <= within,
+                "{name}"
+            );
         }
         assert_eq!(reader.next_point().unwrap(), None);
     }

@@ -16,7 +16,7 @@ pub(crate) fn begin<'a>(
     let number = points.to_string();
     let fill = "-".repeat(DIGITS - number.len());
     let mut text = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment unit mm\nelement vertex {number}\ncomment {fill}\n"
+        "ply\nformat binary_little_endian 1.0\ncomment unit mm\ncomment offset_mm 0 0 0\nelement vertex {number}\ncomment {fill}\n"
     );
     for (kind, name) in properties {
         // Writing to a string does not fail.

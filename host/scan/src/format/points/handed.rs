@@ -10,6 +10,7 @@ use std::thread::JoinHandle;
 use super::PointSink;
 use crate::ScanError;
 use crate::cloud::{CloudColumns, CloudPoint};
+use crate::format::clouds::write::WrittenCloud;
 use crate::format::clouds::{CloudStyle, write_cloud};
 
 /// Profiles that wait between merge and writer.
@@ -23,7 +24,7 @@ enum Handover {
 
 pub(super) struct HandedPoints {
     to: Option<SyncSender<Handover>>,
-    writer: Option<JoinHandle<Result<u64, ScanError>>>,
+    writer: Option<JoinHandle<Result<WrittenCloud, ScanError>>>,
 }
 
 impl HandedPoints {
@@ -54,7 +55,7 @@ impl HandedPoints {
     }
 
     /// What the writer says once nothing more comes.
-    fn close(&mut self) -> Result<u64, ScanError> {
+    fn close(&mut self) -> Result<WrittenCloud, ScanError> {
         self.to = None;
         let gone = || ScanError::unreadable("file", "the writer of the cloud ended");
         self.writer

@@ -15,10 +15,9 @@ use crate::profile::{Profile, ProfilePoint, Stamp};
 /// `corrupt` where rows of one profile disagree or do not stand together, those of the
 /// table, or what `take` refuses.
 pub fn visit<R: BufRead>(
-    table: TableReader<R>,
+    mut table: TableReader<R>,
     mut take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
-    let mut table = table.of_a_stream();
     let profile = table.column("profile")?;
     let frame = table.column("frame")?;
     let t_us = table.column("t_us")?;

@@ -2,11 +2,11 @@
 
 use std::io::Cursor;
 
-use e57::{CartesianCoordinate, E57Reader};
+use e57::{CartesianCoordinate, E57Reader, PointCloud, RecordName};
 
 use super::foreign::guarded;
 use crate::ScanError;
-use crate::cloud::ScanCloud;
+use crate::cloud::{BesidePoint, CloudColumns, ScanCloud};
 use crate::rigid::Vec3;
 
 const MM_PER_M: f64 = 1000.0;
@@ -23,11 +23,34 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
         states_unit: true,
         ..ScanCloud::default()
     };
-    for scan in reader.pointclouds() {
-        for point in reader.pointcloud_simple(&scan)? {
-            match point?.cartesian {
+    let scans = reader.pointclouds();
+    // A column is one of the cloud if all scans of the file have it.
+    let all = |name: RecordName| {
+        let has = |scan: &PointCloud| scan.prototype.iter().any(|record| record.name == name);
+        !scans.is_empty() && scans.iter().all(has)
+    };
+    cloud.columns = CloudColumns {
+        profile: all(RecordName::RowIndex)
+            || !scans.is_empty() && scans.iter().all(|scan| of_name(scan).is_some()),
+        index: all(RecordName::ColumnIndex),
+        intensity: all(RecordName::Intensity),
+    };
+    for scan in scans {
+        let of_name = of_name(&scan);
+        let mut points = reader.pointcloud_simple(&scan)?;
+        points.normalize_intensity(false);
+        for point in points {
+            let point = point?;
+            let beside = BesidePoint {
+                profile: of_name
+                    .or_else(|| u64::try_from(point.row).ok())
+                    .unwrap_or(0),
+                index: u32::try_from(point.column).unwrap_or(0),
+                intensity: f64::from(point.intensity.unwrap_or(0.0)),
+            };
+            match point.cartesian {
                 CartesianCoordinate::Valid { x, y, z } => {
-                    cloud.push(Vec3::new(x, y, z) * MM_PER_M);
+                    cloud.push_with(Vec3::new(x, y, z) * MM_PER_M, beside);
                 }
                 CartesianCoordinate::Direction { .. } | CartesianCoordinate::Invalid => {
                     cloud.not_finite += 1;
@@ -36,4 +59,9 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
         }
     }
     Ok(cloud)
+}
+
+/// The number of a profile that has a scan of its own, by the scan's name, as `umi scan merge --each-profile` writes it.
+fn of_name(scan: &PointCloud) -> Option<u64> {
+    scan.name.as_deref()?.strip_prefix("profile ")?.parse().ok()
 }

@@ -1,7 +1,7 @@
 //! LAS files (ASPRS LAS 1.0 to 1.4), not compressed: coordinates are integers with a scale and an offset.
 
 use crate::ScanError;
-use crate::cloud::ScanCloud;
+use crate::cloud::{BesidePoint, ScanCloud};
 use crate::rigid::Vec3;
 
 /// What every header has.
@@ -42,13 +42,21 @@ pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
             ),
         ));
     }
+    let bright = |record: &[u8]| u16::from_le_bytes(array(record, 12));
+    let records = || body.chunks_exact(stride).take(count as usize);
     let mut cloud = ScanCloud::default();
+    // Every point has a place for it; where it is 0 in all of them, nobody has measured it.
+    cloud.columns.intensity = records().any(|record| bright(record) > 0);
     cloud.points.reserve_exact(count as usize);
-    for record in body.chunks_exact(stride).take(count as usize) {
+    for record in records() {
         let [x, y, z] = std::array::from_fn(|i| {
             f64::from(i32::from_le_bytes(array(record, 4 * i))) * scale[i] + offset[i]
         });
-        cloud.push(Vec3::new(x, y, z));
+        let beside = BesidePoint {
+            intensity: f64::from(bright(record)),
+            ..BesidePoint::default()
+        };
+        cloud.push_with(Vec3::new(x, y, z), beside);
     }
     Ok(cloud)
 }

@@ -1,7 +1,7 @@
 //! PCD files of the Point Cloud Library, version 0.7: text, binary, and binary compressed by LZF.
 
 use crate::ScanError;
-use crate::cloud::ScanCloud;
+use crate::cloud::{BesidePoint, CloudColumns, ScanCloud};
 use crate::rigid::Vec3;
 
 /// Lines of a header at most.
@@ -22,6 +22,8 @@ struct Field {
 
 struct Header {
     axes: [Field; 3],
+    /// Profile, index and intensity, where it has them.
+    others: [Option<Field>; 3],
     stride: usize,
     columns: usize,
     points: usize,
@@ -105,7 +107,7 @@ impl Header {
         if [sizes.len(), kinds.len(), counts.len()] != [names.len(); 3] {
             return Err(bad("FIELDS, SIZE, TYPE and COUNT are not of one length"));
         }
-        let mut axes = [None; 3];
+        let (mut axes, mut others) = ([None; 3], [None; 3]);
         let (mut stride, mut columns) = (0_usize, 0_usize);
         for (i, name) in names.iter().enumerate() {
             let field = Field {
@@ -119,6 +121,12 @@ impl Header {
                     return Err(bad("its coordinates are of a type that is not known"));
                 }
                 axes[axis] = Some(field);
+            }
+            let other = ["profile", "index", "intensity"]
+                .iter()
+                .position(|other| other == name);
+            if let Some(other) = other.filter(|_| field.is_known() && counts[i] == 1) {
+                others[other] = Some(field);
             }
             let bytes = sizes[i].checked_mul(counts[i]);
             stride = bytes
@@ -137,10 +145,48 @@ impl Header {
             .ok_or_else(|| bad("its header does not state the number of points"))?;
         Ok(Self {
             axes: [x, y, z],
+            others,
             stride,
             columns,
             points,
         })
+    }
+
+    /// A cloud without points, for all of them.
+    fn cloud(&self) -> ScanCloud {
+        let [profile, index, intensity] = self.others.map(|field| field.is_some());
+        let mut cloud = ScanCloud {
+            columns: CloudColumns {
+                profile,
+                index,
+                intensity,
+            },
+            ..ScanCloud::default()
+        };
+        cloud.points.reserve_exact(self.points);
+        cloud
+    }
+
+    /// Takes a point by what `number` says of each field.
+    fn take(&self, cloud: &mut ScanCloud, number: impl Fn(Field) -> Option<f64>) -> Option<()> {
+        let [x, y, z] = self.axes.map(&number);
+        let mut beside = [0.0; 3];
+        for (value, field) in beside.iter_mut().zip(self.others) {
+            if let Some(field) = field {
+                *value = number(field)?;
+            }
+        }
+        let [profile, index, intensity] = beside;
+        cloud.push_with(
+            Vec3::new(x?, y?, z?),
+            BesidePoint {
+                // Casts end at the bounds: a number that is none becomes 0.
+                profile: profile as u64,
+                index: index as u32,
+                intensity,
+            },
+        );
+        Some(())
     }
 }
 
@@ -172,8 +218,7 @@ fn text(header: &Header, body: &[u8]) -> Result<ScanCloud, ScanError> {
     if header.points > (body.len() + 1) / least {
         return Err(short(header.points, body.len()));
     }
-    let mut cloud = ScanCloud::default();
-    cloud.points.reserve_exact(header.points);
+    let mut cloud = header.cloud();
     let mut lines = body
         .split(|&b| b == b'\n')
         .map(<[u8]>::trim_ascii)
@@ -189,10 +234,9 @@ fn text(header: &Header, body: &[u8]) -> Result<ScanCloud, ScanError> {
             let word = line.split_ascii_whitespace().nth(field.column)?;
             word.parse::<f64>().ok()
         };
-        let [Some(x), Some(y), Some(z)] = header.axes.map(number) else {
-            return Err(wrong("its coordinates are no numbers"));
-        };
-        cloud.push(Vec3::new(x, y, z));
+        header
+            .take(&mut cloud, number)
+            .ok_or_else(|| wrong("its coordinates are no numbers"))?;
     }
     Ok(cloud)
 }
@@ -202,13 +246,11 @@ fn binary(header: &Header, body: &[u8]) -> Result<ScanCloud, ScanError> {
     if needed.is_none_or(|needed| needed > body.len()) {
         return Err(short(header.points, body.len()));
     }
-    let mut cloud = ScanCloud::default();
-    cloud.points.reserve_exact(header.points);
+    let mut cloud = header.cloud();
     for record in body.chunks_exact(header.stride).take(header.points) {
-        let [x, y, z] = header
-            .axes
-            .map(|field| field.number(&record[field.offset..]));
-        cloud.push(Vec3::new(x, y, z));
+        header.take(&mut cloud, |field| {
+            Some(field.number(&record[field.offset..]))
+        });
     }
     Ok(cloud)
 }
@@ -230,14 +272,12 @@ fn compressed(header: &Header, body: &[u8]) -> Result<ScanCloud, ScanError> {
         return Err(short(header.points, packed.len()));
     }
     let bytes = unpacked(packed, whole).ok_or_else(|| bad("its compressed points are damaged"))?;
-    let mut cloud = ScanCloud::default();
-    cloud.points.reserve_exact(header.points);
+    let mut cloud = header.cloud();
     for i in 0..header.points {
-        let [x, y, z] = header.axes.map(|field| {
+        header.take(&mut cloud, |field| {
             let column = field.offset * header.points;
-            field.number(&bytes[column + i * field.size..])
+            Some(field.number(&bytes[column + i * field.size..]))
         });
-        cloud.push(Vec3::new(x, y, z));
     }
     Ok(cloud)
 }

@@ -4,11 +4,11 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+use super::table::TablePoints;
 use super::whole::{is_whole, read_cloud};
 use crate::ScanError;
-use crate::cloud::{CloudColumns, CloudPoint, Points};
+use crate::cloud::{BesidePoint, CloudColumns, CloudPoint, Points, ScanCloud};
 use crate::format::ply::PlyReader;
-use crate::format::table::{Column, TableReader};
 use crate::rigid::Vec3;
 
 /// A cloud that is read from its beginning to its end.
@@ -21,31 +21,27 @@ pub struct CloudReader {
 }
 
 enum Source {
-    Table(Box<TableReader<BufReader<File>>>, Places),
+    Table(Box<TablePoints<BufReader<File>>>),
     /// The reader, and the file's name for what it says.
     Ply(PlyReader<BufReader<File>>, String),
-    /// Points of a format that is read at once.
-    Whole(std::vec::IntoIter<Vec3>),
-}
-
-/// The columns of a table.
-struct Places {
-    at: [Column; 3],
-    profile: Option<Column>,
-    index: Option<Column>,
-    intensity: Option<Column>,
+    /// Points of a format that is read at once, and how many are handed out.
+    Whole(ScanCloud, usize),
 }
 
 impl CloudReader {
     /// Opens a cloud: PLY, PCD, LAS, LAZ or E57 by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
-    /// where it has them, `profile`, `index`, `intensity`.
+    /// where it has them, `profile`, `index`, `intensity`; or one of numbers alone.
     ///
-    /// PLY and tables are read point by point, in constant memory; of the others all coordinates are held, and only they.
+    /// PLY and tables are read point by point, in constant memory; of the others all points are held.
     ///
     /// # Errors
     /// `file`, `bad_file` for a PLY header, `missing_column` and `corrupt` for a table's first line.
     pub fn open(path: &Path) -> Result<Self, ScanError> {
         let file = File::open(path).map_err(|error| ScanError::file("read", path, &error))?;
+        let bytes = file
+            .metadata()
+            .map_err(|error| ScanError::file("read", path, &error))?
+            .len();
         let mut input = BufReader::with_capacity(1 << 18, file);
         let begin = input
             .fill_buf()
@@ -59,33 +55,19 @@ impl CloudReader {
                 source: Source::Ply(ply, name),
             });
         }
-        if is_whole(begin) {
+        if is_whole(begin, bytes) {
             let cloud = read_cloud(path)?;
             return Ok(Self {
-                columns: CloudColumns::default(),
+                columns: cloud.columns,
                 not_finite: cloud.not_finite as u64,
-                source: Source::Whole(cloud.points.into_iter()),
+                source: Source::Whole(cloud, 0),
             });
         }
-        let table = TableReader::new(input, name)?;
-        let axis = |long: &str, short: &str| match table.optional(long) {
-            Some(column) => Ok(column),
-            None => table.optional(short).map_or_else(|| table.column(long), Ok),
-        };
-        let places = Places {
-            at: [axis("x_mm", "x")?, axis("y_mm", "y")?, axis("z_mm", "z")?],
-            profile: table.optional("profile"),
-            index: table.optional("index"),
-            intensity: table.optional("intensity"),
-        };
+        let table = TablePoints::new(input, name)?;
         Ok(Self {
-            columns: CloudColumns {
-                profile: places.profile.is_some(),
-                index: places.index.is_some(),
-                intensity: places.intensity.is_some(),
-            },
+            columns: table.columns(),
             not_finite: 0,
-            source: Source::Table(Box::new(table), places),
+            source: Source::Table(Box::new(table)),
         })
     }
 
@@ -104,24 +86,13 @@ impl CloudReader {
                 Source::Ply(ply, name) => {
                     ply.next_point().map_err(|refusal| named(refusal, name))?
                 }
-                Source::Whole(points) => points.next().map(|p| CloudPoint {
-                    at: p.into(),
-                    profile: 0,
-                    index: 0,
-                    intensity: 0.0,
-                }),
-                Source::Table(table, places) => match table.next_row()? {
-                    None => None,
-                    Some(row) => {
-                        let [x, y, z] = places.at;
-                        Some(CloudPoint {
-                            at: [row.number(x)?, row.number(y)?, row.number(z)?],
-                            profile: places.profile.map_or(Ok(0), |c| row.integer(c))?,
-                            index: places.index.map_or(Ok(0), |c| row.integer(c))?,
-                            intensity: places.intensity.map_or(Ok(0.0), |c| row.number(c))?,
-                        })
-                    }
-                },
+                Source::Whole(cloud, next) => {
+                    let at = cloud.points.get(*next).copied();
+                    let beside = cloud.beside.get(*next).copied().unwrap_or_default();
+                    *next += 1;
+                    at.map(|at| point(at, beside))
+                }
+                Source::Table(table) => table.next_point()?.map(|(at, beside)| point(at, beside)),
             };
             let Some(point) = point else { return Ok(None) };
             if point.at.iter().all(|x| x.is_finite()) {
@@ -129,6 +100,15 @@ impl CloudReader {
             }
             self.not_finite += 1;
         }
+    }
+}
+
+fn point(at: Vec3, beside: BesidePoint) -> CloudPoint {
+    CloudPoint {
+        at: at.into(),
+        profile: beside.profile,
+        index: beside.index,
+        intensity: beside.intensity,
     }
 }
 

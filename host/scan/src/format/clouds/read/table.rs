@@ -1,76 +1,83 @@
-//! Numbers in columns: CSV with `x,y,z`, or the same parted by semicolons, tabs or spaces.
+//! Numbers in columns: CSV with `x,y,z`, or the same parted by semicolons, tabs or blanks, with names or without.
+
+use std::io::BufRead;
 
 use crate::ScanError;
-use crate::cloud::ScanCloud;
+use crate::cloud::{BesidePoint, CloudColumns, ScanCloud};
+use crate::format::table::{Column, TableReader};
 use crate::rigid::Vec3;
 
-pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
-    let mut cloud = ScanCloud::default();
-    let mut places = None;
-    for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
-        let wrong =
-            |what: &str| ScanError::unreadable("bad_file", format_args!("line {}: {what}", i + 1));
-        let line = std::str::from_utf8(line)
-            .map_err(|_| wrong("it is not text, and no PLY file either"))?;
-        let line = line.trim().trim_start_matches('\u{feff}');
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let cells = cells(line);
-        let Some(places) = places else {
-            // The first line: names of columns, or already numbers.
-            if cells.iter().all(|cell| cell.parse::<f64>().is_ok()) {
-                places = Some([0, 1, 2]);
-                cloud.push(
-                    point(&cells, [0, 1, 2])
-                        .ok_or_else(|| wrong("it needs three numbers: x,y,z in mm"))?,
-                );
-            } else {
-                places = Some(named(&cells).ok_or_else(|| {
-                    wrong("it is neither three numbers nor a header with the columns x,y,z")
-                })?);
-            }
-            continue;
+/// The points of a table, one after the other.
+pub(super) struct TablePoints<R> {
+    table: TableReader<R>,
+    at: [Column; 3],
+    profile: Option<Column>,
+    index: Option<Column>,
+    intensity: Option<Column>,
+}
+
+impl<R: BufRead> TablePoints<R> {
+    /// Reads the names of the columns: `x`, `Y` and `"z_mm"` are meant.
+    pub fn new(input: R, name: String) -> Result<Self, ScanError> {
+        let table = TableReader::of_points(input, name)?;
+        let axis = |axis: &'static str| {
+            let long = format!("{axis}_mm");
+            let found = table.optional(&long).or_else(|| {
+                table.found(|name| {
+                    name.eq_ignore_ascii_case(axis) || name.eq_ignore_ascii_case(&long)
+                })
+            });
+            found.map_or_else(|| table.column(&long), Ok)
         };
-        cloud.push(
-            point(&cells, places)
-                .ok_or_else(|| wrong("it needs a number in each of the columns x,y,z"))?,
-        );
+        Ok(Self {
+            at: [axis("x")?, axis("y")?, axis("z")?],
+            profile: table.optional("profile"),
+            index: table.optional("index"),
+            intensity: table.optional("intensity"),
+            table,
+        })
     }
-    if places.is_none() {
-        return Err(ScanError::unreadable(
-            "bad_file",
-            "it holds no points: neither a PLY header nor a line x,y,z",
-        ));
+
+    /// What it says of its points beside their coordinates.
+    pub const fn columns(&self) -> CloudColumns {
+        CloudColumns {
+            profile: self.profile.is_some(),
+            index: self.index.is_some(),
+            intensity: self.intensity.is_some(),
+        }
+    }
+
+    /// The next point, finite or not.
+    pub fn next_point(&mut self) -> Result<Option<(Vec3, BesidePoint)>, ScanError> {
+        let Some(row) = self.table.next_row()? else {
+            return Ok(None);
+        };
+        let [x, y, z] = self.at;
+        let at = Vec3::new(row.number(x)?, row.number(y)?, row.number(z)?);
+        let beside = BesidePoint {
+            profile: self.profile.map_or(Ok(0), |c| row.integer(c))?,
+            index: self.index.map_or(Ok(0), |c| row.integer(c))?,
+            intensity: self.intensity.map_or(Ok(0.0), |c| row.number(c))?,
+        };
+        Ok(Some((at, beside)))
+    }
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
+    let bad = |refusal: ScanError| ScanError {
+        // A cut has a name of its own.
+        code: if refusal.code == "truncated" {
+            "truncated"
+        } else {
+            "bad_file"
+        },
+        ..refusal
+    };
+    let name = "neither PLY, PCD, LAS, LAZ, E57 nor STL, and as a table".to_owned();
+    let mut points = TablePoints::new(bytes, name).map_err(bad)?;
+    let mut cloud = ScanCloud::default();
+    while let Some((at, _)) = points.next_point().map_err(bad)? {
+        cloud.push(at);
     }
     Ok(cloud)
-}
-
-fn cells(line: &str) -> Vec<&str> {
-    for parting in [',', ';', '\t'] {
-        if line.contains(parting) {
-            return line.split(parting).map(str::trim).collect();
-        }
-    }
-    line.split_ascii_whitespace().collect()
-}
-
-fn point(cells: &[&str], places: [usize; 3]) -> Option<Vec3> {
-    let number = |place: usize| cells.get(place)?.parse::<f64>().ok();
-    Some(Vec3::new(
-        number(places[0])?,
-        number(places[1])?,
-        number(places[2])?,
-    ))
-}
-
-/// Which columns are x, y, z; `x_mm` and `"X"` are meant too.
-fn named(cells: &[&str]) -> Option<[usize; 3]> {
-    let place = |axis: &str| {
-        cells.iter().position(|cell| {
-            let name = cell.trim_matches('"').to_ascii_lowercase();
-            name.strip_suffix("_mm").unwrap_or(&name) == axis
-        })
-    };
-    Some([place("x")?, place("y")?, place("z")?])
 }

@@ -72,7 +72,7 @@ fn what_is_not_finite_is_dropped_and_counted() {
 fn columns_are_found_by_their_names_or_taken_in_order() {
     let by_name = cloud_from_bytes(b"\xef\xbb\xbf# a comment\nt;Z_mm;\"x\";y\n0;3;1;2\n").unwrap();
     assert_eq!(by_name.points, vec![Vec3::new(1.0, 2.0, 3.0)]);
-    let in_order = cloud_from_bytes(b"1 2 3 255 0 0\n4\t5\t6\n").unwrap();
+    let in_order = cloud_from_bytes(b"1 2 3 255 0 0\n4  5\t6 0 0 0 \n").unwrap();
     assert_eq!(in_order.points.len(), 2);
 }
 

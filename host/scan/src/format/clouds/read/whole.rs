@@ -29,7 +29,13 @@ pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
 /// # Errors
 /// `bad_file` with what is wrong.
 pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
-    if bytes.starts_with(b"ply") {
+    if bytes.starts_with(b"PAR1") {
+        Err(ScanError::unreadable(
+            "bad_file",
+            "it is a Parquet file, which is written and not read: give the cloud as PLY, E57 or CSV (in DuckDB: \
+             COPY (FROM 'cloud.parquet') TO 'cloud.csv')",
+        ))
+    } else if bytes.starts_with(b"ply") {
         ply::read(bytes)
     } else if bytes.starts_with(b"LASF") {
         las::read(bytes)
@@ -43,16 +49,21 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
         ));
     } else if pcd::is_pcd(bytes) {
         pcd::read(bytes)
-    } else if crate::surface::is_stl(bytes) {
+    } else if crate::surface::is_stl(bytes, bytes.len() as u64) {
         Ok(corners(&crate::surface::stl_from_bytes(bytes)?))
     } else {
         table::read(bytes)
     }
 }
 
-/// Whether the first bytes are those of a format that has no reader point by point: PCD, LAS, LAZ, E57.
-pub(super) fn is_whole(begin: &[u8]) -> bool {
-    begin.starts_with(b"LASF") || begin.starts_with(b"ASTM-E57") || pcd::is_pcd(begin)
+/// Whether the first bytes are those of a format that has no reader point by point: PCD, LAS, LAZ, E57, STL; or of Parquet,
+/// which has none at all.
+pub(super) fn is_whole(begin: &[u8], bytes: u64) -> bool {
+    begin.starts_with(b"LASF")
+        || begin.starts_with(b"PAR1")
+        || crate::surface::is_stl(begin, bytes)
+        || begin.starts_with(b"ASTM-E57")
+        || pcd::is_pcd(begin)
 }
 
 /// The corners of triangles, each once, in their order.

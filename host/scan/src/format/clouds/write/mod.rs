@@ -6,6 +6,7 @@ mod e57;
 mod figures;
 #[cfg(feature = "cloud-formats")]
 mod las;
+mod notes;
 #[cfg(feature = "cloud-formats")]
 mod parquet;
 mod pcd;
@@ -24,13 +25,15 @@ use counted::Counted;
 #[cfg(feature = "cloud-formats")]
 pub(crate) use e57::guid;
 pub use figures::write_ply;
+pub use notes::notes;
+pub(crate) use ply::is_far;
 
 /// How a cloud is written.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CloudStyle {
     /// What is written beside the coordinates.
     pub columns: CloudColumns,
-    /// Coordinates of PLY and PCD as doubles instead of floats.
+    /// Coordinates of PLY and PCD as doubles instead of floats. PLY has them also where its first point lies beyond 2 m.
     pub double: bool,
     /// The longest edge of a mesh (STL), in mm; without, by the grid's own pitch.
     pub longest_mm: Option<f64>,
@@ -77,18 +80,6 @@ fn format_of(path: &Path) -> Result<Write, ScanError> {
     })
 }
 
-/// What a reader of such a file may take wrongly; none where its unit is clear.
-#[must_use]
-pub fn unit_note(path: &Path) -> Option<&'static str> {
-    let extension = path.extension()?;
-    ["las", "laz"]
-        .iter()
-        .any(|name| extension.eq_ignore_ascii_case(name))
-        .then_some(
-            "LAS states no unit, and most programs take metres: these coordinates are millimetres.",
-        )
-}
-
 /// Refuses an extension that no cloud is written under.
 ///
 /// # Errors
@@ -97,15 +88,31 @@ pub fn check_extension(path: &Path) -> Result<(), ScanError> {
     format_of(path).map(|_| ())
 }
 
-/// Writes all points; how many there were.
+/// What came of a cloud that was written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrittenCloud {
+    /// How many points it has.
+    pub points: u64,
+    /// Their greatest coordinate, whichever its sign.
+    pub farthest_mm: f64,
+}
+
+/// Writes all points; how many there were, and how far out.
 ///
 /// # Errors
 /// `format` for an unknown extension, `file`, or what the points themselves answer. Then no file is left.
-pub fn write_cloud(path: &Path, style: CloudStyle, points: Points<'_>) -> Result<u64, ScanError> {
+pub fn write_cloud(
+    path: &Path,
+    style: CloudStyle,
+    points: Points<'_>,
+) -> Result<WrittenCloud, ScanError> {
     let write = format_of(path)?;
     let mut partial = Partial::new(path);
     let mut counted = Counted::new(points);
     write(&partial, style, &mut counted)?;
     partial.complete()?;
-    Ok(counted.count)
+    Ok(WrittenCloud {
+        points: counted.count,
+        farthest_mm: counted.farthest_mm,
+    })
 }

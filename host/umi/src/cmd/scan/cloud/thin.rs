@@ -19,7 +19,7 @@ use crate::output::Force;
 /// A cloud in and a cloud out.
 #[derive(Args)]
 pub(crate) struct Clouds {
-    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z), PLY, PCD, LAS, LAZ or E57
+    /// The cloud: CSV with the columns x_mm,y_mm,z_mm (or x,y,z, or without names), PLY, PCD, LAS, LAZ, E57, or the corners of an STL
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
     /// Where the points go, by the extension: .csv, .ply, .pcd, .las, .laz, .e57, .parquet;
@@ -96,18 +96,17 @@ impl Clouds {
                 Some(path) => Drops::to_file(path)?,
                 None => Drops::default(),
             });
-            let kept = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;
+            let written = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;
             let dropped = drops.into_inner().finish()?;
             Ok(Thinned {
                 kind,
-                points: kept + dropped.iter().map(|d| d.points).sum::<u64>() + reader.not_finite,
-                kept,
+                points: written.points
+                    + dropped.iter().map(|d| d.points).sum::<u64>()
+                    + reader.not_finite,
+                kept: written.points,
                 not_finite: reader.not_finite,
                 dropped,
-                warnings: write::unit_note(&self.output)
-                    .map(str::to_owned)
-                    .into_iter()
-                    .collect(),
+                warnings: write::notes(&self.output, self.double, written.farthest_mm),
             })
         };
         answer(make(), self.format.json, text)

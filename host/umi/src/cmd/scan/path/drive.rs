@@ -392,7 +392,7 @@ impl Drive {
             double: self.double,
             longest_mm: None,
         };
-        let count = write_cloud(&self.output, style, Box::new(points.into_iter().map(Ok)))?;
+        let written = write_cloud(&self.output, style, Box::new(points.into_iter().map(Ok)))?;
         Ok(Answer {
             kind: "scan_drive",
             machine_s: driven.machine_s,
@@ -402,7 +402,7 @@ impl Drive {
             paired: merged.paired,
             lost_frames: merged.pairing.lost_frames,
             missed_latches: merged.pairing.missed_latches,
-            points: count,
+            points: written.points,
             coverage,
             coverage_within_mm: within,
             noise_um: self.noise_um,
@@ -413,7 +413,7 @@ impl Drive {
                 .warnings
                 .iter()
                 .cloned()
-                .chain(write::unit_note(&self.output).map(str::to_owned))
+                .chain(write::notes(&self.output, self.double, written.farthest_mm))
                 .collect(),
         })
     }
