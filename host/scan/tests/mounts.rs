@@ -360,6 +360,41 @@ fn what_the_poses_leave_open_is_counted_also_with_noise() {
     }
 }
 
+/// What is open is said in the words of a machine: which shift, which turn.
+#[test]
+fn what_the_poses_leave_open_is_said_in_words() {
+    let mut random = Random(8);
+    let said = |all: &Observations, options: &SensorOptions| {
+        let error = sensor(all, &truth(), options).unwrap_err();
+        assert_eq!(error.code, "unidentifiable");
+        error.message
+    };
+    let flat = plane(&Vector3::z(), BOTH, along_z(0.0), &mut random);
+    let one = said(&flat, &on_plane());
+    assert!(
+        one.starts_with("Nothing that was seen shows the shift along X of the flange."),
+        "{one}"
+    );
+    let still = spheres(&[BALL], 15.0, NONE, along_z(0.0), &mut random);
+    let three = said(&still, &on_sphere(Some(15.0)));
+    for axis in ["X", "Y", "Z"] {
+        assert!(
+            three.contains(&format!("the shift along {axis}")),
+            "{three}"
+        );
+    }
+    // The flange stands still over a ball: every profile is the first one again.
+    let mut same = spheres(&[BALL], 15.0, BOTH, along_z(0.0), &mut random);
+    for at in 1..same.flanges.len() {
+        same.flanges[at] = same.flanges[0];
+    }
+    let all = said(&same, &on_sphere(Some(15.0)));
+    assert!(
+        all.starts_with("Nothing that was seen shows where the sensor sits"),
+        "{all}"
+    );
+}
+
 #[test]
 fn what_is_held_is_not_sought() {
     let mut random = Random(3);

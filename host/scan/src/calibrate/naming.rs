@@ -31,6 +31,36 @@ pub(super) fn name_directions(
         .collect()
 }
 
+/// What nothing shows of a mount, of so many motions that were sought, in words.
+pub(super) fn open_in_words(unobservable: &[String], sought: usize) -> String {
+    if unobservable.len() == sought {
+        return "Nothing that was seen shows where the sensor sits: every motion of it that is sought is free".into();
+    }
+    let mut mixed = false;
+    let parts: Vec<String> = (unobservable.iter())
+        .map(|name| {
+            let axis = |kind| name.strip_prefix(kind).filter(|axis| axis.len() == 1);
+            if let Some(axis) = axis("t") {
+                return format!("the shift along {}", axis.to_uppercase());
+            }
+            if let Some(axis) = axis("w") {
+                return format!("the turn about {}", axis.to_uppercase());
+            }
+            mixed = true;
+            format!("the motion {name}")
+        })
+        .collect();
+    let legend = if mixed {
+        " (t: shift along its axes in mm, w: turn about them in rad)"
+    } else {
+        ""
+    };
+    format!(
+        "Nothing that was seen shows {} of the flange{legend}",
+        parts.join(", ")
+    )
+}
+
 /// Gauss-Jordan with the largest pivot: a basis of the same space with many zeros.
 fn reduced_rows(directions: &[DVector<f64>], worth: &[f64]) -> DMatrix<f64> {
     let columns = worth.len();

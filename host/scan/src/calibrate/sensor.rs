@@ -15,7 +15,7 @@ use super::bar::{self, BallBar, BarAnswer};
 use super::features::{
     SampleSights, algebraic_centre, cuts, middles, plane_through, points_by_feature,
 };
-use super::naming::name_directions;
+use super::naming::{name_directions, open_in_words};
 use super::observations::Observations;
 use super::solve::scatter::{scatter_covariance, unit_uncertainty};
 use super::solve::{Model, Solution, TakeRow, descend, solve};
@@ -593,11 +593,9 @@ fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(
     Err(ScanError::refused(
         "unidentifiable",
         format_args!(
-            "{free} independent {} of the mount change no residual, whatever was seen: {} (w: turn, \
-             t: shift of the flange's frame). Use a ball or an inclined plane, move all rotary axes, \
-             give --centres, or hold what cannot be seen with --hold",
-            if free == 1 { "motion" } else { "motions" },
-            unobservable.join("; ")
+            "{}. Take profiles of a ball or an inclined plane at more poses, with all rotary axes moved; or give --centres, or \
+             hold a shift with --hold",
+            open_in_words(&unobservable, solution.model.sought.iter().filter(|sought| **sought).count())
         ),
     )
     .with("free", free)

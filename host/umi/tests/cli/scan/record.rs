@@ -240,6 +240,13 @@ fn what_is_no_sensor_is_told() {
     record("tcp:127.0.0.1:1")
         .exits(1)
         .says("no connection to the sensor");
+    // What is refused makes no folder, and takes no older recording away.
+    assert!(!std::path::Path::new(&out).exists());
+    fs::create_dir(&out).unwrap();
+    let older = folder.file("scan/triggers.csv", "older");
+    let again = ["scan", "record", "--port", &port, "-o", &out, "--force"];
+    umi(&[&again[..], &["--sensor", "tcp:127.0.0.1:1"]].concat()).exits(1);
+    assert_eq!(fs::read_to_string(older).unwrap(), "older");
     let page = TcpListener::bind("127.0.0.1:0").unwrap();
     let place = format!("tcp:{}", page.local_addr().unwrap());
     std::thread::spawn(move || {

@@ -12,7 +12,7 @@ use umi_scan::format::machine;
 use umi_scan::format::table::TableReader;
 
 use super::super::answer::answer;
-use super::super::profile::pair::Streams;
+use super::super::profile::pair::{Latency, Streams};
 use super::sensor::radius;
 use crate::cmd::Format;
 use crate::failure::Failure;
@@ -27,14 +27,8 @@ pub(crate) struct Observe {
     /// The machine file; its table `sensor` tells balls apart, right within 6° and 20 mm
     #[arg(long, value_name = "MACHINE.toml")]
     machine: PathBuf,
-    /// The sensor sees so many microseconds after the edge; before it, if negative
-    #[arg(
-        long,
-        value_name = "US",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
-    latency_us: f64,
+    #[command(flatten)]
+    latency: Latency,
     /// What was scanned
     #[arg(long, value_enum)]
     on: ObservedArtefact,
@@ -120,7 +114,7 @@ impl Observe {
         };
         let options = ObserveOptions {
             pairing: self.streams.options(),
-            latency_us: self.latency_us,
+            latency_us: self.latency.latency_us,
             on: match self.on {
                 ObservedArtefact::Plane => Artefact::Plane,
                 ObservedArtefact::Sphere => Artefact::Sphere,

@@ -8,12 +8,13 @@ use crate::output::Force;
 use clap::Args;
 use umi_kinematics::Pose;
 use umi_scan::ScanError;
+use umi_scan::format::clouds::write;
 use umi_scan::format::machine;
 use umi_scan::format::points::{PointFile, PointSink};
 use umi_scan::format::poses::PoseFile;
 use umi_scan::merge::{MergeOptions, Merged, merge};
 
-use super::pair::{self, Streams};
+use super::pair::{self, Latency, Streams};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
 
@@ -26,14 +27,8 @@ pub(crate) struct Merge {
     /// The machine file: its axes as chains, the sensor's mount
     #[arg(long, value_name = "MACHINE.toml")]
     machine: PathBuf,
-    /// The sensor sees so many microseconds after the edge; before it, if negative
-    #[arg(
-        long,
-        value_name = "US",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
-    latency_us: f64,
+    #[command(flatten)]
+    latency: Latency,
     /// Where the points go: .csv (with profile and index), .ply (binary), .pcd, .las, .laz, .e57
     /// or .parquet; .stl makes a mesh of the grid of one view, holes left open
     #[arg(short, long, value_name = "CLOUD")]
@@ -69,7 +64,8 @@ file is written, and one that was there stays.
 With --interpolate-ms the answer names the profiles that no latch placed (`interpolated`): their
 points stand on a straight line between two latches, whatever the axes did there.
 
-Floats keep 24 bits: at 800 mm they are right within 0.03 µm; --double keeps all.
+Floats keep 24 bits: at 800 mm they are right within 0.03 µm; --double keeps all. A PLY whose first
+point lies beyond 2 m has doubles, whether asked for or not. Its offset is always 0, and its header says so.
 
 Examples:
   umi scan merge profiles.csv scan.csv --machine mill.toml -o cloud.ply
@@ -120,18 +116,24 @@ impl Merge {
             },
             poses: self.poses.as_deref().map(PoseFile::create).transpose()?,
         };
-        merge(
+        let mut merged = merge(
             &self.streams.profiles,
             &triggers,
             &machine,
             &MergeOptions {
                 pairing: self.streams.options(),
-                latency_us: self.latency_us,
+                latency_us: self.latency.latency_us,
                 until_loss: self.until_loss,
                 interpolate_us: self.interpolate_ms.map(|ms| ms * 1e3),
             },
             &mut file,
-        )
+        )?;
+        let farthest_mm = merged.bounds_mm.map_or(0.0, |bounds| bounds.farthest_mm());
+        merged
+            .pairing
+            .warnings
+            .extend(write::notes(&self.output, self.double, farthest_mm));
+        Ok(merged)
     }
 }
 

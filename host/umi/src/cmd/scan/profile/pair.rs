@@ -67,6 +67,19 @@ pub(crate) struct Streams {
     strict: bool,
 }
 
+/// When the sensor sees, beside its edge; for the commands that take positions from latches.
+#[derive(Args)]
+pub(crate) struct Latency {
+    /// The sensor sees so many microseconds after the edge; before it, if negative
+    #[arg(
+        long,
+        value_name = "US",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub latency_us: f64,
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 enum CauseName {
     /// The board's pulses trigger the sensor

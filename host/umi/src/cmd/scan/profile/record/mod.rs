@@ -20,7 +20,7 @@ use crate::cmd::{Board, Format};
 use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_json};
-use sensor::{SensorCame, SensorFile, address};
+use sensor::{SensorCame, SensorFile, address, connect};
 
 /// Records a scan: the sensor's profiles and the board's latches, as they come
 #[derive(Args)]
@@ -85,12 +85,15 @@ impl Record {
             file("triggers.csv"),
             file("record.json"),
         );
-        std::fs::create_dir_all(&self.output)
-            .map_err(|error| Failure::file("write", &self.output, &error))?;
         for path in [&capture, &table, &summary] {
             self.force.check(path, &[])?;
         }
+        // Nothing is made or replaced before both are there.
         let mut board = self.board.connect()?;
+        let channel = connect(&self.sensor)?;
+        let is_new = !self.output.exists();
+        std::fs::create_dir_all(&self.output)
+            .map_err(|error| Failure::file("write", &self.output, &error))?;
         for path in [&capture, &table, &summary] {
             match std::fs::remove_file(path) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -99,7 +102,7 @@ impl Record {
                 _ => {}
             }
         }
-        let sensor = SensorFile::begin(&self.sensor, &capture)?;
+        let sensor = SensorFile::begin(channel, &capture)?;
         let mut sink = Sink::table(&table)?;
         let mut follower = Follower::default();
         let mut view = View::new(self.format.json);
@@ -118,6 +121,15 @@ impl Record {
         let came = sensor.end();
         let kept = sink.close();
         view.bar.finish_and_clear();
+        if followed.is_err() && came.profiles == 0 && sink.shown == 0 {
+            // Refused before anything came: nothing is left of it. If that fails, the refusal is what matters.
+            let _ = std::fs::remove_file(&capture);
+            let _ = std::fs::remove_file(&table);
+            if is_new {
+                let _ = std::fs::remove_dir(&self.output);
+            }
+            return followed;
+        }
         followed.map_err(|failure| sink.kept(failure))?;
         kept?;
         let pairing = self.pairing(&capture, &table);

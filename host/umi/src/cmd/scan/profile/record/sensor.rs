@@ -67,25 +67,29 @@ pub(super) fn address(text: &str) -> Result<String, String> {
     }
 }
 
+/// Connects to a sensor's data channel.
+pub(super) fn connect(address: &str) -> Result<TcpStream, Failure> {
+    let unreached = |error: &dyn std::fmt::Display| {
+        Failure::trouble(
+            "sensor",
+            format_args!("no connection to the sensor at {address}: {error}"),
+        )
+    };
+    let place = address
+        .to_socket_addrs()
+        .map_err(|error| unreached(&error))?
+        .next()
+        .ok_or_else(|| unreached(&"nobody of this name"))?;
+    let stream = TcpStream::connect_timeout(&place, PATIENCE).map_err(|error| unreached(&error))?;
+    stream
+        .set_read_timeout(Some(TURN))
+        .map_err(|error| unreached(&error))?;
+    Ok(stream)
+}
+
 impl SensorFile {
-    /// Connects, and writes what comes to a file that is not there yet.
-    pub fn begin(address: &str, path: &Path) -> Result<Self, Failure> {
-        let unreached = |error: &dyn std::fmt::Display| {
-            Failure::trouble(
-                "sensor",
-                format_args!("no connection to the sensor at {address}: {error}"),
-            )
-        };
-        let place = address
-            .to_socket_addrs()
-            .map_err(|error| unreached(&error))?
-            .next()
-            .ok_or_else(|| unreached(&"nobody of this name"))?;
-        let stream =
-            TcpStream::connect_timeout(&place, PATIENCE).map_err(|error| unreached(&error))?;
-        stream
-            .set_read_timeout(Some(TURN))
-            .map_err(|error| unreached(&error))?;
+    /// Writes what comes to a file that is not there yet.
+    pub fn begin(stream: TcpStream, path: &Path) -> Result<Self, Failure> {
         let file = File::create_new(path).map_err(|error| Failure::file("write", path, &error))?;
         let came: Arc<Mutex<SensorCame>> = Arc::default();
         let stop = Arc::new(AtomicBool::new(false));
