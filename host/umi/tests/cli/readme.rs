@@ -1,4 +1,4 @@
-//! The README's console lines: each is run as it is printed.
+//! The console lines of the README and of the example of a line scanner: each is run as it is printed.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -90,9 +90,23 @@ fn every_console_line_runs_as_printed() {
         text.lines().count() <= 120,
         "the README is at most 120 lines"
     );
+    assert!(run_lines(&text) >= 18);
+}
+
+/// Those of the line scanner's example do, from the same folder.
+#[test]
+#[cfg(unix)]
+fn every_line_of_the_line_scanner_runs_as_printed() {
+    let text = std::fs::read_to_string(project("examples/line-scan/README.md")).unwrap();
+    assert!(run_lines(&text) >= 6);
+}
+
+/// Runs every console line of a text in a new folder; how many there were.
+#[cfg(unix)]
+fn run_lines(text: &str) -> u32 {
     let folder = desk();
     let mut run = 0;
-    for block in blocks(&text) {
+    for block in blocks(text) {
         let mut behind = Behind(Vec::new());
         let mut port: Option<String> = None;
         for line in &block {
@@ -123,7 +137,7 @@ fn every_console_line_runs_as_printed() {
             assert!(is_kept || !ran.stdout.is_empty(), "{line} says nothing");
         }
     }
-    assert!(run >= 18, "{run} lines were run");
+    run
 }
 
 /// Waits until the port listens: a person types slower.

@@ -13,4 +13,5 @@ mod profiles;
 mod record;
 mod report;
 mod serve;
+mod slips;
 mod views;
