@@ -241,6 +241,8 @@ pub struct Lessons {
     pub further: u16,
     /// The tool length in force in the first one, where its run said it.
     pub tool_length_mm: Option<f64>,
+    /// The feed of its hits; 0 where their lines do not say it.
+    pub feed_mm_per_min: f64,
 }
 
 impl Lessons {
@@ -250,6 +252,7 @@ impl Lessons {
         largest: Vec::new(),
         further: 0,
         tool_length_mm: None,
+        feed_mm_per_min: 0.0,
     };
 
     /// The smallest and the largest of a feature, by its place in the job.

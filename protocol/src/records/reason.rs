@@ -297,16 +297,17 @@ pub enum Reason {
         /// The hit.
         hit: u16,
     },
-    /// Hits at different feeds: the control's delay does not cancel.
+    /// Hits at different feeds, in a setup or against the taught one: what the control and the
+    /// probe add does not cancel.
     #[error(
-        "hit {hit} was probed at {feed_mm_per_min} mm/min, others at {expected_mm_per_min}; gauge at one feed"
+        "hit {hit} was probed at {feed_mm_per_min} mm/min, others or the taught ones at {expected_mm_per_min}; gauge at one feed, or teach again"
     )]
     FeedChanged {
         /// The hit.
         hit: u16,
         /// Its feed.
         feed_mm_per_min: f64,
-        /// The feed of the setup's first hit.
+        /// That of the taught setup; where none is known, of this one's first hit.
         expected_mm_per_min: f64,
     },
     /// The control stored a position later after the skip signal than it may, or

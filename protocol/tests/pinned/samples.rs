@@ -489,6 +489,7 @@ fn lessons() -> Lessons {
         largest: list([learned(0.0005)]),
         further: 2,
         tool_length_mm: Some(81.5),
+        feed_mm_per_min: 50.0,
     }
 }
 

@@ -77,11 +77,13 @@ pub enum DamageKind {
     MovedBehind,
     /// A chip of 10 to 50 µm on each of two balls.
     TwoChips,
+    /// Probed at a feed 1.5 to 6 times that of the taught clamping: each touch is 1 to 20 µm later.
+    OtherFeed,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 34] = [
+    pub const ALL: [Self; 35] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -116,6 +118,7 @@ impl DamageKind {
         Self::Rocked,
         Self::MovedBehind,
         Self::TwoChips,
+        Self::OtherFeed,
     ];
 
     /// For the table.
@@ -156,6 +159,7 @@ impl DamageKind {
             Self::Rocked => "rocked over two balls while probing, 5 µm to 5 mm",
             Self::MovedBehind => "slipped or turned behind the first closing ball, 5-50 µm",
             Self::TwoChips => "chips on two tops, 10-50 µm",
+            Self::OtherFeed => "probed at another feed, each touch 1-20 µm later",
         }
     }
 

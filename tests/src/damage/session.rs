@@ -212,6 +212,7 @@ impl<'a> Session<'a> {
             DamageKind::BentStylus => {
                 probing.bent_mm = (dice.direction() * dice.within(sizes([0.01, 0.06]))).into();
             }
+            DamageKind::OtherFeed => probing.late_mm = dice.within(sizes([0.001, 0.02])),
             DamageKind::WornStylus => probing.scatter_mm = dice.within(sizes([0.005, 0.02])),
             DamageKind::ZScale => {
                 let own = [10e-6 * lowest_mm, 100e-6 * lowest_mm];
@@ -310,7 +311,13 @@ impl<'a> Session<'a> {
             // virtual machine (`tests/tests/truth/macros/shifts.rs`).
             balls.truncate(jumps_at);
         }
-        let lines = self.lines(&balls, [origin, shift, length], teaches);
+        let feed_um_per_min = match kind {
+            // What `trips_later` of `umi job check` says is without it: by an override.
+            DamageKind::OtherFeed if self.plan.sizes_mm.is_none() => 100_000,
+            _ => 50_000,
+        };
+        let moved_mm = [origin, shift, length];
+        let lines = self.lines(&balls, moved_mm, teaches, feed_um_per_min);
         let run = self.run;
         let mut clamping = Clamping {
             lines,
@@ -330,9 +337,23 @@ impl<'a> Session<'a> {
         matches!(self.plan.job.compensation, Compensation::OnBoard { .. })
     }
 
-    fn lines(&self, balls: &[SimulatedBall], moved_mm: [f64; 3], teaches: bool) -> Vec<String> {
+    fn lines(
+        &self,
+        balls: &[SimulatedBall],
+        moved_mm: [f64; 3],
+        teaches: bool,
+        feed_um_per_min: u32,
+    ) -> Vec<String> {
         if let Compensation::OnBoard { tip_radius_mm, .. } = self.plan.job.compensation {
-            text::checked(balls, self.run, moved_mm, teaches, tip_radius_mm)
+            let run = self.run;
+            text::checked(
+                balls,
+                run,
+                moved_mm,
+                teaches,
+                tip_radius_mm,
+                feed_um_per_min,
+            )
         } else {
             let names = self.plan.job.features.iter();
             let names: Vec<String> = names.map(|f| f.name.to_string()).collect();

@@ -42,6 +42,7 @@ pub fn checked(
     moved_mm: [f64; 3],
     teaches: bool,
     tip_mm: f64,
+    feed_um_per_min: u32,
 ) -> Vec<String> {
     let mut lines = announced(run, moved_mm, teaches);
     let mut sequence = u32::try_from(lines.len()).unwrap_or(u32::MAX);
@@ -60,7 +61,7 @@ pub fn checked(
                 feature: *feature,
                 approach: Some(approach),
                 touched: true,
-                feed_um_per_min: 50_000,
+                feed_um_per_min,
                 point_um: center.map(|mm| {
                     #[allow(clippy::cast_possible_truncation, reason = "a machine is small")]
                     let um = (mm * 1000.0).round() as i32;

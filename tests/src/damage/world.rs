@@ -145,6 +145,8 @@ pub struct Probing {
     pub early_top_mm: f64,
     /// Each touch of the top is so early.
     pub chip_mm: f64,
+    /// Each touch is so late, along its way.
+    pub late_mm: f64,
 }
 
 /// Contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
@@ -161,17 +163,19 @@ pub fn hits(centers: &[Vector3<f64>], probing: &Probing, dice: &mut Dice) -> Vec
         seen
     };
     let touch = |dice: &mut Dice| sigma * dice.normal();
-    let is = |hit: usize| seen(hit).z + RADIUS_MM + probing.chip_mm;
+    // Against the surface all around.
+    let radius = RADIUS_MM - probing.late_mm;
+    let is = |hit: usize| seen(hit).z + radius + probing.chip_mm;
     let top = is(0) + probing.early_top_mm + touch(dice);
     let side = top - RADIUS_MM;
     // The routine centres itself before it goes down, to the scatter of its first touches.
     let (beside_x, beside_y) = (seen(0).x + touch(dice), seen(0).y + touch(dice));
     let mut points = vec![
         [beside_x, beside_y, top],
-        [seen(1).x + RADIUS_MM + touch(dice), beside_y, side],
-        [seen(2).x - RADIUS_MM + touch(dice), beside_y, side],
-        [beside_x, seen(3).y + RADIUS_MM + touch(dice), side],
-        [beside_x, seen(4).y - RADIUS_MM + touch(dice), side],
+        [seen(1).x + radius + touch(dice), beside_y, side],
+        [seen(2).x - radius + touch(dice), beside_y, side],
+        [beside_x, seen(3).y + radius + touch(dice), side],
+        [beside_x, seen(4).y - radius + touch(dice), side],
     ];
     if centers.len() == 6 {
         // Over the centre that the sides have shown.

@@ -84,7 +84,7 @@ fn probed() -> SimulatedPlan {
 }
 
 /// The rows of `umi job check` that have a size, and what they mean here.
-const SIZED: [(&str, DamageKind); 12] = [
+const SIZED: [(&str, DamageKind); 13] = [
     ("mixed_setups", DamageKind::BallsOfTwo),
     ("early_top", DamageKind::EarlyTop),
     ("chip_on_top", DamageKind::ChipOnTop),
@@ -97,6 +97,7 @@ const SIZED: [(&str, DamageKind); 12] = [
     ("rocked", DamageKind::Rocked),
     ("chips_on_two", DamageKind::TwoChips),
     ("z_scale", DamageKind::ZScale),
+    ("trips_later", DamageKind::OtherFeed),
 ];
 
 /// What `umi job check` promises: from the size on that its table says, nothing wrong leaves,
@@ -147,7 +148,10 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
     let (asked, announced) = (number > 0, number > 1);
     let (four, table) = (number >= FOUR, number > FOUR);
     match kind {
-        DamageKind::Clean | DamageKind::Warm | DamageKind::OtherOrder => Some(0.0),
+        // At another feed a ball is smaller, and stays where it is.
+        DamageKind::Clean | DamageKind::Warm | DamageKind::OtherOrder | DamageKind::OtherFeed => {
+            Some(0.0)
+        }
         // A digit of the last place in a block, and three balls that see nothing of it.
         kind if kind.is_of_text() => Some(if four { 0.0 } else { 0.001 }),
         DamageKind::OldBeforeTeaching | DamageKind::TeachingRefused => asked.then_some(0.0),

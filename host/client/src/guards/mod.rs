@@ -27,8 +27,8 @@ mod size;
 mod tests;
 
 use umi_core::job::{closing, datums, moves_something, touch_begins_anew};
-use umi_protocol::job::{Job, Reference, Teach};
-use umi_protocol::pattern::LinePattern;
+use umi_protocol::job::{Dialect, Job, Reference, Teach};
+use umi_protocol::pattern::{Coding, LinePattern};
 
 pub use seen::SeenFrom;
 use seen::worst;
@@ -81,8 +81,8 @@ impl GuardTable {
             .all(|pattern| matches!(pattern, LinePattern::Checked(_)));
         let has_run = job.guards.run_variable.is_some();
         let guards = &job.guards;
-        let holds_length =
-            guards.frame && (guards.tool_length_mm.is_some() || job.reference == Reference::Taught);
+        let is_taught = job.reference == Reference::Taught;
+        let holds_length = guards.frame && (guards.tool_length_mm.is_some() || is_taught);
         let closes = closing(job).any(|(_, closing)| !guards.fixed.contains(&closing.repeats));
         let or_from =
             |sees: bool, from: &dyn Fn() -> SeenFrom| if sees { SeenFrom::Always } else { from() };
@@ -137,7 +137,7 @@ impl GuardTable {
                 "tool_length",
                 "another tool length than when taught",
                 or_from(holds_length, &|| setup.together()),
-                if job.reference == Reference::Taught {
+                if is_taught {
                     "frame"
                 } else {
                     "frame, tool_length_mm"
@@ -194,6 +194,17 @@ impl GuardTable {
                 "checked lines",
             ),
             row(
+                "digit_to_control",
+                "a digit wrong on its way to the control",
+                when(job.correction.as_ref().is_none_or(|spec| {
+                    let has_parity = job.line.settings().data_bits == 7
+                        || !matches!(job.receiver.coding, Coding::Auto | Coding::Ascii);
+                    // Its check value is the only one that holds every digit.
+                    has_parity || spec.dialect == Dialect::HaasVariables
+                })),
+                "parity",
+            ),
+            row(
                 "longer_probe",
                 "longer probe, bent stylus",
                 setup.together(),
@@ -243,7 +254,13 @@ impl GuardTable {
             ),
             row(
                 "feed",
-                "probe trips later: other feed, or worn",
+                "probed at another feed than when taught",
+                or_from(is_checked && is_taught, &|| setup.trips_later()),
+                "checked lines",
+            ),
+            row(
+                "trips_later",
+                "probe trips later: worn, feed override",
                 setup.trips_later(),
                 "learned",
             ),

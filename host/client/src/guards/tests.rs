@@ -1,7 +1,8 @@
 //! Each row of the table, by jobs whose figures are known.
 
 use super::{GuardTable, SeenFrom};
-use umi_protocol::job::Job;
+use umi_protocol::job::{Dialect, Job};
+use umi_protocol::pattern::Coding;
 
 fn job(text: &str) -> Job {
     toml::from_str(text).unwrap()
@@ -118,6 +119,20 @@ fn each_guard_sees_its_row() {
     let mut given = four.clone();
     given.reference = umi_protocol::job::Reference::Given;
     assert_ne!(seen(&given, "tool_length"), SeenFrom::Always);
+    assert_eq!(seen(&four, "feed"), SeenFrom::Always);
+    assert_eq!(seen(&given, "feed"), seen(&four, "trips_later"));
+    // By parity, or by a check value.
+    let mut bare = four.clone();
+    bare.line.data_bits = Some(8);
+    bare.receiver.coding = Coding::Ascii;
+    assert_eq!(seen(&bare, "digit_to_control"), SeenFrom::Never);
+    let mut even = bare.clone();
+    even.line.data_bits = Some(7);
+    assert_eq!(seen(&even, "digit_to_control"), SeenFrom::Always);
+    if let Some(correction) = &mut bare.correction {
+        correction.dialect = Dialect::HaasVariables;
+    }
+    assert_eq!(seen(&bare, "digit_to_control"), SeenFrom::Always);
     given.guards.tool_length_mm = Some(81.5);
     assert_eq!(seen(&given, "tool_length"), SeenFrom::Always);
     // What is probed twice on the table says nothing of the part.

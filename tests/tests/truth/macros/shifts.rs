@@ -202,6 +202,69 @@ fn scaling_and_mirror_are_an_alarm() {
     }
 }
 
+/// Inches against a job in millimetres: an alarm before anything is printed or moves, and where
+/// a program of others looks.
+#[test]
+fn inches_are_an_alarm() {
+    for family in FAMILIES {
+        let (start, look) = match family {
+            Family::LinuxCnc => ("O<UMI_START> CALL", "O<UMI_LOOK> CALL"),
+            _ => ("G65 P8811", "G65 P8819"),
+        };
+        let (verdicts, alarm) = second_run(family, ["G20", "", "", "", ""]);
+        assert_eq!(alarm.as_deref(), Some("SET G21"), "{family:?}");
+        assert_eq!(verdicts.len(), 1, "{family:?}: the taught one");
+        let text = format!("G21 G90 G54\nG0 X1. Y2. Z100.\n{start}\nG20\n{look}\n");
+        run_text(family, &scene(TAUGHT), &text).refused("SET G21");
+        // And off again.
+        let (verdicts, alarm) = second_run(family, ["G20\nG21", "", "", "", ""]);
+        assert_eq!(alarm, None, "{family:?}");
+        assert!(verdicts.iter().all(|of| of.ok), "{family:?}");
+    }
+}
+
+/// A rotation: the board names that of a work offset, and the hits refuse G68; none of its runs
+/// is corrected.
+#[test]
+fn a_rotation_is_refused() {
+    for family in FAMILIES {
+        let what = match family {
+            Family::LinuxCnc => "G10 L2 P1 R0.5",
+            _ => "G68 X0 Y0 R0.5",
+        };
+        for place in [0, 1, 3] {
+            let mut at = [""; 5];
+            at[place] = what;
+            let (verdicts, alarm) = second_run(family, at);
+            if (family, place) == (Family::LinuxCnc, 0) {
+                assert_eq!(codes(&verdicts[1]), ["rotation_active"]);
+            } else {
+                assert!(alarm.is_some(), "{family:?} at {place}");
+                assert_eq!(verdicts.len(), 1, "{family:?} at {place}: the taught one");
+            }
+        }
+    }
+}
+
+/// The gauging feed is another one than when it was taught: set once and forgotten.
+#[test]
+fn another_feed_is_named() {
+    for family in FAMILIES {
+        let what = match family {
+            Family::LinuxCnc => "#<_UMI_SLOW>=100",
+            _ => "#113=100.",
+        };
+        for (place, balls) in [(1, 4), (4, 1)] {
+            let mut at = [""; 5];
+            at[place] = what;
+            let (verdicts, alarm) = second_run(family, at);
+            assert_eq!(alarm, None, "{family:?}");
+            let named = vec!["feed_changed"; balls];
+            assert_eq!(codes(&verdicts[1]), named, "{family:?} at {place}");
+        }
+    }
+}
+
 /// A shift that was active when the part was taught stops that run too: nothing is taught.
 #[test]
 fn nothing_is_taught_under_a_shift() {

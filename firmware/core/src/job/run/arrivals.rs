@@ -92,6 +92,20 @@ impl Run {
         let Some(spec) = spec_of(&self.job, collecting.feature) else {
             return;
         };
+        // Of the taught setup, else of this one's first hit. One reason is enough.
+        let feed_mm_per_min = hit.feed_mm_per_min.unwrap_or_default();
+        if self.feed_mm_per_min == 0.0 {
+            self.feed_mm_per_min = feed_mm_per_min;
+        }
+        let expected_mm_per_min = self.feed_mm_per_min;
+        if feed_mm_per_min != expected_mm_per_min && collecting.reasons.is_empty() {
+            let reason = Reason::FeedChanged {
+                hit: collecting.next_number(),
+                feed_mm_per_min,
+                expected_mm_per_min,
+            };
+            add(&mut collecting.reasons, reason);
+        }
         let seen = self.witness.get_mut().map(|w| w.pair(hit));
         collecting.take(spec, hit, seen);
         if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {

@@ -61,6 +61,7 @@ impl Run {
             self.learned = Lessons::NONE;
             self.learned.smallest = self.shown();
             self.learned.tool_length_mm = self.moved.get().map(|moved| moved.tool_length_mm);
+            self.learned.feed_mm_per_min = self.feed_mm_per_min;
             let learned = &self.learned;
             let places = &measured;
             out(Decision::Taught(Teaching { places, learned }));
@@ -359,6 +360,7 @@ impl Run {
             self.teaching = TeachingAct::None;
         }
         self.unwidened.clear();
+        self.feed_mm_per_min = self.learned.feed_mm_per_min;
         self.progress = Progress::Empty;
         self.taught_here = false;
         if let Some(witness) = self.witness.get_mut() {

@@ -112,6 +112,8 @@ pub struct Run {
     moved: ZeroOption<Moved>,
     /// By what they lie elsewhere than its offsets say, where it said so: the most that it said.
     shifted: Option<Point>,
+    /// The feed of the taught setup, else of this one's first hit; 0 where no line has said it.
+    feed_mm_per_min: f64,
     /// The features of a setup have come in the job's order.
     order_shown: bool,
     /// The control began in the middle of the job's order, with this feature.
@@ -162,6 +164,7 @@ impl Run {
             frame: None,
             moved: ZeroOption::empty(),
             shifted: None,
+            feed_mm_per_min: 0.0,
             order_shown: false,
             began_with: None,
             remarks: Vec::new(),
@@ -205,6 +208,7 @@ impl Run {
             frame,
             moved,
             shifted,
+            feed_mm_per_min,
             order_shown,
             began_with,
             remarks,
@@ -235,7 +239,7 @@ impl Run {
         (*run, *last_run, *older_than) = (None, None, None);
         *frame = None;
         moved.clear();
-        *shifted = None;
+        (*shifted, *feed_mm_per_min) = (None, 0.0);
         (*order_shown, *began_with) = (false, None);
         remarks.clear();
         *features_seen = 0;

@@ -92,6 +92,7 @@ impl Run {
         self.teaching = TeachingAct::Next(Lesson::Reference);
         if self.reference.take().is_some() {
             self.learned = Lessons::NONE;
+            self.feed_mm_per_min = 0.0;
             out(Decision::Taught(Teaching::NONE));
         }
         Ok(())
@@ -145,6 +146,7 @@ impl Run {
         if self.reference_is_taught() && due == Some(taught.places.len()) {
             self.reference = Vec::from_slice(taught.places).ok();
             self.learned = taught.learned.clone();
+            self.feed_mm_per_min = self.learned.feed_mm_per_min;
         }
     }
 

@@ -24,6 +24,7 @@ use crate::dprnt::{BlockEnd, Doubts, ReportedHit};
 use crate::units::{Micros, Point};
 
 mod coverage;
+mod feed;
 mod guards;
 
 /// Three spheres, taught, as `examples/three-spheres.toml` has it.
