@@ -30,12 +30,10 @@ fn called(spec: &CorrectionSpec) -> String {
     }
 }
 
-/// A path over the points.
+/// A path over the points. It says its own modes, as a part program has to behind a correction.
 pub fn path(points: &[V]) -> String {
-    points
-        .iter()
-        .map(|p| format!("G0 X{:.3} Y{:.3} Z{:.3}\n", p.x, p.y, p.z))
-        .collect()
+    let go = |p: &V| format!("G0 X{:.3} Y{:.3} Z{:.3}\n", p.x, p.y, p.z);
+    String::from("G17 G21 G90\n") + &points.iter().map(go).collect::<String>()
 }
 
 /// Runs a program to its end.

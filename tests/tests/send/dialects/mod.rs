@@ -10,6 +10,7 @@ mod alarms;
 mod board;
 mod by_hand;
 mod control;
+mod digits;
 mod refused;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
