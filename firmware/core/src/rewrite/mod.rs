@@ -38,7 +38,8 @@
 //!   still, the others take its last known place. Where the transform is level, that is
 //!   exact; else it is off by tilt times height until the program names the axis: refused,
 //!   unless [`RewriteSettings::loose_rapids`] allows it, and beyond a slope of 1 in 50 always.
-//!   A feed motion must know every place that it depends on.
+//!   A feed motion must know every place that it depends on, and goes nowhere with an axis that
+//!   `G53` has sent: there it would cut beside the part that has moved.
 //! * **Arcs** stay arcs if what a control makes of the rounded words stays within
 //!   [`RewriteSettings::chord`] of the image, and has the same sweep: end and centre are rounded,
 //!   and then judged as the control will. R becomes I and J where it would throw the centre
@@ -797,6 +798,7 @@ impl Rewriter {
                 self.place.forget(axis);
             }
         }
+        self.place.at_machine |= place.at_machine;
         Ok(())
     }
 

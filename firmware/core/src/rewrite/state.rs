@@ -125,6 +125,9 @@ pub(super) struct Place {
     pub last: [Pm; 3],
     /// From where a subprogram was called, which may be anywhere: no translation.
     pub relative: bool,
+    /// Maybe at a place of the machine, by G53 or a call, and not named since: the part's move is
+    /// not in it. A bit for each axis.
+    pub at_machine: u8,
 }
 
 impl Place {
@@ -133,6 +136,7 @@ impl Place {
         out: [None; 3],
         last: [0; 3],
         relative: false,
+        at_machine: 0,
     };
 
     /// The zero of a subprogram.
@@ -141,6 +145,7 @@ impl Place {
         out: [Some(0); 3],
         last: [0; 3],
         relative: true,
+        at_machine: 0,
     };
 
     pub fn forget(&mut self, axis: usize) {

@@ -104,8 +104,14 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
+    /// In the manner of LinuxCNC: GRBL, too, as far as its words go.
     fn is_linuxcnc(&self) -> bool {
-        self.family == ControlFamily::LinuxCnc
+        self.family == ControlFamily::LinuxCnc || self.is_grbl()
+    }
+
+    /// It has no cycles, G52, variables, tools.
+    fn is_grbl(&self) -> bool {
+        self.family == ControlFamily::Grbl
     }
 
     /// What is in force where the program begins, as far as it says so itself.
@@ -263,6 +269,9 @@ impl Writer<'_> {
     }
 
     fn cycle(&mut self) {
+        if self.is_grbl() {
+            return self.straight();
+        }
         self.settle();
         self.begin();
         if self.random.is(70) {
@@ -338,7 +347,11 @@ impl Writer<'_> {
 
     fn offset(&mut self) {
         self.begin();
-        match self.random.below(5) {
+        let which = match self.random.below(5) {
+            2 if self.is_grbl() => 3,
+            which => which,
+        };
+        match which {
             0 | 1 => {
                 let work = self.random.below(3);
                 self.work = work;
@@ -387,12 +400,13 @@ impl Writer<'_> {
                 self.distance(is);
             }
             3 => self.select(),
-            4 => self.text += self.random.one(&[" G98", " G99"]),
+            4 if !self.is_grbl() => self.text += self.random.one(&[" G98", " G99"]),
             5 => self.text += self.random.one(&[" G0", " G1", " G80"]),
             6 if self.random.is(30) => {
                 self.is_inch = self.random.is(50);
                 self.text += if self.is_inch { " G20" } else { " G21" };
             }
+            7 if self.is_grbl() => self.text += " G91.1",
             7 if self.is_linuxcnc() => self.text += self.random.one(&[" G90.1", " G91.1"]),
             _ => self.text += " G94 F150.",
         }
@@ -420,7 +434,8 @@ impl Writer<'_> {
 
     fn machine(&mut self) {
         self.begin();
-        match self.random.below(7) {
+        let most = if self.is_grbl() { 3 } else { 7 };
+        match self.random.below(most) {
             0 => self.text += " G91 G28 Z0.\n G90",
             1 => self.text += " G91 G28 X0. Y0.\n G90",
             2 => self.text += " G53 G0 Z666.666",
@@ -445,7 +460,7 @@ impl Writer<'_> {
             81..=87 => self.mode(),
             88..=93 => self.call(),
             94..=96 => self.machine(),
-            97 => self.text += "#101=[#102+2.5]\n",
+            97 if !self.is_grbl() => self.text += "#101=[#102+2.5]\n",
             98 => self.text += "(NOTHING)\n",
             _ => self.text += "M8\n",
         }
@@ -475,7 +490,7 @@ fn transform(random: &mut Random) -> RigidTransform {
 
 /// A program, its control and a transform.
 pub fn case(random: &mut Random, family: ControlFamily, scope: Scope) -> Case {
-    let is_linuxcnc = family == ControlFamily::LinuxCnc;
+    let is_linuxcnc = matches!(family, ControlFamily::LinuxCnc | ControlFamily::Grbl);
     let mut origins = [[0.0; 3]; 6];
     let mut origins_mm = [None; 6];
     let mut before = String::from("G21 G90\n");
@@ -506,6 +521,9 @@ pub fn case(random: &mut Random, family: ControlFamily, scope: Scope) -> Case {
     }
     let defaults = [0, 0, 170, 980, 540];
     for (code, default) in state.into_iter().zip(defaults) {
+        if family == ControlFamily::Grbl && code == 980 {
+            continue;
+        }
         let _ = write!(before, "G{} ", code / 10);
         if random.is(25) || code != default && random.is(20) {
             start = start.with(code).expect("one of each group");

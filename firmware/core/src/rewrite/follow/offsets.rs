@@ -39,6 +39,7 @@ impl Rewriter {
                 for (axis, letter) in AXES.iter().enumerate() {
                     if given.has(*letter) {
                         self.place.forget(axis);
+                        self.place.at_machine |= 1 << axis;
                     }
                 }
                 Ok(())

@@ -92,6 +92,7 @@ impl Rewriter {
     fn leave_for_call(&mut self) {
         self.forget_all();
         self.place.relative = false;
+        self.place.at_machine = 0b111;
         self.lose_motion();
     }
 

@@ -131,6 +131,14 @@ impl Rewriter {
             let row = at(&self.rotation, axis);
             let coupling = at(&self.coupling, axis);
             if at(target, axis).is_none() {
+                // It would cut where the part is not any more.
+                if is_feed
+                    && self.place.at_machine & (1 << axis) != 0
+                    && self.translation(axis) != 0.0
+                {
+                    let letter = at(&AXES, axis) as char;
+                    return Err((column, RewriteRefusal::UnknownPlace(letter)));
+                }
                 // It stands still; its image would move with the others.
                 for other in 0..3 {
                     let moves = at(target, other).is_some()
@@ -236,6 +244,7 @@ impl Rewriter {
         if let Some(slot) = self.place.last.get_mut(axis) {
             *slot = nominal;
         }
+        self.place.at_machine &= !(1 << axis);
         if !self.place.relative {
             self.nominal_extent.reach(axis, nominal);
             self.written_extent.reach(axis, out);

@@ -336,3 +336,41 @@ fn settings_are_checked() {
         assert_eq!(refused(settings), Some(why), "{why}");
     }
 }
+
+/// `G53` sends an axis to a place of the machine, which a move of the part does not carry: a cut
+/// that leaves the axis there would lie beside the part. It is refused until the program names
+/// the axis, unless the part has not moved along it; rapids may pass.
+#[test]
+fn no_cut_goes_on_from_a_place_of_the_machine() {
+    let moved = settings(level(0.0, [1.0, 2.0, 0.0]));
+    let head = "G21 G90 G0 X1. Y0. Z0.\nG53 G1 X5. Y5. F100.\n";
+    for (line, letter) in [
+        ("G1 X7.", Some('Y')),
+        ("X7.", Some('Y')),
+        ("G1 Y7. Z1.", Some('X')),
+    ] {
+        let refused = rewritten(&moved, &std::format!("{head}{line}\nM30\n")).map(|_| ());
+        let refused = refused.map_err(|of| (of.line, of.reason)).unwrap_err();
+        assert_eq!(
+            Some(refused),
+            letter.map(|of| (3, RewriteRefusal::UnknownPlace(of)))
+        );
+    }
+    // The same where it has been sent in a rapid, or in a block that may be left out.
+    for sends in ["G53 G0 Y5.", "/G53 G0 Y5.", "G53 G0 Y5.\n/G0 Y3."] {
+        let program = std::format!("G21 G90 G0 X1. Y0. Z0.\n{sends}\nG1 X7. F100.\nM30\n");
+        let refused = rewritten(&moved, &program).unwrap_err();
+        assert_eq!(refused.reason, RewriteRefusal::UnknownPlace('Y'), "{sends}");
+    }
+    for (line, made) in [
+        ("G1 X7. Y7.", "G1 X8. Y9."),
+        ("G0 X7.", "G0 X8."),
+        ("G0 X7. Y7.\nG1 X8.", "G0 X8. Y9.\nG1 X9."),
+    ] {
+        let (text, _) = rewritten(&moved, &std::format!("{head}{line}\nM30\n")).unwrap();
+        assert!(text.ends_with(&std::format!("{made}\nM30\n")), "{text}");
+    }
+    let along_x = settings(level(0.0, [1.0, 0.0, 3.0]));
+    let (text, _) = rewritten(&along_x, &std::format!("{head}G1 X7.\nM30\n")).unwrap();
+    assert!(text.ends_with("G1 X8.\nM30\n"), "{text}");
+}
