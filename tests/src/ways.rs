@@ -12,7 +12,7 @@ use umi_virtual::machine::{VirtualMachine, Wires};
 use umi_virtual::nc::{Alarm, Control, ControlFamily, ControlSettings};
 use umi_virtual::scene::Scene;
 
-use crate::cases::{DC1, clamping, connect, job, receive_program, until};
+use crate::cases::{DC1, clamping, connect, job, receive, receive_program, until};
 use crate::rig::Rig;
 
 /// What happens, one after the other.
@@ -28,6 +28,10 @@ enum Step {
     Touches,
     /// The control reads in this run, and carries out what it gets.
     Reads(u32),
+    /// The board's power goes and comes.
+    PowerGoes,
+    /// The power goes when the control has read so many characters.
+    PowerGoesWhileSending(usize),
 }
 
 /// One run of the probing program.
@@ -288,6 +292,14 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
         Step::Prints(text) => Step::Prints(without_third(text)),
         other => other,
     };
+    let (Step::Prints(taught_again) | Step::Stops(taught_again, _)) =
+        words(39, [0.2, 0.0, 0.1], "T2.").step()
+    else {
+        panic!("it prints");
+    };
+    let half = |text: &str, percent: usize| text[..text.len() * percent / 100].rfind('\n');
+    let cut = |text: &str, percent| text[..half(text, percent).map_or(0, |at| at + 1)].to_owned();
+    let rest = |text: &str, percent| text[half(text, percent).map_or(0, |at| at + 1)..].to_owned();
     let turned = |case: usize| -> String {
         let text = clamping(case);
         let (first, rest) = text.split_at(text.find("SPHERE2").expect("three blocks"));
@@ -373,6 +385,45 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             turned_about_first(31, [0.014, 0.0141, 0.0]),
             Step::Reads(31),
         ]),
+        ("`G20` (inches) is active", vec![before(32, "G20").step(), Step::Reads(32)]),
+        ("`G68 X0 Y0 R0.5` is active", vec![before(33, "G68 X0 Y0 R0.5").step(), Step::Reads(33)]),
+        ("`G51.1 X0` (mirror) is active", vec![before(34, "G51.1 X0").step(), Step::Reads(34)]),
+        ("`G54.1 P1` is active", vec![before(35, "G54.1 P1").step(), Step::Reads(35)]),
+        ("Gauged at another feed than when it was taught: `#113=100.`", vec![
+            Probing { behind: "#113=100.", ..clean(36, HERE) }.step(),
+            Step::Reads(36),
+        ]),
+        ("The power goes when a correction waits", vec![
+            clean(37, [2.0, 2.5, 0.1]).step(),
+            Step::PowerGoes,
+            Step::Reads(37),
+        ]),
+        ("The power goes while it is sent: what is left of it is not sent, nor all of it again", vec![
+            clean(38, [2.1, 2.4, 0.1]).step(),
+            Step::PowerGoesWhileSending(200),
+            Step::Reads(38),
+        ]),
+        ("The power goes between `T2.` and the last hit: what was taught before is forgotten, and nothing is taught", vec![
+            Step::Prints(cut(&taught_again, 60)),
+            Step::PowerGoes,
+            Step::Prints(rest(&taught_again, 60)),
+            Step::Reads(39),
+            clean(40, THERE).step(),
+            Step::Reads(40),
+        ]),
+        ("Taught, the power goes, clamped elsewhere, corrected", vec![
+            words(41, [0.1, 0.0, 0.0], "T1.").step(),
+            Step::PowerGoes,
+            clean(42, HERE).step(),
+            Step::Reads(42),
+        ]),
+        ("Blocks without run numbers in inches: taught, and against what was taught in mm", vec![
+            Step::Sets(Box::new(job())),
+            Step::Prints(in_inches(&clamping(0))),
+            Step::Prints(clamping(0)),
+            Step::Prints(in_inches(&clamping(1))),
+            Step::Reads(1),
+        ]),
         ("Blocks without run numbers, balls in order 2, 3, 1", vec![
             Step::Sets(Box::new(job())),
             Step::Prints(turned(0)),
@@ -413,6 +464,22 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Reads(5),
         ]),
     ]
+}
+
+/// The blocks of a clamping as a control prints them under G20.
+fn in_inches(text: &str) -> String {
+    let line = |line: &str| -> String {
+        let numbers = line.trim_end().split('*').skip(1);
+        let numbers: Option<Vec<f64>> = numbers.map(|number| number.trim().parse().ok()).collect();
+        match numbers {
+            Some(numbers) if numbers.len() == 3 => {
+                let inches = numbers.iter().map(|mm| format!("*{:.4}", mm / 25.4));
+                inches.collect::<String>() + "\r\n"
+            }
+            _ => line.to_owned(),
+        }
+    };
+    text.split_inclusive('\n').map(line).collect()
 }
 
 /// What a control does that has read this in a run.
@@ -479,6 +546,25 @@ pub fn page(rig: &mut dyn Rig) -> String {
                         (!status.correction_waiting).then_some(())
                     });
                     let _ = writeln!(page, "   * The probe touches.");
+                }
+                Step::PowerGoes => {
+                    drop(client);
+                    rig.power_cycle();
+                    client = connect(rig);
+                    (verdicts, bytes) = (0, 0);
+                    let _ = writeln!(page, "   * The board's power goes and comes.");
+                }
+                Step::PowerGoesWhileSending(characters) => {
+                    rig.control_sends(DC1);
+                    let _ = receive(rig, characters);
+                    drop(client);
+                    rig.power_cycle();
+                    client = connect(rig);
+                    (verdicts, bytes) = (0, 0);
+                    let _ = writeln!(
+                        page,
+                        "   * The control reads, and the power goes behind {characters} characters."
+                    );
                 }
                 Step::Reads(run) => {
                     rig.control_sends(DC1);
