@@ -33,9 +33,10 @@ pub(crate) struct Arguments {
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     let wanted = boards::select_images(&arguments.boards)?;
     let folder = emptied(workspace)?;
+    let commit = commit(workspace)?;
     let mut sums = Vec::new();
     for root in [folder.join("a"), folder.join("another/folder/deeper")] {
-        sums.push(built(workspace, &root, &wanted)?);
+        sums.push(built(workspace, &commit, &root, &wanted)?);
     }
     let [first, second] = &sums[..] else {
         unreachable!("two folders")
@@ -56,7 +57,8 @@ pub fn check(workspace: &Workspace) -> Result<Option<()>> {
     let wanted = boards::select_images(&["selftest-pico".to_owned()])?;
     build_images(workspace, &wanted, None)?;
     let folder = emptied(workspace)?;
-    let there = built(workspace, &folder.join("another"), &wanted)?;
+    let commit = commit(workspace)?;
+    let there = built(workspace, &commit, &folder.join("another"), &wanted)?;
     let mut here = summed(&workspace.firmware())?;
     here.retain(|(name, _)| there.iter().any(|(other, _)| name == other));
     same(&here, &there, &folder).map(Some)
@@ -71,13 +73,20 @@ fn emptied(workspace: &Workspace) -> Result<PathBuf> {
     Ok(folder)
 }
 
+/// The newest commit. Both folders are of one, also where another is made meanwhile.
+fn commit(workspace: &Workspace) -> Result<String> {
+    let said = output(workspace.command("git").args(["rev-parse", "HEAD"]))?;
+    Ok(said.trim().to_owned())
+}
+
 /// The digests of images that are built in a folder of their own.
 fn built(
     workspace: &Workspace,
+    commit: &str,
     root: &Path,
     wanted: &[(&'static Board, Wanted)],
 ) -> Result<Vec<(String, String)>> {
-    let copy = copied(workspace, root)?;
+    let copy = copied(workspace, commit, root)?;
     build_images(&copy, wanted, None)?;
     summed(&copy.firmware())
 }
@@ -104,11 +113,11 @@ fn same(first: &[(String, String)], second: &[(String, String)], folder: &Path) 
     Ok(())
 }
 
-/// The newest commit in a folder of its own, with its own target folder.
-fn copied(workspace: &Workspace, root: &Path) -> Result<Workspace> {
+/// A commit in a folder of its own, with its own target folder.
+fn copied(workspace: &Workspace, commit: &str, root: &Path) -> Result<Workspace> {
     fs::create_dir_all(root)?;
     let archive = root.join("sources.tar");
-    let git = ["archive", "--format=tar", "HEAD", "--output"];
+    let git = ["archive", "--format=tar", commit, "--output"];
     output(workspace.command("git").args(git).arg(&archive))?;
     let tar = workspace
         .command("tar")
