@@ -7,7 +7,7 @@ use anyhow::{Result, bail, ensure};
 
 use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
-use crate::tasks::firmware::{reproduce, toolchain};
+use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
 use crate::tasks::{bench, fuzz};
 use crate::tasks::{deny, unused};
@@ -51,7 +51,7 @@ struct Run<'a> {
 type Action = fn(&Run<'_>) -> Result<Outcome>;
 
 /// The steps in order, each with whether `--quick` runs it too.
-const STEPS: [(&str, bool, Action); 12] = [
+const STEPS: [(&str, bool, Action); 11] = [
     ("format", true, format),
     ("set-up", false, set_up),
     ("dependencies", false, dependencies),
@@ -59,7 +59,6 @@ const STEPS: [(&str, bool, Action); 12] = [
     ("spelling", false, spelling),
     ("documentation", false, documentation),
     ("firmware", false, firmware),
-    ("reproducible", false, reproducible),
     ("tests", true, tests),
     ("fuzzing", false, fuzzing),
     ("second compiler", false, second_compiler),
@@ -249,17 +248,6 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
     } else {
         Outcome::Partly(format!("budgets are not held: {compiler}"))
     })
-}
-
-/// The smallest image again, in another folder; `cargo xtask reproduce` does it with all of them.
-fn reproducible(run: &Run<'_>) -> Result<Outcome> {
-    if toolchain::installed(run.workspace).is_none() {
-        return skipped("no compiler for firmware".to_owned());
-    }
-    match reproduce::check(run.workspace)? {
-        Some(()) => Ok(Outcome::Passed),
-        None => skipped("what is here is not committed: there is nothing to compare".to_owned()),
-    }
 }
 
 /// Browsers that draw without a screen.

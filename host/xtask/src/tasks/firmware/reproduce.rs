@@ -3,6 +3,12 @@
 //! What is committed is put into two folders of different names and depths and built in each from
 //! nothing. Every file of an image (ELF with its debug information, .bin, .uf2) must have the same
 //! bytes in both.
+//!
+//! # Limitations
+//!
+//! They have not (2026-11-23): cargo names a package that lies outside the boards' workspace by its
+//! whole path, `umi-core` for one. So symbols have other names in another folder, and code another
+//! order (seen in `selftest-pico`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -42,26 +48,6 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         unreachable!("two folders")
     };
     same(first, second, &folder)
-}
-
-/// Builds the smallest image in another folder, and compares it with the one that is built here:
-/// what a test can do each time. None: what is here is not what is committed.
-pub fn check(workspace: &Workspace) -> Result<Option<()>> {
-    let changed = workspace
-        .command("git")
-        .args(["status", "--porcelain"])
-        .output();
-    if changed.is_ok_and(|changed| !changed.stdout.is_empty()) {
-        return Ok(None);
-    }
-    let wanted = boards::select_images(&["selftest-pico".to_owned()])?;
-    build_images(workspace, &wanted, None)?;
-    let folder = emptied(workspace)?;
-    let commit = commit(workspace)?;
-    let there = built(workspace, &commit, &folder.join("another"), &wanted)?;
-    let mut here = summed(&workspace.firmware())?;
-    here.retain(|(name, _)| there.iter().any(|(other, _)| name == other));
-    same(&here, &there, &folder).map(Some)
 }
 
 /// The folder for copies, without any.
