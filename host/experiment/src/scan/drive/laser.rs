@@ -37,7 +37,7 @@ mod tests {
             .zip(1..)
             .filter_map(|(on, line)| on.then_some(line))
             .collect();
-        assert_eq!(lines, [5, 6, 11, 14]);
+        assert_eq!(lines, [5, 6, 11, 15]);
     }
 
     #[test]
