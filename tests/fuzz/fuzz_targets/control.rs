@@ -11,9 +11,9 @@
 
 use libfuzzer_sys::fuzz_target;
 use umi_core::control::codes::{PARITY, SYN, XOFF, XON};
+use umi_core::control::xmodem::{ACK, CAN, NAK};
 use umi_core::control::{BlockAnswer, Conversation, Exchange};
 use umi_core::units::Micros;
-use umi_core::control::xmodem::{ACK, CAN, NAK};
 use umi_protocol::pattern::Coding;
 
 /// Codes that mean something, and two that do not.
