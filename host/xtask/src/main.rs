@@ -38,6 +38,9 @@ enum Task {
 }
 
 fn main() -> ExitCode {
+    if std::env::var_os(firmware::crate_names::WRAPS).is_some() {
+        return firmware::crate_names::call(std::env::args_os().skip(1));
+    }
     match run(Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -5,6 +5,7 @@
 //! makes on the way stays in `target/firmware/build`.
 
 pub mod boards;
+pub mod crate_names;
 mod dependencies;
 pub mod pin;
 pub mod reproduce;

@@ -6,6 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context as _, Result};
 
+use super::crate_names::WRAPS;
 use super::pin::Pin;
 use crate::workspace::{Workspace, find_program, output, shown};
 
@@ -181,6 +182,10 @@ impl Toolchain {
             Verb::Build => "build",
             Verb::Clippy => "clippy",
         });
+        if verb == Verb::Build {
+            let this = std::env::current_exe().context("where this program is")?;
+            command.env("RUSTC_WRAPPER", this).env(WRAPS, "1");
+        }
         if self == Self::Debian {
             command
                 .env("CARGO", DEBIAN_CARGO)
