@@ -4,11 +4,12 @@
 //! nothing. Every file of an image (ELF with its debug information, .bin, .uf2) must have the same
 //! bytes in both.
 //!
+//! Cargo would name our crates by their paths, and so order code by them:
+//! [`super::crate_names`] gives them names without.
+//!
 //! # Limitations
 //!
-//! They have not (2026-11-23): cargo names a package that lies outside the boards' workspace by its
-//! whole path, `umi-core` for one. So symbols have other names in another folder, and code another
-//! order (seen in `selftest-pico`).
+//! Both folders are on one computer, with one compiler and one copy of the registry's crates.
 
 use std::fs;
 use std::path::{Path, PathBuf};
