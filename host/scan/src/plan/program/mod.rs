@@ -5,7 +5,10 @@
 //! block's time (G93) where the control knows that, since a feed in mm/min means something else on every control as soon
 //! as rotary axes move.
 //!
-//! No language has a word for the laser: comments tell it. `LASER ON` stands behind the block that goes to a pass's first
+//! A program comes from the top of the machine's Z and goes back there, straight up: this way is
+//! proved, whatever the machine's zero and its reference point are.
+//!
+//! No language has a word for the laser: comments tell it. It begins dark; `LASER ON` stands behind the block that goes to a pass's first
 //! pose, `LASER OFF` behind the block that goes to its last one. Where a sensor is switched by the program, its user puts
 //! the machine's M function in these places.
 
@@ -148,6 +151,7 @@ pub fn program(
     for warning in &warnings {
         writer.comment(&warning.to_ascii_uppercase());
     }
+    writer.comment("START: LASER OFF");
     let above = above(spec, first);
     writer.approach(&above);
     let mut before = Some(&above);
@@ -236,10 +240,35 @@ impl Writer<'_> {
             let word = &self.spec.machine.orient_word;
             let _ = write!(names, ", {word} TURNS THE SPINDLE");
         }
+        if names.is_empty() {
+            names.push_str("NONE");
+        }
         self.comment(&format!("ROTARY WORDS: {names}"));
+        self.comment(&format!(
+            "SAFETY IS Z{} OF THE MACHINE, THE TOP OF ITS TRAVEL",
+            word(self.top_mm())
+        ));
         self.comment(&format!(
             "WORDS ARE ROUNDED TO 0.001: THE POINT ON THE PART MOVES BY {rounding_mm:.4} MM AT MOST"
         ));
+    }
+
+    /// Where nothing is in the way: from there [`program`] has proved the way to the first row and
+    /// from the last.
+    fn top_mm(&self) -> f64 {
+        self.spec.machine.travel_mm[2][1]
+    }
+
+    /// The way to safety, along Z alone and in the machine's coordinates: offsets and a reference
+    /// point that stands elsewhere play no part.
+    fn go_to_safety(&mut self) {
+        let z = self.words(&[("Z".to_owned(), self.top_mm())]);
+        let line = match self.style.dialect {
+            PathDialect::Fanuc | PathDialect::LinuxCnc => format!("G90 G53 G0{z}"),
+            PathDialect::Siemens => format!("SUPA G0{z} D0"),
+            PathDialect::Heidenhain => format!("L{z} R0 FMAX M91"),
+        };
+        self.line(&line);
     }
 
     /// The words of table and head, as the program writes them.
@@ -301,7 +330,9 @@ impl Writer<'_> {
         let (xy, z) = (self.words(&linear[..2]), self.words(&linear[2..]));
         match self.style.dialect {
             PathDialect::Fanuc => {
-                self.line("G21 G17 G40 G49 G80 G94\nG91 G28 Z0\nG90 G54");
+                self.line("G21 G17 G40 G49 G80 G94");
+                self.go_to_safety();
+                self.line("G54");
                 if !turns.is_empty() {
                     self.line(&format!("G0{turns}"));
                 }
@@ -317,7 +348,9 @@ impl Writer<'_> {
                 self.line("G93");
             }
             PathDialect::LinuxCnc => {
-                self.line("G21 G17 G40 G49 G80 G94 G64 P0.001\nG91 G28 Z0\nG90 G54");
+                self.line("G21 G17 G40 G49 G80 G94 G64 P0.001");
+                self.go_to_safety();
+                self.line("G54");
                 if !turns.is_empty() {
                     self.line(&format!("G0{turns}"));
                 }
@@ -325,13 +358,16 @@ impl Writer<'_> {
                 self.line("G93");
             }
             PathDialect::Siemens => {
-                self.line("G71 G17 G40 G90 G94\nSUPA G0 Z0 D0\nG54");
+                self.line("G71 G17 G40 G90 G94");
+                self.go_to_safety();
+                self.line("G54");
                 if !turns.is_empty() {
                     self.line(&format!("G0{turns}"));
                 }
                 if self.style.mode == ProgramMode::Rtcp {
                     self.line(&format!("SUPA G0{over} D0"));
-                    self.line("TRAORI");
+                    // D0 holds on: the control would carry the spindle's nose.
+                    self.line("D1\nTRAORI");
                     self.line(&format!("G0{xy}{z}"));
                 } else {
                     self.line(&format!("G0{xy}\nG0{z}"));
@@ -339,7 +375,7 @@ impl Writer<'_> {
                 self.line("G93");
             }
             PathDialect::Heidenhain => {
-                self.line("L Z+0 R0 FMAX M91");
+                self.go_to_safety();
                 if !turns.is_empty() {
                     self.line(&format!("L{turns} R0 FMAX"));
                 }
@@ -410,21 +446,28 @@ impl Writer<'_> {
                 if self.style.mode == ProgramMode::Rtcp {
                     self.line("G49");
                 }
-                self.line("G91 G28 Z0\nG90\nM30\n%");
+                self.go_to_safety();
+                self.line("M30\n%");
             }
-            PathDialect::LinuxCnc => self.line("G94\nG91 G28 Z0\nG90\nM2\n%"),
+            PathDialect::LinuxCnc => {
+                self.line("G94");
+                self.go_to_safety();
+                self.line("M2\n%");
+            }
             PathDialect::Siemens => {
                 self.line("G94");
                 if self.style.mode == ProgramMode::Rtcp {
                     self.line("TRAFOOF");
                 }
-                self.line("SUPA G0 Z0 D0\nM30");
+                self.go_to_safety();
+                self.line("M30");
             }
             PathDialect::Heidenhain => {
                 if self.style.mode == ProgramMode::Rtcp {
                     self.line("M129");
                 }
-                self.line("L Z+0 R0 FMAX M91\nM30");
+                self.go_to_safety();
+                self.line("M30");
                 self.line(&format!("END PGM SCAN{} MM", self.style.number));
             }
         }

@@ -104,8 +104,10 @@ SPEC.toml: every key with its unit and default is in docs/scan-plan.md; examples
 
 `duration_s` is reckoned with --feed while the laser is on, and with 100 mm/s and 30 degrees/s for links
 and turning axes (`duration_at` in --json): a machine with other rapids takes another time.
+`overlap.tenth` is what is wanted: a tenth of the strips' length may overlap less, down to `overlap.min`.
 A pass's comments LASER ON and LASER OFF in the program tell where it is scanned; no language has a word
-for that.
+for that. The program comes from the top of the machine's Z (`travel_mm`) and goes back there, straight up.
+Where X and Y stood before is not known: what stands higher than that is the operator's.
 
 With --force, older files go when the plan is written. Where there is none, they are kept as NAME.old.
 
