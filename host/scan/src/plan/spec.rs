@@ -258,7 +258,7 @@ fn check_plan(p: RawPlan) -> Result<PlanWishes, ScanError> {
     need(
         p.stand_off_tolerance_mm > 0.0 && near(&[p.stand_off_tolerance_mm]),
         code,
-        "[plan] stand_off_tolerance_mm needs a length above 0.",
+        "[plan] stand_off_tolerance_mm needs a length above 0 and below a million.",
     )?;
     need(
         p.max_tilt_deg > 0.0 && p.max_tilt_deg < 90.0,
@@ -273,12 +273,12 @@ fn check_plan(p: RawPlan) -> Result<PlanWishes, ScanError> {
     need(
         p.clearance_mm >= 0.0 && near(&[p.clearance_mm]),
         code,
-        "[plan] clearance_mm needs a length, 0 or more.",
+        "[plan] clearance_mm needs a length, 0 or more and below a million.",
     )?;
     need(
         p.max_step_mm >= 0.01 && near(&[p.max_step_mm]),
         code,
-        "[plan] max_step_mm needs a length of at least 0.01.",
+        "[plan] max_step_mm needs a length of at least 0.01 and below a million.",
     )?;
     need(
         p.max_turn_deg >= 0.01 && p.max_turn_deg <= 360.0,

@@ -217,7 +217,12 @@ fn number_of(path: &Path) -> u16 {
 pub fn inputs(spec: &Path, mesh: &Path) -> Result<(ScanSpec, PartMesh, Vec<Mesh>), ScanError> {
     let spec = ScanSpec::open(spec)?;
     let part = read_part(mesh)?;
-    let obstacles = spec.obstacles.iter().map(|path| read_obstacle(path));
+    let obstacles = spec.obstacles.iter().map(|path| {
+        read_obstacle(path).map_err(|mut error| {
+            error.message = format!("[part] obstacles: {}", error.message);
+            error
+        })
+    });
     let obstacles = obstacles.collect::<Result<_, _>>()?;
     Ok((spec, part, obstacles))
 }
