@@ -41,7 +41,7 @@ impl From<&Pose> for PoseAnswer {
 /// in millimetres and degrees.
 ///
 /// # Errors
-/// `missing_axis` where a joint has no column, `not_finite`, or the table's own.
+/// `missing_axis` where a joint has no column, `no_positions`, `not_finite`, or the table's own.
 pub fn poses<R: BufRead>(
     machine: &AxisChain,
     mut positions: TableReader<R>,
@@ -55,6 +55,15 @@ pub fn poses<R: BufRead>(
             *largest = largest.max(value.abs());
         }
         poses.push(PoseAnswer::from(&machine.sensor_in_workpiece(&values)));
+    }
+    if poses.is_empty() {
+        return Err(ScanError::refused(
+            "no_positions",
+            format_args!(
+                "{}: there is no position behind the head of the table",
+                positions.name()
+            ),
+        ));
     }
     let mut warnings = machine::warnings(machine);
     warnings.extend(small_angles(machine, &largest_deg));

@@ -28,13 +28,17 @@ pub use mount::MountUncertainty;
 /// The answer of `umi scan merge`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Merged {
-    /// As `umi scan pair` answers.
+    /// As `umi scan pair` answers; its pairs are those whose counts are right.
     #[serde(flatten)]
     pub pairing: ScanPairing,
     /// How many profiles were read.
     pub profiles: u64,
-    /// How many have a latch.
+    /// How many have a latch whose counts are right, as many as `pairs`.
     pub paired: u64,
+    /// Profiles that were left out because the board lost motion before their latch
+    /// ([`MergeOptions::until_loss`]).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub behind_loss: Vec<u64>,
     /// How many points were written.
     pub points: u64,
     /// Samples of paired profiles that the file holds without a range.
@@ -122,7 +126,7 @@ impl<'a> Merger<'a> {
     ///
     /// # Errors
     /// `missing_axis`; `not_finite` or `latency` for the latency; `too_few_latches` where there is a
-    /// latency, but no motion to take from one latch.
+    /// latency, but no motion to take from one latch; `motion_lost` where no latch is right.
     pub fn new(
         machine: &'a AxisChain,
         triggers: &'a Triggers,
@@ -143,6 +147,9 @@ impl<'a> Merger<'a> {
             ));
         }
         let latches = &triggers.latches[..triggers.right()];
+        if triggers.right_until_ns.is_some() && latches.is_empty() {
+            return Err(lost_from_the_start());
+        }
         if latency_us != 0.0 && latches.len() < 2 {
             return Err(ScanError::refused(
                 "too_few_latches",
@@ -271,6 +278,14 @@ impl<'a> Merger<'a> {
     }
 }
 
+fn lost_from_the_start() -> ScanError {
+    ScanError::refused(
+        "motion_lost",
+        "the board lost motion of an axis before the first profile: no profile has counts that are \
+         right; scan again",
+    )
+}
+
 fn missing_axis(joint: &str, what: &str) -> ScanError {
     ScanError::refused(
         "missing_axis",
@@ -297,28 +312,29 @@ pub fn merge(
     let stamps = profiles::stamps(profiles)?;
     let mut pairing = pair(&stamps, triggers, &options.pairing)?;
     let right = triggers.right();
-    let wrong = pairing
-        .pairs
-        .iter()
-        .filter(|pair| !merger.knows(pair.latch));
-    let wrong = wrong.count();
-    if wrong > 0 && !options.until_loss {
+    let (known, wrong): (Vec<_>, Vec<_>) = std::mem::take(&mut pairing.pairs)
+        .into_iter()
+        .partition(|pair| merger.knows(pair.latch));
+    if known.is_empty() && !wrong.is_empty() {
+        return Err(lost_from_the_start());
+    }
+    if !wrong.is_empty() && !options.until_loss {
         return Err(ScanError::refused(
             "motion_lost",
             format_args!(
                 "the board lost motion of an axis, and behind that the counts of {} latches are \
                  wrong: scan again, or take the {} profiles before it with --until-loss",
                 triggers.latches.len() - right,
-                pairing.pairs.len() - wrong
+                known.len()
             ),
         )
         .with("right_latches", right as u64)
-        .with("wrong_profiles", wrong as u64));
+        .with("wrong_profiles", wrong.len() as u64));
     }
+    pairing.pairs = known;
     let latches: HashMap<u64, usize> = pairing
         .pairs
         .iter()
-        .filter(|pair| merger.knows(pair.latch))
         .map(|pair| (pair.profile, pair.latch))
         .collect();
     let between: HashMap<u64, Pose> = options
@@ -341,6 +357,7 @@ pub fn merge(
     let mut merged = Merged {
         profiles: stamps.len() as u64,
         paired: latches.len() as u64,
+        behind_loss: wrong.iter().map(|pair| pair.profile).collect(),
         points: 0,
         invalid: 0,
         interpolated: options.interpolate_us.map(|_| {

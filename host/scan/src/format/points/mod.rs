@@ -1,7 +1,7 @@
 //! Merged points to files, by the extension of their name; profile by profile.
 //!
 //! * `.csv`: `profile,index,x_mm,y_mm,z_mm`, as many digits as the doubles need.
-//! * `.ply`: binary little endian, x y z as floats or doubles.
+//! * `.ply`: binary little endian, x y z as floats or doubles; profile and index where they are asked for.
 //! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
 //!   [`super::clouds`] writes them.
 //!
@@ -86,6 +86,34 @@ impl PointFile {
 }
 
 impl PointFile {
+    /// Begins a file that says of each point its profile and its place in it. A PLY of [`Self::create`] does not: it is
+    /// written in the least time and space.
+    ///
+    /// # Errors
+    /// `format` for an extension that is unknown or has no room for them; the file cannot be written.
+    pub fn with_profiles(path: &Path, double: bool) -> Result<Self, ScanError> {
+        let is = |extension: &str| {
+            path.extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case(extension))
+        };
+        if is("las") || is("laz") {
+            return Err(ScanError::unreadable(
+                "format",
+                format_args!(
+                    "{}: LAS and LAZ have no room for profiles; write .ply, .csv, .pcd, .e57 or .parquet",
+                    path.display()
+                ),
+            ));
+        }
+        if !is("ply") {
+            return Self::create(path, double);
+        }
+        Ok(Self {
+            sink: Box::new(handed::HandedPoints::new(path, double)),
+            partial: None,
+        })
+    }
+
     /// Begins an E57 file with a scan for each profile: its points in the sensor's frame, and the
     /// sensor's pose.
     ///

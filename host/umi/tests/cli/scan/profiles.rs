@@ -295,6 +295,19 @@ fn what_lies_behind_a_loss_of_motion_is_refused() {
     let paired = merged["paired"].as_u64().unwrap();
     assert!(paired > 0 && paired <= number + 1, "{merged}");
     assert!(merged["points"].as_u64().unwrap() < 879);
+    // What is used and what is left out, once each.
+    assert_eq!(merged["pairs"].as_array().unwrap().len() as u64, paired);
+    let numbers = |name: &str| -> Vec<u64> {
+        let all = merged[name].as_array().unwrap().iter();
+        all.map(|number| number.as_u64().unwrap()).collect()
+    };
+    let pairs = merged["pairs"].as_array().unwrap().iter();
+    let used: Vec<u64> = pairs.map(|p| p["profile"].as_u64().unwrap()).collect();
+    let behind = numbers("behind_loss");
+    assert!(!behind.is_empty() && behind.iter().all(|profile| !used.contains(profile)));
+    let all = used.len() + behind.len() + numbers("unpaired_profiles").len();
+    let all = all + numbers("duplicates").len();
+    assert_eq!(all as u64, merged["profiles"].as_u64().unwrap(), "{merged}");
     let warnings = merged["warnings"].to_string();
     assert!(warnings.contains("motion_lost"), "{merged}");
     // What the sensor saw behind the last right latch: nobody knows where, whatever the latches say behind the loss.
@@ -306,6 +319,22 @@ fn what_lies_behind_a_loss_of_motion_is_refused() {
         .exits(0)
         .json();
     assert_eq!(early["paired"].as_u64().unwrap(), paired, "{early}");
+    // Lost before the first latch: nothing is right, with --until-loss neither.
+    let first_ns = lines[1].split(',').nth(3).unwrap();
+    let early: u64 = first_ns.parse::<u64>().unwrap() - 1;
+    let last = lines.len() - 1;
+    lines[last] = format!("loss,,,{early},,,,,,,,,,4,transitions");
+    let lost = folder.file("lost.csv", lines.join("\n") + "\n");
+    for more in [&[][..], &["--until-loss"]] {
+        let none = folder.path("none.csv");
+        let args = ["scan", "merge", "merge_3axis.profiles.csv", &lost];
+        let args = [&args, &["--machine", "merge_3axis.toml", "-o", &none], more].concat();
+        let error = run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>());
+        let error = error.exits(2).json();
+        assert_eq!(error["error"]["code"], "motion_lost", "{error}");
+        assert!(error.to_string().contains("no profile has"), "{error}");
+        assert!(!PathBuf::from(&none).exists());
+    }
     let strict = [
         "scan",
         "pair",
@@ -316,6 +345,74 @@ fn what_lies_behind_a_loss_of_motion_is_refused() {
     let strict = run(&strict.map(str::to_owned)).exits(2).json();
     assert_eq!(strict["error"]["code"], "faults", "{strict}");
     assert!(strict.to_string().contains("loss of motion"), "{strict}");
+}
+
+/// A PLY with profiles keeps what filters by profile and meshes need; without, they say how to get it.
+#[test]
+fn a_ply_keeps_profile_and_index_where_they_are_asked_for() {
+    let folder = Folder::new();
+    let merge = |name: &str, more: &[&str]| {
+        let out = folder.path(name);
+        let args = ["scan", "merge", "merge_3axis.profiles.csv"];
+        let args = [&args[..], &["merge_3axis.triggers.csv", "-o", &out]].concat();
+        let args = [&args, &["--machine", "merge_3axis.toml"], more].concat();
+        let ran = run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>());
+        (out, ran)
+    };
+    let (bare, ran) = merge("bare.ply", &[]);
+    let plain = ran.exits(0).json();
+    let (kept, ran) = merge("kept.ply", &["--profiles-too"]);
+    assert_eq!(ran.exits(0).json()["points"], plain["points"]);
+    let filtered = folder.path("filtered.ply");
+    let filter = |cloud: &str| {
+        let args = ["scan", "filter", cloud, "--spike", "1", "-o", &filtered];
+        run(&args.map(str::to_owned))
+    };
+    let error = filter(&bare).exits(2).json();
+    assert_eq!(error["error"]["code"], "no_profiles", "{error}");
+    assert!(error.to_string().contains("--profiles-too"), "{error}");
+    filter(&kept).exits(0);
+    // Each point as the table has it.
+    let (table, ran) = merge("table.csv", &[]);
+    ran.exits(0);
+    let again = folder.path("again.csv");
+    let args = ["scan", "convert", &kept, "-o", &again];
+    run(&args.map(str::to_owned)).exits(0);
+    let ids = |path: &str| -> Vec<String> {
+        let text = std::fs::read_to_string(path).unwrap();
+        let rows = text.lines().skip(1);
+        let ids = rows.map(|row| row.splitn(3, ',').take(2).collect::<Vec<_>>().join(","));
+        ids.collect()
+    };
+    assert_eq!(ids(&table), ids(&again));
+    let (_, ran) = merge("none.las", &["--profiles-too"]);
+    assert_eq!(ran.exits(1).json()["error"]["code"], "format");
+}
+
+/// A table of positions without a position has no pose to answer.
+#[test]
+fn no_positions_are_no_poses() {
+    let folder = Folder::new();
+    let none = folder.file("none.csv", "X,Y,Z\n");
+    let args = ["scan", "pose", "merge_3axis.toml", &none];
+    let error = run(&args.map(str::to_owned)).exits(2).json();
+    assert_eq!(error["error"]["code"], "no_positions", "{error}");
+}
+
+/// Bounds that nothing lies between would drop every point.
+#[test]
+fn an_intensity_with_its_bounds_reversed_is_refused() {
+    let folder = Folder::new();
+    let cloud = folder.file("cloud.csv", "x,y,z,intensity\n1,2,3,100\n");
+    let out = folder.path("out.csv");
+    let filter = |bounds: &str| {
+        let args = ["scan", "filter", &cloud, "--intensity", bounds, "-o", &out];
+        run(&args.map(str::to_owned))
+    };
+    let refused = filter("200,20");
+    assert!(refused.exits(1).err.contains("20,200"));
+    assert!(!PathBuf::from(&out).exists());
+    filter("20,200").exits(0);
 }
 
 /// A capture that is cut anywhere within a message, or whose sizes make no sense, is told so.

@@ -25,7 +25,7 @@ pub(super) fn write(
     if !(style.columns.profile && style.columns.index) {
         return no_grid(
             "A mesh is made of the grid of one view: the cloud needs its profiles and the places in \
-             them (columns profile and index).",
+             them (columns profile and index). `umi scan merge --profiles-too` writes them to a PLY.",
         );
     }
     let mut knots: Vec<Knot> = Vec::new();
@@ -42,6 +42,17 @@ pub(super) fn write(
         .longest_mm
         .or_else(|| usual_diagonal(&knots).map(|mm| LONGEST * mm));
     let triangles = longest_mm.map_or_else(Vec::new, |mm| triangles(&knots, mm));
+    // Sorted: neighbours of a profile follow each other.
+    let follow = |pair: &[Knot]| {
+        let [((profile, index), _), ((of, next), _)] = [pair[0], pair[1]];
+        profile == of && next - index == 1
+    };
+    if triangles.is_empty() && knots.len() > 2 && !knots.windows(2).any(follow) {
+        return no_grid(
+            "No two points of a profile have indices that follow each other: a mesh needs neighbours. \
+             Thinning takes them away (`umi scan sample`, an earlier filter): make the mesh of the whole cloud.",
+        );
+    }
     if triangles.is_empty() {
         return no_grid("No three neighbours of the grid are near each other: there is no mesh.");
     }
@@ -233,6 +244,13 @@ mod tests {
         assert_eq!(code(grid(&[]), false), "no_grid");
         assert_eq!(code([grid(&[]), grid(&[])].concat(), true), "no_grid");
         assert_eq!(code(grid(&[])[..8].to_vec(), true), "no_grid");
+        // Each second point: no neighbours are left, and that is the reason that is told.
+        let mut thinned = grid(&[]);
+        thinned.retain(|p| p.index % 2 == 0);
+        let thinned = thinned.into_iter().map(Ok);
+        let error = write_cloud(&path, style(true), Box::new(thinned)).unwrap_err();
+        assert!(error.to_string().contains("Thinning"), "{error}");
+
         assert!(!path.exists());
     }
 }

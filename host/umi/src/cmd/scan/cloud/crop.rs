@@ -97,7 +97,8 @@ impl Crop {
                 if self.profiles.is_some() && !columns.profile {
                     return Err(ScanError::refused(
                         "no_profiles",
-                        "The cloud does not say which profiles its points are of: it has no column `profile`.",
+                        "The cloud does not say which profiles its points are of: it has no column `profile`. \
+                         `umi scan merge --profiles-too` writes it to a PLY.",
                     ));
                 }
                 Ok(())

@@ -24,10 +24,10 @@ pub(crate) struct Filter {
     #[command(flatten)]
     clouds: Clouds,
     /// The least and the greatest intensity
-    #[arg(long, value_name = "LEAST,MOST", value_parser = numbers::<2>)]
+    #[arg(long, value_name = "LEAST,MOST", value_parser = least_and_most)]
     intensity: Option<[f64; 2]>,
     /// The least and the greatest z in the sensor's own frame, in mm (--poses)
-    #[arg(long, value_name = "LEAST,MOST", value_parser = numbers::<2>, allow_hyphen_values = true, requires = "poses")]
+    #[arg(long, value_name = "LEAST,MOST", value_parser = least_and_most, allow_hyphen_values = true, requires = "poses")]
     range: Option<[f64; 2]>,
     /// Leave out mixed points: at most N points in a row that lie further than MM from what the
     /// profile has before and behind them
@@ -86,6 +86,16 @@ too_few_points, not_finite.";
 /// The cell's edge where none is given, in mm.
 const CELL_MM: f64 = 0.5;
 
+fn least_and_most(text: &str) -> Result<[f64; 2], String> {
+    let [least, most] = numbers::<2>(text)?;
+    if least <= most {
+        return Ok([least, most]);
+    }
+    Err(format!(
+        "nothing lies between them: give the least first, as {most},{least}"
+    ))
+}
+
 fn incidence(text: &str) -> Result<(f64, f64), String> {
     let (deg, mm) = match text.split_once(',') {
         Some(_) => numbers::<2>(text).map(|[deg, mm]| (deg, mm))?,
@@ -143,7 +153,8 @@ impl Filter {
                 if by_profile && !columns.profile {
                     return refused(
                         "no_profiles",
-                        "The cloud does not say which profiles its points are of: it has no column `profile`.",
+                        "The cloud does not say which profiles its points are of: it has no column `profile`. \
+                         `umi scan merge --profiles-too` writes it to a PLY.",
                     );
                 }
                 if self.intensity.is_some() && !columns.intensity {

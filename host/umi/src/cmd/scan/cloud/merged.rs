@@ -17,6 +17,9 @@ pub struct MergeLosses {
     unpaired_profiles: Vec<u64>,
     duplicates: Vec<u64>,
     unpaired_triggers: Vec<u64>,
+    /// Of a merge that stopped at a loss of motion.
+    #[serde(default)]
+    behind_loss: Vec<u64>,
     /// Numbers that are missing between the first and the last of the frame counter.
     pub lost_frames: u64,
     missed_latches: u64,
@@ -80,6 +83,10 @@ impl MergeLosses {
             (
                 "profiles without latch, left out",
                 some(&self.unpaired_profiles),
+            ),
+            (
+                "profiles behind a loss of motion, left out",
+                (!self.behind_loss.is_empty()).then_some(self.behind_loss.len() as u64),
             ),
             ("profiles that came again, left out", some(&self.duplicates)),
             ("latches without profile", some(&self.unpaired_triggers)),

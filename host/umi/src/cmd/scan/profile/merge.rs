@@ -36,13 +36,18 @@ pub(crate) struct Merge {
     /// Coordinates of a PLY or PCD file as doubles instead of floats
     #[arg(long)]
     double: bool,
+    /// PLY with the columns `profile` and `index`, which `umi scan filter --spike`, `--mixed`,
+    /// `crop --profiles` and a mesh (.stl) need; CSV, PCD, E57 and Parquet always have them
+    #[arg(long, conflicts_with = "each_profile")]
+    profiles_too: bool,
     /// E57 with a scan for each profile: points in the sensor's frame, and the sensor's pose
     #[arg(long)]
     each_profile: bool,
     /// Where the sensor was at each profile, as `umi scan filter` wants it
     #[arg(long, value_name = "POSES.csv")]
     poses: Option<PathBuf>,
-    /// If the board lost motion of an axis, take the profiles before
+    /// If the board lost motion of an axis, take the profiles before; those behind it are named
+    /// (`behind_loss`)
     #[arg(long)]
     until_loss: bool,
     /// A profile whose latch was lost gets its place from the latches before and behind it, where
@@ -71,6 +76,7 @@ Examples:
   umi scan merge profiles.csv scan.csv --machine mill.toml -o cloud.ply
   umi scan merge part.gocator scan.csv --machine c800u.toml --latency-us 150 -o cloud.csv
   umi scan merge part.gocator scan.csv --machine c800u.toml --encoder x -o cloud.ply --double
+  umi scan merge part.gocator scan.csv --machine c800u.toml --profiles-too -o cloud.ply
   umi scan merge part.gocator scan.csv --machine c800u.toml --interpolate-ms 20 -o cloud.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --each-profile -o profiles.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --poses poses.csv -o cloud.csv
@@ -111,6 +117,8 @@ impl Merge {
         let mut file = Files {
             points: if self.each_profile {
                 PointFile::each_profile(&self.output)?
+            } else if self.profiles_too {
+                PointFile::with_profiles(&self.output, self.double)?
             } else {
                 PointFile::create(&self.output, self.double)?
             },
@@ -166,6 +174,14 @@ fn text(merged: &Merged) -> String {
         "{} points of {} of {} profiles; {} samples without range\n",
         merged.points, merged.paired, merged.profiles, merged.invalid
     );
+    if !merged.behind_loss.is_empty() {
+        let _ = writeln!(
+            text,
+            "profiles behind the loss of motion, left out: {} ({})",
+            merged.behind_loss.len(),
+            pair::listed(&merged.behind_loss)
+        );
+    }
     if let Some(profiles) = &merged.interpolated {
         // Writing to a string cannot fail.
         let _ = writeln!(

@@ -189,7 +189,7 @@ pub fn text(pairing: &ScanPairing) -> String {
 }
 
 /// The first of some numbers.
-fn listed(numbers: &[u64]) -> String {
+pub fn listed(numbers: &[u64]) -> String {
     const MOST: usize = 12;
     let first: Vec<String> = numbers.iter().take(MOST).map(u64::to_string).collect();
     let more = if numbers.len() > MOST { ", …" } else { "" };

@@ -32,7 +32,7 @@ Examples:
   umi scan pose machine.toml positions.csv
   umi scan pose machine.toml positions.csv --json | jq '.poses[0].translation_mm'
 
-Refused (status 2): machine, missing_axis, not_finite.";
+Refused (status 2): machine, missing_axis, no_positions, not_finite.";
 
 impl Pose {
     pub fn run(self) -> Result<(), Failure> {
