@@ -355,7 +355,7 @@ fn a_ply_keeps_profile_and_index_where_they_are_asked_for() {
         let out = folder.path(name);
         let args = ["scan", "merge", "merge_3axis.profiles.csv"];
         let args = [&args[..], &["merge_3axis.triggers.csv", "-o", &out]].concat();
-        let args = [&args, &["--machine", "merge_3axis.toml"], more].concat();
+        let args = [&args[..], &["--machine", "merge_3axis.toml"], more].concat();
         let ran = run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>());
         (out, ran)
     };
