@@ -73,6 +73,8 @@ struct Doubt {
     from: Place,
     said: Place,
     pieces: Vec<Evidence>,
+    /// The first of them that stands before a gap: the chain of entries does not prove it.
+    cut: Option<u64>,
 }
 
 /// The evidence is not that of which the head in entry `seq` says that it was all.
@@ -154,6 +156,7 @@ impl EvidenceCheck {
                         from: place,
                         said,
                         pieces: recent,
+                        cut: self.cut.take(),
                     });
                 }
                 Some(_) => {}
@@ -207,7 +210,7 @@ impl EvidenceCheck {
         if !is_all {
             return Err(OtherEvidence { seq: doubt.seq });
         }
-        if let Some(cut) = self.cut.take().filter(|cut| *cut < mark.first_seq) {
+        if let Some(cut) = doubt.cut.filter(|cut| *cut < mark.first_seq) {
             self.unproven.get_or_insert(cut);
         }
         Ok(())

@@ -994,3 +994,51 @@ fn evidence_that_was_overwritten_between_two_pulls_is_no_forgery() {
     }
     assert!(doubts > 200 && forgeries > 100, "{doubts}, {forgeries}");
 }
+
+/// What stands before a gap is proven by no chain any more where the board says later that it has
+/// overwritten it: changed or put in there, it is not vouched for, also with good heads between.
+#[test]
+fn a_piece_that_later_heads_say_is_gone_is_not_vouched_for() {
+    let mut random = Random(79);
+    let mut tried = 0;
+    for turn in 0..200 {
+        let mut board = EvidenceBoard::new(board_key(1));
+        let key = Some(board.key.public());
+        board.noise(&mut random, 5);
+        board.head(0, None);
+        let from = board.seq;
+        let count = 5 + random.below(20);
+        board.noise(&mut random, count);
+        board.head(0, None);
+        let gone = board.seq;
+        for _ in 0..random.below(3) {
+            board.noise(&mut random, 5);
+            board.head(0, None);
+        }
+        board.noise(&mut random, 5);
+        // It holds nothing any more of what stands before the second head.
+        board.head_with(gone, gone, Some([9; 32]));
+        let Some(at) = (0..board.all.len()).find(|at| {
+            let of = &board.all[*at];
+            of.piece.is_some() && of.seq >= from && of.seq + 2 < gone
+        }) else {
+            continue;
+        };
+        // A gap behind it takes it out of the chain of entries.
+        let mut forged = board.all.clone();
+        forged[at] = changed(&board.all[at], random.below(100));
+        forged.remove(at + 1);
+        let file = file_of(&forged, Some([9; 32]));
+        let refused = verify(&file, key, None).expect_err(&format!("{turn}"));
+        assert!(
+            ["head_missing", "head_signature"].contains(&refused.code),
+            "{refused:?}"
+        );
+        assert!(
+            verify(&file, None, None).is_ok_and(|of| !of.signed)
+                || refused.code == "head_signature"
+        );
+        tried += 1;
+    }
+    assert!(tried > 100, "{tried}");
+}
