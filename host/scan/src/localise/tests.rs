@@ -32,7 +32,12 @@ impl Random {
 }
 
 /// A leaning prism over this outline, its caps given as quadrilaterals.
-fn prism(outline: &[[f64; 2]], caps: &[[usize; 4]], height: f64, lean: [f64; 2]) -> Mesh {
+pub(super) fn prism(
+    outline: &[[f64; 2]],
+    caps: &[[usize; 4]],
+    height: f64,
+    lean: [f64; 2],
+) -> Mesh {
     let low = |i: usize| Vec3::new(outline[i][0], outline[i][1], 0.0);
     let high = |i: usize| low(i) + Vec3::new(lean[0], lean[1], height);
     let mut all = Vec::new();

@@ -3,6 +3,7 @@
 mod alone;
 pub(super) mod flat;
 pub(super) mod rivals;
+mod slide;
 pub(super) mod symmetry;
 
 use std::collections::HashSet;
@@ -72,17 +73,7 @@ pub(super) fn decide(
     task: &LocaliseTask<'_>,
     surface: &CompositeSurface,
 ) -> Result<Decided, ScanError> {
-    let prepared = Prepared::new(task.model, task.threads);
-    let judge = Judge {
-        task,
-        surface,
-        rims: if prepared.closed {
-            rims(task.model, &prepared.sides, cell_mm(task.model))
-        } else {
-            Vec::new()
-        },
-        prepared,
-    };
+    let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
     let fits = judge.fits(&scene);
     let worth = fits
@@ -133,7 +124,22 @@ pub(super) fn no_fit() -> ScanError {
     )
 }
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    fn new(task: &'a LocaliseTask<'a>, surface: &'a CompositeSurface) -> Self {
+        let prepared = Prepared::new(task.model, task.threads);
+        let rims = if prepared.closed {
+            rims(task.model, &prepared.sides, cell_mm(task.model))
+        } else {
+            Vec::new()
+        };
+        Self {
+            task,
+            surface,
+            prepared,
+            rims,
+        }
+    }
+
     /// The best distinct fits of the part in a scene, best first.
     fn fits(&self, scene: &Scene) -> Vec<Fit> {
         let proposals = self
@@ -172,6 +178,11 @@ impl Judge<'_> {
                 && self.is_new(&fits, &fine.motion)
             {
                 fits.push(fine);
+            }
+        }
+        for slid in self.slid(scene, &fits) {
+            if self.is_new(&fits, &slid.motion) {
+                fits.push(slid);
             }
         }
         let sigma = self.common(&fits, scene);
