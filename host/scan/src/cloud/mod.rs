@@ -30,6 +30,8 @@ pub struct BesidePoint {
     pub profile: u64,
     /// Its place in the sensor's array.
     pub index: u32,
+    /// When the sensor saw it, in microseconds of the board's clock.
+    pub t_us: f64,
     /// How bright it was, in the sensor's own measure.
     pub intensity: f64,
 }
@@ -65,7 +67,7 @@ impl ScanCloud {
 }
 
 /// A point of a cloud with what its file says of it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CloudPoint {
     /// x, y, z in mm.
     pub at: [f64; 3],
@@ -73,6 +75,8 @@ pub struct CloudPoint {
     pub profile: u64,
     /// Its place in the sensor's array; 0 where the cloud does not say.
     pub index: u32,
+    /// When the sensor saw it, in microseconds of the board's clock; 0 where the cloud does not say.
+    pub t_us: f64,
     /// How bright it was, in the sensor's own measure; 0 where the cloud does not say.
     pub intensity: f64,
 }
@@ -84,6 +88,8 @@ pub struct CloudColumns {
     pub profile: bool,
     /// Their places in the profiles.
     pub index: bool,
+    /// Their times.
+    pub time: bool,
     /// Their intensity.
     pub intensity: bool,
 }

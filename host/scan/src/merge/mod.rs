@@ -227,6 +227,13 @@ impl<'a> Merger<'a> {
         self.pose_by(|axis| counts_at(self.latches, latch, axis, self.latency_us))
     }
 
+    /// When the sensor saw what belongs to the latch at a place of the table, in microseconds of the board's clock.
+    #[must_use]
+    pub fn seen_us(&self, latch: usize) -> f64 {
+        let t_ns = self.latches.get(latch).map_or(0, |latch| latch.t_ns);
+        t_ns as f64 / 1e3 + self.latency_us
+    }
+
     /// The sensor for an edge at a moment of the board's clock that no latch tells, on the straight
     /// line between those before and behind it; none where these are more than `most_us` apart.
     #[must_use]
@@ -337,7 +344,7 @@ pub fn merge(
         .iter()
         .map(|pair| (pair.profile, pair.latch))
         .collect();
-    let between: HashMap<u64, Pose> = options
+    let between: HashMap<u64, (f64, Pose)> = options
         .interpolate_us
         .map(|most_us| {
             let drift = 1.0 + pairing.clock.drift_ppm * 1e-6;
@@ -346,7 +353,7 @@ pub fn merge(
             let places = unpaired.filter_map(|stamp| {
                 let t_us = pairing.clock.offset_us + drift * stamp.t_us;
                 let pose = merger.pose_between(t_us, most_us)?;
-                Some((stamp.profile, pose))
+                Some((stamp.profile, (t_us + options.latency_us, pose)))
             });
             places.collect()
         })
@@ -373,8 +380,10 @@ pub fn merge(
     let mut points = Vec::new();
     profiles::visit(profiles, Depth::Samples, |profile| {
         let number = profile.stamp.profile;
-        let of_latch = latches.get(&number).map(|&latch| merger.pose(latch));
-        let Some(pose) = of_latch.or_else(|| between.get(&number).copied()) else {
+        let of_latch = latches
+            .get(&number)
+            .map(|&latch| (merger.seen_us(latch), merger.pose(latch)));
+        let Some((t_us, pose)) = of_latch.or_else(|| between.get(&number).copied()) else {
             return Ok(());
         };
         points.clear();
@@ -408,6 +417,7 @@ pub fn merge(
         merged.points += points.len() as u64;
         merged.invalid += profile.invalid;
         sink.pose(number, &pose)?;
+        sink.time(t_us);
         sink.profile(number, &points)
     })?;
     if merged.points == 0 {

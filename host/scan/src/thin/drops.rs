@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::ScanError;
 use crate::cloud::{CloudPoint, Points};
-use crate::format::points::{PointFile, PointSink};
+use crate::format::points::{PointFile, PointSink, PointStyle};
 
 /// How many points were left out for a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -26,14 +26,20 @@ pub struct Drops {
 }
 
 impl Drops {
-    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them).
+    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them), with their times where the cloud
+    /// has them.
     ///
     /// # Errors
     /// As [`PointFile::create`].
-    pub fn to_file(path: &Path) -> Result<Self, ScanError> {
+    pub fn to_file(path: &Path, times: bool) -> Result<Self, ScanError> {
+        let style = PointStyle {
+            double: true,
+            profiles: false,
+            times,
+        };
         Ok(Self {
             counts: Vec::new(),
-            file: Some(PointFile::create(path, true)?),
+            file: Some(PointFile::create(path, style)?),
         })
     }
 
@@ -51,7 +57,10 @@ impl Drops {
             None => self.counts.push(Dropped { reason, points: 1 }),
         }
         match &mut self.file {
-            Some(file) => file.profile(point.profile, &[(point.index, point.at)]),
+            Some(file) => {
+                file.time(point.t_us);
+                file.profile(point.profile, &[(point.index, point.at)])
+            }
             None => Ok(()),
         }
     }

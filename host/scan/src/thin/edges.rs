@@ -100,7 +100,7 @@ mod tests {
                         at: [0.1 * f64::from(index), profile as f64, z],
                         profile,
                         index,
-                        intensity: 0.0,
+                        ..CloudPoint::default()
                     }
                 })
             })

@@ -65,9 +65,8 @@ pub fn voxels(
     }
     let mean = |cell: &Cell| CloudPoint {
         at: cell.sum.map(|s| s / cell.n as f64),
-        profile: 0,
-        index: 0,
         intensity: cell.intensity / cell.n as f64,
+        ..CloudPoint::default()
     };
     Ok(cells.iter().map(mean).collect())
 }

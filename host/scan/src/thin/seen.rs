@@ -194,8 +194,7 @@ mod tests {
         CloudPoint {
             at,
             profile,
-            index: 0,
-            intensity: 0.0,
+            ..CloudPoint::default()
         }
     }
 

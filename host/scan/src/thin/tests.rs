@@ -15,6 +15,7 @@ fn point(x: f64, y: f64, z: f64, profile: u64, index: u32) -> CloudPoint {
         profile,
         index,
         intensity: 10.0 * x,
+        ..CloudPoint::default()
     }
 }
 

@@ -23,6 +23,7 @@ fn cloud() -> Vec<CloudPoint> {
             ],
             profile: u64::from(i / 100),
             index: i % 100,
+            t_us: 1e9 / 3.0 + f64::from(i / 100) * 250.125,
             intensity: f64::from(i % 256),
         })
         .collect()
@@ -31,6 +32,7 @@ fn cloud() -> Vec<CloudPoint> {
 const ALL: CloudColumns = CloudColumns {
     profile: true,
     index: true,
+    time: true,
     intensity: true,
 };
 
@@ -95,11 +97,13 @@ fn coordinates_of_other_formats_come_back() {
         let columns = CloudColumns {
             profile: holds_all,
             index: holds_all,
+            time: true,
             intensity: true,
         };
         assert_eq!(reader.columns, columns, "{name}");
         for wanted in cloud() {
             let found = reader.next_point().unwrap().unwrap();
+            assert!((found.t_us - wanted.t_us).abs() < 1e-6, "{name}");
             // A step of LAS is 0.1 µm.
             near(found.at, wanted.at, 5.1e-5);
             if holds_all {
@@ -132,14 +136,14 @@ fn pcd_has_its_header_and_records() {
         let line = header.lines().find(|l| l.starts_with(name)).unwrap();
         line[name.len()..].trim().to_owned()
     };
-    assert_eq!(value("FIELDS"), "x y z profile index intensity");
-    assert_eq!(value("SIZE"), "8 8 8 4 4 4");
-    assert_eq!(value("TYPE"), "F F F U U F");
+    assert_eq!(value("FIELDS"), "x y z profile index t_us intensity");
+    assert_eq!(value("SIZE"), "8 8 8 4 4 8 4");
+    assert_eq!(value("TYPE"), "F F F U U F F");
     assert_eq!(
         (value("WIDTH"), value("POINTS")),
         ("5000".into(), "5000".into())
     );
-    let stride = 36;
+    let stride = 44;
     assert_eq!(bytes.len() - end, 5000 * stride);
     for (record, wanted) in bytes[end..].chunks_exact(stride).zip(cloud()) {
         let real = |k: usize| f64::from_le_bytes(record[8 * k..8 * k + 8].try_into().unwrap());
@@ -195,9 +199,7 @@ fn las_and_laz_hold_tenths_of_micrometres() {
     let far = [[0.0; 3], [3e5, 0.0, 0.0]].map(|at| {
         Ok(CloudPoint {
             at,
-            profile: 0,
-            index: 0,
-            intensity: 0.0,
+            ..CloudPoint::default()
         })
     });
     let path = folder.join("far.las");
@@ -254,8 +256,8 @@ fn parquet_has_a_column_for_each() {
         assert_eq!(row.get_long(0).unwrap() as u64, wanted.profile);
         let at = [2, 3, 4].map(|k| row.get_double(k).unwrap());
         assert_eq!(
-            (at, row.get_double(5).unwrap()),
-            (wanted.at, wanted.intensity)
+            (at, [5, 6].map(|k| row.get_double(k).unwrap())),
+            (wanted.at, [wanted.t_us, wanted.intensity])
         );
         n += 1;
     }

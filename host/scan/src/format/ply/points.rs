@@ -16,6 +16,7 @@ enum Meaning {
     At(usize),
     Profile,
     Index,
+    Time,
     Intensity,
     Other,
 }
@@ -57,6 +58,7 @@ impl<R: BufRead> PlyReader<R> {
             "z" => Meaning::At(2),
             "profile" => Meaning::Profile,
             "index" => Meaning::Index,
+            "t_us" => Meaning::Time,
             "intensity" | "scalar_intensity" | "scalar_Intensity" => Meaning::Intensity,
             _ => Meaning::Other,
         };
@@ -88,6 +90,7 @@ impl<R: BufRead> PlyReader<R> {
         CloudColumns {
             profile: has(Meaning::Profile),
             index: has(Meaning::Index),
+            time: has(Meaning::Time),
             intensity: has(Meaning::Intensity),
         }
     }
@@ -124,17 +127,13 @@ impl<R: BufRead> PlyReader<R> {
                 wrong(&error.to_string())
             }
         };
-        let mut point = CloudPoint {
-            at: [0.0; 3],
-            profile: 0,
-            index: 0,
-            intensity: 0.0,
-        };
+        let mut point = CloudPoint::default();
         let mut take = |meaning: Meaning, value: f64| match meaning {
             Meaning::At(k) => point.at[k] = value,
             // Casts end at the bounds: a number that is none becomes 0.
             Meaning::Profile => point.profile = value as u64,
             Meaning::Index => point.index = value as u32,
+            Meaning::Time => point.t_us = value,
             Meaning::Intensity => point.intensity = value,
             Meaning::Other => {}
         };

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 
 use super::PointSink;
 use crate::ScanError;
-use crate::cloud::{CloudColumns, CloudPoint};
+use crate::cloud::CloudPoint;
 use crate::format::clouds::write::WrittenCloud;
 use crate::format::clouds::{CloudStyle, write_cloud};
 
@@ -25,21 +25,14 @@ enum Handover {
 pub(super) struct HandedPoints {
     to: Option<SyncSender<Handover>>,
     writer: Option<JoinHandle<Result<WrittenCloud, ScanError>>>,
+    /// Of the profile that comes next.
+    t_us: f64,
 }
 
 impl HandedPoints {
-    pub(super) fn new(path: &Path, double: bool) -> Self {
+    pub(super) fn new(path: &Path, style: CloudStyle) -> Self {
         let (to, from) = sync_channel(WAITING);
         let path = path.to_owned();
-        let style = CloudStyle {
-            columns: CloudColumns {
-                profile: true,
-                index: true,
-                intensity: false,
-            },
-            double,
-            longest_mm: None,
-        };
         let writer = std::thread::spawn(move || {
             let points = Arriving {
                 from,
@@ -51,6 +44,7 @@ impl HandedPoints {
         Self {
             to: Some(to),
             writer: Some(writer),
+            t_us: 0.0,
         }
     }
 
@@ -74,12 +68,18 @@ impl HandedPoints {
 }
 
 impl PointSink for HandedPoints {
+    fn time(&mut self, t_us: f64) {
+        self.t_us = t_us;
+    }
+
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
+        let t_us = self.t_us;
         let points = points.iter().map(|&(index, at)| CloudPoint {
             at,
             profile,
             index,
-            intensity: 0.0,
+            t_us,
+            ..CloudPoint::default()
         });
         self.hand(Handover::Points(points.collect()))
     }

@@ -5,6 +5,8 @@
 //! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
 //!   [`super::clouds`] writes them.
 //!
+//! Each has the time of every point where that is asked for.
+//!
 //! A file appears under its name only when it is complete.
 
 mod csv;
@@ -19,6 +21,8 @@ use std::path::Path;
 use umi_kinematics::Pose;
 
 use crate::ScanError;
+use crate::cloud::CloudColumns;
+use crate::format::clouds::CloudStyle;
 use crate::format::clouds::write::check_extension;
 use crate::format::partial::Partial;
 
@@ -31,6 +35,9 @@ pub trait PointSink {
     fn pose(&mut self, _profile: u64, _pose: &Pose) -> Result<(), ScanError> {
         Ok(())
     }
+
+    /// Takes when the sensor saw the profile that comes next, in microseconds of the board's clock.
+    fn time(&mut self, _t_us: f64) {}
 
     /// Takes the points of a profile, each with its index in the sensor's array.
     ///
@@ -45,6 +52,18 @@ pub trait PointSink {
     fn finish(&mut self, points: u64) -> Result<(), ScanError>;
 }
 
+/// How merged points are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PointStyle {
+    /// Coordinates of PLY and PCD as doubles.
+    pub double: bool,
+    /// Profile and index in a PLY, too. Without them it is written in the least time and space; LAS and LAZ have no room
+    /// for them, all others always have them.
+    pub profiles: bool,
+    /// The time of each point.
+    pub times: bool,
+}
+
 /// A file of points that is being written.
 pub struct PointFile {
     // Closed before the partial file is taken away.
@@ -54,49 +73,17 @@ pub struct PointFile {
 }
 
 impl PointFile {
-    /// Begins a file. `double`: coordinates of a PLY file as doubles.
+    /// Begins a file.
     ///
     /// # Errors
-    /// `format` for an extension that is unknown; the file cannot be written.
-    pub fn create(path: &Path, double: bool) -> Result<Self, ScanError> {
+    /// `format` for an extension that is unknown or has no room for profiles; the file cannot be written.
+    pub fn create(path: &Path, style: PointStyle) -> Result<Self, ScanError> {
         let extension = path
             .extension()
             .map(|e| e.to_string_lossy().to_lowercase())
             .unwrap_or_default();
-        if !matches!(extension.as_str(), "csv" | "ply") {
-            check_extension(path)?;
-            return Ok(Self {
-                sink: Box::new(handed::HandedPoints::new(path, double)),
-                partial: None,
-            });
-        }
-        let partial = Partial::new(path);
-        let out = BufWriter::with_capacity(1 << 20, partial.begin()?);
-        let shown = path.display().to_string();
-        let sink: Box<dyn PointSink> = if extension == "csv" {
-            Box::new(csv::CsvPoints::new(out, shown)?)
-        } else {
-            Box::new(ply::PlyPoints::new(out, shown, double)?)
-        };
-        Ok(Self {
-            sink,
-            partial: Some(partial),
-        })
-    }
-}
-
-impl PointFile {
-    /// Begins a file that says of each point its profile and its place in it. A PLY of [`Self::create`] does not: it is
-    /// written in the least time and space.
-    ///
-    /// # Errors
-    /// `format` for an extension that is unknown or has no room for them; the file cannot be written.
-    pub fn with_profiles(path: &Path, double: bool) -> Result<Self, ScanError> {
-        let is = |extension: &str| {
-            path.extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case(extension))
-        };
-        if is("las") || is("laz") {
+        let kind = extension.as_str();
+        if style.profiles && matches!(kind, "las" | "laz") {
             return Err(ScanError::unreadable(
                 "format",
                 format_args!(
@@ -105,12 +92,36 @@ impl PointFile {
                 ),
             ));
         }
-        if !is("ply") {
-            return Self::create(path, double);
+        let profiles = style.profiles || kind != "ply";
+        let plain = !style.times && (kind == "csv" || kind == "ply" && !profiles);
+        if !plain {
+            check_extension(path)?;
+            let style = CloudStyle {
+                columns: CloudColumns {
+                    profile: profiles,
+                    index: profiles,
+                    time: style.times,
+                    intensity: false,
+                },
+                double: style.double,
+                longest_mm: None,
+            };
+            return Ok(Self {
+                sink: Box::new(handed::HandedPoints::new(path, style)),
+                partial: None,
+            });
         }
+        let partial = Partial::new(path);
+        let out = BufWriter::with_capacity(1 << 20, partial.begin()?);
+        let shown = path.display().to_string();
+        let sink: Box<dyn PointSink> = if kind == "csv" {
+            Box::new(csv::CsvPoints::new(out, shown)?)
+        } else {
+            Box::new(ply::PlyPoints::new(out, shown, style.double)?)
+        };
         Ok(Self {
-            sink: Box::new(handed::HandedPoints::new(path, double)),
-            partial: None,
+            sink,
+            partial: Some(partial),
         })
     }
 
@@ -145,6 +156,10 @@ impl PointFile {
 impl PointSink for PointFile {
     fn pose(&mut self, profile: u64, pose: &Pose) -> Result<(), ScanError> {
         self.sink.pose(profile, pose)
+    }
+
+    fn time(&mut self, t_us: f64) {
+        self.sink.time(t_us);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {

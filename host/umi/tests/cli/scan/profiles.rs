@@ -389,6 +389,91 @@ fn a_ply_keeps_profile_and_index_where_they_are_asked_for() {
     assert_eq!(ran.exits(1).json()["error"]["code"], "format");
 }
 
+/// The time of a point is that of its latch and the latency, in every format that a cloud can be read back from.
+#[test]
+fn points_keep_their_time_where_it_is_asked_for() {
+    let folder = Folder::new();
+    let id = "merge_5axis_latency";
+    let latency_us = 137.0;
+    let merge = |name: &str, more: &[&str]| {
+        let out = folder.path(name);
+        let (profiles, triggers) = (format!("{id}.profiles.csv"), format!("{id}.triggers.csv"));
+        let machine = format!("{id}.toml");
+        let args = ["scan", "merge", &profiles, &triggers, "-o", &out];
+        let args = [
+            &args[..],
+            &["--machine", &machine, "--latency-us", "137"],
+            more,
+        ]
+        .concat();
+        let ran = run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>());
+        (out, ran)
+    };
+    let columns = |path: &str, names: &[&str]| -> Vec<Vec<f64>> {
+        let text = std::fs::read_to_string(path).unwrap();
+        let mut lines = text.lines();
+        let head: Vec<&str> = lines.next().unwrap().split(',').collect();
+        let places = names.iter().map(|n| {
+            head.iter()
+                .position(|h| h == n)
+                .unwrap_or_else(|| panic!("{n} in {path}"))
+        });
+        let places: Vec<usize> = places.collect();
+        let row = |line: &str| {
+            let cells: Vec<&str> = line.split(',').collect();
+            places
+                .iter()
+                .map(|&k| cells[k].parse().unwrap_or(f64::NAN))
+                .collect()
+        };
+        lines.map(row).collect()
+    };
+    let (table, ran) = merge("table.csv", &["--times-too"]);
+    let merged = ran.exits(0).json();
+    let text = std::fs::read_to_string(&table).unwrap();
+    assert!(text.starts_with("profile,index,x_mm,y_mm,z_mm,t_us\n"));
+    // By the board's own table.
+    let latches = cases().join(format!("{id}.triggers.csv"));
+    let latches = columns(latches.to_str().unwrap(), &["number", "t_ns"]);
+    let of_profile = |profile: f64| {
+        let pairs = merged["pairs"].as_array().unwrap();
+        let pair = pairs
+            .iter()
+            .find(|p| p["profile"] == profile as u64)
+            .unwrap();
+        let number = pair["number"].as_f64().unwrap();
+        latches.iter().find(|l| l[0] == number).unwrap()[1] / 1e3 + latency_us
+    };
+    let wanted = columns(&table, &["profile", "t_us"]);
+    assert_eq!(wanted.len() as u64, merged["points"]);
+    for row in &wanted {
+        assert!((row[1] - of_profile(row[0])).abs() < 1e-6, "{row:?}");
+    }
+    assert!(wanted.iter().any(|row| row[1] != wanted[0][1]));
+    // Without the option no column comes, and other formats have the same times.
+    let (bare, ran) = merge("bare.csv", &[]);
+    ran.exits(0);
+    let text = std::fs::read_to_string(&bare).unwrap();
+    assert!(text.starts_with("profile,index,x_mm,y_mm,z_mm\n"));
+    for name in ["a.ply", "a.pcd", "a.las", "a.laz", "a.e57"] {
+        let (cloud, ran) = merge(name, &["--times-too"]);
+        ran.exits(0);
+        let again = folder.path(&format!("{name}.csv"));
+        let args = ["scan", "convert", &cloud, "-o", &again];
+        run(&args.map(str::to_owned)).exits(0);
+        let found = columns(&again, &["t_us"]);
+        assert_eq!(found.len(), wanted.len(), "{name}");
+        for (found, wanted) in found.iter().zip(&wanted) {
+            assert!(
+                (found[0] - wanted[1]).abs() < 1e-6,
+                "{name}: {found:?} {wanted:?}"
+            );
+        }
+    }
+    let (_, ran) = merge("each.e57", &["--times-too", "--each-profile"]);
+    assert_eq!(ran.status, 1);
+}
+
 /// A table of positions without a position has no pose to answer.
 #[test]
 fn no_positions_are_no_poses() {

@@ -6,6 +6,7 @@ use crate::rigid::Vec3;
 
 /// What every header has.
 const HEADER: usize = 227;
+pub(super) const US_PER_S: f64 = 1e6;
 
 pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     let bad = |what: &str| ScanError::unreadable("bad_file", what);
@@ -42,17 +43,28 @@ pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
             ),
         ));
     }
+    // Where a record of this format has its time, in seconds.
+    let time_at = match format {
+        1 | 3 | 4 | 5 => Some(20),
+        6..=10 => Some(22),
+        _ => None,
+    };
+    let time_at = time_at.filter(|at| at + 8 <= stride);
+    let t_us =
+        |record: &[u8]| time_at.map_or(0.0, |at| f64::from_le_bytes(array(record, at)) * US_PER_S);
     let bright = |record: &[u8]| u16::from_le_bytes(array(record, 12));
     let records = || body.chunks_exact(stride).take(count as usize);
     let mut cloud = ScanCloud::default();
     // Every point has a place for it; where it is 0 in all of them, nobody has measured it.
     cloud.columns.intensity = records().any(|record| bright(record) > 0);
+    cloud.columns.time = records().any(|record| t_us(record) != 0.0);
     cloud.points.reserve_exact(count as usize);
     for record in records() {
         let [x, y, z] = std::array::from_fn(|i| {
             f64::from(i32::from_le_bytes(array(record, 4 * i))) * scale[i] + offset[i]
         });
         let beside = BesidePoint {
+            t_us: t_us(record),
             intensity: f64::from(bright(record)),
             ..BesidePoint::default()
         };

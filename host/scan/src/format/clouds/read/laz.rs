@@ -5,8 +5,9 @@ use std::io::Cursor;
 use las::Reader;
 
 use super::foreign::guarded;
+use super::las::US_PER_S;
 use crate::ScanError;
-use crate::cloud::{BesidePoint, ScanCloud};
+use crate::cloud::{BesidePoint, CloudColumns, ScanCloud};
 use crate::rigid::Vec3;
 
 /// Points that are unpacked at once: a header's word takes no more memory than that.
@@ -20,19 +21,23 @@ fn points(bytes: &[u8]) -> las::Result<ScanCloud> {
     let mut reader = Reader::new(Cursor::new(bytes.to_vec()))?;
     let mut cloud = ScanCloud::default();
     cloud.columns.intensity = true;
+    cloud.columns.time = reader.header().point_format().has_gps_time;
     loop {
         let some = reader.read_points(AT_ONCE)?;
         if some.is_empty() {
             // Every point has a place for it; where it is 0 in all of them, nobody has measured it.
-            if cloud.beside.iter().all(|beside| beside.intensity == 0.0) {
-                cloud.columns.intensity = false;
+            cloud.columns.intensity = cloud.beside.iter().any(|beside| beside.intensity != 0.0);
+            cloud.columns.time = cloud.beside.iter().any(|beside| beside.t_us != 0.0);
+            if cloud.columns == CloudColumns::default() {
                 cloud.beside = Vec::new();
             }
             return Ok(cloud);
         }
+        let mut times = some.gps_time();
         let at = some.x().zip(some.y()).zip(some.z());
         for (((x, y), z), bright) in at.zip(some.intensity()) {
             let beside = BesidePoint {
+                t_us: times.as_mut().and_then(Iterator::next).unwrap_or(0.0) * US_PER_S,
                 intensity: f64::from(bright),
                 ..BesidePoint::default()
             };

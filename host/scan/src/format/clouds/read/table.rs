@@ -13,6 +13,7 @@ pub(super) struct TablePoints<R> {
     at: [Column; 3],
     profile: Option<Column>,
     index: Option<Column>,
+    time: Option<Column>,
     intensity: Option<Column>,
 }
 
@@ -33,6 +34,7 @@ impl<R: BufRead> TablePoints<R> {
             at: [axis("x")?, axis("y")?, axis("z")?],
             profile: table.optional("profile"),
             index: table.optional("index"),
+            time: table.optional("t_us"),
             intensity: table.optional("intensity"),
             table,
         })
@@ -43,6 +45,7 @@ impl<R: BufRead> TablePoints<R> {
         CloudColumns {
             profile: self.profile.is_some(),
             index: self.index.is_some(),
+            time: self.time.is_some(),
             intensity: self.intensity.is_some(),
         }
     }
@@ -57,6 +60,7 @@ impl<R: BufRead> TablePoints<R> {
         let beside = BesidePoint {
             profile: self.profile.map_or(Ok(0), |c| row.integer(c))?,
             index: self.index.map_or(Ok(0), |c| row.integer(c))?,
+            t_us: self.time.map_or(Ok(0.0), |c| row.number(c))?,
             intensity: self.intensity.map_or(Ok(0.0), |c| row.number(c))?,
         };
         Ok(Some((at, beside)))

@@ -267,9 +267,7 @@ fn damage_in_the_files_of_others_is_named() {
     std::fs::create_dir_all(&folder).unwrap();
     let point = |k: u32| CloudPoint {
         at: [f64::from(k), 0.5, -1.25],
-        profile: 0,
-        index: 0,
-        intensity: 0.0,
+        ..CloudPoint::default()
     };
     let mut refused = 0;
     for name in ["a.laz", "a.e57"] {

@@ -1,4 +1,5 @@
-//! E57 (ASTM E2807) by the crate `e57`: coordinates as doubles in metres, profiles as rows, places in them as columns.
+//! E57 (ASTM E2807) by the crate `e57`: coordinates as doubles in metres, profiles as rows, places in them as columns, times
+//! in seconds.
 
 use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
 
@@ -8,6 +9,7 @@ use crate::ScanError;
 use crate::format::partial::Partial;
 
 const MM_PER_M: f64 = 1000.0;
+const S_PER_US: f64 = 1e-6;
 
 pub(super) fn write(
     partial: &Partial,
@@ -34,6 +36,12 @@ pub(super) fn write(
     if columns.index {
         prototype.push(whole(RecordName::ColumnIndex));
     }
+    if columns.time {
+        prototype.push(Record {
+            name: RecordName::TimeStamp,
+            data_type: RecordDataType::F64,
+        });
+    }
     if columns.intensity {
         prototype.push(Record {
             name: RecordName::Intensity,
@@ -44,7 +52,7 @@ pub(super) fn write(
     let mut cloud = file.add_pointcloud(&guid(1), prototype).map_err(refused)?;
     cloud.set_name(Some("scan".into()));
     while let Some(p) = points.next_point()? {
-        let mut values = Vec::with_capacity(6);
+        let mut values = Vec::with_capacity(7);
         values.extend(p.at.map(|v| RecordValue::Double(v / MM_PER_M)));
         if columns.profile {
             if p.profile > u64::from(u32::MAX) {
@@ -54,6 +62,9 @@ pub(super) fn write(
         }
         if columns.index {
             values.push(RecordValue::Integer(i64::from(p.index)));
+        }
+        if columns.time {
+            values.push(RecordValue::Double(p.t_us * S_PER_US));
         }
         if columns.intensity {
             values.push(RecordValue::Single(p.intensity as f32));

@@ -1,4 +1,5 @@
-//! LAS 1.2 and LAZ by the crate `las`: coordinates as whole steps of 0.1 µm about the first point, and intensity.
+//! LAS 1.2 and LAZ by the crate `las`: coordinates as whole steps of 0.1 µm about the first point, intensity, and
+//! times in seconds, where the format has those of GPS.
 
 use std::io::BufWriter;
 
@@ -12,10 +13,11 @@ use crate::format::partial::Partial;
 
 /// A step in mm. The farthest point is 2^31 steps away: 214 m.
 const STEP_MM: f64 = 1e-4;
+const S_PER_US: f64 = 1e-6;
 
 pub(super) fn write(
     partial: &Partial,
-    _: CloudStyle,
+    style: CloudStyle,
     points: &mut Counted<'_>,
     compressed: bool,
 ) -> Result<(), ScanError> {
@@ -29,7 +31,7 @@ pub(super) fn write(
     };
     let mut builder = Builder::from((1, 2));
     builder.generating_software = "openumi".into();
-    builder.point_format = Format::new(0).map_err(refused)?;
+    builder.point_format = Format::new(u8::from(style.columns.time)).map_err(refused)?;
     builder.point_format.is_compressed = compressed;
     builder.transforms = Vector {
         x: transform(0),
@@ -61,6 +63,7 @@ pub(super) fn write(
                 y: p.at[1],
                 z: p.at[2],
                 intensity: p.intensity.round() as u16,
+                gps_time: style.columns.time.then_some(p.t_us * S_PER_US),
                 return_number: 1,
                 number_of_returns: 1,
                 ..Point::default()

@@ -31,6 +31,9 @@ pub(super) fn write(
         schema += "REQUIRED INT32 index (INTEGER(32,false)); ";
     }
     schema += "REQUIRED DOUBLE x_mm; REQUIRED DOUBLE y_mm; REQUIRED DOUBLE z_mm; ";
+    if columns.time {
+        schema += "REQUIRED DOUBLE t_us; ";
+    }
     if columns.intensity {
         schema += "REQUIRED DOUBLE intensity; ";
     }
@@ -87,6 +90,7 @@ pub(super) fn write(
         for k in 0..3 {
             real(true, &|p| p.at[k]).map_err(refused)?;
         }
+        real(columns.time, &|p| p.t_us).map_err(refused)?;
         real(columns.intensity, &|p| p.intensity).map_err(refused)?;
         group.close().map_err(refused)?;
     }

@@ -22,6 +22,7 @@ fn header(style: CloudStyle, count: u64) -> String {
     };
     let sizes = row(&|(_, kind)| match kind {
         Kind::Coordinate if style.double => "8",
+        Kind::Time => "8",
         _ => "4",
     });
     let types = row(&|(_, kind)| if *kind == Kind::Number { "U" } else { "F" });

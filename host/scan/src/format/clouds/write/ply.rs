@@ -30,6 +30,7 @@ fn header(style: CloudStyle, count: u64) -> String {
     let property = |(name, kind)| {
         let kind = match kind {
             Kind::Coordinate if style.double => "double",
+            Kind::Time => "double",
             Kind::Coordinate | Kind::Intensity => "float",
             Kind::Number => "uint",
         };

@@ -19,7 +19,7 @@ pub(super) fn write(
     let mut out = BufWriter::with_capacity(1 << 20, partial.begin()?);
     out.write_all(header(0).as_bytes()).map_err(io)?;
     let columns = style.columns;
-    let mut record = Vec::with_capacity(40);
+    let mut record = Vec::with_capacity(48);
     while let Some(p) = points.next_point()? {
         record.clear();
         for value in p.at {
@@ -38,6 +38,9 @@ pub(super) fn write(
         if columns.index {
             record.extend_from_slice(&p.index.to_le_bytes());
         }
+        if columns.time {
+            record.extend_from_slice(&p.t_us.to_le_bytes());
+        }
         if columns.intensity {
             record.extend_from_slice(&(p.intensity as f32).to_le_bytes());
         }
@@ -48,7 +51,7 @@ pub(super) fn write(
     out.flush().map_err(io)
 }
 
-/// Names and kinds of the columns, in the order of the bytes: whether it is a coordinate, a number or the intensity.
+/// Names and kinds of the columns, in the order of the bytes: whether it is a coordinate, a number, the time or the intensity.
 pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
     let mut all = vec![
         ("x", Kind::Coordinate),
@@ -61,6 +64,9 @@ pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
     if style.columns.index {
         all.push(("index", Kind::Number));
     }
+    if style.columns.time {
+        all.push(("t_us", Kind::Time));
+    }
     if style.columns.intensity {
         all.push(("intensity", Kind::Intensity));
     }
@@ -71,5 +77,7 @@ pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
 pub(super) enum Kind {
     Coordinate,
     Number,
+    /// Always a double: a float of microseconds is off by a millisecond after three hours.
+    Time,
     Intensity,
 }

@@ -173,7 +173,7 @@ mod tests {
                 ],
                 profile,
                 index,
-                intensity: 0.0,
+                ..CloudPoint::default()
             })
             .collect()
     }
@@ -183,7 +183,7 @@ mod tests {
             columns: CloudColumns {
                 profile: grid,
                 index: grid,
-                intensity: false,
+                ..CloudColumns::default()
             },
             ..CloudStyle::default()
         }

@@ -1,4 +1,4 @@
-//! CSV: `profile,index,x_mm,y_mm,z_mm,intensity`, without the columns that a cloud does not have.
+//! CSV: `profile,index,x_mm,y_mm,z_mm,t_us,intensity`, without the columns that a cloud does not have.
 
 use std::io::{BufWriter, Write};
 
@@ -23,6 +23,9 @@ pub(super) fn write(
         names.push("index");
     }
     names.extend(["x_mm", "y_mm", "z_mm"]);
+    if columns.time {
+        names.push("t_us");
+    }
     if columns.intensity {
         names.push("intensity");
     }
@@ -37,6 +40,9 @@ pub(super) fn write(
         let [x, y, z] = p.at;
         // Rust prints the shortest digits that give back the same double.
         write!(out, "{x},{y},{z}").map_err(io)?;
+        if columns.time {
+            write!(out, ",{}", p.t_us).map_err(io)?;
+        }
         if columns.intensity {
             write!(out, ",{}", p.intensity).map_err(io)?;
         }

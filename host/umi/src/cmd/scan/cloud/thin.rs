@@ -93,7 +93,7 @@ impl Clouds {
                 longest_mm: self.longest_mm,
             };
             let drops = RefCell::new(match dropped {
-                Some(path) => Drops::to_file(path)?,
+                Some(path) => Drops::to_file(path, reader.columns.time)?,
                 None => Drops::default(),
             });
             let written = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;

@@ -168,7 +168,7 @@ impl PointSink for Gather {
             at,
             profile,
             index,
-            intensity: 0.0,
+            ..CloudPoint::default()
         }));
         Ok(())
     }
@@ -387,7 +387,7 @@ impl Drive {
             columns: CloudColumns {
                 profile: true,
                 index: true,
-                intensity: false,
+                ..CloudColumns::default()
             },
             double: self.double,
             longest_mm: None,

@@ -121,9 +121,7 @@ impl Simulate {
         let points = seen.points.iter().map(|p| {
             Ok(CloudPoint {
                 at: (*p).into(),
-                profile: 0,
-                index: 0,
-                intensity: 0.0,
+                ..CloudPoint::default()
             })
         });
         write_cloud(&self.output, style, Box::new(points))?;

@@ -10,7 +10,7 @@ use umi_kinematics::Pose;
 use umi_scan::ScanError;
 use umi_scan::format::clouds::write;
 use umi_scan::format::machine;
-use umi_scan::format::points::{PointFile, PointSink};
+use umi_scan::format::points::{PointFile, PointSink, PointStyle};
 use umi_scan::format::poses::PoseFile;
 use umi_scan::merge::{MergeOptions, Merged, merge};
 
@@ -40,6 +40,10 @@ pub(crate) struct Merge {
     /// `crop --profiles` and a mesh (.stl) need; CSV, PCD, E57 and Parquet always have them
     #[arg(long, conflicts_with = "each_profile")]
     profiles_too: bool,
+    /// The time of each point in microseconds of the board's clock, as the column `t_us`; LAS, LAZ and E57 have it in
+    /// seconds, as their standards name it (GPS time, timeStamp)
+    #[arg(long, conflicts_with = "each_profile")]
+    times_too: bool,
     /// E57 with a scan for each profile: points in the sensor's frame, and the sensor's pose
     #[arg(long)]
     each_profile: bool,
@@ -69,6 +73,9 @@ file is written, and one that was there stays.
 With --interpolate-ms the answer names the profiles that no latch placed (`interpolated`): their
 points stand on a straight line between two latches, whatever the axes did there.
 
+The time of a point (--times-too) is that of its edge plus --latency-us: the moment for which its
+counts were taken. All points of a profile have the same.
+
 Floats keep 24 bits: at 800 mm they are right within 0.03 µm; --double keeps all. A PLY whose first
 point lies beyond 2 m has doubles, whether asked for or not. Its offset is always 0, and its header says so.
 
@@ -76,7 +83,7 @@ Examples:
   umi scan merge profiles.csv scan.csv --machine mill.toml -o cloud.ply
   umi scan merge part.gocator scan.csv --machine c800u.toml --latency-us 150 -o cloud.csv
   umi scan merge part.gocator scan.csv --machine c800u.toml --encoder x -o cloud.ply --double
-  umi scan merge part.gocator scan.csv --machine c800u.toml --profiles-too -o cloud.ply
+  umi scan merge part.gocator scan.csv --machine c800u.toml --profiles-too --times-too -o cloud.ply
   umi scan merge part.gocator scan.csv --machine c800u.toml --interpolate-ms 20 -o cloud.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --each-profile -o profiles.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --poses poses.csv -o cloud.csv
@@ -117,10 +124,15 @@ impl Merge {
         let mut file = Files {
             points: if self.each_profile {
                 PointFile::each_profile(&self.output)?
-            } else if self.profiles_too {
-                PointFile::with_profiles(&self.output, self.double)?
             } else {
-                PointFile::create(&self.output, self.double)?
+                PointFile::create(
+                    &self.output,
+                    PointStyle {
+                        double: self.double,
+                        profiles: self.profiles_too,
+                        times: self.times_too,
+                    },
+                )?
             },
             poses: self.poses.as_deref().map(PoseFile::create).transpose()?,
         };
@@ -157,6 +169,10 @@ impl PointSink for Files {
             file.pose(profile, pose)?;
         }
         self.points.pose(profile, pose)
+    }
+
+    fn time(&mut self, t_us: f64) {
+        self.points.time(t_us);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
