@@ -271,6 +271,7 @@ impl Nominal {
             None => Vec::new(),
         };
         warnings.extend(self.other_unit(points));
+        warnings.extend(self.radians(points));
         warnings
     }
 
@@ -315,6 +316,27 @@ impl Nominal {
             format!(
                 "unit: {unit}: the cloud is {rms_mm:.3} mm (rms) from the nominal, and {then_mm:.3} mm from one {factor:.4} \
                  times as large"
+            )
+        })
+    }
+
+    /// A cone that the cloud would lie on if its angle were in radians, where it does not as it stands.
+    fn radians(&self, points: &[Vec3]) -> Option<String> {
+        let mut other = self.clone();
+        let Self::Cone { half_angle_rad, .. } = &mut other else {
+            return None;
+        };
+        let written = half_angle_rad.to_degrees();
+        *half_angle_rad = written;
+        if written >= std::f64::consts::FRAC_PI_2 {
+            return None;
+        }
+        let (rms_mm, then_mm) = (self.rms_mm(points, 1.0)?, other.rms_mm(points, 1.0)?);
+        (10.0 * then_mm < rms_mm).then(|| {
+            format!(
+                "angle_unit: half_angle_deg {written} looks like radians: the cloud is {rms_mm:.3} mm (rms) from the nominal, and \
+                 {then_mm:.3} mm from one of {:.3} degrees",
+                written.to_degrees()
             )
         })
     }

@@ -68,12 +68,14 @@ fn radians(joint: &Joint) -> Option<String> {
                 )
             })
         }
-        // A turn has a whole number of counts.
+        // A turn has a whole number of counts, and mostly a round one; the figure may have few digits.
         Drive::Encoder {
             counts_per_unit, ..
         } => {
             let (by_degrees, by_radians) = (360.0 * counts_per_unit, TAU * counts_per_unit);
-            (by_radians.abs() > 100.0 && whole(by_radians) < 1e-3 && whole(by_degrees) > 1e-3).then(|| {
+            let exact = whole(by_radians) < 1e-3 && whole(by_degrees) > 1e-3;
+            let rounded = is_round(by_radians) && !is_round(by_degrees);
+            (by_radians.abs() > 100.0 && (exact || rounded)).then(|| {
                 format!(
                     "{name} has {counts_per_unit} counts a degree: that looks like counts a radian, of {by_radians:.0} a \
                      turn. `counts_per_deg` would be {}.",
@@ -83,6 +85,16 @@ fn radians(joint: &Joint) -> Option<String> {
         }
         _ => None,
     }
+}
+
+/// Whether so many counts are what a turn of an encoder has: a number of two digits and zeros, rounded to five digits
+/// when it was written; of three digits, or a power of two, rounded to six. Of numbers drawn at random three in a thousand are.
+fn is_round(counts: f64) -> bool {
+    let counts = counts.abs();
+    let near = |x: f64, within: f64| (x - x.round()).abs() <= within * x;
+    let digits = counts / 10_f64.powf(counts.log10().floor());
+    let binary = counts / counts.log2().round().exp2();
+    near(10.0 * digits, 2e-5) || near(100.0 * digits, 1e-6) || near(binary, 1e-6)
 }
 
 /// The text of a machine file with another mount, and how uncertain that is; comments and all else
@@ -145,6 +157,11 @@ mod tests {
             "value = -0.5236",
             "column = \"w\"\ncounts_per_deg = 572957.79513\norigin_counts = 0",
             "column = \"w\"\ncounts_per_deg = -3183.0988618\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 572957.8\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 572958\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 3183.1\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 11459.2\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 1335088.1\norigin_counts = 0",
         ] {
             let all = told("rotary", drive);
             assert_eq!(all.len(), 1, "{drive}: {all:?}");
@@ -160,6 +177,10 @@ mod tests {
             "value = 7.5",
             "column = \"w\"\ncounts_per_deg = 10000\norigin_counts = 0",
             "column = \"w\"\ncounts_per_deg = 2777.7777777777777\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 2777.78\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 23301.689\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 728.1778\norigin_counts = 0",
+            "column = \"w\"\ncounts_per_deg = 3183\norigin_counts = 0",
         ] {
             assert_eq!(told("rotary", drive), Vec::<String>::new(), "{drive}");
         }

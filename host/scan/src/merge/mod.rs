@@ -6,6 +6,7 @@
 //! Points are not held in memory: stamps first, which are tens of bytes a profile, then every
 //! profile once.
 
+mod axes;
 mod moment;
 mod mount;
 
@@ -434,6 +435,8 @@ pub fn merge(
             far.len()
         ));
     }
+    let moved = axes::warnings(machine, merger.latches);
+    merged.pairing.warnings.extend(moved);
     if merger.stands_still() {
         merged.pairing.warnings.push(
             "stationary: no axis of the machine moved between the latches: all profiles lie in one \

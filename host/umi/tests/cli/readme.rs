@@ -98,7 +98,7 @@ fn every_console_line_runs_as_printed() {
 #[cfg(unix)]
 fn every_line_of_the_line_scanner_runs_as_printed() {
     let text = std::fs::read_to_string(project("examples/line-scan/README.md")).unwrap();
-    assert!(run_lines(&text) >= 6);
+    assert!(run_lines(&text) >= 11);
 }
 
 /// Runs every console line of a text in a new folder; how many there were.

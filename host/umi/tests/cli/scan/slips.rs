@@ -100,6 +100,36 @@ fn a_shape_in_inches_is_told() {
     }
 }
 
+/// A countersink of 90 degrees whose half angle somebody wrote in radians.
+#[test]
+fn a_cone_whose_angle_is_in_radians_is_told() {
+    let folder = Folder::new();
+    let mut text = String::from("x_mm,y_mm,z_mm\n");
+    for i in 0..60 {
+        for j in 1..20 {
+            let (a, h) = (f64::from(i) * 0.105, f64::from(j));
+            let (x, y) = (h * a.cos(), h * a.sin());
+            writeln!(text, "{x},{y},{}", h + 0.01 * (7.0 * a).sin()).unwrap();
+        }
+    }
+    let cloud = folder.file("cone.csv", text);
+    let warned = |half_angle: &str| {
+        let text = format!(
+            "kind = \"cone\"\napex_mm = [0, 0, 0]\ndirection = [0, 0, 1]\nhalf_angle_deg = {half_angle}\n"
+        );
+        let nominal = folder.file("cone.toml", text);
+        done(&["compare", &cloud, "--nominal", &nominal])["warnings"].to_string()
+    };
+    assert_eq!(warned("45.0"), "null");
+    let told = warned("0.785398");
+    assert!(
+        told.contains("angle_unit") && told.contains("45.000 degrees"),
+        "{told}"
+    );
+    // A wrong angle that would be no better in radians.
+    assert_eq!(warned("1.2"), "null");
+}
+
 /// A tetrahedron as text; its faces in the order and sense that is wanted.
 fn stl(faces: &[[[f64; 3]; 3]]) -> String {
     let mut text = String::from("solid s\n");

@@ -6,7 +6,7 @@ use crate::rigid::Vec3;
 
 /// What every header has.
 const HEADER: usize = 227;
-pub(super) const US_PER_S: f64 = 1e6;
+const US_PER_S: f64 = 1e6;
 
 pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     let bad = |what: &str| ScanError::unreadable("bad_file", what);

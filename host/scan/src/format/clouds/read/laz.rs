@@ -5,11 +5,11 @@ use std::io::Cursor;
 use las::Reader;
 
 use super::foreign::guarded;
-use super::las::US_PER_S;
 use crate::ScanError;
 use crate::cloud::{BesidePoint, CloudColumns, ScanCloud};
 use crate::rigid::Vec3;
 
+const US_PER_S: f64 = 1e6;
 /// Points that are unpacked at once: a header's word takes no more memory than that.
 const AT_ONCE: u64 = 1 << 16;
 
