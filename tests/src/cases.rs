@@ -8,9 +8,9 @@
 
 use std::time::{Duration, Instant};
 
+use umi_client::board::link::{Client, Patience};
 use umi_client::journal::audit::{Audit, Findings};
 use umi_client::journal::{self, PullStep};
-use umi_client::link::{Client, Patience};
 use umi_client::problem::Problem;
 use umi_core::brain::{Brain, Output};
 use umi_core::units::Micros;

@@ -4,9 +4,6 @@ use std::fmt;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
-use umi_protocol::access::AccessRefusal;
-
-use crate::link::LinkError;
 
 /// Why something could not be done, or was done with the answer no.
 #[derive(Debug)]
@@ -85,22 +82,5 @@ impl std::error::Error for Problem {}
 impl From<umi_core::fit::FitError> for Problem {
     fn from(error: umi_core::fit::FitError) -> Self {
         Self::refused(error.code(), error)
-    }
-}
-
-impl From<LinkError> for Problem {
-    fn from(error: LinkError) -> Self {
-        let LinkError::Refused(refusal) = error else {
-            return Self::trouble(error.code(), error);
-        };
-        let problem = Self::refused(refusal.code(), refusal);
-        match refusal {
-            AccessRefusal::KeyNeeded { needs } => problem.with("needs", needs.name()),
-            AccessRefusal::RoleTooLow { needs, has } => {
-                problem.with("needs", needs.name()).with("has", has.name())
-            }
-            AccessRefusal::TooManyTries { retry_in_s } => problem.with("retry_in_s", retry_in_s),
-            _ => problem,
-        }
     }
 }

@@ -9,8 +9,8 @@ use umi_protocol::message::Record;
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, ProgramRoom};
 use umi_protocol::serial::LineSettings;
 
+use crate::board::link::{Client, LinkError};
 use crate::journal::{self, PullRequest, PullStep};
-use crate::link::{Client, LinkError};
 use crate::problem::Problem;
 
 /// How long a board may be busy with a setup before an upload gives up. It can be taken up

@@ -10,7 +10,7 @@ use umi_protocol::job::Job;
 use umi_protocol::message::{Event, Identity, Record};
 use umi_virtual::{Config, VirtualBoard};
 
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::problem::Problem;
 use umi_client::session::DecisionRecord;
 

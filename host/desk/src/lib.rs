@@ -22,8 +22,8 @@ pub mod tap;
 pub mod tool_path;
 pub mod wiring;
 
+use umi_client::board::link::{Client, LinkError, Transport};
 use umi_client::files::job_file;
-use umi_client::link::{Client, LinkError, Transport};
 use umi_client::problem::Problem;
 use umi_protocol::job::Job;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use umi_client::link::{Client, Patience};
+use umi_client::board::link::{Client, Patience};
 use umi_client::problem::Problem;
 use umi_core::units::Micros;
 use umi_protocol::latch::{LatchCause, Positions, TriggerOut, TriggerPulse};

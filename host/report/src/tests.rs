@@ -46,15 +46,15 @@ fn assert_text(text: &str, open: &[&str]) {
 
 /// The policy as it stands in an attribute.
 fn policy_text() -> String {
-    crate::page::CONTENT_SECURITY_POLICY.replace('\'', "&#39;")
+    crate::pages::session::CONTENT_SECURITY_POLICY.replace('\'', "&#39;")
 }
 
 /// Every kind of page says in itself that nothing is to be loaded or run.
 #[test]
 fn every_page_has_a_policy() {
-    let placed = crate::scan::html(&crate::scan::PlacedPage::default());
+    let placed = crate::pages::scan::html(&crate::pages::scan::PlacedPage::default());
     assert_self_contained(&placed);
-    let paths = crate::paths::html(
+    let paths = crate::pages::paths::html(
         "paths",
         "result",
         &[],

@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use umi_app::board::{Lights, SensorLines};
-use umi_client::link::Transport;
+use umi_client::board::link::Transport;
 use umi_protocol::serial::LineSettings;
 
 pub use pico::PicoRig;

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use umi_app::board::Lights;
-use umi_client::link::{self, Client, Patience, Transport};
+use umi_client::board::link::{self, Client, Patience, Transport};
 use umi_protocol::serial::LineSettings;
 
 use super::{Rig, skip_without};

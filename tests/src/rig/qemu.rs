@@ -18,7 +18,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use umi_app::board::{Lights, SensorLines};
-use umi_client::link::Transport;
+use umi_client::board::link::Transport;
 use umi_protocol::latch::LatchCause;
 use umi_protocol::message::ResetReason;
 use umi_protocol::serial::LineSettings;

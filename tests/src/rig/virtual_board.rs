@@ -4,7 +4,7 @@ use std::io;
 use std::time::Duration;
 
 use umi_app::board::{Lights, SensorLines};
-use umi_client::link::Transport;
+use umi_client::board::link::Transport;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::serial::LineSettings;
 use umi_virtual::board::BoardTime;

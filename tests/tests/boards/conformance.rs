@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::programs;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;

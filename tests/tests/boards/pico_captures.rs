@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 use serde_json::json;
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_protocol::latch::{LatchCause, LatchCounters, LatchReport, TriggerOut, TriggerPulse};
 use umi_protocol::message::{Event, Record};
 use umi_tests::cases::SESSION;

@@ -8,7 +8,7 @@
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::programs;
 use umi_protocol::job::{FeatureKind, Job};
 use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel, TriggerOut, TriggerPulse};

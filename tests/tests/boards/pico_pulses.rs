@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use umi_client::link::{Client, Patience};
+use umi_client::board::link::{Client, Patience};
 use umi_protocol::latch::{
     LatchCause, LatchReport, SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal,
 };

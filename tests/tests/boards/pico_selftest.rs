@@ -5,8 +5,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use umi_client::link::{self, Transport};
-use umi_client::selftest::{self, SelfTest};
+use umi_client::board::link::{self, Transport};
+use umi_client::board::selftest::{self, SelfTest};
 use umi_tests::rig::pico::{Emulator, Start};
 use umi_tests::rig::{image, skip_without};
 

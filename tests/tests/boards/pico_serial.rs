@@ -12,9 +12,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
+use umi_client::board::link::{Client, Patience};
 use umi_client::journal::audit::Audit;
 use umi_client::journal::{self, PullStep};
-use umi_client::link::{Client, Patience};
 use umi_client::problem::Problem;
 use umi_client::programs;
 use umi_core::brain::{self, Brain};

@@ -6,7 +6,7 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use umi_client::link::{Client, Patience};
+use umi_client::board::link::{Client, Patience};
 use umi_protocol::job::Job;
 use umi_protocol::message::ResetReason;
 use umi_tests::cases::SESSION;

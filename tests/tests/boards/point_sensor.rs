@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use umi_client::link::{Client, SensorTaken};
+use umi_client::board::link::{Client, SensorTaken};
 use umi_client::problem::Problem;
 use umi_core::point::station::{ANSWER_PROGRAM, check_value};
 use umi_protocol::latch::TriggerPulse;

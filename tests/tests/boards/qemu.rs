@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::problem::Problem;
 use umi_protocol::latch::{LatchBatch, LatchCause};
 use umi_protocol::message::{Event, Record, ResetReason};

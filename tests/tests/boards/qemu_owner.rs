@@ -3,10 +3,10 @@
 
 use std::time::Duration;
 
+use umi_client::board::link::{Client, ConfigRefusal, LinkError, Patience};
 use umi_client::files::key_file::SigningKey;
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, PullRequest, PullStep};
-use umi_client::link::{Client, ConfigRefusal, LinkError, Patience};
 use umi_client::problem::Problem;
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};
 use umi_protocol::config::BoardConfig;

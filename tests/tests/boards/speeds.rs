@@ -52,7 +52,7 @@ fn holds(rig: &mut dyn Rig, baud: u32) {
 /// is in the journal, every byte of it.
 fn exchange(rig: &mut dyn Rig, baud: u32) {
     let mut client = connect(rig);
-    let bytes = |client: &mut umi_client::link::Client| raw_bytes(&journal(client).0);
+    let bytes = |client: &mut umi_client::board::link::Client| raw_bytes(&journal(client).0);
     let before = bytes(&mut client).len();
     // At the slowest it takes as long.
     let character = Duration::from_secs(11) / baud;

@@ -4,9 +4,9 @@
 
 use std::time::Duration;
 
+use umi_client::board::link::{Client, JournalEntry};
 use umi_client::journal::audit::Audit;
 use umi_client::journal::{self, PullStep};
-use umi_client::link::{Client, JournalEntry};
 use umi_client::problem::Problem;
 use umi_client::session::DecisionRecord;
 use umi_core::units::Micros;

@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
+use umi_client::board::link::{Acknowledged, Client};
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, FileItem, PullRequest, PullStep, Pulled};
-use umi_client::link::{Acknowledged, Client};
 use umi_client::problem::Problem;
 use umi_core::journal::Geometry;
 use umi_protocol::config::{BoardConfig, JournalConfig, WhenFull};

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use umi_app::measure::trust::heads::{MOST_ENTRIES, QUIET_US};
+use umi_client::board::link::Client;
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, PullRequest, PullStep, Pulled};
-use umi_client::link::Client;
 use umi_client::problem::Problem;
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;

@@ -5,8 +5,8 @@ use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use umi_client::board::link::{Client, LinkError, Transport};
 use umi_client::files::key_file::SigningKey;
-use umi_client::link::{Client, LinkError, Transport};
 use umi_core::access::permit::permit;
 use umi_core::access::session::{HostHandshake, HostSession};
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};

@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use umi_client::board::link::Client;
 use umi_client::files::image_file;
 use umi_client::files::key_file::SigningKey;
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, Begun, FileItem, PullRequest, PullStep};
-use umi_client::link::Client;
 use umi_client::problem::Problem;
 use umi_core::journal::Geometry;
 use umi_core::units::Micros;

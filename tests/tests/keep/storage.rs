@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use umi_client::link::{Client, LinkError};
+use umi_client::board::link::{Client, LinkError};
 use umi_client::programs;
 use umi_core::journal::{Flash as _, Journal, MAX_PAYLOAD};
 use umi_core::units::Micros;

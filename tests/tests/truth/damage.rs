@@ -8,7 +8,7 @@
 
 use std::fmt::Write as _;
 
-use umi_client::guards::{GuardTable, SeenFrom};
+use umi_client::job::guards::{GuardTable, SeenFrom};
 use umi_protocol::job::{Job, Teach};
 use umi_tests::damage::{DamageKind, DamageTally, SimulatedPlan, measure};
 

@@ -1,5 +1,5 @@
 //! openumi on the Cortex-M7 of QEMU's machine `mps2-an500`: the application unchanged, with
-//! its control, its host and a distance sensor on three UARTs, and everything else on another ([`bench`]).
+//! its control, its host and a distance sensor on three UARTs, and everything else on another ([`ports::bench`]).
 //!
 //! ```text
 //! priority          runs
@@ -14,8 +14,7 @@
 //! | --- | --- |
 //! | [`chip`] | addresses, interrupts, priorities |
 //! | [`vectors`] | which function each interrupt runs |
-//! | [`uart`], [`control`], [`link`], [`bench`] | a UART, and the three ports |
-//! | [`sensor`] | a distance sensor's port |
+//! | [`ports`] | a UART, and what is on each: control, host, distance sensor, bench |
 //! | [`path`] | where the axes are |
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
@@ -29,16 +28,12 @@
 #![no_std]
 #![no_main]
 
-mod bench;
 mod chip;
 mod clock;
-mod control;
 mod crash_note;
-mod link;
 mod path;
-mod sensor;
+mod ports;
 mod storage;
-mod uart;
 mod vectors;
 mod watchdog;
 
@@ -58,8 +53,9 @@ use umi_protocol::message::{Identity, ResetReason};
 use chip::{Interrupt, peripheral};
 use clock::BoardClock;
 use crash_note::Cause;
+use ports::uart::{Full, Uart};
+use ports::{bench, control, link, sensor};
 use storage::{Region, owner};
-use uart::{Full, Uart};
 use watchdog::WatchdogTimer;
 
 /// To the control.

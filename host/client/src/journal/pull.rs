@@ -10,7 +10,7 @@ use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::message::{JournalInfo, Record};
 
 use super::{HEAD, Stretch, faulty, gone, hidden};
-use crate::link::{Client, JournalChain, JournalEntry};
+use crate::board::link::{Client, JournalChain, JournalEntry};
 use crate::problem::Problem;
 
 /// How long a head is waited for: a board signs when nothing is under way.

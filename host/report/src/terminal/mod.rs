@@ -11,9 +11,9 @@ use crate::figures::{
     PointError, Vector, half_sigma, in_job_order, length, motion, point_errors, pose_error,
     radius_error, shift_mm, sphere_uncertainty, turn_and_tilt_deg,
 };
-use crate::ink;
 use umi_client::session::{Session, Setup};
 
+pub mod ink;
 mod summary;
 
 pub use summary::summary;

@@ -17,7 +17,7 @@ fn plain_text_is_plain_and_narrow() {
             line.chars().count()
         );
     }
-    let coloured = crate::ink::shown(&session(&good, true));
+    let coloured = crate::terminal::ink::shown(&session(&good, true));
     assert!(coloured.contains("\x1b[1;32mOK\x1b[0m"));
 }
 

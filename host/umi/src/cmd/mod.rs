@@ -14,9 +14,9 @@ use std::path::{Path, PathBuf};
 use crate::failure::Failure;
 use crate::show::terminal::{CAUTION, paint, print_error};
 use clap::{Args, Subcommand};
+use umi_client::board::link::Client;
 use umi_client::files::job_file::{self, SessionJob};
 use umi_client::files::key_file::{self, SigningKey};
-use umi_client::link::Client;
 use umi_client::problem::Problem;
 use umi_protocol::job::Job;
 
@@ -154,7 +154,7 @@ impl Board {
 
     /// Connects to it, and proves the key if it has an owner.
     pub fn connect(&self) -> Result<Client, Problem> {
-        umi_client::port::connect_with(self.address(), self.key()?.as_ref())
+        umi_client::board::port::connect_with(self.address(), self.key()?.as_ref())
     }
 }
 

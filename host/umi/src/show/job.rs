@@ -13,7 +13,7 @@ use umi_protocol::serial::Cts;
 
 use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
 use serde_json::{Value, json};
-use umi_client::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
+use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
 
 /// What a job probes, judges and sends.
 #[must_use]

@@ -10,7 +10,7 @@ use std::io::{self, Write as _};
 
 pub use anstyle::Style;
 use anstyle::{AnsiColor, Effects};
-use umi_report::ink;
+use umi_report::terminal::ink;
 
 use crate::failure::Failure;
 

@@ -683,7 +683,7 @@ mod tests {
     }
 
     fn plain(text: &str) -> String {
-        umi_report::ink::plain(text)
+        umi_report::terminal::ink::plain(text)
     }
 
     /// A refused feature stands in one line with what was measured, and each reason

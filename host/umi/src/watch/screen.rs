@@ -451,7 +451,7 @@ fn verdict(view: &View) -> Vec<Line<'static>> {
     let Some(verdict) = &view.verdict else {
         return vec![latest("verdict", Span::styled("none yet", FAINT))];
     };
-    let said = umi_report::ink::plain(&text::verdict(verdict));
+    let said = umi_report::terminal::ink::plain(&text::verdict(verdict));
     let mut said = said.lines().map(str::to_owned);
     let mut style = if verdict.ok { GOOD } else { BAD };
     let mut first = said.next().unwrap_or_default();

@@ -10,8 +10,8 @@ use umi_protocol::message::{Event, Record};
 use super::view::{Link, View};
 use crate::failure::Failure;
 use umi_client::axes::Scale;
-use umi_client::link::Client;
-use umi_client::port;
+use umi_client::board::link::Client;
+use umi_client::board::port;
 
 /// How often the board's counters are read.
 const STATUS: Duration = Duration::from_millis(500);

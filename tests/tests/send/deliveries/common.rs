@@ -1,6 +1,6 @@
 //! Programs, jobs, and what the control should get.
 
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::programs;
 use umi_core::correction::withheld;
 use umi_core::registration::RigidTransform;

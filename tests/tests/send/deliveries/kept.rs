@@ -4,7 +4,7 @@
 use std::thread::sleep;
 use std::time::Duration;
 
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::programs;
 use umi_protocol::message::Record;
 use umi_protocol::program::{ProgramRefusal, Release};

@@ -10,7 +10,7 @@ use umi_client::session::Session;
 use umi_report::draw::markup::{Element, el};
 use umi_report::draw::number::{fixed, signed, typographic, um, um_signed};
 use umi_report::figures::turn_and_tilt_deg;
-use umi_report::page::tables::{TableCell, num, num_or, table, word};
+use umi_report::pages::session::tables::{TableCell, num, num_or, table, word};
 
 /// What the other rows of a table are compared with.
 const THESIS: &str = "thesis";

@@ -11,7 +11,7 @@ use crate::thesis::outcome::{ExperimentOutcome, ExperimentSummary};
 /// thesis' tables before the clampings.
 #[must_use]
 pub fn html(outcome: &ExperimentOutcome, seeds: &[ExperimentSummary]) -> String {
-    umi_report::page::html_with(
+    umi_report::pages::session::html_with(
         &outcome.session,
         &experiment::result(outcome),
         Some(experiment::first_pictures(outcome)),

@@ -9,7 +9,7 @@ use umi_client::session::{Session, Setup, datums};
 use umi_report::draw::markup::{Element, el};
 use umi_report::draw::number::{fixed, mm, signed, typographic, um, um_signed};
 use umi_report::figures::half_sigma;
-use umi_report::page::tables::{TableCell, num, num_or, table, word};
+use umi_report::pages::session::tables::{TableCell, num, num_or, table, word};
 
 /// Whose figures a row holds, where both have rows.
 const THESIS: &str = "thesis";

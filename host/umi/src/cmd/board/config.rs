@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
+use umi_client::board::link::{Client, ConfigRefusal};
 use umi_client::files::{config_file, job_file};
-use umi_client::link::{Client, ConfigRefusal};
 use umi_protocol::config::{BoardConfig, Fallbacks};
 
 use crate::cmd::{Board, Format};

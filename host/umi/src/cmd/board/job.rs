@@ -10,7 +10,7 @@ use crate::show::terminal::{GOOD, paint, print, print_json};
 use clap::{Args, Subcommand};
 use serde_json::json;
 use umi_client::files::job_file;
-use umi_client::guards::GuardTable;
+use umi_client::job::guards::GuardTable;
 
 use crate::cmd::{Board, Format};
 

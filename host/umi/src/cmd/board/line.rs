@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::show::terminal::{GOOD, Table, paint, print, print_json};
 use clap::{Args, Subcommand};
 use serde_json::json;
-use umi_client::line::{self, Listened};
+use umi_client::board::line::{self, Listened};
 use umi_protocol::serial::{Cts, LEAST_BAUD, LineSettings, MOST_BAUD, USUAL_BAUD};
 
 use crate::cmd::{Board, Format};

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use serde_json::{Value, json};
-use umi_client::port;
-use umi_client::selftest::{self, SelfTest};
+use umi_client::board::port;
+use umi_client::board::selftest::{self, SelfTest};
 
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;

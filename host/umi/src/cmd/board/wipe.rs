@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
-use umi_client::link::Client;
-use umi_client::port;
+use umi_client::board::link::Client;
+use umi_client::board::port;
 use umi_client::problem::Problem;
 
 use crate::cmd::{Board, Format};

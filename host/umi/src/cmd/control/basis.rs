@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use umi_client::correction::Basis;
 use umi_client::files::tool_path;
+use umi_client::job::correction::Basis;
 
 use crate::cmd::Board;
 use crate::failure::Failure;

@@ -6,8 +6,8 @@ use crate::failure::Failure;
 use crate::show::terminal::{print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi_client::correction::{Basis, make};
 use umi_client::files::job_file;
+use umi_client::job::correction::{Basis, make};
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, SendWhen, WorkOffset};
 
 use super::basis::{MovedBy, WHICH};

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use umi_client::files::points::name;
 use umi_client::files::tool_path::diff::{self, DiffLimits, Largest, PathDifference};
 use umi_core::registration::RigidTransform;
-use umi_report::paths;
+use umi_report::pages::paths;
 use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
 
 use crate::cmd::Format;

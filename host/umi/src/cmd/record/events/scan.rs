@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use umi_client::axes::{self, Scale};
-use umi_client::link::Client;
+use umi_client::board::link::Client;
 use umi_client::timeline::{Follower, LatchTally};
 use umi_desk::pulsed::{SIGNATURE_TENTHS, STRETCH_PULSES};
 use umi_protocol::latch::{SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal};

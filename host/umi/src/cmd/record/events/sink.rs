@@ -208,7 +208,7 @@ impl Sink {
             return if text.is_empty() { Ok(()) } else { print(text) };
         };
         // Colours are for terminals only.
-        let plain = umi_report::ink::plain(text);
+        let plain = umi_report::terminal::ink::plain(text);
         file.write_all(plain.as_bytes())
             .map_err(|error| Failure::file("write", path, &error))?;
         let lost = match self.lost {

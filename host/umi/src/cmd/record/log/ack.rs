@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
-use umi_client::link::Acknowledged;
+use umi_client::board::link::Acknowledged;
 
 use super::{Board, Format};
 use crate::failure::Failure;

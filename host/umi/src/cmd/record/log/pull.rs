@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use umi_client::board::link::Client;
 use umi_client::journal::verify::VerifiedFile;
 use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned};
-use umi_client::link::Client;
 use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
 
 use super::{Board, Format, sum_up};

@@ -1,7 +1,7 @@
 //! What `umi scan calibrate sensor --report` shows: the residuals where they are, on the artefact.
 
-use umi_report::deviation::{DeviationPage, DeviationPoint};
-use umi_report::scan::FigureTable;
+use umi_report::pages::deviation::{DeviationPage, DeviationPoint};
+use umi_report::pages::scan::FigureTable;
 use umi_scan::calibrate::observations::Observations;
 use umi_scan::calibrate::sensor::{FeatureAnswer, SensorAnswer};
 use umi_scan::rigid::Vec3;

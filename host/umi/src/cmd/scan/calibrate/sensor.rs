@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::failure::Failure;
 use crate::output::Force;
 use clap::{ArgGroup, Args, ValueEnum};
-use umi_report::deviation::html;
+use umi_report::pages::deviation::html;
 use umi_scan::ScanError;
 use umi_scan::calibrate::bar::BallBar;
 use umi_scan::calibrate::observations::{self, Observations};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use umi_report::deviation::Bands;
+use umi_report::pages::deviation::Bands;
 use umi_scan::ScanError;
 use umi_scan::cloud::ScanCloud;
 use umi_scan::compare::{CloudAlignment, Deviations, Nominal, align, nearest, summary};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use umi_report::deviation::{Bands, DeviationPage, DeviationPoint, Section};
-use umi_report::scan::FigureTable;
+use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, Section};
+use umi_report::pages::scan::FigureTable;
 use umi_scan::compare::{Deviations, Nominal};
 use umi_scan::rigid::Vec3;
 use umi_scan::surface::Near;

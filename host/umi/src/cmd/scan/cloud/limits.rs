@@ -1,6 +1,6 @@
 //! Limits of deviations on the command line.
 
-use umi_report::deviation::Bands;
+use umi_report::pages::deviation::Bands;
 
 /// The lower and the upper limit of deviations, with a comma between.
 pub(super) fn limits(text: &str) -> Result<Bands, String> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use umi_report::scan::FigureTable;
+use umi_report::pages::scan::FigureTable;
 use umi_scan::ScanError;
 use umi_scan::merge::Merged;
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use umi_report::deviation::{Bands, DeviationPage, html};
+use umi_report::pages::deviation::{Bands, DeviationPage, html};
 use umi_scan::ScanError;
 use umi_scan::compare::{Deviations, Nominal, nearest, summary};
 use umi_scan::format::clouds::read_cloud;

@@ -9,7 +9,7 @@ use serde::Serialize;
 use umi_client::timeline::Follower;
 use umi_experiment::scan::drive::rig::machine_text;
 use umi_experiment::scan::drive::{ControlLanguage, DriveOptions, Driven, drive};
-use umi_report::deviation::html;
+use umi_report::pages::deviation::html;
 use umi_scan::ScanError;
 use umi_scan::cloud::tree::PointTree;
 use umi_scan::cloud::{CloudColumns, CloudPoint};

@@ -8,7 +8,7 @@ use std::time::Duration;
 use crate::failure::Failure;
 use crate::output::{Force, SetAside, distinct, no_stream};
 use clap::{Args, ValueEnum};
-use umi_report::path_plan;
+use umi_report::pages::path_plan;
 use umi_scan::ScanError;
 use umi_scan::plan::mesh::read::read_obstacle;
 use umi_scan::plan::mesh::{PartMesh, read_part};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use umi_report::path_plan::{PlanPage, PlanRow, PlannedAxis, SeenPoint};
-use umi_report::scan::FigureTable;
+use umi_report::pages::path_plan::{PlanPage, PlanRow, PlannedAxis, SeenPoint};
+use umi_report::pages::scan::FigureTable;
 use umi_scan::plan::planner::result::ScanPlan;
 use umi_scan::plan::spec::ScanSpec;
 use umi_scan::rigid::Vec3;

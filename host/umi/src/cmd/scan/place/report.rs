@@ -1,6 +1,6 @@
 //! What `umi scan localise --report` shows.
 
-use umi_report::scan::{FigureTable, PlacedPage, html as page};
+use umi_report::pages::scan::{FigureTable, PlacedPage, html as page};
 use umi_scan::localise::scans::ScanAnswer;
 use umi_scan::rigid::Vec3;
 

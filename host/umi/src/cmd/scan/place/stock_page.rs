@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use umi_report::deviation::{Bands, DeviationPage, DeviationPoint, Section, html};
-use umi_report::scan::FigureTable;
+use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, Section, html};
+use umi_report::pages::scan::FigureTable;
 use umi_scan::ScanError;
 use umi_scan::compare::Nominal;
 use umi_scan::rigid::Vec3;

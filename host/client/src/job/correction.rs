@@ -1,0 +1,222 @@
+//! Correction programs on the host: from a verdict of a journal, from a verdict that was
+//! printed, or from a transform; in any dialect.
+
+use std::path::Path;
+
+use umi_core::correction::{self, Cleared, Figures, RunCheck};
+use umi_core::registration::RigidTransform;
+use umi_protocol::job::{CorrectionSpec, Job};
+use umi_protocol::message::Record;
+use umi_protocol::verdict::Verdict;
+
+use crate::board::link::Client;
+use crate::files::points::name;
+use crate::files::tool_path::{self, ProgramSource};
+use crate::journal::{self, FileItem};
+use crate::problem::Problem;
+
+/// What a correction is made from.
+#[derive(Debug)]
+pub enum Basis {
+    /// A verdict that a board reached, out of its journal, with the job.
+    Judged(Box<(Job, Verdict)>),
+    /// A transform, and where it is from. The program says that no board made it.
+    Given(ProgramSource),
+}
+
+impl Basis {
+    /// The verdict of a setup, or the last one: of a journal, or of `umi replay --json`.
+    ///
+    /// # Errors
+    /// The file cannot be read or holds no such verdict, or the verdict is not OK.
+    pub fn verdict(path: &Path, setup: Option<u32>) -> Result<Self, Problem> {
+        let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
+        if umi_core::journal::decode_file(&bytes).is_err() {
+            if setup.is_some() {
+                return Err(Problem::trouble("usage", "--plate is for a journal"));
+            }
+            return tool_path::verdict(path).map(Self::Given);
+        }
+        let mut job = None;
+        let mut found = None;
+        journal::read(&bytes, |item| {
+            let FileItem::Entry(entry) = item else {
+                // Another job may have been set in between, and another verdict reached.
+                (job, found) = (None, None);
+                return Ok(());
+            };
+            match journal::record(&entry) {
+                Ok(Record::JobSet { job: set, .. }) => {
+                    job = Some(set);
+                    found = None;
+                }
+                Ok(Record::Verdict(verdict))
+                    if setup.is_none_or(|setup| setup == verdict.setup) =>
+                {
+                    found = Some(verdict);
+                }
+                _ => {}
+            }
+            Ok::<(), Problem>(())
+        })?;
+        match (job, found) {
+            (Some(job), Some(verdict)) => Ok(Self::Judged(Box::new((job, verdict)))),
+            _ => Err(Problem::trouble(
+                "verdict",
+                format_args!("{}: no such verdict in it", name(path)),
+            )),
+        }
+    }
+
+    /// The latest verdict of a board.
+    ///
+    /// # Errors
+    /// The link's; the board has no job, or reached no verdict.
+    pub fn board(board: &mut Client) -> Result<Self, Problem> {
+        match (board.job()?.job, board.verdict()?) {
+            (Some(job), Some(verdict)) => Ok(Self::Judged(Box::new((job, verdict)))),
+            _ => Err(Problem::trouble(
+                "verdict",
+                "the board has reached no verdict with the job in force",
+            )),
+        }
+    }
+
+    /// The transform, nominal to measured, and where it is from.
+    ///
+    /// # Errors
+    /// The verdict is not OK, or the setup was taught and nothing moves by it.
+    pub fn source(&self) -> Result<ProgramSource, Problem> {
+        let (job, verdict) = match self {
+            Self::Given(source) => return Ok(source.clone()),
+            Self::Judged(judged) => &**judged,
+        };
+        let (_, transform) = cleared(verdict)?;
+        let run = verdict.of_run();
+        let spec = job
+            .correction
+            .as_ref()
+            .zip(job.guards.run_variable)
+            .zip(run);
+        let check = |((spec, variable), run): ((&CorrectionSpec, u32), u32)| {
+            let dialect = spec.dialect;
+            RunCheck::of(dialect, variable, run).ok_or_else(|| {
+                let said = format!(
+                    "a rewritten program for {} compares no run, and the job has `run_variable`: \
+                     take it out of a job by which programs are rewritten",
+                    dialect.name()
+                );
+                Problem::refused("not_compared", said)
+            })
+        };
+        let check = spec.map(check).transpose()?;
+        let of_run = run.map_or_else(String::new, |run| format!(" - RUN {run}"));
+        Ok(ProgramSource {
+            transform,
+            name: format!(
+                "VERDICT OK - {} - SETUP {}{of_run}",
+                job.name, verdict.setup
+            ),
+            run: check,
+        })
+    }
+
+    /// The correction that the job asks for.
+    #[must_use]
+    pub fn spec(&self) -> Option<CorrectionSpec> {
+        match self {
+            Self::Judged(judged) => judged.0.correction,
+            Self::Given(_) => None,
+        }
+    }
+}
+
+/// A correction program.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// The text, lines ended by LF.
+    pub text: String,
+    /// Largest error that it leaves at the part's corners.
+    pub leftover_mm: f64,
+}
+
+/// Makes the program.
+///
+/// # Errors
+/// The verdict is not OK; the dialect has not the place that is asked for; the numbers do not
+/// fit its format; what would be left is more than the limit.
+pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
+    let dialect = spec.dialect.name();
+    correction::dialect::check(spec).map_err(|field| {
+        let place = field.name().trim_start_matches("correction.");
+        Problem::trouble(
+            "usage",
+            format_args!("{dialect} has no such `{place}`; `umi dialects` lists what it has"),
+        )
+    })?;
+    let not_expressible = |correction::NotExpressible| {
+        Problem::refused(
+            "not_expressible",
+            format_args!("the correction does not fit the numbers of {dialect}"),
+        )
+    };
+    let (transform, judged) = match basis {
+        Basis::Given(source) => (source.transform, None),
+        Basis::Judged(judged) => {
+            let (job, verdict) = &**judged;
+            let (cleared, transform) = cleared(verdict)?;
+            let rms_mm = verdict.registration.as_ref().map_or(f64::NAN, |r| r.rms_mm);
+            let (turn_deg, tilt_deg) = transform.turn_and_tilt_deg();
+            let figures = Figures {
+                job: &job.name,
+                setup: verdict.setup,
+                rms_mm,
+                turn_deg,
+                tilt_deg,
+                run: job.guards.run_variable.zip(verdict.of_run()),
+            };
+            (transform, Some((cleared, figures)))
+        }
+    };
+    let plan = correction::plan(spec, &transform).map_err(not_expressible)?;
+    let leftover_mm = plan.uncorrected.0;
+    if leftover_mm > spec.leftover_mm {
+        return Err(Problem::refused(
+            "leftover",
+            format_args!(
+                "{dialect} would leave {leftover_mm:.4} mm at the part's corners, limit {:.4} mm; \
+                 `umi dialects` says which control can do more, `umi nc rewrite` needs none",
+                spec.leftover_mm
+            ),
+        )
+        .with("leftover_mm", leftover_mm)
+        .with("limit_mm", spec.leftover_mm));
+    }
+    let text = match (basis, &judged) {
+        (_, Some((cleared, figures))) => correction::write(cleared, spec, &plan, figures),
+        (Basis::Given(source), None) => correction::write_given(spec, &plan, &source.name),
+        // `judged` is made of the basis.
+        (Basis::Judged(_), None) => Err(correction::NotExpressible),
+    }
+    .map_err(not_expressible)?;
+    Ok(Made {
+        text: text.as_str().to_owned(),
+        leftover_mm,
+    })
+}
+
+/// The motion of a verdict that is OK.
+fn cleared(verdict: &Verdict) -> Result<(Cleared, RigidTransform), Problem> {
+    let setup = verdict.setup;
+    let cleared = Cleared::by(verdict).ok_or_else(|| {
+        Problem::refused("not_ok", format_args!("the verdict on setup {setup} is NG"))
+    })?;
+    let Some(registration) = &verdict.registration else {
+        return Err(Problem::refused(
+            "no_registration",
+            "the setup was taught: it is the reference, and nothing is to be corrected",
+        ));
+    };
+    let transform = RigidTransform::from_rows(registration.rotation, registration.translation_mm);
+    Ok((cleared, transform))
+}

@@ -1,0 +1,257 @@
+//! Each row of the table, by jobs whose figures are known.
+
+use super::{GuardTable, SeenFrom};
+use umi_protocol::job::{Dialect, Job};
+use umi_protocol::pattern::Coding;
+
+fn job(text: &str) -> Job {
+    toml::from_str(text).unwrap()
+}
+
+fn seen(job: &Job, code: &str) -> SeenFrom {
+    let table = GuardTable::of(job);
+    let row = table.rows.iter().find(|row| row.code == code);
+    row.unwrap_or_else(|| panic!("no {code}")).seen
+}
+
+fn um(of: SeenFrom) -> f64 {
+    match of {
+        SeenFrom::Size(um) => um,
+        other => panic!("{other:?}"),
+    }
+}
+
+const FOUR: &str = include_str!("../../../../../examples/four-spheres.toml");
+const THREE: &str = include_str!("../../../../../examples/three-spheres.toml");
+
+/// One closing ball less.
+fn without_last(job: &mut Job) {
+    let last = job.guards.closing.pop().unwrap();
+    job.features.retain(|feature| feature.name != last.feature);
+}
+
+/// Three standard deviations of so many balls against as many, of 1 µm a hit.
+fn scatter_um(balls: f64) -> f64 {
+    3.0 * (2.0 * balls).sqrt()
+}
+
+/// Four balls on a square: one that is off by d out of their plane leaves residuals of
+/// d/4 each, so the registration's rms is d/4, and the limit 4.5 µm is met at 18 µm.
+#[test]
+fn a_fourth_ball_sees_a_chip() {
+    let mut four = job(FOUR);
+    for feature in &mut four.features {
+        // On a circle.
+        feature.position_mm = None;
+    }
+    four.guards.warmth = None;
+    four.limits.tilt_deg = 1.0;
+    four.limits.expected_error_mm = None;
+    four.limits.registration_rms_mm = 0.0045;
+    // The first ball is seen by the closing one, the others by their residuals.
+    let from = um(seen(&four, "chip_on_top")) - scatter_um(4.0);
+    assert!((from - 18.0).abs() < 0.1, "{from}");
+    // With four balls the rms is that of the limit, with three there is none.
+    four.limits.registration_rms_mm *= 2.0;
+    let wider = um(seen(&four, "chip_on_top")) - scatter_um(4.0);
+    assert!((wider - 36.0).abs() < 0.2, "{wider}");
+    // Touched twice, a top that was early once is seen at the limit of the two.
+    let once = um(seen(&four, "early_top")) - scatter_um(1.0);
+    assert!((once - 9.0).abs() < 1e-9, "{once}");
+    four.again = None;
+    assert_eq!(seen(&four, "early_top"), seen(&four, "chip_on_top"));
+    let mut three = job(THREE);
+    for feature in &mut three.features {
+        feature.position_mm = None;
+    }
+    three.limits.tilt_deg = 1.0;
+    three.limits.rotation_deg = 360.0;
+    let blind = seen(&three, "early_top");
+    // Their distances see it, nine times as late.
+    assert!(um(blind) > 9.0 * from, "{blind:?}");
+}
+
+/// Three balls show a chip by the tilt alone, and the part's own one makes up for as much
+/// as the limit: twice its arm, of the ball that is farthest from the other two.
+#[test]
+fn the_parts_own_tilt_hides_a_chip() {
+    let mut three = job(THREE);
+    // At right angles and level, so that nothing else shows it.
+    for (feature, at) in
+        three
+            .features
+            .iter_mut()
+            .zip([[0.0; 3], [200.0, 0.0, 0.0], [0.0, 300.0, 0.0]])
+    {
+        feature.position_mm = Some(at);
+    }
+    three.limits.shift_mm[2] = 1.0;
+    let from = um(seen(&three, "chip_on_top")) - scatter_um(3.0);
+    let both_ways = 2.0 * 300_000.0 * three.limits.tilt_deg.to_radians().tan();
+    assert!((from - both_ways).abs() < 0.5, "{from} {both_ways}");
+}
+
+/// Each guard is what sees its row: without it the row is seen later or never.
+#[test]
+fn each_guard_sees_its_row() {
+    let four = job(FOUR);
+    type Without = fn(&mut Job);
+    let guards: [(&str, Without); 10] = [
+        ("late_text", |job| job.guards.run_variable = None),
+        ("stale_read", |job| job.guards.run_variable = None),
+        ("mixed_setups", |job| job.guards.run_variable = None),
+        ("offset_changed", |job| job.guards.frame = false),
+        ("shift_active", |job| job.guards.frame = false),
+        ("shift_while_probed", |job| job.guards.frame = false),
+        ("silent_teaching", |job| job.teach = Default::default()),
+        ("tool_length", |job| job.guards.frame = false),
+        ("not_enclosed", |job| job.guards.closing.clear()),
+        ("order", |_| ()),
+    ];
+    for (code, without) in guards {
+        assert_eq!(seen(&four, code), SeenFrom::Always, "{code}");
+        let mut less = four.clone();
+        without(&mut less);
+        let expected = code == "order";
+        assert_eq!(seen(&less, code) == SeenFrom::Always, expected, "{code}");
+    }
+    // Nothing was taught whose length could be compared.
+    let mut given = four.clone();
+    given.reference = umi_protocol::job::Reference::Given;
+    assert_ne!(seen(&given, "tool_length"), SeenFrom::Always);
+    assert_eq!(seen(&four, "feed"), SeenFrom::Always);
+    assert_eq!(seen(&given, "feed"), seen(&four, "trips_later"));
+    // By parity, or by a check value.
+    let mut bare = four.clone();
+    bare.line.data_bits = Some(8);
+    bare.receiver.coding = Coding::Ascii;
+    assert_eq!(seen(&bare, "digit_to_control"), SeenFrom::Never);
+    let mut even = bare.clone();
+    even.line.data_bits = Some(7);
+    assert_eq!(seen(&even, "digit_to_control"), SeenFrom::Always);
+    if let Some(correction) = &mut bare.correction {
+        correction.dialect = Dialect::HaasVariables;
+    }
+    assert_eq!(seen(&bare, "digit_to_control"), SeenFrom::Always);
+    given.guards.tool_length_mm = Some(81.5);
+    assert_eq!(seen(&given, "tool_length"), SeenFrom::Always);
+    // What is probed twice on the table says nothing of the part.
+    let mut table = four.clone();
+    without_last(&mut table);
+    without_last(&mut table);
+    table
+        .guards
+        .fixed
+        .push("SPHERE1".try_into().unwrap())
+        .unwrap();
+    assert_ne!(seen(&table, "not_enclosed"), SeenFrom::Always);
+    assert!(
+        um(seen(&table, "slip")) > 20.0,
+        "{:?}",
+        seen(&table, "slip")
+    );
+    // Without runs a correction that nobody has read waits for as long as it may.
+    let mut three = job(THREE);
+    assert_eq!(seen(&three, "stale_read"), SeenFrom::After(1800));
+    three.plate_timeout_s = 90;
+    assert_eq!(seen(&three, "stale_read"), SeenFrom::After(90));
+    // Macros that print blocks do not look again.
+    let announced = job(include_str!(
+        "../../../../../examples/three-spheres-run.toml"
+    ));
+    assert_eq!(seen(&announced, "shift_active"), SeenFrom::Always);
+    assert_ne!(seen(&announced, "shift_while_probed"), SeenFrom::Always);
+    // The closing ball sees what moves: at its limit, whatever the direction.
+    for code in ["drift", "slip"] {
+        let from = um(seen(&four, code));
+        let mut within_um = four.guards.closing[0].within_mm * 1e3;
+        if code == "drift" {
+            // The last one stands against the second of seven.
+            within_um *= 6.0 / 5.0;
+        }
+        let from = from - scatter_um(1.0);
+        assert!((from - within_um).abs() < 0.01, "{code}: {from}");
+        let mut open = four.clone();
+        open.guards.closing.clear();
+        assert!(um(seen(&open, code)) > 1.5 * from, "{code}");
+    }
+    // A ball on the table sees a longer probe; without it only the limit of the shift does.
+    let longer = um(seen(&four, "longer_probe"));
+    assert!(
+        (longer - 2.0 * 60_000.0 * 2_f64.sqrt()).abs() < 1_000.0,
+        "{longer}"
+    );
+    let mut table = four.clone();
+    let mut ball = table.features[3].clone();
+    ball.name = "TABLE".try_into().unwrap();
+    ball.id = Some(8);
+    table.features.push(ball).unwrap();
+    table
+        .guards
+        .fixed
+        .push("TABLE".try_into().unwrap())
+        .unwrap();
+    table.guards.fixed_mm = Some(0.006);
+    umi_core::job::check(&table).unwrap();
+    let from = um(seen(&table, "longer_probe")) - scatter_um(1.0);
+    assert!((from - 6.0).abs() < 0.01, "{from}");
+}
+
+/// One closing ball shows no turn about it, two no rocking over both, three show each from a
+/// few times their limit on.
+#[test]
+fn three_closing_balls_show_each_turn() {
+    let mut job = job(FOUR);
+    let [turned, rocked] = ["turned", "rocked"].map(|code| um(seen(&job, code)));
+    let within_um = job.guards.closing[0].within_mm * 1e3;
+    assert!((within_um..2.0 * within_um).contains(&turned), "{turned}");
+    // By the plane of three limits a fourth ball moves by three of them.
+    assert!((within_um..4.0 * within_um).contains(&rocked), "{rocked}");
+    // Between the closing ones it is seen by the last alone: not about that one.
+    assert_eq!(seen(&job, "moved_while_closing"), SeenFrom::Never);
+    without_last(&mut job);
+    assert!(um(seen(&job, "turned")) < 3.0 * within_um);
+    assert_eq!(seen(&job, "rocked"), SeenFrom::Never);
+    without_last(&mut job);
+    assert_eq!(seen(&job, "turned"), SeenFrom::Never);
+    assert_eq!(seen(&job, "rocked"), SeenFrom::Never);
+}
+
+/// One ring has nothing that it turns against.
+#[test]
+fn a_feature_alone_shows_no_turn() {
+    let ring = job(include_str!("../../../../../examples/ring-gauge.toml"));
+    for code in ["turned", "rocked"] {
+        assert_eq!(seen(&ring, code), SeenFrom::Never, "{code}");
+    }
+}
+
+/// Two chips on one side look like a tilt: the limit both ways, where the part leans against
+/// them, over the distance of the two sides.
+#[test]
+fn chips_on_one_side_are_a_tilt() {
+    let mut job = job(FOUR);
+    let from = um(seen(&job, "chips_on_two")) - scatter_um(4.0);
+    let both_ways = 2.0 * 273_000.0 * job.limits.tilt_deg.to_radians().tan();
+    assert!((from - both_ways).abs() < 2.0, "{from} {both_ways}");
+    job.limits.tilt_deg *= 2.0;
+    let wider = um(seen(&job, "chips_on_two")) - scatter_um(4.0);
+    assert!((wider / from - 2.0).abs() < 0.1, "{wider} {from}");
+}
+
+/// A worn stylus: the rms of 6 hits is that of two degrees of freedom, so a ball passes a
+/// limit L with `1 - exp(-3 L²/s²)`, and of four balls one in a thousand passes where that is
+/// the fourth root of it.
+#[test]
+fn scatter_is_seen_by_the_rms() {
+    let mut four = job(FOUR);
+    four.guards.learned = None;
+    let from = um(seen(&four, "worn_stylus"));
+    let ball = 0.001_f64.powf(0.25);
+    let expected = 10.0 * (3.0 / -(1.0 - ball).ln()).sqrt();
+    assert!((from - expected).abs() < 0.01, "{from} {expected}");
+    for feature in &mut four.features {
+        feature.hits = 4;
+    }
+    assert_eq!(seen(&four, "worn_stylus"), SeenFrom::Never);
+}
