@@ -37,6 +37,8 @@ pub struct PathFindings {
     pub holds: bool,
     /// What is broken.
     pub faults: Vec<PathFault>,
+    /// What a user should know of a path that holds.
+    pub warnings: Vec<String>,
     /// Passes with the laser on.
     pub passes: usize,
     /// Poses with the laser on.
@@ -250,6 +252,7 @@ pub(super) fn findings(
         kind: "scan_verify",
         holds: false,
         faults: Vec::new(),
+        warnings: Vec::new(),
         passes: passes.len(),
         poses: rows.iter().filter(|r| r.laser).count(),
         coverage: seen.share(),
@@ -292,6 +295,9 @@ pub(super) fn findings(
         }
     }
     found.faults = faults(spec, &found, beyond);
+    found
+        .warnings
+        .extend(found.overlap.and_then(|o| o.warning()));
     found.holds = found.faults.is_empty();
     found
 }

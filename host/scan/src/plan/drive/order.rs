@@ -317,7 +317,7 @@ pub fn order(spec: &ScanSpec, ways: Vec<Vec<Pass>>, deadline: Deadline) -> Vec<P
 }
 
 /// Feed with the laser on beside which turning is slow, mm/s.
-const FEED_MM_PER_S: f64 = 10.0;
+pub const FEED_MM_PER_S: f64 = 10.0;
 
 /// Seconds that the laser point waits for the axes, about: the links between passes in a short order of them, and turns
 /// within passes that take longer than the way beside them.

@@ -276,6 +276,20 @@ impl PartMesh {
     pub fn area_mm2(&self, face: usize) -> f64 {
         self.surface.triangles()[face].area_mm2
     }
+
+    /// How far some triangles reach: twice from their middle to the corner furthest off. A motion or another mesh of the
+    /// same surface does not change it.
+    pub fn across_mm(&self, faces: &[u32]) -> f64 {
+        let (mut area, mut middle) = (0.0, Vector3::zeros());
+        for &f in faces {
+            let here = self.area_mm2(f as usize);
+            area += here;
+            middle += self.corners(f as usize).iter().sum::<Vector3<f64>>() * (here / 3.0);
+        }
+        middle /= f64::max(area, f64::MIN_POSITIVE);
+        let corners = faces.iter().flat_map(|&f| self.corners(f as usize));
+        2.0 * corners.map(|c| (c - middle).norm()).fold(0.0, f64::max)
+    }
 }
 
 /// Vertices and triangles in the order of their places, along a curve that keeps neighbours near each other (Morton's): how

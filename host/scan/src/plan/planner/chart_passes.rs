@@ -7,7 +7,7 @@ use super::super::course::field::{HeightField, Spacing, fields};
 use super::super::course::level::{LinePoint, lines};
 use super::super::course::run::{RunEnds, run};
 use super::super::drive::axes::{Stance, angle_deg};
-use super::super::drive::order::idle_s;
+use super::super::drive::order::{FEED_MM_PER_S, idle_s};
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
 use super::super::proof::figures::{OverlapPoints, overlap, overlap_resolution};
@@ -31,6 +31,9 @@ const BEYOND_WEIGHT: f64 = 12.0;
 /// same way, that whose passes lie handier for the axes. (So does a part that is the same in a mirror get one plan, whatever
 /// its mesh.)
 const HASTE_MM_PER_S: f64 = 0.5;
+
+/// What it takes to stop at a pass' end and to begin the next, in seconds, where a single pass is compared with several.
+const HALT_S: f64 = 0.5;
 
 /// What strips that overlap too little cost, of their way, by the few points that coverage needs.
 const MAYBE_SHORT_WEIGHT: f64 = 0.1;
@@ -64,6 +67,9 @@ pub fn chart_passes(
     if area < 1e-4 * shop.part.surface.area_mm2() && area < line * 0.5 {
         return Ok(Vec::new());
     }
+    let strip_mm = strip_mm(shop, chart, area);
+    // Of a part narrower than the line, estimates tell little, and no direction takes long.
+    let narrow = strip_mm < line;
     let per_sample = shop.part.surface.area_mm2() / shop.samples.len() as f64;
     let mut ranked: Vec<(f64, HeightField, Vec<f64>)> = Vec::new();
     let mut heights = fields(shop.part, chart);
@@ -77,7 +83,7 @@ pub fn chart_passes(
             let (share, lost) = reach.share(shop, chart, field);
             let levels = field.levels(shop.part, chart, spacing(shop, 1.0), &share);
             let length = level_length(shop, chart, field, &levels, &share);
-            let lost = UNSEEN_WEIGHT * lost / line;
+            let lost = UNSEEN_WEIGHT * lost / strip_mm;
             (length + lost + 0.25 * line * levels.len() as f64, share)
         })
     });
@@ -95,7 +101,7 @@ pub fn chart_passes(
     let tried = match chart.faces.len() {
         40_000.. => TRIED / 4,
         10_000.. => TRIED / 2,
-        ..5_000 if cut || judge.is_some() => ranked.len(),
+        ..5_000 if cut || narrow || judge.is_some() => ranked.len(),
         _ => TRIED,
     };
     let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, samples);
@@ -103,12 +109,18 @@ pub fn chart_passes(
     for (estimate, field, share) in &ranked[..ranked.len().min(tried)] {
         shop.deadline.check()?;
         // Nothing that must take a fifth more way than the best has taken will win.
-        if !cut && best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
+        if !cut && !narrow && best.as_ref().is_some_and(|b| *estimate > 1.25 * b.cost) {
             break;
         }
-        let found = driven(shop, chart, field, share, &eye, judge.as_ref(), per_sample)?;
+        let view = View {
+            eye: &eye,
+            judge: judge.as_ref(),
+            per_sample,
+            strip_mm,
+        };
+        let found = driven(shop, chart, field, share, &view)?;
         // The cheaper estimate wins a draw.
-        if best.as_ref().is_none_or(|b| found.cost < b.cost) {
+        if best.as_ref().is_none_or(|b| found.beats(b)) {
             best = Some(found);
         }
     }
@@ -121,11 +133,47 @@ pub fn chart_passes(
     Ok(best.passes)
 }
 
+/// The width that a strip of a chart can have, about: the line's length, or the chart's own width where that is less.
+fn strip_mm(shop: &Workshop<'_>, chart: &Chart, area: f64) -> f64 {
+    let longest = shop.part.across_mm(&chart.faces);
+    shop.spec.sensor.line_mm.min(area / longest.max(1e-9))
+}
+
+/// What is asked of a direction's passes.
+struct View<'a> {
+    eye: &'a Eye<'a>,
+    judge: Option<&'a OverlapPoints>,
+    per_sample: f64,
+    strip_mm: f64,
+}
+
 /// A direction, driven and seen.
 struct Driven {
     cost: f64,
+    /// Area that goes unseen beyond what may.
+    beyond_mm2: f64,
+    /// Strips overlap too little.
+    short: bool,
+    seconds: f64,
     passes: Vec<Pass>,
     hindered: Obstructed,
+}
+
+impl Driven {
+    /// The less costly one is better; but a single pass that sees enough has no overlap to keep, no links and no turns
+    /// between strips: it is better than several that take longer or overlap too little, and not better than such as are
+    /// done sooner.
+    fn beats(&self, other: &Driven) -> bool {
+        let whole = |d: &Driven| d.passes.len() == 1 && d.beyond_mm2 <= 0.0;
+        let several = |d: &Driven| d.passes.len() > 1;
+        if whole(self) && several(other) {
+            return other.short || self.seconds < other.seconds || self.cost < other.cost;
+        }
+        if whole(other) && several(self) {
+            return !other.beats(self);
+        }
+        self.cost < other.cost
+    }
 }
 
 /// Drives the courses of a height; closer together while the overlap is too little.
@@ -134,11 +182,14 @@ fn driven(
     chart: &Chart,
     field: &HeightField,
     share: &[f64],
-    eye: &Eye<'_>,
-    judge: Option<&OverlapPoints>,
-    per_sample: f64,
+    view: &View<'_>,
 ) -> Result<Driven, ScanError> {
-    let line_mm = shop.spec.sensor.line_mm;
+    let View {
+        eye,
+        judge,
+        per_sample,
+        strip_mm,
+    } = *view;
     let threads = Threads::all();
     let mut best: Option<Driven> = None;
     for tighter in [1.0, 0.93, 0.86] {
@@ -186,13 +237,17 @@ fn driven(
         };
         let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * seen.sights.len() as f64 * per_sample;
         let beyond = (unseen - may).max(0.0);
+        let idle_s = idle_s(shop.spec, &all, shop.deadline);
         let cost = length
-            + HASTE_MM_PER_S * idle_s(shop.spec, &all, shop.deadline)
-            + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / line_mm
+            + HASTE_MM_PER_S * idle_s
+            + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / strip_mm
             + if short { weight * length } else { 0.0 };
         if best.as_ref().is_none_or(|b| cost < b.cost) {
             best = Some(Driven {
                 cost,
+                beyond_mm2: beyond,
+                short,
+                seconds: length / FEED_MM_PER_S + idle_s + HALT_S * all.len() as f64,
                 passes,
                 hindered,
             });
@@ -204,6 +259,9 @@ fn driven(
     }
     Ok(best.unwrap_or(Driven {
         cost: f64::INFINITY,
+        beyond_mm2: f64::INFINITY,
+        short: false,
+        seconds: f64::INFINITY,
         passes: Vec::new(),
         hindered: Obstructed::default(),
     }))
@@ -232,7 +290,8 @@ pub fn line_passes(
     line: &[LinePoint],
     obstructed: &mut Obstructed,
 ) -> Vec<Pass> {
-    let smooth = SMOOTH_SHARE * shop.spec.sensor.line_mm;
+    // No wider than the part bends.
+    let smooth = SMOOTH_SHARE * shop.spec.sensor.line_mm.min(shop.across_mm / 3.0);
     let mut step = shop.spec.plan.max_step_mm * 0.97;
     let ends = RunEnds {
         inset_mm: shop.part.inset_mm,

@@ -13,6 +13,9 @@ use crate::ScanError;
 /// The longest step, of the line's length.
 const STEP_SHARE: f64 = 0.125;
 
+/// A part shorter than the line is gone over in so many steps at least: it may bend as much as a large one.
+const SMALL_STEPS: f64 = 24.0;
+
 /// The largest turn in a step.
 const TURN_DEG: f64 = 12.0;
 
@@ -31,6 +34,15 @@ const FINER: [[f64; 2]; 3] = [[0.5, 1.0], [0.5, 0.5], [0.25, 0.5]];
 /// Where strips overlap too little, every direction is judged by its overlap; passes lie closer by these shares of the line.
 const CARES: [f64; 3] = [0.0, 0.03, 0.1];
 
+/// How large a part is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PartSize {
+    /// Triangles of its mesh.
+    pub triangles: usize,
+    /// How far it reaches.
+    pub across_mm: f64,
+}
+
 /// The best of the plans that `plan` makes of a specification with its own and with tighter limits, and with care for the
 /// overlap where it is too little.
 ///
@@ -38,12 +50,18 @@ const CARES: [f64; 3] = [0.0, 0.03, 0.1];
 /// Those of the plan that sees the most, where none is one.
 pub(super) fn best(
     spec: &ScanSpec,
-    triangles: usize,
+    size: PartSize,
     options: PlanOptions,
     deadline: Deadline,
     plan: impl Fn(&ScanSpec, Option<f64>) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
-    let step = spec.plan.max_step_mm.min(STEP_SHARE * spec.sensor.line_mm);
+    let part = if size.across_mm < spec.sensor.line_mm {
+        size.across_mm / SMALL_STEPS
+    } else {
+        f64::INFINITY
+    };
+    let line = STEP_SHARE * spec.sensor.line_mm;
+    let step = spec.plan.max_step_mm.min(line).min(part.max(0.01));
     let turn = spec.plan.max_turn_deg.min(TURN_DEG);
     let with = |[steps, turns]: [f64; 2], care: Option<f64>| {
         let mut inner = spec.clone();
@@ -66,7 +84,7 @@ pub(super) fn best(
             (best, care) = (found, Some(spare));
         }
     }
-    if !worth_another(spec, options, &best) || (best.is_ok() && triangles > MOST_TRIANGLES) {
+    if !worth_another(spec, options, &best) || (best.is_ok() && size.triangles > MOST_TRIANGLES) {
         return best;
     }
     let took = begun.elapsed();

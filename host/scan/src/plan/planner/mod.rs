@@ -56,6 +56,8 @@ pub struct Workshop<'a> {
     pub part: &'a PartMesh,
     /// The specification.
     pub spec: &'a ScanSpec,
+    /// How far it reaches.
+    pub across_mm: f64,
     /// Points that stand for the surface.
     pub samples: Vec<SamplePoint>,
     /// Axes and box.
@@ -114,11 +116,18 @@ pub fn plan(
     // Where hardly anything may go unseen, small gaps count.
     let closer = if spec.plan.min_coverage > ALL { 4 } else { 1 };
     let points = closer * sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
-    limits::best(spec, part.faces.len(), options, deadline, |inner, care| {
+    let all: Vec<u32> = (0..part.faces.len() as u32).collect();
+    let across_mm = part.across_mm(&all);
+    let size = limits::PartSize {
+        triangles: part.faces.len(),
+        across_mm,
+    };
+    limits::best(spec, size, options, deadline, |inner, care| {
         let mut meshes = vec![&part.surface];
         meshes.extend(obstacles);
         let shop = Workshop {
             part,
+            across_mm,
             spec: inner,
             samples: samples(part, points),
             realiser: Realiser {

@@ -144,6 +144,7 @@ pub fn proved(
             _ => return Err(unproved(&fault.message)),
         }
     }
+    warnings.extend(found.warnings);
     if coverage < wanted {
         warnings.push(format!(
             "{:.1} % of the area are seen; {:.1} % were wanted.",

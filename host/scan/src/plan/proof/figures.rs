@@ -52,6 +52,16 @@ impl JudgedOverlap {
     pub fn holds(&self) -> bool {
         self.tenth >= self.wanted - self.resolution
     }
+
+    /// What a user should know of strips that hold by their tenth and overlap less somewhere.
+    pub fn warning(&self) -> Option<String> {
+        (self.holds() && self.min < self.wanted - self.resolution).then(|| {
+            format!(
+                "Somewhere neighbouring strips overlap by {:.3} of the line only; {} is wanted. They are judged by the tenth of their length that overlaps least, which has {:.3}.",
+                self.min, self.wanted, self.tenth
+            )
+        })
+    }
 }
 
 /// Points by which overlap is judged: more than the coverage of a small part needs.

@@ -5,9 +5,10 @@ use nalgebra::Vector3;
 use super::super::mesh::{PartMesh, RawMesh};
 use super::super::planner::plan;
 use super::super::planner::result::ScanPlan;
+use super::super::proof::figures::JudgedOverlap;
 use super::super::spec::ScanSpec;
 use super::super::verify::verify;
-use super::{fixed_line, height_field, options, upright};
+use super::{fixed_line, height_field, machines_with_c, options, upright};
 
 /// Plans, and looks the path through as anybody may.
 fn kept(name: &str, raw: RawMesh, spec: &ScanSpec) -> ScanPlan {
@@ -103,4 +104,81 @@ fn more_than_half_an_overlap_is_planned_and_told() {
         assert!(found.tenth > overlap - 0.02, "{found:?}");
         assert!(found.median < overlap + 0.1, "{found:?}");
     }
+}
+
+#[test]
+fn a_part_narrower_than_the_line_takes_no_longer_than_one_straight_pass() {
+    for (width, most_passes) in [(4.0, 9), (10.0, 1)] {
+        let flat = || height_field([60.0, width / 2.0], 24, |_, _| 0.0);
+        for (machine, spec) in [("turns", upright()), ("stands", fixed_line())] {
+            let name = format!("120 x {width}, the line {machine}");
+            let found = kept(&name, flat(), &spec).figures;
+            // 120 mm by 10 mm/s.
+            assert!(found.duration_s < 12.01, "{name}: {} s", found.duration_s);
+            assert!(found.passes <= most_passes, "{name}: {}", found.passes);
+        }
+    }
+}
+
+#[test]
+fn a_part_that_one_pass_sees_whole_has_no_overlap_to_keep() {
+    for (machine, mut spec) in [("turns", upright()), ("stands", fixed_line())] {
+        spec.plan.overlap = 0.7;
+        let flat = height_field([60.0, 0.3], 24, |_, _| 0.0);
+        let found = kept(machine, flat, &spec).figures;
+        assert_eq!((found.passes, found.overlap), (1, None), "{machine}");
+    }
+}
+
+/// A cap of a ball, 2.4 mm across.
+fn cap() -> RawMesh {
+    let (around, rings) = (48, 8);
+    let mut raw = RawMesh::default();
+    raw.vertices.push(Vector3::new(0.0, 0.0, 4.0));
+    for ring in 1..=rings {
+        let radius = 1.2 * f64::from(ring) / f64::from(rings);
+        for k in 0..around {
+            let (s, c) = (std::f64::consts::TAU * f64::from(k) / f64::from(around)).sin_cos();
+            let z = (16.0 - radius * radius).sqrt();
+            let at = Vector3::new(radius * c, radius * s, z);
+            raw.vertices.push(at);
+        }
+    }
+    let number = |ring: i32, k: i32| (1 + (ring - 1) * around + k % around) as usize;
+    for k in 0..around {
+        raw.faces.push([0, number(1, k), number(1, k + 1)]);
+        for ring in 1..rings {
+            let [a, b] = [number(ring, k), number(ring, k + 1)];
+            let [c, d] = [number(ring + 1, k), number(ring + 1, k + 1)];
+            raw.faces.push([a, c, d]);
+            raw.faces.push([a, d, b]);
+        }
+    }
+    raw
+}
+
+#[test]
+fn a_dome_much_smaller_than_the_line_is_seen_whole_by_every_machine_with_c() {
+    for (name, spec) in machines_with_c() {
+        let found = kept(name, cap(), &spec).figures;
+        assert!(found.coverage > 0.99, "{name}: {}", found.coverage);
+    }
+}
+
+#[test]
+fn an_overlap_that_is_less_somewhere_is_a_warning() {
+    let mut judged = JudgedOverlap {
+        wanted: 0.15,
+        min: 0.066,
+        tenth: 0.152,
+        median: 0.17,
+        resolution: 0.01,
+    };
+    let warning = judged.warning().unwrap();
+    assert!(warning.contains("0.066") && warning.contains("0.152"));
+    judged.min = 0.145;
+    assert_eq!(judged.warning(), None);
+    // Too little everywhere is a fault, told as one.
+    (judged.min, judged.tenth) = (0.0, 0.05);
+    assert_eq!(judged.warning(), None);
 }

@@ -36,6 +36,7 @@ max_turn | stand_off | tilt | off_part | collision | coverage | overlap, `messag
 that they are judged by. `overlap` {`wanted`, `min`, `tenth`, `median`, `resolution`}: strips that
 lie side by side without any have 0. A tenth of their length may have a little less than wanted
 (`tenth` is judged, less the `resolution` of the points): least widths are told by few points.
+`warnings`: a path that holds by its tenth, and overlaps less somewhere.
 
 Examples:
   umi scan verify part.stl --spec spec.toml path.csv
@@ -91,6 +92,9 @@ fn text(f: &PathFindings) -> String {
     }
     for fault in &f.faults {
         let _ = writeln!(text, "broken ({}): {}", fault.fault, fault.message);
+    }
+    for warning in &f.warnings {
+        let _ = writeln!(text, "note: {warning}");
     }
     text
 }
