@@ -545,8 +545,8 @@ pub struct CorrectionSpec {
     pub probed_origin_mm: [f64; 3],
     /// The work offset that the correction writes.
     pub write_to: WorkOffset,
-    /// What else it writes: the set of `G54.4`, the row of the preset table, the first
-    /// common variable. Absent: 1, 1, 150. Other dialects take none.
+    /// What else it writes: the set of `G54.4`, the row of the preset table.
+    /// Absent: 1. Other dialects take none.
     #[serde(default)]
     pub set: Option<u16>,
     /// O-number of the correction program, 1 to 9999; part of its name where programs have one.
@@ -584,10 +584,10 @@ pub enum Dialect {
     /// Mitsubishi's workpiece installation error `G54.4 P`, keyed in by the operator.
     #[serde(rename = "mitsubishi-g54.4")]
     MitsubishiSettingError,
-    /// `#5221` and its like for the offset, common variables for the rotation, read back.
+    /// `#5221` and its like for the offset, a local variable for the rotation, read back.
     #[serde(rename = "variables")]
     Variables,
-    /// Haas: `G10` and `G68`, with `G154 P` beyond G59.
+    /// Haas: the same, with `G154 P` beyond G59.
     #[serde(rename = "haas")]
     Haas,
     /// Haas: macro variables by `E` commands, for the macro O8830 to check and to apply.

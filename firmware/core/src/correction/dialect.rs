@@ -15,6 +15,7 @@
 //! | `{w}` `{f}` | the work offset that is written; that was probed in |
 //! | `{g}` `{n}` `{N}` | its `G10 L P`; its number; its number, 100 more beyond G59 |
 //! | `{X}` `{Y}` `{Z}` | the numbers of its variables |
+//! | `{t}` | what is not as it should be of offset, plane, G90 and G21 in force |
 //! | `{0}` to `{9}` | common variables, counted from the first |
 //! | `{s}` `{m}` `{e}` | the set; the program number; `M99` or `M30` |
 //! | `{h}` `{H}` | the check value; with the offset's number in it |
@@ -23,7 +24,17 @@
 //! | `^a\|b^` | `a` in a subprogram (`M99`), `b` in a main program (`M30`) |
 //!
 //! The check value is `1·x + 2·y + 3·z + 4·u + 5·v + 6·c` (`a`, `b` in place of `u`, `v` where
-//! there are three angles; and `+ 7·N`), so exchanged values show in it as wrong digits do.
+//! there are three angles; `+ 7·N`, or `+ 7·o + 8·p + 9·q` where the shift is in a set), so exchanged
+//! values show in it as wrong digits do.
+//!
+//! # A wrong digit on the way to the control
+//!
+//! Programs that the control can hold to what they say read back what it has stored, and which codes
+//! are in force, and compare that with the check value: a second copy of all. What cannot be read
+//! back, the angle of `G68` and the number of a set, comes from `#33`; the local variables whose
+//! numbers differ from 33 by one digit (3, 13, 23, 30 to 32) hold the same, and all others of that
+//! kind are variables of no control. So no single digit changes it. The centre is a difference of
+//! it with itself.
 //!
 //! # What stands behind each
 //!
@@ -107,6 +118,20 @@ macro_rules! plane {
     };
 }
 
+/// `#33` under each number that one wrong digit makes of it.
+macro_rules! alike {
+    () => {
+        "\n#3=#33\n#13=#33\n#23=#33\n#30=#33\n#31=#33\n#32=#33\n"
+    };
+}
+
+/// The end of a program that holds the control to it.
+macro_rules! held {
+    () => {
+        "GT0.0005]GOTO9\n{e}\nN9#3000=1(UMI CORRECTION NOT STORED)\n%\n"
+    };
+}
+
 /// Values that are keyed in by hand.
 macro_rules! by_hand {
     () => {
@@ -128,6 +153,21 @@ const FANUC: Form = Form {
     set: None,
     comment: ("(", ")\n"),
     program: concat!(head!(), note!(), "{g} X{x} Y{y} Z{z}\n", plane!()),
+};
+
+/// The same by variables, read back.
+const VARIABLES: Form = Form {
+    turn: Turn::Origin,
+    program: concat!(
+        head!(),
+        note!(),
+        "#{X}={x}\n#{Y}={y}\n#{Z}={z}\n^#33={c}",
+        alike!(),
+        "|^IF[#4016NE69]GOTO9\n{w}\n^G68 X[#33-#33] Y[#33-#33] R[#33-#33+#33]\n|^IF[ABS[#{X}+2*#{Y}+\
+         3*#{Z}^+6*#33|^-[{h}]]+{t}+ABS[#4016-^68|69^]",
+        held!()
+    ),
+    ..FANUC
 };
 
 /// A set of `G54.4`.
@@ -159,30 +199,22 @@ pub const fn form(dialect: Dialect) -> Form {
             program: concat!(
                 head!(),
                 "(^LEAVES G17 G21 G90 G54.4 ACTIVE|RUN WITH G54.4 P{s}^)\nG17 G21 G90\nG69\n\
-                 G54.4 P0\n{g} X{o} Y{p} Z{q}\n#260{s}0={x}\n#260{s}1={y}\n#260{s}2={z}\n\
-                 #260{s}3={a}\n#260{s}4={b}\n#260{s}5={c}\nIF[ABS[#260{s}0+2*#260{s}1+3*#260{s}2\
-                 +4*#260{s}3+5*#260{s}4+6*#260{s}5-[{h}]]GT0.0005]GOTO9\nIF[ABS[#26000]+\
-                 ABS[#26001]+ABS[#26002]+ABS[#26003]+ABS[#26004]+ABS[#26005]GT0]GOTO9\n\
-                 {w}\n^G54.4 P{s}\n|^{e}\nN9#3000=1(UMI CORRECTION NOT STORED)\n%\n"
+                 G54.4 P0\n#{X}={o}\n#{Y}={p}\n#{Z}={q}\n#260{s}0={x}\n#260{s}1={y}\n#260{s}2={z}\n\
+                 #260{s}3={a}\n#260{s}4={b}\n#260{s}5={c}\nIF[ABS[#26000]+\
+                 ABS[#26001]+ABS[#26002]+ABS[#26003]+ABS[#26004]+ABS[#26005]GT0]GOTO9\n#33={s}",
+                alike!(),
+                "{w}\n^G54.4 P#33\n|^IF[ABS[#260{s}0+2*#260{s}1+3*#260{s}2\
+                 +4*#260{s}3+5*#260{s}4+6*#260{s}5+7*#{X}+8*#{Y}+9*#{Z}-[{h}]]+{t}+ABS[#4016-69]+\
+                 ABS[#33-{s}]",
+                held!()
             ),
             ..SETTING_ERROR
         },
         Dialect::MazakSettingError | Dialect::MitsubishiSettingError => SETTING_ERROR,
-        Dialect::Variables => Form {
-            further: Some(("G54.1 P", 1, 1, 20)),
-            set: Some((100, 996, 150)),
-            program: concat!(
-                head!(),
-                note!(),
-                "#{X}={x}\n#{Y}={y}\n#{Z}={z}\n#{0}={u}\n#{1}={v}\n#{2}={c}\n#{3}={h}\nIF[ABS\
-                 [#{X}+2*#{Y}+3*#{Z}+4*#{0}+5*#{1}+6*#{2}-#{3}]GT0.0005]GOTO9\n{w}\n\
-                 ^G68 X#{0} Y#{1} R#{2}\n|^{e}\nN9#3000=1(UMI CORRECTION NOT STORED)\n%\n"
-            ),
-            ..FANUC
-        },
+        Dialect::Variables => VARIABLES,
         Dialect::Haas => Form {
             further: Some(("G154 P", 1, 1, 99)),
-            ..FANUC
+            ..VARIABLES
         },
         Dialect::HaasVariables => Form {
             further: Some(("G154 P", 1, 1, 99)),
@@ -223,14 +255,20 @@ pub const fn form(dialect: Dialect) -> Form {
             ..FANUC
         },
         Dialect::LinuxCnc => Form {
+            // One block: a G28 or G30 by a wrong digit beside G10 is an error, not a move. The offsets
+            // (#5221 on) are in the machine's units, mm or inches.
             turn: Turn::Origin,
             turn_ends_with_program: false,
             decimals_mm: 4,
             decimals_deg: 6,
             further: None,
             program: "^o<umi_correction> sub\n|^(UMI CORRECTION {w})\n{#}\
-                      ({f} WAS X{o} Y{p} Z{q} - RUN WITH {w})\n{?}G17 G21 G90\n\
-                      G10 L2 P{n} X{x} Y{y} Z{z} R{c}\n{w}\n^o<umi_correction> endsub\nM2|M30^\n",
+                      ({f} WAS X{o} Y{p} Z{q} - RUN WITH {w})\n{?}G17 G21 G90 \
+                      G10 L2 P{n} X{x} Y{y} Z{z} R{c}\n{w}\n#1=[[{x}]+2*[{y}]+3*[{z}]]\n\
+                      #2=[#{X}+2*#{Y}+3*#{Z}]\no532 if [ABS[#2-#1] GT 0.00005]\n#2=[25.4*#2]\n\
+                      o532 endif\n#2=[ABS[#2-#1]+99*ABS[#{R}-[{c}]]+ABS[#5220-{n}]+ABS[#<_metric>-1]]\n\
+                      o533 if [#2 GT 0.00005]\n(ABORT, UMI CORRECTION NOT STORED)\no533 endif\n\
+                      ^o<umi_correction> endsub\nM2|M30^\n",
             ..FANUC
         },
         Dialect::Grbl => Form {
@@ -308,13 +346,18 @@ pub const fn keeps_runs(dialect: Dialect, variable: u32) -> bool {
     }
 }
 
-/// Whether a correction writes this variable: `variables` writes four from its set on.
+/// Whether a correction holds the control to every digit of it: in `haas-e` the macro O8830 does, the
+/// others read back what was stored.
 #[must_use]
-pub fn is_written(spec: Option<&CorrectionSpec>, variable: u32) -> bool {
-    spec.is_some_and(|spec| {
-        let first = u32::from(form(spec.dialect).set(spec));
-        spec.dialect == Dialect::Variables && (first..first + 4).contains(&variable)
-    })
+pub const fn is_read_back(dialect: Dialect) -> bool {
+    matches!(
+        dialect,
+        Dialect::HaasVariables
+            | Dialect::Haas
+            | Dialect::Variables
+            | Dialect::FanucSettingError
+            | Dialect::LinuxCnc
+    )
 }
 
 /// Whether the dialect can write where the job wants it.
@@ -374,14 +417,14 @@ pub const fn about(dialect: Dialect) -> About {
             "known to have G54.4; that its angles are Mazak's is taken over, not read",
         ),
         Dialect::Variables => (
-            "Fanuc, Mitsubishi, Mazak EIA, and Haas to G59: with macros, where G10 is locked",
+            "Fanuc, Mitsubishi, Mazak EIA: with macros; read back; writes #3 #13 #23 #30 to #33",
             "virtual machine",
-            "Haas 96-8000 page 113 (#5221 to #5325 G54 to G59, #7001 on the further ones, 20 apart)",
+            "Haas 96-8000 page 113 (#5221 to #5325 G54 to G59, #7001 on the further ones, 20 apart); modal #4002 to #4016, #4130 as known",
         ),
         Dialect::Haas => (
-            "Haas; G68 is an option (rotation and scaling)",
+            "Haas with macros; G68 is an option (rotation and scaling); read back; writes #3 #13 #23 #30 to #33",
             "virtual machine",
-            "Haas mill operator's manual, G68 (R three decimals, -360 to 360); Haas on programmable offsets (G10 L2 P1 to P6, L20 P1 to P99)",
+            "Haas mill operator's manual, G68 (R three decimals, -360 to 360); 96-8000 page 113 (#5221 to #5325, #7001 on); #14401 on (G154 P21 on), #4012 as known",
         ),
         Dialect::HaasVariables => (
             "Haas with macros and setting 143 on, and the macro O8830 of hw/control/haas",

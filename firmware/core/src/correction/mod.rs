@@ -201,12 +201,16 @@ impl Plan {
     }
 
     /// The numbers that the check value is made of.
-    fn checked(&self, form: &Form) -> [i64; 6] {
+    fn checked(&self, form: &Form) -> [i64; 9] {
         let [x, y, z] = self.shift;
         let ([u, v], [a, b, c]) = (self.point, self.angles);
+        let [o, p, q] = match form.in_set {
+            true => self.probed,
+            false => [0; 3],
+        };
         match form.turn {
-            Turn::Angles => [x, y, z, a, b, c],
-            _ => [x, y, z, u, v, c],
+            Turn::Angles => [x, y, z, a, b, c, o, p, q],
+            _ => [x, y, z, u, v, c, o, p, q],
         }
     }
 }

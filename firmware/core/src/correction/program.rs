@@ -3,7 +3,7 @@
 use core::fmt::{self, Write};
 
 use heapless::String;
-use umi_protocol::job::{CorrectionSpec, ProgramEnd, WorkOffset};
+use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, WorkOffset};
 use umi_protocol::verdict::{MAX_CORRECTION, Verdict};
 
 use super::dialect::{self, Form};
@@ -174,8 +174,10 @@ impl Writer<'_> {
         let spec = self.spec;
         let offset = spec.write_to;
         let number = offset.p_number();
+        let is_haas = self.spec.dialect == Dialect::Haas;
         let (l, first) = match offset {
-            WorkOffset::Extended(_) => (20, 7001),
+            WorkOffset::Extended(n) if n <= if is_haas { 20 } else { 48 } => (20, 7001),
+            WorkOffset::Extended(_) => (20, 14_001),
             _ => (2, 5221),
         };
         let variable = |axis| first + number.saturating_sub(1).saturating_mul(20) + axis;
@@ -192,6 +194,19 @@ impl Writer<'_> {
             'X' => write!(out, "{}", variable(0)),
             'Y' => write!(out, "{}", variable(1)),
             'Z' => write!(out, "{}", variable(2)),
+            'R' => write!(out, "{}", variable(9)),
+            't' => {
+                let group = if is_haas { 12 } else { 14 };
+                write!(out, "ABS[#40{group}")?;
+                match offset {
+                    WorkOffset::Extended(n) => {
+                        let code = if is_haas { "154" } else { "54.1" };
+                        write!(out, "-{code}]+ABS[#4130-{n}]")
+                    }
+                    _ => write!(out, "-{}]", 53 + number),
+                }?;
+                out.write_str("+ABS[#4002-17]+ABS[#4003-90]+ABS[#4006-21]")
+            }
             's' => write!(out, "{set}"),
             'm' => write!(out, "{:04}", spec.program_number),
             'e' => out.write_str(match spec.ends_with {

@@ -160,7 +160,7 @@ fn the_longest_program_fits() {
         rms_mm: 1e6,
         turn_deg: -180.0,
         tilt_deg: 180.0,
-        run: None,
+        run: Some((98_499, 99_999)),
     };
     for dialect in Dialect::ALL {
         for ends_with in [ProgramEnd::M99, ProgramEnd::M30] {
@@ -271,12 +271,11 @@ fn places_that_a_dialect_does_not_have() {
         (Dialect::G10G68, extended(0), None, Err(Field::WriteTo)),
         (Dialect::G10G68, extended(301), None, Err(Field::WriteTo)),
         (Dialect::G10G68, WorkOffset::G55, Some(1), Err(Field::Set)),
-        (Dialect::Variables, extended(20), Some(996), Ok(())),
-        (Dialect::Variables, extended(21), None, Err(Field::WriteTo)),
+        (Dialect::Variables, extended(300), None, Ok(())),
         (
             Dialect::Variables,
             WorkOffset::G59,
-            Some(997),
+            Some(500),
             Err(Field::Set),
         ),
         (Dialect::Haas, extended(99), None, Ok(())),

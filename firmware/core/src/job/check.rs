@@ -294,7 +294,7 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
         let can = dialect.is_some_and(|dialect| {
             correction::dialect::compares_runs(dialect)
                 && correction::dialect::keeps_runs(dialect, variable)
-        }) && !correction::dialect::is_written(job.correction.as_ref(), variable);
+        });
         if !(says_run && can) {
             return Err(bad(Field::RunVariable, None, variable.into()));
         }

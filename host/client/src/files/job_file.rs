@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
-use umi_core::correction::dialect::{compares_runs, is_written};
+use umi_core::correction::dialect::compares_runs;
 use umi_core::dprnt::{ConfigError, check_config};
 use umi_core::job::{moves_something, says_run};
 use umi_protocol::job::{Dialect, Job, Reference, Teach};
@@ -193,10 +193,6 @@ fn guard_error(job: &Job, error: &JobError) -> Option<String> {
         ));
     }
     let (why, take) = match (dialect, variable) {
-        _ if is_written(Some(correction), variable) => (
-            "is one of the four that the correction writes (`set`)",
-            "another one, or another `set`",
-        ),
         (Dialect::HaasVariables, _) => ("is none that O8830 compares", "531"),
         (Dialect::Siemens, _) => ("is no R parameter", "0 to 999, as many as MD28050 says"),
         (Dialect::Heidenhain, _) => ("is no QR parameter, which is kept", "0 to 499"),

@@ -92,7 +92,17 @@ pub fn corrected(
     points: &[V],
 ) -> Result<Vec<V>, Alarm> {
     let home = Point::from_mm(0.0, 0.0, 0.0);
-    let mut axes = Recorder::new(home, home);
+    moved(control, &mut Recorder::new(home, home), spec, text, points)
+}
+
+/// The same; what has moved until an alarm is in the axes.
+pub fn moved(
+    control: &mut Control,
+    axes: &mut Recorder,
+    spec: &CorrectionSpec,
+    text: &str,
+    points: &[V],
+) -> Result<Vec<V>, Alarm> {
     let path = path(points);
     let set = umi_core::correction::dialect::form(spec.dialect).set(spec);
     let main = match (spec.dialect, spec.ends_with) {
@@ -101,12 +111,12 @@ pub fn corrected(
             let sub = text.strip_suffix("M2\n").unwrap();
             let main = format!("{sub}o<umi_correction> call\n{path}M2\n");
             let loaded = control.load(&main)?;
-            run(control, &mut axes, loaded[0])?;
-            return Ok(ends(&axes));
+            run(control, axes, loaded[0])?;
+            return Ok(ends(axes));
         }
         (Dialect::LinuxCnc, ProgramEnd::M30) => {
             let loaded = control.load(text)?;
-            run(control, &mut axes, loaded[0])?;
+            run(control, axes, loaded[0])?;
             format!("G21 G90 {}\n{path}M2\n", called(spec))
         }
         (Dialect::Grbl, _) => format!("{text}{path}M30\n"),
@@ -130,7 +140,7 @@ pub fn corrected(
                 "M98 P9010".to_string()
             } else {
                 if ends_with == ProgramEnd::M30 {
-                    run(control, &mut axes, 9010)?;
+                    run(control, axes, 9010)?;
                 }
                 let sub = if ends_with == ProgramEnd::M99 {
                     "M98 P9010\n"
@@ -148,6 +158,6 @@ pub fn corrected(
         }
     };
     let loaded = control.load(&main)?;
-    run(control, &mut axes, loaded[0])?;
-    Ok(ends(&axes))
+    run(control, axes, loaded[0])?;
+    Ok(ends(axes))
 }

@@ -3,56 +3,65 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use umi_core::correction::dialect::is_read_back;
 use umi_protocol::job::Dialect;
-use umi_virtual::nc::{Control, ControlSettings};
+use umi_tests::referee::{Before, Referee};
+use umi_virtual::nc::{Control, ControlSettings, Recorder};
 
-use crate::dialects::control::{corrected, language};
+use crate::dialects::control::{language, moved, path};
 use crate::dialects::{V, made, points, rigid, spec};
 
 /// What became of programs with a wrong digit.
 #[derive(Debug, Default, PartialEq)]
 struct Digits {
     alarms: usize,
+    /// The lines of those whose alarm came behind a move.
+    late: Vec<String>,
     right: usize,
     /// The lines of those that put the part elsewhere.
     wrong: Vec<String>,
 }
 
-/// Every digit outside of comments, and of the lines that say a program's number and end, in turn
-/// each of the other nine.
+/// Every digit outside of comments, and of the lines that say a program's number or end LinuxCNC's
+/// file, in turn each of the other nine.
 fn changed(dialect: Dialect) -> Digits {
     let spec = spec(dialect);
     let text = made(&spec, &rigid([0.0, 0.0, 0.013], [1.734_2, -2.301_1, 0.412]));
     let points: Vec<V> = points(&spec);
     let run = |text: &str| {
+        let home = umi_core::units::Point::from_mm(0.0, 0.0, 0.0);
+        let mut axes = Recorder::new(home, home);
         let mut control = Control::new(ControlSettings::of(language(dialect)));
-        // What stood there before: a digit that names another variable reads this.
+        // What stood there before: a digit that names another offset or variable finds this.
         let stood = "G10 L2 P2 X-401. Y-251. Z-311.\nG10 L2 P3 X-402. Y-252. Z-312.\n";
         let stood = match dialect {
-            Dialect::LinuxCnc => format!("{stood}M2\n"),
-            _ => format!("%\nO0003\n{stood}M30\n%\n"),
+            Dialect::LinuxCnc | Dialect::Grbl => format!("{stood}M2\n"),
+            // And a rotation that is still on.
+            _ => format!("%\nO0003\n{stood}G68 X5. Y7. R3.\nM00\nM30\n%\n"),
         };
         control
             .load(&stood)
             .and_then(|loaded| control.select(loaded[0]))
-            .and_then(|()| {
-                let home = umi_core::units::Point::from_mm(0.0, 0.0, 0.0);
-                control.run(&mut umi_virtual::nc::Recorder::new(home, home))
-            })
-            .ok()?;
+            .and_then(|()| control.run(&mut axes))
+            .expect("it stands there");
         // What the bench cannot make a program of is none for the control either.
-        catch_unwind(AssertUnwindSafe(|| {
-            corrected(&mut control, &spec, text, &points)
-        }))
-        .ok()?
-        .ok()
+        let ends = catch_unwind(AssertUnwindSafe(|| {
+            moved(&mut control, &mut axes, &spec, text, &points)
+        }));
+        match ends {
+            Ok(Ok(ends)) => Ok(ends),
+            _ => Err(axes
+                .motions
+                .iter()
+                .any(|(_, motion)| motion.to.mm.norm() > 0.0)),
+        }
     };
     let due = run(&text).expect("it is whole");
     let mut found = Digits::default();
     let mut start = 0;
     for line in text.split_inclusive('\n') {
         let code = line.split(['(', ';']).next().unwrap_or_default();
-        let is_frame = line.starts_with('O') || line.starts_with("M2") || line.starts_with("M99");
+        let is_frame = line.starts_with('O') || line.starts_with("M2");
         for (at, digit) in code
             .bytes()
             .enumerate()
@@ -63,8 +72,11 @@ fn changed(dialect: Dialect) -> Digits {
                 damaged[start + at] = other;
                 let damaged = String::from_utf8(damaged).unwrap();
                 match run(&damaged) {
-                    None => found.alarms += 1,
-                    Some(ends) => {
+                    Err(false) => found.alarms += 1,
+                    Err(_) => found
+                        .late
+                        .push(damaged[start..start + line.len()].trim_end().to_owned()),
+                    Ok(ends) => {
                         let off = ends.iter().zip(&due).map(|(is, due)| (is - due).norm());
                         let off_mm = off.fold(0.0, f64::max);
                         if ends.len() == due.len() && off_mm < 0.001 {
@@ -82,31 +94,78 @@ fn changed(dialect: Dialect) -> Digits {
     found
 }
 
-/// The check value of `haas-e` holds every digit. Without one most of them move the part; one
-/// over the stored values leaves what is no value.
+/// A correction that is read back is an alarm before anything moves, or is right. Without that most
+/// digits move the part.
 #[test]
 fn a_wrong_digit_is_an_alarm() {
-    for dialect in [
-        Dialect::HaasVariables,
-        Dialect::FanucSettingError,
-        Dialect::Variables,
-        Dialect::LinuxCnc,
-        Dialect::G10G68,
-        Dialect::Haas,
-    ] {
+    for dialect in Dialect::ALL {
+        if matches!(
+            dialect,
+            Dialect::Siemens
+                | Dialect::Heidenhain
+                // Their values are keyed in.
+                | Dialect::MazakSettingError
+                | Dialect::MitsubishiSettingError
+        ) {
+            continue;
+        }
         let found = changed(dialect);
-        let (alarms, right, wrong) = (found.alarms, found.right, found.wrong.len());
+        let (alarms, late) = (found.alarms, found.late.len());
+        let (right, wrong) = (found.right, found.wrong.len());
         println!(
-            "{}: {alarms} alarms, {right} right, {wrong} wrong",
+            "{}: {alarms} alarms, {late} behind a move, {right} right, {wrong} wrong",
             dialect.name()
         );
-        match dialect {
-            Dialect::HaasVariables => assert_eq!(found.wrong, [""; 0]),
-            Dialect::FanucSettingError => assert!(wrong < 182, "{found:?}"),
-            Dialect::Variables => assert!(wrong < 61, "{found:?}"),
+        if is_read_back(dialect) {
+            assert_eq!(found.wrong, [""; 0], "{}", dialect.name());
+            assert_eq!(found.late, [""; 0], "{}", dialect.name());
+        } else {
             // What is counted here is real.
-            _ => assert!(wrong > 100, "{found:?}"),
+            assert!(wrong > 100, "{found:?}");
         }
         assert!(alarms > 20, "{found:?}");
     }
+}
+
+/// LinuxCNC's own interpreter, whose offsets are in inches where the virtual machine's are in mm: each
+/// digit with the next one in its place is an alarm, or the part is where it was.
+#[test]
+fn a_wrong_digit_is_an_alarm_of_linuxcnc() {
+    let Some(referee) = Referee::find(env!("CARGO_TARGET_TMPDIR")) else {
+        return;
+    };
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("referee/digits");
+    let spec = spec(Dialect::LinuxCnc);
+    let text = made(&spec, &rigid([0.0, 0.0, 0.013], [1.734_2, -2.301_1, 0.412]));
+    let sub = text.strip_suffix("M2\n").unwrap();
+    let rest = format!("o<umi_correction> call\n{}M2\n", path(&points(&spec)));
+    let run = |sub: &str| {
+        let program = format!("{sub}{rest}");
+        referee.end_points(&folder, &Before::default(), &program)
+    };
+    let due = run(sub).expect("it is whole");
+    let (mut start, mut alarms) = (0, 0);
+    for line in sub.split_inclusive('\n') {
+        let code = line.split('(').next().unwrap_or_default();
+        for (at, digit) in code
+            .bytes()
+            .enumerate()
+            .filter(|(_, byte)| byte.is_ascii_digit())
+        {
+            let mut damaged = sub.to_owned().into_bytes();
+            damaged[start + at] = b'0' + (digit - b'0' + 1) % 10;
+            let Ok(ends) = run(core::str::from_utf8(&damaged).unwrap()) else {
+                alarms += 1;
+                continue;
+            };
+            let off = ends
+                .iter()
+                .zip(&due)
+                .map(|(is, due)| (V::from(*is) - V::from(*due)).amax());
+            assert_eq!(ends.len(), due.len(), "{line}");
+            assert!(off.fold(0.0, f64::max) < 2e-4, "{line}");
+        }
+        start += line.len();
+    }
+    assert!(alarms > 60, "{alarms}");
 }

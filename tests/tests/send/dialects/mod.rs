@@ -126,7 +126,7 @@ proptest! {
         turn in prop_oneof![Just(0.0), -0.05..0.05f64, -3.1..3.1f64],
         shift in prop::array::uniform3(prop_oneof![-0.1..0.1f64, -60.0..60.0f64]),
         offset in 0..6u16,
-        further in 1..=20u16,
+        further in 1..=99u16,
         set in 1..=7u16,
         main in any::<bool>(),
     ) {
@@ -143,7 +143,6 @@ proptest! {
                 _ => WorkOffset::G55,
             };
             spec.set = match dialect {
-                Dialect::Variables => Some(500 + set),
                 Dialect::HaasVariables => None,
                 _ => form.set.map(|_| set),
             };

@@ -296,16 +296,12 @@ fn a_guard_says_what_it_lacks() {
     );
     let grbl = fault(&text.replace("\"g10-g68\"", "\"grbl\""));
     assert!(grbl.message.contains("grbl"), "{}", grbl.message);
-    // Each of these counts elsewhere, or cannot count where the correction writes.
+    // Each of these counts elsewhere.
     for (dialect, variable, why) in [
         ("siemens", 1000, "no R parameter"),
         ("heidenhain", 531, "no QR parameter"),
         ("haas-e", 532, "none that O8830 compares"),
-        (
-            "variables",
-            150,
-            "one of the four that the correction writes",
-        ),
+        ("variables", 33, "local variable"),
     ] {
         let with = |number: u32| {
             text.replace("\"g10-g68\"", &format!("\"{dialect}\""))

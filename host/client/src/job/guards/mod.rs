@@ -26,8 +26,9 @@ mod size;
 #[cfg(test)]
 mod tests;
 
+use umi_core::correction::dialect::is_read_back;
 use umi_core::job::{closing, datums, moves_something, touch_begins_anew};
-use umi_protocol::job::{Dialect, Job, Reference, Teach};
+use umi_protocol::job::{Job, Reference, Teach};
 use umi_protocol::pattern::{Coding, LinePattern};
 
 pub use seen::SeenFrom;
@@ -199,10 +200,9 @@ impl GuardTable {
                 when(job.correction.as_ref().is_none_or(|spec| {
                     let has_parity = job.line.settings().data_bits == 7
                         || !matches!(job.receiver.coding, Coding::Auto | Coding::Ascii);
-                    // Its check value is the only one that holds every digit.
-                    has_parity || spec.dialect == Dialect::HaasVariables
+                    has_parity || is_read_back(spec.dialect)
                 })),
-                "parity",
+                "parity, `variables`",
             ),
             row(
                 "longer_probe",

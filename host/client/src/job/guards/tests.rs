@@ -129,10 +129,15 @@ fn each_guard_sees_its_row() {
     let mut even = bare.clone();
     even.line.data_bits = Some(7);
     assert_eq!(seen(&even, "digit_to_control"), SeenFrom::Always);
-    if let Some(correction) = &mut bare.correction {
-        correction.dialect = Dialect::HaasVariables;
+    for (dialect, expected) in [
+        (Dialect::HaasVariables, SeenFrom::Always),
+        (Dialect::Variables, SeenFrom::Always),
+        (Dialect::LinuxCnc, SeenFrom::Always),
+        (Dialect::G68ThreeD, SeenFrom::Never),
+    ] {
+        bare.correction.as_mut().unwrap().dialect = dialect;
+        assert_eq!(seen(&bare, "digit_to_control"), expected, "{dialect:?}");
     }
-    assert_eq!(seen(&bare, "digit_to_control"), SeenFrom::Always);
     given.guards.tool_length_mm = Some(81.5);
     assert_eq!(seen(&given, "tool_length"), SeenFrom::Always);
     // What is probed twice on the table says nothing of the part.

@@ -214,8 +214,11 @@ impl Control {
             11 => Some(if modal.is_scaled { 51.0 } else { 50.0 }),
             19 if self.settings.dialect == ControlFamily::Mitsubishi => Some(mirror),
             22 if self.settings.dialect == ControlFamily::Fanuc => Some(mirror),
-            // Haas has its work offsets in group 12.
-            12 if self.settings.dialect == ControlFamily::Haas => code(8),
+            // Haas has its work offsets in group 12, and calls the further ones by G154.
+            12 if self.settings.dialect == ControlFamily::Haas => match modal.work {
+                OffsetSystem::Extended(_) => Some(154.0),
+                _ => code(8),
+            },
             12 => Some(if self.modal_call.is_some() {
                 66.0
             } else {
