@@ -148,7 +148,13 @@ pub fn run(family: Family, scene: &str, start_mm: [f64; 3], calls: &[Call]) -> R
 
 /// Runs a part program's body.
 pub fn run_text(family: Family, scene: &str, body: &str) -> Ran {
+    run_overridden(family, scene, body, 100.0)
+}
+
+/// The same with the operator's override at another place, percent.
+pub fn run_overridden(family: Family, scene: &str, body: &str, percent: f64) -> Ran {
     let mut settings = ControlSettings::of(family.dialect());
+    settings.feed_override_percent = percent;
     settings.feed_mm_min = Some(1234.0);
     let mut control = Control::new(settings);
     for (name, text) in family.programs() {

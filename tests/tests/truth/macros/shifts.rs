@@ -265,6 +265,40 @@ fn another_feed_is_named() {
     }
 }
 
+/// Where the operator's override stands plays no part in a gauging touch, nor in what is printed; it
+/// acts on all other moves before and behind one, also where the program holds the feed hold off.
+#[test]
+fn an_override_changes_no_gauging_touch() {
+    for family in FAMILIES {
+        let held_off = match family {
+            Family::LinuxCnc => "",
+            _ => "#3004=1",
+        };
+        let text = body(family, 2, "", ["", held_off, "", "", ""]);
+        let errors = "[control]\nskip_delay_ms = [4.0, 4.0]\n";
+        let scene = scene(TAUGHT) + errors;
+        let due = run_text(family, &scene, &text);
+        let feeds = |ran: &Ran| -> Vec<f64> {
+            let hits = ran.machine.hits().iter();
+            hits.map(|hit| hit.feed_mm_per_min).collect()
+        };
+        for percent in [20.0, 150.0] {
+            let ran = run_overridden(family, &scene, &text, percent);
+            assert!(ran.alarm.is_none(), "{family:?}: {:?}", ran.alarm);
+            assert_eq!(feeds(&ran).len(), feeds(&due).len(), "{family:?}");
+            for (is, due) in feeds(&ran).iter().zip(feeds(&due)) {
+                let expected = match due {
+                    50.0 => 50.0,
+                    fast => fast * percent / 100.0,
+                };
+                assert!((is - expected).abs() < 1e-9, "{family:?}: {is} {expected}");
+            }
+            let printed = |ran: &Ran| String::from_utf8_lossy(ran.bytes()).into_owned();
+            assert_eq!(printed(&ran), printed(&due), "{family:?}");
+        }
+    }
+}
+
 /// A shift that was active when the part was taught stops that run too: nothing is taught.
 #[test]
 fn nothing_is_taught_under_a_shift() {

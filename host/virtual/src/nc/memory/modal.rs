@@ -91,6 +91,8 @@ pub(crate) struct Modal {
     pub length_mm: f64,
     /// mm/min.
     pub feed: Option<f64>,
+    /// The operator's override does not act on feeds (LinuxCNC's `M50 P0`).
+    pub has_no_override: bool,
     pub s: f64,
     pub t: u32,
     pub tool: u32,
@@ -126,6 +128,7 @@ impl Modal {
             feed: settings
                 .feed_mm_min
                 .filter(|feed| *feed > 0.0 && feed.is_finite()),
+            has_no_override: false,
             s: 0.0,
             t: 0,
             tool: 0,

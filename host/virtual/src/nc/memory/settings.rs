@@ -135,6 +135,9 @@ pub struct ControlSettings {
     /// Without it a feed motion before the first F is an alarm, as on a control just
     /// switched on.
     pub feed_mm_min: Option<f64>,
+    /// What the operator's override makes of a feed, percent: it acts on `G31` and `G38`, too, but
+    /// for where `#3004` or LinuxCNC's `M50 P0` hold it off.
+    pub feed_override_percent: f64,
     /// How far the radii at both ends of an arc may differ, mm (Fanuc 3410).
     pub arc_tolerance_mm: f64,
     /// The second reference point (`G30`), machine coordinates, mm.
@@ -166,6 +169,7 @@ impl Default for ControlSettings {
             coding: Coding::Ascii,
             dc_codes: true,
             feed_mm_min: None,
+            feed_override_percent: 100.0,
             arc_tolerance_mm: 0.01,
             second_reference_mm: None,
             rotary_words: String::new(),

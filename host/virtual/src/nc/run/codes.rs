@@ -145,6 +145,7 @@ pub(crate) fn check(
         allowed.push_str(match code {
             97 | 98 | 198 => "PL",
             99 => "PL",
+            50 if dialect == ControlFamily::LinuxCnc => "P",
             66 if dialect == ControlFamily::LinuxCnc => "PELQ",
             // Orientation of the spindle to an angle (Haas).
             19 if dialect == ControlFamily::Haas => "PR",

@@ -196,6 +196,10 @@ impl Control {
             }
             97 | 98 => self.sub_call(code, words),
             198 => self.external_call(words, axes),
+            50 if self.settings.dialect == ControlFamily::LinuxCnc => {
+                self.modal.has_no_override = words.number(b'P') == Some(0.0);
+                Ok(Go::Next)
+            }
             66 if self.settings.dialect == ControlFamily::LinuxCnc => {
                 self.wait_for_input(words, axes)?;
                 Ok(Go::Next)
@@ -240,6 +244,8 @@ impl Control {
     /// LinuxCNC and GRBL also modes.
     fn end_of_program(&mut self) {
         self.modal.cycle = None;
+        self.modal.has_no_override = false;
+        self.stored.remove(&3004);
         if !self.settings.dialect.is_macro_b() {
             self.modal.plane = Plane::Xy;
             self.modal.is_incremental = false;
@@ -257,9 +263,20 @@ impl Control {
         self.frame().undo(self.carried(axes))
     }
 
+    /// What the operator's override makes of a feed now.
+    fn overridden(&self) -> f64 {
+        let bits = self.stored.get(&3004).copied().unwrap_or(0.0);
+        let is_held_off = self.modal.has_no_override || (bits as u32) & 2 == 2;
+        match is_held_off {
+            true => 1.0,
+            false => self.settings.feed_override_percent / 100.0,
+        }
+    }
+
     /// The feed in force.
     pub(crate) fn feed(&self) -> Checked<MotionRate> {
-        self.modal.feed.map(MotionRate::Feed).ok_or_else(|| {
+        let feed = self.modal.feed.map(|feed| feed * self.overridden());
+        feed.map(MotionRate::Feed).ok_or_else(|| {
             let what = if self.modal.is_inverse_time {
                 "G93 goes with G1, G2 and G3: G94 before this"
             } else {
@@ -277,7 +294,9 @@ impl Control {
         let f = words.number(b'F').filter(|f| *f > 0.0);
         let f = f.ok_or_else(|| Fault::ps(11, "G93 needs F in every block that cuts"))?;
         // A way of no length is not rapid.
-        Ok(MotionRate::Feed(f * length_mm.max(1e-9)))
+        Ok(MotionRate::Feed(
+            f * length_mm.max(1e-9) * self.overridden(),
+        ))
     }
 
     /// Moves straight to a point of the program.
@@ -528,5 +547,5 @@ pub(crate) fn finite(mm: Vector3<f64>) -> Checked<Point> {
 }
 
 const fn is_after_motion(m: u32) -> bool {
-    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 66 | 97 | 98 | 99 | 198)
+    matches!(m, 0 | 1 | 2 | 5 | 9 | 30 | 50 | 66 | 97 | 98 | 99 | 198)
 }

@@ -403,6 +403,7 @@ impl Control {
             "_abs_y" => Some(self.seen.position.mm.y / unit),
             "_abs_z" => Some(self.seen.position.mm.z / unit),
             "_feed" => Some(self.modal.feed.unwrap_or(0.0) / unit),
+            "_feed_override" => Some(on(!self.modal.has_no_override)),
             "_rpm" => Some(self.modal.s),
             "_metric" => Some(on(!self.modal.is_inch)),
             "_imperial" => Some(on(self.modal.is_inch)),
