@@ -24,7 +24,7 @@ pub use clock::ClockFit;
 use crate::ScanError;
 use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
-use crate::profile::frames::{Frames, sort_out};
+use crate::profile::frames::{FrameCounter, Frames, sort_out};
 use search::{SearchOutcome, Trains};
 
 /// Encoder less counts agrees within this for all pairs.
@@ -37,8 +37,8 @@ pub struct PairOptions {
     pub jitter_us: f64,
     /// The most by which the clocks drift, in parts per million.
     pub drift_ppm: f64,
-    /// How many bits of its frame counter the sensor shows; without, it never wraps.
-    pub frame_bits: Option<u32>,
+    /// What the sensor's frame counter does.
+    pub counter: FrameCounter,
     /// The axis that the sensor's encoder counts too, as its place in
     /// [`umi_kinematics::COLUMNS`].
     pub encoder: Option<usize>,
@@ -51,7 +51,7 @@ impl Default for PairOptions {
         Self {
             jitter_us: 20.0,
             drift_ppm: 200.0,
-            frame_bits: None,
+            counter: FrameCounter::Rises,
             encoder: None,
             strict: false,
         }
@@ -81,6 +81,13 @@ pub struct ScanPairing {
     pub unpaired_profiles: Vec<u64>,
     /// Profiles whose frame was there before.
     pub duplicates: Vec<u64>,
+    /// Those of the duplicates that have another time than the first of their frame: profiles of their own, behind a
+    /// counter that wrapped or started anew.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub renumbered: Vec<u64>,
+    /// Profiles with which the sensor's counter started anew.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub restarts: Vec<u64>,
     /// Numbers of latches without a profile.
     pub unpaired_triggers: Vec<u64>,
     /// Numbers that are missing between the first and the last of the frame counter.
@@ -106,7 +113,7 @@ pub fn pair(
     if stamps.is_empty() {
         return Err(ScanError::refused("no_profiles", "there is no profile"));
     }
-    let frames = sort_out(stamps, options.frame_bits);
+    let frames = sort_out(stamps, options.counter);
     let trains = trains(&frames, triggers, options)?;
     let found = match search::search(&trains) {
         SearchOutcome::Only(found) => found,
@@ -227,17 +234,28 @@ fn answer(
         .map(|(_, latch)| latch.number)
         .collect();
     let mut warnings = Vec::new();
-    if frames.renumbered > 0 {
+    if !frames.renumbered.is_empty() {
         warnings.push(format!(
-            "{} of the duplicates have another time than the first of their frame: the counter \
-             wrapped (give --frame-bits) or the sensor was started anew",
-            frames.renumbered
+            "frame_counter: {} profiles are left out because their frame number was there before, at another time: the \
+             counter wrapped (give --frame-bits) or started anew (give --counter-restarts)",
+            frames.renumbered.len()
+        ));
+    } else if let Some(first) = frames.restarts.first() {
+        warnings.push(format!(
+            "frame_counter: the sensor's counter started anew with profile {first}{}; frames that were lost about that moment \
+             are not counted",
+            match frames.restarts.len() {
+                1 => String::new(),
+                more => format!(" and {} others", more - 1),
+            }
         ));
     }
     ScanPairing {
         pairs,
         unpaired_profiles,
         duplicates: frames.duplicates.clone(),
+        renumbered: frames.renumbered.clone(),
+        restarts: frames.restarts.clone(),
         unpaired_triggers,
         lost_frames: frames.lost_frames,
         missed_latches: triggers.missed,
@@ -265,11 +283,11 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
         options.jitter_us,
         options.drift_ppm
     );
-    if frames.renumbered > 0 {
+    if !frames.renumbered.is_empty() {
         why += &format!(
             "; {} profiles were left out because their frame number was there before: if the \
-             counter wraps, give --frame-bits",
-            frames.renumbered
+             counter wraps, give --frame-bits; if it started anew, --counter-restarts",
+            frames.renumbered.len()
         );
     }
     for (factor, what) in [
@@ -295,6 +313,7 @@ fn refuse_faults(pairing: &ScanPairing, triggers: &Triggers) -> Result<(), ScanE
         (pairing.unpaired_triggers.len() as u64, "unpaired triggers"),
         (pairing.lost_frames, "lost frames"),
         (pairing.missed_latches, "missed latches"),
+        (pairing.restarts.len() as u64, "restarts of the counter"),
         (
             u64::from(triggers.right_until_ns.is_some()),
             "loss of motion",

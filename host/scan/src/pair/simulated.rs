@@ -3,6 +3,7 @@
 use super::{PairOptions, pair};
 use crate::format::triggers::{LatchSignal, TriggerLatch, Triggers};
 use crate::profile::Stamp;
+use crate::profile::frames::FrameCounter;
 
 /// A small generator of its own (SplitMix64), so that the scans stay the same for ever.
 struct Random(u64);
@@ -115,7 +116,7 @@ fn scan(random: &mut Random) -> Scan {
             right_until_ns: None,
         },
         options: PairOptions {
-            frame_bits,
+            counter: frame_bits.map_or(FrameCounter::Rises, FrameCounter::Bits),
             encoder: with_encoder.then_some(0),
             ..PairOptions::default()
         },

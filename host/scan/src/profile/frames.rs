@@ -11,9 +11,12 @@ pub struct Frames {
     pub stamps: Vec<Stamp>,
     /// Places in the stream of those whose frame number was there before.
     pub duplicates: Vec<u64>,
-    /// How many of the duplicates have another time than the first of their number: the
+    /// Those of the duplicates that have another time than the first of their number: the
     /// counter wrapped or started anew, rather than a message that came again.
-    pub renumbered: u64,
+    pub renumbered: Vec<u64>,
+    /// Profiles that are later than all before them and have a lower number than the latest: with them the counter
+    /// started anew.
+    pub restarts: Vec<u64>,
     /// Numbers between the counter's first and last that no profile has.
     pub lost_frames: u64,
 }
@@ -21,34 +24,76 @@ pub struct Frames {
 /// Two stamps of one frame agree within this, in microseconds.
 const SAME_TIME_US: f64 = 1.0;
 
+/// What a sensor's frame counter does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FrameCounter {
+    /// It rises: a number that was there before is a repetition.
+    #[default]
+    Rises,
+    /// It shows so many of its lowest bits, and starts at 0 again behind the last number.
+    Bits(u32),
+    /// It may start anew at any number, while the clock goes on.
+    Restarts,
+}
+
 /// Sorts duplicates out and counts the missing numbers.
 ///
-/// A counter of `frame_bits` starts at 0 again behind its last number. Whether a profile is
+/// A counter of so many bits starts at 0 again behind its last number. Whether a profile is
 /// new is then told by the sensor's clock: a later time than any before is a later frame, so
-/// that neither a long loss nor a late repetition shifts the count. Without `frame_bits` the
-/// counter never wraps.
+/// that neither a long loss nor a late repetition shifts the count. Without a width the
+/// counter never wraps; where it may start anew, the clock tells a repetition from a profile of its own.
 #[must_use]
-pub fn sort_out(stamps: &[Stamp], frame_bits: Option<u32>) -> Frames {
+pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
     let mut first_times: HashMap<i128, f64> = HashMap::with_capacity(stamps.len());
     let mut frames = Frames {
         stamps: Vec::with_capacity(stamps.len()),
         duplicates: Vec::new(),
-        renumbered: 0,
+        renumbered: Vec::new(),
+        restarts: Vec::new(),
         lost_frames: 0,
     };
+    // What the counter shows less the number of the frame, since each start of it.
+    let mut bases: Vec<i128> = vec![0];
     let mut last: Option<(i128, f64)> = None;
     let mut ends: Option<(i128, i128)> = None;
     for stamp in stamps {
-        let number = match (frame_bits, last) {
-            (Some(bits), Some(last)) if bits < 64 => unwrap(stamp, last, 1_i128 << bits),
-            _ => i128::from(stamp.frame),
+        let shown = i128::from(stamp.frame);
+        let is_same = |number: &i128| {
+            let first = first_times.get(number);
+            first.is_some_and(|first_us| (stamp.t_us - first_us).abs() <= SAME_TIME_US)
+        };
+        let since = |base: &i128| shown - base;
+        let number = match (counter, last) {
+            (FrameCounter::Bits(bits), Some(last)) if bits < 64 => {
+                unwrap(stamp, last, 1_i128 << bits)
+            }
+            // The same frame at the same time, before whichever start, came again.
+            (FrameCounter::Restarts, Some((latest, latest_us))) => {
+                let again = bases.iter().map(since).find(is_same);
+                let base = bases[bases.len() - 1];
+                let starts = stamp.t_us > latest_us + SAME_TIME_US && shown - base <= latest;
+                if again.is_none() && starts {
+                    frames.restarts.push(stamp.profile);
+                    bases.push(shown - latest - 1);
+                }
+                again.unwrap_or(shown - bases[bases.len() - 1])
+            }
+            (_, Some((latest, latest_us))) => {
+                if stamp.t_us > latest_us + SAME_TIME_US && shown < latest {
+                    frames.restarts.push(stamp.profile);
+                }
+                shown
+            }
+            _ => shown,
         };
         if last.is_none_or(|(_, t_us)| stamp.t_us > t_us) {
             last = Some((number, stamp.t_us));
         }
         if let Some(first_us) = first_times.get(&number) {
             frames.duplicates.push(stamp.profile);
-            frames.renumbered += u64::from((stamp.t_us - first_us).abs() > SAME_TIME_US);
+            if (stamp.t_us - first_us).abs() > SAME_TIME_US {
+                frames.renumbered.push(stamp.profile);
+            }
             continue;
         }
         first_times.insert(number, stamp.t_us);
@@ -93,10 +138,10 @@ mod tests {
     #[test]
     fn the_first_of_a_number_counts_and_gaps_are_counted() {
         let stamps = stamps(&[(7, 0.0), (8, 10.0), (8, 10.0), (11, 40.0), (7, 0.0)]);
-        let frames = sort_out(&stamps, None);
+        let frames = sort_out(&stamps, FrameCounter::Rises);
         assert_eq!(frames.duplicates, [2, 4]);
         assert_eq!(frames.lost_frames, 2);
-        assert_eq!(frames.renumbered, 0);
+        assert_eq!(frames.renumbered, [0; 0]);
         assert_eq!(frames.stamps.len(), 3);
     }
 
@@ -112,19 +157,59 @@ mod tests {
             (12, 140.0),
             (12, 140.0),
         ]);
-        let frames = sort_out(&stamps, Some(4));
+        let frames = sort_out(&stamps, FrameCounter::Bits(4));
         assert_eq!(frames.duplicates, [4, 6]);
         assert_eq!(frames.lost_frames, 10);
-        assert_eq!(frames.renumbered, 0);
+        assert_eq!(frames.renumbered, [0; 0]);
         // Without the width the second 14 is the same, and the wrap is no duplicate yet.
-        assert_eq!(sort_out(&stamps, None).duplicates, [4, 6]);
+        assert_eq!(sort_out(&stamps, FrameCounter::Rises).duplicates, [4, 6]);
     }
 
     #[test]
     fn a_counter_that_starts_anew_is_told_from_repetitions() {
         let stamps = stamps(&[(1, 0.0), (2, 10.0), (1, 500.0), (2, 510.0)]);
-        let frames = sort_out(&stamps, None);
+        let frames = sort_out(&stamps, FrameCounter::Rises);
         assert_eq!(frames.duplicates, [2, 3]);
-        assert_eq!(frames.renumbered, 2);
+        assert_eq!(frames.renumbered, [2, 3]);
+        assert_eq!(frames.restarts, [2]);
+    }
+
+    #[test]
+    fn behind_a_restart_profiles_are_their_own_and_repetitions_are_found() {
+        // 5, 6, 8; anew with 1, 1 again, 2, late 6 and 8 of before, 4; anew with 3, 8.
+        let stamps = stamps(&[
+            (5, 0.0),
+            (6, 10.0),
+            (8, 30.0),
+            (1, 500.0),
+            (1, 500.0),
+            (2, 510.0),
+            (6, 10.0),
+            (8, 30.0),
+            (4, 530.0),
+            (3, 900.0),
+            (8, 950.0),
+        ]);
+        let frames = sort_out(&stamps, FrameCounter::Restarts);
+        assert_eq!(frames.duplicates, [4, 6, 7]);
+        assert_eq!(frames.renumbered, [0; 0]);
+        assert_eq!(frames.restarts, [3, 9]);
+        assert_eq!(frames.stamps.len(), 8);
+        // 7, 3 behind the first start, and 4 to 7 behind the second.
+        assert_eq!(frames.lost_frames, 6);
+        // A counter that never starts anew is as it always was, misplaced frames included.
+        let rising = [
+            (7, 0.0),
+            (8, 10.0),
+            (10, 30.0),
+            (9, 20.0),
+            (8, 10.0),
+            (12, 50.0),
+        ];
+        let rising = self::stamps(&rising);
+        let counters = [FrameCounter::Rises, FrameCounter::Restarts];
+        let [plain, anew] = counters.map(|counter| sort_out(&rising, counter));
+        assert_eq!(plain, anew);
+        assert_eq!(plain.restarts, [0; 0]);
     }
 }

@@ -474,6 +474,62 @@ fn points_keep_their_time_where_it_is_asked_for() {
     assert_eq!(ran.status, 1);
 }
 
+/// A sensor whose counter starts anew in the scan while its clock goes on: what is left out is named, and on demand
+/// every profile has the latch that it has by the clocks.
+#[test]
+fn a_frame_counter_that_starts_anew_is_named_or_followed() {
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(cases().join("pair_clean.profiles.csv")).unwrap();
+    let mut lines = text.lines();
+    let mut anew = format!("{}\n", lines.next().unwrap());
+    let half = 40;
+    let mut first = None;
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let (profile, frame): (u64, u64) = (cells[0].parse().unwrap(), cells[1].parse().unwrap());
+        let first = *first.get_or_insert(frame);
+        if profile >= half {
+            cells[1] = (frame - half).max(first).to_string();
+        }
+        anew += &(cells.join(",") + "\n");
+    }
+    let anew = folder.file("anew.csv", anew);
+    let pair = |profiles: &str, more: &[&str]| {
+        let args = ["scan", "pair", profiles, "pair_clean.triggers.csv"];
+        let args = [&args[..], more].concat();
+        run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>())
+    };
+    let latches = |answer: &Value| -> Vec<(Value, Value)> {
+        let pairs = answer["pairs"].as_array().unwrap();
+        let pairs = pairs
+            .iter()
+            .map(|p| (p["profile"].clone(), p["number"].clone()));
+        pairs.collect()
+    };
+    let clean = pair("pair_clean.profiles.csv", &[]).exits(0).json();
+    assert!(clean.get("restarts").is_none() && clean.get("renumbered").is_none());
+    let named = pair(&anew, &[]).exits(0).json();
+    let left_out = named["renumbered"].as_array().unwrap().len();
+    assert!(left_out >= 40, "{named}");
+    assert_eq!(named["duplicates"], named["renumbered"]);
+    let warning = named["warnings"].to_string();
+    assert!(
+        warning.contains("frame_counter") && warning.contains("--counter-restarts"),
+        "{warning}"
+    );
+    let followed = pair(&anew, &["--counter-restarts"]).exits(0).json();
+    assert_eq!(latches(&followed), latches(&clean));
+    assert_eq!(followed["restarts"], serde_json::json!([half]));
+    assert!(followed.get("renumbered").is_none());
+    let strict = pair(&anew, &["--counter-restarts", "--strict"])
+        .exits(2)
+        .json();
+    assert!(
+        strict.to_string().contains("1 restarts of the counter"),
+        "{strict}"
+    );
+}
+
 /// A table of positions without a position has no pose to answer.
 #[test]
 fn no_positions_are_no_poses() {

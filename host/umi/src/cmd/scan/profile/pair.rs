@@ -9,6 +9,7 @@ use umi_scan::ScanError;
 use umi_scan::format::profiles;
 use umi_scan::format::triggers::{self, LatchSignal, Triggers};
 use umi_scan::pair::{PairOptions, ScanPairing, pair};
+use umi_scan::profile::frames::FrameCounter;
 
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
@@ -62,6 +63,10 @@ pub(crate) struct Streams {
     /// The sensor's frame counter starts at 0 again after so many bits
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     frame_bits: Option<u32>,
+    /// The sensor's frame counter may have started anew in the scan, while its clock went on: a number that was there
+    /// before at another time is a profile of its own
+    #[arg(long, conflicts_with = "frame_bits")]
+    counter_restarts: bool,
     /// Refuse a scan with any loss, duplicate or extra
     #[arg(long)]
     strict: bool,
@@ -103,7 +108,11 @@ impl Streams {
         PairOptions {
             jitter_us: self.jitter_us,
             drift_ppm: self.drift_ppm,
-            frame_bits: self.frame_bits,
+            counter: match self.frame_bits {
+                Some(bits) => FrameCounter::Bits(bits),
+                None if self.counter_restarts => FrameCounter::Restarts,
+                None => FrameCounter::Rises,
+            },
             encoder: self.encoder,
             strict: self.strict,
         }
@@ -164,6 +173,10 @@ pub fn text(pairing: &ScanPairing) -> String {
     for (what, numbers) in [
         ("profiles without latch", &pairing.unpaired_profiles),
         ("profiles that came again", &pairing.duplicates),
+        (
+            "of these profiles of their own, by the sensor's clock",
+            &pairing.renumbered,
+        ),
         ("latches without profile", &pairing.unpaired_triggers),
     ] {
         if !numbers.is_empty() {
