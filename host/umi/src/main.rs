@@ -11,6 +11,7 @@ use std::process::ExitCode;
 
 use crate::show::terminal::{BAD, paint, print_error, print_json};
 use clap::Parser;
+use umi_client::problem::Problem;
 
 /// The host tool of openumi, the board between a machine tool's control and its probe.
 #[derive(Parser)]
@@ -35,12 +36,26 @@ With --json a command prints JSON to standard output, also where it fails:
 {\"error\":{\"code\":\"...\",\"message\":\"...\"}}. Colours are for terminals only;
 NO_COLOR=1 turns them off.";
 
+/// Whether JSON is asked for, where the command line as a whole cannot be understood.
+fn wants_json() -> bool {
+    let words = std::env::args_os().skip(1);
+    words
+        .take_while(|word| word != "--")
+        .any(|word| word == "--json")
+}
+
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
             // Nobody to tell if even this cannot be printed.
-            let _ = error.print();
+            let _ = if error.use_stderr() && wants_json() {
+                let text = error.render().to_string();
+                let said = text.strip_prefix("error: ").unwrap_or(&text).trim();
+                print_json(&Problem::trouble("usage", said).json()).is_ok()
+            } else {
+                error.print().is_ok()
+            };
             // Asking for help is no error; anything else is a wrong use.
             return ExitCode::from(u8::from(error.use_stderr()));
         }

@@ -15,6 +15,9 @@ use umi_kinematics::COLUMNS;
 use super::table::TableReader;
 use crate::ScanError;
 
+/// What a loss is of where only a message is missing; empty in tables of earlier boards.
+const MESSAGES: [&str; 5] = ["", "edges", "latches", "counted", "events"];
+
 /// What latched the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LatchSignal {
@@ -110,6 +113,10 @@ pub fn parse<R: BufRead>(
             };
             right_until_ns = Some(right_until_ns.map_or(until, |before| before.min(until)));
             continue;
+        }
+        if row.text(event) == "loss" && !MESSAGES.contains(&of) {
+            let words = "motion, transitions, edges, latches, counted or events";
+            return Err(row.wrong(what.unwrap_or(event), words));
         }
         let side = match row.text(of_cause) {
             "output" => 0,
@@ -260,6 +267,15 @@ mod tests {
         );
         // What no board writes was damaged: a latch that is passed over would leave its profile to its neighbour.
         assert_eq!(code("latch,0,outptu,1,5,,0\n", None), "corrupt");
+        // A loss of something that is not known may be one of motion.
+        let text = "event,number,cause,t_ns,x_counts,lost,what\nloss,,output,,,3,WORD\nlatch,0,output,1000,5,0,\n";
+        let told = |word: &str| {
+            let text = text.replace("WORD", word);
+            let table = TableReader::new(text.as_bytes(), "t".into()).unwrap();
+            parse(table, None).map(|triggers| triggers.missed)
+        };
+        assert_eq!(told("edges").unwrap(), 3);
+        assert_eq!(told("encoder").unwrap_err().code, "corrupt");
         let again = "latch,7,output,1000,5,,0\nlatch,0,output,2000,5,,0\n";
         assert_eq!(code(again, None), "board_restarted");
     }

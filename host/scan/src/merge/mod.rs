@@ -101,6 +101,8 @@ impl Bounds {
     }
 }
 
+/// What lies farther out than 1000 km is another unit, or none.
+const FARTHEST_MM: f64 = 1e9;
 /// What is longer than ten seconds is another unit.
 const LONGEST_LATENCY_US: f64 = 1e7;
 
@@ -395,12 +397,12 @@ pub fn merge(
         if points
             .iter()
             .flat_map(|(_, at)| at)
-            .any(|mm| !mm.is_finite())
+            .any(|mm| mm.is_nan() || mm.abs() > FARTHEST_MM)
         {
             return Err(ScanError::refused(
                 "not_finite",
                 format_args!(
-                    "a point of profile {number} is not finite: look at the scales of the machine's \
+                    "a point of profile {number} is not finite, or farther out than 1000 km: look at the scales of the machine's \
                      axes, their counts and the latency"
                 ),
             )

@@ -46,6 +46,8 @@ fn scan(random: &mut Random) -> Scan {
     let even = random.chance(0.3);
     let with_encoder = random.chance(0.3);
     let frame_bits = random.chance(0.3).then_some(8);
+    // The counter of a third of the others starts anew half-way.
+    let restarts = frame_bits.is_none() && n.is_multiple_of(3);
     let fault = random.unit() * 0.08;
     let cause = if random.chance(0.5) {
         LatchSignal::Output
@@ -63,7 +65,10 @@ fn scan(random: &mut Random) -> Scan {
     let mut stamps: Vec<Stamp> = Vec::new();
     let mut truth = Vec::new();
     let (mut number, mut missed) = (0, 0);
-    for _ in 0..n {
+    for place in 0..n {
+        if restarts && place == n / 2 {
+            frame = 0;
+        }
         t_us += interval_us * if even { 1.0 } else { 0.6 + 0.8 * random.unit() };
         speed *= 0.97 + 0.08 * random.unit();
         counts += speed;
@@ -116,7 +121,11 @@ fn scan(random: &mut Random) -> Scan {
             right_until_ns: None,
         },
         options: PairOptions {
-            counter: frame_bits.map_or(FrameCounter::Rises, FrameCounter::Bits),
+            counter: match frame_bits {
+                Some(bits) => FrameCounter::Bits(bits),
+                None if restarts => FrameCounter::Restarts,
+                None => FrameCounter::Rises,
+            },
             encoder: with_encoder.then_some(0),
             ..PairOptions::default()
         },

@@ -113,3 +113,29 @@ fn exit_statuses_are_documented() {
         assert!(help.contains(words), "{words}");
     }
 }
+
+/// With `--json` a wrong use is an object, too, whichever command it is; help is no error and stays text.
+#[test]
+fn a_wrong_use_is_one_object_with_json() {
+    for args in [
+        &["scan", "pair", "--json"][..],
+        &["--json", "fit"],
+        &["scan", "merge", "--nonsense", "--json"],
+        &["nonsense", "--json"],
+    ] {
+        let ran = umi(args).exits(1);
+        assert!(ran.err.is_empty(), "{args:?}: {}", ran.err);
+        assert_eq!(ran.json()["error"]["code"], "usage", "{args:?}");
+    }
+    let plain = umi(&["scan", "pair"]).exits(1);
+    assert!(plain.out.is_empty() && plain.err.contains("Usage"));
+    assert!(
+        umi(&["scan", "pair", "--help", "--json"])
+            .exits(0)
+            .out
+            .contains("Usage")
+    );
+    // Behind `--` it is a file's name.
+    let named = umi(&["scan", "pair", "a", "--", "b", "c", "--json"]).exits(1);
+    assert!(named.out.is_empty(), "{}", named.out);
+}

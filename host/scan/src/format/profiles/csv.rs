@@ -9,6 +9,9 @@ use super::super::table::TableReader;
 use crate::ScanError;
 use crate::profile::{Profile, ProfilePoint, Stamp};
 
+/// Comparisons for the indices of a profile that do not rise: 30 000 samples from last to first.
+const MOST_DISORDER: usize = 450_000_000;
+
 /// Hands out every profile of the table.
 ///
 /// # Errors
@@ -28,6 +31,7 @@ pub fn visit<R: BufRead>(
 
     let mut current: Option<Stamp> = None;
     let mut samples: Vec<ProfilePoint> = Vec::new();
+    let mut disorder = 0;
     while let Some(row) = table.next_row()? {
         let stamp = Stamp {
             profile: row.integer(profile)?,
@@ -49,6 +53,7 @@ pub fn visit<R: BufRead>(
                 }
                 hand_out(before, &samples, &mut take)?;
                 samples.clear();
+                disorder = 0;
             }
             None => {}
         }
@@ -57,11 +62,23 @@ pub fn visit<R: BufRead>(
         if cells == [true; 3] {
             continue;
         }
-        samples.push(ProfilePoint {
+        let sample = ProfilePoint {
             index: row.integer(index)?,
             x_mm: row.finite(x_mm)?,
             z_mm: row.finite(z_mm)?,
-        });
+        };
+        // Mostly they rise; where they do not, each is looked for.
+        if samples
+            .last()
+            .is_some_and(|last| sample.index <= last.index)
+        {
+            let known = samples.iter().any(|before| before.index == sample.index);
+            disorder += samples.len();
+            if known || disorder > MOST_DISORDER {
+                return Err(row.wrong(index, "each place of the sensor's array once, rising"));
+            }
+        }
+        samples.push(sample);
     }
     match current {
         Some(stamp) => hand_out(stamp, &samples, &mut take),
@@ -106,6 +123,10 @@ mod tests {
         assert_eq!(profiles.len(), 2);
         assert_eq!((profiles[0].1, profiles[1].1), (2, 0));
         assert_eq!(profiles[1].0.encoder, Some(-7));
+        // From last to first, and the same indices in the next profile.
+        let profiles =
+            read("0,5,1.5,,3,1.0,2.0\n0,5,1.5,,1,1.5,2.5\n1,6,2.5,,3,1.0,2.0\n").unwrap();
+        assert_eq!((profiles[0].1, profiles[1].1), (2, 1));
     }
 
     #[test]
@@ -114,6 +135,8 @@ mod tests {
             "0,5,1.5,,0,1.0,2.0\n0,6,1.5,,1,1.0,2.0\n",
             "1,5,1.5,,0,1.0,2.0\n0,6,2.5,,1,1.0,2.0\n",
             "0,5,1.5,,0,1.0,\n",
+            "0,5,1.5,,3,1.0,2.0\n0,5,1.5,,3,1.1,2.0\n",
+            "0,5,1.5,,3,1.0,2.0\n0,5,1.5,,4,1.0,2.0\n0,5,1.5,,3,1.1,2.0\n",
         ] {
             assert_eq!(read(rows).unwrap_err().code, "corrupt", "{rows}");
         }

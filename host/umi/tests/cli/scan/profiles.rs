@@ -551,7 +551,9 @@ fn an_intensity_with_its_bounds_reversed_is_refused() {
         run(&args.map(str::to_owned))
     };
     let refused = filter("200,20");
-    assert!(refused.exits(1).err.contains("20,200"));
+    let refused = refused.exits(1).json();
+    assert_eq!(refused["error"]["code"], "usage");
+    assert!(refused.to_string().contains("20,200"), "{refused}");
     assert!(!PathBuf::from(&out).exists());
     filter("20,200").exits(0);
 }

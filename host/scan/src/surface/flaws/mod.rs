@@ -1,9 +1,12 @@
 //! What is odd about a mesh as a nominal, and no reason to refuse it.
 
+mod shells;
+
 use std::collections::HashMap;
 
 use super::mesh::Mesh;
 use crate::rigid::Vec3;
+use shells::odd_shells;
 
 /// What rounding to single precision leaves of a length, as a share of the mesh's size.
 const FLAT: f64 = 1e-6;
@@ -55,6 +58,21 @@ impl Mesh {
                      negative deviation"
                         .to_owned(),
                 );
+            } else {
+                let odd = odd_shells(&self.triangles);
+                if odd.inward > 0 {
+                    flaws.push(format!(
+                        "inward_faces: {} bodies of the nominal look inwards; a point outside them has a negative deviation",
+                        odd.inward
+                    ));
+                }
+                if odd.nested > 0 {
+                    flaws.push(format!(
+                        "nested_faces: {} bodies of the nominal lie within others and look outwards; as cavities they \
+                         would look inwards, and the sign of a deviation there is the other one",
+                        odd.nested
+                    ));
+                }
             }
         }
         flaws
