@@ -6,7 +6,8 @@
 The last arguments are the path's columns for LinuxCNC's axes X Y Z A B C, in this order; `-` where an axis is not used.
 `rs274` of LinuxCNC 2.8 or later must be on the PATH (Debian: `linuxcnc-uspace`). Alone it knows these six axes, so that
 the spindle's orientation needs one of their words: `spindle = { orient_deg = [...], word = "C" }`.
-Status 1 unless every row comes, in order, within 0.001.
+Status 1 unless every row comes, in order, within 0.001, and the program comes from and goes back to one height above all
+rows, along Z alone.
 """
 
 import csv
@@ -41,8 +42,10 @@ def main():
             if off <= ALLOWED:
                 worst, came, next_motion = max(worst, off), came + 1, number + 1
                 break
-    print(f"{came} of {len(rows)} rows, in order, by {len(motions)} motions; off by {worst:.6f} at most")
-    sys.exit(0 if came == len(rows) else 1)
+    top, (first, last) = max(row[2] for row in rows), (motions[0], motions[-1])
+    ends = first[2] == last[2] >= top and first[:2] == [0.0, 0.0] and all(abs(a - b) <= ALLOWED for a, b in zip(last[:2] + last[3:], rows[-1][:2] + rows[-1][3:]))
+    print(f"{came} of {len(rows)} rows, in order, by {len(motions)} motions; off by {worst:.6f} at most; ends at Z{first[2]}: {'yes' if ends else 'NO'}")
+    sys.exit(0 if came == len(rows) and ends else 1)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ use umi_scan::plan::mesh::{PartMesh, read_part};
 use umi_scan::plan::planner::result::{ScanPlan, csv};
 use umi_scan::plan::planner::{PlanOptions, plan};
 use umi_scan::plan::program::{PathDialect, ProgramMode, ProgramStyle, program};
+use umi_scan::plan::proof::row::PathRow;
 use umi_scan::plan::spec::ScanSpec;
 
 /// Words have three decimals, so that they are off by half of the last one.
@@ -281,6 +282,42 @@ fn every_row_comes_in_order_within_half_of_the_last_decimal() {
                 .judge(&motions)
                 .unwrap_or_else(|e| panic!("{dialect:?} {mode:?}: {e}"));
         }
+    }
+}
+
+#[test]
+fn the_head_names_the_rotary_words_that_there_are() {
+    let text = spec_text();
+    let linear = text.split("[[machine.table]]").next().unwrap();
+    let standing: String = linear
+        .lines()
+        .filter(|line| !line.starts_with("spindle"))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    for (text, axes, wanted) in [
+        (text.as_str(), 6, "A, C, W TURNS THE SPINDLE"),
+        (linear, 4, "W TURNS THE SPINDLE"),
+        (&standing, 3, "NONE"),
+    ] {
+        let spec = ScanSpec::read(text, Path::new("")).unwrap();
+        let axes = vec![10.0; axes];
+        let row = PathRow {
+            pass: 0,
+            laser: true,
+            pose: spec.machine.forward(&axes),
+            axes,
+        };
+        let style = ProgramStyle {
+            dialect: PathDialect::Siemens,
+            mode: ProgramMode::Rotary,
+            feed_mm_per_min: FEED_MM_PER_MIN,
+            number: 1,
+        };
+        let program = program(&spec, Vec::new(), &[row], style).unwrap().text;
+        assert!(
+            program.contains(&format!("; ROTARY WORDS: {wanted}\n")),
+            "{program}"
+        );
     }
 }
 

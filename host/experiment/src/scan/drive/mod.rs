@@ -76,6 +76,8 @@ pub struct Driven {
     pub machine_s: f64,
     /// The machine file.
     pub machine: AxisChain,
+    /// The machine as the scene that was driven.
+    pub scene: String,
 }
 
 /// How a run ends before its end.
@@ -105,7 +107,8 @@ pub fn drive(
     program: &str,
     options: &DriveOptions,
 ) -> Result<Driven, ScanError> {
-    let scene = rig::scene(spec, options, program.contains("G43.4"))?;
+    let scene_text = rig::scene_text(spec, options, program.contains("G43.4"))?;
+    let scene = rig::scene(&scene_text)?;
     let scanner = rig::scanner(spec, options).ok_or_else(|| {
         ScanError::unreadable("sensor_spec", "The preset of the scanner is missing.")
     })?;
@@ -182,6 +185,7 @@ pub fn drive(
         lit,
         machine_s,
         machine,
+        scene: scene_text,
     })
 }
 

@@ -54,14 +54,31 @@ fn words(spec: &ScanSpec) -> Result<Vec<char>, ScanError> {
         .collect()
 }
 
-/// The machine without bodies: the part is a surface for the laser alone. For a program that lets
+/// The machine of [`scene_text`].
+///
+/// # Errors
+/// `machine_spec` where the virtual machine cannot be this one.
+pub fn scene(text: &str) -> Result<Scene, ScanError> {
+    Scene::parse(text).map_err(|error| {
+        ScanError::refused(
+            "machine_spec",
+            format_args!("The virtual machine cannot be this one: {error}"),
+        )
+    })
+}
+
+/// The machine as the text of a scene, without bodies: the part is a surface for the laser alone. For a program that lets
 /// the control carry the point on the part (`G43.4`, `carries`), G54 is the part's place and H1 the
 /// length of spindle and beam.
 ///
 /// # Errors
 /// `machine_spec` where the virtual machine or its board cannot have these axes; `nc_mode` where an
 /// offset and a length cannot say where part and point are.
-pub fn scene(spec: &ScanSpec, options: &DriveOptions, carries: bool) -> Result<Scene, ScanError> {
+pub fn scene_text(
+    spec: &ScanSpec,
+    options: &DriveOptions,
+    carries: bool,
+) -> Result<String, ScanError> {
     let machine = &spec.machine;
     let words = words(spec)?;
     let travel = machine.travel_mm;
@@ -69,7 +86,7 @@ pub fn scene(spec: &ScanSpec, options: &DriveOptions, carries: bool) -> Result<S
     let top = travel[2][1];
     let inside = |[least, most]: [f64; 2]| 0.0_f64.clamp(least, most);
     let mut text = format!(
-        "[machine]\ntravel_min_mm = {}\ntravel_max_mm = {}\nreference_mm = {}\nstart_mm = {}\n\
+        "# The machine of a scan path: umi machine run program.nc --scene scene.toml\n[machine]\ntravel_min_mm = {}\ntravel_max_mm = {}\nreference_mm = {}\nstart_mm = {}\n\
          counts_per_mm = {}\n",
         list(travel.map(|[least, _]| least - SPARE_MM)),
         list(travel.map(|[_, most]| most + SPARE_MM)),
@@ -120,12 +137,7 @@ pub fn scene(spec: &ScanSpec, options: &DriveOptions, carries: bool) -> Result<S
             -tip.z,
         );
     }
-    Scene::parse(&text).map_err(|error| {
-        ScanError::refused(
-            "machine_spec",
-            format_args!("The virtual machine cannot be this one: {error}"),
-        )
-    })
+    Ok(text)
 }
 
 /// The part's place on the table and the middle ray's point in the spindle's frame, for a control

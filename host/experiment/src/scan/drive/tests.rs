@@ -8,7 +8,7 @@ use umi_scan::plan::mesh::read_part;
 use umi_scan::plan::spec::ScanSpec;
 use umi_virtual::scanner::{LaserTarget as _, Optics};
 
-use super::rig::{Parts, machine_file, machine_text, scanner, scene};
+use super::rig::{Parts, machine_file, machine_text, scanner, scene, scene_text};
 use super::{ControlLanguage, DriveOptions};
 
 const OPTIONS: DriveOptions = DriveOptions {
@@ -79,11 +79,15 @@ fn a_machine_that_the_board_cannot_have_is_refused() {
     let mut four = spec("kinematics_ac.toml");
     let axis = four.machine.table[0].clone();
     four.machine.head.push(axis);
-    let refused = scene(&four, &OPTIONS, false).unwrap_err();
+    let refused = scene_text(&four, &OPTIONS, false)
+        .and_then(|text| scene(&text))
+        .unwrap_err();
     assert_eq!(refused.code, "machine_spec", "{refused}");
     let mut named = spec("step_wavy.toml");
     named.machine.head[0].name = "B2".into();
-    let refused = scene(&named, &OPTIONS, false).unwrap_err();
+    let refused = scene_text(&named, &OPTIONS, false)
+        .and_then(|text| scene(&text))
+        .unwrap_err();
     assert!(refused.message.contains("B2"), "{refused}");
 }
 

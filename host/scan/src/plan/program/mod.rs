@@ -235,14 +235,16 @@ impl Writer<'_> {
                 self.comment("X Y Z ARE THE POINT OF THE MIDDLE RAY IN THE PART FRAME: SET THE OFFSET AND THE TOOL TO SENSOR AND PART");
             }
         }
-        let mut names = self.words_of_axes().join(" ");
+        let mut names = self.words_of_axes();
         if self.spec.machine.orient_deg.is_some() {
             let word = &self.spec.machine.orient_word;
-            let _ = write!(names, ", {word} TURNS THE SPINDLE");
+            names.push(format!("{word} TURNS THE SPINDLE"));
         }
-        if names.is_empty() {
-            names.push_str("NONE");
-        }
+        let names = if names.is_empty() {
+            "NONE".to_owned()
+        } else {
+            names.join(", ")
+        };
         self.comment(&format!("ROTARY WORDS: {names}"));
         self.comment(&format!(
             "SAFETY IS Z{} OF THE MACHINE, THE TOP OF ITS TRAVEL",

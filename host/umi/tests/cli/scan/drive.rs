@@ -77,8 +77,20 @@ fn a_planned_path_is_driven_to_a_cloud_on_the_part() {
     let text = fs::read_to_string(&page).unwrap();
     assert!(text.contains("The points are simulated") && text.contains("WITHOUT noise"));
 
-    // The same recording through the commands that a real one goes through.
+    // What was driven, driven again; a limit that it would pass is an alarm.
     let file = |name: &str| format!("{kept}/{name}");
+    let (program, scene) = (file("program.nc"), file("scene.toml"));
+    let run = |scene: &str| umi(&["machine", "run", &program, "--scene", scene, "--json"]);
+    run(&scene).exits(0);
+    let text = fs::read_to_string(&scene).unwrap();
+    let narrow = text.replace(
+        "limits_deg = [-95.0005, 95.0005]",
+        "limits_deg = [-1.0, 1.0]",
+    );
+    assert_ne!(narrow, text);
+    run(&of.folder.file("narrow.toml", narrow)).exits(2);
+
+    // The same recording through the commands that a real one goes through.
     let merge = |machine: &str, out: &str| {
         let (profiles, triggers) = (file("profiles.gocator"), file("triggers.csv"));
         let args = ["scan", "merge", &profiles, &triggers, "--json"];

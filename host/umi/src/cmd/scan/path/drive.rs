@@ -56,7 +56,7 @@ pub(crate) struct Drive {
     /// Writes a page on the deviations, as `umi scan report` does
     #[arg(long, value_name = "PAGE.html")]
     report: Option<PathBuf>,
-    /// Keeps the recording: profiles.gocator, triggers.csv, machine.toml, program.nc
+    /// Keeps the recording: profiles.gocator, triggers.csv, machine.toml, program.nc, scene.toml
     #[arg(long, value_name = "FOLDER")]
     recording: Option<PathBuf>,
     /// The program's language
@@ -112,6 +112,9 @@ specification.
 The machine is ideal: what is off is the sensor's noise, the encoders' steps (0.0001 mm and
 degrees), the words' three decimals and the profiles' own steps. It stops at each block's end.
 
+A recording holds what a scan of a real machine would (profiles, triggers, machine.toml), and what
+was driven: program.nc and the machine as scene.toml, for `umi machine run` and `check`.
+
 With --json: `kind` \"scan_drive\", `machine_s`, `pulses`, `lit`, `profiles`, `paired`, `points`,
 `lost_frames`, `missed_latches`, `coverage` (share of the area with a point within
 `coverage_within_mm`), `noise_um`, `seed`, `deviations` as `umi scan compare`.
@@ -120,6 +123,7 @@ Examples:
   umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply
   umi scan drive part.stl --spec spec.toml path.nc --dialect linuxcnc -o cloud.laz --json
   umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply --report page.html --recording scan
+  umi machine run scan/program.nc --scene scan/scene.toml
 
 Exit status: 0 driven, 1 usage or a file that cannot be read, 2 refused (no file is left): the codes of
 `umi scan plan` and `umi scan merge`, bad_path, alarm, collision, nc_mode.";
@@ -192,11 +196,12 @@ impl Drop for RecordingFolder {
     }
 }
 
-const FILES: [&str; 4] = [
+const FILES: [&str; 5] = [
     "profiles.gocator",
     "triggers.csv",
     "machine.toml",
     "program.nc",
+    "scene.toml",
 ];
 
 impl Drive {
@@ -316,6 +321,7 @@ impl Drive {
         save(FILES[0], &driven.channel)?;
         save(FILES[2], machine_text(&driven.machine).as_bytes())?;
         save(FILES[3], program.as_bytes())?;
+        save(FILES[4], driven.scene.as_bytes())?;
         // The table is never written over what is there; this program's own may be.
         let _ = fs::remove_file(file(FILES[1]));
         let mut sink = Sink::table(&file(FILES[1]))?;
