@@ -227,12 +227,11 @@ impl Wanted {
     }
 }
 
+/// From a program to its motions.
+type Reader = fn(&str) -> Result<Vec<Motion>, String>;
+
 /// A program, what it is held against, and its reader.
-fn written(
-    dialect: PathDialect,
-    mode: ProgramMode,
-    rotary: [&str; 3],
-) -> (String, Wanted, fn(&str) -> Result<Vec<Motion>, String>) {
+fn written(dialect: PathDialect, mode: ProgramMode, rotary: [&str; 3]) -> (String, Wanted, Reader) {
     let [a, c, w] = rotary;
     let text = spec_text()
         .replace("name = \"A\"", &format!("name = \"{a}\""))
