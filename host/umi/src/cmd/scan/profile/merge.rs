@@ -74,7 +74,8 @@ With --interpolate-ms the answer names the profiles that no latch placed (`inter
 points stand on a straight line between two latches, whatever the axes did there.
 
 The time of a point (--times-too) is that of its edge plus --latency-us: the moment for which its
-counts were taken. All points of a profile have the same.
+counts were taken. All points of a profile have the same. No format of profiles that is read has an
+intensity, so a merged cloud has none; clouds that have one keep it in every command behind.
 
 Floats keep 24 bits: at 800 mm they are right within 0.03 µm; --double keeps all. A PLY whose first
 point lies beyond 2 m has doubles, whether asked for or not. Its offset is always 0, and its header says so.
