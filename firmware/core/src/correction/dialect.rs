@@ -15,7 +15,7 @@
 //! | `{w}` `{f}` | the work offset that is written; that was probed in |
 //! | `{g}` `{n}` `{N}` | its `G10 L P`; its number; its number, 100 more beyond G59 |
 //! | `{X}` `{Y}` `{Z}` | the numbers of its variables |
-//! | `{t}` | what is not as it should be of offset, plane, G90 and G21 in force |
+//! | `{t}` | what is not as it should be of offset, plane, G90, G21, tool length and cycle in force |
 //! | `{0}` to `{9}` | common variables, counted from the first |
 //! | `{s}` `{m}` `{e}` | the set; the program number; `M99` or `M30` |
 //! | `{h}` `{H}` | the check value; with the offset's number in it |
@@ -160,6 +160,7 @@ const VARIABLES: Form = Form {
     turn: Turn::Origin,
     program: concat!(
         head!(),
+        "#9=#4008\n",
         note!(),
         "#{X}={x}\n#{Y}={y}\n#{Z}={z}\n^#33={c}",
         alike!(),
@@ -198,7 +199,7 @@ pub const fn form(dialect: Dialect) -> Form {
             // The sets are #26000 and on, ten apart; set 0 is added to all others.
             program: concat!(
                 head!(),
-                "(^LEAVES G17 G21 G90 G54.4 ACTIVE|RUN WITH G54.4 P{s}^)\nG17 G21 G90\nG69\n\
+                "#9=#4008\n(^LEAVES G17 G21 G90 G54.4 ACTIVE|RUN WITH G54.4 P{s}^)\nG17 G21 G90\nG69\n\
                  G54.4 P0\n#{X}={o}\n#{Y}={p}\n#{Z}={q}\n#260{s}0={x}\n#260{s}1={y}\n#260{s}2={z}\n\
                  #260{s}3={a}\n#260{s}4={b}\n#260{s}5={c}\nIF[ABS[#26000]+\
                  ABS[#26001]+ABS[#26002]+ABS[#26003]+ABS[#26004]+ABS[#26005]GT0]GOTO9\n#33={s}",
@@ -417,12 +418,12 @@ pub const fn about(dialect: Dialect) -> About {
             "known to have G54.4; that its angles are Mazak's is taken over, not read",
         ),
         Dialect::Variables => (
-            "Fanuc, Mitsubishi, Mazak EIA: with macros; read back; writes #3 #13 #23 #30 to #33",
+            "Fanuc, Mitsubishi, Mazak EIA: with macros; read back; writes #3 #9 #13 #23 #30 to #33",
             "virtual machine",
             "Haas 96-8000 page 113 (#5221 to #5325 G54 to G59, #7001 on the further ones, 20 apart); modal #4002 to #4016, #4130 as known",
         ),
         Dialect::Haas => (
-            "Haas with macros; G68 is an option (rotation and scaling); read back; writes #3 #13 #23 #30 to #33",
+            "Haas with macros; G68 is an option (rotation and scaling); read back; writes #3 #9 #13 #23 #30 to #33",
             "virtual machine",
             "Haas mill operator's manual, G68 (R three decimals, -360 to 360); 96-8000 page 113 (#5221 to #5325, #7001 on); #14401 on (G154 P21 on), #4012 as known",
         ),

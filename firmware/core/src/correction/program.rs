@@ -205,7 +205,9 @@ impl Writer<'_> {
                     }
                     _ => write!(out, "-{}]", 53 + number),
                 }?;
-                out.write_str("+ABS[#4002-17]+ABS[#4003-90]+ABS[#4006-21]")
+                out.write_str(
+                    "+ABS[#4002-17]+ABS[#4003-90]+ABS[#4006-21]+ABS[#4008-#9]+ABS[#4009-80]",
+                )
             }
             's' => write!(out, "{set}"),
             'm' => write!(out, "{:04}", spec.program_number),

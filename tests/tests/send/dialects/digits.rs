@@ -24,7 +24,7 @@ struct Digits {
 
 /// Every digit outside of comments, and of the lines that say a program's number or end LinuxCNC's
 /// file, in turn each of the other nine.
-fn changed(dialect: Dialect) -> Digits {
+fn changed(dialect: Dialect, is_turned: bool) -> Digits {
     let spec = spec(dialect);
     let text = made(&spec, &rigid([0.0, 0.0, 0.013], [1.734_2, -2.301_1, 0.412]));
     let points: Vec<V> = points(&spec);
@@ -32,12 +32,16 @@ fn changed(dialect: Dialect) -> Digits {
         let home = umi_core::units::Point::from_mm(0.0, 0.0, 0.0);
         let mut axes = Recorder::new(home, home);
         let mut control = Control::new(ControlSettings::of(language(dialect)));
+        control.offsets_mut().set_length(1, 7.0);
         // What stood there before: a digit that names another offset or variable finds this.
         let stood = "G10 L2 P2 X-401. Y-251. Z-311.\nG10 L2 P3 X-402. Y-252. Z-312.\n";
         let stood = match dialect {
             Dialect::LinuxCnc | Dialect::Grbl => format!("{stood}M2\n"),
-            // And a rotation that is still on.
-            _ => format!("%\nO0003\n{stood}G68 X5. Y7. R3.\nM00\nM30\n%\n"),
+            // And a tool's length, and a rotation that is still on.
+            _ => {
+                let turned = if is_turned { "G68 X5. Y7. R3.\n" } else { "" };
+                format!("%\nO0003\n{stood}G43 H1\n{turned}M00\nM30\n%\n")
+            }
         };
         control
             .load(&stood)
@@ -109,21 +113,23 @@ fn a_wrong_digit_is_an_alarm() {
         ) {
             continue;
         }
-        let found = changed(dialect);
-        let (alarms, late) = (found.alarms, found.late.len());
-        let (right, wrong) = (found.right, found.wrong.len());
-        println!(
-            "{}: {alarms} alarms, {late} behind a move, {right} right, {wrong} wrong",
-            dialect.name()
-        );
-        if is_read_back(dialect) {
-            assert_eq!(found.wrong, [""; 0], "{}", dialect.name());
-            assert_eq!(found.late, [""; 0], "{}", dialect.name());
-        } else {
-            // What is counted here is real.
-            assert!(wrong > 100, "{found:?}");
+        for is_turned in [false, true] {
+            let found = changed(dialect, is_turned);
+            let (alarms, late) = (found.alarms, found.late.len());
+            let (right, wrong) = (found.right, found.wrong.len());
+            println!(
+                "{}, turned before {is_turned}: {alarms} alarms, {late} behind a move, {right} right, {wrong} wrong",
+                dialect.name()
+            );
+            if is_read_back(dialect) {
+                assert_eq!(found.wrong, [""; 0], "{}", dialect.name());
+                assert_eq!(found.late, [""; 0], "{}", dialect.name());
+            } else {
+                // What is counted here is real.
+                assert!(wrong > 100, "{found:?}");
+            }
+            assert!(alarms > 20, "{found:?}");
         }
-        assert!(alarms > 20, "{found:?}");
     }
 }
 
