@@ -10,7 +10,7 @@
 //!                                             ◄─   sealed answers
 //! ```
 //!
-//! What is signed and how frames are sealed: `umi_core::access::session`.
+//! What is signed and how frames are sealed: `umi_core::trust::access::session`.
 
 use heapless::{String, Vec};
 use postcard_derive::Schema;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 use thiserror::Error;
 
-/// Bytes of an image's header: `umi_core::access::update::image`.
+/// Bytes of an image's header: `umi_core::trust::access::update::image`.
 pub const IMAGE_HEADER: usize = 192;
 
 /// Major, minor, patch.

@@ -17,9 +17,6 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod access;
-pub mod archive;
-pub mod board_key;
 pub mod brain;
 pub mod button;
 pub mod capture;
@@ -37,5 +34,6 @@ pub mod rewrite;
 #[cfg(test)]
 mod sentences;
 pub mod trigger;
+pub mod trust;
 pub mod units;
 pub mod zero_option;

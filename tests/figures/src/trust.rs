@@ -4,9 +4,9 @@ use core::hint::black_box;
 
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha512};
-use umi_core::access::session::{BoardHandshake, HostHandshake};
-use umi_core::access::update::image::ImageHeader;
-use umi_core::board_key::{BoardKey, key_id};
+use umi_core::trust::access::session::{BoardHandshake, HostHandshake};
+use umi_core::trust::access::update::image::ImageHeader;
+use umi_core::trust::board_key::{BoardKey, key_id};
 use umi_protocol::frame::Authenticated;
 use umi_protocol::job::name;
 

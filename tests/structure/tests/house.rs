@@ -154,7 +154,7 @@ fn no_circle_of_modules() {
 /// Folders of source that are wider than a reader takes in at a glance, and how wide they are.
 /// None may join them, and none may grow.
 const WIDE: &[(&str, usize)] = &[
-    ("firmware/core/src", 23),
+    ("firmware/core/src", 20),
     ("host/scan/src", 19),
     ("host/scan/src/plan", 14),
 ];

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use umi_client::board::link::{Client, LinkError, Transport};
 use umi_client::files::key_file::SigningKey;
-use umi_core::access::permit::permit;
-use umi_core::access::session::{HostHandshake, HostSession};
+use umi_core::trust::access::permit::permit;
+use umi_core::trust::access::session::{HostHandshake, HostSession};
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode, encode_sealed};
@@ -283,7 +283,9 @@ fn a_session_that_is_played_again_changes_nothing() {
     assert!(owner.lock(false).unwrap());
     assert!(
         owner
-            .key_revoke(umi_core::board_key::key_id(&key(9, Role::Owner).public))
+            .key_revoke(umi_core::trust::board_key::key_id(
+                &key(9, Role::Owner).public
+            ))
             .unwrap()
     );
     owner.set_config(&Default::default()).unwrap().unwrap();
@@ -382,7 +384,7 @@ fn what_is_put_between_changes_nothing() {
 fn a_revoked_key_is_a_strangers() {
     let board = VirtualBoard::start(config()).unwrap();
     claim(&board);
-    let id = umi_core::board_key::key_id(&key(ENGINEER, Role::Engineer).public);
+    let id = umi_core::trust::board_key::key_id(&key(ENGINEER, Role::Engineer).public);
     // The owner revokes the engineer; his next try is a stranger's.
     assert!(authenticated(&board, OWNER).key_revoke(id).unwrap());
     let mut client = umi_desk::client(&board).unwrap();

@@ -1,7 +1,7 @@
-//! Signed images: from a host's requests to the slots ([`umi_core::access::update::slots`]).
+//! Signed images: from a host's requests to the slots ([`umi_core::trust::access::update::slots`]).
 
-use umi_core::access::update::slots::{Slots, UpdateError};
 use umi_core::journal::Flash;
+use umi_core::trust::access::update::slots::{Slots, UpdateError};
 use umi_core::units::Micros;
 use umi_protocol::latch::Positions;
 use umi_protocol::message::{Record, Request, Response};

@@ -7,11 +7,11 @@
 //! rest looks like one that a power cut tore, and the one before it must not be an older state.
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
 
-use umi_core::access::register::{KeyRegister, Wiping};
-use umi_core::access::session::{BoardHandshake, BoardSession, SignatureParts};
-use umi_core::access::tries::Tries;
-use umi_core::board_key::{NoEntropy, key_id};
 use umi_core::journal::{Flash, Journal};
+use umi_core::trust::access::register::{KeyRegister, Wiping};
+use umi_core::trust::access::session::{BoardHandshake, BoardSession, SignatureParts};
+use umi_core::trust::access::tries::Tries;
+use umi_core::trust::board_key::{NoEntropy, key_id};
 use umi_core::units::Micros;
 use umi_protocol::access::{
     AccessChange, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,

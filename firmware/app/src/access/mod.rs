@@ -20,10 +20,10 @@ pub use images::Images;
 pub(crate) use images::update;
 pub use keeper::Keeper;
 
-use umi_core::access::permit::{permit, permit_role};
-use umi_core::access::register::{KeyRegister, Wiping};
-use umi_core::access::session::SignatureParts;
 use umi_core::journal::Flash;
+use umi_core::trust::access::permit::{permit, permit_role};
+use umi_core::trust::access::register::{KeyRegister, Wiping};
+use umi_core::trust::access::session::SignatureParts;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{

@@ -4,8 +4,8 @@
 //! a function of its own that is not inlined, so that the stack holds one at a time.
 
 use heapless::Vec;
-use umi_core::archive::Archive;
 use umi_core::job::Run;
+use umi_core::journal::archive::Archive;
 use umi_core::journal::{Flash, JournalError};
 use umi_core::units::Micros;
 use umi_protocol::config::BoardConfig;

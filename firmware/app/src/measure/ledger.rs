@@ -1,10 +1,10 @@
 //! Where decisions go: into the journal, to the host, and what a verdict releases.
 
 use heapless::{String, Vec};
-use umi_core::archive::{Archive, FIELDS, ROOM as RECORD_ROOM};
 use umi_core::brain::Output;
 use umi_core::job::Teaching;
 use umi_core::journal::Flash;
+use umi_core::journal::archive::{Archive, FIELDS, ROOM as RECORD_ROOM};
 use umi_core::registration::RigidTransform;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;

@@ -1,7 +1,7 @@
 //! A board's start: its storage is opened, and what was in force is taken up.
 
-use umi_core::archive::{Archive, ArchiveFault};
 use umi_core::job::Teaching;
+use umi_core::journal::archive::{Archive, ArchiveFault};
 use umi_core::journal::{Flash, JournalError};
 use umi_core::programs::{self, Store};
 use umi_core::units::Micros;

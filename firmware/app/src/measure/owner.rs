@@ -1,7 +1,7 @@
 //! What the owner asks of a board, and what the board does about it: [`crate::measure::trust::custody`].
 
-use umi_core::archive::Archive;
 use umi_core::journal::Flash;
+use umi_core::journal::archive::Archive;
 use umi_core::units::Micros;
 use umi_protocol::access::{AccessRefusal, KeyId};
 use umi_protocol::config::{BoardConfig, WhenFull};

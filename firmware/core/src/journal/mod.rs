@@ -67,7 +67,7 @@
 //! * Taking the newest entries away leaves a shorter, valid record. Whoever must
 //!   exclude that notes [`chain_head`](Journal::chain_head) and
 //!   [`next_seq`](Journal::next_seq) outside of the board, or keeps a signed head
-//!   ([`crate::board_key`]). The chain itself has no key: who can write the flash can
+//!   ([`crate::trust::board_key`]). The chain itself has no key: who can write the flash can
 //!   write another record, and only a head or a noted value tells the two apart.
 //! * If the newest entry is damaged later, it cannot be told from a torn one: it
 //!   is reported as `torn_bytes` and its number is used again. Damage to any
@@ -86,6 +86,7 @@
 //!   sector joins sectors: its driver erases two for one, which may be cut between.
 //! * Erased flash must read 0xFF. Sectors must all have one size.
 
+pub mod archive;
 mod error;
 mod export;
 pub(crate) mod flash;

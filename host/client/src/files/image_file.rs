@@ -1,10 +1,10 @@
-//! Signed images as files, `BOARD.umif`: [`umi_core::access::update::image`].
+//! Signed images as files, `BOARD.umif`: [`umi_core::trust::access::update::image`].
 
 use std::path::Path;
 
 use ed25519_dalek::Signer as _;
 use sha2::{Digest as _, Sha512};
-use umi_core::access::update::image::ImageHeader;
+use umi_core::trust::access::update::image::ImageHeader;
 use umi_protocol::job::Name;
 use umi_protocol::update::{IMAGE_HEADER, ImageVersion};
 
@@ -65,7 +65,7 @@ pub fn sign(
         counter,
         length,
         sha512: Sha512::digest(payload).into(),
-        key_id: umi_core::board_key::key_id(&maker.verifying_key().to_bytes()),
+        key_id: umi_core::trust::board_key::key_id(&maker.verifying_key().to_bytes()),
     };
     let signature = maker.sign(&header.signed());
     let bytes = header.encode([*signature.r_bytes(), *signature.s_bytes()]);

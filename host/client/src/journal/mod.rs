@@ -73,7 +73,7 @@ pub fn read<E: From<Problem>>(
 /// A short name of a public key: the first 8 bytes of its SHA-256, as hexadecimal digits.
 #[must_use]
 pub fn key_id(key: &[u8; 32]) -> String {
-    hex(&umi_core::board_key::key_id(key))
+    hex(&umi_core::trust::board_key::key_id(key))
 }
 
 /// Bytes as hexadecimal digits.

@@ -111,7 +111,7 @@ pub fn head(
         match board.head(Some(nonce))? {
             HeadAnswer::NoKey => return Ok(Err(Unsigned::NoKey)),
             HeadAnswer::Signed(head) => {
-                if head.nonce != Some(nonce) || !umi_core::board_key::is_signed(&head) {
+                if head.nonce != Some(nonce) || !umi_core::trust::board_key::is_signed(&head) {
                     let message = "the board's head is not signed by the key that it names: this is not the board that it says it is";
                     return Err(Problem::refused("head_signature", message).with("seq", head.seq));
                 }

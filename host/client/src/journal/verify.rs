@@ -7,8 +7,8 @@
 
 mod evidence;
 
-use umi_core::board_key::is_signed;
 use umi_core::journal::{Chain, Entry, FileError, FileHeader, JournalFault, decode_file};
+use umi_core::trust::board_key::is_signed;
 use umi_protocol::head::Head;
 use umi_protocol::message::Record;
 

@@ -16,8 +16,8 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep, sleep_until};
 use umi_app::App;
 use umi_app::access::Images;
-use umi_core::access::update::slots::{BuiltIn, Slots, UpdateError};
 use umi_core::journal::Geometry;
+use umi_core::trust::access::update::slots::{BuiltIn, Slots, UpdateError};
 use umi_core::units::Micros;
 use umi_protocol::update::{IMAGE_HEADER, ImageInfo, ImageVersion};
 

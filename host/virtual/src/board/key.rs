@@ -1,7 +1,7 @@
 //! The key of a virtual board: drawn from the operating system's entropy.
 
 use umi_app::measure::trust::heads::HeadSigner;
-use umi_core::board_key::{BoardKey, NoEntropy};
+use umi_core::trust::board_key::{BoardKey, NoEntropy};
 
 use super::VirtualFlash;
 

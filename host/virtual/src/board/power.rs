@@ -14,7 +14,7 @@ use umi_app::board::{Clock as _, LineAbilities};
 use umi_app::measure::trust::heads::HeadSigner;
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
-use umi_core::board_key::NoEntropy;
+use umi_core::trust::board_key::NoEntropy;
 use umi_core::units::Micros;
 use umi_protocol::job::name;
 use umi_protocol::message::{Identity, ResetReason};

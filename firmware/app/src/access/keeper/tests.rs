@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex};
 use std::vec::Vec;
 
 use ed25519_dalek::{Signer as _, SigningKey};
-use umi_core::access::session::HostHandshake;
 use umi_core::journal::Geometry;
+use umi_core::trust::access::session::HostHandshake;
 use umi_protocol::access::{AccessMode, KeyName};
 use umi_protocol::config::BoardConfig;
 use umi_protocol::job::name;

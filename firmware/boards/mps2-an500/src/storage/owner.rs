@@ -14,7 +14,7 @@ use sha2::{Digest as _, Sha256};
 use static_cell::StaticCell;
 use umi_app::access::Keeper;
 use umi_app::measure::trust::heads::HeadSigner;
-use umi_core::board_key::{BoardKey, NoEntropy};
+use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_core::units::Micros;
 
 use super::{Region, jumper_is_closed};

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
-use umi_core::access::session::HostSession;
+use umi_core::trust::access::session::HostSession;
 use umi_protocol::access::AccessRefusal;
 use umi_protocol::decoder::{Decoder, FrameCounters};
 use umi_protocol::frame::{

@@ -1,7 +1,7 @@
 //! How a host proves its key; from then on its requests are sealed, and so are the answers.
 
 use ed25519_dalek::SigningKey;
-use umi_core::access::session::HostHandshake;
+use umi_core::trust::access::session::HostHandshake;
 use umi_protocol::access::Role;
 
 use super::client::Client;

@@ -1,7 +1,7 @@
 //! Honest files pass, and whatever is done to one is found, and where.
 
-use umi_core::board_key::{BoardKey, NoEntropy};
 use umi_core::journal::{ERASED, Flash, Gap, Geometry, OVERHEAD, encode_entry};
+use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_core::units::Micros;
 use umi_protocol::job::name;
 use umi_protocol::message::MAX_RECORD;

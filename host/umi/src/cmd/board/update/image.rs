@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use umi_client::files::{image_file, key_file};
 use umi_client::journal::hex;
 use umi_client::problem::Problem;
-use umi_core::access::update::image::ImageHeader;
+use umi_core::trust::access::update::image::ImageHeader;
 use umi_protocol::update::ImageVersion;
 
 use crate::cmd::{Format, passphrase};

@@ -27,7 +27,7 @@ fn codes_and_sentences_stay() {
     page(&mut text, &points(), PointRefusal::code);
     page(&mut text, &journals(), JournalError::code);
     page(&mut text, &rewrites(), |_| "");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sentences.txt");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sentences/sentences.txt");
     if std::env::var_os("UMI_BLESS").is_some_and(|value| value == "1") {
         std::fs::write(&path, &text).unwrap();
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyId, KeyInfo, Keys, Role};
 
 use super::tries::WrongKeys;
-use crate::board_key::{key_id, may_prove};
+use crate::trust::board_key::{key_id, may_prove};
 
 /// Starts in a row with the jumper closed that count.
 pub const JUMPER_STARTS: u8 = 2;

@@ -1,7 +1,7 @@
 use super::*;
-use crate::board_key::key_id;
 use crate::journal::Geometry;
 use crate::journal::mock::{Cut, ERASE_CUTS, MockFlash, Op, Random};
+use crate::trust::board_key::key_id;
 
 use ed25519_dalek::{Signer as _, SigningKey};
 use std::vec::Vec;

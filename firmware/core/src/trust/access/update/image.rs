@@ -21,7 +21,7 @@ use umi_protocol::access::KeyId;
 use umi_protocol::job::Name;
 use umi_protocol::update::{IMAGE_HEADER, ImageVersion};
 
-use crate::board_key::key_id;
+use crate::trust::board_key::key_id;
 
 const MAGIC: &[u8; 8] = b"oUMIimg\n";
 const FORMAT: u16 = 1;
