@@ -11,6 +11,7 @@ pub mod calibration;
 pub mod fits;
 mod half_sphere;
 mod meter;
+pub mod readings;
 mod trust;
 pub mod work;
 
@@ -67,7 +68,7 @@ mod tests {
         }
         let mut runs = Runs(Vec::new());
         assert_eq!(work::all(&mut runs), Ok(()));
-        assert_eq!(runs.0.len(), 18);
+        assert_eq!(runs.0.len(), 19);
     }
 
     /// Every case of the index gives numbers, or a refusal where one is right.

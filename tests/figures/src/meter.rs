@@ -57,6 +57,9 @@ pub mod names {
     pub const CALIBRATION_100: &str = "calibration of a point sensor by 100 readings";
     /// P = Q + t + γ g a.
     pub const PLACE: &str = "point of a reading of a point sensor";
+    /// Text, pairing and average of a capture at rest.
+    pub const READING: &str =
+        "reading of a point sensor, its text of 27 bytes paired with its capture";
     /// A head, as the board signs it.
     pub const SIGN: &str = "Ed25519 signature of a head";
     /// The header of an image, as each start verifies it.

@@ -16,6 +16,7 @@ use umi_protocol::pattern::{BlockPattern, LinePattern};
 use crate::calibration::Readings;
 use crate::half_sphere::half_sphere;
 use crate::meter::{Ram, repeated};
+use crate::readings::{CAPTURES, Capturing};
 use crate::{CASES, Case, trust};
 
 pub use crate::meter::{Failed, Meter, names};
@@ -211,5 +212,14 @@ fn point_sensor(meter: &mut impl Meter) -> Result<(), Failed> {
         let reading = black_box(&reading);
         let place = black_box(sensor.place(reading.axes, reading.gamma));
         place.mm.x.is_finite()
-    })
+    })?;
+    pairing(meter)
+}
+
+fn pairing(meter: &mut impl Meter) -> Result<(), Failed> {
+    let failed = Failed(names::READING);
+    let mut capturing = Capturing::begun().ok_or(failed)?;
+    let mut place = None;
+    meter.measure(names::READING, CAPTURES, &mut || place = capturing.place());
+    place.ok_or(failed)
 }

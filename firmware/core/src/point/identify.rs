@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 use super::calibration::PointCalibration;
 use super::error::{PointRefusal, Weakness};
 use super::model::{Beam, View};
-use crate::fit::solve::least_squares::Surface;
 use crate::fit::solve::linalg::{Qr, Square, largest_variance, norm};
 use crate::units::Mm;
 
@@ -154,8 +153,8 @@ pub(super) fn one_circle<const K: usize>(
 fn rms<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> f64 {
     let squares = view
         .sightings()
-        .filter_map(|seen| beam.term(&seen))
-        .fold(0.0, |sum, term| sum + term.residual * term.residual);
+        .map(|seen| beam.residual(&seen))
+        .fold(0.0, |sum, residual| sum + residual * residual);
     libm::sqrt(squares / view.count())
 }
 
@@ -195,7 +194,7 @@ pub(super) fn certain(answer: &PointCalibration, radius: f64) -> Result<(), Poin
 fn weakest<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> Option<Weakness> {
     let mut qr = Qr::<K>::new();
     for seen in view.sightings() {
-        let mut row = beam.term(&seen)?.gradient;
+        let mut row = beam.gradient(&seen)?;
         for k in 3..K {
             if Some(k) != beam.radius_at {
                 row[k] /= view.spread;

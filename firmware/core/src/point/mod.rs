@@ -22,9 +22,10 @@
 //!   as well. A rough direction decides, and [`PointCalibration::mirror`] says
 //!   that it did.
 //!
-//! There are several local minima. The search starts from a fixed fan of
-//! directions and keeps the least minimum whose direction is on the side of
-//! the rough one.
+//! There are several local minima. Squared, the equations are linear: mostly they show
+//! that every beam that fits is near one place (`search::squared`). Else a search starts from a
+//! fixed fan of directions and keeps the least minimum whose direction is on the side
+//! of the rough one.
 
 mod calibration;
 mod error;

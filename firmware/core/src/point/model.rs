@@ -84,6 +84,36 @@ impl<const K: usize> Beam<K> {
         seen.from_center + self.foot + self.direction * (seen.spread * self.gain)
     }
 
+    /// How far a reading's point is outside its ball, times the reading's weight.
+    pub(super) fn residual(&self, seen: &Sighting) -> f64 {
+        seen.weight * (norm(&self.arm(seen)) - seen.radius - self.radius_error)
+    }
+
+    /// How the residual moves with the unknowns, for a weight of 1: e1 and e2 move the arm by the stretch, a by the
+    /// spread; with c it moves as c does.
+    fn slope(&self, seen: &Sighting, normal: &Vector3<f64>) -> [f64; K] {
+        let mut slope = [0.0; K];
+        for axis in 0..3 {
+            slope[axis] = normal[axis];
+        }
+        for (angle, e) in self.across.iter().enumerate() {
+            slope[3 + angle] = seen.spread * self.gain * normal.dot(e);
+        }
+        if let Some(at) = self.gain_at {
+            slope[at] = seen.spread * normal.dot(&self.direction);
+        }
+        if let Some(at) = self.radius_at {
+            slope[at] = -1.0;
+        }
+        slope
+    }
+
+    /// First derivatives of the residual.
+    pub(super) fn gradient(&self, seen: &Sighting) -> Option<[f64; K]> {
+        let slope = self.slope(seen, &self.normal(seen)?);
+        Some(slope.map(|slope| slope * seen.weight))
+    }
+
     /// The unit normal of the ball where a reading's point is nearest.
     pub(super) fn normal(&self, seen: &Sighting) -> Option<Vector3<f64>> {
         unit(&self.arm(seen))
@@ -175,15 +205,12 @@ impl<const K: usize> Surface<K, Sighting> for Beam<K> {
         let normal = arm / length;
         let [e1, e2] = self.across;
         let (spread, stretch) = (seen.spread, seen.spread * self.gain);
-        // How the arm moves with the angles and with the gain: e1 and e2 times
-        // the stretch, a times the spread; with c it moves as c does.
         let aside = [normal.dot(&e1), normal.dot(&e2)];
         let ahead = normal.dot(&self.direction);
-        let mut gradient = [0.0; K];
+        let mut gradient = self.slope(seen, &normal);
         // Of |v|: (moves·moves - (n·moves)²) / |v|, and n · second moves.
         let mut second = [[0.0; K]; K];
         for i in 0..3 {
-            gradient[i] = normal[i];
             for j in 0..i {
                 second[i][j] = -normal[i] * normal[j] / length;
             }
@@ -193,7 +220,6 @@ impl<const K: usize> Surface<K, Sighting> for Beam<K> {
         let bend = -stretch * ahead;
         for (angle, e) in [e1, e2].into_iter().enumerate() {
             let row = 3 + angle;
-            gradient[row] = stretch * aside[angle];
             for j in 0..3 {
                 second[row][j] = (stretch * e[j] - gradient[row] * normal[j]) / length;
             }
@@ -201,7 +227,6 @@ impl<const K: usize> Surface<K, Sighting> for Beam<K> {
         }
         second[4][3] = -gradient[4] * gradient[3] / length;
         if let Some(at) = self.gain_at {
-            gradient[at] = spread * ahead;
             for j in 0..3 {
                 second[at][j] = (spread * self.direction[j] - gradient[at] * normal[j]) / length;
             }
@@ -210,9 +235,6 @@ impl<const K: usize> Surface<K, Sighting> for Beam<K> {
                     -gradient[at] * gradient[3 + angle] / length + spread * aside[angle];
             }
             second[at][at] = (spread * spread - gradient[at] * gradient[at]) / length;
-        }
-        if let Some(at) = self.radius_at {
-            gradient[at] = -1.0;
         }
         let weight = seen.weight;
         if weight != 1.0 {
@@ -446,6 +468,20 @@ impl<'a, const K: usize> View<'a, K> {
     /// Whether the radius is asked for.
     pub(super) fn free_radius(&self) -> bool {
         self.free_radius
+    }
+
+    /// Whether the gain is asked for.
+    pub(super) fn free_gain(&self) -> bool {
+        self.free_gain
+    }
+
+    /// The largest radius over the one that is given.
+    pub(super) fn largest_swelling(&self) -> f64 {
+        if self.free_radius {
+            1.0 + RADIUS_BOUND
+        } else {
+            1.0
+        }
     }
 
     /// A beam to start from.

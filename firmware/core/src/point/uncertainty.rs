@@ -8,7 +8,6 @@ use super::identify;
 use super::model::{Beam, View};
 use super::sensor::PointSensor;
 use crate::fit::Statistics;
-use crate::fit::solve::least_squares::Surface;
 use crate::fit::solve::linalg::{Square, added, propagate};
 use crate::units::{Mm, Point};
 
@@ -42,13 +41,13 @@ pub(super) fn answer<const K: usize>(
 /// Residuals: rms of d, sigma of d times its weight.
 fn statistics<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> Statistics {
     let residuals = |weighted: bool| {
-        view.sightings().filter_map(move |seen| {
-            let term = beam.term(&seen)?;
-            Some(if weighted {
-                term.residual
+        view.sightings().map(move |seen| {
+            let residual = beam.residual(&seen);
+            if weighted {
+                residual
             } else {
-                term.residual / seen.weight
-            })
+                residual / seen.weight
+            }
         })
     };
     let plain = Statistics::new(residuals(false), view.dof(), ROUNDING);
@@ -92,13 +91,13 @@ fn from_balls<const K: usize>(
         // Jᵀv for the three coordinates and the radius.
         let mut pulls = [[0.0; K]; 4];
         for seen in view.sightings().filter(|seen| seen.ball == index) {
-            let (Some(term), Some(normal)) = (beam.term(&seen), beam.normal(&seen)) else {
+            let (Some(gradient), Some(normal)) = (beam.gradient(&seen), beam.normal(&seen)) else {
                 continue;
             };
             let changes = [normal.x, normal.y, normal.z, 1.0];
             for (pull, change) in pulls.iter_mut().zip(changes) {
                 for k in 0..K {
-                    pull[k] += term.gradient[k] * seen.weight * change;
+                    pull[k] += gradient[k] * seen.weight * change;
                 }
             }
         }

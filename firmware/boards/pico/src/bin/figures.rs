@@ -1,11 +1,13 @@
 //! The reference fits on the Pico's arithmetic: on the RP2040 that is the compiler's
 //! software.
 //!
-//! Prints every number of every fit bit for bit at the control's port, 921600 baud, and says
+//! Prints every number of every fit bit for bit at the control's port, 921600 baud, then how many readings
+//! of a point sensor were paired with their captures, and in how many microseconds of the chip's clock. It says
 //! when that was all:
 //!
 //! ```text
 //! fit sphere_five_1um radius 402966660b0a3c27
+//! readings 400 41200
 //! end
 //! ```
 #![no_std]
@@ -23,6 +25,7 @@ use core::panic::PanicInfo;
 use embassy_rp::interrupt::Priority;
 use embassy_rp::peripherals::{PIN_0, UART0};
 use embassy_rp::uart::{Blocking, Config, UartTx};
+use umi_figures::readings::{CAPTURES, Capturing};
 
 const BAUD: u32 = 921_600;
 
@@ -36,10 +39,22 @@ fn main() -> ! {
     };
     // The port takes everything.
     let _ = umi_figures::fits::print_quick(&mut line);
+    line.is_new = false;
+    if let Some(taken_us) = place_us() {
+        let _ = writeln!(line, "readings {CAPTURES} {taken_us}");
+    }
     let _ = line.port.blocking_write(b"end\n");
     loop {
         cortex_m::asm::wfi();
     }
+}
+
+/// How long the captures of a place take, from their text to its record.
+fn place_us() -> Option<u32> {
+    let mut capturing = Capturing::begun()?;
+    let began = alarms::TIMER.timerawl().read();
+    capturing.place()?;
+    Some(alarms::TIMER.timerawl().read().wrapping_sub(began))
 }
 
 #[panic_handler]

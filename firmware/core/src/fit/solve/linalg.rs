@@ -371,6 +371,31 @@ impl<const K: usize> Triangle<K> {
     }
 }
 
+// Indices run over 0..M of arrays of length K, with M less than K.
+impl<const K: usize> Triangle<K> {
+    /// The equations of the first M columns, whose right side is the last column; and the square of what they
+    /// leave of that.
+    pub(crate) fn leading<const M: usize>(&self) -> (Triangle<M>, f64) {
+        let mut leading = Triangle {
+            r: [[0.0; M]; M],
+            rhs: [0.0; M],
+        };
+        let mut left = 0.0;
+        for i in 0..K {
+            let right = self.r[i][K - 1];
+            if i < M {
+                leading.rhs[i] = right;
+                for j in i..M {
+                    leading.r[i][j] = self.r[i][j];
+                }
+            } else {
+                left += right * right;
+            }
+        }
+        (leading, left)
+    }
+}
+
 impl Triangle<3> {
     /// Whether the middle singular value is surely above `floor` and above `limit` times the
     /// largest. False where only the singular values themselves can tell.

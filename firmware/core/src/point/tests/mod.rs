@@ -1,5 +1,6 @@
 //! What a calibration promises, beyond the reference cases of `tests/`.
 
+mod bounded;
 mod motion;
 mod refusals;
 mod scatter;

@@ -1,12 +1,16 @@
-//! The least minimum, from several starts that are always the same.
+//! The least minimum: where the squared equations bound it, from their solution; else from several
+//! starts that are always the same.
+
+mod squared;
 
 use nalgebra::Vector3;
 
 use super::error::PointRefusal;
 use super::model::{Beam, View};
 use crate::fit::solve::least_squares::{Converged, Stopped, descend, minimise};
-use crate::fit::solve::linalg::{Qr, Square, norm, perpendicular_frame, unit};
+use crate::fit::solve::linalg::{Square, norm, perpendicular_frame};
 use crate::units::Mm;
+use squared::Squared;
 
 /// Readings that the search looks at, if there are many more.
 const FEW: f64 = 28.0;
@@ -20,6 +24,10 @@ const FINE_STEPS: u32 = 60;
 /// Minima whose directions are nearer than this (radians), and whose feet are
 /// nearer than this part of the radius, are one.
 const SAME: f64 = 1e-2;
+
+/// All beams that fit are near one minimum if they are within this angle (radians) of it, and their feet within this
+/// part of the radius: the sum of squares has one minimum in a place so small.
+const NARROW: f64 = 2e-2;
 
 /// Two minima are told apart by residuals whose rms differs by this factor.
 const TOLD_APART: f64 = 1.5;
@@ -72,24 +80,13 @@ pub(super) enum Outcome<const K: usize> {
 
 /// Searches for the least minimum with a on the side of `rough`.
 pub(super) fn least<const K: usize>(view: &View<'_, K>, rough: &Vector3<f64>) -> Outcome<K> {
-    // A few readings show which minima there are.
-    let few = view.thinned(FEW);
-    let mut tally = Tally::new(&few, rough);
-    tally.search();
-    if tally.right[0].is_none() || view.count() != few.count() {
-        let scouted = tally;
-        tally = Tally::new(view, rough);
-        for (beam, _) in scouted.right.iter().chain([&scouted.wrong]).flatten() {
-            tally.refine(*beam);
-        }
-        if let Some(beam) = scouted.lower() {
-            tally.refine(beam);
-        }
-        if tally.right[0].is_none() {
-            tally.search();
-        }
-    }
-    let [best, second] = tally.right;
+    let tally = bounded(view, rough).unwrap_or_else(|| searched(view, rough));
+    outcome(&tally)
+}
+
+/// What the minima say.
+pub(super) fn outcome<const K: usize>(tally: &Tally<'_, K>) -> Outcome<K> {
+    let (view, [best, second]) = (tally.view, tally.right);
     let n = view.count();
     let Some((beam, sum)) = best else {
         return match tally.wrong {
@@ -120,6 +117,57 @@ pub(super) fn least<const K: usize>(view: &View<'_, K>, rough: &Vector3<f64>) ->
         second: second.map(|(beam, sum)| (beam, libm::sqrt(sum / n))),
         mirror: wrong_rms.is_some_and(|(_, wrong)| alike(rms, wrong, radius)),
     })
+}
+
+/// The minima, where the squared equations leave room for those only that are told apart by nothing else.
+pub(super) fn bounded<'a, const K: usize>(
+    view: &'a View<'a, K>,
+    rough: &Vector3<f64>,
+) -> Option<Tally<'a, K>> {
+    if view.free_gain() {
+        return None;
+    }
+    let squared = Squared::new(view);
+    let radius = view.least_radius();
+    let narrow = |rms: f64| {
+        let region = squared.region(rms * TOLD_APART + TOLD_APART_PART * radius)?;
+        let is_narrow = region.direction < NARROW && region.foot < NARROW * radius;
+        is_narrow.then_some(region)
+    };
+    let mut tally = Tally::new(view, rough);
+    let region = narrow(squared.least_rms())?;
+    tally.refine(region.beam);
+    if region.mirrored
+        && let Some((beam, _)) = tally.right[0].or(tally.wrong)
+    {
+        tally.refine(squared.image(&beam)?);
+    }
+    let (_, sum) = tally.right[0]?;
+    narrow(libm::sqrt(sum / view.count())).map(|_| tally)
+}
+
+/// The minima that starts lead to.
+pub(super) fn searched<'a, const K: usize>(
+    view: &'a View<'a, K>,
+    rough: &Vector3<f64>,
+) -> Tally<'a, K> {
+    let mut tally = Tally::new(view, rough);
+    // A few readings show which minima there are.
+    let few = view.thinned(FEW);
+    if few.count() < view.count() {
+        let mut scouted = Tally::new(&few, rough);
+        scouted.search();
+        for (beam, _) in scouted.right.iter().chain([&scouted.wrong]).flatten() {
+            tally.refine(*beam);
+        }
+        if let Some(beam) = scouted.lower() {
+            tally.refine(beam);
+        }
+    }
+    if tally.right[0].is_none() {
+        tally.search();
+    }
+    tally
 }
 
 /// Refuses where another minimum on the right side fits about as well.
@@ -159,7 +207,7 @@ pub(super) fn settle<const K: usize>(
 }
 
 /// What the starts have led to.
-struct Tally<'a, const K: usize> {
+pub(super) struct Tally<'a, const K: usize> {
     view: &'a View<'a, K>,
     rough: Vector3<f64>,
     /// The two least minima on the side of the rough direction, where the beam
@@ -198,7 +246,9 @@ impl<'a, const K: usize> Tally<'a, K> {
             return self.start(&-rough);
         };
         // Where the axes stay near a plane its mirror image is another minimum.
-        if let Some(image) = mirrored(self.view, &best) {
+        let middle = squared::middle(self.view);
+        let [_, _, normal] = squared::plane(self.view, &middle);
+        if let Some(image) = squared::image(&best, &middle, &normal) {
             self.refine(image);
         }
         // What fits with the beam reversed tells a sign that was swapped.
@@ -293,26 +343,4 @@ impl<'a, const K: usize> Tally<'a, K> {
         norm(&(a.direction - b.direction)) < SAME
             && norm(&(a.foot - b.foot)) < SAME * self.view.least_radius()
     }
-}
-
-/// The beam mirrored in the plane that the axes' positions are nearest to.
-fn mirrored<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> Option<Beam<K>> {
-    let n = view.count();
-    let middle = view
-        .sightings()
-        .fold(Vector3::zeros(), |sum: Vector3<f64>, seen| {
-            sum + seen.from_center / n
-        });
-    let mut spread = Qr::<3>::new();
-    for seen in view.sightings() {
-        let off = seen.from_center - middle;
-        spread.add([off.x, off.y, off.z], 0.0);
-    }
-    let [_, _, normal] = spread.triangle().svd().right;
-    let flip = |v: &Vector3<f64>| v - normal * (2.0 * v.dot(&normal));
-    let mut image = *beam;
-    // (middle + c) is mirrored; middle itself stays.
-    image.foot = flip(&(beam.foot + middle)) - middle;
-    image.turn(unit(&flip(&beam.direction))?);
-    Some(image)
 }
