@@ -4,13 +4,16 @@
 import { CacheControl } from './cache.js';
 import { Chip } from './chip.js';
 import { Nor, connect } from './nor.js';
+import { Noise, Rom, connectNoise } from './rom.js';
 import { Stimuli } from './stimuli.js';
 import { Control, Uart } from './uart.js';
 import { UsbHost } from './usb.js';
 
 const UART0 = 0x40034, UART0_IRQ = 20;
-const XIP_CTRL = 0x14000;
+const XIP_CTRL = 0x14000, ROSC = 0x40060;
 const NOR_SELECT = 5;
+/** The journal's MISO, which the jumper pulls low while nobody is selected; else it is pulled up. */
+export const JUMPER = 4;
 const AXIS_PINS = [8, 10, 12, 14];
 /** Laser enable, trigger out, LED, OK, NG, busy. */
 export const OUTPUT_PINS = [21, 22, 25, 26, 27, 28];
@@ -20,7 +23,11 @@ export class Board {
   constructor(segments, uniqueId) {
     this.segments = segments;
     this.stimuli = new Stimuli(AXIS_PINS);
+    this.stimuli.levels = 1 << JUMPER;
     this.nor = new Nor(uniqueId);
+    this.noise = new Noise(uniqueId.readInt32LE(0));
+    /** What the board has written to the flash that it runs from, by sector. */
+    this.written = new Map();
     this.control = new Control();
     this.usb = new UsbHost();
     /** Every change of an output: [pin, level, cycle]. */
@@ -54,6 +61,8 @@ export class Board {
     chip.rp.uart[0] = uart;
     chip.rp.peripherals[UART0] = uart;
     chip.rp.peripherals[XIP_CTRL] = new CacheControl(chip);
+    connectNoise(this.noise, chip.rp.peripherals[ROSC]);
+    chip.rom = new Rom(chip, this.written);
     this.control.uart = uart;
     this.usb.connect(chip);
     connect(this.nor, chip, NOR_SELECT);

@@ -79,7 +79,7 @@ export class Cache {
   }
 }
 
-const FLUSH = 0x04, STAT = 0x08, CTR_HIT = 0x0c, CTR_ACC = 0x10;
+const FLUSH = 0x04, STAT = 0x08, CTR_HIT = 0x0c, CTR_ACC = 0x10, STREAM_CTR = 0x18;
 /** The cache is flushed, and the stream's FIFO is empty. */
 const READY = 0b011;
 
@@ -102,6 +102,8 @@ export class CacheControl extends BasePeripheral {
       case STAT: return READY;
       case CTR_HIT: return this.cache.total.hits - this.cleared.hits;
       case CTR_ACC: return this.accesses - this.cleared.accesses;
+      // Nothing is streamed.
+      case STREAM_CTR: return 0;
     }
     return super.readUint32(offset);
   }

@@ -55,6 +55,8 @@ export class Chip {
     this.leaps = true;
     /** Nobody but the core gets the bus. */
     this.areTransfersHeld = false;
+    /** What is there of the boot ROM (rom.js). */
+    this.rom = null;
     this.rp = new RP2040(new Clock(this));
     this.clock = this.rp.clock;
     this.rp.logger = new Quiet();

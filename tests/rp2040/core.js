@@ -296,6 +296,7 @@ export class Core {
         if (pc >>> 3 !== cache.latest) chip.now += cache.fetch(pc);
         op = flash16[(pc & 0xffffff) >> 1];
       } else if (pc >>> 24 === 0x20) op = sram16[(pc & 0xfffff) >> 1];
+      else if (chip.rom?.call(pc, r)) continue;
       else {
         this.fault ??= `program counter outside memory: ${(pc >>> 0).toString(16)}`;
         c.waiting = true;

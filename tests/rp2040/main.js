@@ -32,6 +32,9 @@
 // | nor_read   | address, length                        | contents (hex)                                 |
 // | nor_write  | address, bytes (hex)                   | puts contents                                  |
 // | nor_cut    | after                                  | cuts the power at this programmed byte (null: not) |
+// | jumper     | closed                                 | closes the owner's jumper, or opens it         |
+// | noise      | stuck                                  | the oscillator's bits over and over (null: as it should be) |
+// | flash_read | address, length                        | contents of the flash that the code runs from (hex) |
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
 // | memory_set | address, value                         | writes a word, as the core does                |
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
@@ -43,8 +46,9 @@
 
 import { readFileSync } from 'node:fs';
 import { createServer } from 'node:net';
-import { Board, OUTPUT_PINS } from './board.js';
+import { Board, JUMPER, OUTPUT_PINS } from './board.js';
 import { segments } from './elf.js';
+import { contents } from './rom.js';
 
 /** Cycles at a stretch: between two, ports are looked at. */
 const STRETCH = 125_000;
@@ -249,6 +253,15 @@ class Bench {
       case 'nor_cut':
         nor.cutAfter = request.after ?? null;
         return {};
+      case 'jumper':
+        stimuli.set(JUMPER, request.closed ? 0 : 1);
+        return {};
+      case 'noise':
+        board.noise.stuck = request.stuck ?? null;
+        return {};
+      case 'flash_read':
+        if (chip === null) throw new Error('the board has no power');
+        return { bytes: hex(contents(chip, request.address, request.length)) };
       case 'memory':
         if (chip === null) throw new Error('the board has no power');
         return {

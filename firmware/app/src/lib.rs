@@ -94,7 +94,7 @@ pub struct App<F: Flash> {
     line: control::line::Line,
     scans: capture::scan::Scans,
     /// Who may do what; the host's task has it.
-    guarded: shared::Shared<access::Guarded>,
+    guarded: shared::Shared<access::Guarded<F>>,
     /// The station of a distance sensor, where there is one.
     point: Mutex<CriticalSectionRawMutex, Cell<Option<&'static PointStation>>>,
     /// The board is to start anew.
@@ -171,9 +171,9 @@ impl<F: Flash> App<F> {
     ///
     /// # Errors
     /// [`Running`]: a task has begun already.
-    pub fn guard(&self, gate: &'static mut dyn access::Gate) -> Result<(), Running> {
+    pub fn guard(&self, keeper: access::Keeper<F>) -> Result<(), Running> {
         let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
-        guarded.put(gate);
+        guarded.put(keeper);
         Ok(())
     }
 

@@ -145,7 +145,7 @@ pub fn encode_sealed<'b, M: Message>(
     sequence: u16,
     message: &M,
     counter: u64,
-    code: &dyn Fn(&Authenticated<'_>) -> [u8; CODE],
+    code: &impl Fn(&Authenticated<'_>) -> [u8; CODE],
     out: &'b mut [u8],
 ) -> Result<&'b [u8], BufferTooSmall> {
     let start = 2 + HEADER + max_overhead(out.len());

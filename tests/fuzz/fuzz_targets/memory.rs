@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use ed25519_dalek::SigningKey;
 use libfuzzer_sys::fuzz_target;
-use umi_app::access::{Caller, Gate as _, Keeper};
+use umi_app::access::{Caller, Jumper, Keeper};
 use umi_client::files::image_file;
 use umi_core::journal::{Journal, MAX_PAYLOAD};
 use umi_core::programs::Store;
@@ -22,7 +22,7 @@ use umi_core::trust::access::update::image::ImageHeader;
 use umi_core::trust::access::update::slots::{BuiltIn, Slots};
 use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_core::units::Micros;
-use umi_fuzz::{Board, Memory};
+use umi_fuzz::{Memory, signer};
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role};
 use umi_protocol::job::name;
 use umi_protocol::message::Request;
@@ -76,9 +76,9 @@ fn no_draw(_: &mut [u8; 32]) -> Result<(), NoEntropy> {
     Err(NoEntropy)
 }
 
-fn keeper(memory: &Memory, is_closed: bool) -> Keeper<Memory, impl FnMut() -> bool> {
-    let jumper = move || is_closed;
-    Keeper::open(memory.clone(), jumper, Board::signer(), no_draw, Micros(0))
+fn keeper(memory: &Memory, is_closed: bool) -> Keeper<Memory> {
+    let jumper: Jumper = if is_closed { || true } else { || false };
+    Keeper::open(memory.clone(), jumper, signer(), no_draw, Micros(0))
 }
 
 fn owner() -> KeyInfo {
@@ -102,7 +102,7 @@ fn keys_changed(changes: &[u8]) {
         let memory = Memory::erased(SECTORS, SECTOR);
         let claims = Request::KeyEnrol(owner());
         let mut keeper = keeper(&memory, true);
-        let done = keeper.change(Micros(0), &claims, &Caller::NOBODY, &mut |_| true);
+        let done = keeper.change(Micros(0), &claims, &Caller::NOBODY, |_| true);
         assert_eq!(done, Ok(true));
         memory.cells()
     };

@@ -17,12 +17,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use ed25519_dalek::SigningKey;
 use libfuzzer_sys::fuzz_target;
-use umi_app::access::{Caller, Gate as _, Keeper};
+use umi_app::access::{Caller, Keeper};
 use umi_core::trust::access::permit::permit;
 use umi_core::trust::access::session::{HostHandshake, HostSession, SignatureParts};
 use umi_core::trust::board_key::{NoEntropy, key_id};
 use umi_core::units::Micros;
-use umi_fuzz::{Board, Memory};
+use umi_fuzz::{Memory, signer};
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role, SessionChallenge};
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, CODE, MAX_HOST_FRAME, encode, encode_sealed};
@@ -75,10 +75,10 @@ fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {
     Ok(())
 }
 
-type Gate = Keeper<Memory, fn() -> bool>;
+type Gate = Keeper<Memory>;
 
 fn open(memory: &Memory, jumper: fn() -> bool) -> Gate {
-    Keeper::open(memory.clone(), jumper, Board::signer(), draw, Micros(0))
+    Keeper::open(memory.clone(), jumper, signer(), draw, Micros(0))
 }
 
 /// The cells of a board that was claimed.
@@ -88,7 +88,7 @@ fn claimed() -> Vec<u8> {
         let memory = Memory::erased(4, 4096);
         let mut gate = open(&memory, || true);
         let claims = Request::KeyEnrol(key(OWNER, Role::Owner));
-        let kept = gate.change(Micros(0), &claims, &Caller::NOBODY, &mut |_| true);
+        let kept = gate.change(Micros(0), &claims, &Caller::NOBODY, |_| true);
         assert_eq!(kept, Ok(true));
         memory.cells()
     };
@@ -206,7 +206,7 @@ impl Scene {
                     answers.open = proven.ok().map(|(_, signature)| signature);
                 }
                 _ => {
-                    let changed = self.gate.change(now, &request, &caller, &mut |_| true);
+                    let changed = self.gate.change(now, &request, &caller, |_| true);
                     answers.done |= changed == Ok(true);
                 }
             }

@@ -2,34 +2,23 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use ed25519_dalek::{Signer as _, SigningKey};
 use umi_app::measure::trust::heads::HeadSigner;
 use umi_core::journal::{ERASED, Flash, Geometry};
+use umi_core::trust::board_key::BoardKey;
 
-/// Signs for the board.
-pub struct Board(SigningKey);
-
-impl Board {
-    /// The one that there is.
-    pub fn signer() -> Option<&'static dyn HeadSigner> {
-        static BOARD: OnceLock<Board> = OnceLock::new();
-        Some(BOARD.get_or_init(|| Self(SigningKey::from_bytes(&[0xB0; 32]))))
-    }
-}
-
-impl HeadSigner for Board {
-    fn key(&self) -> [u8; 32] {
-        self.0.verifying_key().to_bytes()
-    }
-
-    fn boot(&self) -> u32 {
-        1
-    }
-
-    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2] {
-        let signature = self.0.sign(bytes);
-        [*signature.r_bytes(), *signature.s_bytes()]
-    }
+/// Who signs for the board that there is.
+pub fn signer() -> Option<&'static HeadSigner> {
+    static BOARD: OnceLock<HeadSigner> = OnceLock::new();
+    let open = || {
+        let drawn = |seed: &mut [u8; 32]| {
+            seed.fill(0xB0);
+            seed[0] = 1;
+            Ok(())
+        };
+        let key = BoardKey::open(Memory::erased(2, 4096), drawn).expect("a new board draws a key");
+        HeadSigner::new(key, [0; 32])
+    };
+    Some(BOARD.get_or_init(open))
 }
 
 /// The cells of a flash; clones share them, as a board's next start does.

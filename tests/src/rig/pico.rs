@@ -64,7 +64,16 @@ impl PicoRig {
     /// # Errors
     /// Why there is no emulator: no image, no `node`, or what `node` said.
     pub fn start() -> Result<Self, String> {
-        let mut emulator = Emulator::start(Start::Free)?;
+        Self::prepared(|_| ())
+    }
+
+    /// As [`Self::start`], with something done before its first cycle.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn prepared(prepare: impl FnOnce(&mut Emulator)) -> Result<Self, String> {
+        let mut emulator = Emulator::start(Start::Paused)?;
+        prepare(&mut emulator);
         // As fast as it can: it is seldom faster than real time.
         emulator.ask(&json!({ "do": "free", "speed": 0 }));
         let control = emulator
@@ -81,6 +90,12 @@ impl PicoRig {
     #[must_use]
     pub fn start_or_skip() -> Option<Self> {
         skip_without(Self::start())
+    }
+
+    /// Closes the owner's jumper, or opens it.
+    pub fn close_jumper(&mut self, is_closed: bool) {
+        self.emulator
+            .ask(&json!({ "do": "jumper", "closed": is_closed }));
     }
 
     /// What is beyond a rig.
@@ -117,7 +132,11 @@ impl PicoRig {
         self.wait_until("its time", |emulator| emulator.state().cycle > cycle);
     }
 
-    fn wait_until(&mut self, what: &str, mut done: impl FnMut(&mut Emulator) -> bool) {
+    /// Waits until the emulated board is so far.
+    ///
+    /// # Panics
+    /// If that takes too long.
+    pub fn wait_until(&mut self, what: &str, mut done: impl FnMut(&mut Emulator) -> bool) {
         let start = Instant::now();
         while !done(&mut self.emulator) {
             assert!(

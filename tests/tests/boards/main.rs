@@ -4,12 +4,14 @@
 
 mod chatter;
 mod conformance;
+mod owner;
 mod pico;
 mod pico_cache;
 mod pico_captures;
 mod pico_faults;
 mod pico_figures;
 mod pico_load;
+mod pico_owner;
 mod pico_pulses;
 mod pico_selftest;
 mod pico_serial;
@@ -18,6 +20,5 @@ mod pico_watchdog;
 mod point_sensor;
 mod qemu;
 mod qemu_figures;
-mod qemu_owner;
 mod speeds;
 mod virtual_board;

@@ -93,12 +93,12 @@ fn stand(positions: &Positions) -> u32 {
 #[inline(never)]
 pub(crate) fn update<F: Flash>(
     measure: &mut Instrument<F>,
-    guarded: &mut Guarded,
+    guarded: &mut Guarded<F>,
     axes: &mut impl Axes,
     now: Micros,
     request: &Request,
 ) -> Response {
-    if !cfg!(feature = "owner") {
+    if !cfg!(feature = "update") {
         return Response::NotOnThisBoard;
     }
     let Some(images) = guarded.images.get_mut() else {

@@ -20,7 +20,7 @@ use umi_protocol::frame::{Authenticated, CODE};
 use umi_protocol::message::Request;
 use umi_protocol::schema::max_len;
 
-use super::{Caller, Gate, KeysNotKept, Slowed, Told};
+use super::{Caller, KeysNotKept, Slowed, Told};
 use crate::measure::trust::signer::HeadSigner;
 
 /// Kind number of the only entry there is. A later layout gets another.
@@ -32,28 +32,32 @@ const MOST: usize = 128 + MAX_KEYS * max_len::<KeyInfo>();
 /// Fills 32 bytes from the board's source of entropy.
 pub type Draw = fn(&mut [u8; 32]) -> Result<(), NoEntropy>;
 
-/// The keys, and the session.
-pub struct Keeper<F: Flash, J> {
+/// Says whether the jumper is closed now.
+pub type Jumper = fn() -> bool;
+
+/// What a board with an owner knows: the keys, and the session. Every error of its flash is
+/// [`KeysNotKept`]: nothing has changed.
+pub struct Keeper<F: Flash> {
     /// None: the area cannot be opened. Then nothing is kept, and nobody has a key.
     ring: Option<Journal<F>>,
     register: KeyRegister,
     tries: Tries,
-    /// Whether the jumper is closed.
-    jumper: J,
+    jumper: Jumper,
+    /// Whether it was closed at the start.
     at_start: bool,
-    signer: Option<&'static dyn HeadSigner>,
+    signer: Option<&'static HeadSigner>,
     draw: Draw,
     handshake: Option<BoardHandshake>,
     /// The session, and its host's key.
     session: Option<(BoardSession, [u8; 32])>,
 }
 
-impl<F: Flash, J: FnMut() -> bool> Keeper<F, J> {
+impl<F: Flash> Keeper<F> {
     /// Opens the area and looks at the jumper. A board whose area cannot be opened is locked.
     pub fn open(
         flash: F,
-        mut jumper: J,
-        signer: Option<&'static dyn HeadSigner>,
+        jumper: Jumper,
+        signer: Option<&'static HeadSigner>,
         draw: Draw,
         now: Micros,
     ) -> Self {
@@ -88,6 +92,7 @@ impl<F: Flash, J: FnMut() -> bool> Keeper<F, J> {
         keeper
     }
 
+    #[inline(never)]
     fn save(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept> {
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&register, &mut room).map_err(|_| KeysNotKept)?;
@@ -140,6 +145,7 @@ fn newest<F: Flash>(ring: &mut Journal<F>) -> KeyRegister {
 }
 
 /// What becomes of the register, and what is told; none: it is so already.
+#[inline(never)]
 fn changed(
     register: &KeyRegister,
     request: &Request,
@@ -175,17 +181,23 @@ const NO_SESSIONS: Slowed = Slowed {
     key_id: None,
 };
 
-impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
-    fn register(&self) -> &KeyRegister {
+impl<F: Flash> Keeper<F> {
+    /// What is kept.
+    #[must_use]
+    pub fn register(&self) -> &KeyRegister {
         &self.register
     }
 
-    fn change(
+    /// Does what an owner asks, and has it journaled before it is kept; false: one of the two failed.
+    ///
+    /// # Errors
+    /// [`AccessRefusal`]: nothing has changed.
+    pub fn change(
         &mut self,
         now: Micros,
         request: &Request,
         caller: &Caller,
-        tell: &mut dyn FnMut(Told) -> bool,
+        tell: impl FnOnce(Told) -> bool,
     ) -> Result<bool, AccessRefusal> {
         match changed(&self.register, request, caller)? {
             // It is so already.
@@ -195,13 +207,21 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         }
     }
 
-    fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept> {
+    /// Keeps that a wipe has begun. After `Ok` it survives a power cut.
+    ///
+    /// # Errors
+    /// [`KeysNotKept`].
+    pub fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept> {
         let mut register = self.register.clone();
         register.wiping = Some(wiping);
         self.save(now, register)
     }
 
-    fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept> {
+    /// Keeps this as on a new board, and so that nothing before it can be read any more.
+    ///
+    /// # Errors
+    /// [`KeysNotKept`].
+    pub fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept> {
         (self.session, self.handshake) = (None, None);
         self.tries = Tries::default();
         let oldest = |keeper: &Self| keeper.ring.as_ref().map_or(0, Journal::first_seq);
@@ -215,23 +235,35 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         Ok(())
     }
 
-    fn board_key(&self) -> Option<[u8; 32]> {
+    /// The board's public key; none: it has none, and cannot be claimed.
+    #[must_use]
+    pub fn board_key(&self) -> Option<[u8; 32]> {
         self.signer.map(|signer| signer.key())
     }
 
-    fn jumper(&mut self) -> bool {
+    /// Whether the jumper is closed now.
+    #[must_use]
+    pub fn jumper(&self) -> bool {
         (self.jumper)()
     }
 
-    fn jumper_holds(&mut self) -> bool {
+    /// Whether it was closed at the start and is now.
+    #[must_use]
+    pub fn jumper_holds(&self) -> bool {
         self.at_start && (self.jumper)()
     }
 
-    fn retry_in_s(&self, now: Micros) -> u32 {
+    /// Seconds until a wrong key is looked at.
+    #[must_use]
+    pub fn retry_in_s(&self, now: Micros) -> u32 {
         self.tries.retry_in_s(now)
     }
 
-    fn begin(&mut self, now: Micros, ask: &SessionAsk) -> Result<SessionChallenge, Slowed> {
+    /// A host asks for a session.
+    ///
+    /// # Errors
+    /// [`Slowed`].
+    pub fn begin(&mut self, now: Micros, ask: &SessionAsk) -> Result<SessionChallenge, Slowed> {
         let board_key = self.board_key().ok_or(NO_SESSIONS)?;
         if self.register.role_of(&ask.key).is_none() {
             return Err(self.wrong(now, AccessRefusal::KeyUnknown, Some(&ask.key)));
@@ -245,7 +277,11 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         Ok(challenge)
     }
 
-    fn prove(
+    /// A host proves its key: its role, and the board's signature.
+    ///
+    /// # Errors
+    /// [`Slowed`].
+    pub fn prove(
         &mut self,
         now: Micros,
         signature: SignatureParts,
@@ -267,7 +303,8 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         }
     }
 
-    fn takes(&mut self, of: &Authenticated<'_>, code: &[u8; CODE]) -> Option<Caller> {
+    /// Who has sealed this; none: not the session's host, or not now.
+    pub fn takes(&mut self, of: &Authenticated<'_>, code: &[u8; CODE]) -> Option<Caller> {
         let (session, key) = self.session.as_mut()?;
         // A key that was revoked meanwhile has no session any more.
         let role = self.register.role_of(key)?;
@@ -278,12 +315,15 @@ impl<F: Flash + Send, J: FnMut() -> bool + Send> Gate for Keeper<F, J> {
         })
     }
 
-    fn code(&self, of: &Authenticated<'_>) -> [u8; CODE] {
+    /// The code of an answer of the session.
+    #[must_use]
+    pub fn code(&self, of: &Authenticated<'_>) -> [u8; CODE] {
         let session = self.session.as_ref();
         session.map_or([0; CODE], |(session, _)| session.code(of))
     }
 
-    fn disconnected(&mut self) {
+    /// The host is gone.
+    pub fn disconnected(&mut self) {
         (self.session, self.handshake) = (None, None);
     }
 }

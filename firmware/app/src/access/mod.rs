@@ -2,9 +2,10 @@
 //!
 //! # Design
 //!
-//! A board that can have an owner gives a [`Gate`], which knows the keys and the session; the one
-//! there is, [`Keeper`], stands on a flash area of its own. A board without a gate is open for ever,
-//! and carries none of its code (the feature `owner`).
+//! A board that can have an owner gives a [`Keeper`], which knows the keys and the session and stands
+//! on a flash area of its own. A board without one is open for ever, and carries none of its code (the
+//! feature `owner`). There are no traits in between:
+//! a call through a pointer would count for the stack as the worst of all such calls.
 //!
 //! Every frame has a [`Caller`]: who has sealed it, or nobody. A session does not end with a
 //! greeting, because whoever reaches the port can say one; it ends with the connection, with another
@@ -18,17 +19,16 @@ mod keeper;
 
 pub use images::Images;
 pub(crate) use images::update;
-pub use keeper::Keeper;
+pub use keeper::{Draw, Jumper, Keeper};
 
 use umi_core::journal::Flash;
 use umi_core::trust::access::permit::{permit, permit_role};
-use umi_core::trust::access::register::{KeyRegister, Wiping};
+use umi_core::trust::access::register::Wiping;
 use umi_core::trust::access::session::SignatureParts;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{
     AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, Keys, Role, SessionAsk,
-    SessionChallenge,
 };
 use umi_protocol::frame::{Authenticated, CODE, Frame};
 use umi_protocol::immediate::ImmediateRequest;
@@ -56,73 +56,6 @@ impl Caller {
     };
 }
 
-/// What a board with an owner knows. Every error of its flash is [`KeysNotKept`]: nothing has changed.
-pub trait Gate: Send {
-    /// What is kept.
-    fn register(&self) -> &KeyRegister;
-
-    /// Does what an owner asks, and has it journaled before it is kept; false: one of the two failed.
-    ///
-    /// # Errors
-    /// [`AccessRefusal`]: nothing has changed.
-    fn change(
-        &mut self,
-        now: Micros,
-        request: &Request,
-        caller: &Caller,
-        tell: &mut dyn FnMut(Told) -> bool,
-    ) -> Result<bool, AccessRefusal>;
-
-    /// Keeps that a wipe has begun. After `Ok` it survives a power cut.
-    ///
-    /// # Errors
-    /// [`KeysNotKept`].
-    fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept>;
-
-    /// Keeps this as on a new board, and so that nothing before it can be read any more.
-    ///
-    /// # Errors
-    /// [`KeysNotKept`].
-    fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept>;
-
-    /// The board's public key; none: it has none, and cannot be claimed.
-    fn board_key(&self) -> Option<[u8; 32]>;
-
-    /// Whether the jumper is closed now.
-    fn jumper(&mut self) -> bool;
-
-    /// Whether it was closed at the start and is now.
-    fn jumper_holds(&mut self) -> bool;
-
-    /// Seconds until a wrong key is looked at.
-    fn retry_in_s(&self, now: Micros) -> u32;
-
-    /// A host asks for a session.
-    ///
-    /// # Errors
-    /// [`Slowed`].
-    fn begin(&mut self, now: Micros, ask: &SessionAsk) -> Result<SessionChallenge, Slowed>;
-
-    /// A host proves its key: its role, and the board's signature.
-    ///
-    /// # Errors
-    /// [`Slowed`].
-    fn prove(
-        &mut self,
-        now: Micros,
-        signature: SignatureParts,
-    ) -> Result<(Role, SignatureParts), Slowed>;
-
-    /// Who has sealed this; none: not the session's host, or not now.
-    fn takes(&mut self, of: &Authenticated<'_>, code: &[u8; CODE]) -> Option<Caller>;
-
-    /// The code of an answer of the session.
-    fn code(&self, of: &Authenticated<'_>) -> [u8; CODE];
-
-    /// The host is gone.
-    fn disconnected(&mut self);
-}
-
 /// It is not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KeysNotKept;
@@ -138,9 +71,9 @@ pub struct Slowed {
     pub key_id: Option<KeyId>,
 }
 
-/// The board's gate, if it has one.
-pub(crate) struct Guarded {
-    gate: ZeroOption<&'static mut dyn Gate>,
+/// The board's keys, if it can have an owner.
+pub(crate) struct Guarded<F: Flash> {
+    keeper: ZeroOption<Keeper<F>>,
     /// What takes images, if this board does.
     pub(crate) images: ZeroOption<&'static mut dyn Images>,
     /// Where the axes stood when an image began to come; 0: none has.
@@ -149,38 +82,32 @@ pub(crate) struct Guarded {
     pub restarts: bool,
 }
 
-impl Guarded {
+impl<F: Flash> Guarded<F> {
     pub const fn new() -> Self {
         Self {
-            gate: ZeroOption::empty(),
+            keeper: ZeroOption::empty(),
             images: ZeroOption::empty(),
             stood: 0,
             restarts: false,
         }
     }
 
-    pub fn put(&mut self, gate: &'static mut dyn Gate) {
-        self.gate.put(gate);
+    pub fn put(&mut self, keeper: Keeper<F>) {
+        self.keeper.put(keeper);
     }
 
-    fn gate(&mut self) -> Option<&mut (dyn Gate + 'static)> {
-        if !cfg!(feature = "owner") {
-            return None;
-        }
-        self.gate.get_mut().map(|gate| &mut **gate)
+    fn keeper(&mut self) -> Option<&mut Keeper<F>> {
+        self.keeper.get_mut().filter(|_| cfg!(feature = "owner"))
     }
 
-    fn look(&self) -> Option<&(dyn Gate + 'static)> {
-        if !cfg!(feature = "owner") {
-            return None;
-        }
-        self.gate.get().map(|gate| &**gate)
+    fn look(&self) -> Option<&Keeper<F>> {
+        self.keeper.get().filter(|_| cfg!(feature = "owner"))
     }
 
     /// Who may do what.
     pub fn mode(&self) -> AccessMode {
-        let gate = self.look();
-        gate.map_or(AccessMode::Open, |gate| gate.register().mode())
+        let keeper = self.look();
+        keeper.map_or(AccessMode::Open, |keeper| keeper.register().mode())
     }
 
     /// A wipe that has begun and not ended.
@@ -193,7 +120,7 @@ impl Guarded {
         match frame.unsealed() {
             None => Some((*frame, Caller::NOBODY)),
             Some((inner, authenticated, code)) => {
-                let caller = self.gate()?.takes(&authenticated, code)?;
+                let caller = self.keeper()?.takes(&authenticated, code)?;
                 Some((inner, caller))
             }
         }
@@ -213,20 +140,20 @@ impl Guarded {
     fn admits(&mut self, caller: &Caller, request: &Request) -> Result<(), AccessRefusal> {
         let mode = self.mode();
         let permitted = permit(mode, caller.role, request);
-        let Some(gate) = self.gate() else {
+        let Some(keeper) = self.keeper() else {
             return permitted;
         };
         match request {
             Request::Wipe => {
-                let holds = gate.jumper_holds();
-                if holds && gate.register().jumper_is_held() {
+                let holds = keeper.jumper_holds();
+                if holds && keeper.register().jumper_is_held() {
                     return Ok(());
                 }
                 permitted?;
                 holds.then_some(()).ok_or(AccessRefusal::JumperOpen)
             }
             Request::KeyEnrol(_) if mode == AccessMode::Open => {
-                let holds = gate.jumper_holds();
+                let holds = keeper.jumper_holds();
                 holds.then_some(()).ok_or(AccessRefusal::JumperOpen)
             }
             _ => permitted,
@@ -235,19 +162,19 @@ impl Guarded {
 
     /// The code of an answer.
     pub fn code(&self, of: &Authenticated<'_>) -> [u8; CODE] {
-        let gate = self.look();
-        gate.map_or([0; CODE], |gate| gate.code(of))
+        let keeper = self.look();
+        keeper.map_or([0; CODE], |keeper| keeper.code(of))
     }
 
     /// The host is gone.
     pub fn disconnected(&mut self) {
-        if let Some(gate) = self.gate() {
-            gate.disconnected();
+        if let Some(keeper) = self.keeper() {
+            keeper.disconnected();
         }
     }
 
     /// Ends a wipe: everything else was erased, and the new journal has its first entries.
-    pub fn end_wipe<F: Flash>(&mut self, now: Micros, measure: &mut Instrument<F>) {
+    pub fn end_wipe(&mut self, now: Micros, measure: &mut Instrument<F>) {
         let Some(wiping) = self.wiping() else {
             return;
         };
@@ -259,8 +186,8 @@ impl Guarded {
         };
         // Without the record the wipe has not ended: the next start tries again.
         if measure.ledger.record(now, record)
-            && let Some(gate) = self.gate()
-            && gate.forget(now).is_err()
+            && let Some(keeper) = self.keeper()
+            && keeper.forget(now).is_err()
         {
             measure.ledger.refused();
         }
@@ -274,7 +201,7 @@ impl Guarded {
 #[inline(never)]
 pub(crate) fn admit<F: Flash>(
     measure: &mut Instrument<F>,
-    guarded: &mut Guarded,
+    guarded: &mut Guarded<F>,
     now: Micros,
     caller: &Caller,
     request: &Request,
@@ -290,13 +217,13 @@ pub(crate) fn admit<F: Flash>(
 #[inline(never)]
 pub(crate) fn answer<F: Flash>(
     measure: &mut Instrument<F>,
-    guarded: &mut Guarded,
+    guarded: &mut Guarded<F>,
     now: Micros,
     caller: &Caller,
     request: &Request,
 ) -> Response {
     let mode = guarded.mode();
-    let Some(gate) = guarded.gate() else {
+    let Some(keeper) = guarded.keeper() else {
         return match request {
             Request::AccessGet => Response::Access(AccessInfo::default()),
             Request::KeyList => Response::Keys(Keys::new()),
@@ -306,57 +233,110 @@ pub(crate) fn answer<F: Flash>(
     match request {
         Request::AccessGet => Response::Access(AccessInfo {
             mode,
-            jumper: Some(gate.jumper()),
-            retry_in_s: gate.retry_in_s(now),
-            board_key: gate.board_key(),
+            jumper: Some(keeper.jumper()),
+            retry_in_s: keeper.retry_in_s(now),
+            board_key: keeper.board_key(),
         }),
-        Request::KeyList => Response::Keys(gate.register().keys().clone()),
-        Request::SessionBegin(ask) => {
-            let begun = gate.begin(now, ask).map(Response::SessionChallenge);
-            begun.unwrap_or_else(|slowed| slow(measure, now, slowed))
-        }
-        Request::SessionProve { signature } => {
-            let proven = gate.prove(now, *signature);
-            let proven = proven.map(|(role, signature)| Response::SessionOpen { role, signature });
-            proven.unwrap_or_else(|slowed| slow(measure, now, slowed))
-        }
-        _ if gate.board_key().is_none() => Response::NotOnThisBoard,
+        Request::KeyList => Response::Keys(keeper.register().keys().clone()),
+        Request::SessionBegin(ask) => begin(measure, keeper, now, ask),
+        Request::SessionProve { signature } => prove(measure, keeper, now, *signature),
+        _ if keeper.board_key().is_none() => Response::NotOnThisBoard,
         Request::Wipe => {
-            let begun = measure
-                .to_be_wiped(caller)
-                .map(|wiping| gate.begin_wipe(now, wiping));
-            match begun {
-                Some(Ok(())) => {
-                    guarded.restarts = true;
-                    Response::Done
-                }
-                _ => Response::StorageFailed,
-            }
+            let begun = begin_wipe(measure, keeper, now, caller);
+            guarded.restarts |= begun;
+            done(begun)
         }
-        _ => {
-            let by = caller.key_id;
-            let mut tell = |told: Told| measure.tell_access(now, told, by);
-            match gate.change(now, request, caller, &mut tell) {
-                Ok(true) => Response::Done,
-                Ok(false) => Response::StorageFailed,
-                Err(why) => {
-                    measure.refuse_access(now, why, by);
-                    Response::AccessRefused(why)
-                }
-            }
-        }
+        _ => match change(measure, keeper, now, caller, request) {
+            Ok(kept) => done(kept),
+            Err(why) => refused(measure, now, why, caller.key_id, why),
+        },
+    }
+}
+
+// Answers are long: each of these has its own, so that none of them stands on the stack of another.
+
+/// A host asks for a session.
+#[inline(never)]
+fn begin<F: Flash>(
+    measure: &mut Instrument<F>,
+    keeper: &mut Keeper<F>,
+    now: Micros,
+    ask: &SessionAsk,
+) -> Response {
+    match keeper.begin(now, ask) {
+        Ok(challenge) => Response::SessionChallenge(challenge),
+        Err(slowed) => slow(measure, now, slowed),
+    }
+}
+
+/// A host proves its key.
+#[inline(never)]
+fn prove<F: Flash>(
+    measure: &mut Instrument<F>,
+    keeper: &mut Keeper<F>,
+    now: Micros,
+    signature: SignatureParts,
+) -> Response {
+    match keeper.prove(now, signature) {
+        Ok((role, signature)) => Response::SessionOpen { role, signature },
+        Err(slowed) => slow(measure, now, slowed),
+    }
+}
+
+/// Whether a wipe has begun: it is kept that it has.
+#[inline(never)]
+fn begin_wipe<F: Flash>(
+    measure: &Instrument<F>,
+    keeper: &mut Keeper<F>,
+    now: Micros,
+    caller: &Caller,
+) -> bool {
+    let wiping = measure.to_be_wiped(caller);
+    wiping.is_some_and(|wiping| keeper.begin_wipe(now, wiping).is_ok())
+}
+
+/// Does what an owner asks; false: it is not kept.
+#[inline(never)]
+fn change<F: Flash>(
+    measure: &mut Instrument<F>,
+    keeper: &mut Keeper<F>,
+    now: Micros,
+    caller: &Caller,
+    request: &Request,
+) -> Result<bool, AccessRefusal> {
+    let by = caller.key_id;
+    keeper.change(now, request, caller, |told| {
+        measure.tell_access(now, told, by)
+    })
+}
+
+fn done(kept: bool) -> Response {
+    match kept {
+        true => Response::Done,
+        false => Response::StorageFailed,
     }
 }
 
 /// A key was not taken.
+#[inline(never)]
 fn slow<F: Flash>(measure: &mut Instrument<F>, now: Micros, slowed: Slowed) -> Response {
     match slowed.why {
         None => Response::NotOnThisBoard,
-        Some(why) => {
-            measure.refuse_access(now, why, slowed.key_id);
-            Response::AccessRefused(slowed.told)
-        }
+        Some(why) => refused(measure, now, why, slowed.key_id, slowed.told),
     }
+}
+
+/// Journals why, and tells the host what it is to know.
+#[inline(never)]
+fn refused<F: Flash>(
+    measure: &mut Instrument<F>,
+    now: Micros,
+    why: AccessRefusal,
+    by: Option<KeyId>,
+    told: AccessRefusal,
+) -> Response {
+    measure.refuse_access(now, why, by);
+    Response::AccessRefused(told)
 }
 
 /// What an owner has changed.

@@ -23,13 +23,13 @@ use crate::measure::trust::custody::{AckError, ConfigError};
 use crate::measure::{Instrument, SetJobError};
 
 /// What an answer needs besides what the board has measured.
-pub(crate) struct RequestContext<'a> {
+pub(crate) struct RequestContext<'a, F: Flash> {
     pub now: Micros,
     /// Frames from this host that were damaged.
     pub link_damaged: u32,
     pub scans: &'a Scans,
-    /// The board's gate.
-    pub guarded: &'a mut Guarded,
+    /// Who may do what.
+    pub guarded: &'a mut Guarded<F>,
     /// Who asks.
     pub caller: Caller,
 }
@@ -39,7 +39,7 @@ pub(crate) struct RequestContext<'a> {
 pub(crate) fn answer<F: Flash>(
     measure: &mut Instrument<F>,
     station: &mut (impl Axes + Scanner),
-    around: RequestContext<'_>,
+    around: RequestContext<'_, F>,
     request: &Request,
 ) -> Response {
     match request {
@@ -218,7 +218,7 @@ fn done(result: Result<(), Unsupported>) -> Response {
 }
 
 #[inline(never)]
-fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_>) -> Status {
+fn status<F: Flash>(measure: &Instrument<F>, around: &RequestContext<'_, F>) -> Status {
     let brain = measure.brain();
     let ledger = &measure.ledger;
     Status {

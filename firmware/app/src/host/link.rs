@@ -141,7 +141,7 @@ async fn connection<F: Flash>(
     station: &mut (impl Axes + Scanner),
     clock: &impl Clock,
     liveness: &HostLiveness,
-    guarded: &mut Guarded,
+    guarded: &mut Guarded<F>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Infallible, Broken> {
     // What the last connection left unfinished is no part of this one.
@@ -281,11 +281,11 @@ fn latches<F: Flash>(app: &App<F>, out: &mut [u8; MAX_BOARD_FRAME]) -> usize {
 /// The answer to a request that needs nothing of the state: the length of its frame; none to
 /// all else, and to one that its host may not ask: that is journaled.
 #[inline(never)]
-fn respond_immediately(
+fn respond_immediately<F: Flash>(
     point: Option<&'static PointStation>,
     station: &mut (impl Axes + Scanner),
     liveness: &HostLiveness,
-    guarded: &Guarded,
+    guarded: &Guarded<F>,
     caller: &Caller,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
@@ -317,7 +317,7 @@ fn respond_immediately(
 fn respond<F: Flash>(
     measure: &mut Instrument<F>,
     station: &mut (impl Axes + Scanner),
-    around: RequestContext<'_>,
+    around: RequestContext<'_, F>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> usize {
@@ -361,7 +361,7 @@ fn hello<F: Flash>(
 fn request<F: Flash>(
     measure: &mut Instrument<F>,
     station: &mut (impl Axes + Scanner),
-    around: RequestContext<'_>,
+    around: RequestContext<'_, F>,
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
@@ -401,8 +401,8 @@ fn encoded(frame: &Frame<'_>, answer: &impl Message, out: &mut [u8; MAX_BOARD_FR
 
 /// Refuses a request: the length of the frame.
 #[inline(never)]
-fn refused(
-    guarded: &Guarded,
+fn refused<F: Flash>(
+    guarded: &Guarded<F>,
     caller: &Caller,
     frame: &Frame<'_>,
     why: AccessRefusal,
@@ -413,8 +413,8 @@ fn refused(
 
 /// Puts the answer to a frame into the buffer, with a seal if the frame had one: its length.
 #[inline(never)]
-fn sealed(
-    guarded: &Guarded,
+fn sealed<F: Flash>(
+    guarded: &Guarded<F>,
     caller: &Caller,
     frame: &Frame<'_>,
     answer: &Response,

@@ -26,7 +26,7 @@ pub struct Boot {
     /// It captures the skip line's falls, too: polarity and width of its pulses can be told.
     pub skip_ends: bool,
     /// Signs for it; none: this board has no key, and its journal is not signed.
-    pub signer: Option<&'static dyn HeadSigner>,
+    pub signer: Option<&'static HeadSigner>,
 }
 /// The storage areas of a board.
 #[derive(Clone, Debug)]

@@ -22,7 +22,8 @@
 //! | [`capture::rate_limit`] | no line keeps the processor |
 //! | [`capture::trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
-//! | [`storage`] | journal, settings and part programs |
+//! | [`storage`] | journal, evidence, settings and part programs |
+//! | [`storage::owner`] | the board's key, the keys of people, the jumper |
 //! | [`safety::guard`], [`safety::crash_note`], [`lights`], [`time::clock`], [`time::alarms`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
@@ -56,6 +57,7 @@ use embassy_rp::peripherals::USB;
 use embassy_rp::usb::{Driver, InterruptHandler};
 use embassy_rp::watchdog::Watchdog;
 use embassy_rp::{Peri, bind_interrupts};
+use embassy_time::{Duration, Timer};
 use heapless::String;
 use portable_atomic as _;
 use static_cell::StaticCell;
@@ -71,7 +73,8 @@ use clock::BoardClock;
 use lights::Lamps;
 use safety::guard::Dog;
 use safety::{crash_note, guard};
-use storage::{Part, Storage};
+use storage::key_flash::KeyFlash;
+use storage::{Part, Storage, owner};
 use time::{alarms, clock};
 use umi_app::board::Clock as _;
 
@@ -105,6 +108,7 @@ fn main() -> ! {
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app, parts.lamps)));
         here.spawn(first(supervise(app, parts.dog)));
+        here.spawn(first(start_anew(app)));
     })
 }
 
@@ -142,6 +146,8 @@ fn boot() -> Parts {
         w.set_dma_w(true);
     });
     pin_mux::connect();
+    // Before anything that cannot wait: its flash is the one that all code is fetched from.
+    let signer = owner::signer(KeyFlash::new(chip.FLASH));
     latch::start();
 
     let storage = storage::open(storage::StorageParts {
@@ -164,23 +170,29 @@ fn boot() -> Parts {
         reset,
         line: uart::ABILITIES,
         skip_ends: true,
-        signer: None,
+        signer,
     };
     let Storage {
         journal,
         settings,
         programs,
+        evidence,
+        custody,
+        access,
         ..
     } = storage;
     let areas = StorageAreas {
         journal,
-        // What this board has not: noise can overwrite its verdicts.
-        evidence: None,
-        custody: None,
+        evidence: Some(evidence),
+        custody: Some(custody),
         settings,
         programs,
     };
-    match APP.start(boot, areas, BoardClock.now()) {
+    let now = BoardClock.now();
+    if let Err(Running) = APP.guard(owner::keeper(access, signer, now)) {
+        stop(&mut light, "the application runs already");
+    }
+    match APP.start(boot, areas, now) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be used: nothing is kept");
@@ -295,6 +307,15 @@ async fn measure_on(app: &'static App<Part>, mut lamps: Lamps) {
 #[embassy_executor::task]
 async fn supervise(app: &'static App<Part>, mut dog: Dog) {
     app.supervise(&mut dog, &BoardClock).await;
+}
+
+/// A wipe is asked for: the next start carries it out.
+#[embassy_executor::task]
+async fn start_anew(app: &'static App<Part>) {
+    app.restarts().await;
+    // The host reads the answer first.
+    Timer::after(Duration::from_millis(200)).await;
+    guard::reset_now()
 }
 
 #[interrupt]

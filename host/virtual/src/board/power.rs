@@ -9,7 +9,7 @@ use tokio::runtime::Runtime;
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver};
 use tokio::sync::oneshot;
 use umi_app::App;
-use umi_app::access::Keeper;
+use umi_app::access::{Jumper, Keeper};
 use umi_app::board::{Clock as _, LineAbilities};
 use umi_app::measure::trust::heads::HeadSigner;
 use umi_app::measure::{Boot, StorageAreas};
@@ -200,16 +200,15 @@ impl Power {
 fn guard(
     app: &App<super::VirtualFlash>,
     config: &Config,
-    signer: Option<&'static dyn HeadSigner>,
+    signer: Option<&'static HeadSigner>,
     now: Micros,
 ) {
     let Some(flash) = config.access.clone() else {
         return;
     };
-    let is_closed = config.jumper;
-    let jumper = move || is_closed;
+    let jumper: Jumper = if config.jumper { || true } else { || false };
     let draw = |bytes: &mut [u8; 32]| getrandom::fill(bytes).map_err(|_| NoEntropy);
     let keeper = Keeper::open(flash, jumper, signer, draw, now);
-    // As long as the board: a process starts few of them. No task has begun.
-    let _ = app.guard(Box::leak(Box::new(keeper)));
+    // No task has begun.
+    let _ = app.guard(keeper);
 }

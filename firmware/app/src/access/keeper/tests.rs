@@ -7,9 +7,10 @@ use std::boxed::Box;
 use std::sync::{Arc, Mutex};
 use std::vec::Vec;
 
-use ed25519_dalek::{Signer as _, SigningKey};
+use ed25519_dalek::SigningKey;
 use umi_core::journal::Geometry;
 use umi_core::trust::access::session::HostHandshake;
+use umi_core::trust::board_key::BoardKey;
 use umi_protocol::access::{AccessMode, KeyName};
 use umi_protocol::config::BoardConfig;
 use umi_protocol::job::name;
@@ -114,27 +115,14 @@ impl Flash for Cut {
     }
 }
 
-struct Signing(SigningKey);
-
-impl HeadSigner for Signing {
-    fn key(&self) -> [u8; 32] {
-        self.0.verifying_key().to_bytes()
-    }
-
-    fn boot(&self) -> u32 {
-        1
-    }
-
-    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2] {
-        let signature = self.0.sign(bytes);
-        [*signature.r_bytes(), *signature.s_bytes()]
-    }
-}
-
-fn signer() -> Option<&'static dyn HeadSigner> {
-    Some(Box::leak(Box::new(Signing(SigningKey::from_bytes(
-        &[0xB0; 32],
-    )))))
+fn signer() -> Option<&'static HeadSigner> {
+    let drawn = |seed: &mut [u8; 32]| {
+        seed.fill(0xB0);
+        seed[0] = 1;
+        Ok(())
+    };
+    let key = BoardKey::open(Cut::whole(&erased()), drawn).unwrap();
+    Some(Box::leak(Box::new(HeadSigner::new(key, [0; 32]))))
 }
 
 fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {
@@ -144,8 +132,9 @@ fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {
     Ok(())
 }
 
-fn open(flash: Cut, is_closed: bool) -> Keeper<Cut, impl FnMut() -> bool> {
-    Keeper::open(flash, move || is_closed, signer(), draw, Micros(0))
+fn open(flash: Cut, is_closed: bool) -> Keeper<Cut> {
+    let jumper: Jumper = if is_closed { || true } else { || false };
+    Keeper::open(flash, jumper, signer(), draw, Micros(0))
 }
 
 fn key(of: u8, role: Role) -> KeyInfo {
@@ -336,7 +325,7 @@ impl Areas {
     fn start(&self, power: &Cut) -> (AccessMode, BoardConfig, bool) {
         let app = Box::new(crate::App::new());
         let keeper = open(power.beside(&self.access), true);
-        app.guard(Box::leak(Box::new(keeper))).unwrap();
+        app.guard(keeper).unwrap();
         let boot = Boot {
             identity: Identity {
                 board: name("virtual"),

@@ -1,29 +1,52 @@
 //! Who signs for the board, and what is known of what was signed.
 
 use crate::measure::trust::bucket::Bucket;
+use umi_core::trust::board_key::BoardKey;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 
 /// Signs for the board.
-pub trait HeadSigner: Sync {
+#[derive(Debug)]
+pub struct HeadSigner {
+    key: BoardKey,
+    image: [u8; 32],
+}
+
+impl HeadSigner {
+    /// By this key. `image` is the SHA-256 of the image that runs; zeros: nobody has said.
+    #[must_use]
+    pub fn new(key: BoardKey, image: [u8; 32]) -> Self {
+        Self { key, image }
+    }
+
     /// The board's public key.
-    fn key(&self) -> [u8; 32];
+    #[must_use]
+    pub fn key(&self) -> [u8; 32] {
+        self.key.public()
+    }
 
     /// Starts of the board so far, this one included.
-    fn boot(&self) -> u32;
+    #[must_use]
+    pub fn boot(&self) -> u32 {
+        self.key.boot()
+    }
 
     /// SHA-256 of the image that runs; zeros: nobody has said.
-    fn image(&self) -> [u8; 32] {
-        [0; 32]
+    #[must_use]
+    pub fn image(&self) -> [u8; 32] {
+        self.image
     }
 
     /// The Ed25519 signature of these bytes, R and S.
-    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2];
+    #[must_use]
+    pub fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2] {
+        self.key.sign(bytes)
+    }
 }
 
 /// What is known of heads. All zeros before the start.
 pub(crate) struct Heads {
-    pub signer: ZeroOption<&'static dyn HeadSigner>,
+    pub signer: ZeroOption<&'static HeadSigner>,
     /// The nonce of a host that waits, and since when.
     pub asked: ZeroOption<([u8; 32], Micros)>,
     /// Entries before this one stand before a head, or were there at the start.
@@ -52,7 +75,7 @@ impl Heads {
     }
 
     /// The board has started, with a key or without.
-    pub fn start(&mut self, signer: Option<&'static dyn HeadSigner>, now: Micros) {
+    pub fn start(&mut self, signer: Option<&'static HeadSigner>, now: Micros) {
         if let Some(signer) = signer {
             self.signer.put(signer);
             self.is_due = true;

@@ -23,25 +23,9 @@ use super::{Region, jumper_is_closed};
 static SEED: Mutex<Cell<[u8; 32]>> = Mutex::new(Cell::new([0; 32]));
 static DRAWN: AtomicU32 = AtomicU32::new(0);
 
-struct Signing(BoardKey);
-
-impl HeadSigner for Signing {
-    fn key(&self) -> [u8; 32] {
-        self.0.public()
-    }
-
-    fn boot(&self) -> u32 {
-        self.0.boot()
-    }
-
-    fn sign(&self, bytes: &[u8]) -> [[u8; 32]; 2] {
-        self.0.sign(bytes)
-    }
-}
-
 /// Takes up the board's key, or draws one; none: there is no entropy.
-pub fn signer(key: Region, entropy: [u8; 32]) -> Option<&'static dyn HeadSigner> {
-    static SIGNING: StaticCell<Signing> = StaticCell::new();
+pub fn signer(key: Region, entropy: [u8; 32]) -> Option<&'static HeadSigner> {
+    static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
     critical_section::with(|cs| SEED.borrow(cs).set(entropy));
     let key = BoardKey::open(key, draw).ok()?;
     // What is drawn from here on is of this start alone.
@@ -49,20 +33,12 @@ pub fn signer(key: Region, entropy: [u8; 32]) -> Option<&'static dyn HeadSigner>
     hash.update(entropy);
     hash.update(key.boot().to_le_bytes());
     critical_section::with(|cs| SEED.borrow(cs).set(hash.finalize().into()));
-    Some(SIGNING.init(Signing(key)))
+    Some(SIGNING.init(HeadSigner::new(key, [0; 32])))
 }
 
-/// Whether the jumper is closed: the bench plays it.
-type Jumper = fn() -> bool;
-
 /// The keys of people.
-pub fn keeper(
-    access: Region,
-    signer: Option<&'static dyn HeadSigner>,
-) -> &'static mut Keeper<Region, Jumper> {
-    static KEEPER: StaticCell<Keeper<Region, Jumper>> = StaticCell::new();
-    let jumper: Jumper = jumper_is_closed;
-    KEEPER.init(Keeper::open(access, jumper, signer, draw, Micros(0)))
+pub fn keeper(access: Region, signer: Option<&'static HeadSigner>) -> Keeper<Region> {
+    Keeper::open(access, jumper_is_closed, signer, draw, Micros(0))
 }
 
 fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {

@@ -1,12 +1,17 @@
-//! Journal, settings and part programs: three areas of a serial NOR flash of their own.
+//! Journal, evidence, settings, part programs and the keys of people: areas of a serial NOR flash of
+//! their own.
 //!
 //! # Design
 //!
-//! The flash that the code runs from is never written: while it is, nothing can be read
-//! from it, captures neither. The other one hangs on SPI 0 and may be as busy as it
+//! The flash that the code runs from is not written while the board works: while it is, nothing can
+//! be read from it. Only the board's own key stands there ([`owner`]), which each start counts before
+//! anything else runs. The other one hangs on SPI 0 and may be as busy as it
 //! likes: who waits for it is the task of the lowest priority.
 
 mod flash_line;
+pub mod key_flash;
+pub mod noise;
+pub mod owner;
 
 use core::convert::Infallible;
 
@@ -44,6 +49,18 @@ const PROGRAMS: Wanted = Wanted {
     size: SectorSize::KiB4,
 };
 
+/// 1 MB of evidence: some 1500 verdicts, apart from the noise.
+const EVIDENCE: Wanted = Wanted {
+    sectors: 16,
+    size: SectorSize::KiB64,
+};
+
+/// What is kept for the owner, and the keys of people.
+const SMALL: Wanted = Wanted {
+    sectors: 4,
+    size: SectorSize::KiB4,
+};
+
 type Device = ExclusiveDevice<FlashLine, Output<'static>, Delay>;
 /// What can be wrong with the flash.
 pub type Failure = FlashFault<DeviceError<spi::Error, Infallible>>;
@@ -66,6 +83,12 @@ pub struct Storage {
     pub settings: Part,
     /// For part programs.
     pub programs: Part,
+    /// For evidence.
+    pub evidence: Part,
+    /// For the owner's configuration.
+    pub custody: Part,
+    /// For the keys of people.
+    pub access: Part,
     /// The chip's own number; zeros if it has none.
     pub unique_id: [u8; 8],
 }
@@ -89,10 +112,13 @@ pub struct StorageParts {
 pub fn open(parts: StorageParts) -> Storage {
     let mut unique_id = [0; 8];
     match areas(parts, &mut unique_id) {
-        Ok([journal, settings, programs]) => Storage {
+        Ok([journal, settings, programs, evidence, custody, access]) => Storage {
             journal: Part::There(journal),
             settings: Part::There(settings),
             programs: Part::There(programs),
+            evidence: Part::There(evidence),
+            custody: Part::There(custody),
+            access: Part::There(access),
             unique_id,
         },
         Err(fault) => {
@@ -101,6 +127,9 @@ pub fn open(parts: StorageParts) -> Storage {
                 journal: Part::Missing(fault, JOURNAL),
                 settings: Part::Missing(fault, SETTINGS),
                 programs: Part::Missing(fault, PROGRAMS),
+                evidence: Part::Missing(fault, EVIDENCE),
+                custody: Part::Missing(fault, SMALL),
+                access: Part::Missing(fault, SMALL),
                 unique_id,
             }
         }
@@ -110,7 +139,7 @@ pub fn open(parts: StorageParts) -> Storage {
 fn areas(
     parts: StorageParts,
     unique_id: &mut [u8; 8],
-) -> Result<[spi_nor::Area<'static, Device, Delay>; 3], Failure> {
+) -> Result<[spi_nor::Area<'static, Device, Delay>; 6], Failure> {
     static SHARED: StaticCell<Shared> = StaticCell::new();
 
     let mut config = Config::default();
@@ -118,6 +147,7 @@ fn areas(
     let line = Spi::new_blocking(parts.spi, parts.clock, parts.mosi, parts.miso, config);
     let line = FlashLine(line);
     let select = Output::new(parts.select, Level::High);
+    owner::pull_up_jumper();
     let device = match ExclusiveDevice::new(line, select, Delay) {
         Ok(device) => device,
         Err(never) => match never {},
@@ -129,7 +159,7 @@ fn areas(
     }
     SHARED
         .init_with(|| Shared::new(chip))
-        .areas([JOURNAL, SETTINGS, PROGRAMS])
+        .areas([JOURNAL, SETTINGS, PROGRAMS, EVIDENCE, SMALL, SMALL])
 }
 
 impl Flash for Part {
