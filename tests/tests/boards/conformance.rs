@@ -51,7 +51,9 @@ fn tells_who_it_is(rig: &mut dyn Rig) {
     assert_eq!((status.job, status.journal_failures), (None, 0));
     assert_eq!(status.reset, ResetReason::PowerOn);
     assert_eq!(status.latches, Default::default());
-    let (records, _) = journal(&mut client);
+    let (mut records, _) = journal(&mut client);
+    // A board with a key signs behind its start.
+    records.retain(|record| !matches!(record, Record::Head(_)));
     let reset = status.reset;
     assert_eq!(records, [Record::Boot { identity, reset }]);
 }
