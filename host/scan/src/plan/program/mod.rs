@@ -3,7 +3,7 @@
 //! Two ways of saying it: `rotary` has the machine's axis values, a block for each row, so that any control drives it;
 //! `rtcp` has the middle ray's point on the part and leaves the linear axes to the control. Feeds are the inverse of a
 //! block's time (G93) where the control knows that, since a feed in mm/min means something else on every control as soon
-//! as rotary axes move.
+//! as rotary axes move. An `rtcp` program has more rows than the plan, so that it drives what was proved.
 //!
 //! A program comes from the top of the machine's Z and goes back there, straight up: this way is
 //! proved, whatever the machine's zero and its reference point are.
@@ -12,6 +12,7 @@
 //! pose, `LASER OFF` behind the block that goes to its last one. Where a sensor is switched by the program, its user puts
 //! the machine's M function in these places.
 
+mod between;
 mod carried;
 mod words;
 
@@ -26,6 +27,7 @@ use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::surface::Mesh;
 
+pub use between::APART_MM;
 pub use carried::off_the_spindle;
 
 /// Whose language it is in.
@@ -135,6 +137,11 @@ pub fn program(
             ));
         }
     }
+    let between = match style.mode {
+        ProgramMode::Rotary => Vec::new(),
+        ProgramMode::Rtcp => between::with_rows_between(spec, rows),
+    };
+    let rows = if between.is_empty() { rows } else { &between };
     let mut rounding_mm: f64 = 0.0;
     for row in rows {
         let axes: Vec<f64> = row.axes.iter().map(|v| word(*v)).collect();
@@ -233,6 +240,9 @@ impl Writer<'_> {
             }
             ProgramMode::Rtcp => {
                 self.comment("X Y Z ARE THE POINT OF THE MIDDLE RAY IN THE PART FRAME: SET THE OFFSET AND THE TOOL TO SENSOR AND PART");
+                self.comment(&format!(
+                    "ROWS BETWEEN THOSE OF THE PLAN KEEP THE WAY WITHIN {APART_MM} MM OF THE PROVED ONE"
+                ));
             }
         }
         let mut names = self.words_of_axes();

@@ -31,7 +31,7 @@ fn case(id: &str) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-fn spec(text: &str) -> Result<ScanSpec, ScanError> {
+pub(super) fn spec(text: &str) -> Result<ScanSpec, ScanError> {
     ScanSpec::read(text, Path::new(""))
 }
 
