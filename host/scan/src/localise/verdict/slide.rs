@@ -51,7 +51,8 @@ impl Judge<'_> {
             .collect()
     }
 
-    /// The motions that the points on the part hold least.
+    /// The motions that the points on the part hold least; those on a side that the scan goes beyond are of another body,
+    /// and hold nothing.
     fn held_least(&self, scene: &Scene, fit: &Fit) -> Vec<Way> {
         let points: Vec<Vec3> = spread(scene.fine.len(), HOLDING)
             .into_iter()
@@ -64,9 +65,10 @@ impl Judge<'_> {
             .motion
             .point(&(self.prepared.corners.iter().sum::<Vec3>() / 8.0));
         let arm = self.prepared.diagonal / 2.0;
+        let passed = self.passed(scene, &fit.motion);
         let mut h = Matrix6::zeros();
         for (q, m) in points.iter().zip(&measured) {
-            if m.distance_mm.abs() < reach {
+            if m.distance_mm.abs() < reach && !passed.contains(&self.prepared.sides[m.face]) {
                 let row = fit::row(q, m, &about, arm);
                 h += row * row.transpose();
             }
@@ -101,6 +103,16 @@ mod tests {
     /// A stepped bar a few millimetres beside its place, along itself: the refinement stays there, the slide comes back.
     #[test]
     fn a_bar_slides_back_to_its_ends() {
+        slides_back(false);
+    }
+
+    /// The same where the end that is wrong lies flush in the face of another body: that face holds the bar there.
+    #[test]
+    fn a_bar_slides_back_from_the_face_of_another_body() {
+        slides_back(true);
+    }
+
+    fn slides_back(flush: bool) {
         let outline = [
             [0.0, 0.0],
             [25.0, 0.0],
@@ -111,21 +123,27 @@ mod tests {
         ];
         let bar = prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 76.0, [0.0, 0.0]);
         let mut random = Random(3);
-        for _ in 0..4 {
+        for mm in [-12.0, -7.0, 7.0, 12.0] {
             let truth = random.pose();
-            let points = scan(&bar, 9000, 0.1, &truth, &mut random, |_| true);
+            let mut points = scan(&bar, 9000, 0.1, &truth, &mut random, |_| true);
+            if flush {
+                let end = if mm < 0.0 { mm } else { 76.0 + mm };
+                let face = (0..6400).map(|i| {
+                    let at = |k: i32| f64::from(k) - 40.0;
+                    truth.point(&Vec3::new(at(i % 80) + 12.5, at(i / 80) + 20.0, end))
+                });
+                points.extend(face);
+            }
             let task = task(&bar, &points);
             let surface = CompositeSurface::from(bar.clone());
             let judge = Judge::new(&task, &surface);
             let scene = Scene::new(&bar, &points, task.threads);
-            for mm in [-12.0, -7.0, 7.0, 12.0] {
-                let beside = truth.after(&Pose::shift_mm(Vec3::new(0.0, 0.0, mm)));
-                let fit = judge.refine(&scene, &beside).unwrap();
-                let off = |fit: &Fit| fit.motion.apart_mm(&truth, &judge.prepared.corners);
-                assert!(off(&fit) > 2.0, "{mm}: {}", off(&fit));
-                let slid = judge.slid(&scene, &[fit]);
-                assert!(slid.iter().any(|fit| off(fit) < 0.1), "{mm}");
-            }
+            let beside = truth.after(&Pose::shift_mm(Vec3::new(0.0, 0.0, mm)));
+            let fit = judge.refine(&scene, &beside).unwrap();
+            let off = |fit: &Fit| fit.motion.apart_mm(&truth, &judge.prepared.corners);
+            assert!(off(&fit) > 2.0, "{mm}: {}", off(&fit));
+            let slid = judge.slid(&scene, &[fit]);
+            assert!(slid.iter().any(|fit| off(fit) < 0.1), "{mm}");
         }
     }
 }
