@@ -44,6 +44,36 @@ test('a machine sees an input two cycles after its edge, each cycle once, and st
   assert.deepEqual(seen, Array.from({ length: 8 }, (_, i) => at + 2 + i));
 });
 
+test('an abort reads as done before it is, and starts again what was enabled or chained', () => {
+  const it = board();
+  const { rp } = it.chip;
+  const DMA = 0x50000000, AL1_CTRL = 0x10, TRIG = 0x0c, ABORT = 0x444, EN = 1, BUSY = 1 << 24;
+  const control = (chainTo) => EN | (2 << 2) | (chainTo << 11) | (4 << 15); // of PIO 0, which sends nothing
+  const busy = (channel) => (rp.readUint32(DMA + 0x40 * channel + TRIG) & BUSY) !== 0;
+  const start = () => {
+    for (const channel of [0, 1]) rp.writeUint32(DMA + 0x40 * channel + 8, 100);
+    rp.writeUint32(DMA + 0x40 + AL1_CTRL, control(0));
+    rp.writeUint32(DMA + TRIG, control(1));
+    assert.deepEqual([busy(0), busy(1)], [true, false]);
+  };
+  const abort = () => {
+    rp.writeUint32(DMA + ABORT, 0b11);
+    assert.equal(rp.readUint32(DMA + ABORT), 0);
+    assert.ok(busy(0), 'transfers are on their way');
+    it.run(it.cycle + 100);
+  };
+  start();
+  abort();
+  assert.deepEqual([busy(0), busy(1)], [true, true], 'both go on');
+  // Switched off, and chained to itself, each ends.
+  for (let turn = 0; turn < 2; turn++) {
+    for (const channel of [0, 1]) rp.writeUint32(DMA + 0x40 * channel + AL1_CTRL, control(channel) & ~EN);
+    abort();
+    assert.deepEqual([busy(0), busy(1)], [false, false]);
+    start();
+  }
+});
+
 test('delays and dividers take their time', () => {
   const it = board();
   const { rp } = it.chip;

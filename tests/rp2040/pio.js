@@ -10,7 +10,8 @@
 // * FIFOs can be joined (3.5.4.1);
 // * a write to CTRL starts machines in the same cycle (3.5.1), and restarting keeps X, Y and PC;
 // * RXSTALL stays set after a PUSH that found no room only until it is cleared (3.7, FDEBUG);
-// * an abort of a DMA channel reads as done (2.5.5.3);
+// * an abort of a DMA channel reads as done (2.5.5.3) while the channel is still busy (RP2040-E13), and
+//   starts a channel that is enabled, and the one that it is chained to, again (RP2350-E5);
 // * a word that a DMA channel waits for goes straight to memory: one transfer a word.
 //
 // EXEC as a destination of OUT and MOV, and an instruction that stalls when written to SMx_INSTR,
@@ -29,6 +30,8 @@ const JOIN_TX = 1 << 30, JOIN_RX = 1 << 31;
 const DMA_EN = 1, DMA_INCR_READ = 1 << 4, DMA_INCR_WRITE = 1 << 5, DMA_RING_WRITE = 1 << 10;
 const DMA_QUIET = 1 << 21, DMA_BUSY = 1 << 24;
 const CHAN_ABORT = 0x444;
+/** In which transfers on their way end behind an abort: the errata state no bound. */
+const ABORT_CYCLES = 64;
 const SRAM = 0x20000000, SRAM_END = 0x20042000;
 const PIO_BASE = [0x50200000, 0x50300000];
 
@@ -666,6 +669,7 @@ export function install(chip) {
       start.call(channel);
       claim(chip, channel);
     };
+    channel.abort = aborts(chip, channel);
   }
   const read = dma.readUint32;
   dma.readUint32 = (offset) => {
@@ -691,6 +695,25 @@ function control(chip, pio, value) {
     }
     machine.enabled = runs;
   });
+}
+
+/** An abort as the errata have it: what was enabled or chained when it was asked for goes on. */
+function aborts(chip, channel) {
+  let again = [];
+  const over = chip.clock.createAlarm(() => {
+    chip.synchronise();
+    channel.ctrl &= ~DMA_BUSY;
+    for (const started of again) started.start();
+    chip.classify();
+  });
+  return () => {
+    if ((channel.ctrl & DMA_BUSY) === 0) return;
+    channel.transferAlarm.cancel();
+    const { channels } = channel.dma;
+    again = channel.ctrl & DMA_EN ? [channel] : [];
+    if (channel.chainTo !== channel.index) again.push(channels[channel.chainTo]);
+    over.at(chip.cycle + ABORT_CYCLES);
+  };
 }
 
 /** A channel that copies words from a machine to memory gets them straight from it. */

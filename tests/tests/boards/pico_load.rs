@@ -277,6 +277,12 @@ fn nothing_is_lost_under_all_load() {
     everything_at_once(1_000, 0, 100, 115_200);
 }
 
+/// The control's fastest line.
+#[test]
+fn nothing_is_lost_under_all_load_at_230400_baud() {
+    everything_at_once(1_000, 0, 100, 230_400);
+}
+
 /// A hundred thousand triggers: ten seconds.
 #[test]
 #[ignore = "minutes of emulation"]

@@ -14,7 +14,7 @@ on_every_board! {
 }
 
 /// Speeds that are tried each time; the slowest takes a minute in an emulator.
-const QUICK: [u32; 5] = [4800, 9600, 19_200, 38_400, 115_200];
+const QUICK: [u32; 6] = [4800, 9600, 19_200, 38_400, 115_200, 230_400];
 /// A program that goes out.
 const PROGRAM: &str = "%\nO1234\nG0 X1.5\nM30\n%\n";
 /// What the control prints.
@@ -122,7 +122,7 @@ mod long {
 
     /// A clamping and the correction of it, read back, at each speed.
     fn sessions(rig: &mut dyn Rig) {
-        const SPEEDS: [u32; 6] = [115_200, 38_400, 19_200, 9600, 4800, 300];
+        const SPEEDS: [u32; 7] = [230_400, 115_200, 38_400, 19_200, 9600, 4800, 300];
         at_speeds(rig, &SPEEDS);
         for (number, baud) in (1..).zip(SPEEDS) {
             let mut job = job();

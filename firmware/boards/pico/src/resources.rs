@@ -96,10 +96,9 @@ pub const MOST_INTERVAL_US: u32 = u32::MAX / CYCLES_PER_US;
 /// The longest trigger pulse.
 pub const MOST_PULSE_CYCLES: u32 = TriggerPulse::MOST_US as u32 * CYCLES_PER_US;
 
-/// The fastest that the control's line can be. The DMA takes a character of twice this speed in
-/// time, too, but what the board does with them has not been tried at it.
-pub const MOST_BAUD: u32 = 115_200;
-/// Bytes that wait while the receiving task is busy: 90 ms of the fastest line.
+/// The fastest that the control's line can be.
+pub const MOST_BAUD: u32 = 230_400;
+/// Bytes that wait while the receiving task is busy: 45 ms of the fastest line.
 pub const CNC_RING: usize = 1024;
 
 /// Of captures.

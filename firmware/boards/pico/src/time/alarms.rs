@@ -71,7 +71,8 @@ impl Driver for Alarms {
                 // It looks at the clock itself, and asks again.
                 return waker.wake_by_ref();
             };
-            if queue.schedule_wake(at, waker) {
+            // Where the alarm comes before that anyway, it looks for the next one then.
+            if queue.schedule_wake(at, waker) && at < self.due_us.borrow(section).get() {
                 drop(queue);
                 self.set_next(section);
             }
