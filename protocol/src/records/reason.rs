@@ -706,7 +706,7 @@ pub enum Reason {
     },
     /// The control rounds to steps with which a correction is not within what is stated of it.
     #[error(
-        "all coordinates are whole steps of {step_mm:.3} mm, 0.010 mm at most: a correction would be off by as much; let the control measure and print finer"
+        "all coordinates are whole steps of {step_mm:.3} mm, 0.010 mm at most: a correction would be off by as much; let the control measure and print finer, then teach again"
     )]
     CoarseStep {
         /// What the control rounds to.

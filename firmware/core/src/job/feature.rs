@@ -362,36 +362,6 @@ pub fn learned(fit: &FitReport, centring_mm: f64) -> Learned {
     }
 }
 
-/// Steps of a control's coordinates that are told apart, from the finest, mm.
-const STEPS_MM: [f64; 9] = [0.0, 0.0001, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05];
-
-/// The coarsest step with which a correction is within what is stated of it, mm.
-pub const MOST_STEP_MM: f64 = 0.01;
-
-/// The coarsest step of which all coordinates of these hits are multiples, by its number in the
-/// table: what the control rounds to, whatever digits it prints. 0: none of them.
-pub fn step(hits: &[Hit]) -> u8 {
-    let is_of = |step_mm: f64| {
-        let mut coordinates = hits.iter().flat_map(|hit| hit.position.mm.iter());
-        coordinates.all(|mm| {
-            let steps = mm / step_mm;
-            // Twelve digits hold a machine to a millionth of the finest step.
-            libm::fabs(steps - libm::round(steps)) < 1e-4
-        })
-    };
-    let steps = (0u8..).zip(STEPS_MM).skip(1);
-    let found = steps.filter(|(_, mm)| is_of(*mm)).last();
-    found.map_or(0, |(number, _)| number)
-}
-
-/// The step with this number.
-pub fn step_mm(number: u8) -> f64 {
-    STEPS_MM
-        .get(usize::from(number))
-        .copied()
-        .unwrap_or_default()
-}
-
 /// Holds a feature against how it was in the taught setups: below the smallest and above the
 /// largest. The job's own limits must cover every stylus and every ball; the taught setups
 /// have shown what these ones do.

@@ -67,6 +67,18 @@ pub enum RewriteRefusal {
     /// Two codes in one block that each want the axis words.
     #[error("two codes want the axis words: make two blocks")]
     TwoMotions,
+    /// Two codes of one modal group, of which only one can be in force.
+    #[error(
+        "{code} and another code of its group in one block: controls differ in which of them counts for which word; make two blocks",
+        code = G(*.0)
+    )]
+    TwoOfGroup(u16),
+    /// G90, G91, G20 or G21 behind a word that they may count for.
+    #[error(
+        "{code} behind {letter}: controls differ in whether it counts for that; write it in front",
+        code = G(*.0), letter = .1
+    )]
+    ModeBehind(u16, char),
     /// No G90 or G91 yet.
     #[error("neither G90 nor G91 is in force: say which")]
     NoDistanceMode,

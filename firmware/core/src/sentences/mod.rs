@@ -183,7 +183,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 64] {
+fn rewrites() -> [RefusedLine; 66] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -204,6 +204,8 @@ fn rewrites() -> [RefusedLine; 64] {
         RewriteRefusal::Code(280, Why::Through),
         RewriteRefusal::Code(920, Why::Offsets),
         RewriteRefusal::TwoMotions,
+        RewriteRefusal::TwoOfGroup(910),
+        RewriteRefusal::ModeBehind(910, 'X'),
         RewriteRefusal::NoDistanceMode,
         RewriteRefusal::NoReturn,
         RewriteRefusal::NoUnit,

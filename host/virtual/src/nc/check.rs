@@ -183,6 +183,14 @@ fn check_words(
             g_text(*second)
         )));
     }
+    let g = words.iter().filter(|word| word.letter == b'G');
+    let g: Vec<_> = g.filter_map(|word| Some((code(word)?, word.at))).collect();
+    let lengths = words
+        .iter()
+        .filter(|word| codes::LENGTHS.contains(&word.letter));
+    if let Err(fault) = codes::check_groups(&g, lengths.map(|word| word.at).min()) {
+        faults.push(fault);
+    }
     check_letters(words, &settings.rotary_words, faults);
     codes_with_values(words, dialect, faults);
     let m = words

@@ -11,6 +11,7 @@ use crate::job::check::touches_again;
 use crate::job::collecting::Collecting;
 use crate::job::feature;
 use crate::job::reasons::{Reasons, add};
+use crate::job::step::Steps;
 use crate::units::Micros;
 
 #[derive(Debug, Default)]
@@ -19,8 +20,8 @@ pub(super) struct Slot {
     pub(super) in_this_setup: bool,
     /// Its points are those of the setup before, to the last digit.
     pub(super) repeated: bool,
-    /// The step of its coordinates, by its number ([`feature::step`]).
-    pub(super) step: u8,
+    /// The steps that its coordinates have in common.
+    pub(super) steps: Steps,
     /// How far beside the centre its hits were approached.
     pub(super) centring_mm: f64,
 }
@@ -158,7 +159,8 @@ impl Run {
         let collecting = self.collecting.take()?;
         let place = collecting.feature;
         let (mut result, centring_mm) = self.fitted(&collecting)?;
-        let step = feature::step(&collecting.hits);
+        let hits = collecting.hits.iter();
+        let steps = Steps::of(hits.map(|hit| (hit.approach, hit.position)));
         let belongs = self.belongs(place, &result);
         let replaces = matches!(belongs, Belongs::Replaces);
         match belongs {
@@ -200,7 +202,7 @@ impl Run {
             slot.result = Some(result);
             slot.in_this_setup = true;
             slot.centring_mm = centring_mm;
-            slot.step = step;
+            slot.steps = steps;
         }
         if self.progress == Progress::Empty {
             if let TeachingAct::Next(lesson) = self.teaching {

@@ -9,8 +9,9 @@ use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{datums, fixed, moves_something, not_guarded, place_count};
 use crate::job::scatter::Scatter;
+use crate::job::setup;
 use crate::job::setup::DatumPoints;
-use crate::job::{feature, setup};
+use crate::job::step::{MOST_STEP_MM, Steps};
 use crate::units::Point;
 
 impl Run {
@@ -276,35 +277,38 @@ impl Run {
 
     /// Whether the control rounds to steps that are too coarse for what is moved by its verdicts.
     ///
-    /// Coordinates that are whole by chance, as on paper, fit without residuals: what is rounded
-    /// does not.
+    /// A ball whose radius is whole steps fits without residuals, rounded or not. So what is
+    /// corrected is refused whatever its fits say; what is only taught, as from paper, where they
+    /// show it.
     #[inline(never)]
     fn against_step(&self, job: &Job, verdict: &mut Verdict) {
-        let step_mm = feature::step_mm(self.step(job));
+        let step_mm = self.step_mm(job);
         let is_rounded = |place: usize| {
             let fit = self
                 .in_this_setup(place)
                 .and_then(|result| result.fit.as_ref());
             fit.is_some_and(|fit| fit.rms_mm > 0.05 * step_mm)
         };
-        if step_mm > feature::MOST_STEP_MM
+        if step_mm > MOST_STEP_MM
             && moves_something(job)
-            && datums(job).any(|(place, _)| is_rounded(place))
+            && (self.reference.is_some() || datums(job).any(|(place, _)| is_rounded(place)))
         {
             setup::add(verdict, Reason::CoarseStep { step_mm });
         }
     }
 
-    /// The number of the control's step. Of all datum features the finest: the others hit upon
-    /// coarser numbers.
-    fn step(&self, job: &Job) -> u8 {
-        let slots = datums(job).filter_map(|(place, _)| self.slots.get(place));
-        slots.map(|slot| slot.step).min().unwrap_or_default()
+    /// The coarsest step that the touches of all datum features have in common.
+    fn step_mm(&self, job: &Job) -> f64 {
+        let mut steps = Steps::default();
+        for slot in datums(job).filter_map(|(place, _)| self.slots.get(place)) {
+            steps.and(&slot.steps);
+        }
+        steps.coarsest_mm()
     }
 
     /// What the features' fits and the job say of the scatter of hits.
     fn scatter(&self, job: &Job) -> Option<Scatter> {
-        let step_mm = feature::step_mm(self.step(job)).min(feature::MOST_STEP_MM);
+        let step_mm = self.step_mm(job).min(MOST_STEP_MM);
         let is_taught = self.reference_is_taught();
         let mut scatter = Scatter::of(job.guards.probing?, step_mm, is_taught);
         for (place, _) in datums(job) {

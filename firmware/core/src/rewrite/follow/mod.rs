@@ -14,6 +14,8 @@ use crate::rewrite::{Integers, Rewriter, at};
 
 const SECONDARY: Letters = Letters::of(b"UVW");
 const ROTARY: Letters = Letters::of(b"ABC");
+/// What stands for a length, or an angle that may be an increment.
+const LENGTHS: Letters = Letters::of(b"XYZIJKRQUVWABC");
 
 impl Rewriter {
     /// Carries out a block: its modes, its offsets, its motion.
@@ -164,8 +166,10 @@ impl Rewriter {
     fn g_words(&mut self, words: &Words, given: &Given<'_>) -> At<Wanted> {
         let mut wanted = Wanted::default();
         let mut work = None;
+        let (mut said_here, mut length) = (Groups::NONE, None);
         for (index, word) in words.iter().enumerate() {
             if word.letter != b'G' {
+                length = length.or(Some(word.letter).filter(|letter| LENGTHS.has(*letter)));
                 continue;
             }
             let Value::Number(number) = word.value else {
@@ -176,7 +180,22 @@ impl Rewriter {
             };
             let refuse = |reason| Err((word.start, reason));
             let code = code(tenths);
-            self.said = self.said.with(says(code));
+            let groups = says(code);
+            self.said = self.said.with(groups);
+            // Of two motions more is said below; `G0 G80` ends a cycle and moves.
+            let alone = match code {
+                Code::Motion(_) => Groups::NONE,
+                _ => groups,
+            };
+            if said_here.has(alone) {
+                return refuse(RewriteRefusal::TwoOfGroup(tenths));
+            }
+            said_here = said_here.with(alone);
+            if let Some(letter) = length
+                && groups.has(Groups::DISTANCE.with(Groups::UNIT))
+            {
+                return refuse(RewriteRefusal::ModeBehind(tenths, letter as char));
+            }
             match code {
                 Code::Nothing => {
                     match tenths {

@@ -135,9 +135,9 @@ fn machine_moves_stay() {
     assert_eq!(
         text(
             turned([0.0, 1.0, 0.0], [0.0; 3]),
-            "G21 G90 G91 G28 Z0.\nG90 G0 X0. Y0.\nG43 Z100. H1\n"
+            "G21 G91 G28 Z0.\nG90 G0 X0. Y0.\nG43 Z100. H1\n"
         ),
-        "G21 G90 G91 G28 Z0.\nG90 G0 X0. Y0.\nG43 X1.745 Z99.985 H1\n"
+        "G21 G91 G28 Z0.\nG90 G0 X0. Y0.\nG43 X1.745 Z99.985 H1\n"
     );
 }
 

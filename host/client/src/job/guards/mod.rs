@@ -23,6 +23,7 @@ mod seen;
 mod setup;
 mod single;
 mod size;
+mod step;
 #[cfg(test)]
 mod tests;
 
@@ -267,8 +268,8 @@ impl GuardTable {
             row(
                 "coarse_step",
                 "a control's step of 20, 50, 100 µm",
-                when(moves_something(job)),
-                "the board",
+                when(moves_something(job) && setup.sees_steps()),
+                "more touches",
             ),
             row(
                 "moved_while_closing",

@@ -260,3 +260,17 @@ fn scatter_is_seen_by_the_rms() {
     }
     assert_eq!(seen(&four, "worn_stylus"), SeenFrom::Never);
 }
+
+/// A control's step is seen where touches enough stand apart.
+#[test]
+fn a_coarse_step_needs_touches() {
+    let four = job(FOUR);
+    assert_eq!(seen(&four, "coarse_step"), SeenFrom::Always);
+    assert_eq!(seen(&job(THREE), "coarse_step"), SeenFrom::Always);
+    // One touch of each ball's top.
+    let mut tops = four;
+    for feature in &mut tops.features {
+        feature.approach.truncate(1);
+    }
+    assert_eq!(seen(&tops, "coarse_step"), SeenFrom::Never);
+}

@@ -77,6 +77,54 @@ pub(crate) const fn is_motion(tenths: u16) -> bool {
     )
 }
 
+/// The modal group of a code, by the first of its codes; motions are told apart elsewhere.
+const fn group(tenths: u16) -> Option<u16> {
+    Some(match tenths {
+        170 | 180 | 190 => 170,
+        200 | 210 => 200,
+        400..=420 => 400,
+        540 | 541 | 550 | 560 | 570 | 580 | 590..=593 | 1540 => 540,
+        730 | 800 | 810 | 820 | 830 | 840 | 850 | 860 | 890 => 800,
+        900 | 910 => 900,
+        901 | 911 => 901,
+        930 | 940 | 950 => 930,
+        980 | 990 => 980,
+        _ => return None,
+    })
+}
+
+/// Checks that a block has no two codes of one modal group, and that no `G90`, `G91`, `G20`,
+/// `G21` stands behind a word that it may count for: controls differ in what that means.
+///
+/// `codes`: G codes in tenths with their places; `first_length`: the first word that is a length.
+pub(crate) fn check_groups(codes: &[(u16, usize)], first_length: Option<usize>) -> Checked<()> {
+    for (number, (code, at)) in codes.iter().enumerate() {
+        let Some(group_of) = group(*code) else {
+            continue;
+        };
+        let before = codes.iter().take(number);
+        if let Some((other, _)) = { before }.find(|(other, _)| group(*other) == Some(group_of)) {
+            return Err(Fault::new(format!(
+                "{} and {} in one block: controls differ in which of them counts; write two blocks",
+                g_text(*other),
+                g_text(*code)
+            ))
+            .at(*at));
+        }
+        if matches!(group_of, 200 | 900) && first_length.is_some_and(|length| length < *at) {
+            return Err(Fault::new(format!(
+                "{} behind a length: controls differ in whether it counts for that; write it in front",
+                g_text(*code)
+            ))
+            .at(*at));
+        }
+    }
+    Ok(())
+}
+
+/// Letters that stand for a length, or an angle that may be an increment.
+pub(crate) const LENGTHS: &[u8] = b"XYZIJKRQUVWABC";
+
 /// Whether a code may stand where the control carries the tip through the rotary axes (`G43.4`).
 pub(crate) const fn may_carry(tenths: u16) -> bool {
     matches!(
@@ -103,6 +151,9 @@ pub(crate) fn check(
     dialect: ControlFamily,
     rotary: &str,
 ) -> Checked<()> {
+    let lengths = words.others.iter();
+    let lengths = lengths.filter(|given| LENGTHS.contains(&given.letter));
+    check_groups(&words.g, lengths.map(|given| given.at).min())?;
     let mut allowed = String::from(EVERYWHERE);
     let mut takers = Vec::new();
     let mut motions = Vec::new();

@@ -46,6 +46,18 @@ fn alarms() {
     only("G0 X1. (OPEN", Alarm, 3, "not closed");
     only("#1=2 G0", Alarm, 3, "stands alone");
     only("G1G0X1.", Alarm, 3, "one block");
+    for two in [
+        "G90X1.G91Y2.",
+        "G20G21",
+        "G17G19",
+        "G98G99",
+        "G93G94",
+        "G54G55",
+        "G81G80X1.Z1.R1.",
+    ] {
+        only(two, Alarm, 3, "in one block");
+    }
+    only("G0X1.G91", Alarm, 3, "G91 behind a length");
     assert_eq!(check("%\n%\n", &fanuc()).len(), 1);
 }
 

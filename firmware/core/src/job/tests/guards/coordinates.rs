@@ -210,8 +210,8 @@ fn another_tool_length_than_taught_is_named() {
     }
 }
 
-/// What a control rounds to steps of 20 or 50 µm is refused, also what is to be taught; 10 µm
-/// are not, nor is what is whole by chance.
+/// What a control rounds to steps of more than 10 µm is refused, also what is to be taught,
+/// wherever its work offset lies; 10 µm are not.
 #[test]
 fn coarse_steps_are_refused() {
     let session = |step_mm: f64, beside_mm: f64| {
@@ -222,23 +222,67 @@ fn coarse_steps_are_refused() {
         for number in 0..2 {
             let mut blocks = clamping(number, [1, 2, 3]);
             for point in blocks.iter_mut().flat_map(|(_, points)| points) {
-                *point = point.map(|mm| (mm / step_mm).round() * step_mm + beside_mm);
+                *point = point.map(|mm| {
+                    let mm = (mm / step_mm).round() * step_mm + beside_mm;
+                    // As a control prints it.
+                    (mm * 1e4).round() / 1e4
+                });
             }
             send(&mut run, &mut outcome, &blocks, number as u32 + 1);
         }
         outcome.summary()
     };
-    for step_mm in [0.02, 0.05] {
-        for of in session(step_mm, 0.0) {
-            assert!(of.contains("coarse_step"), "{step_mm}: {of}");
+    for step_mm in [0.0127, 0.02, 0.025, 0.0254, 0.05] {
+        for beside_mm in [0.0, 0.001, 0.0037] {
+            for of in session(step_mm, beside_mm) {
+                assert!(of.contains("coarse_step"), "{step_mm} {beside_mm}: {of}");
+            }
         }
     }
-    for (step_mm, beside_mm) in [(0.01, 0.0), (0.005, 0.0), (0.02, 0.001)] {
-        for of in session(step_mm, beside_mm) {
+    for step_mm in [0.01, 0.005, 0.00254, 0.002, 0.001] {
+        for of in session(step_mm, 0.0) {
             assert!(!of.contains("coarse_step"), "{step_mm}: {of}");
         }
     }
-    // A ball of whole millimetres.
+}
+
+/// A ball whose radius is whole steps fits exactly, rounded or not: no correction comes of it.
+#[test]
+fn coarse_steps_of_whole_radii_are_refused() {
+    let session = |step_mm: f64, beside_mm: f64, printed_mm: f64| {
+        let mut run = Run::new(with_ids(job()));
+        let mut outcome = Outcome::default();
+        for number in 0..2 {
+            let mut blocks = clamping(number, [1, 2, 3]);
+            for (_, points) in &mut blocks {
+                let [x, y, z] = points[0];
+                let at = [x, y, z - 12.7].map(|mm| (mm / step_mm).round() * step_mm + beside_mm);
+                let sides = [
+                    [0.0, 0.0, 1.0],
+                    [1.0, 0.0, 0.0],
+                    [-1.0, 0.0, 0.0],
+                    [0.0, 1.0, 0.0],
+                    [0.0, -1.0, 0.0],
+                ];
+                *points = sides
+                    .map(|side| [0, 1, 2].map(|axis| at[axis] + 12.7 * side[axis]))
+                    .map(|point| point.map(|mm| (mm / printed_mm).round() * printed_mm))
+                    .to_vec();
+            }
+            send(&mut run, &mut outcome, &blocks, number as u32 + 1);
+        }
+        outcome.summary().remove(1)
+    };
+    for step_mm in [0.02, 0.025, 0.05, 0.1, 0.0127, 0.0254] {
+        for beside_mm in [0.0, 0.0043] {
+            let of = session(step_mm, beside_mm, 1e-4);
+            assert!(of.contains("coarse_step"), "{step_mm} {beside_mm}: {of}");
+        }
+    }
+    // Inches that are printed in millimetres with three decimals.
+    assert!(session(0.0254, 0.0, 1e-3).contains("coarse_step"));
+    assert!(!session(0.01, 0.0, 1e-3).contains("coarse_step"));
+    // What is only taught is let pass: paper has such figures.
     let mut run = Run::new(with_ids(job()));
     let mut outcome = Outcome::default();
     let mut blocks = clamping(0, [1, 2, 3]);
