@@ -712,6 +712,15 @@ pub enum Reason {
         /// What the control rounds to.
         step_mm: f64,
     },
+    /// No ball on the table was probed behind the last datum feature: what bent the stylus before
+    /// that leaves no trace.
+    #[error(
+        "{name} was probed behind this one, so a stylus that was bent in between is not seen: probe a ball on the table last"
+    )]
+    FixedBefore {
+        /// The datum feature that came last.
+        name: Name,
+    },
 }
 
 /// Why a fit or a registration was refused.

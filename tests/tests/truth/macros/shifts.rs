@@ -8,12 +8,12 @@ use umi_protocol::verdict::Verdict;
 
 use crate::macros::bench::*;
 
-/// Four balls, and where they are touched from.
+/// Four balls, and where they are touched from: on no grid, as on no machine.
 const BALLS_MM: [[f64; 2]; 4] = [
-    [-100.0, -80.0],
-    [100.0, -75.0],
-    [-95.0, 85.0],
-    [105.0, 80.0],
+    [-100.013, -80.027],
+    [100.041, -75.004],
+    [-95.037, 85.019],
+    [105.008, 80.033],
 ];
 
 /// The clampings of one session: taught where it stands, then moved.
@@ -21,13 +21,13 @@ const TAUGHT: [f64; 2] = [0.0, 0.0];
 const MOVED: [f64; 2] = [1.5, -2.0];
 
 fn scene([x, y]: [f64; 2]) -> String {
-    let ball = |(number, [at_x, at_y]): (usize, &[f64; 2])| {
+    let ball = |(number, [at_x, at_y]): (u8, &[f64; 2])| {
         format!(
             "[[body]]\nname = \"BALL{number}\"\nshape = {{ sphere = {{ radius_mm = 10.0 }} }}\n\
              position_mm = [{}, {}, {}]\n",
             at_x + x,
             at_y + y,
-            60 + 5 * number
+            60.0 + 5.013 * f64::from(number)
         )
     };
     (1..).zip(&BALLS_MM).map(ball).collect()

@@ -7,7 +7,7 @@ use umi_protocol::verdict::Verdict;
 
 use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
-use crate::job::check::{datums, fixed, moves_something, not_guarded, place_count};
+use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
 use crate::job::scatter::Scatter;
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
@@ -229,6 +229,28 @@ impl Run {
             }
         }
         self.against_order(job, verdict);
+        self.against_fixed_order(job, verdict);
+    }
+
+    /// Whether a feature on the table was probed when all datum features had been: one that
+    /// stands before them all shows no stylus that was bent behind it.
+    fn against_fixed_order(&self, job: &Job, verdict: &mut Verdict) {
+        let probed = |place: usize| self.in_this_setup(place).map(|result| result.index);
+        let again = closing(job).filter(|(_, of)| job.guards.fixed.contains(&of.repeats));
+        let on_table = fixed(job).map(|(place, _)| place);
+        let on_table = on_table.chain(again.map(|(place, _)| place));
+        let last = on_table.max_by_key(|place| probed(*place));
+        let Some((place, index)) = last.and_then(|place| Some((place, probed(place)?))) else {
+            return;
+        };
+        // What is missing is told as such.
+        let behind = datums(job).filter(|(datum, _)| probed(*datum) > Some(index));
+        if let Some((_, datum)) = behind.max_by_key(|(datum, _)| probed(*datum))
+            && let Some(spec) = job.features.get(place)
+        {
+            let name = datum.name.clone();
+            setup::add_about(verdict, Some(&spec.name), Reason::FixedBefore { name });
+        }
     }
 
     /// Whether the order in which they were probed shows what moved: a closing feature comes

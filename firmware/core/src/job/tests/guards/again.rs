@@ -129,6 +129,43 @@ fn closing_and_fixed_balls() {
     assert_eq!(session(0.0, -0.007), ["OK", "OK", "TABLE:fixed_moved"]);
 }
 
+/// A ball on the table that was probed before a datum ball shows no stylus that was bent between
+/// the two: the setup is NG, and names both.
+#[test]
+fn the_ball_on_the_table_comes_behind_the_datums() {
+    let session = |order: [usize; 5]| {
+        let mut run = Run::new(redundant());
+        let mut outcome = Outcome::default();
+        for number in 0..2 {
+            let mut blocks = clamping(number, [1, 2, 3]);
+            blocks.push(blocks[0].clone());
+            let first = session_a().remove(0).1;
+            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
+            blocks.push(("TABLE".to_string(), table));
+            let order = if number == 0 { [0, 1, 2, 3, 4] } else { order };
+            for place in order {
+                for point in &blocks[place].1 {
+                    let mut hit = hit(*point);
+                    let id = u16::try_from(place + 1).unwrap();
+                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
+                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+                }
+            }
+        }
+        let last = outcome.verdicts.last().unwrap();
+        let told = last.reasons.first().map(|of| of.reason.to_string());
+        (outcome.summary().remove(1), told.unwrap_or_default())
+    };
+    assert_eq!(session([0, 1, 2, 3, 4]).0, "OK");
+    // The closing ball may come behind it.
+    assert_eq!(session([0, 1, 2, 4, 3]).0, "OK");
+    for (order, name) in [([4, 0, 1, 2, 3], "SPHERE3"), ([0, 2, 4, 1, 3], "SPHERE2")] {
+        let (summary, told) = session(order);
+        assert_eq!(summary, "TABLE:fixed_before");
+        assert!(told.starts_with(name), "{told}");
+    }
+}
+
 /// A plate at 5 K more is registered as if it were not; at 8 K it is refused by name.
 #[test]
 fn warmth_is_told() {
@@ -325,8 +362,14 @@ fn a_ball_outside_the_closing_pair_is_named() {
             .all(|id| (turn(PAIR[0])..turn(PAIR[1])).contains(&turn(*id)));
         let array: [usize; 5] = order.clone().try_into().unwrap();
         let summary = session(array, 5);
-        if encloses {
+        let table_is_last = [1, 2, 3].iter().all(|id| turn(*id) < turn(5));
+        if encloses && table_is_last {
             assert_eq!(summary, ["OK"; 2], "{order:?}");
+        } else if encloses {
+            assert!(
+                summary.iter().all(|of| of.contains("TABLE:fixed_before")),
+                "{order:?}"
+            );
         } else {
             assert!(
                 summary.iter().all(|of| of.contains("CLOSING:not_enclosed")),
