@@ -122,8 +122,8 @@ impl Probing {
             )
             .replacen("rotation_deg = [0.0, 0.0, 0.0]", &turns_deg, 1)
             // On no grid, as on no machine.
-            .replace("[138.0, -134.7, 110.2]", "[138.013, -134.727, 110.241]")
             .replace("[-136.7, 136.4, 136.1]", "[-136.692, 136.437, 136.074]")
+            .replace("[137.2, 138.1, 121.0]", "[137.213, 138.127, 121.041]")
             .replacen(
                 "[machine]\n",
                 &format!(

@@ -101,9 +101,10 @@ impl Steps {
 
     /// The coarsest of them, mm; 0 where there is none, or too little to tell.
     pub fn coarsest_mm(&self) -> f64 {
-        let steps = STEPS_MM.iter().enumerate();
-        let common = steps.filter(|(number, _)| self.common & (1 << number) != 0);
-        let coarsest = common.last().filter(|_| self.apart >= LEAST_APART);
+        let mut coarsest = STEPS_MM.iter().enumerate().rev();
+        let coarsest = coarsest
+            .find(|(number, _)| self.common & (1 << number) != 0)
+            .filter(|_| self.apart >= LEAST_APART);
         coarsest.map_or(0.0, |(_, step_mm)| *step_mm)
     }
 }
