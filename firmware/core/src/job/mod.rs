@@ -12,10 +12,9 @@ mod report;
 mod run;
 mod scatter;
 mod setup;
-mod step;
 mod witness;
 
-use umi_protocol::job::{Approach, Job};
+use umi_protocol::job::Job;
 
 use crate::units::Point;
 
@@ -24,7 +23,7 @@ pub use check::{
     touches_again,
 };
 pub use report::{Fitted, fit, refusal};
-pub use run::{Decision, Run, Teaching};
+pub use run::{Decision, Run, Teaching, is_coarse};
 pub use witness::skip;
 
 /// Whether the job's limits stand against a setup whose places are `measured`: judged as on the
@@ -35,13 +34,6 @@ pub fn against_places(job: &Job, reference: &[Point], measured: &[Point]) -> boo
     let mut verdict = setup::blank(1);
     setup::judge(&mut verdict, job, reference, measured, None, None);
     !verdict.reasons.is_empty()
-}
-
-/// Whether the board refuses these touches of a setup's datum features, with the directions that
-/// are known, because the control rounds to steps that are too coarse.
-#[must_use]
-pub fn is_coarse(touches: impl Iterator<Item = (Option<Approach>, Point)>) -> bool {
-    step::Steps::of(touches).coarsest_mm() > step::MOST_STEP_MM
 }
 
 /// Whether a value breaks its limit. A value that is not a number does.

@@ -4,6 +4,7 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::latch::LatchReport;
 use umi_protocol::reason::Reason;
 
+use super::step::Steps;
 use super::teach::TeachingAct;
 use super::{Decision, Progress, Run, spec_of};
 use crate::dprnt::{BlockEnd, ReportedHit};
@@ -11,7 +12,6 @@ use crate::job::check::touches_again;
 use crate::job::collecting::Collecting;
 use crate::job::feature;
 use crate::job::reasons::{Reasons, add};
-use crate::job::step::Steps;
 use crate::units::Micros;
 
 #[derive(Debug, Default)]

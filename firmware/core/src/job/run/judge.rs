@@ -5,13 +5,13 @@ use umi_protocol::message::TeachBy;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
+use super::step::{MOST_STEP_MM, Steps};
 use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
 use crate::job::scatter::Scatter;
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
-use crate::job::step::{MOST_STEP_MM, Steps};
 use crate::units::Point;
 
 impl Run {

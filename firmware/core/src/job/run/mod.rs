@@ -25,6 +25,7 @@
 mod arrivals;
 mod faults;
 mod judge;
+mod step;
 mod teach;
 mod told;
 
@@ -42,6 +43,7 @@ use crate::dprnt::Moved;
 use crate::units::{Micros, Point};
 use crate::zero_option::ZeroOption;
 use arrivals::Slot;
+pub use step::is_coarse;
 use teach::{Asked, TeachingAct};
 use told::Frame;
 

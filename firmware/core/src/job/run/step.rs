@@ -108,3 +108,10 @@ impl Steps {
         coarsest.map_or(0.0, |(_, step_mm)| *step_mm)
     }
 }
+
+/// Whether the board refuses these touches of a setup's datum features, with the directions that
+/// are known, because the control rounds to steps that are too coarse.
+#[must_use]
+pub fn is_coarse(touches: impl Iterator<Item = (Option<Approach>, Point)>) -> bool {
+    Steps::of(touches).coarsest_mm() > MOST_STEP_MM
+}
