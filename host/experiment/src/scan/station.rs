@@ -192,6 +192,7 @@ impl TableMachine {
                 cause: LatchSignal::Output,
                 latches,
                 missed: 0,
+                lost_runs: Vec::new(),
                 right_until_ns: None,
             },
         }

@@ -58,6 +58,9 @@ pub struct Triggers {
     pub latches: Vec<TriggerLatch>,
     /// How many the table says are missing.
     pub missed: u64,
+    /// Those that are missing one behind the other, as runs. A line of the board's own pulses that was missed
+    /// (a loss of the cause `output` without a number) never had a pulse and stands alone: it is in no run.
+    pub lost_runs: Vec<u64>,
     /// Behind this time the counts are wrong: the board lost motion.
     pub right_until_ns: Option<i64>,
 }
@@ -101,6 +104,8 @@ pub fn parse<R: BufRead>(
     let mut right_until_ns: Option<i64> = None;
     let mut latches: [Vec<TriggerLatch>; 2] = [Vec::new(), Vec::new()];
     let mut missed = [0_u64; 2];
+    let mut lost_runs: [Vec<u64>; 2] = [Vec::new(), Vec::new()];
+    let mut run = [0_u64; 2];
     let mut others = BTreeSet::new();
     while let Some(row) = table.next_row()? {
         let of = what.map_or("", |what| row.text(what));
@@ -132,6 +137,9 @@ pub fn parse<R: BufRead>(
             "loss" => {
                 let rows: u64 = row.integer(lost)?;
                 missed[side] = missed[side].saturating_add(rows);
+                if side == 1 || !row.text(number).is_empty() {
+                    run[side] = run[side].saturating_add(rows);
+                }
             }
             "latch" => {
                 let mut latch = TriggerLatch {
@@ -152,6 +160,7 @@ pub fn parse<R: BufRead>(
                     return Err(restarted(&name, row.line(), before, &latch));
                 }
                 latches[side].push(latch);
+                lost_runs[side].extend(Some(std::mem::take(&mut run[side])).filter(|&run| run > 0));
             }
             _ => return Err(row.wrong(event, "latch or loss")),
         }
@@ -174,6 +183,8 @@ pub fn parse<R: BufRead>(
     let cause = [LatchSignal::Output, LatchSignal::Trigger][side];
     let [output, trigger] = latches;
     let latches = if side == 0 { output } else { trigger };
+    let mut lost_runs = std::mem::take(&mut lost_runs[side]);
+    lost_runs.extend(Some(run[side]).filter(|&run| run > 0));
     if latches.is_empty() {
         let which = asked.map_or("output or trigger", LatchSignal::name);
         let others = others.into_iter().collect::<Vec<_>>().join(", ");
@@ -193,6 +204,7 @@ pub fn parse<R: BufRead>(
         cause,
         latches,
         missed: missed[side],
+        lost_runs,
         right_until_ns,
     })
 }
@@ -232,6 +244,8 @@ mod tests {
         assert_eq!(triggers.cause, LatchSignal::Output);
         assert_eq!(triggers.latches.len(), 3);
         assert_eq!(triggers.missed, 5);
+        // Lines that never had a pulse are no run.
+        assert_eq!(triggers.lost_runs, [3]);
         assert_eq!(
             triggers.latches[1].counts,
             [Some(6), None, None, None, None, None]

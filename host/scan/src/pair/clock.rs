@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::search::Trains;
+use super::trains::Trains;
 
 /// `board = offset + (1 + drift·1e-6) · sensor`, by least squares over the pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -3,7 +3,7 @@
 //! The clocks of sensor and board differ by an unknown offset and an unknown small drift.
 //! The right pairing is that of the shift of the clocks that explains more profiles than
 //! any other (`search`); a tie is refused, and so is what explains less than half of the
-//! shorter stream. The sensor's frame counter sorts out duplicates before, and where the
+//! shorter stream, or drifts by more than allowed. The sensor's frame counter sorts out duplicates before, and where the
 //! sensor counts an axis too, encoder less counts must be the same for all pairs.
 //!
 //! It never pairs by order: a lost trigger, latch or profile shifts nothing.
@@ -13,9 +13,11 @@
 //! nothing tells them apart but a narrower jitter.
 
 mod clock;
+mod margin;
 mod search;
 #[cfg(test)]
 mod simulated;
+mod trains;
 
 use serde::Serialize;
 
@@ -25,7 +27,8 @@ use crate::ScanError;
 use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, sort_out};
-use search::{SearchOutcome, Trains};
+use search::SearchOutcome;
+use trains::Trains;
 
 /// Encoder less counts agrees within this for all pairs.
 const ENCODER_WITHIN: i64 = 4;
@@ -125,8 +128,19 @@ pub fn pair(
             return Err(ScanError::refused(
                 "ambiguous_pairing",
                 "the rhythm of the triggers is too even, or the jitter too wide, to find the only \
-                 best pairing in reasonable time: trigger unevenly, or narrow --jitter-us and \
-                 --drift-ppm",
+                 best pairing in reasonable time: begin with uneven trigger pulses, wire the sensor's \
+                 encoder (--encoder), or give a narrower --jitter-us",
+            ));
+        }
+        SearchOutcome::Beyond { drift, explained } => {
+            return Err(ScanError::refused(
+                "no_match",
+                format_args!(
+                    "{} --drift-ppm {}: {}",
+                    "the shift that explains most profiles drifts by more than",
+                    options.drift_ppm,
+                    drifts(drift, explained, &trains)
+                ),
             ));
         }
         SearchOutcome::NoMatch => return Err(no_match(&trains, &frames, options)),
@@ -200,7 +214,7 @@ fn trains(
         options.jitter_us,
         options.drift_ppm,
         2 * ENCODER_WITHIN,
-        triggers.missed,
+        (triggers.missed, triggers.lost_runs.clone()),
     ))
 }
 
@@ -275,6 +289,20 @@ fn ambiguous(explained: usize, runner_up: usize, trains: &Trains) -> ScanError {
     )
 }
 
+/// What a drift beyond the limit would explain, and how to ask for it.
+fn drifts(drift: f64, explained: usize, trains: &Trains) -> String {
+    format!(
+        "a drift of {:+.1} ppm explains {explained} of {} profiles; if the clocks may differ so much, give \
+         --drift-ppm {:.0}",
+        drift * 1e6,
+        trains.profiles(),
+        (drift.abs() * 1.1e6).ceil()
+    )
+}
+
+/// How much more drift than asked for is tried, to say why nothing matches.
+const MORE_DRIFT: f64 = 10.0;
+
 fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanError {
     let mut why = format!(
         "no shift of the clocks explains half of {} profiles and {} latches within {} µs and {} ppm",
@@ -289,6 +317,12 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
              counter wraps, give --frame-bits; if it started anew, --counter-restarts",
             frames.renumbered.len()
         );
+    }
+    let more = trains.within(MORE_DRIFT * trains.drift.max(1e-6));
+    if let SearchOutcome::Only(found) = search::search(&more) {
+        let explained = found.iter().flatten().count();
+        let drift = more.clock(&found).drift_ppm * 1e-6;
+        why += &format!("; {}", drifts(drift, explained, trains));
     }
     for (factor, what) in [
         (1.0 / 1.024, "divided by 1.024: they are a Gocator's ticks"),

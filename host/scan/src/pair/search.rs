@@ -12,15 +12,18 @@
 //! the whole scan.
 //!
 //! # When a runner-up is a tie
-//! Where one shift explains as many as another, none is the best. Faults make it worse: with
-//! `p` profiles and `l` latches unexplained by the best shift, up to the smaller of both may
-//! belong together in truth, each lost to the count by a fault, and an even train shifted by
-//! one pulse can then explain more than the true shift does. So a runner-up that is behind
-//! by no more than that number is a tie, too. Where either side is explained completely,
-//! that number is 0. Latches that the board says it missed, beyond the profiles that the
-//! best shift leaves unexplained, count likewise: another shift may leave more of them.
+//! Where one shift explains as many as another, none is the best. Faults make it worse: a
+//! runner-up that is behind by no more than chance can bring (`margin`) is a tie, too.
+//!
+//! # Drift beyond the limit
+//! A true shift just beyond the limit leaves a wrong one within it that explains many. So the search
+//! goes beyond the limit as far as a line within it could still explain half of the scan ([`FARTHER`]).
+//! Where the best shift lies there, the best within the limit is taken only if it is the same shift.
 
 use std::collections::BinaryHeap;
+
+use super::margin::margin;
+use super::trains::{Trains, ends};
 
 /// The most steps over profiles and latches of one search: some seconds.
 const MOST_STEPS: u64 = 3_000_000_000;
@@ -41,34 +44,28 @@ const CROWD: usize = 32;
 const FIRST_GUESSES: usize = 12;
 const GUESS_STEPS: f64 = 1.5e8;
 
-/// The times of profiles and latches, about their centres, each in rising order.
-#[derive(Debug, Clone)]
-pub struct Trains {
-    /// Sensor's times in microseconds from `centre_us.0`.
-    sensor: Vec<f64>,
-    /// The profile of each of them, as the caller counts.
-    order: Vec<usize>,
-    /// Where each profile of the caller's stands in `sensor`.
-    places: Vec<usize>,
-    /// Board's times in microseconds from `centre_us.1`.
-    board: Vec<f64>,
-    centre_us: (f64, f64),
-    /// The sensor's encoder (in the order of `sensor`) and the board's counts.
-    counters: Option<(Vec<i64>, Vec<i64>)>,
-    jitter_us: f64,
-    /// The most drift, as a ratio.
-    drift: f64,
-    /// The most by which encoder less counts may vary over all pairs.
-    spread: i64,
-    /// How many latches the board says are missing.
-    missed: u64,
-}
+/// How far beyond the drift's limit the search goes, in jitters over the length of the shorter stream.
+/// Two lines whose drifts differ by more agree within the jitter over less than half of it, even where an
+/// even train of eight jitters' interval meets the wrong latches in between.
+const FARTHER: f64 = 8.0;
+/// No two clocks drift by more than this, as a ratio.
+const MOST_DRIFT: f64 = 0.01;
+/// How many of a signature's times are tried for a first guess, at most, and how often its line is drawn anew.
+const ODD_GUESSES: usize = 12;
+const CLIMBS: usize = 8;
 
 /// What a search says.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SearchOutcome {
     /// The only best pairing: the latch of each profile.
     Only(Vec<Option<usize>>),
+    /// The best shift drifts by more than the limit, as a ratio.
+    Beyond {
+        /// Its drift.
+        drift: f64,
+        /// How many profiles it explains.
+        explained: usize,
+    },
     /// Another shift explains as many, or nearly as many where there are faults.
     Tie {
         /// How many profiles the best explains.
@@ -113,185 +110,47 @@ impl PartialOrd for Shifts {
     }
 }
 
-impl Trains {
-    /// From times as the clocks show them. The board's must rise.
-    pub fn new(
-        sensor_us: &[f64],
-        board_ns: &[i64],
-        counters: Option<(Vec<i64>, Vec<i64>)>,
-        jitter_us: f64,
-        drift_ppm: f64,
-        spread: i64,
-        missed: u64,
-    ) -> Self {
-        let mut order: Vec<usize> = (0..sensor_us.len()).collect();
-        order.sort_by(|&a, &b| sensor_us[a].total_cmp(&sensor_us[b]));
-        let mut places = vec![0; order.len()];
-        for (place, &profile) in order.iter().enumerate() {
-            places[profile] = place;
-        }
-        let (first, last) = match (order.first(), order.last()) {
-            (Some(&first), Some(&last)) => (sensor_us[first], sensor_us[last]),
-            _ => (0.0, 0.0),
-        };
-        let centre_sensor = 0.5 * first + 0.5 * last;
-        let first_ns = board_ns.first().copied().unwrap_or(0);
-        let last_ns = board_ns.last().copied().unwrap_or(0);
-        // Whole nanoseconds first: a clock that runs for days loses no digit.
-        let centre_ns = first_ns.midpoint(last_ns);
-        let since = |t_ns: i64| (i128::from(t_ns) - i128::from(centre_ns)) as f64 * 1e-3;
-        Self {
-            sensor: order
-                .iter()
-                .map(|&i| sensor_us[i] - centre_sensor)
-                .collect(),
-            places,
-            board: board_ns.iter().map(|&t| since(t)).collect(),
-            centre_us: (centre_sensor, centre_ns as f64 * 1e-3),
-            counters: counters
-                .map(|(encoders, counts)| (order.iter().map(|&i| encoders[i]).collect(), counts)),
-            order,
-            jitter_us,
-            drift: drift_ppm * 1e-6,
-            spread,
-            missed,
-        }
+/// Finds the only best pairing.
+pub fn search(trains: &Trains) -> SearchOutcome {
+    let length = |times| {
+        let (first, last) = ends(times);
+        last - first
+    };
+    let length_us = length(&trains.sensor).min(length(&trains.board));
+    let farther = if length_us > 0.0 {
+        (FARTHER * trains.jitter_us / length_us).min(MOST_DRIFT)
+    } else {
+        0.0
+    };
+    let (outcome, line) = search_within(&trains.within(trains.drift + farther));
+    let SearchOutcome::Only(found) = outcome else {
+        return outcome;
+    };
+    if line.1.abs() <= trains.drift {
+        return SearchOutcome::Only(found);
     }
-
-    /// The same with the sensor's times `factor` times as long.
-    pub fn scaled(&self, factor: f64) -> Self {
-        let mut scaled = self.clone();
-        scaled.sensor.iter_mut().for_each(|t| *t *= factor);
-        scaled.centre_us.0 *= factor;
-        scaled
-    }
-
-    /// The straight line through the pairs (by place): offset and drift, about the centres.
-    /// `fallback` where there is no pair; its drift where there is only one time.
-    pub(super) fn line(&self, pairing: &[Option<usize>], fallback: (f64, f64)) -> (f64, f64) {
-        let pairs = || {
-            pairing
-                .iter()
-                .zip(&self.sensor)
-                .filter_map(|(latch, &sensor)| latch.map(|latch| (sensor, self.board[latch])))
-        };
-        let n = pairs().count();
-        if n == 0 {
-            return fallback;
-        }
-        let (sum_s, sum_b) = pairs().fold((0.0, 0.0), |(s, b), (x, y)| (s + x, b + y));
-        let (mean_s, mean_b) = (sum_s / n as f64, sum_b / n as f64);
-        let (mut ss, mut sd) = (0.0, 0.0);
-        for (s, b) in pairs() {
-            let (s, difference) = (s - mean_s, (b - mean_b) - (s - mean_s));
-            ss += s * s;
-            sd += s * difference;
-        }
-        let drift = if ss > 0.0 { sd / ss } else { fallback.1 };
-        (mean_b - (1.0 + drift) * mean_s, drift)
-    }
-
-    /// How many profiles there are.
-    pub fn profiles(&self) -> usize {
-        self.sensor.len()
-    }
-
-    /// How many latches there are.
-    pub fn latches(&self) -> usize {
-        self.board.len()
-    }
-
-    /// Where the caller's profile stands in time.
-    pub(super) fn place(&self, profile: usize) -> usize {
-        self.places[profile]
-    }
-
-    /// The sensor's and the board's centre in microseconds.
-    pub(super) fn centres(&self) -> (f64, f64) {
-        self.centre_us
-    }
-
-    /// A profile that is within the jitter of two latches at the clocks' line, with them.
-    pub fn two_candidates(
-        &self,
-        found: &[Option<usize>],
-        (offset, drift): (f64, f64),
-    ) -> Option<(usize, [usize; 2])> {
-        let origin = self.origin(found);
-        let mut owners = vec![None; self.board.len()];
-        for (profile, latch) in found.iter().enumerate() {
-            if let Some(latch) = *latch {
-                owners[latch] = Some(profile);
-            }
-        }
-        for (profile, latch) in found.iter().enumerate() {
-            let place = self.places[profile];
-            let at = offset + (1.0 + drift) * self.sensor[place];
-            let begin = self.board.partition_point(|&t| t < at - self.jitter_us);
-            let near = self.board[begin..]
-                .iter()
-                .take_while(|&&t| t <= at + self.jitter_us)
-                .enumerate()
-                .map(|(i, _)| begin + i)
-                .filter(|&candidate| self.agrees(place, candidate, origin));
-            for candidate in near {
-                match *latch {
-                    Some(latch) if latch != candidate => {
-                        return Some((profile, [latch, candidate]));
-                    }
-                    // A latch near two profiles is as bad as a profile near two latches.
-                    None if owners[candidate].is_some() => {
-                        return Some((profile, [candidate, candidate]));
-                    }
-                    _ => {}
-                }
-            }
-        }
-        None
-    }
-
-    /// The least and the greatest of encoder less counts over the pairs.
-    fn origin(&self, found: &[Option<usize>]) -> Option<(i64, i64)> {
-        let mut ends: Option<(i64, i64)> = None;
-        for (profile, latch) in found.iter().enumerate() {
-            if let Some(difference) =
-                latch.and_then(|latch| self.difference(self.places[profile], latch))
-            {
-                let (least, most) = ends.unwrap_or((difference, difference));
-                ends = Some((least.min(difference), most.max(difference)));
-            }
-        }
-        ends
-    }
-
-    fn agrees(&self, place: usize, latch: usize, origin: Option<(i64, i64)>) -> bool {
-        match (self.difference(place, latch), origin) {
-            (Some(difference), Some((least, most))) => {
-                most.max(difference) - least.min(difference) <= self.spread
-            }
-            _ => true,
-        }
-    }
-
-    fn difference(&self, place: usize, latch: usize) -> Option<i64> {
-        self.counters
-            .as_ref()
-            .map(|(encoders, counts)| encoders[place].wrapping_sub(counts[latch]))
-    }
-
-    fn half_sensor(&self) -> f64 {
-        self.sensor.last().copied().unwrap_or(0.0)
-    }
-
-    fn half_board(&self) -> f64 {
-        let first = self.board.first().copied().unwrap_or(0.0);
-        let last = self.board.last().copied().unwrap_or(0.0);
-        first.abs().max(last.abs())
+    let beyond = SearchOutcome::Beyond {
+        drift: line.1,
+        explained: found.iter().flatten().count(),
+    };
+    // Of a short scan the line through the pairs is steep by their jitter alone.
+    let (SearchOutcome::Only(held), held_line) = search_within(trains) else {
+        return beyond;
+    };
+    let is_same = held
+        .iter()
+        .zip(&found)
+        .all(|(held, found)| held.is_none() || held == found)
+        && apart_us(trains, line, held_line) <= trains.jitter_us;
+    if is_same {
+        SearchOutcome::Only(held)
+    } else {
+        beyond
     }
 }
 
-/// Finds the only best pairing.
-pub fn search(trains: &Trains) -> SearchOutcome {
+/// Finds the only best pairing among the drifts that the trains allow, and the line through it.
+fn search_within(trains: &Trains) -> (SearchOutcome, (f64, f64)) {
     let mut search = Search {
         trains,
         steps: 0,
@@ -300,7 +159,15 @@ pub fn search(trains: &Trains) -> SearchOutcome {
         differences: Vec::new(),
         within: vec![0; trains.profiles()],
     };
-    search.run()
+    let outcome = search.run();
+    (outcome, search.best.map_or((0.0, 0.0), |best| best.line))
+}
+
+/// How far one line is from another over the scan, at most, in microseconds.
+fn apart_us(trains: &Trains, a: (f64, f64), b: (f64, f64)) -> f64 {
+    let at = |t: f64| ((a.0 - b.0) + (a.1 - b.1) * t).abs();
+    let (first, last) = ends(&trains.sensor);
+    at(first).max(at(last))
 }
 
 /// What a shift explains.
@@ -309,6 +176,8 @@ struct Explained {
     /// The latch of each place.
     pairing: Vec<Option<usize>>,
     count: usize,
+    /// How far another may be behind it and still be a tie.
+    margin: usize,
     /// Offset and drift of the line through its pairs.
     line: (f64, f64),
 }
@@ -329,6 +198,7 @@ impl Search<'_> {
     fn run(&mut self) -> SearchOutcome {
         let trains = self.trains;
         self.guess();
+        self.guess_odd();
         let mut heap = BinaryHeap::new();
         heap.push(Shifts {
             bound: trains.profiles(),
@@ -383,11 +253,7 @@ impl Search<'_> {
 
     /// What another shift must explain to be a tie with this best one.
     fn close(&self, best: &Explained) -> usize {
-        let profiles = self.trains.profiles() - best.count;
-        let latches = self.trains.latches() - best.count;
-        let missed = usize::try_from(self.trains.missed).unwrap_or(usize::MAX);
-        let hidden = profiles.min(latches).max(missed.saturating_sub(profiles));
-        best.count - hidden.min(best.count)
+        best.count - best.margin
     }
 
     /// What a box must reach to matter: half of the shorter stream; a tie with the best, or,
@@ -437,10 +303,25 @@ impl Search<'_> {
         }
     }
 
-    /// Two halves, across the side that reaches farther.
+    /// Tries the shifts that join a time of one signature to a time of the other. Only its neighbours fit at
+    /// first; the line through them leads on to the others.
+    fn guess_odd(&mut self) {
+        let trains = self.trains;
+        let each = (CLIMBS * (trains.profiles() + trains.latches())) as f64;
+        let many = ((GUESS_STEPS / each).sqrt() as usize).clamp(2, ODD_GUESSES);
+        for &profile in trains.odd.0.iter().take(many) {
+            for &latch in trains.odd.1.iter().take(many) {
+                let (sensor, board) = (trains.sensor[profile], trains.board[latch]);
+                self.climb((board - sensor, 0.0), 2, CLIMBS);
+            }
+        }
+    }
+
+    /// Two halves, across the side that reaches farther; of a coarse box across the offset.
     fn split(&self, shifts: &Shifts) -> [Shifts; 2] {
         let mut halves = [*shifts; 2];
-        if shifts.half_drift * self.trains.half_sensor() > shifts.half_offset {
+        let farther = shifts.half_drift * self.trains.half_sensor() > shifts.half_offset;
+        if farther && !self.is_coarse(shifts) {
             let half = 0.5 * shifts.half_drift;
             for (half_box, sign) in halves.iter_mut().zip([-1.0, 1.0]) {
                 half_box.half_drift = half;
@@ -456,16 +337,17 @@ impl Search<'_> {
         halves
     }
 
-    /// How far a shift's line is from another's over the scan, at most, in microseconds.
-    fn apart_us(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
-        (a.0 - b.0).abs() + (a.1 - b.1).abs() * self.trains.half_sensor()
+    /// Whether the box is so wide that only a signature tells something of it.
+    fn is_coarse(&self, shifts: &Shifts) -> bool {
+        let odd = &self.trains.odd.0;
+        !odd.is_empty() && shifts.half_offset > 2.0 * FINE_BOX * self.trains.jitter_us
     }
 
     /// Whether all shifts of the box are the same as the best so far.
     fn only_best(&self, shifts: &Shifts) -> bool {
         let reach = shifts.half_offset + shifts.half_drift * self.trains.half_sensor();
         self.best.as_ref().is_some_and(|best| {
-            self.apart_us(best.line, (shifts.offset, shifts.drift)) + reach
+            apart_us(self.trains, best.line, (shifts.offset, shifts.drift)) + reach
                 <= SAME_SHIFT * self.trains.jitter_us
         })
     }
@@ -482,8 +364,9 @@ impl Search<'_> {
             }
             // A box that explains all that was looked at is large or right: to look at every
             // profile of a long scan pays only where it is small.
-            if missing == 0 && reach > FINE_BOX * trains.jitter_us {
-                return Some(trains.profiles() - outside);
+            let is_large = missing == 0 && reach > FINE_BOX * trains.jitter_us;
+            if is_large || self.is_coarse(shifts) {
+                return Some(trains.profiles() - outside - missing);
             }
         }
         let (mut missing, mut begin) = (0, 0);
@@ -545,6 +428,20 @@ impl Search<'_> {
         if outside > allowed {
             return Some((outside, 0));
         }
+        // A wrong shift of an even train misses its signature, and little else.
+        let mut odd = 0;
+        for &place in trains.odd.0.iter().filter(|place| inside.contains(place)) {
+            let (at, reach) = (at(trains.sensor[place]), reach(trains.sensor[place]));
+            let begin = trains.board.partition_point(|&t| t < at - reach);
+            self.steps += 20;
+            odd += usize::from(trains.board.get(begin).is_none_or(|&t| t > at + reach));
+            if outside + odd > allowed {
+                return Some((outside, odd));
+            }
+        }
+        if self.is_coarse(shifts) {
+            return Some((outside, odd));
+        }
         let (mut missing, mut seen, mut crowded) = (0, 0, false);
         self.differences.clear();
         for place in inside.step_by(stride) {
@@ -573,44 +470,60 @@ impl Search<'_> {
             self.differences.sort_unstable();
             missing += seen - widest(&self.differences, trains.spread, &mut self.within).min(seen);
         }
-        Some((outside, missing))
+        Some((outside, missing.max(odd)))
     }
 
     /// Takes what this very shift explains, if it is the best so far or the runner-up.
     fn take(&mut self, offset: f64, drift: f64) {
-        let mut line = (offset, drift);
+        let least = self
+            .needed()
+            .min(self.best.as_ref().map_or(1, |best| best.count));
+        self.climb((offset, drift), least, 4);
+    }
+
+    /// Takes what this shift leads to in so many steps, each of which explains `least` or more.
+    fn climb(&mut self, line: (f64, f64), least: usize, steps: usize) {
+        let mut line = line;
         let mut best: Option<Explained> = None;
         // The line through what a shift explains often explains some more.
-        for _ in 0..4 {
-            let Some(explained) = self.explain(line, best.as_ref().map_or(0, |b| b.count + 1))
-            else {
+        for _ in 0..steps {
+            let Some(explained) = self.explain(
+                line,
+                best.as_ref().map_or(least, |b| least.max(b.count + 1)),
+            ) else {
                 break;
             };
             line = explained.line;
             best = Some(explained);
         }
-        let Some(found) = best else {
-            return;
-        };
+        if let Some(found) = best {
+            self.judge(found);
+        }
+    }
+
+    /// Takes it if it is the best so far or the runner-up.
+    fn judge(&mut self, mut found: Explained) {
         let Some(best) = &self.best else {
+            found.margin = margin(self.trains, &found.pairing, found.line);
             self.best = Some(found);
             return;
         };
-        let same = self.apart_us(best.line, found.line) <= SAME_SHIFT * self.trains.jitter_us;
+        let same =
+            apart_us(self.trains, best.line, found.line) <= SAME_SHIFT * self.trains.jitter_us;
         if found.count > best.count {
             if !same {
                 self.runner_up = self.runner_up.max(best.count);
             }
+            found.margin = margin(self.trains, &found.pairing, found.line);
             self.best = Some(found);
         } else if !same {
             self.runner_up = self.runner_up.max(found.count);
         }
     }
 
-    /// What a shift explains, if it is at least `least` and enough to matter.
+    /// What a shift explains, if it is at least `least`.
     fn explain(&mut self, (offset, drift): (f64, f64), least: usize) -> Option<Explained> {
         let trains = self.trains;
-        let least = least.max(self.needed().min(self.best.as_ref().map_or(1, |b| b.count)));
         let allowed = trains.profiles().checked_sub(least)?;
         let mut candidates = Vec::new();
         let (mut missing, mut begin) = (0, 0);
@@ -668,6 +581,7 @@ impl Search<'_> {
         (count >= least).then_some(Explained {
             pairing,
             count,
+            margin: 0,
             line: clock,
         })
     }

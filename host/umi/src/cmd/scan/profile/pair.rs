@@ -26,7 +26,10 @@ pub(crate) struct Pair {
 
 const HELP: &str = "\
 The clocks of sensor and board may differ by any offset and a small drift. The right
-pairing is that of the shift that explains most profiles; a tie is refused, never guessed.
+pairing is that of the shift that explains most profiles; a tie is refused, never guessed. Where
+profiles and latches are both left over, a shift is a tie, too, if chance (1 in 10^9) or runs of
+losses that the board told could have put it behind. A shift that drifts by more than --drift-ppm
+is refused, and the drift that was seen is named.
 Lost, repeated and extra profiles, lost triggers and missed latches are named and counted.
 
 Examples:
