@@ -93,7 +93,7 @@ pub fn observe(
     options: &ObserveOptions,
 ) -> Result<(Observed, ObservedTables), ScanError> {
     let merger = Merger::new(machine, triggers, options.latency_us)?;
-    let stamps = profiles::stamps(path)?;
+    let stamps = profiles::stamps(path)?.stamps;
     let pairing = pair(&stamps, triggers, &options.pairing)?;
     if pairing.pairs.iter().any(|pair| !merger.knows(pair.latch)) {
         return Err(ScanError::refused(

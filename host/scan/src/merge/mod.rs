@@ -319,8 +319,10 @@ pub fn merge(
     sink: &mut dyn PointSink,
 ) -> Result<Merged, ScanError> {
     let merger = Merger::new(machine, triggers, options.latency_us)?;
-    let stamps = profiles::stamps(profiles)?;
-    let mut pairing = pair(&stamps, triggers, &options.pairing)?;
+    let came = profiles::stamps(profiles)?;
+    let mut pairing = pair(&came.stamps, triggers, &options.pairing)?;
+    pairing.warnings.extend(came.warning());
+    let stamps = came.stamps;
     let right = triggers.right();
     let (known, wrong): (Vec<_>, Vec<_>) = std::mem::take(&mut pairing.pairs)
         .into_iter()

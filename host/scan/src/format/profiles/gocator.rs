@@ -19,8 +19,8 @@ const TICKS_PER_US: f64 = 1.024;
 const NO_RANGE: i16 = i16::MIN;
 /// The largest message that makes sense, in bytes.
 const LARGEST: u32 = 1 << 26;
-/// The most profile messages of a group that may stand before its stamps.
-const MOST_WAITING: usize = 16;
+/// The largest group that makes sense, in bytes of its profiles.
+const LARGEST_GROUP: usize = 1 << 27;
 /// Bytes of size and control word.
 const HEAD: usize = 6;
 
@@ -32,58 +32,79 @@ struct Tick {
     encoder: i64,
 }
 
-/// Hands out every profile of a capture.
+/// Hands out every profile of a capture; the frames that it left out.
+///
+/// Who belongs to whom is known when a group has ended, or when a stamp follows as many profiles as there were stamps.
+/// A group with more stamps than profiles lost some of these on the way: nothing says which, so all of it is left out.
 ///
 /// # Errors
 /// `truncated` where the capture ends within a message or between a stamp and its profile,
-/// `corrupt` where sizes contradict, or what `take` refuses.
+/// `corrupt` where sizes contradict or profiles have no stamp, or what `take` refuses.
 pub fn visit<R: Read>(
     mut input: R,
     name: &str,
     depth: Depth,
     mut take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
-) -> Result<(), ScanError> {
+) -> Result<Vec<u64>, ScanError> {
     let mut channel = Channel {
         name,
         at: 0,
         profiles: 0,
         ticks: VecDeque::new(),
+        left_out: Vec::new(),
     };
-    let mut message = Vec::new();
+    let mut group = Group::default();
     let mut samples = Vec::new();
-    let mut open_group = false;
-    let mut waiting: VecDeque<Vec<u8>> = VecDeque::new();
+    let mut message = group.spare.pop().unwrap_or_default();
     while channel.read(&mut input, &mut message)? {
         let control = u16_at(&message, 4);
+        let bytes = message.len() as u64;
         match control & 0x7FFF {
             1 => {
-                if !open_group {
-                    channel.ticks.clear();
+                if group.rows > 0 && group.rows == channel.ticks.len() {
+                    channel.end(&mut group, depth, &mut samples, &mut take)?;
                 }
                 channel.stamps(&message)?;
             }
-            // A profile may stand before its stamp within the group.
-            5 | 6 if channel.ticks.is_empty() && waiting.len() < MOST_WAITING => {
-                waiting.push_back(message.clone());
+            5 | 6 => {
+                group.rows = group.rows.saturating_add(channel.layout(&message)?.count);
+                group.bytes += message.len();
+                if group.bytes > LARGEST_GROUP {
+                    return Err(channel.error("corrupt", "a group of messages that never ends"));
+                }
+                group.messages.push(std::mem::replace(
+                    &mut message,
+                    group.spare.pop().unwrap_or_default(),
+                ));
             }
-            5 | 6 => channel.profiles(&message, depth, &mut samples, &mut take)?,
             _ => {}
         }
-        open_group = control & 0x8000 == 0;
-        while !waiting.is_empty() && (!channel.ticks.is_empty() || !open_group) {
-            if let Some(early) = waiting.pop_front() {
-                channel.profiles(&early, depth, &mut samples, &mut take)?;
-            }
+        group.is_open = control & 0x8000 == 0;
+        if !group.is_open {
+            channel.end(&mut group, depth, &mut samples, &mut take)?;
         }
-        channel.at += message.len() as u64;
+        channel.at += bytes;
     }
-    if open_group && !(channel.ticks.is_empty() && waiting.is_empty()) {
+    if group.is_open && group.rows != channel.ticks.len() {
         return Err(channel.error(
             "truncated",
             "the capture ends between a stamp and its profile",
         ));
     }
-    Ok(())
+    channel.end(&mut group, depth, &mut samples, &mut take)?;
+    Ok(channel.left_out)
+}
+
+/// Profile messages whose group has not ended.
+#[derive(Default)]
+struct Group {
+    is_open: bool,
+    messages: Vec<Vec<u8>>,
+    /// Profiles in them.
+    rows: usize,
+    bytes: usize,
+    /// Buffers to be used again.
+    spare: Vec<Vec<u8>>,
 }
 
 struct Channel<'a> {
@@ -94,6 +115,8 @@ struct Channel<'a> {
     profiles: u64,
     /// Stamps whose profiles have not come yet.
     ticks: VecDeque<Tick>,
+    /// Frames whose profile was lost within its group, or cannot be told from one that was.
+    left_out: Vec<u64>,
 }
 
 impl Channel<'_> {
@@ -132,6 +155,27 @@ impl Channel<'_> {
         message.resize(u32_at(message, 0) as usize, 0);
         input.read_exact(&mut message[HEAD..]).map_err(cut)?;
         Ok(true)
+    }
+
+    /// Hands out the profiles of a group, if they belong to its stamps.
+    fn end(
+        &mut self,
+        group: &mut Group,
+        depth: Depth,
+        samples: &mut Vec<ProfilePoint>,
+        take: &mut impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
+    ) -> Result<(), ScanError> {
+        if group.rows < self.ticks.len() {
+            self.left_out
+                .extend(self.ticks.drain(..).map(|tick| tick.frame));
+        } else {
+            for message in &group.messages {
+                self.profiles(message, depth, samples, take)?;
+            }
+        }
+        group.spare.append(&mut group.messages);
+        (group.rows, group.bytes) = (0, 0);
+        Ok(())
     }
 
     fn stamps(&mut self, message: &[u8]) -> Result<(), ScanError> {
@@ -449,6 +493,40 @@ mod tests {
         ] {
             assert_eq!(read(&capture).unwrap_err().code, "corrupt");
         }
+    }
+
+    /// A profile that was lost on the way leaves its stamp behind: the next profile must not get it.
+    #[test]
+    fn a_group_that_lost_a_profile_is_left_out_and_named() {
+        let group = |frame: u64| {
+            let stamp = stamps(0, 40, &[(frame, 1024 * frame, 0)]);
+            [stamp, profiles(5, 24, 1, &[frame as i16, 10])]
+        };
+        let batch = stamps(0, 40, &[(20, 20_480, 0), (21, 21_504, 0)]);
+        let [one, two, three, four] = [7, 8, 9, 10].map(group);
+        let capture = [
+            &one[0], &one[1], &two[0], &three[0], &three[1], &batch, &one[1], &four[0], &four[1],
+        ];
+        let capture: Vec<u8> = capture.into_iter().flatten().copied().collect();
+        let mut came = Vec::new();
+        let left_out = visit(capture.as_slice(), "c", Depth::Samples, |profile| {
+            came.push((profile.stamp.frame, profile.samples[0].x_mm));
+            Ok(())
+        });
+        assert_eq!(left_out.unwrap(), [8, 9, 20, 21]);
+        let frames: Vec<u64> = came.iter().map(|(frame, _)| *frame).collect();
+        assert_eq!(frames, [7, 10]);
+        for (frame, x_mm) in came {
+            assert!((x_mm - (-2.0 + 0.05 * frame as f64)).abs() < 1e-9);
+        }
+        // Behind the last group as well.
+        let [stamp, _] = group(11);
+        let mut last = stamp.clone();
+        last[5] = 0x80;
+        let alone = visit(last.as_slice(), "c", Depth::Stamps, |_| Ok(()));
+        assert_eq!(alone.unwrap(), [11]);
+        let cut = visit(stamp.as_slice(), "c", Depth::Stamps, |_| Ok(()));
+        assert_eq!(cut.unwrap_err().code, "truncated");
     }
 
     /// Any split of the stream gives the same profiles.

@@ -26,7 +26,8 @@ pub enum Depth {
 }
 
 /// Hands out every profile of a file in its order: a `.gocator` capture, a table of three lines a
-/// profile where the first line has no column names, else CSV.
+/// profile where the first line has no column names, else CSV. It says which frames a capture left out
+/// ([`gocator::visit`]).
 ///
 /// # Errors
 /// `truncated`, `corrupt`, `not_finite`, or what `take` refuses.
@@ -34,7 +35,7 @@ pub fn visit(
     path: &Path,
     depth: Depth,
     take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
-) -> Result<(), ScanError> {
+) -> Result<Vec<u64>, ScanError> {
     let name = path.display().to_string();
     if path
         .extension()
@@ -45,8 +46,9 @@ pub fn visit(
     } else if has_three_lines(path)? {
         let file = File::open(path).map_err(|error| ScanError::file("read", path, &error))?;
         three_lines::visit(BufReader::with_capacity(1 << 16, file), &name, take)
+            .map(|()| Vec::new())
     } else {
-        csv::visit(TableReader::open(path)?, take)
+        csv::visit(TableReader::open(path)?, take).map(|()| Vec::new())
     }
 }
 
@@ -68,14 +70,50 @@ fn has_three_lines(path: &Path) -> Result<bool, ScanError> {
 }
 
 /// Who the profiles of a file are.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Stamps {
+    /// In the order of the file.
+    pub stamps: Vec<Stamp>,
+    /// Frames whose profile is missing in its group.
+    pub left_out: Vec<u64>,
+}
+
+impl Stamps {
+    /// What was left out, in words.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        const MOST: usize = 12;
+        let first: Vec<String> = self
+            .left_out
+            .iter()
+            .take(MOST)
+            .map(u64::to_string)
+            .collect();
+        let more = if self.left_out.len() > MOST {
+            ", …"
+        } else {
+            ""
+        };
+        (!first.is_empty()).then(|| {
+            format!(
+                "profile_lost: {} frames are left out ({}{more}): profiles of their groups were lost on the way, and \
+                 nothing says whose",
+                self.left_out.len(),
+                first.join(", ")
+            )
+        })
+    }
+}
+
+/// Who the profiles of a file are.
 ///
 /// # Errors
 /// As [`visit`].
-pub fn stamps(path: &Path) -> Result<Vec<Stamp>, ScanError> {
+pub fn stamps(path: &Path) -> Result<Stamps, ScanError> {
     let mut stamps = Vec::new();
-    visit(path, Depth::Stamps, |profile| {
+    let left_out = visit(path, Depth::Stamps, |profile| {
         stamps.push(profile.stamp);
         Ok(())
     })?;
-    Ok(stamps)
+    Ok(Stamps { stamps, left_out })
 }

@@ -129,8 +129,10 @@ impl Pair {
 
     fn find(&self) -> Result<ScanPairing, ScanError> {
         let triggers = self.streams.read_triggers()?;
-        let stamps = profiles::stamps(&self.streams.profiles)?;
-        pair(&stamps, &triggers, &self.streams.options())
+        let came = profiles::stamps(&self.streams.profiles)?;
+        let mut pairing = pair(&came.stamps, &triggers, &self.streams.options())?;
+        pairing.warnings.extend(came.warning());
+        Ok(pairing)
     }
 }
 

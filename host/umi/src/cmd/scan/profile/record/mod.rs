@@ -143,11 +143,10 @@ impl Record {
             LatchSignal::Trigger
         };
         let latches = triggers::read(table, Some(cause))?;
-        pair(
-            &profiles::stamps(capture)?,
-            &latches,
-            &PairOptions::default(),
-        )
+        let came = profiles::stamps(capture)?;
+        let mut pairing = pair(&came.stamps, &latches, &PairOptions::default())?;
+        pairing.warnings.extend(came.warning());
+        Ok(pairing)
     }
 
     fn tell(
