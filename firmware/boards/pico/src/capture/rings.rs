@@ -31,7 +31,7 @@ struct Ring([AtomicU32; SLOTS]);
 
 const _: () = assert!(align_of::<Ring>() == RING_BYTES && size_of::<Ring>() == RING_BYTES);
 
-/// Atomic, because the DMA writes them while we read.
+/// Atomic, because the DMA writes them while we read. Not zeroed with the other variables (ram-code.x).
 static MEMORY: [Ring; RINGS] = [const { Ring([const { AtomicU32::new(0) }; SLOTS]) }; RINGS];
 
 /// What stands in a slot of a ring; 0 if there is no such slot.
@@ -91,6 +91,9 @@ pub fn abort() {
 pub fn arm() {
     for (ring, memory) in MEMORY.iter().enumerate() {
         let ring = ring % RINGS;
+        for slot in &memory.0 {
+            slot.store(0, Ordering::Relaxed);
+        }
         for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {
             let dma = pac::DMA.ch(channel % CHANNELS);
             dma.read_addr()
