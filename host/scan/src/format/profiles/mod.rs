@@ -71,14 +71,14 @@ fn has_three_lines(path: &Path) -> Result<bool, ScanError> {
 
 /// Who the profiles of a file are.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Stamps {
+pub struct ProfileStamps {
     /// In the order of the file.
     pub stamps: Vec<Stamp>,
     /// Frames whose profile is missing in its group.
     pub left_out: Vec<u64>,
 }
 
-impl Stamps {
+impl ProfileStamps {
     /// What was left out, in words.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
@@ -109,11 +109,11 @@ impl Stamps {
 ///
 /// # Errors
 /// As [`visit`].
-pub fn stamps(path: &Path) -> Result<Stamps, ScanError> {
+pub fn stamps(path: &Path) -> Result<ProfileStamps, ScanError> {
     let mut stamps = Vec::new();
     let left_out = visit(path, Depth::Stamps, |profile| {
         stamps.push(profile.stamp);
         Ok(())
     })?;
-    Ok(Stamps { stamps, left_out })
+    Ok(ProfileStamps { stamps, left_out })
 }
