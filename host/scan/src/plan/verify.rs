@@ -280,7 +280,7 @@ pub(super) fn findings(
         let Some(next) = rows.get(k + 1) else {
             continue;
         };
-        if scenery.touches_between(&spec.machine, &row.axes, &next.axes) {
+        if !scenery.keeps_clear(&spec.machine, &row.axes, &next.axes) {
             found.collisions += 1;
         }
         if row.laser && next.laser && row.pass == next.pass {

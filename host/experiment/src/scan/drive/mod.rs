@@ -115,10 +115,7 @@ pub fn drive(
     let machine = rig::machine_file(spec);
     let machine_spec = scene.machine.clone();
     let lit_lines = laser::lit(program);
-    // What the machine would break is touched by the box itself, whatever clearance is wanted.
-    let mut bare = spec.clone();
-    bare.plan.clearance_mm = 0.0;
-    let scenery = Scenery::new(&bare, meshes.clone());
+    let scenery = Scenery::new(spec, meshes.clone());
     let mut cell = Cell::new(scene, options.seed, PulsedDesk::new().map_err(trouble)?);
     let begun = cell.machine.wires_mut().begin(options.interval_us);
     begun.map_err(trouble)?;
@@ -135,11 +132,8 @@ pub fn drive(
         shots.extend(new.into_iter().map(|shot| (shot, on)));
         for way in ways {
             let at = way.places(&machine_spec, 0.0);
-            let far = |before: &Vec<f64>| before.iter().zip(&at).any(|(a, b)| (a - b).abs() > 0.5);
-            if looked.as_ref().is_some_and(|before| !far(before)) {
-                continue;
-            }
-            if scenery.touches(&spec.machine.forward(&at)) {
+            let before = looked.as_ref().unwrap_or(&at);
+            if scenery.hits_between(&spec.machine, before, &at) {
                 return Err(Stop::Refused(collision(step.line, &step.text, &at)));
             }
             looked = Some(at);

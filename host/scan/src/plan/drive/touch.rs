@@ -1,17 +1,35 @@
 //! What the sensor's box would touch.
 
 use nalgebra::Vector3;
+use umi_kinematics::Pose;
 
 use super::super::machine::{PlanMachine, SensorPose};
 use super::super::spec::ScanSpec;
 use super::axes::angle_deg;
 use crate::surface::{Mesh, RayHit, StandingBox};
 
-/// Between poses, the box is looked at this often: mm and degrees.
-const LOOK: f64 = 2.0;
-
-/// Added to the clearance, for what lies between two looks.
+/// Poses keep so much more than the clearance, for the way between two of them.
 const SPARE_MM: f64 = 0.05;
+
+/// Ways of a plan keep so much more than the clearance, so that the proof tells no less than that.
+const WAY_SPARE_MM: f64 = 0.035;
+
+/// A stretch of a way is not halved any more where no corner of the box goes farther from its middle.
+const SHORTEST_MM: f64 = 0.01;
+
+/// A clearance is told too small by this at most, and by [`TOLD_SHARE`] of what it has beyond the wanted one.
+const TOLD_MM: f64 = 0.02;
+/// See [`TOLD_MM`].
+const TOLD_SHARE: f64 = 0.05;
+
+/// How near it is measured at a pose.
+const MEASURED_MM: f64 = 0.01;
+
+/// A touch less deep than this is none where a path is driven: words are rounded, and the point may be carried.
+const SHALLOW_MM: f64 = 0.05;
+
+/// Turns of a stretch above which its corners' way has no bound here, in radians.
+const MOST_TURN_RAD: f64 = 0.5;
 
 /// A ray so near to an edge may meet either side of it, by the last digits of the axes; far less than courses keep off a
 /// sharp edge.
@@ -24,7 +42,6 @@ pub struct Scenery<'a> {
     low: Vector3<f64>,
     high: Vector3<f64>,
     clearance_mm: f64,
-    reference_mm: f64,
 }
 
 impl<'a> Scenery<'a> {
@@ -35,7 +52,6 @@ impl<'a> Scenery<'a> {
             low: spec.sensor.body_mm[0],
             high: spec.sensor.body_mm[1],
             clearance_mm: spec.plan.clearance_mm,
-            reference_mm: spec.sensor.reference_mm,
         }
     }
 
@@ -68,7 +84,7 @@ impl<'a> Scenery<'a> {
         let bx = StandingBox {
             centre: pose.origin_mm + axes[0] * centre.x + axes[1] * centre.y + axes[2] * centre.z,
             axes,
-            half_mm: (self.high - self.low) / 2.0 + Vector3::repeat(grown_mm),
+            half_mm: ((self.high - self.low) / 2.0).map(|half| (half + grown_mm).max(0.0)),
         };
         self.meshes.iter().any(|m| m.touches(&bx))
     }
@@ -78,55 +94,100 @@ impl<'a> Scenery<'a> {
         self.grown_touches(pose, self.clearance_mm + SPARE_MM)
     }
 
-    /// Does it touch anything on the straight way of the axes? Both ends are looked at.
+    /// Does it touch anything on the straight way of the axes? Looked at with some spare, for a plan.
     pub fn touches_between(&self, machine: &PlanMachine, a: &[f64], b: &[f64]) -> bool {
-        self.ways(machine, a, b, |pose| self.touches(pose))
+        !self.free(machine, a, b, self.clearance_mm + WAY_SPARE_MM)
     }
 
-    /// Calls for poses along the way until one says true.
-    fn ways(
+    /// Does the box keep its clearance on the straight way of the axes?
+    pub fn keeps_clear(&self, machine: &PlanMachine, a: &[f64], b: &[f64]) -> bool {
+        self.free(machine, a, b, self.clearance_mm)
+    }
+
+    /// Does the bare box hit anything on the straight way of the axes?
+    pub fn hits_between(&self, machine: &PlanMachine, a: &[f64], b: &[f64]) -> bool {
+        !self.free(machine, a, b, -SHALLOW_MM)
+    }
+
+    /// Nothing is nearer than so much, anywhere on the way.
+    fn free(&self, machine: &PlanMachine, a: &[f64], b: &[f64], grown_mm: f64) -> bool {
+        stretches(a, b, |axes, rates| {
+            let pose = machine.forward(axes);
+            let goes = self.goes_mm(machine, axes, rates, grown_mm);
+            if goes.is_some_and(|goes| !self.grown_touches(&pose, grown_mm + goes)) {
+                return Stretch::Done;
+            }
+            if self.grown_touches(&pose, grown_mm) || goes.is_some_and(|g| g <= SHORTEST_MM) {
+                return Stretch::Stop;
+            }
+            Stretch::Halve
+        })
+    }
+
+    /// How far any corner of the grown box goes from its place at these axes, at most, while each axis goes by its share
+    /// of `rates` (mm and degrees) to either side; none where they turn too far for a bound.
+    ///
+    /// A corner goes by no more than linear axes go, and each rotary axis turns times the corner's distance from it. That
+    /// distance grows on the way by no more than what is sought: D = (sum of turn x distance + linear) / (1 - sum of turns).
+    fn goes_mm(
         &self,
         machine: &PlanMachine,
-        a: &[f64],
-        b: &[f64],
-        mut at: impl FnMut(&SensorPose) -> bool,
-    ) -> bool {
-        let (pa, pb) = (machine.forward(a), machine.forward(b));
-        let tip = |p: &SensorPose| p.origin_mm + p.beam * self.reference_mm;
-        let turn = a[3..]
-            .iter()
-            .zip(&b[3..])
-            .map(|(x, y)| (x - y).abs())
-            .fold(0.0, f64::max);
-        let carriage = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
-        let way = (tip(&pa) - tip(&pb)).norm().max(carriage);
-        let count = (way.max(turn) / LOOK).ceil().clamp(1.0, 4000.0) as usize;
-        for k in 0..=count {
-            let w = k as f64 / count as f64;
-            let pose = if k == 0 {
-                pa
-            } else if k == count {
-                pb
-            } else {
-                let axes: Vec<f64> = a.iter().zip(b).map(|(x, y)| x + (y - x) * w).collect();
-                machine.forward(&axes)
-            };
-            if at(&pose) {
-                return true;
-            }
+        axes: &[f64],
+        rates: &[f64],
+        grown_mm: f64,
+    ) -> Option<f64> {
+        let turns: f64 = rates[3..].iter().map(|r| r.to_radians()).sum();
+        if turns > MOST_TURN_RAD {
+            return None;
         }
-        false
+        let linear = rates[..3].iter().map(|r| r * r).sum::<f64>().sqrt();
+        let chain = &machine.chain;
+        let mut lines = Vec::with_capacity(rates.len());
+        let mut along = |joints: &[usize]| {
+            let mut pose = Pose::identity();
+            for &k in joints {
+                let joint = &chain.joints[k];
+                if k >= 3 {
+                    let direction = pose.rotation * joint.direction;
+                    lines.push((
+                        rates[k].to_radians(),
+                        pose.point(&joint.point_mm),
+                        direction,
+                    ));
+                }
+                pose = pose.after(&joint.transform(axes[k]));
+            }
+            pose
+        };
+        along(&chain.workpiece_chain);
+        let sensor = along(&chain.sensor_chain).after(&chain.sensor);
+        // The sensor's frame has line, -feed, -beam for x, y, z.
+        let (low, high) = (
+            self.low - Vector3::repeat(grown_mm),
+            self.high + Vector3::repeat(grown_mm),
+        );
+        let goes = (0..8).map(|corner: usize| {
+            let of = |k: usize| [low[k], high[k]][corner >> k & 1];
+            let at = sensor.point(&Vector3::new(of(0), -of(1), -of(2)));
+            let turned = lines
+                .iter()
+                .map(|(turn, on, direction)| turn * (at - on).cross(direction).norm());
+            turned.sum::<f64>()
+        });
+        Some((goes.fold(0.0, f64::max) + linear) / (1.0 - turns))
     }
 
-    /// By how much the box could grow on every side before it touches anything on the way; up to `most_mm`.
-    pub fn clearance(&self, machine: &PlanMachine, a: &[f64], b: &[f64], most_mm: f64) -> f64 {
-        let mut free = most_mm;
-        self.ways(machine, a, b, |pose| {
-            if free > 0.0 && self.grown_touches(pose, free) {
+    /// The least of `free_mm` and what the box could grow by on every side at the poses looked at, such that on the whole way
+    /// it could grow by [`Self::told`] of it.
+    pub fn nearest(&self, machine: &PlanMachine, a: &[f64], b: &[f64], free_mm: f64) -> f64 {
+        let mut free = free_mm;
+        stretches(a, b, |axes, rates| {
+            let pose = machine.forward(axes);
+            if free > 0.0 && self.grown_touches(&pose, free) {
                 let (mut low, mut high) = (0.0, free);
-                while high - low > 0.01 {
+                while high - low > MEASURED_MM {
                     let middle = (low + high) / 2.0;
-                    if self.grown_touches(pose, middle) {
+                    if self.grown_touches(&pose, middle) {
                         high = middle;
                     } else {
                         low = middle;
@@ -134,8 +195,55 @@ impl<'a> Scenery<'a> {
                 }
                 free = low;
             }
-            false
+            let told = self.told(free);
+            let goes = self.goes_mm(machine, axes, rates, told.max(0.0));
+            if told <= 0.0 {
+                return Stretch::Stop;
+            }
+            match goes {
+                Some(goes) if goes <= TOLD_MM || !self.grown_touches(&pose, told + goes) => {
+                    Stretch::Done
+                }
+                _ => Stretch::Halve,
+            }
         });
         free
     }
+
+    /// The clearance that is proved, of the least that was measured: less by 0.02 mm and a twentieth of what it has
+    /// beyond the wanted one.
+    pub fn told(&self, nearest_mm: f64) -> f64 {
+        let beyond = (nearest_mm - self.clearance_mm).max(0.0);
+        nearest_mm - TOLD_MM - TOLD_SHARE * beyond
+    }
+}
+
+/// What is known of a stretch of a way.
+enum Stretch {
+    /// All that is asked.
+    Done,
+    /// More is known of its halves.
+    Halve,
+    /// Enough to end.
+    Stop,
+}
+
+/// Goes through a way of the axes in stretches that are halved where asked: `look` gets the axes in a stretch's middle,
+/// and how far each goes from there to either end. False where it stops.
+fn stretches(a: &[f64], b: &[f64], mut look: impl FnMut(&[f64], &[f64]) -> Stretch) -> bool {
+    let mut ahead = vec![(0.5, 0.5)];
+    while let Some((middle, half)) = ahead.pop() {
+        let pairs = || a.iter().zip(b);
+        let axes: Vec<f64> = pairs().map(|(x, y)| x + (y - x) * middle).collect();
+        let rates: Vec<f64> = pairs().map(|(x, y)| (y - x).abs() * half).collect();
+        match look(&axes, &rates) {
+            Stretch::Done => {}
+            Stretch::Halve => {
+                let half = half / 2.0;
+                ahead.extend([(middle + half, half), (middle - half, half)]);
+            }
+            Stretch::Stop => return false,
+        }
+    }
+    true
 }

@@ -168,7 +168,7 @@ pub fn proved(
         stand_off_max_mm: found.stand_off_max_mm,
         tilt_max_deg: found.tilt_max_deg,
         overlap: found.overlap,
-        clearance_mm: MOST_CLEARANCE_MM,
+        clearance_mm: MOST_CLEARANCE_MM.max(2.0 * spec.plan.clearance_mm + 1.0),
         map,
         uncovered,
         warnings,
@@ -184,8 +184,9 @@ pub fn proved(
             seconds(&a.axes, &b.axes, RAPID_MM_PER_S)
         };
         figures.clearance_mm =
-            scenery.clearance(&spec.machine, &a.axes, &b.axes, figures.clearance_mm);
+            scenery.nearest(&spec.machine, &a.axes, &b.axes, figures.clearance_mm);
     }
+    figures.clearance_mm = scenery.told(figures.clearance_mm);
     if figures.clearance_mm < spec.plan.clearance_mm {
         return Err(unproved(&format!(
             "The sensor's box comes as near as {:.3} mm.",
