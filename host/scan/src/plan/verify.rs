@@ -4,6 +4,7 @@ use std::io::BufRead;
 
 use serde::Serialize;
 
+use super::drive::deadline::Deadline;
 use super::drive::realise::Pass;
 use super::drive::touch::Scenery;
 use super::machine::{SensorPose, UNIT};
@@ -264,7 +265,7 @@ pub(super) fn findings(
         stand_off_max_mm: stand.stand_off_max_mm,
         tilt_max_deg: stand.tilt_max_deg,
         off_part: stand.off_part,
-        overlap: OverlapPoints::new(part).judge(spec, scenery, &all),
+        overlap: OverlapPoints::new(part).judge(spec, scenery, &all, Deadline::never()),
         kinematics_mm: 0.0,
         kinematics_rad: 0.0,
         max_step_mm: 0.0,

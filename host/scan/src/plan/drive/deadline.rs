@@ -14,6 +14,11 @@ impl Deadline {
         Self(begun.checked_add(limit))
     }
 
+    /// No limit.
+    pub fn never() -> Self {
+        Self(None)
+    }
+
     /// Refuses once the time is up.
     ///
     /// # Errors

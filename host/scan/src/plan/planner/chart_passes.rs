@@ -225,16 +225,17 @@ fn driven(
         let (short, weight) = match judge {
             Some(points) => (
                 points
-                    .judge(shop.spec, &shop.realiser.scenery, &all)
+                    .judge(shop.spec, &shop.realiser.scenery, &all, shop.deadline)
                     .is_some_and(|o| !o.holds()),
                 SHORT_WEIGHT,
             ),
             None => (
-                overlap(shop.spec, &all, &seen)
+                overlap(shop.spec, &all, &seen, shop.deadline)
                     .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample)),
                 MAYBE_SHORT_WEIGHT,
             ),
         };
+        shop.deadline.check()?;
         let may = 0.5 * (1.0 - shop.spec.plan.min_coverage) * seen.sights.len() as f64 * per_sample;
         let beyond = (unseen - may).max(0.0);
         let idle_s = idle_s(shop.spec, &all, shop.deadline);

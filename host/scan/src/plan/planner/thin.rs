@@ -40,7 +40,8 @@ pub fn thin(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
     } else {
         spare.clamp(0.0, LOST) * total
     };
-    let least = |seen: &SampleSights| overlap(shop.spec, &all, seen).map(|o| o.tenth);
+    let least =
+        |seen: &SampleSights| overlap(shop.spec, &all, seen, shop.deadline).map(|o| o.tenth);
     let needed = least(&seen).map(|o| o.min(enough_overlap(shop, per_sample)));
     let mut keep = vec![true; passes.len()];
     let mut open = keep.clone();
@@ -77,7 +78,7 @@ pub fn thin(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
                     .map(|(_, (pass, _))| pass)
                     .collect();
                 points
-                    .judge(shop.spec, &shop.realiser.scenery, &left)
+                    .judge(shop.spec, &shop.realiser.scenery, &left, shop.deadline)
                     .is_none_or(|o| o.holds())
             }
             None => match (needed, least(&without)) {
@@ -85,7 +86,7 @@ pub fn thin(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
                 _ => true,
             },
         };
-        if overlaps {
+        if overlaps && shop.deadline.more() {
             keep[p] = false;
             budget -= alone[p];
             seen = without;

@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::super::drive::deadline::Deadline;
 use super::super::drive::realise::Pass;
 use super::super::drive::touch::Scenery;
 use super::super::machine::SensorPose;
@@ -90,16 +91,18 @@ impl OverlapPoints {
     }
 
     /// The overlap of a path. Strips without any count: where the line of a pass ends on the surface, another pass sees what
-    /// lies beyond that end, and both see nothing in common. None where no pass has a neighbour.
+    /// lies beyond that end, and both see nothing in common. None where no pass has a neighbour. A late answer is short, as
+    /// that of [`overlap`].
     pub fn judge(
         &self,
         spec: &ScanSpec,
         scenery: &Scenery<'_>,
         passes: &[&Pass],
+        deadline: Deadline,
     ) -> Option<JudgedOverlap> {
         let eye = Eye::new(&spec.sensor, scenery, &self.points);
         let seen = eye.see(passes, SightDepth::Range, Threads::all());
-        let mut widths = widths(spec, passes, &seen);
+        let mut widths = widths(spec, passes, &seen, deadline);
         for stretch in bare(spec, passes, &self.points, &seen, self.apart_mm) {
             widths.entry(stretch).or_insert([0.0; 2]);
         }
@@ -217,8 +220,14 @@ fn stretch(ways: &[Vec<f64>], sight: &Sight) -> StretchEnd {
 /// The overlap in stretches of 10 mm at each end of the line; none where no two passes see a point in common.
 ///
 /// Where another pass sees the strip's edge too, the strip that both see is as wide as the points there lie apart.
-pub fn overlap(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> Option<Overlap> {
-    told(widths(spec, passes, seen))
+/// Once the time is up it tells of some passes only: whoever asks looks at the time.
+pub fn overlap(
+    spec: &ScanSpec,
+    passes: &[&Pass],
+    seen: &SampleSights,
+    deadline: Deadline,
+) -> Option<Overlap> {
+    told(widths(spec, passes, seen, deadline))
 }
 
 /// A neighbour's strip that reaches beyond the line's middle ends where its points leave a gap of this share of half the line:
@@ -226,13 +235,30 @@ pub fn overlap(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> Option
 const STRIP_GAP: f64 = 0.3;
 
 /// Of each stretch the overlap that its points span, and the same with what lies between the points (0 of few points).
-fn widths(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> HashMap<StretchEnd, [f64; 2]> {
+fn widths(
+    spec: &ScanSpec,
+    passes: &[&Pass],
+    seen: &SampleSights,
+    deadline: Deadline,
+) -> HashMap<StretchEnd, [f64; 2]> {
     let ways = ways(spec, passes);
-    // By stretch and neighbour: places of the points that both see, from the line's middle towards that end.
-    let mut bins: HashMap<(StretchEnd, u32), Vec<f64>> = HashMap::new();
-    for sights in &seen.sights {
+    let mut by_pass: Vec<Vec<(u32, Sight)>> = vec![Vec::new(); passes.len()];
+    for (point, sights) in seen.sights.iter().enumerate() {
         for a in sights {
+            by_pass[a.pass as usize].push((point as u32, *a));
+        }
+    }
+    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
+    // Pass by pass: all pairs of sights at once would be as many as the square of the passes.
+    for mine in by_pass {
+        if !deadline.more() {
+            break;
+        }
+        // By stretch and neighbour: places of the points that both see, from the line's middle towards that end.
+        let mut bins: HashMap<(StretchEnd, u32), Vec<f64>> = HashMap::new();
+        for (point, a) in &mine {
             let (pass, at, _) = stretch(&ways, a);
+            let sights = &seen.sights[*point as usize];
             for b in sights.iter().filter(|b| b.pass != a.pass) {
                 for (side, towards) in [(true, a.lateral), (false, -a.lateral)] {
                     let bin = bins.entry(((pass, at, side), b.pass));
@@ -240,25 +266,24 @@ fn widths(spec: &ScanSpec, passes: &[&Pass], seen: &SampleSights) -> HashMap<Str
                 }
             }
         }
-    }
-    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
-    for ((stretch, _), mut places) in bins {
-        places.sort_by(|a, b| b.total_cmp(a));
-        let apart = places
-            .windows(2)
-            .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
-        places.truncate(apart.map_or(places.len(), |k| k + 1));
-        let (Some(edge), Some(inner)) = (places.first(), places.last()) else {
-            continue;
-        };
-        if *edge > 0.7 && places.len() >= 3 {
-            let count = places.len() as f64;
-            let width = (edge - inner) / 2.0;
-            let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);
-            *seen = seen.max(width);
-            if places.len() >= TELLING {
-                // The outermost of some points in a strip leave a little of it at either edge.
-                *whole = whole.max((width * (count + 1.0) / (count - 1.0)).min(1.0));
+        for ((stretch, _), mut places) in bins {
+            places.sort_by(|a, b| b.total_cmp(a));
+            let apart = places
+                .windows(2)
+                .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
+            places.truncate(apart.map_or(places.len(), |k| k + 1));
+            let (Some(edge), Some(inner)) = (places.first(), places.last()) else {
+                continue;
+            };
+            if *edge > 0.7 && places.len() >= 3 {
+                let count = places.len() as f64;
+                let width = (edge - inner) / 2.0;
+                let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);
+                *seen = seen.max(width);
+                if places.len() >= TELLING {
+                    // The outermost of some points in a strip leave a little of it at either edge.
+                    *whole = whole.max((width * (count + 1.0) / (count - 1.0)).min(1.0));
+                }
             }
         }
     }

@@ -330,3 +330,45 @@ fn a_plan_of_a_damaged_mesh_is_proved_or_refused_within_its_time() {
     assert!(unproved <= 1 + planned / 20);
     assert!(planned + late > 0 || std::env::var_os("UMI_DAMAGE_FIRST").is_some());
 }
+
+#[test]
+fn a_crowd_of_strips_ends_in_time() {
+    // Three quarters of a tube on a table that turns about X and Z: some directions have thousands of courses.
+    let mut raw = RawMesh::default();
+    for k in 0..=40 {
+        let (s, c) = (225.0 - 6.75 * f64::from(k)).to_radians().sin_cos();
+        for j in 0..=12 {
+            let y = f64::from(j) / 12.0 * 80.0 - 40.0;
+            raw.vertices.push(Vector3::new(20.0 * c, y, 20.0 * s));
+        }
+    }
+    for k in 0..40 {
+        for j in 0..12 {
+            let a = k * 13 + j;
+            raw.faces.push([a, a + 13, a + 14]);
+            raw.faces.push([a, a + 14, a + 1]);
+        }
+    }
+    let part = PartMesh::weld(raw, true).unwrap();
+    // No spindle turns the line: it follows from the table's angles.
+    let spec = "[part]\n[sensor]\nline_mm = 16.0\nreference_mm = 60.0\nrange_mm = [52.0, 68.0]\nmax_incidence_deg = 60.0\n\
+                receiver_mm = [0, 30, -10]\nbody_mm = [[-20, -20, -100], [20, 60, -5]]\n[plan]\noverlap = 0.15\n\
+                stand_off_tolerance_mm = 1.0\nmax_tilt_deg = 10.0\nmin_coverage = 0.3\nclearance_mm = 3.0\nmax_step_mm = 2.0\n\
+                max_turn_deg = 6.0\n[machine]\ntravel_mm = { X = [-900, 900], Y = [-900, 900], Z = [-900, 900] }\n\
+                mount = { origin_mm = [0, 0, -150.0], beam = [0, 0, -1.0], line = [0, 1.0, 0] }\n\
+                [[machine.table]]\nname = \"A\"\naxis = [1, 0, 0]\npoint_mm = [0, 0, -50]\nlimits_deg = [-95, 95]\n\
+                [[machine.table]]\nname = \"C\"\naxis = [0, 0, 1]\npoint_mm = [0, 0, 0]\nlimits_deg = [-360, 360]\n";
+    let spec = ScanSpec::read(spec, Path::new("")).unwrap();
+    let limit = Duration::from_secs(5);
+    let asked = PlanOptions {
+        allow_partial: true,
+        time_limit: limit,
+        feed_mm_per_min: 600.0,
+    };
+    let begun = Instant::now();
+    if let Err(refusal) = plan(&part, &[], &spec, asked) {
+        assert_eq!(refusal.code, "time_limit", "{refusal}");
+    }
+    let took = begun.elapsed();
+    assert!(took < limit + GRACE, "{took:?}");
+}
