@@ -247,3 +247,64 @@ fn stretches(a: &[f64], b: &[f64], mut look: impl FnMut(&[f64], &[f64]) -> Stret
     }
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::tests::spec;
+    use super::Scenery;
+    use crate::surface::Mesh;
+
+    const LONG: &str = r#"
+[sensor]
+line_mm = 16.0
+reference_mm = 60.0
+range_mm = [52.0, 68.0]
+max_incidence_deg = 60.0
+receiver_mm = [0, 0, 0]
+body_mm = [[-380, -0.5, -90], [40, 0.5, -5]]
+[plan]
+overlap = 0.15
+stand_off_tolerance_mm = 1.0
+max_tilt_deg = 10.0
+min_coverage = 0.9
+clearance_mm = 1.0
+max_step_mm = 2.0
+max_turn_deg = 6.0
+[machine]
+travel_mm = { X = [-900, 900], Y = [-900, 900], Z = [-900, 900] }
+mount = { origin_mm = [0, 0, -150], beam = [0, 0, -1], line = [0, 1, 0] }
+[[machine.table]]
+name = "C"
+axis = [0, 0, 1]
+point_mm = [0, 0, 0]
+limits_deg = [-360, 360]
+"#;
+
+    #[test]
+    fn a_pin_does_not_slip_through_the_way_of_a_far_corner() {
+        let spec = spec(LONG).unwrap();
+        let machine = &spec.machine;
+        let (a, b) = ([0.0, 0.0, 200.0, -0.95], [0.0, 0.0, 200.0, 0.95]);
+        let middle = machine.forward(&[0.0, 0.0, 200.0, 0.0]);
+        let at = middle.origin_mm - middle.line * 370.0 - middle.beam * 50.0;
+        let pin = [
+            at - middle.beam * 20.0,
+            at + middle.beam * 20.0,
+            at + middle.line * 0.1,
+        ];
+        let pin = Mesh::new(&[pin]).unwrap();
+        let scenery = Scenery::new(&spec, vec![&pin]);
+        assert!(!scenery.touches(&machine.forward(&a)) && !scenery.touches(&machine.forward(&b)));
+        assert!(scenery.touches_between(machine, &a, &b));
+        assert!(!scenery.keeps_clear(machine, &a, &b));
+        assert!(scenery.hits_between(machine, &a, &b));
+        assert!(scenery.told(scenery.nearest(machine, &a, &b, 50.0)) < 0.0);
+        // Lifted off it, the way is free by what is told.
+        let lifted = |axes: &[f64; 4]| [axes[0], axes[1], 330.0, axes[3]];
+        let (a, b) = (lifted(&a), lifted(&b));
+        assert!(scenery.keeps_clear(machine, &a, &b));
+        // From the pin's top to the housing's lower face.
+        let free = scenery.told(scenery.nearest(machine, &a, &b, 100.0));
+        assert!((55.0 * 0.95 - 1.0..=65.0).contains(&free), "{free}");
+    }
+}
