@@ -82,7 +82,7 @@ const BUDGETS: [(&str, u64); 19] = [
     (names::REGISTRATION_500, 1_450_000),
     (names::APPEND, 9_500),
     (names::SETUP, 677_000),
-    (names::VERDICT, 228_000),
+    (names::VERDICT, 233_500),
     // A tenth of what a line of 115200 baud leaves a core of 480 MHz for each of its 11520
     // bytes a second is 4166.
     (names::LACES, 158),

@@ -161,6 +161,7 @@ static LATCHES: Mutex<RefCell<Latches>> = Mutex::new(RefCell::new(Latches {
 /// Starts counting and capturing. The pins are inputs by now.
 pub fn start() {
     pio::prepare();
+    rings::clear();
     with(Latches::start);
     tick::start();
     interrupt::PIO1_IRQ_0.set_priority(CAPTURE);

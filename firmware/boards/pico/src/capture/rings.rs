@@ -31,7 +31,8 @@ struct Ring([AtomicU32; SLOTS]);
 
 const _: () = assert!(align_of::<Ring>() == RING_BYTES && size_of::<Ring>() == RING_BYTES);
 
-/// Atomic, because the DMA writes them while we read. Not zeroed with the other variables (ram-code.x).
+/// Atomic, because the DMA writes them while we read. Not zeroed with the other variables (ram-code.x)
+/// but by [`clear`].
 static MEMORY: [Ring; RINGS] = [const { Ring([const { AtomicU32::new(0) }; SLOTS]) }; RINGS];
 
 /// What stands in a slot of a ring; 0 if there is no such slot.
@@ -86,14 +87,18 @@ pub fn abort() {
     }
 }
 
+/// Zeroes the rings, once, before the first start: a start anew has no time for it.
+pub fn clear() {
+    for slot in MEMORY.iter().flat_map(|ring| &ring.0) {
+        slot.store(0, Ordering::Relaxed);
+    }
+}
+
 /// Sets the channels up for a start at slot 0, when all are stopped. They wait for the
 /// first word of their machine.
 pub fn arm() {
     for (ring, memory) in MEMORY.iter().enumerate() {
         let ring = ring % RINGS;
-        for slot in &memory.0 {
-            slot.store(0, Ordering::Relaxed);
-        }
         for (channel, partner) in [(ring * 2 + 1, ring * 2), (ring * 2, ring * 2 + 1)] {
             let dma = pac::DMA.ch(channel % CHANNELS);
             dma.read_addr()
