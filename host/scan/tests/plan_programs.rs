@@ -47,7 +47,11 @@ fn planned() -> &'static (PartMesh, ScanPlan) {
     })
 }
 
-/// A row of the path's file.
+/// So near to the proved way the point goes that a control carries, and the rounding of its words.
+const APART_MM: f64 = 0.02 + 2.0 * WORD;
+
+/// A row of the path's file, or of the way between two of them.
+#[derive(Clone)]
 struct Row {
     pass: i32,
     lit: bool,
@@ -92,6 +96,7 @@ struct Wanted {
     /// The words of X, Y, Z and the rotary axes.
     words: Vec<String>,
     rows: Vec<Row>,
+    spec: ScanSpec,
     top_mm: f64,
     carried: bool,
 }
@@ -113,11 +118,12 @@ impl Wanted {
             .ok_or("no row")?;
         let (approach, driven) = approach_and_rows.split_at(begins);
         self.approach(approach)?;
-        if driven.len() != self.rows.len() {
-            return Err(format!("{} of {} rows", driven.len(), self.rows.len()));
+        let rows = self.with_rows_between(driven)?;
+        if driven.len() != rows.len() {
+            return Err(format!("{} of {} rows", driven.len(), rows.len()));
         }
         for (k, motion) in driven.iter().enumerate() {
-            self.row(k, motion)
+            self.row(&rows, k, motion)
                 .map_err(|why| format!("row {k}, {why}: {motion:?}"))?;
         }
         Ok(())
@@ -174,8 +180,70 @@ impl Wanted {
         Ok(())
     }
 
-    fn row(&self, k: usize, motion: &Motion) -> Result<(), String> {
-        let row = &self.rows[k];
+    /// The rows, and where a control carries the point those of the proved way that stand between: half way, a quarter
+    /// and so on, by what the rotary words say.
+    fn with_rows_between(&self, driven: &[Motion]) -> Result<Vec<Row>, String> {
+        if !self.carried {
+            return Ok(self.rows.clone());
+        }
+        let mut all: Vec<Row> = Vec::new();
+        let (mut next, mut share) = (0, 0.0);
+        for motion in driven {
+            let row = self.rows.get(next).ok_or("more rows than there are")?;
+            let turns: Option<Vec<f64>> = (self.words[3..].iter())
+                .map(|word| motion.words.get(word).copied())
+                .collect();
+            let turns = turns.ok_or("no rotary words")?;
+            let off = turns.iter().zip(&row.axes[3..]).map(|(x, y)| (x - y).abs());
+            if off.fold(0.0, f64::max) <= WORD {
+                all.push(row.clone());
+                (next, share) = (next + 1, 0.0);
+                continue;
+            }
+            let before = next.checked_sub(1).map(|k| &self.rows[k]);
+            let before = before.ok_or("the first row is another")?;
+            let widest = (3..row.axes.len()).max_by(|i, j| {
+                let wide = |k: usize| (row.axes[k] - before.axes[k]).abs();
+                wide(*i).total_cmp(&wide(*j))
+            });
+            let k = widest.ok_or("no rotary axis")?;
+            let at = (turns[k - 3] - before.axes[k]) / (row.axes[k] - before.axes[k]);
+            let at = (at * 1024.0).round() / 1024.0;
+            if at <= share || at >= 1.0 {
+                return Err(format!("a row at {at} of the way to row {next}"));
+            }
+            share = at;
+            let scans = before.lit && row.lit && before.pass == row.pass;
+            let pass = if scans { row.pass } else { -1 };
+            all.push(self.on_the_way(before, row, at, pass, scans));
+        }
+        for (a, b) in all.iter().zip(&all[1..]) {
+            let middle = self.on_the_way(a, b, 0.5, 0, false);
+            let chord = [0, 1, 2].map(|k| (a.point[k] + b.point[k]) / 2.0);
+            let off = apart(&middle.point, &chord);
+            if off > APART_MM {
+                return Err(format!("{off} mm beside the proved way"));
+            }
+        }
+        Ok(all)
+    }
+
+    /// Where the axes are at this share of their straight way.
+    fn on_the_way(&self, a: &Row, b: &Row, share: f64, pass: i32, lit: bool) -> Row {
+        let pairs = a.axes.iter().zip(&b.axes);
+        let axes: Vec<f64> = pairs.map(|(x, y)| x + (y - x) * share).collect();
+        let pose = self.spec.machine.forward(&axes);
+        let point = pose.origin_mm + pose.beam * self.spec.sensor.reference_mm;
+        Row {
+            pass,
+            lit,
+            point: point.into(),
+            axes,
+        }
+    }
+
+    fn row(&self, rows: &[Row], k: usize, motion: &Motion) -> Result<(), String> {
+        let row = &rows[k];
         if motion.rapid || motion.of_machine || motion.carried != self.carried {
             return Err("its modes".into());
         }
@@ -194,7 +262,7 @@ impl Wanted {
             }
         }
         // Before the first row: 5 mm above it.
-        let before = k.checked_sub(1).map(|b| &self.rows[b]);
+        let before = k.checked_sub(1).map(|b| &rows[b]);
         let scanning = before.is_some_and(|b| b.lit && row.lit && b.pass == row.pass);
         if motion.lit != scanning {
             return Err("the laser".into());
@@ -254,6 +322,7 @@ fn written(dialect: PathDialect, mode: ProgramMode, rotary: [&str; 3]) -> (Strin
     let wanted = Wanted {
         words: ["X", "Y", "Z", a, c, w].map(str::to_owned).into(),
         rows,
+        spec,
         top_mm: 400.0,
         carried: mode == ProgramMode::Rtcp,
     };
