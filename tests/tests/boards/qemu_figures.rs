@@ -85,8 +85,8 @@ const BUDGETS: [(&str, u64); 19] = [
     (names::VERDICT, 233_500),
     // A tenth of what a line of 115200 baud leaves a core of 480 MHz for each of its 11520
     // bytes a second is 4166.
-    (names::LACES, 158),
-    (names::CHORDS, 171),
+    (names::LACES, 166),
+    (names::CHORDS, 179),
     (names::CALIBRATION_100, 2_080_000),
     (names::PLACE, 140),
     // At 9000 a second a core of 480 MHz has 53 333 for each.
