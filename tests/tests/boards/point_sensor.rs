@@ -267,10 +267,9 @@ fn digitizes<R: SensorRig>(rig: R) {
     }
     let losses = shop.losses();
     let is_latch = |loss: &CaptureLoss| matches!(loss, CaptureLoss::Latch { .. });
-    assert!(
-        !losses.is_empty() && losses.iter().all(is_latch),
-        "{losses:?}"
-    );
+    // A board whose clock runs on while the computer is busy may miss characters of the sensor, too: it tells them.
+    let are_all = R::CLOCK_RUNS_ON || losses.iter().all(is_latch);
+    assert!(losses.iter().any(is_latch) && are_all, "{losses:?}");
 
     // The host's pulses are the sensor's now, and a line of a host is one of the control's.
     let line = shop.line(&[4]);
