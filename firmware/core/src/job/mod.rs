@@ -24,6 +24,7 @@ pub use check::{
 };
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching, is_coarse};
+pub use scatter::beta_ratio;
 pub use witness::skip;
 
 /// Whether the job's limits stand against a setup whose places are `measured`: judged as on the

@@ -117,6 +117,7 @@ pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
         centres: None,
         hold: [false; 3],
         bars: Vec::new(),
+        allow_misfit: false,
     };
     let answer = sensor(&all, &station.drawn.sensor, &options)?;
     let found = Pose::from_rows(&answer.rotation, &answer.translation_mm)
@@ -134,7 +135,7 @@ pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
     );
     let machine = AxisChain {
         sensor: found,
-        sensor_covariance: answer.covariance_scatter,
+        sensor_covariance: answer.best_covariance().copied(),
         ..station.drawn.clone()
     };
     Ok(Mounted {

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use umi_kinematics::Pose;
 
+use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::name_directions;
 use super::solve::{Model, TakeRow, descend, solve};
 use crate::ScanError;
@@ -48,6 +49,19 @@ pub struct AxisAnswer {
     pub cov_point_unit: [[f64; 3]; 3],
     /// Measured less fitted, for each centre, in mm.
     pub residuals_mm: Vec<[f64; 3]>,
+    /// Whether the angles agree with one another, as the centres that were measured at one agree; none where each angle
+    /// has one centre alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<Misfit>,
+    /// Covariance of `direction` by the scatter of the angles; only where they disagree.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_direction_poses: Option<[[f64; 3]; 3]>,
+    /// As `cov_direction_poses`, of `point_mm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cov_point_poses: Option<[[f64; 3]; 3]>,
+    /// What is odd, but no reason to refuse.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// Reads `angle_deg,ball,x_mm,y_mm,z_mm`.
@@ -220,7 +234,21 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
         residuals_mm[place / 3][place % 3] = -value;
         place += 1;
     });
+    let poses = poses(model);
+    let misfit = poses.misfit.filter(|_| sigma_mm.is_some());
+    let apart = misfit.as_ref().filter(|found| found.stands_out());
+    let by_poses = |by: &DMatrix<f64>| {
+        let (of, _) = poses.covariance.as_ref().filter(|_| apart.is_some())?;
+        Some(rows(&(by * of * by.transpose()), 1.0))
+    };
     Ok(AxisAnswer {
+        cov_direction_poses: by_poses(&direction),
+        cov_point_poses: by_poses(&foot_by),
+        warnings: apart
+            .map(|misfit| format!("misfit: {}", misfit.words()))
+            .into_iter()
+            .collect(),
+        misfit,
         direction: u.into(),
         point_mm: foot.into(),
         n: centres.len(),
@@ -232,6 +260,34 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
         cov_point_unit,
         residuals_mm,
     })
+}
+
+/// Whether the angles agree: at each the balls are off together by something in x, y and z, or they are not.
+fn poses(model: &AxisModel<'_>) -> PoseScatter {
+    let mut angles: Vec<f64> = Vec::new();
+    let mut pose = Vec::with_capacity(model.residuals());
+    for centre in model.centres {
+        let place = angles.iter().position(|known| *known == centre.angle_deg);
+        let place = place.unwrap_or_else(|| {
+            angles.push(centre.angle_deg);
+            angles.len() - 1
+        });
+        pose.extend([place; 3]);
+    }
+    let group: Vec<usize> = (pose.iter().zip(0..))
+        .map(|(place, row)| 3 * place + row % 3)
+        .collect();
+    let grouping = Grouping {
+        group: &group,
+        pose: &pose,
+        names: &|place| format!("the angle {} deg", angles[place]),
+    };
+    let suspects = Suspects {
+        names: Vec::new(),
+        turns: 2,
+        fill: &|_, _| {},
+    };
+    misfit::look(model, &grouping, &suspects, &[])
 }
 
 /// An axis that turns the other way fits a scatter of this many times the squares as well.

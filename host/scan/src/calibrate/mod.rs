@@ -4,6 +4,7 @@
 //! * [`sensor`]: the mount of the sensor; [`bar`]: ball bars beside their certificates.
 //! * [`observe`]: what was seen, straight from a scan.
 //! * [`poses`]: poses that determine a mount, and what to expect of them.
+//! * [`misfit`]: whether the poses agree with one another, and what would bring them together.
 //! * [`axis`]: the line of a rotary axis, from centres of balls that turn with it.
 //!
 //! Before there is an answer, the solver asks whether the data determine it: a motion of the
@@ -13,6 +14,7 @@
 pub mod axis;
 pub mod bar;
 mod features;
+pub mod misfit;
 mod naming;
 pub mod observations;
 pub mod observe;

@@ -6,6 +6,7 @@ use std::io::BufRead;
 use nalgebra::Vector3;
 use umi_kinematics::{AxisChain, JointKind, Pose};
 
+use super::misfit::slips::AxisSlip;
 use crate::ScanError;
 use crate::format::table::TableReader;
 use crate::pose::JointColumns;
@@ -32,6 +33,8 @@ pub struct Observations {
     pub flanges: Vec<Pose>,
     /// The flanges if the angles were radians; only where all of them are within one turn as such.
     pub flanges_by_radians: Option<Vec<Pose>>,
+    /// What may be wrong about the machine's axes, with what each would do at the flanges.
+    pub slips: Vec<AxisSlip>,
     /// By profile.
     pub points: Vec<Observation>,
 }
@@ -47,6 +50,7 @@ pub fn read<R: BufRead, P: BufRead>(
     positions: TableReader<P>,
 ) -> Result<Observations, ScanError> {
     let (flanges, by_radians) = read_positions(machine, positions)?;
+    let mut joints = Vec::new();
     let profile = observed.column("profile")?;
     let feature = observed.column("feature")?;
     let (x, z) = (observed.column("x_mm")?, observed.column("z_mm")?);
@@ -70,7 +74,9 @@ pub fn read<R: BufRead, P: BufRead>(
                         ),
                     )
                 })?;
+                let (pose, q) = pose;
                 all.flanges.push(*pose);
+                joints.push(q.clone());
                 if let (Some(all), Some(poses)) = (&mut all.flanges_by_radians, &by_radians) {
                     all.push(poses.get(key).copied().unwrap_or(*pose));
                 }
@@ -91,17 +97,18 @@ pub fn read<R: BufRead, P: BufRead>(
             seen_mm: Vector3::new(row.finite(x)?, 0.0, row.finite(z)?),
         });
     }
+    all.slips = AxisSlip::of(machine, &joints);
     Ok(all)
 }
 
-/// Poses of the flange by the profiles' names.
-type Flanges = HashMap<String, Pose>;
+/// Poses of the flange, and the joints' values, by the profiles' names.
+type Flanges = HashMap<String, (Pose, Vec<f64>)>;
 
 /// The flanges; and what they would be by radians, where the angles look like these.
 fn read_positions<R: BufRead>(
     machine: &AxisChain,
     mut positions: TableReader<R>,
-) -> Result<(Flanges, Option<Flanges>), ScanError> {
+) -> Result<(Flanges, Option<HashMap<String, Pose>>), ScanError> {
     const TURN: f64 = std::f64::consts::TAU + 1e-6;
     let columns = JointColumns::find(machine, &positions)?;
     let profile = positions.column("profile")?;
@@ -117,7 +124,7 @@ fn read_positions<R: BufRead>(
         let mut q = columns.values(&row)?;
         let pose = machine.flange_in_workpiece(&q);
         let key = row.text(profile).to_owned();
-        if flanges.insert(key.clone(), pose).is_some() {
+        if flanges.insert(key.clone(), (pose, q.clone())).is_some() {
             return Err(row.wrong(profile, "one row for each profile"));
         }
         within_turn &= rotary.iter().all(|&place| q[place].abs() <= TURN);

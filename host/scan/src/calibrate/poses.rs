@@ -137,6 +137,7 @@ pub fn poses(machine: &AxisChain, question: &PosesQuestion) -> Result<PlannedPos
         centres: known,
         hold: question.hold,
         bars: Vec::new(),
+        allow_misfit: false,
     };
     let found = sensor(&all, &machine.sensor, &options)?;
     let u = |i: usize| question.sigma_mm * found.covariance_unit[i][i].max(0.0).sqrt();

@@ -15,8 +15,9 @@ use super::bar::{self, BallBar, BarAnswer};
 use super::features::{
     SampleSights, algebraic_centre, cuts, middles, plane_through, points_by_feature,
 };
+use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::{name_directions, open_in_words};
-use super::observations::Observations;
+use super::observations::{Observation, Observations};
 use super::solve::scatter::{scatter_covariance, unit_uncertainty};
 use super::solve::{Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
@@ -44,6 +45,8 @@ pub struct SensorOptions {
     pub hold: [bool; 3],
     /// Ball bars whose length is looked at.
     pub bars: Vec<BallBar>,
+    /// Answer also where the poses grossly disagree.
+    pub allow_misfit: bool,
 }
 
 /// The answer of `umi scan calibrate sensor`.
@@ -67,6 +70,12 @@ pub struct SensorAnswer {
     pub covariance_scatter: Option<[[f64; 6]; 6]>,
     /// The degrees of freedom of that, for a region of all that was sought (Hotelling).
     pub dof_scatter: Option<f64>,
+    /// The same where poses have errors of their own: from what each pose is off as a whole.
+    pub covariance_poses: Option<[[f64; 6]; 6]>,
+    /// The degrees of freedom of that.
+    pub dof_poses: Option<f64>,
+    /// Whether the poses agree with one another; none where too little is left to say so.
+    pub misfit: Option<Misfit>,
     /// Of the balls.
     pub radius_mm: Option<f64>,
     /// What was seen, in the workpiece's frame.
@@ -85,6 +94,16 @@ pub struct SensorAnswer {
 }
 
 impl SensorAnswer {
+    /// The covariance to go on with: by the poses where they disagree, else by the residuals' own scatter.
+    #[must_use]
+    pub fn best_covariance(&self) -> Option<&[[f64; 6]; 6]> {
+        let disagree = self.misfit.as_ref().is_some_and(Misfit::stands_out);
+        let poses = self.covariance_poses.as_ref().filter(|_| disagree);
+        poses
+            .or(self.covariance_scatter.as_ref())
+            .or(self.covariance.as_ref())
+    }
+
     /// The mount, as a machine file has it.
     #[must_use]
     pub fn mount(&self) -> Pose {
@@ -136,7 +155,53 @@ struct MountModel<'a> {
     sought: [bool; 6],
 }
 
+/// An observation by a mount: where it is on the artefact, and what changes its residual.
+struct Sight {
+    value: f64,
+    /// In the workpiece's frame.
+    at_mm: Vector3<f64>,
+    /// From the flange's origin, in its frame.
+    arm_mm: Vector3<f64>,
+    by_place: Vector3<f64>,
+    by_feature: [f64; 3],
+}
+
 impl MountModel<'_> {
+    /// An observation by this mount.
+    fn sight(&self, seen: &Observation) -> Sight {
+        let arm_mm = self.mount.rotation * seen.seen_mm;
+        let at_mm = self.all.flanges[seen.flange].point(&(arm_mm + self.mount.translation_mm));
+        let (value, by_place, by_feature) = match &self.features[seen.feature] {
+            SampleSights::Plane {
+                normal,
+                anchor_mm,
+                height_mm,
+            } => {
+                let from = at_mm - anchor_mm;
+                let (e1, e2) = across(normal);
+                let by = [e1.dot(&from), e2.dot(&from), -1.0];
+                (normal.dot(&from) - height_mm, *normal, by)
+            }
+            SampleSights::Ball { centre_mm } => {
+                let from = at_mm - centre_mm;
+                let distance = from.norm();
+                let out = if distance > 0.0 {
+                    from / distance
+                } else {
+                    Vector3::z()
+                };
+                (distance - self.radius_mm, out, (-out).into())
+            }
+        };
+        Sight {
+            value,
+            at_mm,
+            arm_mm,
+            by_place,
+            by_feature,
+        }
+    }
+
     /// Unknowns of all features.
     fn of_features(&self) -> usize {
         if self.centres_known {
@@ -162,31 +227,14 @@ impl Model for MountModel<'_> {
     fn rows(&self, row: &mut TakeRow<'_>) {
         let (nuisances, _) = self.unknowns();
         for seen in &self.all.points {
-            let arm = self.mount.rotation * seen.seen_mm;
             let flange = &self.all.flanges[seen.flange];
-            let p = flange.point(&(arm + self.mount.translation_mm));
-            let (value, by_p, by_feature) = match &self.features[seen.feature] {
-                SampleSights::Plane {
-                    normal,
-                    anchor_mm,
-                    height_mm,
-                } => {
-                    let from = p - anchor_mm;
-                    let (e1, e2) = across(normal);
-                    let by = [e1.dot(&from), e2.dot(&from), -1.0];
-                    (normal.dot(&from) - height_mm, *normal, by)
-                }
-                SampleSights::Ball { centre_mm } => {
-                    let from = p - centre_mm;
-                    let distance = from.norm();
-                    let out = if distance > 0.0 {
-                        from / distance
-                    } else {
-                        Vector3::z()
-                    };
-                    (distance - self.radius_mm, out, (-out).into())
-                }
-            };
+            let Sight {
+                value,
+                arm_mm,
+                by_place,
+                by_feature,
+                ..
+            } = self.sight(seen);
             row(value, &mut |line| {
                 if !self.centres_known {
                     line[3 * seen.feature..3 * seen.feature + 3].copy_from_slice(&by_feature);
@@ -194,8 +242,8 @@ impl Model for MountModel<'_> {
                 if self.radius_free {
                     line[nuisances - 1] = -1.0;
                 }
-                let by_shift = flange.rotation.tr_mul(&by_p);
-                let by_turn = arm.cross(&by_shift);
+                let by_shift = flange.rotation.tr_mul(&by_place);
+                let by_turn = arm_mm.cross(&by_shift);
                 let by = by_turn.iter().chain(&by_shift);
                 let sought = by.zip(&self.sought).filter(|(_, sought)| **sought);
                 for (place, (by, _)) in sought.enumerate() {
@@ -240,7 +288,7 @@ impl Model for MountModel<'_> {
 ///
 /// # Errors
 /// `too_few_points`, `unidentifiable` with `free` and `unobservable`, `uncertain`,
-/// `missing_centre`, `no_convergence`, `far_from_start`, `bar_length`; `angle_unit` where none of it is a reason once the angles are
+/// `missing_centre`, `no_convergence`, `far_from_start`, `bar_length`, `misfit`; `angle_unit` where none of it is a reason once the angles are
 /// taken for radians.
 pub fn sensor(
     all: &Observations,
@@ -254,7 +302,7 @@ pub fn sensor(
         Ok(answer) => answer.sigma_mm.is_some_and(|sigma| sigma > MUCH_MM),
         Err(error) => matches!(
             error.code,
-            "uncertain" | "no_convergence" | "unidentifiable"
+            "uncertain" | "no_convergence" | "unidentifiable" | "misfit"
         ),
     };
     let Some(flanges) = all.flanges_by_radians.as_ref().filter(|_| bad) else {
@@ -326,6 +374,18 @@ fn mount(
     let scatter = scatter_covariance(model);
     let dof_scatter = scatter.as_ref().map(|(_, dof)| *dof);
     let covariance_scatter = scatter.map(|(covariance, _)| all_six(&covariance, &model.sought));
+    let answered = covariance_scatter.or(covariance).unwrap_or_default();
+    let poses = poses(model, &answered);
+    let covariance_poses = poses.covariance.as_ref();
+    let covariance_poses = covariance_poses.map(|(of, _)| all_six(of, &model.sought));
+    let mut warnings: Vec<String> = radius.into_iter().collect();
+    if let Some(misfit) = poses.misfit.as_ref().filter(|found| found.stands_out()) {
+        // A radius that is wrong makes poses disagree, too, and is told by its own name.
+        if misfit.is_gross() && warnings.is_empty() && !options.allow_misfit {
+            return Err(refused(misfit));
+        }
+        warnings.push(format!("misfit: {}", misfit.words()));
+    }
     Ok(SensorAnswer {
         rotation: model.mount.rows(),
         translation_mm: model.mount.translation_mm.into(),
@@ -336,13 +396,79 @@ fn mount(
         covariance,
         covariance_scatter,
         dof_scatter,
+        covariance_poses,
+        dof_poses: poses.covariance.map(|(_, dof)| dof),
+        misfit: poses.misfit,
         radius_mm: (options.on == Artefact::Sphere).then_some(model.radius_mm),
         features: features(model),
         bars,
         conditioning: solution.seen.last().copied().unwrap_or(1.0),
         residuals_mm,
-        warnings: radius.into_iter().collect(),
+        warnings,
     })
+}
+
+/// Whether the poses agree, and the covariance by them. `answered`: the one that they are held against.
+fn poses(model: &MountModel<'_>, answered: &[[f64; 6]; 6]) -> PoseScatter {
+    let points = &model.all.points;
+    let pose: Vec<usize> = points.iter().map(|seen| seen.flange).collect();
+    // A pose that sees two features sees each of them off by something else.
+    let mut groups: HashMap<(usize, usize), usize> = HashMap::new();
+    let group = points.iter().map(|seen| {
+        let next = groups.len();
+        *groups.entry((seen.flange, seen.feature)).or_insert(next)
+    });
+    let group: Vec<usize> = group.collect();
+    let names = |pose: usize| {
+        let name = model.all.profiles.get(pose);
+        format!(
+            "profile {}",
+            name.map_or_else(|| pose.to_string(), Clone::clone)
+        )
+    };
+    let slips = &model.all.slips;
+    let fill = |place: usize, column: &mut [f64]| {
+        let seen = &points[place];
+        let sight = model.sight(seen);
+        for (by, slip) in column.iter_mut().zip(slips) {
+            *by = sight
+                .by_place
+                .dot(&slip.moves[seen.flange].at(&sight.at_mm));
+        }
+    };
+    let grouping = Grouping {
+        group: &group,
+        pose: &pose,
+        names: &names,
+    };
+    let suspects = Suspects {
+        names: slips
+            .iter()
+            .map(|slip| (slip.what.clone(), slip.unit))
+            .collect(),
+        turns: 3,
+        fill: &fill,
+    };
+    let u: Vec<f64> = (0..6)
+        .filter(|&i| model.sought[i])
+        .map(|i| answered[i][i].sqrt())
+        .collect();
+    misfit::look(model, &grouping, &suspects, &u)
+}
+
+fn refused(misfit: &Misfit) -> ScanError {
+    let error = ScanError::refused(
+        "misfit",
+        format_args!(
+            "{}. The mount is wrong by far more than its uncertainty says: put that right and scan again; or see the \
+             answer all the same with --allow-misfit",
+            misfit.words()
+        ),
+    );
+    match serde_json::to_value(misfit) {
+        Ok(value) => error.with("misfit", value),
+        Err(_) => error,
+    }
 }
 
 /// The ball bars, each within what is allowed.
@@ -446,6 +572,7 @@ fn best_start(first: MountModel<'_>) -> MountModel<'_> {
         profiles: first.all.profiles.clone(),
         flanges_by_radians: None,
         flanges: first.all.flanges.clone(),
+        slips: Vec::new(),
         points: first.all.points.iter().step_by(every).copied().collect(),
     };
     let found = best_of_starts(MountModel {

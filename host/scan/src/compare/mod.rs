@@ -8,7 +8,7 @@ mod nominal;
 use serde::Serialize;
 
 pub use align::{CloudAlignment, Locked, align};
-pub use nominal::Nominal;
+pub use nominal::{Nominal, elsewhere};
 
 use crate::ScanError;
 use crate::parallel::Threads;

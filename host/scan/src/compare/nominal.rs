@@ -283,13 +283,11 @@ impl Nominal {
     }
 
     /// A unit in which cloud and nominal would agree, where they do not in millimetres: the cloud lies on a nominal that
-    /// is so much larger, or spans as much as such a mesh.
+    /// is so much larger, or spans as much as such a mesh; or that it lies elsewhere.
     fn other_unit(&self, points: &[Vec3]) -> Option<String> {
-        let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(-f64::INFINITY));
-        for point in points {
-            (least, most) = (least.inf(point), most.sup(point));
-        }
-        let cloud_mm = (most - least).norm();
+        /// A cloud lies on a nominal that is as near as this share of its own size.
+        const ON_IT: f64 = 0.01;
+        let cloud_mm = span_mm(points);
         let mesh_mm = self.mesh().map(Mesh::diagonal_mm);
         let rms_mm = self.rms_mm(points, 1.0)?;
         let units = [
@@ -298,26 +296,35 @@ impl Nominal {
             (1.0 / 25.4, "the cloud looks like inches"),
             (1e-3, "the cloud looks like metres"),
         ];
-        // Sizes that agree tell of a mesh that lies elsewhere; of a shape, which may have no end, the place tells.
+        // Where it would lie tells of any nominal. Nearer is not enough: whatever is made much larger comes near to a
+        // cloud that lies beside it.
+        let then = units.map(|(factor, unit)| Some((self.rms_mm(points, factor)?, factor, unit)));
+        let (then_mm, factor, unit) =
+            (then.into_iter().flatten()).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let lies_on_it = then_mm < ON_IT * cloud_mm;
+        if lies_on_it && 10.0 * then_mm < rms_mm && rms_mm > 0.005 * cloud_mm {
+            return Some(format!(
+                "unit: {unit}: the cloud is {rms_mm:.3} mm (rms) from the nominal, and {then_mm:.3} mm from one {factor:.4} \
+                 times as large"
+            ));
+        }
+        // Sizes that agree tell of a mesh that lies elsewhere; a shape may have no end. A small cloud may be a part of it.
         if let Some(mesh_mm) = mesh_mm
             && rms_mm > 0.05 * cloud_mm.min(mesh_mm)
         {
             let alike = |factor: f64| (0.8..1.25).contains(&(cloud_mm / mesh_mm / factor));
-            if let Some((_, unit)) = units.iter().find(|(factor, _)| alike(*factor)) {
+            if let Some((factor, unit)) = units.iter().find(|(factor, _)| alike(*factor)) {
+                let or = if *factor < 1.0 {
+                    ", or it is a small part of the nominal and lies elsewhere"
+                } else {
+                    ""
+                };
                 return Some(format!(
-                    "unit: {unit}: the cloud spans {cloud_mm:.1} mm, the nominal {mesh_mm:.1} mm"
+                    "unit: {unit}: the cloud spans {cloud_mm:.1} mm, the nominal {mesh_mm:.1} mm{or}"
                 ));
             }
         }
-        let then = units.map(|(factor, unit)| Some((self.rms_mm(points, factor)?, factor, unit)));
-        let (then_mm, factor, unit) =
-            (then.into_iter().flatten()).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (10.0 * then_mm < rms_mm && rms_mm > 0.005 * cloud_mm).then(|| {
-            format!(
-                "unit: {unit}: the cloud is {rms_mm:.3} mm (rms) from the nominal, and {then_mm:.3} mm from one {factor:.4} \
-                 times as large"
-            )
-        })
+        elsewhere(points, rms_mm)
     }
 
     /// A cone that the cloud would lie on if its angle were in radians, where it does not as it stands.
@@ -367,6 +374,30 @@ impl Nominal {
             .filter_map(|triangle| cut(&triangle.corners, axis, at_mm))
             .collect()
     }
+}
+
+/// That a cloud lies elsewhere, where it is so far from its nominal as no deviation is.
+#[must_use]
+pub fn elsewhere(points: &[Vec3], rms_mm: f64) -> Option<String> {
+    /// Of the cloud's own size.
+    const FAR: f64 = 0.5;
+    const LEAST_MM: f64 = 1.0;
+    let cloud_mm = span_mm(points);
+    (rms_mm > LEAST_MM.max(FAR * cloud_mm)).then(|| {
+        format!(
+            "elsewhere: the cloud spans {cloud_mm:.1} mm and lies {rms_mm:.1} mm (rms) from the nominal: it is in another \
+             frame, or of another part; umi scan localise places it"
+        )
+    })
+}
+
+/// From corner to corner of the box about some points.
+fn span_mm(points: &[Vec3]) -> f64 {
+    let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(-f64::INFINITY));
+    for point in points {
+        (least, most) = (least.inf(point), most.sup(point));
+    }
+    (most - least).norm()
 }
 
 /// Where a plane cuts a triangle. A corner on the plane counts as above it.

@@ -317,8 +317,10 @@ fn f_95(h: f64, dof: f64) -> f64 {
 }
 
 /// The regularised incomplete beta function `I_x(a, b)`, by its continued fraction
-/// (NIST DLMF 8.17.22), which converges fast below the mean; above it by its complement.
-fn beta_ratio(a: f64, b: f64, x: f64) -> f64 {
+/// (NIST DLMF 8.17.22), which converges fast below the mean; above it by its complement. For
+/// `a` and `b` of at most some thousands.
+#[must_use]
+pub fn beta_ratio(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 0.0;
     }

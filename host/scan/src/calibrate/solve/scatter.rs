@@ -50,7 +50,7 @@ pub(in crate::calibrate) fn scatter_covariance<M: Model>(model: &M) -> Option<(D
 }
 
 /// `W` with `Wᵀ W = inv(JᵀJ)` over all unknowns that are seen.
-fn whiten<M: Model>(model: &M) -> DMatrix<f64> {
+pub(in crate::calibrate) fn whiten<M: Model>(model: &M) -> DMatrix<f64> {
     let mut r = reduce(model).r;
     let norms: Vec<f64> = r
         .column_iter()

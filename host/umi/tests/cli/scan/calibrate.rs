@@ -250,3 +250,97 @@ fn a_plan_says_what_its_poses_leave_open() {
     plan(&[&["--on", "plane", "--normal", "0.3,-0.2,1"], &swings[..]].concat()).exits(0);
     assert!(std::path::Path::new(&out).exists());
 }
+
+/// A machine file whose zero of A is wrong by 0.05 degrees: refused, with what to add to which axis; with --allow-misfit
+/// told, and the machine file has the covariance of the poses.
+#[test]
+fn a_zero_of_an_axis_that_is_wrong_is_refused_by_its_name() {
+    let folder = Folder::new();
+    let truth = AxisChain::parse(&machine(TRUTH)).unwrap();
+    let right = folder.file("right.toml", machine(TRUTH));
+    let poses = folder.path("poses.csv");
+    let plan = [
+        "scan",
+        "calibrate",
+        "plan",
+        "--machine",
+        &right,
+        "-o",
+        &poses,
+        "--at",
+        "40,25,30",
+        "--radius-mm",
+        "12.7",
+        "--swing",
+        "A=-15..15",
+        "--swing",
+        "C=-30..30",
+        "--json",
+    ];
+    umi(&plan).exits(0);
+    let (profiles, latches) = scan(&truth, &std::fs::read_to_string(&poses).unwrap());
+    let (profiles, latches) = (
+        folder.file("profiles.csv", profiles),
+        folder.file("latches.csv", latches),
+    );
+    // 500 counts of 10000 a degree.
+    let (mut before, mut after) = (String::new(), String::new());
+    let text = machine(TRUTH);
+    let (head, tail) = text.split_once("name = \"A\"").unwrap();
+    before += head;
+    after += tail;
+    assert!(after.contains("origin_counts = 0"), "{after}");
+    let wrong = format!(
+        "{before}name = \"A\"{}",
+        after.replacen("origin_counts = 0", "origin_counts = 500", 1)
+    );
+    let wrong = folder.file("wrong.toml", wrong);
+    let (seen, at) = (folder.path("seen.csv"), folder.path("at.csv"));
+    let calibrate = |machine: &str, more: &[&str]| {
+        let ball = [
+            "--on",
+            "sphere",
+            "--radius-mm",
+            "12.7",
+            "--json",
+            "--machine",
+            machine,
+        ];
+        let args = [
+            "scan",
+            "calibrate",
+            "observe",
+            &profiles,
+            &latches,
+            "-o",
+            &seen,
+        ];
+        umi(&[&args[..], &["--positions", &at, "--force"], &ball].concat()).exits(0);
+        let args = ["scan", "calibrate", "sensor", &seen, &at];
+        umi(&[&args[..], &ball, more].concat())
+    };
+    let clean = calibrate(&right, &[]).exits(0).json();
+    assert_eq!(clean.get("warnings"), None, "{clean}");
+    assert!(clean["misfit"]["p"].as_f64().unwrap() > 1e-3, "{clean}");
+    let error = calibrate(&wrong, &[]).exits(2).json();
+    assert_eq!(error["error"]["code"], "misfit", "{error}");
+    let slip = &error["error"]["misfit"]["slip"];
+    assert_eq!(slip["what"], "the zero of A", "{error}");
+    let add = slip["add"].as_f64().unwrap();
+    assert!((add - 0.05).abs() < 0.003, "{error}");
+    let out = folder.path("found.toml");
+    let told = calibrate(&wrong, &["--allow-misfit", "-o", &out])
+        .exits(0)
+        .json();
+    let warning = told["warnings"][0].as_str().unwrap();
+    assert!(
+        warning.starts_with("misfit: ") && warning.contains("the zero of A"),
+        "{warning}"
+    );
+    let found = AxisChain::parse(&std::fs::read_to_string(&out).unwrap()).unwrap();
+    let in_file = found.sensor_covariance.unwrap();
+    for i in 0..6 {
+        let by_poses = told["covariance_poses"][i][i].as_f64().unwrap();
+        assert!((in_file[i][i] / by_poses - 1.0).abs() < 1e-12, "{told}");
+    }
+}

@@ -150,6 +150,88 @@ fn solid() -> Vec<[[f64; 3]; 3]> {
     vec![[o, y, x], [o, x, z], [o, z, y], [x, y, z]]
 }
 
+/// A box at the origin, 20 mm each way, and points of its faces.
+fn cube(side: f64) -> Vec<[[f64; 3]; 3]> {
+    let corner = |k: usize| [k & 1, (k >> 1) & 1, k >> 2].map(|bit| side * bit as f64);
+    let faces = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let halves = faces.map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    let halves = halves.into_iter().flatten();
+    halves.map(|three| three.map(corner)).collect()
+}
+
+fn on_cube(at: [f64; 3]) -> String {
+    let mut text = String::from("x_mm,y_mm,z_mm\n");
+    for face in cube(20.0) {
+        let [a, b, c] = face;
+        for (u, v) in [(0.2, 0.3), (0.6, 0.1), (0.1, 0.6), (0.0, 0.0), (1.0, 0.0)] {
+            let p = [0, 1, 2].map(|k| at[k] + a[k] + u * (b[k] - a[k]) + v * (c[k] - a[k]));
+            writeln!(text, "{},{},{}", p[0], p[1], p[2]).unwrap();
+        }
+    }
+    text
+}
+
+/// A cloud that lies beside its nominal is told so and no unit is blamed, wherever it lies; another unit is still told,
+/// in place and elsewhere; after an alignment from afar, too.
+#[test]
+fn a_cloud_that_lies_elsewhere_is_no_other_unit() {
+    let folder = Folder::new();
+    let mesh = folder.file("mm.stl", stl(&cube(20.0)));
+    let inches = folder.file("inches.stl", stl(&cube(20.0 / 25.4)));
+    let ball = folder.file(
+        "ball.toml",
+        "kind = \"sphere\"\ncenter_mm = [10, 10, 10]\nradius_mm = 10\n",
+    );
+    let said = |cloud: &str, nominal: &str, more: &[&str]| {
+        let found = done(&[&["compare", cloud, "--nominal", nominal], more].concat());
+        let said = found.get("warnings").map(Value::to_string);
+        said.unwrap_or_default()
+    };
+    for at in [
+        [500.0, 0.0, 0.0],
+        [0.0, -480.0, 0.0],
+        [250.0, 250.0, 250.0],
+        [0.0, 0.0, 1000.0],
+        [-30.0, 0.0, 0.0],
+        [19_000.0, 500.0, 0.0],
+    ] {
+        let cloud = folder.file("beside.csv", on_cube(at));
+        for nominal in [&mesh, &ball] {
+            let said = said(&cloud, nominal, &[]);
+            assert!(said.contains("elsewhere: the cloud spans"), "{at:?} {said}");
+            assert!(
+                !said.contains("inches") && !said.contains("metres"),
+                "{at:?} {said}"
+            );
+        }
+        let told = said(&cloud, &inches, &[]);
+        assert!(
+            told.contains("the nominal looks like inches"),
+            "{at:?} {told}"
+        );
+        let aligned = said(&cloud, &mesh, &["--align", "--lock", "rx,ry,rz"]);
+        assert!(
+            aligned.contains("that was before --align"),
+            "{at:?} {aligned}"
+        );
+    }
+    let cloud = folder.file("there.csv", on_cube([0.0; 3]));
+    assert_eq!(said(&cloud, &mesh, &[]), "");
+    assert_eq!(said(&cloud, &mesh, &["--align"]), "");
+    assert!(said(&cloud, &inches, &[]).contains("the nominal looks like inches"));
+    // A corner of a large plate, some millimetres off: small, as in inches, and the other reason is named with it.
+    let plate = folder.file("plate.stl", stl(&cube(508.0)));
+    let off = folder.file("off.csv", on_cube([3.0, 3.0, 3.0]));
+    assert!(said(&off, &plate, &[]).contains("or it is a small part of the nominal"));
+}
+
 #[test]
 fn faces_that_were_turned_and_bodies_without_volume_are_told() {
     let folder = Folder::new();

@@ -26,6 +26,10 @@ const HELP: &str = "\
 The direction is the one about which the angle turns right-handed; the point is the foot of
 the machine's origin on the axis. Both go into [[joint]] of the machine file.
 
+Where an angle has the centres of several balls, or one several times, the angles are held against
+one another (`misfit`: an F test of a shift for each angle). Where they disagree, a warning names the
+worst, and `cov_direction_poses`, `cov_point_poses` say how uncertain the axis is by their scatter.
+
 Examples:
   umi scan calibrate axis centres.csv
   umi scan calibrate axis centres.csv --json | jq .point_mm
@@ -51,19 +55,22 @@ fn text(found: &AxisAnswer) -> String {
         text += &format!(
             "direction {axis} {:+.9} ± {}\n",
             found.direction[i],
-            u(&found.cov_direction, i)
+            u(&found.cov_direction_poses.or(found.cov_direction), i)
         );
     }
     for (i, axis) in ["X", "Y", "Z"].iter().enumerate() {
         text += &format!(
             "point     {axis} {:+.6} ± {} mm\n",
             found.point_mm[i],
-            u(&found.cov_point, i)
+            u(&found.cov_point_poses.or(found.cov_point), i)
         );
     }
     let sigma = found
         .sigma_mm
         .map_or_else(|| "unknown".into(), |sigma| format!("{sigma:.6} mm"));
+    for warning in &found.warnings {
+        text += &format!("\nwarning: {warning}\n");
+    }
     text + &format!(
         "\n{} centres, {} degrees of freedom, standard deviation {sigma}\n",
         found.n, found.dof

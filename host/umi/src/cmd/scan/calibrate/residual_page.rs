@@ -64,6 +64,22 @@ pub fn page(found: &SensorAnswer, all: &Observations) -> DeviationPage {
                 format!("{:.2e}, a radian worth 100 mm", found.conditioning),
             ),
             (
+                "poses",
+                found.misfit.as_ref().map_or_else(
+                    || "not held against one another: too little is left".into(),
+                    |misfit| {
+                        format!(
+                            "F({}, {}) = {:.2}, {:.4} mm beyond the scatter of {:.4} mm within each",
+                            misfit.dof_between,
+                            misfit.dof_within,
+                            misfit.f,
+                            misfit.between_mm,
+                            misfit.within_mm
+                        )
+                    },
+                ),
+            ),
+            (
                 "colours",
                 "end about where 99 % of the residuals do".to_owned(),
             ),
@@ -87,10 +103,7 @@ fn outward(feature: &FeatureAnswer, at: &Vec3) -> Vec3 {
 }
 
 fn mount_table(found: &SensorAnswer) -> FigureTable {
-    let covariance = found
-        .covariance_scatter
-        .as_ref()
-        .or(found.covariance.as_ref());
+    let covariance = found.best_covariance();
     let rows = UNKNOWNS.iter().enumerate().map(|(i, (name, unit))| {
         let value = match i.checked_sub(3) {
             Some(axis) => format!("{:.6} mm", found.translation_mm[axis]),

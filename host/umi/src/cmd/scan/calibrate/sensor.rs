@@ -9,6 +9,7 @@ use clap::{ArgGroup, Args, ValueEnum};
 use umi_report::pages::deviation::html;
 use umi_scan::ScanError;
 use umi_scan::calibrate::bar::BallBar;
+use umi_scan::calibrate::misfit::Misfit;
 use umi_scan::calibrate::observations::{self, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_scan::format::machine;
@@ -50,6 +51,9 @@ pub(crate) struct Sensor {
     /// is found may be off; may be given again for another bar
     #[arg(long, value_name = "A,B,MM,WITHIN", value_parser = BallBar::parse)]
     bar: Vec<BallBar>,
+    /// Answer also where the poses disagree so much that the mount is wrong by more than its uncertainty
+    #[arg(long)]
+    allow_misfit: bool,
     /// The machine file with this mount and its covariance, all else as it is
     #[arg(short, long, value_name = "MACHINE.toml")]
     output: Option<PathBuf>,
@@ -88,9 +92,17 @@ Examples:
 each for itself, and holds also where noise grows with the distance. The machine file gets the
 latter; `umi scan merge` tells then what the mount makes of a point's uncertainty.
 
+Small residuals do not make a mount right: a zero of an axis that is wrong by 0.05 degrees moves it
+by 0.1 mm and leaves some micrometres. `misfit` holds the poses against one another (F test of a mean
+for each; one false alarm in 1000), names the worst, and what must be added to which zero, place,
+direction or scale of an axis to bring them together, if one does. Where they disagree, the machine
+file gets `covariance_poses`, by the scatter of whole poses; it knows nothing of what is wrong in all
+of them alike. Refused are poses that scatter ten times as much as the samples within them, one that
+lies off so far, and a slip of an axis that moves the mount by more than five of its standard uncertainties.
+
 Refused (status 2): unidentifiable, uncertain, too_few_points, not_finite, machine,
 missing_axis, missing_position, missing_centre, no_convergence, angle_unit, far_from_start,
-bar_length.";
+bar_length, misfit.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum On {
@@ -178,9 +190,7 @@ impl Sensor {
         if let Some(path) = &self.output {
             let text = std::fs::read_to_string(&self.machine)
                 .map_err(|error| ScanError::file("read", &self.machine, &error))?;
-            let covariance = found.covariance_scatter.as_ref();
-            let covariance = covariance.or(found.covariance.as_ref());
-            let text = machine::with_sensor(&text, &found.mount(), covariance)?;
+            let text = machine::with_sensor(&text, &found.mount(), found.best_covariance())?;
             std::fs::write(path, text).map_err(|error| ScanError::file("write", path, &error))?;
         }
         Ok(found)
@@ -206,6 +216,7 @@ impl Sensor {
             centres,
             hold: Component::held(&self.hold),
             bars: self.bar.clone(),
+            allow_misfit: self.allow_misfit,
         };
         let found = sensor(&all, &machine.sensor, &options)?;
         Ok((found, all))
@@ -232,8 +243,7 @@ fn residuals(found: &SensorAnswer, all: &Observations) -> String {
 fn text(found: &SensorAnswer) -> String {
     let u = |i: usize| {
         found
-            .covariance_scatter
-            .or(found.covariance)
+            .best_covariance()
             .map_or_else(|| "unknown".into(), |c| format!("{:.2e}", c[i][i].sqrt()))
     };
     let mut text = String::from("[sensor]\nrotation = [");
@@ -246,13 +256,18 @@ fn text(found: &SensorAnswer) -> String {
     let _ = writeln!(text, "]\ntranslation_mm = [{x}, {y}, {z}]\n");
     let _ = writeln!(
         text,
-        "standard uncertainty: turns {} {} {} rad, shifts {} {} {} mm (by the residuals' scatter)",
+        "standard uncertainty: turns {} {} {} rad, shifts {} {} {} mm (by the scatter of the {})",
         u(0),
         u(1),
         u(2),
         u(3),
         u(4),
-        u(5)
+        u(5),
+        if found.misfit.as_ref().is_some_and(Misfit::stands_out) {
+            "poses"
+        } else {
+            "residuals"
+        }
     );
     if let Some(radius) = found.radius_mm {
         let _ = writeln!(text, "radius {radius:.6} mm");

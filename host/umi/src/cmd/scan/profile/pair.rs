@@ -54,6 +54,16 @@ pub(crate) struct Streams {
     /// Whose pulses are meant; needed only if the table has both
     #[arg(long, value_enum)]
     cause: Option<CauseName>,
+    #[command(flatten)]
+    tolerances: Tolerances,
+    /// Refuse a scan with any loss, duplicate or extra
+    #[arg(long)]
+    strict: bool,
+}
+
+/// What is known of the two streams before they are paired.
+#[derive(Args)]
+pub(crate) struct Tolerances {
     /// The axis that the sensor's own encoder counts, too
     #[arg(long, value_name = "COLUMN", value_parser = axis)]
     encoder: Option<usize>,
@@ -70,9 +80,6 @@ pub(crate) struct Streams {
     /// before at another time is a profile of its own
     #[arg(long, conflicts_with = "frame_bits")]
     counter_restarts: bool,
-    /// Refuse a scan with any loss, duplicate or extra
-    #[arg(long)]
-    strict: bool,
 }
 
 /// When the sensor sees, beside its edge; for the commands that take positions from latches.
@@ -108,6 +115,13 @@ impl Streams {
 
     /// What a pairing must keep to.
     pub fn options(&self) -> PairOptions {
+        self.tolerances.options(self.strict)
+    }
+}
+
+impl Tolerances {
+    /// What a pairing must keep to.
+    pub fn options(&self, strict: bool) -> PairOptions {
         PairOptions {
             jitter_us: self.jitter_us,
             drift_ppm: self.drift_ppm,
@@ -117,7 +131,7 @@ impl Streams {
                 None => FrameCounter::Rises,
             },
             encoder: self.encoder,
-            strict: self.strict,
+            strict,
         }
     }
 }

@@ -13,8 +13,9 @@ use umi_client::timeline::{Follower, LatchTally};
 use umi_scan::ScanError;
 use umi_scan::format::profiles;
 use umi_scan::format::triggers::{self, LatchSignal};
-use umi_scan::pair::{PairOptions, ScanPairing, pair};
+use umi_scan::pair::{ScanPairing, pair};
 
+use super::pair::Tolerances;
 use crate::cmd::record::events::{Following, Rhythm, Scan, Sink, seconds};
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
@@ -43,6 +44,8 @@ pub(crate) struct Record {
     #[arg(long, requires = "trigger_every_us")]
     even: bool,
     #[command(flatten)]
+    tolerances: Tolerances,
+    #[command(flatten)]
     force: Force,
     #[command(flatten)]
     pub format: Format,
@@ -59,11 +62,13 @@ told as lost.
 
 Both files are written as they come. If this program or its computer stops, what is there can
 be read: profiles end between two messages, latches between two lines. At the end the profiles
-are paired with the latches, and record.json says what came of it.
+are paired with the latches, and record.json says what came of it. --encoder, --jitter-us, --drift-ppm,
+--frame-bits and --counter-restarts are those of `umi scan pair`; they change nothing of the files.
 
 Examples:
   umi scan record --port /dev/ttyACM0 --sensor tcp:192.168.1.10 -o scan1 --trigger-every-us 5000
   umi scan record --sensor tcp:192.168.1.10 -o scan2 --trigger-every-mm 0.1 --axis y --laser
+  umi scan record --sensor tcp:192.168.1.10 -o scan2 --encoder y --jitter-us 40
   umi scan record --port tcp://127.0.0.1:5053 --sensor tcp:127.0.0.1:5054 -o scan3 --for 20
 then
   umi scan merge scan1/profiles.gocator scan1/triggers.csv --machine machine.toml -o cloud.ply
@@ -144,7 +149,7 @@ impl Record {
         };
         let latches = triggers::read(table, Some(cause))?;
         let came = profiles::stamps(capture)?;
-        let mut pairing = pair(&came.stamps, &latches, &PairOptions::default())?;
+        let mut pairing = pair(&came.stamps, &latches, &self.tolerances.options(false))?;
         pairing.warnings.extend(came.warning());
         Ok(pairing)
     }

@@ -1,11 +1,14 @@
 //! Simulated calibrations of a mount: exact ones give back the truth, open ones are refused
 //! with the right number of free motions, and the machine's frame makes no difference.
 
+mod misfit;
+
 use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, Pose};
 use umi_scan::ScanError;
 use umi_scan::calibrate::axis::{TurnedCentre, axis};
 use umi_scan::calibrate::bar::BallBar;
+use umi_scan::calibrate::misfit::slips::AxisSlip;
 use umi_scan::calibrate::observations::{Observation, Observations};
 use umi_scan::calibrate::sensor::{Artefact, SensorAnswer, SensorOptions, sensor};
 use umi_scan::rigid::rotation;
@@ -146,7 +149,19 @@ fn spheres(
     noise: Noise,
     random: &mut Random,
 ) -> Observations {
+    spheres_at(centres, radius_mm, swing, noise, random).0
+}
+
+/// The same, and the joints' values at each profile.
+fn spheres_at(
+    centres: &[Vector3<f64>],
+    radius_mm: f64,
+    swing: Swing,
+    noise: Noise,
+    random: &mut Random,
+) -> (Observations, Vec<Vec<f64>>) {
     let machine = machine();
+    let mut all_joints = Vec::new();
     let mut all = Observations {
         features: (0..centres.len()).map(|i| i.to_string()).collect(),
         ..Observations::default()
@@ -158,6 +173,7 @@ fn spheres(
         let (a, c) = (swing.a_deg * random.signed(), swing.c_deg * random.signed());
         let q = joints(&machine, &centres[feature], &middle, a, c);
         all.flanges.push(machine.flange_in_workpiece(&q));
+        all_joints.push(q);
         let cut = (radius_mm * radius_mm - y * y).sqrt();
         for i in 0..13 {
             let (sin, cos) = (0.5 + 2.14 * f64::from(i) / 12.0).sin_cos();
@@ -173,11 +189,23 @@ fn spheres(
             });
         }
     }
-    all
+    all.slips = AxisSlip::of(&machine, &all_joints);
+    (all, all_joints)
 }
 
 fn plane(normal: &Vector3<f64>, swing: Swing, noise: Noise, random: &mut Random) -> Observations {
+    plane_at(normal, swing, noise, random).0
+}
+
+/// The same, and the joints' values at each profile.
+fn plane_at(
+    normal: &Vector3<f64>,
+    swing: Swing,
+    noise: Noise,
+    random: &mut Random,
+) -> (Observations, Vec<Vec<f64>>) {
     let machine = machine();
+    let mut all_joints = Vec::new();
     let normal = normal.normalize();
     let anchor = Vector3::new(10.0, -5.0, 7.0);
     let mut all = Observations {
@@ -193,6 +221,7 @@ fn plane(normal: &Vector3<f64>, swing: Swing, noise: Noise, random: &mut Random)
         let flange = machine.flange_in_workpiece(&q);
         let sensor = flange.after(&truth());
         all.flanges.push(flange);
+        all_joints.push(q);
         for i in -6..=6 {
             let x = f64::from(i) * 3.5;
             // n·(o + x ex + z ez) = n·anchor
@@ -213,7 +242,8 @@ fn plane(normal: &Vector3<f64>, swing: Swing, noise: Noise, random: &mut Random)
             });
         }
     }
-    all
+    all.slips = AxisSlip::of(&machine, &all_joints);
+    (all, all_joints)
 }
 
 fn on_sphere(radius_mm: Option<f64>) -> SensorOptions {
@@ -223,6 +253,7 @@ fn on_sphere(radius_mm: Option<f64>) -> SensorOptions {
         centres: None,
         hold: [false; 3],
         bars: Vec::new(),
+        allow_misfit: false,
     }
 }
 
