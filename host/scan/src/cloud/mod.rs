@@ -34,6 +34,8 @@ pub struct BesidePoint {
     pub t_us: f64,
     /// How bright it was, in the sensor's own measure.
     pub intensity: f64,
+    /// Its standard uncertainty by that of the sensor's mount, in mm.
+    pub mount_u_mm: f64,
 }
 
 impl ScanCloud {
@@ -79,6 +81,8 @@ pub struct CloudPoint {
     pub t_us: f64,
     /// How bright it was, in the sensor's own measure; 0 where the cloud does not say.
     pub intensity: f64,
+    /// Its standard uncertainty by that of the sensor's mount, in mm; 0 where the cloud does not say.
+    pub mount_u_mm: f64,
 }
 
 /// What a cloud says of its points beside their coordinates.
@@ -92,6 +96,8 @@ pub struct CloudColumns {
     pub time: bool,
     /// Their intensity.
     pub intensity: bool,
+    /// Their uncertainty by the mount.
+    pub mount_u: bool,
 }
 
 /// Points one after the other, all finite.

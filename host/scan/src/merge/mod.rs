@@ -67,6 +67,8 @@ pub struct MergeOptions {
     /// A profile without a latch gets its place from the latches before and behind it, where these
     /// are at most so many microseconds apart.
     pub interpolate_us: Option<f64>,
+    /// Each point gets its standard uncertainty by the mount.
+    pub uncertainties: bool,
 }
 
 /// The least and the greatest coordinates.
@@ -319,6 +321,13 @@ pub fn merge(
     sink: &mut dyn PointSink,
 ) -> Result<Merged, ScanError> {
     let merger = Merger::new(machine, triggers, options.latency_us)?;
+    if options.uncertainties && machine.sensor_covariance.is_none() {
+        return Err(ScanError::refused(
+            "no_uncertainty",
+            "the machine file does not say how uncertain the mount is: [sensor] has no covariance; umi scan calibrate \
+             sensor -o writes it",
+        ));
+    }
     let came = profiles::stamps(profiles)?;
     let mut pairing = pair(&came.stamps, triggers, &options.pairing)?;
     pairing.warnings.extend(came.warning());
@@ -383,6 +392,7 @@ pub fn merge(
     };
     let mut mount = MountShare::of(machine);
     let mut points = Vec::new();
+    let mut uncertainties = Vec::new();
     profiles::visit(profiles, Depth::Samples, |profile| {
         let number = profile.stamp.profile;
         let of_latch = latches
@@ -411,9 +421,13 @@ pub fn merge(
             .with("profile", number));
         }
         if let Some(mount) = &mut mount {
-            for sample in profile.samples {
-                mount.take(&Vector3::new(sample.x_mm, 0.0, sample.z_mm));
-            }
+            uncertainties.clear();
+            uncertainties.extend(
+                profile
+                    .samples
+                    .iter()
+                    .map(|sample| mount.take(&Vector3::new(sample.x_mm, 0.0, sample.z_mm))),
+            );
         }
         if let Some((_, first)) = points.first() {
             let bounds = merged.bounds_mm.get_or_insert_with(|| Bounds::of(*first));
@@ -423,6 +437,9 @@ pub fn merge(
         merged.invalid += profile.invalid;
         sink.pose(number, &pose)?;
         sink.time(t_us);
+        if options.uncertainties {
+            sink.uncertainties(&uncertainties);
+        }
         sink.profile(number, &points)
     })?;
     if merged.points == 0 {

@@ -48,13 +48,14 @@ impl MountShare {
         })
     }
 
-    /// Takes a point of a profile, in the sensor's frame.
-    pub fn take(&mut self, seen_mm: &Vector3<f64>) {
+    /// Takes a point of a profile, in the sensor's frame; its standard uncertainty in mm.
+    pub fn take(&mut self, seen_mm: &Vector3<f64>) -> f64 {
         let arm = self.rotation * seen_mm;
         let variance = self.shift + 2.0 * self.mixed.dot(&arm) + arm.dot(&(self.turn * arm));
         self.points += 1;
         self.sum += variance;
         self.greatest = self.greatest.max(variance);
+        variance.max(0.0).sqrt()
     }
 
     /// None without points.
@@ -82,7 +83,7 @@ mod tests {
         machine.sensor.rotation = crate::rigid::rotation(&Vector3::new(0.3, -1.0, 0.5));
         let mut share = MountShare::of(&machine).unwrap();
         let seen = Vector3::new(12.0, 0.0, -7.5);
-        share.take(&seen);
+        let of_the_point = share.take(&seen);
         let arm = machine.sensor.rotation * seen;
         let mut a = Matrix3x6::zeros();
         a.fixed_view_mut::<3, 3>(0, 0)
@@ -92,5 +93,6 @@ mod tests {
         let found = share.finish().unwrap();
         assert!((found.rms_mm / expected - 1.0).abs() < 1e-12);
         assert_eq!(found.rms_mm, found.max_mm);
+        assert_eq!(of_the_point, found.max_mm);
     }
 }

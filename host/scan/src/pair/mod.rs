@@ -8,6 +8,11 @@
 //!
 //! It never pairs by order: a lost trigger, latch or profile shifts nothing.
 //!
+//! The frame counter alone pairs nothing, however the clock is. Nobody knows to which pulse its first frame
+//! belongs: a sensor that is armed late, or misses a pulse while it is busy, counts on from there. In an even train
+//! it says what the clock says already, the time in periods. A clock that stands, or is too coarse, is named
+//! (`no_match`).
+//!
 //! # Limitations
 //! A noise edge within the jitter of an edge whose own latch was missed is taken for it:
 //! nothing tells them apart but a narrower jitter.
@@ -318,6 +323,13 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
             frames.renumbered.len()
         );
     }
+    if let Some(bad) = bad_clock(frames, options.jitter_us) {
+        why += &format!(
+            "; {bad}. The frame counter cannot stand for the times: it counts frames, and nobody knows to which pulse the first \
+             belongs"
+        );
+        return ScanError::refused("no_match", why);
+    }
     let more = trains.within(MORE_DRIFT * trains.drift.max(1e-6));
     if let SearchOutcome::Only(found) = search::search(&more) {
         let explained = found.iter().flatten().count();
@@ -338,6 +350,39 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
         }
     }
     ScanError::refused("no_match", why)
+}
+
+/// That the sensor's clock stands still, or shows whole steps that are wider than the jitter.
+fn bad_clock(frames: &Frames, jitter_us: f64) -> Option<String> {
+    let mut times: Vec<f64> = frames.stamps.iter().map(|stamp| stamp.t_us).collect();
+    times.sort_by(f64::total_cmp);
+    let apart = times.windows(2).map(|pair| pair[1] - pair[0]);
+    let steps: Vec<f64> = apart.filter(|us| *us > 0.0).collect();
+    let n = times.len();
+    if n > 2 && 2 * steps.len() < n {
+        return Some(format!(
+            "the sensor's clock stands still, or is too coarse: {n} profiles have {} times",
+            steps.len() + 1
+        ));
+    }
+    // The widest step that all whole microseconds between profiles are multiples of.
+    let whole = steps.iter().all(|us| us.fract() == 0.0 && *us < 1e15);
+    let common = |a: u64, b: u64| {
+        let (mut a, mut b) = (a, b);
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let step = steps.iter().fold(0, |step, us| common(step, *us as u64));
+    // Half of it to either side, and something for what else is unsharp.
+    let within_us = 0.6 * step as f64;
+    (whole && n > 10 && within_us > jitter_us).then(|| {
+        format!(
+            "the profiles' times come in steps of {step} µs: give --jitter-us {within_us:.0} or more, if that is still less than \
+             half of the shortest interval"
+        )
+    })
 }
 
 fn refuse_faults(pairing: &ScanPairing, triggers: &Triggers) -> Result<(), ScanError> {

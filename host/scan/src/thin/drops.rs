@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::ScanError;
-use crate::cloud::{CloudPoint, Points};
+use crate::cloud::{CloudColumns, CloudPoint, Points};
 use crate::format::points::{PointFile, PointSink, PointStyle};
 
 /// How many points were left out for a reason.
@@ -26,16 +26,17 @@ pub struct Drops {
 }
 
 impl Drops {
-    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them), with their times where the cloud
-    /// has them.
+    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them), with their times and
+    /// uncertainties where the cloud has them.
     ///
     /// # Errors
     /// As [`PointFile::create`].
-    pub fn to_file(path: &Path, times: bool) -> Result<Self, ScanError> {
+    pub fn to_file(path: &Path, columns: CloudColumns) -> Result<Self, ScanError> {
         let style = PointStyle {
             double: true,
             profiles: false,
-            times,
+            times: columns.time,
+            uncertainties: columns.mount_u,
         };
         Ok(Self {
             counts: Vec::new(),
@@ -59,6 +60,7 @@ impl Drops {
         match &mut self.file {
             Some(file) => {
                 file.time(point.t_us);
+                file.uncertainties(&[point.mount_u_mm]);
                 file.profile(point.profile, &[(point.index, point.at)])
             }
             None => Ok(()),

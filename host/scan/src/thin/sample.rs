@@ -21,6 +21,8 @@ pub fn every<'a>(points: Points<'a>, n: u64, drops: &'a RefCell<Drops>) -> Point
 struct Cell {
     sum: [f64; 3],
     intensity: f64,
+    /// Of the mount: one error that all points have together, so that a mean has the mean of it.
+    mount_u_mm: f64,
     n: u64,
 }
 
@@ -51,6 +53,7 @@ pub fn voxels(
             cells.push(Cell {
                 sum: point.at,
                 intensity: point.intensity,
+                mount_u_mm: point.mount_u_mm,
                 n: 1,
             });
             continue;
@@ -60,12 +63,14 @@ pub fn voxels(
             *sum += x;
         }
         cell.intensity += point.intensity;
+        cell.mount_u_mm += point.mount_u_mm;
         cell.n += 1;
         drops.borrow_mut().drop_point("merged", &point)?;
     }
     let mean = |cell: &Cell| CloudPoint {
         at: cell.sum.map(|s| s / cell.n as f64),
         intensity: cell.intensity / cell.n as f64,
+        mount_u_mm: cell.mount_u_mm / cell.n as f64,
         ..CloudPoint::default()
     };
     Ok(cells.iter().map(mean).collect())

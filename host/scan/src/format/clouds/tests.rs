@@ -25,6 +25,8 @@ fn cloud() -> Vec<CloudPoint> {
             index: i % 100,
             t_us: 1e9 / 3.0 + f64::from(i / 100) * 250.125,
             intensity: f64::from(i % 256),
+            // A float keeps it.
+            mount_u_mm: f64::from(i % 31) / 1024.0,
         })
         .collect()
 }
@@ -34,6 +36,7 @@ const ALL: CloudColumns = CloudColumns {
     index: true,
     time: true,
     intensity: true,
+    mount_u: true,
 };
 
 fn write(path: &std::path::Path, double: bool) -> u64 {
@@ -99,6 +102,7 @@ fn coordinates_of_other_formats_come_back() {
             index: holds_all,
             time: true,
             intensity: true,
+            mount_u: name == "a.pcd",
         };
         assert_eq!(reader.columns, columns, "{name}");
         for wanted in cloud() {
@@ -109,6 +113,12 @@ fn coordinates_of_other_formats_come_back() {
             if holds_all {
                 assert_eq!((found.profile, found.index), (wanted.profile, wanted.index));
             }
+            let u_mm = if columns.mount_u {
+                wanted.mount_u_mm
+            } else {
+                0.0
+            };
+            assert_eq!(found.mount_u_mm, u_mm, "{name}");
             let within = if holds_all { 1e-3 } else { 0.5 };
             assert!(
                 (found.intensity - wanted.intensity).abs() <= within,
@@ -136,14 +146,17 @@ fn pcd_has_its_header_and_records() {
         let line = header.lines().find(|l| l.starts_with(name)).unwrap();
         line[name.len()..].trim().to_owned()
     };
-    assert_eq!(value("FIELDS"), "x y z profile index t_us intensity");
-    assert_eq!(value("SIZE"), "8 8 8 4 4 8 4");
-    assert_eq!(value("TYPE"), "F F F U U F F");
+    assert_eq!(
+        value("FIELDS"),
+        "x y z profile index t_us intensity mount_u_mm"
+    );
+    assert_eq!(value("SIZE"), "8 8 8 4 4 8 4 4");
+    assert_eq!(value("TYPE"), "F F F U U F F F");
     assert_eq!(
         (value("WIDTH"), value("POINTS")),
         ("5000".into(), "5000".into())
     );
-    let stride = 44;
+    let stride = 48;
     assert_eq!(bytes.len() - end, 5000 * stride);
     for (record, wanted) in bytes[end..].chunks_exact(stride).zip(cloud()) {
         let real = |k: usize| f64::from_le_bytes(record[8 * k..8 * k + 8].try_into().unwrap());

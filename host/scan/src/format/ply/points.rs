@@ -18,6 +18,7 @@ enum Meaning {
     Index,
     Time,
     Intensity,
+    MountU,
     Other,
 }
 
@@ -60,6 +61,7 @@ impl<R: BufRead> PlyReader<R> {
             "index" => Meaning::Index,
             "t_us" => Meaning::Time,
             "intensity" | "scalar_intensity" | "scalar_Intensity" => Meaning::Intensity,
+            "mount_u_mm" => Meaning::MountU,
             _ => Meaning::Other,
         };
         let properties: Vec<(Meaning, Scalar)> = vertex
@@ -92,6 +94,7 @@ impl<R: BufRead> PlyReader<R> {
             index: has(Meaning::Index),
             time: has(Meaning::Time),
             intensity: has(Meaning::Intensity),
+            mount_u: has(Meaning::MountU),
         }
     }
 
@@ -135,6 +138,7 @@ impl<R: BufRead> PlyReader<R> {
             Meaning::Index => point.index = value as u32,
             Meaning::Time => point.t_us = value,
             Meaning::Intensity => point.intensity = value,
+            Meaning::MountU => point.mount_u_mm = value,
             Meaning::Other => {}
         };
         if self.encoding == Encoding::Text {

@@ -27,6 +27,8 @@ pub(super) struct HandedPoints {
     writer: Option<JoinHandle<Result<WrittenCloud, ScanError>>>,
     /// Of the profile that comes next.
     t_us: f64,
+    /// As `t_us`, of its points.
+    mount_u_mm: Vec<f64>,
 }
 
 impl HandedPoints {
@@ -45,6 +47,7 @@ impl HandedPoints {
             to: Some(to),
             writer: Some(writer),
             t_us: 0.0,
+            mount_u_mm: Vec::new(),
         }
     }
 
@@ -72,15 +75,26 @@ impl PointSink for HandedPoints {
         self.t_us = t_us;
     }
 
+    fn uncertainties(&mut self, mount_u_mm: &[f64]) {
+        self.mount_u_mm.clear();
+        self.mount_u_mm.extend_from_slice(mount_u_mm);
+    }
+
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
         let t_us = self.t_us;
-        let points = points.iter().map(|&(index, at)| CloudPoint {
-            at,
-            profile,
-            index,
-            t_us,
-            ..CloudPoint::default()
-        });
+        let u_mm = self.mount_u_mm.iter().copied();
+        let u_mm = u_mm.chain(std::iter::repeat(0.0));
+        let points = points
+            .iter()
+            .zip(u_mm)
+            .map(|(&(index, at), mount_u_mm)| CloudPoint {
+                at,
+                profile,
+                index,
+                t_us,
+                mount_u_mm,
+                ..CloudPoint::default()
+            });
         self.hand(Handover::Points(points.collect()))
     }
 

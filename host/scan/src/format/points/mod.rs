@@ -5,7 +5,7 @@
 //! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
 //!   [`super::clouds`] writes them.
 //!
-//! Each has the time of every point where that is asked for.
+//! Each has the time of every point where that is asked for; `.csv`, `.ply`, `.pcd` and `.parquet` its uncertainty by the mount.
 //!
 //! A file appears under its name only when it is complete.
 
@@ -23,7 +23,7 @@ use umi_kinematics::Pose;
 use crate::ScanError;
 use crate::cloud::CloudColumns;
 use crate::format::clouds::CloudStyle;
-use crate::format::clouds::write::check_extension;
+use crate::format::clouds::write::{check_extension, holds_uncertainty};
 use crate::format::partial::Partial;
 
 /// Takes the points of a scan.
@@ -38,6 +38,9 @@ pub trait PointSink {
 
     /// Takes when the sensor saw the profile that comes next, in microseconds of the board's clock.
     fn time(&mut self, _t_us: f64) {}
+
+    /// Takes the standard uncertainties by the mount of the points of the profile that comes next, in mm.
+    fn uncertainties(&mut self, _mount_u_mm: &[f64]) {}
 
     /// Takes the points of a profile, each with its index in the sensor's array.
     ///
@@ -62,6 +65,8 @@ pub struct PointStyle {
     pub profiles: bool,
     /// The time of each point.
     pub times: bool,
+    /// The standard uncertainty of each point by the mount.
+    pub uncertainties: bool,
 }
 
 /// A file of points that is being written.
@@ -92,8 +97,18 @@ impl PointFile {
                 ),
             ));
         }
+        if style.uncertainties && !holds_uncertainty(path) {
+            return Err(ScanError::unreadable(
+                "format",
+                format_args!(
+                    "{}: only CSV, PLY, PCD and Parquet have room for the points' uncertainty",
+                    path.display()
+                ),
+            ));
+        }
         let profiles = style.profiles || kind != "ply";
-        let plain = !style.times && (kind == "csv" || kind == "ply" && !profiles);
+        let plain =
+            !style.times && !style.uncertainties && (kind == "csv" || kind == "ply" && !profiles);
         if !plain {
             check_extension(path)?;
             let style = CloudStyle {
@@ -102,6 +117,7 @@ impl PointFile {
                     index: profiles,
                     time: style.times,
                     intensity: false,
+                    mount_u: style.uncertainties,
                 },
                 double: style.double,
                 longest_mm: None,
@@ -160,6 +176,10 @@ impl PointSink for PointFile {
 
     fn time(&mut self, t_us: f64) {
         self.sink.time(t_us);
+    }
+
+    fn uncertainties(&mut self, mount_u_mm: &[f64]) {
+        self.sink.uncertainties(mount_u_mm);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {

@@ -207,6 +207,132 @@ fn the_mounts_uncertainty_goes_into_the_points() {
     assert_eq!(error["error"]["code"], "machine");
 }
 
+/// Each point has its own, in every format that has room for it, and keeps it in the commands behind.
+#[test]
+fn each_point_has_its_uncertainty_where_that_is_asked_for() {
+    let folder = Folder::new();
+    let triggers = case("merge_3axis.triggers.csv");
+    let plain = std::fs::read_to_string(case("merge_3axis.toml")).unwrap();
+    // 3 µm along x, and 2 mrad about each axis: the shift and what the arm makes of the turns.
+    let mut covariance = [[0.0; 6]; 6];
+    covariance[3][3] = 9e-6;
+    (0..3).for_each(|i| covariance[i][i] = 4e-6);
+    let text = plain.replace(
+        "[sensor]\n",
+        &format!("[sensor]\ncovariance = {covariance:?}\n"),
+    );
+    let machine = folder.file("machine.toml", text);
+    let merged = merge(
+        &folder,
+        &triggers,
+        &machine,
+        "a.csv",
+        &["--uncertainty-too"],
+    );
+    let table = std::fs::read_to_string(folder.path("a.csv")).unwrap();
+    assert!(
+        table.starts_with("profile,index,x_mm,y_mm,z_mm,mount_u_mm\n"),
+        "{table}"
+    );
+    let column = |text: &str| -> Vec<f64> {
+        let rows = text.lines().skip(1);
+        rows.map(|row| row.rsplit(',').next().unwrap().parse().unwrap())
+            .collect()
+    };
+    let found = column(&table);
+    // By the samples themselves: both variances across the arm for each turn.
+    let profiles = std::fs::read_to_string(case("merge_3axis.profiles.csv")).unwrap();
+    let mut wanted = std::collections::HashMap::new();
+    for row in profiles.lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        if let (Ok(x), Ok(z)) = (cells[5].parse::<f64>(), cells[6].parse::<f64>()) {
+            let key = format!("{},{}", cells[0], cells[4]);
+            wanted.insert(key, (9e-6 + 2.0 * 4e-6 * (x * x + z * z)).sqrt());
+        }
+    }
+    assert_eq!(found.len() as u64, merged["points"]);
+    for (row, u) in table.lines().skip(1).zip(&found) {
+        let key = row.split(',').take(2).collect::<Vec<_>>().join(",");
+        assert!(
+            (u / wanted[&key] - 1.0).abs() < 1e-9,
+            "{row} {}",
+            wanted[&key]
+        );
+    }
+    let most = found.iter().copied().fold(0.0, f64::max);
+    assert!((merged["mount_u_mm"]["max_mm"].as_f64().unwrap() / most - 1.0).abs() < 1e-12);
+    for name in ["a.ply", "a.pcd"] {
+        let more = ["--uncertainty-too", "--times-too", "--double"];
+        merge(&folder, &triggers, &machine, name, &more);
+        let back = folder.path("back.csv");
+        umi(&[
+            "scan",
+            "convert",
+            &folder.path(name),
+            "-o",
+            &back,
+            "--force",
+        ])
+        .exits(0);
+        let text = std::fs::read_to_string(&back).unwrap();
+        assert!(
+            text.lines().next().unwrap().ends_with("t_us,mount_u_mm"),
+            "{name}"
+        );
+        for (a, b) in column(&text).iter().zip(&found) {
+            assert!((a / b - 1.0).abs() < 1e-6, "{name}: {a} {b}");
+        }
+    }
+    merge(
+        &folder,
+        &triggers,
+        &machine,
+        "a.parquet",
+        &["--uncertainty-too"],
+    );
+    // What has no room says so; so does a mount of which nothing is known.
+    let profiles = case("merge_3axis.profiles.csv");
+    let refused = |machine: &str, name: &str| {
+        let out = folder.path(name);
+        let args = [
+            "scan",
+            "merge",
+            &profiles,
+            &triggers,
+            "--machine",
+            machine,
+            "-o",
+            &out,
+        ];
+        let ran = umi(&[&args[..], &["--uncertainty-too", "--json"]].concat());
+        assert!(!PathBuf::from(&out).exists(), "{name}");
+        let status = ran.status;
+        (
+            status,
+            ran.json()["error"]["code"].as_str().unwrap().to_owned(),
+        )
+    };
+    assert_eq!(refused(&machine, "a.laz"), (1, "format".into()));
+    assert_eq!(
+        refused(&case("merge_3axis.toml"), "b.csv"),
+        (2, "no_uncertainty".into())
+    );
+    let out = folder.path("b.laz");
+    let told = umi(&[
+        "scan",
+        "convert",
+        &folder.path("a.csv"),
+        "-o",
+        &out,
+        "--json",
+    ]);
+    let told = told.exits(0).json();
+    assert!(
+        told["warnings"].to_string().contains("mount_u_mm"),
+        "{told}"
+    );
+}
+
 /// A merge writes every format that a cloud has, with the same points; what is refused leaves no
 /// file.
 #[test]

@@ -150,6 +150,67 @@ fn solid() -> Vec<[[f64; 3]; 3]> {
     vec![[o, y, x], [o, x, z], [o, z, y], [x, y, z]]
 }
 
+/// A sensor's clock that stands, or is rounded to milliseconds, is named; its frame counter, which is right, stands for no
+/// time, whichever way it runs.
+#[test]
+fn a_clock_that_cannot_be_used_is_named_whatever_the_frame_counter_says() {
+    let folder = Folder::new();
+    let mut latches = String::from(
+        "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,axis5_counts,axis6_counts,lost\n",
+    );
+    let times: Vec<u64> = (0..60_u64)
+        .map(|k| 1_000_000 + 5000 * k + k * k * 7919 % 1601)
+        .collect();
+    for (k, t) in times.iter().enumerate() {
+        writeln!(latches, "latch,{k},output,{t}000,{k},0,0,,,,0").unwrap();
+    }
+    let latches = folder.file("latches.csv", latches);
+    let pair = |clock: &dyn Fn(u64) -> u64, more: &[&str]| {
+        let mut text = String::from("profile,frame,t_us,encoder,index,x_mm,z_mm\n");
+        for (k, t) in times.iter().enumerate() {
+            writeln!(text, "{k},{k},{},,0,1,2", clock(*t)).unwrap();
+        }
+        let profiles = folder.file("profiles.csv", text);
+        umi(&[&["scan", "pair", &profiles, &latches, "--json"], more].concat())
+    };
+    let refused = |clock: &dyn Fn(u64) -> u64| {
+        let error = pair(clock, &[]).exits(2).json()["error"].clone();
+        assert_eq!(error["code"], "no_match", "{error}");
+        error["message"].as_str().unwrap().to_owned()
+    };
+    for clock in [|_: u64| 0_u64, |_| 77, |t| t / 1_000_000] {
+        let said = refused(&clock);
+        assert!(said.contains("stands still, or is too coarse"), "{said}");
+        assert!(
+            said.contains("frame counter cannot stand for the times"),
+            "{said}"
+        );
+    }
+    let said = refused(&|t| t / 1000 * 1000);
+    assert!(
+        said.contains("in steps of 1000 µs: give --jitter-us 600"),
+        "{said}"
+    );
+    let found = pair(&|t| t / 1000 * 1000, &["--jitter-us", "600"])
+        .exits(0)
+        .json();
+    let pairs = found["pairs"].as_array().unwrap();
+    assert_eq!(pairs.len(), 60);
+    assert!(
+        pairs.iter().all(|pair| pair["profile"] == pair["number"]),
+        "{found}"
+    );
+    // A foreign train is just that.
+    let said = {
+        let error = pair(&|t| t * t % 999_983 + 3 * t, &[]).exits(2).json();
+        error["error"]["message"].as_str().unwrap().to_owned()
+    };
+    assert!(
+        !said.contains("steps") && !said.contains("stands"),
+        "{said}"
+    );
+}
+
 /// A box at the origin, 20 mm each way, and points of its faces.
 fn cube(side: f64) -> Vec<[[f64; 3]; 3]> {
     let corner = |k: usize| [k & 1, (k >> 1) & 1, k >> 2].map(|bit| side * bit as f64);

@@ -36,6 +36,7 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
         index: all(RecordName::ColumnIndex),
         time: all(RecordName::TimeStamp),
         intensity: all(RecordName::Intensity),
+        mount_u: false,
     };
     for scan in scans {
         let of_name = of_name(&scan);
@@ -55,6 +56,7 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
                 index: u32::try_from(point.column).unwrap_or(0),
                 t_us: times_us.get(place).copied().unwrap_or(0.0),
                 intensity: f64::from(point.intensity.unwrap_or(0.0)),
+                mount_u_mm: 0.0,
             };
             match point.cartesian {
                 CartesianCoordinate::Valid { x, y, z } => {

@@ -22,8 +22,8 @@ struct Field {
 
 struct Header {
     axes: [Field; 3],
-    /// Profile, index, time and intensity, where it has them.
-    others: [Option<Field>; 4],
+    /// Profile, index, time, intensity and uncertainty by the mount, where it has them.
+    others: [Option<Field>; 5],
     stride: usize,
     columns: usize,
     points: usize,
@@ -107,7 +107,7 @@ impl Header {
         if [sizes.len(), kinds.len(), counts.len()] != [names.len(); 3] {
             return Err(bad("FIELDS, SIZE, TYPE and COUNT are not of one length"));
         }
-        let (mut axes, mut others) = ([None; 3], [None; 4]);
+        let (mut axes, mut others) = ([None; 3], [None; 5]);
         let (mut stride, mut columns) = (0_usize, 0_usize);
         for (i, name) in names.iter().enumerate() {
             let field = Field {
@@ -122,7 +122,7 @@ impl Header {
                 }
                 axes[axis] = Some(field);
             }
-            let other = ["profile", "index", "t_us", "intensity"]
+            let other = ["profile", "index", "t_us", "intensity", "mount_u_mm"]
                 .iter()
                 .position(|other| other == name);
             if let Some(other) = other.filter(|_| field.is_known() && counts[i] == 1) {
@@ -154,13 +154,14 @@ impl Header {
 
     /// A cloud without points, for all of them.
     fn cloud(&self) -> ScanCloud {
-        let [profile, index, time, intensity] = self.others.map(|field| field.is_some());
+        let [profile, index, time, intensity, mount_u] = self.others.map(|field| field.is_some());
         let mut cloud = ScanCloud {
             columns: CloudColumns {
                 profile,
                 index,
                 time,
                 intensity,
+                mount_u,
             },
             ..ScanCloud::default()
         };
@@ -171,13 +172,13 @@ impl Header {
     /// Takes a point by what `number` says of each field.
     fn take(&self, cloud: &mut ScanCloud, number: impl Fn(Field) -> Option<f64>) -> Option<()> {
         let [x, y, z] = self.axes.map(&number);
-        let mut beside = [0.0; 4];
+        let mut beside = [0.0; 5];
         for (value, field) in beside.iter_mut().zip(self.others) {
             if let Some(field) = field {
                 *value = number(field)?;
             }
         }
-        let [profile, index, t_us, intensity] = beside;
+        let [profile, index, t_us, intensity, mount_u_mm] = beside;
         cloud.push_with(
             Vec3::new(x?, y?, z?),
             BesidePoint {
@@ -186,6 +187,7 @@ impl Header {
                 index: index as u32,
                 t_us,
                 intensity,
+                mount_u_mm,
             },
         );
         Some(())

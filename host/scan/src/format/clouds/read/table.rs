@@ -15,6 +15,7 @@ pub(super) struct TablePoints<R> {
     index: Option<Column>,
     time: Option<Column>,
     intensity: Option<Column>,
+    mount_u: Option<Column>,
 }
 
 impl<R: BufRead> TablePoints<R> {
@@ -36,6 +37,7 @@ impl<R: BufRead> TablePoints<R> {
             index: table.optional("index"),
             time: table.optional("t_us"),
             intensity: table.optional("intensity"),
+            mount_u: table.optional("mount_u_mm"),
             table,
         })
     }
@@ -47,6 +49,7 @@ impl<R: BufRead> TablePoints<R> {
             index: self.index.is_some(),
             time: self.time.is_some(),
             intensity: self.intensity.is_some(),
+            mount_u: self.mount_u.is_some(),
         }
     }
 
@@ -62,6 +65,7 @@ impl<R: BufRead> TablePoints<R> {
             index: self.index.map_or(Ok(0), |c| row.integer(c))?,
             t_us: self.time.map_or(Ok(0.0), |c| row.number(c))?,
             intensity: self.intensity.map_or(Ok(0.0), |c| row.number(c))?,
+            mount_u_mm: self.mount_u.map_or(Ok(0.0), |c| row.number(c))?,
         };
         Ok(Some((at, beside)))
     }

@@ -88,6 +88,15 @@ pub fn check_extension(path: &Path) -> Result<(), ScanError> {
     format_of(path).map(|_| ())
 }
 
+/// Whether the format has room for the points' uncertainty by the mount.
+#[must_use]
+pub fn holds_uncertainty(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| {
+        let is = |name: &str| extension.eq_ignore_ascii_case(name);
+        ["csv", "ply", "pcd", "parquet"].into_iter().any(is)
+    })
+}
+
 /// What came of a cloud that was written.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrittenCloud {

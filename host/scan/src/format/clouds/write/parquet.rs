@@ -37,6 +37,9 @@ pub(super) fn write(
     if columns.intensity {
         schema += "REQUIRED DOUBLE intensity; ";
     }
+    if columns.mount_u {
+        schema += "REQUIRED DOUBLE mount_u_mm; ";
+    }
     let schema = parse_message_type(&(schema + "}")).map_err(refused)?;
     let file = partial.begin()?;
     let mut writer =
@@ -92,6 +95,7 @@ pub(super) fn write(
         }
         real(columns.time, &|p| p.t_us).map_err(refused)?;
         real(columns.intensity, &|p| p.intensity).map_err(refused)?;
+        real(columns.mount_u, &|p| p.mount_u_mm).map_err(refused)?;
         group.close().map_err(refused)?;
     }
     writer.close().map_err(refused)?;

@@ -31,7 +31,7 @@ fn header(style: CloudStyle, count: u64) -> String {
         let kind = match kind {
             Kind::Coordinate if style.double => "double",
             Kind::Time => "double",
-            Kind::Coordinate | Kind::Intensity => "float",
+            Kind::Coordinate | Kind::Measure => "float",
             Kind::Number => "uint",
         };
         (kind, name)

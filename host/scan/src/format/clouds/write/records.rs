@@ -44,6 +44,9 @@ pub(super) fn write(
         if columns.intensity {
             record.extend_from_slice(&(p.intensity as f32).to_le_bytes());
         }
+        if columns.mount_u {
+            record.extend_from_slice(&(p.mount_u_mm as f32).to_le_bytes());
+        }
         out.write_all(&record).map_err(io)?;
     }
     out.seek(SeekFrom::Start(0)).map_err(io)?;
@@ -51,7 +54,7 @@ pub(super) fn write(
     out.flush().map_err(io)
 }
 
-/// Names and kinds of the columns, in the order of the bytes: whether it is a coordinate, a number, the time or the intensity.
+/// Names and kinds of the columns, in the order of the bytes.
 pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
     let mut all = vec![
         ("x", Kind::Coordinate),
@@ -68,7 +71,10 @@ pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
         all.push(("t_us", Kind::Time));
     }
     if style.columns.intensity {
-        all.push(("intensity", Kind::Intensity));
+        all.push(("intensity", Kind::Measure));
+    }
+    if style.columns.mount_u {
+        all.push(("mount_u_mm", Kind::Measure));
     }
     all
 }
@@ -79,5 +85,6 @@ pub(super) enum Kind {
     Number,
     /// Always a double: a float of microseconds is off by a millisecond after three hours.
     Time,
-    Intensity,
+    /// A float is enough.
+    Measure,
 }

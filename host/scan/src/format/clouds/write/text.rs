@@ -1,4 +1,4 @@
-//! CSV: `profile,index,x_mm,y_mm,z_mm,t_us,intensity`, without the columns that a cloud does not have.
+//! CSV: `profile,index,x_mm,y_mm,z_mm,t_us,intensity,mount_u_mm`, without the columns that a cloud does not have.
 
 use std::io::{BufWriter, Write};
 
@@ -29,6 +29,9 @@ pub(super) fn write(
     if columns.intensity {
         names.push("intensity");
     }
+    if columns.mount_u {
+        names.push("mount_u_mm");
+    }
     writeln!(out, "{}", names.join(",")).map_err(io)?;
     while let Some(p) = points.next_point()? {
         if columns.profile {
@@ -45,6 +48,9 @@ pub(super) fn write(
         }
         if columns.intensity {
             write!(out, ",{}", p.intensity).map_err(io)?;
+        }
+        if columns.mount_u {
+            write!(out, ",{}", p.mount_u_mm).map_err(io)?;
         }
         writeln!(out).map_err(io)?;
     }

@@ -84,6 +84,7 @@ impl Clouds {
                     // A mean of several points is of no profile.
                     CloudColumns {
                         intensity: reader.columns.intensity,
+                        mount_u: reader.columns.mount_u,
                         ..CloudColumns::default()
                     }
                 } else {
@@ -93,11 +94,17 @@ impl Clouds {
                 longest_mm: self.longest_mm,
             };
             let drops = RefCell::new(match dropped {
-                Some(path) => Drops::to_file(path, reader.columns.time)?,
+                Some(path) => Drops::to_file(path, reader.columns)?,
                 None => Drops::default(),
             });
             let written = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;
             let dropped = drops.into_inner().finish()?;
+            let mut warnings = write::notes(&self.output, self.double, written.farthest_mm);
+            if style.columns.mount_u && !write::holds_uncertainty(&self.output) {
+                warnings.push(
+                    "This format has no room for the column mount_u_mm: it is left out.".into(),
+                );
+            }
             Ok(Thinned {
                 kind,
                 points: written.points
@@ -106,7 +113,7 @@ impl Clouds {
                 kept: written.points,
                 not_finite: reader.not_finite,
                 dropped,
-                warnings: write::notes(&self.output, self.double, written.farthest_mm),
+                warnings,
             })
         };
         answer(make(), self.format.json, text)

@@ -32,6 +32,10 @@ losses that the board told could have put it behind. A shift that drifts by more
 is refused, and the drift that was seen is named.
 Lost, repeated and extra profiles, lost triggers and missed latches are named and counted.
 
+The sensor's frame counter sorts out what came twice and counts what is lost. It pairs nothing: nobody
+knows to which pulse its first frame belongs. Without a clock that can be used (it stands, or its steps
+are wider than half an interval) a scan is refused.
+
 Examples:
   umi scan pair profiles.csv scan.csv
   umi scan pair part.gocator scan.csv --encoder x
