@@ -315,6 +315,22 @@ fn trips<R: SensorRig>(rig: R) {
     assert!(!shop.rig.sensor_lines().0.skip);
 }
 
+/// Pulses that the board cannot send are refused to the control by name: none is waited for, and a line of them
+/// is not said to be under way.
+fn refuses_pulses<R: SensorRig>(rig: R) {
+    let mut shop = Shop::new(rig);
+    let mut set_up = sensor();
+    // Longer than from one pulse to the next at 2000 Hz.
+    set_up.pulse.width_us = 1000;
+    shop.client.set_sensor(Some(set_up)).unwrap();
+    let refused = i64::from(PlaceState::Refused.number());
+    assert_eq!(shop.served(&[1, 2000, 2000, 20, 44, 0, 1]).1, refused);
+    assert!(!shop.rig.sensor_lines().1 && !shop.rig.sensor_lines().0.is_ok);
+    // At 500 Hz they fit.
+    assert_eq!(shop.done(&[1, 500, 2000, 20, 44, 0, 1]), 0.0);
+    assert!(shop.rig.sensor_lines().0.is_ok);
+}
+
 /// A sensor that is switched off, one that says nothing, and one that sees nothing: each is told, and
 /// the control hears of each.
 fn fails_by_name<R: SensorRig>(rig: R) {
@@ -382,6 +398,11 @@ fn the_virtual_board_trips() {
 #[test]
 fn the_virtual_board_names_what_fails() {
     fails_by_name(VirtualRig::start().unwrap());
+}
+
+#[test]
+fn the_virtual_board_refuses_pulses() {
+    refuses_pulses(VirtualRig::start().unwrap());
 }
 
 #[test]

@@ -124,7 +124,19 @@ fn settle(
     shown: &mut Shown,
     now: Micros,
 ) {
-    let (mut trigger, mut lines) = (SensorTrigger::Off, SensorLines::REST);
+    let mut trigger = station.as_ref().map_or(SensorTrigger::Off, wanted);
+    if shown.trigger != Some(trigger) {
+        shown.trigger = Some(trigger);
+        if port.trigger(trigger, pulse).is_err() {
+            // There are none now, and the control hears it at once.
+            shown.trigger = Some(SensorTrigger::Off);
+            trigger = SensorTrigger::Off;
+            if let Some(station) = station {
+                station.pulses_refused();
+            }
+        }
+    }
+    let mut lines = SensorLines::REST;
     if let Some(station) = station {
         while let Some(record) = station.take_record() {
             inbox.tell(now, record);
@@ -137,12 +149,6 @@ fn settle(
             is_ok: signals.is_ok,
             has_no_signal: signals.has_no_signal,
         };
-        trigger = wanted(station);
-    }
-    if shown.trigger != Some(trigger) {
-        shown.trigger = Some(trigger);
-        // Pulses that cannot be sent are captures that do not come: that is told.
-        let _ = port.trigger(trigger, pulse);
     }
     if shown.lines != lines {
         shown.lines = lines;

@@ -13,6 +13,7 @@ use core::task::Poll;
 use embassy_stm32::gpio::{AfType, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac::USART2;
+use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::pac::usart::vals::{Presc, Stop};
 use embassy_stm32::{peripherals, rcc};
 use embassy_sync::waitqueue::AtomicWaker;
@@ -53,31 +54,35 @@ pub fn start() {
 /// Sets the line while nothing goes out: eight data bits, no parity. What comes in at this moment
 /// may be damaged.
 pub fn set(line: LineSettings) {
+    set_port(USART2, &line, false);
+    LINE.set_line(&line);
+}
+
+/// Sets a port, with its FIFO or without.
+pub fn set_port(port: Usart, line: &LineSettings, fifo: bool) {
     // The settings can be written while the port is off.
-    USART2.cr1().modify(|w| w.set_ue(false));
-    USART2.presc().write(|w| {
+    port.cr1().modify(|w| w.set_ue(false));
+    port.presc().write(|w| {
         w.set_prescaler(match is_slow(line.baud) {
             true => const { slow() },
             false => Presc::DIV1,
         });
     });
-    USART2
-        .brr()
+    port.brr()
         .write(|w| w.set_brr(baud_divider(line.baud) as u16));
-    USART2.cr2().write(|w| {
+    port.cr2().write(|w| {
         w.set_stop(match line.stop_bits {
             2 => Stop::STOP2,
             _ => Stop::STOP1,
         });
     });
-    USART2.cr1().write(|w| {
-        w.set_fifoen(false);
+    port.cr1().write(|w| {
+        w.set_fifoen(fifo);
         w.set_te(true);
         w.set_re(true);
         w.set_rxneie(true);
         w.set_ue(true);
     });
-    LINE.set_line(&line);
 }
 
 /// As the plan has it.
@@ -88,27 +93,36 @@ const fn slow() -> Presc {
 
 #[interrupt]
 fn USART2() {
-    let status = USART2.isr().read();
-    // An overrun interrupts without a byte too, if it came after the status was read for it.
-    if status.rxne() || status.ore() {
-        let byte = status.rxne().then(|| USART2.rdr().read().dr() as u8);
-        let broken = status.fe() || status.ne();
-        // Only what has been seen: what comes in between is there at the next interrupt.
-        USART2.icr().write(|w| {
-            w.set_fe(status.fe());
-            w.set_ne(status.ne());
-            w.set_ore(status.ore());
-        });
-        // What was overrun came behind the byte that was there.
-        let is_broken = byte.is_some() && broken;
-        let lost = u32::from(is_broken) + u32::from(status.ore());
-        LINE.take(byte.filter(|_| !broken), lost);
+    if let Some((byte, lost)) = taken(USART2) {
+        LINE.take(byte, lost);
     }
-    if status.txe() && USART2.cr1().read().txeie() {
+    if USART2.isr().read().txe() && USART2.cr1().read().txeie() {
         // Asked for again by who waits.
         asked_for(false);
         WENT.wake();
     }
+}
+
+/// The next that a port has received: a byte, if one was whole, and then so many that were lost
+/// behind it. None: nothing.
+pub fn taken(port: Usart) -> Option<(Option<u8>, u32)> {
+    let status = port.isr().read();
+    // An overrun interrupts without a byte too, if it came after the status was read for it.
+    if !(status.rxne() || status.ore()) {
+        return None;
+    }
+    let byte = status.rxne().then(|| port.rdr().read().dr() as u8);
+    let broken = status.fe() || status.ne();
+    // Only what has been seen: what comes in between is there at the next interrupt.
+    port.icr().write(|w| {
+        w.set_fe(status.fe());
+        w.set_ne(status.ne());
+        w.set_ore(status.ore());
+    });
+    // What was overrun came behind the byte that was there.
+    let is_broken = byte.is_some() && broken;
+    let lost = u32::from(is_broken) + u32::from(status.ore());
+    Some((byte.filter(|_| !broken), lost))
 }
 
 /// Whether there is an interrupt when a byte has begun to leave.

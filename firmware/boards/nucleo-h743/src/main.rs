@@ -4,8 +4,9 @@
 //! ```text
 //! priority          runs
 //! capture           TIM5: an edge; TIM7: a look at the counters
-//! drivers           USART2, TIM12 (embassy's time)
+//! drivers           USART2, USART6, TIM12 (embassy's time)
 //! serial tasks      receive, transmit, latch
+//! sensor task       sense
 //! link driver       USB
 //! link tasks        USB, serve
 //! none              measure, supervise
@@ -18,6 +19,7 @@
 //! | [`axes`] | positions and captures |
 //! | [`clock`] | time |
 //! | [`control`] | the control's RS-232 |
+//! | [`sensor`] | a distance sensor's line, pulses and outputs |
 //! | [`reset`] | why the board started; panics |
 //!
 //! The flash, USB and queues are in `umi-drivers`.
@@ -34,6 +36,7 @@ mod reset;
     reason = "build.rs reads what is not used here; in a constant the compiler finds what is outside"
 )]
 mod resources;
+mod sensor;
 mod timers;
 
 use defmt_rtt as _;
@@ -52,6 +55,7 @@ use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::{Boot, StorageAreas};
+use umi_app::sensor::PointStation;
 use umi_app::{App, Running};
 use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
 use umi_drivers::usb_serial;
@@ -70,7 +74,11 @@ bind_interrupts!(struct Interrupts {
 
 static APP: Application = App::new();
 
+/// Of the distance sensor.
+static POINT: PointStation = PointStation::new();
+
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
+static SENSOR_TASKS: InterruptExecutor = InterruptExecutor::new();
 static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 
 /// The settings' part of the flash, and that of the part programs; the journal has the rest.
@@ -98,6 +106,13 @@ fn main() -> ! {
     let station = axes::Station {
         laser: Output::new(p.PG0, Level::Low, Speed::Low),
     };
+    let low = Speed::Low;
+    let port = sensor::SensorEnd {
+        skip: Output::new(p.PF12, Level::Low, low),
+        parity: Output::new(p.PG1, Level::Low, low),
+        is_ok: Output::new(p.PG2, Level::Low, low),
+        has_no_signal: Output::new(p.PG3, Level::Low, low),
+    };
     let lamps = Lamps {
         ok: Output::new(p.PF13, Level::Low, Speed::Low),
         ng: Output::new(p.PF14, Level::Low, Speed::Low),
@@ -117,6 +132,7 @@ fn main() -> ! {
     timers::start();
     timers::start_looking();
     control::start();
+    sensor::start();
 
     let select = Output::new(p.PE4, Level::High, Speed::VeryHigh);
     let mut speed = spi::Config::default();
@@ -155,6 +171,9 @@ fn main() -> ! {
         settings,
         programs,
     };
+    if let Err(Running) = app.senses(&POINT) {
+        stop("the application runs already");
+    }
     match app.start(boot, areas, BoardClock.now()) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
@@ -177,6 +196,8 @@ fn main() -> ! {
     serial.spawn(first(transmit(app)));
     serial.spawn(first(latch(app)));
     serial.spawn(first(button(app, blue)));
+    let sensing = SENSOR_TASKS.start(interrupt::UART7);
+    sensing.spawn(first(sense(app, port)));
     let link = LINK_TASKS.start(interrupt::UART5);
     link.spawn(first(serve(app, p.USB_OTG_FS, p.PA12, p.PA11, station)));
     TASKS.init(Executor::new()).run(|here| {
@@ -229,14 +250,21 @@ fn set_priorities() {
         (interrupt::TIM5, Priority::P1),
         (interrupt::TIM7, Priority::P1),
         (interrupt::USART2, Priority::P2),
+        (interrupt::USART6, Priority::P2),
         (interrupt::TIM8_BRK_TIM12, Priority::P3),
         (interrupt::UART4, Priority::P4),
-        (interrupt::OTG_FS, Priority::P5),
-        (interrupt::UART5, Priority::P6),
+        (interrupt::UART7, Priority::P5),
+        (interrupt::OTG_FS, Priority::P6),
+        (interrupt::UART5, Priority::P7),
     ] {
         interrupt.set_priority(priority);
     }
-    for interrupt in [interrupt::TIM5, interrupt::TIM7, interrupt::USART2] {
+    for interrupt in [
+        interrupt::TIM5,
+        interrupt::TIM7,
+        interrupt::USART2,
+        interrupt::USART6,
+    ] {
         // SAFETY: their functions are written for the state that they find.
         unsafe { interrupt.enable() };
     }
@@ -247,6 +275,13 @@ fn set_priorities() {
 fn UART4() {
     // SAFETY: this is the interrupt that the executor was started with.
     unsafe { SERIAL_TASKS.on_interrupt() }
+}
+
+/// Runs the task of the distance sensor.
+#[interrupt]
+fn UART7() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { SENSOR_TASKS.on_interrupt() }
 }
 
 /// Runs the tasks of the link.
@@ -293,6 +328,11 @@ async fn transmit(app: &'static Application) {
 #[embassy_executor::task]
 async fn latch(app: &'static Application) {
     app.latch(&mut &axes::LATCHES, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn sense(app: &'static Application, mut port: sensor::SensorEnd) {
+    app.sense(&mut port, &BoardClock).await;
 }
 
 #[embassy_executor::task]

@@ -77,6 +77,12 @@ pub const CONTROL: [Signal; 2] = [
     signal(('D', 6), "USART2", "RX", 7),
 ];
 
+/// RS-232 or RS-422 from a distance sensor.
+pub const SENSOR: [Signal; 1] = [signal(('G', 9), "USART6", "RX", 7)];
+
+/// Trigger pulses to a distance sensor.
+pub const PULSES: [Signal; 1] = [signal(('B', 8), "TIM16", "CH1", 1)];
+
 /// The journal's flash, without its select line.
 pub const FLASH: [Signal; 3] = [
     signal(('E', 2), "SPI4", "SCK", 5),
@@ -90,9 +96,9 @@ pub const USB: [Signal; 2] = [
     signal(('A', 12), "USB_OTG_FS", "DP", 10),
 ];
 
-/// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, and the blue
-/// button B1.
-pub const PLAIN: [(char, u8); 7] = [
+/// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, the blue button B1, and
+/// what a distance sensor tells the control: skip, parity, is OK, has no signal.
+pub const PLAIN: [(char, u8); 11] = [
     ('E', 4),
     ('F', 13),
     ('F', 14),
@@ -100,6 +106,10 @@ pub const PLAIN: [(char, u8); 7] = [
     ('G', 0),
     ('B', 14),
     ('C', 13),
+    ('F', 12),
+    ('G', 1),
+    ('G', 2),
+    ('G', 3),
 ];
 
 /// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a
@@ -135,12 +145,20 @@ pub const TAKEN: [(char, u8); 6] = [
     ('C', 15),
 ];
 
-const COUNT: usize =
-    ENCODERS.len() + SKIP.len() + TRIGGER.len() + CONTROL.len() + FLASH.len() + USB.len();
+const COUNT: usize = ENCODERS.len()
+    + SKIP.len()
+    + TRIGGER.len()
+    + CONTROL.len()
+    + SENSOR.len()
+    + PULSES.len()
+    + FLASH.len()
+    + USB.len();
 
 /// All pins in alternate functions.
 pub const SIGNALS: [Signal; COUNT] = {
-    let groups: [&[Signal]; 6] = [&ENCODERS, &SKIP, &TRIGGER, &CONTROL, &FLASH, &USB];
+    let groups: [&[Signal]; 8] = [
+        &ENCODERS, &SKIP, &TRIGGER, &CONTROL, &SENSOR, &PULSES, &FLASH, &USB,
+    ];
     let mut all = [ENCODERS[0]; COUNT];
     let mut next = 0;
     let mut group = 0;
@@ -252,10 +270,17 @@ const _: () = {
     }
 };
 
-/// Speeds that controls have.
-const LINES: [u32; 11] = [
-    300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400,
+/// Speeds that controls and sensors have. A sensor's 3 000 000 is off by one percent.
+const LINES: [u32; 14] = [
+    300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600,
+    2_000_000,
 ];
+
+/// The shortest interval of a distance sensor's pulses, microseconds: 10 kHz, what captures can be
+/// told of.
+pub const LEAST_INTERVAL_US: u32 = 100;
+/// The longest: the timer of the pulses has 16 bits.
+pub const MOST_INTERVAL_US: u32 = 1 << 16;
 
 /// Of the flash's bus: `03h` reads up to 33 MHz with every chip that is known.
 pub const FLASH_HZ: u32 = 25_000_000;

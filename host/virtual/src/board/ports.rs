@@ -395,8 +395,7 @@ impl SensorPort for SensorEnd {
     fn set_baud(&mut self, _: u32) {}
 
     fn trigger(&mut self, when: SensorTrigger, pulse: TriggerPulse) -> Result<(), TriggerRefusal> {
-        self.shown.with(|of| of.1 = when != SensorTrigger::Off);
-        self.station.with(|state| match when {
+        let asked = self.station.with(|state| match when {
             SensorTrigger::Off => state.pulses.ask(TriggerOut::Off, &state.positions),
             SensorTrigger::Every { interval_us } => {
                 let when = TriggerOut::Time { interval_us, pulse };
@@ -414,7 +413,16 @@ impl SensorPort for SensorEnd {
                 };
                 state.pulses.ask_from(when, origin_counts, &state.positions)
             }
-        })
+        });
+        if asked.is_err() {
+            // None from now on.
+            let off =
+                |state: &mut StationState| state.pulses.ask(TriggerOut::Off, &state.positions);
+            self.station.with(off)?;
+        }
+        self.shown
+            .with(|of| of.1 = asked.is_ok() && when != SensorTrigger::Off);
+        asked
     }
 
     fn show(&mut self, lines: SensorLines) {

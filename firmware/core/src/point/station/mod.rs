@@ -332,6 +332,11 @@ impl CaptureStation {
         self.pairing.missed(count);
     }
 
+    /// The board cannot send the pulses that are [wanted](Self::order): so the command cannot be carried out.
+    pub fn pulses_refused(&mut self) {
+        self.refuse();
+    }
+
     /// A byte from the sensor.
     pub fn sensor_byte(&mut self, byte: u8, now: Micros) {
         match self.text.byte(byte, &self.setup.text) {
