@@ -21,7 +21,7 @@
 //! # covariance = [[...6], ...6]   # of [sensor] alone, from a calibration: wx wy wz tx ty tz
 //! ```
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 use serde::Deserialize;
 
 use crate::{AxisChain, COLUMNS, Drive, Joint, JointKind, MachineError, Pose};
@@ -251,6 +251,17 @@ fn covariance(file: &FileText) -> Result<Option<[[f64; 6]; 6]>, MachineError> {
             }
         }
     }
+    // Each pair may fit, and all together give a sum of them a variance below 0. By correlations, what is held as it is.
+    let correlation = Matrix6::from_fn(|i, k| match (i == k, (c[i][i] * c[k][k]).sqrt()) {
+        (true, _) => 1.0 + 1e-6,
+        (false, 0.0) => 0.0,
+        (false, both) => c[i][k] / both,
+    });
+    if correlation.cholesky().is_none() {
+        return Err(MachineError::wrong(
+            "[sensor] covariance: its rows contradict each other, some sum of the six would have a variance below 0",
+        ));
+    }
     Ok(Some(c))
 }
 
@@ -303,6 +314,19 @@ workpiece = ["C"]
         assert_eq!(machine.sensor_covariance.unwrap()[1][0], 5e-7);
         assert!(with("sensor", 5e-6).is_err());
         assert!(with("workpiece", 0.0).is_err());
+        // Three that are each much like the two others, but for one sign: no three numbers are.
+        let mut c = [[0.0; 6]; 6];
+        (0..6).for_each(|i| c[i][i] = 1e-6);
+        for (i, k, sign) in [(0, 1, 1.0), (1, 2, 1.0), (0, 2, -1.0)] {
+            (c[i][k], c[k][i]) = (sign * 9e-7, sign * 9e-7);
+        }
+        let parse =
+            |c: [[f64; 6]; 6]| AxisChain::parse(&format!("{GOOD}[sensor]\ncovariance = {c:?}\n"));
+        assert!(parse(c).unwrap_err().message.contains("contradict"));
+        (c[0][2], c[2][0]) = (9e-7, 9e-7);
+        assert!(parse(c).is_ok());
+        // All is held, or one error moves all alike.
+        assert!(parse([[0.0; 6]; 6]).is_ok() && parse([[1e-6; 6]; 6]).is_ok());
     }
 
     #[test]

@@ -108,6 +108,9 @@ const FARTHEST_MM: f64 = 1e9;
 /// What is longer than ten seconds is another unit.
 const LONGEST_LATENCY_US: f64 = 1e7;
 
+/// What is shorter is in seconds or milliseconds.
+const LEAST_LATENCY_US: f64 = 1.0;
+
 /// Where the machine held the sensor at each latch.
 pub struct Merger<'a> {
     machine: &'a AxisChain,
@@ -446,6 +449,13 @@ pub fn merge(
         merged.pairing.warnings.push(
             "no_range: no sample of a profile with a latch has a range: the cloud is empty".into(),
         );
+    }
+    let latency_us = options.latency_us.abs();
+    if latency_us > 0.0 && latency_us < LEAST_LATENCY_US {
+        merged.pairing.warnings.push(format!(
+            "latency: {} µs moves nothing, and no exposure is so short: --latency-us is in microseconds",
+            options.latency_us
+        ));
     }
     let outside = latches.values().map(|&latch| merger.outside(latch));
     let far: Vec<f64> = outside.filter(|intervals| *intervals > 1.0).collect();

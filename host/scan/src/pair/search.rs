@@ -4,7 +4,7 @@
 //! A shift is an offset and a drift: a line from the sensor's clock to the board's. A box of
 //! shifts has an upper bound: the profiles that some shift in it can bring within the jitter
 //! of some latch. The boxes with the highest bound are split first. A box whose bound is too
-//! low to matter is dropped, and so is one that holds nothing but the best shift so far.
+//! low to matter is dropped, and so is one that holds nothing but the best shift so far, or nothing but pairs of it.
 //! What is left shrinks to nothing, so that the answer is the only best one, or a tie, or
 //! (where [`MOST_STEPS`] are not enough) undecided.
 //!
@@ -352,7 +352,9 @@ impl Search<'_> {
         })
     }
 
-    /// How many profiles the shifts can explain at most; none if that is too few to matter.
+    /// How many profiles the shifts can explain at most; none if that is too few to matter, or if all they can give a
+    /// profile is the latch that the best shift gives it: lines about the best one that leave out some of its pairs, as
+    /// the ends of the scan, are no other pairing.
     fn bound(&mut self, shifts: &Shifts) -> Option<usize> {
         let trains = self.trains;
         let needed = self.needed();
@@ -370,6 +372,8 @@ impl Search<'_> {
             }
         }
         let (mut missing, mut begin) = (0, 0);
+        let best = self.best.as_ref();
+        let mut others = best.is_none();
         self.differences.clear();
         for (place, &sensor) in trains.sensor.iter().enumerate() {
             let at = shifts.offset + (1.0 + shifts.drift) * sensor;
@@ -384,7 +388,16 @@ impl Search<'_> {
                 if missing > allowed {
                     return None;
                 }
-            } else if trains.counters.is_some() {
+                continue;
+            }
+            // The one latch that the best shift gives this profile, or another, too.
+            let own = best.and_then(|best| best.pairing[place]);
+            others |= own != Some(begin)
+                || trains
+                    .board
+                    .get(begin + 1)
+                    .is_some_and(|&t| t <= at + reach);
+            if trains.counters.is_some() {
                 let near = trains.board[begin..]
                     .iter()
                     .take_while(|&&t| t <= at + reach);
@@ -394,6 +407,9 @@ impl Search<'_> {
                 self.differences
                     .extend(near.map(|difference| (difference, place)));
             }
+        }
+        if !others {
+            return None;
         }
         let mut bound = trains.profiles() - missing;
         if trains.counters.is_some() {

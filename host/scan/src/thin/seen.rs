@@ -33,6 +33,38 @@ impl Beams {
     }
 }
 
+/// A point that its profile saw lies in the laser's plane, but for what a file's floats round.
+const OFF_PLANE_MM: f64 = 0.01;
+/// As a share of its coordinates: the rounding of floats, twice.
+const ROUNDED: f64 = 2.4e-7;
+
+/// The same points, if the poses are theirs.
+///
+/// # Errors
+/// In place of a point: `foreign_poses` where it lies beside the laser's plane of its profile: the poses are of another
+/// scan, or the cloud was moved since.
+pub fn of_these_poses(points: Points<'_>, poses: Arc<HashMap<u64, Pose>>) -> Points<'_> {
+    Box::new(points.map(move |point| {
+        let p = point?;
+        let at = Vec3::from(p.at);
+        if let Some(pose) = poses.get(&p.profile) {
+            let y_mm = pose.rotation.column(1).dot(&(at - pose.translation_mm));
+            if y_mm.abs() > OFF_PLANE_MM + ROUNDED * at.amax() {
+                return Err(ScanError::refused(
+                    "foreign_poses",
+                    format_args!(
+                        "a point of profile {} lies {y_mm:+.3} mm beside the laser's plane: the poses are of another scan, or \
+                         the cloud was moved since it was merged",
+                        p.profile
+                    ),
+                )
+                .with("profile", p.profile));
+            }
+        }
+        Ok(p)
+    }))
+}
+
 /// Points whose z in the sensor's frame is within bounds: others are `too_far` (z grows towards the
 /// sensor) or `too_near`; those of a profile without a pose have `no_pose`.
 pub fn range<'a>(

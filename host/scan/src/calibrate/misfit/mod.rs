@@ -41,6 +41,8 @@ const ROUNDING_MM: f64 = 1e-7;
 const AS_GOOD: f64 = 9.0;
 /// Below this a chance is told as such only.
 const LEAST_P: f64 = 1e-12;
+/// So many sums of squares are kept for the poses, 160 MB; beyond it only the F test is made.
+const MOST_SUMS: usize = 20_000_000;
 /// More degrees of freedom than this are as good as endless, and too many for the continued fraction.
 const MOST_DOF: f64 = 1e4;
 
@@ -225,10 +227,16 @@ pub(super) fn look<M: Model>(
         };
         groups
     ];
+    let few = poses.saturating_mul(seen * seen) <= MOST_SUMS;
+    let (kept, tried) = if few {
+        (seen, suspects.names.len())
+    } else {
+        (0, 0)
+    };
     let empty = OfPose {
-        pull: DVector::zeros(seen),
-        share: DMatrix::zeros(seen, seen),
-        suspects: vec![(0.0, 0.0, DVector::zeros(seen)); suspects.names.len()],
+        pull: DVector::zeros(kept),
+        share: DMatrix::zeros(kept, kept),
+        suspects: vec![(0.0, 0.0, DVector::zeros(kept)); tried],
     };
     let mut of_pose = vec![empty; poses];
     let mut pose_of_group = vec![0; groups];
@@ -245,20 +253,23 @@ pub(super) fn look<M: Model>(
         mean.n += 1.0;
         mean.sum += value;
         mean.rows += &white;
+        ssq += value * value;
+        place += 1;
+        if !few {
+            return;
+        }
         let of = &mut of_pose[pose];
         of.pull.axpy(value, &white, 1.0);
         of.share.ger(1.0, &white, &white, 1.0);
-        (suspects.fill)(place, &mut column);
+        (suspects.fill)(place - 1, &mut column);
         for (sums, y) in of.suspects.iter_mut().zip(&column) {
             sums.0 += y * value;
             sums.1 += y * y;
             sums.2.axpy(*y, &white, 1.0);
         }
-        ssq += value * value;
-        place += 1;
     });
     let to_targets = whiten.columns(nuisances, targets).transpose();
-    let covariance = covariance(&to_targets, &of_pose);
+    let covariance = few.then(|| covariance(&to_targets, &of_pose)).flatten();
     let test = n
         .checked_sub(seen)
         .filter(|dof| *dof > 0 && (ssq / *dof as f64).sqrt() > ROUNDING_MM)
@@ -277,7 +288,9 @@ pub(super) fn look<M: Model>(
                 mean_mm,
                 t,
             },
-            slip: slip(&of_pose, suspects, (ssq, n - seen), &to_targets, u),
+            slip: few
+                .then(|| slip(&of_pose, suspects, (ssq, n - seen), &to_targets, u))
+                .flatten(),
         }
     });
     PoseScatter { misfit, covariance }

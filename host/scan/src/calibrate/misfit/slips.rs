@@ -36,8 +36,8 @@ impl SmallMotion {
 type Wrong<'a> = Box<dyn Fn(&mut AxisChain, &mut Vec<f64>, f64) + 'a>;
 
 impl AxisSlip {
-    /// All that may be wrong about the axes that move: the zero, place and direction of a rotary one, the direction and
-    /// scale of a linear one; what happens most comes first. What of it shows at all is for the data to say.
+    /// All that may be wrong about the axes that move: the zero and place of a rotary one, the direction and
+    /// scale of any; what happens most comes first. What of it shows at all is for the data to say.
     #[must_use]
     pub fn of(machine: &AxisChain, joints: &[Vec<f64>]) -> Vec<Self> {
         let moving = machine
@@ -60,10 +60,9 @@ impl AxisSlip {
             if rotary {
                 let wrong: Wrong<'_> = Box::new(move |_, q, deg| q[place] += deg);
                 take(0, format!("the zero of {name}"), "deg", 1e-3, wrong);
-            } else {
-                let wrong: Wrong<'_> = Box::new(move |_, q, ppm| q[place] *= 1.0 + ppm * 1e-6);
-                take(3, format!("the scale of {name}"), "ppm", 10.0, wrong);
             }
+            let wrong: Wrong<'_> = Box::new(move |_, q, ppm| q[place] *= 1.0 + ppm * 1e-6);
+            take(3, format!("the scale of {name}"), "ppm", 10.0, wrong);
             let along = joint.direction.iamax();
             for axis in (0..3).filter(|axis| *axis != along) {
                 let by = ["X", "Y", "Z"][axis];

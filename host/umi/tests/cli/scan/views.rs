@@ -107,6 +107,47 @@ fn what_the_sensor_saw_badly_is_left_out_by_its_reason() {
     let found = filter(&[&cloud, "--poses", &poses, "--range", &range])
         .exits(0)
         .json();
+    // Of another scan, by its profiles; and of this one, moved since.
+    let text = std::fs::read_to_string(&poses).unwrap();
+    let (head, rest) = text.split_once('\n').unwrap();
+    let by_profile: Vec<(&str, &str)> = rest
+        .lines()
+        .map(|row| row.split_once(',').unwrap())
+        .collect();
+    let others = by_profile.iter().zip(by_profile.iter().cycle().skip(1));
+    let others = others.map(|((profile, _), (_, pose))| format!("{profile},{pose}\n"));
+    let foreign = folder.file(
+        "foreign.csv",
+        format!("{head}\n{}", others.collect::<String>()),
+    );
+    let text = std::fs::read_to_string(&cloud).unwrap();
+    let moved = text.lines().enumerate().map(|(line, row)| {
+        let cells: Vec<&str> = row.split(',').collect();
+        match (line, cells[2].parse::<f64>()) {
+            (0, _) | (_, Err(_)) => format!("{row}\n"),
+            (_, Ok(x)) => format!(
+                "{},{},{},{},{}\n",
+                cells[0],
+                cells[1],
+                x + 0.1,
+                cells[3],
+                cells[4]
+            ),
+        }
+    });
+    let moved = folder.file("moved.csv", moved.collect::<String>());
+    for (cloud, poses) in [(&cloud, &foreign), (&moved, &poses)] {
+        for by in [["--range", "-90,90"], ["--incidence", "60"]] {
+            let error = filter(&[&[&**cloud, "--poses", poses][..], &by].concat())
+                .exits(2)
+                .json();
+            assert_eq!(error["error"]["code"], "foreign_poses", "{error}");
+        }
+    }
+    // Floats of the same cloud are its own.
+    let floats = folder.path("floats.ply");
+    merge(&profiles, &machine, &floats, &["--profiles-too"]);
+    filter(&[&floats, "--poses", &poses, "--range", "-90,90"]).exits(0);
     let of = |reason: &str| {
         let dropped = found["dropped"].as_array().unwrap();
         let one = dropped.iter().find(|d| d["reason"] == reason);

@@ -10,7 +10,7 @@ use umi_scan::format::table::TableReader;
 use umi_scan::rigid::Vec3;
 use umi_scan::thin::edges::mixed;
 use umi_scan::thin::filter::{held, intensity, isolated, spikes, statistical};
-use umi_scan::thin::seen::{Beams, range, steep};
+use umi_scan::thin::seen::{Beams, of_these_poses, range, steep};
 
 use super::thin::{Clouds, above_zero, numbers};
 use crate::cmd::scan::answer::failure;
@@ -81,6 +81,7 @@ Examples:
   umi scan filter cloud.csv --poses poses.csv --range -38,38 --incidence 60,0.4 -o clean.ply
 
 Refused (status 2): no_filter, no_profiles (for --spike, --mixed and --poses), no_intensity,
+foreign_poses (of another scan, or of a cloud that was moved),
 too_few_points, not_finite.";
 
 /// The cell's edge where none is given, in mm.
@@ -167,6 +168,9 @@ impl Filter {
             },
             false,
             &|mut points, drops| {
+                if let Some(Beams::Poses(poses)) = &beams {
+                    points = of_these_poses(points, Arc::clone(poses));
+                }
                 if let Some([least, most]) = self.intensity {
                     points = intensity(points, least, most, drops);
                 }
