@@ -328,7 +328,6 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
             "; {bad}. The frame counter cannot stand for the times: it counts frames, and nobody knows to which pulse the first \
              belongs"
         );
-        return ScanError::refused("no_match", why);
     }
     let more = trains.within(MORE_DRIFT * trains.drift.max(1e-6));
     if let SearchOutcome::Only(found) = search::search(&more) {
@@ -377,7 +376,10 @@ fn bad_clock(frames: &Frames, jitter_us: f64) -> Option<String> {
     let step = steps.iter().fold(0, |step, us| common(step, *us as u64));
     // Half of it to either side, and something for what else is unsharp.
     let within_us = 0.6 * step as f64;
-    (whole && n > 10 && within_us > jitter_us).then(|| {
+    // An even train has steps of its own, as wide as its intervals.
+    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let is_coarse = whole && within_us > jitter_us && 2.0 * step as f64 <= shortest;
+    (is_coarse && n > 10).then(|| {
         format!(
             "the profiles' times come in steps of {step} µs: give --jitter-us {within_us:.0} or more, if that is still less than \
              half of the shortest interval"

@@ -200,6 +200,9 @@ fn a_clock_that_cannot_be_used_is_named_whatever_the_frame_counter_says() {
         pairs.iter().all(|pair| pair["profile"] == pair["number"]),
         "{found}"
     );
+    // An even train has steps as wide as its intervals, and a clock that is right.
+    let said = refused(&|t| (t - 1_000_000) / 5000 * 35_000);
+    assert!(!said.contains("steps of"), "{said}");
     // A foreign train is just that.
     let said = {
         let error = pair(&|t| t * t % 999_983 + 3 * t, &[]).exits(2).json();
