@@ -10,6 +10,7 @@ use umi_core::point::{
 };
 use umi_core::units::{Mm, Point};
 
+use super::doubts::doubts;
 use super::readings::SensorReadings;
 use super::scale::{self, ScaleError};
 use super::spheres::CalibrationBalls;
@@ -67,7 +68,7 @@ pub struct PointSensorCalibration {
     /// Standard uncertainties of x, y and z of a point at the mean reading, balls included.
     /// t and a are correlated: a point is known far better than t.
     pub u_point_mm: Option<[f64; 3]>,
-    /// `mirror_ambiguous`, `weak: …`, `scale: …`.
+    /// `mirror_ambiguous`, `weak: …`, `scale: …`, `outlier: …`, `radius: …`, `gain: …`, `repeated: …`.
     pub warnings: Vec<String>,
 }
 
@@ -147,7 +148,11 @@ fn answer(
         u_point_mm: fit
             .place_uncertainty(fit.mean_gamma)
             .map(|known| known.u.map(|u| u.0)),
-        warnings: warnings(question, fit, scale::scale(read, balls, fit)),
+        warnings: {
+            let mut all = warnings(question, fit, scale::scale(read, balls, fit));
+            all.extend(doubts(readings, read, balls, wanted, fit));
+            all
+        },
     }
 }
 

@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod cloud;
+mod doubts;
 pub mod plan;
 pub mod readings;
 mod scale;

@@ -252,6 +252,86 @@ proptest! {
     }
 }
 
+/// What the offset would take up, with status 0: a wrong radius, a wrong gain, one wrong reading, readings given twice,
+/// readings that leave the direction open. Each is told, with its figure; good readings are not.
+#[test]
+fn what_the_offset_would_take_up_is_told() {
+    let mut planned = planned();
+    planned.places = 57;
+    let plan = plan::plan(&planned).unwrap();
+    let told = |seed: u64, change: fn(&mut Vec<SensorReading>), ball: &str| {
+        let mut noise = noise_of(seed);
+        let mut readings = of_plan(&plan);
+        for (index, reading) in readings.used.iter_mut().enumerate() {
+            reading.line = index as u64 + 2;
+            reading.gamma_mm += noise();
+        }
+        change(&mut readings.used);
+        readings.lines = readings.used.len();
+        let found = calibration::find(&readings, &spheres::parse(ball).unwrap(), &question());
+        found.unwrap().warnings
+    };
+    let larger = BALL.replace("radius_mm = 10", "radius_mm = 10.01");
+    for seed in 1..30 {
+        assert_eq!(told(seed, |_| {}, BALL), Vec::<String>::new(), "{seed}");
+        let one = |warnings: Vec<String>, name: &str| {
+            let [warning] = warnings.as_slice() else {
+                panic!("{seed}: {warnings:?}");
+            };
+            assert!(warning.starts_with(name), "{seed}: {warning}");
+            warning.clone()
+        };
+        let radius = one(told(seed, |_| {}, &larger), "radius:");
+        assert!(
+            radius.contains("radius of 9.99") || radius.contains("radius of 10.00"),
+            "{radius}"
+        );
+        let longer = |used: &mut Vec<SensorReading>| {
+            for reading in used {
+                reading.gamma_mm *= 1.01;
+            }
+        };
+        one(told(seed, longer, BALL), "gain:");
+        let wrong = |used: &mut Vec<SensorReading>| used[7].gamma_mm += 0.05;
+        assert!(one(told(seed, wrong, BALL), "outlier:").contains("line 9 "));
+        let twice = |used: &mut Vec<SensorReading>| {
+            let first = used[0].clone();
+            used.push(first);
+        };
+        assert!(one(told(seed, twice, BALL), "repeated:").contains(" 1 readings"));
+        let alike = |used: &mut Vec<SensorReading>| {
+            for reading in used {
+                let near = 44.0 + (reading.gamma_mm - 44.0) / 100.0;
+                // The axes follow along the beam.
+                let beam = Vec3::new(0.01, 0.02, -1.0).normalize() * (reading.gamma_mm - near);
+                for (axis, moved) in reading.axes_mm.iter_mut().zip(beam.iter()) {
+                    *axis += moved;
+                }
+                reading.gamma_mm = near;
+            }
+        };
+        assert!(
+            told(seed, alike, BALL)
+                .iter()
+                .any(|told| told.starts_with("weak:"))
+        );
+    }
+}
+
+/// Noise of 0.5 µm, or so.
+fn noise_of(mut state: u64) -> impl FnMut() -> f64 {
+    move || {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            sum += (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5;
+        }
+        sum * 0.0005
+    }
+}
+
 /// Two balls 250 mm apart, seen along scales that are 10.6 ppm too long, by the paper: told with its
 /// figure. Cold ones are not, nor where the centres are known to 5 µm only.
 #[test]
@@ -259,17 +339,7 @@ fn a_warm_scale_is_named() {
     let warned = |ppm: f64, u_center_mm: f64, seed: u64| {
         let mut balls = String::new();
         let mut used = Vec::new();
-        let mut state = seed;
-        let mut noise = || {
-            let mut sum = 0.0;
-            for _ in 0..12 {
-                state = state
-                    .wrapping_mul(6_364_136_223_846_793_005)
-                    .wrapping_add(1);
-                sum += (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5;
-            }
-            sum * 0.0005
-        };
+        let mut noise = noise_of(seed);
         for (id, x) in [("A", -125.0), ("B", 124.53)] {
             let question = PlanQuestion {
                 center_mm: [x, 20.0, -300.0],
