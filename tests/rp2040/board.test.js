@@ -65,6 +65,7 @@ test('an abort reads as done before it is, and starts again what was enabled or 
   start();
   abort();
   assert.deepEqual([busy(0), busy(1)], [true, true], 'both go on');
+  assert.deepEqual(it.chip.aborts, { asked: 1, again: 2, early: 0 }, 'and are counted');
   // Switched off, and chained to itself, each ends.
   for (let turn = 0; turn < 2; turn++) {
     for (const channel of [0, 1]) rp.writeUint32(DMA + 0x40 * channel + AL1_CTRL, control(channel) & ~EN);
@@ -72,6 +73,16 @@ test('an abort reads as done before it is, and starts again what was enabled or 
     assert.deepEqual([busy(0), busy(1)], [false, false]);
     start();
   }
+  const { asked, again } = it.chip.aborts;
+  assert.ok(asked > 1);
+  assert.equal(again, 2, 'of the first alone');
+  // Started before it is over, it is ended with the transfers before it.
+  for (const channel of [0, 1]) rp.writeUint32(DMA + 0x40 * channel + AL1_CTRL, control(channel) & ~EN);
+  rp.writeUint32(DMA + ABORT, 0b11);
+  rp.writeUint32(DMA + TRIG, control(0));
+  assert.equal(it.chip.aborts.early, 1);
+  it.run(it.cycle + 100);
+  assert.equal(busy(0), false);
 });
 
 test('delays and dividers take their time', () => {

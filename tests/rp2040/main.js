@@ -10,7 +10,7 @@
 //
 // | do         | with                                   | what                                          |
 // | ---------- | -------------------------------------- | --------------------------------------------- |
-// | state      |                                        | cycle, is_on, is_running, fault, resets, led and other outputs, uart, usb, nor, speed |
+// | state      |                                        | cycle, is_on, is_running, fault, resets, led and other outputs, uart, usb, dma_aborts, nor, speed |
 // | run        | cycles                                 | runs so far, then stands still; answers state  |
 // | free       | speed = 1                              | runs by itself, at most `speed` times real time (0: as fast as it can) |
 // | pause      |                                        | stands still                                   |
@@ -345,6 +345,7 @@ class Bench {
         enumerations: usb.enumerations,
         failure: usb.failure,
       },
+      dma_aborts: chip?.aborts ?? null,
       nor: { busy: nor.busy, programs: nor.programs, erases: nor.erases },
       cycles_per_second: this.spent ? Math.round((this.ran / this.spent) * 1000) : 0,
     };

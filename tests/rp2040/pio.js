@@ -663,9 +663,12 @@ export function install(chip) {
     };
   }
   const { dma } = rp;
+  /** Aborts that were asked for; those that start a channel again; channels started before theirs was over. */
+  chip.aborts = { asked: 0, again: 0, early: 0 };
   for (const channel of dma.channels) {
     const start = channel.start;
     channel.start = () => {
+      if (channel.isAborting) chip.aborts.early++;
       start.call(channel);
       claim(chip, channel);
     };
@@ -702,6 +705,7 @@ function aborts(chip, channel) {
   let again = [];
   const over = chip.clock.createAlarm(() => {
     chip.synchronise();
+    channel.isAborting = false;
     channel.ctrl &= ~DMA_BUSY;
     for (const started of again) started.start();
     chip.classify();
@@ -712,6 +716,9 @@ function aborts(chip, channel) {
     const { channels } = channel.dma;
     again = channel.ctrl & DMA_EN ? [channel] : [];
     if (channel.chainTo !== channel.index) again.push(channels[channel.chainTo]);
+    channel.isAborting = true;
+    chip.aborts.asked++;
+    chip.aborts.again += again.length;
     over.at(chip.cycle + ABORT_CYCLES);
   };
 }

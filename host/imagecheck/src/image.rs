@@ -7,9 +7,70 @@ use object::elf::{SHF_ALLOC, SHF_WRITE};
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _, SectionFlags, read};
 
 use crate::load;
-use crate::program::LinkedProgram;
+use crate::program::{LinkedProgram, readable};
 use crate::reach::{self, EntryKind, EntryPanics};
 use crate::stack::{self, Level, StackNeed};
+
+/// What must be in one memory, because the rest of the image counts on it.
+#[derive(Debug, Clone, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacedVariables {
+    /// The memory's name.
+    pub memory: String,
+    /// Its first address, and the one behind its last.
+    pub addresses: [u64; 2],
+    /// What must be there: names as they end (`axes::STATE`).
+    pub names: Vec<String>,
+}
+
+/// What of it is elsewhere, or is not in the image at all.
+pub fn misplaced(bytes: &[u8], placed: &[PlacedVariables]) -> Result<Vec<String>> {
+    let file = read::File::parse(bytes).context("the image is no object file")?;
+    let symbols: Vec<_> = file
+        .symbols()
+        .filter_map(|symbol| {
+            Some((
+                readable(symbol.name().ok()?),
+                symbol.address(),
+                symbol.size(),
+            ))
+        })
+        .collect();
+    Ok(misplaced_of(&symbols, placed))
+}
+
+fn misplaced_of(symbols: &[(String, u64, u64)], placed: &[PlacedVariables]) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for PlacedVariables {
+        memory,
+        addresses: [from, to],
+        names,
+    } in placed
+    {
+        for name in names {
+            let is = |(symbol, ..): &&(String, u64, u64)| {
+                // Of a variable that the compiler has cut up, each piece has a number.
+                let whole = symbol.trim_end_matches(|c: char| c == '.' || c.is_ascii_digit());
+                [symbol.as_str(), whole].iter().any(|symbol| {
+                    let head = symbol.strip_suffix(name.as_str());
+                    head.is_some_and(|head| head.is_empty() || head.ends_with("::"))
+                })
+            };
+            let found: Vec<_> = symbols.iter().filter(is).collect();
+            if found.is_empty() {
+                wrong.push(format!("`{name}`, which must be in {memory}, is not in it"));
+            }
+            for (symbol, address, size) in found {
+                if *address < *from || address + size > *to {
+                    wrong.push(format!(
+                        "`{symbol}` must be in {memory}, and is at {address:#010x}"
+                    ));
+                }
+            }
+        }
+    }
+    wrong
+}
 
 /// The figures of an image.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -28,6 +89,8 @@ pub struct ImageFigures {
     pub panics: BTreeMap<String, u32>,
     /// Those that each interrupt and each task can reach.
     pub reachable: Vec<EntryPanics>,
+    /// The interrupts that can log other than by a panic, and the log's function: there may be none.
+    pub logging: BTreeMap<String, String>,
 }
 
 impl ImageFigures {
@@ -54,6 +117,7 @@ impl ImageFigures {
                 .collect(),
             panics: panics(&program),
             reachable: reach::panics(&program)?,
+            logging: reach::logging(&program)?,
         })
     }
 
@@ -180,6 +244,39 @@ mod tests {
             ..ImageFigures::default()
         };
         assert_eq!((figures.panic_calls(), figures.own_panic_calls()), (14, 6));
+    }
+
+    /// What is elsewhere is named with where it is, and so is what is not there; a name that only
+    /// ends alike is another's.
+    #[test]
+    fn misplaced_ones_are_named() {
+        let symbol = |name: &str, address| (name.to_owned(), address, 8);
+        let symbols = [
+            symbol("umi_x::axes::STATE", 0x2000_0000),
+            symbol("_stack_end", 0x2001_FFF8),
+            symbol("umi_x::OTHER_STATE", 0x2400_0000),
+            symbol("umi_x::axes::LINE.0", 0x2000_0008),
+            symbol("umi_x::axes::LINE.12", 0x2400_0008),
+        ];
+        let placed = |names: &[&str]| PlacedVariables {
+            memory: "the DTCM".to_owned(),
+            addresses: [0x2000_0000, 0x2002_0000],
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+        };
+        let of = |names: &[&str]| misplaced_of(&symbols, &[placed(names)]);
+        assert!(of(&["STATE", "_stack_end"]).is_empty());
+        let [elsewhere] = &of(&["OTHER_STATE"])[..] else {
+            panic!("one is elsewhere")
+        };
+        assert!(elsewhere.ends_with("is at 0x24000000"), "{elsewhere}");
+        assert_eq!(of(&["axes::CLOCK"]).len(), 1);
+        let [piece] = &of(&["axes::LINE"])[..] else {
+            panic!("one piece is elsewhere")
+        };
+        assert!(piece.contains("LINE.12"), "{piece}");
+        let mut short = placed(&["_stack_end"]);
+        short.addresses = [0x2000_0000, 0x2001_FFFC];
+        assert_eq!(misplaced_of(&symbols, &[short]).len(), 1, "it sticks out");
     }
 
     /// An image that links an allocator is refused.

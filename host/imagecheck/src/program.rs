@@ -447,7 +447,7 @@ impl<'file> Source<'file> {
 }
 
 /// A symbol as one writes it, without the hash, which changes from build to build.
-fn readable(symbol: &str) -> String {
+pub(crate) fn readable(symbol: &str) -> String {
     format!("{:#}", rustc_demangle::demangle(symbol))
 }
 

@@ -1,4 +1,4 @@
-//! Which panics an interrupt or a task can reach.
+//! Which panics an interrupt or a task can reach, and which interrupts can log.
 //!
 //! # Design
 //!
@@ -6,6 +6,10 @@
 //! and through a pointer every waker, as handlers of drivers call no others. An executor's handler
 //! is taken without the tasks that it runs; each of these is an entry of its own, with the pointers
 //! that its code knows. A panic's own calls are part of it.
+//!
+//! A log waits, with interrupts held off, until whoever else logs is done, and under a debug probe
+//! for the probe: so no handler may call the log's code, but through a panic, whose outputs are off
+//! before it logs.
 //!
 //! # Limitations
 //!
@@ -50,11 +54,7 @@ impl EntryPanics {
 pub fn panics(program: &LinkedProgram) -> Result<Vec<EntryPanics>> {
     let functions = &program.functions;
     let pointed = program.pointed();
-    let wakers: BTreeSet<usize> = pointed
-        .iter()
-        .copied()
-        .filter(|index| is_waker(&functions[*index]))
-        .collect();
+    let wakers = wakers(program);
     let always = &known(program, &[program.reset], &program.loose) | &wakers;
     let mut entries = Vec::new();
     for handler in &program.handlers {
@@ -73,6 +73,35 @@ pub fn panics(program: &LinkedProgram) -> Result<Vec<EntryPanics>> {
     }
     entries.sort_by(|a, b| (a.kind, &a.name).cmp(&(b.kind, &b.name)));
     Ok(entries)
+}
+
+/// The handlers that can log, and the first function of the log that each reaches, without what a
+/// panic says.
+pub fn logging(program: &LinkedProgram) -> Result<BTreeMap<String, String>> {
+    let functions = &program.functions;
+    let wakers = wakers(program);
+    let mut found = BTreeMap::new();
+    for handler in &program.handlers {
+        let graph = Graph::new(program, &[*handler], &[], &wakers)?;
+        let behind = graph.functions_until(*handler, |index| functions[index].is_panic());
+        let log = behind.into_iter().find(|index| is_log(&functions[*index]));
+        if let Some(log) = log {
+            let handler = functions[*handler].name().to_owned();
+            found.insert(handler, functions[log].name().to_owned());
+        }
+    }
+    Ok(found)
+}
+
+/// Whether it is code of defmt or of what carries its bytes away.
+fn is_log(function: &Function) -> bool {
+    function.names.iter().any(|name| name.contains("defmt"))
+}
+
+/// What drivers' handlers call through pointers.
+fn wakers(program: &LinkedProgram) -> BTreeSet<usize> {
+    let is_waker = |index: &usize| is_waker(&program.functions[*index]);
+    program.pointed().into_iter().filter(is_waker).collect()
 }
 
 /// The calls of panics behind a function.
@@ -179,6 +208,32 @@ mod tests {
                 of(EntryKind::Task, "measure", 6),
             ]
         );
+    }
+
+    /// A handler that comes to the log by its own calls or by a waker is named, with the log's
+    /// function; one that comes there only by a panic, or an executor's by its tasks, is not.
+    #[test]
+    fn handlers_that_log_are_named() {
+        let mut program = program();
+        let log = program.functions.len();
+        program.functions.push(Function {
+            names: vec!["_defmt_acquire".to_owned()],
+            bounded: true,
+            ..Function::default()
+        });
+        program.functions[PANIC].calls.push(log);
+        program.functions[TASK].calls.push(log);
+        assert!(logging(&program).unwrap().is_empty());
+        program.functions[PUSH].calls.push(log);
+        let named = |handler: &str| (handler.to_owned(), "_defmt_acquire".to_owned());
+        assert_eq!(logging(&program).unwrap(), [named("UART_IRQ")].into());
+        program.functions[PUSH].calls.pop();
+        program.functions[WAKE].calls.push(log);
+        let both = [
+            named("UART_IRQ"),
+            named("embassy_executor::raw::Executor::poll"),
+        ];
+        assert_eq!(logging(&program).unwrap(), both.into());
     }
 
     /// It says in whose code they are.

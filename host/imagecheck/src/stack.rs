@@ -324,15 +324,15 @@ impl Graph {
 
     /// Whether there is a way from one node to another.
     fn leads(&self, from: usize, to: usize) -> bool {
-        self.reached(from)[to]
+        self.reached(from, |_| false)[to]
     }
 
-    /// To which nodes there is a way from one, itself with them.
-    fn reached(&self, from: usize) -> Vec<bool> {
+    /// To which nodes there is a way from one, itself with them, that ends at each of these.
+    fn reached(&self, from: usize, is_end: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut reached = vec![false; self.next.len()];
         let mut open = vec![from];
         while let Some(node) = open.pop() {
-            if !std::mem::replace(&mut reached[node], true) {
+            if !std::mem::replace(&mut reached[node], true) && !is_end(node) {
                 open.extend(&self.next[node]);
             }
         }
@@ -341,7 +341,17 @@ impl Graph {
 
     /// The functions that a function can call, by whatever way, and itself.
     pub(crate) fn functions_behind(&self, function: usize) -> BTreeSet<usize> {
-        let reached = self.reached(self.start(function));
+        self.functions_until(function, |_| false)
+    }
+
+    /// The same, without what is only behind these.
+    pub(crate) fn functions_until(
+        &self,
+        function: usize,
+        is_end: impl Fn(usize) -> bool,
+    ) -> BTreeSet<usize> {
+        let is_end = |node| node < 2 * self.functions && is_end(node % self.functions);
+        let reached = self.reached(self.start(function), is_end);
         let nodes = (0..2 * self.functions).filter(|node| reached[*node]);
         nodes.map(|node| node % self.functions).collect()
     }

@@ -28,8 +28,10 @@ use crate::resources::{AXES, COUNTS_PER_S, LOOK_US, TIMER_HZ, TIMERS};
 use crate::timers::{self, CaptureLine};
 
 /// Captures on their way to the application.
+#[unsafe(link_section = ".dtcm")]
 pub static LATCHES: Latches = Latches::new();
 
+#[unsafe(link_section = ".dtcm")]
 static STATE: Mutex<RefCell<State>> = Mutex::new(RefCell::new(State {
     axes: [Extender::new(0); AXES],
     skip: Pairing::new(),
@@ -38,9 +40,11 @@ static STATE: Mutex<RefCell<State>> = Mutex::new(RefCell::new(State {
 }));
 
 /// The clock, which everybody may read at any time.
+#[unsafe(link_section = ".dtcm")]
 static CLOCK: Mutex<Cell<Extender<32>>> = Mutex::new(Cell::new(Extender::new(0)));
 
 /// Timers that have not seen an edge which others saw, until it is told.
+#[unsafe(link_section = ".dtcm")]
 static SILENT: AtomicUsize = AtomicUsize::new(0);
 
 // A look may be late by as much again as it is long, and a capture that waits for it is

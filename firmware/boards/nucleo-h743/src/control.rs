@@ -29,7 +29,9 @@ use crate::timers;
 const RING: usize = 1_024;
 
 /// What has come in.
+#[unsafe(link_section = ".dtcm")]
 static LINE: Collector<RING> = Collector::new();
+#[unsafe(link_section = ".dtcm")]
 static WENT: AtomicWaker = AtomicWaker::new();
 
 /// How the line can be set: the plan has no pin for CTS.

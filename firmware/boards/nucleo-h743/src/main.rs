@@ -4,7 +4,7 @@
 //! ```text
 //! priority          runs
 //! capture           TIM5: an edge; TIM7: a look at the counters
-//! drivers           USART2, USART6, TIM12 (embassy's time)
+//! drivers           USART2, USART6, TIM12 (the tasks' time)
 //! serial tasks      receive, transmit, latch
 //! sensor task       sense
 //! link driver       USB
@@ -17,18 +17,21 @@
 //! | [`resources`] | which pin, timer and clock does what; checked when it is compiled |
 //! | [`timers`] | registers that count and capture |
 //! | [`axes`] | positions and captures |
-//! | [`clock`] | time |
+//! | [`clock`], [`alarms`] | time |
 //! | [`control`] | the control's RS-232 |
 //! | [`sensor`] | a distance sensor's line, pulses and outputs |
+//! | [`memory`] | what is in which memory, and cached |
 //! | [`reset`] | why the board started; panics |
 //!
 //! The flash, USB and queues are in `umi-drivers`.
 #![no_std]
 #![no_main]
 
+mod alarms;
 mod axes;
 mod clock;
 mod control;
+mod memory;
 mod reset;
 #[allow(
     dead_code,
@@ -77,6 +80,7 @@ static APP: Application = App::new();
 /// Of the distance sensor.
 static POINT: PointStation = PointStation::new();
 
+#[unsafe(link_section = ".dtcm")]
 static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
 static SENSOR_TASKS: InterruptExecutor = InterruptExecutor::new();
 static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
@@ -121,9 +125,7 @@ fn main() -> ! {
     };
     let blue = Blue(Input::new(p.PC13, Pull::Down));
     if let Some(mut core) = cortex_m::Peripherals::take() {
-        // Only this one: the debugger does not see what is in the cache of the data, and
-        // a reset forgets it, so neither the log nor the note of a panic would be there.
-        core.SCB.enable_icache();
+        memory::cache(&core.MPU, &mut core.SCB, &mut core.CPUID);
     }
     if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(resources::TIMER_HZ) {
         stop("the timers' clock is not as planned");
@@ -131,6 +133,7 @@ fn main() -> ! {
     set_priorities();
     timers::start();
     timers::start_looking();
+    alarms::start();
     control::start();
     sensor::start();
 
@@ -352,8 +355,9 @@ async fn serve(
 ) {
     static BUFFER: StaticCell<[u8; 256]> = StaticCell::new();
     let mut options = usb::Config::default();
-    // The board has its power from elsewhere or from this port: no need to look.
-    options.vbus_detection = false;
+    // The board may have its power from elsewhere, and then must not pull the line of a port that is
+    // off (USB 2.0, 7.1.5.1): the controller looks at PA9.
+    options.vbus_detection = true;
     let buffer = BUFFER.init([0; 256]);
     let driver = usb::Driver::new_fs(controller, Interrupts, dp, dm, buffer, options);
     let Some(mut link) = usb_serial::start(driver, "openumi Nucleo-H743", uid::uid_hex()) else {

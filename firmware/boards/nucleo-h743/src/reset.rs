@@ -12,8 +12,9 @@ use umi_protocol::message::ResetReason;
 /// not.
 const PANICKED: u64 = 0x554D_4921_6B65_7074;
 
-/// A word as wide as the memory's check value is for (RM0433, 2.4 and 3.3): a narrower one is read,
-/// changed and kept in a buffer until another is written, and a reset meanwhile loses it.
+/// As wide as the widest check value of the chip's memories is for (RM0433, 2.4 and 3.3): a narrower
+/// write is read, changed and kept in a buffer until another is written, and a reset meanwhile loses
+/// it. In the DTCM (`memory.x`), which no cache stands before.
 #[repr(C, align(8))]
 struct Note(UnsafeCell<u64>);
 
@@ -45,12 +46,16 @@ fn take_note() -> bool {
     found == PANICKED
 }
 
-/// Laser and lamps go off, whatever else is broken: before anything that takes time. The pins are
+/// Laser, lamps and what the sensor tells the control go off, whatever else is broken: before anything that takes time. The pins are
 /// those of `main`. Before their clocks run, the pins float and this does nothing.
 fn dark() {
-    GPIOG.bsrr().write(|w| w.set_br(0, true));
+    GPIOG.bsrr().write(|w| {
+        for pin in 0..=3 {
+            w.set_br(pin, true);
+        }
+    });
     GPIOF.bsrr().write(|w| {
-        for pin in 13..=15 {
+        for pin in 12..=15 {
             w.set_br(pin, true);
         }
     });

@@ -97,8 +97,9 @@ pub const USB: [Signal; 2] = [
 ];
 
 /// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, the blue button B1, and
-/// what a distance sensor tells the control: skip, parity, is OK, has no signal.
-pub const PLAIN: [(char, u8); 11] = [
+/// what a distance sensor tells the control: skip, parity, is OK, has no signal; and VBUS of the USB
+/// connector, at which the controller looks without an alternate function.
+pub const PLAIN: [(char, u8); 12] = [
     ('E', 4),
     ('F', 13),
     ('F', 14),
@@ -110,6 +111,7 @@ pub const PLAIN: [(char, u8); 11] = [
     ('G', 1),
     ('G', 2),
     ('G', 3),
+    ('A', 9),
 ];
 
 /// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a
@@ -288,3 +290,48 @@ pub const FLASH_HZ: u32 = 25_000_000;
 /// Unless it is fed so often, the watchdog resets the board: longer than erasing a
 /// sector may take until it is given up (4 s), and a feed after that.
 pub const WATCHDOG_US: u32 = 6_000_000;
+
+/// MPU_RASR (PM0253, 4.6.6) of one region over all addresses, without those of its eight parts that
+/// the image uses: code, RAM, peripherals, and the core's own. From 0x6000_0000 to 0xDFFF_FFFF are
+/// external memories that this board has not, and the core may read ahead where memory is normal
+/// (AN4838, speculative accesses): there is no access, and none is tried.
+pub const MPU_NOTHING_THERE: u32 = {
+    const ENABLE: u32 = 1;
+    const ALL: u32 = 31 << 1;
+    const NOT_THESE: u32 = 0b1000_0111 << 8;
+    const NEVER_EXECUTED: u32 = 1 << 28;
+    // No access: AP = 0. Strongly ordered, so not read ahead: TEX, C, B = 0.
+    ENABLE | ALL | NOT_THESE | NEVER_EXECUTED
+};
+/// MPU_CTRL: enabled, and what has no region stays as it is without an MPU (PRIVDEFENA).
+pub const MPU_CONTROL: u32 = 0b101;
+
+/// Whether the region has this address.
+const fn has_no_access(address: u32) -> bool {
+    let part = address >> 29;
+    MPU_NOTHING_THERE >> (8 + part) & 1 == 0
+}
+
+// What is used stays, to both ends of each: flash, DTCM, AXI SRAM, peripherals, the core's own.
+const _: () = {
+    let used = [
+        0x0800_0000,
+        0x081F_FFFF,
+        0x2000_0000,
+        0x2001_FFFF,
+        0x2400_0000,
+        0x2407_FFFF,
+        0x4000_0000,
+        0x5FFF_FFFF,
+        0xE000_0000,
+        0xFFFF_FFFF,
+    ];
+    let mut at = 0;
+    while at < used.len() {
+        assert!(!has_no_access(used[at]));
+        at += 1;
+    }
+    // FMC, QUADSPI, FMC's SDRAM.
+    assert!(has_no_access(0x6000_0000) && has_no_access(0x9000_0000));
+    assert!(has_no_access(0xC000_0000) && has_no_access(0xDFFF_FFFF));
+};

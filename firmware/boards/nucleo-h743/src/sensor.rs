@@ -30,6 +30,7 @@ const RING: usize = 1_024;
 const FIFO: usize = 16;
 
 /// What has come in.
+#[unsafe(link_section = ".dtcm")]
 static LINE: Collector<RING> = Collector::new();
 
 /// Starts the port; its line is set when a sensor is.

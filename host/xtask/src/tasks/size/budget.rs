@@ -55,7 +55,7 @@ impl Budget {
 }
 
 /// What makes an image wrong whatever its budget says: its stack is not bounded, or does not
-/// fit beside its variables.
+/// fit beside its variables; or an interrupt can log, and so wait for a debug probe.
 pub fn unsound(figures: &ImageFigures) -> impl Iterator<Item = String> {
     let stack = figures.stack_bytes();
     let no_room = stack > figures.room_bytes;
@@ -69,6 +69,9 @@ pub fn unsound(figures: &ImageFigures) -> impl Iterator<Item = String> {
         .into_iter()
         .chain(figures.unbounded.iter().map(|name| {
             format!("the stack of `{name}` is not known: it moves the stack pointer by a register")
+        }))
+        .chain(figures.logging.iter().map(|(handler, log)| {
+            format!("the interrupt `{handler}` can log, by `{log}`: log from a task")
         }))
 }
 
@@ -175,7 +178,8 @@ mod tests {
         assert!(hold(&compiler(true), Vec::new(), &[]).unwrap().is_empty());
     }
 
-    /// A stack that does not fit, or is not known, is an error with every compiler.
+    /// A stack that does not fit, or is not known, or an interrupt that logs is an error with every
+    /// compiler.
     #[test]
     fn unsound_images() {
         let tight = ImageFigures {
@@ -186,8 +190,16 @@ mod tests {
             unbounded: vec!["memmove".into()],
             ..figures()
         };
+        let logging = ImageFigures {
+            logging: [("UART_IRQ".into(), "_defmt_acquire".into())].into(),
+            ..figures()
+        };
         assert_eq!(unsound(&figures()).count(), 0);
-        for (figures, word) in [(tight, "299"), (unknown, "memmove")] {
+        for (figures, word) in [
+            (tight, "299"),
+            (unknown, "memmove"),
+            (logging, "`UART_IRQ` can log, by `_defmt_acquire`"),
+        ] {
             let what: Vec<String> = unsound(&figures).collect();
             for is_pinned in [true, false] {
                 let error = hold(&compiler(is_pinned), Vec::new(), &what).unwrap_err();

@@ -4,7 +4,7 @@ mod budget;
 mod report;
 
 use anyhow::{Context as _, Result, ensure};
-use imagecheck::image::ImageFigures;
+use imagecheck::image::{self, ImageFigures, PlacedVariables};
 use imagecheck::reach::{EntryKind, EntryPanics};
 use imagecheck::stack::Level;
 
@@ -19,7 +19,8 @@ use crate::workspace::Workspace;
 ///
 /// Budgets stand in the board's Cargo.toml: [package.metadata.budget.IMAGE] with flash_bytes,
 /// static_bytes, stack_bytes and panic_calls, and [[package.metadata.stack]] with the handlers
-/// and tasks of each level of priority. They are promises about the compiler that
+/// and tasks of each level of priority; and, where it matters, [[package.metadata.placed]] with
+/// memory, addresses and names of what must be there. They are promises about the compiler that
 /// firmware/boards/rust-toolchain.toml pins: with it an image over any of them is a failure, with
 /// another a warning. One whose stack does not fit beside its variables is always a failure.
 ///
@@ -88,7 +89,11 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     let mut reachable = vec![["image", "what", "name", "panics"].map(String::from)];
     let mut json = Vec::new();
     for image in &images {
-        let (budget, levels) = promised(&packages, image)?;
+        let ImagePromise {
+            budget,
+            levels,
+            placed,
+        } = promised(&packages, image)?;
         let bytes = firmware::read(&image.elf)?;
         let figures = ImageFigures::read(&bytes, &levels, image.board.has_fpu())
             .with_context(|| format!("image `{}`", image.name))?;
@@ -104,6 +109,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         let of_image = |what: String| format!("{}: {what}", image.name);
         over.extend(budget.broken_by(&figures).map(of_image));
         unsound.extend(budget::unsound(&figures).map(of_image));
+        unsound.extend(image::misplaced(&bytes, &placed)?.into_iter().map(of_image));
         rows.push([
             image.name.clone(),
             figures.flash_bytes.to_string(),
@@ -158,7 +164,13 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
 }
 
 /// What the board's package says about an image.
-fn promised(packages: &serde_json::Value, image: &Image) -> Result<(Budget, Vec<Level>)> {
+struct ImagePromise {
+    budget: Budget,
+    levels: Vec<Level>,
+    placed: Vec<PlacedVariables>,
+}
+
+fn promised(packages: &serde_json::Value, image: &Image) -> Result<ImagePromise> {
     let package = firmware::package(packages, image.board)?;
     let table = |path: &str| package.pointer(&format!("/metadata/{path}")).cloned();
     let name = format!("package.metadata.budget.{}", image.name);
@@ -167,7 +179,13 @@ fn promised(packages: &serde_json::Value, image: &Image) -> Result<(Budget, Vec<
     let budget = serde_json::from_value(budget).with_context(|| name)?;
     let levels = table("stack").unwrap_or_else(|| serde_json::json!([]));
     let levels = serde_json::from_value(levels).context("package.metadata.stack")?;
-    Ok((budget, levels))
+    let placed = table("placed").unwrap_or_else(|| serde_json::json!([]));
+    let placed = serde_json::from_value(placed).context("package.metadata.placed")?;
+    Ok(ImagePromise {
+        budget,
+        levels,
+        placed,
+    })
 }
 
 fn show_reachable(image: &Image, figures: &ImageFigures) {
