@@ -79,11 +79,15 @@ pub enum DamageKind {
     TwoChips,
     /// Probed at a feed 1.5 to 6 times that of the taught clamping: each touch is 1 to 20 µm later.
     OtherFeed,
+    /// A chip of 10 to 50 µm on each datum ball but one, all alike.
+    EqualChips,
+    /// The control rounds to 20 to 100 µm.
+    CoarseStep,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 35] = [
+    pub const ALL: [Self; 37] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -119,6 +123,8 @@ impl DamageKind {
         Self::MovedBehind,
         Self::TwoChips,
         Self::OtherFeed,
+        Self::EqualChips,
+        Self::CoarseStep,
     ];
 
     /// For the table.
@@ -160,6 +166,8 @@ impl DamageKind {
             Self::MovedBehind => "slipped or turned behind the first closing ball, 5-50 µm",
             Self::TwoChips => "chips on two tops, 10-50 µm",
             Self::OtherFeed => "probed at another feed, each touch 1-20 µm later",
+            Self::EqualChips => "equal chips on all tops but one, 10-50 µm",
+            Self::CoarseStep => "a control's step of 20-100 µm",
         }
     }
 

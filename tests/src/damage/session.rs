@@ -214,6 +214,10 @@ impl<'a> Session<'a> {
             }
             DamageKind::OtherFeed => probing.late_mm = dice.within(sizes([0.001, 0.02])),
             DamageKind::WornStylus => probing.scatter_mm = dice.within(sizes([0.005, 0.02])),
+            DamageKind::CoarseStep => {
+                let steps_mm = [0.02, 0.025, 0.05, 0.1];
+                probing.step_mm = steps_mm[dice.below(steps_mm.len())];
+            }
             DamageKind::ZScale => {
                 let own = [10e-6 * lowest_mm, 100e-6 * lowest_mm];
                 let [least, most] = sizes(own).map(|mm| mm / lowest_mm);
@@ -281,6 +285,9 @@ impl<'a> Session<'a> {
                     probing.chip_mm = early;
                 }
                 DamageKind::TwoChips if is_again(other) => probing.chip_mm = other_chip,
+                DamageKind::EqualChips if place < self.plan.moving && !is_again(one) => {
+                    probing.chip_mm = early;
+                }
                 _ => {}
             }
             let mut points = hits(&centers, &probing, &mut self.dice);

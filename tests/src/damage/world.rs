@@ -147,6 +147,8 @@ pub struct Probing {
     pub chip_mm: f64,
     /// Each touch is so late, along its way.
     pub late_mm: f64,
+    /// The control rounds to whole steps of this; 0 where to its increment.
+    pub step_mm: f64,
 }
 
 /// Contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
@@ -182,7 +184,13 @@ pub fn hits(centers: &[Vector3<f64>], probing: &Probing, dice: &mut Dice) -> Vec
         let (beside_x, beside_y) = (seen(4).x + touch(dice), seen(4).y + touch(dice));
         points.push([beside_x, beside_y, is(5) + touch(dice)]);
     }
-    // A machine's increment.
-    let rounded = |point: [f64; 3]| point.map(|value| (value * 1000.0).round() / 1000.0);
-    points.into_iter().map(rounded).collect()
+    let rounded = |mm: f64| {
+        let mm = match probing.step_mm {
+            0.0 => mm,
+            step_mm => (mm / step_mm).round() * step_mm,
+        };
+        // A machine's increment.
+        (mm * 1000.0).round() / 1000.0
+    };
+    points.into_iter().map(|point| point.map(rounded)).collect()
 }

@@ -84,7 +84,7 @@ fn probed() -> SimulatedPlan {
 }
 
 /// The rows of `umi job check` that have a size, and what they mean here.
-const SIZED: [(&str, DamageKind); 13] = [
+const SIZED: [(&str, DamageKind); 14] = [
     ("mixed_setups", DamageKind::BallsOfTwo),
     ("early_top", DamageKind::EarlyTop),
     ("chip_on_top", DamageKind::ChipOnTop),
@@ -96,6 +96,7 @@ const SIZED: [(&str, DamageKind); 13] = [
     ("turned", DamageKind::TurnedAnywhere),
     ("rocked", DamageKind::Rocked),
     ("chips_on_two", DamageKind::TwoChips),
+    ("chips_on_two", DamageKind::EqualChips),
     ("z_scale", DamageKind::ZScale),
     ("trips_later", DamageKind::OtherFeed),
 ];
@@ -166,7 +167,8 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         | DamageKind::EarlyTop
         | DamageKind::ShiftWhileProbed
         | DamageKind::SlipOutside
-        | DamageKind::BallsOfTwo => four.then_some(0.0),
+        | DamageKind::BallsOfTwo
+        | DamageKind::CoarseStep => four.then_some(0.0),
         // What is left lies just below the limits, and is hardly more than 10 µm.
         DamageKind::SameDigit
         | DamageKind::ChipOnTop

@@ -14,6 +14,7 @@ use umi_protocol::serial::Cts;
 use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
 use serde_json::{Value, json};
 use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
+use umi_core::correction::dialect::{form, is_read_back};
 
 /// What a job probes, judges and sends.
 #[must_use]
@@ -94,10 +95,39 @@ pub fn notes(job: &Job) -> Vec<Note> {
     if let Some((code, said)) = other_count(job) {
         note(code, said);
     }
+    for (code, said) in job
+        .correction
+        .iter()
+        .flat_map(|spec| of_correction(job, spec))
+    {
+        note(code, said.to_owned());
+    }
     if let Some(open) = umi_core::job::not_guarded(job) {
         note(open.code(), open.to_string());
     }
     notes
+}
+
+/// What a correction's end and its way to the control leave open.
+fn of_correction(job: &Job, spec: &CorrectionSpec) -> Vec<(&'static str, &'static str)> {
+    let mut said = Vec::new();
+    let has_parity = job.line.settings().data_bits == 7
+        || !matches!(job.receiver.coding, Coding::Auto | Coding::Ascii);
+    if has_parity && !is_read_back(spec.dialect) {
+        said.push((
+            "parity_sees_half",
+            "parity sees 25 of the 45 ways in which one digit of the correction becomes another on \
+             its way to the control: a dialect that reads back what is stored sees all",
+        ));
+    }
+    if spec.ends_with == ProgramEnd::M30 && form(spec.dialect).turn_ends_with_program {
+        said.push((
+            "end_takes_the_turn",
+            "ends_with = \"M30\" resets the control, and the correction's rotation with it: only the \
+             offset stays. Say ends_with = \"M99\" and call it from the part program",
+        ));
+    }
+    said
 }
 
 /// The notes for machines: those of the job, and what its table of guards assumes.

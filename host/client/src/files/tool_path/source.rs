@@ -61,7 +61,9 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
 /// Reads the last verdict of a file of JSON lines, as `umi replay --json` prints them.
 ///
 /// # Errors
-/// The file cannot be read or holds no verdict; the verdict is not OK.
+/// The file cannot be read or holds no verdict; the verdict is not OK, or it was measured in a
+/// run: which of the control's variables counts runs stands in the job, and not here, so that a
+/// program would compare nothing.
 pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     let text = text(path)?;
     let is_verdict = |value: &Value| value["type"] == "verdict";
@@ -88,6 +90,21 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
                 name(path)
             ),
         ));
+    }
+    let remarks = last["remarks"].as_array().into_iter().flatten();
+    let mut runs = remarks.filter(|remark| remark["code"] == "of_run");
+    if let Some(run) = runs.next().map(|remark| &remark["details"]["run"]) {
+        return Err(Problem::refused(
+            "run_not_compared",
+            format_args!(
+                "{}: its verdict was measured in run {run}, and a program made from this file would \
+                 run in any other, too: the job that says how a control compares runs is not in \
+                 it. Give a journal (umi log -o FILE.umij) or the board as --verdict; for a trial at \
+                 a desk give rotation and translation_mm of its registration as --transform",
+                name(path)
+            ),
+        )
+        .with("run", run.clone()));
     }
     let written: Written =
         serde_json::from_value(last["registration"].clone()).map_err(|error| {

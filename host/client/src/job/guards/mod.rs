@@ -30,7 +30,7 @@ mod tests;
 use umi_core::correction::dialect::is_read_back;
 use umi_core::job::{closing, datums, moves_something, touch_begins_anew};
 use umi_protocol::job::{Job, Reference, Teach};
-use umi_protocol::pattern::{Coding, LinePattern};
+use umi_protocol::pattern::LinePattern;
 
 pub use seen::SeenFrom;
 use seen::worst;
@@ -181,8 +181,8 @@ impl GuardTable {
             ),
             row(
                 "chips_on_two",
-                "chips on two tops, as if it were tilted",
-                setup.two(),
+                "chips on two tops or more, like a tilt",
+                setup.chips(),
                 "tilt_deg",
             ),
             row(
@@ -198,12 +198,9 @@ impl GuardTable {
             row(
                 "digit_to_control",
                 "a digit wrong on its way to the control",
-                when(job.correction.as_ref().is_none_or(|spec| {
-                    let has_parity = job.line.settings().data_bits == 7
-                        || !matches!(job.receiver.coding, Coding::Auto | Coding::Ascii);
-                    has_parity || is_read_back(spec.dialect)
-                })),
-                "parity, `variables`",
+                // Parity sees only what changes an odd number of bits: a note says so.
+                when((job.correction.as_ref()).is_none_or(|spec| is_read_back(spec.dialect))),
+                "`variables`",
             ),
             row(
                 "longer_probe",
@@ -270,6 +267,13 @@ impl GuardTable {
                 "a control's step of 20, 50, 100 µm",
                 when(moves_something(job) && setup.sees_steps()),
                 "more touches",
+            ),
+            row(
+                "coarse_taught",
+                "taught at such a step, finer since",
+                // Where the fits show no step, the figures of paper look the same.
+                when(!is_taught),
+                "the finest step",
             ),
             row(
                 "moved_while_closing",

@@ -48,17 +48,24 @@ impl Setup {
         }))
     }
 
-    /// Two features are too high alike: where they lie on one side, a tilt does so as well.
-    pub(super) fn two(&self) -> SeenFrom {
+    /// Two features, or all but one, are too high alike: where they lie on one side, a tilt does
+    /// so as well.
+    pub(super) fn chips(&self) -> SeenFrom {
         let balls = datums(&self.job).count();
         let due: Vec<usize> = datums(&self.job).map(|(index, _)| index).collect();
-        worst(due.iter().enumerate().flat_map(|(number, one)| {
+        let pairs = due.iter().enumerate().flat_map(|(number, one)| {
             let behind = due.iter().skip(number + 1);
-            behind.map(move |other| {
-                self.from(balls, &|index, mm| {
-                    let of = self.repeated(index);
-                    Vector3::z() * if of == *one || of == *other { mm } else { 0.0 }
-                })
+            behind.map(|other| vec![*one, *other])
+        });
+        let but_one = due.iter().map(|clean| {
+            let others = due.iter().copied().filter(|index| index != clean);
+            others.collect()
+        });
+        let chipped: Vec<Vec<usize>> = pairs.chain(but_one).collect();
+        worst(chipped.iter().map(|chipped| {
+            self.from(balls, &|index, mm| {
+                let is_high = chipped.contains(&self.repeated(index));
+                Vector3::z() * if is_high { mm } else { 0.0 }
             })
         }))
     }

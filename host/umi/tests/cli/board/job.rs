@@ -232,7 +232,17 @@ fn notes_are_told_for_people_and_for_machines() {
         .unwrap();
     let grbl = grbl.replace(dialect, "dialect = \"grbl\"");
     for (name, job, codes) in [
-        ("four", four.clone(), &["frame_limits"][..]),
+        (
+            "seven bits",
+            format!("{four}\n[line]\ndata_bits = 7\n"),
+            &["parity_sees_half", "frame_limits"][..],
+        ),
+        (
+            "main",
+            four.replace("ends_with = \"M99\"", "ends_with = \"M30\""),
+            &["end_takes_the_turn", "frame_limits"],
+        ),
+        ("four", four.clone(), &["frame_limits"]),
         (
             "linuxcnc",
             linuxcnc,

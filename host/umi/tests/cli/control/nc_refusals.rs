@@ -259,6 +259,24 @@ fn modes_are_stated() {
     }
 }
 
+/// What a replay printed of a verdict with a run does not say how a control compares runs: no
+/// program is made of it that would run in any other.
+#[test]
+fn a_printed_verdict_of_a_run_moves_nothing() {
+    let bench = Bench::new(QUARTER);
+    let (session, job) = (
+        project("examples/four-spheres.txt"),
+        project("examples/four-spheres.toml"),
+    );
+    let printed = umi(&["replay", &session, "--job", &job, "--json"]).out;
+    let is_wanted = |line: &&str| line.contains("\"plate\":1,") && line.contains("of_run");
+    let verdict = printed.lines().find(is_wanted).unwrap();
+    let printed = bench.folder.file("v.jsonl", verdict);
+    let said = umi(&["correction", "--verdict", &printed, "--job", &job, "--json"]).exits(2);
+    assert_eq!(said.json()["error"]["code"], "run_not_compared");
+    assert_eq!(said.json()["error"]["run"], 2);
+}
+
 /// A verdict moves the same, whether a journal brings it, what a replay printed, or the board.
 #[test]
 fn a_verdict_means_one_thing() {
