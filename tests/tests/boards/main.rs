@@ -13,6 +13,7 @@ mod pico_figures;
 mod pico_load;
 mod pico_owner;
 mod pico_pulses;
+mod pico_scan;
 mod pico_selftest;
 mod pico_serial;
 mod pico_stack;
