@@ -88,11 +88,16 @@ fn time_does_not_move_the_ball() {
     };
     let mut station = TableMachine::new(spec, 1);
     let machine = station.truth.clone();
+    let mut places = [f64::INFINITY, f64::NEG_INFINITY];
     for speed in [2.5, -2.5, 100.0, -100.0, 500.0, -500.0] {
         let with_board = ball::place_along_x(&mut station, &machine, speed, 0.0).unwrap();
         // A micrometre, and a count.
         assert!(with_board.abs() < 0.002, "{speed}: {with_board}");
+        places = [places[0].min(with_board), places[1].max(with_board)];
         let late = ball::place_along_x(&mut station, &machine, speed, 10_000.0).unwrap();
         assert!((late + speed * 0.01).abs() < 0.002, "{speed}: {late}");
     }
+    let [least, most] = places;
+    println!("between {least} and {most} mm at all speeds, both ways");
+    assert!(most - least < 0.002);
 }
