@@ -1,5 +1,5 @@
-//! What the cases share that every board is asked: see `conformance.rs` and `deliveries.rs`
-//! beside this folder.
+//! What the cases share that every board is asked: see `tests/tests/boards/conformance.rs`
+//! and `tests/tests/send/deliveries`.
 #![allow(
     clippy::missing_panics_doc,
     clippy::must_use_candidate,

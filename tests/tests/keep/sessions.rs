@@ -152,12 +152,13 @@ fn a_board_asks_for_the_key_that_the_table_names() {
         if mode == AccessMode::Locked {
             assert!(authenticated(&board, OWNER).lock(true).unwrap());
         }
-        for (role, of) in [
-            (Role::None, None),
-            (Role::Operator, Some(OPERATOR)),
-            (Role::Engineer, Some(ENGINEER)),
-            (Role::Owner, Some(OWNER)),
-        ] {
+        for role in Role::ALL {
+            let of = match role {
+                Role::None => None,
+                Role::Operator => Some(OPERATOR),
+                Role::Engineer => Some(ENGINEER),
+                Role::Owner => Some(OWNER),
+            };
             if mode == AccessMode::Open && of.is_some() {
                 // It knows no key, and needs none.
                 continue;

@@ -343,7 +343,13 @@ pub const fn keeps_runs(dialect: Dialect, variable: u32) -> bool {
         Dialect::HaasVariables => variable == 531,
         Dialect::Siemens => variable <= 999,
         Dialect::Heidenhain => variable <= 499,
-        _ => matches!(variable, 500..=999 | 98_000..=98_499),
+        Dialect::G10G68
+        | Dialect::G68ThreeD
+        | Dialect::FanucSettingError
+        | Dialect::MazakSettingError
+        | Dialect::MitsubishiSettingError
+        | Dialect::Variables
+        | Dialect::Grbl => matches!(variable, 500..=999 | 98_000..=98_499),
     }
 }
 

@@ -64,7 +64,13 @@ impl RunCheck {
             Dialect::Siemens => RunForm::Siemens,
             Dialect::Heidenhain => RunForm::Heidenhain,
             Dialect::MazakSettingError | Dialect::MitsubishiSettingError => RunForm::Goto,
-            _ => RunForm::Then,
+            Dialect::G10G68
+            | Dialect::G68ThreeD
+            | Dialect::FanucSettingError
+            | Dialect::Variables
+            | Dialect::Haas
+            | Dialect::HaasVariables => RunForm::Then,
+            Dialect::Grbl => return None,
         };
         Some(Self {
             variable,

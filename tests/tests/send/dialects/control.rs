@@ -16,7 +16,11 @@ pub const fn language(dialect: Dialect) -> ControlFamily {
         Dialect::MazakSettingError | Dialect::MitsubishiSettingError => ControlFamily::Mitsubishi,
         Dialect::LinuxCnc => ControlFamily::LinuxCnc,
         Dialect::Grbl => ControlFamily::Grbl,
-        _ => ControlFamily::Fanuc,
+        Dialect::G10G68 | Dialect::G68ThreeD | Dialect::FanucSettingError | Dialect::Variables => {
+            ControlFamily::Fanuc
+        }
+        // Read by `by_hand`, and by people.
+        Dialect::Siemens | Dialect::Heidenhain => ControlFamily::Fanuc,
     }
 }
 

@@ -30,7 +30,12 @@ pub(in crate::dprnt) const fn shows_its_end(pattern: &LinePattern) -> bool {
     match pattern {
         LinePattern::LabelledWords(words) => words.format.is_some(),
         LinePattern::Template(line) => line.format.is_some(),
-        _ => true,
+        LinePattern::Block(_)
+        | LinePattern::PointLine(_)
+        | LinePattern::RingCsv(_)
+        | LinePattern::GrblProbe
+        | LinePattern::LinuxCncProbe
+        | LinePattern::Checked(_) => true,
     }
 }
 

@@ -113,6 +113,8 @@ mod tests {
                 | Request::TriggerOutSet(_)
                 | Request::LaserSet { .. }
                 | Request::LineListen(_)
+                | Request::SensorSet(_)
+                | Request::SensorCommand { .. }
                 | Request::Teach { .. } => Role::Engineer,
                 Request::ConfigSet(_)
                 | Request::KeyEnrol(_)
