@@ -42,6 +42,12 @@ impl Bench {
         port.serve_host(&board);
         let is_over = Arc::new(AtomicBool::new(false));
         let (own, over) = (Arc::clone(&board), Arc::clone(&is_over));
+        // A board without encoders refuses pulses: there is nothing to latch.
+        own.move_to(Positions {
+            counts: [3000, 5000, 144_000].into_iter().collect(),
+            t_ns: own.now().0 * 1000,
+            ..Positions::default()
+        });
         let sensor = thread::spawn(move || {
             let mut number = 0;
             let mut heights = [144.0, 144.25].into_iter().cycle();
