@@ -10,14 +10,14 @@ use crate::tasks::deny;
 use crate::tasks::firmware::pin::Pin;
 use crate::tasks::firmware::toolchain::{self, TARGETS, Toolchain};
 use crate::tasks::fuzz;
-use crate::tools::{emulators, referee, spelling};
+use crate::tools::{browser, emulators, referee, spelling};
 use crate::workspace::{Workspace, execute, find_program, output};
 
 /// Installs what tests, firmware, fuzzing and benchmarks need.
 ///
 /// What is there already is left alone. The compiler that firmware/boards/rust-toolchain.toml
 /// pins comes from rustup; where it cannot bring it, Debian's compiler and its sources come from
-/// apt-get (as root only). QEMU and node come from apt-get too, and the emulated Pico's packages
+/// apt-get (as root only). QEMU, node and chromium come from apt-get too, and the emulated Pico's packages
 /// from npm. cargo-deny and cargo-fuzz are compiled, typos comes from Python's packages.
 /// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
@@ -42,18 +42,21 @@ pub(crate) enum Need {
     Fuzzing,
     /// LinuxCNC's interpreter, to judge NC programs.
     Referee,
+    /// A browser, to draw a scan's page.
+    Browser,
     /// valgrind, to count instructions.
     Counting,
 }
 
 /// What the tests need.
-pub const OF_TESTS: [Need; 6] = [
+pub const OF_TESTS: [Need; 7] = [
     Need::Firmware,
     Need::Emulators,
     Need::Dependencies,
     Need::Spelling,
     Need::Fuzzing,
     Need::Referee,
+    Need::Browser,
 ];
 
 /// Meets every need.
@@ -114,6 +117,7 @@ impl Need {
             Self::Spelling => "check of spelling",
             Self::Fuzzing => "fuzzing",
             Self::Referee => "referee of NC programs",
+            Self::Browser => "browser",
             Self::Counting => "instruction counts",
         }
     }
@@ -145,6 +149,9 @@ impl Need {
             Self::Referee => {
                 (!referee::is_there(workspace)).then(|| ("LinuxCNC's interpreter".to_owned(), 10))
             }
+            Self::Browser => browser::find()
+                .is_none()
+                .then(|| (browser::DEBIAN_PACKAGE.to_owned(), 40)),
             Self::Counting => find_program("valgrind")
                 .is_none()
                 .then(|| ("valgrind".to_owned(), 20)),
@@ -159,6 +166,7 @@ impl Need {
             Self::Spelling => spelling::bring(workspace),
             Self::Fuzzing => fuzzing(workspace),
             Self::Referee => referee::bring(workspace),
+            Self::Browser => a_browser(workspace),
             Self::Counting => counting(workspace),
         }
     }
@@ -242,6 +250,16 @@ fn fuzzing(workspace: &Workspace) -> Result<String> {
         )?;
     }
     Ok("cargo-fuzz with a nightly compiler".into())
+}
+
+fn a_browser(workspace: &Workspace) -> Result<String> {
+    if browser::find().is_none() {
+        install(workspace, &[browser::DEBIAN_PACKAGE])?;
+    }
+    match browser::find() {
+        Some(found) => Ok(found.display().to_string()),
+        None => bail!("no browser, though its package is installed"),
+    }
 }
 
 fn counting(workspace: &Workspace) -> Result<String> {

@@ -11,8 +11,8 @@ use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
 use crate::tasks::{bench, fuzz};
 use crate::tasks::{deny, unused};
-use crate::tools::{emulators, referee, spelling};
-use crate::workspace::{Workspace, execute, find_program, in_ci};
+use crate::tools::{browser, emulators, referee, spelling};
+use crate::workspace::{Workspace, execute, in_ci};
 
 /// Sets up what is missing, then runs every check and prints a table of what was run.
 ///
@@ -250,9 +250,6 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
     })
 }
 
-/// Browsers that draw without a screen.
-const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
-
 fn tests(run: &Run<'_>) -> Result<Outcome> {
     let mut missing = Vec::new();
     // All failures in one run: CI is slow to ask again.
@@ -287,12 +284,12 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             .current_dir(emulators::folder(run.workspace));
         execute(&mut npm)?;
     }
-    match BROWSERS.iter().find_map(|name| find_program(name)) {
+    match browser::find() {
         Some(browser) => {
             command.env("UMI_BROWSER", browser);
         }
         None => {
-            let why = "no browser has drawn a scan's page: none of chromium, google-chrome is here";
+            let why = "no browser has drawn a scan's page: cargo xtask set-up brings chromium";
             console::skipped(why);
             missing.push(why.to_owned());
         }

@@ -1,5 +1,6 @@
 //! Programs of others that several tasks use.
 
+pub mod browser;
 pub mod emulators;
 pub mod referee;
 pub mod spelling;
