@@ -3,6 +3,7 @@
 //! * [`read`]: STL, OBJ, PLY by the file's extension.
 //! * [`weld`]: vertices at one place become one; edges, borders, components; what is no oriented surface is refused.
 
+mod fan;
 mod obj;
 mod ply;
 pub mod read;

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::RawMesh;
+use super::fan::Fans;
 use super::unreadable::unreadable;
 use crate::ScanError;
 
@@ -11,6 +12,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
     let text =
         std::str::from_utf8(bytes).map_err(|_| unreadable("an OBJ file is text, this is none"))?;
     let mut raw = RawMesh::default();
+    let mut fans = Fans::default();
     for (number, line) in text.lines().enumerate() {
         let mut words = line.split_ascii_whitespace();
         let wrong = |what: &str| unreadable(format_args!("line {}: {what}", number + 1));
@@ -49,15 +51,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
                 if corners.len() < 3 {
                     return Err(wrong("a face needs three corners at least"));
                 }
-                for k in 1..corners.len() - 1 {
-                    raw.faces.push([corners[0], corners[k], corners[k + 1]]);
-                }
+                fans.cut(&mut raw, &corners);
             }
             _ => {}
         }
     }
-    if raw.faces.iter().flatten().any(|&i| i >= raw.vertices.len()) {
-        return Err(unreadable("a face names a vertex that is not there"));
-    }
+    fans.check(&raw)?;
     Ok(raw)
 }

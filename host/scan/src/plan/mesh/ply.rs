@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::RawMesh;
+use super::fan::Fans;
 use super::unreadable::unreadable;
 use crate::ScanError;
 use crate::format::ply::{Encoding, Header, Scalar};
@@ -42,6 +43,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
         encoding: header.encoding,
     };
     let mut raw = RawMesh::default();
+    let mut fans = Fans::default();
     for element in &header.elements {
         if element.properties.is_empty() {
             continue;
@@ -79,9 +81,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
                     if corners.len() < 3 {
                         return Err(unreadable("a face needs three corners at least"));
                     }
-                    for k in 1..corners.len() - 1 {
-                        raw.faces.push([corners[0], corners[k], corners[k + 1]]);
-                    }
+                    fans.cut(&mut raw, &corners);
                 }
             }
             if element.name == "vertex" {
@@ -89,8 +89,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
             }
         }
     }
-    if raw.faces.iter().flatten().any(|&i| i >= raw.vertices.len()) {
-        return Err(unreadable("a face names a vertex that is not there"));
-    }
+    fans.check(&raw)?;
     Ok(raw)
 }
