@@ -5,7 +5,7 @@ use umi_protocol::message::{TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::reason::Reason;
 
 use super::teach::TeachingAct;
-use super::{Decision, Run, spec_of};
+use super::{Decision, Progress, Run, spec_of};
 use crate::dprnt::{Announced, Said};
 use crate::units::{Micros, Point};
 
@@ -102,7 +102,8 @@ impl Run {
         if self.run == Some(run) {
             return;
         }
-        if self.run.is_some() {
+        // Also where what came before was of no run.
+        if self.run.is_some() || self.progress != Progress::Empty || self.collecting.is_some() {
             self.give_up(Reason::RunChanged, out);
             self.next_setup();
         }

@@ -171,6 +171,66 @@ fn blocks_belong_to_the_run_before_them() {
     assert!(text(1).contains("531EQ8"), "{}", text(1));
 }
 
+/// Blocks that belong to no run are refused, and the run behind them is judged as ever: also
+/// where theirs were not complete, and nothing of them is taken for it.
+#[test]
+fn a_run_begins_behind_blocks_of_none() {
+    let mut job = job();
+    let checked = LinePattern::Checked(CheckedPattern::default());
+    let _ = job.receiver.patterns.push(checked);
+    job.guards.run_variable = Some(531);
+    check(&job).unwrap();
+    for of_none in [3, 2, 1] {
+        let mut run = Run::new(job.clone());
+        let mut outcome = Outcome::default();
+        for number in 0..4 {
+            if number != 1 {
+                let of_run = 7 + u32::try_from(number).unwrap();
+                // Nothing else begins a run than a number: the line with the offset is lost.
+                let said = Said::Moved(Moved {
+                    is_rotated: false,
+                    tool_length_mm: 0.0,
+                    external: Point::from_mm(0.0, 0.0, 0.0),
+                });
+                let announced = Announced { run: of_run, said };
+                run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+            }
+            let due = if number == 1 { of_none } else { 3 };
+            for (name, points) in &clamping(number, [1, 2, 3])[..due] {
+                feed(&mut run, &mut outcome, name, points, 5);
+            }
+        }
+        let summary = outcome.summary();
+        assert_eq!(summary.len(), 4, "{summary:?}");
+        assert!(summary[1].contains("run_unknown"), "{summary:?}");
+        assert_eq!([&summary[0], &summary[2], &summary[3]], ["OK"; 3]);
+    }
+    // What is left of blocks is no ball of the run behind them.
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    for (number, part) in [(0, 0..3), (1, 0..2), (2, 2..3)] {
+        if number != 1 {
+            let said = Said::Moved(Moved {
+                is_rotated: false,
+                tool_length_mm: 0.0,
+                external: Point::from_mm(0.0, 0.0, 0.0),
+            });
+            let announced = Announced {
+                run: 7 + number,
+                said,
+            };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        }
+        let clamping = clamping(usize::try_from(number).unwrap(), [1, 2, 3]);
+        for (name, points) in &clamping[part] {
+            feed(&mut run, &mut outcome, name, points, 5);
+        }
+    }
+    run.control_asks(&mut |d| outcome.take(d));
+    let third = outcome.summary().pop().unwrap();
+    assert!(third.contains("missing_feature"), "{third}");
+}
+
 /// A program that belongs to a run stops in any other, before it sets anything.
 #[test]
 fn a_correction_belongs_to_one_run() {
