@@ -83,11 +83,32 @@ pub enum DamageKind {
     EqualChips,
     /// The control rounds to 20 to 100 µm.
     CoarseStep,
+    /// Dust of 10 to 50 µm on the top of each ball of the part, all alike; not on the one on the
+    /// table.
+    DustOnAll,
+    /// The stylus is bent by 10 to 60 µm between two balls of the part.
+    BentInRun,
+    /// The ball on the table is probed before the last of the part's, and the stylus is bent by as
+    /// much behind it. Where there is none, the stylus is bent there.
+    BentBehindTable,
+    /// The part moves by 5 to 50 µm before a ball, and is back before another one, the first
+    /// closing ball at the latest.
+    CameBack,
+    /// A ball has moved on its plate by 10 to 50 µm since it was taught.
+    BallMoved,
+    /// Another plate of the same drawing: each ball elsewhere by 5 to 60 µm.
+    OtherPlate,
+    /// The clamps bow the plate: its outermost ball is higher or lower by 10 to 50 µm against the
+    /// part in its middle, the others as the square of their distance.
+    Bowed,
+    /// The fast touches, by which a ball is found, scatter by 6 µm: what a control with a delay of
+    /// up to 4 ms makes of 300 mm/min.
+    FastScatter,
 }
 
 impl DamageKind {
     /// All of them.
-    pub const ALL: [Self; 37] = [
+    pub const ALL: [Self; 45] = [
         Self::Clean,
         Self::Warm,
         Self::LineTwice,
@@ -125,6 +146,14 @@ impl DamageKind {
         Self::OtherFeed,
         Self::EqualChips,
         Self::CoarseStep,
+        Self::DustOnAll,
+        Self::BentInRun,
+        Self::BentBehindTable,
+        Self::CameBack,
+        Self::BallMoved,
+        Self::OtherPlate,
+        Self::Bowed,
+        Self::FastScatter,
     ];
 
     /// For the table.
@@ -168,6 +197,16 @@ impl DamageKind {
             Self::OtherFeed => "probed at another feed, each touch 1-20 µm later",
             Self::EqualChips => "equal chips on all tops but one, 10-50 µm",
             Self::CoarseStep => "a control's step of 20-100 µm",
+            Self::DustOnAll => "dust alike on all tops of the part, 10-50 µm",
+            Self::BentInRun => "stylus bent between two balls, 10-60 µm",
+            Self::BentBehindTable => {
+                "bent behind a ball on the table that came too early, 10-60 µm"
+            }
+            Self::CameBack => "moved and came back while probing, 5-50 µm",
+            Self::BallMoved => "a ball moved on its plate since teaching, 10-50 µm",
+            Self::OtherPlate => "another plate of the same drawing, balls off by 5-60 µm",
+            Self::Bowed => "plate bowed by its clamps, 10-50 µm",
+            Self::FastScatter => "fast touches scatter by 6 µm",
         }
     }
 

@@ -9,7 +9,7 @@ use super::plan::SimulatedPlan;
 use super::world::{Dice, TruePose};
 
 /// What a part does between its first hit and its last.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum PartMotion {
     /// It stands.
     Stands,
@@ -28,6 +28,8 @@ pub enum PartMotion {
         /// By how much it is shifted.
         shift: Vector3<f64>,
     },
+    /// It is away by so much for these balls, in the order of probing.
+    CameBack(std::ops::Range<usize>, Vector3<f64>),
 }
 
 impl PartMotion {
@@ -135,6 +137,11 @@ impl PartMotion {
                     shift: Vector3::zeros(),
                 }
             }
+            DamageKind::CameBack => {
+                let from = dice.below(plan.datums);
+                let upto = from + 1 + dice.below(plan.datums - from);
+                Self::CameBack(from..upto, way)
+            }
             _ => Self::Stands,
         }
     }
@@ -167,6 +174,8 @@ impl PartMotion {
                     pose.turned(*about, *turned, middle).nudged(*shift)
                 }
             }
+            Self::CameBack(while_probed, way) if while_probed.contains(&turn) => pose.nudged(*way),
+            Self::CameBack(..) => *pose,
         }
     }
 

@@ -213,6 +213,7 @@ impl<'a> Session<'a> {
                 probing.bent_mm = (dice.direction() * dice.within(sizes([0.01, 0.06]))).into();
             }
             DamageKind::OtherFeed => probing.late_mm = dice.within(sizes([0.001, 0.02])),
+            DamageKind::FastScatter => probing.fast_mm = 0.006,
             DamageKind::WornStylus => probing.scatter_mm = dice.within(sizes([0.005, 0.02])),
             DamageKind::CoarseStep => {
                 let steps_mm = [0.02, 0.025, 0.05, 0.1];
@@ -237,6 +238,49 @@ impl<'a> Session<'a> {
                     break;
                 }
             }
+        }
+        // From which turn on the stylus is bent.
+        let mut bent_from = None;
+        if matches!(kind, DamageKind::BentInRun | DamageKind::BentBehindTable) {
+            let way: [f64; 3] = (dice.direction() * dice.within(sizes([0.01, 0.06]))).into();
+            let turn = match kind {
+                DamageKind::BentInRun => 1 + dice.below(self.plan.moving - 1),
+                _ => {
+                    // In front of this one stands what else would be the last.
+                    let turn = dice.below(self.plan.datums);
+                    if self.plan.moving < turns.len() {
+                        turns[turn..].rotate_right(1);
+                        turn + 1
+                    } else {
+                        turn
+                    }
+                }
+            };
+            bent_from = Some((turn, way));
+        }
+        // Where the balls are on their plate, against where they were taught.
+        let mut on_plate = vec![Vector3::zeros(); self.plan.places.len()];
+        match kind {
+            DamageKind::BallMoved => {
+                on_plate[dice.below(self.plan.datums)] =
+                    dice.direction() * dice.within(sizes([0.01, 0.05]));
+            }
+            DamageKind::OtherPlate => {
+                for ball in &mut on_plate[..self.plan.datums] {
+                    *ball = dice.direction() * dice.within(sizes([0.005, 0.06]));
+                }
+            }
+            DamageKind::Bowed => {
+                let [least, most] = sizes([0.01, 0.05]);
+                let high = dice.either(least, most);
+                let out = |ball: &[f64; 3]| (Vector3::from(*ball) - middle).xy().norm_squared();
+                let balls = &self.plan.places[..self.plan.datums];
+                let most = balls.iter().map(out).fold(0.0, f64::max);
+                for (ball, place) in on_plate.iter_mut().zip(balls) {
+                    ball.z = high * out(place) / most;
+                }
+            }
+            _ => {}
         }
         let one = dice.below(self.plan.datums);
         let other = (one + 1 + dice.below(self.plan.datums - 1)) % self.plan.datums;
@@ -263,7 +307,8 @@ impl<'a> Session<'a> {
         };
         let mut balls: Vec<SimulatedBall> = Vec::new();
         for (place, at) in self.plan.places.iter().enumerate() {
-            let nominal = Vector3::from(*at);
+            let again = self.plan.places.iter().position(|first| first == at);
+            let nominal = Vector3::from(*at) + on_plate[again.unwrap_or(place)];
             let turn = turns.iter().position(|of| *of == place).unwrap_or(place);
             let count = usize::from(self.plan.job.features[place].hits);
             let centers: Vec<Vector3<f64>> = (0..count)
@@ -288,7 +333,13 @@ impl<'a> Session<'a> {
                 DamageKind::EqualChips if place < self.plan.moving && !is_again(one) => {
                     probing.chip_mm = early;
                 }
+                DamageKind::DustOnAll if place < self.plan.moving => probing.chip_mm = early,
                 _ => {}
+            }
+            if let Some((from, way)) = bent_from
+                && turn >= from
+            {
+                probing.bent_mm = way;
             }
             let mut points = hits(&centers, &probing, &mut self.dice);
             for point in &mut points {

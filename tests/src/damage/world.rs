@@ -149,6 +149,8 @@ pub struct Probing {
     pub late_mm: f64,
     /// The control rounds to whole steps of this; 0 where to its increment.
     pub step_mm: f64,
+    /// Added to the scatter of the fast touches.
+    pub fast_mm: f64,
 }
 
 /// Contact points of a ball as the routine takes them (Sawula 2013, appendix D): the top,
@@ -171,7 +173,13 @@ pub fn hits(centers: &[Vector3<f64>], probing: &Probing, dice: &mut Dice) -> Vec
     let top = is(0) + probing.early_top_mm + touch(dice);
     let side = top - RADIUS_MM;
     // The routine centres itself before it goes down, to the scatter of its first touches.
-    let (beside_x, beside_y) = (seen(0).x + touch(dice), seen(0).y + touch(dice));
+    let (mut beside_x, mut beside_y) = (seen(0).x + touch(dice), seen(0).y + touch(dice));
+    if probing.fast_mm > 0.0 {
+        // The middle of two of them.
+        let fast = probing.fast_mm / std::f64::consts::SQRT_2;
+        beside_x += fast * dice.normal();
+        beside_y += fast * dice.normal();
+    }
     let mut points = vec![
         [beside_x, beside_y, top],
         [seen(1).x + radius + touch(dice), beside_y, side],

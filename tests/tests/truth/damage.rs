@@ -84,7 +84,7 @@ fn probed() -> SimulatedPlan {
 }
 
 /// The rows of `umi job check` that have a size, and what they mean here.
-const SIZED: [(&str, DamageKind); 14] = [
+const SIZED: [(&str, DamageKind); 16] = [
     ("mixed_setups", DamageKind::BallsOfTwo),
     ("early_top", DamageKind::EarlyTop),
     ("chip_on_top", DamageKind::ChipOnTop),
@@ -97,6 +97,8 @@ const SIZED: [(&str, DamageKind); 14] = [
     ("rocked", DamageKind::Rocked),
     ("chips_on_two", DamageKind::TwoChips),
     ("chips_on_two", DamageKind::EqualChips),
+    ("dust_on_tops", DamageKind::DustOnAll),
+    ("ball_moved", DamageKind::BallMoved),
     ("z_scale", DamageKind::ZScale),
     ("trips_later", DamageKind::OtherFeed),
 ];
@@ -150,9 +152,12 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
     let (four, table) = (number >= FOUR, number > FOUR);
     match kind {
         // At another feed a ball is smaller, and stays where it is.
-        DamageKind::Clean | DamageKind::Warm | DamageKind::OtherOrder | DamageKind::OtherFeed => {
-            Some(0.0)
-        }
+        DamageKind::Clean
+        | DamageKind::Warm
+        | DamageKind::OtherOrder
+        | DamageKind::OtherFeed
+        | DamageKind::FastScatter => Some(0.0),
+        DamageKind::BentBehindTable => table.then_some(0.0),
         // A digit of the last place in a block, and three balls that see nothing of it.
         kind if kind.is_of_text() => Some(if four { 0.0 } else { 0.001 }),
         DamageKind::OldBeforeTeaching | DamageKind::TeachingRefused => asked.then_some(0.0),
@@ -177,16 +182,26 @@ fn promised(number: usize, kind: DamageKind) -> Option<f64> {
         | DamageKind::SlipInBall
         | DamageKind::TurnedAboutFirst
         | DamageKind::TurnedAnywhere
-        | DamageKind::Rocked => four.then_some(0.001),
+        | DamageKind::Rocked
+        | DamageKind::BentInRun
+        | DamageKind::CameBack
+        | DamageKind::BallMoved
+        | DamageKind::OtherPlate => four.then_some(0.001),
         // At 10 µm, where wrong begins, both scatter.
         DamageKind::BentStylus => table.then_some(0.01),
         _ => None,
     }
 }
 
-/// The jobs that refuse nothing of these: the thesis' limits know no warmth.
+/// The jobs that refuse nothing of these: the thesis' limits know no warmth, and blocks of points
+/// need a close limit of centring.
 fn refuses_none(number: usize, kind: DamageKind) -> bool {
-    kind == DamageKind::Clean || (kind == DamageKind::Warm && number > 1)
+    match kind {
+        DamageKind::Clean => true,
+        DamageKind::Warm => number > 1,
+        DamageKind::FastScatter => number >= FOUR,
+        _ => false,
+    }
 }
 
 #[test]

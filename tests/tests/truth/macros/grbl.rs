@@ -12,12 +12,19 @@ use crate::macros::bench::*;
 
 /// Runs a program from a start position.
 fn run_grbl(program: &str, scene: &str, start_mm: [f64; 3]) -> Ran {
+    run_overridden(program, scene, start_mm, 100.0)
+}
+
+/// The same with the operator's override at another place, percent.
+fn run_overridden(program: &str, scene: &str, start_mm: [f64; 3], percent: f64) -> Ran {
     let path = format!(
         "{}/../hw/control/grbl/{program}",
         env!("CARGO_MANIFEST_DIR")
     );
     let text = fs::read_to_string(path).unwrap();
-    let mut control = Control::new(ControlSettings::of(ControlFamily::Grbl));
+    let mut settings = ControlSettings::of(ControlFamily::Grbl);
+    settings.feed_override_percent = percent;
+    let mut control = Control::new(settings);
     let main = control.load(&text).unwrap();
     control.select(main[0]).unwrap();
     let mut scene = Scene::parse(scene).unwrap();
@@ -95,4 +102,50 @@ fn bore() {
     }
     let ran = run_grbl("bore.nc", scene, [10.0, 20.0, 90.0]);
     assert!(ran.alarm.is_some());
+}
+
+/// Nothing holds GRBL's override off, and no line says it. With a delay of 4 ms each touch at 50 mm/min
+/// comes 3.3 µm later at 200 %: a ball is smaller by that and stays where it is, a plane sinks by it.
+#[test]
+fn an_override_moves_planes_and_no_balls() {
+    let late = "[control]\nskip_delay_ms = [4.0, 4.0]\n";
+    let ball = "[[body]]\nname = \"BALL\"\nshape = { sphere = { radius_mm = 12.7 } }\n\
+                position_mm = [10.0, 20.0, 60.0]\n";
+    let plate = "[[body]]\nname = \"PLATE\"\nposition_mm = [0.0, 0.0, 50.0]\n\
+                 shape = { block = { size_mm = [200.0, 200.0, 20.0] } }\n";
+    let sphere = |percent: f64| {
+        let start_mm = [10.0, 20.0, 80.2];
+        let ran = run_overridden("sphere.nc", &format!("{ball}{late}"), start_mm, percent);
+        // Its radius is what changes: no limit holds it here.
+        let job = grbl_job("sphere", 9, None);
+        match ran.shapes(&job)[..] {
+            [
+                Shape::Sphere {
+                    center_mm,
+                    radius_mm,
+                    ..
+                },
+            ] => (center_mm, radius_mm),
+            _ => panic!("{ran}"),
+        }
+    };
+    let plane = |percent: f64| {
+        let start_mm = [-40.0, -30.0, 66.0];
+        let ran = run_overridden("plane.nc", &format!("{plate}{late}"), start_mm, percent);
+        match ran.shapes(&grbl_job("plane", 9, None))[..] {
+            [Shape::Plane { point_mm, .. }] => point_mm[2],
+            _ => panic!("{ran}"),
+        }
+    };
+    let (center_mm, radius_mm) = sphere(100.0);
+    let height_mm = plane(100.0);
+    for percent in [50.0, 150.0, 200.0] {
+        let later_mm = 50.0 / 60_000.0 * 4.0 * (percent / 100.0 - 1.0);
+        let (center, radius) = sphere(percent);
+        assert!(distance(center, center_mm) < TOLERANCE_MM, "{center:?}");
+        // GRBL reports steps of a micrometre.
+        assert!((radius_mm - radius - later_mm).abs() < 0.001, "{radius}");
+        let height = plane(percent);
+        assert!((height_mm - height - later_mm).abs() < 0.001, "{height}");
+    }
 }

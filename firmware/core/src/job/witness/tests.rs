@@ -164,6 +164,25 @@ fn agreement_measures_the_delay() {
     assert!((most_ms - 4.0).abs() < 1.0, "{most_ms}");
 }
 
+/// An override that no line says makes each touch later in proportion. The encoders see it from the
+/// tolerance on: what passes is no more than that beside what the delay allows.
+#[test]
+fn an_override_is_named_from_the_tolerance_on() {
+    for (percent, is_named) in [(20.0, false), (150.0, false), (200.0, true), (300.0, true)] {
+        let mut machine = Machine::new();
+        machine.delay_ms = machine.delay_ms.map(|ms| ms * percent / 100.0);
+        let reasons = machine.probe_after_a_sound_setup();
+        let named = reasons.iter().any(
+            |reason| matches!(reason, Reason::ControlDelay { limit_ms, .. } if *limit_ms == 4.0),
+        );
+        assert_eq!(named, is_named, "{percent} %: {reasons:?}");
+        assert_eq!(reasons.is_empty(), !is_named, "{percent} %: {reasons:?}");
+        let spec = spec();
+        let beside_mm = FEED / 60_000.0 * spec.delay_ms * (percent / 100.0 - 1.0);
+        assert_eq!(beside_mm > spec.tolerance_mm, is_named, "{percent} %");
+    }
+}
+
 /// A wrong work offset, or datum, is named with its axis and size.
 #[test]
 fn moved_offset_is_named() {

@@ -186,6 +186,18 @@ impl GuardTable {
                 "tilt_deg",
             ),
             row(
+                "dust_on_tops",
+                "dust alike on all tops of the part",
+                setup.dust(),
+                "shift_mm",
+            ),
+            row(
+                "ball_moved",
+                "a ball moved on its plate since taught",
+                setup.ball_moved(),
+                "a 4th ball",
+            ),
+            row(
                 "wrong_digit",
                 if is_checked {
                     "a digit wrong on the line"
@@ -274,6 +286,13 @@ impl GuardTable {
                 // Where the fits show no step, the figures of paper look the same.
                 when(!is_taught),
                 "the finest step",
+            ),
+            row(
+                "bowed",
+                "bowed by its clamps between its balls",
+                // What is rigid has nothing between them.
+                SeenFrom::Never,
+                "a ball at the part",
             ),
             row(
                 "moved_while_closing",

@@ -1,7 +1,7 @@
 //! Errors of single features: what lies on one, what an early touch does, and what all have alike.
 
 use nalgebra::Vector3;
-use umi_core::job::{closing, datums, touches_again};
+use umi_core::job::{closing, datums, fixed, touches_again};
 use umi_protocol::job::{FeatureKind, FeatureSpec};
 
 use super::seen::{SeenFrom, least, worst};
@@ -66,6 +66,25 @@ impl Setup {
             self.from(balls, &|index, mm| {
                 let is_high = chipped.contains(&self.repeated(index));
                 Vector3::z() * if is_high { mm } else { 0.0 }
+            })
+        }))
+    }
+
+    /// All features of the part are too high alike, and none on the table.
+    pub(super) fn dust(&self) -> SeenFrom {
+        let fixed: Vec<usize> = fixed(&self.job).map(|(index, _)| index).collect();
+        self.from(1, &|index, mm| {
+            let is_high = !fixed.contains(&self.repeated(index));
+            Vector3::z() * if is_high { mm } else { 0.0 }
+        })
+    }
+
+    /// One feature has moved on the part, and stands there when it is probed again.
+    pub(super) fn ball_moved(&self) -> SeenFrom {
+        let balls = datums(&self.job).count();
+        worst(datums(&self.job).map(|(of, _)| {
+            self.worst_direction(balls, &|along, index, mm| {
+                along * if self.repeated(index) == of { mm } else { 0.0 }
             })
         }))
     }

@@ -274,3 +274,38 @@ fn a_coarse_step_needs_touches() {
     }
     assert_eq!(seen(&tops, "coarse_step"), SeenFrom::Never);
 }
+
+/// Dust that is alike on all tops is a part that stands higher: the limit of Z's shift and the
+/// part's own shift the other way meet it, and a ball on the table says nothing of it.
+#[test]
+fn dust_is_a_part_that_stands_higher() {
+    let job = job(FOUR);
+    let from = um(seen(&job, "dust_on_tops")) - scatter_um(1.0);
+    assert!((from - 200.0).abs() < 1.0, "{from}");
+    let mut table = job.clone();
+    let mut ball = table.features[0].clone();
+    (ball.name, ball.id) = ("TABLE".try_into().unwrap(), Some(8));
+    table.guards.fixed.push(ball.name.clone()).unwrap();
+    table.guards.fixed_mm = Some(0.007);
+    table.features.push(ball).unwrap();
+    let with_table = um(seen(&table, "dust_on_tops")) - scatter_um(1.0);
+    assert!((with_table - from).abs() < 1.0, "{with_table}");
+    assert!(um(seen(&table, "longer_probe")) < 20.0);
+}
+
+/// A ball that has moved on its plate is there again when it is probed again: the closing ones
+/// do not see it, the other balls do, and two balls do not say which way.
+#[test]
+fn a_ball_that_moved_is_seen_by_the_others() {
+    let mut four = job(FOUR);
+    let from = um(seen(&four, "ball_moved"));
+    assert!((10.0..40.0).contains(&from), "{from}");
+    // It stands higher as a chip does, at least.
+    assert!(from >= um(seen(&four, "chip_on_top")) - 0.1, "{from}");
+    four.guards.closing.clear();
+    four.features.truncate(4);
+    let without_closing = um(seen(&four, "ball_moved"));
+    assert!((without_closing - from).abs() < 0.1, "{without_closing}");
+    let three = um(seen(&job(THREE), "ball_moved"));
+    assert!(three > 50.0, "{three}");
+}
