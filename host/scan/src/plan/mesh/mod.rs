@@ -3,9 +3,9 @@
 //! * [`read`]: STL, OBJ, PLY by the file's extension.
 //! * [`weld`]: vertices at one place become one; edges, borders, components; what is no oriented surface is refused.
 
-mod fan;
 mod obj;
 mod ply;
+mod polygon;
 pub mod read;
 mod step;
 mod unreadable;

@@ -3,16 +3,16 @@
 use nalgebra::Vector3;
 
 use super::RawMesh;
-use super::fan::Fans;
+use super::polygon::Polygons;
 use super::unreadable::unreadable;
 use crate::ScanError;
 
-/// Reads the text; polygons become fans of triangles.
+/// Reads the text; polygons become triangles.
 pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
     let text =
         std::str::from_utf8(bytes).map_err(|_| unreadable("an OBJ file is text, this is none"))?;
     let mut raw = RawMesh::default();
-    let mut fans = Fans::default();
+    let mut polygons = Polygons::default();
     for (number, line) in text.lines().enumerate() {
         let mut words = line.split_ascii_whitespace();
         let wrong = |what: &str| unreadable(format_args!("line {}: {what}", number + 1));
@@ -51,11 +51,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
                 if corners.len() < 3 {
                     return Err(wrong("a face needs three corners at least"));
                 }
-                fans.cut(&mut raw, &corners);
+                polygons.add(&mut raw, corners);
             }
             _ => {}
         }
     }
-    fans.check(&raw)?;
+    polygons.cut(&mut raw)?;
     Ok(raw)
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::RawMesh;
-use super::fan::Fans;
+use super::polygon::Polygons;
 use super::unreadable::unreadable;
 use crate::ScanError;
 use crate::format::ply::{Encoding, Header, Scalar};
@@ -43,7 +43,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
         encoding: header.encoding,
     };
     let mut raw = RawMesh::default();
-    let mut fans = Fans::default();
+    let mut polygons = Polygons::default();
     for element in &header.elements {
         if element.properties.is_empty() {
             continue;
@@ -81,7 +81,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
                     if corners.len() < 3 {
                         return Err(unreadable("a face needs three corners at least"));
                     }
-                    fans.cut(&mut raw, &corners);
+                    polygons.add(&mut raw, corners);
                 }
             }
             if element.name == "vertex" {
@@ -89,6 +89,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
             }
         }
     }
-    fans.check(&raw)?;
+    polygons.cut(&mut raw)?;
     Ok(raw)
 }
