@@ -97,7 +97,8 @@ pub enum ReachFault {
 pub struct ReachedPose {
     /// One set of axis values for each branch within the limits; angles nearest to zero.
     pub solutions: Vec<Vec<f64>>,
-    /// At a pole: an axis is free, and stands at zero (or at its limit nearest to zero).
+    /// An axis is free, at a pole or because three rotations have a beam alone to point: it stands at zero, or at the angle
+    /// nearest to zero that the limits allow.
     pub singular: bool,
 }
 
@@ -263,6 +264,25 @@ impl PlanMachine {
         self.orient_deg.is_some() && self.mounted().0.cross(&Vector3::z()).norm() < 1e-9
     }
 
+    /// The limits of a spindle that turns the line alone and has less than a whole turn: not every line is reached.
+    pub(super) fn narrow_spindle(&self) -> Option<[f64; 2]> {
+        let narrow = |[low, high]: &[f64; 2]| high - low < 360.0;
+        self.orient_deg
+            .filter(|limits| self.line_by_spindle() && narrow(limits))
+    }
+
+    /// The same machine with its spindle standing at an angle: its axis values are these without S.
+    pub(super) fn with_spindle_at(&self, degrees: f64) -> Self {
+        let mut machine = self.clone();
+        if machine.orient_deg.take().is_some()
+            && let Some(spindle) = machine.chain.joints.pop()
+        {
+            machine.chain.sensor_chain.pop();
+            machine.chain.sensor = spindle.transform(degrees).after(&machine.chain.sensor);
+        }
+        machine
+    }
+
     /// The rotations from the sensor inwards to the part, with the place of each in the angles. As seen from the
     /// sensor, head and spindle turn the part the other way.
     fn joints(&self) -> Vec<(usize, ChainRotation)> {
@@ -367,7 +387,7 @@ impl PlanMachine {
         }
         Ok(ReachedPose {
             solutions,
-            singular: found.singular,
+            singular: endless,
         })
     }
 

@@ -26,7 +26,7 @@ pub struct ForwardPose {
 pub struct InversePose {
     /// `ok`, `axis_limit` (every branch leaves the limits) or `unreachable` (no angles point so).
     pub status: &'static str,
-    /// At a pole, where an axis is free; it stands at zero.
+    /// An axis is free, at a pole or without a line to point; it stands at zero.
     pub singular: bool,
     /// One object of axis values, by name, for each branch within the limits.
     pub solutions: Vec<Map<String, Value>>,

@@ -516,7 +516,7 @@ impl<'a> Driver<'a> {
         }
         rows.reverse();
         self.unwind(&mut rows);
-        self.smooth_within_turns(&mut rows, &points[from..]);
+        self.smooth_within_limits(&mut rows, &points[from..], stance);
         let mut start = 0;
         while start < rows.len() {
             let length = self.within_spindle(&mut rows[start..]);
@@ -585,11 +585,21 @@ impl<'a> Driver<'a> {
         best.0.max(1)
     }
 
-    /// Smooths as much as the largest turn allows.
+    /// Smooths as much as the largest turn and the travel allow.
     ///
     /// Smoothing moves the beam, and the line is laid across the way again behind it: where that turns fast, as on a
-    /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept.
-    pub(super) fn smooth_within_turns(&self, rows: &mut Vec<Vec<f64>>, points: &[RunPoint]) {
+    /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept. And where the
+    /// beam leans otherwise, X Y Z stand elsewhere.
+    pub(super) fn smooth_within_limits(
+        &self,
+        rows: &mut Vec<Vec<f64>>,
+        points: &[RunPoint],
+        stance: Stance,
+    ) {
+        let travels = |(angles, point): (&Vec<f64>, &RunPoint)| {
+            let axes = self.with_carriage(angles, point, stance);
+            self.machine.within_limits(&axes[..3])
+        };
         for rounds in [30, 10, 3] {
             let mut tried = rows.clone();
             self.smooth(&mut tried, points, rounds);
@@ -598,7 +608,7 @@ impl<'a> Driver<'a> {
                     .zip(&w[1])
                     .all(|(a, b)| (b - a).abs() <= self.turn_deg + 1e-9)
             });
-            if kept {
+            if kept && tried.iter().zip(points).all(travels) {
                 *rows = tried;
                 return;
             }

@@ -221,12 +221,12 @@ impl Realiser<'_> {
         };
         let states: Vec<Usable> = piece.axes.iter().enumerate().map_while(usable).collect();
         let mut collided = false;
-        for (k, state) in states.iter().enumerate() {
-            if *state == Usable::Touches {
-                collided = true;
-                if stance == 0 {
-                    obstructed.collision.push(points[piece.from + k].at);
-                }
+        for (state, point) in states.iter().zip(&points[piece.from..]) {
+            collided |= *state == Usable::Touches;
+            match state {
+                Usable::Touches if stance == 0 => obstructed.collision.push(point.at),
+                Usable::Beyond if stance == 0 => obstructed.axis_limit.push(point.at),
+                _ => {}
             }
         }
         let mut start = None;
@@ -263,7 +263,7 @@ impl Realiser<'_> {
         let machine = &self.spec.machine;
         pass.axes
             .iter()
-            .all(|axes| machine.within_limits(axes) && self.usable(axes) == Usable::Yes)
+            .all(|axes| self.usable(axes) == Usable::Yes)
             && !pass
                 .axes
                 .windows(2)
@@ -271,6 +271,9 @@ impl Realiser<'_> {
     }
 
     fn usable(&self, axes: &[f64]) -> Usable {
+        if !self.spec.machine.within_limits(axes) {
+            return Usable::Beyond;
+        }
         let pose = self.spec.machine.forward(axes);
         let sensor = &self.spec.sensor;
         let far = sensor.range_mm[1] * 1.5;
@@ -365,8 +368,7 @@ impl Realiser<'_> {
             for v in &mut axes {
                 *v = rounded(*v);
             }
-            if !machine.within_limits(&axes)
-                || self.usable(&axes) != Usable::Yes
+            if self.usable(&axes) != Usable::Yes
                 || self.scenery.touches_between(machine, &before, &axes)
             {
                 break;
@@ -420,6 +422,8 @@ fn open_parts(free: &[bool], from: usize, to: usize) -> Vec<(usize, usize)> {
 enum Usable {
     Yes,
     No,
+    /// An axis would leave its limits.
+    Beyond,
     Touches,
 }
 

@@ -1,10 +1,10 @@
-//! Smoothing against the largest turn.
+//! Smoothing against the largest turn and the travel.
 
 use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::axes::Driver;
+use super::axes::{Driver, Stance};
 use crate::plan::laser_run::RunPoint;
 use crate::plan::spec::ScanSpec;
 
@@ -36,11 +36,55 @@ fn smoothing_that_turns_the_spindle_too_far_is_not_taken() {
             .fold(0.0, f64::max)
     };
     let mut rows = rough.clone();
-    driver.smooth_within_turns(&mut rows, &points(10.0));
+    driver.smooth_within_limits(&mut rows, &points(10.0), Stance::default());
     assert!(most(&rows) <= spec.plan.max_turn_deg, "{rows:?}");
     // A way that bends by less is followed, and smoothed.
     let mut rows = rough.clone();
-    driver.smooth_within_turns(&mut rows, &points(4.0));
+    driver.smooth_within_limits(&mut rows, &points(4.0), Stance::default());
     assert!(most(&rows) <= spec.plan.max_turn_deg, "{rows:?}");
     assert_ne!(rows, rough);
+}
+
+/// Beams that lean to either side keep the sensor lower than one straight down, which smoothing would make of them.
+#[test]
+fn smoothing_that_leaves_the_travel_is_not_taken() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/reference/plan");
+    let mut spec = ScanSpec::open(&folder.join("step_wavy.toml")).unwrap();
+    let points: Vec<RunPoint> = (0..12)
+        .map(|k| RunPoint {
+            at: Vector3::x() * f64::from(k),
+            normal: Vector3::z(),
+            along: Vector3::x(),
+        })
+        .collect();
+    let rough: Vec<Vec<f64>> = (0..12)
+        .map(|k| vec![if k % 2 == 0 { 1.0 } else { -1.0 }, 0.0, 0.0])
+        .collect();
+    let z = |spec: &ScanSpec, rows: &[Vec<f64>]| -> [f64; 2] {
+        let off = spec.sensor.reference_mm;
+        let each = rows.iter().zip(&points).map(|(angles, point)| {
+            let beam = spec.machine.pointing(angles).0;
+            spec.machine.carriage(&(point.at - beam * off), angles).z
+        });
+        each.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| {
+            [low.min(z), high.max(z)]
+        })
+    };
+    let smoothed = |spec: &ScanSpec| {
+        let mut rows = rough.clone();
+        Driver::new(spec).smooth_within_limits(&mut rows, &points, Stance::default());
+        rows
+    };
+    assert_ne!(smoothed(&spec), rough);
+    let (before, after) = (z(&spec, &rough), z(&spec, &smoothed(&spec)));
+    assert!(
+        after[0] < before[0] || after[1] > before[1],
+        "{before:?} {after:?}"
+    );
+    spec.machine.travel_mm[2] = before;
+    let kept = z(&spec, &smoothed(&spec));
+    assert!(
+        kept[0] >= before[0] - 1e-9 && kept[1] <= before[1] + 1e-9,
+        "{kept:?} {before:?}"
+    );
 }

@@ -114,7 +114,7 @@ fn overlaps(found: &Result<ScanPlan, ScanError>) -> bool {
 }
 
 /// Is a plan refused for what finer steps may mend, or long?
-fn worth_another(
+pub(super) fn worth_another(
     spec: &ScanSpec,
     options: PlanOptions,
     found: &Result<ScanPlan, ScanError>,
@@ -142,7 +142,7 @@ fn holds(plan: &ScanPlan) -> bool {
 }
 
 /// Does one plan see enough where the other does not, or see more, or as much in less way?
-fn better(
+pub(super) fn better(
     spec: &ScanSpec,
     one: &Result<ScanPlan, ScanError>,
     other: &Result<ScanPlan, ScanError>,

@@ -5,6 +5,7 @@
 //! * `limits`: steps and turns, within those allowed, with which it is planned.
 //! * [`reach`]: what the axes can point the beam at.
 //! * [`result`]: the path's rows and figures.
+//! * `spindle`: a spindle with little room, turning and standing.
 //! * [`thin`]: passes that others make needless.
 //! * [`unseen`]: why what is not seen is not.
 //! * `ways`: other axis values for the same poses.
@@ -14,6 +15,7 @@ pub mod fill;
 mod limits;
 pub mod reach;
 pub mod result;
+mod spindle;
 pub mod thin;
 pub mod unseen;
 mod ways;
@@ -122,7 +124,7 @@ pub fn plan(
         triangles: part.faces.len(),
         across_mm,
     };
-    limits::best(spec, size, options, deadline, |inner, care| {
+    let one = |inner: &ScanSpec, care: Option<f64>| {
         let mut meshes = vec![&part.surface];
         meshes.extend(obstacles);
         let shop = Workshop {
@@ -141,6 +143,9 @@ pub fn plan(
             overlap_spare: care.unwrap_or(0.0),
         };
         planned(&shop, &charts, options)
+    };
+    limits::best(spec, size, options, deadline, |inner, care| {
+        spindle::best(inner, options, deadline, |spec| one(spec, care))
     })
 }
 
