@@ -309,3 +309,41 @@ fn a_ball_that_moved_is_seen_by_the_others() {
     let three = um(seen(&job(THREE), "ball_moved"));
     assert!(three > 50.0, "{three}");
 }
+
+/// What a job leaves out and would see, the table names: each guard that is off makes a row worse,
+/// and that row says its name. The first job to begin with has all that need nothing but the plate.
+#[test]
+fn a_guard_that_is_off_is_named() {
+    let four = job(FOUR);
+    type Without = fn(&mut Job);
+    let guards: [(&str, &str, Without); 6] = [
+        ("late_text", "run_variable", |job| {
+            job.guards.run_variable = None;
+        }),
+        ("offset_changed", "frame", |job| job.guards.frame = false),
+        ("early_top", "again", |job| job.again = None),
+        ("slip", "closing", |job| job.guards.closing.clear()),
+        ("worn_stylus", "learned", |job| job.guards.learned = None),
+        ("trips_later", "learned", |job| job.guards.learned = None),
+    ];
+    let row = |job: &Job, code: &str| {
+        let table = GuardTable::of(job);
+        let row = table.rows.into_iter().find(|row| row.code == code);
+        row.unwrap_or_else(|| panic!("no {code}"))
+    };
+    let is_worse = |less: SeenFrom, all: SeenFrom| {
+        less != all && super::seen::worst([less, all].into_iter()) == less
+    };
+    for (code, name, without) in guards {
+        let mut less = four.clone();
+        without(&mut less);
+        let (less, all) = (row(&less, code), row(&four, code));
+        assert!(is_worse(less.seen, all.seen), "{code}: {less:?} {all:?}");
+        assert!(less.by.contains(name), "{code}: {less:?}");
+    }
+    // What needs more than the plate is off, and named.
+    for (code, name) in [("longer_probe", "fixed"), ("z_scale", "fixed, witness")] {
+        let open = row(&four, code);
+        assert!(um(open.seen) > 100.0 && open.by.contains(name), "{open:?}");
+    }
+}
