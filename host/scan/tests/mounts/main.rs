@@ -2,6 +2,7 @@
 //! with the right number of free motions, and the machine's frame makes no difference.
 
 mod misfit;
+mod open;
 
 use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, Pose};
@@ -65,7 +66,7 @@ translation_mm = [0.0, 0.0, -39.0]
 
 /// The mount that is to be found.
 fn truth() -> Pose {
-    let turn = rotation(&Vector3::new(0.05, -0.1, 0.55));
+    let turn = rotation(&Vector3::new(0.15, -0.1, 0.55));
     Pose {
         rotation: turn,
         translation_mm: Vector3::new(0.7, 28.2, -120.7),
@@ -87,19 +88,31 @@ fn guess(random: &mut Random) -> Pose {
 struct Swing {
     a_deg: f64,
     c_deg: f64,
+    /// The middle of A's way.
+    a_from_deg: f64,
+}
+
+impl Swing {
+    fn angles(self, random: &mut Random) -> (f64, f64) {
+        let a = self.a_from_deg + self.a_deg * random.signed();
+        (a, self.c_deg * random.signed())
+    }
 }
 
 const BOTH: Swing = Swing {
     a_deg: 30.0,
     c_deg: 140.0,
+    a_from_deg: 0.0,
 };
 const ONLY_C: Swing = Swing {
     a_deg: 0.0,
     c_deg: 140.0,
+    a_from_deg: 0.0,
 };
 const NONE: Swing = Swing {
     a_deg: 0.0,
     c_deg: 0.0,
+    a_from_deg: 0.0,
 };
 
 /// What a sample is off, standard deviation in mm.
@@ -170,7 +183,7 @@ fn spheres_at(
         let feature = profile % centres.len();
         let y = 0.6 * radius_mm * random.signed();
         let middle = Vector3::new(8.0 * random.signed(), y, 15.0 * random.signed());
-        let (a, c) = (swing.a_deg * random.signed(), swing.c_deg * random.signed());
+        let (a, c) = swing.angles(random);
         let q = joints(&machine, &centres[feature], &middle, a, c);
         all.flanges.push(machine.flange_in_workpiece(&q));
         all_joints.push(q);
@@ -216,7 +229,7 @@ fn plane_at(
         let seen = Vector3::new(0.0, 0.0, 10.0 * random.signed());
         let along = Vector3::from_fn(|_, _| 20.0 * random.signed());
         let at = anchor + along - normal * normal.dot(&along);
-        let (a, c) = (swing.a_deg * random.signed(), swing.c_deg * random.signed());
+        let (a, c) = swing.angles(random);
         let q = joints(&machine, &at, &seen, a, c);
         let flange = machine.flange_in_workpiece(&q);
         let sensor = flange.after(&truth());
@@ -629,6 +642,7 @@ fn a_mount_that_nobody_could_use_is_uncertain() {
     let swing = Swing {
         a_deg: 0.5,
         c_deg: 1.0,
+        a_from_deg: 0.0,
     };
     let all = spheres(&[BALL], 15.0, swing, along_z(0.3), &mut random);
     let error = sensor(&all, &guess(&mut random), &on_sphere(Some(15.0))).unwrap_err();

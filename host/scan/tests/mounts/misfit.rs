@@ -21,6 +21,7 @@ const TILTED: Vector3<f64> = Vector3::new(0.3, -0.2, 1.0);
 const SMALL: Swing = Swing {
     a_deg: 15.0,
     c_deg: 30.0,
+    a_from_deg: 0.0,
 };
 const KINDS: [&str; 3] = ["ball", "plane", "known balls"];
 

@@ -9,11 +9,13 @@
 //! directions that nothing sees do not move.
 
 mod jacobi;
+mod lifted;
 pub(super) mod scatter;
 
 use nalgebra::{DMatrix, DVector};
 
 use jacobi::Jacobi;
+use lifted::free_directions;
 
 /// A direction whose singular value is below this share of the largest is degenerate, exact
 /// up to rounding.
@@ -21,9 +23,6 @@ const DEGENERATE: f64 = 1e-8;
 /// A direction below this share may be a degenerate one that noise has lifted. Sets that
 /// determine the targets have at least 1e-3.
 const DOUBTFUL: f64 = 1e-4;
-/// What noise alone lifts a degenerate direction to: its standard uncertainty is then of the
-/// size of the artefact, in mm (or turns worth that), whatever the noise.
-const LIFTED_MM: f64 = 5.0;
 /// The same for nuisances, which may be as badly seen as they like.
 const UNSEEN_NUISANCE: f64 = 1e-10;
 /// Singular values below this share of the targets' own columns are rounding: where the nuisances take
@@ -71,10 +70,6 @@ pub(super) struct Solution<M> {
     pub covariance_unit: DMatrix<f64>,
     /// Singular values over the largest, falling.
     pub seen: Vec<f64>,
-    /// The singular values of what is unseen, and the largest of all.
-    doubtful: Vec<f64>,
-    largest: f64,
-    floor: f64,
     /// The last step over the standard uncertainty, or over rounding where that is 0.
     pub converged: bool,
 }
@@ -92,23 +87,21 @@ pub(super) struct Reduced {
 pub(super) fn solve<M: Model>(mut model: M, scale: &[f64]) -> Solution<M> {
     descend(&mut model, MOST_STEPS);
     let careful = refine(model, scale, DOUBTFUL);
-    if careful.unseen.is_empty() {
-        return careful;
-    }
     let (nuisances, targets) = careful.model.unknowns();
-    let dof = careful
-        .model
-        .residuals()
-        .saturating_sub(nuisances + targets);
-    let sigma_mm = (careful.ssq / dof.max(1) as f64).sqrt();
-    let lifted = |value: f64| {
-        value <= (DEGENERATE * careful.largest).max(careful.floor) || sigma_mm > LIFTED_MM * value
-    };
-    if careful.doubtful.iter().all(|value| lifted(*value)) {
-        return careful;
+    let residuals = careful.model.residuals();
+    let dof = residuals.saturating_sub(nuisances + targets).max(1);
+    // Badly seen may be seen: the optimum along these directions, too. It says what noise there is.
+    let whole =
+        (!careful.unseen.is_empty()).then(|| refine(careful.model.clone(), scale, DEGENERATE));
+    let ssq = whole.as_ref().map_or(careful.ssq, |whole| whole.ssq);
+    let free = free_directions(&careful.model, scale, (ssq / dof as f64).sqrt());
+    if free.is_empty() {
+        return whole.unwrap_or(careful);
     }
-    // Badly seen, but seen: the optimum along these directions, too.
-    refine(careful.model, scale, DEGENERATE)
+    Solution {
+        unseen: free,
+        ..careful
+    }
 }
 
 /// Gauss-Newton over all directions above `least` times the largest singular value.
@@ -136,9 +129,6 @@ fn refine<M: Model>(mut model: M, scale: &[f64], least: f64) -> Solution<M> {
     Solution {
         ssq: last,
         model,
-        doubtful: seen.doubtful,
-        largest: seen.largest,
-        floor: seen.floor,
         unseen: seen.unseen,
         covariance_unit: seen.covariance_unit,
         seen: seen.shares,
@@ -200,11 +190,6 @@ struct SeenUnknowns {
     step: DVector<f64>,
     /// Directions of the targets that are not.
     unseen: Vec<DVector<f64>>,
-    /// Their singular values, and the largest of all.
-    doubtful: Vec<f64>,
-    largest: f64,
-    /// What is not above this is rounding.
-    floor: f64,
     /// The targets' block of `inv(JᵀJ)`, over what is seen.
     covariance_unit: DMatrix<f64>,
     /// Singular values over the largest, falling.
@@ -256,6 +241,34 @@ fn fold(block: &mut DMatrix<f64>, width: usize) {
     *block = next;
 }
 
+/// The columns of all unknowns, ready to be judged.
+struct Parts {
+    /// Of the nuisances, of unit length, and how long they were.
+    f: DMatrix<f64>,
+    norms: Vec<f64>,
+    /// Of the targets, scaled.
+    m: DMatrix<f64>,
+    /// Of what the nuisances leave of those.
+    svd: Jacobi,
+    /// What is not above this is rounding.
+    floor: f64,
+}
+
+impl Parts {
+    /// Singular values that are not above this show nothing, `least` of the largest being nothing.
+    fn none(&self, least: f64) -> f64 {
+        (least * self.svd.largest()).max(self.floor)
+    }
+}
+
+/// A direction of the scaled targets in the targets' own units.
+fn scaled(direction: DVector<f64>, scale: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(
+        direction.len(),
+        direction.iter().zip(scale).map(|(v, s)| v * s),
+    )
+}
+
 impl Reduced {
     fn damped_step(&self, damping: f64) -> Option<DVector<f64>> {
         let mut normal = self.r.tr_mul(&self.r);
@@ -268,8 +281,8 @@ impl Reduced {
         step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
-    /// What the data say about the unknowns, to first order.
-    fn seen(&self, scale: &[f64], least: f64) -> SeenUnknowns {
+    /// The columns, and what is left of the targets' behind the nuisances'.
+    fn parts(&self, scale: &[f64]) -> Parts {
         let rows = self.r.nrows();
         let mut f = self.r.view((0, 0), (rows, self.nuisances)).into_owned();
         let norms: Vec<f64> = f
@@ -289,25 +302,34 @@ impl Reduced {
         let basis = range(&f);
         let project = |v: DMatrix<f64>| &v - &basis * basis.tr_mul(&v);
         // Twice, so that nothing of what was projected away is left but rounding.
-        let seen = project(project(m.clone()));
-        let svd = Jacobi::new(seen);
-        let largest = svd.largest();
-        let floor = TAKEN * m.norm();
+        let svd = Jacobi::new(project(project(m.clone())));
+        Parts {
+            floor: TAKEN * m.norm(),
+            f,
+            norms,
+            m,
+            svd,
+        }
+    }
+
+    /// What the data say about the unknowns, to first order.
+    fn seen(&self, scale: &[f64], least: f64) -> SeenUnknowns {
+        let parts = self.parts(scale);
+        let none = parts.none(least);
+        let Parts {
+            f, norms, m, svd, ..
+        } = parts;
         let mut targets = DVector::zeros(self.targets);
         let mut covariance = DMatrix::zeros(self.targets, self.targets);
-        let (mut unseen, mut doubtful) = (Vec::new(), Vec::new());
-        let scaled = |v: DVector<f64>| {
-            DVector::from_iterator(v.len(), v.iter().zip(scale).map(|(v, s)| v * s))
-        };
+        let mut unseen = Vec::new();
         for (i, &value) in svd.values.iter().enumerate() {
             let direction = svd.v.column(i).into_owned();
-            if value <= (least * largest).max(floor) {
-                doubtful.push(value);
-                unseen.push(scaled(direction));
+            if value <= none {
+                unseen.push(scaled(direction, scale));
                 continue;
             }
             targets -= &direction * (svd.u.column(i).dot(&self.residual) / value);
-            let direction = scaled(direction) / value;
+            let direction = scaled(direction, scale) / value;
             covariance += &direction * direction.transpose();
         }
         let left = &self.residual + &m * &targets;
@@ -316,9 +338,10 @@ impl Reduced {
         for (i, value) in nuisances.iter().enumerate() {
             step[i] = -value / norms[i];
         }
-        for (i, value) in scaled(targets).iter().enumerate() {
+        for (i, value) in scaled(targets, scale).iter().enumerate() {
             step[self.nuisances + i] = *value;
         }
+        let largest = svd.largest();
         let shares: Vec<f64> = svd
             .values
             .iter()
@@ -327,9 +350,6 @@ impl Reduced {
         SeenUnknowns {
             step,
             unseen,
-            doubtful,
-            largest,
-            floor,
             covariance_unit: covariance,
             shares,
         }
