@@ -60,8 +60,10 @@
         for (int k = 1; k < 9; k++) { if (band > float(k) - 0.5) { colour = colours[k]; } }
         colour *= light;
         // The marks of the maps: lying strokes below, standing ones above, triangles beyond the limits.
+        vec2 p = gl_PointCoord * 2.0 - 1.0;
+        // A point is a disc; squares side by side would look like tiles.
+        if (dots >= 4.0 && dot(p, p) > 1.0) { discard; }
         if (dots >= 8.0) {
-          vec2 p = gl_PointCoord * 2.0 - 1.0;
           float away = band - 4.0;
           bool mark = false;
           if (abs(away) > 3.5) {
@@ -123,7 +125,10 @@
     gl.uniform2f(uniform("fit"), 0.95 * view.zoom * least / width, 0.95 * view.zoom * least / height);
     gl.uniform2f(uniform("shift"), view.x, view.y);
     const perUnit = 0.95 * view.zoom * least / 2;   // px of the canvas for one extent
-    gl.uniform1f(uniform("size"), Math.min(40, Math.max(1.5 * ratio, 2.2 * spacing * perUnit)));
+    // Points that touch where there are many. Few do not grow to tiles: they stay points, larger as they are
+    // looked at from nearer, until their marks are read well.
+    const most = Math.min(24, Math.max(9, 9 * Math.sqrt(view.zoom))) * ratio;
+    gl.uniform1f(uniform("size"), Math.min(most, Math.max(1.5 * ratio, 2.2 * spacing * perUnit)));
     gl.drawArrays(gl.POINTS, 0, count);
     const perMm = perUnit / extent / ratio;
     const rough = 160 / perMm;
