@@ -18,6 +18,7 @@
 //! nothing tells them apart but a narrower jitter.
 
 mod clock;
+mod even;
 mod margin;
 mod search;
 #[cfg(test)]
@@ -166,6 +167,7 @@ pub fn pair(
     if options.strict {
         refuse_faults(&pairing, triggers)?;
     }
+    pairing.warnings.extend(even::even_train(&trains, &found));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
             "motion_lost: the board lost motion of an axis; the counts of {} latches behind that are wrong",
