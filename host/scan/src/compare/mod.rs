@@ -4,11 +4,13 @@
 
 mod align;
 mod nominal;
+mod strays;
 
 use serde::Serialize;
 
 pub use align::{CloudAlignment, Locked, align};
 pub use nominal::{Nominal, elsewhere};
+pub use strays::strays;
 
 use crate::ScanError;
 use crate::parallel::Threads;

@@ -96,6 +96,38 @@ fn every_point_is_kept_or_counted() {
     assert_eq!(found["kept"], 5);
 }
 
+/// A file without points would be taken for a part that is not there.
+#[test]
+fn what_leaves_no_point_is_refused_and_leaves_no_file() {
+    let folder = Folder::new();
+    let cloud = folder.file(
+        "three.csv",
+        "profile,index,x_mm,y_mm,z_mm\n4,0,0,0,0\n4,1,1,0,0\n5,0,0,1,0\n",
+    );
+    let empty = folder.file("empty.csv", "x_mm,y_mm,z_mm\n");
+    let (out, rest) = (folder.path("out.csv"), folder.path("rest.csv"));
+    for (args, said) in [
+        (
+            &["crop", &cloud, "--box", "5,5,5,9,9,9", "--dropped", &rest][..],
+            "3 ",
+        ),
+        (&["crop", &cloud, "--profiles", "100-250"], "3 "),
+        (&["filter", &cloud, "--isolated", "0.1,1"], "3 isolated"),
+        (&["sample", &empty, "--every", "2"], "has no points"),
+        (&["convert", &empty], "has no points"),
+    ] {
+        let args = [&["scan"], args, &["-o", &out, "--json"]].concat();
+        let error = umi(&args).exits(2).json()["error"].clone();
+        assert_eq!(error["code"], "nothing_left", "{args:?}: {error}");
+        assert!(error["message"].as_str().unwrap().contains(said), "{error}");
+        for path in [&out, &rest] {
+            assert!(!std::path::Path::new(path).exists(), "{args:?} left {path}");
+        }
+    }
+    let args = ["crop", &cloud, "--profiles", "5-250", "-o", &out];
+    assert_eq!(done(&args)["kept"], 1);
+}
+
 #[test]
 fn a_cloud_goes_into_every_format_and_stays_the_same() {
     let folder = Folder::new();

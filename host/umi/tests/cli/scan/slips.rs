@@ -36,6 +36,37 @@ fn ball(folder: &Folder) -> String {
     folder.file("ball.csv", text)
 }
 
+/// One spike among points that are microns off decides the greatest deviation: it is named.
+#[test]
+fn a_single_point_far_off_is_told() {
+    let folder = Folder::new();
+    let clean = ball(&folder);
+    let text = std::fs::read_to_string(&clean).unwrap() + "40,0,46.3\n";
+    let spiked = folder.file("spiked.csv", text);
+    let nominal = folder.file(
+        "ball.toml",
+        "kind = \"sphere\"\ncenter_mm = [40, 0, 30]\nradius_mm = 12.698",
+    );
+    let page = folder.path("page.html");
+    let warned = |command: &str, cloud: &str, more: &[&str]| {
+        let args = [&[command, cloud, "--nominal", &nominal][..], more].concat();
+        done(&args)["warnings"].to_string()
+    };
+    let more = ["-o", page.as_str(), "--force"];
+    for (command, more) in [("compare", &[][..]), ("report", &more)] {
+        assert_eq!(warned(command, &clean, more), "null");
+        let said = warned(command, &spiked, more);
+        let named =
+            "stray: point 441 of 441 at 40.0000, 0.0000, 46.3000 is +3.6020 mm off, all others";
+        assert!(said.contains(named), "{said}");
+    }
+    assert!(
+        std::fs::read_to_string(&page)
+            .unwrap()
+            .contains("stray: point 441")
+    );
+}
+
 #[test]
 fn a_shape_in_inches_is_told() {
     let folder = Folder::new();

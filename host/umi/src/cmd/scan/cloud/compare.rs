@@ -9,7 +9,9 @@ use serde::Serialize;
 use umi_report::pages::deviation::Bands;
 use umi_scan::ScanError;
 use umi_scan::cloud::ScanCloud;
-use umi_scan::compare::{CloudAlignment, Deviations, Nominal, align, elsewhere, nearest, summary};
+use umi_scan::compare::{
+    CloudAlignment, Deviations, Nominal, align, elsewhere, nearest, strays, summary,
+};
 use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
 use umi_scan::rigid::Vec3;
@@ -169,6 +171,7 @@ impl Compare {
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let figures = summary(&deviations)?;
         let mut warnings = nominal.warnings(&cloud);
+        warnings.extend(strays(&cloud, &deviations));
         let before_mm = alignment.as_ref().map(|alignment| alignment.rms_before_mm);
         // From afar it may settle where it does not belong, and look the better for it.
         if let Some(far) = before_mm.and_then(|mm| elsewhere(&cloud, mm)) {

@@ -30,7 +30,8 @@ An STL is made of the grid of one view (columns profile and index), which is hel
 point or a profile is missing, and where neighbours lie too far apart, the mesh has a hole. Its
 triangles look up by most of the surface.
 
-Refused (status 2): no_grid, for an STL of points without profiles, or of several views.
+Refused (status 2): no_grid, for an STL of points without profiles, or of several views;
+nothing_left, for a cloud without points.
 
 Exit status: 1 for a cloud that cannot be understood: bad_file, corrupt, truncated,
 missing_column, format.";

@@ -44,7 +44,7 @@ Examples:
   umi scan crop cloud.csv --profiles 100-250 -o piece.csv --json
 
 Refused (status 2): no_region, no_profiles (the cloud does not say which profiles its
-points are of).";
+points are of), nothing_left (no point lies in all of the regions; no file is written).";
 
 fn ball(text: &str) -> Result<[f64; 4], String> {
     numbers::<4>(text)

@@ -82,7 +82,7 @@ Examples:
 
 Refused (status 2): no_filter, no_profiles (for --spike, --mixed and --poses), no_intensity,
 foreign_poses (of another scan, or of a cloud that was moved),
-too_few_points, not_finite.";
+too_few_points, not_finite, nothing_left (no file is written).";
 
 /// The cell's edge where none is given, in mm.
 const CELL_MM: f64 = 0.5;

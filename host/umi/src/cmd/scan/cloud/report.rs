@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use umi_report::pages::deviation::{Bands, DeviationPage, html};
 use umi_scan::ScanError;
-use umi_scan::compare::{Deviations, Nominal, nearest, summary};
+use umi_scan::compare::{Deviations, Nominal, nearest, strays, summary};
 use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
 
@@ -133,7 +133,8 @@ impl Report {
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let found = summary(&deviations)?;
         let beyond = self.limits.map(|bands| beyond(&near, bands));
-        let warnings = nominal.warnings(&cloud);
+        let mut warnings = nominal.warnings(&cloud);
+        warnings.extend(strays(&cloud, &deviations));
         let page = page(&Compared {
             cloud: &self.cloud,
             nominal: &self.nominal,

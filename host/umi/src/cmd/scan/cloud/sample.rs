@@ -35,7 +35,7 @@ Examples:
   umi scan sample cloud.ply --every 10 -o tenth.ply
   umi scan sample cloud.csv --voxel 0.5 -o even.ply --json
 
-Refused (status 2): not_finite, for a point too far out for cells of this size.";
+Refused (status 2): not_finite, for a point too far out for cells of this size; nothing_left.";
 
 impl Sample {
     pub fn run(&self) -> Result<(), Failure> {

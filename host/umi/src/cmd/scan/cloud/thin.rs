@@ -97,7 +97,12 @@ impl Clouds {
                 Some(path) => Drops::to_file(path, reader.columns)?,
                 None => Drops::default(),
             });
-            let written = write_cloud(&self.output, style, step(reader.points(), &drops)?)?;
+            let mut points = step(reader.points(), &drops)?.peekable();
+            if points.peek().is_none() {
+                drop(points);
+                return Err(nothing_left(&drops.borrow().counts));
+            }
+            let written = write_cloud(&self.output, style, Box::new(points))?;
             let dropped = drops.into_inner().finish()?;
             let mut warnings = write::notes(&self.output, self.double, written.farthest_mm);
             if style.columns.mount_u && !write::holds_uncertainty(&self.output) {
@@ -118,6 +123,27 @@ impl Clouds {
         };
         answer(make(), self.format.json, text)
     }
+}
+
+/// A file without points would be taken for a part that is not there.
+fn nothing_left(dropped: &[Dropped]) -> ScanError {
+    if dropped.is_empty() {
+        return ScanError::refused(
+            "nothing_left",
+            "The cloud has no points: nothing is written.",
+        );
+    }
+    let reasons = dropped
+        .iter()
+        .map(|d| format!("{} {}", d.points, d.reason.replace('_', " ")));
+    let reasons: Vec<String> = reasons.collect();
+    ScanError::refused(
+        "nothing_left",
+        format_args!(
+            "No point of the cloud stays ({}): nothing is written. Look at what is asked for, its unit and frame.",
+            reasons.join(", ")
+        ),
+    )
 }
 
 fn text(thinned: &Thinned) -> String {
