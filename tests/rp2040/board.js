@@ -4,7 +4,7 @@
 import { CacheControl } from './cache.js';
 import { Chip } from './chip.js';
 import { Nor, connect } from './nor.js';
-import { Noise, Rom, connectNoise } from './rom.js';
+import { FlashMemory, Noise, Rom, connectNoise } from './rom.js';
 import { Stimuli } from './stimuli.js';
 import { Control, Uart } from './uart.js';
 import { UsbHost } from './usb.js';
@@ -26,8 +26,9 @@ export class Board {
     this.stimuli.levels = 1 << JUMPER;
     this.nor = new Nor(uniqueId);
     this.noise = new Noise(uniqueId.readInt32LE(0));
-    /** What the board has written to the flash that it runs from, by sector. */
-    this.written = new Map();
+    /** The flash that the code runs from. */
+    this.flash = new FlashMemory();
+    this.flash.onCut = () => this.powerOff();
     this.control = new Control();
     this.usb = new UsbHost();
     /** Every change of an output: [pin, level, cycle]. */
@@ -62,7 +63,7 @@ export class Board {
     chip.rp.peripherals[UART0] = uart;
     chip.rp.peripherals[XIP_CTRL] = new CacheControl(chip);
     connectNoise(this.noise, chip.rp.peripherals[ROSC]);
-    chip.rom = new Rom(chip, this.written);
+    chip.rom = new Rom(chip, this.flash);
     this.control.uart = uart;
     this.usb.connect(chip);
     connect(this.nor, chip, NOR_SELECT);

@@ -35,6 +35,8 @@
 // | jumper     | closed                                 | closes the owner's jumper, or opens it         |
 // | noise      | stuck                                  | the oscillator's bits over and over (null: as it should be) |
 // | flash_read | address, length                        | contents of the flash that the code runs from (hex) |
+// | flash_write | address, bytes (hex)                | changes it, as a debug probe does             |
+// | flash_cut  | after                                  | cuts the power within a write of that flash, behind so many (null: not); answers how many were left |
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
 // | memory_set | address, value                         | writes a word, as the core does                |
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
@@ -262,6 +264,17 @@ class Bench {
       case 'flash_read':
         if (chip === null) throw new Error('the board has no power');
         return { bytes: hex(contents(chip, request.address, request.length)) };
+      case 'flash_write': {
+        if (chip === null) throw new Error('the board has no power');
+        const bytes = Buffer.from(request.bytes, 'hex');
+        chip.rom.change(request.address - 0x10000000, bytes.length, (_, i) => bytes[i]);
+        return {};
+      }
+      case 'flash_cut': {
+        const { cutAfter } = board.flash;
+        board.flash.cutAfter = request.after ?? null;
+        return { left: cutAfter };
+      }
       case 'memory':
         if (chip === null) throw new Error('the board has no power');
         return {

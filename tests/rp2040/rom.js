@@ -32,12 +32,14 @@ const FUNCTIONS = {
     },
   },
   RE: {
+    writes: true,
     cycles: (r) => Math.ceil((r[1] >>> 0) / SECTOR) * ERASE_CYCLES,
     leave(rom, r) {
       rom.change(r[0] >>> 0, r[1] >>> 0, () => 0xff);
     },
   },
   RP: {
+    writes: true,
     cycles: (r) => Math.ceil((r[2] >>> 0) / PAGE) * PAGE_CYCLES,
     leave(rom, r) {
       const from = r[1] >>> 0;
@@ -47,11 +49,24 @@ const FUNCTIONS = {
 };
 const CODES = Object.keys(FUNCTIONS);
 
+/** What is the board's own of its flash: it outlives a chip. */
+export class FlashMemory {
+  constructor() {
+    /** What was changed, by sector. */
+    this.written = new Map();
+    /** So many writes until the power goes within one; null: never. */
+    this.cutAfter = null;
+    this.onCut = null;
+  }
+}
+
 export class Rom {
-  /** `written` has what was changed of the flash, by sector, over resets. */
-  constructor(chip, written) {
+  constructor(chip, memory) {
     this.chip = chip;
-    this.written = written;
+    this.memory = memory;
+    const { written } = memory;
+    /** The power goes within this write. */
+    this.tears = false;
     /** The cycle at which the function under way ends. */
     this.end = null;
     for (const [sector, bytes] of written) chip.rp.flash.set(bytes, sector);
@@ -83,17 +98,35 @@ export class Rom {
       return true;
     }
     this.end = null;
+    if (called.writes && this.cuts()) {
+      this.tears = true;
+      called.leave(this, r);
+      this.memory.onCut?.();
+      chip.limit = 0;
+      return true;
+    }
     called.leave(this, r);
     r[15] = r[14] & ~1;
     return true;
   }
 
-  /** Changes bytes of the flash. */
+  /** Whether the power goes within this write. */
+  cuts() {
+    const { memory } = this;
+    if (memory.cutAfter === null) return false;
+    if (memory.cutAfter-- > 0) return false;
+    memory.cutAfter = null;
+    return true;
+  }
+
+  /** Changes bytes of the flash; of a write that is torn every other one. */
   change(at, length, to) {
     const { flash } = this.chip.rp;
-    for (let i = 0; i < length; i++) flash[at + i] = to(flash[at + i], i);
+    for (let i = 0; i < length; i++) {
+      if (!this.tears || i % 2 === 0) flash[at + i] = to(flash[at + i], i);
+    }
     for (let sector = at - (at % SECTOR); sector < at + length; sector += SECTOR) {
-      this.written.set(sector, flash.slice(sector, sector + SECTOR));
+      this.memory.written.set(sector, flash.slice(sector, sector + SECTOR));
     }
   }
 }

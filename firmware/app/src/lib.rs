@@ -67,6 +67,7 @@ use embassy_sync::signal::Signal;
 use umi_core::button::HeldButton;
 use umi_core::control::{Conversation, Exchange};
 use umi_core::journal::Flash;
+use umi_core::trust::access::update::slots::Slots;
 use umi_core::units::Micros;
 use umi_protocol::job::SendWhen;
 use umi_protocol::message::Record;
@@ -177,13 +178,14 @@ impl<F: Flash> App<F> {
         Ok(())
     }
 
-    /// Lets the board take images, from before any task runs.
+    /// Lets the board take images, from before any task runs, where this application can (feature `update`).
     ///
     /// # Errors
     /// [`Running`]: a task has begun already.
-    pub fn takes_images(&self, images: &'static mut dyn access::Images) -> Result<(), Running> {
-        let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
-        guarded.images.put(images);
+    pub fn takes_images(&self, images: Slots<F>) -> Result<(), Running> {
+        let mut measure = self.measure.try_lock().map_err(|_| Running)?;
+        // There is room for one, or for none.
+        let _ = measure.images.push(images);
         Ok(())
     }
 
@@ -211,35 +213,34 @@ impl<F: Flash> App<F> {
         }
     }
 
-    /// Journals that an image on trial was given up, behind [`Self::start`].
+    /// Journals that an image of this version was given up on trial, behind [`Self::start`].
     ///
     /// # Errors
     /// [`Running`]: a task has begun already.
-    pub fn tell_reverted(
-        &self,
-        now: Micros,
-        from: ImageVersion,
-        to: ImageVersion,
-    ) -> Result<(), Running> {
+    pub fn tell_reverted(&self, now: Micros, to: ImageVersion) -> Result<(), Running> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
-        let what = UpdateState::Reverted;
+        let Instrument { images, ledger, .. } = &mut *measure;
+        let from = images.first_mut().map(|images| images.info().version);
+        let (what, from) = (UpdateState::Reverted, from.unwrap_or_default());
         // What is not kept is counted.
-        let _ = measure
-            .ledger
-            .record(now, Record::Update { what, from, to });
+        let _ = ledger.record(now, Record::Update { what, from, to });
         Ok(())
     }
 
-    /// Ends the trial of an image if the board works: measuring answers, and the journal keeps
+    /// Ends the trial of the image that runs if the board works: measuring answers, and the journal keeps
     /// entries. False: it goes on.
-    pub async fn confirm(&self, images: &mut dyn access::Images, clock: &impl Clock) -> bool {
+    pub async fn confirm(&self, clock: &impl Clock) -> bool {
         let mut measure = self.measure.lock().await;
+        let Instrument { images, ledger, .. } = &mut *measure;
+        let Some(images) = images.first_mut() else {
+            return true;
+        };
         let Some((from, to)) = images.trial() else {
             return true;
         };
         let what = UpdateState::Confirmed;
         let record = Record::Update { what, from, to };
-        measure.ledger.record(clock.now(), record) && images.confirm().is_ok()
+        ledger.record(clock.now(), record) && images.confirm().is_ok()
     }
 
     /// Waits until the board is to start anew: its host has asked for it and has its answer.

@@ -5,12 +5,18 @@ use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or(io::ErrorKind::NotFound)?);
-    let memory = if env::var_os("CARGO_FEATURE_RP2350").is_some() {
-        "memory-rp2350.x"
+    let has = |feature: &str| env::var_os(format!("CARGO_FEATURE_{feature}")).is_some();
+    let parts: &[&str] = if has("RP2350") {
+        &["memory-rp2350.x", "ram-code.x"]
+    } else if has("BOOT") {
+        &["flash-boot.x", "ram-rp2040.x"]
+    } else if has("SLOT_A") {
+        &["flash-slot-a.x", "ram-rp2040.x", "ram-code.x"]
+    } else if has("SLOT_B") {
+        &["flash-slot-b.x", "ram-rp2040.x", "ram-code.x"]
     } else {
-        "memory-rp2040.x"
+        &["flash-rp2040.x", "ram-rp2040.x", "ram-code.x"]
     };
-    let parts = [memory, "ram-code.x"];
     let texts: Result<Vec<String>, io::Error> = parts.iter().map(fs::read_to_string).collect();
     fs::write(out.join("memory.x"), texts?.concat())?;
     for part in parts {
@@ -22,6 +28,9 @@ fn main() -> io::Result<()> {
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     // The application logs; the figures do not.
     for bin in ["umi-pico", "selftest"] {
+        if has("BOOT") {
+            break;
+        }
         println!("cargo::rustc-link-arg-bin={bin}=-Tdefmt.x");
     }
     Ok(())

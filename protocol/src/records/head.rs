@@ -6,7 +6,7 @@
 //! offset  size  field (little endian)
 //!      0    16  tag "openumi head v1\n"
 //!     16    32  the board's public key
-//!     48    32  SHA-256 of the firmware image; zeros: the board does not know it
+//!     48    32  first half of the SHA-512 of the firmware image; zeros: the board does not know it
 //!     80     4  starts of the board so far, this one included
 //!     84     8  t_us: the board's clock when it signed
 //!     92     8  seq: entries 0..seq are what it vouches for
@@ -86,7 +86,8 @@ pub struct Head {
     pub boot: u32,
     /// The board's public key.
     pub key: [u8; 32],
-    /// SHA-256 of the firmware image; zeros: the board does not know it.
+    /// First half of the SHA-512 of the firmware image, as a signed image's header has it; zeros: the
+    /// board does not know it.
     pub image: [u8; 32],
     /// The board's serial number.
     pub serial: Name,

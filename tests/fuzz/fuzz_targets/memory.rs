@@ -19,7 +19,7 @@ use umi_client::files::image_file;
 use umi_core::journal::{Journal, MAX_PAYLOAD};
 use umi_core::programs::Store;
 use umi_core::trust::access::update::image::ImageHeader;
-use umi_core::trust::access::update::slots::{BuiltIn, Slots};
+use umi_core::trust::access::update::slots::{ImageKind, Maker, Slots};
 use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_core::units::Micros;
 use umi_fuzz::{Memory, signer};
@@ -159,14 +159,14 @@ fn image() -> &'static [u8] {
 
 /// Two slots and their state after an update, changed: what runs is the image, or what is built in.
 fn slots(data: &[u8]) {
-    const BUILT_IN: BuiltIn = BuiltIn {
-        board: "fuzz",
-        version: [1, 0, 0],
+    const KIND: ImageKind = ImageKind {
+        boards: ["fuzz"; 2],
+        built_in: Some([1, 0, 0]),
     };
     static UPDATED: OnceLock<[Vec<u8>; 3]> = OnceLock::new();
     let open = |areas: &[Memory; 3]| {
         let [state, a, b] = areas.clone();
-        Slots::open(state, [a, b], BUILT_IN, Some(public()))
+        Slots::open(state, [a, b], KIND, Maker::First(Some(public())))
     };
     let updated = || {
         let areas = [0; 3].map(|_| Memory::erased(2, SECTOR));

@@ -74,6 +74,14 @@ impl PicoRig {
     pub fn prepared(prepare: impl FnOnce(&mut Emulator)) -> Result<Self, String> {
         let mut emulator = Emulator::start(Start::Paused)?;
         prepare(&mut emulator);
+        Self::of(emulator)
+    }
+
+    /// This board, as fast as it can go.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn of(mut emulator: Emulator) -> Result<Self, String> {
         // As fast as it can: it is seldom faster than real time.
         emulator.ask(&json!({ "do": "free", "speed": 0 }));
         let control = emulator

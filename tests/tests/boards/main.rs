@@ -17,6 +17,7 @@ mod pico_scan;
 mod pico_selftest;
 mod pico_serial;
 mod pico_stack;
+mod pico_update;
 mod pico_watchdog;
 mod point_sensor;
 mod qemu;

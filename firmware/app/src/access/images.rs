@@ -1,84 +1,19 @@
 //! Signed images: from a host's requests to the slots ([`umi_core::trust::access::update::slots`]).
 
+use heapless::Vec;
 use umi_core::journal::Flash;
 use umi_core::trust::access::update::slots::{Slots, UpdateError};
 use umi_core::units::Micros;
 use umi_protocol::latch::Positions;
 use umi_protocol::message::{Record, Request, Response};
-use umi_protocol::update::{IMAGE_HEADER, ImageInfo, ImageVersion, UpdateRefusal, UpdateState};
+use umi_protocol::update::{IMAGE_HEADER, UpdateRefusal, UpdateState};
 
 use super::Guarded;
 use crate::board::Axes;
 use crate::measure::Instrument;
 
-/// What takes images.
-pub trait Images: Send {
-    /// The image that runs.
-    fn info(&mut self) -> ImageInfo;
-
-    /// One comes: where its next byte is wanted.
-    ///
-    /// # Errors
-    /// [`UpdateError`].
-    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError>;
-
-    /// Bytes of it.
-    ///
-    /// # Errors
-    /// [`UpdateError`].
-    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError>;
-
-    /// It is whole and right: its version.
-    ///
-    /// # Errors
-    /// [`UpdateError`].
-    fn whole(&mut self) -> Result<ImageVersion, UpdateError>;
-
-    /// It is to run on trial from the next start on.
-    ///
-    /// # Errors
-    /// [`UpdateError`].
-    fn mark(&mut self) -> Result<(), UpdateError>;
-
-    /// The version before and the one that runs on trial, if one does.
-    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)>;
-
-    /// What runs on trial is the one that starts.
-    ///
-    /// # Errors
-    /// [`UpdateError`]: the next start goes back.
-    fn confirm(&mut self) -> Result<(), UpdateError>;
-}
-
-impl<F: Flash + Send> Images for Slots<F> {
-    fn info(&mut self) -> ImageInfo {
-        Slots::info(self)
-    }
-
-    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError> {
-        Slots::begin(self, header)
-    }
-
-    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError> {
-        Slots::piece(self, offset, bytes)
-    }
-
-    fn whole(&mut self) -> Result<ImageVersion, UpdateError> {
-        Slots::whole(self)
-    }
-
-    fn mark(&mut self) -> Result<(), UpdateError> {
-        Slots::mark(self)
-    }
-
-    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)> {
-        Slots::trial(self)
-    }
-
-    fn confirm(&mut self) -> Result<(), UpdateError> {
-        Slots::confirm(self).map(|_| ())
-    }
-}
+/// The images of a board that takes some: room for them, if this application does.
+pub(crate) type Images<F> = Vec<Slots<F>, { cfg!(feature = "update") as usize }>;
 
 /// Where the axes stand, in short.
 fn stand(positions: &Positions) -> u32 {
@@ -98,10 +33,9 @@ pub(crate) fn update<F: Flash>(
     now: Micros,
     request: &Request,
 ) -> Response {
-    if !cfg!(feature = "update") {
-        return Response::NotOnThisBoard;
-    }
-    let Some(images) = guarded.images.get_mut() else {
+    let is_measuring = measure.brain().run().is_under_way() || measure.delivery.is_some();
+    let Instrument { images, ledger, .. } = measure;
+    let Some(images) = images.first_mut() else {
         return Response::NotOnThisBoard;
     };
     if let Request::ImageGet = request {
@@ -112,9 +46,7 @@ pub(crate) fn update<F: Flash>(
         guarded.stood = stand;
     }
     // Flash that is written, and a start, would be felt in what is measured, sent or moved.
-    let is_busy = measure.brain().run().is_under_way()
-        || measure.delivery.is_some()
-        || guarded.stood != 0 && stand != guarded.stood;
+    let is_busy = is_measuring || guarded.stood != 0 && stand != guarded.stood;
     if is_busy {
         return Response::UpdateRefused(UpdateRefusal::Busy);
     }
@@ -137,7 +69,7 @@ pub(crate) fn update<F: Flash>(
                 let what = UpdateState::Trial;
                 let record = Record::Update { what, from, to };
                 // Never a deed without a record.
-                if !measure.ledger.record(now, record) {
+                if !ledger.record(now, record) {
                     return Err(UpdateError::Flash);
                 }
                 images.mark()?;

@@ -17,8 +17,7 @@
 mod images;
 mod keeper;
 
-pub use images::Images;
-pub(crate) use images::update;
+pub(crate) use images::{Images, update};
 pub use keeper::{Draw, Jumper, Keeper};
 
 use umi_core::journal::Flash;
@@ -74,8 +73,6 @@ pub struct Slowed {
 /// The board's keys, if it can have an owner.
 pub(crate) struct Guarded<F: Flash> {
     keeper: ZeroOption<Keeper<F>>,
-    /// What takes images, if this board does.
-    pub(crate) images: ZeroOption<&'static mut dyn Images>,
     /// Where the axes stood when an image began to come; 0: none has.
     pub(crate) stood: u32,
     /// The board is to start anew.
@@ -86,7 +83,6 @@ impl<F: Flash> Guarded<F> {
     pub const fn new() -> Self {
         Self {
             keeper: ZeroOption::empty(),
-            images: ZeroOption::empty(),
             stood: 0,
             restarts: false,
         }

@@ -52,6 +52,7 @@ use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::ProgramRefusal;
 use umi_protocol::serial::LineSettings;
 
+use crate::access::Images;
 use crate::board::Lights;
 use crate::intake::Input;
 use crate::measure::delivery::Delivery;
@@ -70,6 +71,8 @@ pub struct Instrument<F: Flash> {
     /// What is being sent to the control.
     pub(crate) delivery: ZeroOption<Delivery>,
     pub(crate) ledger: Ledger<F>,
+    /// Signed images, if this board takes them.
+    pub(crate) images: Images<F>,
 }
 
 impl<F: Flash> Instrument<F> {
@@ -83,6 +86,7 @@ impl<F: Flash> Instrument<F> {
             programs: ZeroOption::empty(),
             delivery: ZeroOption::empty(),
             ledger: Ledger::new(),
+            images: Images::new(),
         }
     }
 

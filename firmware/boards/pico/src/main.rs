@@ -24,6 +24,7 @@
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`storage`] | journal, evidence, settings and part programs |
 //! | [`storage::owner`] | the board's key, the keys of people, the jumper |
+//! | `storage::images`, `storage::updates` | signed images, where a boot loader starts them (bin/boot.rs) |
 //! | [`safety::guard`], [`safety::crash_note`], [`lights`], [`time::clock`], [`time::alarms`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
@@ -73,7 +74,9 @@ use clock::BoardClock;
 use lights::Lamps;
 use safety::guard::Dog;
 use safety::{crash_note, guard};
-use storage::key_flash::KeyFlash;
+use storage::chip_flash::{ChipFlash, KEY};
+#[cfg(feature = "update")]
+use storage::updates;
 use storage::{Part, Storage, owner};
 use time::{alarms, clock};
 use umi_app::board::Clock as _;
@@ -105,6 +108,8 @@ fn main() -> ! {
     let host = HOST_TASKS.start(interrupt::SWI_IRQ_1);
     host.spawn(first(serve(app, parts.usb, parts.serial, parts.station)));
     host.spawn(first(check_in()));
+    #[cfg(feature = "update")]
+    host.spawn(first(end_trial(app)));
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app, parts.lamps)));
         here.spawn(first(supervise(app, parts.dog)));
@@ -147,7 +152,13 @@ fn boot() -> Parts {
     });
     pin_mux::connect();
     // Before anything that cannot wait: its flash is the one that all code is fetched from.
-    let signer = owner::signer(KeyFlash::new(chip.FLASH));
+    #[cfg(feature = "update")]
+    let mut image = updates::resume(&chip.FLASH);
+    #[cfg(feature = "update")]
+    let digest = image.digest;
+    #[cfg(not(feature = "update"))]
+    let digest = [0; 32];
+    let signer = owner::signer(ChipFlash::new(chip.FLASH, KEY), digest);
     latch::start();
 
     let storage = storage::open(storage::StorageParts {
@@ -192,6 +203,8 @@ fn boot() -> Parts {
     if let Err(Running) = APP.guard(owner::keeper(access, signer, now)) {
         stop(&mut light, "the application runs already");
     }
+    #[cfg(feature = "update")]
+    image.enter(&APP);
     match APP.start(boot, areas, now) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
@@ -203,6 +216,8 @@ fn boot() -> Parts {
         }
         Err(Running) => stop(&mut light, "the application runs already"),
     }
+    #[cfg(feature = "update")]
+    image.tell(&APP, now);
     let dog = Dog::start(watchdog, light);
 
     uart::start(APP.line());
@@ -316,6 +331,12 @@ async fn start_anew(app: &'static App<Part>) {
     // The host reads the answer first.
     Timer::after(Duration::from_millis(200)).await;
     guard::reset_now()
+}
+
+#[cfg(feature = "update")]
+#[embassy_executor::task]
+async fn end_trial(app: &'static App<Part>) {
+    updates::end_trial(app).await;
 }
 
 #[interrupt]

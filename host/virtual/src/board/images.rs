@@ -10,16 +10,14 @@
 
 use std::io;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep, sleep_until};
 use umi_app::App;
-use umi_app::access::Images;
 use umi_core::journal::Geometry;
-use umi_core::trust::access::update::slots::{BuiltIn, Slots, UpdateError};
+use umi_core::trust::access::update::slots::{ImageKind, Maker, Slots};
 use umi_core::units::Micros;
-use umi_protocol::update::{IMAGE_HEADER, ImageInfo, ImageVersion};
+use umi_protocol::update::ImageVersion;
 
 use super::VirtualFlash;
 use super::clock::VirtualClock;
@@ -78,49 +76,12 @@ impl ImageAreas {
     }
 }
 
-/// The slots, for the application and for what starts it.
-#[derive(Clone)]
-struct SharedSlots(Arc<Mutex<Slots<VirtualFlash>>>);
-
-impl SharedSlots {
-    fn slots(&self) -> MutexGuard<'_, Slots<VirtualFlash>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Images for SharedSlots {
-    fn info(&mut self) -> ImageInfo {
-        self.slots().info()
-    }
-
-    fn begin(&mut self, header: &[u8; IMAGE_HEADER]) -> Result<u32, UpdateError> {
-        self.slots().begin(header)
-    }
-
-    fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, UpdateError> {
-        self.slots().piece(offset, bytes)
-    }
-
-    fn whole(&mut self) -> Result<ImageVersion, UpdateError> {
-        self.slots().whole()
-    }
-
-    fn mark(&mut self) -> Result<(), UpdateError> {
-        self.slots().mark()
-    }
-
-    fn trial(&mut self) -> Option<(ImageVersion, ImageVersion)> {
-        self.slots().trial()
-    }
-
-    fn confirm(&mut self) -> Result<(), UpdateError> {
-        self.slots().confirm().map(|_| ())
-    }
-}
-
 /// What runs from a start on.
 pub(super) struct RunningImage {
-    slots: SharedSlots,
+    /// Until the application has them.
+    slots: Option<Slots<VirtualFlash>>,
+    version: ImageVersion,
+    digest: Option<[u8; 32]>,
     on_trial: bool,
     confirms: bool,
     reverted: Option<ImageVersion>,
@@ -129,23 +90,25 @@ pub(super) struct RunningImage {
 impl RunningImage {
     /// Verifies what is to run; none: the flash does not keep what counts, and what is built in runs.
     pub fn start(areas: ImageAreas, maker: Option<[u8; 32]>) -> Option<Self> {
-        let built_in = BuiltIn {
-            board: "virtual",
-            version: [
-                env!("CARGO_PKG_VERSION_MAJOR"),
-                env!("CARGO_PKG_VERSION_MINOR"),
-                env!("CARGO_PKG_VERSION_PATCH"),
-            ]
-            .map(|part| part.parse().unwrap_or_default()),
+        let version = [
+            env!("CARGO_PKG_VERSION_MAJOR"),
+            env!("CARGO_PKG_VERSION_MINOR"),
+            env!("CARGO_PKG_VERSION_PATCH"),
+        ];
+        let kind = ImageKind {
+            boards: ["virtual"; 2],
+            built_in: Some(version.map(|part| part.parse().unwrap_or_default())),
         };
         let ImageAreas { state, slots } = areas;
-        let mut slots = Slots::open(state, slots, built_in, maker).ok()?;
+        let mut slots = Slots::open(state, slots, kind, Maker::First(maker)).ok()?;
         let started = slots.start().ok()?;
         let mut room = [0; 256];
         let text = slots.payload(&mut room).unwrap_or_default();
         Some(Self {
             confirms: confirms(text),
-            slots: SharedSlots(Arc::new(Mutex::new(slots))),
+            version: slots.info().version,
+            digest: slots.digest(),
+            slots: Some(slots),
             on_trial: started.on_trial,
             reverted: started.reverted,
         })
@@ -153,26 +116,27 @@ impl RunningImage {
 
     /// Its version.
     pub fn version(&self) -> String {
-        let [major, minor, patch] = self.slots.slots().info().version;
+        let [major, minor, patch] = self.version;
         format!("{major}.{minor}.{patch}")
     }
 
     /// The application is this image: before its start.
-    pub fn enter(&self, app: &App<VirtualFlash>) {
-        // As long as the board: a process starts few of them. No task has begun.
-        let _ = app.takes_images(Box::leak(Box::new(self.slots.clone())));
+    pub fn enter(&mut self, app: &App<VirtualFlash>) {
+        if let Some(slots) = self.slots.take() {
+            // No task has begun.
+            let _ = app.takes_images(slots);
+        }
     }
 
-    /// Its SHA-256; none: it is built in.
+    /// First half of its SHA-512; none: it is built in.
     pub fn digest(&self) -> Option<[u8; 32]> {
-        self.slots.slots().digest()
+        self.digest
     }
 
     /// The application has started: what became of the trial before is journaled.
     pub fn tell(&self, app: &App<VirtualFlash>, now: Micros) {
         if let Some(to) = self.reverted {
-            let from = self.slots.slots().info().version;
-            let _ = app.tell_reverted(now, from, to);
+            let _ = app.tell_reverted(now, to);
         }
     }
 
@@ -181,7 +145,7 @@ impl RunningImage {
         let end = Instant::now() + TRIAL;
         while self.on_trial && Instant::now() < end {
             sleep(LOOK).await;
-            if self.confirms && app.confirm(&mut self.slots, clock).await {
+            if self.confirms && app.confirm(clock).await {
                 self.on_trial = false;
             }
         }

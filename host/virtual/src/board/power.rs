@@ -142,7 +142,7 @@ impl Power {
             settings: config.settings.clone(),
             programs: config.programs.clone(),
         };
-        if let Some(image) = &image {
+        if let Some(image) = &mut image {
             image.enter(&app);
         }
         // As long as the board, as its keys: no task has begun.

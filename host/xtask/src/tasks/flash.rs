@@ -126,6 +126,10 @@ fn plan(workspace: &Workspace, board: &Board, ways: &Ways, run: bool) -> Result<
             board.name,
             image("elf").display()
         ),
+        Flashing::Signed => bail!(
+            "{} is a part of a signed Pico: `cargo xtask firmware --sign KEY` makes the whole",
+            board.name
+        ),
         Flashing::Probe { chip } => (chip, None),
         Flashing::ProbeOrDrive { chip, family } => (chip, Some(family)),
     };

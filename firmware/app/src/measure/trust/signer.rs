@@ -13,7 +13,7 @@ pub struct HeadSigner {
 }
 
 impl HeadSigner {
-    /// By this key. `image` is the SHA-256 of the image that runs; zeros: nobody has said.
+    /// By this key. `image` is the first half of the SHA-512 of the image that runs; zeros: nobody has said.
     #[must_use]
     pub fn new(key: BoardKey, image: [u8; 32]) -> Self {
         Self { key, image }
@@ -31,7 +31,7 @@ impl HeadSigner {
         self.key.boot()
     }
 
-    /// SHA-256 of the image that runs; zeros: nobody has said.
+    /// First half of the SHA-512 of the image that runs; zeros: nobody has said.
     #[must_use]
     pub fn image(&self) -> [u8; 32] {
         self.image

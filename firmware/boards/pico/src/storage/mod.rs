@@ -5,13 +5,17 @@
 //!
 //! The flash that the code runs from is not written while the board works: while it is, nothing can
 //! be read from it. Only the board's own key stands there ([`owner`]), which each start counts before
-//! anything else runs. The other one hangs on SPI 0 and may be as busy as it
+//! anything else runs, and signed images, which come while nothing is measured ([`chip_flash`]). The other one hangs on SPI 0 and may be as busy as it
 //! likes: who waits for it is the task of the lowest priority.
 
+pub mod chip_flash;
 mod flash_line;
-pub mod key_flash;
+#[cfg(feature = "update")]
+mod images;
 pub mod noise;
 pub mod owner;
+#[cfg(feature = "update")]
+pub mod updates;
 
 use core::convert::Infallible;
 
@@ -73,6 +77,9 @@ pub enum Part {
     There(spi_nor::Area<'static, Device, Delay>),
     /// Why there is none, and what it would have been.
     Missing(Failure, Wanted),
+    /// An area of the other flash.
+    #[cfg(feature = "update")]
+    Chip(chip_flash::ChipFlash),
 }
 
 /// What is there after the start.
@@ -168,6 +175,8 @@ impl Flash for Part {
     fn geometry(&self) -> Geometry {
         match self {
             Self::There(area) => area.geometry(),
+            #[cfg(feature = "update")]
+            Self::Chip(area) => area.geometry(),
             Self::Missing(_, wanted) => Geometry {
                 sectors: wanted.sectors,
                 sector_size: wanted.size.bytes(),
@@ -180,6 +189,8 @@ impl Flash for Part {
     fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Failure> {
         match self {
             Self::There(area) => area.read(addr, into),
+            #[cfg(feature = "update")]
+            Self::Chip(area) => area.read(addr, into).map_err(|_| FlashFault::OutOfArea),
             Self::Missing(fault, _) => Err(*fault),
         }
     }
@@ -187,6 +198,8 @@ impl Flash for Part {
     fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Failure> {
         match self {
             Self::There(area) => area.program(addr, bytes),
+            #[cfg(feature = "update")]
+            Self::Chip(area) => area.program(addr, bytes).map_err(|_| FlashFault::OutOfArea),
             Self::Missing(fault, _) => Err(*fault),
         }
     }
@@ -194,6 +207,8 @@ impl Flash for Part {
     fn erase(&mut self, sector: u32) -> Result<(), Failure> {
         match self {
             Self::There(area) => area.erase(sector),
+            #[cfg(feature = "update")]
+            Self::Chip(area) => area.erase(sector).map_err(|_| FlashFault::OutOfArea),
             Self::Missing(fault, _) => Err(*fault),
         }
     }

@@ -15,7 +15,7 @@ use umi_app::measure::trust::heads::HeadSigner;
 use umi_core::trust::board_key::BoardKey;
 use umi_core::units::Micros;
 
-use super::key_flash::KeyFlash;
+use super::chip_flash::ChipFlash;
 use super::{Part, noise};
 use crate::resources::CLOCK_HZ;
 
@@ -49,10 +49,11 @@ fn jumper_is_closed() -> bool {
 
 /// Takes up the board's key, or draws one at the first start; none: the board signs nothing and cannot
 /// be claimed. To be called once, before anything that cannot wait.
-pub fn signer(flash: KeyFlash) -> Option<&'static HeadSigner> {
+/// `image` is the first half of the SHA-512 of the signed image that runs; zeros: it was not signed.
+pub fn signer(flash: ChipFlash, image: [u8; 32]) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
     match BoardKey::open(flash, noise::draw) {
-        Ok(key) => Some(SIGNING.init(HeadSigner::new(key, [0; 32]))),
+        Ok(key) => Some(SIGNING.init(HeadSigner::new(key, image))),
         Err(_) => {
             defmt::error!("the board has no key: it signs nothing");
             None

@@ -47,6 +47,7 @@ embassy_time_driver::time_driver_impl!(static ALARMS: Alarms = Alarms {
 });
 
 /// Lets the alarm interrupt.
+#[allow(dead_code, reason = "the boot loader lets nothing interrupt")]
 pub fn start(priority: Priority) {
     ALARM.set_priority(priority);
     critical_section::with(|_| TIMER.inte().modify(|w| w.set_alarm(NUMBER, true)));

@@ -19,6 +19,8 @@ pub(crate) struct Board {
     pub cpu: Option<&'static str>,
     /// How an image gets into it.
     pub flashing: Flashing,
+    /// The only binary that is built of the package; none: all.
+    pub only: Option<&'static str>,
 }
 
 impl Board {
@@ -38,6 +40,8 @@ impl Board {
 pub(crate) enum Flashing {
     /// It has no hardware: QEMU loads the image.
     Emulator,
+    /// As a part of a signed file ([`super::signed`]).
+    Signed,
     /// A debug probe, through probe-rs, which knows the chip by this name.
     Probe {
         /// `probe-rs chip list` has it.
@@ -61,6 +65,7 @@ pub const BOARDS: &[Board] = &[
         target: "thumbv7em-none-eabihf",
         cpu: Some("cortex-m7"),
         flashing: Flashing::Emulator,
+        only: None,
     },
     Board {
         name: "pico",
@@ -72,6 +77,35 @@ pub const BOARDS: &[Board] = &[
             chip: "RP2040",
             family: uf2::Family::Rp2040,
         },
+        only: None,
+    },
+    // What `cargo xtask firmware --sign` makes a file for the drive of: these alone do not start.
+    Board {
+        name: "pico-boot",
+        package: "umi-pico",
+        features: Some("rp2040,boot"),
+        target: "thumbv6m-none-eabi",
+        cpu: None,
+        flashing: Flashing::Signed,
+        only: Some("boot"),
+    },
+    Board {
+        name: "pico-a",
+        package: "umi-pico",
+        features: Some("rp2040,slot-a"),
+        target: "thumbv6m-none-eabi",
+        cpu: None,
+        flashing: Flashing::Signed,
+        only: Some("umi-pico"),
+    },
+    Board {
+        name: "pico-b",
+        package: "umi-pico",
+        features: Some("rp2040,slot-b"),
+        target: "thumbv6m-none-eabi",
+        cpu: None,
+        flashing: Flashing::Signed,
+        only: Some("umi-pico"),
     },
     Board {
         name: "pico2",
@@ -83,6 +117,7 @@ pub const BOARDS: &[Board] = &[
             chip: "RP235x",
             family: uf2::Family::Rp2350,
         },
+        only: None,
     },
     Board {
         name: "nucleo-h743",
@@ -93,6 +128,7 @@ pub const BOARDS: &[Board] = &[
         flashing: Flashing::Probe {
             chip: "STM32H743ZITx",
         },
+        only: None,
     },
 ];
 
@@ -168,7 +204,18 @@ mod tests {
             .iter()
             .map(|board| board.name)
             .collect();
-        assert_eq!(all, ["mps2-an500", "pico", "pico2", "nucleo-h743"]);
+        assert_eq!(
+            all,
+            [
+                "mps2-an500",
+                "pico",
+                "pico-boot",
+                "pico-a",
+                "pico-b",
+                "pico2",
+                "nucleo-h743"
+            ]
+        );
         assert_eq!(select(&["pico".into()]).unwrap()[0].package, "umi-pico");
     }
 
@@ -196,6 +243,6 @@ mod tests {
             ]
         );
         assert!(select_images(&["selftest-pico3".into()]).is_err());
-        assert_eq!(select_images(&[]).unwrap().len(), 4);
+        assert_eq!(select_images(&[]).unwrap().len(), 7);
     }
 }

@@ -10,6 +10,7 @@ mod dependencies;
 pub mod pin;
 pub mod reproduce;
 pub mod sbom;
+mod signed;
 pub mod toolchain;
 pub mod uf2;
 
@@ -34,7 +35,7 @@ use crate::workspace::{Workspace, execute};
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
+    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware --sign fw          # a Pico that takes only what the key `fw` has signed\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
 )]
 pub(crate) struct Arguments {
     /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
@@ -43,6 +44,14 @@ pub(crate) struct Arguments {
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
     toolchain: Option<Toolchain>,
+    /// Builds the Pico with its boot loader, and signs its images by this secret key (`umi key new`):
+    /// pico-signed.uf2 for a new board, pico-a.umif and pico-b.umif for `umi update`. The key beside it,
+    /// KEY.pub, goes into the boot loader.
+    #[arg(long, value_name = "KEY")]
+    sign: Option<PathBuf>,
+    /// The security counter of signed images: raise it where what came before must never run again.
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "sign")]
+    counter: u32,
 }
 
 /// A linked image of a board.
@@ -59,6 +68,13 @@ pub(crate) struct Image {
 
 /// Builds what the arguments name.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
+    if let Some(key) = &arguments.sign {
+        ensure!(
+            arguments.boards.iter().all(|board| board == "pico"),
+            "only the Pico has a boot loader that takes signed images"
+        );
+        return signed::run(workspace, key, arguments.counter, arguments.toolchain);
+    }
     let wanted = boards::select_images(&arguments.boards)?;
     let images = build_images(workspace, &wanted, arguments.toolchain)?.images;
     let mut rows = vec![["image", "target", "flash bytes", "files"].map(String::from)];
@@ -119,7 +135,7 @@ fn how_to_test(workspace: &Workspace, board: &Board, images: &[Image]) -> String
         )
     };
     let ways = match board.flashing {
-        Flashing::Emulator => String::new(),
+        Flashing::Emulator | Flashing::Signed => String::new(),
         Flashing::Probe { chip } => probe(chip),
         Flashing::ProbeOrDrive { chip, family } => format!(
             "  without a probe     hold BOOTSEL while the board is plugged in, and copy {}\n                      onto the drive {} that appears\n{}",
@@ -233,8 +249,13 @@ fn forms(workspace: &Workspace, image: &Image) -> String {
 /// Holds clippy's lints in the package of every board.
 pub fn lint(workspace: &Workspace) -> Result<()> {
     let toolchain = toolchain::choose(workspace, None)?;
-    for board in boards::BOARDS {
+    // The same code as at place A.
+    let boards = boards::BOARDS.iter().filter(|board| board.name != "pico-b");
+    for board in boards {
         let mut command = cargo(workspace, toolchain, Verb::Clippy, board)?;
+        if let Some(binary) = board.only {
+            command.args(["--bin", binary]);
+        }
         execute(command.args(["--", "-D", "warnings"]))?;
     }
     Ok(())
@@ -248,7 +269,10 @@ fn build_board(
 ) -> Result<()> {
     let mut command = cargo(workspace, toolchain, Verb::Build, board)?;
     match wanted {
-        Wanted::All => command.arg("--bins"),
+        Wanted::All => match board.only {
+            Some(binary) => command.args(["--bin", binary]),
+            None => command.arg("--bins"),
+        },
         Wanted::SelfTest => command.args(["--bin", SELF_TEST_BINARY]),
     };
     execute(&mut command)
@@ -293,12 +317,14 @@ fn binaries(packages: &serde_json::Value, board: &Board) -> Result<Vec<String>> 
         .iter()
         .filter(|target| list(target, "kind").iter().any(|kind| kind == "bin"))
         .filter(|target| {
+            let features = board.features.unwrap_or_default();
             let needs = list(target, "required-features");
             needs
                 .iter()
-                .all(|need| board.features.is_some_and(|features| need == features))
+                .all(|need| features.split(',').any(|of| need == of))
         })
         .filter_map(|target| target["name"].as_str().map(String::from))
+        .filter(|name| board.only.is_none_or(|only| only == name))
         .collect();
     ensure!(
         !binaries.is_empty(),
@@ -311,6 +337,9 @@ fn binaries(packages: &serde_json::Value, board: &Board) -> Result<Vec<String>> 
 /// What the image of a binary is called: `pico` for `umi-pico`, and `pico-figures` for
 /// `figures` and for `umi-pico-figures`.
 fn image_name(board: &Board, binary: &str) -> String {
+    if board.only.is_some() {
+        return board.name.to_owned();
+    }
     let other = binary.strip_prefix(board.package).unwrap_or(binary);
     match other.trim_start_matches('-') {
         "" => board.name.to_owned(),
@@ -330,7 +359,7 @@ fn put(folder: &Path, board: &'static Board, name: String, built: &Path) -> Resu
     let elf = write("elf", &bytes)?;
     match board.flashing {
         Flashing::Emulator => {}
-        Flashing::Probe { .. } => drop(write("bin", &load::flat(&parts))?),
+        Flashing::Signed | Flashing::Probe { .. } => drop(write("bin", &load::flat(&parts))?),
         Flashing::ProbeOrDrive { family, .. } => drop(write("uf2", &uf2::write(&parts, family))?),
     }
     Ok(Image { name, board, elf })

@@ -164,6 +164,11 @@ impl Toolchain {
         // What `cargo xtask size` reads: it costs the image nothing. Unstable, but settled.
         let mut flags = vec!["-Zemit-stack-sizes".to_owned()];
         flags.extend(cpu.map(|cpu| format!("-Ctarget-cpu={cpu}")));
+        if target.starts_with("thumbv6m") {
+            // Unrolled, SHA-512 is 27 KB, and the cache of the Pico's flash holds 16: it would be fetched anew
+            // for each 128 bytes.
+            flags.push("--cfg=sha2_backend_soft=\"compact\"".to_owned());
+        }
         flags.extend(same_paths_everywhere(workspace));
         let mut command = match (self, verb) {
             (Self::Pinned, _) => {

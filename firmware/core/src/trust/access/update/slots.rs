@@ -13,12 +13,18 @@
 //! was changed meanwhile does not run, but the other slot's does, if that is right and not older
 //! than the counter allows; else what was built in.
 //!
+//! A board whose images are built for the place that they stand in has a boot loader: it calls
+//! [`Slots::start`], and the image that it has started goes on by [`Slots::resume`]. Nothing is built in
+//! there: the first start takes the newest image that stands in a slot.
+//!
+//! A sector is erased when its first byte comes, so that no piece waits for more than one.
+//!
 //! # Limitations
 //!
 //! An image is as trusted as the flash of the key that it is verified by.
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256, Sha512};
+use sha2::{Digest as _, Sha512};
 use umi_protocol::update::{
     IMAGE_HEADER, ImageInfo, ImagePlace, ImageVersion, UpdateRefusal, UpdateState,
 };
@@ -52,6 +58,20 @@ struct Kept {
     latest: UpdateState,
     /// The maker's key.
     maker: Option<[u8; 32]>,
+}
+
+impl Kept {
+    /// Before any image came.
+    fn new(kind: ImageKind) -> Self {
+        Self {
+            active: None,
+            version: kind.built_in.unwrap_or_default(),
+            counter: 0,
+            trial: None,
+            latest: UpdateState::None,
+            maker: None,
+        }
+    }
 }
 
 /// What runs from this start on.
@@ -89,20 +109,31 @@ struct Receiving {
     offset: u32,
 }
 
-/// What is built in: it runs where no slot does.
+/// What images a board runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BuiltIn {
-    /// The kind of board.
-    pub board: &'static str,
-    /// Its version.
-    pub version: ImageVersion,
+pub struct ImageKind {
+    /// The kind of board that an image names, slot by slot: one that is built for one place runs
+    /// in no other.
+    pub boards: [&'static str; 2],
+    /// The version of what is built in, and runs where no slot does; none: nothing is.
+    pub built_in: Option<ImageVersion>,
+}
+
+/// Whose images a board takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Maker {
+    /// The key stands where neither an image nor a host can change it.
+    Fixed([u8; 32]),
+    /// The first one that is named counts, for ever.
+    First(Option<[u8; 32]>),
 }
 
 /// The slots.
 pub struct Slots<F: Flash> {
-    state: Journal<F>,
+    /// None: it is damaged, and nothing can be kept.
+    state: Option<Journal<F>>,
     slots: [F; 2],
-    built_in: BuiltIn,
+    kind: ImageKind,
     kept: Kept,
     receiving: Option<Receiving>,
     running: Option<(ImagePlace, ImageHeader)>,
@@ -117,25 +148,18 @@ const fn place(slot: bool) -> ImagePlace {
 }
 
 impl<F: Flash> Slots<F> {
-    /// Opens the slots; `maker` is taken if there is no key yet.
+    /// Opens the slots.
     ///
     /// # Errors
     /// [`UpdateError::Flash`]: what counts cannot be read or kept.
     pub fn open(
         state: F,
         slots: [F; 2],
-        built_in: BuiltIn,
-        maker: Option<[u8; 32]>,
+        kind: ImageKind,
+        maker: Maker,
     ) -> Result<Self, UpdateError> {
         let (mut state, recovery) = Journal::open(state).map_err(|_| UpdateError::Flash)?;
-        let new = Kept {
-            active: None,
-            version: built_in.version,
-            counter: 0,
-            trial: None,
-            latest: UpdateState::None,
-            maker: None,
-        };
+        let new = Kept::new(kind);
         let mut room = [0; MOST];
         let kept = match state.next_seq().checked_sub(1) {
             None if recovery.damaged_headers == 0 => new,
@@ -152,26 +176,51 @@ impl<F: Flash> Slots<F> {
             }
         };
         let mut opened = Self {
-            state,
-            slots,
-            built_in,
+            state: Some(state),
             kept,
+            ..Self::with(slots, kind, None)
+        };
+        match maker {
+            Maker::Fixed(key) => opened.kept.maker = Some(key),
+            Maker::First(maker) if kept.maker.is_none() && maker.is_some() => {
+                opened.keep(Kept { maker, ..kept })?;
+            }
+            Maker::First(_) => {}
+        }
+        Ok(opened)
+    }
+
+    /// The slots where what counts cannot be read: a start runs the newest image that is right, and
+    /// none is taken, as nobody knows which counter has been.
+    pub fn stateless(slots: [F; 2], kind: ImageKind, maker: Maker) -> Self {
+        let (Maker::Fixed(key) | Maker::First(Some(key))) = maker else {
+            return Self::with(slots, kind, None);
+        };
+        Self::with(slots, kind, Some(key))
+    }
+
+    fn with(slots: [F; 2], kind: ImageKind, maker: Option<[u8; 32]>) -> Self {
+        Self {
+            state: None,
+            slots,
+            kind,
+            kept: Kept {
+                maker,
+                ..Kept::new(kind)
+            },
             receiving: None,
             running: None,
             on_trial: false,
-        };
-        if kept.maker.is_none() && maker.is_some() {
-            opened.keep(Kept { maker, ..kept })?;
         }
-        Ok(opened)
     }
 
     fn keep(&mut self, kept: Kept) -> Result<(), UpdateError> {
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&kept, &mut room).map_err(|_| UpdateError::Flash)?;
         // Twice: a newest entry that is damaged at rest looks like one that was torn.
+        let state = self.state.as_mut().ok_or(UpdateError::Flash)?;
         for _ in 0..2 {
-            let appended = self.state.append(KIND, Micros(0), payload);
+            let appended = state.append(KIND, Micros(0), payload);
             appended.map_err(|_| UpdateError::Flash)?;
         }
         self.kept = kept;
@@ -201,7 +250,7 @@ impl<F: Flash> Slots<F> {
         let mut bytes = [0; IMAGE_HEADER];
         let read = self.flash(slot).read(0, &mut bytes);
         read.map_err(|_| UpdateError::Flash)?;
-        let header = self.admissible(&bytes)?;
+        let header = self.admissible(slot, &bytes)?;
         let mut hash = Sha512::new();
         self.pieces(slot, header.length, |piece| hash.update(piece))?;
         match <[u8; 64]>::from(hash.finalize()) == header.sha512 {
@@ -210,14 +259,19 @@ impl<F: Flash> Slots<F> {
         }
     }
 
-    /// A header that this board may run.
-    fn admissible(&mut self, bytes: &[u8; IMAGE_HEADER]) -> Result<ImageHeader, UpdateError> {
+    /// A header that this board may run from a slot.
+    fn admissible(
+        &mut self,
+        slot: bool,
+        bytes: &[u8; IMAGE_HEADER],
+    ) -> Result<ImageHeader, UpdateError> {
         let (header, signature) = ImageHeader::read(bytes).map_err(|_| UpdateRefusal::Damaged)?;
         let maker = self.kept.maker.ok_or(UpdateRefusal::Signature)?;
         if !header.is_signed(signature, &maker) {
             return Err(UpdateRefusal::Signature.into());
         }
-        if header.board.as_str() != self.built_in.board {
+        let [a, b] = self.kind.boards;
+        if header.board.as_str() != if slot { b } else { a } {
             return Err(UpdateRefusal::Board.into());
         }
         let Kept {
@@ -262,10 +316,26 @@ impl<F: Flash> Slots<F> {
         self.on_trial = false;
         self.running = None;
         // The one that was confirmed; where it is wrong, the other, which may not be older.
-        let slots = self.kept.active.map(|slot| [slot, !slot]);
+        let first = match self.kept.active {
+            None if self.kind.built_in.is_none() => self.newest(),
+            active => active,
+        };
+        let slots = first.map(|slot| [slot, !slot]);
         for slot in slots.into_iter().flatten() {
             if let Ok(header) = self.verified(slot) {
+                let ImageHeader {
+                    version, counter, ..
+                } = header;
                 self.running = Some((place(slot), header));
+                if self.kept.active.is_none() && self.state.is_some() {
+                    let active = Some(slot);
+                    self.keep(Kept {
+                        active,
+                        version,
+                        counter,
+                        ..self.kept
+                    })?;
+                }
                 break;
             }
         }
@@ -274,6 +344,39 @@ impl<F: Flash> Slots<F> {
             on_trial: false,
             reverted,
         })
+    }
+
+    /// The slot with the newest header that is right.
+    fn newest(&mut self) -> Option<bool> {
+        let mut age = |slot| {
+            let mut bytes = [0; IMAGE_HEADER];
+            self.flash(slot).read(0, &mut bytes).ok()?;
+            let header = self.admissible(slot, &bytes).ok()?;
+            Some((header.counter, header.version))
+        };
+        match (age(false), age(true)) {
+            (None, None) => None,
+            (a, b) => Some(b > a),
+        }
+    }
+
+    /// The image in this slot goes on, which the boot loader has verified and started.
+    ///
+    /// # Errors
+    /// [`UpdateError`]: no image of this board stands there.
+    pub fn resume(&mut self, slot: ImagePlace) -> Result<(), UpdateError> {
+        let slot = match slot {
+            ImagePlace::BuiltIn => return Err(UpdateRefusal::Board.into()),
+            ImagePlace::A => false,
+            ImagePlace::B => true,
+        };
+        let mut bytes = [0; IMAGE_HEADER];
+        let read = self.flash(slot).read(0, &mut bytes);
+        read.map_err(|_| UpdateError::Flash)?;
+        let header = self.admissible(slot, &bytes)?;
+        self.running = Some((place(slot), header));
+        self.on_trial = self.kept.trial == Some((slot, true));
+        Ok(())
     }
 
     /// The payload of what runs, as far as it finds room; none: it is built in.
@@ -320,7 +423,7 @@ impl<F: Flash> Slots<F> {
             halves
         };
         ImageInfo {
-            version: running.map_or(self.built_in.version, |(_, of)| of.version),
+            version: running.map_or(self.kind.built_in.unwrap_or_default(), |(_, of)| of.version),
             counter: running.map_or(0, |(_, of)| of.counter),
             place: running.map_or(ImagePlace::BuiltIn, |(place, _)| *place),
             confirmed: !self.on_trial,
@@ -342,10 +445,10 @@ impl<F: Flash> Slots<F> {
         if self.on_trial {
             return Err(UpdateRefusal::Busy.into());
         }
-        let header = self.admissible(bytes)?;
         // Never the one that runs.
         let running = self.running.as_ref().map(|(place, _)| *place);
         let slot = running == Some(ImagePlace::A);
+        let header = self.admissible(slot, bytes)?;
         if let Some(receiving) = &self.receiving
             && receiving.header == header
             && receiving.slot == slot
@@ -361,12 +464,6 @@ impl<F: Flash> Slots<F> {
                 ..self.kept
             })?;
         }
-        let flash = self.flash(slot);
-        let geometry = flash.geometry();
-        let end = IMAGE_HEADER as u32 + header.length;
-        for sector in 0..end.div_ceil(geometry.sector_size) {
-            flash.erase(sector).map_err(|_| UpdateError::Flash)?;
-        }
         self.write(slot, 0, bytes)?;
         self.receiving = Some(Receiving {
             slot,
@@ -376,10 +473,13 @@ impl<F: Flash> Slots<F> {
         Ok(0)
     }
 
-    /// Programs bytes, page by page: no page crosses the end of a sector.
+    /// Programs bytes, page by page: no page crosses the end of a sector, which is erased before its
+    /// first.
     fn write(&mut self, slot: bool, at: u32, bytes: &[u8]) -> Result<(), UpdateError> {
         let flash = self.flash(slot);
-        let word = (flash.geometry().write_size as usize).max(1);
+        let geometry = flash.geometry();
+        let word = (geometry.write_size as usize).max(1);
+        let sector_size = geometry.sector_size.max(1);
         let mut at = at;
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -391,6 +491,11 @@ impl<F: Flash> Slots<F> {
             }
             let whole = page.0.get(..now.len().next_multiple_of(word));
             let whole = whole.ok_or(UpdateError::Flash)?;
+            if at.is_multiple_of(sector_size) {
+                flash
+                    .erase(at / sector_size)
+                    .map_err(|_| UpdateError::Flash)?;
+            }
             flash.program(at, whole).map_err(|_| UpdateError::Flash)?;
             at = at.saturating_add(now.len() as u32);
             rest = later;
@@ -468,15 +573,11 @@ impl<F: Flash> Slots<F> {
         Some((self.kept.version, header.version))
     }
 
-    /// SHA-256 of what runs, as heads name it; none: it is built in.
-    pub fn digest(&mut self) -> Option<[u8; 32]> {
-        let (place, header) = self.running.clone()?;
-        let mut hash = Sha256::new();
-        self.pieces(place == ImagePlace::B, header.length, |piece| {
-            hash.update(piece);
-        })
-        .ok()?;
-        Some(hash.finalize().into())
+    /// The first half of the SHA-512 of what runs, as heads name it; none: it is built in.
+    #[must_use]
+    pub fn digest(&self) -> Option<[u8; 32]> {
+        let (_, header) = self.running.as_ref()?;
+        header.sha512.first_chunk().copied()
     }
 
     /// Reads a payload, piece by piece.

@@ -21,9 +21,15 @@ const SLOT: Geometry = Geometry {
     page_size: 256,
 };
 
-const BUILT_IN: BuiltIn = BuiltIn {
-    board: "virtual",
-    version: [0, 1, 0],
+const KIND: ImageKind = ImageKind {
+    boards: ["virtual"; 2],
+    built_in: Some([0, 1, 0]),
+};
+
+/// A board with a boot loader.
+const LOADED: ImageKind = ImageKind {
+    boards: ["pico-a", "pico-b"],
+    built_in: None,
 };
 
 /// The flash of a board.
@@ -43,8 +49,8 @@ impl Areas {
 
     fn open(&mut self) -> Slots<&mut MockFlash> {
         let [a, b] = &mut self.slots;
-        let maker = maker().verifying_key().to_bytes();
-        Slots::open(&mut self.state, [a, b], BUILT_IN, Some(maker)).unwrap()
+        let maker = Maker::First(Some(maker().verifying_key().to_bytes()));
+        Slots::open(&mut self.state, [a, b], KIND, maker).unwrap()
     }
 }
 
@@ -209,6 +215,116 @@ fn what_was_changed_at_rest_does_not_run() {
             "confirmed"
         );
     }
+}
+
+impl Areas {
+    /// As its boot loader and each of its images open them.
+    fn loaded(&mut self) -> Result<Slots<&mut MockFlash>, UpdateError> {
+        let [a, b] = &mut self.slots;
+        let maker = Maker::Fixed(maker().verifying_key().to_bytes());
+        Slots::open(&mut self.state, [a, b], LOADED, maker)
+    }
+
+    /// Puts an image into a slot, as who flashes a board does.
+    fn put(&mut self, slot: usize, image: &[u8]) {
+        self.slots[slot].data[..image.len()].copy_from_slice(image);
+    }
+}
+
+fn built_for(board: &str, version: u16, counter: u32) -> Vec<u8> {
+    image(&maker(), board, [1, version, 0], counter, 300)
+}
+
+/// With a boot loader nothing is built in: the first start takes the newest image that is right, it goes
+/// on where it was started, and only one that is built for the other slot comes there.
+#[test]
+fn a_boot_loader_starts_what_stands_in_a_slot() {
+    let mut areas = Areas::new();
+    assert_eq!(
+        areas.loaded().unwrap().start().unwrap().place,
+        ImagePlace::BuiltIn,
+        "nothing to start"
+    );
+    areas.put(0, &built_for("pico-a", 1, 3));
+    let started = areas.loaded().unwrap().start().unwrap();
+    assert_eq!((started.place, started.on_trial), (ImagePlace::A, false));
+    let mut slots = areas.loaded().unwrap();
+    assert_eq!(
+        slots.resume(ImagePlace::B),
+        Err(UpdateRefusal::Damaged.into())
+    );
+    slots.resume(ImagePlace::A).unwrap();
+    let info = slots.info();
+    assert_eq!((info.version, info.counter), ([1, 1, 0], 3));
+    assert!(info.confirmed);
+    for (board, counter, why) in [
+        // Built for the place that runs.
+        ("pico-a", 3, UpdateRefusal::Board),
+        ("pico-b", 2, UpdateRefusal::Rollback),
+    ] {
+        assert_eq!(
+            refused(send(&mut slots, &built_for(board, 2, counter))),
+            why
+        );
+    }
+    send(&mut slots, &built_for("pico-b", 2, 4)).unwrap();
+
+    let started = areas.loaded().unwrap().start().unwrap();
+    assert_eq!((started.place, started.on_trial), (ImagePlace::B, true));
+    let mut slots = areas.loaded().unwrap();
+    slots.resume(ImagePlace::B).unwrap();
+    assert_eq!(slots.trial(), Some(([1, 1, 0], [1, 2, 0])));
+    assert!(slots.confirm().unwrap().is_some());
+    // The one before is older than the counter: it does not run any more.
+    areas.slots[1].data[200] ^= 1;
+    assert_eq!(
+        areas.loaded().unwrap().start().unwrap().place,
+        ImagePlace::BuiltIn
+    );
+}
+
+/// Of two images that somebody has put there, the first start takes the newer one, or the one that is right.
+#[test]
+fn the_first_start_takes_the_newest() {
+    for (a, b, place) in [
+        ((2, 1), (1, 1), ImagePlace::A),
+        ((1, 1), (2, 1), ImagePlace::B),
+        ((9, 1), (1, 2), ImagePlace::B),
+    ] {
+        let mut areas = Areas::new();
+        areas.put(0, &built_for("pico-a", a.0, a.1));
+        areas.put(1, &built_for("pico-b", b.0, b.1));
+        assert_eq!(areas.loaded().unwrap().start().unwrap().place, place);
+    }
+    let mut areas = Areas::new();
+    areas.put(0, &built_for("pico-a", 1, 1));
+    areas.put(1, &built_for("pico-b", 2, 1));
+    areas.slots[1].data[250] ^= 1;
+    let started = areas.loaded().unwrap().start().unwrap();
+    assert_eq!(started.place, ImagePlace::A);
+}
+
+/// Where what counts cannot be read, the newest image runs and none is taken. The boot loader's key counts,
+/// whatever else was kept.
+#[test]
+fn without_what_counts_the_newest_runs_and_none_is_taken() {
+    let mut areas = Areas::new();
+    areas.put(0, &built_for("pico-a", 1, 3));
+    let [a, b] = &mut areas.slots;
+    let maker = Maker::Fixed(maker().verifying_key().to_bytes());
+    let mut slots = Slots::stateless([a, b], LOADED, maker);
+    assert_eq!(slots.start().unwrap().place, ImagePlace::A);
+    let mut slots = slots;
+    let sent = send(&mut slots, &built_for("pico-b", 2, 4));
+    assert_eq!(sent, Err(UpdateError::Flash));
+
+    let mut areas = Areas::new();
+    areas.put(0, &built_for("pico-a", 1, 3));
+    areas.loaded().unwrap().start().unwrap();
+    let other = SigningKey::from_bytes(&[6; 32]).verifying_key().to_bytes();
+    let [a, b] = &mut areas.slots;
+    let mut slots = Slots::open(&mut areas.state, [a, b], LOADED, Maker::Fixed(other)).unwrap();
+    assert_eq!(slots.start().unwrap().place, ImagePlace::BuiltIn);
 }
 
 /// What can happen to an operation: torn at any of its ends, in a word that still reads as erased, in
@@ -391,7 +507,7 @@ impl Areas {
     /// As [`Self::open`], where the power may be gone.
     fn open_or(&mut self) -> Result<Slots<&mut MockFlash>, UpdateError> {
         let [a, b] = &mut self.slots;
-        let maker = maker().verifying_key().to_bytes();
-        Slots::open(&mut self.state, [a, b], BUILT_IN, Some(maker))
+        let maker = Maker::First(Some(maker().verifying_key().to_bytes()));
+        Slots::open(&mut self.state, [a, b], KIND, maker)
     }
 }

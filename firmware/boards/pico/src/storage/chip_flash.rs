@@ -1,0 +1,112 @@
+//! Parts of the flash that the code runs from: the board's own key, and the images of a boot loader.
+//!
+//! # Design
+//!
+//! ```text
+//! 1000 0000   64 KB  boot loader; its last 32 bytes: the key of who makes images
+//! 1001 0000   16 KB  which image counts
+//! 1001 4000  976 KB  image A
+//! 1010 8000  976 KB  image B
+//! 101F C000   16 KB  the board's own key
+//! ```
+//!
+//! Without a boot loader one image has all but the last part. While a part is written nothing can be fetched from this flash, so the
+//! boot ROM's functions are called from RAM without interrupts: 45 ms for a sector that is erased, 0.4 ms for
+//! a page. The key is written once at each start, before anything else runs; an image comes while no clamping
+//! is under way and no axis moves.
+//!
+//! # Limitations
+//!
+//! BOOTSEL and the debug port read and replace all of this flash: who has the cabinet's key has the
+//! board's. An image that is copied to the BOOTSEL drive leaves the board's key as it is.
+
+use embassy_rp::Peri;
+use embassy_rp::flash::{Blocking, Error, Flash as Driver};
+use embassy_rp::peripherals::FLASH;
+use umi_core::journal::{Flash, Geometry};
+
+/// All of the chip's flash.
+#[cfg(not(feature = "rp2350"))]
+const CHIP_BYTES: usize = 2 * 1024 * 1024;
+#[cfg(feature = "rp2350")]
+const CHIP_BYTES: usize = 4 * 1024 * 1024;
+
+/// What is erased at once.
+pub const SECTOR_BYTES: u32 = 4096;
+
+/// The board's key: what the linker keeps free, flash-*.x.
+pub const KEY: Place = Place {
+    from: CHIP_BYTES as u32 - 4 * SECTOR_BYTES,
+    sectors: 4,
+};
+
+/// Some sectors.
+#[derive(Clone, Copy)]
+pub struct Place {
+    /// Where they begin, from the start of the flash.
+    pub from: u32,
+    /// How many.
+    pub sectors: u16,
+}
+
+/// Sectors of the chip's flash.
+pub struct ChipFlash {
+    driver: Driver<'static, FLASH, Blocking, CHIP_BYTES>,
+    place: Place,
+}
+
+impl ChipFlash {
+    /// Takes them.
+    pub fn new(flash: Peri<'static, FLASH>, place: Place) -> Self {
+        Self {
+            driver: Driver::new_blocking(flash),
+            place,
+        }
+    }
+
+    fn at(&self, addr: u32) -> u32 {
+        self.place.from.saturating_add(addr)
+    }
+
+    /// Whether so many bytes from `addr` on are of this place.
+    fn holds(&self, addr: u32, count: usize) -> Result<(), Error> {
+        let end = addr as usize + count;
+        let size = usize::from(self.place.sectors) * SECTOR_BYTES as usize;
+        if end <= size {
+            Ok(())
+        } else {
+            Err(Error::OutOfBounds)
+        }
+    }
+}
+
+impl Flash for ChipFlash {
+    type Error = Error;
+
+    fn geometry(&self) -> Geometry {
+        Geometry {
+            sectors: self.place.sectors,
+            sector_size: SECTOR_BYTES,
+            write_size: 1,
+            page_size: 256,
+        }
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Error> {
+        self.holds(addr, into.len())?;
+        self.driver.blocking_read(self.at(addr), into)
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Error> {
+        self.holds(addr, bytes.len())?;
+        self.driver.blocking_write(self.at(addr), bytes)
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), Error> {
+        let from = sector.saturating_mul(SECTOR_BYTES);
+        self.holds(from, SECTOR_BYTES as usize)?;
+        let from = self.at(from);
+        self.driver
+            .blocking_erase(from, from.saturating_add(SECTOR_BYTES))
+    }
+}
