@@ -110,8 +110,9 @@ fn an_image_is_tried_before_it_counts() {
     ];
     assert_eq!(updates, expected);
     // Heads name the image that they were signed under.
+    let first_half = &sha512.as_str().unwrap()[..64];
     assert!(
-        of("head").iter().any(|head| head["image"].is_string()),
+        of("head").iter().any(|head| head["image"] == first_half),
         "{:?}",
         of("head")
     );
@@ -164,6 +165,21 @@ fn what_is_wrong_with_an_image_is_named() {
         );
     }
     assert_eq!(shown(&rig), runs);
+}
+
+/// Of several files the board gets the one that is for it. Where none is, and one is for the place that runs,
+/// the other place's is asked for.
+#[test]
+fn the_image_for_the_free_place_is_sent() {
+    let rig = rig();
+    let other = image(&rig, WORKS, "2.0.0", 5, "fw", "virtual-a");
+    let good = image(&rig, WORKS, "2.0.0", 5, "fw", "virtual");
+    rig.run(&["update", &other, &good]).exits(0);
+    assert_eq!(shown(&rig)["slot"], "a");
+    let refused = rig.run(&["update", &other]);
+    let message = refused.json()["error"]["message"].to_string();
+    assert!(message.contains("give the one for virtual-b"), "{message}");
+    assert_eq!(code(refused), "image_board");
 }
 
 /// While a clamping is measured nothing is taken.

@@ -13,7 +13,7 @@ use umi_client::board::port;
 use umi_client::files::image_file::{self, Image, version_text};
 use umi_client::problem::Problem;
 use umi_protocol::program::MAX_PIECE;
-use umi_protocol::update::{ImageInfo, UpdateRefusal, UpdateState};
+use umi_protocol::update::{ImageInfo, ImagePlace, UpdateRefusal, UpdateState};
 
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
@@ -34,15 +34,17 @@ const TRIES: u32 = 3;
 The board verifies the image before it counts, starts it on trial, and keeps it if it passes its
 self-test; else the one before runs again (`image_not_confirmed`). It takes no image while a
 clamping is measured, a program is on its way or an axis moves (`board_busy`). A board that has an
-owner takes images by an owner's key only.
+owner takes images by an owner's key only. A Pico runs its image from one of two places, and each has
+an image of its own: give both, and the board gets the one for the place that is free.
 
 Examples:
   umi update virtual.umif
+  umi update pico-a.umif pico-b.umif
   umi update virtual.umif --port /dev/ttyACM0 --key anna")]
 pub(crate) struct Update {
-    /// The image, as `umi image sign` wrote it
-    #[arg(value_name = "FILE.umif")]
-    file: PathBuf,
+    /// The image, as `umi image sign` wrote it; or one for each place
+    #[arg(value_name = "FILE.umif", required = true)]
+    files: Vec<PathBuf>,
     #[command(flatten)]
     board: Board,
     #[command(flatten)]
@@ -51,7 +53,11 @@ pub(crate) struct Update {
 
 impl Update {
     pub fn run(self) -> Result<(), Failure> {
-        let image = image_file::read(&self.file)?;
+        let images: Vec<Image> = self
+            .files
+            .iter()
+            .map(|file| image_file::read(file))
+            .collect::<Result<_, _>>()?;
         let mut board = self.board.connect()?;
         let Some(before) = board.image()? else {
             return Err(Failure::refused(
@@ -59,7 +65,7 @@ impl Update {
                 "this board takes no images over this line: see its README for how its firmware is replaced",
             ));
         };
-        send(&mut board, &image, &before)?;
+        let image = send(&mut board, &images, &before)?;
         drop(board);
         let after = comes_to_rest(self.board.address())?;
         let (from, to) = (
@@ -87,8 +93,27 @@ impl Update {
     }
 }
 
+/// Sends the first image that is for this board and its free place; which.
+fn send<'i>(
+    board: &mut Client,
+    images: &'i [Image],
+    before: &ImageInfo,
+) -> Result<&'i Image, Problem> {
+    let mut why = Problem::trouble("usage", "no image is given");
+    for image in images {
+        let Err(refusal) = whole(board, image)? else {
+            return Ok(image);
+        };
+        why = refused(refusal, image, before);
+        if refusal != UpdateRefusal::Board {
+            break;
+        }
+    }
+    Err(why)
+}
+
 /// Sends an image to its end.
-fn send(board: &mut Client, image: &Image, before: &ImageInfo) -> Result<(), Problem> {
+fn whole(board: &mut Client, image: &Image) -> Result<Result<(), UpdateRefusal>, Problem> {
     let style = ProgressStyle::with_template("{bytes:>10} of {total_bytes} {wide_bar} {eta}");
     let bar = ProgressBar::new(image.header.length.into())
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -101,7 +126,7 @@ fn send(board: &mut Client, image: &Image, before: &ImageInfo) -> Result<(), Pro
         }
     };
     bar.finish_and_clear();
-    done.map_err(|refusal| refused(refusal, before))
+    Ok(done)
 }
 
 fn pieces(
@@ -127,8 +152,22 @@ fn pieces(
 }
 
 /// Why an image is not taken, with what it is held against.
-fn refused(refusal: UpdateRefusal, before: &ImageInfo) -> Problem {
-    let problem = Problem::refused(refusal.code(), refusal);
+fn refused(refusal: UpdateRefusal, image: &Image, before: &ImageInfo) -> Problem {
+    let (place, other) = match before.place {
+        ImagePlace::A => ("a", "b"),
+        ImagePlace::BuiltIn | ImagePlace::B => ("b", "a"),
+    };
+    // One that is built for a place says so at the end of its board's name.
+    let kind = image.header.board.strip_suffix(&format!("-{place}"));
+    let problem = match kind {
+        Some(kind) if refusal == UpdateRefusal::Board => {
+            let message = format_args!(
+                "the image is built for place {place}, and the board runs from there: give the one for {kind}-{other}, or both files"
+            );
+            Problem::refused(refusal.code(), message)
+        }
+        _ => Problem::refused(refusal.code(), refusal),
+    };
     match refusal {
         UpdateRefusal::Rollback => problem
             .with("version", version_text(before.version))
