@@ -24,9 +24,9 @@ pub(crate) struct Job {
 
 const HELP: &str = "\
 Examples:
-  umi job new -o plate.toml
-  umi job check plate.toml
-  umi job set plate.toml --port /dev/ttyACM0
+  umi job new -o job.toml
+  umi job check job.toml
+  umi job set job.toml --port /dev/ttyACM0
   umi job show --port tcp://localhost:7001
   umi job get --port /dev/ttyACM0 -o backup.toml";
 
@@ -43,8 +43,8 @@ enum Action {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  umi job new > plate.toml
-  umi job new -o plate.toml
+  umi job new > job.toml
+  umi job new -o job.toml
 
 It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
 to enter. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
@@ -61,7 +61,7 @@ struct New {
 #[command(after_help = "\
 Examples:
   umi job check examples/three-spheres.toml
-  umi job check plate.toml --json       the job as JSON, or {\"error\":{...}}
+  umi job check job.toml --json       the job as JSON, or {\"error\":{...}}
 
 The table says which errors between part and correction this job sees, from which size on:
 each is put onto the job's places (`position_mm`) in the worst direction, on a part that stands
@@ -93,7 +93,7 @@ struct Show {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  umi job set plate.toml --port /dev/ttyACM0
+  umi job set job.toml --port /dev/ttyACM0
 
 The file is checked first, here and on the board. The job is then read back.
 Exit status: 0 set, 1 file, usage or connection, 2 the job is refused.")]

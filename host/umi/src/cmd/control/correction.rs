@@ -65,8 +65,8 @@ Examples:
   umi correction --verdict today.umij
   umi correction --verdict board --port /dev/ttyACM0
   umi correction --verdict today.umij --dialect siemens --plate 3
-  umi correction --transform moved.json --job plate.toml --dialect fanuc-g54.4 --set 2
-  umi correction --transform moved.json --dialect linuxcnc --job plate.toml --limit 0.02
+  umi correction --transform moved.json --job job.toml --dialect fanuc-g54.4 --set 2
+  umi correction --transform moved.json --dialect linuxcnc --job job.toml --limit 0.02
 
 Exit status: 0 made, 1 file or usage, 2 refused: verdict NG, too much is left, or
 the numbers do not fit.";
