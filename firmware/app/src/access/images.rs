@@ -1,8 +1,7 @@
 //! Signed images: from a host's requests to the slots ([`umi_core::trust::access::update::slots`]).
 
-use heapless::Vec;
 use umi_core::journal::Flash;
-use umi_core::trust::access::update::slots::{Slots, UpdateError};
+use umi_core::trust::access::update::slots::UpdateError;
 use umi_core::units::Micros;
 use umi_protocol::latch::Positions;
 use umi_protocol::message::{Record, Request, Response};
@@ -11,9 +10,6 @@ use umi_protocol::update::{IMAGE_HEADER, UpdateRefusal, UpdateState};
 use super::Guarded;
 use crate::board::Axes;
 use crate::measure::Instrument;
-
-/// The images of a board that takes some: room for them, if this application does.
-pub(crate) type Images<F> = Vec<Slots<F>, { cfg!(feature = "update") as usize }>;
 
 /// Where the axes stand, in short.
 fn stand(positions: &Positions) -> u32 {

@@ -17,7 +17,7 @@
 mod images;
 mod keeper;
 
-pub(crate) use images::{Images, update};
+pub(crate) use images::update;
 pub use keeper::{Draw, Jumper, Keeper};
 
 use umi_core::journal::Flash;

@@ -37,10 +37,12 @@ mod upload;
 pub(crate) use ledger::Ledger;
 pub use opening::{Boot, Opened, StorageAreas};
 
+use heapless::Vec;
 use umi_core::brain::Brain;
 use umi_core::job::touch_begins_anew;
 use umi_core::journal::Flash;
 use umi_core::programs::Store;
+use umi_core::trust::access::update::slots::Slots;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::fault::Counters;
@@ -52,7 +54,6 @@ use umi_protocol::pattern::{Coding, Handshake};
 use umi_protocol::program::ProgramRefusal;
 use umi_protocol::serial::LineSettings;
 
-use crate::access::Images;
 use crate::board::Lights;
 use crate::intake::Input;
 use crate::measure::delivery::Delivery;
@@ -61,6 +62,9 @@ use crate::measure::upload::UploadEnd;
 
 /// Room in the journal that a setup may need: its bytes, features and verdict.
 const ROOM: u32 = 4 * MAX_RECORD as u32;
+
+/// Room for the images of a board that takes some, if this application does.
+const IMAGES: usize = cfg!(feature = "update") as usize;
 
 /// What the board knows.
 pub struct Instrument<F: Flash> {
@@ -72,7 +76,7 @@ pub struct Instrument<F: Flash> {
     pub(crate) delivery: ZeroOption<Delivery>,
     pub(crate) ledger: Ledger<F>,
     /// Signed images, if this board takes them.
-    pub(crate) images: Images<F>,
+    pub(crate) images: Vec<Slots<F>, IMAGES>,
 }
 
 impl<F: Flash> Instrument<F> {
@@ -86,7 +90,7 @@ impl<F: Flash> Instrument<F> {
             programs: ZeroOption::empty(),
             delivery: ZeroOption::empty(),
             ledger: Ledger::new(),
-            images: Images::new(),
+            images: Vec::new(),
         }
     }
 

@@ -38,7 +38,8 @@ const TRIAL: Duration = Duration::from_millis(8_000);
 fn main() -> ! {
     let chip = embassy_rp::init(Default::default());
     let mut light = Output::new(chip.PIN_25, Level::High);
-    let mut slots = images::open(&chip.FLASH, |area| area).unwrap_or_else(|_| images::stateless(&chip.FLASH));
+    let mut slots =
+        images::open(&chip.FLASH, |area| area).unwrap_or_else(|_| images::stateless(&chip.FLASH));
     // What cannot be kept changes nothing: the next start decides anew.
     let started = slots.start().or_else(|_| {
         slots = images::stateless(&chip.FLASH);

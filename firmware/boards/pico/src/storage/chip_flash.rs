@@ -35,14 +35,14 @@ const CHIP_BYTES: usize = 4 * 1024 * 1024;
 pub const SECTOR_BYTES: u32 = 4096;
 
 /// The board's key: what the linker keeps free, flash-*.x.
-pub const KEY: Place = Place {
+pub const KEY: FlashPlace = FlashPlace {
     from: CHIP_BYTES as u32 - 4 * SECTOR_BYTES,
     sectors: 4,
 };
 
 /// Some sectors.
 #[derive(Clone, Copy)]
-pub struct Place {
+pub struct FlashPlace {
     /// Where they begin, from the start of the flash.
     pub from: u32,
     /// How many.
@@ -52,12 +52,12 @@ pub struct Place {
 /// Sectors of the chip's flash.
 pub struct ChipFlash {
     driver: Driver<'static, FLASH, Blocking, CHIP_BYTES>,
-    place: Place,
+    place: FlashPlace,
 }
 
 impl ChipFlash {
     /// Takes them.
-    pub fn new(flash: Peri<'static, FLASH>, place: Place) -> Self {
+    pub fn new(flash: Peri<'static, FLASH>, place: FlashPlace) -> Self {
         Self {
             driver: Driver::new_blocking(flash),
             place,

@@ -9,30 +9,30 @@ use umi_core::journal::Flash;
 use umi_core::trust::access::update::slots::{ImageKind, Maker, Slots, UpdateError};
 use umi_protocol::update::{ImagePlace, ImageVersion};
 
-use super::chip_flash::{ChipFlash, KEY, Place, SECTOR_BYTES};
+use super::chip_flash::{ChipFlash, FlashPlace, KEY, SECTOR_BYTES};
 
 /// Where a place ends.
-const fn end(place: Place) -> u32 {
+const fn end(place: FlashPlace) -> u32 {
     place.from + place.sectors as u32 * SECTOR_BYTES
 }
 
 /// The boot loader.
-const LOADER: Place = Place {
+const LOADER: FlashPlace = FlashPlace {
     from: 0,
     sectors: 16,
 };
 /// Which image counts.
-const STATE: Place = Place {
+const STATE: FlashPlace = FlashPlace {
     from: end(LOADER),
     sectors: 4,
 };
 /// The images, each with its header: flash-slot-a.x and flash-slot-b.x.
-const IMAGES: [Place; 2] = [
-    Place {
+const IMAGES: [FlashPlace; 2] = [
+    FlashPlace {
         from: end(STATE),
         sectors: 244,
     },
-    Place {
+    FlashPlace {
         from: end(STATE) + 244 * SECTOR_BYTES,
         sectors: 244,
     },
@@ -60,7 +60,7 @@ fn maker() -> Maker {
 }
 
 /// The flash of an area. Whoever has several uses one at a time.
-fn area(flash: &Peri<'static, FLASH>, place: Place) -> ChipFlash {
+fn area(flash: &Peri<'static, FLASH>, place: FlashPlace) -> ChipFlash {
     // SAFETY: each call waits for its end, with interrupts off while it writes.
     ChipFlash::new(unsafe { flash.clone_unchecked() }, place)
 }
