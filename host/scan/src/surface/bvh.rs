@@ -1,6 +1,5 @@
-//! A tree of boxes around triangles, for the nearest one and for rays.
+//! A tree of boxes around triangles.
 
-use super::facet::Facet;
 use super::triangle::{Triangle, bounds};
 use crate::rigid::Vec3;
 
@@ -18,28 +17,12 @@ pub(super) struct Node {
     pub count: u32,
 }
 
-impl Node {
-    /// The square of the distance from `p` to the box; 0 inside.
-    pub fn distance_squared(&self, p: &Vec3) -> f64 {
-        let mut sum = 0.0;
-        for i in 0..3 {
-            let off = (self.low[i] - p[i]).max(p[i] - self.high[i]).max(0.0);
-            sum += off * off;
-        }
-        sum
-    }
-}
-
 /// The tree, parents before children.
 #[derive(Clone, Debug)]
 pub(super) struct Tree {
     pub nodes: Vec<Node>,
     /// Triangles by number, those of a leaf side by side.
     pub order: Vec<u32>,
-    /// The triangles in that order, as the nearest is sought.
-    pub facets: Vec<Facet>,
-    /// The place in that order of each triangle.
-    pub places: Vec<u32>,
 }
 
 impl Tree {
@@ -52,16 +35,9 @@ impl Tree {
         let mut tree = Self {
             nodes: Vec::with_capacity(triangles.len()),
             order: (0..u32::try_from(triangles.len()).unwrap_or(u32::MAX)).collect(),
-            facets: Vec::new(),
-            places: vec![0; triangles.len()],
         };
         let all = tree.order.len();
         tree.split(triangles, &centres, 0, all);
-        for (place, &face) in tree.order.iter().enumerate() {
-            tree.facets
-                .push(Facet::new(&triangles[face as usize], face));
-            tree.places[face as usize] = place as u32;
-        }
         tree
     }
 

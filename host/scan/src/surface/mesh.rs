@@ -1,6 +1,7 @@
 //! Triangles with what a query asks of them, in a tree of boxes.
 
 use super::bvh::Tree;
+use super::facets::Facets;
 use super::triangle::{Triangle, bounds};
 use crate::ScanError;
 use crate::rigid::{Pose, Vec3};
@@ -10,6 +11,7 @@ use crate::rigid::{Pose, Vec3};
 pub struct Mesh {
     pub(super) triangles: Vec<Triangle>,
     pub(super) tree: Tree,
+    pub(super) facets: Facets,
     pub(super) dropped: usize,
     pub(super) turned: usize,
 }
@@ -56,6 +58,7 @@ impl Mesh {
         Ok(Self {
             dropped: corners.len() - triangles.len(),
             turned: 0,
+            facets: Facets::new(&triangles, &tree),
             triangles,
             tree,
         })

@@ -1,7 +1,7 @@
 //! The nominal: triangles, balls and cones, with exact signed distances.
 
 mod bvh;
-mod facet;
+mod facets;
 mod flaws;
 mod mesh;
 mod nearest;

@@ -1,6 +1,6 @@
 //! The nearest point of a mesh, exactly, with a sign.
 
-use super::facet::Facet;
+use super::facets::Facet;
 use super::mesh::Mesh;
 use super::triangle::Triangle;
 use crate::rigid::Vec3;
@@ -15,9 +15,6 @@ pub struct Near {
     /// The number of the triangle; of the body for a ball or a cone, counted on from the last triangle.
     pub face: usize,
 }
-
-/// Levels of a tree of 2³² triangles, and some more.
-const DEPTH: usize = 40;
 
 struct Best {
     low: f64,
@@ -58,7 +55,7 @@ impl Mesh {
     /// The same, none if the surface is farther than `limit` mm: most is not looked at then.
     #[must_use]
     pub fn near_within(&self, q: &Vec3, hint: usize, limit: f64) -> Option<Near> {
-        let tree = &self.tree;
+        let facets = &self.facets;
         let squared = (limit * limit).min(f64::MAX);
         let mut best = Best {
             low: squared,
@@ -67,45 +64,14 @@ impl Mesh {
             off: Vec3::zeros(),
             face: NONE,
         };
-        let hint = tree.places.get(hint).map_or(0, |place| *place as usize);
-        best.consider(&tree.facets[hint], q);
-        let nodes = &tree.nodes;
-        let mut stack = [(0_u32, 0.0_f64); DEPTH];
-        stack[0].1 = nodes[0].distance_squared(q);
-        let mut height = 1;
-        while height > 0 {
-            height -= 1;
-            let (at, box_squared) = stack[height];
-            if box_squared > best.limit {
-                continue;
+        let hint = facets.places.get(hint).map_or(0, |place| *place as usize);
+        best.consider(&facets.all[hint], q);
+        facets.boxes.nearest(q, best.limit, |leaf| {
+            for facet in &facets.all[leaf] {
+                best.consider(facet, q);
             }
-            let node = &nodes[at as usize];
-            if node.count > 0 {
-                for facet in &tree.facets[node.start as usize..(node.start + node.count) as usize] {
-                    best.consider(facet, q);
-                }
-                continue;
-            }
-            let (left, right) = (at + 1, node.start);
-            let (l, r) = (
-                nodes[left as usize].distance_squared(q),
-                nodes[right as usize].distance_squared(q),
-            );
-            let (near, far) = if l <= r {
-                ((left, l), (right, r))
-            } else {
-                ((right, r), (left, l))
-            };
-            // A median split is never deeper than the stack: 40 levels would need 2⁴⁰ triangles.
-            if far.1 <= best.limit {
-                stack[height] = far;
-                height += 1;
-            }
-            if near.1 <= best.limit {
-                stack[height] = near;
-                height += 1;
-            }
-        }
+            best.limit
+        });
         (best.face != NONE).then(|| best.near(&self.triangles))
     }
 }
@@ -113,12 +79,10 @@ impl Mesh {
 impl Best {
     #[inline]
     fn consider(&mut self, facet: &Facet, q: &Vec3) {
-        let Some((squared, off, cosine)) = facet.off(q, self.limit) else {
+        let Some((squared, off, within)) = facet.off(q, self.limit) else {
             return;
         };
-        if squared > self.limit {
-            return;
-        }
+        let cosine = facet.cosine(squared, &off, within);
         let clear = self.face == NONE || squared < 2.0 * self.low - self.limit;
         let looks = cosine.abs() > self.cosine.abs()
             || (cosine.abs() == self.cosine.abs() && facet.face < self.face);

@@ -153,3 +153,43 @@ fn a_bad_stl_file_is_refused_before_memory_is_taken() {
     nan[3][1].y = f64::NAN;
     assert_eq!(code(&binary(&nan)), "not_finite");
 }
+
+/// Hills of this many squares along each side, their corner here.
+fn hills(count: usize, at: &Vec3) -> Vec<[Vec3; 3]> {
+    let p = |i: usize, k: usize| {
+        let (x, y) = (i as f64, k as f64);
+        at + Vec3::new(x, y, 3.0 * (x * 0.7).sin() * (y * 0.45).cos())
+    };
+    let squares = (0..count * count).map(|n| (n / count, n % count));
+    squares
+        .flat_map(|(i, k)| {
+            let [a, b, c, d] = [p(i, k), p(i + 1, k), p(i + 1, k + 1), p(i, k + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect()
+}
+
+#[test]
+fn the_nearest_of_many_triangles_is_that_of_all_tried_one_by_one_near_and_far_from_the_origin() {
+    let mut seed = 5;
+    for at in [0.0, 3e5, -2e7] {
+        let at = Vec3::new(at, -at, at / 3.0);
+        let all = hills(16, &at);
+        let mesh = Mesh::new(&all).unwrap();
+        let alone: Vec<Mesh> = all.iter().map(|t| Mesh::new(&[*t]).unwrap()).collect();
+        for wide in [20.0, 2000.0, 1e18] {
+            for _ in 0..60 {
+                let middle = at + Vec3::new(8.0, 8.0, 0.0);
+                let q = middle + Vec3::from_fn(|_, _| (random(&mut seed) - 0.5) * wide);
+                let least = alone
+                    .iter()
+                    .map(|one| one.near(&q).distance_mm.abs())
+                    .fold(f64::INFINITY, f64::min);
+                let found = mesh.near_from(&q, (random(&mut seed) * 500.0) as usize);
+                assert_eq!(found.distance_mm.abs(), least, "{q}");
+                let within = |limit: f64| mesh.near_within(&q, 0, limit).is_some();
+                assert!(within(least * 1.000_001) && !within(least * 0.999_999));
+            }
+        }
+    }
+}

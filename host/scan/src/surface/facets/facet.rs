@@ -1,14 +1,16 @@
 //! A triangle as the nearest one is sought.
 
-use super::triangle::Triangle;
 use crate::rigid::Vec3;
+use crate::surface::triangle::Triangle;
 
 /// A triangle with what its distance needs, beside those of its leaf.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Facet {
+#[repr(C)]
+pub(in crate::surface) struct Facet {
+    // First what tells most of them from the nearest.
     corner: Vec3,
-    sides: [Vec3; 2],
     normal: Vec3,
+    sides: [Vec3; 2],
     /// Squares and product of the sides, and the square of twice the area.
     d00: f64,
     d01: f64,
@@ -35,10 +37,10 @@ impl Facet {
         }
     }
 
-    /// From `q`: the squared distance, the difference (q − foot), and its cosine to the normal; none if the distance is
-    /// larger than the root of `limit`.
+    /// From `q`: the squared distance, the difference (q − foot), and whether the foot lies within the triangle; none if
+    /// the distance is larger than the root of `limit`.
     #[inline]
-    pub fn off(&self, q: &Vec3, limit: f64) -> Option<(f64, Vec3, f64)> {
+    pub fn off(&self, q: &Vec3, limit: f64) -> Option<(f64, Vec3, bool)> {
         let w = q - self.corner;
         let h = w.dot(&self.normal);
         // The plane is not farther than the triangle.
@@ -50,8 +52,7 @@ impl Facet {
         let (v, u) = (self.d11 * p0 - self.d01 * p1, self.d00 * p1 - self.d01 * p0);
         let beyond = u + v > self.area;
         if v >= 0.0 && u >= 0.0 && !beyond {
-            let cosine = if h < 0.0 { -1.0 } else { f64::from(h > 0.0) };
-            return Some((h * h, self.normal * h, cosine));
+            return Some((h * h, self.normal * h, true));
         }
         // The nearest point lies on a side that the foot on the plane is beyond.
         let mut low = f64::INFINITY;
@@ -72,7 +73,17 @@ impl Facet {
             let (w, e) = (w - e0, e1 - e0);
             side(to_segment(&w, &e, w.dot(&e), e.norm_squared()));
         }
-        Some((low, off, off.dot(&self.normal) / low.sqrt().max(1e-300)))
+        (low <= limit).then_some((low, off, false))
+    }
+
+    /// The cosine of a difference to the normal.
+    pub fn cosine(&self, squared: f64, off: &Vec3, within: bool) -> f64 {
+        let along = off.dot(&self.normal);
+        match along {
+            _ if !within => along / squared.sqrt().max(1e-300),
+            _ if along < 0.0 => -1.0,
+            _ => f64::from(along > 0.0),
+        }
     }
 }
 
