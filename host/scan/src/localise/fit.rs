@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
+use super::search::pairs::spread;
 use super::uncertainty::Groups;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
@@ -82,7 +83,8 @@ pub(super) fn task<'a>(
     }
 }
 
-/// The points within `limit` mm by Tukey's kernel, to a step that is small beside the noise that `limit` stands for.
+/// The points within `limit` mm by Tukey's kernel, to a step that is small beside the noise that `limit` stands
+/// for. What is measured before must reach to `limit`, and so does what is measured then.
 pub(super) fn robust<'a>(
     surface: &'a CompositeSurface,
     points: &'a [Vec3],
@@ -91,9 +93,109 @@ pub(super) fn robust<'a>(
     threads: Threads,
 ) -> Task<'a> {
     Task {
-        within_mm: 3.0 * limit,
+        within_mm: limit,
         enough_mm: 2e-5 * limit,
         ..task(surface, points, Kernel::Tukey(limit), steps, threads)
+    }
+}
+
+/// Where a pose has come that is not refined to the end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Approach {
+    /// Scan from model.
+    pub motion: Pose,
+    /// Points farther than this, in mm, do not count any more.
+    limit: f64,
+}
+
+/// The first rounds: what they bring is coarser than what few points say.
+const FIRST: usize = 3;
+const FEW: usize = 400;
+
+/// From `start`, which is right to about `reach` mm, to where a part of the points, and few steps, lead.
+/// `floor`: no noise is taken for less, in mm.
+pub(super) fn approach(
+    surface: &CompositeSurface,
+    points: &[Vec3],
+    start: &Pose,
+    reach: f64,
+    floor: f64,
+    threads: Threads,
+) -> Option<Approach> {
+    let (near, measured) = close(surface, points, start, 3.0 * reach, threads);
+    let (near, mut measured): (Vec<Vec3>, Vec<Measured>) =
+        spread(near.len(), FEW.max(near.len() / 3))
+            .into_iter()
+            .map(|i| (near[i], measured[i]))
+            .unzip();
+    let mut at = Approach {
+        motion: *start,
+        limit: reach,
+    };
+    for _ in 0..FIRST {
+        if near.len() < LEAST {
+            return None;
+        }
+        measured = at.round(surface, &near, measured, floor, threads);
+    }
+    Some(at)
+}
+
+/// Points that a fit needs.
+const LEAST: usize = 12;
+
+impl Approach {
+    /// A few steps, and what counts from then on.
+    fn round(
+        &mut self,
+        surface: &CompositeSurface,
+        near: &[Vec3],
+        measured: Vec<Measured>,
+        floor: f64,
+        threads: Threads,
+    ) -> Vec<Measured> {
+        let settled =
+            robust(surface, near, self.limit, 3, threads).solve_on(&self.motion, measured);
+        self.motion = settled.motion;
+        let sigma = noise(&settled.measured, self.limit).max(floor);
+        self.limit = (TUKEY * sigma).clamp(self.limit * 0.35, self.limit);
+        settled.measured
+    }
+
+    /// From there to the pose that the points on the part give; `last`: the last steps at most.
+    pub fn settle(
+        mut self,
+        surface: &CompositeSurface,
+        points: &[Vec3],
+        floor: f64,
+        last: usize,
+        threads: Threads,
+    ) -> Option<Fit> {
+        let (near, mut measured) = close(surface, points, &self.motion, 3.0 * self.limit, threads);
+        if near.len() < LEAST {
+            return None;
+        }
+        for _ in FIRST..12 {
+            let before = self.limit;
+            measured = self.round(surface, &near, measured, floor, threads);
+            if self.limit > 0.97 * before {
+                break;
+            }
+        }
+        let settled: Settled =
+            robust(surface, &near, self.limit, last, threads).solve_on(&self.motion, measured);
+        let sigma = noise(&settled.measured, self.limit).max(floor);
+        let inliers = settled
+            .measured
+            .iter()
+            .filter(|m| m.distance_mm.abs() < INLIER * sigma)
+            .count();
+        Some(Fit {
+            motion: settled.motion,
+            sigma_mm: sigma,
+            inliers,
+            worth: 0,
+        })
     }
 }
 
@@ -108,40 +210,8 @@ pub(super) fn settle(
     last: usize,
     threads: Threads,
 ) -> Option<Fit> {
-    let mut motion = *start;
-    let mut limit = reach;
-    let (mut near, mut measured) = close(surface, points, &motion, 3.0 * reach, threads);
-    for round in 0..12 {
-        if near.len() < 12 {
-            return None;
-        }
-        let settled = robust(surface, &near, limit, 3, threads).solve_on(&motion, measured);
-        (motion, measured) = (settled.motion, settled.measured);
-        let sigma = noise(&measured, limit).max(floor);
-        let next = (TUKEY * sigma).clamp(limit * 0.35, limit);
-        if round > 1 && next > 0.97 * limit {
-            break;
-        }
-        if round == 3 && near.len() > 64 {
-            (near, measured) = (near.into_iter().zip(measured))
-                .filter(|(_, m)| m.distance_mm.abs() < 3.0 * limit)
-                .unzip();
-        }
-        limit = next;
-    }
-    let settled: Settled = robust(surface, &near, limit, last, threads).solve_on(&motion, measured);
-    let sigma = noise(&settled.measured, limit).max(floor);
-    let inliers = settled
-        .measured
-        .iter()
-        .filter(|m| m.distance_mm.abs() < INLIER * sigma)
-        .count();
-    Some(Fit {
-        motion: settled.motion,
-        sigma_mm: sigma,
-        inliers,
-        worth: 0,
-    })
+    approach(surface, points, start, reach, floor, threads)?
+        .settle(surface, points, floor, last, threads)
 }
 
 /// What moves a measured distance: turns times `arm` about `about`, and shifts in mm.

@@ -186,27 +186,37 @@ impl LocaliseTask<'_> {
             .map(|k| places[k])
             .collect();
         let kept: Vec<Vec3> = fitted.iter().map(|&k| points[k]).collect();
+        let before = fitted.iter().map(|&k| measured[k]).collect();
         let of: Vec<usize> = fitted.iter().map(|&k| self.groups.of(about[k])).collect();
         let groups = Groups {
             of: &of,
             ..self.groups
         };
-        let mut motion = fit::robust(surface, &kept, fit::TUKEY * sigma, 40, self.threads)
-            .solve(motion)
-            .motion;
+        let limit = fit::TUKEY * sigma;
+        let settled = fit::robust(surface, &kept, limit, 40, self.threads).solve_on(motion, before);
+        let (mut motion, mut there) = (settled.motion, settled.measured);
         if groups.all.len() > 1 {
             motion = fit::weighed(surface, &kept, groups, &motion, sigma, self.threads);
+            there = solve::measure_within(surface, &kept, &motion, &[], limit, self.threads);
         }
-        let there = solve::measure_within(surface, &kept, &motion, &[], reach, self.threads);
+        // The noise of all of them, where so far it was that of some; not so much more that it asks for what was not measured.
+        let floor = self.model.diagonal_mm() * 1e-7;
+        let sigma = fit::noise(&there, limit).max(floor).min(sigma * 1.1);
         let on_part = near(&there, fit::INLIER * sigma);
         let certainty = uncertainty::certainty(&kept, &there, &on_part, &motion, sigma, groups)
             .widened(spread(&kept, &there, &on_part, sigma, groups));
-        let limit = fit::INLIER * sigma;
-        let measured = solve::measure_within(surface, &points, &motion, &[], limit, self.threads);
-        let on = near(&measured, limit)
-            .into_iter()
-            .map(|k| (about[k], measured[k].distance_mm));
-        self.judged(&motion, sigma, certainty, on.collect(), symmetries)
+        let on: Vec<(usize, f64)> = if kept.len() == places.len() {
+            let on_part = on_part.iter();
+            let at = |k: usize| (about[fitted[k]], there[k].distance_mm);
+            on_part.map(|&k| at(k)).collect()
+        } else {
+            let limit = fit::INLIER * sigma;
+            let measured =
+                solve::measure_within(surface, &points, &motion, &[], limit, self.threads);
+            let on = near(&measured, limit).into_iter();
+            on.map(|k| (about[k], measured[k].distance_mm)).collect()
+        };
+        self.judged(&motion, sigma, certainty, on, symmetries)
     }
 
     /// The points in the part's box, widened by `limit` mm.

@@ -3,6 +3,7 @@
 use crate::cloud::tree::PointTree;
 use crate::localise::search::oriented::Oriented;
 use crate::localise::search::pairs::{Prepared, Proposal, sort, spread};
+use crate::localise::search::rough::Points;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, rotation};
 use crate::surface::Mesh;
@@ -54,20 +55,18 @@ pub(super) fn starts(mesh: &Mesh, places: &[Oriented], threads: Threads) -> Vec<
                 .chain(near.iter().copied().filter(|&j| j != i))
                 .map(|j| scene[j])
                 .collect();
-            let judges: Vec<Oriented> = spread(local.len(), JUDGES)
-                .into_iter()
-                .map(|j| local[j])
-                .collect();
+            // Judged by a share of the points about it: as dense there as here.
+            let chosen = spread(local.len(), JUDGES);
+            let per = local.len() as f64 / chosen.len().max(1) as f64;
+            let judges = Points::new(chosen.into_iter().map(|j| &local[j]));
             let mut all = Vec::new();
             for sign in [1.0, -1.0] {
                 all.extend(prepared.vote(&local, 0, sign));
             }
-            // Judged by a share of the points about it: as dense there as here.
-            let per = local.len() as f64 / judges.len().max(1) as f64;
             for proposal in &mut all {
                 let votes = TURNS.map(|angle| {
                     let motion = turned(&proposal.motion, &scene[i], angle);
-                    let score = per * prepared.score(&judges, &motion);
+                    let score = per * prepared.rough.score(&judges, &motion);
                     Proposal { motion, score }
                 });
                 for vote in votes {

@@ -13,6 +13,9 @@ pub(in crate::localise) struct HeightField {
     low: Vec3,
     cell: f64,
     size: [usize; 3],
+    /// Cells a mm, and those along each axis, as single numbers.
+    per_mm: f32,
+    ends: [f32; 3],
     values: Vec<(f32, u32)>,
 }
 
@@ -46,9 +49,30 @@ impl HeightField {
         Self {
             low,
             cell,
+            per_mm: (1.0 / cell) as f32,
+            ends: size.map(|n| n as f32),
             size,
             values,
         }
+    }
+
+    /// Where the grid begins: the origin of its own frame, in mm.
+    pub fn low(&self) -> &Vec3 {
+        &self.low
+    }
+
+    /// As [`HeightField::at`], for a point in the grid's own frame.
+    #[inline]
+    pub fn near(&self, p: &[f32; 3]) -> Option<(f32, u32)> {
+        let mut place = 0;
+        for i in [2, 1, 0] {
+            let index = p[i] * self.per_mm;
+            if !(index >= 0.0 && index < self.ends[i]) {
+                return None;
+            }
+            place = place * self.size[i] + index as usize;
+        }
+        Some(self.values[place])
     }
 
     /// The distance of the middle of the cell around `p` in mm, and the face nearest to it; none outside of the grid.

@@ -4,4 +4,5 @@
 pub(super) mod field;
 pub(super) mod oriented;
 pub(super) mod pairs;
+pub(super) mod rough;
 pub(super) mod scene;

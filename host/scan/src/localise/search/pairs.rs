@@ -4,13 +4,12 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::Matrix3;
 
-use crate::localise::search::field::HeightField;
 use crate::localise::search::oriented::{Oriented, sample};
+use crate::localise::search::rough::{Points, Rough};
 use crate::parallel::Threads;
-use crate::rigid::{Pose, Vec3, stepped};
-use crate::solve::pseudo_solve;
+use crate::rigid::{Pose, Vec3};
 use crate::surface::Mesh;
 
 /// Points of the model that pairs are made of.
@@ -21,8 +20,7 @@ const LENGTHS: f64 = 22.0;
 const ANGLE: f64 = PI / 15.0;
 /// Steps of the turn about the normal.
 const TURNS: usize = 30;
-/// Points of the scan that vote at most, and partners that each asks.
-const VOTERS: usize = 160;
+/// Partners that each voter asks.
 const PARTNERS: usize = 350;
 /// Proposals of a voter for each sign of its normal.
 const PROPOSALS: usize = 14;
@@ -30,17 +28,36 @@ const PROPOSALS: usize = 14;
 /// A model prepared for searches.
 pub(in crate::localise) struct Prepared {
     pub samples: Vec<Oriented>,
-    pub field: HeightField,
+    pub rough: Rough,
     pub diagonal: f64,
     pub corners: [Vec3; 8],
-    /// Of each triangle its normal, and how far from the origin its plane is along it, in mm.
-    planes: Vec<(Vec3, f64)>,
     /// Of each triangle the flat side that it is of: triangles in one plane are of one.
     pub sides: Vec<u32>,
     /// Whether there is an inside in which no point can be.
     pub closed: bool,
-    pairs: HashMap<u32, Vec<(u16, f32)>>,
+    /// Where the pairs of each feature begin, and the pairs.
+    first: Vec<u32>,
+    pairs: Vec<Pair>,
 }
+
+/// How much a search takes.
+pub(in crate::localise) struct Effort {
+    /// Points that vote at most.
+    voters: usize,
+    /// How many times what is wanted is moved onto the surface.
+    moved: usize,
+}
+
+/// In a scan most points may be of other things.
+pub(in crate::localise) const IN_A_SCAN: Effort = Effort {
+    voters: 160,
+    moved: 12,
+};
+/// The model in itself: no noise, and nothing else.
+pub(in crate::localise) const IN_ITSELF: Effort = Effort {
+    voters: 80,
+    moved: 4,
+};
 
 /// A pose with what speaks for it.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +74,16 @@ pub(in crate::localise) fn frame(n: &Vec3) -> Matrix3<f64> {
     let a = n.cross(&other).normalize();
     Matrix3::from_columns(&[a, n.cross(&a), *n])
 }
+
+/// A pair of the model's samples: the first of them, and the turn of the second about its normal.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pair {
+    sample: u16,
+    turn: u16,
+}
+
+/// Features that there can be: steps of the length, and of the angles.
+const FEATURES: usize = (LENGTHS as usize + 1) * 16 * 8 * 16;
 
 /// What a pair is, whatever its place: its length and three angles, with the second normal towards its partner's far
 /// side. None for pairs in one plane: they fit everywhere.
@@ -90,13 +117,17 @@ fn feature(
     }
     let step = |cosine: f64| (cosine.clamp(-1.0, 1.0).acos() / ANGLE) as u32;
     let l = (length / diagonal * LENGTHS) as u32;
-    Some(((l * 16 + step(c1)) * 16 + step(along)) * 16 + step(c12))
+    // `along` is not negative: half as many steps.
+    Some(((l * 16 + step(c1)) * 8 + step(along)) * 16 + step(c12))
 }
 
-/// The turn of `d` about the normal of a frame.
-fn turn(frame: &Matrix3<f64>, d: &Vec3) -> f64 {
+/// A whole turn.
+const WHOLE: f64 = 65536.0;
+
+/// The turn of `d` about the normal of a frame, in parts of a whole one.
+fn turn(frame: &Matrix3<f64>, d: &Vec3) -> u16 {
     let d = frame.tr_mul(d);
-    d.y.atan2(d.x)
+    ((d.y.atan2(d.x) / TAU).rem_euclid(1.0) * WHOLE) as u32 as u16
 }
 
 /// The number of the flat side that each of these planes is of.
@@ -118,119 +149,81 @@ fn sides(planes: &[(Vec3, f64)], diagonal: f64) -> Vec<u32> {
         .collect()
 }
 
+/// The pairs by feature, and where those of each begin.
+fn by_feature(all: &[(u32, Pair)]) -> (Vec<u32>, Vec<Pair>) {
+    let mut first = vec![0_u32; FEATURES + 1];
+    for (key, _) in all {
+        first[*key as usize + 1] += 1;
+    }
+    for key in 0..FEATURES {
+        first[key + 1] += first[key];
+    }
+    let mut next = first.clone();
+    let mut pairs = vec![Pair::default(); all.len()];
+    for (key, pair) in all {
+        let place = &mut next[*key as usize];
+        pairs[*place as usize] = *pair;
+        *place += 1;
+    }
+    (first, pairs)
+}
+
 impl Prepared {
     pub fn new(mesh: &Mesh, threads: Threads) -> Self {
         let samples = sample(mesh, SAMPLES);
         let (low, high) = mesh.bounds();
         let diagonal = (high - low).norm();
-        let mut pairs: HashMap<u32, Vec<(u16, f32)>> = HashMap::new();
+        let mut all: Vec<(u32, Pair)> = Vec::new();
         for (i, a) in samples.iter().enumerate() {
             let frame = frame(&a.normal);
             for (j, b) in samples.iter().enumerate() {
                 if i == j {
                     continue;
                 }
-                for flip in [false, true] {
-                    if let Some(key) =
-                        feature((&a.at, &a.normal), (&b.at, &b.normal), diagonal, flip)
-                    {
-                        let angle = turn(&frame, &(b.at - a.at));
-                        pairs.entry(key).or_default().push((i as u16, angle as f32));
-                    }
+                let keys = [false, true]
+                    .map(|flip| feature((&a.at, &a.normal), (&b.at, &b.normal), diagonal, flip));
+                if keys == [None, None] {
+                    continue;
                 }
+                let pair = Pair {
+                    sample: i as u16,
+                    turn: turn(&frame, &(b.at - a.at)),
+                };
+                all.extend(keys.into_iter().flatten().map(|key| (key, pair)));
             }
         }
+        let (first, pairs) = by_feature(&all);
         let planes: Vec<(Vec3, f64)> = mesh
             .triangles()
             .iter()
             .map(|t| (t.normal, t.normal.dot(&t.corners[0])))
             .collect();
         Self {
-            field: HeightField::new(mesh, threads),
             corners: mesh.corners(),
             sides: sides(&planes, diagonal),
-            planes,
+            rough: Rough::new(mesh, &planes, threads),
             samples,
             diagonal,
             closed: mesh.is_closed(),
+            first,
             pairs,
         }
     }
 
-    /// How near a point counts as on the surface before anything is refined, in mm.
-    pub fn coarse_mm(&self) -> f64 {
-        self.diagonal / 45.0
-    }
-
-    /// What speaks for a pose: points on the surface that look its way, less those within the material.
-    pub fn score(&self, scene: &[Oriented], motion: &Pose) -> f64 {
-        let coarse = self.coarse_mm();
-        let mut score = 0.0;
-        for q in scene {
-            let Some((distance, face)) = self.field.at(&motion.undo(&q.at)) else {
-                continue;
-            };
-            if distance.abs() < coarse {
-                let looks = motion
-                    .rotation
-                    .tr_mul(&q.normal)
-                    .dot(&self.planes[face].0)
-                    .abs();
-                if looks > 0.8 || q.normal == Vec3::zeros() {
-                    score += 1.0 - distance.abs() / coarse;
-                }
-            } else if self.closed && distance < -1.5 * coarse {
-                score -= 1.0;
-            }
-        }
-        score
-    }
-
-    /// A pose moved to where the points near its surface fit its planes: a few rough steps, with the field alone. What
-    /// votes propose is off by half a step of each angle.
-    fn moved_near(&self, scene: &[Oriented], motion: &Pose) -> Pose {
-        let about = self.corners.iter().sum::<Vec3>() / 8.0;
-        let arm = self.diagonal / 2.0;
-        let mut motion = *motion;
-        for reach in [4.0, 3.5, 3.0, 2.0, 1.5, 1.0] {
-            let reach = reach * self.coarse_mm();
-            let mut h = Matrix6::zeros();
-            let mut g = Vector6::zeros();
-            for q in scene {
-                let p = motion.undo(&q.at);
-                let Some((_, face)) = self.field.at(&p).filter(|(d, _)| d.abs() < reach) else {
-                    continue;
-                };
-                let (normal, height) = self.planes[face];
-                let off = normal.dot(&p) - height;
-                let looks = motion.rotation.tr_mul(&q.normal).dot(&normal).abs();
-                if off.abs() >= reach || (q.is_oriented() && looks < 0.7) {
-                    continue;
-                }
-                let weight = (1.0 - (off / reach).powi(2)).powi(2);
-                let turn = (p - about).cross(&normal) / arm;
-                let row = Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z);
-                h += row * row.transpose() * weight;
-                g -= row * (weight * off);
-            }
-            let x = pseudo_solve(&h, &g, 1e-3);
-            let x = Vector6::new(x[0] / arm, x[1] / arm, x[2] / arm, x[3], x[4], x[5]);
-            motion = motion.after(&stepped(&Pose::identity(), &x, &about).inverse());
-        }
-        motion
-    }
-
     /// The best proposals for a scene, distinct, best first.
-    pub fn search(&self, scene: &[Oriented], count: usize, threads: Threads) -> Vec<Proposal> {
-        let with_normal: Vec<Oriented> = scene
-            .iter()
-            .filter(|o| o.normal != Vec3::zeros())
-            .copied()
-            .collect();
-        let voters = spread(with_normal.len(), VOTERS);
-        let some = |most: usize| -> Vec<Oriented> {
+    pub fn search(
+        &self,
+        scene: &[Oriented],
+        count: usize,
+        effort: &Effort,
+        threads: Threads,
+    ) -> Vec<Proposal> {
+        let with_normal: Vec<Oriented> =
+            scene.iter().filter(|o| o.is_oriented()).copied().collect();
+        let voters = spread(with_normal.len(), effort.voters);
+        let some = |most: usize| {
             let chosen = spread(scene.len(), most);
-            chosen.into_iter().map(|i| scene[i]).collect()
+            Points::new(chosen.into_iter().map(|i| &scene[i]))
         };
         let (few, more, many) = (some(400), some(1200), some(2000));
         let mut all: Vec<Proposal> = threads
@@ -240,27 +233,25 @@ impl Prepared {
                     all.extend(self.vote(&with_normal, voters[k], sign));
                 }
                 for proposal in &mut all {
-                    proposal.score = self.score(&few, &proposal.motion);
+                    proposal.score = self.rough.score(&few, &proposal.motion);
                 }
                 all
             })
             .concat();
         sort(&mut all);
-        let mut best = self.distinct(&all, count * 12, 0.06);
+        let mut best = self.distinct(&all, count * effort.moved, 0.06);
         let moved = threads.each(best.len(), |i| {
-            let motion = self.moved_near(&more, &best[i].motion);
-            [motion, best[i].motion].map(|motion| Proposal {
-                motion,
-                score: self.score(&many, &motion),
-            })
-        });
-        for (proposal, [moved, voted]) in best.iter_mut().zip(moved) {
-            *proposal = if moved.score > voted.score {
+            let voted = &best[i];
+            let moved = self.rough.moved_near([&few, &more], &voted.motion);
+            let motion = if self.rough.score(&few, &moved) > voted.score {
                 moved
             } else {
-                voted
+                voted.motion
             };
-        }
+            let score = self.rough.score(&many, &motion);
+            Proposal { motion, score }
+        });
+        best = moved;
         sort(&mut best);
         self.distinct(&best, count, 0.03)
     }
@@ -300,22 +291,27 @@ impl Prepared {
             ) else {
                 continue;
             };
-            let Some(same) = self.pairs.get(&key) else {
+            let [from, to] = [key, key + 1].map(|key| self.first[key as usize] as usize);
+            if from == to {
                 continue;
-            };
+            }
             let here = turn(&frame_here, &(partner.at - at));
-            for (i, angle) in same {
-                let turned = (here - f64::from(*angle)).rem_euclid(TAU) / TAU;
-                let bin = ((turned * TURNS as f64) as usize).min(TURNS - 1);
-                let cell = &mut votes[*i as usize * TURNS + bin];
+            for pair in &self.pairs[from..to] {
+                let turned = u32::from(here.wrapping_sub(pair.turn));
+                let bin = (turned * TURNS as u32) >> 16;
+                let cell = &mut votes[usize::from(pair.sample) * TURNS + bin as usize];
                 *cell = cell.saturating_add(1);
             }
         }
         let mut order: Vec<u32> = (0..votes.len() as u32)
             .filter(|&k| votes[k as usize] > 2)
             .collect();
-        order.sort_unstable_by_key(|&k| (std::cmp::Reverse(votes[k as usize]), k));
-        order.truncate(PROPOSALS);
+        let rank = |k: &u32| (std::cmp::Reverse(votes[*k as usize]), *k);
+        if order.len() > PROPOSALS {
+            order.select_nth_unstable_by_key(PROPOSALS, rank);
+            order.truncate(PROPOSALS);
+        }
+        order.sort_unstable_by_key(rank);
         order
             .into_iter()
             .map(|k| {

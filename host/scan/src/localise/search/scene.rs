@@ -2,6 +2,8 @@
 
 use crate::cloud::tree::PointTree;
 use crate::localise::search::oriented::{NEIGHBOURS, Oriented, orient, sample, thin};
+use crate::localise::search::pairs::spread;
+use crate::localise::search::rough::Points;
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
 use crate::surface::Mesh;
@@ -42,7 +44,7 @@ impl Scene {
             coarse = thin(&coarse, cell, threads);
         }
         let (places, noise_mm) = orient(&coarse, &fine, 1.6 * cell, NEIGHBOURS, threads);
-        let fine = crate::localise::search::pairs::spread(fine.len(), FINE)
+        let fine = spread(fine.len(), FINE)
             .into_iter()
             .map(|i| fine[i])
             .collect();
@@ -52,6 +54,17 @@ impl Scene {
             fine,
             noise_mm,
         }
+    }
+
+    /// Where the points to search with are.
+    pub fn at(&self) -> Vec<Vec3> {
+        self.places.iter().map(|o| o.at).collect()
+    }
+
+    /// At most `most` of the points to search with, spread evenly.
+    pub fn some(&self, most: usize) -> Points {
+        let chosen = spread(self.places.len(), most);
+        Points::new(chosen.into_iter().map(|i| &self.places[i]))
     }
 
     /// The scan seen in a mirror (x becomes −x).

@@ -5,15 +5,16 @@ use std::cmp::Ordering;
 use crate::ScanError;
 use crate::localise::degenerate;
 use crate::localise::fit::{self, Fit};
-use crate::localise::search::pairs::Proposal;
+use crate::localise::search::pairs::{IN_ITSELF, Proposal};
+use crate::localise::search::rough::Points;
 use crate::localise::search::scene::Scene;
 use crate::localise::uncertainty::{Groups, certainty};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::{advantage, compare, explained, off, on, own_share};
 use crate::localise::verdict::symmetry::{self, SymmetryAxis};
-use crate::localise::verdict::{Decided, Judge, count, no_fit};
+use crate::localise::verdict::{Decided, Explained, Judge, count, no_fit};
 use crate::rigid::{Pose, Vec3, rotation};
-use crate::solve::measure;
+use crate::solve::measure_within;
 
 /// What else explains a scan.
 enum Rivals {
@@ -22,10 +23,6 @@ enum Rivals {
     Equal(Vec<SymmetryAxis>, Vec<Pose>),
     Better(Fit),
 }
-
-/// How far facets lie from the round that they stand for, over the diagonal: nothing finer tells two poses apart unless
-/// the fit itself is coarser.
-const FACETS: f64 = 2e-4;
 
 /// How often a better pose takes the place of the best one at most.
 const BETTER: usize = 6;
@@ -57,13 +54,11 @@ impl Judge<'_> {
     /// The poses that explain the scan as well as `best`.
     fn rivals(&self, scene: &Scene, fits: &[Fit], best: &Fit) -> Result<Rivals, ScanError> {
         let threads = self.task.threads;
-        // Neighbourhoods with stray points, edges and curves look noisier than the surface is; but what sets facets apart
-        // from the round that they stand for is no noise.
-        let facets = FACETS * self.prepared.diagonal;
-        let sigma = best.sigma_mm.max(scene.noise_mm.min(facets));
+        let sigma = self.noise(scene, best);
         let own = off(self.part(), &scene.fine, &best.motion, sigma, threads);
         let explained_own: Vec<bool> = own.off.iter().map(|o| on(*o)).collect();
-        let measured = measure(self.surface, &scene.fine, &best.motion, &[], threads);
+        let reach = fit::INLIER * sigma;
+        let measured = measure_within(self.surface, &scene.fine, &best.motion, &[], reach, threads);
         let held: Vec<usize> = (0..own.off.len()).filter(|&i| explained_own[i]).collect();
         let sure = certainty(
             &scene.fine,
@@ -80,38 +75,33 @@ impl Judge<'_> {
             let (axis, alike) = self.free(scene, best, &explained_own, sigma, &sure)?;
             return Ok(Rivals::Equal(vec![axis], alike));
         }
-        let thinned: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let reach = 0.03 * self.prepared.diagonal;
+        let thinned = scene.at();
+        let here = self.explained(scene, &thinned, best);
+        let held_fine = Explained {
+            points: explained_own,
+            sigma_mm: sigma,
+        };
         let own_passed = self.passed(scene, &best.motion);
         let mut tried = vec![best.motion];
         let mut equal: Vec<Pose> = Vec::new();
         // Some if it is better.
         let mut try_one = |motion: &Pose, equal: &mut Vec<Pose>| -> Option<Fit> {
-            // Most turns of a part are far from fitting: seen without refining all points.
-            let rough = fit::settle(
-                self.surface,
-                &self.around(&thinned, motion),
-                motion,
-                reach,
-                self.floor(scene),
-                3,
-                threads,
-            )?;
-            let other = explained(
-                self.part(),
-                &scene.fine,
-                &rough.motion,
-                2.0 * sigma,
-                threads,
-            );
-            let (more, chance) = advantage(&explained_own, &other);
-            if more > 2.0 * chance + 0.15 * held.len() as f64 {
+            let is_known = |tried: &[Pose], motion: &Pose| {
+                let apart = |t: &Pose| t.apart_mm(motion, &self.prepared.corners);
+                tried
+                    .iter()
+                    .any(|t| apart(t) < 0.02 * self.prepared.diagonal)
+            };
+            if is_known(&tried, motion) {
                 return None;
             }
-            let fit = self.refine(scene, &rough.motion)?;
-            if tried.iter().any(|t| {
-                t.apart_mm(&fit.motion, &self.prepared.corners) < 0.02 * self.prepared.diagonal
-            }) {
+            // Most turns of a part are far from fitting: seen without refining all points.
+            let rough = self.tried(scene, &thinned, motion, 0.03, &here)?;
+            if is_known(&tried, &rough) || self.is_clearly_less(&scene.fine, &rough, &held_fine) {
+                return None;
+            }
+            let fit = self.refine(scene, &rough)?;
+            if is_known(&tried, &fit.motion) {
                 return None;
             }
             tried.push(fit.motion);
@@ -166,8 +156,7 @@ impl Judge<'_> {
         motion: &Pose,
         sigma: f64,
     ) -> Option<Vec3> {
-        let at: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let own = explained(self.part(), &at, motion, sigma, self.task.threads);
+        let own = explained(self.part(), &scene.at(), motion, sigma, self.task.threads);
         let shown = scene.places.iter().zip(own).filter(|(_, own)| *own);
         only_normal(shown.map(|(o, _)| o.normal))
     }
@@ -178,12 +167,13 @@ impl Judge<'_> {
         let mut all: Vec<Proposal> = symmetry::candidates(prepared)
             .into_iter()
             .map(|motion| Proposal { motion, score: 0.0 })
-            .chain(prepared.search(&prepared.samples, 60, self.task.threads))
+            .chain(prepared.search(&prepared.samples, 60, &IN_ITSELF, self.task.threads))
             .collect();
+        let samples = Points::new(prepared.samples.iter());
         for proposal in &mut all {
-            proposal.score = prepared.score(&prepared.samples, &proposal.motion);
+            proposal.score = prepared.rough.score(&samples, &proposal.motion);
         }
-        let whole = prepared.score(&prepared.samples, &Pose::identity());
+        let whole = prepared.rough.score(&samples, &Pose::identity());
         crate::localise::search::pairs::sort(&mut all);
         prepared
             .distinct(&all, 40, 0.05)

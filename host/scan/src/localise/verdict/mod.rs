@@ -10,18 +10,21 @@ use std::collections::HashSet;
 
 use super::{LocaliseTask, degenerate};
 use crate::ScanError;
-use crate::localise::fit::{self, Fit};
+use crate::localise::fit::{self, Approach, Fit};
 use crate::localise::search::field::HeightField;
 use crate::localise::search::oriented::from_seed;
-use crate::localise::search::pairs::Prepared;
+use crate::localise::search::pairs::{IN_A_SCAN, Prepared, spread};
 use crate::localise::search::scene::{Scene, cell_mm, coverage};
 use crate::localise::uncertainty::{Groups, certainty};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::rims::{Rim, passed, rims};
-use crate::localise::verdict::rivals::{advantage, explained, is_within, off, on};
+use crate::localise::verdict::rivals::{
+    advantage, explained, is_clearly_off, is_within, off, on, sort,
+};
 use crate::localise::verdict::symmetry::SymmetryAxis;
+use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
-use crate::solve::measure;
+use crate::solve::measure_within;
 use crate::surface::CompositeSurface;
 
 /// A pose that stands.
@@ -30,12 +33,24 @@ pub(super) struct Decided {
     pub symmetries: Vec<SymmetryAxis>,
 }
 
-/// Points that a pose is refined with before it is compared.
-const COMPARED: usize = 6000;
-/// Points that a pose is first tried with.
-const TRIED: usize = 900;
-/// Poses that are refined.
+/// Poses that the search proposes, and those of them that are settled with few points, and refined.
 const REFINED: usize = 36;
+const APPROACHED: usize = 20;
+const KEPT: usize = 6;
+/// Points that a pose is approached with, first tried with, and refined with before it is compared.
+const APPROACHING: usize = 400;
+const TRIED: usize = 900;
+const COMPARED: usize = 2500;
+/// Points that judge poses which were approached.
+const JUDGING: usize = 2000;
+/// Proposals that have come as near to each other as this, over the diagonal, are one.
+const SAME: f64 = 0.005;
+/// How far from the part points are tried, over its diagonal; and how rough the field is there.
+const AROUND: f64 = 0.15;
+const ROUGH: f64 = 0.02;
+/// How far facets lie from the round that they stand for, over the diagonal: nothing finer tells two poses apart unless
+/// the fit itself is coarser.
+const FACETS: f64 = 2e-4;
 /// The share of the part's surface that a scan must show.
 const SHOWN: f64 = 0.08;
 /// The share of the scan's points that must lie on the part.
@@ -61,6 +76,12 @@ pub(super) struct Judge<'a> {
     rims: Vec<Rim>,
 }
 
+/// Which of some points a fit explains, and the noise by which it does.
+struct Explained {
+    points: Vec<bool>,
+    sigma_mm: f64,
+}
+
 /// How a fit is worth it.
 enum Worth {
     Good,
@@ -75,7 +96,7 @@ pub(super) fn decide(
 ) -> Result<Decided, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
-    let fits = judge.fits(&scene);
+    let fits = judge.fits(&scene, None);
     let worth = fits
         .first()
         .map_or(Worth::Bad, |best| judge.worth(&scene, best));
@@ -140,26 +161,17 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The best distinct fits of the part in a scene, best first.
-    fn fits(&self, scene: &Scene) -> Vec<Fit> {
-        let proposals = self
-            .prepared
-            .search(&scene.places, REFINED, self.task.threads);
-        let thinned: Vec<Vec3> = scene.places.iter().map(|o| o.at).collect();
-        let reach = self.prepared.diagonal * 0.05;
-        let one = crate::parallel::Threads::new(1);
+    /// The best distinct fits of the part in a scene, best first; those that explain clearly less than the best, or than
+    /// what is to be beaten, are left out.
+    fn fits(&self, scene: &Scene, beaten: Option<&Explained>) -> Vec<Fit> {
+        let threads = self.task.threads;
+        let thinned = scene.at();
         let floor = self.floor(scene);
-        let rough = self.task.threads.each(proposals.len(), |i| {
-            let few = self.around(&thinned, &proposals[i].motion);
-            fit::settle(
-                self.surface,
-                &few,
-                &proposals[i].motion,
-                reach,
-                floor,
-                3,
-                one,
-            )
+        let one = Threads::new(1);
+        let approached = self.approached(scene, &thinned, floor);
+        let rough = threads.each(approached.len(), |i| {
+            let few = self.around(&thinned, &approached[i].motion, TRIED, AROUND);
+            approached[i].settle(self.surface, &few, floor, 3, one)
         });
         let mut rough: Vec<Fit> = rough.into_iter().flatten().collect();
         // One measure for all: what lies within a few times the least noise that any of them has.
@@ -167,20 +179,31 @@ impl<'a> Judge<'a> {
         for fit in &mut rough {
             self.weigh(scene, fit, &thinned, sigma);
         }
-        crate::localise::verdict::rivals::sort(&mut rough);
+        sort(&mut rough);
         let mut fits: Vec<Fit> = Vec::new();
+        // Those that are left out, too: a part can lie beside its place along itself.
+        let mut all: Vec<Fit> = Vec::new();
+        let mut best = None;
         for fit in rough {
-            if fits.len() >= 6 {
+            if all.len() >= KEPT {
                 break;
             }
-            if self.is_new(&fits, &fit.motion)
-                && let Some(fine) = self.refine(scene, &fit.motion)
-                && self.is_new(&fits, &fine.motion)
+            if !self.is_new(&all, &fit.motion) {
+                continue;
+            }
+            let than = beaten.or(best.as_ref());
+            if than.is_some_and(|than| self.is_clearly_less(&thinned, &fit.motion, than)) {
+                all.push(fit);
+            } else if let Some(fine) = self.refine(scene, &fit.motion)
+                && self.is_new(&all, &fine.motion)
             {
+                best = best.or_else(|| Some(self.explained(scene, &thinned, &fine)));
+                all.push(fine.clone());
                 fits.push(fine);
             }
         }
-        for slid in self.slid(scene, &fits) {
+        let than = beaten.or(best.as_ref());
+        for slid in self.slid(scene, &all, than) {
             if self.is_new(&fits, &slid.motion) {
                 fits.push(slid);
             }
@@ -189,8 +212,91 @@ impl<'a> Judge<'a> {
         for fit in &mut fits {
             self.weigh(scene, fit, &scene.fine, sigma);
         }
-        crate::localise::verdict::rivals::sort(&mut fits);
+        sort(&mut fits);
         fits
+    }
+
+    /// Where the search's proposals lead in a few rounds, the best first.
+    fn approached(&self, scene: &Scene, thinned: &[Vec3], floor: f64) -> Vec<Approach> {
+        let threads = self.task.threads;
+        let proposals = self
+            .prepared
+            .search(&scene.places, REFINED, &IN_A_SCAN, threads);
+        let judging = scene.some(JUDGING);
+        let reach = self.prepared.diagonal * 0.05;
+        let one = Threads::new(1);
+        let all = threads.each(proposals.len(), |i| {
+            let motion = &proposals[i].motion;
+            let few = self.around(thinned, motion, APPROACHING, AROUND);
+            let there = fit::approach(self.surface, &few, motion, reach, floor, one)?;
+            Some((self.prepared.rough.score(&judging, &there.motion), there))
+        });
+        let mut all: Vec<(f64, Approach)> = all.into_iter().flatten().collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut kept: Vec<Approach> = Vec::new();
+        for (_, there) in all {
+            let apart = |k: &Approach| k.motion.apart_mm(&there.motion, &self.prepared.corners);
+            if kept
+                .iter()
+                .all(|k| apart(k) > SAME * self.prepared.diagonal)
+            {
+                kept.push(there);
+            }
+        }
+        kept.truncate(APPROACHED);
+        kept
+    }
+
+    /// What of these points a fit explains.
+    fn explained(&self, scene: &Scene, points: &[Vec3], fit: &Fit) -> Explained {
+        let sigma_mm = self.noise(scene, fit);
+        Explained {
+            points: explained(
+                self.part(),
+                points,
+                &fit.motion,
+                sigma_mm,
+                self.task.threads,
+            ),
+            sigma_mm,
+        }
+    }
+
+    /// Whether a pose that is about right explains less of these points than another one does, beyond what a finer pose
+    /// would change.
+    fn is_clearly_less(&self, points: &[Vec3], motion: &Pose, than: &Explained) -> bool {
+        let sigma = 2.0 * than.sigma_mm;
+        let there = explained(self.part(), points, motion, sigma, self.task.threads);
+        let (more, chance) = advantage(&than.points, &there);
+        more > 2.0 * chance + 0.15 * count(&than.points) as f64
+    }
+
+    /// A pose that is right to about this share of the diagonal, tried with few points; none if it explains clearly less.
+    fn tried(
+        &self,
+        scene: &Scene,
+        thinned: &[Vec3],
+        motion: &Pose,
+        share: f64,
+        than: &Explained,
+    ) -> Option<Pose> {
+        let rough = fit::settle(
+            self.surface,
+            &self.around(thinned, motion, TRIED, AROUND),
+            motion,
+            share * self.prepared.diagonal,
+            self.floor(scene),
+            3,
+            self.task.threads,
+        )?;
+        (!self.is_clearly_less(thinned, &rough.motion, than)).then_some(rough.motion)
+    }
+
+    /// The noise by which rivals of a fit are judged. Neighbourhoods with stray points, edges and curves look noisier than
+    /// the surface is; but what sets facets apart from the round that they stand for is no noise.
+    fn noise(&self, scene: &Scene, fit: &Fit) -> f64 {
+        let facets = FACETS * self.prepared.diagonal;
+        fit.sigma_mm.max(scene.noise_mm.min(facets))
     }
 
     /// Counts the points that lie on the part by this fit, and weighs them: those on a side that the scan goes beyond say
@@ -218,27 +324,27 @@ impl<'a> Judge<'a> {
 
     /// What poses are compared with.
     pub(super) fn part(&self) -> (&CompositeSurface, &HeightField) {
-        (self.surface, &self.prepared.field)
+        (self.surface, &self.prepared.rough.field)
     }
 
-    /// Points about where `motion` puts the part, few enough to try many poses.
-    pub(super) fn around(&self, points: &[Vec3], motion: &Pose) -> Vec<Vec3> {
-        let limit = 0.15 * self.prepared.diagonal;
+    /// At most `most` points about where `motion` puts the part, within so much of its diagonal.
+    fn around(&self, points: &[Vec3], motion: &Pose, most: usize, share: f64) -> Vec<Vec3> {
+        let limit = share * self.prepared.diagonal;
         let near: Vec<Vec3> = points
             .iter()
             .filter(|q| {
-                let distance = self.prepared.field.at(&motion.undo(q));
+                let distance = self.prepared.rough.field.at(&motion.undo(q));
                 distance.is_some_and(|(d, _)| d.abs() < limit)
             })
             .copied()
             .collect();
-        crate::localise::search::pairs::spread(near.len(), TRIED)
+        spread(near.len(), most)
             .into_iter()
             .map(|i| near[i])
             .collect()
     }
 
-    pub(super) fn floor(&self, scene: &Scene) -> f64 {
+    fn floor(&self, scene: &Scene) -> f64 {
         (scene.noise_mm * 0.3).max(self.prepared.diagonal * 1e-7)
     }
 
@@ -260,12 +366,12 @@ impl<'a> Judge<'a> {
     }
 
     pub(super) fn refine(&self, scene: &Scene, motion: &Pose) -> Option<Fit> {
-        // Enough to tell poses apart; what is printed uses all points.
-        let few: Vec<Vec3> = crate::localise::search::pairs::spread(scene.fine.len(), COMPARED)
-            .into_iter()
-            .map(|i| scene.fine[i])
-            .collect();
-        let reach = self.prepared.diagonal * 0.01 + 4.0 * scene.noise_mm;
+        let diagonal = self.prepared.diagonal;
+        let reach = diagonal * 0.01 + 4.0 * scene.noise_mm;
+        // Enough to tell poses apart; what is printed uses all points. A cell of the field is as rough as that.
+        let share = 3.0 * reach / diagonal + ROUGH;
+        let few = self.around(&scene.fine, motion, COMPARED, share);
+        let threads = self.task.threads;
         fit::settle(
             self.surface,
             &few,
@@ -273,46 +379,40 @@ impl<'a> Judge<'a> {
             reach,
             self.floor(scene),
             8,
-            self.task.threads,
+            threads,
         )
     }
 
     fn worth(&self, scene: &Scene, fit: &Fit) -> Worth {
-        let measured = measure(
-            self.surface,
-            &scene.fine,
+        let points = &scene.fine;
+        let standing = off(
+            self.part(),
+            points,
             &fit.motion,
-            &[],
+            fit.sigma_mm,
             self.task.threads,
         );
-        let within = |low: f64, high: f64| {
-            measured
-                .iter()
-                .filter(|m| (low..high).contains(&(m.distance_mm.abs() / fit.sigma_mm)))
-                .count() as f64
+        let count = |is: &dyn Fn(f64) -> bool| {
+            let off = standing.off.iter().filter(|off| is(**off));
+            off.count() as f64
         };
-        let on = within(0.0, fit::INLIER);
+        let there = count(&on);
         // A wrong pose has as many points a little off the surface as on it.
-        let beside = within(fit::INLIER, 3.0 * fit::INLIER);
+        let beside = count(&|off| !on(off) && !is_clearly_off(off));
         // A surface that is not closed has no inside.
-        let inside = measured
-            .iter()
-            .filter(|m| self.prepared.closed && m.distance_mm < -3.0 * fit::INLIER * fit.sigma_mm)
-            .count() as f64;
+        let inside = count(&|off| self.prepared.closed && is_within(off));
         let noisy = fit.sigma_mm > 3.0 * scene.noise_mm + self.prepared.diagonal / 400.0
             || fit.sigma_mm > self.prepared.diagonal / 60.0;
         if noisy
-            || on < 20.0
-            || on < 1.5 * beside
-            || inside > 0.25 * on
-            || on < SHARE * scene.fine.len() as f64
+            || there < 20.0
+            || there < 1.5 * beside
+            || inside > 0.25 * there
+            || there < SHARE * points.len() as f64
         {
             return Worth::Bad;
         }
-        let shown: Vec<Vec3> = measured
-            .iter()
-            .zip(&scene.fine)
-            .filter(|(m, _)| m.distance_mm.abs() < fit::INLIER * fit.sigma_mm)
+        let shown: Vec<Vec3> = (standing.off.iter().zip(points))
+            .filter(|(off, _)| on(**off))
             .map(|(_, q)| fit.motion.undo(q))
             .collect();
         let shown = coverage(self.task.model, &shown);
@@ -339,14 +439,10 @@ impl<'a> Judge<'a> {
     /// Whether what a fit shows of the part holds its pose and its size: a small smooth patch fits at any size.
     fn holds_size(&self, scene: &Scene, fit: &Fit) -> bool {
         let sigma = fit.sigma_mm.max(scene.noise_mm);
-        let measured = measure(
-            self.surface,
-            &scene.fine,
-            &fit.motion,
-            &[],
-            self.task.threads,
-        );
-        let held = super::near(&measured, fit::INLIER * sigma);
+        let reach = fit::INLIER * sigma;
+        let threads = self.task.threads;
+        let measured = measure_within(self.surface, &scene.fine, &fit.motion, &[], reach, threads);
+        let held = super::near(&measured, reach);
         let sure = certainty(
             &scene.fine,
             &measured,
@@ -376,7 +472,7 @@ impl<'a> Judge<'a> {
                 .map(|p| (p - low) * factor)
                 .collect();
             let scene = Scene::new(self.task.model, &points, self.task.threads);
-            let fits = self.fits(&scene);
+            let fits = self.fits(&scene, None);
             if fits.first().is_some_and(|fit| {
                 matches!(self.worth(&scene, fit), Worth::Good)
                     && self.holds_size(&scene, fit)
@@ -409,7 +505,8 @@ impl<'a> Judge<'a> {
             return Ok(());
         }
         let mirrored = scene.mirrored();
-        let fits = self.fits(&mirrored);
+        let beaten = best.map(|fit| self.explained(scene, &scene.at(), fit));
+        let fits = self.fits(&mirrored, beaten.as_ref());
         let Some(other) = fits
             .first()
             .filter(|fit| matches!(self.worth(&mirrored, fit), Worth::Good))

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::Judge;
+use super::{Explained, JUDGING, Judge};
 use crate::localise::fit::{self, Fit};
 use crate::localise::search::pairs::spread;
 use crate::localise::search::scene::Scene;
@@ -17,37 +17,41 @@ const FITS: usize = 3;
 const MOTIONS: usize = 2;
 /// How far, over the part's diagonal.
 const FAR: f64 = 0.2;
-/// Points that say how well a pose is held, and points that judge the moved ones.
+/// How far from their place moved fits are, over the diagonal.
+const NEAR: f64 = 0.02;
+/// Points that say how well a pose is held.
 const HOLDING: usize = 3000;
-const JUDGING: usize = 2000;
 /// A moved pose is refined if this share of what speaks for the fit speaks for it.
 const AS_GOOD: f64 = 0.97;
 
 impl Judge<'_> {
     /// Refined fits beside the best of these, where the part can slide or turn along itself.
-    pub(super) fn slid(&self, scene: &Scene, fits: &[Fit]) -> Vec<Fit> {
-        let judging: Vec<_> = spread(scene.places.len(), JUDGING)
-            .into_iter()
-            .map(|i| scene.places[i])
-            .collect();
-        let step = self.prepared.coarse_mm() / 2.0;
+    /// Those that explain clearly less than what is known are left out.
+    pub(super) fn slid(&self, scene: &Scene, fits: &[Fit], than: Option<&Explained>) -> Vec<Fit> {
+        let judging = scene.some(JUDGING);
+        let step = self.prepared.rough.coarse_mm() / 2.0;
         let far = (FAR * self.prepared.diagonal / step) as i32;
         let beside = fits.iter().take(FITS).flat_map(|fit| {
-            let least = AS_GOOD * self.prepared.score(&judging, &fit.motion);
+            let least = AS_GOOD * self.prepared.rough.score(&judging, &fit.motion);
             let ways = self.held_least(scene, fit);
             let judging = &judging;
             ways.into_iter().filter_map(move |way| {
                 let moved = (-far..=far).filter(|k| k.abs() > 2).map(|k| {
                     let motion = way.at(&fit.motion, f64::from(k) * step);
-                    (self.prepared.score(judging, &motion), motion)
+                    (self.prepared.rough.score(judging, &motion), motion)
                 });
                 moved
                     .max_by(|a, b| a.0.total_cmp(&b.0))
                     .filter(|(score, _)| *score > least)
             })
         });
-        beside
-            .filter_map(|(_, motion)| self.refine(scene, &motion))
+        let thinned = scene.at();
+        let tried = beside.filter_map(|(_, motion)| match than {
+            Some(than) => self.tried(scene, &thinned, &motion, NEAR, than),
+            None => Some(motion),
+        });
+        tried
+            .filter_map(|motion| self.refine(scene, &motion))
             .collect()
     }
 
@@ -142,7 +146,7 @@ mod tests {
             let fit = judge.refine(&scene, &beside).unwrap();
             let off = |fit: &Fit| fit.motion.apart_mm(&truth, &judge.prepared.corners);
             assert!(off(&fit) > 2.0, "{mm}: {}", off(&fit));
-            let slid = judge.slid(&scene, &[fit]);
+            let slid = judge.slid(&scene, &[fit], None);
             assert!(slid.iter().any(|fit| off(fit) < 0.1), "{mm}");
         }
     }

@@ -95,7 +95,7 @@ pub(in crate::localise) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
 /// The refusal of a scan with several answers: `what` and what to do (`advice`).
 pub(in crate::localise) fn ambiguous(
     axes: &[SymmetryAxis],
-    poses: &[Pose],
+    motions: &[Pose],
     what: &str,
     advice: &str,
 ) -> ScanError {
@@ -103,11 +103,11 @@ pub(in crate::localise) fn ambiguous(
         .iter()
         .map(|a| json!({"axis": a.axis.as_slice(), "point_mm": a.point_mm.as_slice(), "order": a.order}))
         .collect();
-    let poses: Vec<Value> = poses
+    let poses: Vec<Value> = motions
         .iter()
         .map(|m| json!({"rotation": rows(&m.rotation), "translation_mm": m.translation_mm.as_slice()}))
         .collect();
-    let words: Vec<String> = axes
+    let mut words: Vec<String> = axes
         .iter()
         .map(|a| {
             let turn = if a.order == 0 {
@@ -121,6 +121,10 @@ pub(in crate::localise) fn ambiguous(
             )
         })
         .collect();
+    if let ([first, other, ..], true) = (motions, words.is_empty()) {
+        let shift = first.inverse().after(other).translation_mm.norm();
+        words.push(format!("shifted by {shift:.1} mm"));
+    }
     ScanError::refused(
         "ambiguous",
         format_args!("{what} ({}): {advice}", words.join("; ")),
@@ -142,6 +146,13 @@ fn on_axis(motion: &Pose, axis: &Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn poses_that_differ_by_a_shift_alone_are_told_by_it() {
+        let shifted = Pose::shift_mm(Vec3::new(0.0, 12.0, 0.0));
+        let said = ambiguous(&[], &[Pose::identity(), shifted], "alike", "scan more");
+        assert_eq!(said.message, "alike (shifted by 12.0 mm): scan more");
+    }
 
     #[test]
     fn a_quarter_turn_is_an_axis_of_order_four_through_its_fixed_point() {

@@ -10,7 +10,7 @@ use crate::localise::search::field::HeightField;
 use crate::localise::search::oriented::Oriented;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
-use crate::solve::measure;
+use crate::solve::{measure, measure_within};
 use crate::surface::CompositeSurface;
 
 /// Where points stand by a pose.
@@ -34,21 +34,23 @@ pub(in crate::localise) fn off(
     let inside = boxed(surface, motion, limit);
     let mut off = vec![f64::INFINITY; points.len()];
     let mut face = vec![0; points.len()];
-    let mut place = Vec::new();
+    let (mut place, mut near, mut hints) = (Vec::new(), Vec::new(), Vec::new());
     for (i, q) in points.iter().enumerate() {
         if !inside(q) {
             continue;
         }
-        match field.beyond(&motion.undo(q), limit) {
+        let p = motion.undo(q);
+        match field.beyond(&p, limit) {
             Some(far) => off[i] = far,
-            None => place.push(i),
+            None => {
+                place.push(i);
+                near.push(*q);
+                hints.push(field.at(&p).map_or(0, |(_, face)| face));
+            }
         }
     }
-    let near: Vec<Vec3> = place.iter().map(|&i| points[i]).collect();
-    for (m, i) in measure(surface, &near, motion, &[], threads)
-        .iter()
-        .zip(place)
-    {
+    let measured = measure(surface, &near, motion, &hints, threads);
+    for (m, i) in measured.iter().zip(place) {
         off[i] = m.distance_mm / sigma_mm;
         face[i] = m.face as u32;
     }
@@ -57,14 +59,29 @@ pub(in crate::localise) fn off(
 
 /// Which points lie on the part where `motion` puts it.
 pub(in crate::localise) fn explained(
-    part: (&CompositeSurface, &HeightField),
+    (surface, field): (&CompositeSurface, &HeightField),
     points: &[Vec3],
     motion: &Pose,
     sigma_mm: f64,
     threads: Threads,
 ) -> Vec<bool> {
-    let standing = off(part, points, motion, sigma_mm, threads);
-    standing.off.into_iter().map(on).collect()
+    let limit = INLIER * sigma_mm;
+    let inside = boxed(surface, motion, limit);
+    let mut seen = vec![false; points.len()];
+    let (mut place, mut near, mut hints) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, q) in points.iter().enumerate() {
+        let p = motion.undo(q);
+        if inside(q) && field.beyond(&p, limit).is_none() {
+            place.push(i);
+            near.push(*q);
+            hints.push(field.at(&p).map_or(0, |(_, face)| face));
+        }
+    }
+    let measured = measure_within(surface, &near, motion, &hints, limit, threads);
+    for (m, i) in measured.iter().zip(place) {
+        seen[i] = on(m.distance_mm / sigma_mm);
+    }
+    seen
 }
 
 /// By how many points the first explains more than the second, and what of that chance can be.
@@ -86,6 +103,11 @@ const CONFLICT: f64 = 0.1;
 /// Whether a point at this distance ([`off`]) lies on the part.
 pub(in crate::localise) fn on(off: f64) -> bool {
     off.abs() < INLIER
+}
+
+/// Whether a point at this distance is none of the part's.
+pub(in crate::localise) fn is_clearly_off(off: f64) -> bool {
+    off.abs() >= CLEARLY
 }
 
 /// Whether a point at this distance lies deep within the part's material, where a scan has none.
