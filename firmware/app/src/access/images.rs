@@ -29,6 +29,10 @@ pub(crate) fn update<F: Flash>(
     now: Micros,
     request: &Request,
 ) -> Response {
+    // The compiler does not see that there is no room for any.
+    if !cfg!(feature = "update") {
+        return Response::NotOnThisBoard;
+    }
     let is_measuring = measure.brain().run().is_under_way() || measure.delivery.is_some();
     let Instrument { images, ledger, .. } = measure;
     let Some(images) = images.first_mut() else {
