@@ -38,6 +38,13 @@ impl SensorPose {
     }
 }
 
+/// A spindle that turns the line and nothing else.
+pub(super) struct LineSpindle {
+    pub limits_deg: [f64; 2],
+    /// It has less than a whole turn: not every line is reached.
+    pub narrow: bool,
+}
+
 /// The chain from axis values to the sensor's pose on the part, and back.
 ///
 /// Axis values are in the order X, Y, Z (mm), table, head, then S where the spindle turns (degrees).
@@ -264,11 +271,12 @@ impl PlanMachine {
         self.orient_deg.is_some() && self.mounted().0.cross(&Vector3::z()).norm() < 1e-9
     }
 
-    /// The limits of a spindle that turns the line alone and has less than a whole turn: not every line is reached.
-    pub(super) fn narrow_spindle(&self) -> Option<[f64; 2]> {
-        let narrow = |[low, high]: &[f64; 2]| high - low < 360.0;
-        self.orient_deg
-            .filter(|limits| self.line_by_spindle() && narrow(limits))
+    /// A spindle that turns the line alone.
+    pub(super) fn line_spindle(&self) -> Option<LineSpindle> {
+        let limits_deg = self.orient_deg.filter(|_| self.line_by_spindle())?;
+        let [low, high] = limits_deg;
+        let narrow = high - low < 360.0;
+        Some(LineSpindle { limits_deg, narrow })
     }
 
     /// The same machine with its spindle standing at an angle: its axis values are these without S.

@@ -231,7 +231,7 @@ fn unreachable(
     ScanError::refused(
         code,
         format_args!(
-            "{:.1} % of the area can be seen, {:.1} % are wanted. Not seen: {why}.{}",
+            "The best plan found sees {:.1} % of the area, {:.1} % are wanted. Not seen: {why}.{}",
             coverage * 100.0,
             plan.min_coverage * 100.0,
             advice(obstructed.breaks, options.allow_partial)

@@ -2,20 +2,27 @@
 //!
 //! Courses are laid for a line that can be turned wherever it is wanted. Where the spindle has little room for that, hardly a
 //! course can be driven. Standing it has a line to which courses are laid; so is nothing lost by room that cannot be used.
+//!
+//! A spindle that can turn lies across its course, and there a slope that is too steep for the beam is seen by no course: one
+//! that stands slanted reaches over it from the flat beside it. So where the turning one sees too little, four that stand are tried.
 
 use std::time::Instant;
 
 use super::super::drive::axes::rounded;
 use super::super::drive::deadline::Deadline;
+use super::super::machine::LineSpindle;
 use super::super::spec::ScanSpec;
 use super::super::verify::same_place;
 use super::PlanOptions;
 use super::limits::{better, worth_another};
-use super::result::ScanPlan;
+use super::result::{COVERAGE_UNREACHABLE, ScanPlan};
 use crate::ScanError;
 
-/// The best of the plans that `plan` makes with the spindle turning and, where that is not good enough and it has less than
-/// a whole turn, standing at either end of its room and in its middle.
+/// A line is the same after half a turn; slanted ones first, as they reach over slopes along either axis.
+const STANDING_DEG: [f64; 4] = [45.0, 135.0, 0.0, 90.0];
+
+/// The best of the plans that `plan` makes with the spindle turning and, where that is not good enough, standing: at either end
+/// of its room and in its middle where it has less than a whole turn; else, where too little is seen, at [`STANDING_DEG`] from its middle.
 ///
 /// # Errors
 /// Those of the plan that sees the most, where none is one; `time_limit` where not all could be tried and none is one.
@@ -27,15 +34,25 @@ pub(super) fn best(
 ) -> Result<ScanPlan, ScanError> {
     let mut begun = Instant::now();
     let mut best = plan(spec);
-    let Some([low, high]) = spec.machine.narrow_spindle() else {
+    let Some(LineSpindle { limits_deg, narrow }) = spec.machine.line_spindle() else {
         return best;
     };
-    let mut angles = vec![(low + high) / 2.0, low, high];
+    let [low, high] = limits_deg;
+    let middle = (low + high) / 2.0;
+    let mut angles = match narrow {
+        true => vec![middle, low, high],
+        false if sees_enough(spec, &best) => return best,
+        false => STANDING_DEG.map(|turn| middle + turn).to_vec(),
+    };
     angles.dedup();
     for angle in angles.into_iter().map(rounded) {
-        let enough = !worth_another(spec, options, &best);
-        // Without a plan so far, an answer before all is tried would not be true.
-        if enough || (best.is_ok() && !deadline.lasts(begun.elapsed() * 2)) {
+        let enough = match narrow {
+            true => !worth_another(spec, options, &best),
+            false => sees_enough(spec, &best),
+        };
+        // Without a plan so far, an answer before all is tried would not be true; a spindle with a whole turn has one.
+        let ends = best.is_ok() || !narrow;
+        if enough || (ends && !deadline.lasts(begun.elapsed() * 2)) {
             break;
         }
         begun = Instant::now();
@@ -48,6 +65,14 @@ pub(super) fn best(
         }
     }
     best
+}
+
+/// Is there nothing that a slanted line could mend?
+fn sees_enough(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
+    match found {
+        Ok(plan) => plan.figures.coverage >= spec.plan.min_coverage,
+        Err(error) => error.code != COVERAGE_UNREACHABLE,
+    }
 }
 
 /// The plan of a standing spindle as one of the machine that turns it.

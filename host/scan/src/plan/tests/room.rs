@@ -72,3 +72,24 @@ fn a_travel_that_hardly_suffices_is_kept() {
     }
     assert!(cut > 0);
 }
+
+/// A step of 3 mm at 45 degrees, which no beam of three axes sees as steep as its tilt allows: a line that stands slanted reaches over
+/// it from the flat beside it, whatever room the spindle has.
+#[test]
+fn a_step_is_seen_by_a_slanted_line() {
+    let raw = height_field([40.0, 25.0], 80, |x, _| x.clamp(-1.5, 1.5) + 1.5);
+    let part = PartMesh::weld(raw, true).unwrap();
+    for room in ["[-360, 360]", "[-30, 100]"] {
+        let mut spec = upright();
+        spec.machine = with_room(room).machine;
+        spec.machine.travel_mm = [[-900.0, 900.0]; 3];
+        spec.sensor = with_room(room).sensor;
+        spec.plan.min_coverage = 0.97;
+        let plan = plan(&part, &[], &spec, options(false)).unwrap();
+        keeps(&plan, &spec);
+        println!("{room}: {} of the area", plan.figures.coverage);
+        assert!(plan.figures.coverage >= 0.97, "{room}");
+        let found = verify(&part, &[], &spec, &plan.rows);
+        assert!(found.holds, "{room}: {:?}", found.faults);
+    }
+}
