@@ -1,12 +1,15 @@
 //! What no pairing can tell: a train as even as a clock, of which some frames were lost at one end and some
 //! latches at the other, looks like one whose ends are whole.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::trains::Trains;
 
-/// The warning, where everything that is paired lies on an even train, and a shift by one interval would pair all
-/// but one as well.
+/// Shifts that are looked at, in intervals.
+const SHIFTS: [i64; 6] = [1, -1, 2, -2, 3, -3];
+
+/// The warning, where everything that is paired lies on an even train, and a shift by a few intervals would pair about as
+/// many: it loses one at an end for each interval, and one at each run of losses may be chance.
 pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<String> {
     let mut apart: Vec<f64> = trains.board.windows(2).map(|t| t[1] - t[0]).collect();
     let interval = match apart.len() {
@@ -38,7 +41,7 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
     // All times of a side, by the pair before them.
     let on_train = |times: &[f64], of_pair: &dyn Fn(usize) -> usize| {
         let mut pair = 0;
-        let mut on: HashMap<i64, usize> = HashMap::new();
+        let mut on: BTreeMap<i64, usize> = BTreeMap::new();
         for (index, time) in times.iter().enumerate() {
             while pair + 1 < paired.len() && of_pair(pair + 1) <= index {
                 pair += 1;
@@ -54,6 +57,11 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
     }
     let sensor = on_train(&trains.sensor, &|pair| paired[pair].0);
     let board = on_train(&trains.board, &|pair| paired[pair].1);
+    let runs = |on: &BTreeMap<i64, usize>| {
+        let steps: Vec<i64> = on.keys().copied().collect();
+        steps.windows(2).filter(|t| t[1] - t[0] > 1).count()
+    };
+    let chance = runs(&sensor) + runs(&board);
     let hides = |shift: i64| {
         let shifted = sensor
             .iter()
@@ -65,9 +73,12 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
             let (least, most) = apart.fold((i64::MAX, i64::MIN), |(a, b), d| (a.min(d), b.max(d)));
             most.saturating_sub(least) <= trains.spread
         });
-        pairs.len() + 1 >= paired.len() && counts_shift
+        let ends = usize::try_from(shift.unsigned_abs()).unwrap_or(usize::MAX);
+        pairs.len() >= 2
+            && pairs.len().saturating_add(ends + chance) >= paired.len()
+            && counts_shift
     };
-    (hides(1) || hides(-1)).then(|| {
+    SHIFTS.into_iter().any(hides).then(|| {
         let encoder = match trains.counters {
             Some(_) => "change speed in the scan",
             None => "wire the sensor's encoder (--encoder) and change speed in the scan",
@@ -84,15 +95,19 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
 mod tests {
     use super::*;
 
-    /// Ten pulses, the moments in ms, and the axis' counts at each.
-    fn said(at_ms: impl Fn(i64) -> i64, counts: Option<fn(i64) -> i64>) -> Option<String> {
+    /// Ten pulses, the moments in ms, and the axis' counts at each. So many of the first frames and of the last
+    /// latches are lost.
+    fn said(
+        lost: i64,
+        at_ms: impl Fn(i64) -> i64,
+        counts: Option<fn(i64) -> i64>,
+    ) -> Option<String> {
         let trains = |frames: std::ops::Range<i64>| {
-            // The first frames and the last latches are lost.
-            let sensor: Vec<f64> = frames.map(|i| at_ms(i + 2) as f64 * 1e3).collect();
+            let sensor: Vec<f64> = frames.map(|i| at_ms(i + lost) as f64 * 1e3).collect();
             let board: Vec<i64> = (0..10).map(|i| at_ms(i) * 1_000_000).collect();
             let counters = counts.map(|counts| {
                 let of = |from: i64| (from..from + 10).map(counts).collect();
-                (of(2), of(0))
+                (of(lost), of(0))
             });
             Trains::new(&sensor, &board, counters, 20.0, 200.0, 8, (0, Vec::new()))
         };
@@ -114,16 +129,16 @@ mod tests {
 
     #[test]
     fn only_a_train_that_tells_nothing_of_its_ends_is_told() {
-        let even = said(|i| 10 * i, None).unwrap();
+        let even = said(2, |i| 10 * i, None).unwrap();
         assert!(
             even.starts_with("even_train: ") && even.contains("--encoder"),
             "{even}"
         );
         // A signature tells.
-        assert_eq!(said(|i| 10 * i + i64::from(i > 3), None), None);
+        assert_eq!(said(0, |i| 10 * i + i64::from(i > 3), None), None);
         // An axis at constant speed tells nothing, one that changes speed does.
-        let constant = said(|i| 10 * i, Some(|i| 1000 * i)).unwrap();
+        let constant = said(2, |i| 10 * i, Some(|i| 1000 * i)).unwrap();
         assert!(constant.contains("change speed in the scan"), "{constant}");
-        assert_eq!(said(|i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
+        assert_eq!(said(0, |i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
     }
 }
