@@ -40,16 +40,9 @@ fn main() -> ! {
     let mut light = Output::new(chip.PIN_25, Level::High);
     let mut slots =
         images::open(&chip.FLASH, |area| area).unwrap_or_else(|_| images::stateless(&chip.FLASH));
-    // What cannot be kept changes nothing: the next start decides anew.
-    let started = slots.start().or_else(|_| {
-        slots = images::stateless(&chip.FLASH);
-        slots.start()
-    });
-    let vectors = started
-        .as_ref()
-        .ok()
-        .and_then(|started| images::vectors(started.place));
-    let (Ok(started), Some(vectors)) = (started, vectors) else {
+    // Where a trial cannot be kept it would never end: none begins.
+    let started = slots.start().unwrap_or_else(|_| slots.start_confirmed());
+    let Some(vectors) = images::vectors(started.place) else {
         loop {
             // Three short ones: nothing here may run.
             for _ in 0..6 {

@@ -290,7 +290,7 @@ impl<F: Flash> Slots<F> {
     /// The board starts: what runs.
     ///
     /// # Errors
-    /// [`UpdateError::Flash`]: what counts cannot be kept; what runs is as before.
+    /// [`UpdateError::Flash`]: what counts cannot be kept; [`Self::start_confirmed`] starts as before.
     pub fn start(&mut self) -> Result<StartedImage, UpdateError> {
         let mut reverted = None;
         if let Some((slot, has_started)) = self.kept.trial {
@@ -313,9 +313,30 @@ impl<F: Flash> Slots<F> {
                 ..self.kept
             })?;
         }
+        let is_first = self.kept.active.is_none();
+        let started = self.start_confirmed();
+        if let (true, Some((place, header))) = (is_first, &self.running)
+            && self.state.is_some()
+        {
+            let (version, counter) = (header.version, header.counter);
+            self.keep(Kept {
+                active: Some(*place == ImagePlace::B),
+                version,
+                counter,
+                ..self.kept
+            })?;
+        }
+        Ok(StartedImage {
+            reverted,
+            ..started
+        })
+    }
+
+    /// The same without a trial and without keeping anything: the one that was confirmed; where it is wrong,
+    /// the other, which may not be older. A board whose state cannot be written any more still starts so.
+    pub fn start_confirmed(&mut self) -> StartedImage {
         self.on_trial = false;
         self.running = None;
-        // The one that was confirmed; where it is wrong, the other, which may not be older.
         let first = match self.kept.active {
             None if self.kind.built_in.is_none() => self.newest(),
             active => active,
@@ -323,27 +344,15 @@ impl<F: Flash> Slots<F> {
         let slots = first.map(|slot| [slot, !slot]);
         for slot in slots.into_iter().flatten() {
             if let Ok(header) = self.verified(slot) {
-                let ImageHeader {
-                    version, counter, ..
-                } = header;
                 self.running = Some((place(slot), header));
-                if self.kept.active.is_none() && self.state.is_some() {
-                    let active = Some(slot);
-                    self.keep(Kept {
-                        active,
-                        version,
-                        counter,
-                        ..self.kept
-                    })?;
-                }
                 break;
             }
         }
-        Ok(StartedImage {
+        StartedImage {
             place: self.running.as_ref().map_or(ImagePlace::BuiltIn, |of| of.0),
             on_trial: false,
-            reverted,
-        })
+            reverted: None,
+        }
     }
 
     /// The slot with the newest header that is right.

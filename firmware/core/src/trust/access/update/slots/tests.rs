@@ -327,6 +327,55 @@ fn without_what_counts_the_newest_runs_and_none_is_taken() {
     assert_eq!(slots.start().unwrap().place, ImagePlace::BuiltIn);
 }
 
+/// The power goes at every operation of the first start, and once more of the second: the image that stands there starts,
+/// and counts from then on.
+#[test]
+fn a_power_cut_at_the_first_start_leaves_an_image_that_runs() {
+    let starts = |areas: &mut Areas| areas.loaded().and_then(|mut slots| slots.start());
+    let mut new = Areas::new();
+    new.put(0, &built_for("pico-a", 1, 3));
+    let ops = operations(&new, 0, |areas| _ = starts(areas));
+    assert!(ops.len() > 2, "{ops:?}");
+    for (at, op) in ops.iter().enumerate() {
+        for way in ways(op) {
+            let mut areas = new.clone();
+            areas.state.cut_power_at(at, way, at as u64 + 1);
+            let _ = starts(&mut areas);
+            areas.power_up();
+            let again = operations(&areas, 0, |areas| _ = starts(areas));
+            for (at, op) in again.iter().enumerate() {
+                for way in ways(op) {
+                    let mut areas = areas.clone();
+                    areas.state.cut_power_at(at, way, at as u64 + 1);
+                    let _ = starts(&mut areas);
+                    areas.power_up();
+                    assert_eq!(starts(&mut areas).unwrap().place, ImagePlace::A);
+                }
+            }
+            assert_eq!(starts(&mut areas).unwrap().place, ImagePlace::A);
+            assert_eq!(areas.loaded().unwrap().kept.counter, 3);
+        }
+    }
+}
+
+/// Where a trial cannot be kept any more, none begins: the image that was confirmed starts, and not the newer one, which
+/// would be tried without end.
+#[test]
+fn without_a_state_that_is_written_no_trial_begins() {
+    let mut areas = Areas::new();
+    areas.put(0, &built_for("pico-a", 1, 3));
+    areas.loaded().unwrap().start().unwrap();
+    let mut slots = areas.loaded().unwrap();
+    slots.resume(ImagePlace::A).unwrap();
+    send(&mut slots, &built_for("pico-b", 2, 4)).unwrap();
+    areas.state.take_ops();
+    areas.state.cut_power_at(0, Cut::AtByte(0), 1);
+    let mut slots = areas.loaded().unwrap();
+    assert_eq!(slots.start(), Err(UpdateError::Flash));
+    let started = slots.start_confirmed();
+    assert_eq!((started.place, started.on_trial), (ImagePlace::A, false));
+}
+
 /// What can happen to an operation: torn at any of its ends, in a word that still reads as erased, in
 /// a page in no order, or done and not told.
 fn ways(op: &Op) -> Vec<Cut> {
