@@ -4,6 +4,8 @@
 //! observations, `p = flange · X · (x, 0, z)` in the workpiece's frame. Unknown are X, and
 //! each plane, each centre that is not known, and one radius if it is free.
 
+mod mirror;
+
 use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -345,6 +347,7 @@ fn mount(
         .collect();
     let solution = solve(best_start(first), &scale);
     refuse_unseen(&solution, &scale)?;
+    let solution = mirror::decided(solution, start, &scale)?;
     let dof = n - unknowns;
     let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
     let covariance_unit = all_six(&solution.covariance_unit, &solution.model.sought);

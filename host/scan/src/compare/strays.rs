@@ -2,6 +2,7 @@
 //! and nobody looks for it.
 
 use crate::rigid::Vec3;
+use crate::stock::median;
 
 /// A cloud of fewer points shows no scatter to hold one against.
 const LEAST_POINTS: usize = 10;
@@ -22,12 +23,12 @@ pub fn strays(points: &[Vec3], deviations_mm: &[f64]) -> Option<String> {
     if n < LEAST_POINTS || points.len() != n {
         return None;
     }
-    let middle_mm = median(deviations_mm.to_vec());
+    let middle_mm = median(&mut deviations_mm.to_vec());
     let off_mm: Vec<f64> = deviations_mm
         .iter()
         .map(|d| (d - middle_mm).abs())
         .collect();
-    let half_mm = median(off_mm.clone());
+    let half_mm = median(&mut off_mm.clone());
     // Of a normal distribution half lie within 0.6745 standard deviations.
     let limit_mm = FAR * (half_mm / 0.6745).max(LEAST_SIGMA_MM);
     let far = || {
@@ -60,12 +61,6 @@ pub fn strays(points: &[Vec3], deviations_mm: &[f64]) -> Option<String> {
         at.z,
         others_mm
     ))
-}
-
-/// Of at least one value.
-fn median(mut values: Vec<f64>) -> f64 {
-    let half = values.len() / 2;
-    *values.select_nth_unstable_by(half, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! What no pairing can tell: a train as even as a clock, of which some frames were lost at one end and some
 //! latches at the other, looks like one whose ends are whole.
 
-use std::collections::BTreeMap;
-
 use super::trains::Trains;
 
 /// Shifts that are looked at, in intervals.
@@ -22,6 +20,9 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
         .enumerate()
         .filter_map(|(place, &profile)| Some((place, (*found.get(profile)?)?)))
         .collect();
+    if paired.len() < 2 {
+        return None;
+    }
     // So many intervals from one time to another; none: off the train.
     let steps = |us: f64| {
         let n = (us / interval).round();
@@ -38,34 +39,31 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
         }
         at.push(at[at.len() - 1] + n);
     }
-    // All times of a side, by the pair before them.
+    // All times of a side, by the pair before them: their steps in rising order, and which they are.
     let on_train = |times: &[f64], of_pair: &dyn Fn(usize) -> usize| {
         let mut pair = 0;
-        let mut on: BTreeMap<i64, usize> = BTreeMap::new();
+        let mut on: Vec<(i64, usize)> = Vec::with_capacity(times.len());
         for (index, time) in times.iter().enumerate() {
             while pair + 1 < paired.len() && of_pair(pair + 1) <= index {
                 pair += 1;
             }
-            if let Some(n) = steps(time - times[of_pair(pair)]) {
-                on.entry(at[pair] + n).or_insert(index);
-            }
+            let step = steps(time - times[of_pair(pair)]).map(|n| at[pair] + n);
+            on.extend(
+                step.filter(|step| on.last().is_none_or(|(last, _)| step > last))
+                    .map(|step| (step, index)),
+            );
         }
         on
     };
-    if paired.len() < 2 {
-        return None;
-    }
     let sensor = on_train(&trains.sensor, &|pair| paired[pair].0);
     let board = on_train(&trains.board, &|pair| paired[pair].1);
-    let runs = |on: &BTreeMap<i64, usize>| {
-        let steps: Vec<i64> = on.keys().copied().collect();
-        steps.windows(2).filter(|t| t[1] - t[0] > 1).count()
-    };
+    let runs = |on: &[(i64, usize)]| on.windows(2).filter(|t| t[1].0 - t[0].0 > 1).count();
     let chance = runs(&sensor) + runs(&board);
     let hides = |shift: i64| {
-        let shifted = sensor
-            .iter()
-            .filter_map(|(step, place)| Some((*place, *board.get(&(step + shift))?)));
+        let shifted = sensor.iter().filter_map(|(step, place)| {
+            let latch = board.binary_search_by_key(&(step + shift), |(step, _)| *step);
+            Some((*place, board[latch.ok()?].1))
+        });
         let pairs: Vec<(usize, usize)> = shifted.collect();
         // The counts of the next latch fit as well where the axis moves evenly.
         let counts_shift = trains.counters.as_ref().is_none_or(|(encoders, counts)| {

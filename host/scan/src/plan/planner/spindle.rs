@@ -1,10 +1,10 @@
-//! A spindle with less than a whole turn, planned as one that turns and as one that stands.
+//! A spindle that turns the line, planned as one that turns and as one that stands.
 //!
 //! Courses are laid for a line that can be turned wherever it is wanted. Where the spindle has little room for that, hardly a
 //! course can be driven. Standing it has a line to which courses are laid; so is nothing lost by room that cannot be used.
 //!
-//! A spindle that can turn lies across its course, and there a slope that is too steep for the beam is seen by no course: one
-//! that stands slanted reaches over it from the flat beside it. So where the turning one sees too little, four that stand are tried.
+//! The line of a turning spindle lies across its course. A slope that is too steep for the beam is then seen by no course; a line that
+//! stands slanted reaches over it from the flat beside it. So where the turning one sees too little, four that stand are tried.
 
 use std::time::Instant;
 
@@ -18,7 +18,8 @@ use super::limits::{better, worth_another};
 use super::result::{COVERAGE_UNREACHABLE, ScanPlan};
 use crate::ScanError;
 
-/// A line is the same after half a turn; slanted ones first, as they reach over slopes along either axis.
+/// Standing angles, from the middle of the spindle's room: slanted ones first, as they reach over slopes along either axis. A line
+/// is the same after half a turn.
 const STANDING_DEG: [f64; 4] = [45.0, 135.0, 0.0, 90.0];
 
 /// The best of the plans that `plan` makes with the spindle turning and, where that is not good enough, standing: at either end
