@@ -80,8 +80,7 @@ fn incline(k1: &Vector3<f64>, k2: &Vector3<f64>, u: &Vector3<f64>, c: f64) -> In
         };
     }
     let x = (c - constant) / r;
-    // Near 1 the cosine is flat: what rounding takes there is a square root of it, so 1e-15 becomes 3e-8 in the angle
-    // and nothing in the direction.
+    // Near 1 the cosine is flat: what rounding takes there is a square root of it, so 1e-15 becomes 3e-8 in the angle.
     if x.abs() > 1.0 + SAME {
         return Inclined::Never;
     }
@@ -112,7 +111,8 @@ fn two(
             Some(a) => found.push([a, b]),
             None => {
                 singular = true;
-                found.push([0.0, b]);
+                // Along k1: what the cosine has lost of the angle is seen across it.
+                found.push([0.0, b + k2.cross(&v).dot(&(w - v))]);
             }
         }
     }
@@ -581,6 +581,22 @@ mod tests {
     }
 
     /// Two axes along one line share an angle: neither alone has room for it, and zero is not allowed to either.
+    /// Where the cosine is flat it has lost half of the digits of the angle; the direction has not.
+    #[test]
+    fn a_pole_is_reached_to_the_last_digits() {
+        let (k1, k2) = (Vector3::z(), Vector3::y());
+        for step in 0..1000 {
+            let angle = f64::from(step) * 0.006_283 - 3.1;
+            let u = turn(&k2, -angle) * k1;
+            let (found, singular) = two(&k1, &k2, &u, &k1);
+            assert!(singular && !found.is_empty(), "{angle}");
+            for [a, b] in found {
+                let off = turn(&k1, a) * turn(&k2, b) * u - k1;
+                assert!(off.norm() < 1e-12, "{angle}: {:e}", off.norm());
+            }
+        }
+    }
+
     #[test]
     fn a_pole_that_needs_both_axes_is_reached_within_their_limits() {
         let (beam, line) = (-Vector3::z(), Vector3::y());
