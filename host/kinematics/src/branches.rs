@@ -111,8 +111,10 @@ fn two(
             Some(a) => found.push([a, b]),
             None => {
                 singular = true;
-                // Along k1: what the cosine has lost of the angle is seen across it.
-                found.push([0.0, b + k2.cross(&v).dot(&(w - v))]);
+                // What the cosine has lost of the angle is seen in the direction. Where b is free, too, nothing was lost.
+                let by_b = k2.cross(&v);
+                let lost = by_b.dot(&(w - v)) / by_b.norm_squared().max(SAME);
+                found.push([0.0, b + lost]);
             }
         }
     }
@@ -584,7 +586,8 @@ mod tests {
     /// Where the cosine is flat it has lost half of the digits of the angle; the direction has not.
     #[test]
     fn a_pole_is_reached_to_the_last_digits() {
-        let (k1, k2) = (Vector3::z(), Vector3::y());
+        let k1 = Vector3::new(0.3, -0.2, 1.0).normalize();
+        let k2 = Vector3::new(0.1, 0.9, -0.3).normalize();
         for step in 0..1000 {
             let angle = f64::from(step) * 0.006_283 - 3.1;
             let u = turn(&k2, -angle) * k1;
