@@ -1,0 +1,121 @@
+//! The encoders as the second witness of each touch.
+
+use super::*;
+
+/// With a second witness asked for, a setup is OK where the encoders agree, NG where
+/// they do not, and NG where a skip edge was not latched.
+#[test]
+fn second_witness_decides() {
+    let approaches = job().features[0].approach.clone();
+    // What is wrong with the latches of the second setup.
+    let second_plate = |fault: Option<f64>, bounces: u64| {
+        let mut job = checked_job();
+        // The signal comes 40 us late: at 30 mm/min the axes move 20 nm meanwhile.
+        job.skip.delay_us = 40.0;
+        let mut run = Run::new(job);
+        let mut outcome = Outcome::default();
+        let mut t_ns = 0;
+        for (at, (_, points)) in session_a()[..6].iter().enumerate() {
+            for (point, approach) in points.iter().zip(&approaches) {
+                let (axis, sign) = approach.axis_and_sign();
+                let mut tip = *point;
+                tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+                let moved = if at >= 3 { fault } else { Some(0.0) };
+                if let Some(moved) = moved {
+                    let counts = tip.map(|mm| libm::round((mm + moved) * 1000.0) as i64);
+                    t_ns += 1_000_000_000;
+                    // Each bounce is latched further on the machine's way: 0.05 mm beside.
+                    for bounce in 0..=bounces {
+                        let beside = if bounce == 0 { 0 } else { 50 };
+                        let counts = counts.map(|count| count + beside);
+                        let begin_ns = t_ns + bounce * 900_000;
+                        let ends =
+                            (bounces > 0).then_some((LatchCause::SkipEnd, begin_ns + 10_000));
+                        for (cause, t_ns) in [(LatchCause::Skip, begin_ns)].into_iter().chain(ends)
+                        {
+                            run.latched(&LatchReport {
+                                number: 0,
+                                cause,
+                                counts: counts.into_iter().collect(),
+                                t_ns,
+                                missed: 0,
+                            });
+                        }
+                    }
+                }
+                let mut hit = hit(tip);
+                hit.feature_id = Some(u16::try_from(at % 3 + 1).unwrap());
+                hit.approach = Some(*approach);
+                hit.feed_mm_per_min = Some(30.0);
+                run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+            }
+        }
+        outcome
+    };
+    let agreeing = second_plate(Some(0.0), 0);
+    assert_eq!(agreeing.summary(), ["OK", "OK"]);
+    let remarks =
+        |v: &Verdict| -> Vec<&str> { v.remarks.iter().map(|r| r.reason.code()).collect() };
+    assert_eq!(
+        remarks(&agreeing.verdicts[0]),
+        ["taught", "witnessed", "witness_learned", "not_guarded"]
+    );
+    assert_eq!(remarks(&agreeing.verdicts[1]), ["witnessed", "not_guarded"]);
+    // A probe that bounces: each touch is its first edge, and the rest is counted.
+    let bouncing = second_plate(Some(0.0), 5);
+    assert_eq!(bouncing.summary(), ["OK", "OK"]);
+    assert_eq!(
+        remarks(&bouncing.verdicts[1]),
+        ["witnessed", "skip_chatter", "not_guarded"]
+    );
+    let told = bouncing.verdicts[1].remarks.iter().map(|r| &r.reason);
+    let chatter = Reason::SkipChatter {
+        bounces: 15 * 5,
+        sparks: 0,
+    };
+    assert!(told.into_iter().any(|reason| *reason == chatter));
+    let moved = second_plate(Some(0.05), 0);
+    assert_eq!(
+        moved.summary(),
+        ["OK", "witness_shift witness_shift witness_shift"]
+    );
+    let blind = second_plate(None, 0).summary();
+    assert!(blind[1].contains("SPHERE1:not_latched"), "{blind:?}");
+}
+
+/// Lines printed again without a touch have no latches: a repeat of what is known, not
+/// a contradiction of it.
+#[test]
+fn a_repeat_without_latches_is_dropped() {
+    let mut job = checked_job();
+    job.correction = None;
+    let mut run = Run::new(job);
+    let mut outcome = Outcome::default();
+    let mut t_ns = 0;
+    let approaches = super::job().features[0].approach.clone();
+    let blocks = session_a();
+    for (at, (_, points)) in blocks[..3].iter().chain(&blocks[2..3]).enumerate() {
+        for (point, approach) in points.iter().zip(&approaches) {
+            let (axis, sign) = approach.axis_and_sign();
+            let mut tip = *point;
+            tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+            if at < 3 {
+                let counts = tip.map(|mm| libm::round(mm * 1000.0) as i64);
+                t_ns += 1_000_000_000;
+                run.latched(&LatchReport {
+                    number: 0,
+                    cause: LatchCause::Skip,
+                    counts: counts.into_iter().collect(),
+                    t_ns,
+                    missed: 0,
+                });
+            }
+            let mut hit = hit(tip);
+            hit.feature_id = Some(u16::try_from(at.min(2) + 1).unwrap());
+            hit.approach = Some(*approach);
+            hit.feed_mm_per_min = Some(30.0);
+            run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+        }
+    }
+    assert_eq!(outcome.summary(), ["OK"]);
+}
