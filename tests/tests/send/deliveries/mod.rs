@@ -1,9 +1,12 @@
 //! Programs on their way to the control, on every board: what a READ gets and what it does
 //! not, rewritten to the bit as on the host, held, broken off, begun anew.
 
+mod blocks;
 mod common;
+mod held;
+mod judged;
 mod kept;
-mod refusals;
+mod passed;
 
 use umi_client::programs;
 use umi_core::correction::{RunCheck, withheld};
