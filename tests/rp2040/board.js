@@ -14,6 +14,8 @@ const XIP_CTRL = 0x14000, ROSC = 0x40060;
 const NOR_SELECT = 5;
 /** The journal's MISO, which the jumper pulls low while nobody is selected; else it is pulled up. */
 export const JUMPER = 4;
+/** The module's divider at the 5 V of the USB plug. */
+const VBUS = 24;
 const AXIS_PINS = [8, 10, 12, 14];
 /** Laser enable, trigger out, LED, OK, NG, busy. */
 export const OUTPUT_PINS = [21, 22, 25, 26, 27, 28];
@@ -23,7 +25,7 @@ export class Board {
   constructor(segments, uniqueId) {
     this.segments = segments;
     this.stimuli = new Stimuli(AXIS_PINS);
-    this.stimuli.levels = 1 << JUMPER;
+    this.stimuli.levels = 1 << JUMPER | 1 << VBUS;
     this.nor = new Nor(uniqueId);
     this.noise = new Noise(uniqueId.readInt32LE(0));
     /** The flash that the code runs from. */
@@ -47,6 +49,13 @@ export class Board {
   /** Cycles since the board first had power; they stand still while it has none. */
   get cycle() {
     return this.chip === null ? this.elapsed : this.chip.epoch + this.chip.cycle;
+  }
+
+  /** Puts the USB plug in, or pulls it. The module's divider shows the chip its 5 V. */
+  plugUsb(isPlugged) {
+    this.stimuli.set(VBUS, isPlugged ? 1 : 0);
+    if (this.isOn) this.usb.plug(isPlugged);
+    else this.usb.plugged = isPlugged;
   }
 
   powerOn() {

@@ -24,6 +24,7 @@
 // | power      | on                                     | power goes or comes                            |
 // | reset      |                                        | the RUN pin                                    |
 // | usb        | plugged                                | the USB plug                                   |
+// | usb_fault  | fault                                  | `unheard`: nothing comes of the next enumeration; `disabled`: the hub switches the port off |
 // | descriptors |                                       | what the host has read: device and configuration (hex), manufacturer, product, serial |
 // | uart       | baud, rts_cts = false, after_xoff      | the control's own baud rate (null: the board's); whether it sends only while RTS lets it; how many characters it still sends after an XOFF (null: it does not obey) |
 // | packets    |                                        | of the link since asked last: [cycle, bytes from the board, or below zero to it] |
@@ -219,8 +220,11 @@ class Bench {
         if (board.isOn) board.restart();
         return {};
       case 'usb':
-        if (board.isOn) usb.plug(request.plugged);
-        else usb.plugged = request.plugged;
+        board.plugUsb(request.plugged);
+        return {};
+      case 'usb_fault':
+        usb.isUnheard = request.fault === 'unheard';
+        if (request.fault === 'disabled' && board.isOn) usb.disable();
         return {};
       case 'descriptors': {
         const { device, configuration, manufacturer, product, serial } = usb.descriptors;
@@ -349,6 +353,7 @@ class Bench {
       },
       usb: {
         plugged: usb.plugged,
+        pulled_up: usb.pulledUp,
         configured: usb.configured,
         open: usb.open,
         received: usb.received,

@@ -4,13 +4,18 @@
 // never waits for its host and reads what was never sent. Here a buffer stays available (RP2040
 // datasheet 4.1.2.5) until the host's transaction on it, which takes the time it takes on a
 // full-speed bus; an unplugged host, or one whose program has not opened the port, takes nothing.
-// SUSPENDED is cleared by writing it (4.1.4, SIE_STATUS). Data toggles are checked.
+// SUSPENDED is cleared by writing it (4.1.4, SIE_STATUS). Data toggles are checked. SOF_RD counts the
+// frames that a host sends each millisecond, while the board's pull-up shows it and the port is on.
+//
+// Two faults of a host, which end when the board is gone and comes back: it never enumerates the board
+// (`unheard`), or its hub has disabled the port (`disable`).
 
 const AVAILABLE = 1 << 10, STALL = 1 << 11, DATA1 = 1 << 13, FULL = 1 << 15, LENGTH = 0x3ff;
 const EP0_IN = 0x80;
 const PULLUP = 1 << 16;
 const SUSPENDED = 1 << 4, CONNECTED = 1 << 16, BUS_RESET = 1 << 19;
-const SIE_STATUS = 0x50;
+const SIE_STATUS = 0x50, SOF_RD = 0x48;
+const FRAMES = 0x7ff;
 const CYCLES_PER_MICRO = 125;
 const MS = 1000 * CYCLES_PER_MICRO;
 const IDLE = 'idle';
@@ -38,7 +43,25 @@ export class UsbHost {
     this.toggleErrors = 0;
     this.enumerations = 0;
     this.failure = null;
+    /** Of the next enumeration nothing comes. */
+    this.isUnheard = false;
+    /** The hub has switched the port off. */
+    this.isDisabled = false;
+    this.frame = 0;
     this.forget();
+  }
+
+  /** The port is off until the device has been gone. */
+  disable() {
+    this.isDisabled = true;
+    this.lose();
+    this.alarm.cancel();
+    this.suspendAlarm.at(this.chip.cycle + 3 * MS);
+  }
+
+  /** The host takes part: there are frames and transactions. */
+  get isThere() {
+    return this.plugged && !this.isDisabled;
   }
 
   forget() {
@@ -81,7 +104,10 @@ export class UsbHost {
       const was = this.pulledUp;
       this.pulledUp = (value & PULLUP) !== 0;
       if (this.pulledUp && !was) this.attach();
+      if (!this.pulledUp && was) this.detach();
     };
+    const read = usb.readUint32;
+    usb.readUint32 = (offset) => (offset === SOF_RD ? this.frames() : read.call(usb, offset));
     const write = usb.writeUint32;
     usb.writeUint32 = (offset, value) => {
       if (offset === SIE_STATUS) usb.sieStatus &= ~(usb.rawWriteValue & SUSPENDED);
@@ -101,12 +127,29 @@ export class UsbHost {
     else this.suspendAlarm.at(this.chip.cycle + 3 * MS);
   }
 
+  /** The number of the latest frame that has reached the device. */
+  frames() {
+    if (this.isThere && this.pulledUp) {
+      this.frame = Math.floor((this.chip.epoch + this.chip.cycle) / MS) & FRAMES;
+    }
+    return this.frame;
+  }
+
+  /** The device has let go of the line. */
+  detach() {
+    this.isDisabled = false;
+    this.lose();
+    this.alarm.cancel();
+    this.attachAlarm.cancel();
+    this.suspendAlarm.cancel();
+  }
+
   attach() {
     if (this.plugged && this.pulledUp) this.attachAlarm.at(this.chip.cycle + 2 * MS);
   }
 
   suspend() {
-    if (this.plugged) return;
+    if (this.isThere) return;
     this.usb.sieStatus = (this.usb.sieStatus & ~CONNECTED) | SUSPENDED;
     this.usb.sieStatusUpdated();
   }
@@ -122,6 +165,10 @@ export class UsbHost {
   enumerate() {
     this.forget();
     this.enumerations++;
+    if (this.isUnheard) {
+      this.isUnheard = false;
+      return;
+    }
     const d = this.descriptors;
     this.ask(GET, 6, DEVICE << 8, 0, 18, (bytes) => {
       d.device = bytes;
@@ -206,7 +253,7 @@ export class UsbHost {
   }
 
   kick() {
-    if (this.plugged && this.chip && !this.alarm.scheduled) {
+    if (this.isThere && this.chip && !this.alarm.scheduled) {
       this.alarm.at(this.chip.cycle + 5 * CYCLES_PER_MICRO);
     }
   }
@@ -221,7 +268,7 @@ export class UsbHost {
 
   /** One transaction, if one is possible. */
   turn() {
-    if (!this.plugged) return;
+    if (!this.isThere) return;
     const size = this.control() ?? this.bulk();
     if (size !== null) {
       // Token, data, handshake and gaps: 13 bytes beside the data, at 12 Mbit/s.

@@ -24,7 +24,10 @@ use embassy_usb::class::cdc_acm::{self, CdcAcmClass, ControlChanged};
 use embassy_usb::driver::Driver;
 use embassy_usb::{Builder, Config, Handler, UsbDevice};
 use static_cell::StaticCell;
-use umi_app::board::{Broken, LinkRx, LinkTx};
+use umi_app::board::{Broken, Clock, LinkRx, LinkTx};
+use umi_core::units::Micros;
+
+use crate::usb_plug::{Attachment, LOOK_MS, Plug, PlugSeen};
 
 const MAKER: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
@@ -67,6 +70,9 @@ pub fn start<D: Driver<'static>>(
     config.manufacturer = Some("openumi");
     config.product = Some(product);
     config.serial_number = Some(serial);
+    // In a cabinet it has its own supply; at a desk it takes that of the bus. One bit cannot say both: the
+    // host is told of the current all the same.
+    config.self_powered = true;
     config.max_power = 100;
     config.device_release = 0x0010;
     let mut builder = Builder::new(
@@ -114,6 +120,30 @@ pub async fn follow(line: ControlChanged<'static>) -> ! {
         line.control_changed().await;
         ASKED.store(line.dtr(), Ordering::Relaxed);
         tell();
+    }
+}
+
+/// Shows the board to the host while that gives 5 V, and anew where nothing moves, for ever.
+pub async fn keep_attached(mut plug: impl Plug, clock: &impl Clock) -> ! {
+    let mut attachment = Attachment::new();
+    loop {
+        let was_shown = attachment.is_shown();
+        let shown = attachment.look(PlugSeen {
+            has_power: plug.has_power(),
+            frame: plug.frame(),
+            is_configured: AWAKE.load(Ordering::Relaxed),
+            is_open: ASKED.load(Ordering::Relaxed),
+        });
+        if shown != was_shown {
+            plug.show(shown);
+            ASKED.store(false, Ordering::Relaxed);
+            AWAKE.store(false, Ordering::Relaxed);
+            tell();
+        }
+        let look = u64::from(LOOK_MS) * 1_000;
+        clock
+            .wait_until(Micros(clock.now().0.saturating_add(look)))
+            .await;
     }
 }
 

@@ -15,6 +15,8 @@ use crate::stack::{self, Level, StackNeed};
 #[derive(Debug, Clone, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedVariables {
+    /// The image that it is said of.
+    pub image: String,
     /// The memory's name.
     pub memory: String,
     /// Its first address, and the one behind its last.
@@ -45,6 +47,7 @@ fn misplaced_of(symbols: &[(String, u64, u64)], placed: &[PlacedVariables]) -> V
         memory,
         addresses: [from, to],
         names,
+        ..
     } in placed
     {
         for name in names {
@@ -259,6 +262,7 @@ mod tests {
             symbol("umi_x::axes::LINE.12", 0x2400_0008),
         ];
         let placed = |names: &[&str]| PlacedVariables {
+            image: "board".to_owned(),
             memory: "the DTCM".to_owned(),
             addresses: [0x2000_0000, 0x2002_0000],
             names: names.iter().map(|name| (*name).to_owned()).collect(),

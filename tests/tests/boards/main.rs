@@ -18,6 +18,7 @@ mod pico_selftest;
 mod pico_serial;
 mod pico_stack;
 mod pico_update;
+mod pico_usb;
 mod pico_watchdog;
 mod point_sensor;
 mod qemu;

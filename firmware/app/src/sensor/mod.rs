@@ -21,6 +21,8 @@
 //! Answers are served to controls that write 7- or 8-bit ASCII (ISO): EIA has no `#`.
 
 mod inbox;
+#[cfg(test)]
+mod overload;
 mod sense;
 
 pub use inbox::PointStation;

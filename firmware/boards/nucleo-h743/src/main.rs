@@ -7,19 +7,21 @@
 //! drivers           USART2, USART6, TIM12 (the tasks' time)
 //! serial tasks      receive, transmit, latch
 //! sensor task       sense
-//! link driver       USB
+//! link driver       USB: wakes the link's task
 //! link tasks        USB, serve
 //! none              measure, supervise
 //! ```
 //!
 //! | file | idea |
 //! | --- | --- |
+//! | [`start`] | clocks and priorities, as each image has them |
 //! | [`resources`] | which pin, timer and clock does what; checked when it is compiled |
 //! | [`timers`] | registers that count and capture |
 //! | [`axes`] | positions and captures |
 //! | [`clock`], [`alarms`] | time |
 //! | [`control`] | the control's RS-232 |
 //! | [`sensor`] | a distance sensor's line, pulses and outputs |
+//! | [`usb`] | the interrupt of USB, and its plug |
 //! | [`memory`] | what is in which memory, and cached |
 //! | [`reset`] | why the board started; panics |
 //!
@@ -40,19 +42,20 @@ mod reset;
 )]
 mod resources;
 mod sensor;
+mod start;
 mod timers;
+mod usb;
 
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
-use embassy_futures::join::join3;
+use embassy_futures::join::join5;
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
-use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::{IWDG1, PA11, PA12, USB_OTG_FS};
 use embassy_stm32::spi::{self, Spi, mode::Master};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Config, Peri, bind_interrupts, interrupt, rcc, uid, usb};
+use embassy_stm32::{Peri, interrupt, rcc, uid};
 use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
@@ -70,10 +73,6 @@ use clock::BoardClock;
 type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, Delay>;
 type Storage = Area<'static, Bus, Delay>;
 type Application = App<Storage>;
-
-bind_interrupts!(struct Interrupts {
-    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
-});
 
 static APP: Application = App::new();
 
@@ -105,7 +104,7 @@ fn main() -> ! {
     static TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::reason();
-    let p = embassy_stm32::init(configuration());
+    let p = embassy_stm32::init(start::configuration());
     // Before anything that takes time: nothing moves and nothing shines meanwhile.
     let station = axes::Station {
         laser: Output::new(p.PG0, Level::Low, Speed::Low),
@@ -130,7 +129,7 @@ fn main() -> ! {
     if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(resources::TIMER_HZ) {
         stop("the timers' clock is not as planned");
     }
-    set_priorities();
+    start::set_priorities();
     timers::start();
     timers::start_looking();
     alarms::start();
@@ -207,70 +206,6 @@ fn main() -> ! {
         here.spawn(first(measure(app, lamps)));
         here.spawn(first(supervise(app, Dog(dog))));
     })
-}
-
-/// The clocks of [`resources`].
-fn configuration() -> Config {
-    use rcc::{
-        AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
-    };
-    const {
-        assert!(resources::PLL[0] == 1 && resources::PLL[1] == 100 && resources::PLL[2] == 2);
-        assert!(resources::BUS_DIVIDERS[0] == 2 && resources::BUS_DIVIDERS[1] == 2);
-    }
-    let mut config = Config::default();
-    config.rcc.hse = Some(Hse {
-        freq: Hertz(resources::HSE_HZ),
-        mode: HseMode::Bypass,
-    });
-    config.rcc.pll1 = Some(Pll {
-        source: PllSource::HSE,
-        prediv: PllPreDiv::DIV1,
-        mul: PllMul::MUL100,
-        fracn: None,
-        divp: Some(PllDiv::DIV2),
-        divq: None,
-        divr: None,
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_P;
-    config.rcc.ahb_pre = AHBPrescaler::DIV2;
-    config.rcc.apb1_pre = APBPrescaler::DIV2;
-    config.rcc.apb2_pre = APBPrescaler::DIV2;
-    config.rcc.apb3_pre = APBPrescaler::DIV2;
-    config.rcc.apb4_pre = APBPrescaler::DIV2;
-    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
-    // USB has an oscillator of its own, which the host's frames trim.
-    config.rcc.hsi48 = Some(rcc::Hsi48Config {
-        sync_from_usb: true,
-    });
-    config.rcc.mux.usbsel = rcc::mux::Usbsel::HSI48;
-    config
-}
-
-/// Latching above all, then the serial line, then the link.
-fn set_priorities() {
-    for (interrupt, priority) in [
-        (interrupt::TIM5, Priority::P1),
-        (interrupt::TIM7, Priority::P1),
-        (interrupt::USART2, Priority::P2),
-        (interrupt::USART6, Priority::P2),
-        (interrupt::TIM8_BRK_TIM12, Priority::P3),
-        (interrupt::UART4, Priority::P4),
-        (interrupt::UART7, Priority::P5),
-        (interrupt::OTG_FS, Priority::P6),
-        (interrupt::UART5, Priority::P7),
-    ] {
-        interrupt.set_priority(priority);
-    }
-    for interrupt in [
-        interrupt::TIM5,
-        interrupt::TIM7,
-        interrupt::USART2,
-        interrupt::USART6,
-    ] {
-        // SAFETY: their functions are written for the state that they find.
-        unsafe { interrupt.enable() };
-    }
 }
 
 /// Runs the tasks of the serial line.
@@ -354,18 +289,22 @@ async fn serve(
     mut station: axes::Station,
 ) {
     static BUFFER: StaticCell<[u8; 256]> = StaticCell::new();
-    let mut options = usb::Config::default();
+    let mut options = embassy_stm32::usb::Config::default();
     // The board may have its power from elsewhere, and then must not pull the line of a port that is
     // off (USB 2.0, 7.1.5.1): the controller looks at PA9.
     options.vbus_detection = true;
     let buffer = BUFFER.init([0; 256]);
-    let driver = usb::Driver::new_fs(controller, Interrupts, dp, dm, buffer, options);
+    let driver =
+        embassy_stm32::usb::Driver::new_fs(controller, usb::Served, dp, dm, buffer, options);
     let Some(mut link) = usb_serial::start(driver, "openumi Nucleo-H743", uid::uid_hex()) else {
         stop("USB was started twice")
     };
-    join3(
+    // The device first: its first step starts the controller.
+    join5(
         link.device.run(),
+        usb::serve(),
         usb_serial::follow(link.line),
+        usb_serial::keep_attached(usb::UsbPlug, &BoardClock),
         app.serve(
             &mut link.receiver,
             &mut link.transmitter,

@@ -16,20 +16,27 @@ const PANICKED: u64 = 0x554D_4921_6B65_7074;
 /// write is read, changed and kept in a buffer until another is written, and a reset meanwhile loses
 /// it. In the DTCM (`memory.x`), which no cache stands before.
 #[repr(C, align(8))]
-struct Note(UnsafeCell<u64>);
+pub struct Note(UnsafeCell<u64>);
 
 // SAFETY: every access is volatile and of a plain number. There is one core; a note that an
 // interrupt writes is followed by a reset.
 unsafe impl Sync for Note {}
 
-/// Outside of what is cleared at the start. The second one is there to be written behind the first.
-#[unsafe(link_section = ".uninit.panicked")]
-static NOTES: [Note; 2] = [const { Note(UnsafeCell::new(0)) }; 2];
+/// A number that a reset leaves, in `.uninit`. The second place is there to be written behind the first.
+pub type Kept = [Note; 2];
 
-fn note(value: u64) {
+/// Where one is kept.
+pub const KEPT: Kept = [const { Note(UnsafeCell::new(0)) }; 2];
+
+/// Outside of what is cleared at the start.
+#[unsafe(link_section = ".uninit.panicked")]
+static NOTES: Kept = KEPT;
+
+/// Keeps a number.
+pub fn keep(notes: &Kept, value: u64) {
     // Twice: the second write pushes the first out of the buffer.
     for _ in 0..2 {
-        for place in &NOTES {
+        for place in notes {
             // SAFETY: the place is in RAM and aligned; see `Sync`.
             unsafe { place.0.get().write_volatile(value) };
             cortex_m::asm::dsb();
@@ -37,12 +44,17 @@ fn note(value: u64) {
     }
 }
 
+/// What was kept; behind the power, anything.
+pub fn kept(notes: &Kept) -> u64 {
+    let [place, _] = notes;
+    // SAFETY: as above; any bits are a number.
+    unsafe { place.0.get().read_volatile() }
+}
+
 /// Whether a panic or a fault was noted. Once.
 fn take_note() -> bool {
-    let [place, _] = &NOTES;
-    // SAFETY: as above; any bits are a number.
-    let found = unsafe { place.0.get().read_volatile() };
-    note(0);
+    let found = kept(&NOTES);
+    keep(&NOTES, 0);
     found == PANICKED
 }
 
@@ -65,7 +77,7 @@ fn dark() {
 pub fn reset_now() -> ! {
     cortex_m::interrupt::disable();
     dark();
-    note(PANICKED);
+    keep(&NOTES, PANICKED);
     SCB::sys_reset()
 }
 

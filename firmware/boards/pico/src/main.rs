@@ -22,6 +22,7 @@
 //! | [`capture::rate_limit`] | no line keeps the processor |
 //! | [`capture::trigger_out`] | pulses to a scanner |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
+//! | [`usb_plug`] | when the board shows itself to a host |
 //! | [`storage`] | journal, evidence, settings and part programs |
 //! | [`storage::owner`] | the board's key, the keys of people, the jumper |
 //! | `storage::images`, `storage::updates` | signed images, where a boot loader starts them (bin/boot.rs) |
@@ -42,6 +43,7 @@ mod safety;
 mod storage;
 mod time;
 mod uart;
+mod usb_plug;
 
 use core::fmt::Write as _;
 use core::panic::PanicInfo;
@@ -50,7 +52,7 @@ use cortex_m_rt::interrupt;
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
-use embassy_futures::join::join3;
+use embassy_futures::join::join4;
 use embassy_rp::gpio::{Level, Output};
 use embassy_rp::interrupt;
 use embassy_rp::interrupt::InterruptExt;
@@ -296,9 +298,10 @@ async fn serve(
     let Some(mut link) = usb_serial::start(driver, "openumi Pico", serial) else {
         return;
     };
-    join3(
+    join4(
         link.device.run(),
         usb_serial::follow(link.line),
+        usb_serial::keep_attached(usb_plug::UsbPlug, &BoardClock),
         app.serve(
             &mut link.receiver,
             &mut link.transmitter,

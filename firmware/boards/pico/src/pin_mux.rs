@@ -4,6 +4,7 @@ use embassy_rp::pac;
 
 use crate::pins::{
     AXES, AXIS_A, CNC_CTS, CNC_RTS, CNC_RX, CNC_TX, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT,
+    VBUS,
 };
 
 /// Numbers of functions, the same for all pins used here.
@@ -16,6 +17,8 @@ const PIO1: u8 = 7;
 enum Idle {
     Low,
     High,
+    /// A divider on the module says it.
+    Divided,
 }
 
 /// Connects all pins but those which drivers of the library are given.
@@ -32,6 +35,7 @@ pub fn connect() {
     }
     // Read back too: the pulse is found in the samples of its pin.
     connected(TRIGGER_OUT, PIO1, Idle::Low);
+    connected(VBUS, SIO, Idle::Divided);
     // A line that is not plugged in is idle, not broken.
     for pin in [CNC_TX, CNC_RX] {
         connected(pin, UART, Idle::High);

@@ -39,6 +39,9 @@ pub const LASER: u8 = 21;
 /// Trigger pulses to a scanner. High is a pulse.
 pub const TRIGGER_OUT: u8 = 22;
 
+/// High while the USB plug has 5 V: on the module, not brought out.
+pub const VBUS: u8 = 24;
+
 /// Laser, and the outputs OK, NG and busy: what is off whenever the board cannot go on. One bit
 /// each.
 pub const SWITCHED: u32 = 1 << LASER | 1 << 26 | 1 << 27 | 1 << 28;
@@ -85,6 +88,7 @@ const _: () = {
     used = take(used, TRIGGER_IN);
     used = take(used, LASER);
     used = take(used, TRIGGER_OUT);
+    used = take(used, VBUS);
     assert!(
         used & 0b1111_1111 == 0b1111_1111,
         "UART0 and SPI0 fill the first eight"

@@ -1,7 +1,7 @@
 //! The self-test of a board: an image of its own that drives its inputs and sends a table.
 //!
 //! The table is text over the board's port, fields between tabs, as
-//! `firmware/boards/pico/src/bin/selftest/main.rs` says. Whether a row passes is judged here again,
+//! `firmware/drivers/src/selftest/table.rs` says. Whether a row passes is judged here again,
 //! so that what is shown never says more than its own figures.
 
 use std::time::{Duration, Instant};

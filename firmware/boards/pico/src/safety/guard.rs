@@ -90,6 +90,23 @@ const STAGES: u32 = 0x0001_FFFC;
 #[cfg(feature = "rp2350")]
 const STAGES: u32 = 0x01FF_FFF3;
 
+// By the names that the chip's maker gives the bits: the oscillators stay, everything else is reset.
+const _: () = {
+    let of = pac::psm::regs::Wdsel(STAGES);
+    assert!(!of.rosc() && !of.xosc());
+    assert!(of.clocks() && of.resets() && of.busfabric() && of.rom());
+    assert!(of.sram0() && of.sram1() && of.sram2() && of.sram3() && of.sram4() && of.sram5());
+    assert!(of.xip() && of.sio() && of.proc0() && of.proc1());
+    #[cfg(not(feature = "rp2350"))]
+    assert!(of.vreg_and_chip_reset() && STAGES >> 17 == 0);
+    #[cfg(feature = "rp2350")]
+    {
+        assert!(of.proc_cold() && of.otp() && of.psm_ready() && of.bootram());
+        assert!(of.sram6() && of.sram7() && of.sram8() && of.sram9());
+        assert!(of.accessctrl() && STAGES >> 25 == 0);
+    }
+};
+
 /// The HAL's driver selects the stages of an RP2040 on both chips.
 fn select_stages() {
     pac::PSM.wdsel().write_value(pac::psm::regs::Wdsel(STAGES));

@@ -180,7 +180,9 @@ fn promised(packages: &serde_json::Value, image: &Image) -> Result<ImagePromise>
     let levels = table("stack").unwrap_or_else(|| serde_json::json!([]));
     let levels = serde_json::from_value(levels).context("package.metadata.stack")?;
     let placed = table("placed").unwrap_or_else(|| serde_json::json!([]));
-    let placed = serde_json::from_value(placed).context("package.metadata.placed")?;
+    let mut placed: Vec<PlacedVariables> =
+        serde_json::from_value(placed).context("package.metadata.placed")?;
+    placed.retain(|placed| placed.image == image.name);
     Ok(ImagePromise {
         budget,
         levels,

@@ -13,8 +13,7 @@
 //! to the encoders', skip, trigger and index pins**. The line's output is led back inside the chip.
 //! It needs no wire.
 //!
-//! The table is text, fields between tabs: `selftest`, version, board, firmware; then `row`, name,
-//! promised, measured, unit, `pass` or `fail`; then `end`, rows, failed ones.
+//! The table is that of [`umi_drivers::selftest`].
 //!
 //! # Limitations
 //!
@@ -30,14 +29,12 @@ mod drive;
 mod flash_cache;
 #[path = "../../lights.rs"]
 mod lights;
-mod loopback;
 mod measure;
 mod past;
 #[path = "../../pin_mux.rs"]
 mod pin_mux;
 #[path = "../../pins.rs"]
 mod pins;
-mod report;
 #[path = "../../resources.rs"]
 mod resources;
 #[path = "../../safety/mod.rs"]
@@ -61,7 +58,10 @@ use embassy_rp::{Peri, bind_interrupts, interrupt};
 use portable_atomic as _;
 use static_cell::StaticCell;
 use umi_app::board::LinkRx as _;
+use umi_drivers::selftest::loopback;
+use umi_drivers::selftest::table::{Request, Table};
 use umi_drivers::usb_serial;
+use umi_protocol::serial::LineSettings;
 
 use capture::latch;
 use capture::latch::Station;
@@ -89,7 +89,7 @@ fn main() -> ! {
     pin_mux::connect();
     drive::start();
     latch::start();
-    loopback::start();
+    uart::start(loopback::line(LineSettings::DEFAULT.baud));
     interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);
     TASKS
         .init(Executor::new())
@@ -107,14 +107,14 @@ async fn test_itself(usb: Peri<'static, USB>, mut station: Station, past: Past) 
         return;
     };
     let answer = async {
-        let mut request = report::Request::new();
+        let mut request = Request::new();
         let mut buffer = [0; 16];
         loop {
             link.receiver.connected().await;
             while let Ok(count) = link.receiver.read(&mut buffer).await {
                 for byte in buffer.iter().take(count) {
                     if let Some(asked) = request.take(*byte) {
-                        let table = report::Table::new(&mut link.transmitter);
+                        let table = Table::new(&mut link.transmitter);
                         // A host that goes is no reason to stop: it may ask again.
                         let _ = measure::all(&mut station, &past, asked, table).await;
                     }

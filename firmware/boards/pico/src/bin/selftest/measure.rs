@@ -3,8 +3,11 @@
 use embassy_futures::select::{Either, select};
 use embassy_rp::pac;
 use embassy_time::{Duration, Timer};
-use umi_app::board::{Axes as _, Broken, LatchSource as _, LinkTx, Scanner as _};
+use umi_app::board::{Axes as _, Broken, CncTx as _, LatchSource as _, LinkTx, Scanner as _};
 
+use umi_drivers::selftest::edges::{DrivenEdge, FoundEdges};
+use umi_drivers::selftest::loopback::{self, Heard};
+use umi_drivers::selftest::table::{Asked, Table};
 use umi_protocol::latch::{
     LatchCause, LatchReport, Positions, SignalLevel, TriggerOut, TriggerPulse,
 };
@@ -12,12 +15,11 @@ use umi_protocol::latch::{
 use crate::capture::latch::{self, CAPTURES, Station};
 use crate::drive::{self, Encoders};
 use crate::flash_cache;
-use crate::loopback;
 use crate::past::Past;
 use crate::pins::{AXES, INDEX, INDEXED, SKIP, TRIGGER_IN, TRIGGER_OUT};
-use crate::report::{Asked, Table};
 use crate::resources::{CYCLES_PER_US, SKIP_MACHINE};
-use crate::time::clock;
+use crate::time::clock::{self, BoardClock};
+use crate::uart::{Receiver, Transmitter};
 
 /// What each axis is moved, one count a microsecond.
 const WAYS: [i64; AXES] = [4000, -3000, 2000, -1000];
@@ -54,9 +56,8 @@ const PULSE_NS: i64 = 32;
 
 const FAST_BAUD: u32 = 115_200;
 const SLOW_BAUD: u32 = 19_200;
-/// Half a percent of 255 characters.
-const FAST_OFF_US: i64 = 255 * 10 * 1_000_000 / FAST_BAUD as i64 / 200;
-const SLOW_OFF_US: i64 = 255 * 10 * 1_000_000 / SLOW_BAUD as i64 / 200;
+const FAST_OFF_US: i64 = loopback::most_off_us(FAST_BAUD);
+const SLOW_OFF_US: i64 = loopback::most_off_us(SLOW_BAUD);
 /// What the figures of the README are made with. The RP2350 has other figures, which nobody knows
 /// yet: there is no promise to hold.
 const LINE_CYCLES: i64 = if cfg!(feature = "rp2350") {
@@ -72,7 +73,12 @@ pub async fn all<L: LinkTx>(
     asked: Asked,
     mut table: Table<'_, L>,
 ) -> Result<(), Broken> {
-    table.begin().await?;
+    let board = if cfg!(feature = "rp2350") {
+        "pico2"
+    } else {
+        "pico"
+    };
+    table.begin(board).await?;
     let noted = |is_noted: bool| i64::from(is_noted);
     table
         .exactly("panic noted", 1, noted(past.panic_is_noted), "")
@@ -184,31 +190,21 @@ async fn speed<L: LinkTx>(
         .await
 }
 
-/// What became of edges that were driven at known positions and times.
-#[derive(Default)]
-struct Found {
-    captured: i64,
-    worst_counts: i64,
-    worst_ns: i64,
-}
-
-impl Found {
-    /// The next capture, of an edge of this kind between two times at this position.
-    async fn expect(&mut self, cause: LatchCause, (from_us, to_us): (u64, u64), counts: i64) {
-        let Some(latch) = next().await else { return };
-        let Some(first) = latch.counts.first().filter(|_| latch.cause == cause) else {
-            return;
-        };
-        if latch.missed > 0 {
-            return;
-        }
-        self.captured += 1;
-        self.worst_counts = self.worst_counts.max(first.wrapping_sub(counts).abs());
-        let early = from_us.saturating_mul(1000).saturating_sub(latch.t_ns);
-        let late = latch.t_ns.saturating_sub(to_us.saturating_mul(1000));
-        let off = i64::try_from(early.max(late)).unwrap_or(i64::MAX);
-        self.worst_ns = self.worst_ns.max(off);
-    }
+/// The next capture, of an edge of this kind between two times at this position of the first axis.
+async fn expect(
+    found: &mut FoundEdges,
+    cause: LatchCause,
+    (from_us, to_us): (u64, u64),
+    counts: i64,
+) {
+    let latch = next().await;
+    let driven = DrivenEdge {
+        cause,
+        from_us,
+        to_us,
+        counts: &[counts],
+    };
+    found.take(driven, latch.as_ref());
 }
 
 /// Drives an edge while the first axis moves on a count before it and one behind it. Returns when
@@ -238,12 +234,12 @@ async fn captures<L: LinkTx>(
     drain().await;
     let mut at = station.positions().counts.first().copied().unwrap_or(0);
 
-    let mut skip = Found::default();
+    let mut skip = FoundEdges::default();
     for _ in 0..edges {
         let (time, counts) = edge(encoders, &mut at, SKIP, true);
-        skip.expect(LatchCause::Skip, time, counts).await;
+        expect(&mut skip, LatchCause::Skip, time, counts).await;
         let (time, counts) = edge(encoders, &mut at, SKIP, false);
-        skip.expect(LatchCause::SkipEnd, time, counts).await;
+        expect(&mut skip, LatchCause::SkipEnd, time, counts).await;
         Timer::after_micros(SKIP_PAUSE_US).await;
     }
     let all = 2 * i64::from(edges);
@@ -258,11 +254,11 @@ async fn captures<L: LinkTx>(
         .await?;
 
     drain().await;
-    let mut trigger = Found::default();
+    let mut trigger = FoundEdges::default();
     for _ in 0..edges {
         let (time, counts) = edge(encoders, &mut at, TRIGGER_IN, true);
         edge(encoders, &mut at, TRIGGER_IN, false);
-        trigger.expect(LatchCause::Trigger, time, counts).await;
+        expect(&mut trigger, LatchCause::Trigger, time, counts).await;
         Timer::after_micros(PAUSE_US).await;
     }
     let all = i64::from(edges);
@@ -277,13 +273,13 @@ async fn captures<L: LinkTx>(
         .await?;
 
     drain().await;
-    let mut marks = Found::default();
+    let mut marks = FoundEdges::default();
     for _ in 0..edges {
         for axis in 0..INDEXED as u8 {
             let pin = INDEX.wrapping_add(axis);
             let (time, counts) = edge(encoders, &mut at, pin, true);
             edge(encoders, &mut at, pin, false);
-            marks.expect(LatchCause::Index { axis }, time, counts).await;
+            expect(&mut marks, LatchCause::Index { axis }, time, counts).await;
             Timer::after_micros(PAUSE_US).await;
         }
     }
@@ -362,11 +358,20 @@ async fn pulses<L: LinkTx>(
         .await
 }
 
+async fn looped(baud: u32) -> Heard {
+    Transmitter.set_line(loopback::line(baud)).await;
+    let back = |on| pac::UART0.uartcr().modify(|w| w.set_lbe(on));
+    back(true);
+    let heard = loopback::run(&mut Receiver, &mut Transmitter, &BoardClock, baud).await;
+    back(false);
+    heard
+}
+
 /// The control's line, led back inside the chip.
 async fn line<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
     let all = i64::from(loopback::CHARACTERS);
-    let fast = loopback::run(FAST_BAUD).await;
-    let slow = loopback::run(SLOW_BAUD).await;
+    let fast = looped(FAST_BAUD).await;
+    let slow = looped(SLOW_BAUD).await;
     let right = fast.right.min(slow.right).into();
     table
         .exactly("characters that come back", all, right, "")

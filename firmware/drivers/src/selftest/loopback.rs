@@ -3,13 +3,9 @@
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
-use embassy_rp::pac;
-use embassy_time::{Duration, Timer};
-use umi_app::board::{CncInput, CncRx as _, CncTx as _};
+use umi_app::board::{Clock, CncInput, CncRx, CncTx};
+use umi_core::units::Micros;
 use umi_protocol::serial::{Cts, LineSettings};
-
-use crate::time::clock;
-use crate::uart::{self, Receiver, Transmitter};
 
 /// Characters of a test.
 pub const CHARACTERS: u32 = 256;
@@ -18,6 +14,7 @@ const TIMED: u32 = CHARACTERS - 1;
 const BITS: u32 = 10;
 
 /// What became of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heard {
     /// Those that came as they were sent, in their order.
     pub right: u32,
@@ -27,7 +24,9 @@ pub struct Heard {
     pub off_us: u32,
 }
 
-const fn line(baud: u32) -> LineSettings {
+/// A line that listens to nobody.
+#[must_use]
+pub const fn line(baud: u32) -> LineSettings {
     LineSettings {
         baud,
         cts: Cts::Ignored,
@@ -35,41 +34,49 @@ const fn line(baud: u32) -> LineSettings {
     }
 }
 
-/// Starts the port.
-pub fn start() {
-    uart::start(line(LineSettings::DEFAULT.baud));
+/// How long the characters take at a speed, microseconds: from the first to the last one's begin.
+const fn time_us(baud: u32) -> u32 {
+    TIMED * BITS * 1_000_000 / baud
+}
+
+/// Half a percent of that, the most that a speed may be off.
+#[must_use]
+pub const fn most_off_us(baud: u32) -> i64 {
+    time_us(baud) as i64 / 200
 }
 
 /// Sends all characters at this speed, and hears them.
-pub async fn run(baud: u32) -> Heard {
-    Transmitter.set_line(line(baud)).await;
-    let back = |on| pac::UART0.uartcr().modify(|w| w.set_lbe(on));
-    back(true);
+pub async fn run(
+    receiver: &mut impl CncRx,
+    transmitter: &mut impl CncTx,
+    clock: &impl Clock,
+    baud: u32,
+) -> Heard {
     let mut heard = Heard {
         right: 0,
         lost: 0,
         off_us: 0,
     };
-    let promised_us = TIMED * BITS * 1_000_000 / baud;
+    let now_us = || clock.now().0;
     let send = async {
         let mut began_us = None;
         for byte in 0..CHARACTERS {
-            if Transmitter.write(byte as u8).await.is_err() {
+            if transmitter.write(byte as u8).await.is_err() {
                 break;
             }
             // The place behind the line is free: the character has begun.
-            began_us.get_or_insert_with(clock::now_us);
+            began_us.get_or_insert_with(now_us);
         }
-        clock::now_us().saturating_sub(began_us.unwrap_or(0))
+        now_us().saturating_sub(began_us.unwrap_or(0))
     };
+    // Thrice the time that they take: what does not come is no reason to wait for ever.
+    let patience_us = now_us().saturating_add(3 * u64::from(time_us(baud)));
     let hear = async {
         let mut next = 0_u32;
         let mut buffer = [0; 64];
-        // Thrice the time that they take: what does not come is no reason to wait for ever.
-        let patience = Duration::from_micros(3 * u64::from(promised_us));
         let all = async {
             while next < CHARACTERS {
-                match Receiver.read(&mut buffer).await {
+                match receiver.read(&mut buffer).await {
                     CncInput::Bytes(count) => {
                         for byte in buffer.iter().take(count) {
                             heard.right += u32::from(*byte == next as u8);
@@ -81,14 +88,13 @@ pub async fn run(baud: u32) -> Heard {
                 }
             }
         };
-        match select(all, Timer::after(patience)).await {
+        match select(all, clock.wait_until(Micros(patience_us))).await {
             Either::First(()) | Either::Second(()) => {}
         }
     };
     let (took_us, ()) = join(send, hear).await;
-    back(false);
     heard.off_us = u32::try_from(took_us)
         .unwrap_or(u32::MAX)
-        .abs_diff(promised_us);
+        .abs_diff(time_us(baud));
     heard
 }
