@@ -18,7 +18,7 @@
 //! | [`resources`] | which pin, timer and clock does what; checked when it is compiled |
 //! | [`timers`] | registers that count and capture |
 //! | [`axes`] | positions and captures |
-//! | [`clock`], [`alarms`] | time |
+//! | [`time`] | the application's clock, and the tasks' timer |
 //! | [`control`] | the control's RS-232 |
 //! | [`sensor`] | a distance sensor's line, pulses and outputs |
 //! | [`usb`] | the interrupt of USB, and its plug |
@@ -29,9 +29,7 @@
 #![no_std]
 #![no_main]
 
-mod alarms;
 mod axes;
-mod clock;
 mod control;
 mod memory;
 mod reset;
@@ -43,6 +41,7 @@ mod reset;
 mod resources;
 mod sensor;
 mod start;
+mod time;
 mod timers;
 mod usb;
 
@@ -68,7 +67,8 @@ use umi_drivers::usb_serial;
 use umi_protocol::job::name;
 use umi_protocol::message::{Identity, MAX_RECORD};
 
-use clock::BoardClock;
+use time::alarms;
+use time::clock::BoardClock;
 
 type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, Delay>;
 type Storage = Area<'static, Bus, Delay>;

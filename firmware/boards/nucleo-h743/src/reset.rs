@@ -16,17 +16,17 @@ const PANICKED: u64 = 0x554D_4921_6B65_7074;
 /// write is read, changed and kept in a buffer until another is written, and a reset meanwhile loses
 /// it. In the DTCM (`memory.x`), which no cache stands before.
 #[repr(C, align(8))]
-pub struct Note(UnsafeCell<u64>);
+pub struct KeptNumber(UnsafeCell<u64>);
 
 // SAFETY: every access is volatile and of a plain number. There is one core; a note that an
 // interrupt writes is followed by a reset.
-unsafe impl Sync for Note {}
+unsafe impl Sync for KeptNumber {}
 
 /// A number that a reset leaves, in `.uninit`. The second place is there to be written behind the first.
-pub type Kept = [Note; 2];
+pub type Kept = [KeptNumber; 2];
 
 /// Where one is kept.
-pub const KEPT: Kept = [const { Note(UnsafeCell::new(0)) }; 2];
+pub const KEPT: Kept = [const { KeptNumber(UnsafeCell::new(0)) }; 2];
 
 /// Outside of what is cleared at the start.
 #[unsafe(link_section = ".uninit.panicked")]

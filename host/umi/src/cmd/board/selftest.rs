@@ -24,7 +24,8 @@ Examples:
 The board needs the image of the test: `cargo xtask firmware selftest-pico` makes pico-selftest.uf2,
 which is copied onto the drive that the board shows while BOOTSEL is pressed. It drives its own
 encoder, skip, trigger and index pins: nothing may be connected to them. It panics and faults once
-on purpose, so it takes two seconds until its port is there.
+on purpose, so it takes two seconds until its port is there. A Nucleo's is `selftest-nucleo`: by a
+debug probe, with eight jumpers.
 
 Exit status: 0 all rows pass, 1 usage or connection, 2 a row fails.")]
 pub(crate) struct Selftest {

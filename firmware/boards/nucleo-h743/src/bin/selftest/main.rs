@@ -24,12 +24,8 @@
 #![no_main]
 #![allow(dead_code, reason = "the application uses the rest of its files")]
 
-#[path = "../../alarms.rs"]
-mod alarms;
 #[path = "../../axes.rs"]
 mod axes;
-#[path = "../../clock.rs"]
-mod clock;
 #[path = "../../control.rs"]
 mod control;
 mod drive;
@@ -49,6 +45,8 @@ mod resources;
 mod sensor;
 #[path = "../../start.rs"]
 mod start;
+#[path = "../../time/mod.rs"]
+mod time;
 #[path = "../../timers.rs"]
 mod timers;
 #[path = "../../usb.rs"]
@@ -71,6 +69,7 @@ use umi_drivers::selftest::table::{Request, Table};
 use umi_drivers::usb_serial;
 
 use measure::Bench;
+use time::alarms;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {

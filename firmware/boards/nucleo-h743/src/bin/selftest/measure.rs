@@ -13,12 +13,12 @@ use umi_drivers::selftest::table::{Asked, Table};
 use umi_protocol::latch::{LatchCause, LatchReport, Positions, SignalLevel, TriggerPulse};
 
 use crate::axes::{self, LATCHES, Station};
-use crate::clock::BoardClock;
 use crate::control::{Receiver, Transmitter};
 use crate::drive::{self, Encoders};
 use crate::past::Past;
 use crate::resources::{AXES, PULSES, SKIP, Signal, TIMERS, TRIGGER};
 use crate::sensor::SensorEnd;
+use crate::time::clock::BoardClock;
 use crate::wires::WIRED_AXES;
 
 /// What each axis is moved.
