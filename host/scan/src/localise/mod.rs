@@ -368,7 +368,8 @@ fn degenerate(free: &[nalgebra::Vector6<f64>], about_mm: &Vec3, what: &str) -> S
     ScanError::refused(
         "degenerate",
         format_args!(
-            "what the scan shows of the {what} does not hold the pose: {} of its 6 motions {} free; scan more",
+            "what the scan shows of the {what} does not hold the pose: {} of its 6 motions (three shifts, three turns) {} free; \
+             scan also faces that look in other directions",
             free.len(),
             if free.len() == 1 { "is" } else { "are" }
         ),

@@ -61,6 +61,11 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
         binary(&bytes[HEADER..])
     } else if is_text {
         text(bytes)?
+    } else if bytes.starts_with(b"ply") {
+        return Err(ScanError::unreadable(
+            "bad_file",
+            "it is a PLY file: a part is read from STL; a scan comes first, the part after --part",
+        ));
     } else if let Some(stated) = stated {
         return Err(ScanError::unreadable(
             "bad_file",

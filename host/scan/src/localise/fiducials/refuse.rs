@@ -471,14 +471,17 @@ fn nothing(sought: &Sought<'_>, features: &[Feature]) -> ScanError {
         .iter()
         .map(|f| f.name.as_str())
         .collect();
-    ScanError::refused(
-        "no_fiducial",
-        format_args!(
-            "none of the fiducials ({}) is in the scan where the others are ({} things look like one of them): is this their file, and are they in view?",
-            names.join(", "),
-            features.len()
+    let names = names.join(", ");
+    let message = match features.len() {
+        0 => format!(
+            "nothing in the scan looks like one of the fiducials ({names}): are they in view, and is this their file?"
         ),
-    )
+        count => format!(
+            "of what looks like a fiducial in the scan ({count} places) nothing stands as the file has {names}: are they in \
+             view, and is this their file?"
+        ),
+    };
+    ScanError::refused("no_fiducial", message)
 }
 
 /// Fiducials that are all there, but not where the file has them.
@@ -522,11 +525,12 @@ fn disagree(sought: &Sought<'_>, strays: &[Stray]) -> ScanError {
     let words: Vec<String> = strays
         .iter()
         .map(|s| {
-            let v = s.off_mm;
+            // No minus zero.
+            let v = s.off_mm.map(|mm| (mm * 1e3).round() / 1e3 + 0.0);
             format!(
                 "{} is {:.3} mm from where the others put it (X {:+.3}, Y {:+.3}, Z {:+.3})",
                 name(s),
-                v.norm(),
+                s.off_mm.norm(),
                 v.x,
                 v.y,
                 v.z

@@ -1,5 +1,6 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
+mod account;
 mod alone;
 pub(super) mod flat;
 pub(super) mod rivals;
@@ -123,15 +124,29 @@ pub(super) fn decide(
         Worth::Good => {}
     }
     judge.mirrored(&scene, Some(best))?;
-    judge.only_one(&scene, &fits)
+    let decided = judge.only_one(&scene, &fits);
+    // Poses of a foreign part that are as good as each other are no answer either.
+    match &decided {
+        Ok(found) => judge.stands(&scene, &found.fit)?,
+        Err(error) if error.code == "ambiguous" => judge.stands(&scene, best)?,
+        Err(_) => {}
+    }
+    decided
 }
 
 /// The refusal of a scan in another unit.
-pub(super) fn wrong_scale(factor: f64, unit: &str) -> ScanError {
+pub(super) fn wrong_scale(factor: f64, unit: &'static str) -> ScanError {
     ScanError::refused(
         "wrong_scale",
         format_args!(
-            "the scan fits {factor:.6} times as large: it looks like {unit}; say --unit, or export it in mm"
+            "the scan fits if it is made {} times as large: its numbers look like {unit}; {}",
+            // 1/25.4 has no end.
+            (factor * 1e5).round() / 1e5,
+            match unit {
+                "inches" => "say --unit inch, or export it in mm",
+                "metres" => "say --unit m, or export it in mm",
+                _ => "export it in mm",
+            }
         ),
     )
     .with("factor", factor)

@@ -110,15 +110,11 @@ pub(in crate::localise) fn ambiguous(
     let mut words: Vec<String> = axes
         .iter()
         .map(|a| {
-            let turn = if a.order == 0 {
-                "at any angle".to_string()
-            } else {
-                format!("at {} angles", a.order)
+            let turn = match a.order {
+                0 => "turned by any angle".to_string(),
+                order => format!("turned by {} degrees", degrees(order)),
             };
-            format!(
-                "{turn} about ({:.3}, {:.3}, {:.3})",
-                a.axis.x, a.axis.y, a.axis.z
-            )
+            format!("{turn} about {}", named(&a.axis))
         })
         .collect();
     if let ([first, other, ..], true) = (motions, words.is_empty()) {
@@ -131,6 +127,22 @@ pub(in crate::localise) fn ambiguous(
     )
     .with("symmetries", listed)
     .with("poses", poses)
+}
+
+/// A turn of which so many are a whole one, in degrees.
+fn degrees(order: u32) -> String {
+    let text = format!("{:.1}", 360.0 / f64::from(order));
+    text.strip_suffix(".0").unwrap_or(&text).to_owned()
+}
+
+/// A direction, as a machinist calls it.
+fn named(axis: &Vec3) -> String {
+    let along = axis.iamax();
+    if axis[along].abs() > 1.0 - 1e-6 {
+        return ["X", "Y", "Z"][along].to_owned();
+    }
+    let digits = [axis.x, axis.y, axis.z].map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0));
+    format!("({})", digits.join(", "))
 }
 
 /// The point of the axis of a turn that is nearest to the origin.
@@ -152,6 +164,26 @@ mod tests {
         let shifted = Pose::shift_mm(Vec3::new(0.0, 12.0, 0.0));
         let said = ambiguous(&[], &[Pose::identity(), shifted], "alike", "scan more");
         assert_eq!(said.message, "alike (shifted by 12.0 mm): scan more");
+    }
+
+    #[test]
+    fn symmetries_are_told_in_degrees_and_never_with_minus_zero() {
+        let axis = |axis: Vec3, order| SymmetryAxis {
+            axis,
+            point_mm: Vec3::zeros(),
+            order,
+        };
+        let all = [
+            axis(Vec3::new(1.0, -1e-9, -0.0), 2),
+            axis(Vec3::new(-1e-5, 0.6, 0.8), 7),
+            axis(Vec3::new(0.0, 0.0, -1.0), 0),
+        ];
+        let said = ambiguous(&all, &[Pose::identity()], "alike", "scan more");
+        assert_eq!(
+            said.message,
+            "alike (turned by 180 degrees about X; turned by 51.4 degrees about (0.000, 0.600, 0.800); turned by any angle \
+             about Z): scan more"
+        );
     }
 
     #[test]
