@@ -11,7 +11,7 @@ use umi_protocol::pattern::{
 use umi_protocol::program::Withheld;
 use umi_protocol::serial::Cts;
 
-use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, paint};
+use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, fixed, paint};
 use serde_json::{Value, json};
 use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
 use umi_core::correction::dialect::{form, is_read_back};
@@ -453,7 +453,7 @@ pub fn taught(positions_mm: &[[f64; 3]], job: &Job) -> String {
     let mut table = Table::new("<>>>").titles(&["taught (mm)", "X", "Y", "Z"]);
     for (name, position) in datums.zip(positions_mm) {
         let mut row = vec![name.to_owned()];
-        row.extend(position.map(|x| format!("{x:.4}")));
+        row.extend(position.map(|x| fixed(x, 4)));
         table.row(row);
     }
     if positions_mm.is_empty() {

@@ -1,5 +1,6 @@
 //! What the station of a distance sensor tells.
 
+use crate::show::terminal::Plain;
 use serde_json::{Value, json};
 use umi_protocol::point_sensor::{CaptureLoss, PlaceReport};
 
@@ -49,8 +50,13 @@ pub fn loss_json(loss: &CaptureLoss) -> Value {
 pub fn place_text(place: &PlaceReport) -> String {
     match place.point_mm {
         Some([x, y, z]) => format!(
-            "place {}: X {x:.4} Y {y:.4} Z {z:.4} from {} captures, reading {:.4} mm",
-            place.number, place.captures, place.gamma_mm
+            "place {}: X {:.4} Y {:.4} Z {:.4} from {} captures, reading {:.4} mm",
+            place.number,
+            Plain(x),
+            Plain(y),
+            Plain(z),
+            place.captures,
+            place.gamma_mm
         ),
         None => format!("place {}: no point, {}", place.number, place.state.code()),
     }

@@ -211,14 +211,27 @@ impl Display for Table {
     }
 }
 
+/// A number as it is, but what is zero to the decimals that are shown is never minus zero.
+#[derive(Clone, Copy, Debug)]
+pub struct Plain(pub f64);
+
+impl fmt::Display for Plain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is_zero = match f.precision() {
+            None => self.0 == 0.0,
+            Some(decimals) => {
+                let digits = format!("{:.decimals$}", self.0.abs());
+                digits.bytes().all(|b| matches!(b, b'0' | b'.'))
+            }
+        };
+        fmt::Display::fmt(if is_zero { &0.0 } else { &self.0 }, f)
+    }
+}
+
 /// Fixed decimals; what rounds to zero has no sign.
 #[must_use]
 pub fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(digits) if digits.bytes().all(|b| matches!(b, b'0' | b'.')) => digits.to_owned(),
-        _ => text,
-    }
+    format!("{:.decimals$}", Plain(value))
 }
 
 /// Decimals that show at least 0.1 µm, and two digits of the noise or uncertainty,
@@ -346,6 +359,18 @@ mod tests {
         assert_eq!(fixed(-0.00006, 4), "-0.0001");
         assert_eq!(fixed(-0.0, 0), "0");
         assert_eq!(fixed(-12.5, 1), "-12.5");
+        let wide = |value: f64| {
+            format!(
+                "[{:9.3}] [{:+.2}] [{}]",
+                Plain(value),
+                Plain(value),
+                Plain(value)
+            )
+        };
+        assert_eq!(wide(-0.0), "[    0.000] [+0.00] [0]");
+        assert_eq!(wide(-0.0004), "[    0.000] [+0.00] [-0.0004]");
+        assert_eq!(wide(-0.0006), "[   -0.001] [+0.00] [-0.0006]");
+        assert_eq!(wide(f64::NAN), "[      NaN] [NaN] [NaN]");
     }
 
     /// Columns are as wide as their widest cell, colours count for nothing, and

@@ -14,7 +14,7 @@ use umi_protocol::update::UpdateState;
 use umi_protocol::verdict::Verdict;
 
 use crate::show::terminal::{
-    BAD, CAUTION, FAINT, GOOD, PLAIN, Style, count, count as count_of, fixed, paint,
+    BAD, CAUTION, FAINT, GOOD, PLAIN, Plain, Style, count, count as count_of, fixed, paint,
 };
 use crate::show::utc::utc;
 use umi_client::axes::{self, Scale};
@@ -465,7 +465,7 @@ pub fn line(line: &LineReport) -> String {
 /// A hit as the control reported it.
 #[must_use]
 pub fn hit(hit: &HitReport) -> String {
-    let [x, y, z] = hit.position_mm;
+    let [x, y, z] = hit.position_mm.map(Plain);
     let mut text = "hit".to_owned();
     if let Some(feature) = &hit.feature {
         text += &format!(" on {feature}");
@@ -666,7 +666,10 @@ const fn unit_word(unit: QuantityUnit) -> &'static str {
 fn positions(positions_mm: &[[f64; 3]]) -> String {
     let list: Vec<String> = positions_mm
         .iter()
-        .map(|[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"))
+        .map(|position| {
+            let [x, y, z] = position.map(Plain);
+            format!("({x:.4}, {y:.4}, {z:.4})")
+        })
         .collect();
     format!("{} mm", list.join(" "))
 }

@@ -23,7 +23,7 @@ use super::super::Format;
 use super::super::scan::{failure, placed_page, stock_page};
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{BAD, GOOD, Table, paint, print, print_json};
+use crate::show::terminal::{BAD, GOOD, Plain, Table, paint, print, print_json};
 
 /// A published localisation again on a virtual machine: a part by six scans and two corners
 #[derive(Args)]
@@ -342,7 +342,7 @@ fn style() -> ProgressStyle {
 fn vector(values: &[f64; 3], digits: usize) -> Vec<String> {
     values
         .iter()
-        .map(|value| format!("{value:+.digits$}"))
+        .map(|value| format!("{:+.digits$}", Plain(*value)))
         .collect()
 }
 

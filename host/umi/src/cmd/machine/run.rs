@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{BAD, CAUTION, FAINT, GOOD, TITLE, count, paint, print, print_json};
+use crate::show::terminal::{
+    BAD, CAUTION, FAINT, GOOD, Plain, TITLE, count, paint, print, print_json,
+};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -345,7 +347,7 @@ impl<'a> View<'a> {
             let due = Duration::from_secs_f64(status.seconds);
             std::thread::sleep(due.saturating_sub(self.began.elapsed()));
         }
-        let [x, y, z] = cell.control.status().work_position.to_array_mm();
+        let [x, y, z] = cell.control.status().work_position.to_array_mm().map(Plain);
         self.bar.set_message(format!(
             "O{:04} {:<24} X {x:10.3} Y {y:10.3} Z {z:10.3}  F {:6.0}  {:8.1} s  {}",
             step.program,

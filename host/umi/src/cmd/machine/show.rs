@@ -1,5 +1,6 @@
 //! What happens on a machine, for people and for machines.
 
+use crate::show::terminal::Plain;
 use serde_json::{Value, json};
 use umi_virtual::cutting::DeviationStatistics;
 use umi_virtual::machine::SkippedTouch;
@@ -43,7 +44,7 @@ pub fn hit(number: usize, hit: &SkippedTouch) -> Value {
 /// A touch in one line: where the control says it was, and how far that is from the
 /// place at the skip edge.
 pub fn hit_line(number: usize, hit: &SkippedTouch) -> String {
-    let [x, y, z] = hit.stored.to_array_mm();
+    let [x, y, z] = hit.stored.to_array_mm().map(Plain);
     let late_um = (hit.stored.mm - hit.latched.mm).norm() * 1e3;
     format!(
         "{number:>4}  X {x:10.4}  Y {y:10.4}  Z {z:10.4}  F {:6.0}  {}  (control {:.2} ms and {late_um:.1} µm late)",
@@ -68,10 +69,10 @@ pub fn surface(surface: &DeviationStatistics) -> Value {
 pub fn surface_line(surface: &DeviationStatistics) -> String {
     format!(
         "mean {:+.4} mm, standard deviation {:.4}, from {:+.4} to {:+.4}; {:.1} % not cut",
-        surface.mean_mm,
+        Plain(surface.mean_mm),
         surface.std_mm,
-        surface.min_mm,
-        surface.max_mm,
+        Plain(surface.min_mm),
+        Plain(surface.max_mm),
         100.0 * surface.uncut as f64 / surface.nodes as f64
     )
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::failure::Failure;
 use crate::show::terminal::{
-    self, FAINT, TITLE, Table, count, decimals, fixed, histogram, paint, print, print_json,
+    self, FAINT, Plain, TITLE, Table, count, decimals, fixed, histogram, paint, print, print_json,
     signed_bar,
 };
 use clap::{Args, ValueEnum};
@@ -173,13 +173,13 @@ fn residuals(fit: &quantities::FitFigures<'_>, points: &[Point], digits: usize) 
     }
     let mut table = Table::new(">>>>><").titles(&["point", "X", "Y", "Z", "residual", "(mm)"]);
     for (number, (point, d)) in points.iter().zip(fit.residuals_mm.iter()).enumerate() {
-        let [x, y, z] = point.to_array_mm();
+        let [x, y, z] = point.to_array_mm().map(Plain);
         table.row([
             (number + 1).to_string(),
             format!("{x:.digits$}"),
             format!("{y:.digits$}"),
             format!("{z:.digits$}"),
-            format!("{d:+.digits$}"),
+            format!("{:+.digits$}", Plain(*d)),
             signed_bar(*d, largest, 12),
         ]);
     }

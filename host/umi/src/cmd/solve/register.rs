@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use crate::show::terminal::{
-    self, FAINT, TITLE, Table, bar, count, decimals, fixed, histogram, paint, print, print_json,
+    self, FAINT, Plain, TITLE, Table, bar, count, decimals, fixed, histogram, paint, print,
+    print_json,
 };
 use clap::Args;
 use serde_json::{Value, json};
@@ -182,7 +183,7 @@ fn plate_check(distances: &[Distance], digits: usize) -> String {
             format!("{} to {}", d.first + 1, d.second + 1),
             format!("{:.digits$}", d.nominal.0),
             format!("{:.digits$}", d.measured.0),
-            format!("{:+.digits$}", d.difference().0),
+            format!("{:+.digits$}", Plain(d.difference().0)),
         ]);
     }
     table.to_string()
@@ -230,7 +231,7 @@ fn residuals(result: &Registered<'_>, digits: usize) -> String {
     let titles = ["pair", "dX", "dY", "dZ", "length", "(mm)"];
     let mut table = Table::new(">>>>><").titles(&titles);
     for (number, d) in result.residuals_mm.iter().enumerate() {
-        let [x, y, z] = d.map(|d| format!("{d:+.digits$}"));
+        let [x, y, z] = d.map(|d| format!("{:+.digits$}", Plain(d)));
         let size = length(*d);
         table.row([
             (number + 1).to_string(),
@@ -245,6 +246,6 @@ fn residuals(result: &Registered<'_>, digits: usize) -> String {
 }
 
 fn triple(values: [f64; 3], digits: usize) -> String {
-    let [x, y, z] = values.map(|x| format!("{x:.digits$}"));
+    let [x, y, z] = values.map(|x| fixed(x, digits));
     format!("{x}, {y}, {z}")
 }

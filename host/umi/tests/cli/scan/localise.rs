@@ -258,3 +258,55 @@ fn what_a_scanner_of_a_scene_sees_is_placed_where_it_stands() {
         "scene",
     );
 }
+
+/// Corners of a mesh as its scan: they lie on it exactly, and nothing of the pose is worth a sign.
+#[test]
+fn zero_is_printed_without_a_sign() {
+    let here = project("tests/reference/scan/localise/bracket.stl");
+    let ran = crate::rig::run::umi(&["scan", "localise", &here, "--part", &here]).exits(0);
+    assert!(ran.out.contains("1.000000000"), "{}", ran.out);
+    for token in ran.out.split([' ', ',', '\n']) {
+        let is_zero = token
+            .strip_prefix('-')
+            .is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|b| b"0.".contains(&b)));
+        assert!(!is_zero, "{}", ran.out);
+    }
+}
+
+#[test]
+fn files_that_hold_no_scan_or_no_part_are_told_as_what_they_are() {
+    let folder = Folder::new();
+    let nan = folder.file("nan.csv", "x,y,z\nnan,2,3\n4,inf,6\n");
+    let few = folder.file("few.csv", "x,y,z\n1,2,3\n4,5,6\n");
+    let empty = folder.file("empty.stl", "solid x\nendsolid x\n");
+    for (scan, part, status, code, word) in [
+        (
+            nan.as_str(),
+            "bracket.stl",
+            2,
+            "not_finite",
+            "none of its 2 points",
+        ),
+        (few.as_str(), "bracket.stl", 2, "too_few_points", "2 points"),
+        (
+            "fiducials_corners.ply",
+            empty.as_str(),
+            2,
+            "empty_model",
+            "no triangle",
+        ),
+        (
+            "fiducials_corners.ply",
+            "optimum_balls.ply",
+            1,
+            "bad_file",
+            "a PLY file",
+        ),
+    ] {
+        let error = &run(&["scan", "localise", scan, "--part", part])
+            .exits(status)
+            .json()["error"];
+        assert_eq!(error["code"], code, "{error}");
+        assert!(error["message"].as_str().unwrap().contains(word), "{error}");
+    }
+}

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::failure::Failure;
+use crate::show::terminal::Plain;
 use clap::Args;
 use umi_scan::ScanError;
 use umi_scan::calibrate::axis::{AxisAnswer, axis, read};
@@ -54,14 +55,14 @@ fn text(found: &AxisAnswer) -> String {
     for (i, axis) in ["X", "Y", "Z"].iter().enumerate() {
         text += &format!(
             "direction {axis} {:+.9} ± {}\n",
-            found.direction[i],
+            Plain(found.direction[i]),
             u(&found.cov_direction_poses.or(found.cov_direction), i)
         );
     }
     for (i, axis) in ["X", "Y", "Z"].iter().enumerate() {
         text += &format!(
             "point     {axis} {:+.6} ± {} mm\n",
-            found.point_mm[i],
+            Plain(found.point_mm[i]),
             u(&found.cov_point_poses.or(found.cov_point), i)
         );
     }

@@ -1,5 +1,6 @@
 //! What `umi scan calibrate sensor --report` shows: the residuals where they are, on the artefact.
 
+use crate::show::terminal::Plain;
 use umi_report::pages::deviation::{DeviationPage, DeviationPoint};
 use umi_report::pages::scan::FigureTable;
 use umi_scan::calibrate::observations::Observations;
@@ -106,9 +107,9 @@ fn mount_table(found: &SensorAnswer) -> FigureTable {
     let covariance = found.best_covariance();
     let rows = UNKNOWNS.iter().enumerate().map(|(i, (name, unit))| {
         let value = match i.checked_sub(3) {
-            Some(axis) => format!("{:.6} mm", found.translation_mm[axis]),
+            Some(axis) => format!("{:.6} mm", Plain(found.translation_mm[axis])),
             None => {
-                let [x, y, z] = found.rotation[i];
+                let [x, y, z] = found.rotation[i].map(Plain);
                 format!("row {}: {x:.9}, {y:.9}, {z:.9}", i + 1)
             }
         };
@@ -131,9 +132,10 @@ fn mount_table(found: &SensorAnswer) -> FigureTable {
 
 fn feature_table(found: &SensorAnswer) -> FigureTable {
     let rows = found.features.iter().map(|feature| {
-        let three = |v: [f64; 3]| format!("{:.6}, {:.6}, {:.6}", v[0], v[1], v[2]);
+        let three =
+            |v: [f64; 3]| format!("{:.6}, {:.6}, {:.6}", Plain(v[0]), Plain(v[1]), Plain(v[2]));
         let place = match (feature.normal, feature.distance_mm, feature.center_mm) {
-            (Some(normal), Some(mm), _) => format!("{} · p = {mm:.6} mm", three(normal)),
+            (Some(normal), Some(mm), _) => format!("{} · p = {:.6} mm", three(normal), Plain(mm)),
             (_, _, Some(centre)) => three(centre),
             _ => String::new(),
         };
@@ -142,7 +144,7 @@ fn feature_table(found: &SensorAnswer) -> FigureTable {
             feature.n.to_string(),
             place,
             format!("{:.6}", feature.rms_mm),
-            format!("{:+.6}", feature.max_mm),
+            format!("{:+.6}", Plain(feature.max_mm)),
         ]
     });
     FigureTable {
@@ -164,7 +166,7 @@ fn bar_table(found: &SensorAnswer) -> FigureTable {
             bar.balls.join(" to "),
             format!("{:.6}", bar.certified_mm),
             format!("{:.6}", bar.found_mm),
-            format!("{:+.6}", bar.off_mm),
+            format!("{:+.6}", Plain(bar.off_mm)),
             bar.u_mm
                 .map_or_else(|| "unknown".into(), |u| format!("{u:.6}")),
         ]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::terminal::Plain;
 use clap::{ArgGroup, Args, ValueEnum};
 use umi_report::pages::deviation::html;
 use umi_scan::ScanError;
@@ -247,12 +248,13 @@ fn text(found: &SensorAnswer) -> String {
             .map_or_else(|| "unknown".into(), |c| format!("{:.2e}", c[i][i].sqrt()))
     };
     let mut text = String::from("[sensor]\nrotation = [");
-    for (i, [x, y, z]) in found.rotation.iter().enumerate() {
+    for (i, row) in found.rotation.iter().enumerate() {
+        let [x, y, z] = row.map(Plain);
         let separator = if i > 0 { ", " } else { "" };
         // Writing to a string cannot fail.
         let _ = write!(text, "{separator}[{x}, {y}, {z}]");
     }
-    let [x, y, z] = found.translation_mm;
+    let [x, y, z] = found.translation_mm.map(Plain);
     let _ = writeln!(text, "]\ntranslation_mm = [{x}, {y}, {z}]\n");
     let _ = writeln!(
         text,
@@ -282,14 +284,20 @@ fn text(found: &SensorAnswer) -> String {
         let _ = writeln!(
             text,
             "bar {}-{}: {:.6} mm, {:+.6} mm from its certificate, standard uncertainty {u}",
-            bar.balls[0], bar.balls[1], bar.found_mm, bar.off_mm
+            bar.balls[0],
+            bar.balls[1],
+            bar.found_mm,
+            Plain(bar.off_mm)
         );
     }
     for feature in &found.features {
         let _ = writeln!(
             text,
             "feature {}: {} points, rms {:.6} mm, largest {:+.6} mm",
-            feature.feature, feature.n, feature.rms_mm, feature.max_mm
+            feature.feature,
+            feature.n,
+            feature.rms_mm,
+            Plain(feature.max_mm)
         );
     }
     let sigma = found

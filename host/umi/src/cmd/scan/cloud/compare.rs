@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
+use crate::show::terminal::Plain;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use umi_report::pages::deviation::Bands;
@@ -224,11 +225,12 @@ pub fn finite_cloud(cloud: ScanCloud, path: &Path) -> Result<Vec<Vec3>, ScanErro
 
 /// Names and values, as text and page show them.
 pub fn figures(found: &Deviations) -> Vec<Vec<String>> {
-    let some =
-        |value: Option<f64>| value.map_or_else(|| "none".into(), |value| format!("{value:+.6}"));
+    let some = |value: Option<f64>| {
+        value.map_or_else(|| "none".into(), |value| format!("{:+.6}", Plain(value)))
+    };
     [
         ("points", found.n.to_string()),
-        ("mean", format!("{:+.6}", found.mean_mm)),
+        ("mean", format!("{:+.6}", Plain(found.mean_mm))),
         (
             "standard deviation",
             found
@@ -236,8 +238,8 @@ pub fn figures(found: &Deviations) -> Vec<Vec<String>> {
                 .map_or_else(|| "none".into(), |std| format!("{std:.6}")),
         ),
         ("rms", format!("{:.6}", found.rms_mm)),
-        ("least", format!("{:+.6}", found.min_mm)),
-        ("greatest", format!("{:+.6}", found.max_mm)),
+        ("least", format!("{:+.6}", Plain(found.min_mm))),
+        ("greatest", format!("{:+.6}", Plain(found.max_mm))),
         ("mean of those above", some(found.mean_above_mm)),
         ("mean of those below", some(found.mean_below_mm)),
     ]
@@ -247,19 +249,20 @@ pub fn figures(found: &Deviations) -> Vec<Vec<String>> {
 
 fn text(compared: &ComparedCloud) -> String {
     let found = &compared.figures;
-    let some =
-        |value: Option<f64>| value.map_or_else(|| "none".into(), |value| format!("{value:+.6} mm"));
+    let some = |value: Option<f64>| {
+        value.map_or_else(|| "none".into(), |value| format!("{:+.6} mm", Plain(value)))
+    };
     let mut text = format!(
         "{} points, positive outside\n\nmean       {:+.6} mm\nstd        {}\nrms        {:.6} mm\n\
          least      {:+.6} mm\ngreatest   {:+.6} mm\nmean above {}\nmean below {}\n",
         found.n,
-        found.mean_mm,
+        Plain(found.mean_mm),
         found
             .std_mm
             .map_or_else(|| "none".into(), |std| format!("{std:.6} mm")),
         found.rms_mm,
-        found.min_mm,
-        found.max_mm,
+        Plain(found.min_mm),
+        Plain(found.max_mm),
         some(found.mean_above_mm),
         some(found.mean_below_mm)
     );
@@ -274,13 +277,13 @@ fn text(compared: &ComparedCloud) -> String {
     if let Some(histogram) = &compared.histogram {
         let most = histogram.counts.iter().max().copied().unwrap_or(1).max(1);
         for (i, count) in histogram.counts.iter().enumerate() {
-            let from = histogram.from_mm + i as f64 * histogram.class_mm;
+            let from = Plain(histogram.from_mm + i as f64 * histogram.class_mm);
             let bar = "#".repeat((40 * count / most) as usize);
             let _ = writeln!(text, "from {from:+.6} mm {count:>10} {bar}");
         }
     }
     if let Some(done) = &compared.alignment {
-        let [x, y, z] = done.translation_mm;
+        let [x, y, z] = done.translation_mm.map(Plain);
         let _ = writeln!(
             text,
             "aligned: rms before {:.6} mm; shift {x:.6} {y:.6} {z:.6} mm, rotation {:?}; {} \

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::failure::Failure;
+use crate::show::terminal::Plain;
 use clap::Args;
 use serde::Serialize;
 use umi_scan::ScanError;
@@ -86,7 +87,14 @@ impl Kinematics {
 
 fn text(found: &Answer) -> String {
     let mut text = String::new();
-    let three = |v: &[f64; 3]| format!("{:13.6} {:13.6} {:13.6}", v[0], v[1], v[2]);
+    let three = |v: &[f64; 3]| {
+        format!(
+            "{:13.6} {:13.6} {:13.6}",
+            Plain(v[0]),
+            Plain(v[1]),
+            Plain(v[2])
+        )
+    };
     // Writing to a string cannot fail.
     match &found.poses {
         Poses::Forward(poses) => {
@@ -111,7 +119,11 @@ fn text(found: &Answer) -> String {
                 for solution in &p.solutions {
                     text.push_str("  ");
                     for (name, value) in solution {
-                        let _ = write!(text, " {name} {:.6}", value.as_f64().unwrap_or(f64::NAN));
+                        let _ = write!(
+                            text,
+                            " {name} {:.6}",
+                            Plain(value.as_f64().unwrap_or(f64::NAN))
+                        );
                     }
                     text.push('\n');
                 }

@@ -20,6 +20,7 @@ use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::terminal::Plain;
 
 /// Where the part is in a scan, or the scanner by fiducials, without a first guess, and how sure that is
 #[derive(Args)]
@@ -221,6 +222,16 @@ impl Localise {
             cell_mm = cell.into_iter().chain(cell_mm).reduce(f64::max);
             let mut cloud = bounded.cloud;
             cloud.scale(self.unit.mm());
+            if cloud.points.is_empty() && cloud.not_finite > 0 {
+                return Err(ScanError::refused(
+                    "not_finite",
+                    format_args!(
+                        "{}: none of its {} points has three finite coordinates: export the scan again",
+                        scan.file.display(),
+                        cloud.not_finite
+                    ),
+                ));
+            }
             n += bounded.read + cloud.not_finite;
             kept += cloud.points.len();
             taken.push(TakenScan {
@@ -366,7 +377,12 @@ impl Localise {
             let _ = writeln!(
                 text,
                 "at {:.3}, {:.3}, {:.3}   is at {:.4}, {:.4}, {:.4} ± {u:.4} mm",
-                p.x, p.y, p.z, q.x, q.y, q.z
+                Plain(p.x),
+                Plain(p.y),
+                Plain(p.z),
+                Plain(q.x),
+                Plain(q.y),
+                Plain(q.z)
             );
         }
         text

@@ -11,7 +11,7 @@ use umi_scan::rigid::Pose;
 use super::transform;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
-use crate::show::terminal::{BAD, GOOD, paint, print, print_json};
+use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_json};
 
 /// Where something lies in a scan, and what stands against it.
 pub(crate) struct Placed<'a> {
@@ -90,11 +90,22 @@ impl Placed<'_> {
 
     /// The transform, for people; `what` it is of, as "scan from part".
     pub fn pose(&self, what: &str) -> String {
-        let t = self.motion.translation_mm;
-        let mut text = format!("{what}, mm   {:.6}  {:.6}  {:.6}\n", t.x, t.y, t.z);
+        let t = &self.motion.translation_mm;
+        let mut text = format!(
+            "{what}, mm   {:.6}  {:.6}  {:.6}\n",
+            Plain(t.x),
+            Plain(t.y),
+            Plain(t.z)
+        );
         for row in self.motion.rotation.row_iter() {
             // Writing to a string cannot fail.
-            let _ = writeln!(text, "   {:12.9} {:12.9} {:12.9}", row[0], row[1], row[2]);
+            let _ = writeln!(
+                text,
+                "   {:12.9} {:12.9} {:12.9}",
+                Plain(row[0]),
+                Plain(row[1]),
+                Plain(row[2])
+            );
         }
         text
     }

@@ -1,5 +1,6 @@
 //! What `umi scan localise --report` shows.
 
+use crate::show::terminal::Plain;
 use umi_report::pages::scan::{FigureTable, PlacedPage, html as page};
 use umi_scan::localise::scans::ScanAnswer;
 use umi_scan::rigid::Vec3;
@@ -10,18 +11,25 @@ pub fn html(what: &str, answer: &ScanAnswer, corners: &[Vec3]) -> String {
     let ok = located.reasons.is_empty();
     let t = located.motion.translation_mm;
     let c = &located.certainty;
-    let three = |v: &Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
+    let three = |v: &Vec3| format!("{:.4}, {:.4}, {:.4}", Plain(v.x), Plain(v.y), Plain(v.z));
     let rotation: Vec<String> = located
         .motion
         .rotation
         .row_iter()
-        .map(|row| format!("({:.9}, {:.9}, {:.9})", row[0], row[1], row[2]))
+        .map(|row| {
+            format!(
+                "({:.9}, {:.9}, {:.9})",
+                Plain(row[0]),
+                Plain(row[1]),
+                Plain(row[2])
+            )
+        })
         .collect();
     let mut facts = vec![
         ("pose", what.to_owned()),
         (
             "translation, mm",
-            format!("{:.6}, {:.6}, {:.6}", t.x, t.y, t.z),
+            format!("{:.6}, {:.6}, {:.6}", Plain(t.x), Plain(t.y), Plain(t.z)),
         ),
         ("rotation, rows", rotation.join(" ")),
         ("points that count", located.n_used.to_string()),

@@ -18,6 +18,7 @@ use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::terminal::Plain;
 
 /// How much stock a scanned raw part has on every face, and where the finished part lies best in it
 #[derive(Args)]
@@ -223,10 +224,17 @@ impl Stock {
         let _ = writeln!(
             text,
             "stock   least {:.4} mm at {:.3}, {:.3}, {:.3}   mean {:.4}   largest {:.4}",
-            found.min_mm, p.x, p.y, p.z, found.mean_mm, found.max_mm
+            Plain(found.min_mm),
+            Plain(p.x),
+            Plain(p.y),
+            Plain(p.z),
+            Plain(found.mean_mm),
+            Plain(found.max_mm)
         );
         for face in &found.faces {
-            match (face.min_mm, face.mean_mm, face.margin_mm) {
+            let [min, mean, margin] =
+                [face.min_mm, face.mean_mm, face.margin_mm].map(|mm| mm.map(Plain));
+            match (min, mean, margin) {
                 (Some(min), Some(mean), Some(margin)) => {
                     let _ = writeln!(
                         text,

@@ -1,5 +1,6 @@
 //! What `umi scan stock --report` shows.
 
+use crate::show::terminal::Plain;
 use std::path::Path;
 
 use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, Section, html};
@@ -37,12 +38,19 @@ pub fn page(
         .collect();
     let name = model.file_name().unwrap_or_default().to_string_lossy();
     let (t, p) = (found.motion.translation_mm, found.least_at_mm);
-    let three = |v: &Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
+    let three = |v: &Vec3| format!("{:.4}, {:.4}, {:.4}", Plain(v.x), Plain(v.y), Plain(v.z));
     let rotation: Vec<String> = found
         .motion
         .rotation
         .row_iter()
-        .map(|row| format!("({:.9}, {:.9}, {:.9})", row[0], row[1], row[2]))
+        .map(|row| {
+            format!(
+                "({:.9}, {:.9}, {:.9})",
+                Plain(row[0]),
+                Plain(row[1]),
+                Plain(row[2])
+            )
+        })
         .collect();
     let middle: [f64; 3] = std::array::from_fn(|i| {
         let of = points.iter().map(|p| p.at_mm[i]);
@@ -65,7 +73,8 @@ pub fn page(
                 .collect(),
         })
         .collect();
-    let number = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.4}"));
+    let number =
+        |value: Option<f64>| value.map_or_else(String::new, |v| format!("{:.4}", Plain(v)));
     let faces = FigureTable {
         caption: "Stock of each face, and what is left of it beyond what the face needs".into(),
         heads: vec![

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::failure::Failure;
+use crate::show::terminal::Plain;
 use clap::Args;
 use umi_scan::ScanError;
 use umi_scan::format::machine;
@@ -48,11 +49,17 @@ impl Pose {
 fn text(found: &Poses) -> String {
     let mut text = String::from("sensor in the workpiece frame, mm\n");
     for (number, pose) in found.poses.iter().enumerate() {
-        let [x, y, z] = pose.translation_mm;
+        let [x, y, z] = pose.translation_mm.map(Plain);
         // Writing to a string cannot fail.
         let _ = writeln!(text, "\n{number}: X {x:.6}  Y {y:.6}  Z {z:.6}");
         for row in pose.rotation {
-            let _ = writeln!(text, "   {:12.9} {:12.9} {:12.9}", row[0], row[1], row[2]);
+            let _ = writeln!(
+                text,
+                "   {:12.9} {:12.9} {:12.9}",
+                Plain(row[0]),
+                Plain(row[1]),
+                Plain(row[2])
+            );
         }
     }
     for warning in &found.warnings {
