@@ -17,13 +17,16 @@
 //! A noise edge within the jitter of an edge whose own latch was missed is taken for it:
 //! nothing tells them apart but a narrower jitter.
 
+mod apart;
 mod clock;
 mod even;
 mod margin;
 mod search;
 #[cfg(test)]
 mod simulated;
+mod streams;
 mod trains;
+mod units;
 
 use serde::Serialize;
 
@@ -34,7 +37,7 @@ use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, sort_out};
 use search::SearchOutcome;
-use trains::Trains;
+use streams::{Reach, Streams};
 
 /// Encoder less counts agrees within this for all pairs.
 const ENCODER_WITHIN: i64 = 4;
@@ -123,13 +126,19 @@ pub fn pair(
         return Err(ScanError::refused("no_profiles", "there is no profile"));
     }
     let frames = sort_out(stamps, options.counter);
-    let trains = trains(&frames, triggers, options)?;
-    let found = match search::search(&trains) {
+    let streams = Streams::new(&frames, triggers, options)?;
+    if let Some(error) = units::other_unit(&streams) {
+        return Err(error);
+    }
+    let stamps_seen = frames.stamps.len();
+    let reach = streams.within_reach(1.0);
+    let trains = &reach.trains;
+    let found = match search::search(trains) {
         SearchOutcome::Only(found) => found,
         SearchOutcome::Tie {
             explained,
             runner_up,
-        } => return Err(ambiguous(explained, runner_up, &trains)),
+        } => return Err(ambiguous(explained, runner_up, stamps_seen)),
         SearchOutcome::Undecided => {
             return Err(ScanError::refused(
                 "ambiguous_pairing",
@@ -145,15 +154,16 @@ pub fn pair(
                     "{} --drift-ppm {}: {}",
                     "the shift that explains most profiles drifts by more than",
                     options.drift_ppm,
-                    drifts(drift, explained, &trains)
+                    drifts(drift, explained, stamps_seen)
                 ),
             ));
         }
-        SearchOutcome::NoMatch => return Err(no_match(&trains, &frames, options)),
+        SearchOutcome::NoMatch => return Err(no_match(&streams, &reach)),
     };
     let clock = trains.clock(&found);
     if let Some((profile, latches)) = trains.two_candidates(&found, clock.centred) {
-        let numbers = latches.map(|latch| triggers.latches[latch].number);
+        let profile = reach.profiles[profile];
+        let numbers = latches.map(|latch| triggers.latches[reach.latches[latch]].number);
         return Err(ScanError::refused(
             "ambiguous_pairing",
             format_args!(
@@ -163,11 +173,13 @@ pub fn pair(
             ),
         ));
     }
-    let mut pairing = answer(&found, &frames, triggers, clock);
+    let of_all = reach.of_all(&found, stamps_seen);
+    let mut pairing = answer(&of_all, &frames, triggers, clock);
     if options.strict {
         refuse_faults(&pairing, triggers)?;
     }
-    pairing.warnings.extend(even::even_train(&trains, &found));
+    pairing.warnings.extend(reach.apart(&streams));
+    pairing.warnings.extend(even::even_train(trains, &found));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
             "motion_lost: the board lost motion of an axis; the counts of {} latches behind that are wrong",
@@ -175,54 +187,6 @@ pub fn pair(
         ));
     }
     Ok(pairing)
-}
-
-/// The times of both sides as the search takes them.
-fn trains(
-    frames: &Frames,
-    triggers: &Triggers,
-    options: &PairOptions,
-) -> Result<Trains, ScanError> {
-    let mut differences = None;
-    if let Some(axis) = options.encoder {
-        let encoders = frames.stamps.iter().map(|stamp| {
-            stamp.encoder.ok_or_else(|| {
-                ScanError::refused(
-                    "no_encoder",
-                    format_args!(
-                        "profile {} has no encoder value: leave --encoder out",
-                        stamp.profile
-                    ),
-                )
-            })
-        });
-        let counts = triggers.latches.iter().map(|latch| {
-            latch.counts.get(axis).copied().flatten().ok_or_else(|| {
-                ScanError::refused(
-                    "missing_axis",
-                    format_args!(
-                        "latch {} has no counts of the axis that --encoder names",
-                        latch.number
-                    ),
-                )
-            })
-        });
-        differences = Some((
-            encoders.collect::<Result<Vec<_>, _>>()?,
-            counts.collect::<Result<Vec<_>, _>>()?,
-        ));
-    }
-    let sensor_us: Vec<f64> = frames.stamps.iter().map(|stamp| stamp.t_us).collect();
-    let board_ns: Vec<i64> = triggers.latches.iter().map(|latch| latch.t_ns).collect();
-    Ok(Trains::new(
-        &sensor_us,
-        &board_ns,
-        differences,
-        options.jitter_us,
-        options.drift_ppm,
-        2 * ENCODER_WITHIN,
-        (triggers.missed, triggers.lost_runs.clone()),
-    ))
 }
 
 fn answer(
@@ -285,24 +249,24 @@ fn answer(
     }
 }
 
-fn ambiguous(explained: usize, runner_up: usize, trains: &Trains) -> ScanError {
+fn ambiguous(explained: usize, runner_up: usize, profiles: usize) -> ScanError {
     ScanError::refused(
         "ambiguous_pairing",
         format_args!(
             "of {} profiles one shift of the clocks explains {explained}, another {runner_up}, and \
              the faults leave both possible: begin with uneven trigger pulses, wire the sensor's encoder (--encoder), or change speed in the scan",
-            trains.profiles()
+            profiles
         ),
     )
 }
 
 /// What a drift beyond the limit would explain, and how to ask for it.
-fn drifts(drift: f64, explained: usize, trains: &Trains) -> String {
+fn drifts(drift: f64, explained: usize, profiles: usize) -> String {
     format!(
         "a drift of {:+.1} ppm explains {explained} of {} profiles; if the clocks may differ so much, give \
          --drift-ppm {:.0}",
         drift * 1e6,
-        trains.profiles(),
+        profiles,
         (drift.abs() * 1.1e6).ceil()
     )
 }
@@ -310,11 +274,12 @@ fn drifts(drift: f64, explained: usize, trains: &Trains) -> String {
 /// How much more drift than asked for is tried, to say why nothing matches.
 const MORE_DRIFT: f64 = 10.0;
 
-fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanError {
+fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
+    let (frames, options, trains) = (streams.frames, streams.options, &reach.trains);
     let mut why = format!(
         "no shift of the clocks explains half of {} profiles and {} latches within {} µs and {} ppm",
-        trains.profiles(),
-        trains.latches(),
+        frames.stamps.len(),
+        streams.triggers.latches.len(),
         options.jitter_us,
         options.drift_ppm
     );
@@ -335,22 +300,18 @@ fn no_match(trains: &Trains, frames: &Frames, options: &PairOptions) -> ScanErro
     if let SearchOutcome::Only(found) = search::search(&more) {
         let explained = found.iter().flatten().count();
         let drift = more.clock(&found).drift_ppm * 1e-6;
-        why += &format!("; {}", drifts(drift, explained, trains));
+        why += &format!("; {}", drifts(drift, explained, frames.stamps.len()));
     }
-    for (factor, what) in [
-        (1.0 / 1.024, "divided by 1.024: they are a Gocator's ticks"),
-        (1e3, "times 1000: they are milliseconds"),
-        (1e6, "times 1000000: they are seconds"),
-        (1e-3, "divided by 1000: they are nanoseconds"),
-    ] {
-        if matches!(
-            search::search(&trains.scaled(factor)),
-            SearchOutcome::Only(_)
-        ) {
-            why += &format!("; the profiles' times fit {what}");
-        }
+    let (hints, factor) = units::hints(streams, reach);
+    why += &hints;
+    why += &reach
+        .apart(streams)
+        .map_or(String::new(), |apart| format!("; {apart}"));
+    let refused = ScanError::refused("no_match", why);
+    match factor {
+        Some(factor) => refused.with("factor", factor),
+        None => refused,
     }
-    ScanError::refused("no_match", why)
 }
 
 /// That the sensor's clock stands still, or shows whole steps that are wider than the jitter.

@@ -27,6 +27,8 @@ use super::trains::{Trains, ends};
 
 /// The most steps over profiles and latches of one search: some seconds.
 const MOST_STEPS: u64 = 3_000_000_000;
+/// The most boxes that wait to be split, 50 MB: trains that need more are too even to be decided.
+const MOST_BOXES: usize = 1 << 20;
 /// Boxes this small, in microseconds, hold one shift for all practical purposes.
 const SMALLEST_US: f64 = 0.01;
 /// Lines within so many times the jitter of each other are the same shift.
@@ -49,7 +51,7 @@ const GUESS_STEPS: f64 = 1.5e8;
 /// even train of eight jitters' interval meets the wrong latches in between.
 const FARTHER: f64 = 8.0;
 /// No two clocks drift by more than this, as a ratio.
-const MOST_DRIFT: f64 = 0.01;
+pub(super) const MOST_DRIFT: f64 = 0.01;
 /// How many of a signature's times are tried for a first guess, at most, and how often its line is drawn anew.
 const ODD_GUESSES: usize = 12;
 const CLIMBS: usize = 8;
@@ -75,7 +77,18 @@ pub enum SearchOutcome {
     },
     /// The best explains less than half of the shorter stream.
     NoMatch,
-    /// Not decided in [`MOST_STEPS`].
+    /// Not decided in [`MOST_STEPS`] and [`MOST_BOXES`].
+    Undecided,
+}
+
+/// Whether a shift explains as many profiles as asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reaches {
+    /// One explains so many.
+    Yes(usize),
+    /// None does.
+    No,
+    /// Not known in so many steps.
     Undecided,
 }
 
@@ -116,6 +129,9 @@ pub fn search(trains: &Trains) -> SearchOutcome {
         let (first, last) = ends(times);
         last - first
     };
+    if !trains.could_pair() {
+        return SearchOutcome::NoMatch;
+    }
     let length_us = length(&trains.sensor).min(length(&trains.board));
     let farther = if length_us > 0.0 {
         (FARTHER * trains.jitter_us / length_us).min(MOST_DRIFT)
@@ -151,16 +167,25 @@ pub fn search(trains: &Trains) -> SearchOutcome {
 
 /// Finds the only best pairing among the drifts that the trains allow, and the line through it.
 fn search_within(trains: &Trains) -> (SearchOutcome, (f64, f64)) {
-    let mut search = Search {
-        trains,
-        steps: 0,
-        best: None,
-        runner_up: 0,
-        differences: Vec::new(),
-        within: vec![0; trains.profiles()],
-    };
+    let mut search = Search::new(trains, 0, MOST_STEPS);
     let outcome = search.run();
     (outcome, search.best.map_or((0.0, 0.0), |best| best.line))
+}
+
+/// Whether any shift that the trains allow explains `least` profiles, in so many steps. The first that is found ends it.
+pub fn reaches(trains: &Trains, least: usize, most_steps: u64) -> Reaches {
+    if !trains.could_pair() {
+        return Reaches::No;
+    }
+    let mut search = Search::new(trains, least, most_steps);
+    search.guess();
+    search.guess_odd();
+    let decided = search.divide(Some(least));
+    match &search.best {
+        Some(best) if best.count >= least => Reaches::Yes(best.count),
+        _ if decided => Reaches::No,
+        _ => Reaches::Undecided,
+    }
 }
 
 /// How far one line is from another over the scan, at most, in microseconds.
@@ -184,6 +209,9 @@ struct Explained {
 
 struct Search<'a> {
     trains: &'a Trains,
+    /// What explains fewer than these is not looked for.
+    least: usize,
+    most_steps: u64,
     steps: u64,
     best: Option<Explained>,
     /// The most that another shift explains.
@@ -194,11 +222,23 @@ struct Search<'a> {
     within: Vec<u32>,
 }
 
-impl Search<'_> {
-    fn run(&mut self) -> SearchOutcome {
+impl<'a> Search<'a> {
+    fn new(trains: &'a Trains, least: usize, most_steps: u64) -> Self {
+        Self {
+            trains,
+            least,
+            most_steps,
+            steps: 0,
+            best: None,
+            runner_up: 0,
+            differences: Vec::new(),
+            within: vec![0; trains.profiles()],
+        }
+    }
+
+    /// Splits boxes until none is left that matters, or one shift explains so many profiles. False: too many steps.
+    fn divide(&mut self, enough: Option<usize>) -> bool {
         let trains = self.trains;
-        self.guess();
-        self.guess_odd();
         let mut heap = BinaryHeap::new();
         heap.push(Shifts {
             bound: trains.profiles(),
@@ -213,8 +253,12 @@ impl Search<'_> {
             if shifts.bound < self.needed() {
                 break;
             }
-            if self.steps > MOST_STEPS {
-                return SearchOutcome::Undecided;
+            let best = self.best.as_ref();
+            if enough.is_some_and(|enough| best.is_some_and(|best| best.count >= enough)) {
+                break;
+            }
+            if self.steps > self.most_steps || heap.len() > MOST_BOXES {
+                return false;
             }
             for mut half in self.split(&shifts) {
                 let Some(bound) = self.bound(&half) else {
@@ -227,6 +271,16 @@ impl Search<'_> {
                     heap.push(half);
                 }
             }
+        }
+        true
+    }
+
+    fn run(&mut self) -> SearchOutcome {
+        let trains = self.trains;
+        self.guess();
+        self.guess_odd();
+        if !self.divide(None) {
+            return SearchOutcome::Undecided;
         }
         let Some(best) = &self.best else {
             return SearchOutcome::NoMatch;
@@ -248,7 +302,7 @@ impl Search<'_> {
     }
 
     fn shorter(&self) -> usize {
-        self.trains.profiles().min(self.trains.latches())
+        self.trains.shorter
     }
 
     /// What another shift must explain to be a tie with this best one.
@@ -259,7 +313,7 @@ impl Search<'_> {
     /// What a box must reach to matter: half of the shorter stream; a tie with the best, or,
     /// once there is a tie, more than the best.
     fn needed(&self) -> usize {
-        let half = self.shorter().div_ceil(2).max(1);
+        let half = self.trains.need().max(self.least);
         let Some(best) = &self.best else {
             return half;
         };

@@ -198,7 +198,13 @@ fn random_scans_are_paired_rightly_or_refused() {
         let scan = scan(&mut random);
         let kind = (scan.rhythm, scan.beyond);
         *all.entry(kind).or_default() += 1;
-        match pair(&scan.stamps, &scan.triggers, &scan.options) {
+        let paired = pair(&scan.stamps, &scan.triggers, &scan.options);
+        let unit = paired
+            .as_ref()
+            .err()
+            .and_then(|error| error.details.get("factor"));
+        assert_eq!(unit, None, "scan {number}: its times are microseconds");
+        match paired {
             Ok(pairing) => {
                 let got = numbers(&pairing);
                 if scan.beyond {
@@ -235,6 +241,147 @@ fn random_scans_are_paired_rightly_or_refused() {
     assert!(share((Rhythm::Signature, false)) <= 0.04);
     assert!(share((Rhythm::Uneven, false)) <= 0.01);
     assert!(share((Rhythm::Even, false)) < 1.0);
+}
+
+/// Stamps and latches with wild times, days to thousands of years off, on one side or both: the rest is paired as it
+/// would be without them.
+#[test]
+fn wild_times_leave_the_rest_as_it_is() {
+    let mut random = Random(0x111D);
+    let (mut paired, mut refused) = (0, 0);
+    while paired < 150 {
+        let mut scan = scan(&mut random);
+        if pair(&scan.stamps, &scan.triggers, &scan.options).is_err() {
+            continue;
+        }
+        let mut wild = Vec::new();
+        let n = scan.stamps.len() as u64;
+        for place in [0, n - 1, random.below(n)]
+            .into_iter()
+            .take(1 + random.below(3) as usize)
+        {
+            let days = [9e12, 9e15, 1.8e19, 1e300][random.below(4) as usize];
+            let sign = if random.chance(0.5) { 1.0 } else { -1.0 };
+            // A repetition whose first is wild has the right time: that is another fault.
+            let place = place as usize;
+            let frame = scan.stamps[place].frame;
+            let around = place.saturating_sub(1)..scan.stamps.len().min(place + 2);
+            let around = scan.stamps[around].iter();
+            if around.filter(|stamp| stamp.frame == frame).count() > 1 {
+                continue;
+            }
+            let profile = &mut scan.stamps[place];
+            profile.t_us = sign * days * (1.0 + random.unit());
+            wild.push(profile.profile);
+        }
+        if wild.is_empty() {
+            continue;
+        }
+        let of_board = random.chance(0.3);
+        if of_board {
+            let ends = [i64::MIN, i64::MAX];
+            let first = scan.triggers.latches.first_mut().unwrap();
+            first.t_ns = ends[0];
+            let first = first.number;
+            let last = scan.triggers.latches.last_mut().unwrap();
+            last.t_ns = ends[1];
+            let last = last.number;
+            scan.truth
+                .retain(|(_, number)| ![first, last].contains(number));
+        }
+        scan.truth.retain(|(profile, _)| !wild.contains(profile));
+        match pair(&scan.stamps, &scan.triggers, &scan.options) {
+            Ok(pairing) => {
+                assert_eq!(numbers(&pairing), scan.truth, "{wild:?} {of_board}");
+                let told = pairing
+                    .warnings
+                    .iter()
+                    .find(|told| told.starts_with("misplaced: "));
+                assert!(told.is_some(), "{wild:?}: {:?}", pairing.warnings);
+                paired += 1;
+            }
+            Err(error) => {
+                assert_eq!(error.code, "ambiguous_pairing", "{error}");
+                // Without its first or its last pair an even train is open.
+                refused += u32::from(scan.rhythm != Rhythm::Even);
+            }
+        }
+    }
+    let (mut stamps, triggers, mut truth) = signed(40_000, 40e-6, |_| false, |n| n % 89 != 7);
+    stamps[17].t_us = 9e12;
+    stamps[29_000].t_us = -9e15;
+    truth.retain(|(profile, _)| ![17, 29_000].contains(profile));
+    let pairing = pair(&stamps, &triggers, &PairOptions::default()).unwrap();
+    assert_eq!(numbers(&pairing), truth);
+    println!("{paired} with wild times paired, {refused} not even ones refused");
+    assert!(refused <= 3);
+}
+
+/// Times of either file in another unit are told, with the factor, and by no search over hours.
+#[test]
+fn times_in_another_unit_are_named_with_their_factor() {
+    let clean = |rhythm: u64| {
+        let mut random = Random(0x0117 + rhythm);
+        loop {
+            let scan = scan(&mut random);
+            let is_asked =
+                scan.rhythm as u64 == rhythm && !scan.beyond && scan.options.encoder.is_none();
+            if is_asked && scan.truth.len() > 60 {
+                return scan;
+            }
+        }
+    };
+    for rhythm in 0..3 {
+        for factor in [1.024, 1.0 / 1.024, 1e-3, 1e-6, 1e3] {
+            let mut scan = clean(rhythm);
+            scan.stamps
+                .iter_mut()
+                .for_each(|stamp| stamp.t_us *= factor);
+            let error = pair(&scan.stamps, &scan.triggers, &scan.options).unwrap_err();
+            let told = error
+                .details
+                .get("factor")
+                .and_then(serde_json::Value::as_f64);
+            assert_eq!(error.code, "no_match");
+            assert!(
+                told.is_some_and(|told| (told * factor - 1.0).abs() < 1e-9),
+                "{rhythm} {factor}: {error}"
+            );
+        }
+        // The board's in µs, ms and s.
+        for factor in [1e3, 1e6] {
+            let mut scan = clean(rhythm);
+            for latch in &mut scan.triggers.latches {
+                latch.t_ns = (latch.t_ns as f64 / factor).round() as i64;
+            }
+            // Whole ms are no times of latches that are nearer.
+            let latches = &mut scan.triggers.latches;
+            latches.dedup_by_key(|latch| latch.t_ns);
+            let error = pair(&scan.stamps, &scan.triggers, &scan.options).unwrap_err();
+            assert_eq!(error.code, "no_match");
+            assert!(
+                error.message.contains("t_ns") && error.message.contains("unit"),
+                "{rhythm} {factor}: {error}"
+            );
+        }
+    }
+    // A long scan, and whole milliseconds.
+    for factor in [1.024, 1e-3, 1e3] {
+        let (mut stamps, triggers, _) = signed(20_000, 40e-6, |n| n % 97 == 5, |n| n % 89 != 7);
+        for stamp in &mut stamps {
+            stamp.t_us *= factor;
+            if factor == 1e-3 {
+                stamp.t_us = stamp.t_us.round();
+            }
+        }
+        let error = pair(&stamps, &triggers, &PairOptions::default()).unwrap_err();
+        // Whole milliseconds match nothing within the jitter; the rates say it.
+        let named = match factor {
+            1e-3 => error.message.contains("look at the unit of each"),
+            _ => error.details.contains_key("factor"),
+        };
+        assert!(named, "{factor}: {error}");
+    }
 }
 
 /// The profiles and the numbers of their latches.

@@ -1,5 +1,8 @@
 //! The times of profiles and latches as the search takes them.
 
+use super::apart::could_pair;
+use super::search::MOST_DRIFT;
+
 /// A train is even where at most one time of so many stands off it.
 const LEAST_EVEN: usize = 8;
 /// So many times off the train are enough to tell where it is.
@@ -24,6 +27,8 @@ pub struct Trains {
     pub(super) drift: f64,
     /// The most by which encoder less counts may vary over all pairs.
     pub(super) spread: i64,
+    /// How many profiles or latches the shorter stream has, those included that stand apart.
+    pub(super) shorter: usize,
     /// How many latches the board says are missing.
     pub(super) missed: u64,
     /// The runs in which they are missing, the longest first; a run of one need not be here.
@@ -74,6 +79,7 @@ impl Trains {
         let board: Vec<f64> = board_ns.iter().map(|&t| since(t)).collect();
         Self {
             odd: (odd_profiles, odd(&board, jitter_us)),
+            shorter: sensor.len().min(board.len()),
             sensor,
             places,
             board,
@@ -97,12 +103,20 @@ impl Trains {
         }
     }
 
-    /// The same with the sensor's times `factor` times as long.
-    pub fn scaled(&self, factor: f64) -> Self {
-        let mut scaled = self.clone();
-        scaled.sensor.iter_mut().for_each(|t| *t *= factor);
-        scaled.centre_us.0 *= factor;
-        scaled
+    /// How many profiles a shift must explain: half of the shorter stream.
+    pub(super) fn need(&self) -> usize {
+        self.shorter.div_ceil(2).max(1)
+    }
+
+    /// Whether any shift could explain so many, by the lengths of the trains.
+    pub(super) fn could_pair(&self) -> bool {
+        let farthest = self.drift + MOST_DRIFT;
+        could_pair(
+            &self.sensor,
+            &self.board,
+            (self.jitter_us, farthest),
+            self.need(),
+        )
     }
 
     /// The straight line through the pairs (by place): offset and drift, about the centres; by least

@@ -56,7 +56,8 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
     let mut bases: Vec<i128> = vec![0];
     let mut last: Option<(i128, f64)> = None;
     let mut ends: Option<(i128, i128)> = None;
-    for stamp in stamps {
+    let mut earliest_us = f64::INFINITY;
+    for (place, stamp) in stamps.iter().enumerate() {
         let shown = i128::from(stamp.frame);
         let is_same = |number: &i128| {
             let first = first_times.get(number);
@@ -65,7 +66,17 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         let since = |base: &i128| shown - base;
         let number = match (counter, last) {
             (FrameCounter::Bits(bits), Some(last)) if bits < 64 => {
-                unwrap(stamp, last, 1_i128 << bits)
+                let turn = 1_i128 << bits;
+                let number = unwrap(stamp, last, turn);
+                // A time that fits neither a repetition nor what came before is wrong: the next one up.
+                let up = (shown - last.0).rem_euclid(turn);
+                let is_other = first_times.contains_key(&number) && !is_same(&number);
+                let before_all = stamp.t_us < earliest_us - SAME_TIME_US && 2 * up < turn;
+                if number < last.0 && (is_other || before_all) {
+                    last.0 + up
+                } else {
+                    number
+                }
             }
             // The same frame at the same time, before whichever start, came again.
             (FrameCounter::Restarts, Some((latest, latest_us))) => {
@@ -86,9 +97,11 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             }
             _ => shown,
         };
-        if last.is_none_or(|(_, t_us)| stamp.t_us > t_us) {
+        let rises = last.is_none_or(|(_, t_us)| stamp.t_us > t_us);
+        if rises && !is_ahead(stamp, &stamps[place + 1..]) {
             last = Some((number, stamp.t_us));
         }
+        earliest_us = earliest_us.min(stamp.t_us);
         if let Some(first_us) = first_times.get(&number) {
             frames.duplicates.push(stamp.profile);
             if (stamp.t_us - first_us).abs() > SAME_TIME_US {
@@ -106,6 +119,14 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         frames.lost_frames = u64::try_from(missing).unwrap_or(u64::MAX);
     }
     frames
+}
+
+/// Whether most of the next profiles are earlier than this one: its time is wrong, and says nothing of theirs.
+fn is_ahead(stamp: &Stamp, next: &[Stamp]) -> bool {
+    const NEXT: usize = 8;
+    let next = &next[..next.len().min(NEXT)];
+    let is_earlier = |later: &&Stamp| later.t_us < stamp.t_us - SAME_TIME_US;
+    2 * next.iter().filter(is_earlier).count() > next.len()
 }
 
 /// The number of a frame that shows only its lowest bits: the next one up from the latest
@@ -163,6 +184,36 @@ mod tests {
         assert_eq!(frames.renumbered, [0; 0]);
         // Without the width the second 14 is the same, and the wrap is no duplicate yet.
         assert_eq!(sort_out(&stamps, FrameCounter::Rises).duplicates, [4, 6]);
+    }
+
+    #[test]
+    fn a_wild_time_does_not_shift_the_count_of_those_behind_it() {
+        for wild in [9e15, -9e15] {
+            for place in [0, 5, 14, 39] {
+                // Four bits, two turns and a half; 12 lost, one repetition.
+                let mut seen: Vec<(u64, f64)> =
+                    (0..40).map(|i| (i % 16, 10.0 * i as f64)).collect();
+                seen[place].1 = wild;
+                seen.remove(12);
+                seen.insert(30, seen[29]);
+                let frames = sort_out(&stamps(&seen), FrameCounter::Bits(4));
+                assert_eq!(frames.duplicates, [30], "{wild} at {place}");
+                assert_eq!(frames.lost_frames, 1, "{wild} at {place}");
+                assert_eq!(frames.renumbered, [0; 0], "{wild} at {place}");
+            }
+        }
+        // A counter that starts anew behind a wild one.
+        let seen = [
+            (5, 0.0),
+            (6, 9e15),
+            (7, 20.0),
+            (8, 30.0),
+            (1, 40.0),
+            (2, 50.0),
+            (3, 60.0),
+        ];
+        let frames = sort_out(&stamps(&seen), FrameCounter::Restarts);
+        assert_eq!((frames.restarts, frames.duplicates), (vec![4], vec![]));
     }
 
     #[test]
