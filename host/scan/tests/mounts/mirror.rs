@@ -60,9 +60,18 @@ fn a_ball_that_keeps_its_side_is_on_either() {
         let far = by_three_axes(|_| 13.0, mm, &mut random);
         let answer = sensor(&far, &near(3.0 * random.signed()), &known()).unwrap();
         assert!(off(&answer).1 < 0.05, "{seed}: {:?}", off(&answer));
+        // Cut alike everywhere, it says nothing of its radius.
+        let told = |answer: &SensorAnswer| {
+            answer
+                .warnings
+                .iter()
+                .any(|told| told.starts_with("radius"))
+        };
+        assert!(!told(&answer), "{seed}: {:?}", answer.warnings);
 
         let moved = by_three_axes(|random| 8.0 * random.signed(), mm, &mut random);
         let answer = sensor(&moved, &near(3.0 * random.signed()), &known()).unwrap();
         assert!(off(&answer).1 < 0.05, "{seed}: {:?}", off(&answer));
+        assert!(!told(&answer), "{seed}: {:?}", answer.warnings);
     }
 }

@@ -20,7 +20,7 @@ use super::features::{
 use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::{name_directions, open_in_words};
 use super::observations::{Observation, Observations};
-use super::solve::scatter::{scatter_covariance, unit_uncertainty};
+use super::solve::scatter::{left_of_column, scatter_covariance, unit_uncertainty};
 use super::solve::{Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
 use crate::rigid::{orthonormal, rotation, rotation_vector};
@@ -661,6 +661,9 @@ fn radius_wanted(solution: &Solution<MountModel<'_>>, options: &SensorOptions) -
     const CLEARLY: f64 = 5.0;
     /// What a certificate leaves open.
     const LEAST_MM: f64 = 0.001;
+    /// Where the other unknowns leave less of its column, the radius is not determined: balls that are cut alike at all
+    /// poses, whose distance from the laser's plane takes its place.
+    const LEAST_LEFT: f64 = 1e-4;
     let stated = options
         .radius_mm
         .filter(|_| options.on == Artefact::Sphere)?;
@@ -671,11 +674,21 @@ fn radius_wanted(solution: &Solution<MountModel<'_>>, options: &SensorOptions) -
         .residuals()
         .checked_sub(nuisances + targets)
         .filter(|dof| *dof > 0)?;
+    let (whole, left) = left_of_column(&model, nuisances - 1);
     let ssq = descend(&mut model, 60);
+    let sigma_mm = (ssq / dof as f64).sqrt();
+    // Noise within the laser's plane changes the distance from a ball by the less the larger that is: so the sum of squares
+    // falls by 2 n / R for each mm of radius, whatever the radius is. That must be nothing beside what the data say of it.
+    let by_noise = 2.0 * model.residuals() as f64 * sigma_mm / stated;
+    if left <= by_noise.max(LEAST_LEFT * whole) {
+        return None;
+    }
     let off = model.radius_mm - stated;
+    let u_mm = sigma_mm / left;
     // What the radius alone gains is (off / u)² sigma².
     let gained = (solution.ssq - ssq) / (ssq / dof as f64).max(1e-18);
-    (off.abs() > LEAST_MM && gained > CLEARLY * CLEARLY).then(|| {
+    let is_off = off.abs() > LEAST_MM.max(CLEARLY * u_mm);
+    (is_off && gained > CLEARLY * CLEARLY).then(|| {
         format!(
             "radius: the residuals want a radius of {:.4} mm, not {stated} mm ({:.0} standard \
              uncertainties off)",

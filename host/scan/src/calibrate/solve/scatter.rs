@@ -12,7 +12,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::jacobi::Jacobi;
-use super::{Model, reduce};
+use super::{Model, range, reduce};
 
 /// Columns that are seen less than this share of the best one are left out.
 const UNSEEN: f64 = 1e-10;
@@ -72,4 +72,20 @@ pub(in crate::calibrate) fn whiten<M: Model>(model: &M) -> DMatrix<f64> {
 /// of 1.
 pub(in crate::calibrate) fn unit_uncertainty<M: Model>(model: &M, gradient: &DVector<f64>) -> f64 {
     (whiten(model) * gradient).norm()
+}
+
+/// How long a column of an unknown is, and what all the others leave of it: the unknown's standard uncertainty is one over
+/// that, where residuals have one of 1. Nothing is left of an unknown that the data do not determine.
+pub(in crate::calibrate) fn left_of_column<M: Model>(model: &M, unknown: usize) -> (f64, f64) {
+    let mut others = reduce(model).r;
+    let column = others.column(unknown).into_owned();
+    others = others.remove_column(unknown);
+    for mut other in others.column_iter_mut() {
+        let norm = other.norm().max(1e-300);
+        other /= norm;
+    }
+    let basis = range(&others);
+    let project = |v: DVector<f64>| &v - &basis * basis.tr_mul(&v);
+    // Twice, so that nothing of what was projected away is left but rounding.
+    (column.norm(), project(project(column.clone())).norm())
 }
