@@ -14,11 +14,46 @@ use crate::ScanError;
 pub fn read(path: &Path) -> Result<AxisChain, ScanError> {
     let text =
         std::fs::read_to_string(path).map_err(|error| ScanError::file("read", path, &error))?;
-    AxisChain::parse(&text).map_err(|error| {
-        let mut error = ScanError::from(error);
+    let machine = AxisChain::parse(&text).map_err(ScanError::from);
+    let machine = machine.and_then(|machine| one_input_one_axis(&machine).map(|()| machine));
+    machine.map_err(|mut error| {
         error.message = format!("{}: {}", path.display(), error.message);
         error
     })
+}
+
+/// Refuses two linear joints of a chain that have one input and other directions: one joint along the sum would move the
+/// same, so that nobody writes two, and a wrong input looks just so. Linked axes exist (a gantry's or a telescope's two along
+/// one direction, a screw, a parallelogram): they are told only ([`warnings`]).
+fn one_input_one_axis(machine: &AxisChain) -> Result<(), ScanError> {
+    const PARALLEL: f64 = 0.01;
+    let input = |joint: &Joint| match joint.drive {
+        Drive::Encoder { column, .. } if joint.kind == JointKind::Linear => Some(column),
+        _ => None,
+    };
+    for chain in [&machine.sensor_chain, &machine.workpiece_chain] {
+        let joints: Vec<&Joint> = chain.iter().map(|&place| &machine.joints[place]).collect();
+        for (place, joint) in joints.iter().enumerate() {
+            let Some(column) = input(joint) else {
+                continue;
+            };
+            let across = |other: &&&Joint| {
+                let sine = other.direction.cross(&joint.direction).norm();
+                input(other) == Some(column)
+                    && sine > PARALLEL * other.direction.norm() * joint.direction.norm()
+            };
+            if let Some(other) = joints[..place].iter().find(across) {
+                return Err(ScanError::refused(
+                    "machine",
+                    format_args!(
+                        "{} and {} run along different directions by one input, {column}: give each the input of its own encoder",
+                        other.name, joint.name
+                    ),
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// What is no fault of a machine file, and may be a slip: every command that uses the machine tells it.

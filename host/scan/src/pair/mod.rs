@@ -31,6 +31,7 @@ mod units;
 use serde::Serialize;
 
 pub use clock::ClockFit;
+pub use streams::PairOptions;
 
 use crate::ScanError;
 use crate::format::triggers::Triggers;
@@ -38,37 +39,6 @@ use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, sort_out};
 use search::SearchOutcome;
 use streams::{Reach, Streams};
-
-/// Encoder less counts agrees within this for all pairs.
-const ENCODER_WITHIN: i64 = 4;
-
-/// What a pairing must keep to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PairOptions {
-    /// What belongs together agrees within this, in microseconds.
-    pub jitter_us: f64,
-    /// The most by which the clocks drift, in parts per million.
-    pub drift_ppm: f64,
-    /// What the sensor's frame counter does.
-    pub counter: FrameCounter,
-    /// The axis that the sensor's encoder counts too, as its place in
-    /// [`umi_kinematics::COLUMNS`].
-    pub encoder: Option<usize>,
-    /// Refuse any loss, duplicate or extra.
-    pub strict: bool,
-}
-
-impl Default for PairOptions {
-    fn default() -> Self {
-        Self {
-            jitter_us: 20.0,
-            drift_ppm: 200.0,
-            counter: FrameCounter::Rises,
-            encoder: None,
-            strict: false,
-        }
-    }
-}
 
 /// A profile and its latch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -115,7 +85,7 @@ pub struct ScanPairing {
 /// Pairs profiles with latches.
 ///
 /// # Errors
-/// `no_profiles`, `no_match`, `ambiguous_pairing`, `missing_axis`, `no_encoder`; `faults`
+/// `no_profiles`, `frame_bits`, `no_match`, `ambiguous_pairing`, `missing_axis`, `no_encoder`; `faults`
 /// with [`PairOptions::strict`].
 pub fn pair(
     stamps: &[Stamp],
@@ -125,6 +95,7 @@ pub fn pair(
     if stamps.is_empty() {
         return Err(ScanError::refused("no_profiles", "there is no profile"));
     }
+    refuse_narrow(stamps, options.counter)?;
     let frames = sort_out(stamps, options.counter);
     let streams = Streams::new(&frames, triggers, options)?;
     if let Some(error) = units::other_unit(&streams) {
@@ -187,6 +158,29 @@ pub fn pair(
         ));
     }
     Ok(pairing)
+}
+
+/// Refuses a counter of fewer bits than its numbers have.
+fn refuse_narrow(stamps: &[Stamp], counter: FrameCounter) -> Result<(), ScanError> {
+    let FrameCounter::Bits(bits) = counter else {
+        return Ok(());
+    };
+    let needs = |stamp: &Stamp| u64::BITS - stamp.frame.leading_zeros();
+    let most = stamps.iter().max_by_key(|stamp| stamp.frame);
+    let Some(most) = most.filter(|stamp| needs(stamp) > bits) else {
+        return Ok(());
+    };
+    Err(ScanError::refused(
+        "frame_bits",
+        format_args!(
+            "profile {} has the frame {}, which {bits} bits cannot show: give --frame-bits {} or more, as the sensor's counter has",
+            most.profile,
+            most.frame,
+            needs(most)
+        ),
+    )
+    .with("frame", most.frame)
+    .with("bits", needs(most)))
 }
 
 fn answer(

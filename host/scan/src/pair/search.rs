@@ -23,7 +23,7 @@
 use std::collections::BinaryHeap;
 
 use super::margin::margin;
-use super::trains::{Trains, ends};
+use super::trains::{MOST_DRIFT, Trains, ends};
 
 /// The most steps over profiles and latches of one search: some seconds.
 const MOST_STEPS: u64 = 3_000_000_000;
@@ -50,8 +50,6 @@ const GUESS_STEPS: f64 = 1.5e8;
 /// Two lines whose drifts differ by more agree within the jitter over less than half of it, even where an
 /// even train of eight jitters' interval meets the wrong latches in between.
 const FARTHER: f64 = 8.0;
-/// No two clocks drift by more than this, as a ratio.
-pub(super) const MOST_DRIFT: f64 = 0.01;
 /// How many of a signature's times are tried for a first guess, at most, and how often its line is drawn anew.
 const ODD_GUESSES: usize = 12;
 const CLIMBS: usize = 8;

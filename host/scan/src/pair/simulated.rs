@@ -206,6 +206,12 @@ fn random_scans_are_paired_rightly_or_refused() {
         assert_eq!(unit, None, "scan {number}: its times are microseconds");
         match paired {
             Ok(pairing) => {
+                let told = |warning: &String| warning.starts_with("misplaced");
+                assert!(
+                    !pairing.warnings.iter().any(told),
+                    "scan {number}: {:?}",
+                    pairing.warnings
+                );
                 let got = numbers(&pairing);
                 if scan.beyond {
                     let wrong = got.iter().find(|pair| !scan.truth.contains(pair));
@@ -315,6 +321,20 @@ fn wild_times_leave_the_rest_as_it_is() {
     assert_eq!(numbers(&pairing), truth);
     println!("{paired} with wild times paired, {refused} not even ones refused");
     assert!(refused <= 3);
+}
+
+/// Frame numbers beyond the width that is given are refused, not wrapped.
+#[test]
+fn a_counter_of_too_few_bits_is_named() {
+    let (stamps, triggers, truth) = signed(300, 40e-6, |_| false, |_| true);
+    let with = |bits| PairOptions {
+        counter: FrameCounter::Bits(bits),
+        ..PairOptions::default()
+    };
+    let error = pair(&stamps, &triggers, &with(8)).unwrap_err();
+    assert_eq!(error.code, "frame_bits");
+    assert!(error.message.contains("--frame-bits 9 or more"), "{error}");
+    assert_eq!(numbers(&pair(&stamps, &triggers, &with(9)).unwrap()), truth);
 }
 
 /// Times of either file in another unit are told, with the factor, and by no search over hours.

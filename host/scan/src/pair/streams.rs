@@ -2,10 +2,40 @@
 
 use super::apart::{LONGEST_SCAN_US, within_reach};
 use super::trains::Trains;
-use super::{ENCODER_WITHIN, PairOptions};
 use crate::ScanError;
 use crate::format::triggers::Triggers;
-use crate::profile::frames::Frames;
+use crate::profile::frames::{FrameCounter, Frames};
+
+/// Encoder less counts agrees within this for all pairs.
+const ENCODER_WITHIN: i64 = 4;
+
+/// What a pairing must keep to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PairOptions {
+    /// What belongs together agrees within this, in microseconds.
+    pub jitter_us: f64,
+    /// The most by which the clocks drift, in parts per million.
+    pub drift_ppm: f64,
+    /// What the sensor's frame counter does.
+    pub counter: FrameCounter,
+    /// The axis that the sensor's encoder counts too, as its place in
+    /// [`umi_kinematics::COLUMNS`].
+    pub encoder: Option<usize>,
+    /// Refuse any loss, duplicate or extra.
+    pub strict: bool,
+}
+
+impl Default for PairOptions {
+    fn default() -> Self {
+        Self {
+            jitter_us: 20.0,
+            drift_ppm: 200.0,
+            counter: FrameCounter::Rises,
+            encoder: None,
+            strict: false,
+        }
+    }
+}
 
 /// All times, and what both sides counted.
 pub(super) struct Streams<'a> {

@@ -1,8 +1,9 @@
 //! The times of profiles and latches as the search takes them.
 
 use super::apart::could_pair;
-use super::search::MOST_DRIFT;
 
+/// No two clocks drift by more than this, as a ratio.
+pub(super) const MOST_DRIFT: f64 = 0.01;
 /// A train is even where at most one time of so many stands off it.
 const LEAST_EVEN: usize = 8;
 /// So many times off the train are enough to tell where it is.
