@@ -3,16 +3,39 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static CAME: AtomicBool = AtomicBool::new(false);
+static WATCHED: AtomicBool = AtomicBool::new(false);
 
 /// From now on an interrupt is noticed instead of ending the process; a second one
 /// ends it.
 pub fn watch() {
-    // Where the system refuses, or this was done before, an interrupt ends the process.
+    WATCHED.store(true, Ordering::Relaxed);
+    take();
+}
+
+/// From now on a process that an interrupt ends leaves no file that is not complete (`NAME.part`).
+pub fn leave_nothing_unfinished() {
+    // Who ignores the hang-up, as under nohup, goes on ignoring it.
+    if !ignores_hang_up() {
+        take();
+    }
+}
+
+fn take() {
+    // Where the system refuses, or this was done before, an interrupt is as it was.
     let _ = ctrlc::set_handler(|| {
-        if CAME.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
+        if !WATCHED.load(Ordering::Relaxed) || CAME.swap(true, Ordering::Relaxed) {
+            umi_scan::format::remove_unfinished(|| std::process::exit(130));
         }
     });
+}
+
+/// Whether the system says so; Linux does.
+fn ignores_hang_up() -> bool {
+    const HANG_UP: u64 = 1;
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask & HANG_UP != 0)
 }
 
 /// The longest that work may take to end after a hang-up.

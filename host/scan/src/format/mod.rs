@@ -16,3 +16,5 @@ pub mod poses;
 pub mod profiles;
 pub mod table;
 pub mod triggers;
+
+pub use partial::remove_unfinished;

@@ -16,6 +16,7 @@ pub(super) use answer::failure;
 pub(super) use place::{report::html as placed_page, stock_page::page as stock_page};
 
 use crate::failure::Failure;
+use crate::interrupt;
 use clap::{Args, Subcommand};
 
 /// A scanner on the machine: profiles and positions to points, calibration, comparison, scan paths
@@ -44,6 +45,9 @@ Examples:
   umi scan simulate cell.toml -o scan.ply
   umi scan plan part.stl --spec spec.toml -o path.csv
   umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply
+
+A cloud is NAME.part until it is complete. An interrupt takes that away; what a killed run left, the next one
+to the same name takes the place of. Nothing reads it.
 
 Exit status: 0 answered, 1 usage or a file that cannot be understood, 2 refused.")]
 pub(crate) struct Scan {
@@ -80,6 +84,7 @@ enum What {
 
 impl Scan {
     pub fn run(self) -> Result<(), Failure> {
+        interrupt::leave_nothing_unfinished();
         match self.what {
             What::Record(command) => command.run(),
             What::Demo(command) => command.run(),

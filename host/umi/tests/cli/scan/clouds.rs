@@ -233,3 +233,63 @@ fn a_preset_of_a_machine_is_one_and_is_shown() {
     let args = ["scan", "machine", "check", &wrong, "--json"];
     assert_eq!(umi(&args).exits(2).json()["error"]["code"], "machine");
 }
+
+/// An interrupt leaves no part of a cloud, and what a killed run left does not stand in the next one's way.
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_ended_leaves_nothing_behind() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+    let folder = Folder::new();
+    let mut text = String::from("profile,index,x_mm,y_mm,z_mm\n");
+    for i in 0..600_000 {
+        writeln!(
+            text,
+            "{},{},{}.25,{}.5,0.125",
+            i / 1000,
+            i % 1000,
+            i % 1000,
+            i / 1000
+        )
+        .unwrap();
+    }
+    let cloud = folder.file("large.csv", &text);
+    let out = folder.path("out.ply");
+    let part = format!("{out}.part");
+    for signal in ["-TERM", "-INT", "-HUP", "-KILL"] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_umi"))
+            .args(["scan", "convert", &cloud, "-o", &out])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        while !std::fs::exists(&part).unwrap() {
+            assert!(
+                begun.elapsed() < Duration::from_secs(60),
+                "{signal}: no part"
+            );
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let id = child.id().to_string();
+        assert!(
+            Command::new("kill")
+                .args([signal, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
+        let status = child.wait().unwrap();
+        assert!(
+            !status.success() && !std::fs::exists(&out).unwrap(),
+            "{signal}: {status}"
+        );
+        let is_killed = signal == "-KILL";
+        assert_eq!(std::fs::exists(&part).unwrap(), is_killed, "{signal}");
+    }
+    let small = self::cloud(&folder);
+    let found = done(&["convert", &small, "-o", &out]);
+    assert_eq!(found["kept"], 20, "{found}");
+    assert!(std::fs::exists(&out).unwrap() && !std::fs::exists(&part).unwrap());
+}

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::rig::run::{Folder, Ran, command, project, umi};
 
@@ -775,4 +775,49 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
     let scarce = stock("2.5").exits(2).json();
     assert_eq!(scarce["verdict"], "NG");
     assert_eq!(scarce["reasons"][0]["code"], "too_little_stock", "{scarce}");
+}
+
+#[test]
+fn a_new_machine_file_answers_as_one_object_and_wrong_inputs_are_refused() {
+    let folder = Folder::new();
+    let told = umi(&["scan", "machine", "new", "mill", "--json"])
+        .exits(0)
+        .json();
+    let text = told["text"].as_str().unwrap();
+    assert_eq!(
+        (told["kind"].as_str(), told["preset"].as_str()),
+        (Some("machine_new"), Some("mill"))
+    );
+    let mill = folder.path("mill.toml");
+    let told = umi(&["scan", "machine", "new", "mill", "-o", &mill, "--json"])
+        .exits(0)
+        .json();
+    assert_eq!(told["output"], json!(mill));
+    assert_eq!(std::fs::read_to_string(&mill).unwrap(), text);
+
+    // One input for two axes across each other is a slip; along each other it is a gantry's.
+    let joint = |name: &str, direction: &str| {
+        format!(
+            "[[joint]]\nname = \"{name}\"\nkind = \"linear\"\ndirection = {direction}\ncolumn = \"x\"\n\
+             counts_per_mm = 200.0\norigin_counts = 0\n"
+        )
+    };
+    for (direction, status) in [("[0.0, 1.0, 0.0]", 2), ("[-1.0, 0.0, 0.0]", 0)] {
+        let joints = joint("X", "[1.0, 0.0, 0.0]") + &joint("U", direction);
+        let text = joints + "[chain]\nsensor = [\"X\", \"U\"]\nworkpiece = []\n";
+        let file = folder.file("two.toml", text);
+        let told = umi(&["scan", "machine", "check", &file, "--json"])
+            .exits(status)
+            .json();
+        if status == 2 {
+            assert_eq!(told["error"]["code"], "machine");
+            assert!(
+                told["error"]["message"]
+                    .as_str()
+                    .unwrap()
+                    .contains("one input, x"),
+                "{told}"
+            );
+        }
+    }
 }

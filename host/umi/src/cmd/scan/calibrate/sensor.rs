@@ -77,6 +77,9 @@ two rotary axes that moved, and a ball or an inclined plane, show all; balls who
 are known show all, too. What the data leave open is refused by name, however small the
 residuals are.
 
+The zero of the axis next to the sensor cannot be seen: turned or shifted by as much, the mount gives the same
+points. A wrong one goes into the mount, which is right with just that zero: calibrate again when it changes.
+
 Examples:
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on plane
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere --radius-free

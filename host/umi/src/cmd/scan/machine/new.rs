@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use serde_json::json;
 
+use super::super::super::Format;
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::print;
+use crate::show::terminal::{print, print_as_json};
 
 /// A machine file to begin with
 #[derive(Args)]
@@ -20,6 +22,8 @@ pub(crate) struct New {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
+    #[command(flatten)]
+    pub format: Format,
 }
 
 const HELP: &str = "\
@@ -29,7 +33,9 @@ sensor). Its comments say which.
 
 Examples:
   umi scan machine new mill -o mill.toml
-  umi scan machine new c800u | less";
+  umi scan machine new c800u | less
+
+With --json the answer names the preset and the file; without -o it has the file's text.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Preset {
@@ -56,8 +62,19 @@ impl Preset {
 
 impl New {
     pub fn run(&self) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            self.force.write(path, &[], self.preset.text())?;
+        }
+        let preset = self.preset.to_possible_value();
+        let preset = preset.as_ref().map(clap::builder::PossibleValue::get_name);
         match &self.output {
-            Some(path) => self.force.write(path, &[], self.preset.text()),
+            Some(path) if self.format.json => print_as_json(
+                &json!({"kind": "machine_new", "preset": preset, "output": path.display().to_string()}),
+            ),
+            None if self.format.json => print_as_json(
+                &json!({"kind": "machine_new", "preset": preset, "text": self.preset.text()}),
+            ),
+            Some(_) => Ok(()),
             None => print(self.preset.text()),
         }
     }

@@ -72,7 +72,8 @@ const HELP: &str = "\
 Profiles are paired as by `umi scan pair`; every valid sample of a paired profile becomes a
 point. With a latency the counts are taken from the straight line between the latches on
 either side of that moment; behind a loss of motion nothing is taken. Where the scan is refused, no
-file is written, and one that was there stays.
+file is written, and one that was there stays. Where no sample has a range the cloud is empty, and a note
+says so (`no_range`). Until it is complete the cloud is CLOUD.part; an interrupt takes that away.
 
 With --interpolate-ms the answer names the profiles that no latch placed (`interpolated`): their
 points stand on a straight line between two latches, whatever the axes did there.

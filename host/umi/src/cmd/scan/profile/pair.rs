@@ -41,8 +41,11 @@ Examples:
   umi scan pair part.gocator scan.csv --encoder x
   umi scan pair profiles.csv scan.csv --frame-bits 16 --strict --json
 
+A profile or a latch whose time is wild stands apart from all others: it is left out and told (`misplaced`). Times
+in another unit than their column says are refused (no_match), with `factor`.
+
 Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
-board_restarted, missing_axis, no_encoder, faults. Not understood (status 1): truncated,
+board_restarted, missing_axis, no_encoder, frame_bits, faults. Not understood (status 1): truncated,
 corrupt.";
 
 /// What the sensor and the board told, and what their pairing must keep to.
