@@ -13,6 +13,8 @@ use crate::format::table::TableReader;
 /// Where a set of axis values holds the sensor, in the part file's frame.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ForwardPose {
+    /// `ok` or `axis_limit`: an axis is beyond its limits. The pose is told all the same.
+    pub status: &'static str,
     /// Where the rays come from.
     pub origin_mm: [f64; 3],
     /// Direction of the middle ray, a unit vector.
@@ -53,6 +55,11 @@ pub fn forward<R: BufRead>(
         }
         let pose = machine.forward(&axes);
         poses.push(ForwardPose {
+            status: if machine.within_limits(&axes) {
+                "ok"
+            } else {
+                "axis_limit"
+            },
             origin_mm: pose.origin_mm.into(),
             beam: pose.beam.into(),
             line: pose.line.into(),

@@ -204,9 +204,20 @@ fn section<T: DeserializeOwned>(
     name: &str,
     code: &'static str,
 ) -> Result<T, ScanError> {
-    value
-        .try_into()
-        .map_err(|e| ScanError::refused(code, format!("[{name}]: {e}")))
+    value.try_into().map_err(|e: toml::de::Error| {
+        ScanError::refused(code, format!("[{name}]: {}", plainly(&e.to_string())))
+    })
+}
+
+/// What the TOML reader says of a list with too many numbers names no number that it wants.
+fn plainly(message: &str) -> String {
+    let count = message
+        .strip_prefix("invalid length ")
+        .and_then(|rest| rest.split_once(", expected fewer elements in array"));
+    match count {
+        Some((count, place)) => format!("a list has {count} numbers, which are too many{place}"),
+        None => message.to_string(),
+    }
 }
 
 fn take<T: DeserializeOwned>(
@@ -367,7 +378,10 @@ fn limits(pair: [f64; 2], what: &str) -> Result<[f64; 2], ScanError> {
     need(
         near(&pair) && pair[0] <= pair[1],
         "machine_spec",
-        format!("[machine] {what} needs two finite numbers, the smaller one first."),
+        format!(
+            "[machine] {what} needs two numbers within a million, the smaller one first, not {} and {}.",
+            pair[0], pair[1]
+        ),
     )?;
     Ok(pair)
 }

@@ -10,6 +10,7 @@ use super::drive::touch::Scenery;
 use super::machine::{SensorPose, UNIT};
 use super::mesh::PartMesh;
 use super::proof::figures::{JudgedOverlap, OverlapPoints, stand};
+use super::proof::placed::Placed;
 use super::proof::row::PathRow;
 use super::proof::samples::{sample_count, samples};
 use super::proof::see::{SampleSights, see};
@@ -221,6 +222,24 @@ pub(super) fn passes_of(rows: &[PathRow]) -> Vec<Pass> {
 
 /// Looks a path through.
 pub fn verify(
+    part: &PartMesh,
+    obstacles: &[Mesh],
+    spec: &ScanSpec,
+    rows: &[PathRow],
+) -> PathFindings {
+    // Where it was planned: the same points stand for the surface.
+    let Some(placed) = Placed::new(part, obstacles, spec) else {
+        return verify_there(part, obstacles, spec, rows);
+    };
+    let there = |row: &PathRow| PathRow {
+        pose: placed.pose(&row.pose),
+        ..row.clone()
+    };
+    let rows: Vec<PathRow> = rows.iter().map(there).collect();
+    verify_there(&placed.part, &placed.obstacles, &placed.spec, &rows)
+}
+
+fn verify_there(
     part: &PartMesh,
     obstacles: &[Mesh],
     spec: &ScanSpec,

@@ -19,7 +19,7 @@ pub use nearest::Near;
 pub(crate) use outward::outward;
 pub use ray::{RayHit, StandingBox};
 pub use shapes::{BallShape, CompositeSurface, Cone};
-pub(crate) use stl::is_stl;
+pub(crate) use stl::{begins_as_text, is_stl};
 pub use stl::{read_stl, stl_from_bytes};
 pub use triangle::Triangle;
 pub(crate) use triangle::bounds;

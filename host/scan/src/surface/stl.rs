@@ -28,10 +28,29 @@ pub fn read_stl(path: &Path) -> Result<Mesh, ScanError> {
 /// Whether a file that begins so and has so many bytes is an STL file, whole or cut: its size is what its header states,
 /// or it begins as a text or as the header that many programs write.
 pub(crate) fn is_stl(begin: &[u8], bytes: u64) -> bool {
-    let text = begin.trim_ascii_start();
     let ends_word = |b: &u8| b.is_ascii_whitespace() || *b == 0;
-    let solid = text.starts_with(b"solid") && text.get(5).is_none_or(ends_word);
+    let solid = begins_as_text(begin) && after_mark(begin).get(5).is_none_or(ends_word);
     solid || is_binary(begin, bytes)
+}
+
+/// What stands behind blanks and a byte order mark, with which some editors begin a text.
+fn after_mark(bytes: &[u8]) -> &[u8] {
+    let bytes = bytes.trim_ascii_start();
+    bytes
+        .strip_prefix(b"\xEF\xBB\xBF")
+        .unwrap_or(bytes)
+        .trim_ascii_start()
+}
+
+/// Does a line begin with a word, in small letters or large?
+fn begins_with(line: &[u8], word: &[u8]) -> bool {
+    line.get(..word.len())
+        .is_some_and(|begin| begin.eq_ignore_ascii_case(word))
+}
+
+/// Does a file begin as a text STL file?
+pub(crate) fn begins_as_text(bytes: &[u8]) -> bool {
+    begins_with(after_mark(bytes), b"solid")
 }
 
 /// Whether the file is as large as a binary header states. Some programs write a few bytes behind the last triangle; as
@@ -56,11 +75,11 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
         .map(|b| u32::from_le_bytes(b) as usize);
     let there = bytes.len().saturating_sub(HEADER) / RECORD;
     // No text has a byte of 0, and no binary file is without.
-    let is_text = bytes.trim_ascii_start().starts_with(b"solid") && !bytes.contains(&0);
+    let is_text = begins_as_text(bytes) && !bytes.contains(&0);
     let corners = if is_binary(bytes, bytes.len() as u64) {
         binary(&bytes[HEADER..])
     } else if is_text {
-        text(bytes)?
+        text(after_mark(bytes))?
     } else if bytes.starts_with(b"ply") {
         return Err(ScanError::unreadable(
             "bad_file",
@@ -96,12 +115,12 @@ fn text(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
     // Of the last body's two lines the second, which a cut takes first.
     let ends = (bytes.split(|&b| b == b'\n').rev())
         .map(<[u8]>::trim_ascii_start)
-        .find(|line| line.starts_with(b"solid") || line.starts_with(b"endsolid"));
+        .find(|line| begins_with(line, b"solid") || begins_with(line, b"endsolid"));
     let cut = ScanError::unreadable(
         "bad_file",
         "it begins as a text STL file and its last body has no `endsolid`: it is cut short",
     );
-    if !ends.is_some_and(|line| line.starts_with(b"endsolid")) {
+    if !ends.is_some_and(|line| begins_with(line, b"endsolid")) {
         return Err(cut);
     }
     let mut corners: Vec<Vec3> = Vec::new();
@@ -111,8 +130,9 @@ fn text(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
             |what: &str| ScanError::unreadable("bad_file", format_args!("line {}: {what}", i + 1));
         let line = std::str::from_utf8(line).map_err(|_| wrong("it is not text"))?;
         let mut words = line.split_ascii_whitespace();
-        match words.next() {
-            Some("vertex") => {
+        let word = words.next().unwrap_or_default();
+        match word.to_ascii_lowercase().as_str() {
+            "vertex" => {
                 let mut next = || {
                     words
                         .next()
@@ -122,7 +142,7 @@ fn text(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
                 // As a binary file has them: a model is the same in both.
                 corners.push(Vec3::new(next()?, next()?, next()?).map(|x| f64::from(x as f32)));
             }
-            Some("endfacet") => {
+            "endfacet" => {
                 let three: [Vec3; 3] = corners
                     .as_slice()
                     .try_into()

@@ -131,6 +131,27 @@ fn an_stl_file_is_read_from_both_kinds() {
 }
 
 #[test]
+fn a_text_in_large_letters_behind_blanks_or_a_mark_is_an_stl_file() {
+    let small = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 0 3 1e0\nendloop\nendfacet\nendsolid a\n";
+    let wanted = stl_from_bytes(small.as_bytes()).unwrap();
+    let large = small.to_uppercase();
+    for text in [
+        large.clone(),
+        format!("\u{feff}{small}"),
+        format!(" \r\n\t{large}"),
+        format!("\u{feff}\n{large}"),
+        small.replace("facet", "Facet").replace("vertex", " Vertex"),
+    ] {
+        let read = stl_from_bytes(text.as_bytes()).unwrap();
+        assert_eq!(read.triangles()[0].corners, wanted.triangles()[0].corners);
+        assert!(super::is_stl(text.as_bytes(), text.len() as u64));
+        // Cut short it is refused, as the other is.
+        let cut = &text.as_bytes()[..text.len() - 12];
+        assert_eq!(stl_from_bytes(cut).unwrap_err().code, "bad_file");
+    }
+}
+
+#[test]
 fn a_bad_stl_file_is_refused_before_memory_is_taken() {
     let code = |bytes: &[u8]| stl_from_bytes(bytes).unwrap_err().code;
     let good = binary(&block(1.0, 1.0, 1.0));

@@ -38,8 +38,9 @@ pub struct Spacing {
     pub pitch_mm: f64,
 }
 
-/// All heights that are tried on a chart: lines of the map and planes through the part.
-pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
+/// Two directions across a chart's mean normal, along the sides of the box of least area around it: they go with the part,
+/// however it lies in its file.
+pub fn chart_axes(part: &PartMesh, chart: &Chart) -> (Vector3<f64>, Vector3<f64>) {
     let mean: Vector3<f64> = chart
         .faces
         .iter()
@@ -50,11 +51,15 @@ pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
         let p = &part.vertices[v as usize];
         Vector2::new(p.dot(&x), p.dot(&y))
     });
+    let (s, c) = box_angle(places.collect()).sin_cos();
+    (x * c + y * s, y * c - x * s)
+}
+
+/// All heights that are tried on a chart: lines of the map and planes through the part.
+pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
     // Angles are counted from the box of least area, so that a part that lies otherwise is planned alike.
-    let (on_map, on_part) = (
-        box_angle(chart.map.places.clone()),
-        box_angle(places.collect()),
-    );
+    let on_map = box_angle(chart.map.places.clone());
+    let (x, y) = chart_axes(part, chart);
     let mut fields = Vec::new();
     for k in 0..DIRECTIONS {
         let angle = std::f64::consts::PI * k as f64 / DIRECTIONS as f64;
@@ -62,7 +67,7 @@ pub fn fields(part: &PartMesh, chart: &Chart) -> Vec<HeightField> {
         let (s, c) = (on_map + angle).sin_cos();
         let map: Vec<f64> = chart.map.places.iter().map(|p| c * p.x + s * p.y).collect();
         fields.push(HeightField::new(part, chart, map, format!("map {degrees}")));
-        let (s, c) = (on_part + angle).sin_cos();
+        let (s, c) = angle.sin_cos();
         let along = x * c + y * s;
         let plane: Vec<f64> = chart
             .map

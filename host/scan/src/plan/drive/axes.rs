@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use umi_kinematics::branches::{self, Aim, ChainRotation};
 
 use super::super::course::RunPoint;
-use super::super::machine::PlanMachine;
+use super::super::machine::{PlanMachine, SensorPose};
 use super::super::map::flatten::across;
 use super::super::spec::ScanSpec;
 use super::deadline::Deadline;
@@ -24,6 +24,8 @@ pub struct Stance {
     pub lean_across_deg: f64,
     /// Further off than the reference distance; negative: nearer.
     pub shift_mm: f64,
+    /// The line lies askew to the way by this, where the spindle turns it and no axis turns the beam.
+    pub line_askew_deg: f64,
 }
 
 /// Consecutive poses of a run that the axes can follow.
@@ -159,10 +161,8 @@ impl<'a> Driver<'a> {
             [] => vec![zero],
             [(place, turn)] => {
                 let mut angles = zero;
-                let [low, high] = turn.limits_deg;
                 let best = best_about(&turn.direction, &beam, &mounted).unwrap_or(0.0);
-                angles[*place] = branches::nearest_turn(best, turn.limits_deg, 0.0)
-                    .unwrap_or_else(|| best.clamp(low, high));
+                angles[*place] = within_or_limit(best, turn.limits_deg);
                 vec![angles]
             }
             aiming => {
@@ -178,8 +178,22 @@ impl<'a> Driver<'a> {
                     }
                     Some(angles)
                 };
+                // Beyond a limit the axis stands at it, and the other one does what it can.
+                let at_limits = |set: &Vec<f64>| match aiming {
+                    [(first, outer), (second, inner)] => {
+                        let mut angles = zero.clone();
+                        let b = within_or_limit(set[1], inner.limits_deg);
+                        let v = turned(&inner.direction, b, &beam);
+                        let a = best_about(&outer.direction, &v, &mounted).unwrap_or(0.0);
+                        angles[*first] = within_or_limit(a, outer.limits_deg);
+                        angles[*second] = b;
+                        Some(angles)
+                    }
+                    _ => None,
+                };
                 let found = branches::aim(&turns, &aim).branches;
-                found.iter().filter_map(within).collect()
+                let near = |set| within(set).or_else(|| at_limits(set));
+                found.iter().filter_map(near).collect()
             }
         }
     }
@@ -187,8 +201,17 @@ impl<'a> Driver<'a> {
     /// The line's direction where the beam is against this normal as well as the axes can, one for each branch; none where
     /// two axes do not reach it. For machines whose line follows from the beam.
     pub fn lines_for(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let sets = self.aimed(normal);
-        sets.iter().map(|a| self.machine.pointing(a).1).collect()
+        self.lines_near(normal, normal)
+    }
+
+    /// The line's direction where the beam is against `aimed_at`, within the tilt of a normal where two axes turn it.
+    fn lines_near(&self, aimed_at: &Vector3<f64>, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
+        let pointed = self.aimed(aimed_at).into_iter();
+        let pointed = pointed.map(|angles| self.machine.pointing(&angles));
+        pointed
+            .filter(|(beam, _)| self.aiming.len() < 2 || self.within_tilt(beam, normal))
+            .map(|(_, line)| line)
+            .collect()
     }
 
     /// The same for every beam that leans no more than allowed: a ring of leans stands for all.
@@ -196,7 +219,7 @@ impl<'a> Driver<'a> {
         let mut lines = self.lines_for(normal);
         if self.aiming.len() == 2 {
             for leant in self.leans(normal) {
-                lines.extend(self.lines_for(&leant));
+                lines.extend(self.lines_near(&leant, normal));
             }
         }
         lines
@@ -222,6 +245,36 @@ impl<'a> Driver<'a> {
                 .any(|a| self.within_tilt(&self.machine.pointing(a).0, normal))
         };
         near(normal) || (self.aiming.len() > 1 && self.leans(normal).any(|n| near(&n)))
+    }
+
+    /// Poses that meet a point of the surface within tilt, limits and travel: against its normal and leant around it.
+    pub fn stands(&self, at: &Vector3<f64>, normal: &Vector3<f64>) -> Vec<SensorPose> {
+        let leant = self.leans(normal).filter(|_| !self.aiming.is_empty());
+        let aimed = std::iter::once(*normal).chain(leant);
+        let sets = aimed.flat_map(|n| self.aimed(&n));
+        let pose = |mut angles: Vec<f64>| {
+            if let (Some(s), Some([low, high])) = (
+                angles.get_mut(self.machine.turns()),
+                self.machine.orient_deg,
+            ) {
+                *s = 0.0_f64.max(low).min(high);
+            }
+            let (beam, line) = self.machine.pointing(&angles);
+            let origin_mm = at - beam * self.spec.sensor.reference_mm;
+            let mut axes = self
+                .machine
+                .carriage(&origin_mm, &angles)
+                .as_slice()
+                .to_vec();
+            axes.extend(angles);
+            let stands = self.within_tilt(&beam, normal) && self.machine.within_limits(&axes);
+            stands.then_some(SensorPose {
+                origin_mm,
+                beam,
+                line,
+            })
+        };
+        sets.filter_map(pose).collect()
     }
 
     /// Axis values along a run.
@@ -272,6 +325,7 @@ impl<'a> Driver<'a> {
             + across * stance.lean_across_deg.to_radians().tan();
         let beam = -(point.normal + lean).normalize();
         let line = (point.along.cross(&beam)).normalize() * if stance.turned { -1.0 } else { 1.0 };
+        let line = turned(&beam, stance.line_askew_deg, &line);
         let mut angles_found: Vec<Vec<f64>> = Vec::new();
         let count = self.limits.len();
         if !self.spindle && self.aiming.len() > 2 {
@@ -291,7 +345,7 @@ impl<'a> Driver<'a> {
                     let mut angles = vec![0.0; count];
                     match best_about(&turn.direction, &u, &w) {
                         Some(a) => {
-                            angles[*place] = a;
+                            angles[*place] = within_or_limit(a, turn.limits_deg);
                             angles_found.push(angles);
                         }
                         None => self.each_angle(turn, |a| {
@@ -315,7 +369,8 @@ impl<'a> Driver<'a> {
                         }
                         let a = best_about(&outer.direction, &v, &w).unwrap_or(0.0);
                         let mut angles = vec![0.0; count];
-                        angles[*first] = a;
+                        // At its limit the beam may still be within the tilt.
+                        angles[*first] = within_or_limit(a, outer.limits_deg);
                         angles[*second] = b;
                         angles_found.push(angles);
                     };
@@ -680,6 +735,18 @@ pub fn rounded(v: f64) -> f64 {
 /// The angle between two unit vectors.
 pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
+}
+
+/// An angle by whole turns within its limits, the one nearest to zero; else the limit that it is nearer to.
+fn within_or_limit(angle: f64, limits: [f64; 2]) -> f64 {
+    branches::nearest_turn(angle, limits, 0.0).unwrap_or_else(|| {
+        let off = |limit: f64| {
+            let by = angle - limit;
+            (by - 360.0 * (by / 360.0).round()).abs()
+        };
+        let [low, high] = limits;
+        if off(low) <= off(high) { low } else { high }
+    })
 }
 
 /// Degrees about `axis` that bring v as near to w as can be; none where v lies on the axis.

@@ -74,10 +74,11 @@ impl Realiser<'_> {
     /// Each stance says which stretches it can drive and how much they see; the best stretch of all is taken, then the best
     /// of what is left. A later stance is asked only while the earlier ones leave something.
     ///
-    /// `plain`: what [`Driver::follow`] says of the run in the plain stance.
+    /// `plain`: what [`Driver::follow`] says of the run in the plain stance, with the line askew by as much.
     pub fn passes(
         &self,
         run: &LaserRun,
+        line_askew_deg: f64,
         plain: (Vec<DrivenRun>, Unreached),
         obstructed: &mut Obstructed,
     ) -> Vec<Pass> {
@@ -87,7 +88,8 @@ impl Realiser<'_> {
         let mut collided = false;
         let senses = if self.driver.line_has_sense() { 2 } else { 1 };
         let leant = 5 * senses;
-        for (number, stance) in self.stances(senses).into_iter().enumerate() {
+        for (number, mut stance) in self.stances(senses).into_iter().enumerate() {
+            stance.line_askew_deg = line_askew_deg;
             if !self.driver.more() {
                 return Vec::new();
             }
@@ -201,6 +203,7 @@ impl Realiser<'_> {
                     lean_along_deg: along,
                     lean_across_deg: across,
                     shift_mm,
+                    line_askew_deg: 0.0,
                 });
             }
         }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::unreadable::unreadable;
 use super::{PartMesh, RawMesh, obj, ply, step, weld};
 use crate::ScanError;
-use crate::surface::{Mesh, stl_from_bytes};
+use crate::surface::{Mesh, begins_as_text, stl_from_bytes};
 
 /// Before the border of a STEP face: its triangles lie off the surface by up to a quarter of this.
 const STEP_INSET_MM: f64 = 0.02;
@@ -95,8 +95,8 @@ fn stl(bytes: &[u8]) -> Result<RawMesh, ScanError> {
         // No triangle has an area; whether there is any triangle at all decides the name.
         "empty_model" => {
             let binary_none = bytes.get(80..84) == Some(&[0; 4]) && bytes.len() == 84;
-            let text_none = bytes.trim_ascii_start().starts_with(b"solid")
-                && !bytes.windows(6).any(|w| w == b"vertex");
+            let vertex = |w: &[u8]| w.eq_ignore_ascii_case(b"vertex");
+            let text_none = begins_as_text(bytes) && !bytes.windows(6).any(vertex);
             if binary_none || text_none {
                 ScanError::refused("mesh_empty", "The file has no triangles.")
             } else {

@@ -44,6 +44,9 @@ const SHORT_WEIGHT: f64 = 4.0;
 /// Share of the line that is counted on at the outer ends of the first and last pass.
 const EDGE_SHARE: f64 = 0.97;
 
+/// Costs that differ by this share are the same but for rounding.
+const SAME_SHARE: f64 = 1e-6;
+
 /// How often a course that breaks is followed again with closer points.
 const FINER_RUNS: usize = 3;
 
@@ -92,7 +95,9 @@ pub fn chart_passes(
             ranked.push((cost, field, share));
         }
     }
-    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // What differs by rounding alone stays in the order of the heights: a part that lies otherwise in its file is planned alike.
+    let even = |cost: f64| (cost / (SAME_SHARE * line)).round();
+    ranked.sort_by(|a, b| even(a.0).total_cmp(&even(b.0)));
     let beyond = reach.beyond(chart);
     // Where the axes reach a part of the chart only, lengths of courses say little: all are driven.
     let cut = beyond.len() * 20 > chart.faces.len();
@@ -172,7 +177,7 @@ impl Driven {
         if whole(other) && several(self) {
             return !other.beats(self);
         }
-        self.cost < other.cost
+        self.cost < other.cost * (1.0 - SAME_SHARE)
     }
 }
 
@@ -210,7 +215,7 @@ fn driven(
             if !shop.deadline.more() {
                 return (Vec::new(), hindered);
             }
-            let passes = line_passes(shop, &courses[range.start], &mut hindered);
+            let passes = line_passes(shop, &courses[range.start], 0.0, &mut hindered);
             (passes, hindered)
         });
         shop.deadline.check()?;
@@ -285,10 +290,11 @@ fn spacing(shop: &Workshop<'_>, tighter: f64) -> Spacing {
     }
 }
 
-/// Passes along one level line, with steps as short as the axes need.
+/// Passes along one level line, with steps as short as the axes need; the laser line lies across it, or askew by as much.
 pub fn line_passes(
     shop: &Workshop<'_>,
     line: &[LinePoint],
+    line_askew_deg: f64,
     obstructed: &mut Obstructed,
 ) -> Vec<Pass> {
     // No wider than the part bends.
@@ -301,7 +307,11 @@ pub fn line_passes(
     let Some(mut best) = run(line, step, smooth, ends) else {
         return Vec::new();
     };
-    let follow = |points: &[_]| shop.realiser.driver.follow(points, Stance::default());
+    let stance = Stance {
+        line_askew_deg,
+        ..Stance::default()
+    };
+    let follow = |points: &[_]| shop.realiser.driver.follow(points, stance);
     let mut driven = follow(&best.points);
     for _ in 0..FINER_RUNS {
         if driven.1.breaks == 0 || best.points.len() > 10_000 {
@@ -321,7 +331,8 @@ pub fn line_passes(
         (best, driven) = (finer, closer);
     }
     obstructed.breaks += driven.1.breaks;
-    shop.realiser.passes(&best, driven, obstructed)
+    shop.realiser
+        .passes(&best, line_askew_deg, driven, obstructed)
 }
 
 /// The largest angle between the normals of neighbouring points.

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::super::course::field::HeightField;
+use super::super::course::field::{HeightField, chart_axes};
 use super::super::course::level::{LinePoint, lines};
 use super::super::drive::realise::{Obstructed, Pass};
-use super::super::map::{Chart, flatten::across};
+use super::super::map::Chart;
 use super::super::proof::cells::Cells;
 use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::{Eye, SightDepth};
@@ -20,8 +20,8 @@ const MOST: usize = 80;
 /// More than the wanted coverage is not sought: it would cost way.
 pub const SPARE: f64 = 0.008;
 
-/// Directions in which lines are tried over a chart.
-const DIRECTIONS: usize = 4;
+/// Directions in which lines are tried over a chart, as parts of half a turn: along its sides first.
+const DIRECTIONS: [f64; 4] = [0.0, 0.5, 0.25, 0.75];
 
 /// Lines tried lie this share of the laser line apart.
 const LINE_SHARE: f64 = 0.3;
@@ -31,6 +31,16 @@ const FIXED_SHARE: f64 = 0.1;
 
 /// Lines tried at most, over all charts.
 const MOST_LINES: usize = 240;
+
+/// The same where the beam cannot follow the surface: each is quickly looked at.
+const MOST_FIXED_LINES: usize = 480;
+
+/// A line lies across its course. Where no axis turns the beam, one that lies askew reaches into the corners of slopes that are
+/// too steep for the middle ray.
+const ASKEW_DEG: [f64; 3] = [0.0, 45.0, -45.0];
+
+/// The outermost lines lie this share of the laser line before the border: beyond it may be what no other sees.
+const BORDER_SHARE: f64 = 0.002;
 
 /// Share of its strip that a pass must see anew.
 const WORTH: f64 = 0.3;
@@ -45,7 +55,7 @@ struct Offer {
     sees: Vec<u32>,
 }
 
-/// Adds passes until the wanted share is seen; with `all`, until nothing is gained.
+/// Adds passes until the wanted share is seen or nothing is gained.
 ///
 /// Lines are laid over every chart with open samples, closely and in several directions; of what can be driven of them,
 /// the pass that sees the most for its way is taken, again and again.
@@ -53,7 +63,6 @@ pub fn fill(
     shop: &Workshop<'_>,
     charts: &[Chart],
     passes: &mut Vec<Pass>,
-    all: bool,
 ) -> Result<(), ScanError> {
     let sensor = &shop.spec.sensor;
     let scenery = &shop.realiser.scenery;
@@ -79,7 +88,7 @@ pub fn fill(
     let mut unseen = vec![true; points.len()];
     let mut left = open.len();
     for _ in 0..MOST {
-        if left == 0 || (enough(left) && !all) {
+        if enough(left) {
             break;
         }
         let best = |least: f64| {
@@ -109,6 +118,11 @@ pub fn fill(
 /// What can be driven of lines, and what that sees.
 fn offers(shop: &Workshop<'_>, lines: &[Vec<LinePoint>], points: &[SamplePoint]) -> Vec<Offer> {
     let eye = Eye::new(&shop.spec.sensor, &shop.realiser.scenery, points);
+    let driver = &shop.realiser.driver;
+    let askew = match driver.free_line() && driver.fixed_beam().is_some() {
+        true => &ASKEW_DEG[..],
+        false => &ASKEW_DEG[..1],
+    };
     let of_line = |k: usize| -> Vec<Offer> {
         if !shop.deadline.more() {
             return Vec::new();
@@ -118,8 +132,11 @@ fn offers(shop: &Workshop<'_>, lines: &[Vec<LinePoint>], points: &[SamplePoint])
             sees: eye.seen_by(&pass),
             pass,
         };
-        let passes = line_passes(shop, &lines[k], &mut Obstructed::default());
-        let mut offers: Vec<Offer> = passes.into_iter().map(offer).collect();
+        let passes = askew.iter().flat_map(|by| {
+            let hindered = &mut Obstructed::default();
+            line_passes(shop, &lines[k], *by, hindered)
+        });
+        let mut offers: Vec<Offer> = passes.map(offer).collect();
         offers.retain(|o| o.sees.len() > 2);
         offers
     };
@@ -148,29 +165,40 @@ fn offered_lines(
     }
     let line = shop.spec.sensor.line_mm;
     let fixed = shop.spec.machine.turns() == 0;
-    let spacing = if fixed { FIXED_SHARE } else { LINE_SHARE };
+    let (spacing, most) = if fixed {
+        (FIXED_SHARE, MOST_FIXED_LINES)
+    } else {
+        (LINE_SHARE, MOST_LINES)
+    };
     let beam = shop.realiser.driver.fixed_beam();
     let mut found = Vec::new();
-    let mut order: Vec<usize> = (0..charts.len())
-        .filter(|k| counts[*k] as f64 * per_sample > 0.1 * line)
+    // A beam that stands sees a slope from the flat beside it: lines over all charts that its middle ray may meet.
+    let met = |chart: &Chart| {
+        let faces = || chart.faces.iter().map(|&f| f as usize);
+        let meets = |b| faces().any(|f| shop.realiser.driver.within_tilt(b, &shop.part.normal(f)));
+        let area: f64 = faces().map(|f| shop.part.area_mm2(f)).sum();
+        beam.as_ref().filter(|b| meets(b)).map(|_| area)
+    };
+    let worth = |k: usize| match beam {
+        Some(_) => met(&charts[k]),
+        None => Some(counts[k] as f64 * per_sample),
+    };
+    let mut order: Vec<(usize, f64)> = (0..charts.len())
+        .filter_map(|k| worth(k).map(|area| (k, area)))
+        .filter(|(_, area)| *area > 0.1 * line)
         .collect();
-    order.sort_by_key(|k| std::cmp::Reverse(counts[*k]));
-    for number in order {
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    for (number, _) in order {
         let chart = &charts[number];
-        let mean: Vector3<f64> = chart
-            .faces
-            .iter()
-            .map(|&f| shop.part.normal(f as usize) * shop.part.area_mm2(f as usize))
-            .sum();
-        let (x, y) = across(&mean);
+        let (x, y) = chart_axes(shop.part, chart);
         let of_chart: Vec<&SamplePoint> = open
             .iter()
-            .filter(|p| chart_of[p.face as usize] as usize == number)
+            .filter(|p| beam.is_some() || chart_of[p.face as usize] as usize == number)
             .collect();
         let places: Vec<Vector3<f64>> = of_chart.iter().map(|p| p.at).collect();
         let cells = Cells::new(&places, line / 2.0);
-        for k in 0..DIRECTIONS {
-            let (s, c) = (std::f64::consts::PI * k as f64 / DIRECTIONS as f64).sin_cos();
+        for part_of_half in DIRECTIONS {
+            let (s, c) = (std::f64::consts::PI * part_of_half).sin_cos();
             let direction = x * c + y * s;
             let mut heights: Vec<f64> = places.iter().map(|p| p.dot(&direction)).collect();
             heights.sort_by(f64::total_cmp);
@@ -188,8 +216,10 @@ fn offered_lines(
             let field = HeightField::new(shop.part, chart, height, String::new());
             let step = (spacing * line).max((high - low) / 200.0);
             let count = ((high - low) / step).floor() as usize;
-            for j in 0..=count {
-                let level = low + (high - low - step * count as f64) / 2.0 + step * j as f64;
+            let first = low + (high - low - step * count as f64) / 2.0;
+            let border = BORDER_SHARE * line;
+            let borders = [low + border, high - border].into_iter();
+            for level in borders.chain((0..=count).map(|j| first + step * j as f64)) {
                 // Only where something is open within the line's reach.
                 let next = heights.partition_point(|h| *h <= level - 0.6 * line);
                 if heights.get(next).is_none_or(|h| *h >= level + 0.6 * line) {
@@ -216,7 +246,7 @@ fn offered_lines(
                     if stretch.len() > 1 {
                         found.push(stretch);
                     }
-                    if found.len() >= MOST_LINES || !shop.deadline.more() {
+                    if found.len() >= most || !shop.deadline.more() {
                         return found;
                     }
                 }

@@ -6,8 +6,7 @@
 
 use super::super::drive::deadline::Deadline;
 use super::super::spec::ScanSpec;
-use super::PlanOptions;
-use super::result::{COVERAGE_UNREACHABLE, OVERLAP_UNREACHABLE, ScanPlan};
+use super::result::{COVERAGE_UNREACHABLE, ScanPlan};
 use crate::ScanError;
 
 /// The longest step, of the line's length.
@@ -51,7 +50,6 @@ pub(super) struct PartSize {
 pub(super) fn best(
     spec: &ScanSpec,
     size: PartSize,
-    options: PlanOptions,
     deadline: Deadline,
     plan: impl Fn(&ScanSpec, Option<f64>) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
@@ -75,7 +73,7 @@ pub(super) fn best(
     let mut care = None;
     for spare in CARES {
         // Judging takes its time.
-        if overlaps(&best) || !deadline.lasts(begun.elapsed() * 4) {
+        if overlaps(spec, &best) || !deadline.lasts(begun.elapsed() * 4) {
             break;
         }
         begun = std::time::Instant::now();
@@ -84,7 +82,8 @@ pub(super) fn best(
             (best, care) = (found, Some(spare));
         }
     }
-    if !worth_another(spec, options, &best) || (best.is_ok() && size.triangles > MOST_TRIANGLES) {
+    let refused = best.as_ref().map_or(true, |plan| plan.refusal.is_some());
+    if !worth_another(spec, &best) || (!refused && size.triangles > MOST_TRIANGLES) {
         return best;
     }
     let took = begun.elapsed();
@@ -98,7 +97,7 @@ pub(super) fn best(
         if gained {
             best = found;
         }
-        if !gained || !worth_another(spec, options, &best) {
+        if !gained || !worth_another(spec, &best) {
             break;
         }
     }
@@ -106,19 +105,16 @@ pub(super) fn best(
 }
 
 /// Is nothing known of strips that overlap too little?
-fn overlaps(found: &Result<ScanPlan, ScanError>) -> bool {
+fn overlaps(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
     match found {
-        Ok(plan) => holds(plan),
-        Err(error) => error.code != OVERLAP_UNREACHABLE,
+        // What sees too little is not mended by care.
+        Ok(plan) => holds(plan) || plan.figures.coverage < spec.plan.min_coverage,
+        Err(_) => true,
     }
 }
 
 /// Is a plan refused for what finer steps may mend, or long?
-pub(super) fn worth_another(
-    spec: &ScanSpec,
-    options: PlanOptions,
-    found: &Result<ScanPlan, ScanError>,
-) -> bool {
+pub(super) fn worth_another(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
     match found {
         Ok(plan) => {
             let figures = &plan.figures;
@@ -127,12 +123,11 @@ pub(super) fn worth_another(
             // A part narrower than the line has no bound by its area.
             let narrow = figures.passes < 3;
             let long = figures.scan_length_mm > GOOD_RATIO * bound && !narrow;
-            let little = options.allow_partial && figures.coverage < spec.plan.min_coverage;
-            long || little
+            long || plan.refusal.is_some()
         }
         Err(error) => matches!(
             error.code,
-            COVERAGE_UNREACHABLE | OVERLAP_UNREACHABLE | "axis_limit" | "plan_unproved"
+            COVERAGE_UNREACHABLE | "axis_limit" | "plan_unproved"
         ),
     }
 }
@@ -159,9 +154,13 @@ pub(super) fn better(
     match (one, other) {
         (Ok(one), Ok(other)) => {
             let (a, b) = (&one.figures, &other.figures);
+            let [kept, before] = [one, other].map(|plan| plan.refusal.is_none());
+            if kept != before {
+                return kept;
+            }
             let [overlapping, before] = [one, other].map(holds);
             if overlapping != before
-                && (a.coverage.min(b.coverage) >= wanted || a.coverage >= b.coverage - GAIN)
+                && (a.coverage.min(b.coverage) >= wanted || (a.coverage - b.coverage).abs() <= GAIN)
             {
                 return overlapping;
             }

@@ -31,6 +31,7 @@ use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::figures::OverlapPoints;
+use super::proof::placed::Placed;
 use super::proof::row::PathRow;
 use super::proof::samples::{SamplePoint, sample_count, samples};
 use super::proof::see::Eye;
@@ -56,8 +57,10 @@ pub struct PlanOptions {
 pub struct Workshop<'a> {
     /// The part.
     pub part: &'a PartMesh,
-    /// The specification.
+    /// The specification that it is planned by: its spindle may stand, its steps may be shorter than what is allowed.
     pub spec: &'a ScanSpec,
+    /// The specification as it is given.
+    pub given: &'a ScanSpec,
     /// How far it reaches.
     pub across_mm: f64,
     /// Points that stand for the surface.
@@ -113,6 +116,33 @@ pub fn plan(
 ) -> Result<ScanPlan, ScanError> {
     let started = Instant::now();
     let deadline = Deadline::after(started, options.time_limit);
+    let Some(placed) = Placed::new(part, obstacles, spec) else {
+        return plan_there(part, obstacles, spec, options, deadline);
+    };
+    let mut plan = plan_there(
+        &placed.part,
+        &placed.obstacles,
+        &placed.spec,
+        options,
+        deadline,
+    )?;
+    for row in &mut plan.rows {
+        row.pose = spec.machine.forward(&row.axes);
+    }
+    for (point, _) in &mut plan.seen {
+        *point = placed.back(point);
+    }
+    Ok(plan)
+}
+
+/// The plan of a part whose frame is the machine's.
+fn plan_there(
+    part: &PartMesh,
+    obstacles: &[Mesh],
+    spec: &ScanSpec,
+    options: PlanOptions,
+    deadline: Deadline,
+) -> Result<ScanPlan, ScanError> {
     let charts = charts(part, sharp_deg(spec), || deadline.check())?;
     deadline.check()?;
     // Where hardly anything may go unseen, small gaps count.
@@ -131,6 +161,7 @@ pub fn plan(
             part,
             across_mm,
             spec: inner,
+            given: spec,
             samples: samples(part, points),
             realiser: Realiser {
                 spec: inner,
@@ -144,9 +175,13 @@ pub fn plan(
         };
         planned(&shop, &charts, options)
     };
-    limits::best(spec, size, options, deadline, |inner, care| {
-        spindle::best(inner, options, deadline, |spec| one(spec, care))
-    })
+    let found = limits::best(spec, size, deadline, |inner, care| {
+        spindle::best(inner, deadline, |spec| one(spec, care))
+    })?;
+    match found.refusal {
+        Some(refusal) if !options.allow_partial => Err(refusal),
+        _ => Ok(found),
+    }
 }
 
 /// A path within the steps and turns of the workshop's specification.
@@ -174,7 +209,7 @@ fn planned(
         thin::thin(shop, &mut passes);
     }
     let before = passes.len();
-    fill::fill(shop, charts, &mut passes, options.allow_partial)?;
+    fill::fill(shop, charts, &mut passes)?;
     if passes.len() > before {
         thin::thin(shop, &mut passes);
     }

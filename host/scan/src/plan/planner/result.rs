@@ -27,6 +27,8 @@ pub struct PlanFigures {
     pub passes: usize,
     /// Poses with the laser on.
     pub poses: usize,
+    /// Poses of them to which the point on the part does not move: the line or the beam turns on the spot.
+    pub turning_poses: usize,
     /// Share of the area that is seen.
     pub coverage: f64,
     /// Way of the middle ray's point with the laser on.
@@ -41,7 +43,7 @@ pub struct PlanFigures {
     pub stand_off_max_mm: f64,
     /// Largest angle of the middle ray against the facet it meets.
     pub tilt_max_deg: f64,
-    /// Of neighbouring passes; none where there is one pass.
+    /// Of neighbouring passes; none where no strip has a neighbour, as with one pass.
     pub overlap: Option<JudgedOverlap>,
     /// By how much the sensor's box could grow on all sides before it touches.
     pub clearance_mm: f64,
@@ -75,6 +77,8 @@ pub struct ScanPlan {
     pub seen: Vec<(SamplePoint, usize)>,
     /// Area of the part.
     pub area_mm2: f64,
+    /// Why it is no plan where none may be partial.
+    pub refusal: Option<ScanError>,
     /// The charts' triangles in the plane, with the length there of a millimetre on the surface.
     pub flat: Vec<Vec<FlatTriangle>>,
 }
@@ -86,10 +90,13 @@ pub type FlatTriangle = ([[f64; 2]; 3], f64);
 pub(super) const COVERAGE_UNREACHABLE: &str = "coverage_unreachable";
 
 /// Neighbouring strips overlap less than is wanted.
-pub(super) const OVERLAP_UNREACHABLE: &str = "overlap_unreachable";
+const OVERLAP_UNREACHABLE: &str = "overlap_unreachable";
 
 /// The fault of a path whose strips overlap too little.
 const OVERLAP: &str = "overlap";
+
+/// Less way is none: axis values are rounded.
+const ON_THE_SPOT_MM: f64 = 1e-6;
 
 /// The clearance is told up to this.
 const MOST_CLEARANCE_MM: f64 = 100.0;
@@ -125,9 +132,8 @@ pub fn proved(
         findings(shop.part, scenery, spec, &rows, &same)
     };
     let coverage = seen.share().min(found.coverage);
-    if coverage < wanted && !options.allow_partial {
-        return Err(unreachable(shop, coverage, &uncovered, obstructed, options));
-    }
+    let mut refusal =
+        (coverage < wanted).then(|| unreachable(shop, coverage, &uncovered, obstructed, options));
     let mut warnings = Vec::new();
     if shop.part.dropped > 0 {
         warnings.push(format!(
@@ -139,8 +145,10 @@ pub fn proved(
         match fault.fault {
             // Told below.
             "coverage" => {}
-            OVERLAP if options.allow_partial => warnings.push(fault.message.clone()),
-            OVERLAP => return Err(too_little_overlap(&fault.message, coverage)),
+            OVERLAP => {
+                refusal.get_or_insert_with(|| too_little_overlap(shop, &fault.message, coverage));
+                warnings.push(fault.message.clone());
+            }
             _ => return Err(unproved(&fault.message)),
         }
     }
@@ -156,6 +164,7 @@ pub fn proved(
         kind: "scan_plan",
         passes: passes.len(),
         poses: rows.iter().filter(|r| r.laser).count(),
+        turning_poses: 0,
         coverage,
         scan_length_mm: passes.iter().map(|p| p.length_mm(spec)).sum(),
         path_length_mm: 0.0,
@@ -178,7 +187,9 @@ pub fn proved(
         let [a, b] = [&pair[0], &pair[1]];
         let way = (tip(spec, &b.pose) - tip(spec, &a.pose)).norm();
         figures.path_length_mm += way;
-        figures.duration_s += if a.laser && b.laser && a.pass == b.pass {
+        let scans = a.laser && b.laser && a.pass == b.pass;
+        figures.turning_poses += usize::from(scans && way < ON_THE_SPOT_MM);
+        figures.duration_s += if scans {
             (way / (options.feed_mm_per_min / 60.0)).max(seconds(&a.axes, &b.axes, RAPID_MM_PER_S))
         } else {
             seconds(&a.axes, &b.axes, RAPID_MM_PER_S)
@@ -199,6 +210,7 @@ pub fn proved(
         figures,
         seen: shop.samples.iter().copied().zip(sights).collect(),
         area_mm2: shop.part.surface.area_mm2(),
+        refusal,
         flat: Vec::new(),
     })
 }
@@ -231,9 +243,10 @@ fn unreachable(
     ScanError::refused(
         code,
         format_args!(
-            "The best plan found sees {:.1} % of the area, {:.1} % are wanted. Not seen: {why}.{}",
+            "The best plan found sees {:.1} % of the area, {:.1} % are wanted. Not seen: {why}.{}{}",
             coverage * 100.0,
             plan.min_coverage * 100.0,
+            pieces(shop.part.components),
             advice(obstructed.breaks, options.allow_partial)
         ),
     )
@@ -242,6 +255,16 @@ fn unreachable(
         "uncovered",
         serde_json::to_value(uncovered).unwrap_or_default(),
     )
+}
+
+/// What to do with a surface that a file has in pieces: each is planned by itself.
+fn pieces(components: u32) -> String {
+    match components {
+        0 | 1 => String::new(),
+        n => format!(
+            " The mesh is {n} pieces without common edges, and each is planned by itself: if they are one surface, weld its vertices, also where a corner lies on another triangle's edge."
+        ),
+    }
 }
 
 /// What helps where too little is seen, after so many breaks of courses.
@@ -261,11 +284,12 @@ fn advice(breaks: usize, allow_partial: bool) -> String {
     format!("{broken} Allow more tilt{or_turn}, or stand the part otherwise{partial}.")
 }
 
-fn too_little_overlap(what: &str, coverage: f64) -> ScanError {
+fn too_little_overlap(shop: &Workshop<'_>, what: &str, coverage: f64) -> ScanError {
     ScanError::refused(
         OVERLAP_UNREACHABLE,
         format_args!(
-            "{what} No path was found that keeps it. Want less overlap, or take --allow-partial."
+            "{what} No path was found that keeps it.{} Want less overlap, or take --allow-partial.",
+            pieces(shop.part.components)
         ),
     )
     .with("coverage", coverage)
@@ -305,7 +329,13 @@ pub fn csv(machine: &PlanMachine, rows: &[PathRow]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::advice;
+    use super::{advice, pieces};
+
+    #[test]
+    fn a_mesh_in_pieces_is_told_to_be_welded() {
+        assert_eq!(pieces(1), "");
+        assert!(pieces(625).contains("625 pieces") && pieces(625).contains("weld"));
+    }
 
     #[test]
     fn the_limit_that_breaks_courses_is_named_and_nothing_is_advised_twice() {

@@ -13,7 +13,6 @@ use super::super::drive::deadline::Deadline;
 use super::super::machine::LineSpindle;
 use super::super::spec::ScanSpec;
 use super::super::verify::same_place;
-use super::PlanOptions;
 use super::limits::{better, worth_another};
 use super::result::{COVERAGE_UNREACHABLE, ScanPlan};
 use crate::ScanError;
@@ -29,7 +28,6 @@ const STANDING_DEG: [f64; 4] = [45.0, 135.0, 0.0, 90.0];
 /// Those of the plan that sees the most, where none is one; `time_limit` where not all could be tried and none is one.
 pub(super) fn best(
     spec: &ScanSpec,
-    options: PlanOptions,
     deadline: Deadline,
     plan: impl Fn(&ScanSpec) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
@@ -48,7 +46,7 @@ pub(super) fn best(
     angles.dedup();
     for angle in angles.into_iter().map(rounded) {
         let enough = match narrow {
-            true => !worth_another(spec, options, &best),
+            true => !worth_another(spec, &best),
             false => sees_enough(spec, &best),
         };
         // Without a plan so far, an answer before all is tried would not be true; a spindle with a whole turn has one.

@@ -8,6 +8,7 @@
 
 pub mod cells;
 pub mod figures;
+pub mod placed;
 pub mod row;
 pub mod samples;
 pub mod see;

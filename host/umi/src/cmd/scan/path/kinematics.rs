@@ -46,7 +46,9 @@ Examples:
 
 Beam and line are unit vectors at a right angle, by six decimals; others are refused (bad_pose).
 
-For each pose there is one set of axis values for every branch within the limits, angles nearest to
+--forward: `status` of each pose is ok, or axis_limit where an axis is beyond its limits; the pose is told all the same.
+
+--inverse: for each pose there is one set of axis values for every branch within the limits, angles nearest to
 zero. At a pole, where an axis is free, there is one set with that axis at zero, and `singular` says so.
 
 Exit status: 0 answered, 1 usage or a file that cannot be read, 2 refused: bad_spec, sensor_spec,
@@ -101,7 +103,8 @@ fn text(found: &Answer) -> String {
             for (number, p) in poses.iter().enumerate() {
                 let _ = writeln!(
                     text,
-                    "{number}: origin {} mm\n   beam   {}\n   line   {}",
+                    "{number}: {}, origin {} mm\n   beam   {}\n   line   {}",
+                    p.status,
                     three(&p.origin_mm),
                     three(&p.beam),
                     three(&p.line)

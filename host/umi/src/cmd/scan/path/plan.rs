@@ -105,6 +105,8 @@ SPEC.toml: every key with its unit and default is in docs/scan-plan.md; examples
 `duration_s` is reckoned with --feed while the laser is on, and with 100 mm/s and 30 degrees/s for links
 and turning axes (`duration_at` in --json): a machine with other rapids takes another time.
 `overlap.tenth` is what is wanted: a tenth of the strips' length may overlap less, down to `overlap.min`.
+`overlap` is null where no strip has a neighbour, as with a single pass. `turning_poses` are those of `poses`
+to which the point on the part does not move: they add nothing to `scan_length_mm`.
 A pass's comments LASER ON and LASER OFF in the program tell where it is scanned; no language has a word
 for that. The program comes from the top of the machine's Z (`travel_mm`) and goes back there, straight up.
 Where X and Y stood before is not known: what stands higher than that is the operator's.
@@ -236,9 +238,10 @@ fn text(f: &PlanFigures) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
-        "{} passes, {} poses, {:.1} % of the area seen",
+        "{} passes, {} poses ({} turn on the spot), {:.1} % of the area seen",
         f.passes,
         f.poses,
+        f.turning_poses,
         f.coverage * 100.0
     );
     let _ = writeln!(

@@ -14,7 +14,10 @@ pub fn page(mesh: &Path, spec: &ScanSpec, plan: &ScanPlan) -> PlanPage {
     let array = |v: &Vec3| [v.x, v.y, v.z];
     let mut facts = vec![
         ("passes", f.passes.to_string()),
-        ("poses with the laser on", f.poses.to_string()),
+        (
+            "poses with the laser on",
+            format!("{}, of which {} turn on the spot", f.poses, f.turning_poses),
+        ),
         (
             "way with the laser on",
             format!("{:.1} mm", f.scan_length_mm),
