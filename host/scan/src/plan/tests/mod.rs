@@ -487,10 +487,11 @@ fn a_rigid_motion_of_part_and_fixture_together_changes_nothing() {
         x * (y / 35.0).sin() - x * x / 250.0
     });
     for raw in [&waves, &dome, &saddle, &blade] {
-        moves_alike(raw, SPEC);
+        moves_alike(raw, SPEC, 0.01);
     }
     for raw in [&saddle, &blade, &twisted] {
-        moves_alike(raw, &fixed_line_text());
+        // Plans that are alike in a mirror cost the same, but for their links; rounding decides.
+        moves_alike(raw, &fixed_line_text(), 0.15);
     }
 }
 
@@ -509,7 +510,7 @@ fn shapes(cells: usize) -> [RawMesh; 4] {
     ]
 }
 
-fn moves_alike(raw: &RawMesh, base: &str) {
+fn moves_alike(raw: &RawMesh, base: &str, with_links: f64) {
     let spec_at = |turns: Vector3<f64>, shift: Vector3<f64>| {
         let text = base
             .replace(
@@ -565,7 +566,7 @@ fn moves_alike(raw: &RawMesh, base: &str) {
         let spec = spec_at(back, there);
         let again = plan(&part, &[], &spec, options(true)).unwrap();
         keeps(&again, &spec);
-        assert_alike(&still, &again, 0.01, 0.01);
+        assert_alike(&still, &again, 0.01, with_links);
     }
 }
 
