@@ -10,7 +10,7 @@ use super::drive::touch::Scenery;
 use super::machine::{SensorPose, UNIT};
 use super::mesh::PartMesh;
 use super::proof::figures::{JudgedOverlap, OverlapPoints, stand};
-use super::proof::placed::Placed;
+use super::proof::on_machine::OnMachine;
 use super::proof::row::PathRow;
 use super::proof::samples::{sample_count, samples};
 use super::proof::see::{SampleSights, see};
@@ -228,7 +228,7 @@ pub fn verify(
     rows: &[PathRow],
 ) -> PathFindings {
     // Where it was planned: the same points stand for the surface.
-    let Some(placed) = Placed::new(part, obstacles, spec) else {
+    let Some(placed) = OnMachine::new(part, obstacles, spec) else {
         return verify_there(part, obstacles, spec, rows);
     };
     let there = |row: &PathRow| PathRow {

@@ -31,7 +31,7 @@ use super::drive::touch::Scenery;
 use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::figures::OverlapPoints;
-use super::proof::placed::Placed;
+use super::proof::on_machine::OnMachine;
 use super::proof::row::PathRow;
 use super::proof::samples::{SamplePoint, sample_count, samples};
 use super::proof::see::Eye;
@@ -116,7 +116,7 @@ pub fn plan(
 ) -> Result<ScanPlan, ScanError> {
     let started = Instant::now();
     let deadline = Deadline::after(started, options.time_limit);
-    let Some(placed) = Placed::new(part, obstacles, spec) else {
+    let Some(placed) = OnMachine::new(part, obstacles, spec) else {
         return plan_there(part, obstacles, spec, options, deadline);
     };
     let mut plan = plan_there(

@@ -12,7 +12,7 @@ use super::samples::SamplePoint;
 use crate::surface::Mesh;
 
 /// The same scene, in the frame of the machine with its table at zero.
-pub struct Placed {
+pub struct OnMachine {
     /// The part.
     pub part: PartMesh,
     /// What stands beside it.
@@ -22,7 +22,7 @@ pub struct Placed {
     place: Pose,
 }
 
-impl Placed {
+impl OnMachine {
     /// None where the part's frame is the machine's already, or so far off that rounding leaves no surface there.
     pub fn new(part: &PartMesh, obstacles: &[Mesh], spec: &ScanSpec) -> Option<Self> {
         let place = spec.machine.chain.workpiece;
@@ -46,7 +46,7 @@ impl Placed {
         let obstacles = obstacles.iter().map(mesh).collect::<Option<_>>()?;
         let mut spec = spec.clone();
         spec.machine.chain.workpiece = Pose::identity();
-        Some(Placed {
+        Some(OnMachine {
             part: moved,
             obstacles,
             spec,
