@@ -168,6 +168,93 @@ fn new_board(loader: &[u8], public: [u8; 32], image: &[u8]) -> Result<Vec<u8>> {
 mod tests {
     use super::*;
 
+    const BOARD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/boards/pico/");
+
+    fn text(file: &str) -> String {
+        fs::read_to_string(Path::new(BOARD).join(file)).unwrap()
+    }
+
+    /// A number as linker scripts and these sources write it: `0x100`, `976K`, `2_048`.
+    fn number(text: &str) -> u32 {
+        let digits = text.trim().replace('_', "");
+        let (digits, unit) = match digits.strip_suffix('K') {
+            Some(digits) => (digits, 1024),
+            None => (&digits[..], 1),
+        };
+        let value = match digits.strip_prefix("0x") {
+            Some(digits) => u32::from_str_radix(digits, 16),
+            None => digits.parse(),
+        };
+        value.unwrap_or_else(|_| panic!("a number: {text}")) * unit
+    }
+
+    /// Where a linker script puts a memory: from, length.
+    fn memory(file: &str, name: &str) -> (u32, u32) {
+        let script = text(file);
+        let start = format!("{name} : ORIGIN = ");
+        let line = script.split_once(&start).unwrap().1.lines().next().unwrap();
+        let (origin, length) = line.split_once(", LENGTH = ").unwrap();
+        let origin = origin.split('+').map(number).sum();
+        let (whole, less) = length.split_once('-').unwrap_or((length, "0"));
+        let less = less.split('-').map(number).sum::<u32>();
+        (origin, number(whole) - less)
+    }
+
+    /// The sectors of the places in the firmware's source, in the order in which it names them.
+    fn sectors(file: &str) -> Vec<u32> {
+        let source = text(file);
+        let lines = source.lines().map(str::trim);
+        let sectors = lines.filter_map(|line| line.strip_prefix("sectors: ")?.strip_suffix(','));
+        // A declaration names a type, no number.
+        let numbers = sectors.filter(|of| of.starts_with(|first: char| first.is_ascii_digit()));
+        numbers.map(number).collect()
+    }
+
+    /// The same places stand here, in the firmware and in its linker scripts: who moves one moves all.
+    #[test]
+    fn the_places_are_those_of_the_firmware_and_of_the_linker() {
+        let kilobyte = 1024;
+        // In the firmware: the loader, what counts, two images, one behind the other; then the board's key.
+        let [loader, state, a, b] = sectors("src/storage/images.rs")[..] else {
+            panic!("four places");
+        };
+        let sector = SECTOR as u32;
+        let chip = text("src/storage/chip_flash.rs");
+        assert!(chip.contains(&format!("SECTOR_BYTES: u32 = {SECTOR};")));
+        assert!(chip.contains("const CHIP_BYTES: usize = 2 * 1024 * 1024;"));
+        let [key] = sectors("src/storage/chip_flash.rs")[..] else {
+            panic!("one place");
+        };
+        assert_eq!(FLASH + loader * sector, STATE);
+        assert_eq!(KEY, STATE - 32);
+        assert_eq!(STATE_BYTES as u32, state * sector);
+        assert_eq!(PLACES[0], STATE + state * sector);
+        assert_eq!(PLACES[1], PLACES[0] + a * sector);
+        let end = PLACES[1] + b * sector;
+        assert_eq!(end + key * sector, FLASH + 2048 * kilobyte);
+
+        // For the linker: a boot loader that leaves the key alone, images behind their headers, and nobody in the
+        // place of the board's key.
+        let boot2 = memory("flash-boot.x", "BOOT2");
+        let (from, length) = memory("flash-boot.x", "FLASH");
+        assert_eq!((boot2.0, from + length), (FLASH, KEY));
+        for (file, place, sectors) in [
+            ("flash-slot-a.x", PLACES[0], a),
+            ("flash-slot-b.x", PLACES[1], b),
+        ] {
+            let (from, length) = memory(file, "FLASH");
+            assert_eq!(from, place + BEFORE_CODE, "{file}");
+            assert_eq!(from + length, place + sectors * sector, "{file}");
+        }
+        let (from, length) = memory("flash-rp2040.x", "FLASH");
+        assert_eq!(from + length, end);
+        assert!(
+            text("src/storage/images.rs").contains(&format!("const VECTORS: u32 = {BEFORE_CODE};"))
+        );
+        let update = text("../../../protocol/src/update.rs");
+        assert!(update.contains(&format!("const IMAGE_HEADER: usize = {HEADER};")));
+    }
+
     /// A key is 32 bytes, and nothing else.
     #[test]
     fn a_public_key_is_64_digits() {
