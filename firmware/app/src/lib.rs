@@ -7,13 +7,14 @@
 //! LatchSource ─► latch ───────┘   └─► Outputs                          │ │
 //!                  ├─► Scans: triggers ────────────────────────────────┘ └─► Axes, Scanner
 //! SensorPort ◄─► sense ─► measure: places of a distance sensor
+//! serve ◄─► prove: what takes long about a session
 //! ```
 //!
 //! Every arrow is one function or one channel. A board gives its drivers
 //! ([`board`]) to [`App::run`], or runs the parts at priorities of its own, the
 //! highest first: the drivers' interrupts, then [`App::receive`], [`App::transmit`]
 //! and [`App::latch`], then [`App::serve`], then [`App::measure`], whose fits and
-//! storage take longest, with [`App::supervise`].
+//! storage take long, with [`App::supervise`], then [`App::prove`], for which nothing waits but a host.
 //!
 //! | file | idea |
 //! | --- | --- |
@@ -58,7 +59,7 @@ mod test_board;
 use core::cell::Cell;
 use core::future::pending;
 
-use embassy_futures::join::{join, join5};
+use embassy_futures::join::{join3, join5};
 use embassy_futures::select::{Either, Either6, select, select6};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::Mutex;
@@ -96,6 +97,7 @@ pub struct App<F: Flash> {
     scans: capture::scan::Scans,
     /// Who may do what; the host's task has it.
     guarded: shared::Shared<access::Guarded<F>>,
+    prover: access::proof::Prover,
     /// The station of a distance sensor, where there is one.
     point: Mutex<CriticalSectionRawMutex, Cell<Option<&'static PointStation>>>,
     /// The board is to start anew.
@@ -136,6 +138,7 @@ impl<F: Flash> App<F> {
             line: control::line::Line::new(),
             scans: capture::scan::Scans::new(),
             guarded: shared::Shared::new(access::Guarded::new()),
+            prover: access::proof::Prover::new(),
             point: Mutex::new(Cell::new(None)),
             restart: Signal::new(),
             config_changed: Signal::new(),
@@ -284,9 +287,10 @@ impl<F: Flash> App<F> {
             self.measure(&mut outputs, clock),
             self.transmit(&mut cnc_tx, clock),
             self.serve(&mut link_rx, &mut link_tx, &mut station, clock),
-            join(
+            join3(
                 self.latch(&mut latches, clock),
                 self.supervise(&mut watchdog, clock),
+                self.prove(),
             ),
         )
         .await;
@@ -311,6 +315,12 @@ impl<F: Flash> App<F> {
         clock: &impl Clock,
     ) {
         host::link::serve(self, rx, tx, station, clock).await;
+    }
+
+    /// Does what takes long about sessions, for ever: at a priority below measuring, which must not
+    /// wait for it. Only a board with an owner has sessions.
+    pub async fn prove(&self) {
+        self.prover.run().await;
     }
 
     /// Measures, for ever.

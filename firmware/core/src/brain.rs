@@ -65,7 +65,7 @@ impl Brain {
     /// Why the job cannot be used.
     pub fn new(job: Job) -> Result<Self, JobError> {
         let mut brain = Self::idle();
-        brain.begin(job)?;
+        brain.begin(&job)?;
         Ok(brain)
     }
 
@@ -73,11 +73,17 @@ impl Brain {
     ///
     /// # Errors
     /// Why the job cannot be used: then nothing has changed.
-    pub fn begin(&mut self, job: Job) -> Result<(), JobError> {
-        job::check(&job)?;
-        self.receiver.put(LineSplitter::new(&job.receiver));
-        self.run.begin(job);
+    pub fn begin(&mut self, job: &Job) -> Result<(), JobError> {
+        job::check(job)?;
+        self.put(job);
         Ok(())
+    }
+
+    /// A job has kilobytes: its copy is on the stack only here.
+    #[inline(never)]
+    fn put(&mut self, job: &Job) {
+        self.receiver.put(LineSplitter::new(&job.receiver));
+        self.run.begin(job.clone());
     }
 
     /// The job, if there is one.

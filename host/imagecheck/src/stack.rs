@@ -18,6 +18,9 @@
 //!   there are the executor's wakers. A level without tasks is one of drivers, and calls no
 //!   others than wakers through pointers.
 //!
+//! A level of tasks that begins only when a part of the thread has returned ([`Level::after`]) is
+//! never on top of that part: its stack and theirs exclude each other.
+//!
 //! Calls that go round through pointers count each of their functions once. A panic can come
 //! at the worst moment too, so it is a level of its own; that it panics itself is left out. So
 //! is a ring of calls of which every function is the core library's and none ever returns: who
@@ -57,6 +60,9 @@ pub struct Level {
     /// The tasks that the executor of this level runs.
     #[serde(default)]
     pub tasks: Vec<String>,
+    /// Functions of the thread that have returned before this level begins, by their whole names.
+    #[serde(default)]
+    pub after: Vec<String>,
 }
 
 /// The stack that a level needs.
@@ -92,14 +98,30 @@ pub fn needs(program: &LinkedProgram, levels: &[Level], has_fpu: bool) -> Result
     let start_up = known(program, &[program.reset], &program.loose);
     let always = &start_up | &wakers;
     let mut needs = Vec::new();
-    for (level, (handlers, tasks)) in groups.iter().enumerate() {
+    // What the thread needs with what has returned before some level begins.
+    let mut starts = Vec::new();
+    for (
+        level,
+        Group {
+            handlers,
+            tasks,
+            after,
+        },
+    ) in groups.iter().enumerate()
+    {
         let start: Vec<usize> = handlers.iter().chain(tasks).copied().collect();
         let known = if tasks.is_empty() {
             wakers.clone()
         } else {
             known(program, &start, &always)
         };
-        let graph = Graph::new(program, handlers, tasks, &known)?;
+        let mut graph = Graph::new(program, handlers, tasks, &known)?;
+        if level == 0 {
+            for index in groups.iter().flat_map(|group| &group.after) {
+                starts.push(graph.worst(program, graph.start(handlers[0])));
+                graph.cut(*index);
+            }
+        }
         let worst = handlers
             .iter()
             .map(|handler| graph.worst(program, graph.start(*handler)));
@@ -111,25 +133,39 @@ pub fn needs(program: &LinkedProgram, levels: &[Level], has_fpu: bool) -> Result
             need.bytes += saved;
             need.chain.insert(0, ("(interrupt)".to_owned(), saved));
         }
+        if let [_, ..] = after[..] {
+            // On top of the thread alone: what comes before it must not need more than both.
+            let both = needs.first().map_or(0, |thread: &StackNeed| thread.bytes) + need.bytes;
+            let start = starts.iter().max_by_key(|start| start.bytes);
+            ensure!(
+                level == 1 && start.is_none_or(|start| start.bytes <= both),
+                "the thread needs more before `{}` than with it: {both} bytes",
+                functions[handlers[0]].name()
+            );
+        }
         needs.push(need);
     }
     Ok(needs)
 }
 
-/// Handlers and tasks of each level.
-type Group = (Vec<usize>, Vec<usize>);
+/// Handlers and tasks of a level, and what of the thread has returned before it begins.
+#[derive(Default)]
+struct Group {
+    handlers: Vec<usize>,
+    tasks: Vec<usize>,
+    after: Vec<usize>,
+}
 
 fn group(program: &LinkedProgram, levels: &[Level], all_tasks: &[usize]) -> Result<Vec<Group>> {
     let functions = &program.functions;
     let mut groups = Vec::new();
     if levels.is_empty() {
-        groups.push((vec![program.reset], all_tasks.to_vec()));
-        groups.extend(
-            program
-                .handlers
-                .iter()
-                .map(|index| (vec![*index], all_tasks.to_vec())),
-        );
+        let alone = [program.reset];
+        groups.extend(alone.iter().chain(&program.handlers).map(|index| Group {
+            handlers: vec![*index],
+            tasks: all_tasks.to_vec(),
+            after: Vec::new(),
+        }));
     } else {
         let mut missing: Vec<&str> = Vec::new();
         let handles = |level: &Level, index| {
@@ -151,24 +187,31 @@ fn group(program: &LinkedProgram, levels: &[Level], all_tasks: &[usize]) -> Resu
         };
         let handlers = || program.handlers.iter().copied().chain([program.reset]);
         for level in levels {
-            groups.push((
-                handlers().filter(|index| handles(level, *index)).collect(),
-                all_tasks
-                    .iter()
-                    .copied()
-                    .filter(|index| runs(level, *index))
-                    .collect(),
-            ));
+            let handlers: Vec<usize> = handlers().filter(|index| handles(level, *index)).collect();
+            let tasks = all_tasks.iter().copied();
+            let mut group = Group {
+                tasks: tasks.filter(|index| runs(level, *index)).collect(),
+                ..Group::default()
+            };
+            for name in level.after.iter().filter(|_| !handlers.is_empty()) {
+                let found = functions.iter().position(|of| of.names.contains(name));
+                match found {
+                    Some(index) => group.after.push(index),
+                    None => missing.push(name),
+                }
+            }
+            group.handlers = handlers;
+            groups.push(group);
         }
         // The thread's level comes first: it is no interrupt.
-        groups.sort_by_key(|(handlers, _)| !handlers.contains(&program.reset));
+        groups.sort_by_key(|group| !group.handlers.contains(&program.reset));
         for index in handlers() {
-            if !groups.iter().any(|(handlers, _)| handlers.contains(&index)) {
+            if !groups.iter().any(|group| group.handlers.contains(&index)) {
                 missing.push(functions[index].name());
             }
         }
         for index in all_tasks {
-            if !groups.iter().any(|(_, tasks)| tasks.contains(index)) {
+            if !groups.iter().any(|group| group.tasks.contains(index)) {
                 missing.push(functions[*index].name());
             }
         }
@@ -179,9 +222,15 @@ fn group(program: &LinkedProgram, levels: &[Level], all_tasks: &[usize]) -> Resu
         );
     }
     let panics = (0..functions.len()).filter(|index| functions[*index].is_panic());
-    groups.push((panics.collect(), Vec::new()));
+    groups.push(Group {
+        handlers: panics.collect(),
+        ..Group::default()
+    });
     // Nothing comes after a fault.
-    groups.push((program.faults.iter().copied().collect(), Vec::new()));
+    groups.push(Group {
+        handlers: program.faults.iter().copied().collect(),
+        ..Group::default()
+    });
     Ok(groups)
 }
 
@@ -365,6 +414,14 @@ impl Graph {
         }
     }
 
+    /// Counts a function no more, nor what it calls.
+    fn cut(&mut self, function: usize) {
+        for node in [function, self.functions + function] {
+            self.weights[node] = 0;
+            self.next[node].clear();
+        }
+    }
+
     /// The longest chain from a node.
     fn worst(&self, program: &LinkedProgram, start: usize) -> StackNeed {
         let rings = rings(&self.next);
@@ -529,6 +586,7 @@ mod tests {
         Level {
             handlers: vec![handler.to_owned()],
             tasks: tasks.iter().map(|task| (*task).to_owned()).collect(),
+            after: Vec::new(),
         }
     }
 
@@ -598,6 +656,34 @@ mod tests {
         program.functions[START].calls = vec![FORMAT + 1];
         let said = needs(&program, &levels, false).unwrap_err().to_string();
         assert!(said.contains("`Reset`"), "{said}");
+    }
+
+    /// A level that begins when the start-up has returned is not on top of it. What start-up needs may
+    /// not be more than the two that exclude it, and it must be there.
+    #[test]
+    fn what_has_returned_before_a_level_begins() {
+        let mut program = program();
+        let boot = Function {
+            names: vec!["umi::boot".to_owned()],
+            frame: 1300,
+            ..program.functions[LEAF].clone()
+        };
+        program.functions.push(boot);
+        program.functions[START].calls.push(FORMAT + 1);
+        program.functions[DRIVER].calls.push(EXECUTOR);
+        let mut levels = [level("main", &["link"]), level("driver", &["fit"])];
+        let fit = 36 + 64 + 16 + 1000 + 40;
+        assert_eq!(bytes(&program, &levels)[..2], [8 + 1300, fit]);
+        levels[1].after = vec!["umi::boot".to_owned()];
+        assert_eq!(bytes(&program, &levels)[..2], [8 + 16 + 200 + 40, fit]);
+        let said = |program: &LinkedProgram, levels: &[Level]| {
+            needs(program, levels, false).unwrap_err().to_string()
+        };
+        program.functions[FORMAT + 1].frame = 264 + fit as u32 - 8 + 1;
+        let more = said(&program, &levels);
+        assert!(more.contains("more before `umi::driver`"), "{more}");
+        levels[1].after = vec!["umi::boots".to_owned()];
+        assert!(said(&program, &levels).ends_with("boots"));
     }
 
     /// A board that says nothing gets the worst of all: any task at any level.

@@ -61,6 +61,9 @@
 use core::ops::Range;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
+use postcard::Deserializer;
+use postcard::de_flavors::Slice;
+use serde::{Serialize, Serializer};
 
 use crate::message::{Event, Request, Response};
 use crate::wire::cobs::{Full, Stuffer, max_overhead};
@@ -127,6 +130,32 @@ pub fn encode<'b, M: Message>(
     message: &M,
     out: &'b mut [u8],
 ) -> Result<&'b [u8], BufferTooSmall> {
+    encode_as(M::KIND, sequence, message, out)
+}
+
+/// [`Event::Dropped`](crate::message::Event::Dropped) as a frame, without the room of the longest event.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_dropped(sequence: u16, count: u32, out: &mut [u8]) -> Result<&[u8], BufferTooSmall> {
+    encode_as(Kind::Event, sequence, &Dropped(count), out)
+}
+
+/// Its number among the events is held by the tests of the protocol's bytes.
+struct Dropped(u32);
+
+impl Serialize for Dropped {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_newtype_variant("Event", 4, "Dropped", &self.0)
+    }
+}
+
+fn encode_as<'b>(
+    kind: Kind,
+    sequence: u16,
+    message: &impl Serialize,
+    out: &'b mut [u8],
+) -> Result<&'b [u8], BufferTooSmall> {
     // All in one buffer, and all messages by one serialiser, that of the journal too: each kind
     // of it costs a board 20 KB. Stuffing goes from the front and never overtakes what it reads.
     let start = 2 + HEADER + max_overhead(out.len());
@@ -134,7 +163,7 @@ pub fn encode<'b, M: Message>(
     // A message has no reason to fail but a full buffer: all its lengths are known.
     let payload = postcard::to_slice(message, free).map_err(|_| BufferTooSmall)?;
     let end = start + payload.len();
-    frame(M::KIND, sequence, out, start..end).map_err(|Full| BufferTooSmall)
+    frame(kind, sequence, out, start..end).map_err(|Full| BufferTooSmall)
 }
 
 /// As [`encode`], with a seal.
@@ -285,16 +314,31 @@ impl<'a> Frame<'a> {
     /// # Errors
     /// [`OpenError`]; a message of another schema or kind is never misread.
     pub fn open<M: Message>(&self) -> Result<M, OpenError> {
+        self.fits::<M>()?;
+        match postcard::take_from_bytes(self.payload) {
+            Ok((message, rest)) if M::FROZEN || rest.is_empty() => Ok(message),
+            _ => Err(OpenError::Malformed),
+        }
+    }
+
+    /// What reads the message, for one of kilobytes on a small stack: it is read where it stays. What
+    /// is left behind it must be nothing.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn reader<M: Message>(&self) -> Result<Deserializer<'a, Slice<'a>>, OpenError> {
+        self.fits::<M>()?;
+        Ok(Deserializer::from_bytes(self.payload))
+    }
+
+    fn fits<M: Message>(&self) -> Result<(), OpenError> {
         if self.kind != M::KIND {
             return Err(OpenError::OtherKind(self.kind));
         }
         if !M::FROZEN && self.key != KEY as u32 {
             return Err(OpenError::OtherSchema);
         }
-        match postcard::take_from_bytes(self.payload) {
-            Ok((message, rest)) if M::FROZEN || rest.is_empty() => Ok(message),
-            _ => Err(OpenError::Malformed),
-        }
+        Ok(())
     }
 }
 

@@ -25,9 +25,9 @@ use std::path::Path;
 use serde::{Serialize, de::DeserializeOwned};
 use umi_protocol::Schema;
 use umi_protocol::decoder::Decoder;
-use umi_protocol::frame::{MAX_BOARD_FRAME, Message, encode};
+use umi_protocol::frame::{MAX_BOARD_FRAME, Message, encode, encode_dropped};
 use umi_protocol::hello::KEY;
-use umi_protocol::immediate::ImmediateRequest;
+use umi_protocol::immediate::{ImmediateRequest, SessionRequest};
 use umi_protocol::message::{Event, MAX_RECORD, Record, Request, RequestClass, Response};
 use umi_protocol::schema::{DataModelType, key};
 
@@ -98,7 +98,7 @@ fn requests_keep_their_bytes() {
     hold_samples::<Request>("request.hex", samples::request_after);
 }
 
-/// The short way of three requests reads the same as the long one, and none but them.
+/// The short way of five requests reads the same as the long one, and none but them.
 #[test]
 fn requests_that_are_answered_at_once_are_read_the_same() {
     let mut sample = samples::request_after(None);
@@ -117,17 +117,27 @@ fn requests_that_are_answered_at_once_are_read_the_same() {
         assert_eq!(ImmediateRequest::of(&frame), expected, "{request:?}");
         let is_immediate = request.class() == RequestClass::Immediate;
         assert_eq!(expected.is_some(), is_immediate, "{request:?}");
-        count += u32::from(expected.is_some());
+        let of_a_session = match &request {
+            Request::SessionBegin(ask) => Some(SessionRequest::Begin(*ask)),
+            Request::SessionProve { signature } => Some(SessionRequest::Prove {
+                signature: *signature,
+            }),
+            _ => None,
+        };
+        assert_eq!(SessionRequest::of(&frame), of_a_session, "{request:?}");
+        count += u32::from(expected.is_some() || of_a_session.is_some());
         // Neither with a byte more, nor of another schema.
         let longer = [frame.payload, &[0]].concat();
         frame.payload = &longer;
         assert_eq!(ImmediateRequest::of(&frame), None);
+        assert_eq!(SessionRequest::of(&frame), None);
         frame.payload = &longer[..longer.len() - 1];
         frame.key ^= 1;
         assert_eq!(ImmediateRequest::of(&frame), None);
+        assert_eq!(SessionRequest::of(&frame), None);
         sample = samples::request_after(Some(&request));
     }
-    assert_eq!(count, 3);
+    assert_eq!(count, 5);
 }
 
 #[test]
@@ -138,6 +148,18 @@ fn responses_keep_their_bytes() {
 #[test]
 fn events_keep_their_bytes() {
     hold_samples::<Event>("event.hex", samples::event_after);
+}
+
+/// The short way to write that events were dropped gives the same bytes as the long one.
+#[test]
+fn dropped_events_are_written_the_same() {
+    for count in [0, 1, 127, 128, u32::MAX] {
+        let (mut short, mut long) = ([0; MAX_BOARD_FRAME], [0; MAX_BOARD_FRAME]);
+        assert_eq!(
+            encode_dropped(7, count, &mut short).unwrap(),
+            encode(7, &Event::Dropped { count }, &mut long).unwrap()
+        );
+    }
 }
 
 /// Also what a journal holds.

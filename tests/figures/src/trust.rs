@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha512};
-use umi_core::trust::access::session::{BoardHandshake, HostHandshake};
+use umi_core::trust::access::session::{BoardHandshake, BoardShare, HostHandshake};
 use umi_core::trust::access::update::image::ImageHeader;
 use umi_core::trust::board_key::{BoardKey, key_id};
 use umi_protocol::frame::Authenticated;
@@ -63,7 +63,10 @@ fn session(meter: &mut impl Meter, board_key: [u8; 32]) -> Result<(), Failed> {
     let key = SigningKey::from_bytes(&[7; 32]);
     let host = HostHandshake::new(&key, [3; 32]);
     let ask = host.ask();
-    let begin = || BoardHandshake::new(black_box(&ask), board_key, [4; 32], [5; 32]);
+    let begin = || {
+        let drawn = BoardShare::new([4; 32], [5; 32]);
+        BoardHandshake::new(black_box(&ask), board_key, drawn)
+    };
     let asked = begin();
     let (signature, _) = host.prove(&key, asked.challenge()).ok_or(failed)?;
     let mut opened = None;

@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use ed25519_dalek::SigningKey;
 use libfuzzer_sys::fuzz_target;
-use umi_app::access::{Caller, Keeper};
+use umi_app::access::{Caller, Keeper, Work};
 use umi_core::trust::access::permit::permit;
 use umi_core::trust::access::session::{HostHandshake, HostSession, SignatureParts};
 use umi_core::trust::board_key::{NoEntropy, key_id};
@@ -26,6 +26,7 @@ use umi_fuzz::{Memory, signer};
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role, SessionChallenge};
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, CODE, MAX_HOST_FRAME, encode, encode_sealed};
+use umi_protocol::immediate::SessionRequest;
 use umi_protocol::message::Request;
 
 fuzz_target!(|data: &[u8]| {
@@ -199,10 +200,13 @@ impl Scene {
             if permit(mode, caller.role, &request).is_err() {
                 continue;
             }
+            let asked = SessionRequest::of(&inner);
+            let work = asked.and_then(|asked| self.gate.prepare(&asked));
+            self.gate.prepared(work.map(Work::done));
             match &request {
                 Request::SessionBegin(ask) => answers.challenge = self.gate.begin(now, ask).ok(),
-                Request::SessionProve { signature } => {
-                    let proven = self.gate.prove(now, *signature);
+                Request::SessionProve { .. } => {
+                    let proven = self.gate.prove(now);
                     answers.open = proven.ok().map(|(_, signature)| signature);
                 }
                 _ => {

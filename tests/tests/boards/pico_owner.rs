@@ -5,10 +5,14 @@
 use std::time::Duration;
 
 use serde_json::json;
+use umi_client::board::link::Client;
 use umi_client::files::key_file::SigningKey;
-use umi_client::journal::head;
 use umi_client::journal::verify::verify;
+use umi_client::journal::{self, PullRequest, PullStep, head};
+use umi_client::problem::Problem;
 use umi_protocol::access::{AccessMode, AccessRefusal, Role};
+use umi_protocol::message::Record;
+use umi_tests::cases::{clamping, job, judged};
 use umi_tests::rig::pico::{CYCLES_PER_US, EmulatedPulses, Emulator, PicoRig, TRIGGER_PIN};
 use umi_tests::rig::{Rig, skip_without};
 
@@ -158,9 +162,7 @@ fn a_wipe_leaves_a_signed_record() {
     let (file, key, records) = pulled(&mut client);
     assert_eq!(key, public);
     assert!(verify(&file, Some(public), None).unwrap().signed);
-    let wiped = |of: &umi_protocol::message::Record| {
-        matches!(of, umi_protocol::message::Record::Wiped { .. })
-    };
+    let wiped = |of: &Record| matches!(of, Record::Wiped { .. });
     assert_eq!(records.iter().filter(|of| wiped(of)).count(), 1);
 }
 
@@ -210,6 +212,94 @@ fn signing_keeps_no_character_and_no_capture_waiting() {
     assert_eq!((state.overruns, state.control_waiting), (0, 0));
     assert_eq!(counters.latches.missed, 0);
     assert_eq!(state.fault, None);
+}
+
+/// The same clamping again and again, in peace and at other instants of a session that is proven: the
+/// lamps say a verdict as soon behind its last input. A session takes the processor for the better part
+/// of a second, in steps that nothing divides; a verdict waits for none of them.
+#[test]
+fn a_session_delays_no_verdict() {
+    const BUSY_PIN: u8 = 28;
+    /// A session's answers take a little, above measuring.
+    const MOST_LATER_US: u64 = 10_000;
+    const PEACE: u64 = 2;
+    let Some(mut rig) = PicoRig::start_or_skip() else {
+        return;
+    };
+    rig.close_jumper(true);
+    rig.power_cycle();
+    let mut client = host(&mut rig);
+    assert!(client.key_enrol(&owner()).unwrap());
+    drop(client);
+    let mut client = session(&mut rig);
+    client.set_job(&job()).unwrap().unwrap();
+    rig.emulator().outputs();
+    let mut judged_so_far = 0;
+    let mut clampings = Vec::new();
+    for turn in 0..PEACE + 5 {
+        let is_in_peace = turn < PEACE;
+        // A host proves its key at the beginning of its connection.
+        drop(client);
+        client = host(&mut rig);
+        let begun = rig.emulator().state().cycle;
+        // The clamping is printed for an eighth of a second.
+        let start = begun + turn.saturating_sub(PEACE) * 150 * CYCLES_PER_MS;
+        let proven = std::thread::scope(|scope| {
+            let proves = scope.spawn(|| (!is_in_peace).then(|| client.authenticate(&secret(1))));
+            if !is_in_peace {
+                rig.wait_for_cycle(start);
+            }
+            rig.control_sends(clamping(0).as_bytes());
+            let role = proves.join().unwrap();
+            assert!(role.is_none_or(|role| role.unwrap() == Role::Owner));
+            rig.emulator().state().cycle
+        });
+        judged_so_far += 1;
+        judged(&mut rig, &mut client, judged_so_far);
+        let lamps = rig.emulator().outputs();
+        let fall = lamps.iter().rfind(|of| of.pin == BUSY_PIN && !of.level);
+        let fall = fall.expect("a verdict");
+        clampings.push((begun, fall.cycle, proven));
+        // What is due behind a verdict is signed before the next.
+        rig.wait_for_cycle(fall.cycle + 700 * CYCLES_PER_MS);
+    }
+    drop(client);
+    let inputs = verdicts_us(&mut session(&mut rig));
+    let time = rig.emulator().time();
+    let late = |n: usize| {
+        let lamp_us = time.timer_us - (time.cycle - clampings[n].1) / CYCLES_PER_US;
+        lamp_us - inputs[n]
+    };
+    // The first may have had a sector to erase.
+    let peace = (0..PEACE as usize).map(late).min().unwrap();
+    let mut within = 0;
+    for (n, (begun, lamp, proven)) in clampings.iter().enumerate().skip(PEACE as usize) {
+        println!(
+            "verdict {n}: {} us behind its last input, {} ms into a session of {} ms",
+            late(n),
+            (lamp - begun) / CYCLES_PER_MS,
+            (proven - begun) / CYCLES_PER_MS
+        );
+        within += u32::from(lamp < proven);
+        assert!(late(n) <= peace + MOST_LATER_US, "{} us: {n}", late(n));
+    }
+    println!("in peace {peace} us");
+    assert!(within >= 2, "{within}");
+}
+
+/// When each verdict's last input came, by the board's clock.
+fn verdicts_us(client: &mut Client) -> Vec<u64> {
+    let mut times = Vec::new();
+    journal::pull(client, PullRequest::default(), |step| {
+        if let PullStep::Entry(entry, _) = step
+            && matches!(journal::record(&entry), Ok(Record::Verdict(_)))
+        {
+            times.push(entry.t.0);
+        }
+        Ok::<_, Problem>(())
+    })
+    .unwrap();
+    times
 }
 
 /// Cycles in which the core did not sleep, and all.

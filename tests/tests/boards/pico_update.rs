@@ -152,6 +152,8 @@ fn a_signed_image_is_tried_and_confirmed() {
         (info.version, info.counter, info.place, info.confirmed),
         ([1, 0, 0], 1, ImagePlace::A, true)
     );
+    // What it tells of itself is what was signed, not what it was compiled as.
+    assert_eq!(client.identity().unwrap().firmware, "1.0.0");
     let begin = |client: &mut Client, bytes: &[u8]| {
         let header = image_file::parse(bytes).unwrap().header_bytes;
         client.update_begin(&header).unwrap()
@@ -191,6 +193,8 @@ fn a_signed_image_is_tried_and_confirmed() {
     let head = head(&mut client, [1; 32], PATIENCE).unwrap().unwrap();
     let sha512 = image_file::parse(&new).unwrap().header.sha512;
     assert_eq!(head.image[..], sha512[..32]);
+    assert_eq!(head.firmware, "1.1.0");
+    assert_eq!(client.identity().unwrap().firmware, "1.1.0");
     drop(client);
     rig.power_cycle();
     let (_, info) = at_rest(&mut rig);

@@ -11,15 +11,17 @@ use umi_core::journal::{Flash, Journal};
 use umi_core::trust::access::register::{KeyRegister, Wiping};
 use umi_core::trust::access::session::{BoardHandshake, BoardSession, SignatureParts};
 use umi_core::trust::access::tries::Tries;
-use umi_core::trust::board_key::{NoEntropy, key_id};
+use umi_core::trust::board_key::key_id;
 use umi_core::units::Micros;
 use umi_protocol::access::{
     AccessChange, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,
 };
 use umi_protocol::frame::{Authenticated, CODE};
+use umi_protocol::immediate::SessionRequest;
 use umi_protocol::message::Request;
 use umi_protocol::schema::max_len;
 
+use super::proof::{Draw, Work, Worked};
 use super::{Caller, KeysNotKept, Slowed, Told};
 use crate::measure::trust::signer::HeadSigner;
 
@@ -28,9 +30,6 @@ const KIND: u8 = 1;
 
 /// Bytes of an entry, at most: the keys and some numbers.
 const MOST: usize = 128 + MAX_KEYS * max_len::<KeyInfo>();
-
-/// Fills 32 bytes from the board's source of entropy.
-pub type Draw = fn(&mut [u8; 32]) -> Result<(), NoEntropy>;
 
 /// Says whether the jumper is closed now.
 pub type Jumper = fn() -> bool;
@@ -47,6 +46,8 @@ pub struct Keeper<F: Flash> {
     at_start: bool,
     signer: Option<&'static HeadSigner>,
     draw: Draw,
+    /// For the request that is answered next.
+    worked: Option<Worked>,
     handshake: Option<BoardHandshake>,
     /// The session, and its host's key.
     session: Option<(BoardSession, [u8; 32])>,
@@ -82,6 +83,7 @@ impl<F: Flash> Keeper<F> {
             at_start,
             signer,
             draw,
+            worked: None,
             handshake: None,
             session: None,
         };
@@ -222,7 +224,7 @@ impl<F: Flash> Keeper<F> {
     /// # Errors
     /// [`KeysNotKept`].
     pub fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept> {
-        (self.session, self.handshake) = (None, None);
+        self.disconnected();
         self.tries = Tries::default();
         let oldest = |keeper: &Self| keeper.ring.as_ref().map_or(0, Journal::first_seq);
         let last = self.ring.as_ref().map_or(0, Journal::next_seq);
@@ -259,7 +261,34 @@ impl<F: Flash> Keeper<F> {
         self.tries.retry_in_s(now)
     }
 
-    /// A host asks for a session.
+    /// What is to be done before this request is answered; none: nothing of it takes long. What came
+    /// of it goes to [`Self::prepared`].
+    #[must_use]
+    pub fn prepare(&mut self, request: &SessionRequest) -> Option<Work> {
+        let signer = self.signer?;
+        match request {
+            // A key that is refused costs nothing.
+            SessionRequest::Begin(ask) => {
+                let role = self.register.role_of(&ask.key);
+                role.map(|_| Work::Draw(self.draw))
+            }
+            SessionRequest::Prove { signature } => {
+                let handshake = self.handshake.take();
+                handshake.map(|handshake| Work::Prove {
+                    handshake,
+                    signature: *signature,
+                    signer,
+                })
+            }
+        }
+    }
+
+    /// For the request that is answered next; none: nothing was done, and nothing from before counts.
+    pub fn prepared(&mut self, worked: Option<Worked>) {
+        self.worked = worked;
+    }
+
+    /// A host asks for a session, and its share is drawn.
     ///
     /// # Errors
     /// [`Slowed`].
@@ -268,36 +297,34 @@ impl<F: Flash> Keeper<F> {
         if self.register.role_of(&ask.key).is_none() {
             return Err(self.wrong(now, AccessRefusal::KeyUnknown, Some(&ask.key)));
         }
-        let (mut challenge, mut secret) = ([0; 32], [0; 32]);
-        let drawn = (self.draw)(&mut challenge).and_then(|()| (self.draw)(&mut secret));
-        drawn.map_err(|NoEntropy| NO_SESSIONS)?;
-        let handshake = BoardHandshake::new(ask, board_key, challenge, secret);
+        let Some(Worked::Drawn(Some(drawn))) = self.worked.take() else {
+            return Err(NO_SESSIONS);
+        };
+        let handshake = BoardHandshake::new(ask, board_key, drawn);
         let challenge = *handshake.challenge();
         self.handshake = Some(handshake);
         Ok(challenge)
     }
 
-    /// A host proves its key: its role, and the board's signature.
+    /// A host has proven its key, or not: its role, and the board's signature.
     ///
     /// # Errors
     /// [`Slowed`].
-    pub fn prove(
-        &mut self,
-        now: Micros,
-        signature: SignatureParts,
-    ) -> Result<(Role, SignatureParts), Slowed> {
-        let signer = self.signer.ok_or(NO_SESSIONS)?;
-        let Some(handshake) = self.handshake.take() else {
+    pub fn prove(&mut self, now: Micros) -> Result<(Role, SignatureParts), Slowed> {
+        if self.signer.is_none() {
+            return Err(NO_SESSIONS);
+        }
+        let Some(Worked::Proven { key, opens }) = self.worked.take() else {
             return Err(self.wrong(now, AccessRefusal::KeyWrong, None));
         };
-        let key = *handshake.key();
+        // It may have been revoked meanwhile.
         let role = self.register.role_of(&key);
-        match (handshake.prove(signature), role) {
-            (Some((session, signed)), Some(role)) => {
+        match (opens, role) {
+            (Some((session, signature)), Some(role)) => {
                 self.tries.right();
                 self.keep_tries(now);
                 self.session = Some((session, key));
-                Ok((role, signer.sign(&signed)))
+                Ok((role, signature))
             }
             _ => Err(self.wrong(now, AccessRefusal::KeyWrong, Some(&key))),
         }
@@ -324,7 +351,7 @@ impl<F: Flash> Keeper<F> {
 
     /// The host is gone.
     pub fn disconnected(&mut self) {
-        (self.session, self.handshake) = (None, None);
+        (self.session, self.handshake, self.worked) = (None, None, None);
     }
 }
 

@@ -16,21 +16,23 @@
 
 mod images;
 mod keeper;
+pub(crate) mod proof;
 
 pub(crate) use images::update;
-pub use keeper::{Draw, Jumper, Keeper};
+pub use keeper::{Jumper, Keeper};
+use proof::Prover;
+pub use proof::{Draw, Work, Worked};
 
 use umi_core::journal::Flash;
 use umi_core::trust::access::permit::{permit, permit_role};
 use umi_core::trust::access::register::Wiping;
-use umi_core::trust::access::session::SignatureParts;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{
     AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, Keys, Role, SessionAsk,
 };
 use umi_protocol::frame::{Authenticated, CODE, Frame};
-use umi_protocol::immediate::ImmediateRequest;
+use umi_protocol::immediate::{ImmediateRequest, SessionRequest};
 use umi_protocol::message::{Record, Request, Response};
 
 use crate::measure::Instrument;
@@ -119,6 +121,29 @@ impl<F: Flash> Guarded<F> {
                 let caller = self.keeper()?.takes(&authenticated, code)?;
                 Some((inner, caller))
             }
+        }
+    }
+
+    /// Hands over what is to be done before a frame is answered; false: nothing that takes long.
+    #[inline(never)]
+    pub fn prepare(&mut self, frame: &Frame<'_>, prover: &Prover) -> bool {
+        let Some(keeper) = self.keeper() else {
+            return false;
+        };
+        keeper.prepared(None);
+        let request = SessionRequest::of(frame);
+        let Some(work) = request.and_then(|request| keeper.prepare(&request)) else {
+            return false;
+        };
+        prover.hand_over(work);
+        true
+    }
+
+    /// Takes what came of it.
+    #[inline(never)]
+    pub fn prepared(&mut self, prover: &Prover) {
+        if let Some(keeper) = self.keeper() {
+            keeper.prepared(prover.take());
         }
     }
 
@@ -235,7 +260,7 @@ pub(crate) fn answer<F: Flash>(
         }),
         Request::KeyList => Response::Keys(keeper.register().keys().clone()),
         Request::SessionBegin(ask) => begin(measure, keeper, now, ask),
-        Request::SessionProve { signature } => prove(measure, keeper, now, *signature),
+        Request::SessionProve { .. } => prove(measure, keeper, now),
         _ if keeper.board_key().is_none() => Response::NotOnThisBoard,
         Request::Wipe => {
             let begun = begin_wipe(measure, keeper, now, caller);
@@ -267,13 +292,8 @@ fn begin<F: Flash>(
 
 /// A host proves its key.
 #[inline(never)]
-fn prove<F: Flash>(
-    measure: &mut Instrument<F>,
-    keeper: &mut Keeper<F>,
-    now: Micros,
-    signature: SignatureParts,
-) -> Response {
-    match keeper.prove(now, signature) {
+fn prove<F: Flash>(measure: &mut Instrument<F>, keeper: &mut Keeper<F>, now: Micros) -> Response {
+    match keeper.prove(now) {
         Ok((role, signature)) => Response::SessionOpen { role, signature },
         Err(slowed) => slow(measure, now, slowed),
     }

@@ -88,13 +88,13 @@ pub(crate) fn answer<F: Flash>(
             response(|| programs::piece(measure, *offset, bytes))
         }
         Request::ProgramEnd { number, crc32 } => {
-            response(|| programs::end(measure, around.now, *number, *crc32))
+            programs::done(|| programs::end(measure, around.now, *number, *crc32))
         }
         Request::ProgramRead { number, offset } => {
             response(|| programs::read(measure, *number, *offset))
         }
         Request::ProgramDelete { number } => {
-            response(|| programs::delete(measure, around.now, *number))
+            programs::done(|| programs::delete(measure, around.now, *number))
         }
         Request::ProgramOffer { number } => response(|| programs::offer(measure, *number)),
         Request::ProgramReceive => response(|| programs::receive(measure)),

@@ -19,8 +19,12 @@
 use core::cell::Cell;
 use core::convert::Infallible;
 use core::future::pending;
+use core::pin::pin;
 
 use embassy_futures::select::{Either, Either3, Either4, select, select3, select4};
+use postcard::Deserializer;
+use postcard::de_flavors::Slice;
+use serde::Deserialize as _;
 use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::access::AccessRefusal;
@@ -187,6 +191,14 @@ async fn connection<F: Flash>(
                         liveness.now(clock);
                     }
                     let came = guarded.opened(&frame);
+                    let takes_long = came
+                        .as_ref()
+                        .is_some_and(|(frame, _)| guarded.prepare(frame, &app.prover));
+                    if takes_long {
+                        let done = app.prover.done();
+                        meanwhile(done, app, rx, tx, clock, liveness, out).await?;
+                        guarded.prepared(&app.prover);
+                    }
                     let at_once = came.and_then(|(frame, caller)| {
                         respond_immediately(
                             app.point(),
@@ -230,8 +242,7 @@ async fn connection<F: Flash>(
     }
 }
 
-/// Locks the state. A fit may hold it for long: meanwhile triggers go on to the host, and it is
-/// seen if that has gone.
+/// Locks the state. A fit may hold it for long.
 async fn lock<'a, F: Flash>(
     app: &'a App<F>,
     rx: &mut impl LinkRx,
@@ -240,13 +251,27 @@ async fn lock<'a, F: Flash>(
     liveness: &HostLiveness,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Result<Guard<'a, Instrument<F>>, Broken> {
+    meanwhile(app.measure.lock(), app, rx, tx, clock, liveness, out).await
+}
+
+/// Waits for something: meanwhile triggers go on to the host, and it is seen if that has gone.
+async fn meanwhile<T, F: Flash>(
+    what: impl Future<Output = T>,
+    app: &App<F>,
+    rx: &mut impl LinkRx,
+    tx: &mut impl LinkTx,
+    clock: &impl Clock,
+    liveness: &HostLiveness,
+    out: &mut [u8; MAX_BOARD_FRAME],
+) -> Result<T, Broken> {
+    let mut what = pin!(what);
     loop {
         liveness.waits.set(true);
-        let came = select3(app.measure.lock(), app.scans.came(), rx.gone()).await;
+        let came = select3(what.as_mut(), app.scans.came(), rx.gone()).await;
         liveness.waits.set(false);
         liveness.now(clock);
         match came {
-            Either3::First(measure) => return Ok(measure),
+            Either3::First(done) => return Ok(done),
             Either3::Second(()) => tell_scans(app, tx, out).await?,
             Either3::Third(()) => return Err(Broken),
         }
@@ -365,9 +390,12 @@ fn request<F: Flash>(
     frame: &Frame<'_>,
     out: &mut [u8; MAX_BOARD_FRAME],
 ) -> Option<usize> {
-    let Ok(request) = &frame.open::<Request>() else {
+    let mut reader = frame.reader::<Request>().ok()?;
+    let read = read(&mut reader);
+    let request = read.as_ref().ok()?;
+    if !reader.finalize().is_ok_and(<[u8]>::is_empty) {
         return None;
-    };
+    }
     let RequestContext {
         now,
         link_damaged,
@@ -391,6 +419,12 @@ fn request<F: Flash>(
     let response = answer(measure, station, around, request);
     measure.ledger.by.clear();
     Some(sealed(guarded, &caller, frame, &response, out))
+}
+
+/// What reading a request needs is on the stack only here. What is returned is where it stays.
+#[inline(never)]
+fn read<'f>(reader: &mut Deserializer<'f, Slice<'f>>) -> Result<Request, postcard::Error> {
+    Request::deserialize(reader)
 }
 
 /// Puts the answer to a frame into the buffer: its length.
@@ -437,7 +471,7 @@ mod tests {
     use std::vec::Vec;
 
     use core::future::poll_fn;
-    use core::pin::{Pin, pin};
+    use core::pin::Pin;
     use core::task::Poll;
     use embassy_futures::{block_on, poll_once};
     use umi_protocol::latch::{Positions, SignalLevel, TriggerPulse, TriggerRefusal};

@@ -24,12 +24,25 @@ pub(crate) type Answer<F> = Result<Response, StoreError<<F as Flash>::Error>>;
 /// a request of another kind is answered.
 #[inline(never)]
 pub(crate) fn response<E>(work: impl FnOnce() -> Result<Response, StoreError<E>>) -> Response {
-    work().unwrap_or_else(|error| match error {
-        StoreError::Refused(refusal) => Response::ProgramRefused(refusal),
+    work().unwrap_or_else(|error| refused(&error))
+}
+
+/// The same of what is journaled: no answer is on the stack while it is.
+#[inline(never)]
+pub(crate) fn done<E>(work: impl FnOnce() -> Result<(), StoreError<E>>) -> Response {
+    match work() {
+        Ok(()) => Response::Done,
+        Err(error) => refused(&error),
+    }
+}
+
+fn refused<E>(error: &StoreError<E>) -> Response {
+    match error {
+        StoreError::Refused(refusal) => Response::ProgramRefused(*refusal),
         StoreError::Flash(_) | StoreError::NotKept { .. } | StoreError::Geometry(_) => {
             Response::StorageFailed
         }
-    })
+    }
 }
 
 /// The programs, to be read.
@@ -148,13 +161,13 @@ pub(crate) fn end<F: Flash>(
     now: Micros,
     number: u32,
     crc32: u32,
-) -> Answer<F> {
+) -> Result<(), StoreError<F::Error>> {
     let store = writable(measure)?;
     if let Some(program) = store.end(number, crc32)? {
         let info = store.info(&program)?;
         kept(measure, now, info);
     }
-    Ok(Response::Done)
+    Ok(())
 }
 
 /// A record has kilobytes: off the stack while the flash is at work.
@@ -169,13 +182,17 @@ fn kept<F: Flash>(measure: &mut Instrument<F>, now: Micros, info: ProgramInfo) {
 }
 
 #[inline(never)]
-pub(crate) fn delete<F: Flash>(measure: &mut Instrument<F>, now: Micros, number: u32) -> Answer<F> {
+pub(crate) fn delete<F: Flash>(
+    measure: &mut Instrument<F>,
+    now: Micros,
+    number: u32,
+) -> Result<(), StoreError<F::Error>> {
     let store = writable(measure)?;
     let program = store.find(number).ok_or(ProgramRefusal::NotThere)?;
     store.delete(number)?;
     let crc32 = program.crc32;
     deleted(measure, now, number, crc32);
-    Ok(Response::Done)
+    Ok(())
 }
 
 #[inline(never)]

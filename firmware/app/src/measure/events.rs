@@ -74,28 +74,20 @@ impl Events {
         }
     }
 
-    /// An event is five kilobytes: this one is on the stack only here.
-    #[inline(never)]
+    /// Without an event of its own, which would be five kilobytes of the stack.
     fn tell_dropped(&mut self) {
-        if self.try_push(&Event::Dropped { count: self.untold }) {
+        let made = frame::encode_dropped(self.sequence, self.untold, &mut self.scratch);
+        if made.is_ok_and(|frame| put(&mut self.bytes, frame)) {
+            self.sequence = self.sequence.wrapping_add(1);
             self.untold = 0;
         }
     }
 
     #[inline(never)]
     fn try_push(&mut self, event: &Event) -> bool {
-        let Ok(frame) = frame::encode(self.sequence, event, &mut self.scratch) else {
+        let made = frame::encode(self.sequence, event, &mut self.scratch);
+        if !made.is_ok_and(|frame| put(&mut self.bytes, frame)) {
             return false;
-        };
-        let Ok(length) = u16::try_from(frame.len()) else {
-            return false;
-        };
-        if CAPACITY - self.bytes.len() < PREFIX + frame.len() {
-            return false;
-        }
-        for byte in length.to_le_bytes().iter().chain(frame) {
-            // There is room: just looked.
-            let _ = self.bytes.push_back(*byte);
         }
         self.sequence = self.sequence.wrapping_add(1);
         true
@@ -110,4 +102,20 @@ impl Events {
         }
         Some(frame)
     }
+}
+
+/// Puts a frame in, if there is room.
+#[inline(never)]
+fn put(bytes: &mut Deque<u8, CAPACITY>, frame: &[u8]) -> bool {
+    let Ok(length) = u16::try_from(frame.len()) else {
+        return false;
+    };
+    if CAPACITY - bytes.len() < PREFIX + frame.len() {
+        return false;
+    }
+    for byte in length.to_le_bytes().iter().chain(frame) {
+        // There is room: just looked.
+        let _ = bytes.push_back(*byte);
+    }
+    true
 }

@@ -235,7 +235,7 @@ impl<F: Flash> Instrument<F> {
         ledger.forget();
         ledger.unaudited = false;
         ledger.patience_us = patience_us(job);
-        begin(brain, job)?;
+        brain.begin(job).map_err(SetJobError::Job)?;
         ledger.job_lost.clear();
         ledger.job_set(now, job);
         // Who reads the lines now knows of no program that has begun.
@@ -435,12 +435,6 @@ impl<F: Flash> Default for Instrument<F> {
     fn default() -> Self {
         Self::new()
     }
-}
-
-/// A job has kilobytes: this copy is off the stack when the job is recorded.
-#[inline(never)]
-fn begin(brain: &mut Brain, job: &Job) -> Result<(), SetJobError> {
-    brain.begin(job.clone()).map_err(SetJobError::Job)
 }
 
 /// Nothing was measured or taught since the job began.

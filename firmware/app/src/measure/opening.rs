@@ -12,7 +12,7 @@ use crate::board::LineAbilities;
 use crate::measure::settings::{JobStore, points};
 use crate::measure::trust::custody::Custody;
 use crate::measure::trust::signer::HeadSigner;
-use crate::measure::{Instrument, begin, patience_us};
+use crate::measure::{Instrument, patience_us};
 
 /// How the board came up.
 #[derive(Clone)]
@@ -186,7 +186,7 @@ impl<F: Flash> Instrument<F> {
         // Another board of the same firmware may have kept it.
         let fits = self.ledger.takes(&job);
         let is_narrow = self.ledger.in_custody().config.ceilings.check(&job).is_ok();
-        if fits.is_err() || !is_narrow || begin(&mut self.brain, &job).is_err() {
+        if fits.is_err() || !is_narrow || self.brain.begin(&job).is_err() {
             return self.ledger.job_lost(now, JobLoss::Refused);
         }
         self.ledger.patience_us = patience_us(&job);

@@ -7,7 +7,7 @@
 //! drivers           UARTs 0, 1 and 4, clock
 //! serial tasks      receive, transmit, latch
 //! link tasks        serve, sense; and telling the bench
-//! none              measure, supervise
+//! none              measure, supervise, prove
 //! ```
 //!
 //! | file | idea |
@@ -148,6 +148,7 @@ fn main() -> ! {
     let watchdog = WatchdogTimer::start();
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure_on(app)));
+        here.spawn(first(prove(app)));
         here.spawn(first(supervise(app, watchdog)));
         here.spawn(first(hang()));
     })
@@ -207,6 +208,12 @@ async fn tell() {
 #[embassy_executor::task]
 async fn measure_on(app: &'static App<Region>) {
     app.measure(&mut bench::Lamps, &BoardClock).await;
+}
+
+/// Of the priority of measuring: a session takes this core a few milliseconds.
+#[embassy_executor::task]
+async fn prove(app: &'static App<Region>) {
+    app.prove().await;
 }
 
 #[embassy_executor::task]

@@ -21,6 +21,7 @@
 //! | [`capture::latch`], [`time::tick`] | captures |
 //! | [`capture::rate_limit`] | no line keeps the processor |
 //! | [`capture::trigger_out`] | pulses to a scanner |
+//! | [`measuring_level`] | a fifth level of priority |
 //! | [`uart`] | the control's port; the host's is [`umi_drivers::usb_serial`] |
 //! | [`usb_plug`] | when the board shows itself to a host |
 //! | [`storage`] | journal, evidence, settings and part programs |
@@ -36,6 +37,7 @@
 
 mod capture;
 mod lights;
+mod measuring_level;
 mod pin_mux;
 mod pins;
 mod resources;
@@ -67,8 +69,9 @@ use static_cell::StaticCell;
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::{App, Running};
 use umi_drivers::usb_serial;
-use umi_protocol::job::name;
+use umi_protocol::job::{Name, name};
 use umi_protocol::message::{Identity, ResetReason};
+use umi_protocol::update::ImageVersion;
 
 use capture::latch;
 use capture::latch::Station;
@@ -112,11 +115,13 @@ fn main() -> ! {
     host.spawn(first(check_in()));
     #[cfg(feature = "update")]
     host.spawn(first(end_trial(app)));
-    TASKS.init(Executor::new()).run(|here| {
-        here.spawn(first(measure_on(app, parts.lamps)));
-        here.spawn(first(supervise(app, parts.dog)));
-        here.spawn(first(start_anew(app)));
-    })
+    let measuring = measuring_level::start();
+    measuring.spawn(first(measure_on(app, parts.lamps)));
+    measuring.spawn(first(supervise(app, parts.dog)));
+    measuring.spawn(first(start_anew(app)));
+    TASKS
+        .init(Executor::new())
+        .run(|here| here.spawn(first(prove(app))))
 }
 
 /// What the tasks begin with.
@@ -157,9 +162,9 @@ fn boot() -> Parts {
     #[cfg(feature = "update")]
     let mut image = updates::resume(&chip.FLASH);
     #[cfg(feature = "update")]
-    let digest = image.digest;
+    let (digest, version) = (image.digest, image.version);
     #[cfg(not(feature = "update"))]
-    let digest = [0; 32];
+    let (digest, version) = ([0; 32], None);
     let signer = owner::signer(ChipFlash::new(chip.FLASH, KEY), digest);
     latch::start();
 
@@ -178,7 +183,7 @@ fn boot() -> Parts {
         identity: Identity {
             board: name("pico"),
             serial: name(serial),
-            firmware: name(env!("CARGO_PKG_VERSION")),
+            firmware: firmware(version),
         },
         reset,
         line: uart::ABILITIES,
@@ -233,11 +238,28 @@ fn boot() -> Parts {
     }
 }
 
+/// The version that the board tells: of a signed image that of its header, which says what may run.
+fn firmware(signed: Option<ImageVersion>) -> Name {
+    let Some([major, minor, patch]) = signed else {
+        return name(env!("CARGO_PKG_VERSION"));
+    };
+    let mut text = Name::new();
+    // Three numbers of five digits have room.
+    let _ = write!(text, "{major}.{minor}.{patch}");
+    text
+}
+
 /// Of what the drivers and executors do not set themselves.
 fn set_priorities() {
     interrupt::SWI_IRQ_0.set_priority(resources::CONTROL_TASKS);
     interrupt::SWI_IRQ_1.set_priority(resources::HOST_TASKS);
     interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);
+    // SAFETY: the interrupt is not enabled yet, and nobody else has the controller here.
+    unsafe {
+        let mut core = cortex_m::Peripherals::steal();
+        core.NVIC
+            .set_priority(interrupt::SWI_IRQ_4, resources::MEASURING);
+    }
 }
 
 /// A task that is started for the first time has its place.
@@ -325,6 +347,11 @@ async fn measure_on(app: &'static App<Part>, mut lamps: Lamps) {
 #[embassy_executor::task]
 async fn supervise(app: &'static App<Part>, mut dog: Dog) {
     app.supervise(&mut dog, &BoardClock).await;
+}
+
+#[embassy_executor::task]
+async fn prove(app: &'static App<Part>) {
+    app.prove().await;
 }
 
 /// A wipe is asked for: the next start carries it out.

@@ -13,7 +13,8 @@
 //! | 1 | the control's UART, the timer of the tasks; captures go on |
 //! | 2 | tasks: receive, transmit, latch; captures to their queue |
 //! | 3 | USB, the task that serves the host |
-//! | thread | measure, supervise |
+//! | below it ([`measuring_level`](crate::measuring_level)) | measure, supervise |
+//! | thread | prove |
 //!
 //! # Limitations
 //!
@@ -109,6 +110,9 @@ pub const SERIAL: Priority = Priority::P1;
 pub const CONTROL_TASKS: Priority = Priority::P2;
 /// Of the host's port.
 pub const HOST_TASKS: Priority = Priority::P3;
+/// Of measuring, as the register has it. The RP2350 has two bits more than the HAL gives names to. The RP2040 has
+/// nothing below the host's: there measuring is below by what its handler does.
+pub const MEASURING: u8 = HOST_TASKS as u8 + if cfg!(feature = "rp2350") { 0x10 } else { 0 };
 
 /// The watchdog's patience with the highest interrupt: nearly all that its counter holds.
 pub const WATCHDOG_MS: u64 = 8_000;

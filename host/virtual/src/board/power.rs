@@ -181,6 +181,7 @@ impl Power {
                 () = app.measure(outputs, clock) => false,
                 () = app.transmit(cnc_tx, clock) => false,
                 () = app.serve(link_rx, link_tx, station, clock) => false,
+                () = app.prove() => false,
                 () = app.latch(latches, clock) => false,
                 () = app.supervise(&mut dog, clock) => false,
                 () = app.button(button, clock) => false,

@@ -10,7 +10,7 @@ use std::vec::Vec;
 use ed25519_dalek::SigningKey;
 use umi_core::journal::Geometry;
 use umi_core::trust::access::session::HostHandshake;
-use umi_core::trust::board_key::BoardKey;
+use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_protocol::access::{AccessMode, KeyName};
 use umi_protocol::config::BoardConfig;
 use umi_protocol::job::name;
@@ -137,6 +137,24 @@ fn open(flash: Cut, is_closed: bool) -> Keeper<Cut> {
     Keeper::open(flash, jumper, signer(), draw, Micros(0))
 }
 
+fn prepare(keeper: &mut Keeper<Cut>, request: &SessionRequest) {
+    let work = keeper.prepare(request);
+    keeper.prepared(work.map(Work::done));
+}
+
+fn begin(keeper: &mut Keeper<Cut>, ask: SessionAsk) -> SessionChallenge {
+    prepare(keeper, &SessionRequest::Begin(ask));
+    keeper.begin(Micros(0), &ask).unwrap()
+}
+
+fn prove(
+    keeper: &mut Keeper<Cut>,
+    signature: SignatureParts,
+) -> Result<(Role, SignatureParts), Slowed> {
+    prepare(keeper, &SessionRequest::Prove { signature });
+    keeper.prove(Micros(0))
+}
+
 fn key(of: u8, role: Role) -> KeyInfo {
     KeyInfo {
         public: SigningKey::from_bytes(&[of; 32]).verifying_key().to_bytes(),
@@ -258,9 +276,9 @@ fn a_stranger_slows_nobody_else() {
     assert_eq!(slowed.why, Some(AccessRefusal::KeyUnknown));
 
     let handshake = HostHandshake::new(&owner, [4; 32]);
-    let challenge = keeper.begin(Micros(0), &handshake.ask()).unwrap();
+    let challenge = begin(&mut keeper, handshake.ask());
     let (signature, proof) = handshake.prove(&owner, &challenge).unwrap();
-    let (role, signature) = keeper.prove(Micros(0), signature).unwrap();
+    let (role, signature) = prove(&mut keeper, signature).unwrap();
     assert_eq!(role, Role::Owner);
     assert!(proof.open(signature).is_some());
     assert_eq!(keeper.retry_in_s(Micros(0)), 0);
@@ -274,10 +292,10 @@ fn a_challenge_is_used_once() {
     keeper.save(Micros(0), claimed.unwrap().unwrap()).unwrap();
     let owner = SigningKey::from_bytes(&[1; 32]);
     let handshake = HostHandshake::new(&owner, [4; 32]);
-    let challenge = keeper.begin(Micros(0), &handshake.ask()).unwrap();
+    let challenge = begin(&mut keeper, handshake.ask());
     let (signature, _) = handshake.prove(&owner, &challenge).unwrap();
-    assert!(keeper.prove(Micros(0), signature).is_ok());
-    let again = keeper.prove(Micros(0), signature).unwrap_err();
+    assert!(prove(&mut keeper, signature).is_ok());
+    let again = prove(&mut keeper, signature).unwrap_err();
     assert_eq!(again.told, AccessRefusal::KeyWrong);
 }
 

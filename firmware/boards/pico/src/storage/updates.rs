@@ -39,6 +39,8 @@ pub struct RunningImage {
     slots: Option<Slots<Part>>,
     /// First half of its SHA-512; zeros: it cannot be read.
     pub digest: [u8; 32],
+    /// By its signed header; none: it cannot be read.
+    pub version: Option<ImageVersion>,
     /// The image whose trial the boot loader has ended before this start: its version.
     reverted: Option<ImageVersion>,
 }
@@ -51,8 +53,9 @@ pub fn resume(flash: &Peri<'static, FLASH>) -> RunningImage {
     if slots.is_err() {
         defmt::error!("the images cannot be read: none is taken");
     }
-    let slots = slots.ok();
+    let mut slots = slots.ok();
     RunningImage {
+        version: slots.as_mut().map(|slots| slots.info().version),
         digest: slots.as_ref().and_then(Slots::digest).unwrap_or_default(),
         slots,
         reverted,

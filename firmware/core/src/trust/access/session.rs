@@ -62,8 +62,11 @@ enum Side {
 
 const TITLE: usize = 25;
 
+/// What a side signs.
+pub type ToSign = [u8; TITLE + 32];
+
 /// What is signed. The shorter title ends with a zero.
-fn signed(side: Side, transcript: &[u8; 32]) -> [u8; TITLE + 32] {
+fn signed(side: Side, transcript: &[u8; 32]) -> ToSign {
     let title: &[u8; TITLE] = match side {
         Side::Host => b"openumi session v1 host\n\0",
         Side::Board => b"openumi session v1 board\n",
@@ -75,6 +78,9 @@ fn signed(side: Side, transcript: &[u8; 32]) -> [u8; TITLE + 32] {
     bytes
 }
 
+// The sums take kilobytes of the stack each: none stands on that of another.
+
+#[inline(never)]
 fn is_right(key: &[u8; 32], bytes: &[u8], [r, s]: SignatureParts) -> bool {
     let signature = Signature::from_components(r, s);
     VerifyingKey::from_bytes(key)
@@ -90,6 +96,7 @@ struct SessionKeys {
 
 impl SessionKeys {
     /// None: the other side's share gives no secret.
+    #[inline(never)]
     fn new(secret: &StaticSecret, share: &[u8; 32], transcript: &[u8; 32]) -> Option<Self> {
         let shared = secret.diffie_hellman(&PublicKey::from(*share));
         if !shared.was_contributory() {
@@ -131,6 +138,26 @@ fn is_code(key: &[u8; 32], of: &Authenticated<'_>, given: &[u8; CODE]) -> bool {
     mac(key, of).is_some_and(|mac| mac.verify_truncated_left(given).is_ok())
 }
 
+/// What a board draws for one session.
+pub struct BoardShare {
+    challenge: [u8; 32],
+    secret: StaticSecret,
+    public: [u8; 32],
+}
+
+impl BoardShare {
+    /// Of what was drawn. Takes as long as a signature.
+    #[must_use]
+    pub fn new(challenge: [u8; 32], secret: [u8; 32]) -> Self {
+        let secret = StaticSecret::from(secret);
+        Self {
+            challenge,
+            public: PublicKey::from(&secret).to_bytes(),
+            secret,
+        }
+    }
+}
+
 /// A board that has been asked for a session and waits for the proof.
 pub struct BoardHandshake {
     ask: SessionAsk,
@@ -139,24 +166,18 @@ pub struct BoardHandshake {
 }
 
 impl BoardHandshake {
-    /// Answers a host that asks; `challenge` and `secret` are drawn for it.
+    /// Answers a host that asks.
     #[must_use]
-    pub fn new(
-        ask: &SessionAsk,
-        board_key: [u8; 32],
-        challenge: [u8; 32],
-        secret: [u8; 32],
-    ) -> Self {
-        let secret = StaticSecret::from(secret);
+    pub fn new(ask: &SessionAsk, board_key: [u8; 32], drawn: BoardShare) -> Self {
         let challenge = SessionChallenge {
-            challenge,
-            share: PublicKey::from(&secret).to_bytes(),
+            challenge: drawn.challenge,
+            share: drawn.public,
             board_key,
         };
         Self {
             ask: *ask,
             challenge,
-            secret,
+            secret: drawn.secret,
         }
     }
 
@@ -175,7 +196,7 @@ impl BoardHandshake {
     /// Looks at the proof: the session, and what the board is to sign; none: it is wrong. Either way
     /// the challenge is used up.
     #[must_use]
-    pub fn prove(self, signature: SignatureParts) -> Option<(BoardSession, [u8; TITLE + 32])> {
+    pub fn prove(self, signature: SignatureParts) -> Option<(BoardSession, ToSign)> {
         let transcript = transcript(&self.ask, &self.challenge);
         if !is_right(&self.ask.key, &signed(Side::Host, &transcript), signature) {
             return None;
@@ -263,7 +284,7 @@ impl HostHandshake {
 pub struct HostProof {
     keys: SessionKeys,
     board_key: [u8; 32],
-    signed: [u8; TITLE + 32],
+    signed: ToSign,
 }
 
 impl HostProof {

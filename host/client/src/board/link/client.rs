@@ -23,8 +23,8 @@ const MAX_EVENTS: usize = 1000;
 pub struct Patience {
     /// For one answer, counted from when the request was sent.
     pub answer: Duration,
-    /// How often a request is sent before giving up. A new job is sent only
-    /// once and waited for as long as all tries together.
+    /// How often a request is sent before giving up. A new job, and what proves a key, is sent
+    /// only once and waited for as long as all tries together.
     pub tries: u32,
 }
 
@@ -181,8 +181,13 @@ impl Client {
     ) -> Result<Response, LinkError> {
         let Patience { answer, tries } = self.patience;
         let waited = answer * tries;
-        // Setting a job twice is not the same as once: see `set_job`.
-        let (answer, tries) = if matches!(request, Request::JobSet(_)) {
+        // Setting a job twice is not the same as once: see `set_job`. Nor is proving a key: a
+        // challenge is used up, and a second proof is a wrong one.
+        let is_once = matches!(
+            request,
+            Request::JobSet(_) | Request::SessionBegin(_) | Request::SessionProve { .. }
+        );
+        let (answer, tries) = if is_once {
             (waited, 1)
         } else {
             (answer, tries)

@@ -8,7 +8,8 @@ fn key(of: u8) -> SigningKey {
 
 fn board(ask: &SessionAsk, drawn: u8) -> BoardHandshake {
     let board_key = key(0xB0).verifying_key().to_bytes();
-    BoardHandshake::new(ask, board_key, [drawn; 32], [drawn ^ 0x55; 32])
+    let drawn = BoardShare::new([drawn; 32], [drawn ^ 0x55; 32]);
+    BoardHandshake::new(ask, board_key, drawn)
 }
 
 fn parts(signature: &Signature) -> SignatureParts {
@@ -85,7 +86,8 @@ fn a_proof_is_good_for_one_session() {
     let ask = host.ask();
     let right = board(&ask, 8);
     let (signature, _) = host.prove(&key(1), right.challenge()).unwrap();
-    let other_board = |board_key| BoardHandshake::new(&ask, board_key, [8; 32], [8 ^ 0x55; 32]);
+    let drawn = || BoardShare::new([8; 32], [8 ^ 0x55; 32]);
+    let other_board = |board_key| BoardHandshake::new(&ask, board_key, drawn());
     assert!(board(&ask, 9).prove(signature).is_none(), "challenge");
     let other = key(0xB1).verifying_key().to_bytes();
     assert!(other_board(other).prove(signature).is_none(), "board");
