@@ -133,7 +133,7 @@ pub fn encode<'b, M: Message>(
     encode_as(M::KIND, sequence, message, out)
 }
 
-/// [`Event::Dropped`](crate::message::Event::Dropped) as a frame, without the room of the longest event.
+/// [`Event::Dropped`] as a frame, without the room of the longest event.
 ///
 /// # Errors
 /// As [`encode`].
