@@ -25,12 +25,14 @@ unsafe impl Sync for KeptNumber {}
 /// A number that a reset leaves, in `.uninit`. The second place is there to be written behind the first.
 pub type Kept = [KeptNumber; 2];
 
-/// Where one is kept.
-pub const KEPT: Kept = [const { KeptNumber(UnsafeCell::new(0)) }; 2];
+/// One that keeps nothing yet.
+pub const fn nothing_kept() -> Kept {
+    [const { KeptNumber(UnsafeCell::new(0)) }; 2]
+}
 
 /// Outside of what is cleared at the start.
 #[unsafe(link_section = ".uninit.panicked")]
-static NOTES: Kept = KEPT;
+static NOTES: Kept = nothing_kept();
 
 /// Keeps a number.
 pub fn keep(notes: &Kept, value: u64) {

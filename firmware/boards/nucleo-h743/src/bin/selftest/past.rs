@@ -2,7 +2,7 @@
 
 use umi_protocol::message::ResetReason;
 
-use crate::reset::{self, KEPT, Kept};
+use crate::reset::{self, Kept, nothing_kept};
 
 /// Says that the rest of the number is ours.
 const OURS: u64 = 0x5E1F_7E57 << 32;
@@ -19,7 +19,7 @@ const PLANNED: u64 = 2;
 /// In RAM that a reset leaves: the mark, what was noted, and how often the board has started behind the
 /// first time.
 #[unsafe(link_section = ".uninit.PAST")]
-static PAST: Kept = KEPT;
+static PAST: Kept = nothing_kept();
 
 /// What is known of the starts so far.
 #[derive(Clone, Copy)]
