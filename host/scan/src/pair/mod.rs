@@ -20,6 +20,7 @@
 mod apart;
 mod clock;
 mod even;
+mod jump;
 mod margin;
 mod search;
 #[cfg(test)]
@@ -109,14 +110,22 @@ pub fn pair(
         SearchOutcome::Tie {
             explained,
             runner_up,
-        } => return Err(ambiguous(explained, runner_up, stamps_seen)),
+        } => {
+            let jump = jump::clock_jump(&streams, None);
+            return Err(jump.map_or_else(
+                || ambiguous(explained, runner_up, stamps_seen),
+                |jump| ScanError::refused("ambiguous_pairing", jump.text),
+            ));
+        }
         SearchOutcome::Undecided => {
-            return Err(ScanError::refused(
-                "ambiguous_pairing",
+            let jump = jump::clock_jump(&streams, None).map(|jump| jump.text);
+            let why = jump.unwrap_or_else(|| {
                 "the rhythm of the triggers is too even, or the jitter too wide, to find the only \
                  best pairing in reasonable time: begin with uneven trigger pulses, wire the sensor's \
-                 encoder (--encoder), or give a narrower --jitter-us",
-            ));
+                 encoder (--encoder), or give a narrower --jitter-us"
+                    .to_owned()
+            });
+            return Err(ScanError::refused("ambiguous_pairing", why));
         }
         SearchOutcome::Beyond { drift, explained } => {
             return Err(ScanError::refused(
@@ -144,12 +153,19 @@ pub fn pair(
             ),
         ));
     }
-    let of_all = reach.of_all(&found, stamps_seen);
+    let mut of_all = reach.of_all(&found, stamps_seen);
+    let jump = jump::clock_jump(&streams, Some(&of_all));
+    if let Some(jump) = &jump {
+        of_all[jump.strangers.clone()].fill(None);
+    }
     let mut pairing = answer(&of_all, &frames, triggers, clock);
     if options.strict {
         refuse_faults(&pairing, triggers)?;
     }
-    pairing.warnings.extend(reach.apart(&streams));
+    let odd = jump.map(|jump| jump.text);
+    pairing
+        .warnings
+        .extend(odd.or_else(|| reach.apart(&streams)));
     pairing.warnings.extend(even::even_train(trains, &found));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
@@ -298,9 +314,9 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
     }
     let (hints, factor) = units::hints(streams, reach);
     why += &hints;
-    why += &reach
-        .apart(streams)
-        .map_or(String::new(), |apart| format!("; {apart}"));
+    let odd = jump::clock_jump(streams, None).map(|jump| jump.text);
+    let odd = odd.or_else(|| reach.apart(streams));
+    why += &odd.map_or(String::new(), |odd| format!("; {odd}"));
     let refused = ScanError::refused("no_match", why);
     match factor {
         Some(factor) => refused.with("factor", factor),
