@@ -11,7 +11,7 @@
 //!
 //! | file | idea |
 //! | --- | --- |
-//! | [`pins`], [`pin_mux`] | which pin is what |
+//! | [`pins`] | which pin is what |
 //! | [`safety::before_main`] | what a reset leaves |
 //! | [`resources`] | clock, machines, channels, priorities |
 //! | [`capture::pio`] | what the state machines run, and how they are started |
@@ -38,7 +38,6 @@
 mod capture;
 mod lights;
 mod measuring_level;
-mod pin_mux;
 mod pins;
 mod resources;
 mod safety;
@@ -157,7 +156,7 @@ fn boot() -> Parts {
         w.set_dma_r(true);
         w.set_dma_w(true);
     });
-    pin_mux::connect();
+    pins::mux::connect();
     // Before anything that cannot wait: its flash is the one that all code is fetched from.
     #[cfg(feature = "update")]
     let mut image = updates::resume(&chip.FLASH);

@@ -31,9 +31,7 @@ mod flash_cache;
 mod lights;
 mod measure;
 mod past;
-#[path = "../../pin_mux.rs"]
-mod pin_mux;
-#[path = "../../pins.rs"]
+#[path = "../../pins/mod.rs"]
 mod pins;
 #[path = "../../resources.rs"]
 mod resources;
@@ -86,7 +84,7 @@ fn main() -> ! {
         w.set_dma_w(true);
     });
     let station = Station::new(Output::new(chip.PIN_21, Level::Low));
-    pin_mux::connect();
+    pins::mux::connect();
     drive::start();
     latch::start();
     uart::start(loopback::line(LineSettings::DEFAULT.baud));

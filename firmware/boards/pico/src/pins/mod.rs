@@ -11,6 +11,8 @@
 //!
 //! Four axes: the RP2040 has eight state machines, and every axis takes one.
 
+pub mod mux;
+
 /// Axes.
 pub const AXES: usize = 4;
 /// Axes with an index mark.
