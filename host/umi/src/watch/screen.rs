@@ -11,6 +11,7 @@ use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Widget, Wrap};
+use umi_protocol::access::AccessMode;
 use umi_protocol::hello::VERSION;
 use umi_protocol::line::HitReport;
 use umi_protocol::message::ResetReason;
@@ -472,7 +473,11 @@ fn verdict(view: &View) -> Vec<Line<'static>> {
         first = format!("{since} (it was {first})");
         style = CAUTION;
     }
-    let first = latest("verdict", Span::styled(first, style));
+    let mut first = latest("verdict", Span::styled(first, style));
+    if view.status.access == AccessMode::Open {
+        // Whoever reaches the board may have set what it judges by.
+        first.spans.insert(1, Span::styled("open board, ", CAUTION));
+    }
     [first].into_iter().chain(said.map(Line::raw)).collect()
 }
 

@@ -95,6 +95,8 @@ fn the_demo_shows_the_experiment() {
             .rfind(|v| v["type"] == "verdict" && v["plate"] == setup)
             .unwrap();
         assert_eq!(sent["correction"]["text"], made);
+        // Nobody owned the board that reached it.
+        assert_eq!(sent["access"], "open");
         let args = [
             "correction",
             "--verdict",

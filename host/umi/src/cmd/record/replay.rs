@@ -8,10 +8,12 @@ use clap::Args;
 use serde_json::json;
 use umi_client::files::capture::CaptureLook;
 use umi_client::journal::audit::{Audit, Findings};
+use umi_client::journal::guarding::Guarding;
 use umi_client::journal::{self, FileItem};
 use umi_client::session::DecisionRecord;
 use umi_client::session::SessionBuilder;
 use umi_desk::capture::Desk;
+use umi_protocol::access::AccessMode;
 use umi_protocol::job::Job;
 use umi_protocol::message::Record;
 use umi_report::terminal;
@@ -88,6 +90,7 @@ impl Replay {
     fn audit(&self, bytes: &[u8]) -> Result<(), Failure> {
         let mut audit = Audit::default();
         let mut shown: Option<Shown> = None;
+        let mut board = Guarding::default();
         let json = self.format.json;
         let stretch = journal::read(bytes, |item| {
             let FileItem::Entry(entry) = item else {
@@ -97,6 +100,7 @@ impl Replay {
             let record = journal::record(&entry)
                 .map_err(|unreadable| Failure::refused("unreadable", unreadable))?;
             audit.take(&entry, &record);
+            let mode = board.follow(entry.seq, &record);
             if let Record::JobSet { job, .. } = &record {
                 // The setups of another job are another session.
                 if let Some(shown) = shown.replace(Shown::new(job, json)) {
@@ -104,7 +108,10 @@ impl Replay {
                 }
             }
             match (DecisionRecord::of(record), &mut shown) {
-                (Some(decision), Some(shown)) => shown.take(decision),
+                (Some(decision), Some(shown)) => {
+                    shown.board = Some(mode);
+                    shown.take(decision)
+                }
                 _ => Ok(()),
             }
         })?;
@@ -164,6 +171,8 @@ struct Shown {
     gather: SessionBuilder,
     json: bool,
     features: u64,
+    /// Who might do what with a journal's board; a capture is of none.
+    board: Option<Option<AccessMode>>,
 }
 
 impl Shown {
@@ -173,22 +182,33 @@ impl Shown {
             gather,
             json,
             features: 0,
+            board: None,
         }
     }
 
     fn take(&mut self, decision: DecisionRecord) -> Result<(), Failure> {
         self.features += u64::from(matches!(decision, DecisionRecord::Feature(_)));
         if self.json {
-            print_json(&crate::show::json::decision(&decision))?;
+            let mut value = crate::show::json::decision(&decision);
+            if let (DecisionRecord::Verdict(_), Some(mode)) = (&decision, self.board) {
+                value["access"] = json!(mode);
+            }
+            print_json(&value)?;
         } else if let DecisionRecord::Fault(fault) = &decision {
             print(&format!("{} {fault}\n", paint(CAUTION, "fault")))?;
         }
         let judged = self.gather.take(decision);
         match judged {
-            Some(place) if !self.json => print(&format!(
-                "{}\n",
-                terminal::setup(&self.gather.session, place, true)
-            )),
+            Some(place) if !self.json => {
+                let setup = terminal::setup(&self.gather.session, place, true);
+                print(&format!("{setup}\n"))?;
+                match self.board {
+                    Some(Some(AccessMode::Open)) => {
+                        print(&format!("{}\n", paint(CAUTION, "board open")))
+                    }
+                    _ => Ok(()),
+                }
+            }
             _ => Ok(()),
         }
     }

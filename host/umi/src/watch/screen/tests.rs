@@ -104,6 +104,10 @@ fn an_ok_that_was_taken_back_is_none() {
         let line = said.lines().find(|line| line.starts_with("latest verdict"));
         line.unwrap().to_owned()
     };
+    // Whose the board is stands before it.
+    assert!(line(&view).starts_with("latest verdict  open board, "));
+    view.status.access = AccessMode::Claimed;
+    assert!(!line(&view).contains("open"), "{}", line(&view));
     (view.status.has_reference, view.status.correction_waiting) = (true, true);
     let waits = line(&view);
     assert!(

@@ -79,6 +79,9 @@ fn an_image_is_tried_before_it_counts() {
         "version": "1.0.0", "counter": 1, "slot": "a", "confirmed": true, "sha512": sha512,
     });
     assert_eq!(runs, expected);
+    // What it tells of itself is what was signed.
+    let info = rig.run(&["info"]).exits(0).json();
+    assert_eq!(info["board"]["firmware"], "1.0.0");
     // Heads name the image that they were signed under. The board signs when its inputs have been quiet for a while.
     let first_half = &sha512.as_str().unwrap()[..64];
     let is_signed = |rig: &Rig| {
