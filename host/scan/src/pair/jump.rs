@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use super::search::{Reaches, reaches};
 use super::streams::Streams;
-use crate::ScanError;
 use crate::profile::Stamp;
 use crate::profile::frames::Frames;
 
@@ -24,62 +23,94 @@ pub(super) struct ClockJump {
     pub strangers: Range<usize>,
 }
 
-/// Where the clock jumps, if it does. `found`: the latch of each profile; none where nothing was paired.
+/// Where the clock jumps, if it does, by the latch of each profile.
 ///
-/// A clock that goes back and stays there has jumped. Any other step may be a pause: it is a jump where one side of it is
-/// paired and the other is not, or neither, and each has a shift of its own that explains most of it.
-pub(super) fn clock_jump(
-    streams: &Streams<'_>,
-    found: Option<&[Option<usize>]>,
-) -> Option<ClockJump> {
+/// Of the profiles on one side nearly all have a latch and on the other nearly none, though one shift explains most of those
+/// by the latches that are left, or the clock goes back there. Without such latches the board has ended first, or begun later.
+pub(super) fn among_pairs(streams: &Streams<'_>, found: &[Option<usize>]) -> Option<ClockJump> {
     let stamps = &streams.frames.stamps;
-    let behind_of = |place: &usize| stamps.len() - place;
-    let mut places: Vec<usize> = (1..stamps.len())
-        .filter(|place| *place >= FEWEST && behind_of(place) >= FEWEST)
-        .collect();
-    let candidates = match found {
-        Some(found) => {
-            let parted = parted(found).into_iter();
-            parted.filter(|place| places.contains(place)).collect()
-        }
-        None => {
-            let step_us = |place: usize| (stamps[place].t_us - stamps[place - 1].t_us).abs();
-            places.sort_by(|&a, &b| step_us(b).total_cmp(&step_us(a)));
-            places.truncate(LOOKED_AT);
-            places
-        }
-    };
-    candidates
-        .into_iter()
-        .find(|&place| is_jump(streams, place, found))
-        .map(|place| ClockJump {
-            text: format!(
-                "clock_jump: with profile {} the sensor's clock jumps: it goes from {} to {} µs, and what is before and behind that \
-                 fits no one shift{}: pair the two parts as scans of their own",
-                stamps[place].profile,
-                stamps[place - 1].t_us,
-                stamps[place].t_us,
-                if found.is_some() {
-                    "; the shorter part is left out, and what stands next to the jump"
-                } else {
-                    ""
-                }
+    let mut is_left = vec![true; streams.triggers.latches.len()];
+    found
+        .iter()
+        .flatten()
+        .for_each(|&latch| is_left[latch] = false);
+    let paired = |found: &[Option<usize>]| found.iter().flatten().count();
+    parted(found).into_iter().find_map(|place| {
+        let (before, behind) = sides(stamps, place)?;
+        let (first, second) = found.split_at(place);
+        let (first, second) = (paired(first), paired(second));
+        let (most, kept, fewest, left, strangers) = if first > second {
+            (first, before, second, behind, place - FEWEST..stamps.len())
+        } else {
+            (second, behind, first, before, 0..place + FEWEST)
+        };
+        let is_parted = 2 * most > kept.len() && 10 * fewest <= left.len();
+        let is_jump =
+            is_parted && (goes_back(before, behind) || fits(streams, left, |latch| is_left[latch]));
+        is_jump.then(|| ClockJump {
+            text: told(
+                stamps,
+                place,
+                "; the shorter part is left out, and what stands next to the jump",
             ),
-            strangers: match found {
-                Some(found) if is_first_paired(found, place) => place - FEWEST..stamps.len(),
-                Some(_) => 0..place + FEWEST,
-                None => 0..0,
-            },
+            strangers,
         })
+    })
 }
 
-fn paired(found: &[Option<usize>]) -> usize {
-    found.iter().flatten().count()
+/// Where the clock of a scan jumps that no shift explains: at one of its largest steps, if each side has a shift of its own.
+pub(super) fn of_no_match(streams: &Streams<'_>) -> Option<String> {
+    let stamps = &streams.frames.stamps;
+    largest_steps(stamps)
+        .into_iter()
+        .find(|&place| {
+            sides(stamps, place).is_some_and(|(before, behind)| {
+                let any = |_| true;
+                goes_back(before, behind)
+                    || fits(streams, before, any) && fits(streams, behind, any)
+            })
+        })
+        .map(|place| told(stamps, place, ""))
 }
 
-/// Whether most pairs are before this place.
-fn is_first_paired(found: &[Option<usize>], place: usize) -> bool {
-    paired(&found[..place]) > paired(&found[place..])
+/// Where the clock of a scan goes back and stays there. Of a scan that more than one shift explains nothing else tells: each
+/// part of an even train fits somewhere.
+pub(super) fn back(streams: &Streams<'_>) -> Option<String> {
+    let stamps = &streams.frames.stamps;
+    largest_steps(stamps)
+        .into_iter()
+        .find(|&place| {
+            sides(stamps, place).is_some_and(|(before, behind)| goes_back(before, behind))
+        })
+        .map(|place| told(stamps, place, ""))
+}
+
+fn told(stamps: &[Stamp], place: usize, left_out: &str) -> String {
+    format!(
+        "clock_jump: with profile {} the sensor's clock jumps: it goes from {} to {} µs, and what is before and behind that \
+         fits no one shift{left_out}: pair the two parts as scans of their own",
+        stamps[place].profile,
+        stamps[place - 1].t_us,
+        stamps[place].t_us,
+    )
+}
+
+/// What is before a place and what is behind it, if both are more than single faults.
+fn sides(stamps: &[Stamp], place: usize) -> Option<(&[Stamp], &[Stamp])> {
+    stamps
+        .split_at_checked(place)
+        .filter(|(before, behind)| before.len() >= FEWEST && behind.len() >= FEWEST)
+}
+
+/// The places behind the largest steps.
+fn largest_steps(stamps: &[Stamp]) -> Vec<usize> {
+    let step_us = |place: usize| (stamps[place].t_us - stamps[place - 1].t_us).abs();
+    let mut places: Vec<usize> = (1..stamps.len())
+        .filter(|&place| sides(stamps, place).is_some())
+        .collect();
+    places.sort_by(|&a, &b| step_us(b).total_cmp(&step_us(a)));
+    places.truncate(LOOKED_AT);
+    places
 }
 
 /// Where what is paired parts best from what is not: paired before, and paired behind.
@@ -93,23 +124,6 @@ fn parted(found: &[Option<usize>]) -> [usize; 2] {
     [most.1, least.1]
 }
 
-fn is_jump(streams: &Streams<'_>, place: usize, found: Option<&[Option<usize>]>) -> bool {
-    let stamps = &streams.frames.stamps;
-    let (before, behind) = stamps.split_at(place);
-    if let Some(found) = found {
-        let (first, second) = found.split_at(place);
-        let (most, fewest, left) = if is_first_paired(found, place) {
-            (paired(first), paired(second), behind)
-        } else {
-            (paired(second), paired(first), before)
-        };
-        return 2 * most > stamps.len() - left.len()
-            && 10 * fewest <= left.len()
-            && (goes_back(before, behind) || fits(streams, left));
-    }
-    goes_back(before, behind) || (fits(streams, before) && fits(streams, behind))
-}
-
 /// Whether all of the next profiles are earlier than all of the last ones before.
 fn goes_back(before: &[Stamp], behind: &[Stamp]) -> bool {
     let last = before[before.len() - FEWEST..].iter().map(|s| s.t_us);
@@ -117,8 +131,8 @@ fn goes_back(before: &[Stamp], behind: &[Stamp]) -> bool {
     next.fold(f64::NEG_INFINITY, f64::max) < last.fold(f64::INFINITY, f64::min)
 }
 
-/// Whether one shift explains most of these profiles.
-fn fits(streams: &Streams<'_>, stamps: &[Stamp]) -> bool {
+/// Whether one shift explains most of these profiles by these latches.
+fn fits(streams: &Streams<'_>, stamps: &[Stamp], is_meant: impl Fn(usize) -> bool) -> bool {
     let frames = Frames {
         stamps: stamps.to_vec(),
         duplicates: Vec::new(),
@@ -126,11 +140,14 @@ fn fits(streams: &Streams<'_>, stamps: &[Stamp]) -> bool {
         restarts: Vec::new(),
         lost_frames: 0,
     };
-    let part: Result<Streams<'_>, ScanError> =
-        Streams::new(&frames, streams.triggers, streams.options);
-    part.is_ok_and(|part| {
+    let mut triggers = streams.triggers.clone();
+    let mut latch = 0..;
+    triggers
+        .latches
+        .retain(|_| latch.next().is_some_and(&is_meant));
+    let most = (stamps.len() * 4).div_ceil(5);
+    Streams::new(&frames, &triggers, streams.options).is_ok_and(|part| {
         let trains = part.within_reach(1.0).trains;
-        let most = (stamps.len() * 4).div_ceil(5);
         matches!(reaches(&trains, most, STEPS), Reaches::Yes(_))
     })
 }

@@ -111,21 +111,19 @@ pub fn pair(
             explained,
             runner_up,
         } => {
-            let jump = jump::clock_jump(&streams, None);
-            return Err(jump.map_or_else(
-                || ambiguous(explained, runner_up, stamps_seen),
-                |jump| ScanError::refused("ambiguous_pairing", jump.text),
+            let why = jump::back(&streams);
+            return Err(ambiguous(
+                why.unwrap_or_else(|| tie(explained, runner_up, stamps_seen)),
             ));
         }
         SearchOutcome::Undecided => {
-            let jump = jump::clock_jump(&streams, None).map(|jump| jump.text);
-            let why = jump.unwrap_or_else(|| {
+            let why = jump::back(&streams);
+            return Err(ambiguous(why.unwrap_or_else(|| {
                 "the rhythm of the triggers is too even, or the jitter too wide, to find the only \
                  best pairing in reasonable time: begin with uneven trigger pulses, wire the sensor's \
                  encoder (--encoder), or give a narrower --jitter-us"
                     .to_owned()
-            });
-            return Err(ScanError::refused("ambiguous_pairing", why));
+            })));
         }
         SearchOutcome::Beyond { drift, explained } => {
             return Err(ScanError::refused(
@@ -154,7 +152,7 @@ pub fn pair(
         ));
     }
     let mut of_all = reach.of_all(&found, stamps_seen);
-    let jump = jump::clock_jump(&streams, Some(&of_all));
+    let jump = jump::among_pairs(&streams, &of_all);
     if let Some(jump) = &jump {
         of_all[jump.strangers.clone()].fill(None);
     }
@@ -259,14 +257,14 @@ fn answer(
     }
 }
 
-fn ambiguous(explained: usize, runner_up: usize, profiles: usize) -> ScanError {
-    ScanError::refused(
-        "ambiguous_pairing",
-        format_args!(
-            "of {} profiles one shift of the clocks explains {explained}, another {runner_up}, and \
-             the faults leave both possible: begin with uneven trigger pulses, wire the sensor's encoder (--encoder), or change speed in the scan",
-            profiles
-        ),
+fn ambiguous(why: String) -> ScanError {
+    ScanError::refused("ambiguous_pairing", why)
+}
+
+fn tie(explained: usize, runner_up: usize, profiles: usize) -> String {
+    format!(
+        "of {profiles} profiles one shift of the clocks explains {explained}, another {runner_up}, and \
+         the faults leave both possible: begin with uneven trigger pulses, wire the sensor's encoder (--encoder), or change speed in the scan"
     )
 }
 
@@ -314,8 +312,7 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
     }
     let (hints, factor) = units::hints(streams, reach);
     why += &hints;
-    let odd = jump::clock_jump(streams, None).map(|jump| jump.text);
-    let odd = odd.or_else(|| reach.apart(streams));
+    let odd = jump::of_no_match(streams).or_else(|| reach.apart(streams));
     why += &odd.map_or(String::new(), |odd| format!("; {odd}"));
     let refused = ScanError::refused("no_match", why);
     match factor {
