@@ -1,6 +1,9 @@
 //! Captures against the edges that were driven: how many came, and how far the worst is off.
 
+use umi_app::board::{Broken, LinkTx};
 use umi_protocol::latch::{LatchCause, LatchReport};
+
+use super::table::Table;
 
 /// An edge that was driven.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +49,30 @@ impl FoundEdges {
         let late = latch.t_ns.saturating_sub(driven.to_us.saturating_mul(1000));
         let off = i64::try_from(early.max(late)).unwrap_or(i64::MAX);
         self.worst_ns = self.worst_ns.max(off);
+    }
+
+    /// Tells how many of `all` were captured, and how far positions and, where they are held to a
+    /// limit, instants are off.
+    ///
+    /// # Errors
+    /// The link is broken.
+    pub async fn tell<L: LinkTx>(
+        &self,
+        name: &str,
+        all: i64,
+        instant_ns: Option<i64>,
+        table: &mut Table<'_, L>,
+    ) -> Result<(), Broken> {
+        table.exactly(name, all, self.captured, "").await?;
+        table
+            .exactly("their positions", 0, self.worst_counts, "counts off")
+            .await?;
+        let Some(most_ns) = instant_ns else {
+            return Ok(());
+        };
+        table
+            .at_most("their instants", most_ns, self.worst_ns, "ns off")
+            .await
     }
 }
 

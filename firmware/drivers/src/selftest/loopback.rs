@@ -3,12 +3,18 @@
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
-use umi_app::board::{Clock, CncInput, CncRx, CncTx};
+use umi_app::board::{Broken, Clock, CncInput, CncRx, CncTx, LinkTx};
 use umi_core::units::Micros;
 use umi_protocol::serial::{Cts, LineSettings};
 
+use super::table::Table;
+
 /// Characters of a test.
 pub const CHARACTERS: u32 = 256;
+/// The speeds of a test, baud.
+pub const FAST_BAUD: u32 = 115_200;
+/// The slower one.
+pub const SLOW_BAUD: u32 = 19_200;
 /// From the place behind the line to the next one.
 const TIMED: u32 = CHARACTERS - 1;
 const BITS: u32 = 10;
@@ -40,9 +46,34 @@ const fn time_us(baud: u32) -> u32 {
 }
 
 /// Half a percent of that, the most that a speed may be off.
-#[must_use]
-pub const fn most_off_us(baud: u32) -> i64 {
+const fn most_off_us(baud: u32) -> i64 {
     time_us(baud) as i64 / 200
+}
+
+/// Tells what became of the characters at both speeds.
+///
+/// # Errors
+/// The link is broken.
+pub async fn tell<L: LinkTx>(
+    fast: Heard,
+    slow: Heard,
+    table: &mut Table<'_, L>,
+) -> Result<(), Broken> {
+    let right = fast.right.min(slow.right).into();
+    table
+        .exactly("characters that come back", CHARACTERS.into(), right, "")
+        .await?;
+    let lost = i64::from(fast.lost) + i64::from(slow.lost);
+    table.exactly("characters lost", 0, lost, "").await?;
+    for (name, baud, heard) in [
+        ("their time at 115200 baud", FAST_BAUD, fast),
+        ("their time at 19200 baud", SLOW_BAUD, slow),
+    ] {
+        table
+            .at_most(name, most_off_us(baud), heard.off_us.into(), "us off")
+            .await?;
+    }
+    Ok(())
 }
 
 /// Sends all characters at this speed, and hears them.

@@ -48,8 +48,6 @@ const PULSE: TriggerPulse = TriggerPulse {
 const PULSE_US: u32 = 5_000;
 /// The pin is looked at some hundred times in a microsecond.
 const PULSE_NS: i64 = 500;
-const FAST_BAUD: u32 = 115_200;
-const SLOW_BAUD: u32 = 19_200;
 
 /// What is tested.
 pub struct Bench {
@@ -240,14 +238,8 @@ async fn lines<L: LinkTx>(
         Timer::after_micros(PAUSE_US).await;
     }
     let each = causes.iter().flatten().count() as i64;
-    table
-        .exactly(name, each * i64::from(edges), found.captured, "")
-        .await?;
-    table
-        .exactly("their positions", 0, found.worst_counts, "counts off")
-        .await?;
-    table
-        .at_most("their instants", INSTANT_NS, found.worst_ns, "ns off")
+    found
+        .tell(name, each * i64::from(edges), Some(INSTANT_NS), table)
         .await
 }
 
@@ -333,31 +325,7 @@ async fn looped(baud: u32) -> Heard {
 /// The control's line, led back inside the chip.
 async fn line<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
     join_line();
-    let all = i64::from(loopback::CHARACTERS);
-    let fast = looped(FAST_BAUD).await;
-    let slow = looped(SLOW_BAUD).await;
-    let right = fast.right.min(slow.right).into();
-    table
-        .exactly("characters that come back", all, right, "")
-        .await?;
-    let lost = i64::from(fast.lost) + i64::from(slow.lost);
-    table.exactly("characters lost", 0, lost, "").await?;
-    let most = loopback::most_off_us(FAST_BAUD);
-    table
-        .at_most(
-            "their time at 115200 baud",
-            most,
-            fast.off_us.into(),
-            "us off",
-        )
-        .await?;
-    let most = loopback::most_off_us(SLOW_BAUD);
-    table
-        .at_most(
-            "their time at 19200 baud",
-            most,
-            slow.off_us.into(),
-            "us off",
-        )
-        .await
+    let fast = looped(loopback::FAST_BAUD).await;
+    let slow = looped(loopback::SLOW_BAUD).await;
+    loopback::tell(fast, slow, table).await
 }

@@ -54,10 +54,6 @@ const PULSE_US: u32 = 5_000;
 /// A stamp is known to two cycles; both ends have one.
 const PULSE_NS: i64 = 32;
 
-const FAST_BAUD: u32 = 115_200;
-const SLOW_BAUD: u32 = 19_200;
-const FAST_OFF_US: i64 = loopback::most_off_us(FAST_BAUD);
-const SLOW_OFF_US: i64 = loopback::most_off_us(SLOW_BAUD);
 /// What the figures of the README are made with. The RP2350 has other figures, which nobody knows
 /// yet: there is no promise to hold.
 const LINE_CYCLES: i64 = if cfg!(feature = "rp2350") {
@@ -243,14 +239,7 @@ async fn captures<L: LinkTx>(
         Timer::after_micros(SKIP_PAUSE_US).await;
     }
     let all = 2 * i64::from(edges);
-    table
-        .exactly("skip edges captured", all, skip.captured, "")
-        .await?;
-    table
-        .exactly("their positions", 0, skip.worst_counts, "counts off")
-        .await?;
-    table
-        .at_most("their instants", INSTANT_NS, skip.worst_ns, "ns off")
+    skip.tell("skip edges captured", all, Some(INSTANT_NS), table)
         .await?;
 
     drain().await;
@@ -262,14 +251,8 @@ async fn captures<L: LinkTx>(
         Timer::after_micros(PAUSE_US).await;
     }
     let all = i64::from(edges);
-    table
-        .exactly("triggers captured", all, trigger.captured, "")
-        .await?;
-    table
-        .exactly("their positions", 0, trigger.worst_counts, "counts off")
-        .await?;
-    table
-        .at_most("their instants", INSTANT_NS, trigger.worst_ns, "ns off")
+    trigger
+        .tell("triggers captured", all, Some(INSTANT_NS), table)
         .await?;
 
     drain().await;
@@ -284,12 +267,7 @@ async fn captures<L: LinkTx>(
         }
     }
     let all = i64::from(edges) * INDEXED as i64;
-    table
-        .exactly("index marks captured", all, marks.captured, "")
-        .await?;
-    table
-        .exactly("their positions", 0, marks.worst_counts, "counts off")
-        .await
+    marks.tell("index marks captured", all, None, table).await
 }
 
 /// The skip line's machine looks at the output: it stamps both ends of each pulse.
@@ -369,31 +347,9 @@ async fn looped(baud: u32) -> Heard {
 
 /// The control's line, led back inside the chip.
 async fn line<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
-    let all = i64::from(loopback::CHARACTERS);
-    let fast = looped(FAST_BAUD).await;
-    let slow = looped(SLOW_BAUD).await;
-    let right = fast.right.min(slow.right).into();
-    table
-        .exactly("characters that come back", all, right, "")
-        .await?;
-    let lost = i64::from(fast.lost) + i64::from(slow.lost);
-    table.exactly("characters lost", 0, lost, "").await?;
-    table
-        .at_most(
-            "their time at 115200 baud",
-            FAST_OFF_US,
-            fast.off_us.into(),
-            "us off",
-        )
-        .await?;
-    table
-        .at_most(
-            "their time at 19200 baud",
-            SLOW_OFF_US,
-            slow.off_us.into(),
-            "us off",
-        )
-        .await
+    let fast = looped(loopback::FAST_BAUD).await;
+    let slow = looped(loopback::SLOW_BAUD).await;
+    loopback::tell(fast, slow, table).await
 }
 
 /// Whether the flash's cache counts, and what a line of the flash takes.
