@@ -57,6 +57,9 @@ mod of_the_thread {
             "ldr r0, 3f",
             "ldr r1, 4f",
             "str r1, [r0]",
+            // Before the return: one that waits is not taken there (Arm application note 321).
+            "dsb",
+            "isb",
             // A frame of eight words, of which only where to go on and the state count.
             "sub sp, #32",
             "ldr r0, 5f",
