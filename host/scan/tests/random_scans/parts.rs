@@ -96,7 +96,26 @@ pub fn cells(grid: [&[f64]; 3], full: impl Fn(Vec3) -> bool) -> Vec<[Vec3; 3]> {
     all
 }
 
+/// A bracket that has the base of the first part, and a tower at the end where that has none instead of wall and rib.
+pub fn tower() -> Part {
+    let mesh = Mesh::new(&on_base(|p| p.x > 70.0 && p.x < 104.0 && p.y > 18.0)).unwrap();
+    assert!(mesh.is_closed());
+    Part {
+        name: "tower",
+        mesh,
+    }
+}
+
 fn bracket() -> Vec<[Vec3; 3]> {
+    on_base(|p| {
+        let wall = p.x < 14.0;
+        let rib = p.x < 50.0 && (8.0..18.0).contains(&p.y) && p.z < 36.0;
+        wall || rib
+    })
+}
+
+/// What stands on a base that no turn carries onto itself.
+fn on_base(stands: impl Fn(Vec3) -> bool) -> Vec<[Vec3; 3]> {
     let grid: [&[f64]; 3] = [
         &[0.0, 14.0, 40.0, 50.0, 70.0, 104.0, 120.0],
         &[0.0, 8.0, 16.0, 18.0, 44.0, 60.0, 70.0],
@@ -104,11 +123,9 @@ fn bracket() -> Vec<[Vec3; 3]> {
     ];
     cells(grid, |p| {
         let base = p.z < 14.0;
-        let wall = p.x < 14.0;
-        let rib = p.x < 50.0 && (8.0..18.0).contains(&p.y) && p.z < 36.0;
         let pocket = (40.0..70.0).contains(&p.x) && (44.0..60.0).contains(&p.y) && p.z > 8.0;
         let notch = p.x > 104.0 && p.y < 16.0;
-        (base || wall || rib) && !pocket && !notch
+        (base || stands(p)) && !pocket && !notch
     })
 }
 
