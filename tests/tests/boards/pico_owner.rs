@@ -166,6 +166,16 @@ fn a_wipe_leaves_a_signed_record() {
     assert_eq!(records.iter().filter(|of| wiped(of)).count(), 1);
 }
 
+/// A board that has an owner since now, and the host that has claimed it.
+fn claimed() -> Option<(PicoRig, Client)> {
+    let mut rig = PicoRig::start_or_skip()?;
+    rig.close_jumper(true);
+    rig.power_cycle();
+    let mut client = host(&mut rig);
+    assert!(client.key_enrol(&owner()).unwrap());
+    Some((rig, client))
+}
+
 /// While the board signs head after head and proves a session, captures and characters wait no longer
 /// than they may without that, and none is lost.
 #[test]
@@ -173,13 +183,9 @@ fn signing_keeps_no_character_and_no_capture_waiting() {
     const CAPTURE_INTERRUPT: u64 = 9;
     const LINE_INTERRUPT: u64 = 11;
     const TRIGGERS: u64 = 2_000;
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = claimed() else {
         return;
     };
-    rig.close_jumper(true);
-    rig.power_cycle();
-    let mut client = host(&mut rig);
-    assert!(client.key_enrol(&owner()).unwrap());
     rig.emulator().interrupts();
     // Two seconds: triggers at 1 kHz, and a line that is full.
     rig.emulator().pulses(&EmulatedPulses {
@@ -223,13 +229,9 @@ fn a_session_delays_no_verdict() {
     /// A session's answers take a little, above measuring.
     const MOST_LATER_US: u64 = 10_000;
     const PEACE: u64 = 2;
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, client)) = claimed() else {
         return;
     };
-    rig.close_jumper(true);
-    rig.power_cycle();
-    let mut client = host(&mut rig);
-    assert!(client.key_enrol(&owner()).unwrap());
     drop(client);
     let mut client = session(&mut rig);
     client.set_job(&job()).unwrap().unwrap();
@@ -311,13 +313,9 @@ fn worked(rig: &mut PicoRig) -> (u64, u64) {
 /// What heads and sessions take of the processor, beyond what an idle board takes: the README says it.
 #[test]
 fn what_a_head_and_a_session_take_is_held() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = claimed() else {
         return;
     };
-    rig.close_jumper(true);
-    rig.power_cycle();
-    let mut client = host(&mut rig);
-    assert!(client.key_enrol(&owner()).unwrap());
     head(&mut client, [9; 32], PATIENCE).unwrap().unwrap();
     let mut extra = |what: &str, most_millions: f64, work: &mut dyn FnMut(&mut PicoRig)| {
         let (before, from) = worked(&mut rig);
