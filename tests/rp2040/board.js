@@ -20,6 +20,7 @@ const AXIS_PINS = [8, 10, 12, 14];
 /** Laser enable, trigger out, LED, OK, NG, busy. */
 export const OUTPUT_PINS = [21, 22, 25, 26, 27, 28];
 const OUTPUTS_KEPT = 1 << 20;
+const SECTOR = 4096;
 
 export class Board {
   constructor(segments, uniqueId) {
@@ -85,6 +86,26 @@ export class Board {
         was = is;
         if (is !== null) this.note(index, is, chip);
       });
+    }
+  }
+
+  /** What the board has written into its flashes: rows of address and bytes (hex). */
+  flashes() {
+    const nor = [];
+    for (let at = 0; at < this.nor.data.length; at += SECTOR) {
+      const bytes = this.nor.data.subarray(at, at + SECTOR);
+      if (bytes.some((byte) => byte !== 0xff)) nor.push([at, Buffer.from(bytes).toString('hex')]);
+    }
+    const code = [...this.flash.written].map(([at, bytes]) => [at, Buffer.from(bytes).toString('hex')]);
+    return { nor, code };
+  }
+
+  /** The same, into flashes that nothing was written to yet. */
+  putFlashes({ nor, code }) {
+    for (const [at, bytes] of nor) this.nor.data.set(Buffer.from(bytes, 'hex'), at);
+    for (const [at, hex] of code) {
+      const bytes = Buffer.from(hex, 'hex');
+      this.chip.rom.change(at, bytes.length, (_, i) => bytes[i]);
     }
   }
 

@@ -37,6 +37,7 @@
 // | noise      | stuck                                  | the oscillator's bits over and over (null: as it should be) |
 // | flash_read | address, length                        | contents of the flash that the code runs from (hex) |
 // | flash_write | address, bytes (hex)                | changes it, as a debug probe does             |
+// | flashes    | put = null                             | what both flashes hold where they are not blank; with `put` they hold that instead |
 // | flash_cut  | after                                  | cuts the power within a write of that flash, behind so many (null: not); answers how many were left |
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
 // | memory_set | address, value                         | writes a word, as the core does                |
@@ -274,6 +275,10 @@ class Bench {
         chip.rom.change(request.address - 0x10000000, bytes.length, (_, i) => bytes[i]);
         return {};
       }
+      case 'flashes':
+        if (chip === null) throw new Error('the board has no power');
+        if (request.put) board.putFlashes(request.put);
+        return board.flashes();
       case 'flash_cut': {
         const { cutAfter } = board.flash;
         board.flash.cutAfter = request.after ?? null;

@@ -34,7 +34,7 @@ pub const TEN: usize = 10;
 const HANGS: Duration = Duration::from_secs(900);
 
 /// Every case on every board: the virtual one, the image in QEMU, the emulated Pico. A case
-/// takes a board with empty flash that was just switched on.
+/// takes a board without a job that was just switched on.
 #[macro_export]
 macro_rules! on_every_board {
     ($($case:ident)*) => {

@@ -16,10 +16,11 @@ mod emulator;
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
+use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use serde_json::json;
+use serde_json::{Value, json};
 use umi_app::board::Lights;
 use umi_client::board::link::{self, Client, Patience, Transport};
 use umi_protocol::serial::LineSettings;
@@ -49,6 +50,10 @@ const PULSE_CYCLES: u64 = 100 * CYCLES_PER_US;
 const PATIENCE: Duration = Duration::from_secs(600);
 /// What the golden session may need of the stack: a tenth more than it does.
 const STACK_BYTES: u32 = 41_000;
+/// A head is begun after 0.3 s of quiet, and takes less than that again.
+const QUIET_CYCLES: u64 = 700_000 * CYCLES_PER_US;
+/// For so many cycles the core sleeps when the first start is over.
+const FIRST_START_TURN: u64 = 100_000 * CYCLES_PER_US;
 /// How often it looks.
 const TURN: Duration = Duration::from_millis(2);
 
@@ -59,22 +64,43 @@ pub struct PicoRig {
 }
 
 impl PicoRig {
-    /// A board with empty flash, switched on.
+    /// A board that was on once before, and nothing more, switched on: it has its key, and its journal is
+    /// begun. Its first start, which looks at all of the journal's flash, takes the emulator five times as
+    /// long as another.
     ///
     /// # Errors
     /// Why there is no emulator: no image, no `node`, or what `node` said.
     pub fn start() -> Result<Self, String> {
-        Self::prepared(|_| ())
+        Self::begun(Emulator::start(Start::Paused)?)
     }
 
-    /// As [`Self::start`], with something done before its first cycle.
+    /// This board, as if it had been on once before.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn begun(mut emulator: Emulator) -> Result<Self, String> {
+        emulator.ask(&json!({ "do": "flashes", "put": flashes()? }));
+        Self::of(emulator)
+    }
+
+    /// As [`Self::start`], but without a key, and with something done before its first cycle.
     ///
     /// # Errors
     /// As there.
-    pub fn prepared(prepare: impl FnOnce(&mut Emulator)) -> Result<Self, String> {
+    pub fn without_key(prepare: impl FnOnce(&mut Emulator)) -> Result<Self, String> {
         let mut emulator = Emulator::start(Start::Paused)?;
+        let only = json!({ "nor": flashes()?["nor"], "code": [] });
+        emulator.ask(&json!({ "do": "flashes", "put": only }));
         prepare(&mut emulator);
         Self::of(emulator)
+    }
+
+    /// A board with empty flash, switched on for the first time.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn first_start() -> Result<Self, String> {
+        Self::of(Emulator::start(Start::Paused)?)
     }
 
     /// This board, as fast as it can go.
@@ -133,6 +159,16 @@ impl PicoRig {
             self.emulator
                 .start_axis(axis, &[Segment::steady(way, pace)], &json!({}));
         }
+    }
+
+    /// Waits until a head is signed, which a board does in the quiet behind its start and behind the
+    /// last line: a host waits meanwhile (the board's README).
+    ///
+    /// # Panics
+    /// If that takes too long.
+    pub fn wait_for_quiet(&mut self) {
+        let now = self.emulator.state().cycle;
+        self.wait_for_cycle(now + QUIET_CYCLES);
     }
 
     /// Waits until this cycle is over.
@@ -289,6 +325,27 @@ impl Rig for PicoRig {
     fn stack_bytes(&mut self) -> Option<(u32, u32)> {
         Some((self.emulator.stack_bytes(), STACK_BYTES))
     }
+}
+
+/// What a board's flashes hold when it has nothing more to do after its first start.
+fn flashes() -> Result<&'static Value, String> {
+    static FLASHES: OnceLock<Result<Value, String>> = OnceLock::new();
+    let first_start = || {
+        let mut emulator = Emulator::start(Start::Paused)?;
+        let mut slept = 0;
+        for _ in 0..100 {
+            let now = emulator.run(FIRST_START_TURN).slept_cycles;
+            if now - slept > FIRST_START_TURN * 9 / 10 {
+                return Ok(emulator.ask(&json!({ "do": "flashes" })));
+            }
+            slept = now;
+        }
+        panic!("the first start does not end: {:?}", emulator.state());
+    };
+    FLASHES
+        .get_or_init(first_start)
+        .as_ref()
+        .map_err(Clone::clone)
 }
 
 fn is_patience(error: &io::Error) -> bool {

@@ -1,5 +1,5 @@
 //! An owner's board as firmware: keys, roles, sessions, signed heads, evidence and ceilings on the
-//! Cortex-M7 of QEMU and on the emulated Pico. What is the Pico's own is in [`crate::pico_owner`].
+//! Cortex-M7 of QEMU and on the emulated Pico. What is the Pico's own is in [`crate::pico::owner`].
 
 use std::time::Duration;
 

@@ -83,7 +83,7 @@ pub fn markdown(costs: &[Cost]) -> String {
         "\nCounted by QEMU's clock, of which an instruction takes a nanosecond: the same image \
          gives the same count. The image is built as a board's is, for size, with a \
          double-precision FPU. A real Cortex-M7 does up to two of them in a cycle, and waits for \
-         memory. `tests/tests/boards/qemu_figures.rs` holds the budgets. What the images take of flash \
+         memory. `tests/tests/boards/qemu/figures.rs` holds the budgets. What the images take of flash \
          and RAM is in [SIZES.md](SIZES.md).\n",
     );
     section

@@ -63,7 +63,7 @@ fn board(a: &[u8], b: &[u8]) -> Result<PicoRig, String> {
     for (address, bytes) in [(MAKER_AT, &key[..]), (PLACE_A, a), (PLACE_B, b)] {
         write(&mut emulator, address, bytes);
     }
-    PicoRig::of(emulator)
+    PicoRig::begun(emulator)
 }
 
 /// Changes the flash, as a debug probe does.

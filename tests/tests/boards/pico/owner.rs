@@ -54,10 +54,12 @@ fn seed_in(bytes: &[u8], public: [u8; 32]) -> Option<[u8; 32]> {
 /// proves its journal. Another board has another key.
 #[test]
 fn a_key_is_made_once_and_leaves_its_flash_never() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some(mut rig) = skip_without(PicoRig::first_start()) else {
         return;
     };
     let mut client = host(&mut rig);
+    let (stack, most) = rig.stack_bytes().unwrap();
+    assert!(stack <= most, "{stack} bytes to make a key");
     let public = client.access().unwrap().board_key.unwrap();
     let seed = seed_in(
         &bytes(rig.emulator(), "flash_read", KEY_AT, KEY_BYTES),
@@ -89,7 +91,7 @@ fn a_broken_oscillator_makes_no_key() {
             emulator.ask(&json!({ "do": "noise", "stuck": stuck }));
             emulator.ask(&json!({ "do": "jumper", "closed": true }));
         };
-        let Some(mut rig) = skip_without(PicoRig::prepared(broken)) else {
+        let Some(mut rig) = skip_without(PicoRig::without_key(broken)) else {
             return;
         };
         let mut client = host(&mut rig);

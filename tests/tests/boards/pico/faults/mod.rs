@@ -1,6 +1,9 @@
 //! A fault of the processor on the emulated Pico: laser and lamps go off first, then the board starts
 //! anew and says where it was.
 
+mod stack;
+mod watchdog;
+
 use serde_json::json;
 use umi_protocol::message::ResetReason;
 use umi_tests::cases::until;

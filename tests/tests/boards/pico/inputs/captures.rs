@@ -2,7 +2,7 @@
 //! motion, close together, too many, and while the board fails to keep up with its encoders.
 //!
 //! The long form is run by
-//! `cargo test -p umi-tests --test boards pico_captures -- --ignored --nocapture`.
+//! `cargo test -p umi-tests --test boards pico::inputs::captures -- --ignored --nocapture`.
 
 use std::time::Duration;
 
@@ -217,7 +217,7 @@ fn a_skip_edge_is_latched_where_and_when_it_was() {
     };
     let mut client = rig.client();
     // Its job judges touches: so both edges are told.
-    let job = include_str!("../../../examples/three-spheres-witnessed.toml");
+    let job = include_str!("../../../../../examples/three-spheres-witnessed.toml");
     client
         .set_job(&toml::from_str(job).unwrap())
         .unwrap()
@@ -715,10 +715,11 @@ fn noise_on_a_line_harms_nothing_else() {
         return;
     };
     let mut client = rig.client();
-    let job = toml::from_str(include_str!("../../../examples/three-spheres.toml")).unwrap();
+    let job = toml::from_str(include_str!("../../../../../examples/three-spheres.toml")).unwrap();
     client.set_job(&job).unwrap().unwrap();
     let lines: Vec<&str> = SESSION.split_inclusive('\n').take(108).collect();
     let text = lines.concat();
+    rig.wait_for_quiet();
     rig.control_sends(text.as_bytes());
     let skips = noise(&mut rig, &mut client, SKIP_PIN);
     let sent = text.len() as u64;
@@ -730,9 +731,7 @@ fn noise_on_a_line_harms_nothing_else() {
     let status = client.status().unwrap();
     let counters = status.counters;
     assert_eq!((counters.bytes, counters.bytes_lost), (sent, 0));
-    // In the quiet behind the lines a head is signed, for which a host waits (the board's README).
-    let now = rig.emulator().state().cycle;
-    rig.wait_for_cycle(now + 700 * CYCLES_PER_MS);
+    rig.wait_for_quiet();
     let both = noise(&mut rig, &mut client, TRIGGER_PIN);
     let counted = |of: &LatchCounters| of.skips + of.triggers + of.missed;
     assert_eq!(

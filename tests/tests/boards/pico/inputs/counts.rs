@@ -1,7 +1,4 @@
-//! The board's image on an emulated Pico, with real waveforms at its pins: what it
-//! promises beyond what all boards have in common.
-//!
-//! The long forms are run by `cargo test -p umi-tests --test boards pico:: -- --ignored --nocapture`.
+//! No count of the emulated Pico's encoders is lost, and what makes them wrong is told.
 
 use std::thread;
 use std::time::{Duration, Instant};

@@ -3,7 +3,7 @@
 //! prints.
 //!
 //! The long form, 100 000 triggers, is run by
-//! `cargo test -p umi-tests --test boards pico_load -- --ignored --nocapture`.
+//! `cargo test -p umi-tests --test boards pico::load -- --ignored --nocapture`.
 
 use std::time::{Duration, Instant};
 

@@ -41,7 +41,8 @@ fn an_overflow_stops_the_core_and_the_watchdog_restarts_it() {
         return;
     };
     let mut host = client(&mut rig);
-    let job: Job = toml::from_str(include_str!("../../../examples/three-spheres.toml")).unwrap();
+    let job: Job =
+        toml::from_str(include_str!("../../../../../examples/three-spheres.toml")).unwrap();
     host.set_job(&job).unwrap().unwrap();
     assert_eq!(host.status().unwrap().reset, ResetReason::PowerOn);
 

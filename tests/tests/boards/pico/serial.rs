@@ -2,7 +2,7 @@
 //! at its full rate, the host's link flooded, pulled and waited for, the power cut.
 //!
 //! The long form is run by
-//! `cargo test -p umi-tests --test boards pico_serial -- --ignored --nocapture`.
+//! `cargo test -p umi-tests --test boards pico::serial -- --ignored --nocapture`.
 
 use std::env;
 use std::io::{Read as _, Write as _};
@@ -216,6 +216,7 @@ fn nothing_is_lost_when_everything_comes_at_once() {
     let mut desk = client(&mut rig);
     desk.set_job(&job()).unwrap().unwrap();
     drop(desk);
+    rig.wait_for_quiet();
     let mut flood = Flood::begin(&mut rig);
     rig.emulator()
         .ask(&json!({ "do": "uart", "rts_cts": true }));

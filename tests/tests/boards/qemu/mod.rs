@@ -1,6 +1,8 @@
 //! The board in QEMU, beyond what all boards have in common: resets of every kind, edges on
 //! moving axes, and more edges than it can take.
 
+mod figures;
+
 use std::time::{Duration, Instant};
 
 use umi_client::board::link::Client;
