@@ -77,6 +77,24 @@ pub enum PointRefusal {
         /// Standard deviation of the readings.
         spread: Mm,
     },
+    /// The readings vary hardly more than they scatter.
+    #[strum(serialize = "range_not_varied")]
+    #[error("the readings vary by {:.2e} mm only (standard deviation) and lie {:.2e} mm off the balls, which hides the beam's direction: measure over the whole depth of field, with more captures at a place", .spread.0, .rms.0)]
+    RangeInScatter {
+        /// Standard deviation of the readings.
+        spread: Mm,
+        /// rms of their distances from the balls.
+        rms: Mm,
+    },
+    /// The readings lie so far off the balls that they are no measurement of these.
+    #[strum(serialize = "residual_too_large")]
+    #[error("the readings lie {:.2e} mm off the balls at best, and vary by {:.2e} mm (standard deviation): check the ball's radius, the unit of the readings, and that axes and readings belong together", .rms.0, .spread.0)]
+    Misfit {
+        /// Standard deviation of the readings.
+        spread: Mm,
+        /// rms of their distances from the balls.
+        rms: Mm,
+    },
     /// All points lie on one great circle.
     #[error("all points lie on one great circle (within {:.2e} mm), which leaves offset and direction across it open: measure points on both sides of it", .off_plane.0)]
     GreatCircle {
@@ -102,7 +120,7 @@ pub enum PointRefusal {
         direction_rad: f64,
     },
     /// Two beams on the side of the rough direction fit about equally well.
-    #[error("two beams {apart_deg:.1} degrees apart fit about as well (rms {:.3e} and {:.3e} mm), both on the side of the rough direction: give a better direction, or measure with the axes at several heights", .best_rms.0, .other_rms.0)]
+    #[error("two beams {apart_deg:.1} degrees and {:.3} mm apart fit about as well (rms {:.3e} and {:.3e} mm), both on the side of the rough direction: give a better direction, measure with the axes at several heights, and not on one circle of the ball alone", .apart.0, .best_rms.0, .other_rms.0)]
     Ambiguous {
         /// rms of the better one.
         best_rms: Mm,
@@ -110,6 +128,8 @@ pub enum PointRefusal {
         other_rms: Mm,
         /// Angle between them, degrees.
         apart_deg: f64,
+        /// Distance between their points at the mean reading.
+        apart: Mm,
     },
     /// A beam that points away from the rough direction fits, and none else.
     #[strum(serialize = "no_convergence")]

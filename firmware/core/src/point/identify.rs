@@ -19,6 +19,9 @@ const SAME_PLACE_MM: f64 = 1e-3;
 /// A spread of the readings counts as none below this part of the radius.
 const RANGE_LIMIT: f64 = 1e-3;
 
+/// No sensor scatters by more than this part of the radius: what does is no measurement of this ball.
+const MISFIT_PART: f64 = 1e-2;
+
 /// A spread of the ball's normals counts as none below this cosine.
 const SPREAD_LIMIT: f64 = 1e-4;
 
@@ -97,8 +100,11 @@ pub(super) fn at<const K: usize>(
     }
     // Readings that vary only as they scatter.
     if view.spread < NOISE_FACTOR * rms {
-        return Err(PointRefusal::RangeNotVaried {
-            spread: Mm(view.spread),
+        let (spread, rms) = (Mm(view.spread), Mm(rms));
+        return Err(if rms.0 > MISFIT_PART * radius {
+            PointRefusal::Misfit { spread, rms }
+        } else {
+            PointRefusal::RangeInScatter { spread, rms }
         });
     }
     // On a great circle noise alone pushes the points out of its plane, until

@@ -100,7 +100,7 @@ fn fits() -> std::vec::Vec<FitError> {
     all
 }
 
-fn points() -> [PointRefusal; 15] {
+fn points() -> [PointRefusal; 17] {
     [
         PointRefusal::TooFewPoints {
             given: 3,
@@ -119,6 +119,14 @@ fn points() -> [PointRefusal; 15] {
         },
         PointRefusal::OnePlace,
         PointRefusal::RangeNotVaried { spread: Mm(1e-5) },
+        PointRefusal::RangeInScatter {
+            spread: Mm(0.005),
+            rms: Mm(0.001),
+        },
+        PointRefusal::Misfit {
+            spread: Mm(2.0),
+            rms: Mm(0.5),
+        },
         PointRefusal::GreatCircle {
             off_plane: Mm(2e-5),
         },
@@ -137,6 +145,7 @@ fn points() -> [PointRefusal; 15] {
             best_rms: Mm(0.001),
             other_rms: Mm(0.002),
             apart_deg: 12.5,
+            apart: Mm(1.5),
         },
         PointRefusal::OtherWay { rms: Mm(0.003) },
         PointRefusal::NoConvergence,

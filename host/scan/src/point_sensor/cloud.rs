@@ -8,8 +8,11 @@ use umi_core::units::{Mm, Point};
 use super::calibration::{KnownSensor, OffsetAndDirection};
 use super::readings::SensorReadings;
 use crate::ScanError;
-use crate::format::clouds::write_ply;
+use crate::format::clouds::write::{check_extension, write_ply};
 use crate::rigid::Vec3;
+
+/// What the uncertainties of a point are called.
+const U_NAMES: [&str; 3] = ["u_x_mm", "u_y_mm", "u_z_mm"];
 
 /// Points with what the calibration leaves uncertain of them.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,17 +51,45 @@ pub fn points(
     }
 }
 
+/// Refuses a file whose ending is another cloud format's than the ones that are written.
+///
+/// # Errors
+/// `format`.
+pub fn check_ending(path: &Path, written: &[&str]) -> Result<(), ScanError> {
+    if has_ending(path, written) || check_extension(path).is_err() {
+        return Ok(());
+    }
+    Err(ScanError::unreadable(
+        "format",
+        format_args!(
+            "{}: readings become points as {} here; umi scan convert makes the other formats of that",
+            path.display(),
+            written.join(" or ")
+        ),
+    ))
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension()
+        .is_some_and(|ending| endings.iter().any(|of| ending.eq_ignore_ascii_case(of)))
+}
+
 /// Writes a cloud: PLY if the file is called so, else CSV.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, cloud: &SensorCloud) -> Result<(), ScanError> {
-    let ply = path
-        .extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("ply"));
     let mut bytes = Vec::new();
-    let written = if ply {
-        write_ply(&mut bytes, &cloud.points, None)
+    let written = if has_ending(path, &["ply"]) {
+        let u = |axis: usize| -> Vec<f64> {
+            let all = cloud.u_mm.iter().flatten();
+            all.filter_map(|u| u.get(axis).copied()).collect()
+        };
+        let (x, y, z) = (u(0), u(1), u(2));
+        let figures = U_NAMES.into_iter().zip([&*x, &*y, &*z]);
+        let figures: Vec<(&str, &[f64])> =
+            cloud.u_mm.iter().flat_map(|_| figures.clone()).collect();
+        write_ply(&mut bytes, &cloud.points, &figures)
     } else {
         write_csv(&mut bytes, cloud)
     };
@@ -69,12 +100,11 @@ pub fn write(path: &Path, cloud: &SensorCloud) -> Result<(), ScanError> {
 
 /// Every digit that a number has, so that nothing is lost on the way.
 fn write_csv(out: &mut impl Write, cloud: &SensorCloud) -> io::Result<()> {
-    let more = if cloud.u_mm.is_some() {
-        ",u_x_mm,u_y_mm,u_z_mm"
-    } else {
-        ""
-    };
-    writeln!(out, "x_mm,y_mm,z_mm{more}")?;
+    write!(out, "x_mm,y_mm,z_mm")?;
+    for name in cloud.u_mm.iter().flat_map(|_| U_NAMES) {
+        write!(out, ",{name}")?;
+    }
+    writeln!(out)?;
     for (place, p) in cloud.points.iter().enumerate() {
         write!(out, "{},{},{}", p.x, p.y, p.z)?;
         if let Some([x, y, z]) = cloud.u_mm.as_ref().and_then(|all| all.get(place)) {

@@ -61,8 +61,10 @@ pub fn parse(text: &str) -> Result<CalibrationBalls, ScanError> {
             return Err(bad("every ball is a table [[sphere]]"));
         };
         let (id, ball) = one(entry, place, entries.len())?;
-        if balls.ids.contains(&id) {
-            return Err(bad(format_args!("two balls have the id {id}")));
+        if let Some(other) = balls.ids.iter().find(|other| is_same(other, &id)) {
+            return Err(bad(format_args!(
+                "two balls have the ids {other} and {id}: give each its own"
+            )));
         }
         balls.ids.push(id);
         balls.balls.push(ball);
@@ -162,21 +164,26 @@ impl CalibrationBalls {
                 ))
             };
         };
-        let same = |id: &String| {
-            id == name
-                || matches!((id.parse::<f64>(), name.parse::<f64>()), (Ok(a), Ok(b)) if a == b)
-        };
-        self.ids.iter().position(same).ok_or_else(|| {
-            ScanError::refused(
-                "unknown_sphere",
-                format_args!(
-                    "line {} is of ball {name}, which is not given; given are {}",
-                    reading.line,
-                    self.ids.join(", ")
-                ),
-            )
-        })
+        self.ids
+            .iter()
+            .position(|id| is_same(id, name))
+            .ok_or_else(|| {
+                ScanError::refused(
+                    "unknown_sphere",
+                    format_args!(
+                        "line {} is of ball {name}, which is not given; given are {}",
+                        reading.line,
+                        self.ids.join(", ")
+                    ),
+                )
+            })
     }
+}
+
+/// Whether two names are one ball's: spreadsheets write 1 as `1.0`.
+fn is_same(id: &str, name: &str) -> bool {
+    let number = |text: &str| text.parse::<f64>().ok();
+    id == name || number(id).zip(number(name)).is_some_and(|(a, b)| a == b)
 }
 
 fn bad(message: impl std::fmt::Display) -> ScanError {

@@ -109,6 +109,8 @@ fn balls_are_refused_by_name() {
     }
     let twice = format!("{BALL}{BALL}");
     assert_eq!(spheres::parse(&twice).unwrap_err().code, "bad_sphere");
+    let alike = format!("{BALL}{}", BALL.replace("id = 1", "id = '1.0'"));
+    assert_eq!(spheres::parse(&alike).unwrap_err().code, "bad_sphere");
     let two = format!("{BALL}{}", BALL.replace("id = 1", "id = 'B'"));
     let two = spheres::parse(&two).unwrap();
     let of = |sphere: Option<&str>| {

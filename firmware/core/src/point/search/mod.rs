@@ -187,6 +187,7 @@ pub(super) fn single<const K: usize>(
         best_rms: Mm(found.rms),
         other_rms: Mm(rms),
         apart_deg: libm::atan2(sin, cos).to_degrees(),
+        apart: Mm(norm(&(other.foot - found.beam.foot))),
     })
 }
 

@@ -176,6 +176,53 @@ fn numbers_that_are_none() {
     assert_eq!(error.code(), "bad_sphere");
 }
 
+/// Readings in another unit, of another ball, of nothing: they vary, and are not told to be alike.
+#[test]
+fn readings_of_no_such_ball() {
+    let random = &mut Random(5);
+    let good = noisy(
+        &set(&sensor(), &ball(), 30, 5.0),
+        &sensor(),
+        &ball(),
+        1e-3,
+        random,
+    );
+    let changed = |change: &mut dyn FnMut(&mut f64)| {
+        let mut readings = good.clone();
+        for reading in &mut readings {
+            change(&mut reading.gamma.0);
+        }
+        refused(&readings, &PointQuestion::default())
+    };
+    assert_eq!(changed(&mut |gamma| *gamma *= 1e3), "residual_too_large");
+    assert_eq!(
+        changed(&mut |gamma| *gamma = 44.0 + 5.0 * random.normal()),
+        "residual_too_large"
+    );
+    let mut small = ball();
+    small.radius = Mm(5.0);
+    let error = calibrate(&good, &[small], &PointQuestion::default()).unwrap_err();
+    assert_eq!(error.code(), "residual_too_large", "{error}");
+}
+
+/// A small circle beside the beam: the ball may be on either side of it, whatever the direction.
+#[test]
+fn one_small_circle_beside_the_beam() {
+    let side = Vector3::new(0.0, 1.0, 0.0);
+    let upper: Vec<_> = circle(&side, 0.3, 48)
+        .into_iter()
+        .filter(|normal| normal.z > 0.5)
+        .collect();
+    let error = calibrate(&at_depths(&upper), &[ball()], &PointQuestion::default()).unwrap_err();
+    let PointRefusal::Ambiguous {
+        apart_deg, apart, ..
+    } = error
+    else {
+        panic!("{error}");
+    };
+    assert!(apart_deg < 0.01 && (apart.0 - 6.0).abs() < 0.05, "{error}");
+}
+
 /// Readings that grow towards the sensor.
 #[test]
 fn swapped_sign_is_no_calibration() {

@@ -1,4 +1,4 @@
-//! Three numbers on the command line.
+//! Numbers on the command line.
 
 use std::str::FromStr;
 
@@ -19,4 +19,12 @@ impl FromStr for Triple {
             .map(Triple)
             .ok_or_else(|| "three numbers with commas are needed, as 0,0,-1".to_owned())
     }
+}
+
+/// One finite number.
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok();
+    number
+        .filter(|number: &f64| number.is_finite())
+        .ok_or_else(|| "a finite number is needed".to_owned())
 }

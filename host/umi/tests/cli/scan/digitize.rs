@@ -161,6 +161,8 @@ fn what_cannot_be_is_refused_by_name() {
         (("size", "0,16"), "bad_input", json!("D")),
         (("size", "16,x"), "bad_input", json!("E")),
         (("step", "2,0"), "bad_input", json!("H")),
+        (("at", "-8,-8"), "bad_input", json!("Z of --at")),
+        (("at", "x,-8,223.5"), "bad_input", json!("X of --at")),
         (("safe-z", "100"), "bad_input", json!("Q")),
         (("captures", "1"), "bad_input", json!("Z")),
         (("by", "pulses"), "bad_input", json!("R")),

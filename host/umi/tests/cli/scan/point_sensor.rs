@@ -147,6 +147,98 @@ fn a_calibration_makes_points() {
     .exits(1);
 }
 
+/// A PLY has the uncertainties that a CSV has; a file that is called otherwise is not written as either.
+#[test]
+fn points_are_written_by_the_ending() {
+    let folder = Folder::new();
+    let readings = reference("center_uncertain_1um.csv");
+    let spheres = reference("center_uncertain_1um.spheres.toml");
+    let calibrate = [
+        "scan",
+        "calibrate",
+        "point",
+        &readings,
+        "--spheres",
+        &spheres,
+    ];
+    let said = umi(&[&calibrate[..], &["--json"]].concat()).exits(0);
+    let sensor = folder.file("sensor.json", said.out.as_bytes());
+    let write = |cloud: &str| {
+        let points = [
+            "scan",
+            "points",
+            &readings,
+            "--calibration",
+            &sensor,
+            "-o",
+            cloud,
+        ];
+        umi(&[&points[..], &["--json"]].concat())
+    };
+    let [csv, ply, las] = ["cloud.csv", "cloud.ply", "cloud.las"].map(|name| folder.path(name));
+    for cloud in [&csv, &ply] {
+        assert_eq!(write(cloud).exits(0).json()["uncertainty"], true);
+    }
+    let text = std::fs::read_to_string(&csv).unwrap();
+    let bytes = std::fs::read(&ply).unwrap();
+    let header = String::from_utf8_lossy(&bytes);
+    assert!(
+        header.contains("property double u_x_mm\nproperty double u_y_mm\nproperty double u_z_mm")
+    );
+    let rows: Vec<f64> = text
+        .lines()
+        .skip(1)
+        .flat_map(|line| line.split(','))
+        .map(|cell| cell.parse().unwrap())
+        .collect();
+    let body = &bytes[bytes.len() - rows.len() * 8..];
+    let doubles: Vec<f64> = body
+        .chunks_exact(8)
+        .map(|eight| f64::from_le_bytes(eight.try_into().unwrap()))
+        .collect();
+    assert_eq!(doubles, rows);
+    assert_eq!(write(&las).exits(1).json()["error"]["code"], "format");
+    assert!(!std::path::Path::new(&las).exists());
+}
+
+/// A quality that is no number would leave nothing out; another unit is told as what it is.
+#[test]
+fn what_is_no_limit_is_refused() {
+    let readings = reference("rings_13_exact.csv");
+    let spheres = reference("rings_13_exact.spheres.toml");
+    let calibrate = [
+        "scan",
+        "calibrate",
+        "point",
+        &readings,
+        "--spheres",
+        &spheres,
+    ];
+    umi(&[&calibrate[..], &["--min-snr", "nan"]].concat())
+        .exits(1)
+        .says("finite");
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(&readings).unwrap();
+    let mut in_um = String::from("x,y,z,gamma\n");
+    for line in text.lines().skip(1) {
+        let (axes, gamma) = line.rsplit_once(',').unwrap();
+        let gamma: f64 = gamma.parse().unwrap();
+        in_um += &format!("{axes},{}\n", gamma * 1e3);
+    }
+    let in_um = folder.file("um.csv", in_um.as_bytes());
+    let said = umi(&[
+        "scan",
+        "calibrate",
+        "point",
+        &in_um,
+        "--spheres",
+        &spheres,
+        "--json",
+    ]);
+    let error = said.exits(2).json()["error"].clone();
+    assert_eq!(error["code"], "residual_too_large", "{error}");
+}
+
 #[test]
 fn a_plan_is_written_with_what_to_expect() {
     let folder = Folder::new();

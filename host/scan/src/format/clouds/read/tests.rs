@@ -253,7 +253,7 @@ fn a_bad_file_is_refused_before_memory_is_taken() {
 #[test]
 fn what_is_written_is_read_back() {
     let mut bytes = Vec::new();
-    write_ply(&mut bytes, &points(), Some(("stock", &[0.1, 0.2, 0.3]))).unwrap();
+    write_ply(&mut bytes, &points(), &[("stock", &[0.1, 0.2, 0.3])]).unwrap();
     assert_eq!(cloud_from_bytes(&bytes).unwrap().points, points());
 }
 

@@ -12,7 +12,7 @@ use umi_scan::point_sensor::{readings, spheres};
 
 use super::super::super::Format;
 use super::super::answer::answer;
-use super::super::triple::Triple;
+use super::super::triple::{Triple, finite};
 
 /// Offset and beam direction of a point distance sensor, from its readings of balls
 #[derive(Args)]
@@ -36,7 +36,7 @@ pub(crate) struct CalibratePoint {
     )]
     direction: Triple,
     /// Leave out readings whose snr is below this
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = finite)]
     min_snr: Option<f64>,
     /// Refuse an rms above this
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = length)]

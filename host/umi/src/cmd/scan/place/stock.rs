@@ -172,7 +172,7 @@ impl Stock {
             let file = std::fs::File::create(path).map_err(|error| io(path, error))?;
             let mut file = std::io::BufWriter::new(file);
             let stock: Vec<f64> = found.measured.iter().map(|m| m.distance_mm).collect();
-            umi_scan::format::clouds::write_ply(&mut file, &used, Some(("stock_mm", &stock)))
+            umi_scan::format::clouds::write_ply(&mut file, &used, &[("stock_mm", &stock)])
                 .map_err(|error| io(path, error))?;
         }
         if let Some(path) = &self.report {

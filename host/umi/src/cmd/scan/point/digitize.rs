@@ -9,12 +9,13 @@ use umi_core::units::{Mm, Point};
 use umi_desk::digitize::{self, DigitizeQuestion, DigitizeRefusal, Digitized};
 use umi_scan::ScanError;
 use umi_scan::point_sensor::calibration::{self, KnownSensor};
+use umi_scan::point_sensor::cloud;
 use umi_virtual::scene::{PointSensorSpec, Scene};
 use umi_virtual::station::SensorLineFault;
 
 use crate::cmd::Format;
 use crate::cmd::machine::run::scene;
-use crate::cmd::scan::answer::answer;
+use crate::cmd::scan::answer::{answer, failure};
 use crate::failure::Failure;
 use crate::output::Force;
 
@@ -164,6 +165,7 @@ struct Deviation {
 
 impl Digitize {
     pub fn run(self) -> Result<(), Failure> {
+        cloud::check_ending(&self.output, &["csv"]).map_err(failure)?;
         self.force
             .check(&self.output, &[&self.scene, &self.calibration])?;
         if let Some(nc) = &self.nc {
@@ -207,7 +209,7 @@ impl Digitize {
             SensorLineFault::None,
         )
         .map_err(refused)?;
-        std::fs::write(&self.output, cloud(&done))
+        std::fs::write(&self.output, table(&done))
             .map_err(|error| ScanError::file("write", &self.output, &error))?;
         let [columns, rows] = asked.grid();
         let told = Told {
@@ -241,7 +243,7 @@ impl Digitize {
                 Strategy::Adaptive => digitize::Strategy::Adaptive,
                 Strategy::PredictiveAdaptive => digitize::Strategy::PredictiveAdaptive,
             },
-            at_mm: numbers(&self.at, ["X", "Y", "Z of --at"])?,
+            at_mm: numbers(&self.at, ["X of --at", "Y of --at", "Z of --at"])?,
             size_mm: numbers(&self.size, ["D", "E"])?,
             step_mm: numbers(&self.step, ["F", "H"])?,
             feed_mm_per_min: self.feed,
@@ -334,7 +336,7 @@ fn refused(refusal: DigitizeRefusal) -> ScanError {
 }
 
 /// The cloud in the order of measuring.
-fn cloud(done: &Digitized) -> String {
+fn table(done: &Digitized) -> String {
     let mut text =
         String::from("row,col,x_mm,y_mm,z_mm,gamma_mm,qx_mm,qy_mm,qz_mm,snr,total,status\n");
     for place in &done.places {

@@ -10,7 +10,8 @@ use umi_scan::ScanError;
 use umi_scan::point_sensor::{calibration, cloud, readings};
 
 use crate::cmd::Format;
-use crate::cmd::scan::answer::answer;
+use crate::cmd::scan::answer::{answer, failure};
+use crate::cmd::scan::triple::finite;
 
 /// Readings of a calibrated point distance sensor to points
 #[derive(Args)]
@@ -26,7 +27,7 @@ pub(crate) struct Points {
     #[arg(short, long, value_name = "CLOUD.csv")]
     output: PathBuf,
     /// Leave out readings whose snr is below this
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    #[arg(long, value_name = "N", allow_hyphen_values = true, value_parser = finite)]
     min_snr: Option<f64>,
     /// Uncertainties with what the balls of the calibration add (covariance_total)
     #[arg(long)]
@@ -55,6 +56,7 @@ struct Written {
 
 impl Points {
     pub fn run(self) -> Result<(), Failure> {
+        cloud::check_ending(&self.output, &["csv", "ply"]).map_err(failure)?;
         self.force
             .check(&self.output, &[&self.readings, &self.calibration])?;
         answer(self.make(), self.format.json, |written| {
