@@ -277,7 +277,7 @@ fn some(list: Vec<f64>) -> Value {
 
 /// What caused a latch.
 #[must_use]
-pub fn cause(cause: LatchCause) -> Value {
+fn cause(cause: LatchCause) -> Value {
     variant(&cause).0.into()
 }
 

@@ -9,18 +9,14 @@ use crate::show::terminal::{CAUTION, FAINT, paint, print};
 use crate::show::{json, text};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use umi_client::axes::{NAMES, Scale};
+use umi_client::axes::Scale;
 use umi_client::journal::Unreadable;
 use umi_client::journal::guarding::Guarding;
-use umi_client::timeline::{Loss, Lost, TimelineEntry};
+use umi_client::timeline::{TimelineEntry, table};
 use umi_core::journal::Gap;
 use umi_protocol::access::AccessMode;
 
 use super::{Events, Kind, kind};
-
-/// The columns of a table. Documented in the help text.
-const COLUMNS: &str = "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,\
-    axis5_counts,axis6_counts,x_mm,y_mm,z_mm,lost,what\n";
 
 /// Where happenings go.
 pub(crate) struct Sink {
@@ -88,7 +84,7 @@ impl Sink {
             lost: 0,
         };
         if form == Form::Table {
-            sink.write(COLUMNS)?;
+            sink.write(table::HEADER)?;
         }
         Ok(sink)
     }
@@ -111,7 +107,7 @@ impl Sink {
             shown: 0,
             lost: 0,
         };
-        sink.write(COLUMNS)?;
+        sink.write(table::HEADER)?;
         Ok(sink)
     }
 
@@ -155,7 +151,7 @@ impl Sink {
         let line = match self.form {
             Form::Text => in_words(happening, &self.scale, mode),
             Form::Json => in_json(happening, &self.scale, mode),
-            Form::Table => row(happening, &self.scale),
+            Form::Table => table::row(happening, &self.scale),
         };
         text.push_str(&line);
     }
@@ -293,51 +289,4 @@ fn in_json(happening: &TimelineEntry, scale: &Scale, mode: Option<AccessMode>) -
         TimelineEntry::Loss(of) => json::loss(of),
     };
     format!("{value}\n")
-}
-
-/// A row of the table: latches and losses.
-fn row(happening: &TimelineEntry, scale: &Scale) -> String {
-    match happening {
-        TimelineEntry::Latch(_, latch) => {
-            let mut cells = vec![
-                "latch".into(),
-                latch.number.to_string(),
-                plain(json::cause(latch.cause)),
-                latch.t_ns.to_string(),
-            ];
-            let counts = |axis| latch.counts.get(axis).copied();
-            cells.extend((0..NAMES.len()).map(|axis| cell(counts(axis))));
-            let mm = |axis| scale.mm(axis, counts(axis)?);
-            cells.extend((0..3).map(|axis| cell(mm(axis).map(|mm| format!("{mm:.6}")))));
-            cells.push("0,".into());
-            cells.join(",") + "\n"
-        }
-        TimelineEntry::Loss(Loss { what, count, t_ns }) => {
-            let (number, cause) = match what {
-                Lost::Edges(cause) => (None, Some(*cause)),
-                Lost::Latches(cause, first) => (Some(*first), Some(*cause)),
-                Lost::Counted | Lost::Events | Lost::Motion | Lost::Transitions => (None, None),
-                // Not of a table of latches.
-                Lost::Bytes => return String::new(),
-            };
-            let cause = cause.map(|cause| plain(json::cause(cause)));
-            let nothing = ",".repeat(NAMES.len() + 3);
-            format!(
-                "loss,{},{},{}{nothing},{count},{}\n",
-                cell(number),
-                cell(cause),
-                cell(*t_ns),
-                what.code()
-            )
-        }
-        _ => String::new(),
-    }
-}
-
-fn cell(value: Option<impl ToString>) -> String {
-    value.map_or(String::new(), |value| value.to_string())
-}
-
-fn plain(value: serde_json::Value) -> String {
-    value.as_str().unwrap_or_default().to_owned()
 }

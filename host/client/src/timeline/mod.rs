@@ -3,6 +3,8 @@
 //! Latches of each cause are numbered. A gap is the number that was captured and did not
 //! arrive. The board itself counts edges that it could not capture.
 
+pub mod table;
+
 use umi_protocol::latch::{LatchCause, LatchReport, MAX_AXES, Positions};
 use umi_protocol::line::{HitReport, LineReport};
 use umi_protocol::message::{Event, Record, Status};
