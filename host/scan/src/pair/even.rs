@@ -8,7 +8,7 @@ const SHIFTS: [i64; 6] = [1, -1, 2, -2, 3, -3];
 
 /// The warning, where everything that is paired lies on an even train, and a shift by a few intervals would pair about as
 /// many: it loses one at an end for each interval, and one at each run of losses may be chance.
-pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<String> {
+pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str) -> Option<String> {
     let mut apart: Vec<f64> = trains.board.windows(2).map(|t| t[1] - t[0]).collect();
     let interval = match apart.len() {
         0 => return None,
@@ -77,14 +77,10 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>]) -> Option<Str
             && counts_shift
     };
     SHIFTS.into_iter().any(hides).then(|| {
-        let encoder = match trains.counters {
-            Some(_) => "change speed in the scan",
-            None => "wire the sensor's encoder (--encoder) and change speed in the scan",
-        };
         format!(
             "even_train: the triggers are as even as a clock. If the first frames and as many of the last latches were lost \
              (or the other way round), all profiles are as many triggers off, and nothing here shows it: begin with uneven \
-             trigger pulses (the signature of umi scan record), or {encoder}"
+             trigger pulses (the signature of umi scan record), or {advice}"
         )
     })
 }
@@ -110,7 +106,7 @@ mod tests {
             Trains::new(&sensor, &board, counters, 20.0, 200.0, 8, (0, Vec::new()))
         };
         let found: Vec<Option<usize>> = (0..10).map(Some).collect();
-        let whole = even_train(&trains(0..10), &found);
+        let whole = even_train(&trains(0..10), &found, "ADVICE");
         // One frame is lost in the middle: the ends tell no more for that.
         let without = |trains: &mut Trains| {
             trains.sensor.remove(4);
@@ -121,7 +117,10 @@ mod tests {
         let mut one_less = trains(0..10);
         without(&mut one_less);
         let found: Vec<Option<usize>> = (0..10).filter(|i| *i != 4).map(Some).collect();
-        assert_eq!(even_train(&one_less, &found).is_some(), whole.is_some());
+        assert_eq!(
+            even_train(&one_less, &found, "ADVICE").is_some(),
+            whole.is_some()
+        );
         whole
     }
 
@@ -129,14 +128,13 @@ mod tests {
     fn only_a_train_that_tells_nothing_of_its_ends_is_told() {
         let even = said(2, |i| 10 * i, None).unwrap();
         assert!(
-            even.starts_with("even_train: ") && even.contains("--encoder"),
+            even.starts_with("even_train: ") && even.contains("ADVICE"),
             "{even}"
         );
         // A signature tells.
         assert_eq!(said(0, |i| 10 * i + i64::from(i > 3), None), None);
         // An axis at constant speed tells nothing, one that changes speed does.
-        let constant = said(2, |i| 10 * i, Some(|i| 1000 * i)).unwrap();
-        assert!(constant.contains("change speed in the scan"), "{constant}");
+        assert!(said(2, |i| 10 * i, Some(|i| 1000 * i)).is_some());
         assert_eq!(said(0, |i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
     }
 }

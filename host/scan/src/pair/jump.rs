@@ -135,10 +135,7 @@ fn goes_back(before: &[Stamp], behind: &[Stamp]) -> bool {
 fn fits(streams: &Streams<'_>, stamps: &[Stamp], is_meant: impl Fn(usize) -> bool) -> bool {
     let frames = Frames {
         stamps: stamps.to_vec(),
-        duplicates: Vec::new(),
-        renumbered: Vec::new(),
-        restarts: Vec::new(),
-        lost_frames: 0,
+        ..Frames::default()
     };
     let mut triggers = streams.triggers.clone();
     let mut latch = 0..;

@@ -25,6 +25,7 @@ mod margin;
 mod search;
 #[cfg(test)]
 mod simulated;
+mod skips;
 mod streams;
 mod trains;
 mod units;
@@ -37,7 +38,7 @@ pub use streams::PairOptions;
 use crate::ScanError;
 use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
-use crate::profile::frames::{FrameCounter, Frames, sort_out};
+use crate::profile::frames::{FrameCounter, Frames, WildFirst, sort_out};
 use search::SearchOutcome;
 use streams::{Reach, Streams};
 
@@ -62,7 +63,7 @@ pub struct ScanPairing {
     pub pairs: Vec<Pair>,
     /// Profiles without a latch: extra, misplaced, or their latch was lost.
     pub unpaired_profiles: Vec<u64>,
-    /// Profiles whose frame was there before.
+    /// Profiles whose frame was there before; or came again, where the first had a wrong time.
     pub duplicates: Vec<u64>,
     /// Those of the duplicates that have another time than the first of their frame: profiles of their own, behind a
     /// counter that wrapped or started anew.
@@ -112,9 +113,9 @@ pub fn pair(
             runner_up,
         } => {
             let why = jump::back(&streams);
-            return Err(ambiguous(
-                why.unwrap_or_else(|| tie(explained, runner_up, stamps_seen)),
-            ));
+            return Err(ambiguous(why.unwrap_or_else(|| {
+                tie(explained, runner_up, stamps_seen) + &left_out(&frames)
+            })));
         }
         SearchOutcome::Undecided => {
             let why = jump::back(&streams);
@@ -164,7 +165,11 @@ pub fn pair(
     pairing
         .warnings
         .extend(odd.or_else(|| reach.apart(&streams)));
-    pairing.warnings.extend(even::even_train(trains, &found));
+    pairing.warnings.extend(frames.wild.iter().map(came_again));
+    pairing
+        .warnings
+        .extend(even::even_train(trains, &found, streams.advice()));
+    pairing.warnings.extend(skips::skips(&streams, &of_all));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
             "motion_lost: the board lost motion of an axis; the counts of {} latches behind that are wrong",
@@ -172,6 +177,14 @@ pub fn pair(
         ));
     }
     Ok(pairing)
+}
+
+fn came_again(wild: &WildFirst) -> String {
+    format!(
+        "misplaced: profile {} at {} µs has a time that is wrong, as the frames about it say; its frame came again as profile {}, \
+         which is taken",
+        wild.first.profile, wild.first.t_us, wild.again
+    )
 }
 
 /// Refuses a counter of fewer bits than its numbers have.
@@ -279,8 +292,9 @@ fn drifts(drift: f64, explained: usize, profiles: usize) -> String {
     )
 }
 
-/// How much more drift than asked for is tried, to say why nothing matches.
+/// How much more drift than asked for is tried, to say why nothing matches, and in how many steps.
 const MORE_DRIFT: f64 = 10.0;
+const MORE_DRIFT_STEPS: u64 = 200_000_000;
 
 fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
     let (frames, options, trains) = (streams.frames, streams.options, &reach.trains);
@@ -291,13 +305,7 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
         options.jitter_us,
         options.drift_ppm
     );
-    if !frames.renumbered.is_empty() {
-        why += &format!(
-            "; {} profiles were left out because their frame number was there before: if the \
-             counter wraps, give --frame-bits; if it started anew, --counter-restarts",
-            frames.renumbered.len()
-        );
-    }
+    why += &left_out(frames);
     if let Some(bad) = bad_clock(frames, options.jitter_us) {
         why += &format!(
             "; {bad}. The frame counter cannot stand for the times: it counts frames, and nobody knows to which pulse the first \
@@ -305,7 +313,7 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
         );
     }
     let more = trains.within(MORE_DRIFT * trains.drift.max(1e-6));
-    if let SearchOutcome::Only(found) = search::search(&more) {
+    if let SearchOutcome::Only(found) = search::search_in(&more, MORE_DRIFT_STEPS) {
         let explained = found.iter().flatten().count();
         let drift = more.clock(&found).drift_ppm * 1e-6;
         why += &format!("; {}", drifts(drift, explained, frames.stamps.len()));
@@ -319,6 +327,18 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
         Some(factor) => refused.with("factor", factor),
         None => refused,
     }
+}
+
+/// That profiles were left out by their numbers, and what to do.
+fn left_out(frames: &Frames) -> String {
+    if frames.renumbered.is_empty() {
+        return String::new();
+    }
+    format!(
+        "; {} profiles were left out because their frame number was there before: if the counter wraps, give --frame-bits; if it \
+         started anew, --counter-restarts",
+        frames.renumbered.len()
+    )
 }
 
 /// That the sensor's clock stands still, or shows whole steps that are wider than the jitter.

@@ -75,7 +75,7 @@ pub enum SearchOutcome {
     },
     /// The best explains less than half of the shorter stream.
     NoMatch,
-    /// Not decided in [`MOST_STEPS`] and [`MOST_BOXES`].
+    /// Not decided in the steps and in [`MOST_BOXES`].
     Undecided,
 }
 
@@ -123,6 +123,11 @@ impl PartialOrd for Shifts {
 
 /// Finds the only best pairing.
 pub fn search(trains: &Trains) -> SearchOutcome {
+    search_in(trains, MOST_STEPS)
+}
+
+/// The same in so many steps.
+pub fn search_in(trains: &Trains, most_steps: u64) -> SearchOutcome {
     let length = |times| {
         let (first, last) = ends(times);
         last - first
@@ -136,7 +141,7 @@ pub fn search(trains: &Trains) -> SearchOutcome {
     } else {
         0.0
     };
-    let (outcome, line) = search_within(&trains.within(trains.drift + farther));
+    let (outcome, line) = search_within(&trains.within(trains.drift + farther), most_steps);
     let SearchOutcome::Only(found) = outcome else {
         return outcome;
     };
@@ -148,7 +153,7 @@ pub fn search(trains: &Trains) -> SearchOutcome {
         explained: found.iter().flatten().count(),
     };
     // Of a short scan the line through the pairs is steep by their jitter alone.
-    let (SearchOutcome::Only(held), held_line) = search_within(trains) else {
+    let (SearchOutcome::Only(held), held_line) = search_within(trains, most_steps) else {
         return beyond;
     };
     let is_same = held
@@ -164,8 +169,8 @@ pub fn search(trains: &Trains) -> SearchOutcome {
 }
 
 /// Finds the only best pairing among the drifts that the trains allow, and the line through it.
-fn search_within(trains: &Trains) -> (SearchOutcome, (f64, f64)) {
-    let mut search = Search::new(trains, 0, MOST_STEPS);
+fn search_within(trains: &Trains, most_steps: u64) -> (SearchOutcome, (f64, f64)) {
+    let mut search = Search::new(trains, 0, most_steps);
     let outcome = search.run();
     (outcome, search.best.map_or((0.0, 0.0), |best| best.line))
 }

@@ -100,6 +100,31 @@ impl<'a> Streams<'a> {
         })
     }
 
+    /// Whether a profile and another latch agree in their counts as well as it does with its own.
+    pub fn agree(&self, own: (usize, usize), other: (usize, usize)) -> bool {
+        self.counters.as_ref().is_none_or(|(encoders, counts)| {
+            let origin =
+                |(profile, latch): (usize, usize)| encoders[profile].wrapping_sub(counts[latch]);
+            origin(own).abs_diff(origin(other)) <= 2 * ENCODER_WITHIN.unsigned_abs()
+        })
+    }
+
+    /// The median interval of the latches; none of a single one.
+    pub fn interval_us(&self) -> Option<f64> {
+        let board = self.board_us();
+        let mut apart: Vec<f64> = board.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let middle = apart.len() / 2;
+        (!apart.is_empty()).then(|| *apart.select_nth_unstable_by(middle, f64::total_cmp).1)
+    }
+
+    /// What makes an even train tell where it is.
+    pub fn advice(&self) -> &'static str {
+        match self.counters {
+            Some(_) => "change speed in the scan",
+            None => "wire the sensor's encoder (--encoder) and change speed in the scan",
+        }
+    }
+
     /// The sensor's times, as the stream has them.
     pub fn sensor_us(&self) -> impl Iterator<Item = f64> {
         self.frames.stamps.iter().map(|stamp| stamp.t_us)

@@ -1,16 +1,20 @@
 //! Duplicates and losses, by the sensor's frame counter.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::Stamp;
 
 /// Stamps without those that came again.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Frames {
-    /// The first stamp of each frame, in the order of the stream.
+    /// The first stamp of each frame that has a time, in the order of the stream.
     pub stamps: Vec<Stamp>,
-    /// Places in the stream of those whose frame number was there before.
+    /// The number of each, counted on where the counter wraps or starts anew.
+    pub numbers: Vec<i128>,
+    /// Places in the stream of those whose frame number was there before; or came again, where the first had a wild time.
     pub duplicates: Vec<u64>,
+    /// First messages with a wild time, whose frame came again with a right one.
+    pub wild: Vec<WildFirst>,
     /// Those of the duplicates that have another time than the first of their number: the
     /// counter wrapped or started anew, rather than a message that came again.
     pub renumbered: Vec<u64>,
@@ -19,6 +23,15 @@ pub struct Frames {
     pub restarts: Vec<u64>,
     /// Numbers between the counter's first and last that no profile has.
     pub lost_frames: u64,
+}
+
+/// The first message of a frame, with a time that cannot be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WildFirst {
+    /// As it came.
+    pub first: Stamp,
+    /// The profile that stands for it.
+    pub again: u64,
 }
 
 /// Two stamps of one frame agree within this, in microseconds.
@@ -47,11 +60,10 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
     let mut first_times: HashMap<i128, f64> = HashMap::with_capacity(stamps.len());
     let mut frames = Frames {
         stamps: Vec::with_capacity(stamps.len()),
-        duplicates: Vec::new(),
-        renumbered: Vec::new(),
-        restarts: Vec::new(),
-        lost_frames: 0,
+        numbers: Vec::with_capacity(stamps.len()),
+        ..Frames::default()
     };
+    let mut again = Vec::new();
     // What the counter shows less the number of the frame, since each start of it.
     let mut bases: Vec<i128> = vec![0];
     let mut last: Option<(i128, f64)> = None;
@@ -70,7 +82,9 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
                 let number = unwrap(stamp, last, turn);
                 // A time that fits neither a repetition nor what came before is wrong: the next one up.
                 let up = (shown - last.0).rem_euclid(turn);
-                let is_other = first_times.contains_key(&number) && !is_same(&number);
+                let is_other = first_times
+                    .get(&number)
+                    .is_some_and(|&us| !is_same(&number) && can_be(&first_times, number, us));
                 let before_all = stamp.t_us < earliest_us - SAME_TIME_US && 2 * up < turn;
                 if number < last.0 && (is_other || before_all) {
                     last.0 + up
@@ -105,12 +119,13 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         if let Some(first_us) = first_times.get(&number) {
             frames.duplicates.push(stamp.profile);
             if (stamp.t_us - first_us).abs() > SAME_TIME_US {
-                frames.renumbered.push(stamp.profile);
+                again.push((number, *stamp));
             }
             continue;
         }
         first_times.insert(number, stamp.t_us);
         frames.stamps.push(*stamp);
+        frames.numbers.push(number);
         let (least, most) = ends.unwrap_or((number, number));
         ends = Some((least.min(number), most.max(number)));
     }
@@ -118,7 +133,75 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         let missing = most - least + 1 - frames.stamps.len() as i128;
         frames.lost_frames = u64::try_from(missing).unwrap_or(u64::MAX);
     }
+    take_again(&mut frames, &first_times, again);
     frames
+}
+
+/// So many frames about one say when it was, of as many numbers before and behind it.
+const ABOUT: i128 = 8;
+/// At the ends of the scan a time is wild that is farther from the frames next to it than so many of their intervals.
+const WILD_INTERVALS: f64 = 10.0;
+
+/// Lets a message that came again stand for its frame, where the first one has a time that cannot be and it has one that can.
+fn take_again(frames: &mut Frames, first_times: &HashMap<i128, f64>, again: Vec<(i128, Stamp)>) {
+    let mut taken = HashMap::new();
+    for (number, stamp) in again {
+        let first_us = first_times.get(&number).copied().unwrap_or(stamp.t_us);
+        let is_better =
+            !can_be(first_times, number, first_us) && can_be(first_times, number, stamp.t_us);
+        if is_better && !taken.contains_key(&number) {
+            taken.insert(number, stamp);
+        } else {
+            frames.renumbered.push(stamp.profile);
+        }
+    }
+    if taken.is_empty() {
+        return;
+    }
+    let mut wild = Vec::new();
+    for (number, place) in frames.numbers.iter().zip(&mut frames.stamps) {
+        if let Some(stamp) = taken.get(number) {
+            let (first, again) = (std::mem::replace(place, *stamp), stamp.profile);
+            wild.push(WildFirst { first, again });
+        }
+    }
+    let stands: HashSet<u64> = wild.iter().map(|wild| wild.again).collect();
+    frames
+        .duplicates
+        .retain(|profile| !stands.contains(profile));
+    frames
+        .duplicates
+        .extend(wild.iter().map(|wild| wild.first.profile));
+    frames.duplicates.sort_unstable();
+    frames.wild = wild;
+    let stamps = std::mem::take(&mut frames.stamps).into_iter();
+    let mut both: Vec<(Stamp, i128)> = stamps.zip(std::mem::take(&mut frames.numbers)).collect();
+    both.sort_by_key(|(stamp, _)| stamp.profile);
+    (frames.stamps, frames.numbers) = both.into_iter().unzip();
+}
+
+/// Whether a frame may have this time, by most of the frames before it and most of those behind it.
+fn can_be(first_times: &HashMap<i128, f64>, number: i128, us: f64) -> bool {
+    let seen = |number: i128| Some((number, *first_times.get(&number)?));
+    let before: Vec<(i128, f64)> = (1..=ABOUT).filter_map(|n| seen(number - n)).collect();
+    let behind: Vec<(i128, f64)> = (1..=ABOUT).filter_map(|n| seen(number + n)).collect();
+    let earlier = before.iter().filter(|(_, t)| *t < us).count();
+    let later = behind.iter().filter(|(_, t)| *t > us).count();
+    if 2 * earlier < before.len() || 2 * later < behind.len() {
+        return false;
+    }
+    // With frames on one side only their pace tells.
+    let side = match (before.is_empty(), behind.is_empty()) {
+        (true, false) => behind,
+        (false, true) => before,
+        _ => return true,
+    };
+    let (Some(next), Some(far)) = (side.first(), side.get(1..).and_then(<[_]>::last)) else {
+        return true;
+    };
+    let pace = ((far.1 - next.1) / (far.0 - next.0) as f64).abs();
+    let intervals = (number - next.0).unsigned_abs() as f64;
+    (us - next.1).abs() <= WILD_INTERVALS * pace * intervals
 }
 
 /// Whether most of the next profiles are earlier than this one: its time is wrong, and says nothing of theirs.
@@ -164,6 +247,54 @@ mod tests {
         assert_eq!(frames.lost_frames, 2);
         assert_eq!(frames.renumbered, [0; 0]);
         assert_eq!(frames.stamps.len(), 3);
+    }
+
+    #[test]
+    fn a_repetition_with_a_right_time_stands_for_a_first_with_a_wild_one() {
+        let counters = [
+            FrameCounter::Rises,
+            FrameCounter::Bits(4),
+            FrameCounter::Restarts,
+        ];
+        for counter in counters {
+            for wild in [9e15, -9e15, 5e4, -5e4] {
+                // Of the first frame, within, of the last; the repetition follows at once or some frames later.
+                for (place, late) in [(0, 1), (5, 1), (5, 4), (13, 1)] {
+                    if place == 0 && wild < 0.0 && counter != FrameCounter::Rises {
+                        // The first time of all is what a turn or a new start is told by.
+                        continue;
+                    }
+                    let mut seen: Vec<(u64, f64)> = (0..14).map(|i| (i, 10.0 * i as f64)).collect();
+                    let right = seen[place];
+                    seen[place].1 = wild;
+                    seen.insert(place + late, right);
+                    let frames = sort_out(&stamps(&seen), counter);
+                    let by = (place + late) as u64;
+                    let told = format!("{counter:?} {wild} {place} {late}: {frames:?}");
+                    assert_eq!(frames.duplicates, [place as u64], "{told}");
+                    assert_eq!(frames.renumbered, [0; 0], "{told}");
+                    let kept = frames.stamps.iter().map(|stamp| (stamp.frame, stamp.t_us));
+                    let due: Vec<(u64, f64)> = (0..14).map(|i| (i, 10.0 * i as f64)).collect();
+                    let mut kept: Vec<(u64, f64)> = kept.collect();
+                    kept.sort_by_key(|(frame, _)| *frame);
+                    assert_eq!(kept, due, "{told}");
+                    assert!(
+                        frames.stamps.is_sorted_by_key(|stamp| stamp.profile),
+                        "{told}"
+                    );
+                    assert_eq!(frames.wild.len(), 1, "{told}");
+                    assert_eq!(
+                        (frames.wild[0].first.profile, frames.wild[0].again),
+                        (place as u64, by)
+                    );
+                    // Where the repetition is the wild one, the first counts.
+                    seen[place] = right;
+                    seen[place + late].1 = wild;
+                    let frames = sort_out(&stamps(&seen), counter);
+                    assert!(frames.wild.is_empty(), "{told}");
+                }
+            }
+        }
     }
 
     #[test]

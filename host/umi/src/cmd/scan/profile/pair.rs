@@ -42,7 +42,11 @@ Examples:
   umi scan pair profiles.csv scan.csv --frame-bits 16 --strict --json
 
 A profile or a latch whose time is wild stands apart from all others: it is left out and told (`misplaced`). Times
-in another unit than their column says are refused (no_match), with `factor`.
+in another unit than their column says are refused (no_match), with `factor`. Of a frame that came again the first
+message counts, unless its time is wild.
+
+In a train as even as a clock nothing tells where it begins (`even_train`), nor triggers that the sensor missed from
+a jump of its clock by whole intervals (`skipped`): uneven pulses, an encoder or changes of speed tell.
 
 Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
 board_restarted, missing_axis, no_encoder, frame_bits, faults. Not understood (status 1): truncated,
