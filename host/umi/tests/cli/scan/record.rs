@@ -225,6 +225,45 @@ fn a_recording_that_is_killed_can_be_read() {
     assert!(paired.json()["pairs"].as_array().unwrap().len() > 100);
 }
 
+/// An axis that triggers and does not move is named while it is waited for. What is odd about a pairing is told with it.
+#[test]
+fn a_resting_axis_and_an_even_train_are_told() {
+    let folder = Folder::new();
+    let scene = folder.file("scene.toml", scene(""));
+    let program = folder.file("scan.nc", "%\nO1\nG4P60000\nM30\n%\n");
+    let machine = ScanningMachine::start(&scene, &program);
+    let record = |out: &str, flags: &[&str]| {
+        let out = folder.path(out);
+        let mut args = vec!["scan", "record", "--json", "-o", &out];
+        args.extend(["--port", &machine.port, "--sensor", &machine.sensor]);
+        args.extend(flags);
+        let lines = umi(&args).json_lines();
+        let silent = lines.iter().find(|line| line["type"] == "silence").cloned();
+        (silent, lines.last().unwrap().clone())
+    };
+    let resting = [
+        "--trigger-every-counts",
+        "1000",
+        "--axis",
+        "y",
+        "--for",
+        "3.5",
+    ];
+    let (silent, end) = record("resting", &resting);
+    let silent = silent.unwrap().to_string();
+    assert!(
+        silent.contains("does the axis that triggers move"),
+        "{silent}"
+    );
+    assert_eq!(end["pairing"]["error"]["code"], "no_triggers", "{end}");
+    let (_, end) = record(
+        "even",
+        &["--trigger-every-us", "8000", "--even", "--for", "1"],
+    );
+    let told = end["pairing"]["warnings"].to_string();
+    assert!(told.contains("even_train: "), "{end}");
+}
+
 /// What is no sensor, or none at all, is told before the board sends a pulse.
 #[test]
 fn what_is_no_sensor_is_told() {

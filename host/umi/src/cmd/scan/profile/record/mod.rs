@@ -20,7 +20,7 @@ use crate::cmd::record::events::{Following, Rhythm, Scan, Sink, seconds};
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{BAD, GOOD, count, paint, print, print_error, print_json};
+use crate::show::terminal::{BAD, CAUTION, GOOD, count, paint, print, print_error, print_json};
 use sensor::{SensorCame, SensorFile, address, connect};
 
 /// Records a scan: the sensor's profiles and the board's latches, as they come
@@ -171,6 +171,7 @@ impl Record {
                 "missed_latches": pairing.missed_latches,
                 "clock": { "offset_us": pairing.clock.offset_us,
                            "drift_ppm": pairing.clock.drift_ppm },
+                "warnings": pairing.warnings,
             }),
             Err(error) => json!({ "error": { "code": error.code, "message": error.message } }),
         };
@@ -222,12 +223,19 @@ impl Record {
             lost => paint(BAD, format_args!("lost: {}", lost.join(", "))) + "\n",
         };
         text + &match pairing {
-            Ok(pairing) => format!(
-                "{} paired, {} without a latch, {} without a profile\n",
-                count(pairing.pairs.len() as u64, "profile"),
-                count(pairing.unpaired_profiles.len() as u64, "profile"),
-                latches_in_words(pairing.unpaired_triggers.len() as u64),
-            ),
+            Ok(pairing) => {
+                let paired = format!(
+                    "{} paired, {} without a latch, {} without a profile\n",
+                    count(pairing.pairs.len() as u64, "profile"),
+                    count(pairing.unpaired_profiles.len() as u64, "profile"),
+                    latches_in_words(pairing.unpaired_triggers.len() as u64),
+                );
+                let warnings = pairing.warnings.iter();
+                paired
+                    + &warnings
+                        .map(|of| paint(CAUTION, of) + "\n")
+                        .collect::<String>()
+            }
             Err(error) => paint(BAD, format_args!("not paired: {error}")) + "\n",
         }
     }
