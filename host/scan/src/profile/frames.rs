@@ -76,17 +76,27 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             first.is_some_and(|first_us| (stamp.t_us - first_us).abs() <= SAME_TIME_US)
         };
         let since = |base: &i128| shown - base;
+        // A time that is wrong says nothing of a turn or a new start.
+        let is_ahead = is_ahead(stamp, &stamps[place + 1..]);
+        let is_later = |than_us: f64| stamp.t_us > than_us + SAME_TIME_US && !is_ahead;
         let number = match (counter, last) {
             (FrameCounter::Bits(bits), Some(last)) if bits < 64 => {
                 let turn = 1_i128 << bits;
-                let number = unwrap(stamp, last, turn);
-                // A time that fits neither a repetition nor what came before is wrong: the next one up.
                 let up = (shown - last.0).rem_euclid(turn);
+                let is_near = 2 * up < turn;
+                // The next one up from the latest frame for a later time, else the next one down.
+                let number = match up {
+                    0 if is_later(last.1) => last.0 + turn,
+                    0 => last.0,
+                    _ if is_later(last.1) || is_ahead && is_near => last.0 + up,
+                    _ => last.0 + up - turn,
+                };
+                // A time that fits neither a repetition nor what came before is wrong: the next one up.
                 let is_other = first_times
                     .get(&number)
                     .is_some_and(|&us| !is_same(&number) && can_be(&first_times, number, us));
-                let before_all = stamp.t_us < earliest_us - SAME_TIME_US && 2 * up < turn;
-                if number < last.0 && (is_other || before_all) {
+                let before_all = stamp.t_us < earliest_us - SAME_TIME_US;
+                if number < last.0 && (is_other || before_all) && is_near {
                     last.0 + up
                 } else {
                     number
@@ -96,15 +106,15 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             (FrameCounter::Restarts, Some((latest, latest_us))) => {
                 let again = bases.iter().map(since).find(is_same);
                 let base = bases[bases.len() - 1];
-                let starts = stamp.t_us > latest_us + SAME_TIME_US && shown - base <= latest;
-                if again.is_none() && starts {
+                let starts = again.is_none() && shown - base <= latest && is_later(latest_us);
+                if starts {
                     frames.restarts.push(stamp.profile);
                     bases.push(shown - latest - 1);
                 }
                 again.unwrap_or(shown - bases[bases.len() - 1])
             }
             (_, Some((latest, latest_us))) => {
-                if stamp.t_us > latest_us + SAME_TIME_US && shown < latest {
+                if shown < latest && is_later(latest_us) {
                     frames.restarts.push(stamp.profile);
                 }
                 shown
@@ -112,7 +122,7 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             _ => shown,
         };
         let rises = last.is_none_or(|(_, t_us)| stamp.t_us > t_us);
-        if rises && !is_ahead(stamp, &stamps[place + 1..]) {
+        if rises && !is_ahead {
             last = Some((number, stamp.t_us));
         }
         earliest_us = earliest_us.min(stamp.t_us);
@@ -212,19 +222,6 @@ fn is_ahead(stamp: &Stamp, next: &[Stamp]) -> bool {
     2 * next.iter().filter(is_earlier).count() > next.len()
 }
 
-/// The number of a frame that shows only its lowest bits: the next one up from the latest
-/// frame for a later time, else the next one down.
-fn unwrap(stamp: &Stamp, (latest, latest_us): (i128, f64), turn: i128) -> i128 {
-    let up = (i128::from(stamp.frame) - latest).rem_euclid(turn);
-    if stamp.t_us > latest_us + SAME_TIME_US {
-        latest + if up == 0 { turn } else { up }
-    } else if up == 0 {
-        latest
-    } else {
-        latest + up - turn
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -292,6 +289,20 @@ mod tests {
                     seen[place + late].1 = wild;
                     let frames = sort_out(&stamps(&seen), counter);
                     assert!(frames.wild.is_empty(), "{told}");
+                    // Nothing behind the last one says that its time is wrong.
+                    if place < 13 {
+                        assert_eq!(
+                            frames.duplicates,
+                            [by],
+                            "{counter:?} {wild} {place} {late}: {frames:?}"
+                        );
+                        let counted = (frames.lost_frames, frames.restarts.len());
+                        assert_eq!(
+                            counted,
+                            (0, 0),
+                            "{counter:?} {wild} {place} {late}: {frames:?}"
+                        );
+                    }
                 }
             }
         }
