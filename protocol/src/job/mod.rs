@@ -126,7 +126,8 @@ pub const MAX_FIXED: usize = 2;
 #[postcard(crate = crate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Guards {
-    /// Features that are another feature, probed once more: what moved between the two shows.
+    /// Features that are another feature, probed once more: what moved between the two shows, and
+    /// the feature's place is the mean of both.
     pub closing: Vec<Closing, MAX_CLOSING, u8>,
     /// Features that stay on the table while parts change: a longer probe, a bent stylus or
     /// a machine that drifts shows. Their places are learned with the reference.
@@ -156,7 +157,7 @@ pub struct Guards {
     pub tool_length_mm: Option<f64>,
 }
 
-/// A feature that is another one, probed once more.
+/// A feature that is another one, probed once more. The mean of all its times counts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]

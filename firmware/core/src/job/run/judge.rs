@@ -1,5 +1,7 @@
 //! A setup that is complete, or never will be, gets its verdict.
 
+use nalgebra::Vector3;
+use umi_protocol::feature::FitReport;
 use umi_protocol::job::{Closing, Job, Lessons, Name, Teach};
 use umi_protocol::message::TeachBy;
 use umi_protocol::reason::Reason;
@@ -143,11 +145,9 @@ impl Run {
             witness.judge(&mut |reason| setup::add(verdict, reason));
         }
         for (place, _) in datums(job).chain(fixed(job)) {
-            let result = self.in_this_setup(place);
-            let fit = result.and_then(|result| result.fit.as_ref());
-            if let Some(position) = fit.and_then(|fit| fit.shape.position_mm()) {
+            if let Some(stands_at) = self.stands_at(job, place) {
                 // Bounded: the job check limits them together with the datums.
-                let _ = measured.push(Point::from_array_mm(position));
+                let _ = measured.push(stands_at);
             }
         }
         self.against_closing(job, verdict);
@@ -182,6 +182,34 @@ impl Run {
             setup::add(verdict, Reason::NoReference);
         }
         taught
+    }
+
+    /// The fits of a feature: its own, and of those that are this one, probed once more.
+    fn times_probed<'a>(
+        &'a self,
+        job: &'a Job,
+        place: usize,
+    ) -> impl Iterator<Item = &'a FitReport> {
+        let spec = job.features.get(place);
+        let repeats = move |(_, closing): &(usize, &Closing)| {
+            spec.is_some_and(|spec| spec.name == closing.repeats)
+        };
+        let again = closing(job).filter(repeats).map(|(again, _)| again);
+        let times = core::iter::once(place).chain(again);
+        times.filter_map(|place| self.in_this_setup(place)?.fit.as_ref())
+    }
+
+    /// Where a feature stands: the mean of all times that it was probed.
+    ///
+    /// The same touches at the same place scatter alike, so each counts as much. What moved
+    /// between them, within the limit of closing, is halved so.
+    fn stands_at(&self, job: &Job, place: usize) -> Option<Point> {
+        let (mut sum, mut times) = (Vector3::zeros(), 0.0);
+        for fit in self.times_probed(job, place) {
+            sum += Vector3::from(fit.shape.position_mm()?);
+            times += 1.0;
+        }
+        (times > 0.0).then(|| Point { mm: sum / times })
     }
 
     /// Holds what the run says of its work offset against the job.
@@ -334,7 +362,7 @@ impl Run {
         let is_taught = self.reference_is_taught();
         let mut scatter = Scatter::of(job.guards.probing?, step_mm, is_taught);
         for (place, _) in datums(job) {
-            scatter.add(self.in_this_setup(place)?.fit.as_ref()?);
+            scatter.add(self.times_probed(job, place));
         }
         Some(scatter)
     }

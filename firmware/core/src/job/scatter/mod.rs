@@ -14,8 +14,9 @@
 //!
 //! It is carried through each fit (its unit covariance) and through the registration to the
 //! part: with n places at arms aᵢ from their centroid, `H = Σ (|aᵢ|² I - aᵢ aᵢᵀ)`, an error eᵢ of
-//! place i moves a point at arm d by `Mᵢ eᵢ`, `Mᵢ = I/n - [d]× H⁻¹ [aᵢ]×`. A taught reference was
-//! measured the same way, so it counts as much again.
+//! place i moves a point at arm d by `Mᵢ eᵢ`, `Mᵢ = I/n - [d]× H⁻¹ [aᵢ]×`. The place of a feature
+//! that was probed k times is their mean, and has the sum of their covariances divided by k². A
+//! taught reference was measured the same way, so it counts as much again.
 //!
 //! Where warmth is fitted, the scale is `Σ aᵢ·eᵢ / Σ |aᵢ|²` off: the part's corner at arm d goes
 //! with it, so `Mᵢ` has `d aᵢᵀ / Σ |aᵢ|²` besides. A rigid correction leaves the part's growth
@@ -74,20 +75,24 @@ impl Scatter {
         }
     }
 
-    /// A datum feature was fitted.
-    pub fn add(&mut self, fit: &FitReport) {
-        if let Some(sigma) = fit.sigma_mm {
-            let dof = f64::from(fit.dof);
-            self.squares += dof * sigma * sigma;
-            self.dof += dof;
+    /// A datum feature was fitted, each time that it was probed: its place is their mean.
+    pub fn add<'a>(&mut self, times: impl Iterator<Item = &'a FitReport>) {
+        let (mut sum, mut count) = (Matrix3::zeros(), 0.0);
+        for fit in times {
+            if let Some(sigma) = fit.sigma_mm {
+                let dof = f64::from(fit.dof);
+                self.squares += dof * sigma * sigma;
+                self.dof += dof;
+            }
+            sum += match &fit.shape {
+                Shape::Sphere { cov_unit, .. } | Shape::Circle { cov_unit, .. } => corner(cov_unit),
+                Shape::Cone { cov_unit_apex, .. } => corner(cov_unit_apex),
+                _ => Matrix3::identity(),
+            };
+            count += 1.0;
         }
-        let unit = match &fit.shape {
-            Shape::Sphere { cov_unit, .. } | Shape::Circle { cov_unit, .. } => corner(cov_unit),
-            Shape::Cone { cov_unit_apex, .. } => corner(cov_unit_apex),
-            _ => Matrix3::identity(),
-        };
         // Bounded: the job check limits the datums.
-        let _ = self.places.push(unit);
+        let _ = self.places.push(sum / (count * count));
     }
 
     /// Variance of one hit, mm²; counted twice where the reference was measured, too.

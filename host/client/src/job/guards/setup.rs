@@ -62,10 +62,22 @@ impl Setup {
         });
         is_open || {
             let reference: Vec<Vector3<f64>> = self.due().map(|index| self.at(index)).collect();
-            let errors: Vec<Vector3<f64>> = self.due().map(off).collect();
+            let errors: Vec<Vector3<f64>> = self.due().map(|index| self.mean(index, off)).collect();
             self.is_against(&reference, &errors, None)
                 && self.is_against(&reference, &errors, self.hides(&reference, &errors))
         }
+    }
+
+    /// By how much a feature is off where all times that it is probed count alike, as on the
+    /// board.
+    fn mean(&self, index: usize, off: &dyn Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
+        let name = &self.job.features[index].name;
+        let again = closing(&self.job).filter(|(_, closing)| closing.repeats == *name);
+        let times: Vec<Vector3<f64>> = std::iter::once(index)
+            .chain(again.map(|(again, _)| again))
+            .map(off)
+            .collect();
+        middle(&times)
     }
 
     /// The features that a reference has: datums, then those on the table.

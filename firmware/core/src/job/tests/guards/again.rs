@@ -1,5 +1,8 @@
 //! What is probed once more: closing balls, balls on the table, tops; and what it tells.
 
+use nalgebra::Vector3;
+use umi_protocol::verdict::RegistrationReport;
+
 use super::*;
 
 /// A worn stylus scatters within the job's limits, and not within those that were learned.
@@ -89,6 +92,49 @@ fn the_top_once_more() {
     assert!((off_mm + 0.010).abs() < 1e-9, "{off_mm}");
     let (summary, _) = session(0.0, 0.2);
     assert!(summary[0].contains("SPHERE1:not_same_place"), "{summary:?}");
+}
+
+/// A ball that is probed twice stands in the middle of both: what moved within the limit of
+/// closing is halved, in the taught setup and in each other one.
+#[test]
+fn both_times_count() {
+    let mut job = redundant();
+    job.features.pop();
+    job.guards.fixed.clear();
+    job.guards.fixed_mm = None;
+    check(&job).unwrap();
+    let registered = |first_mm: f64, again_mm: f64| {
+        let mut run = Run::new(job.clone());
+        let mut outcome = Outcome::default();
+        for number in 0..2 {
+            let mut blocks = clamping(number, [1, 2, 3]);
+            let again = blocks[0].1.clone();
+            blocks.push(("CLOSING".to_string(), again));
+            for (id, (_, points)) in (1u16..).zip(blocks) {
+                for [x, y, z] in points {
+                    let off_mm = match (number, id) {
+                        (1, 1) => first_mm,
+                        (1, 4) => again_mm,
+                        _ => 0.0,
+                    };
+                    let mut hit = hit([x, y, z + off_mm]);
+                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
+                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+                }
+            }
+        }
+        assert_eq!(outcome.summary(), ["OK"; 2]);
+        outcome.verdicts.remove(1).registration.unwrap()
+    };
+    let [still, again, first, both] =
+        [[0.0, 0.0], [0.0, 0.003], [0.003, 0.0], [0.0015, 0.0015]].map(|[a, b]| registered(a, b));
+    let apart = |a: &RegistrationReport, b: &RegistrationReport| {
+        (Vector3::from(a.translation_mm) - Vector3::from(b.translation_mm)).norm()
+    };
+    assert!(apart(&still, &again) > 3e-4, "{}", apart(&still, &again));
+    for other in [&first, &both] {
+        assert!(apart(&again, other) < 1e-9, "{}", apart(&again, other));
+    }
 }
 
 /// A part that slips between the first ball and the last shows in the closing one; a stylus
