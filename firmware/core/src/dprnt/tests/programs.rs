@@ -1,6 +1,6 @@
 //! Part programs punched on the same port.
 
-use std::string::ToString as _;
+use std::string::{String, ToString as _};
 use std::vec;
 use std::vec::Vec;
 
@@ -9,7 +9,9 @@ use umi_protocol::line::LineStatus::{Matched, Program, Separator};
 use umi_protocol::pattern::{BlockPattern, LinePattern, ReceiverConfig};
 
 use super::support::*;
+use crate::dprnt::LineSplitter;
 use crate::dprnt::line::checked::CheckedLine;
+use crate::units::Micros;
 
 const POINT: &[u8] = b"X1.000 Y2.000 Z3.000\n";
 
@@ -220,16 +222,7 @@ fn program_breaks_a_block() {
 /// with a wrong check value.
 #[test]
 fn a_setup_ends_what_seemed_a_program() {
-    let line = CheckedLine {
-        run: 1,
-        sequence: 1,
-        feature: 1,
-        approach: None,
-        touched: true,
-        feed_um_per_min: 0,
-        point_um: [1000, 2000, 3000],
-    }
-    .to_string();
+    let line = checked_line();
     let damaged = line.replace('3', "4");
     let block = "SPHERE1\n1\n 1.0000 2.0000 3.0000\n***\n";
     for (text, hits, code) in [
@@ -252,6 +245,44 @@ fn a_setup_ends_what_seemed_a_program() {
         (seen.hits.len(), seen.codes()),
         (0, vec![FaultCode::ProgramReceived])
     );
+}
+
+fn checked_line() -> String {
+    CheckedLine {
+        run: 1,
+        sequence: 1,
+        feature: 1,
+        approach: None,
+        touched: true,
+        feed_um_per_min: 0,
+        point_um: [1000, 2000, 3000],
+    }
+    .to_string()
+}
+
+/// A program whose end does not come is told after ten seconds of quiet and not before, until its `%`, a
+/// header or a checked line ends it.
+#[test]
+fn a_program_without_an_end_is_told() {
+    const QUIET_US: u64 = 10_000_000;
+    for (end, ends) in [
+        ("%", true),
+        ("SPHERE1", true),
+        (&checked_line(), true),
+        ("X1.0Y2.0", false),
+        (&checked_line().replace('3', "4"), false),
+    ] {
+        let mut receiver = LineSplitter::new(&all_patterns());
+        let mut told = |text: &str, quiet_us: u64| {
+            receiver.receive(text.as_bytes(), Micros(1), &mut |_| ());
+            receiver.punched_lines(Micros(1 + quiet_us))
+        };
+        assert_eq!(told("X1.000 Y2.000 Z3.000\n", QUIET_US), None);
+        assert_eq!(told("%\nO1050\nX1.0Y2.0Z3.0\n", QUIET_US - 1), None);
+        assert_eq!(told("", QUIET_US), Some(2));
+        let left = told(&std::format!("{end}\n"), QUIET_US);
+        assert_eq!(left, (!ends).then_some(3), "{end}");
+    }
 }
 
 fn block_of(header: &str) -> LinePattern {

@@ -185,6 +185,18 @@ fn a_pending_teaching_is_told() {
     assert_eq!(view.json()["status"]["teaching"]["setup"], "next");
 }
 
+/// A program that is punched and does not end is said in the verdict's place.
+#[test]
+fn a_program_that_does_not_end_is_told() {
+    let mut view = view(true);
+    assert!(!text(&view, 120).contains("punch"));
+    view.status.punched_lines = Some(40);
+    let said = text(&view, 120);
+    let line = "latest verdict  none: the control seems to punch a program (40 lines); `%` or a checked line ends it";
+    assert!(said.contains(line), "{said}");
+    assert_eq!(view.json()["status"]["punched_lines"], 40);
+}
+
 /// The feed is the way between two positions over the time between them.
 #[test]
 fn feed_is_way_over_time() {
