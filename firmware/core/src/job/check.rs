@@ -244,6 +244,12 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
             || again.kind != first.kind
             || guards.fixed.contains(&again.name)
             || guards.closing.iter().any(|c| c.feature == first.name)
+            || guards
+                .closing
+                .iter()
+                .filter(|c| c.feature == again.name)
+                .count()
+                > 1
         {
             return Err(bad(Field::Closing, Some(&again.name), f64::NAN));
         }
@@ -317,7 +323,14 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
         return Err(JobError::BadFeatureName { feature: number });
     }
     // Those that close or stay on the table carry a verdict as a datum does.
-    let is_datum = feature.datum && feature.kind.has_position();
+    let guards = &job.guards;
+    let carries = feature.datum
+        || guards.fixed.contains(name)
+        || guards
+            .closing
+            .iter()
+            .any(|closing| closing.feature == *name);
+    let is_datum = carries && feature.kind.has_position();
     // What a correction rests on has at least one hit more than it needs, else
     // nothing in it can contradict a wrong one.
     let spare = u16::from(is_datum && job.correction.is_some());

@@ -28,8 +28,7 @@ pub use scatter::beta_ratio;
 pub use witness::skip;
 
 /// Whether the job's limits stand against a setup whose places are `measured`: judged as on the
-/// board, with hits that are taken as exact. Both hold the datum places and behind them those on
-/// the table.
+/// board, with hits that are taken as exact. Both hold the datum places.
 #[must_use]
 pub fn against_places(job: &Job, reference: &[Point], measured: &[Point]) -> bool {
     let mut verdict = setup::blank(1);

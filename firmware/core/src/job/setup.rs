@@ -12,7 +12,7 @@ use umi_protocol::verdict::{
     CorrectionReport, DistanceReport, MAX_DISTANCES, RegistrationReport, SetupReason, Verdict,
 };
 
-use super::check::{datums, fixed};
+use super::check::datums;
 use super::exceeds;
 use super::report::refusal;
 use super::scatter::Scatter;
@@ -56,8 +56,8 @@ pub fn blank(setup: u32) -> Verdict {
 
 /// Judges a setup whose features are all good, against `reference`.
 ///
-/// Both hold the datum places and behind them those on the table. `scatter` is known where
-/// the job states a probing sigma, `run` where the lines do.
+/// Both hold the datum places, and may hold others behind them. `scatter` is known where the
+/// job states a probing sigma, `run` where the lines do.
 pub fn judge(
     verdict: &mut Verdict,
     job: &Job,
@@ -66,7 +66,6 @@ pub fn judge(
     scatter: Option<&Scatter>,
     run: Option<u32>,
 ) {
-    against_fixed(verdict, job, reference, measured);
     let due = datums(job).count();
     let (Some(reference), Some(measured)) = (reference.get(..due), measured.get(..due)) else {
         // A restored reference has as many places; none without them is judged.
@@ -237,19 +236,11 @@ pub fn against_closing(verdict: &mut Verdict, closing: &Closing, first: Point, a
 }
 
 /// Holds what stays on the table against where it was when the reference was taught.
-fn against_fixed(verdict: &mut Verdict, job: &Job, reference: &[Point], measured: &[Point]) {
-    let Some(limit_mm) = job.guards.fixed_mm else {
-        return;
-    };
-    let due = datums(job).count();
-    let places = reference.iter().zip(measured).skip(due);
-    for ((_, feature), (taught, now)) in fixed(job).zip(places) {
-        let off = now.mm - taught.mm;
-        if exceeds(off.norm(), limit_mm) {
-            let off_mm = off.into();
-            let reason = Reason::FixedMoved { off_mm, limit_mm };
-            add_about(verdict, Some(&feature.name), reason);
-        }
+pub fn against_fixed(verdict: &mut Verdict, limit_mm: f64, name: &Name, taught: Point, now: Point) {
+    let off = now.mm - taught.mm;
+    if exceeds(off.norm(), limit_mm) {
+        let off_mm = off.into();
+        add_about(verdict, Some(name), Reason::FixedMoved { off_mm, limit_mm });
     }
 }
 

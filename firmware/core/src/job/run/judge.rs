@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use umi_protocol::feature::FitReport;
-use umi_protocol::job::{Closing, Job, Lessons, Name, Teach};
+use umi_protocol::job::{Closing, FeatureSpec, Job, Lessons, Name, Teach};
 use umi_protocol::message::TeachBy;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -161,6 +161,7 @@ impl Run {
             // from wrong hits would only mislead.
             _ if !verdict.reasons.is_empty() || !complete => {}
             Some(reference) => {
+                self.against_fixed(job, reference, verdict);
                 let scatter = self.scatter(job);
                 setup::judge(
                     verdict,
@@ -184,19 +185,39 @@ impl Run {
         taught
     }
 
-    /// The fits of a feature: its own, and of those that are this one, probed once more.
+    /// A feature, and those that are this one, probed once more: each with its fit.
     fn times_probed<'a>(
         &'a self,
         job: &'a Job,
         place: usize,
-    ) -> impl Iterator<Item = &'a FitReport> {
+    ) -> impl Iterator<Item = (&'a FeatureSpec, &'a FitReport)> {
         let spec = job.features.get(place);
         let repeats = move |(_, closing): &(usize, &Closing)| {
             spec.is_some_and(|spec| spec.name == closing.repeats)
         };
         let again = closing(job).filter(repeats).map(|(again, _)| again);
         let times = core::iter::once(place).chain(again);
-        times.filter_map(|place| self.in_this_setup(place)?.fit.as_ref())
+        times.filter_map(|place| {
+            let fit = self.in_this_setup(place)?.fit.as_ref()?;
+            Some((job.features.get(place)?, fit))
+        })
+    }
+
+    /// Holds what stays on the table against where it was taught, each time by itself: a mean
+    /// would halve what has happened between them.
+    fn against_fixed(&self, job: &Job, reference: &[Point], verdict: &mut Verdict) {
+        let Some(limit_mm) = job.guards.fixed_mm else {
+            return;
+        };
+        let taught = reference.iter().skip(datums(job).count());
+        for ((place, _), taught) in fixed(job).zip(taught) {
+            for (feature, fit) in self.times_probed(job, place) {
+                if let Some(now) = fit.shape.position_mm() {
+                    let now = Point::from_array_mm(now);
+                    setup::against_fixed(verdict, limit_mm, &feature.name, *taught, now);
+                }
+            }
+        }
     }
 
     /// Where a feature stands: the mean of all times that it was probed.
@@ -205,7 +226,7 @@ impl Run {
     /// between them, within the limit of closing, is halved so.
     fn stands_at(&self, job: &Job, place: usize) -> Option<Point> {
         let (mut sum, mut times) = (Vector3::zeros(), 0.0);
-        for fit in self.times_probed(job, place) {
+        for (_, fit) in self.times_probed(job, place) {
             sum += Vector3::from(fit.shape.position_mm()?);
             times += 1.0;
         }
@@ -362,7 +383,7 @@ impl Run {
         let is_taught = self.reference_is_taught();
         let mut scatter = Scatter::of(job.guards.probing?, step_mm, is_taught);
         for (place, _) in datums(job) {
-            scatter.add(self.times_probed(job, place));
+            scatter.add(self.times_probed(job, place).map(|(_, fit)| fit));
         }
         Some(scatter)
     }

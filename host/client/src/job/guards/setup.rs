@@ -60,7 +60,9 @@ impl Setup {
             let first = job.features.iter().position(|f| f.name == closing.repeats);
             first.is_some_and(|first| (off(again) - off(first)).norm() > closing.within_mm)
         });
-        is_open || {
+        let limit_mm = job.guards.fixed_mm.unwrap_or(f64::INFINITY);
+        let mut on_table = fixed(job).flat_map(|(index, _)| self.times(index));
+        is_open || on_table.any(|time| off(time).norm() > limit_mm) || {
             let reference: Vec<Vector3<f64>> = self.due().map(|index| self.at(index)).collect();
             let errors: Vec<Vector3<f64>> = self.due().map(|index| self.mean(index, off)).collect();
             self.is_against(&reference, &errors, None)
@@ -68,23 +70,22 @@ impl Setup {
         }
     }
 
+    /// A feature, and those that are this one, probed once more.
+    fn times(&self, index: usize) -> impl Iterator<Item = usize> {
+        let name = &self.job.features[index].name;
+        let again = closing(&self.job).filter(move |(_, closing)| closing.repeats == *name);
+        std::iter::once(index).chain(again.map(|(again, _)| again))
+    }
+
     /// By how much a feature is off where all times that it is probed count alike, as on the
     /// board.
     fn mean(&self, index: usize, off: &dyn Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
-        let name = &self.job.features[index].name;
-        let again = closing(&self.job).filter(|(_, closing)| closing.repeats == *name);
-        let times: Vec<Vector3<f64>> = std::iter::once(index)
-            .chain(again.map(|(again, _)| again))
-            .map(off)
-            .collect();
-        middle(&times)
+        middle(&self.times(index).map(off).collect::<Vec<_>>())
     }
 
-    /// The features that a reference has: datums, then those on the table.
+    /// The features that are registered.
     fn due(&self) -> impl Iterator<Item = usize> {
-        datums(&self.job)
-            .chain(fixed(&self.job))
-            .map(|(index, _)| index)
+        datums(&self.job).map(|(index, _)| index)
     }
 
     pub(super) fn at(&self, index: usize) -> Vector3<f64> {
@@ -97,12 +98,9 @@ impl Setup {
         errors: &[Vector3<f64>],
         stands: Option<Stands>,
     ) -> bool {
-        let moving = datums(&self.job).count();
-        let middle = middle(&reference[..moving]);
-        let measured: Vec<Point> = (0..)
-            .zip(reference.iter().zip(errors))
-            .map(|(number, (place, error))| {
-                let stands = stands.filter(|_| number < moving);
+        let middle = middle(reference);
+        let measured: Vec<Point> = (reference.iter().zip(errors))
+            .map(|(place, error)| {
                 let at = stands.map_or(*place, |stands| stands.carries(*place, middle));
                 Point { mm: at + error }
             })
@@ -114,8 +112,7 @@ impl Setup {
     /// Where the part must stand within the job's limits so that as little as possible is seen
     /// of these errors.
     fn hides(&self, reference: &[Vector3<f64>], errors: &[Vector3<f64>]) -> Option<Stands> {
-        let (job, moving) = (&self.job, datums(&self.job).count());
-        let (reference, errors) = (reference.get(..moving)?, errors.get(..moving)?);
+        let job = &self.job;
         let to: Vec<Point> = (reference.iter().zip(errors))
             .map(|(place, error)| Point { mm: place + error })
             .collect();

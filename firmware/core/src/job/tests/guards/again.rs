@@ -103,7 +103,7 @@ fn both_times_count() {
     job.guards.fixed.clear();
     job.guards.fixed_mm = None;
     check(&job).unwrap();
-    let registered = |first_mm: f64, again_mm: f64| {
+    let registered = |setup: usize, [first_mm, again_mm]: [f64; 2]| {
         let mut run = Run::new(job.clone());
         let mut outcome = Outcome::default();
         for number in 0..2 {
@@ -112,9 +112,9 @@ fn both_times_count() {
             blocks.push(("CLOSING".to_string(), again));
             for (id, (_, points)) in (1u16..).zip(blocks) {
                 for [x, y, z] in points {
-                    let off_mm = match (number, id) {
-                        (1, 1) => first_mm,
-                        (1, 4) => again_mm,
+                    let off_mm = match id {
+                        1 if number == setup => first_mm,
+                        4 if number == setup => again_mm,
                         _ => 0.0,
                     };
                     let mut hit = hit([x, y, z + off_mm]);
@@ -126,15 +126,81 @@ fn both_times_count() {
         assert_eq!(outcome.summary(), ["OK"; 2]);
         outcome.verdicts.remove(1).registration.unwrap()
     };
-    let [still, again, first, both] =
-        [[0.0, 0.0], [0.0, 0.003], [0.003, 0.0], [0.0015, 0.0015]].map(|[a, b]| registered(a, b));
     let apart = |a: &RegistrationReport, b: &RegistrationReport| {
         (Vector3::from(a.translation_mm) - Vector3::from(b.translation_mm)).norm()
     };
-    assert!(apart(&still, &again) > 3e-4, "{}", apart(&still, &again));
-    for other in [&first, &both] {
-        assert!(apart(&again, other) < 1e-9, "{}", apart(&again, other));
+    for setup in 0..2 {
+        let [still, again, first, both] =
+            [[0.0, 0.0], [0.0, 0.003], [0.003, 0.0], [0.0015, 0.0015]]
+                .map(|off_mm| registered(setup, off_mm));
+        assert!(apart(&still, &again) > 3e-4, "{}", apart(&still, &again));
+        for other in [&first, &both] {
+            assert!(apart(&again, other) < 1e-9, "{}", apart(&again, other));
+        }
     }
+}
+
+/// A ball on the table that is probed twice is held to its taught place each time by itself, however far
+/// apart both may be: a stylus that is bent between them is not halved.
+#[test]
+fn each_time_of_a_ball_on_the_table_is_held() {
+    let mut job = redundant();
+    let mut feature = job.features[4].clone();
+    (feature.id, feature.name) = (Some(6), "TABLE2".try_into().unwrap());
+    // Whatever it says of itself, a verdict rests on it.
+    feature.datum = false;
+    let _ = job.features.push(feature);
+    let _ = job.guards.closing.push(Closing {
+        feature: "TABLE2".try_into().unwrap(),
+        repeats: "TABLE".try_into().unwrap(),
+        within_mm: 0.1,
+    });
+    check(&job).unwrap();
+    let session = |bent_mm: [f64; 2]| {
+        let mut run = Run::new(job.clone());
+        let mut outcome = Outcome::default();
+        for number in 0..2 {
+            let mut blocks = clamping(number, [1, 2, 3]);
+            blocks.push(blocks[0].clone());
+            let first = session_a().remove(0).1;
+            for bent_mm in bent_mm {
+                let bent_mm = if number == 1 { bent_mm } else { 0.0 };
+                let table = first.iter();
+                let table = table
+                    .map(|p| [p[0] + 300.0, p[1] + bent_mm, p[2]])
+                    .collect();
+                blocks.push((String::new(), table));
+            }
+            for (id, (_, points)) in (1u16..).zip(&blocks) {
+                for point in points {
+                    let mut hit = hit(*point);
+                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
+                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+                }
+            }
+        }
+        outcome.summary().remove(1)
+    };
+    assert_eq!(session([0.0, 0.0]), "OK");
+    assert_eq!(session([0.0045, -0.0045]), "OK");
+    assert_eq!(session([0.0, 0.008]), "TABLE2:fixed_moved");
+    assert_eq!(session([0.008, 0.0]), "TABLE:fixed_moved");
+
+    job_of_four_hits_is_refused(&job);
+    let again = job.guards.closing[1].clone();
+    let mut twice = job.clone();
+    let _ = twice.guards.closing.push(again);
+    assert!(check(&twice).is_err(), "it would count twice");
+}
+
+/// A feature that a verdict rests on has a hit more than it needs, whatever it says of itself.
+fn job_of_four_hits_is_refused(job: &Job) {
+    let mut job = job.clone();
+    let closing = &mut job.features[5];
+    closing.hits = 4;
+    closing.approach.clear();
+    let error = check(&job).unwrap_err();
+    assert_eq!(error.code(), "hit_count", "{error}");
 }
 
 /// A part that slips between the first ball and the last shows in the closing one; a stylus
