@@ -2,9 +2,10 @@
 //! decisions must be those of the journal, bit for bit.
 
 use umi_core::brain::{Brain, Output};
-use umi_core::job::Teaching;
+use umi_core::job::{Teaching, touch_begins_anew};
 use umi_core::units::Micros;
 use umi_protocol::fault::{Fault, FaultCode};
+use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
 use umi_protocol::schema::max_len;
 
@@ -23,6 +24,8 @@ pub struct Replay {
     /// So many were, as far as they came with earlier inputs, and the latest of them.
     counted: u32,
     latest: Option<Fault>,
+    /// What came behind the latest verdict takes it back.
+    went_on: bool,
 }
 
 /// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
@@ -79,7 +82,16 @@ impl Replay {
             fault: None,
             counted: 0,
             latest: None,
+            went_on: false,
         }
+    }
+
+    /// What came behind the latest verdict takes it back, as
+    /// [`crate::measure::Instrument::take`] does: a line that says something, a touch, bytes that
+    /// were lost, teaching.
+    #[must_use]
+    pub const fn went_on(&self) -> bool {
+        self.went_on
     }
 
     /// Decisions compared so far.
@@ -109,7 +121,11 @@ impl Replay {
                 if let Record::Fault(fault) = record {
                     self.fault = Some(fault.code());
                 }
-                self.compare(record, scratch)
+                let compared = self.compare(record, scratch);
+                if matches!(record, Record::Verdict(_)) && compared == Err(Difference::NotReached) {
+                    self.went_on = false;
+                }
+                compared
             }
             Record::FaultsAgain { latest, count } => self.again(latest, *count),
             Record::LastRun { run } => {
@@ -143,6 +159,8 @@ impl Replay {
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
                     brain.latched(latch);
+                    let is_touch = latch.cause == LatchCause::Skip;
+                    self.went_on |= is_touch && brain.job().is_some_and(touch_begins_anew);
                 }
                 self.nothing_expected()
             }
@@ -254,13 +272,25 @@ impl Replay {
         let Self {
             brain: Some(brain),
             expected,
+            went_on,
             ..
         } = self
         else {
             return Ok(());
         };
+        *went_on |= matches!(
+            record,
+            Record::BytesLost { .. }
+                | Record::TeachAsked { .. }
+                | Record::ButtonHeld { refused: None }
+        );
         let mut fits = true;
         let out = &mut |output: Output<'_>| {
+            match &output {
+                Output::Line(line) => *went_on |= !line.status.is_silent(),
+                Output::Verdict(_) => *went_on = false,
+                _ => {}
+            }
             if let Some(decision) = decision(output) {
                 fits &= keep(expected, &decision, scratch);
             }

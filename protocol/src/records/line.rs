@@ -46,6 +46,14 @@ pub enum LineStatus {
     Repeated,
 }
 
+impl LineStatus {
+    /// Such a line says nothing new of the part: what was measured before it still holds.
+    #[must_use]
+    pub const fn is_silent(self) -> bool {
+        matches!(self, Self::Request | Self::Separator | Self::Repeated)
+    }
+}
+
 /// A hit as the control reported it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]

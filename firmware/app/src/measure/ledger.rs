@@ -14,7 +14,7 @@ use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{Job, Lessons, Name};
 use umi_protocol::job_error::Field;
 use umi_protocol::latch::SignalLevel;
-use umi_protocol::line::{HitReport, LineReport, LineStatus};
+use umi_protocol::line::{HitReport, LineReport};
 use umi_protocol::message::{Event, Identity, JobLoss, Record, ResetReason, TeachRefusal};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
 use umi_protocol::reason::Reason;
@@ -335,11 +335,7 @@ impl<F: Flash> Ledger<F> {
     pub(super) fn take(&mut self, now: Micros, output: Output<'_>) {
         match output {
             Output::Line(line) => {
-                let is_silent = matches!(
-                    line.status,
-                    LineStatus::Request | LineStatus::Separator | LineStatus::Repeated
-                );
-                if !is_silent {
+                if !line.status.is_silent() {
                     // The control prints again: what was measured before is history.
                     self.forget();
                 }

@@ -12,6 +12,7 @@ use umi_protocol::verdict::Verdict;
 use crate::board::link::Client;
 use crate::files::points::name;
 use crate::files::tool_path::{self, ProgramSource};
+use crate::journal::audit::Audit;
 use crate::journal::{self, FileItem};
 use crate::problem::Problem;
 
@@ -28,7 +29,8 @@ impl Basis {
     /// The verdict of a setup, or the last one: of a journal, or of `umi replay --json`.
     ///
     /// # Errors
-    /// The file cannot be read or holds no such verdict, or the verdict is not OK.
+    /// The file cannot be read or holds no such verdict, the verdict is not OK, or it is the last
+    /// one and the board took it back.
     pub fn verdict(path: &Path, setup: Option<u32>) -> Result<Self, Problem> {
         let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
         if umi_core::journal::decode_file(&bytes).is_err() {
@@ -39,13 +41,19 @@ impl Basis {
         }
         let mut job = None;
         let mut found = None;
+        let mut audit = Audit::default();
         journal::read(&bytes, |item| {
             let FileItem::Entry(entry) = item else {
                 // Another job may have been set in between, and another verdict reached.
                 (job, found) = (None, None);
+                audit.gap();
                 return Ok(());
             };
-            match journal::record(&entry) {
+            let record = journal::record(&entry);
+            if let Ok(record) = &record {
+                audit.take(&entry, record);
+            }
+            match record {
                 Ok(Record::JobSet { job: set, .. }) => {
                     job = Some(set);
                     found = None;
@@ -60,6 +68,20 @@ impl Basis {
             Ok::<(), Problem>(())
         })?;
         match (job, found) {
+            // Who names a setup looks back.
+            (Some(_), Some(verdict)) if setup.is_none() && verdict.ok && audit.went_on() => {
+                Err(Problem::refused(
+                    "taken_back",
+                    format_args!(
+                        "{}: behind its last verdict, OK on setup {setup}, the control printed, \
+                         the probe touched, bytes were lost or teaching was asked for again: the \
+                         board has taken it back; probe the part again, or, if nothing was moved \
+                         since, name the setup: --plate {setup}",
+                        name(path),
+                        setup = verdict.setup
+                    ),
+                ))
+            }
             (Some(job), Some(verdict)) => Ok(Self::Judged(Box::new((job, verdict)))),
             _ => Err(Problem::trouble(
                 "verdict",
@@ -68,12 +90,27 @@ impl Basis {
         }
     }
 
-    /// The latest verdict of a board.
+    /// The latest verdict of a board, as long as the board stands by it.
     ///
     /// # Errors
-    /// The link's; the board has no job, or reached no verdict.
+    /// The link's; the board has no job, reached no verdict, or has taken its OK back.
     pub fn board(board: &mut Client) -> Result<Self, Problem> {
-        match (board.job()?.job, board.verdict()?) {
+        let before = board.status()?;
+        let (job, verdict) = (board.job()?.job, board.verdict()?);
+        // On both sides: what comes in between belongs to another verdict.
+        let after = board.status()?;
+        let stands = [&before, &after].map(|status| status.last_verdict_ok) == [Some(true); 2]
+            && before.verdicts == after.verdicts;
+        match (job, verdict) {
+            (Some(_), Some(verdict)) if verdict.ok && !stands => Err(Problem::refused(
+                "taken_back",
+                format_args!(
+                    "the board has taken back its OK on setup {}: since then the control printed, \
+                     the probe touched, teaching was asked for again, or it is older than the \
+                     job's `plate_timeout_s`; probe the part again",
+                    verdict.setup
+                ),
+            )),
             (Some(job), Some(verdict)) => Ok(Self::Judged(Box::new((job, verdict)))),
             _ => Err(Problem::trouble(
                 "verdict",

@@ -62,6 +62,13 @@ impl Audit {
         self.begun = false;
     }
 
+    /// The control printed, the probe touched or teaching was asked for behind the last verdict:
+    /// the board stands by it no more.
+    #[must_use]
+    pub const fn went_on(&self) -> bool {
+        self.replay.went_on()
+    }
+
     /// The journal has ended before entry `next_seq`.
     #[must_use]
     pub fn finish(mut self, next_seq: u64) -> Findings {

@@ -7,3 +7,4 @@ mod nc_diff;
 mod nc_hints;
 mod nc_refusals;
 mod program;
+mod taken_back;

@@ -42,6 +42,8 @@ pub struct Board {
     pub hangs_up_after: Option<u32>,
     /// The latest verdict.
     pub verdict: Option<Verdict>,
+    /// It does not stand by that one any more.
+    pub taken_back: bool,
 }
 
 fn name(text: &str) -> umi_protocol::job::Name {
@@ -78,6 +80,7 @@ impl Board {
             scanner: true,
             hangs_up_after: None,
             verdict: None,
+            taken_back: false,
         };
         let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
         for record in [
@@ -236,7 +239,10 @@ impl Board {
             teaching: None,
             verdicts: 3,
             verdicts_ok: 2,
-            last_verdict_ok: Some(false),
+            last_verdict_ok: match &self.verdict {
+                Some(verdict) => (!self.taken_back).then_some(verdict.ok),
+                None => Some(false),
+            },
             correction_waiting: false,
             punched_lines: None,
             counters,

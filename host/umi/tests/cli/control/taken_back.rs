@@ -1,0 +1,86 @@
+//! A correction leaves by a verdict only as long as the board stands by it.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use umi_virtual::serve::{Port, PortPlace};
+use umi_virtual::{BoardTime, Config, VirtualBoard};
+
+use crate::rig::run::{Folder, project, umi};
+
+const JOB: &str = include_str!("../../../../../examples/three-spheres.toml");
+const SESSION: &str = include_str!("../../../../../examples/session.txt");
+
+/// So many lines of a clamping of the session, from its first.
+fn lines(clamping: usize, count: usize) -> String {
+    let lines = SESSION.split_inclusive('\n');
+    lines.skip(27 * clamping).take(count).collect()
+}
+
+/// The next clamping has begun, or teaching was asked for again: neither board nor journal lets the
+/// correction of the one before out.
+#[test]
+fn what_the_board_has_taken_back_corrects_nothing() {
+    let config = Config {
+        time: BoardTime::Real,
+        ..Config::default()
+    };
+    let board = Arc::new(VirtualBoard::start(config).unwrap());
+    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let at = port.address.clone();
+    port.serve_host(&board);
+    let folder = Folder::new();
+    let (job, program) = (folder.file("j.toml", JOB), project("examples/part.nc"));
+    let info = || {
+        let info = umi(&["info", "--json", "--port", &at]).exits(0);
+        info.json()["status"].clone()
+    };
+    let until = |is: &dyn Fn(&serde_json::Value) -> bool| {
+        let begun = Instant::now();
+        while !is(&info()) {
+            assert!(begun.elapsed() < Duration::from_secs(20), "{}", info());
+        }
+    };
+    let out = folder.path("out.nc");
+    let by_board = ["--verdict", "board", "--port", at.as_str()];
+    let correction = || umi(&[&["correction"][..], &by_board].concat());
+    let rewrite = || {
+        let rewrite = ["nc", "rewrite", &program, "-o", &out, "--force", "--json"];
+        umi(&[&rewrite[..], &by_board].concat())
+    };
+    let check = || umi(&[&["nc", "check", &program][..], &by_board].concat());
+    let pulled = |plate: &[&str]| {
+        let journal = folder.path("j.umij");
+        umi(&["log", "--port", &at, "-o", &journal, "--force"]).exits(0);
+        umi(&[&["correction", "--verdict", &journal], plate].concat())
+    };
+    let measure = |clamping, verdicts: u32| {
+        board.control_sends(lines(clamping, 27).as_bytes());
+        until(&|status| status["verdicts"] == verdicts);
+    };
+    umi(&["job", "set", &job, "--port", &at]).exits(0);
+    measure(0, 1);
+    measure(1, 2);
+    let made = correction().exits(0).out;
+    rewrite().exits(0);
+    check().exits(0);
+    assert_eq!(pulled(&[]).exits(0).out, made);
+
+    let refused = || {
+        correction().exits(2).says("taken back its OK on setup 1");
+        check().exits(2).says("probe the part again");
+        assert_eq!(rewrite().exits(2).json()["error"]["code"], "taken_back");
+        pulled(&[]).exits(2).says("the board has taken it back");
+        // Who names the setup looks back.
+        assert_eq!(pulled(&["--plate", "1"]).exits(0).out, made);
+    };
+    umi(&["teach", "--again", "--port", &at]).exits(0);
+    refused();
+    measure(0, 3);
+    measure(1, 4);
+    correction().exits(0);
+    board.control_sends(lines(2, 3).as_bytes());
+    until(&|status| status["last_verdict_ok"].is_null());
+    correction().exits(2).says("taken back its OK on setup 3");
+    pulled(&[]).exits(2).says("--plate 3");
+}
