@@ -1,5 +1,6 @@
 //! Turns SIGINT, SIGTERM and SIGHUP into a flag, for a clean end; a terminal that is gone, too.
 
+use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static CAME: AtomicBool = AtomicBool::new(false);
@@ -14,22 +15,36 @@ pub fn watch() {
 
 /// From now on a process that an interrupt ends leaves no file that is not complete (`NAME.part`).
 pub fn leave_nothing_unfinished() {
-    // Who ignores the hang-up, as under nohup, goes on ignoring it.
-    if !ignores_hang_up() {
-        take();
-    }
+    take();
 }
 
+/// Takes the signals, once. Where the system refuses, an interrupt is as it was.
 fn take() {
-    // Where the system refuses, or this was done before, an interrupt is as it was.
-    let _ = ctrlc::set_handler(|| {
-        if !WATCHED.load(Ordering::Relaxed) || CAME.swap(true, Ordering::Relaxed) {
-            umi_scan::format::remove_unfinished(|| std::process::exit(130));
+    static TAKEN: Once = Once::new();
+    TAKEN.call_once(|| {
+        #[cfg(unix)]
+        {
+            use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+            // Who ignores the hang-up, as under nohup, goes on ignoring it.
+            let hang_up = (!ignores_hang_up()).then_some(SIGHUP);
+            let signals = [SIGINT, SIGTERM].into_iter().chain(hang_up);
+            if let Ok(mut signals) = signal_hook::iterator::Signals::new(signals) {
+                std::thread::spawn(move || signals.forever().for_each(|_| interrupted()));
+            }
         }
+        #[cfg(not(unix))]
+        let _ = ctrlc::set_handler(interrupted);
     });
 }
 
+fn interrupted() {
+    if !WATCHED.load(Ordering::Relaxed) || CAME.swap(true, Ordering::Relaxed) {
+        umi_scan::format::remove_unfinished(|| std::process::exit(130));
+    }
+}
+
 /// Whether the system says so; Linux does.
+#[cfg(unix)]
 fn ignores_hang_up() -> bool {
     const HANG_UP: u64 = 1;
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
