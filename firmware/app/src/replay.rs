@@ -25,7 +25,7 @@ pub struct Replay {
     counted: u32,
     latest: Option<Fault>,
     /// What came behind the latest verdict takes it back.
-    went_on: bool,
+    taken_back: bool,
 }
 
 /// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
@@ -82,7 +82,7 @@ impl Replay {
             fault: None,
             counted: 0,
             latest: None,
-            went_on: false,
+            taken_back: false,
         }
     }
 
@@ -90,8 +90,8 @@ impl Replay {
     /// [`crate::measure::Instrument::take`] does: a line that says something, a touch, bytes that
     /// were lost, teaching.
     #[must_use]
-    pub const fn went_on(&self) -> bool {
-        self.went_on
+    pub const fn taken_back(&self) -> bool {
+        self.taken_back
     }
 
     /// Decisions compared so far.
@@ -123,7 +123,7 @@ impl Replay {
                 }
                 let compared = self.compare(record, scratch);
                 if matches!(record, Record::Verdict(_)) && compared == Err(Difference::NotReached) {
-                    self.went_on = false;
+                    self.taken_back = false;
                 }
                 compared
             }
@@ -160,7 +160,7 @@ impl Replay {
                 if let Some(brain) = &mut self.brain {
                     brain.latched(latch);
                     let is_touch = latch.cause == LatchCause::Skip;
-                    self.went_on |= is_touch && brain.job().is_some_and(touch_begins_anew);
+                    self.taken_back |= is_touch && brain.job().is_some_and(touch_begins_anew);
                 }
                 self.nothing_expected()
             }
@@ -272,13 +272,13 @@ impl Replay {
         let Self {
             brain: Some(brain),
             expected,
-            went_on,
+            taken_back,
             ..
         } = self
         else {
             return Ok(());
         };
-        *went_on |= matches!(
+        *taken_back |= matches!(
             record,
             Record::BytesLost { .. }
                 | Record::TeachAsked { .. }
@@ -287,8 +287,8 @@ impl Replay {
         let mut fits = true;
         let out = &mut |output: Output<'_>| {
             match &output {
-                Output::Line(line) => *went_on |= !line.status.is_silent(),
-                Output::Verdict(_) => *went_on = false,
+                Output::Line(line) => *taken_back |= !line.status.is_silent(),
+                Output::Verdict(_) => *taken_back = false,
                 _ => {}
             }
             if let Some(decision) = decision(output) {

@@ -87,7 +87,13 @@ pub fn datums(job: &Job) -> impl Iterator<Item = (usize, &FeatureSpec)> {
         .enumerate()
         .filter(|(_, f)| f.datum && f.kind.has_position())
         .filter(|(_, f)| !guards.fixed.contains(&f.name))
-        .filter(|(_, f)| guards.closing.iter().all(|c| c.feature != f.name))
+        .filter(|(_, f)| closes(guards, &f.name) == 0)
+}
+
+/// How many features this one is, probed once more: one at most in a job that is good.
+fn closes(guards: &Guards, name: &Name) -> usize {
+    let closings = guards.closing.iter();
+    closings.filter(|closing| closing.feature == *name).count()
 }
 
 /// The features that stay on the table, with their place in the job.
@@ -243,13 +249,8 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
         if again.name == first.name
             || again.kind != first.kind
             || guards.fixed.contains(&again.name)
-            || guards.closing.iter().any(|c| c.feature == first.name)
-            || guards
-                .closing
-                .iter()
-                .filter(|c| c.feature == again.name)
-                .count()
-                > 1
+            || closes(guards, &first.name) > 0
+            || closes(guards, &again.name) > 1
         {
             return Err(bad(Field::Closing, Some(&again.name), f64::NAN));
         }
@@ -324,12 +325,7 @@ fn check_feature(job: &Job, number: u8, feature: &FeatureSpec) -> Result<(), Job
     }
     // Those that close or stay on the table carry a verdict as a datum does.
     let guards = &job.guards;
-    let carries = feature.datum
-        || guards.fixed.contains(name)
-        || guards
-            .closing
-            .iter()
-            .any(|closing| closing.feature == *name);
+    let carries = feature.datum || guards.fixed.contains(name) || closes(guards, name) > 0;
     let is_datum = carries && feature.kind.has_position();
     // What a correction rests on has at least one hit more than it needs, else
     // nothing in it can contradict a wrong one.

@@ -69,7 +69,7 @@ impl Basis {
         })?;
         match (job, found) {
             // Who names a setup looks back.
-            (Some(_), Some(verdict)) if setup.is_none() && verdict.ok && audit.went_on() => {
+            (Some(_), Some(verdict)) if setup.is_none() && verdict.ok && audit.taken_back() => {
                 Err(Problem::refused(
                     "taken_back",
                     format_args!(

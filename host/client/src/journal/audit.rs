@@ -65,8 +65,8 @@ impl Audit {
     /// The control printed, the probe touched or teaching was asked for behind the last verdict:
     /// the board stands by it no more.
     #[must_use]
-    pub const fn went_on(&self) -> bool {
-        self.replay.went_on()
+    pub const fn taken_back(&self) -> bool {
+        self.replay.taken_back()
     }
 
     /// The journal has ended before entry `next_seq`.

@@ -1,7 +1,7 @@
 //! What no pairing can tell: a train as even as a clock, of which some frames were lost at one end and some
 //! latches at the other, looks like one whose ends are whole.
 
-use super::trains::Trains;
+use super::trains::{Trains, median_interval};
 
 /// Shifts that are looked at, in intervals.
 const SHIFTS: [i64; 6] = [1, -1, 2, -2, 3, -3];
@@ -9,11 +9,7 @@ const SHIFTS: [i64; 6] = [1, -1, 2, -2, 3, -3];
 /// The warning, where everything that is paired lies on an even train, and a shift by a few intervals would pair about as
 /// many: it loses one at an end for each interval, and one at each run of losses may be chance.
 pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str) -> Option<String> {
-    let mut apart: Vec<f64> = trains.board.windows(2).map(|t| t[1] - t[0]).collect();
-    let interval = match apart.len() {
-        0 => return None,
-        n => *apart.select_nth_unstable_by(n / 2, f64::total_cmp).1,
-    };
+    let interval = median_interval(&trains.board)?;
     let paired: Vec<(usize, usize)> = trains
         .order
         .iter()

@@ -5,6 +5,7 @@
 //! the two apart, so that it is said.
 
 use super::streams::Streams;
+use super::trains::median_interval;
 
 /// So many different sizes of skips are looked at.
 const SIZES: usize = 16;
@@ -12,7 +13,7 @@ const SIZES: usize = 16;
 /// The warning, where behind such a place the triggers that a jump of the clock would mean explain as many profiles.
 pub(super) fn skips(streams: &Streams<'_>, found: &[Option<usize>]) -> Option<String> {
     let board = streams.board_us();
-    let interval = streams.interval_us()?;
+    let interval = median_interval(&board)?;
     let frames = streams.frames;
     // By latch.
     let mut pairs: Vec<(usize, usize)> = found

@@ -109,14 +109,6 @@ impl<'a> Streams<'a> {
         })
     }
 
-    /// The median interval of the latches; none of a single one.
-    pub fn interval_us(&self) -> Option<f64> {
-        let board = self.board_us();
-        let mut apart: Vec<f64> = board.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let middle = apart.len() / 2;
-        (!apart.is_empty()).then(|| *apart.select_nth_unstable_by(middle, f64::total_cmp).1)
-    }
-
     /// What makes an even train tell where it is.
     pub fn advice(&self) -> &'static str {
         match self.counters {

@@ -255,18 +255,22 @@ pub(super) fn ends(times: &[f64]) -> (f64, f64) {
     (first, times.last().copied().unwrap_or(first))
 }
 
+/// The median of what is between times that follow each other; none of a single one.
+pub(super) fn median_interval(times: &[f64]) -> Option<f64> {
+    let mut apart: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let middle = apart.len() / 2;
+    (!apart.is_empty()).then(|| *apart.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// The first times that stand off the even train that most belong to; none where most do not.
 ///
 /// An interval is even where it is a whole number of the median one, within four times the jitter: lost
 /// pulses leave the train as it is. The first times of a signature have to be told from a train, and a
 /// shift that is wrong misses just these.
 fn odd(times: &[f64], jitter_us: f64) -> Vec<usize> {
-    let mut sorted: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let middle = sorted.len() / 2;
-    if sorted.is_empty() {
+    let Some(median) = median_interval(times) else {
         return Vec::new();
-    }
-    let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
+    };
     let is_even = |pair: &[f64]| {
         let steps = ((pair[1] - pair[0]) / median).round().max(1.0);
         (pair[1] - pair[0] - steps * median).abs() <= 4.0 * jitter_us

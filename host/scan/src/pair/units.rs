@@ -7,6 +7,7 @@
 
 use super::search::{Reaches, reaches};
 use super::streams::{Reach, Streams};
+use super::trains::median_interval;
 use crate::ScanError;
 
 /// Steps of a search that only says why: a part of a second.
@@ -99,12 +100,6 @@ fn rates(streams: &Streams<'_>) -> Option<(f64, f64)> {
         median_interval(&streams.board_us())?,
     );
     (rates.0 > 0.0 && rates.1 > 0.0).then_some(rates)
-}
-
-fn median_interval(times: &[f64]) -> Option<f64> {
-    let mut apart: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let middle = apart.len() / 2;
-    (!apart.is_empty()).then(|| *apart.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Four digits.

@@ -42,8 +42,6 @@ pub struct Board {
     pub hangs_up_after: Option<u32>,
     /// The latest verdict.
     pub verdict: Option<Verdict>,
-    /// It does not stand by that one any more.
-    pub taken_back: bool,
 }
 
 fn name(text: &str) -> umi_protocol::job::Name {
@@ -80,7 +78,6 @@ impl Board {
             scanner: true,
             hangs_up_after: None,
             verdict: None,
-            taken_back: false,
         };
         let raw = |text: &[u8]| heapless::Vec::from_slice(text).unwrap();
         for record in [
@@ -239,10 +236,7 @@ impl Board {
             teaching: None,
             verdicts: 3,
             verdicts_ok: 2,
-            last_verdict_ok: match &self.verdict {
-                Some(verdict) => (!self.taken_back).then_some(verdict.ok),
-                None => Some(false),
-            },
+            last_verdict_ok: Some(self.verdict.as_ref().is_some_and(|verdict| verdict.ok)),
             correction_waiting: false,
             punched_lines: None,
             counters,

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::rig::run::{Folder, project, umi};
+use crate::rig::run::{Folder, Ran, project, umi};
 
 fn reference(name: &str) -> String {
     project(&format!("tests/reference/point/{name}"))
@@ -86,12 +86,14 @@ fn reference_cases_hold() {
     }
 }
 
-#[test]
-fn a_calibration_makes_points() {
-    let folder = Folder::new();
-    let readings = reference("rings_13_exact.csv");
-    let spheres = reference("rings_13_exact.spheres.toml");
-    let calibrate = [
+/// Readings and balls of a case.
+fn files(case: &str) -> [String; 2] {
+    [".csv", ".spheres.toml"].map(|end| reference(&format!("{case}{end}")))
+}
+
+fn calibrate(case: &str, options: &[&str]) -> Ran {
+    let [readings, spheres] = files(case);
+    let command = [
         "scan",
         "calibrate",
         "point",
@@ -99,7 +101,14 @@ fn a_calibration_makes_points() {
         "--spheres",
         &spheres,
     ];
-    let said = umi(&[&calibrate[..], &["--json"]].concat()).exits(0);
+    umi(&[&command[..], options].concat())
+}
+
+#[test]
+fn a_calibration_makes_points() {
+    let folder = Folder::new();
+    let [readings, spheres] = files("rings_13_exact");
+    let said = calibrate("rings_13_exact", &["--json"]).exits(0);
     let sensor = folder.file("sensor.json", said.out.as_bytes());
     let cloud = folder.path("cloud.csv");
     let points = [
@@ -117,12 +126,8 @@ fn a_calibration_makes_points() {
     assert_eq!(text.lines().next(), Some("x_mm,y_mm,z_mm"));
     assert_eq!(text.lines().count(), 14);
     // In words, too.
-    assert!(
-        umi(&calibrate)
-            .exits(0)
-            .out
-            .contains("13 of 13 readings used")
-    );
+    let said = calibrate("rings_13_exact", &[]).exits(0).out;
+    assert!(said.contains("13 of 13 readings used"));
     umi(&[
         "scan",
         "points",
@@ -151,17 +156,8 @@ fn a_calibration_makes_points() {
 #[test]
 fn points_are_written_by_the_ending() {
     let folder = Folder::new();
-    let readings = reference("center_uncertain_1um.csv");
-    let spheres = reference("center_uncertain_1um.spheres.toml");
-    let calibrate = [
-        "scan",
-        "calibrate",
-        "point",
-        &readings,
-        "--spheres",
-        &spheres,
-    ];
-    let said = umi(&[&calibrate[..], &["--json"]].concat()).exits(0);
+    let [readings, _] = files("center_uncertain_1um");
+    let said = calibrate("center_uncertain_1um", &["--json"]).exits(0);
     let sensor = folder.file("sensor.json", said.out.as_bytes());
     let write = |cloud: &str| {
         let points = [
@@ -204,17 +200,8 @@ fn points_are_written_by_the_ending() {
 /// A quality that is no number would leave nothing out; another unit is told as what it is.
 #[test]
 fn what_is_no_limit_is_refused() {
-    let readings = reference("rings_13_exact.csv");
-    let spheres = reference("rings_13_exact.spheres.toml");
-    let calibrate = [
-        "scan",
-        "calibrate",
-        "point",
-        &readings,
-        "--spheres",
-        &spheres,
-    ];
-    umi(&[&calibrate[..], &["--min-snr", "nan"]].concat())
+    let [readings, spheres] = files("rings_13_exact");
+    calibrate("rings_13_exact", &["--min-snr", "nan"])
         .exits(1)
         .says("finite");
     let folder = Folder::new();

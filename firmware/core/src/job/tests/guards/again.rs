@@ -50,6 +50,13 @@ fn redundant() -> Job {
     job
 }
 
+/// A ball on the table: the first of the session, 300 mm beside.
+fn table() -> Block {
+    let (_, mut points) = session_a().remove(0);
+    points.iter_mut().for_each(|point| point[0] += 300.0);
+    ("TABLE".to_string(), points)
+}
+
 /// A first touch of a top that came early, with the sides driven by it, shows where the top is
 /// touched once more; a second one beside the first is refused, and the two may be the same to
 /// the last digit.
@@ -110,17 +117,14 @@ fn both_times_count() {
             let mut blocks = clamping(number, [1, 2, 3]);
             let again = blocks[0].1.clone();
             blocks.push(("CLOSING".to_string(), again));
-            for (id, (_, points)) in (1u16..).zip(blocks) {
-                for [x, y, z] in points {
-                    let off_mm = match id {
-                        1 if number == setup => first_mm,
-                        4 if number == setup => again_mm,
-                        _ => 0.0,
-                    };
-                    let mut hit = hit([x, y, z + off_mm]);
-                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+            for (id, (_, mut points)) in (1..).zip(blocks) {
+                let off_mm = match id {
+                    1 if number == setup => first_mm,
+                    4 if number == setup => again_mm,
+                    _ => 0.0,
+                };
+                points.iter_mut().for_each(|point| point[2] += off_mm);
+                probe(&mut run, &mut outcome, id, &points, number);
             }
         }
         assert_eq!(outcome.summary(), ["OK"; 2]);
@@ -162,21 +166,14 @@ fn each_time_of_a_ball_on_the_table_is_held() {
         for number in 0..2 {
             let mut blocks = clamping(number, [1, 2, 3]);
             blocks.push(blocks[0].clone());
-            let first = session_a().remove(0).1;
             for bent_mm in bent_mm {
                 let bent_mm = if number == 1 { bent_mm } else { 0.0 };
-                let table = first.iter();
-                let table = table
-                    .map(|p| [p[0] + 300.0, p[1] + bent_mm, p[2]])
-                    .collect();
-                blocks.push((String::new(), table));
+                let mut table = table();
+                table.1.iter_mut().for_each(|point| point[1] += bent_mm);
+                blocks.push(table);
             }
-            for (id, (_, points)) in (1u16..).zip(&blocks) {
-                for point in points {
-                    let mut hit = hit(*point);
-                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+            for (id, (_, points)) in (1..).zip(&blocks) {
+                probe(&mut run, &mut outcome, id, points, number);
             }
         }
         outcome.summary().remove(1)
@@ -220,18 +217,11 @@ fn closing_and_fixed_balls() {
                 .iter_mut()
                 .for_each(|p| p[0] += if number == 2 { slip_mm } else { 0.0 });
             blocks.push(again);
-            let first = session_a().remove(0).1;
-            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
-            blocks.push(("TABLE".to_string(), table));
-            for (id, (name, points)) in (1u16..).zip(&mut blocks) {
+            blocks.push(table());
+            for (id, (_, points)) in (1..).zip(&mut blocks) {
                 let bent = if number == 2 { bent_mm } else { 0.0 };
                 points.iter_mut().for_each(|p| p[1] += bent);
-                let _ = name;
-                for point in points {
-                    let mut hit = hit(*point);
-                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+                probe(&mut run, &mut outcome, id, points, number);
             }
         }
         outcome.summary()
@@ -251,17 +241,10 @@ fn the_ball_on_the_table_comes_behind_the_datums() {
         for number in 0..2 {
             let mut blocks = clamping(number, [1, 2, 3]);
             blocks.push(blocks[0].clone());
-            let first = session_a().remove(0).1;
-            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
-            blocks.push(("TABLE".to_string(), table));
+            blocks.push(table());
             let order = if number == 0 { [0, 1, 2, 3, 4] } else { order };
             for place in order {
-                for point in &blocks[place].1 {
-                    let mut hit = hit(*point);
-                    let id = u16::try_from(place + 1).unwrap();
-                    (hit.feature_id, hit.run) = (Some(id), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+                probe(&mut run, &mut outcome, place + 1, &blocks[place].1, number);
             }
         }
         let last = outcome.verdicts.last().unwrap();
@@ -429,26 +412,18 @@ fn a_ball_outside_the_closing_pair_is_named() {
         for number in 0..2 {
             let mut blocks = clamping(number, [1, 2, 3]);
             blocks.push(blocks[0].clone());
-            let first = session_a().remove(0).1;
-            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
-            blocks.push(("TABLE".to_string(), table));
+            blocks.push(table());
             for (turn, id) in order.into_iter().enumerate() {
                 let slip = if number == 1 && turn >= slips_at {
                     0.05
                 } else {
                     0.0
                 };
-                for point in &blocks[id - 1].1 {
-                    let on_table = id == 5;
-                    let mut hit = hit([
-                        point[0] + if on_table { 0.0 } else { slip },
-                        point[1],
-                        point[2],
-                    ]);
-                    (hit.feature_id, hit.run) =
-                        (Some(u16::try_from(id).unwrap()), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+                let on_table = id == 5;
+                let slip = if on_table { 0.0 } else { slip };
+                let mut points = blocks[id - 1].1.clone();
+                points.iter_mut().for_each(|point| point[0] += slip);
+                probe(&mut run, &mut outcome, id, &points, number);
             }
         }
         outcome.summary()
@@ -526,21 +501,14 @@ fn each_closing_ball_comes_last() {
         for number in 0..2 {
             let mut blocks = clamping(number, [1, 2, 3]);
             blocks.push(blocks[0].clone());
-            let first = session_a().remove(0).1;
-            let table = first.iter().map(|p| [p[0] + 300.0, p[1], p[2]]).collect();
-            blocks.push(("TABLE".to_string(), table));
+            blocks.push(table());
             let mut again = blocks[2].clone();
             // About ball 1, when all have been probed once.
             let by_mm = if turned && number == 1 { 0.05 } else { 0.0 };
             again.1.iter_mut().for_each(|point| point[0] += by_mm);
             blocks.push(again);
             for id in order {
-                for point in &blocks[id - 1].1 {
-                    let mut hit = hit(*point);
-                    (hit.feature_id, hit.run) =
-                        (Some(u16::try_from(id).unwrap()), Some(number as u32));
-                    run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-                }
+                probe(&mut run, &mut outcome, id, &blocks[id - 1].1, number);
             }
         }
         outcome.summary()

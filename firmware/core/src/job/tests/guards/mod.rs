@@ -35,11 +35,17 @@ fn whole_session(order: [usize; 3]) -> Vec<Block> {
 /// Lines with a run number: hits of features by their id.
 fn send(run: &mut Run, outcome: &mut Outcome, blocks: &[Block], of_run: u32) {
     for (name, points) in blocks {
-        let id = name.strip_prefix("SPHERE").unwrap().parse().unwrap();
-        for point in points {
-            let mut hit = hit(*point);
-            (hit.feature_id, hit.run) = (Some(id), Some(of_run));
-            run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
-        }
+        let id: usize = name.strip_prefix("SPHERE").unwrap().parse().unwrap();
+        probe(run, outcome, id, points, of_run as usize);
+    }
+}
+
+/// The hits of one feature, by its id, in a run.
+fn probe(run: &mut Run, outcome: &mut Outcome, id: usize, points: &[[f64; 3]], of_run: usize) {
+    for point in points {
+        let mut hit = hit(*point);
+        hit.feature_id = Some(u16::try_from(id).unwrap());
+        hit.run = Some(u32::try_from(of_run).unwrap());
+        run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
     }
 }
