@@ -2,7 +2,7 @@
 
 use crate::show::terminal::Plain;
 use serde_json::{Value, json};
-use umi_protocol::point_sensor::{CaptureLoss, PlaceReport};
+use umi_protocol::point_sensor::{CaptureLoss, CommandFault, PlaceReport};
 
 /// A place as the journal's object.
 pub fn place_json(place: &PlaceReport) -> Value {
@@ -74,10 +74,15 @@ pub fn loss_text(loss: &CaptureLoss) -> String {
             format!("{count} characters of the sensor were lost")
         }
         CaptureLoss::Command(fault) => {
-            format!(
-                "a line to the sensor's station was not carried out: {}",
-                fault.code()
-            )
+            let why = match fault {
+                CommandFault::Unreadable => "it is not written as one",
+                CommandFault::CheckValue => "its check value is another one, so it was damaged",
+                CommandFault::Value => {
+                    "there is none such, K1 did not come before it, its values are beyond the sensor's, or the board cannot \
+                     send its capture pulses, as one without encoders"
+                }
+            };
+            format!("a command to the sensor's station was not carried out: {why}")
         }
         CaptureLoss::Records { count } => {
             format!("{count} entries of the sensor's station found no room")

@@ -47,6 +47,9 @@ const ROUNDING_PART: f64 = 1e-9;
 /// See [`CLEARLY_BETTER`].
 const NOISE_PART: f64 = 1e-3;
 
+/// Mirror images that are looked at, one after the other, as long as each is less.
+const IMAGES: u32 = 3;
+
 /// The fan of starts about the rough direction: its angle and how many on it.
 const FAN: [(f64, u32); 3] = [(0.0, 1), (0.7, 3), (1.3, 5)];
 
@@ -166,6 +169,8 @@ pub(super) fn searched<'a, const K: usize>(
     }
     if tally.right[0].is_none() {
         tally.search();
+    } else {
+        tally.mirror();
     }
     tally
 }
@@ -233,6 +238,9 @@ impl<'a, const K: usize> Tally<'a, K> {
 
     /// All starts.
     fn search(&mut self) {
+        if let Some(beam) = Squared::new(self.view).beside() {
+            self.refine(beam);
+        }
         let rough = self.rough;
         let (e1, e2) = perpendicular_frame(&rough);
         for (angle, number) in FAN {
@@ -243,17 +251,27 @@ impl<'a, const K: usize> Tally<'a, K> {
                 self.start(&(rough * cos + aside * sin));
             }
         }
-        let Some((best, _)) = self.right[0] else {
-            return self.start(&-rough);
-        };
-        // Where the axes stay near a plane its mirror image is another minimum.
+        // What fits with the beam reversed tells a sign that was swapped.
+        self.start(&self.right[0].map_or(-rough, |(best, _)| -best.direction));
+        self.mirror();
+    }
+
+    /// Where the axes stay near a plane, the mirror image in it of the least minimum is another one. If that is less,
+    /// its own image is looked at as well: the one before may have been of neither.
+    fn mirror(&mut self) {
         let middle = squared::middle(self.view);
         let [_, _, normal] = squared::plane(self.view, &middle);
-        if let Some(image) = squared::image(&best, &middle, &normal) {
-            self.refine(image);
+        for _ in 0..IMAGES {
+            let Some((best, sum)) = self.right[0] else {
+                return;
+            };
+            if let Some(image) = squared::image(&best, &middle, &normal) {
+                self.refine(image);
+            }
+            if self.right[0].is_none_or(|(_, least)| least >= sum) {
+                return;
+            }
         }
-        // What fits with the beam reversed tells a sign that was swapped.
-        self.start(&-best.direction);
     }
 
     /// Starts with the ball's centre behind the middle of the points.

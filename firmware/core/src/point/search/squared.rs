@@ -166,6 +166,17 @@ impl<'a, const K: usize> Squared<'a, K> {
         })
     }
 
+    /// The beam that axes in a plane would see beside it: |c|² gives its foot's distance from the plane, and c·a the
+    /// part of its direction across. None where the readings leave more open, or where that distance is none.
+    pub(super) fn beside(&self) -> Option<Beam<K>> {
+        let (triangle, _) = self.triangle.leading::<PLANE>();
+        let [c1, c2, a1, a2, cc, ca] = triangle.solve()?;
+        let c3 = libm::sqrt(cc - c1 * c1 - c2 * c2);
+        let a3 = (ca - c1 * a1 - c2 * a2) / c3;
+        let direction = Vector3::new(a1, a2, a3);
+        unit(&direction).map(|_| self.beam([c1, c2, c3], direction))
+    }
+
     /// A beam mirrored in the plane that the axes are nearest to.
     pub(super) fn image(&self, beam: &Beam<K>) -> Option<Beam<K>> {
         let [_, _, normal] = self.frame;

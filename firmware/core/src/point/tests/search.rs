@@ -135,3 +135,59 @@ fn rough_direction_decides_between_mirror_images() {
     assert!(up.stats.rms.0 < 1e-12);
     assert_eq!(toward(1.0, 0.0).unwrap_err().code(), "ambiguous");
 }
+
+/// Axes that stay within some micrometres of an upright plane: the beam beside the plane and its mirror image in it
+/// are both minima on the side of the rough direction. Whichever is less by chance, a beam that is told is the
+/// true one. `OPENUMI_LONG=1` tries 200 000 sets.
+#[test]
+fn an_upright_plane_gives_no_wrong_side() {
+    let sets = if std::env::var_os("OPENUMI_LONG").is_some() {
+        200_000
+    } else {
+        1_000
+    };
+    let mut random = Random(23);
+    let (mut told, mut wrong, mut ambiguous, mut others) = (0, 0, 0, 0);
+    for round in 0..sets {
+        let tilt = random.normal3() * 0.003;
+        let sensor = PointSensor {
+            direction: (Vector3::new(0.0, 0.0, -1.0) + tilt).normalize(),
+            ..sensor()
+        };
+        let (beside_mm, off_um) = (
+            [0.5, 1.0, 2.0, 3.0, 5.0][round % 5],
+            [2.0, 20.0, 200.0][round % 3],
+        );
+        let number = 10 + (random.unit() * 40.0) as usize;
+        let readings: Vec<_> = (0..number)
+            .map(|_| {
+                let gamma = 85.0 + 30.0 * random.unit();
+                // The axes stay where the mean reading has them, across the plane.
+                let across = beside_mm
+                    + sensor.direction.y * (gamma - 100.0)
+                    + off_um * 1e-3 * random.normal();
+                let (x, y) = (random.unit() * 1.2 - 0.6, across / ball().radius.0);
+                let normal = Vector3::new(x, y, libm::sqrt(1.0 - x * x - y * y));
+                reading_at(&sensor, &ball(), &normal, gamma)
+            })
+            .collect();
+        let readings = noisy(&readings, &sensor, &ball(), 0.002, &mut random);
+        match calibrate(&readings, &[ball()], &PointQuestion::default()) {
+            Ok(fit) => {
+                told += 1;
+                let off = (fit.sensor.offset.mm - sensor.offset.mm).y;
+                // The mirror image is twice as far off as the beam is beside the plane.
+                wrong += usize::from(off.abs() > beside_mm && fit.weak.is_none());
+            }
+            Err(error) if error.code() == "ambiguous" => ambiguous += 1,
+            // An arc of a small circle lies near a great one.
+            Err(_) => others += 1,
+        }
+    }
+    std::println!(
+        "{told} told, {wrong} of them wrong without a word; {ambiguous} ambiguous, {others} refused otherwise"
+    );
+    assert!(told > sets / 10 && ambiguous > sets / 20);
+    // Noise of ten readings can favour the image: one of 39 082, 2026-11-27.
+    assert!(wrong <= told / 10_000, "{wrong} of {told}");
+}

@@ -138,6 +138,9 @@ fn lines_are_answered() {
 
     // Without an output; and what is in force is known.
     assert_eq!(serve("K4\n", &[]).exits(0).out, "6 ok 0.0000\n");
+    let refused = serve("K1 A2000 B2000 D0 E44 F0 H1\n", &[]).exits(0);
+    let why = "its values are beyond the sensor's";
+    assert!(refused.out.contains(why), "{}", refused.out);
     let bad = serve("measure\n", &[]).exits(2);
     assert!(bad.err.contains("K3"), "{}", bad.err);
     serve("UMIP S9 K3 C1\n", &[]).exits(2);
