@@ -87,7 +87,7 @@ impl Replay {
     }
 
     /// What came behind the latest verdict takes it back, as
-    /// [`crate::measure::Instrument::take`] does: a line that says something, a touch, bytes that
+    /// [`crate::measure::Instrument::input`] does: a line that says something, a touch, bytes that
     /// were lost, teaching.
     #[must_use]
     pub const fn taken_back(&self) -> bool {

@@ -46,18 +46,18 @@ impl Check {
     }
 }
 
-/// How it begins: by this a rewritten program is known.
-const MARK: &[u8] = b"(UMI REWRITTEN";
+/// How its comment begins: by this a rewritten program is known.
+const MARK: &[u8] = b"UMI REWRITTEN";
 
 /// Where the mark of a rewritten program stands in a line: in any case, blanks or not, as
-/// editors and transfers leave it.
+/// editors and transfers leave it; as a comment of either kind.
 pub(in crate::rewrite) fn mark(line: &[u8]) -> Option<usize> {
     let begins = |at: &usize| {
-        let mut text = line.iter().skip(*at).filter(|byte| **byte != b' ');
+        let mut text = line.iter().skip(*at + 1).filter(|byte| **byte != b' ');
         let mut mark = MARK.iter().filter(|byte| **byte != b' ');
         mark.all(|byte| text.next().is_some_and(|of| of.eq_ignore_ascii_case(byte)))
     };
-    memchr::memchr_iter(b'(', line).find(begins)
+    memchr::memchr2_iter(b'(', b';', line).find(begins)
 }
 
 /// The longest line of a comparison, without its blanks.
@@ -189,6 +189,7 @@ fn lines<S: FnMut(&[u8])>(
         out.put(b")");
         out.put(eol);
     };
+    out.put(b"(");
     out.put(MARK);
     if let Some(ProgramIdentity { crc32, bytes }) = settings.original {
         write!(out, " FROM CRC32 {crc32:08X} OF {bytes} BYTES")?;

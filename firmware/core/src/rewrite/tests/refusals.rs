@@ -23,6 +23,7 @@ const REFUSED: &[(&str, usize, RewriteRefusal)] = &[
     ("o<sub> sub", 1, RewriteRefusal::Flow),
     ("N7 M98 P9010", 4, RewriteRefusal::NotHere(9010)),
     ("(UMI REWRITTEN FROM CRC32 0)", 1, RewriteRefusal::Rewritten),
+    ("; UMI REWRITTEN FROM CRC32 0", 1, RewriteRefusal::Rewritten),
     ("M96 P10 Q8", 1, RewriteRefusal::Flow),
     ("M97 P5", 1, RewriteRefusal::CallsFrom('P')),
     ("M97", 1, RewriteRefusal::Flow),

@@ -27,6 +27,8 @@ struct Written {
     /// Rows.
     rotation: [[f64; 3]; 3],
     translation_mm: [f64; 3],
+    /// What `umi scan localise` and `umi scan stock` say of it.
+    verdict: Option<String>,
 }
 
 impl Written {
@@ -39,7 +41,7 @@ impl Written {
 /// prints, too.
 ///
 /// # Errors
-/// The file cannot be read, or holds something else.
+/// The file cannot be read, or holds something else; a verdict in it is not OK.
 pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
     let written: Written = serde_json::from_str(&text(path)?).map_err(|error| {
         Problem::trouble(
@@ -51,6 +53,9 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
             ),
         )
     })?;
+    if written.verdict.as_ref().is_some_and(|said| said != "OK") {
+        return Err(not_ok(path, "its verdict is not OK"));
+    }
     Ok(ProgramSource {
         transform: written.transform(),
         name: format!("TRANSFORM {}", stem(path)),
@@ -61,34 +66,51 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
 /// Reads the last verdict of a file of JSON lines, as `umi replay --json` prints them.
 ///
 /// # Errors
-/// The file cannot be read or holds no verdict; the verdict is not OK, or it was measured in a
+/// The file cannot be read, a line of it is no JSON, or none is a verdict; the verdict is not OK, or it was measured in a
 /// run: which of the control's variables counts runs stands in the job, and not here, so that a
 /// program would compare nothing.
 pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     let text = text(path)?;
     let is_verdict = |value: &Value| value["type"] == "verdict";
-    let last = text
-        .lines()
-        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
-        .rfind(is_verdict)
-        // One verdict, written over many lines.
-        .or_else(|| serde_json::from_str(&text).ok().filter(is_verdict))
-        .ok_or_else(|| {
-            Problem::trouble(
-                "verdict",
-                format_args!(
-                    "{}: no verdict in it; `umi replay … --json` prints them",
-                    name(path)
-                ),
-            )
-        })?;
-    if last["verdict"] != "OK" {
-        return Err(Problem::refused(
-            "not_ok",
+    // One verdict, written over many lines; else one a line, each whole: behind one that is cut off another may stand.
+    let whole: Option<Value> = serde_json::from_str(&text).ok();
+    let all = match whole {
+        Some(one) => vec![one],
+        None => (1..)
+            .zip(text.lines())
+            .filter(|(_, line)| !line.trim().is_empty())
+            .map(|(number, line)| {
+                serde_json::from_str(line).map_err(|error| {
+                    Problem::trouble(
+                        "verdict",
+                        format_args!(
+                            "{}: line {number} is no JSON ({error}); if it was cut off, write the file again",
+                            name(path)
+                        ),
+                    )
+                })
+            })
+            .collect::<Result<_, _>>()?,
+    };
+    let last = all.into_iter().rfind(is_verdict).ok_or_else(|| {
+        Problem::trouble(
+            "verdict",
             format_args!(
-                "{}: its last verdict is NG: nothing moves by it",
+                "{}: no verdict in it; `umi replay … --json` prints them",
                 name(path)
             ),
+        )
+    })?;
+    if last["verdict"] != "OK" {
+        return Err(not_ok(path, "its last verdict is NG"));
+    }
+    let has_reasons = last["reasons"]
+        .as_array()
+        .is_some_and(|all| !all.is_empty());
+    if has_reasons || last["reasons_dropped"].as_u64().is_some_and(|n| n > 0) {
+        return Err(not_ok(
+            path,
+            "its last verdict says OK and has reasons against it",
         ));
     }
     let remarks = last["remarks"].as_array().into_iter().flatten();
@@ -118,6 +140,13 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
         run: None,
     })
+}
+
+fn not_ok(path: &Path, why: &str) -> Problem {
+    Problem::refused(
+        "not_ok",
+        format_args!("{}: {why}: nothing moves by it", name(path)),
+    )
 }
 
 fn stem(path: &Path) -> String {

@@ -126,6 +126,36 @@ fn a_printed_verdict() {
     umi(&[&args[..], &PLACE].concat()).exits(2).says("NG");
 }
 
+/// What was cut off is no older verdict, an OK has no reasons against it, and a pose that is NG moves nothing.
+#[test]
+fn what_is_no_whole_ok_corrects_nothing() {
+    let folder = Folder::new();
+    let moved = MOVED.replace('\n', "");
+    let verdict = |more: &str| {
+        format!(
+            "{{\"type\":\"verdict\",\"verdict\":\"OK\",\"plate\":4,\"registration\":{moved}{more}}}"
+        )
+    };
+    let torn = format!("{}\n{{\"type\":\"verdict\",\"plate\":5,\"verd", verdict(""));
+    let reasons = verdict(",\"reasons\":[{\"code\":\"rms\"}]");
+    for (text, status, says) in [
+        (verdict(",\"reasons\":[],\"reasons_dropped\":0"), 0, ""),
+        (torn, 1, "line 2 is no JSON"),
+        (reasons, 2, "reasons against it"),
+        (verdict(",\"reasons_dropped\":3"), 2, "reasons against it"),
+    ] {
+        let file = folder.file("verdict.jsonl", text);
+        let args = ["correction", "--dialect", "g68-3d", "--verdict", &file];
+        umi(&[&args[..], &PLACE].concat()).exits(status).says(says);
+    }
+    let pose = moved.replacen('{', "{\"verdict\":\"NG\",", 1);
+    let pose = folder.file("pose.json", pose);
+    let args = ["correction", "--dialect", "g68-3d", "--transform", &pose];
+    umi(&[&args[..], &PLACE].concat())
+        .exits(2)
+        .says("its verdict is not OK");
+}
+
 /// The table names every dialect with what it can do, and its sources.
 #[test]
 fn the_table() {
