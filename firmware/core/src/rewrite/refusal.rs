@@ -243,6 +243,12 @@ pub enum RewriteRefusal {
         "P on an arc counts turns for LinuxCNC and pitches for Mitsubishi, and has no meaning for Fanuc and Haas: write each turn as an arc of its own, or say that this is LinuxCNC's"
     )]
     Turns,
+    /// P on an arc of LinuxCNC that counts no turns, or too many.
+    #[error(
+        "P on an arc counts its turns, 1 to {}: leave P out for less than a turn more, write more turns as arcs behind each other",
+        super::moved::curve::MAX_TURNS
+    )]
+    TurnsOutOfRange,
     /// A canned cycle begins below its R.
     #[error(
         "the canned cycle begins below its R: LinuxCNC rises before it moves across, others after; say whose program this is, or go to R first"

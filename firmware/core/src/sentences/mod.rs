@@ -192,7 +192,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 66] {
+fn rewrites() -> [RefusedLine; 67] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -255,6 +255,7 @@ fn rewrites() -> [RefusedLine; 66] {
         RewriteRefusal::Rewritten,
         RewriteRefusal::NumberShares,
         RewriteRefusal::Turns,
+        RewriteRefusal::TurnsOutOfRange,
         RewriteRefusal::BelowR,
         RewriteRefusal::HeightsMoved,
         RewriteRefusal::HeightsSaidElsewise,

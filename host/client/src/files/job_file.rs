@@ -219,6 +219,15 @@ fn guard_error(job: &Job, error: &JobError) -> Option<String> {
 
 /// What the TOML reader says, without the types of a programming language.
 fn in_words(message: &str) -> String {
+    // A list with a fixed number of places names that of the first entry that finds none.
+    let too_many = message.strip_prefix("invalid length ").and_then(|rest| {
+        let (length, expected) = rest.split_once(", ")?;
+        let places = length.parse::<u32>().ok()?.checked_sub(1)?;
+        (expected == "expected a sequence").then_some(places)
+    });
+    if let Some(places) = too_many {
+        return format!("too many entries: at most {places} here; take the others out");
+    }
     let kinds = [
         ("expected u8", "expected a whole number, 0 to 255"),
         ("expected u16", "expected a whole number, 0 to 65535"),

@@ -119,13 +119,27 @@ impl Basis {
         }
     }
 
-    /// The transform, nominal to measured, and where it is from.
+    /// The transform, nominal to measured: for what is compared and goes to no control.
     ///
     /// # Errors
     /// The verdict is not OK, or the setup was taught and nothing moves by it.
+    pub fn transform(&self) -> Result<RigidTransform, Problem> {
+        match self {
+            Self::Given(source) => Ok(source.transform),
+            Self::Judged(judged) => cleared(&judged.1).map(|(_, transform)| transform),
+        }
+    }
+
+    /// The transform, where it is from, and the run that a program compares: for a control.
+    ///
+    /// # Errors
+    /// As [`transform`](Self::transform); the program could not compare the run that was measured.
     pub fn source(&self) -> Result<ProgramSource, Problem> {
         let (job, verdict) = match self {
-            Self::Given(source) => return Ok(source.clone()),
+            Self::Given(source) => {
+                source.for_a_control()?;
+                return Ok(source.clone());
+            }
             Self::Judged(judged) => &**judged,
         };
         let (_, transform) = cleared(verdict)?;
@@ -148,14 +162,11 @@ impl Basis {
         };
         let check = spec.map(check).transpose()?;
         let of_run = run.map_or_else(String::new, |run| format!(" - RUN {run}"));
-        Ok(ProgramSource {
-            transform,
-            name: format!(
-                "VERDICT OK - {} - SETUP {}{of_run}",
-                job.name, verdict.setup
-            ),
-            run: check,
-        })
+        let name = format!(
+            "VERDICT OK - {} - SETUP {}{of_run}",
+            job.name, verdict.setup
+        );
+        Ok(ProgramSource::of_job(transform, name, check))
     }
 
     /// The correction that the job asks for.
@@ -198,7 +209,10 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
         )
     };
     let (transform, judged) = match basis {
-        Basis::Given(source) => (source.transform, None),
+        Basis::Given(source) => {
+            source.for_a_control()?;
+            (source.transform, None)
+        }
         Basis::Judged(judged) => {
             let (job, verdict) = &**judged;
             let (cleared, transform) = cleared(verdict)?;

@@ -1,8 +1,8 @@
 //! A job as text for people.
 
 use umi_protocol::job::{
-    Approach, Compensation, CorrectionSpec, Dialect, Job, Lessons, ProgramEnd, Reference, SendWhen,
-    Teach, WitnessSpec,
+    Approach, Compensation, CorrectionSpec, Dialect, FeatureSpec, Job, Lessons, ProgramEnd,
+    Reference, SendWhen, Teach, WitnessSpec,
 };
 use umi_protocol::latch::SignalLevel;
 use umi_protocol::pattern::{
@@ -312,6 +312,20 @@ fn format(format: &FieldFormat) -> String {
     format!("[{}{}]{overflow}", format.integer_digits, format.decimals)
 }
 
+/// What a feature counts for: the part's datum, or what is held against it.
+fn counts_for(job: &Job, feature: &FeatureSpec) -> String {
+    let guards = &job.guards;
+    let mut closings = guards.closing.iter();
+    if let Some(closing) = closings.find(|closing| closing.feature == feature.name) {
+        return format!("closes {}", closing.repeats);
+    }
+    if guards.fixed.contains(&feature.name) {
+        return "on the table".into();
+    }
+    let is_datum = feature.datum && feature.kind.has_position();
+    if is_datum { "yes" } else { "no" }.into()
+}
+
 fn features(job: &Job) -> Table {
     let titles = [
         "feature",
@@ -328,7 +342,6 @@ fn features(job: &Job) -> Table {
         let kind = format!("{:?}", feature.kind).to_lowercase();
         let position = feature.position_mm.map_or("-".into(), triple);
         let radius = feature.radius_mm.map_or("-".into(), |r| format!("{r} mm"));
-        let datum = feature.datum && feature.kind.has_position();
         let approach: Vec<&str> = feature.approach.iter().map(|a| approach(*a)).collect();
         table.row([
             feature.name.to_string(),
@@ -337,7 +350,7 @@ fn features(job: &Job) -> Table {
             feature.hits.to_string(),
             position,
             radius,
-            if datum { "yes" } else { "no" }.to_owned(),
+            counts_for(job, feature),
             if approach.is_empty() {
                 "-".to_owned()
             } else {

@@ -14,7 +14,7 @@ use crate::rewrite::text::words::{At, Number};
 use crate::rewrite::{RewriteDialect, Rewriter, at, pm};
 
 /// Turns of one arc, at most.
-const MAX_TURNS: u32 = 1000;
+pub(in crate::rewrite) const MAX_TURNS: u32 = 1000;
 /// Chords of one arc, at most.
 const MAX_CHORDS: f64 = 100_000.0;
 
@@ -164,7 +164,7 @@ impl Rewriter {
         }
         match given.whole(b'P')? {
             Some(turns @ 1..=MAX_TURNS) => Ok(turns - 1),
-            _ => Err((given.column(word), RewriteRefusal::OutOfRange)),
+            _ => Err((given.column(word), RewriteRefusal::TurnsOutOfRange)),
         }
     }
 

@@ -116,6 +116,11 @@ fn turns_of_an_arc_are_kept() {
     assert!(!three.contains('P'), "{three}");
     let refused = rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.0, 90.0]), program).unwrap_err();
     assert_eq!(refused.reason, RewriteRefusal::Turns);
+    for none in ["P0", "P1001", "P99999"] {
+        let none = program.replace("P3", none);
+        let refused = rewritten(&lean, &none).unwrap_err();
+        assert_eq!(refused.reason, RewriteRefusal::TurnsOutOfRange);
+    }
 }
 
 /// A cycle that begins below R: one control moves across and then to R, another rises first and

@@ -100,6 +100,20 @@ fn an_unknown_word_is_shown_with_those_allowed() {
     }
 }
 
+/// One entry too many in a list with a fixed number of places is told with that number.
+#[test]
+fn one_entry_too_many_is_told_with_the_places() {
+    let fixed = "[guards]\nfixed = [\"A\", \"B\", \"C\"]\n\n[limits]\n";
+    let fault = fault(&with("[limits]\n", fixed));
+    assert_eq!(fault.code, "job_syntax");
+    assert_at(&fault, "[\"A\", \"B\", \"C\"]");
+    assert!(
+        fault.message.contains("at most 2 here"),
+        "{}",
+        fault.message
+    );
+}
+
 /// Broken TOML is shown where it breaks.
 #[test]
 fn broken_toml_is_shown_where_it_breaks() {

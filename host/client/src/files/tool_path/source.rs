@@ -20,6 +20,43 @@ pub struct ProgramSource {
     /// The run that was measured, where job and verdict say it: a program that is carried by it
     /// begins with an alarm in any other.
     pub run: Option<RunCheck>,
+    /// The run that was measured, where nothing says how a control compares runs, and the file
+    /// that says so: what is made of it for a control would run in any other.
+    not_compared: Option<(u64, String)>,
+}
+
+impl ProgramSource {
+    /// Of a verdict, with the job that says how runs are compared.
+    #[must_use]
+    pub const fn of_job(transform: RigidTransform, name: String, run: Option<RunCheck>) -> Self {
+        Self {
+            transform,
+            name,
+            run,
+            not_compared: None,
+        }
+    }
+
+    /// Whether a program for a control may be made of it; comparing two programs always may.
+    ///
+    /// # Errors
+    /// `run_not_compared`: the program would run in any run, and one was measured.
+    pub fn for_a_control(&self) -> Result<(), Problem> {
+        let Some((run, file)) = &self.not_compared else {
+            return Ok(());
+        };
+        Err(Problem::refused(
+            "run_not_compared",
+            format_args!(
+                "{file}: its verdict was measured in run {run}, and a program made from this file \
+                 would run in any other, too: how the control compares runs stands in the job that \
+                 the board ran, and that is not in the file. Give a journal (umi log -o FILE.umij) \
+                 or the board as --verdict; for a trial at a desk give rotation and translation_mm \
+                 of its registration as --transform"
+            ),
+        )
+        .with("run", *run))
+    }
 }
 
 #[derive(Deserialize)]
@@ -60,15 +97,14 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
         transform: written.transform(),
         name: format!("TRANSFORM {}", stem(path)),
         run: None,
+        not_compared: None,
     })
 }
 
 /// Reads the last verdict of a file of JSON lines, as `umi replay --json` prints them.
 ///
 /// # Errors
-/// The file cannot be read, a line of it is no JSON, or none is a verdict; the verdict is not OK, or it was measured in a
-/// run: which of the control's variables counts runs stands in the job, and not here, so that a
-/// program would compare nothing.
+/// The file cannot be read, a line of it is no JSON, or none is a verdict; the verdict is not OK.
 pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     let text = text(path)?;
     let is_verdict = |value: &Value| value["type"] == "verdict";
@@ -115,19 +151,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     }
     let remarks = last["remarks"].as_array().into_iter().flatten();
     let mut runs = remarks.filter(|remark| remark["code"] == "of_run");
-    if let Some(run) = runs.next().map(|remark| &remark["details"]["run"]) {
-        return Err(Problem::refused(
-            "run_not_compared",
-            format_args!(
-                "{}: its verdict was measured in run {run}, and a program made from this file would \
-                 run in any other, too: the job that says how a control compares runs is not in \
-                 it. Give a journal (umi log -o FILE.umij) or the board as --verdict; for a trial at \
-                 a desk give rotation and translation_mm of its registration as --transform",
-                name(path)
-            ),
-        )
-        .with("run", run.clone()));
-    }
+    let run = runs.next().map(|remark| remark["details"]["run"].as_u64());
     let written: Written =
         serde_json::from_value(last["registration"].clone()).map_err(|error| {
             Problem::trouble(
@@ -139,6 +163,8 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         transform: written.transform(),
         name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
         run: None,
+        // A run whose number is not to be read is one, too.
+        not_compared: run.map(|run| (run.unwrap_or_default(), name(path))),
     })
 }
 

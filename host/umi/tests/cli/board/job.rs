@@ -31,6 +31,21 @@ fn the_example_is_good() {
     assert_eq!(value["job"]["limits"]["tilt_deg"], 0.010);
 }
 
+/// What is probed once more, and what stays on the table, is no datum.
+#[test]
+fn a_closing_ball_is_told_as_one() {
+    let file = project("examples/four-spheres.toml");
+    let text = umi(&["job", "check", &file]).exits(0).out;
+    let row = |name: &str| {
+        let mut rows = text
+            .lines()
+            .filter(|line| line.trim_start().starts_with(name));
+        rows.next().unwrap().to_owned()
+    };
+    assert!(row("SPHERE1").contains("  yes "), "{text}");
+    assert!(row("CLOSING4").contains("  closes SPHERE4 "), "{text}");
+}
+
 /// The table of guards: the first job to begin with sees what the thesis' one does not, in
 /// words at most 79 wide and as JSON.
 #[test]

@@ -260,9 +260,9 @@ fn modes_are_stated() {
 }
 
 /// What a replay printed of a verdict with a run does not say how a control compares runs: no
-/// program is made of it that would run in any other.
+/// program is made of it that would run in any other. Two programs are compared by it all the same.
 #[test]
-fn a_printed_verdict_of_a_run_moves_nothing() {
+fn a_printed_verdict_of_a_run_makes_no_program() {
     let bench = Bench::new(QUARTER);
     let (session, job) = (
         project("examples/four-spheres.txt"),
@@ -272,9 +272,40 @@ fn a_printed_verdict_of_a_run_moves_nothing() {
     let is_wanted = |line: &&str| line.contains("\"plate\":1,") && line.contains("of_run");
     let verdict = printed.lines().find(is_wanted).unwrap();
     let printed = bench.folder.file("v.jsonl", verdict);
-    let said = umi(&["correction", "--verdict", &printed, "--job", &job, "--json"]).exits(2);
-    assert_eq!(said.json()["error"]["code"], "run_not_compared");
-    assert_eq!(said.json()["error"]["run"], 2);
+    let program = bench.folder.file("p.nc", "G21 G90\nG0 X10. Y0. Z5.\nM30\n");
+    let correction = ["correction", "--verdict", &printed, "--job", &job, "--json"];
+    let rewrite = [
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        &bench.out,
+        "--verdict",
+        &printed,
+        "--json",
+    ];
+    for makes in [&correction[..], &rewrite] {
+        let said = umi(makes).exits(2);
+        assert_eq!(said.json()["error"]["code"], "run_not_compared");
+        assert_eq!(said.json()["error"]["run"], 2);
+    }
+    assert!(!std::path::Path::new(&bench.out).exists());
+    // The part has moved, and so the same program is no image of itself.
+    umi(&["nc", "diff", &program, &program, "--verdict", &printed]).exits(2);
+    umi(&["nc", "check", &program, "--verdict", &printed]).exits(0);
+    let registration = &serde_json::from_str::<serde_json::Value>(verdict).unwrap()["registration"];
+    let moved = bench.folder.file("moved.json", registration.to_string());
+    umi(&[
+        "nc",
+        "rewrite",
+        &program,
+        "-o",
+        &bench.out,
+        "--transform",
+        &moved,
+    ])
+    .exits(0);
+    umi(&["nc", "diff", &program, &bench.out, "--verdict", &printed]).exits(0);
 }
 
 /// A verdict moves the same, whether a journal brings it, what a replay printed, or the board.

@@ -53,7 +53,7 @@ impl Check {
             Ok::<_, Failure>(tool_path::examine(&program, &settings)?)
         };
         let transform = match self.moved_by.read()? {
-            Some(basis) => Some(basis.source()?.transform),
+            Some(basis) => Some(basis.transform()?),
             None => None,
         };
         // The identity changes no byte, and so refuses none: what another would, is asked.

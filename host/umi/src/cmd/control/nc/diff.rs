@@ -66,7 +66,7 @@ not named yet, have no image and are left out; axes have to be sent to the same 
 the motion behind them is not measured, only its end.
 
 Examples:
-  umi nc diff part.nc here.nc --verdict today.jsonl
+  umi nc diff part.nc here.nc --verdict today.umij
   umi nc diff part.nc here.nc --transform moved.json -o diff.html --json
   umi nc diff part.nc here.nc --transform moved.json --within-mm 0.005
   umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
@@ -113,7 +113,7 @@ impl Diff {
             self.force.check(path, &inputs)?;
         }
         let transform = match self.moved_by.read()? {
-            Some(basis) => basis.source()?.transform,
+            Some(basis) => basis.transform()?,
             None => RigidTransform::identity(),
         };
         let dialect = match self.control {

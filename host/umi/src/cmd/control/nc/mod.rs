@@ -13,8 +13,8 @@ use clap::{Args, Subcommand};
 #[command(after_help = "\
 Examples:
   umi nc check part.nc
-  umi nc rewrite part.nc -o here.nc --verdict today.jsonl
-  umi nc diff part.nc here.nc --verdict today.jsonl -o diff.html")]
+  umi nc rewrite part.nc -o here.nc --verdict today.umij
+  umi nc diff part.nc here.nc --verdict today.umij -o diff.html")]
 pub(crate) struct Nc {
     #[command(subcommand)]
     what: What,

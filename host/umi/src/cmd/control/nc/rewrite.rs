@@ -50,7 +50,7 @@ A program that is called and is not in the file is refused: --load brings it int
 file that is written, --allow-call says that nothing in it is to be carried.
 
 Examples:
-  umi nc rewrite part.nc -o here.nc --verdict today.jsonl
+  umi nc rewrite part.nc -o here.nc --verdict today.umij
   umi nc rewrite part.nc -o here.nc --transform moved.json --increment-mm 0.0001
   umi nc rewrite part.nc -o here.nc --verdict board --port /dev/ttyACM0 --force
   umi nc rewrite part.nc -o here.nc --verdict today.umij --load pocket.nc
