@@ -22,6 +22,7 @@ mod ports;
 mod power;
 mod pulses;
 pub mod serve;
+mod waker;
 mod wire;
 
 use std::cell::Cell;

@@ -26,6 +26,7 @@ use super::ports::{
     ControlRx, ControlTx, FromControl, FromHost, HostRx, HostTx, Lamps, Latched, Latches,
     NoWatchdog, SensorEnd, Station, TeachButton, Wire,
 };
+use super::waker::with_one_waker;
 use super::{Config, key};
 
 /// What is plugged into a board.
@@ -174,7 +175,7 @@ impl Power {
                 None => std::future::pending().await,
             }
         };
-        let restarts = runtime.block_on(async {
+        let restarts = runtime.block_on(with_one_waker(async {
             tokio::select! {
                 biased;
                 () = app.receive(cnc_rx, clock) => false,
@@ -190,7 +191,7 @@ impl Power {
                 () = given_up => true,
                 _ = switched_off => false,
             }
-        });
+        }));
         // As a board on USB that starts anew: it is plugged in again.
         link_rx.unplug();
         restarts
