@@ -10,7 +10,7 @@ use crate::rewrite::state::{Feed, Groups, Motion, Plane};
 use crate::rewrite::text::emit::Edit;
 use crate::rewrite::text::length::{LIMIT_PM, Pm, Unit, length};
 use crate::rewrite::text::words::{At, Number, Value, Words};
-use crate::rewrite::{Integers, Rewriter, at};
+use crate::rewrite::{Integers, RewriteDialect, Rewriter, at};
 
 const SECONDARY: Letters = Letters::of(b"UVW");
 const ROTARY: Letters = Letters::of(b"ABC");
@@ -225,6 +225,14 @@ impl Rewriter {
                     // `G0 G81` is understood by controls as the later one.
                     if wanted.motion.is_some() || wanted.cycle.is_some() {
                         return refuse(RewriteRefusal::TwoMotions);
+                    }
+                    // LinuxCNC cuts a thread by it, whose R is no height.
+                    let is_thread = match self.settings.dialect {
+                        Some(dialect) => dialect == RewriteDialect::LinuxCnc,
+                        None => b"IJK".iter().all(|letter| given.has(*letter)),
+                    };
+                    if tenths == 760 && is_thread {
+                        return refuse(RewriteRefusal::Code(760, Why::Motion));
                     }
                     wanted.cycle = Some((index, tenths));
                 }

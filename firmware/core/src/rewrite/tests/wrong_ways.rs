@@ -659,6 +659,33 @@ fn words_of_other_controls_are_refused() {
     }
 }
 
+/// G76 bores on a mill and cuts a thread on LinuxCNC, where R divides the passes and is no height.
+#[test]
+fn a_thread_is_no_bore() {
+    let begin = "G21 G90 G17\nG0 X0. Y0. Z10.\n";
+    let program = |cycle: &str| [begin, cycle, "\nG80\nM30\n"].concat();
+    let bore = program("G76 X5. Y5. Z-5. R2. Q1. F100.");
+    let thread = program("G76 P1. Z-5. I-1. J0.5 R1. K2. Q29.");
+    let with = |dialect, program: &str| {
+        let shifted = [12.5, -8.25, 0.04];
+        let settings = RewriteSettings {
+            dialect,
+            ..settings(level(0.0, shifted))
+        };
+        rewritten(&settings, program).map_err(|refused| refused.reason)
+    };
+    let refused = RewriteRefusal::Code(760, Why::Motion);
+    for (dialect, program) in [
+        (Some(RewriteDialect::LinuxCnc), &bore),
+        (Some(RewriteDialect::LinuxCnc), &thread),
+        (None, &thread),
+    ] {
+        assert_eq!(with(dialect, program).unwrap_err(), refused, "{program}");
+    }
+    with(None, &bore).unwrap();
+    with(Some(RewriteDialect::Fanuc), &bore).unwrap();
+}
+
 /// A byte order mark stays before everything, the header too; elsewhere it is no word.
 #[test]
 fn a_byte_order_mark_stays_first() {

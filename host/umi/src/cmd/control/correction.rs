@@ -60,6 +60,8 @@ const HELP: &str = "\
 What the dialect cannot express, and the rounding of its numbers, is computed at
 the part's corners, stated in the program's comments, and refused beyond the limit.
 A program from a transform says that no board has made it.
+What `umi replay --json` printed of a job that counts runs (`guards.run_variable`) is
+refused: give the journal or the board.
 
 Examples:
   umi correction --verdict today.umij

@@ -45,7 +45,10 @@ A header says check value, source and transform. The identity changes no byte.
 A program that was rewritten before needs --again: its comparison of the run stays, unless the
 verdict brings another.
 By a verdict of a job that counts runs (`guards.run_variable`), of a board or a journal, the
-program begins with an alarm for every run but the one that was measured.
+program begins with an alarm for every run but the one that was measured. What `umi replay --json`
+printed of such a job is refused: it does not say how the control compares runs.
+M, S and T words are copied. An M code by which your control calls a macro or mirrors an axis is
+not known here: write the macro's path out, and mirror before.
 A program that is called and is not in the file is refused: --load brings it into the
 file that is written, --allow-call says that nothing in it is to be carried.
 
