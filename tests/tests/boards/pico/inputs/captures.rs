@@ -1,5 +1,5 @@
 //! Captures of the board's image on an emulated Pico: each edge where and when it was, in
-//! motion, close together, too many, and while the board fails to keep up with its encoders.
+//! motion and close together.
 //!
 //! The long form is run by
 //! `cargo test -p umi-tests --test boards pico::inputs::captures -- --ignored --nocapture`.
@@ -10,19 +10,17 @@ use serde_json::json;
 use umi_client::board::link::Client;
 use umi_protocol::latch::{LatchCause, LatchCounters, LatchReport, TriggerOut, TriggerPulse};
 use umi_protocol::message::{Event, Record};
-use umi_tests::cases::SESSION;
-use umi_tests::rig::Rig as _;
 use umi_tests::rig::pico::{
     AXES, CYCLES_PER_US, EmulatedPulses, EmulatorTruth, PicoRig, SKIP_PIN, Segment, TRIGGER_PIN,
 };
 
-const CYCLES_PER_MS: u64 = 1000 * CYCLES_PER_US;
+pub(super) const CYCLES_PER_MS: u64 = 1000 * CYCLES_PER_US;
 const NS_PER_CYCLE: i64 = 8;
 /// Index marks of X, Y, Z.
 const INDEX_PINS: [u8; 3] = [18, 19, 20];
 const TRIGGER_OUT_PIN: u8 = 22;
 /// A million counts a second.
-const FAST: f64 = 125.0;
+pub(super) const FAST: f64 = 125.0;
 
 /// How long after its edge a time stamp is, as the README promises: at least and at most. A
 /// start shifts all alike, by how its loop stands to the tick of the timer.
@@ -35,8 +33,6 @@ const SEEN_SPREAD_NS: i64 = 88;
 /// A latched position that is not that of the edge is one that the axis had at most so many
 /// cycles before or after it: 100 ns.
 const NEAR_CYCLES: u64 = 12;
-/// Captures a second that the board gives a scanner, at most.
-const SCANS_PER_S: u64 = 12_000;
 /// From an edge until its positions are read may take so long.
 const LATENESS_CYCLES: u64 = 75 * CYCLES_PER_US;
 /// What the interrupts of captures and of the tick take at once: less than a character from the
@@ -44,6 +40,16 @@ const LATENESS_CYCLES: u64 = 75 * CYCLES_PER_US;
 const CAPTURE_CYCLES: u64 = 6_000;
 const CAPTURE_INTERRUPT: u64 = 9;
 const LOOK_INTERRUPT: u64 = 1;
+
+/// A board whose host listens, and whose head of the start is signed: while it is, measuring finds no
+/// room for edges each few milliseconds.
+pub(super) fn begun() -> Option<(PicoRig, Client)> {
+    let mut rig = PicoRig::start_or_skip()?;
+    let mut client = rig.client();
+    rig.wait_for_quiet();
+    client.live(true).unwrap();
+    Some((rig, client))
+}
 
 /// The emulator's cycle at which the board's clock was 0. The chip says what its microsecond
 /// timer is at instants that the emulator knows to the cycle, at many places within the
@@ -147,7 +153,7 @@ impl Distances {
 }
 
 /// What the host is told, until `done` says that it is enough or the board's time is over.
-fn listen(
+pub(super) fn listen(
     rig: &mut PicoRig,
     client: &mut Client,
     until: u64,
@@ -196,13 +202,13 @@ fn at_pin(truth: &[EmulatorTruth], pin: u8) -> Vec<EmulatorTruth> {
 }
 
 /// One more edge, when others are over; until when it has been told.
-fn one_more(rig: &mut PicoRig, pin: u8) -> u64 {
+pub(super) fn one_more(rig: &mut PicoRig, pin: u8) -> u64 {
     let start = rig.emulator().pulses_at(pin, &[5 * CYCLES_PER_MS], 1000);
     start + 30 * CYCLES_PER_MS
 }
 
 /// The board's counters, when it has had time to count.
-fn counters(rig: &mut PicoRig, client: &mut Client) -> LatchCounters {
+pub(super) fn counters(rig: &mut PicoRig, client: &mut Client) -> LatchCounters {
     let now = rig.emulator().state().cycle;
     rig.wait_for_cycle(now + 20 * CYCLES_PER_MS);
     client.status().unwrap().latches
@@ -252,7 +258,12 @@ fn a_skip_edge_is_latched_where_and_when_it_was() {
 
 /// A scanner's triggers while all axes move at a million counts a second: what comes of
 /// them at the host.
-fn triggers(rig: &mut PicoRig, client: &mut Client, count: u64, period: u64) -> Vec<LatchReport> {
+pub(super) fn triggers(
+    rig: &mut PicoRig,
+    client: &mut Client,
+    count: u64,
+    period: u64,
+) -> Vec<LatchReport> {
     client.live(true).unwrap();
     rig.move_all((count + 100) * period, FAST);
     let before = rig.emulator().state();
@@ -331,55 +342,14 @@ fn ten_thousand_triggers_a_second_are_paired_and_told_long() {
     ten_thousand_triggers_a_second(100_000);
 }
 
-/// Triggers come faster than the board captures: as many as it promises are captured even
-/// so, every other one is counted as missed, and each that was captured is either told or
-/// counted as untold.
-#[test]
-fn triggers_that_come_too_fast_are_counted() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = rig.client();
-    let mut before = LatchCounters::default();
-    for (count, per_s) in [(2_000, 15_625), (4_000, 100_000)] {
-        let period = 1_000_000 * CYCLES_PER_US / per_s;
-        let mut found = triggers(&mut rig, &mut client, count, period);
-        // How many were missed after the last one that was captured, the next one tells.
-        let end = one_more(&mut rig, TRIGGER_PIN);
-        let count = count + 1;
-        found.extend(listen(&mut rig, &mut client, end, |_| false));
-        let now = counters(&mut rig, &mut client);
-        let captured = now.triggers - before.triggers;
-        let missed = now.missed - before.missed;
-        let untold = now.untold - before.untold;
-        println!("{per_s} a second: {captured} captured, {missed} missed, {untold} untold");
-        assert_eq!(u64::from(captured + missed), count);
-        let told = found.iter().filter(|latch| !latch.counts.is_empty());
-        assert_eq!(told.count() as u64, u64::from(captured - untold));
-        let told_missed: u32 = found.iter().map(|latch| latch.missed).sum();
-        if untold == 0 {
-            assert_eq!(told_missed, missed, "the host is told how many");
-        }
-        assert!(missed > 0, "not too fast");
-        let promised = SCANS_PER_S * count / per_s;
-        assert!(
-            u64::from(captured) > promised * 8 / 10,
-            "{captured} of {promised}"
-        );
-        before = now;
-    }
-}
-
 /// Index marks of three axes in motion, in both directions: each has the position and the
 /// time of its edge.
 #[test]
 fn an_index_mark_is_latched_where_it_was() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = begun() else {
         return;
     };
-    let mut client = rig.client();
     let zero = clock_zero(&mut rig);
-    client.live(true).unwrap();
     let (count, period) = (40, 10 * CYCLES_PER_MS);
     let half = count / 2 * period;
     for axis in 0..AXES {
@@ -422,14 +392,10 @@ fn an_index_mark_is_latched_where_it_was() {
 /// noise: its queue is full then, and takes nothing in while the flash erases a sector (45 ms).
 #[test]
 fn noise_on_an_index_line_falsifies_no_other() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = begun() else {
         return;
     };
-    let mut client = rig.client();
-    // The head of the start is signed before.
-    rig.wait_for_quiet();
     let zero = clock_zero(&mut rig);
-    client.live(true).unwrap();
     // In turn: quiet, noise, quiet, bursts around the marks, quiet.
     let (noisy, bursty) = (10..30_usize, 70..110_usize);
     let (count, period) = (150, 4 * CYCLES_PER_MS);
@@ -523,12 +489,10 @@ fn noise_on_an_index_line_falsifies_no_other() {
 /// Every pulse that leaves the board has the position and the time at which it did.
 #[test]
 fn a_trigger_pulse_is_latched_where_it_was() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = begun() else {
         return;
     };
-    let mut client = rig.client();
     let zero = clock_zero(&mut rig);
-    client.live(true).unwrap();
     // One axis, whose truth at any cycle is plain.
     let pace = 130.7;
     let start = rig
@@ -586,14 +550,10 @@ fn a_trigger_pulse_is_latched_where_it_was() {
 /// comes. Each has its own position and time.
 #[test]
 fn edges_that_come_close_together_are_told_apart() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
+    let Some((mut rig, mut client)) = begun() else {
         return;
     };
-    let mut client = rig.client();
-    // While a head is signed, measuring finds no room for more edges than a probe has.
-    rig.wait_for_quiet();
     let zero = clock_zero(&mut rig);
-    client.live(true).unwrap();
     let apart_us = [2, 3, 5, 8, 12, 20, 35, 50, 80];
     let period = 10 * CYCLES_PER_MS;
     let first = |place: usize| 1000 + place as u64 * period;
@@ -635,147 +595,4 @@ fn edges_that_come_close_together_are_told_apart() {
     let counters = counters(&mut rig, &mut client);
     assert_eq!((counters.missed, counters.untold), (0, 0));
     is_in_time(&mut rig);
-}
-
-/// The bus keeps the decoders from their memory for a few microseconds, over and over, while
-/// the axes move and edges come: the board sees it, starts anew with whole counts, says that
-/// its positions are no longer valid, and every edge is either captured or counted.
-#[test]
-fn lost_samples_are_told_and_no_edge_vanishes() {
-    const HOLDS: u64 = 30;
-    /// Not counted while all machines are started anew, at most.
-    const START_COUNTS: u64 = 200;
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = rig.client();
-    // While a head is signed, measuring finds no room for more edges than a probe has.
-    rig.wait_for_quiet();
-    client.live(true).unwrap();
-    assert!(client.positions().unwrap().are_valid());
-    // At rest nothing is lost but time.
-    rig.emulator().hold_transfers(5 * CYCLES_PER_US);
-    let now = rig.emulator().state().cycle;
-    rig.wait_for_cycle(now + 5 * CYCLES_PER_MS);
-    let positions = client.positions().unwrap();
-    assert_eq!(positions.counts.as_slice(), [0; AXES]);
-    assert_eq!((positions.lost_samples, positions.are_valid()), (1, false));
-
-    let count = 300;
-    let period = CYCLES_PER_MS;
-    rig.move_all((count + 10) * period, FAST);
-    let mut start = 0;
-    let (skips, triggers) = (count / 5, count);
-    for (pin, count, after) in [(SKIP_PIN, skips, 0), (TRIGGER_PIN, triggers, period / 3)] {
-        let period = triggers / count * period;
-        start = rig.emulator().pulses(&EmulatedPulses {
-            pin,
-            count,
-            period,
-            jitter: period / 2,
-            width: 10 * CYCLES_PER_US,
-            after,
-            is_recorded: false,
-        });
-    }
-    for nth in 1..=HOLDS {
-        rig.wait_for_cycle(start + nth * 10 * period);
-        // Also longer than a ring of samples.
-        rig.emulator().hold_transfers((5 + nth * 4) * CYCLES_PER_US);
-    }
-    rig.wait_for_cycle(start + (count + 20) * period);
-    let positions = client.positions().unwrap();
-    let axes = rig.emulator().axes();
-    // Some are over only after the board has started anew, which it does once more then.
-    let lost = u64::from(positions.lost_samples);
-    assert!((HOLDS + 1..=2 * HOLDS + 1).contains(&lost), "{lost}");
-    assert!(!positions.are_valid());
-    for (axis, truth) in axes.iter().enumerate() {
-        // What a start takes, at a million counts a second.
-        let off = (positions.counts[axis] - truth.position).unsigned_abs();
-        println!("axis {axis}: {off} counts lost in {HOLDS} starts");
-        assert!(
-            off <= lost * START_COUNTS,
-            "axis {axis} is {off} counts off"
-        );
-    }
-    let counters = counters(&mut rig, &mut client);
-    println!("{counters:?}");
-    // An edge within 50 us of a start may count twice, none not at all: with 1.2 edges a millisecond
-    // that is one start of sixteen, in the mean.
-    let counted = u64::from(counters.skips + counters.triggers + counters.missed);
-    let edges = skips + triggers;
-    assert!(
-        (edges..=edges + lost / 4).contains(&counted),
-        "{counted} of {edges}"
-    );
-    assert!(u64::from(counters.missed) < edges / 10);
-}
-
-/// A probe's line that is nothing but noise, at a megahertz, while the control sends: no
-/// byte is lost, the host is answered, and every edge is counted. A scanner's line that is
-/// so does not hold the board either.
-#[test]
-fn noise_on_a_line_harms_nothing_else() {
-    let Some(mut rig) = PicoRig::start_or_skip() else {
-        return;
-    };
-    let mut client = rig.client();
-    let job = toml::from_str(include_str!("../../../../../examples/three-spheres.toml")).unwrap();
-    client.set_job(&job).unwrap().unwrap();
-    let lines: Vec<&str> = SESSION.split_inclusive('\n').take(108).collect();
-    let text = lines.concat();
-    rig.wait_for_quiet();
-    rig.control_sends(text.as_bytes());
-    let skips = noise(&mut rig, &mut client, SKIP_PIN);
-    let sent = text.len() as u64;
-    let end = rig.emulator().state().cycle + 3_000 * CYCLES_PER_MS;
-    while client.status().unwrap().counters.bytes < sent {
-        let state = rig.emulator().state();
-        assert!(state.cycle < end, "{:?}", client.status());
-    }
-    let status = client.status().unwrap();
-    let counters = status.counters;
-    assert_eq!((counters.bytes, counters.bytes_lost), (sent, 0));
-    rig.wait_for_quiet();
-    let both = noise(&mut rig, &mut client, TRIGGER_PIN);
-    let counted = |of: &LatchCounters| of.skips + of.triggers + of.missed;
-    assert_eq!(
-        (counted(&skips), counted(&both)),
-        (NOISE + 1, 2 * (NOISE + 1))
-    );
-    assert!(u64::from(both.triggers) > SCANS_PER_S * u64::from(NOISE) / 1_000_000 / 2);
-    let state = rig.emulator().state();
-    assert_eq!((state.overruns, state.resets), (0, 0));
-}
-
-/// Edges of noise: 0.2 s.
-const NOISE: u32 = 200_000;
-
-/// Edges at a megahertz, and one more when they are over, which tells how many were missed
-/// after the last capture. What the board has counted then.
-fn noise(rig: &mut PicoRig, client: &mut Client, pin: u8) -> LatchCounters {
-    let start = rig.emulator().pulses(&EmulatedPulses {
-        pin,
-        count: NOISE.into(),
-        period: CYCLES_PER_US,
-        jitter: CYCLES_PER_US / 4,
-        width: CYCLES_PER_US / 3,
-        after: 0,
-        is_recorded: false,
-    });
-    let end = start + u64::from(NOISE) * CYCLES_PER_US;
-    client.status().unwrap();
-    let answered = rig.emulator().state().cycle;
-    println!(
-        "answered {} ms before the noise is over",
-        end.saturating_sub(answered) / CYCLES_PER_MS
-    );
-    assert!(answered < end, "the host is answered");
-    rig.wait_for_cycle(end + CYCLES_PER_MS);
-    let end = one_more(rig, pin);
-    rig.wait_for_cycle(end);
-    let now = counters(rig, client);
-    println!("{now:?}");
-    now
 }

@@ -2,5 +2,6 @@
 
 mod captures;
 mod counts;
+mod overload;
 mod pulses;
 mod scan;
