@@ -253,14 +253,20 @@ pub fn stop_pulses() {
 /// Holds the machine that sends pulses, if none is on, or in any case. False: it goes on. To be
 /// called with interrupts off.
 pub fn hold_pulses(in_any_case: bool) -> bool {
-    let is_on = pac::PIO1.dbg_padout().read() & 1 << TRIGGER_OUT != 0;
-    if is_on && !in_any_case {
+    let is_on = || pac::PIO1.dbg_padout().read() & 1 << TRIGGER_OUT != 0;
+    if is_on() && !in_any_case {
         return false;
     }
     let ctrl = pac::PIO1.ctrl();
     let running = ctrl.read().sm_enable();
     ctrl.write(|w| w.set_sm_enable(running & !bit_of(PULSE_MACHINE)));
-    true
+    // One that has begun in between ends by itself, too: some cycles late, where held it would
+    // last until the output is set, a tenth of a millisecond.
+    let has_begun = is_on() && !in_any_case;
+    if has_begun {
+        release_pulses();
+    }
+    !has_begun
 }
 
 /// Lets it go on. To be called with interrupts off.
