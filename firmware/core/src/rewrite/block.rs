@@ -75,7 +75,7 @@ pub(super) enum Taker {
     /// G10.
     Data,
     /// G28, G30.
-    Reference,
+    Reference(u16),
     /// G52.
     Local,
     /// G53.
@@ -133,7 +133,7 @@ pub(super) const fn code(tenths: u16) -> Code {
         40 => Code::Takes(Taker::Dwell),
         220 | 501 => Code::Takes(Taker::Nothing),
         100 => Code::Takes(Taker::Data),
-        280 | 300 => Code::Takes(Taker::Reference),
+        280 | 300 => Code::Takes(Taker::Reference(tenths)),
         520 => Code::Takes(Taker::Local),
         530 => Code::Takes(Taker::Machine),
         920 => Code::Takes(Taker::Here),

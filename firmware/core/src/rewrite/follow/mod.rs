@@ -42,10 +42,10 @@ impl Rewriter {
                 }
             }
         }
-        if let Some(word) = wanted.lookahead
+        if let Some((word, code)) = wanted.lookahead
             && (has_axes || given.letters.has_any(Letters::CENTRES))
         {
-            return Err((given.column(word), RewriteRefusal::Code(51, Why::Motion)));
+            return Err((given.column(word), RewriteRefusal::Code(code, Why::Motion)));
         }
         if wanted.length || (given.has(b'H') && self.modes.has_length) {
             self.place.forget(2);
@@ -67,7 +67,7 @@ impl Rewriter {
             }
             self.counts_on(match taker {
                 Taker::Nothing | Taker::Dwell | Taker::Machine => Groups::NONE,
-                Taker::Reference => Groups::DISTANCE,
+                Taker::Reference(_) => Groups::DISTANCE,
                 Taker::Data | Taker::Local | Taker::Preset => Groups::DISTANCE.with(Groups::UNIT),
                 Taker::Call | Taker::Here => Groups::ALL,
             });
@@ -199,7 +199,7 @@ impl Rewriter {
             match code {
                 Code::Nothing => {
                     match tenths {
-                        50 | 51 => wanted.lookahead = Some(index),
+                        50 | 51 => wanted.lookahead = Some((index, tenths)),
                         // Of a lathe: sets coordinates.
                         500 if given.letters.has_any(Letters::AXES) => {
                             return refuse(RewriteRefusal::Code(500, Why::Offsets));

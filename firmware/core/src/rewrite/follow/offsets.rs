@@ -13,7 +13,7 @@ impl Rewriter {
             Taker::Nothing | Taker::Dwell => Ok(()),
             Taker::Call => self.call(given, given.column(word)),
             Taker::Data => self.data(word, given),
-            Taker::Reference => {
+            Taker::Reference(code) => {
                 let is_incremental = self.modes.incremental == Some(true);
                 let mut named = false;
                 for (axis, letter) in AXES.iter().enumerate() {
@@ -26,7 +26,10 @@ impl Rewriter {
                         Some(Value::Number(Number { digits: 0, .. }))
                     );
                     if !(is_incremental && is_zero) {
-                        return Err((given.column(index), RewriteRefusal::Code(280, Why::Through)));
+                        return Err((
+                            given.column(index),
+                            RewriteRefusal::Code(code, Why::Through),
+                        ));
                     }
                     self.place.forget(axis);
                 }

@@ -18,8 +18,8 @@ pub(in crate::rewrite) struct Wanted {
     /// Whether a tool length was put in force or taken away.
     pub length: bool,
     pub extended: bool,
-    /// G5, G5.1: look-ahead, or a spline.
-    pub lookahead: Option<usize>,
+    /// G5, G5.1 in tenths, with its word: look-ahead, or a spline.
+    pub lookahead: Option<(usize, u16)>,
 }
 
 /// Lines that follow a block.

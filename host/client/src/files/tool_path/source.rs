@@ -151,7 +151,16 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     }
     let remarks = last["remarks"].as_array().into_iter().flatten();
     let mut runs = remarks.filter(|remark| remark["code"] == "of_run");
-    let run = runs.next().map(|remark| remark["details"]["run"].as_u64());
+    let run = runs.next().map(|remark| {
+        let run = remark["details"]["run"].as_u64();
+        run.ok_or_else(|| {
+            Problem::trouble(
+                "verdict",
+                format_args!("{}: the run of its verdict is no whole number", name(path)),
+            )
+        })
+    });
+    let run = run.transpose()?;
     let written: Written =
         serde_json::from_value(last["registration"].clone()).map_err(|error| {
             Problem::trouble(
@@ -163,8 +172,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         transform: written.transform(),
         name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
         run: None,
-        // A run whose number is not to be read is one, too.
-        not_compared: run.map(|run| (run.unwrap_or_default(), name(path))),
+        not_compared: run.map(|run| (run, name(path))),
     })
 }
 
