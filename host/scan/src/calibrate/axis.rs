@@ -11,7 +11,7 @@ use umi_kinematics::Pose;
 
 use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::name_directions;
-use super::solve::{Model, TakeRow, descend, solve};
+use super::solve::{MOST_NOISE_MM, Model, TakeRow, descend, solve};
 use crate::ScanError;
 use crate::format::table::TableReader;
 
@@ -202,10 +202,14 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
         .with("free", solution.unseen.len())
         .with("unobservable", unobservable));
     }
-    if !solution.converged {
+    if !solution.converged || solution.sigma_mm() > MOST_NOISE_MM {
         return Err(ScanError::refused(
             "no_convergence",
-            "no axis brings the centres together: check the angles' unit and sign",
+            format_args!(
+                "no axis brings the centres together: the best leaves {:.2} mm. Look at the angles' unit, at their sign from \
+                 centre to centre, and at the balls' names",
+                solution.sigma_mm()
+            ),
         ));
     }
     refuse_either_sense(&solution.model, solution.ssq)?;

@@ -75,8 +75,7 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
     SHIFTS.into_iter().any(hides).then(|| {
         format!(
             "even_train: the triggers are as even as a clock. If the first frames and as many of the last latches were lost \
-             (or the other way round), all profiles are as many triggers off, and nothing here shows it: begin with uneven \
-             trigger pulses (the signature of umi scan record), or {advice}"
+             (or the other way round), all profiles are as many triggers off, and nothing here shows it: {advice}"
         )
     })
 }

@@ -114,16 +114,22 @@ pub fn pair(
         } => {
             let why = jump::back(&streams);
             return Err(ambiguous(why.unwrap_or_else(|| {
-                tie(explained, runner_up, stamps_seen) + &left_out(&frames)
+                format!(
+                    "of {stamps_seen} profiles one shift of the clocks explains {explained}, another {runner_up}, and the \
+                     faults leave both possible: {}{}",
+                    streams.advice(),
+                    left_out(&frames)
+                )
             })));
         }
         SearchOutcome::Undecided => {
             let why = jump::back(&streams);
             return Err(ambiguous(why.unwrap_or_else(|| {
-                "the rhythm of the triggers is too even, or the jitter too wide, to find the only \
-                 best pairing in reasonable time: begin with uneven trigger pulses, wire the sensor's \
-                 encoder (--encoder), or give a narrower --jitter-us"
-                    .to_owned()
+                format!(
+                    "the rhythm of the triggers is too even, or the jitter too wide, to find the only best pairing in \
+                     reasonable time: {}; or give a narrower --jitter-us",
+                    streams.advice()
+                )
             })));
         }
         SearchOutcome::Beyond { drift, explained } => {
@@ -168,7 +174,7 @@ pub fn pair(
     pairing.warnings.extend(frames.wild.iter().map(came_again));
     pairing
         .warnings
-        .extend(even::even_train(trains, &found, streams.advice()));
+        .extend(even::even_train(trains, &found, &streams.advice()));
     pairing.warnings.extend(skips::skips(&streams, &of_all));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
@@ -272,13 +278,6 @@ fn answer(
 
 fn ambiguous(why: String) -> ScanError {
     ScanError::refused("ambiguous_pairing", why)
-}
-
-fn tie(explained: usize, runner_up: usize, profiles: usize) -> String {
-    format!(
-        "of {profiles} profiles one shift of the clocks explains {explained}, another {runner_up}, and \
-         the faults leave both possible: begin with uneven trigger pulses, wire the sensor's encoder (--encoder), or change speed in the scan"
-    )
 }
 
 /// What a drift beyond the limit would explain, and how to ask for it.

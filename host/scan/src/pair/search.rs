@@ -4,7 +4,8 @@
 //! A shift is an offset and a drift: a line from the sensor's clock to the board's. A box of
 //! shifts has an upper bound: the profiles that some shift in it can bring within the jitter
 //! of some latch. The boxes with the highest bound are split first. A box whose bound is too
-//! low to matter is dropped, and so is one that holds nothing but the best shift so far, or nothing but pairs of it.
+//! low to matter is dropped, and so is one that holds nothing but pairs of the best shift so far. One that holds
+//! nothing but lines about the best is split only while it may explain more than the best does.
 //! What is left shrinks to nothing, so that the answer is the only best one, or a tie, or
 //! (where [`MOST_STEPS`] are not enough) undecided.
 //!
@@ -29,6 +30,9 @@ use super::trains::{MOST_DRIFT, Trains, ends};
 const MOST_STEPS: u64 = 3_000_000_000;
 /// The most boxes that wait to be split, 50 MB: trains that need more are too even to be decided.
 const MOST_BOXES: usize = 1 << 20;
+/// The most steps about the best shift, where another line may explain some profiles more: a line that leaves out
+/// one at the edge of the jitter is no wrong one.
+const MOST_NEAR_STEPS: u64 = 20_000_000;
 /// Boxes this small, in microseconds, hold one shift for all practical purposes.
 const SMALLEST_US: f64 = 0.01;
 /// Lines within so many times the jitter of each other are the same shift.
@@ -216,6 +220,8 @@ struct Search<'a> {
     least: usize,
     most_steps: u64,
     steps: u64,
+    /// Those of the steps about the best shift.
+    near_steps: u64,
     best: Option<Explained>,
     /// The most that another shift explains.
     runner_up: usize,
@@ -232,6 +238,7 @@ impl<'a> Search<'a> {
             least,
             most_steps,
             steps: 0,
+            near_steps: 0,
             best: None,
             runner_up: 0,
             differences: Vec::new(),
@@ -263,6 +270,10 @@ impl<'a> Search<'a> {
             if self.steps > self.most_steps || heap.len() > MOST_BOXES {
                 return false;
             }
+            if self.says_nothing_new(&shifts) {
+                continue;
+            }
+            let (is_near, before) = (self.only_best(&shifts), self.steps);
             for mut half in self.split(&shifts) {
                 let Some(bound) = self.bound(&half) else {
                     continue;
@@ -270,9 +281,12 @@ impl<'a> Search<'a> {
                 half.bound = bound;
                 self.take(half.offset, half.drift);
                 let reach = half.half_offset + half.half_drift * trains.half_sensor();
-                if reach > SMALLEST_US && !self.only_best(&half) {
+                if reach > SMALLEST_US && !self.says_nothing_new(&half) {
                     heap.push(half);
                 }
+            }
+            if is_near {
+                self.near_steps += self.steps - before;
             }
         }
         true
@@ -398,6 +412,12 @@ impl<'a> Search<'a> {
     fn is_coarse(&self, shifts: &Shifts) -> bool {
         let odd = &self.trains.odd.0;
         !odd.is_empty() && shifts.half_offset > 2.0 * FINE_BOX * self.trains.jitter_us
+    }
+
+    /// Whether the box holds lines about the best shift alone, and none that explains more in so many steps.
+    fn says_nothing_new(&self, shifts: &Shifts) -> bool {
+        let best = self.best.as_ref().map_or(0, |best| best.count);
+        (shifts.bound <= best || self.near_steps > MOST_NEAR_STEPS) && self.only_best(shifts)
     }
 
     /// Whether all shifts of the box are the same as the best so far.

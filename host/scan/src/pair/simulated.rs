@@ -689,6 +689,75 @@ fn lines_about_the_best_that_give_no_other_pair_are_no_rivals() {
     assert_eq!(pairing.pairs.len(), 39);
 }
 
+/// Times that scatter over nearly the whole jitter, with a profile or two beyond it: as many are paired as any line of
+/// offset and drift reaches. The line of least squares leaves some out, and so did the search.
+#[test]
+fn the_line_that_reaches_most_profiles_is_found() {
+    const JITTER_US: f64 = 20.0;
+    let mut random = Random(0x1811);
+    let mut more = 0;
+    for scan in 0..60 {
+        let n = 30 + random.below(40);
+        let drift = 80e-6 * (random.unit() - 0.5);
+        let width = 2.0 * JITTER_US * (0.85 + 0.25 * random.unit());
+        let (mut stamps, mut latches, mut t_us) = (Vec::new(), Vec::new(), 1e6);
+        for number in 0..n {
+            t_us += 3000.0 * (0.6 + 0.8 * random.unit());
+            latches.push(latch(number, t_us, 0.0));
+            stamps.push(Stamp {
+                profile: number,
+                frame: number,
+                t_us: (t_us + width * (random.unit() - 0.5)) / (1.0 + drift),
+                encoder: None,
+            });
+        }
+        let s: Vec<f64> = stamps
+            .iter()
+            .map(|stamp| stamp.t_us - stamps[0].t_us)
+            .collect();
+        let b: Vec<f64> = latches
+            .iter()
+            .map(|at| (at.t_ns - latches[0].t_ns) as f64 * 1e-3)
+            .collect();
+        let reached = |line: (f64, f64)| {
+            let within = |(s, b): (&f64, &f64)| (line.0 + line.1 * s - b).abs() <= JITTER_US + 1e-6;
+            s.iter().zip(&b).filter(|pair| within(*pair)).count()
+        };
+        // A line that reaches most can be moved until it passes the ends of two bars, and reaches as many.
+        let ends = |i: usize| [b[i] - JITTER_US, b[i] + JITTER_US];
+        let most = (0..s.len())
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .flat_map(|(i, j)| {
+                ends(i)
+                    .into_iter()
+                    .flat_map(move |y| ends(j).map(|z| (i, j, y, z)))
+            })
+            .map(|(i, j, y, z)| {
+                let slope = (y - z) / (s[i] - s[j]);
+                reached((y - slope * s[i], slope))
+            })
+            .max()
+            .unwrap();
+        let triggers = Triggers {
+            cause: LatchSignal::Output,
+            latches,
+            missed: 0,
+            lost_runs: Vec::new(),
+            right_until_ns: None,
+        };
+        let options = PairOptions {
+            jitter_us: JITTER_US,
+            ..PairOptions::default()
+        };
+        let pairing = pair(&stamps, &triggers, &options).unwrap();
+        assert_eq!(pairing.pairs.len(), most, "scan {scan} of {n}");
+        let slope = 1.0 + pairing.clock.drift_ppm * 1e-6;
+        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+        more += usize::from(reached((mean(&b) - slope * mean(&s), slope)) < most);
+    }
+    assert!(more > 10, "{more}: least squares alone would do");
+}
+
 /// Clocks that drift by more than allowed: twelve pulses off, a line just within the limit meets most latches of an
 /// even train.
 #[test]

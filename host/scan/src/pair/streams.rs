@@ -3,7 +3,7 @@
 use super::apart::{LONGEST_SCAN_US, within_reach};
 use super::trains::Trains;
 use crate::ScanError;
-use crate::format::triggers::Triggers;
+use crate::format::triggers::{LatchSignal, Triggers};
 use crate::profile::frames::{FrameCounter, Frames};
 
 /// Encoder less counts agrees within this for all pairs.
@@ -110,11 +110,21 @@ impl<'a> Streams<'a> {
     }
 
     /// What makes an even train tell where it is.
-    pub fn advice(&self) -> &'static str {
-        match self.counters {
-            Some(_) => "change speed in the scan",
-            None => "wire the sensor's encoder (--encoder) and change speed in the scan",
-        }
+    pub fn advice(&self) -> String {
+        let uneven = match self.triggers.cause {
+            LatchSignal::Output => {
+                "begin with uneven trigger pulses (the signature of umi scan record)"
+            }
+            LatchSignal::Trigger => {
+                "let the board trigger the sensor (umi scan record begins with uneven pulses), because a sensor that runs \
+                 freely is even for ever"
+            }
+        };
+        let encoder = match self.counters {
+            Some(_) => "",
+            None => "wire the sensor's encoder (--encoder) and ",
+        };
+        format!("{uneven}; or {encoder}change speed in the scan")
     }
 
     /// The sensor's times, as the stream has them.

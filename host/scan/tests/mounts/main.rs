@@ -560,6 +560,83 @@ fn what_fits_by_rounding_or_in_a_mirror_is_refused() {
     assert_eq!(axis(&centres).unwrap_err().code, "angle_unit");
 }
 
+/// An axis that counts the other way than the machine file says leaves residuals of millimetres: these hide no motion, and the
+/// refusal says where to look.
+#[test]
+fn an_axis_with_the_wrong_sign_opens_nothing() {
+    let mut random = Random(16);
+    let slanted = Vector3::new(0.3, -0.2, 1.0);
+    let sets = [
+        (
+            plane_at(&slanted, BOTH, along_z(0.005), &mut random),
+            on_plane(),
+        ),
+        (
+            spheres_at(&[BALL], 15.0, BOTH, EVEN, &mut random),
+            on_sphere(Some(15.0)),
+        ),
+        (
+            spheres_at(&BALLS, 12.7, BOTH, EVEN, &mut random),
+            on_sphere(None),
+        ),
+    ];
+    for (set, ((all, joints), options)) in sets.iter().enumerate() {
+        for axis in 0..5 {
+            let mut other = all.clone();
+            for (flange, joints) in other.flanges.iter_mut().zip(joints) {
+                let mut joints = joints.clone();
+                joints[axis] = -joints[axis];
+                *flange = machine().flange_in_workpiece(&joints);
+            }
+            let error = sensor(&other, &guess(&mut random), options).unwrap_err();
+            assert_eq!(
+                error.code, "no_convergence",
+                "set {set}, axis {axis}: {error}"
+            );
+            assert!(error.message.contains("counts the other way"), "{error}");
+        }
+    }
+    // A ball whose centres were taken with the signs of the angles mixed.
+    let arms = [
+        Vector3::new(90.0, 10.0, 15.0),
+        Vector3::new(60.0, -50.0, 55.0),
+    ];
+    let angles = [0.0, 50.0, 110.0, 160.0, 250.0];
+    let mut centres = turned(&Vector3::z(), &arms, &angles, 0.005, &mut random);
+    for centre in centres.iter_mut().step_by(2) {
+        centre.angle_deg = -centre.angle_deg;
+    }
+    assert_eq!(axis(&centres).unwrap_err().code, "no_convergence");
+}
+
+/// Three cuts through a ball show nine numbers for nine unknowns: more than one mount fits exactly. A fourth tells.
+#[test]
+fn three_cuts_through_a_ball_decide_nothing() {
+    let mut random = Random(17);
+    for seed in 0..10 {
+        let all = spheres(&[BALL], 15.0, BOTH, along_z(0.0), &mut random);
+        let first = |profiles: usize| Observations {
+            points: all
+                .points
+                .iter()
+                .filter(|seen| seen.flange < profiles)
+                .copied()
+                .collect(),
+            ..all.clone()
+        };
+        let error = sensor(&first(3), &truth(), &on_sphere(Some(15.0))).unwrap_err();
+        assert_eq!(error.code, "uncertain", "{seed}: {error}");
+        assert!(error.message.contains("4 poses or more"), "{error}");
+        let twice = Observations {
+            points: [first(3).points, first(3).points].concat(),
+            ..all.clone()
+        };
+        assert!(sensor(&twice, &truth(), &on_sphere(Some(15.0))).is_err());
+        let answer = sensor(&first(4), &truth(), &on_sphere(Some(15.0))).unwrap();
+        assert!(off(&answer).1 < 1e-6, "{seed}: {:?}", off(&answer));
+    }
+}
+
 /// Centres of balls, at arms from a place on the axis, that turn by these angles; each with noise of so many mm.
 fn turned(
     axis: &Vector3<f64>,

@@ -21,7 +21,7 @@ use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::{name_directions, open_in_words};
 use super::observations::{Observation, Observations};
 use super::solve::scatter::{left_of_column, scatter_covariance, unit_uncertainty};
-use super::solve::{Model, Solution, TakeRow, descend, solve};
+use super::solve::{MOST_NOISE_MM, Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
 use crate::rigid::{orthonormal, rotation, rotation_vector};
 
@@ -348,19 +348,22 @@ fn mount(
     let solution = solve(best_start(first), &scale);
     refuse_unseen(&solution, &scale)?;
     let solution = mirror::decided(solution, start, &scale)?;
+    refuse_few_profiles(&solution.model)?;
+    let radius = radius_wanted(&solution, options);
+    let with_radius = |mut error: ScanError| {
+        if let Some(radius) = &radius {
+            error.message += &format!("; {radius}");
+        }
+        error
+    };
+    refuse_apart(&solution).map_err(with_radius)?;
     let dof = n - unknowns;
     let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
     let covariance_unit = all_six(&solution.covariance_unit, &solution.model.sought);
     let covariance =
         sigma_mm.map(|sigma| covariance_unit.map(|row| row.map(|v| v * sigma * sigma)));
-    let radius = radius_wanted(&solution, options);
     if let Some(covariance) = &covariance {
-        refuse_uncertain(covariance).map_err(|mut error| {
-            if let Some(radius) = &radius {
-                error.message += &format!("; {radius}");
-            }
-            error
-        })?;
+        refuse_uncertain(covariance).map_err(with_radius)?;
     }
     if !solution.converged {
         return Err(ScanError::refused(
@@ -719,6 +722,52 @@ fn refuse_far(mount: &Pose, start: &Pose) -> Result<(), ScanError> {
     )
     .with("turn_deg", turn_deg)
     .with("shift_mm", shift_mm))
+}
+
+/// Poses that no mount brings together give no mount, however well they would determine it.
+fn refuse_apart(solution: &Solution<MountModel<'_>>) -> Result<(), ScanError> {
+    let sigma_mm = solution.sigma_mm();
+    if sigma_mm <= MOST_NOISE_MM {
+        return Ok(());
+    }
+    Err(ScanError::refused(
+        "no_convergence",
+        format_args!(
+            "no mount near the first guess brings the poses together: the best leaves {sigma_mm:.2} mm. Look whether an axis \
+             counts the other way than the machine file says, at the axes' zeros and order, and at [sensor], which must be \
+             right within 6° and 20 mm"
+        ),
+    )
+    .with("sigma_mm", sigma_mm))
+}
+
+/// A cut through a ball shows three numbers: its middle, and by its radius how far the ball is from the laser's plane, but not
+/// on which side. So cuts that show just as many numbers as are sought fit several mounts exactly, and none tells them apart.
+fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
+    if !matches!(model.features.first(), Some(SampleSights::Ball { .. })) {
+        return Ok(());
+    }
+    let mut cuts: Vec<(usize, &Pose)> = Vec::new();
+    let (nuisances, targets) = model.unknowns();
+    let unknowns = nuisances + targets;
+    for seen in &model.all.points {
+        let cut = (seen.feature, &model.all.flanges[seen.flange]);
+        if !cuts.contains(&cut) {
+            cuts.push(cut);
+        }
+        if 3 * cuts.len() > unknowns {
+            return Ok(());
+        }
+    }
+    Err(ScanError::refused(
+        "uncertain",
+        format_args!(
+            "{} poses cut balls: each shows three numbers, for {unknowns} unknowns, and not on which side of the laser's plane \
+             the ball is. Several mounts fit exactly: take profiles at {} poses or more",
+            cuts.len(),
+            unknowns / 3 + 1
+        ),
+    ))
 }
 
 fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {

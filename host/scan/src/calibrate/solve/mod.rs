@@ -28,6 +28,8 @@ const UNSEEN_NUISANCE: f64 = 1e-10;
 /// Singular values below this share of the targets' own columns are rounding: where the nuisances take
 /// all of them, the largest is no measure.
 const TAKEN: f64 = 1e-12;
+/// Residuals that scatter by more are no noise: the model does not fit, and what they would hide is not open.
+pub(super) const MOST_NOISE_MM: f64 = 1.0;
 /// Steps of Levenberg and Marquardt.
 const MOST_STEPS: usize = 200;
 /// A sum of squares, in mm², that is nothing but rounding: 0.1 nm.
@@ -74,6 +76,19 @@ pub(super) struct Solution<M> {
     pub converged: bool,
 }
 
+impl<M: Model> Solution<M> {
+    /// The standard deviation of a residual.
+    pub fn sigma_mm(&self) -> f64 {
+        sigma_mm(&self.model, self.ssq)
+    }
+}
+
+fn sigma_mm<M: Model>(model: &M, ssq: f64) -> f64 {
+    let (nuisances, targets) = model.unknowns();
+    let dof = model.residuals().saturating_sub(nuisances + targets).max(1);
+    (ssq / dof as f64).sqrt()
+}
+
 /// R of `[J r]`, cut into its parts.
 pub(super) struct Reduced {
     nuisances: usize,
@@ -87,14 +102,17 @@ pub(super) struct Reduced {
 pub(super) fn solve<M: Model>(mut model: M, scale: &[f64]) -> Solution<M> {
     descend(&mut model, MOST_STEPS);
     let careful = refine(model, scale, DOUBTFUL);
-    let (nuisances, targets) = careful.model.unknowns();
-    let residuals = careful.model.residuals();
-    let dof = residuals.saturating_sub(nuisances + targets).max(1);
     // Badly seen may be seen: the optimum along these directions, too. It says what noise there is.
     let whole =
         (!careful.unseen.is_empty()).then(|| refine(careful.model.clone(), scale, DEGENERATE));
     let ssq = whole.as_ref().map_or(careful.ssq, |whole| whole.ssq);
-    let free = free_directions(&careful.model, scale, (ssq / dof as f64).sqrt());
+    let sigma_mm = sigma_mm(&careful.model, ssq);
+    let noise_mm = if sigma_mm > MOST_NOISE_MM {
+        0.0
+    } else {
+        sigma_mm
+    };
+    let free = free_directions(&careful.model, scale, noise_mm);
     if free.is_empty() {
         return whole.unwrap_or(careful);
     }
