@@ -5,7 +5,7 @@
 //! * Points ([`TableReader::of_points`]) may have blanks between, and no line of names.
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
-//! * Numbers have a decimal point. A row has a cell for every column.
+//! * Numbers have a decimal point, and may be quoted. Whole ones may end in `.0`, as other programs write counts. A row has a cell for every column.
 //! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). A last line without its
 //!   end is one, too: a number that was cut is another number.
 
@@ -290,7 +290,9 @@ impl<'a> Row<'a> {
     /// The text of a cell, without blanks around it.
     #[must_use]
     pub fn text(&self, column: Column) -> &'a str {
-        self.text[self.cells[column.0].clone()].trim()
+        let text = self.text[self.cells[column.0].clone()].trim();
+        let quoted = text.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+        quoted.unwrap_or(text)
     }
 
     /// A number. `nan` and `inf` are read as they are.
@@ -327,7 +329,12 @@ impl<'a> Row<'a> {
     /// The cell is empty or no whole number.
     pub fn integer<T: std::str::FromStr>(&self, column: Column) -> Result<T, ScanError> {
         let text = self.text(column);
-        text.parse()
+        let whole = text
+            .split_once('.')
+            .filter(|(_, part)| !part.is_empty() && part.bytes().all(|digit| digit == b'0'))
+            .map_or(text, |(whole, _)| whole);
+        whole
+            .parse()
             .map_err(|_| self.wrong(column, "a whole number"))
     }
 
@@ -369,6 +376,18 @@ mod tests {
         assert!(row.number(c).is_err());
         assert!(table.next_row().unwrap().is_none());
         assert_eq!(table.column("d").unwrap_err().code, "missing_column");
+    }
+
+    #[test]
+    fn numbers_may_be_quoted_and_whole_ones_have_a_zero_behind_the_point() {
+        let mut table = open("\"a\",\"b\"\n\"-76894.0\",\"1.5\"\n7.5,\"2\n8.,3\n");
+        let (a, b) = (table.column("a").unwrap(), table.column("b").unwrap());
+        let row = table.next_row().unwrap().unwrap();
+        assert_eq!(row.integer::<i64>(a), Ok(-76894));
+        assert_eq!(row.number(b), Ok(1.5));
+        let row = table.next_row().unwrap().unwrap();
+        assert!(row.integer::<i64>(a).is_err() && row.number(b).is_err());
+        assert!(table.next_row().unwrap().unwrap().integer::<i64>(a).is_err());
     }
 
     #[test]

@@ -99,7 +99,7 @@ Examples:
   umi scan merge part.gocator scan.csv --machine c800u.toml --each-profile -o profiles.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --poses poses.csv -o cloud.csv
 
-Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost, latency,
+Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost, latency, too_few_latches,
 no_grid, too_many_profiles, no_uncertainty.";
 
 fn milliseconds(text: &str) -> Result<f64, String> {
