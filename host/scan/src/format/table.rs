@@ -291,7 +291,9 @@ impl<'a> Row<'a> {
     #[must_use]
     pub fn text(&self, column: Column) -> &'a str {
         let text = self.text[self.cells[column.0].clone()].trim();
-        let quoted = text.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+        let quoted = text
+            .strip_prefix('"')
+            .and_then(|text| text.strip_suffix('"'));
         quoted.unwrap_or(text)
     }
 
@@ -387,7 +389,14 @@ mod tests {
         assert_eq!(row.number(b), Ok(1.5));
         let row = table.next_row().unwrap().unwrap();
         assert!(row.integer::<i64>(a).is_err() && row.number(b).is_err());
-        assert!(table.next_row().unwrap().unwrap().integer::<i64>(a).is_err());
+        assert!(
+            table
+                .next_row()
+                .unwrap()
+                .unwrap()
+                .integer::<i64>(a)
+                .is_err()
+        );
     }
 
     #[test]

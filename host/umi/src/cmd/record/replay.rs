@@ -16,6 +16,7 @@ use umi_desk::capture::Desk;
 use umi_protocol::access::AccessMode;
 use umi_protocol::job::Job;
 use umi_protocol::message::Record;
+use umi_protocol::records::fault::{Fault, FaultCode};
 use umi_report::terminal;
 
 use crate::cmd::{Format, session_job};
@@ -173,6 +174,49 @@ struct Shown {
     features: u64,
     /// Who might do what with a journal's board; a capture is of none.
     board: Option<Option<AccessMode>>,
+    alike: Alike,
+}
+
+/// Faults of one name that follow each other: a text that came twice has one for each of its lines.
+#[derive(Default)]
+struct Alike {
+    code: Option<FaultCode>,
+    shown: u64,
+    /// How many are not shown, and the last of them.
+    more: Option<(u64, Box<Fault>)>,
+}
+
+impl Alike {
+    /// So many are shown in full.
+    const SHOWN: u64 = 3;
+
+    fn take(&mut self, fault: &Fault) -> Result<(), Failure> {
+        if self.code != Some(fault.code()) {
+            self.end()?;
+            self.code = Some(fault.code());
+        }
+        if self.shown < Self::SHOWN {
+            self.shown += 1;
+            return print(&format!("{} {fault}\n", paint(CAUTION, "fault")));
+        }
+        let more = self.more.take().map_or(1, |(more, _)| more + 1);
+        self.more = Some((more, Box::new(fault.clone())));
+        Ok(())
+    }
+
+    /// Tells what was not shown.
+    fn end(&mut self) -> Result<(), Failure> {
+        match std::mem::take(self).more {
+            Some((1, fault)) => print(&format!("{} {fault}\n", paint(CAUTION, "fault"))),
+            Some((more, fault)) => {
+                let what = count(more, "fault");
+                print(&format!(
+                    "{what} more of this kind (all by --json), the last: {fault}\n"
+                ))
+            }
+            None => Ok(()),
+        }
+    }
 }
 
 impl Shown {
@@ -183,6 +227,7 @@ impl Shown {
             json,
             features: 0,
             board: None,
+            alike: Alike::default(),
         }
     }
 
@@ -195,11 +240,12 @@ impl Shown {
             }
             print_json(&value)?;
         } else if let DecisionRecord::Fault(fault) = &decision {
-            print(&format!("{} {fault}\n", paint(CAUTION, "fault")))?;
+            self.alike.take(fault)?;
         }
         let judged = self.gather.take(decision);
         match judged {
             Some(place) if !self.json => {
+                self.alike.end()?;
                 let setup = terminal::setup(&self.gather.session, place, true);
                 print(&format!("{setup}\n"))?;
                 match self.board {
@@ -213,10 +259,11 @@ impl Shown {
         }
     }
 
-    fn finish(self) -> Result<(), Failure> {
+    fn finish(mut self) -> Result<(), Failure> {
         if self.json {
             return Ok(());
         }
+        self.alike.end()?;
         print(&terminal::summary(&self.gather.session, true))
     }
 }
