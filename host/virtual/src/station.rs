@@ -29,6 +29,8 @@ pub enum SensorLineFault {
     StaleAnswer(u32),
     /// One figure of this answer is another one.
     WrongAnswer(u32),
+    /// The control's skip input is not wired: it never rises.
+    NoSkip,
 }
 
 /// A station wired to a machine.
@@ -184,7 +186,7 @@ impl Wires for SensorStation {
     }
 
     fn skip_input(&self) -> bool {
-        self.station.skip()
+        self.fault != SensorLineFault::NoSkip && self.station.skip()
     }
 
     fn gate(&mut self, now: Micros, is_on: bool, counts: [i64; 3]) {
@@ -201,7 +203,7 @@ impl Wires for SensorStation {
             0 => signals.parity,
             1 => signals.is_ok,
             2 => signals.has_no_signal,
-            3 => self.station.skip(),
+            3 => self.skip_input(),
             _ => false,
         }
     }

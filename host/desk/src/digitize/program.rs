@@ -12,8 +12,9 @@ const COMMAND: &str = include_str!("../../../../hw/control/fanuc/O8842-command.n
 const SETTINGS: &str = include_str!("../../../../hw/control/fanuc/O8841-sensor.nc");
 
 /// LinuxCNC's, in the order in which they are called.
-const SUBROUTINES: [&str; 4] = [
+const SUBROUTINES: [&str; 5] = [
     include_str!("../../../../hw/control/linuxcnc/umi_digitize.ngc"),
+    include_str!("../../../../hw/control/linuxcnc/umi_from_above.ngc"),
     include_str!("../../../../hw/control/linuxcnc/umi_to_target.ngc"),
     include_str!("../../../../hw/control/linuxcnc/umi_beam.ngc"),
     include_str!("../../../../hw/control/linuxcnc/umi_command.ngc"),
@@ -198,11 +199,11 @@ fn o_words(spec: &PointSensorSpec, sensor: &PointSensor, asked: &DigitizeQuestio
         ("#<_UMI_HEARD>=", f64::from(asked.by.number())),
         ("#<_UMI_RATE>=", spec.max_rate_hz),
     ];
-    let [digitize, to_target, beam, command] = SUBROUTINES.map(str::to_owned);
+    let [digitize, from_above, to_target, beam, command] = SUBROUTINES.map(str::to_owned);
     Parts {
         main,
         settings: settings(SENSOR, &values),
-        cycle: vec![digitize, to_target, beam],
+        cycle: vec![digitize, from_above, to_target, beam],
         command,
         is_macro_b: false,
     }

@@ -134,9 +134,11 @@ Examples:
   umi scan digitize --scene scene.toml --calibration sensor.json --strategy predictive-adaptive \\
     --at -8,-8,223.5 --size 16,16 --step 2,2 --by trip --baud 115200 -o cloud.csv --nc part.nc
 
-The first and the second place of each line are adapted from the same height, also with
-predictive-adaptive. A place without signal keeps its reason, and the next one begins at the height
-of the last good one.
+non-adaptive (and so --by pulses) stays at the height of --at and sees nothing come: it must clear
+the whole part. The others look for a place whose signal is lost from a stand-off above the last
+good height, so --safe-z must be a stand-off above the highest place; else such places are named and
+left out. Nothing touches as long as the part, within the housing's radius of a place, stands
+nowhere higher above the last good point than the stand-off less two depths of field.
 Refused (status 2): over_travel, no_signal (at the first place of an adaptive run), collision,
 rate_too_high, bad_input with the letter, other_lens, warm_scale, bad_calibration, bad_control, no_sensor, scene,
 alarm (the control's own, with its text; what was measured before it is kept).";
