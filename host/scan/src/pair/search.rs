@@ -33,6 +33,8 @@ const MOST_BOXES: usize = 1 << 20;
 /// The most steps about the best shift, where another line may explain some profiles more: a line that leaves out
 /// one at the edge of the jitter is no wrong one.
 const MOST_NEAR_STEPS: u64 = 20_000_000;
+/// With more profiles none are spent there: where times scatter beyond the jitter, the search of 20 000 did not end.
+const MOST_NEAR_PROFILES: usize = 5_000;
 /// Boxes this small, in microseconds, hold one shift for all practical purposes.
 const SMALLEST_US: f64 = 0.01;
 /// Lines within so many times the jitter of each other are the same shift.
@@ -238,7 +240,11 @@ impl<'a> Search<'a> {
             least,
             most_steps,
             steps: 0,
-            near_steps: 0,
+            near_steps: if trains.profiles() > MOST_NEAR_PROFILES {
+                u64::MAX
+            } else {
+                0
+            },
             best: None,
             runner_up: 0,
             differences: Vec::new(),
@@ -286,7 +292,7 @@ impl<'a> Search<'a> {
                 }
             }
             if is_near {
-                self.near_steps += self.steps - before;
+                self.near_steps = self.near_steps.saturating_add(self.steps - before);
             }
         }
         true
