@@ -550,7 +550,8 @@ pub struct CorrectionSpec {
     /// Absent: 1. Other dialects take none.
     #[serde(default)]
     pub set: Option<u16>,
-    /// O-number of the correction program, 1 to 9999; part of its name where programs have one.
+    /// O-number of the correction program, 1 to 9999 without 8811 to 8849, which are the shipped
+    /// macros'; part of its name where programs have one.
     pub program_number: u16,
     /// How the correction program ends.
     pub ends_with: ProgramEnd,

@@ -195,7 +195,9 @@ pub enum Reason {
         b: Name,
     },
     /// There is no reference yet: no setup has been taught.
-    #[error("no reference setup has been taught; probe the nominal clamping first")]
+    #[error(
+        "no reference setup has been taught; ask for teaching (umi teach, T1. in the call of O8811, or the button) and probe the nominal clamping"
+    )]
     NoReference,
     /// The registration was refused.
     #[error("not registered: {code}")]

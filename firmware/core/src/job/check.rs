@@ -524,7 +524,9 @@ fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {
         bad(field, None, value.into())
     })?;
     all_finite(spec.probed_origin_mm, Field::ProbedOriginMm, None)?;
-    if !(1..=9999).contains(&spec.program_number) {
+    // Those are the shipped macros' (`hw/control`): a correction must not take the place of one.
+    let is_macro = (8811..=8849).contains(&spec.program_number);
+    if is_macro || !(1..=9999).contains(&spec.program_number) {
         let value = f64::from(spec.program_number);
         return Err(bad(Field::ProgramNumber, None, value));
     }

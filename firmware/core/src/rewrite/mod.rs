@@ -15,12 +15,13 @@
 //!
 //! # Design
 //!
-//! * **Frame.** `q = R p + t` holds in the coordinates of one work offset: the one in
-//!   force at the first motion (G54 if none was named), with its value at that time and
-//!   without `G52` and `G92`: that is where a probing program prints its points. The
-//!   offset of `G52` and `G92` is followed; under another work offset a rotation needs
-//!   to know how the two origins lie ([`RewriteSettings::origins_mm`], or `G10 L2` of both in
-//!   the program); a translation does not.
+//! * **Frame.** `q = R p + t` holds in the coordinates of one work offset: the one in which
+//!   the part was probed ([`RewriteSettings::measured_in`]), with its value before the program;
+//!   where nobody says which, the one in force at the first motion (G54 if none was named), with
+//!   its value at that time. Both without `G52` and `G92`: that is where a probing program prints
+//!   its points. The offset of `G52` and `G92` is followed; under another work offset a rotation
+//!   needs to know how the two origins lie ([`RewriteSettings::origins_mm`], or `G10 L2` of both
+//!   in the program); a translation does not.
 //! * **Lengths are whole picometres** (`length`): nominal sums are exact, in mm and in
 //!   inches. An image is computed from the nominal place, never from the image before, and
 //!   is rounded to the control's step. A word in `G91` is the difference of the rounded
@@ -121,8 +122,8 @@ use nalgebra::{Matrix3, Vector3};
 pub use header::Check;
 pub use refusal::{RefusedLine, RewriteRefusal, Why};
 pub use settings::{
-    AllowedCalls, BadSettings, Integers, ProgramIdentity, RewriteDialect, RewriteSettings, Source,
-    StartModes,
+    AllowedCalls, BadSettings, Integers, MeasuredIn, ProgramIdentity, RewriteDialect,
+    RewriteSettings, Source, StartModes,
 };
 pub use text::length::Unit;
 
@@ -334,7 +335,7 @@ impl Rewriter {
         ];
         let is_translation = r == Matrix3::identity();
         let before = offsets(is_translation, &origins, &[[0; 3]; 4]);
-        Ok(Self {
+        let mut rewriter = Self {
             settings: settings.clone(),
             rotation,
             translation_pm: (transform.translation_mm * PM_PER_MM).into(),
@@ -402,7 +403,11 @@ impl Rewriter {
             counts: Counts::default(),
             nominal_extent: Extent::NOTHING,
             written_extent: Extent::NOTHING,
-        })
+        };
+        if let Some(offset) = settings.measured_in {
+            rewriter.measured_in(state::work(offset));
+        }
+        Ok(rewriter)
     }
 
     /// Takes the next bytes of the program and gives what becomes of them to `sink`, in

@@ -129,7 +129,7 @@ pub enum RewriteRefusal {
     OffsetNumber,
     /// How this work offset lies to that of the transform is not known.
     #[error(
-        "how this work offset lies to that of the transform is not known: give the origins of both, which can be given of G54 to G59"
+        "how this work offset lies to the one that was probed (of a transform: to that of the first motion) is not known: let the program run in that one, or give the origins of both, of G54 to G59"
     )]
     WorkOffset,
     /// Cutter compensation, a corner or a cycle in a plane that is tilted.

@@ -2,6 +2,7 @@
 
 use heapless::{String, Vec};
 use nalgebra::Matrix3;
+use umi_protocol::job::{CorrectionSpec, WorkOffset};
 
 use super::block::{Code, code};
 use super::state::{Feed, Motion};
@@ -153,11 +154,35 @@ pub type Source = String<96>;
 /// Programs that may be called although their text is not there, as `9010,<finish>`.
 pub type AllowedCalls = String<96>;
 
+/// Where a transform holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredIn {
+    /// In the coordinates of this work offset.
+    pub offset: WorkOffset,
+    /// Where that one's origin was, machine coordinates; none where nobody has said it.
+    pub origin_mm: Option<[f64; 3]>,
+}
+
+impl MeasuredIn {
+    /// Of what was measured with a job: in its `probed_in`, whose origin it gives. A job without a
+    /// correction says neither: its parts are probed in G54.
+    #[must_use]
+    pub fn of(correction: Option<&CorrectionSpec>) -> Self {
+        Self {
+            offset: correction.map_or(WorkOffset::G54, |spec| spec.probed_in),
+            origin_mm: correction.map(|spec| spec.probed_origin_mm),
+        }
+    }
+}
+
 /// What to do with a program.
 #[derive(Clone, Debug)]
 pub struct RewriteSettings {
     /// Nominal to measured, in the coordinates of the work offset.
     pub transform: RigidTransform,
+    /// The work offset in whose coordinates the transform holds, as it was while the part was
+    /// probed. None: the one in force at the program's first motion.
+    pub measured_in: Option<WorkOffset>,
     /// Decimals of a length in mm that the control takes, 1 to 6: 3 is 0.001 mm, IS-B.
     /// Inches have one more.
     pub decimals_mm: u8,
@@ -198,6 +223,7 @@ impl RewriteSettings {
     pub const fn new(transform: RigidTransform) -> Self {
         Self {
             transform,
+            measured_in: None,
             decimals_mm: 3,
             chord: Mm(0.01),
             integers: None,
@@ -230,6 +256,21 @@ impl RewriteSettings {
     pub fn takes(&self, run: RunCheck) -> bool {
         self.dialect
             .is_none_or(|dialect| run.is_linuxcnc() == (dialect == RewriteDialect::LinuxCnc))
+    }
+
+    /// The same for a transform that holds in a work offset, whose origin may be known.
+    #[must_use]
+    pub fn measured_at(mut self, place: MeasuredIn) -> Self {
+        let MeasuredIn { offset, origin_mm } = place;
+        let index = usize::from(offset.p_number()).saturating_sub(1);
+        if !matches!(offset, WorkOffset::Extended(_))
+            && let Some(slot) = self.origins_mm.get_mut(index)
+            && origin_mm.is_some()
+        {
+            *slot = origin_mm;
+        }
+        self.measured_in = Some(offset);
+        self
     }
 
     /// Whether a program may be called by this name although its text is not there.

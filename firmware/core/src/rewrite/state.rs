@@ -1,6 +1,7 @@
 //! What a program has said so far: modes, offsets, places.
 
 use heapless::Vec;
+use umi_protocol::job::WorkOffset;
 
 use super::text::length::{Pm, Unit};
 use super::text::words::Number;
@@ -162,6 +163,14 @@ impl Place {
 pub(super) struct Origin {
     pub is_absolute: bool,
     pub pm: Pm,
+}
+
+/// A work offset's number here: 1 to 6 are G54 to G59, beyond 1000 are `G54.1 P`.
+pub(super) const fn work(offset: WorkOffset) -> u16 {
+    match offset {
+        WorkOffset::Extended(number) => number.saturating_add(1000),
+        standard => standard.p_number(),
+    }
 }
 
 /// A work offset by number: 1 to 6 are G54 to G59, beyond are others.

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use umi_core::correction::{self, Cleared, Figures, RunCheck};
 use umi_core::registration::RigidTransform;
+use umi_core::rewrite::MeasuredIn;
 use umi_protocol::job::{CorrectionSpec, Job};
 use umi_protocol::message::Record;
 use umi_protocol::verdict::Verdict;
@@ -130,6 +131,15 @@ impl Basis {
         }
     }
 
+    /// Where the transform holds, as far as it is known.
+    #[must_use]
+    pub fn measured_in(&self) -> Option<MeasuredIn> {
+        match self {
+            Self::Given(source) => source.measured_in,
+            Self::Judged(judged) => Some(MeasuredIn::of(judged.0.correction.as_ref())),
+        }
+    }
+
     /// The transform, where it is from, and the run that a program compares: for a control.
     ///
     /// # Errors
@@ -166,7 +176,8 @@ impl Basis {
             "VERDICT OK - {} - SETUP {}{of_run}",
             job.name, verdict.setup
         );
-        Ok(ProgramSource::of_job(transform, name, check))
+        let measured_in = MeasuredIn::of(job.correction.as_ref());
+        Ok(ProgramSource::of_job(transform, measured_in, name, check))
     }
 
     /// The correction that the job asks for.

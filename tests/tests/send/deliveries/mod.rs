@@ -11,7 +11,7 @@ mod passed;
 use umi_client::programs;
 use umi_core::correction::{RunCheck, withheld};
 use umi_core::rewrite::{RewriteDialect, RewriteSettings, StartModes};
-use umi_protocol::job::Dialect;
+use umi_protocol::job::{Dialect, SendWhen, WorkOffset};
 use umi_protocol::message::Record;
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::{
@@ -29,6 +29,7 @@ umi_tests::on_every_board! {
     reads_programs_by_their_number
     rewrites_a_program_by_the_verdict
     rewrites_by_what_was_said_of_a_program
+    rewrites_only_where_the_part_was_probed
     rewrites_for_one_run
     refuses_what_cannot_be_rewritten_before_its_first_byte
     begins_anew_what_the_control_broke_off
@@ -190,6 +191,31 @@ fn rewrites_by_what_was_said_of_a_program(rig: &mut dyn Rig) {
     read(rig, 89);
     let why = Withheld::NotRewritable { line: 3, column: 4 };
     receive_text(rig, &alarm_of(89, &why));
+}
+
+/// The part was probed in G57, and turned: a program that runs in G54 is not carried, and one that
+/// runs there is.
+fn rewrites_only_where_the_part_was_probed(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let mut job = umi_tests::cases::job();
+    if let Some(correction) = &mut job.correction {
+        correction.send = SendWhen::Never;
+        correction.probed_in = WorkOffset::G57;
+    }
+    client.set_job(&job).unwrap().unwrap();
+    let there = POCKET.replace("G21 G90", "G57 G21 G90");
+    for (number, text) in [(1234, POCKET), (1235, &there)] {
+        put(&mut client, number, text, Release::Rewritten(SPEC), 5);
+    }
+    rig.control_sends((clamping(0) + &clamping(1)).as_bytes());
+    judged(rig, &mut client, 2);
+    let verdict = client.verdict().unwrap().unwrap();
+    read(rig, 1234);
+    let why = Withheld::NotRewritable { line: 4, column: 4 };
+    receive_text(rig, &alarm_of(1234, &why));
+    read(rig, 1235);
+    let expected = rewritten(&there, &job, &verdict);
+    assert_eq!(receive(rig, expected.len()), expected);
 }
 
 /// What the board keeps and what the host passes through: both begin with the comparison of the

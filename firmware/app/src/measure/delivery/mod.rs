@@ -51,8 +51,8 @@ use umi_core::correction::{RunCheck, withheld};
 use umi_core::journal::Flash;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{
-    AllowedCalls, Integers, ProgramIdentity, RewriteDialect, RewriteSettings, Source, StartModes,
-    Unit,
+    AllowedCalls, Integers, MeasuredIn, ProgramIdentity, RewriteDialect, RewriteSettings, Source,
+    StartModes, Unit,
 };
 use umi_core::units::{Micros, Mm};
 use umi_protocol::job::SendWhen;
@@ -428,7 +428,8 @@ impl<F: Flash> Instrument<F> {
         if let Some(run) = released.run {
             let _ = write!(source, " - RUN {run}");
         }
-        let mut how = settings(&spec, transform, &info, source);
+        let measured_in = MeasuredIn::of(job.correction.as_ref());
+        let mut how = settings(&spec, transform, &info, source).measured_at(measured_in);
         if let Some(variable) = job.guards.run_variable {
             // A job that has the one has the other, and a verdict without a run is not OK.
             let (dialect, run) = job

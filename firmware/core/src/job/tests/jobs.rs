@@ -46,6 +46,9 @@ fn bad_jobs_are_refused() {
             j.correction.as_mut().unwrap().program_number = 0;
         }),
         ("bad_value", |j| {
+            j.correction.as_mut().unwrap().program_number = 8830;
+        }),
+        ("bad_value", |j| {
             j.correction.as_mut().unwrap().part_max_mm[1] = -100.0;
         }),
         ("same_offset", |j| {

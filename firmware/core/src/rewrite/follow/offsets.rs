@@ -199,11 +199,22 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Settles what the transform's frame is: the work offset of the first motion.
+    /// Settles what the transform's frame is, where nobody has said it: the work offset of the
+    /// first motion.
     pub(in crate::rewrite) fn settle(&mut self) {
         if self.frame.is_none() {
             let work = self.modes.work;
             self.frame = Some((work, self.origin(work).unwrap_or_default()));
+        }
+    }
+
+    /// Settles it before the program begins: this work offset, as it is now. A translation is the
+    /// same in all of them.
+    pub(in crate::rewrite) fn measured_in(&mut self, work: u16) {
+        if !self.is_translation {
+            self.frame = Some((work, self.origin(work).unwrap_or_default()));
+            self.shift();
+            self.shifts = false;
         }
     }
 

@@ -1,9 +1,10 @@
 //! Everything that cannot be transformed truly is refused, by line, column and reason.
 
+use std::borrow::ToOwned;
 use std::string::ToString;
 
 use super::super::refusal::RewriteRefusal;
-use super::super::{RewriteSettings, Rewriter, Why};
+use super::super::{MeasuredIn, RewriteSettings, Rewriter, Why};
 use super::{level, rewritten, settings, turned};
 use crate::registration::RigidTransform;
 use nalgebra::Vector3;
@@ -165,6 +166,87 @@ fn what_cannot_be_followed_is_refused() {
             "{line}: {refusal}"
         );
         assert!(refusal.to_string().len() > 30, "{refusal}");
+    }
+}
+
+/// A part that is turned is carried in the work offset in which it was probed, and in no other,
+/// unless the origins of both are known: then its motions are where they belong.
+#[test]
+fn a_turned_part_is_carried_where_it_was_probed() {
+    use umi_protocol::job::WorkOffset;
+    let turn = turned([0.0, 0.0, 90.0], [1.0, 2.0, 3.0]);
+    let probed_in =
+        |offset, origin_mm| settings(turn).measured_at(MeasuredIn { offset, origin_mm });
+    let in_offset = |word: &str| std::format!("G90\n{word}\nG0 X10. Y0. Z5.\n");
+    let ends = |settings: &RewriteSettings, program: &str| {
+        let made = rewritten(settings, program).map(|(text, _)| text);
+        made.map(|text| text.lines().last().unwrap().to_owned())
+            .map_err(|refusal| refusal.reason)
+    };
+    let g54 = probed_in(WorkOffset::G54, None);
+    let carried = Ok("G0 X1. Y12. Z8.".to_owned());
+    assert_eq!(ends(&g54, &in_offset("G54")), carried);
+    assert_eq!(ends(&g54, &in_offset("(NONE SAID)")), carried);
+    for other in [
+        "G55",
+        "G59",
+        "G59.1",
+        "G54.1 P3",
+        "G154 P1",
+        "G54 P1",
+        "G110",
+        "G10 L2 P1 X7.",
+    ] {
+        let program = in_offset(other);
+        assert_eq!(
+            ends(&g54, &program),
+            Err(RewriteRefusal::WorkOffset),
+            "{other}"
+        );
+        // Of a transform nobody says where it holds, and one that turns nothing is the same in all.
+        assert_eq!(ends(&settings(turn), &program), carried, "{other}");
+        let straight = turned([0.0; 3], [1.0, 2.0, 3.0]);
+        let place = MeasuredIn {
+            offset: WorkOffset::G54,
+            origin_mm: None,
+        };
+        let moved = ends(&settings(straight).measured_at(place), &program);
+        assert_eq!(moved, Ok("G0 X11. Y2. Z8.".to_owned()), "{other}");
+    }
+    // In G55, whose zero is 100 mm beside, X10 is X110 of G54.
+    let known = RewriteSettings {
+        origins_mm: {
+            let mut origins = probed_in(WorkOffset::G54, Some([20.0, 0.0, 0.0])).origins_mm;
+            origins[1] = Some([120.0, 0.0, 0.0]);
+            origins
+        },
+        ..g54.clone()
+    };
+    let beside = Ok("G0 X-99. Y112. Z8.".to_owned());
+    assert_eq!(ends(&known, &in_offset("G55")), beside);
+    // The same where the program sets it, or moves the one that was probed.
+    let by_job = probed_in(WorkOffset::G54, Some([20.0, 0.0, 0.0]));
+    assert_eq!(
+        ends(&by_job, &in_offset("G10 L2 P2 X120. Y0 Z0\nG55")),
+        beside
+    );
+    assert_eq!(ends(&by_job, &in_offset("G10 L2 P1 X120.")), beside);
+    assert_eq!(ends(&by_job, &in_offset("G10 L2 P1 X20.")), carried);
+    let further = probed_in(WorkOffset::Extended(3), Some([20.0, 0.0, 0.0]));
+    assert_eq!(ends(&further, &in_offset("G54.1 P3")), carried);
+    assert_eq!(
+        ends(&further, &in_offset("G54")),
+        Err(RewriteRefusal::WorkOffset)
+    );
+    // A program that was called before it chose its offset, and one that nobody has called.
+    let called = "G90\nM98 P2\nM30\nO2\nG55 G0 X10. Y0. Z5.\nM99\n";
+    let alone = "G90\nG0 X10. Y0. Z5.\nM30\nO2\nG90 G55 G0 X10. Y0. Z5.\nM30\n";
+    for program in [called, alone] {
+        assert_eq!(
+            ends(&g54, program),
+            Err(RewriteRefusal::WorkOffset),
+            "{program}"
+        );
     }
 }
 

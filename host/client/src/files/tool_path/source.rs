@@ -6,6 +6,8 @@ use serde::Deserialize;
 use serde_json::Value;
 use umi_core::correction::RunCheck;
 use umi_core::registration::RigidTransform;
+use umi_core::rewrite::{MeasuredIn, RewriteSettings, Rewriter};
+use umi_protocol::job::WorkOffset;
 
 use crate::files::points::{name, text};
 use crate::problem::Problem;
@@ -15,6 +17,8 @@ use crate::problem::Problem;
 pub struct ProgramSource {
     /// Nominal to measured.
     pub transform: RigidTransform,
+    /// Where it holds; none: in the work offset of a program's first motion.
+    pub measured_in: Option<MeasuredIn>,
     /// As it stands in the header.
     pub name: String,
     /// The run that was measured, where job and verdict say it: a program that is carried by it
@@ -28,9 +32,15 @@ pub struct ProgramSource {
 impl ProgramSource {
     /// Of a verdict, with the job that says how runs are compared.
     #[must_use]
-    pub const fn of_job(transform: RigidTransform, name: String, run: Option<RunCheck>) -> Self {
+    pub const fn of_job(
+        transform: RigidTransform,
+        measured_in: MeasuredIn,
+        name: String,
+        run: Option<RunCheck>,
+    ) -> Self {
         Self {
             transform,
+            measured_in: Some(measured_in),
             name,
             run,
             not_compared: None,
@@ -66,11 +76,39 @@ struct Written {
     translation_mm: [f64; 3],
     /// What `umi scan localise` and `umi scan stock` say of it.
     verdict: Option<String>,
+    /// What `umi register` says of it.
+    suspect: Option<String>,
+}
+
+/// A verdict as `umi replay --json` prints it.
+#[derive(Deserialize)]
+struct Printed {
+    verdict: String,
+    plate: u32,
+    #[serde(default)]
+    reasons: Vec<Value>,
+    #[serde(default)]
+    reasons_dropped: u64,
+    #[serde(default)]
+    remarks: Vec<Value>,
+    registration: Option<Written>,
+    probed_in: Option<WorkOffset>,
+    probed_origin_mm: Option<[f64; 3]>,
 }
 
 impl Written {
-    fn transform(&self) -> RigidTransform {
-        RigidTransform::from_rows(self.rotation, self.translation_mm)
+    /// The transform, if it is one: what turns, and neither mirrors nor stretches.
+    fn transform(&self, path: &Path) -> Result<RigidTransform, Problem> {
+        let transform = RigidTransform::from_rows(self.rotation, self.translation_mm);
+        // How far it may lead is the control's matter.
+        let turn = RigidTransform::from_rows(self.rotation, [0.0; 3]);
+        match Rewriter::new(&RewriteSettings::new(turn)) {
+            Ok(_) => Ok(transform),
+            Err(bad) => Err(Problem::trouble(
+                "transform",
+                format_args!("{}: {bad}", name(path)),
+            )),
+        }
     }
 }
 
@@ -93,86 +131,107 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
     if written.verdict.as_ref().is_some_and(|said| said != "OK") {
         return Err(not_ok(path, "its verdict is not OK"));
     }
+    if let Some(why) = &written.suspect {
+        return Err(not_ok(path, why));
+    }
     Ok(ProgramSource {
-        transform: written.transform(),
+        transform: written.transform(path)?,
+        measured_in: None,
         name: format!("TRANSFORM {}", stem(path)),
         run: None,
         not_compared: None,
     })
 }
 
-/// Reads the last verdict of a file of JSON lines, as `umi replay --json` prints them.
+/// Reads the last verdict of what `umi replay --json` printed, up to its end; or one verdict alone.
 ///
 /// # Errors
-/// The file cannot be read, a line of it is no JSON, or none is a verdict; the verdict is not OK.
+/// The file cannot be read, a line of it is no JSON, or none is a verdict; the verdict is not OK,
+/// something took it back, or the file has no end.
 pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
     let text = text(path)?;
-    let is_verdict = |value: &Value| value["type"] == "verdict";
-    // One verdict, written over many lines; else one a line, each whole: behind one that is cut off another may stand.
-    let whole: Option<Value> = serde_json::from_str(&text).ok();
-    let all = match whole {
-        Some(one) => vec![one],
-        None => (1..)
-            .zip(text.lines())
-            .filter(|(_, line)| !line.trim().is_empty())
-            .map(|(number, line)| {
-                serde_json::from_str(line).map_err(|error| {
-                    Problem::trouble(
-                        "verdict",
-                        format_args!(
-                            "{}: line {number} is no JSON ({error}); if it was cut off, write the file again",
-                            name(path)
-                        ),
-                    )
-                })
-            })
-            .collect::<Result<_, _>>()?,
+    let refuse = |why: &dyn std::fmt::Display| {
+        Problem::trouble("verdict", format_args!("{}: {why}", name(path)))
     };
-    let last = all.into_iter().rfind(is_verdict).ok_or_else(|| {
-        Problem::trouble(
-            "verdict",
-            format_args!(
-                "{}: no verdict in it; `umi replay … --json` prints them",
-                name(path)
-            ),
-        )
-    })?;
-    if last["verdict"] != "OK" {
+    let mut last = None;
+    let mut end = None;
+    // One verdict, written over many lines; else one a line, each whole: behind one that is cut
+    // off another may stand.
+    let is_alone = serde_json::from_str::<Value>(&text).is_ok();
+    let lines: Vec<&str> = if is_alone {
+        vec![&text]
+    } else {
+        text.lines().collect()
+    };
+    for (number, line) in (1..).zip(lines).filter(|(_, line)| !line.trim().is_empty()) {
+        let value: Value = serde_json::from_str(line).map_err(|error| {
+            refuse(&format_args!(
+                "line {number} is no JSON ({error}); if it was cut off, write the file again"
+            ))
+        })?;
+        end = (value["type"] == "end").then_some(value["taken_back"] == Value::Bool(false));
+        if value["type"] == "verdict" {
+            last = Some(line);
+        }
+    }
+    let Some(last) = last else {
+        return Err(refuse(
+            &"no verdict in it; `umi replay … --json` prints them",
+        ));
+    };
+    let last: Printed = serde_json::from_str(last)
+        .map_err(|error| refuse(&format_args!("its last verdict cannot be read: {error}")))?;
+    if last.verdict != "OK" {
         return Err(not_ok(path, "its last verdict is NG"));
     }
-    let has_reasons = last["reasons"]
-        .as_array()
-        .is_some_and(|all| !all.is_empty());
-    if has_reasons || last["reasons_dropped"].as_u64().is_some_and(|n| n > 0) {
+    if !last.reasons.is_empty() || last.reasons_dropped > 0 {
         return Err(not_ok(
             path,
             "its last verdict says OK and has reasons against it",
         ));
     }
-    let remarks = last["remarks"].as_array().into_iter().flatten();
-    let mut runs = remarks.filter(|remark| remark["code"] == "of_run");
-    let run = runs.next().map(|remark| {
+    match end {
+        _ if is_alone => {}
+        Some(true) => {}
+        Some(false) => {
+            return Err(Problem::refused(
+                "taken_back",
+                format_args!(
+                    "{}: behind its last verdict the control printed, or bytes were lost: the \
+                     board would have taken it back; probe the part again",
+                    name(path)
+                ),
+            ));
+        }
+        None => {
+            return Err(Problem::refused(
+                "no_end",
+                format_args!(
+                    "{}: it does not end as `umi replay --json` does, by a line of type `end`: it \
+                     was cut off, and a later clamping may be missing; write it again. Of a board \
+                     give the journal (umi log -o FILE.umij)",
+                    name(path)
+                ),
+            ));
+        }
+    }
+    let is_run = |remark: &&Value| remark["code"] == "of_run";
+    let run = last.remarks.iter().find(is_run).map(|remark| {
         let run = remark["details"]["run"].as_u64();
-        run.ok_or_else(|| {
-            Problem::trouble(
-                "verdict",
-                format_args!("{}: the run of its verdict is no whole number", name(path)),
-            )
-        })
+        run.ok_or_else(|| refuse(&"the run of its verdict is no whole number"))
     });
-    let run = run.transpose()?;
-    let written: Written =
-        serde_json::from_value(last["registration"].clone()).map_err(|error| {
-            Problem::trouble(
-                "verdict",
-                format_args!("{}: its verdict has no registration: {error}", name(path)),
-            )
-        })?;
+    let Some(registration) = last.registration else {
+        return Err(refuse(&"its last verdict has no registration"));
+    };
     Ok(ProgramSource {
-        transform: written.transform(),
-        name: format!("VERDICT OK - {} - SETUP {}", stem(path), last["plate"]),
+        transform: registration.transform(path)?,
+        measured_in: Some(MeasuredIn {
+            offset: last.probed_in.unwrap_or(WorkOffset::G54),
+            origin_mm: last.probed_origin_mm,
+        }),
+        name: format!("VERDICT OK - {} - SETUP {}", stem(path), last.plate),
         run: None,
-        not_compared: run.map(|run| (run, name(path))),
+        not_compared: run.transpose()?.map(|run| (run, name(path))),
     })
 }
 

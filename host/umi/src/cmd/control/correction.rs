@@ -8,9 +8,11 @@ use clap::Args;
 use serde_json::json;
 use umi_client::files::job_file;
 use umi_client::job::correction::{Basis, make};
+use umi_core::rewrite::MeasuredIn;
 use umi_protocol::job::{CorrectionSpec, Dialect, ProgramEnd, SendWhen, WorkOffset};
 
 use super::basis::{MovedBy, WHICH};
+use super::offsets::offset;
 use crate::cmd::Format;
 
 /// The correction program for a verdict or a transform, in any control's words
@@ -46,8 +48,8 @@ pub(crate) struct Correction {
     /// What may be left at the part's corners
     #[arg(long, value_name = "MM", value_parser = above_0)]
     limit: Option<f64>,
-    /// The number of the program
-    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u16).range(1..=9999))]
+    /// The number of the program: not 8811 to 8849, which are the macros'
+    #[arg(long, value_name = "NUMBER", value_parser = program_number)]
     number: Option<u16>,
     /// A main program, ended by M30, instead of a subprogram
     #[arg(long)]
@@ -96,30 +98,19 @@ fn is_like(name: &str, text: &str) -> bool {
     is_fanuc || (text.len() > 2 && (name.contains(&text) || text.contains(name)))
 }
 
-fn offset(text: &str) -> Result<WorkOffset, String> {
-    let text = text.to_ascii_uppercase().replace(' ', "");
-    Ok(match text.as_str() {
-        "G54" => WorkOffset::G54,
-        "G55" => WorkOffset::G55,
-        "G56" => WorkOffset::G56,
-        "G57" => WorkOffset::G57,
-        "G58" => WorkOffset::G58,
-        "G59" => WorkOffset::G59,
-        other => {
-            let number = ["G54.1P", "G154P", "G5"]
-                .iter()
-                .find_map(|name| other.strip_prefix(name)?.parse().ok().filter(|n| *n > 0));
-            WorkOffset::Extended(number.ok_or("give G54 to G59, G54.1P7, G154P7 or G507")?)
-        }
-    })
-}
-
 fn triple(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
     let point: Option<[f64; 3]> = numbers.ok().and_then(|list| list.try_into().ok());
     point
         .filter(|p| p.iter().all(|x| x.is_finite()))
         .ok_or_else(|| "give three numbers in mm, as -400,-250.5,-310".into())
+}
+
+fn program_number(text: &str) -> Result<u16, String> {
+    let number: Option<u16> = text.parse().ok();
+    number
+        .filter(|n| (1..=9999).contains(n) && !(8811..=8849).contains(n))
+        .ok_or_else(|| "give 1 to 9999, and not 8811 to 8849, which are the shipped macros'".into())
 }
 
 fn above_0(text: &str) -> Result<f64, String> {
@@ -194,6 +185,21 @@ impl Correction {
                 .ok_or_else(|| missing("limit"))?,
             send: SendWhen::Never,
         };
+        if let Some(MeasuredIn {
+            offset,
+            origin_mm: Some(_),
+        }) = basis.measured_in()
+            && offset != spec.probed_in
+        {
+            return Err(Failure::trouble(
+                "usage",
+                format_args!(
+                    "the part of the verdict was probed in {offset}, and this correction would be \
+                     reckoned in {}: leave --probed-in out, or give the job that was run",
+                    spec.probed_in
+                ),
+            ));
+        }
         if spec.probed_in == spec.write_to {
             return Err(Failure::trouble(
                 "usage",

@@ -4,6 +4,7 @@ pub(super) mod basis;
 pub(super) mod correction;
 pub(super) mod dialects;
 pub(super) mod nc;
+pub(super) mod offsets;
 pub(super) mod options;
 pub(super) mod program;
 pub(super) mod stated;

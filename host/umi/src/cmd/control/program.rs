@@ -12,6 +12,8 @@ use serde_json::json;
 use umi_client::files::tool_path;
 use umi_client::problem::Problem;
 use umi_client::programs;
+use umi_core::rewrite::{MeasuredIn, RefusedLine};
+use umi_protocol::job::{Job, SendWhen};
 use umi_protocol::program::{MAX_NUMBER, ProgramInfo, ProgramRefusal, Release, Withheld};
 
 use super::options::Control;
@@ -122,14 +124,9 @@ impl Rule {
                 None => Ok(()),
             };
         };
-        let leaning = tool_path::LEANING.transform();
-        let settings = self.control.settings(leaning, &self.said)?;
-        let settings = self.said.settings(settings)?;
-        let Some(refusal) = tool_path::refusal(bytes, &settings)? else {
+        let Some((refusal, option)) = self.refused(bytes, None)? else {
             return Ok(());
         };
-        let option = option(refusal.reason);
-        let option = option.map_or_else(String::new, |option| format!(" ({option})"));
         let problem = Problem::refused(
             "not_rewritable",
             format_args!(
@@ -141,6 +138,50 @@ impl Rule {
             .with("line", refusal.line)
             .with("column", refusal.column)
             .into())
+    }
+
+    /// The first line that cannot be rewritten for a part that leans, probed there, and what
+    /// allows it.
+    fn refused(
+        &self,
+        bytes: &[u8],
+        measured_in: Option<MeasuredIn>,
+    ) -> Result<Option<(RefusedLine, String)>, Failure> {
+        let leaning = tool_path::LEANING.transform();
+        let settings = self.control.settings(leaning, &self.said)?;
+        let mut settings = self.said.settings(settings)?;
+        if let Some(measured_in) = measured_in {
+            settings = settings.measured_at(measured_in);
+        }
+        let refusal = tool_path::refusal(bytes, &settings)?;
+        Ok(refusal.map(|refusal| {
+            let option = option(refusal.reason);
+            let option = option.map_or_else(String::new, |option| format!(" ({option})"));
+            (refusal, option)
+        }))
+    }
+
+    /// Why a program does not go out with the job in force, and that as a code.
+    fn withheld(
+        &self,
+        bytes: &[u8],
+        job: Option<&Job>,
+    ) -> Result<Option<(&'static str, String)>, Failure> {
+        let (When::Rewritten, Some(job)) = (self.release, job) else {
+            return Ok(None);
+        };
+        let correction = job.correction.as_ref();
+        if correction.is_some_and(|spec| spec.send != SendWhen::Never) {
+            let why = Withheld::CorrectedTwice;
+            return Ok(Some((why.code(), why.to_string())));
+        }
+        let measured_in = MeasuredIn::of(correction);
+        let refused = self.refused(bytes, Some(measured_in))?;
+        Ok(refused.map(|(refusal, option)| {
+            let probed_in = measured_in.offset;
+            let why = format!("{refusal}{option}; the job's parts are probed in {probed_in}");
+            ("not_rewritable", why)
+        }))
     }
 }
 
@@ -404,16 +445,17 @@ impl Put {
         }
         let resumed = resumed.unwrap_or(0);
         // As things stand on this board: another job may come.
-        let rewrites = matches!(program.release, Release::Rewritten(_));
-        let corrects = rewrites && board.job()?.job.is_some_and(|job| job.correction.is_some());
-        let withheld = corrects.then_some(Withheld::CorrectedTwice);
+        let withheld = match program.release {
+            Release::Rewritten(_) => self.rule.withheld(&bytes, board.job()?.job.as_ref())?,
+            _ => None,
+        };
         if self.format.json {
             return print_json(&json!({
                 "status": "ok",
                 "program": program,
                 "was_there": there,
                 "resumed_at": resumed,
-                "withheld": withheld.map(|why| why.code()),
+                "withheld": withheld.map(|(code, _)| code),
             }));
         }
         let how = match (there, resumed) {
@@ -424,7 +466,7 @@ impl Put {
         let done = format!("{} {how}", crate::show::text::program(&program));
         print(&format!("{}\n", paint(GOOD, done)))?;
         match withheld {
-            Some(why) => print(&format!("but as things stand it does not go out: {why}\n")),
+            Some((_, why)) => print(&format!("but as things stand it does not go out: {why}\n")),
             None => Ok(()),
         }
     }

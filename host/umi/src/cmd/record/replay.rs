@@ -14,7 +14,7 @@ use umi_client::session::DecisionRecord;
 use umi_client::session::SessionBuilder;
 use umi_desk::capture::Desk;
 use umi_protocol::access::AccessMode;
-use umi_protocol::job::Job;
+use umi_protocol::job::{CorrectionSpec, Job};
 use umi_protocol::message::Record;
 use umi_protocol::records::fault::{Fault, FaultCode};
 use umi_report::terminal;
@@ -39,7 +39,8 @@ pub(crate) struct Replay {
 const HELP: &str = "\
 The bytes go, piece by piece, into the control's port of a virtual board, and what
 is printed came over its link: one JSON object a line with --json, in the order in
-which things happened (type: feature, fault, verdict).
+which things happened (type: feature, fault, verdict; at the end end, which says whether
+what came behind the last verdict took it back).
 
 A journal's inputs go through the same program once more, and every decision is
 compared with the one in the journal, bit for bit (type: audit).
@@ -81,6 +82,10 @@ impl Replay {
         bench.end(|decision| shown.take(decision))?;
         let measured = shown.features > 0;
         shown.finish()?;
+        if self.format.json {
+            let stands = bench.client().status()?.last_verdict_ok.is_some();
+            self.end(!stands)?;
+        }
         if !measured {
             let look = CaptureLook::of(bytes).nothing_measured(&job.receiver);
             print_error(&format!("{} {look}\n", paint(CAUTION, "note")));
@@ -119,10 +124,16 @@ impl Replay {
         if let Some(shown) = shown {
             shown.finish()?;
         }
-        self.report(&audit.finish(stretch.next))
+        let taken_back = audit.taken_back();
+        self.report(&audit.finish(stretch.next), taken_back)
     }
 
-    fn report(&self, findings: &Findings) -> Result<(), Failure> {
+    /// Closes what is printed for machines: behind it nothing takes the last verdict back.
+    fn end(&self, taken_back: bool) -> Result<(), Failure> {
+        print_json(&json!({"type": "end", "taken_back": taken_back}))
+    }
+
+    fn report(&self, findings: &Findings, taken_back: bool) -> Result<(), Failure> {
         let Findings {
             identical,
             differences,
@@ -139,6 +150,7 @@ impl Replay {
                 "differences": differences,
                 "skipped": skipped,
             }))?;
+            self.end(taken_back)?;
         } else {
             if *skipped > 0 {
                 let what = count(*skipped, "record");
@@ -171,6 +183,7 @@ impl Replay {
 struct Shown {
     gather: SessionBuilder,
     json: bool,
+    correction: Option<CorrectionSpec>,
     features: u64,
     /// Who might do what with a journal's board; a capture is of none.
     board: Option<Option<AccessMode>>,
@@ -225,6 +238,7 @@ impl Shown {
         Self {
             gather,
             json,
+            correction: job.correction,
             features: 0,
             board: None,
             alike: Alike::default(),
@@ -235,8 +249,14 @@ impl Shown {
         self.features += u64::from(matches!(decision, DecisionRecord::Feature(_)));
         if self.json {
             let mut value = crate::show::json::decision(&decision);
-            if let (DecisionRecord::Verdict(_), Some(mode)) = (&decision, self.board) {
-                value["access"] = json!(mode);
+            if let DecisionRecord::Verdict(_) = &decision {
+                if let Some(mode) = self.board {
+                    value["access"] = json!(mode);
+                }
+                if let Some(spec) = &self.correction {
+                    value["probed_in"] = json!(spec.probed_in);
+                    value["probed_origin_mm"] = json!(spec.probed_origin_mm);
+                }
             }
             print_json(&value)?;
         } else if let DecisionRecord::Fault(fault) = &decision {

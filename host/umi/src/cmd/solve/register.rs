@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use crate::show::terminal::{
-    self, FAINT, Plain, TITLE, Table, bar, count, decimals, fixed, histogram, paint, print,
-    print_json,
+    self, CAUTION, FAINT, Plain, TITLE, Table, bar, count, decimals, fixed, histogram, paint,
+    print, print_error, print_json,
 };
 use clap::Args;
 use serde_json::{Value, json};
@@ -36,6 +36,8 @@ pub(crate) struct Register {
 const HELP: &str = "\
 Finds rotation R (determinant +1) and translation t with q = R p + t, with the
 least sum of squares over three or more pairs. Residuals are R p + t - q.
+Lists that no motion carries into each other, as inches into mm or a mirror image, are told
+(`suspect`), and nothing is corrected by them.
 
 Examples:
   umi register nominal.csv measured.csv
@@ -68,11 +70,18 @@ impl Register {
             .iter()
             .map(|p| Place::new(&registration, *p))
             .collect();
+        let suspect = suspect(&nominal, &measured, result.rms_mm);
         if self.format.json {
-            print_json(&machine(&result, nominal.len(), &distances, &places))
+            let mut machine = machine(&result, nominal.len(), &distances, &places);
+            machine["suspect"] = json!(suspect);
+            print_json(&machine)?;
         } else {
-            print(&text(&result, &distances, &places))
+            print(&text(&result, &distances, &places))?;
         }
+        if let Some(why) = suspect {
+            print_error(&format!("{} {why}\n", paint(CAUTION, "suspect")));
+        }
+        Ok(())
     }
 
     fn read(&self) -> Result<(Vec<Point>, Vec<Point>), Failure> {
@@ -86,6 +95,52 @@ impl Register {
             Some(measured) => Ok((points::read(&self.nominal)?, points::read(measured)?)),
         }
     }
+}
+
+/// What shows that one list is no rigid image of the other, whatever the motion: another unit or
+/// scale, or a mirror. A correction is not made by such a registration.
+fn suspect(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<String> {
+    /// A part that is warm, or a scan that is badly scaled, is off by less.
+    const MOST_SCALE: f64 = 0.02;
+    /// The mirrored points fit so much better.
+    const MIRRORED: f64 = 0.05;
+    let size = |points: &[Point]| {
+        let n = points.len() as f64;
+        let origin = Point::from_mm(0.0, 0.0, 0.0).mm;
+        let sum = points.iter().fold(origin, |sum, p| sum + p.mm);
+        let squares: f64 = points.iter().map(|p| (p.mm - sum / n).norm_squared()).sum();
+        (squares / n).sqrt()
+    };
+    let (there, here) = (size(nominal), size(measured));
+    let scale = here / there;
+    let is_near = |factor: f64| (scale / factor - 1.0).abs() < MOST_SCALE;
+    if is_near(25.4) || is_near(1.0 / 25.4) {
+        return Some(format!(
+            "the measured points lie {scale:.4} times as far apart as the nominal ones: one list \
+             is in inches and the other in mm; write both in mm"
+        ));
+    }
+    // Where the noise is as large as the part, the scale says nothing.
+    let is_clear = rms_mm > MOST_SCALE * there && rms_mm > MOST_SCALE * here;
+    if !is_near(1.0) && is_clear {
+        return Some(format!(
+            "the measured points lie {scale:.4} times as far apart as the nominal ones, and no \
+             motion stretches: look at units, order and names of the points"
+        ));
+    }
+    let mirrored: Vec<Point> = nominal
+        .iter()
+        .map(|p| Point::from_mm(-p.mm.x, p.mm.y, p.mm.z))
+        .collect();
+    let other = register(&mirrored, measured).ok()?;
+    let is_mirrored = is_clear && other.stats.rms.0 < MIRRORED * rms_mm;
+    is_mirrored.then(|| {
+        format!(
+            "the measured points are a mirror image of the nominal ones: mirrored, they fit to \
+             {:.4} mm; look at the signs of the axes",
+            other.stats.rms.0
+        )
+    })
 }
 
 /// There are n(n-1)/2 distances: of more points than this they are not listed.

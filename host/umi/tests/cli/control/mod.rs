@@ -1,5 +1,6 @@
 //! What goes to a control, and the virtual one.
 
+mod basis;
 mod correction;
 mod machine;
 mod nc;

@@ -163,7 +163,7 @@ fn what_would_correct_twice_is_said() {
     );
     umi(&["job", "set", job, "--port", port]).exits(0);
     assert_eq!(put("rewritten"), "corrected_twice");
-    let put = [
+    let in_words = [
         "program",
         "put",
         &file,
@@ -172,8 +172,18 @@ fn what_would_correct_twice_is_said() {
         "--port",
         port,
     ];
-    let said = umi(&put).exits(0).out;
+    let said = umi(&in_words).exits(0).out;
     assert!(said.contains("say `send = \"never\"` in the job"), "{said}");
+    // A job that sends nothing lets it go out, where the program runs in the offset that was probed.
+    let text = std::fs::read_to_string(job).unwrap();
+    let never = text.replace("send = \"on_request\"", "send = \"never\"");
+    assert_ne!(never, text);
+    let here = folder.file("n.toml", &never);
+    let there = folder.file("m.toml", never.replace("\"G54\"", "\"G57\""));
+    for (job, withheld) in [(here, None), (there, Some("not_rewritable"))] {
+        umi(&["job", "set", &job, "--port", port]).exits(0);
+        assert_eq!(put("rewritten").as_str(), withheld);
+    }
 }
 
 /// What is said of a program goes with it: what was tried here is what the board rewrites by.

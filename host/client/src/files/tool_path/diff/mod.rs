@@ -11,6 +11,8 @@
 
 mod way;
 
+use std::collections::HashMap;
+
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
 
@@ -50,6 +52,15 @@ pub struct DiffLimits {
     pub within_mm: f64,
 }
 
+/// What a program made depend on a variable when it was driven.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Depends {
+    /// What, as `IF[#500EQ1]GOTO99` or `X#500`.
+    pub what: String,
+    /// Its line, from 1.
+    pub line: u32,
+}
+
 /// How two programs differ.
 #[derive(Clone, Debug)]
 pub struct PathDifference {
@@ -59,8 +70,8 @@ pub struct PathDifference {
     pub moves: [usize; 2],
     /// Motions of both that are left out: an axis is in machine coordinates.
     pub away: [usize; 2],
-    /// The first motion of each that `G28`, `G30` or `G53` sends elsewhere than the other's, or
-    /// that the other has not.
+    /// The first motion of each that `G28`, `G30` or `G53` sends elsewhere than the other's, or over
+    /// another place, or that the other has not.
     pub sent_elsewhere: [Option<u32>; 2],
     /// Motions of the first whose ends are in the second.
     pub matched: usize,
@@ -75,6 +86,8 @@ pub struct PathDifference {
     pub inserted: Vec<u32>,
     /// Motions of the second behind the last of the first.
     pub left_over: usize,
+    /// What only the second makes depend on a variable: with other values it moves elsewhere.
+    pub decides: Vec<Depends>,
     /// Of the motions that were found, in order.
     pub deviations: Vec<Deviation>,
     /// Root mean square of the deviations of the ends, mm.
@@ -87,7 +100,30 @@ pub struct PathDifference {
     pub largest_rapid: Option<Largest>,
 }
 
+impl Depends {
+    /// Whether it is a whole block, and no word of one that moves.
+    fn is_statement(&self) -> bool {
+        let begins = self.what.as_bytes();
+        !matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic())
+    }
+}
+
 impl PathDifference {
+    /// Takes what both made depend on variables.
+    pub fn compare_depends(&mut self, first: &[Depends], second: &[Depends]) {
+        let mut left: HashMap<&str, u64> = HashMap::new();
+        for decision in first {
+            *left.entry(&decision.what).or_default() += 1;
+        }
+        for decision in second {
+            match left.get_mut(decision.what.as_str()) {
+                // A word may stand in each of the lines that one was written out to.
+                Some(n) if *n > 0 || !decision.is_statement() => *n = n.saturating_sub(1),
+                _ => self.decides.push(decision.clone()),
+            }
+        }
+    }
+
     /// The largest deviation of all.
     fn largest(&self) -> Option<&Largest> {
         let all = [&self.largest_way, &self.largest_rapid, &self.largest_end];
@@ -111,6 +147,7 @@ impl PathDifference {
             && self.inserted.is_empty()
             && self.left_over == 0
             && self.other_rate == 0
+            && self.decides.is_empty()
             && self.sent_elsewhere == [None; 2]
             && self.is_within()
     }
@@ -140,6 +177,12 @@ impl PathDifference {
         };
         if let Some(place) = place {
             return format!("different: {place} an axis somewhere in machine coordinates");
+        }
+        if let Some(Depends { what, line }) = self.decides.first() {
+            return format!(
+                "different: {what} in line {line} is not in the first program, and where the \
+                 second goes by it depends on a variable"
+            );
         }
         let most = self.largest().filter(|most| most.mm >= 5e-7);
         let Some(Largest { mm, lines, .. }) = most else {
@@ -173,13 +216,14 @@ pub fn compare(
         limits,
         moves: [first.len(), second.len()],
         away: [left_out(first), left_out(second)],
-        sent_elsewhere: sent_elsewhere(&sent(first), &sent(second), near_mm),
+        sent_elsewhere: sent_elsewhere(&sent(first), &sent(second), transform, near_mm),
         matched: 0,
         from_away: 0,
         missing: Vec::new(),
         other_rate: 0,
         inserted: Vec::new(),
         left_over: 0,
+        decides: Vec::new(),
         deviations: Vec::new(),
         rms_mm: 0.0,
         largest_end: None,
@@ -310,15 +354,33 @@ fn ends_here(
     first_near
 }
 
-/// Where `G28`, `G30` and `G53` send axes, the last motion of each block.
-fn sent(moves: &[Move]) -> Vec<&Move> {
-    let mut sent: Vec<&Move> = Vec::new();
+/// A block with `G28`, `G30` or `G53`.
+struct Sent<'a> {
+    /// Where it begins.
+    from: V,
+    /// Its last motion: `G28` goes over a place that it names.
+    last: &'a Move,
+}
+
+impl Sent<'_> {
+    /// How far it leads to the place over which it goes; nothing where it names none.
+    fn over(&self) -> V {
+        self.last.ends[0] - self.from
+    }
+}
+
+/// Where `G28`, `G30` and `G53` send axes.
+fn sent(moves: &[Move]) -> Vec<Sent<'_>> {
+    let mut sent: Vec<Sent<'_>> = Vec::new();
     let mut was_sent = false;
     for made in moves {
         if made.by_machine {
             match sent.last_mut() {
-                Some(last) if was_sent && last.line == made.line => *last = made,
-                _ => sent.push(made),
+                Some(of) if was_sent && of.last.line == made.line => of.last = made,
+                _ => sent.push(Sent {
+                    from: made.ends[0],
+                    last: made,
+                }),
             }
         }
         was_sent = made.by_machine;
@@ -326,14 +388,21 @@ fn sent(moves: &[Move]) -> Vec<&Move> {
     sent
 }
 
-/// The lines of the first two that send axes to different places.
-fn sent_elsewhere(first: &[&Move], second: &[&Move], near_mm: f64) -> [Option<u32>; 2] {
-    let differs = |a: &Move, b: &Move| {
-        a.away != b.away
+/// The lines of the first two that send axes to different places, or over different ones.
+fn sent_elsewhere(
+    first: &[Sent<'_>],
+    second: &[Sent<'_>],
+    transform: &RigidTransform,
+    near_mm: f64,
+) -> [Option<u32>; 2] {
+    let differs = |a: &Sent<'_>, b: &Sent<'_>| {
+        let (over, a, b) = (transform.rotation * a.over() - b.over(), a.last, b.last);
+        over.norm() > near_mm
+            || a.away != b.away
             || (0..3)
                 .any(|axis| a.away[axis] && (a.ends[1][axis] - b.ends[1][axis]).abs() > near_mm)
     };
-    let line = |of: &[&Move], at: usize| of.get(at).map(|made| made.line);
+    let line = |of: &[Sent<'_>], at: usize| of.get(at).map(|sent| sent.last.line);
     let many = first.len().max(second.len());
     (0..many)
         .find(|at| match (first.get(*at), second.get(*at)) {

@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 use umi_client::files::points::name;
 use umi_client::files::tool_path::{self, Examined, PartProgram};
+use umi_client::job::correction::Basis;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{RefusedLine, RewriteSettings};
 
@@ -48,11 +49,14 @@ Exit status: 0 it can, 1 file or usage, 2 there are reasons against it.";
 impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let program = self.how.program(&self.program)?;
+        let basis = self.moved_by.read()?;
+        let measured_in = basis.as_ref().and_then(Basis::measured_in);
+        let settings = |transform| self.how.settings(transform, measured_in);
         let examine = |transform| {
-            let settings = self.how.settings(transform)?;
-            Ok::<_, Failure>(tool_path::examine(&program, &settings)?)
+            let examined = tool_path::examine(&program, &settings(transform)?)?;
+            Ok::<_, Failure>(examined)
         };
-        let transform = match self.moved_by.read()? {
+        let transform = match basis {
             Some(basis) => Some(basis.transform()?),
             None => None,
         };
@@ -61,9 +65,9 @@ impl Check {
             let level = examine(tool_path::LEVEL.transform())?;
             let leaning = examine(tool_path::LEANING.transform())?;
             let tried = tool_path::LEANING.transform();
-            return self.tell(&program, &level, Some(&leaning), tried);
+            return self.tell(&program, &level, Some(&leaning), &settings(tried)?);
         };
-        self.tell(&program, &examine(transform)?, None, transform)
+        self.tell(&program, &examine(transform)?, None, &settings(transform)?)
     }
 
     fn tell(
@@ -71,9 +75,8 @@ impl Check {
         program: &PartProgram,
         found: &Examined,
         leaning: Option<&Examined>,
-        tried: RigidTransform,
+        settings: &RewriteSettings,
     ) -> Result<(), Failure> {
-        let settings = self.how.settings(tried)?;
         let no_others = Vec::new();
         let others: &Vec<RefusedLine> = leaning.map_or(&no_others, |examined| &examined.refusals);
         let only_leaning = || {
@@ -82,10 +85,10 @@ impl Check {
                 .filter(|refusal| !found.refusals.contains(refusal))
         };
         for refusal in &found.refusals {
-            self.reason(program, refusal, &settings, false)?;
+            self.reason(program, refusal, settings, false)?;
         }
         for refusal in only_leaning() {
-            self.reason(program, refusal, &settings, true)?;
+            self.reason(program, refusal, settings, true)?;
         }
         let reasons = found.refusals.len() as u64 + found.more;
         let leans = only_leaning().count() as u64;
@@ -97,6 +100,11 @@ impl Check {
             print_json(&value)?;
         } else {
             let style = if reasons > 0 { BAD } else { GOOD };
+            let mut summary = found.summary;
+            if leaning.is_some() {
+                // Nobody has said where the part lies.
+                summary.written_mm = None;
+            }
             let lean = match leaning {
                 None => String::new(),
                 Some(_) if leans == 0 => ", also where the part leans".into(),
@@ -108,7 +116,7 @@ impl Check {
                     style,
                     format_args!("{} against rewriting it", count(reasons, "reason"))
                 ),
-                table(&found.identity, &found.summary)
+                table(&found.identity, &summary)
             ))?;
         }
         if reasons == 0 {

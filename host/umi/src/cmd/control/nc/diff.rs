@@ -8,12 +8,15 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use umi_client::files::points::name;
 use umi_client::files::tool_path::diff::{self, DiffLimits, Largest, PathDifference};
+use umi_client::job::correction::Basis;
 use umi_core::registration::RigidTransform;
+use umi_desk::tool_path::{self, PathFrame};
 use umi_report::pages::paths;
 use umi_virtual::nc::{ControlFamily, ControlSettings, DecimalPoint};
 
 use crate::cmd::Format;
 use crate::cmd::control::basis::MovedBy;
+use crate::cmd::control::offsets::Offsets;
 use crate::cmd::control::options::Count;
 use crate::output::Force;
 
@@ -29,6 +32,8 @@ pub(crate) struct Diff {
     second: PathBuf,
     #[command(flatten)]
     moved_by: MovedBy,
+    #[command(flatten)]
+    offsets: Offsets,
     /// Programs that both call, as macros (repeatable)
     #[arg(long, value_name = "FILE")]
     load: Vec<PathBuf>,
@@ -61,6 +66,9 @@ length zero and home at machine zero; numbers without a point are mm, or 0.001 m
 Arcs may have become chords. Every motion is followed all the way, in its direction and by all its
 turns: where it strays more than --within-mm from the image of the first program's, the programs
 differ. Feeds and spindles are not compared.
+Work offsets that no --origin gives, and no job, lie far from each other: motions in another one are
+somewhere else. Variables that a program does not set are empty; what only the second makes depend
+on one is a difference.
 Motions in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
 not named yet, have no image and are left out; axes have to be sent to the same places. The way of
 the motion behind them is not measured, only its end.
@@ -112,10 +120,14 @@ impl Diff {
             inputs.extend(self.moved_by.inputs());
             self.force.check(path, &inputs)?;
         }
-        let transform = match self.moved_by.read()? {
+        let basis = self.moved_by.read()?;
+        let measured_in = basis.as_ref().and_then(Basis::measured_in);
+        let (measured_in, origins_mm) = self.offsets.of(measured_in)?;
+        let transform = match basis {
             Some(basis) => basis.transform()?,
             None => RigidTransform::identity(),
         };
+        let frame = measured_in.map_or(PathFrame::FirstMotion, |of| PathFrame::Of(of.offset));
         let dialect = match self.control {
             Language::Fanuc => ControlFamily::Fanuc,
             Language::Haas => ControlFamily::Haas,
@@ -135,17 +147,21 @@ impl Diff {
             feed_mm_min: Some(100.0),
             ..ControlSettings::of(dialect)
         };
-        let first = umi_desk::tool_path::moves(&self.first, &self.load, &settings)?;
-        let second = umi_desk::tool_path::moves(&self.second, &self.load, &settings)?;
-        let found = diff::compare(&first, &second, &transform, limits);
+        let driven =
+            |path, frame| tool_path::drive(path, &self.load, &settings, &origins_mm, frame);
+        let first = driven(&self.first, frame)?;
+        // Its frame is that of both: under another work offset the second is somewhere else.
+        let second = driven(&self.second, PathFrame::At(first.frame_mm))?;
+        let mut found = diff::compare(&first.moves, &second.moves, &transform, limits);
+        found.compare_depends(&first.depends, &second.depends);
         if let Some(path) = &self.output {
             let title = format!("{} and {}", name(&self.first), name(&self.second));
             let page = paths::html(
                 &title,
                 &found.in_words(),
                 &facts(&found),
-                &first,
-                &second,
+                &first.moves,
+                &second.moves,
                 &transform,
                 &found,
             );
@@ -194,6 +210,8 @@ fn machine(found: &PathDifference) -> Value {
         "other_rate": found.other_rate,
         "inserted_lines_b": found.inserted,
         "left_over_b": found.left_over,
+        "decides_b": found.decides.iter().map(|of| json!({"line": of.line, "what": of.what}))
+            .collect::<Vec<_>>(),
         "sent_elsewhere_line_a": found.sent_elsewhere[0],
         "sent_elsewhere_line_b": found.sent_elsewhere[1],
         "ways_left_out": found.from_away,
@@ -239,6 +257,13 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
     if found.other_rate > 0 {
         let motions = count(found.other_rate as u64, "motion");
         fact("other rate", format!("{motions} cut in one program only"));
+    }
+    if !found.decides.is_empty() {
+        let decides = found.decides.iter().take(10);
+        let decides: Vec<String> = decides
+            .map(|of| format!("{} (line {})", of.what, of.line))
+            .collect();
+        fact("depends on variables", decides.join(", "));
     }
     if found.left_over > 0 {
         fact("left over", count(found.left_over as u64, "motion"));

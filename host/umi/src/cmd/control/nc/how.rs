@@ -8,8 +8,9 @@ use umi_client::files::points::name;
 use umi_client::files::tool_path::{self, PartProgram};
 use umi_client::problem::Problem;
 use umi_core::registration::RigidTransform;
-use umi_core::rewrite::{RefusedLine, RewriteRefusal, RewriteSettings};
+use umi_core::rewrite::{MeasuredIn, RefusedLine, RewriteRefusal, RewriteSettings};
 
+use crate::cmd::control::offsets::Offsets;
 use crate::cmd::control::options::Control;
 use crate::cmd::control::stated::{Said, option};
 
@@ -18,10 +19,8 @@ use crate::cmd::control::stated::{Said, option};
 pub(crate) struct How {
     #[command(flatten)]
     control: Control,
-    /// The origin of a work offset in machine coordinates, as G55=250,0,-40 (repeatable):
-    /// a program with two of them and a rotation needs both
-    #[arg(long, value_name = "G54=X,Y,Z", value_parser = origin)]
-    origin: Vec<(usize, [f64; 3])>,
+    #[command(flatten)]
+    offsets: Offsets,
     #[command(flatten)]
     said: Said,
     /// A program that is called, to be rewritten with this one as if it stood in its file
@@ -33,27 +32,16 @@ pub(crate) struct How {
     again: bool,
 }
 
-fn origin(text: &str) -> Result<(usize, [f64; 3]), String> {
-    let parsed = || {
-        let (name, place) = text.split_once('=')?;
-        let number: usize = name.trim_start_matches(['G', 'g']).parse().ok()?;
-        let index = number.checked_sub(54).filter(|index| *index < 6)?;
-        let numbers: Result<Vec<f64>, _> = place.split(',').map(|x| x.trim().parse()).collect();
-        Some((index, numbers.ok()?.try_into().ok()?))
-    };
-    parsed().ok_or_else(|| "give it as G54=100,-250,-40.5 (G54 to G59, mm)".into())
-}
-
 impl How {
-    /// The settings for a transform.
-    pub fn settings(&self, transform: RigidTransform) -> Result<RewriteSettings, Failure> {
-        let mut origins_mm = [None; 6];
-        for (index, place) in &self.origin {
-            if let Some(slot) = origins_mm.get_mut(*index) {
-                *slot = Some(*place);
-            }
-        }
+    /// The settings for a transform that holds there.
+    pub fn settings(
+        &self,
+        transform: RigidTransform,
+        measured_in: Option<MeasuredIn>,
+    ) -> Result<RewriteSettings, Failure> {
+        let (measured_in, origins_mm) = self.offsets.of(measured_in)?;
         Ok(RewriteSettings {
+            measured_in: measured_in.map(|it| it.offset),
             origins_mm,
             again: self.again,
             ..self
@@ -91,9 +79,13 @@ pub fn allowed_by(
         RewriteRefusal::NotHere(number) => Some(format!("--load FILE, --allow-call P{number}")),
         RewriteRefusal::NamedCall => Some("--allow-call '<name>'".to_owned()),
         RewriteRefusal::Rewritten => Some("--again".to_owned()),
-        RewriteRefusal::WorkOffset => {
-            Some("--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates".to_owned())
-        }
+        RewriteRefusal::WorkOffset => Some(match settings.measured_in {
+            None => "--origin G54=X,Y,Z --origin G55=X,Y,Z, in machine coordinates".to_owned(),
+            Some(offset) => format!(
+                "probed in {offset}; --origin G54=X,Y,Z in machine coordinates for this one and for \
+                 that, or --start if the program says none"
+            ),
+        }),
         RewriteRefusal::RapidOver(_) if !helps_to_allow(program, refused, settings) => None,
         other => option(other),
     }

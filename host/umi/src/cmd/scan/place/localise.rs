@@ -70,7 +70,8 @@ pub(crate) struct Localise {
     /// are read (PLY; other formats must fit); no file is made for it
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
     memory_mb: u64,
-    /// Write the transform for `umi correction` and `umi nc rewrite`
+    /// Write the transform for `umi correction` and `umi nc rewrite`; by one that is NG they move
+    /// nothing
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
     /// Write a page with the deviations, the fiducials, and how sure the pose is at the corners

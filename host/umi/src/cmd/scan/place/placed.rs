@@ -41,7 +41,7 @@ impl Placed<'_> {
         text: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
         if let Some(path) = output {
-            transform::write(path, self.motion).map_err(failure)?;
+            transform::write(path, self.motion, self.verdict()).map_err(failure)?;
         }
         if json {
             print_json(&machine())?;

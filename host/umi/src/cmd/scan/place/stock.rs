@@ -52,7 +52,8 @@ pub(crate) struct Stock {
     /// Threads; the result has the same bits for any number
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Write the transform for `umi correction` and `umi nc rewrite`
+    /// Write the transform for `umi correction` and `umi nc rewrite`; by one that is NG they move
+    /// nothing
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
     /// Write the scan with its stock per point as PLY

@@ -41,9 +41,12 @@ pub fn fields(motion: &Pose) -> Map<String, Value> {
     map
 }
 
-/// Writes the transform for `umi correction --transform` and `umi nc rewrite --transform`.
-pub fn write(path: &Path, motion: &Pose) -> Result<(), ScanError> {
-    std::fs::write(path, format!("{}\n", Value::Object(fields(motion))))
+/// Writes the transform for `umi correction --transform` and `umi nc rewrite --transform`, which
+/// take none whose verdict is NG.
+pub fn write(path: &Path, motion: &Pose, verdict: &str) -> Result<(), ScanError> {
+    let mut map = fields(motion);
+    map.insert("verdict".into(), verdict.into());
+    std::fs::write(path, format!("{}\n", Value::Object(map)))
         .map_err(|error| ScanError::file("write", path, &error))
 }
 

@@ -1,0 +1,255 @@
+//! By what a program is carried: a verdict that stands, of a part that was probed in the work
+//! offset in which the program runs, and a transform that is one.
+
+use crate::rig::run::{Folder, Ran, project, umi};
+
+const HEAD: &str = "O7\nG21 G90 G17\n";
+
+/// What a replay prints of a capture, with this job.
+fn replayed(folder: &Folder, capture: &str, job: &str) -> String {
+    let (capture, job) = (folder.file("c.txt", capture), folder.file("j.toml", job));
+    umi(&["replay", &capture, "--job", &job, "--json"])
+        .exits(0)
+        .out
+}
+
+fn session() -> String {
+    std::fs::read_to_string(project("tests/reference/sessions/session_a.txt")).unwrap()
+}
+
+fn job() -> String {
+    std::fs::read_to_string(project("examples/three-spheres.toml")).unwrap()
+}
+
+fn error(ran: &Ran) -> String {
+    ran.json()["error"]["code"].as_str().unwrap().to_owned()
+}
+
+/// The part was probed in G54. A program that runs in another offset is refused, or carried by the
+/// origins of both, and `nc diff` calls no other one the image.
+#[test]
+fn a_program_runs_where_the_part_was_probed() {
+    let folder = Folder::new();
+    let verdicts = folder.file("v.jsonl", replayed(&folder, &session(), &job()));
+    let out = folder.path("out.nc");
+    let program = |offset: &str| {
+        let text = format!("{HEAD}{offset}\nG0 X10. Y0. Z5.\nG1 X60. F100\nM30\n");
+        folder.file("p.nc", text)
+    };
+    let rewrite = |offset: &str, more: &[&str]| {
+        let program = program(offset);
+        let args = [
+            "nc",
+            "rewrite",
+            &program,
+            "-o",
+            &out,
+            "--force",
+            "--verdict",
+            &verdicts,
+        ];
+        umi(&[&args[..], more].concat())
+    };
+    rewrite("G54", &[]).exits(0);
+    rewrite("(NONE)", &[]).exits(0);
+    for offset in ["G55", "G56", "G54.1 P3"] {
+        std::fs::remove_file(&out).unwrap();
+        rewrite(offset, &[])
+            .exits(2)
+            .says("line 4, column 4: how this work offset lies to the one that was probed")
+            .says("probed in G54");
+        assert!(!std::path::Path::new(&out).exists(), "{offset}");
+        umi(&["nc", "check", &program(offset), "--verdict", &verdicts]).exits(2);
+        rewrite("G54", &[]).exits(0);
+        // The program of G54 is no image of this one.
+        umi(&["nc", "diff", &program(offset), &out, "--verdict", &verdicts]).exits(2);
+    }
+    // A program that moves the offset is carried from where that was.
+    rewrite("G10 L2 P1 X5.", &[]).exits(0);
+    for (offset, status) in [("G10 L2 P1 X5.", 0), ("G54", 2)] {
+        let program = program(offset);
+        umi(&["nc", "diff", &program, &out, "--verdict", &verdicts]).exits(status);
+    }
+    // The job says where G54 is: with G55's origin the program is carried, and compared.
+    let origin = ["--origin", "G55=-300,-250,-310"];
+    rewrite("G55", &origin).exits(0);
+    let diff = [
+        &["nc", "diff", &program("G55"), &out, "--verdict", &verdicts],
+        &origin[..],
+    ];
+    umi(&diff.concat()).exits(0);
+    let other = ["--origin", "G54=1,2,3"];
+    rewrite("G55", &[&origin[..], &other].concat())
+        .exits(1)
+        .says("by the job's `probed_origin_mm`");
+    rewrite("G55", &[&origin[..], &["--origin", "G55=1,2,3"]].concat()).exits(1);
+    rewrite("G55", &["--probed-in", "G55"])
+        .exits(1)
+        .says("was probed in G54");
+    // Of another job the same program is the right one.
+    let elsewhere = job().replace("probed_in = \"G54\"", "probed_in = \"G56\"");
+    let verdicts = folder.file("v2.jsonl", replayed(&folder, &session(), &elsewhere));
+    for (offset, status) in [("G54", 2), ("G56", 0)] {
+        let args = ["nc", "rewrite", &program(offset), "-o", &out, "--force"];
+        umi(&[&args[..], &["--verdict", &verdicts]].concat()).exits(status);
+    }
+    // A correction is reckoned in the offset that was probed.
+    let plan = folder.file("j.toml", job());
+    umi(&["correction", "--verdict", &verdicts, "--job", &plan])
+        .exits(1)
+        .says("was probed in G56");
+}
+
+/// What a replay printed corrects by its last verdict only up to its end, and only if nothing came
+/// behind that.
+#[test]
+fn a_printed_verdict_stands_at_the_end() {
+    let folder = Folder::new();
+    let program = folder.file("p.nc", format!("{HEAD}G0 X10. Y0. Z5.\nM30\n"));
+    let job = job();
+    let run = |printed: &str| {
+        let printed = folder.file("v.jsonl", printed);
+        let out = folder.path("out.nc");
+        let args = ["nc", "rewrite", &program, "-o", &out, "--force", "--json"];
+        umi(&[&args[..], &["--verdict", &printed]].concat())
+    };
+    let whole = replayed(&folder, &session(), &job);
+    run(&whole).exits(0);
+    let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+    for length in 1..lines.len() {
+        let cut = lines[..length].concat();
+        let ran = run(&cut);
+        let has_verdict = cut.contains("\"type\":\"verdict\"");
+        let ran = ran.exits(if has_verdict { 2 } else { 1 });
+        let expected = if has_verdict
+            && !lines[..length]
+                .iter()
+                .rfind(|line| line.contains("\"type\":\"verdict\""))
+                .unwrap()
+                .contains("\"verdict\":\"OK\"")
+        {
+            "not_ok"
+        } else if has_verdict {
+            "no_end"
+        } else {
+            "verdict"
+        };
+        assert_eq!(error(&ran), expected, "{length} lines");
+    }
+    // Something else was printed.
+    let begun = format!("{}PART 7\n", session());
+    let ran = run(&replayed(&folder, &begun, &job)).exits(2);
+    assert_eq!(error(&ran), "taken_back");
+    // One verdict alone is somebody's choice.
+    let alone = lines
+        .iter()
+        .rfind(|line| line.contains("\"verdict\":\"OK\""))
+        .unwrap();
+    run(alone).exits(0);
+    let twice = alone.replacen(
+        "\"verdict\":\"OK\"",
+        "\"verdict\":\"NG\",\"verdict\":\"OK\"",
+        1,
+    );
+    let said = run(&twice).exits(1).json()["error"]["message"].to_string();
+    assert!(said.contains("duplicate field"), "{said}");
+    run(&alone.replacen("\"reasons\":[]", "\"reasons\":\"rms\"", 1)).exits(1);
+}
+
+/// A transform that is none, of a registration that is none, and of a pose that is NG, corrects
+/// nothing.
+#[test]
+fn a_transform_is_one() {
+    let folder = Folder::new();
+    let job = folder.file("j.toml", job());
+    let out = folder.path("out.nc");
+    let program = folder.file("p.nc", format!("{HEAD}G0 X10. Y0. Z5.\nM30\n"));
+    let both = |transform: &str| {
+        let transform = folder.file("t.json", transform);
+        let correction = [
+            "correction",
+            "--transform",
+            &transform,
+            "--job",
+            &job,
+            "--json",
+        ];
+        let rewrite = ["nc", "rewrite", &program, "-o", &out, "--force", "--json"];
+        [
+            umi(&correction),
+            umi(&[&rewrite[..], &["--transform", &transform]].concat()),
+        ]
+    };
+    let turned = |c: f64, s: f64| {
+        format!(
+            "{{\"rotation\": [[{c},{}, 0],[{s},{c},0],[0,0,1]], \"translation_mm\": [1,2,0]}}",
+            -s
+        )
+    };
+    let (sin, cos) = 1_f64.to_radians().sin_cos();
+    for ran in both(&turned(cos, sin)) {
+        ran.exits(0);
+    }
+    for ran in both(&turned(1.0, 0.017)) {
+        let said = ran.exits(1).json()["error"]["message"].to_string();
+        assert!(said.contains("orthogonal"), "{said}");
+    }
+    let nominal = "x,y,z\n0,0,0\n100,0,0\n0,80,0\n20,30,40\n";
+    let nominal = folder.file("p.csv", nominal);
+    for (measured, says) in [
+        (
+            "0,0,0\n0,3.937,0\n-3.1496,0,0\n-1.1811,0.7874,1.5748\n",
+            "inches",
+        ),
+        (
+            "0,0,0\n0,120,0\n-96,0,0\n-36,24,48\n",
+            "1.2000 times as far apart",
+        ),
+        ("0,0,0\n0,100,0\n-80,0,0\n-30,20,-40\n", "mirror image"),
+    ] {
+        let measured = folder.file("q.csv", format!("x,y,z\n{measured}"));
+        umi(&["register", &nominal, &measured]).exits(0).says(says);
+        let made = umi(&["register", &nominal, &measured, "--json"])
+            .exits(0)
+            .out;
+        for ran in both(&made) {
+            assert_eq!(error(&ran.exits(2)), "not_ok", "{says}");
+        }
+    }
+    let measured = folder.file("q.csv", "x,y,z\n1,0,0\n1,100,0\n-79,0,0\n-29,20,40.3\n");
+    let good = umi(&["register", &nominal, &measured, "--json"]).exits(0);
+    assert!(good.json()["suspect"].is_null());
+    let [_, carried] = both(&good.out);
+    carried.exits(0);
+}
+
+/// Two programs that move otherwise, if a variable has another value, in another offset, or over
+/// another place, are not the same.
+#[test]
+fn a_difference_that_hides_is_found() {
+    let folder = Folder::new();
+    let body = "G54\nG0 X10. Y0. Z5.\nG1 X60. F100\nG91 G28 Z0\nG90 G0 X0 Y0 Z50.\nM30\n";
+    let first = folder.file("a.nc", format!("{HEAD}{body}"));
+    let compared = |text: &str| {
+        let second = folder.file("b.nc", format!("{HEAD}{text}"));
+        umi(&["nc", "diff", &first, &second])
+    };
+    compared(body).exits(0);
+    for (from, to) in [
+        ("G91 G28 Z0", "G91 G28 Z-60."),
+        ("G91 G28 Z0", "G90 G28 Z0"),
+        ("G54\n", "G55\n"),
+        ("G54\n", "G54.1 P3\n"),
+        ("G1 X60.", "G55 G1 X60."),
+        ("G1 X60.", "IF[#500EQ1]GOTO99\nG1 X60."),
+        ("G90 G0 X0 ", "G90 G0 X0 Z#500\nX0 "),
+        ("G1 X60. F100", "G1 X[60.+#500] F100"),
+        ("G1 X60. F100", "G1 X60. F100\n#500=1."),
+    ] {
+        assert!(body.contains(from));
+        compared(&body.replacen(from, to, 1)).exits(2);
+    }
+    let carries = "IF[#500EQ1]GOTO99\nG54\n";
+    let both = folder.file("c.nc", format!("{HEAD}{carries}N99{body}"));
+    umi(&["nc", "diff", &both, &both]).exits(0);
+}
