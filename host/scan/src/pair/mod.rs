@@ -164,17 +164,16 @@ pub fn pair(
         of_all[jump.strangers.clone()].fill(None);
     }
     let mut pairing = answer(&of_all, &frames, triggers, clock);
+    let even = even::even_train(trains, &found, &streams.advice());
     if options.strict {
-        refuse_faults(&pairing, triggers)?;
+        refuse_faults(&pairing, triggers, even.as_deref())?;
     }
     let odd = jump.map(|jump| jump.text);
     pairing
         .warnings
         .extend(odd.or_else(|| reach.apart(&streams)));
     pairing.warnings.extend(frames.wild.iter().map(came_again));
-    pairing
-        .warnings
-        .extend(even::even_train(trains, &found, &streams.advice()));
+    pairing.warnings.extend(even);
     pairing.warnings.extend(skips::skips(&streams, &of_all));
     if triggers.right_until_ns.is_some() {
         pairing.warnings.push(format!(
@@ -376,7 +375,11 @@ fn bad_clock(frames: &Frames, jitter_us: f64) -> Option<String> {
     })
 }
 
-fn refuse_faults(pairing: &ScanPairing, triggers: &Triggers) -> Result<(), ScanError> {
+fn refuse_faults(
+    pairing: &ScanPairing,
+    triggers: &Triggers,
+    even: Option<&str>,
+) -> Result<(), ScanError> {
     let faults = [
         (pairing.unpaired_profiles.len() as u64, "unpaired profiles"),
         (pairing.duplicates.len() as u64, "duplicates"),
@@ -393,6 +396,7 @@ fn refuse_faults(pairing: &ScanPairing, triggers: &Triggers) -> Result<(), ScanE
         .iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| format!("{count} {what}"))
+        .chain(even.map(str::to_owned))
         .collect();
     if named.is_empty() {
         return Ok(());

@@ -687,7 +687,7 @@ impl<'a> Search<'a> {
 }
 
 /// The ends of the values that lie within `spread` of each other, where most do.
-fn widest_window(sorted: &[i64], spread: i64) -> Option<(i64, i64)> {
+pub(super) fn widest_window(sorted: &[i64], spread: i64) -> Option<(i64, i64)> {
     let (mut begin, mut most, mut best) = (0, 0, None);
     for end in 0..sorted.len() {
         while sorted[end].saturating_sub(sorted[begin]) > spread {

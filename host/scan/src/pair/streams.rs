@@ -113,7 +113,7 @@ impl<'a> Streams<'a> {
     pub fn advice(&self) -> String {
         let uneven = match self.triggers.cause {
             LatchSignal::Output => {
-                "begin with uneven trigger pulses (the signature of umi scan record)"
+                "begin with uneven trigger pulses (the signature of umi scan record; pulses by distance have none)"
             }
             LatchSignal::Trigger => {
                 "let the board trigger the sensor (umi scan record begins with uneven pulses), because a sensor that runs \
@@ -124,7 +124,7 @@ impl<'a> Streams<'a> {
             Some(_) => "",
             None => "wire the sensor's encoder (--encoder) and ",
         };
-        format!("{uneven}; or {encoder}change speed in the scan")
+        format!("{uneven}; or {encoder}change speed in the scan, up and down by turns")
     }
 
     /// The sensor's times, as the stream has them.

@@ -45,7 +45,8 @@ A profile or a latch whose time is wild stands apart from all others: it is left
 in another unit than their column says are refused (no_match), with `factor`. Of a frame that came again the first
 message counts, unless its time is wild.
 
-In a train as even as a clock nothing tells where it begins (`even_train`), nor triggers that the sensor missed from
+In a train as even as a clock, or whose rhythm repeats or drifts steadily, nothing tells where it begins
+(`even_train`; --strict refuses it), nor triggers that the sensor missed from
 a jump of its clock by whole intervals (`skipped`): uneven pulses, an encoder or changes of speed tell.
 
 Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
@@ -67,7 +68,7 @@ pub(crate) struct Streams {
     cause: Option<CauseName>,
     #[command(flatten)]
     tolerances: Tolerances,
-    /// Refuse a scan with any loss, duplicate or extra
+    /// Refuse a scan with any loss, duplicate or extra, and one whose ends nothing tells (`even_train`)
     #[arg(long)]
     strict: bool,
 }
