@@ -155,10 +155,15 @@ impl<R: BufRead> TableReader<R> {
     /// It is not: code `missing_column`.
     pub fn column(&self, column: &str) -> Result<Column, ScanError> {
         self.optional(column).ok_or_else(|| {
+            let has_like = |name: &String| name.eq_ignore_ascii_case(column);
+            let like = self.columns.iter().find(|name| has_like(name));
+            let like = like.map_or(String::new(), |name| {
+                format!(" ({name:?} has to be written {column:?})")
+            });
             ScanError::unreadable(
                 "missing_column",
                 format_args!(
-                    "{}: there is no column {column:?}; the first line names {}",
+                    "{}: there is no column {column:?}{like}; the first line names {}",
                     self.name,
                     self.columns.join(", ")
                 ),
@@ -198,6 +203,11 @@ impl<R: BufRead> TableReader<R> {
                 (
                     "truncated",
                     "the file ends in the middle of this line: it was cut",
+                )
+            } else if has > wants && self.separator == b',' {
+                (
+                    "corrupt",
+                    "every row needs a cell for each column; numbers have a decimal point, and no comma",
                 )
             } else {
                 ("corrupt", "every row needs a cell for each column")
@@ -256,6 +266,11 @@ impl<R: BufRead> TableReader<R> {
             }
             while matches!(bytes.last(), Some(b'\n' | b'\r')) {
                 bytes.pop();
+            }
+            if bytes.contains(&b'\r') {
+                return Err(self.corrupt(
+                    "its lines end with CR alone: write it with LF or CRLF at the ends of lines",
+                ));
             }
             if self.line == 1 && bytes.starts_with("\u{FEFF}".as_bytes()) {
                 bytes.drain(.."\u{FEFF}".len());
@@ -343,14 +358,17 @@ impl<'a> Row<'a> {
     /// What is wrong with a cell, and what should stand there.
     #[must_use]
     pub fn wrong(&self, column: Column, wanted: &str) -> ScanError {
+        let text = self.text(column);
+        let point = if text.replacen(',', ".", 1).parse::<f64>().is_ok() {
+            ", with a decimal point"
+        } else {
+            ""
+        };
         ScanError::unreadable(
             "corrupt",
             format_args!(
-                "{}, line {}: {} is {:?}: {wanted} is needed",
-                self.name,
-                self.line,
-                self.columns[column.0],
-                self.text(column)
+                "{}, line {}: {} is {text:?}: {wanted} is needed{point}",
+                self.name, self.line, self.columns[column.0]
             ),
         )
         .with("line", self.line)
@@ -378,6 +396,30 @@ mod tests {
         assert!(row.number(c).is_err());
         assert!(table.next_row().unwrap().is_none());
         assert_eq!(table.column("d").unwrap_err().code, "missing_column");
+    }
+
+    /// What other programs write otherwise is told by what to write instead.
+    #[test]
+    fn other_ways_of_writing_are_told() {
+        let read = |text: &str| {
+            let mut table = TableReader::new(text.as_bytes(), "table".into())?;
+            let column = table.column("x_mm")?;
+            let row = table.next_row()?.map(|row| row.number(column));
+            row.transpose()
+        };
+        for (text, told) in [
+            ("x_mm,z_mm\r1,2\r3,4\r", "CR alone"),
+            ("X_mm,z_mm\n1,2\n", "\"X_mm\" has to be written \"x_mm\""),
+            (
+                "x_mm;z_mm\n1,5;2\n",
+                "a number is needed, with a decimal point",
+            ),
+            ("x_mm,z_mm\n1,5,2,5\n", "a decimal point, and no comma"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.message.contains(told), "{error}");
+        }
+        assert_eq!(read("x_mm;z_mm\n1.5;2\n"), Ok(Some(1.5)));
     }
 
     #[test]

@@ -11,8 +11,12 @@
 use super::search::widest_window;
 use super::trains::Trains;
 
-/// The most shifts that are tried are half of the pairs; of a long scan, so many steps over times.
-const MOST_STEPS: usize = 200_000_000;
+/// The most shifts that are tried are half of the pairs, and these.
+const MOST_SHIFTS: usize = 20_000;
+/// What a look does not rule out is matched whole, in so many steps over times for all of them.
+const MOST_STEPS: usize = 50_000_000;
+/// Profiles that a look takes at each end and between.
+const LOOKS: usize = 64;
 /// What is matched before the line is drawn through it, in jitters.
 const FIRST_WITHIN: f64 = 4.0;
 
@@ -30,19 +34,21 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
         return None;
     }
     let chance = 2 * gaps(trains, &paired);
-    let most = (n / 2).min(MOST_STEPS / (8 * n)).max(1);
-    let hides = |shift: usize| {
+    let most = (n / 2).clamp(1, MOST_SHIFTS);
+    let mut whole = (MOST_STEPS / (8 * n)).max(LOOKS);
+    let mut hides = |shift: usize| {
         [true, false].into_iter().any(|is_later| {
             let (profiles, latches) = if is_later {
                 (&paired[..n - shift], &paired[shift..])
             } else {
                 (&paired[shift..], &paired[..n - shift])
             };
-            let shifted: Vec<(usize, usize)> = profiles
-                .iter()
-                .zip(latches)
-                .map(|((place, _), (_, latch))| (*place, *latch))
-                .collect();
+            let pair = |at: usize| (profiles[at].0, latches[at].1);
+            if whole == 0 || is_ruled_out(trains, profiles.len(), &pair, chance) {
+                return false;
+            }
+            whole -= 1;
+            let shifted: Vec<(usize, usize)> = (0..profiles.len()).map(pair).collect();
             pairs_as_well(trains, &shifted, shifted.len().saturating_sub(chance))
         })
     };
@@ -56,6 +62,28 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
          the jitter and the drift. If as many of the first frames and of the last latches were lost (or the other way \
          round), all profiles are off by that, and nothing here shows it: {advice}"
     ))
+}
+
+/// Whether more than `chance` of some profiles have no latch near the line through these pairs: those at both ends, and
+/// some between.
+fn is_ruled_out(
+    trains: &Trains,
+    n: usize,
+    pair: &dyn Fn(usize) -> (usize, usize),
+    chance: usize,
+) -> bool {
+    let stride = n.div_ceil(2 * LOOKS).max(1);
+    let between: Vec<(usize, usize)> = (0..n).step_by(stride).map(pair).collect();
+    let line = through_medians(trains, &between);
+    let is_missing = |at: &usize| {
+        let near = line.0 + (1.0 + line.1) * trains.sensor[pair(*at).0];
+        let within = FIRST_WITHIN * trains.jitter_us;
+        let next = trains.board.partition_point(|t| *t < near - within);
+        trains.board.get(next).is_none_or(|t| *t > near + within)
+    };
+    let ends = (0..n.min(LOOKS)).chain(n.saturating_sub(LOOKS)..n);
+    let looks = ends.chain((0..n).step_by(stride));
+    looks.filter(is_missing).count() > 2 * chance
 }
 
 /// Whether the line through these pairs explains `enough` profiles.
