@@ -53,7 +53,7 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
             whole -= 1;
             let shifted: Vec<(usize, usize)> = (0..profiles.len()).map(pair).collect();
             // Of the losses, some lie in the ends that this shift excuses.
-            let at_ends = lost.min((2 * shift * lost).div_ceil(n) + usize::from(lost > 0));
+            let at_ends = lost.min((shift * lost).div_ceil(n) + usize::from(lost > 0));
             let enough = shifted.len().saturating_sub(chance + at_ends);
             pairs_as_well(trains, &shifted, enough)
         })

@@ -41,7 +41,8 @@ const HELP: &str = "\
 The transform q = R p + t holds in the coordinates of one work offset: that in which the part was
 probed (`correction.probed_in` of the verdict's job, without one G54; --probed-in), with a
 --transform the one in force at the program's first motion. A program that runs in another one is
-refused where the part is turned, unless --origin says where both are. What cannot be transformed truly is refused by line
+refused where the part is turned, unless --origin says where both are.
+What cannot be transformed truly is refused by line
 and reason, and then nothing is written: the file appears whole or not at all.
 A header says check value, source and transform. The identity changes no byte.
 A program that was rewritten before needs --again: its comparison of the run stays, unless the

@@ -32,22 +32,22 @@ losses that the board told could have put it behind. A shift that drifts by more
 is refused, and the drift that was seen is named.
 Lost, repeated and extra profiles, lost triggers and missed latches are named and counted.
 
-The sensor's frame counter sorts out what came twice and counts what is lost. It pairs nothing: nobody
-knows to which pulse its first frame belongs. Without a clock that can be used (it stands, or its steps
-are wider than half an interval) a scan is refused.
+The sensor's frame counter sorts out what came twice and counts what is lost. It pairs nothing:
+nobody knows to which pulse its first frame belongs. Without a clock that can be used (it stands, or
+its steps are wider than half an interval) a scan is refused.
 
 Examples:
   umi scan pair profiles.csv scan.csv
   umi scan pair part.gocator scan.csv --encoder x
   umi scan pair profiles.csv scan.csv --frame-bits 16 --strict --json
 
-A profile or a latch whose time is wild stands apart from all others: it is left out and told (`misplaced`). Times
-in another unit than their column says are refused (no_match), with `factor`. Of a frame that came again the first
-message counts, unless its time is wild.
+A profile or a latch whose time is wild stands apart from all others: it is left out and told
+(`misplaced`). Times in another unit than their column says are refused (no_match), with `factor`.
+Of a frame that came again the first message counts, unless its time is wild.
 
-In a train as even as a clock, or whose rhythm repeats or drifts steadily, nothing tells where it begins
-(`even_train`; --strict refuses it), nor triggers that the sensor missed from
-a jump of its clock by whole intervals (`skipped`): uneven pulses, an encoder or changes of speed tell.
+In a train as even as a clock, or whose rhythm repeats or drifts steadily, nothing tells where it
+begins (`even_train`; --strict refuses it), nor triggers that the sensor missed from a jump of its
+clock by whole intervals (`skipped`): uneven pulses, an encoder or changes of speed tell.
 
 Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
 board_restarted, missing_axis, no_encoder, frame_bits, faults. Not understood (status 1): truncated,
