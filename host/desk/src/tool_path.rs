@@ -215,7 +215,9 @@ fn decide(block: &str) -> impl Iterator<Item = String> {
     let decides = ["IF", "WHILE", "GOTO", "DO", "END", "#", "O"];
     let mut found = Vec::new();
     if prints.iter().any(|word| block.starts_with(word)) {
-    } else if decides.iter().any(|word| block.starts_with(word)) {
+        return found.into_iter();
+    }
+    if decides.iter().any(|word| block.starts_with(word)) {
         found.push(block.to_owned());
     } else {
         let mut depth = 0_u32;

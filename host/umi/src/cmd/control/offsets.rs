@@ -46,10 +46,16 @@ pub(crate) fn offset(text: &str) -> Result<WorkOffset, String> {
         "G58" => WorkOffset::G58,
         "G59" => WorkOffset::G59,
         other => {
-            let number = ["G54.1P", "G154P", "G5"]
-                .iter()
-                .find_map(|name| other.strip_prefix(name)?.parse().ok().filter(|n| *n > 0));
-            WorkOffset::Extended(number.ok_or("give G54 to G59, G54.1P7, G154P7 or G507")?)
+            let further = ["G54.1P", "G154P"];
+            let digits = further.iter().find_map(|name| other.strip_prefix(name));
+            // A Sinumerik's G505 to G599 have two digits behind: G51 is no offset.
+            let siemens = other.strip_prefix("G5").filter(|digits| digits.len() == 2);
+            let number = digits.or(siemens).and_then(|digits| digits.parse().ok());
+            WorkOffset::Extended(
+                number
+                    .filter(|n| *n > 0)
+                    .ok_or("give G54 to G59, G54.1P7, G154P7 or G507")?,
+            )
         }
     })
 }

@@ -83,6 +83,9 @@ fn a_program_runs_where_the_part_was_probed() {
         .exits(1)
         .says("by the job's `probed_origin_mm`");
     rewrite("G55", &[&origin[..], &["--origin", "G55=1,2,3"]].concat()).exits(1);
+    rewrite("G54", &["--probed-in", "G51"])
+        .exits(1)
+        .says("give G54 to G59");
     rewrite("G55", &["--probed-in", "G55"])
         .exits(1)
         .says("was probed in G54");
