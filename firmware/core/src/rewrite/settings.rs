@@ -173,6 +173,16 @@ impl MeasuredIn {
             origin_mm: correction.map(|spec| spec.probed_origin_mm),
         }
     }
+
+    /// Its place among G54 to G59, from 0, and its origin in mm; none where its origin is not
+    /// known, or it is a further offset.
+    #[must_use]
+    pub fn known_origin(&self) -> Option<(usize, [f64; 3])> {
+        let is_further = matches!(self.offset, WorkOffset::Extended(_));
+        let index = usize::from(self.offset.p_number()).checked_sub(1)?;
+        let origin_mm = self.origin_mm.filter(|_| !is_further)?;
+        Some((index, origin_mm))
+    }
 }
 
 /// What to do with a program.
@@ -261,15 +271,12 @@ impl RewriteSettings {
     /// The same for a transform that holds in a work offset, whose origin may be known.
     #[must_use]
     pub fn measured_at(mut self, place: MeasuredIn) -> Self {
-        let MeasuredIn { offset, origin_mm } = place;
-        let index = usize::from(offset.p_number()).saturating_sub(1);
-        if !matches!(offset, WorkOffset::Extended(_))
+        if let Some((index, origin_mm)) = place.known_origin()
             && let Some(slot) = self.origins_mm.get_mut(index)
-            && origin_mm.is_some()
         {
-            *slot = origin_mm;
+            *slot = Some(origin_mm);
         }
-        self.measured_in = Some(offset);
+        self.measured_in = Some(place.offset);
         self
     }
 

@@ -102,6 +102,16 @@ impl Rewriter {
                 rises,
             );
         }
+        // What a control makes of a hole without R or bottom (an error, zero, the last cycle's) does not
+        // move with the part.
+        if count > 0 && axes.iter().any(Option::is_some) && at(&self.translation_pm, normal) != 0.0
+        {
+            for (known, letter) in [(cycle.r, b'R'), (cycle.bottom, letter)] {
+                if known.is_none() {
+                    return Err((column, RewriteRefusal::CycleLacks(letter as char)));
+                }
+            }
+        }
         // The heights of the cycle move with the part, alike for all holes.
         let step = self.step();
         if !incremental {

@@ -542,6 +542,26 @@ fn a_cycle_goes_on_as_it_began() {
     );
 }
 
+/// What a control takes for an R or a bottom that nobody said does not move with the part: the hole
+/// is refused where the part lies higher or lower, and copied where it does not.
+#[test]
+fn a_hole_needs_its_heights() {
+    let higher = settings(level(1.0, [0.0, 0.0, 3.0]));
+    let alike = settings(level(1.0, [1.0, 2.0, 0.0]));
+    let begin = "G21 G90 G17 G98 G0 X0. Y0. Z30.\n";
+    for (cycle, lacks) in [
+        ("G81 X1. Y1. Z-5. F9", Some('R')),
+        ("G81 X1. Y1. R2. F9", Some('Z')),
+        ("G84 X1. Y1. Z-5. R2. F9\nG80\nG84 X2. Z-5.", Some('R')),
+        ("G81 X1. Y1. Z-5. R2. F9\nG82 X3.", None),
+    ] {
+        let program = [begin, cycle, "\nG80\nM30\n"].concat();
+        let refused = rewritten(&higher, &program).err().map(|it| it.reason);
+        assert_eq!(refused, lacks.map(RewriteRefusal::CycleLacks), "{cycle}");
+        rewritten(&alike, &program).unwrap();
+    }
+}
+
 /// LinuxCNC feeds out of G89 as far as it comes out, others to R.
 #[test]
 fn boring_feeds_out() {

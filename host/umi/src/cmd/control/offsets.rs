@@ -90,11 +90,10 @@ impl Offsets {
             (None, measured_in) => measured_in,
         };
         let mut origins_mm = [None; 6];
-        if let Some(MeasuredIn { offset, origin_mm }) = measured_in
-            && !matches!(offset, WorkOffset::Extended(_))
-            && let Some(slot) = origins_mm.get_mut(usize::from(offset.p_number()) - 1)
+        if let Some((index, origin_mm)) = measured_in.and_then(|it| it.known_origin())
+            && let Some(slot) = origins_mm.get_mut(index)
         {
-            *slot = origin_mm;
+            *slot = Some(origin_mm);
         }
         for (index, place) in &self.origin {
             let Some(slot) = origins_mm.get_mut(*index) else {
