@@ -4,6 +4,7 @@
 mod arcs;
 mod called;
 mod cycles;
+mod heights;
 mod plain;
 mod refusals;
 mod run;
@@ -16,8 +17,16 @@ use std::vec::Vec;
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::{Integers, RefusedLine, RewriteSettings, Rewriter, Summary, Unit};
+use super::{Integers, RefusedLine, RewriteDialect, RewriteSettings, Rewriter, Summary, Unit};
 use crate::registration::RigidTransform;
+
+/// A turned part, and whose program it is.
+pub(super) fn of(family: RewriteDialect, degrees: [f64; 3]) -> RewriteSettings {
+    RewriteSettings {
+        dialect: Some(family),
+        ..settings(turned(degrees, [0.0; 3]))
+    }
+}
 
 /// Turned about Z, then shifted.
 pub(super) fn level(degrees: f64, shift_mm: [f64; 3]) -> RigidTransform {
