@@ -120,14 +120,14 @@ impl Run {
         if all_repeated {
             setup::add(verdict, Reason::RepeatedSetup);
         }
-        if let (Some(run), Some(last)) = (self.run, self.older_than) {
+        // Of one that was dropped as a whole its reason says all.
+        let is_dropped = reason.is_some() && self.slots.iter().all(|slot| !slot.in_this_setup);
+        if let (Some(run), Some(last), false) = (self.run, self.older_than, is_dropped) {
             setup::add(verdict, Reason::OldRun { run, last });
         }
-        // Of one that was dropped as a whole its reason says all.
-        let is_empty = self.slots.iter().all(|slot| !slot.in_this_setup);
         for (place, spec) in job.features.iter().enumerate() {
             match self.in_this_setup(place) {
-                None if is_empty && reason.is_some() => {}
+                None if is_dropped => {}
                 None => setup::add(
                     verdict,
                     Reason::MissingFeature {
@@ -427,6 +427,8 @@ impl Run {
     pub(super) fn next_setup(&mut self) {
         if self.progress == Progress::Judged {
             self.setup = self.setup.saturating_add(1);
+            // Its number says nothing of what comes in it now: it may be another clamping.
+            self.older_than = self.older_than.or(self.run);
         }
         for slot in &mut self.slots {
             slot.in_this_setup = false;
