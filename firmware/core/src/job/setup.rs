@@ -141,8 +141,13 @@ pub fn judge_taught(verdict: &mut Verdict, job: &Job, measured: &[Point]) {
 
 /// Holds what a run says of its work offset against what the correction rests on: the
 /// correction moves that offset from where the job says it is.
-pub fn against_frame(verdict: &mut Verdict, spec: &CorrectionSpec, offset: u16, origin: Point) {
-    let expected = match spec.probed_in {
+pub fn against_frame(
+    verdict: &mut Verdict,
+    spec: Option<&CorrectionSpec>,
+    offset: u16,
+    origin: Point,
+) {
+    let expected = match spec.map_or(WorkOffset::G54, |spec| spec.probed_in) {
         WorkOffset::Extended(number) => number.saturating_add(100),
         standard => standard.p_number(),
     };
@@ -150,6 +155,9 @@ pub fn against_frame(verdict: &mut Verdict, spec: &CorrectionSpec, offset: u16, 
         let got = offset;
         return add(verdict, Reason::OtherOffset { got, expected });
     }
+    let Some(spec) = spec else {
+        return;
+    };
     let values = origin.to_array_mm().into_iter().zip(spec.probed_origin_mm);
     for (axis, (got_mm, expected_mm)) in (0u8..).zip(values) {
         if exceeds((got_mm - expected_mm).abs(), PRINTED_MM) {
@@ -165,11 +173,15 @@ pub fn against_frame(verdict: &mut Verdict, spec: &CorrectionSpec, offset: u16, 
     }
 }
 
-/// Holds what else moves a run's coordinates against the job.
-pub fn against_moved(verdict: &mut Verdict, guards: &Guards, moved: &Moved) {
+/// Holds what else moves a run's coordinates against the job. Without guards, an external offset
+/// moves programs as it has moved the probe.
+pub fn against_moved(verdict: &mut Verdict, guards: Option<&Guards>, moved: &Moved) {
     if moved.is_rotated {
         add(verdict, Reason::RotationActive);
     }
+    let Some(guards) = guards else {
+        return;
+    };
     let values = moved.external.to_array_mm().into_iter();
     for (axis, (got_mm, expected_mm)) in (0u8..).zip(values.zip(guards.external_mm)) {
         if exceeds((got_mm - expected_mm).abs(), PRINTED_MM) {

@@ -28,6 +28,52 @@ pub fn read(path: &Path) -> Result<Vec<Point>, Problem> {
     Ok(rows.into_iter().map(Point::from_array_mm).collect())
 }
 
+/// Reads two lists whose points belong together by their order.
+///
+/// # Errors
+/// As [`read`]; `names_differ`: both have a column `name`, and not the same names in it.
+pub fn read_both(first: &Path, second: &Path) -> Result<(Vec<Point>, Vec<Point>), Problem> {
+    let texts = [text(first)?, text(second)?];
+    let [from, to] = [(&texts[0], first), (&texts[1], second)].map(|(text, path)| {
+        let parsed = parse(text, &[&["x", "y", "z"], &SOURCE, &TARGET]);
+        let rows = parsed.map_err(|problem| in_file(path, &problem))?;
+        Ok::<_, Problem>(rows.into_iter().map(Point::from_array_mm).collect())
+    });
+    let lists = (from?, to?);
+    if let (Some(from), Some(to)) = (names(&texts[0]), names(&texts[1]))
+        && let Some((number, (a, b))) = (1..).zip(from.iter().zip(&to)).find(|(_, (a, b))| a != b)
+    {
+        return Err(Problem::trouble(
+            "names_differ",
+            format_args!(
+                "point {number} is `{a}` in {} and `{b}` in {}: write both lists in one order",
+                name(first),
+                name(second)
+            ),
+        )
+        .with("point", number));
+    }
+    Ok(lists)
+}
+
+/// What the column `name` of a table says of its points, where it has one.
+fn names(text: &str) -> Option<Vec<&str>> {
+    let mut rows = text
+        .lines()
+        .map(|raw| raw.split('#').next().unwrap_or_default().trim())
+        .filter(|content| !content.is_empty());
+    let header = split(rows.next()?);
+    let place = header
+        .iter()
+        .position(|field| column_name(field).0 == "name")?;
+    let of = |row| {
+        split(row)
+            .get(place)
+            .map(|name| name.trim_matches(['"', '\'']))
+    };
+    rows.map(of).collect()
+}
+
 /// Reads pairs of points from one file with the columns px, py, pz, qx, qy, qz,
 /// or from standard input for `-`.
 ///

@@ -120,6 +120,17 @@ impl Basis {
         }
     }
 
+    /// The same in a work offset's coordinates, as [`ProgramSource::in_offset`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn in_offset(self, place: Option<MeasuredIn>) -> Result<Self, Problem> {
+        match self {
+            Self::Given(source) => source.in_offset(place).map(Self::Given),
+            judged @ Self::Judged(_) => Ok(judged),
+        }
+    }
+
     /// The transform, nominal to measured: for what is compared and goes to no control.
     ///
     /// # Errors

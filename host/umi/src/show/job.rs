@@ -15,6 +15,7 @@ use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, fixed, paint};
 use serde_json::{Value, json};
 use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
 use umi_core::correction::dialect::{form, is_read_back};
+use umi_core::job::moves_something;
 
 /// What a job probes, judges and sends.
 #[must_use]
@@ -66,6 +67,9 @@ pub fn text(job: &Job) -> String {
     text += &format!("{}\n", limits(job));
     text += &match &job.correction {
         Some(spec) => correction(spec).to_string(),
+        None if moves_something(job) => {
+            "  no correction; programs are rewritten as probed in G54\n".to_owned()
+        }
         None => "  no correction: the job only measures\n".to_owned(),
     };
     for note in notes(job) {

@@ -241,14 +241,17 @@ impl Run {
             let taught_mm = self.learned.tool_length_mm.filter(|_| is_taught);
             setup::against_length(verdict, &job.guards, taught_mm, moved.tool_length_mm);
         }
-        let Some(spec) = &job.correction else {
+        let spec = job.correction.as_ref();
+        // Where the job says no offset, a program is carried as one of G54, where nothing else
+        // moves it. What only measures is moved by what it likes.
+        if spec.is_none() && !moves_something(job) {
             return;
-        };
+        }
         if let Some(frame) = &self.frame {
             setup::against_frame(verdict, spec, frame.offset, frame.origin);
         }
         if let Some(moved) = self.moved.get() {
-            setup::against_moved(verdict, &job.guards, moved);
+            setup::against_moved(verdict, spec.map(|_| &job.guards), moved);
         }
         if let Some(by) = self.shifted {
             setup::against_shift(verdict, by);

@@ -7,6 +7,7 @@ use serde_json::Value;
 use umi_core::correction::RunCheck;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{MeasuredIn, RewriteSettings, Rewriter};
+use umi_core::units::Point;
 use umi_protocol::job::WorkOffset;
 
 use crate::files::points::{name, text};
@@ -27,6 +28,8 @@ pub struct ProgramSource {
     /// The run that was measured, where nothing says how a control compares runs, and the file
     /// that says so: what is made of it for a control would run in any other.
     not_compared: Option<(u64, String)>,
+    /// The file that leads into machine coordinates, until somebody says the work offset.
+    in_machine: Option<String>,
 }
 
 impl ProgramSource {
@@ -44,7 +47,32 @@ impl ProgramSource {
             name,
             run,
             not_compared: None,
+            in_machine: None,
         }
+    }
+
+    /// The same in a work offset's coordinates: what leads into the machine's is reckoned from its
+    /// origin.
+    ///
+    /// # Errors
+    /// `machine_frame`: it leads into the machine's, and nobody says the offset and its origin.
+    pub fn in_offset(mut self, place: Option<MeasuredIn>) -> Result<Self, Problem> {
+        let Some(file) = &self.in_machine else {
+            return Ok(self);
+        };
+        let Some((place, origin_mm)) = place.and_then(|it| Some((it, it.origin_mm?))) else {
+            return Err(Problem::trouble(
+                "machine_frame",
+                format_args!(
+                    "{file}: it says where the part is in machine coordinates: give the work offset in \
+                     which the program runs, and its origin (--probed-in G54 and --origin)"
+                ),
+            ));
+        };
+        self.transform.translation_mm -= Point::from_array_mm(origin_mm).mm;
+        self.measured_in = Some(place);
+        self.in_machine = None;
+        Ok(self)
     }
 
     /// Whether a program for a control may be made of it; comparing two programs always may.
@@ -78,6 +106,9 @@ struct Written {
     verdict: Option<String>,
     /// What `umi register` says of it.
     suspect: Option<String>,
+    /// From which coordinates into which it leads, as `umi scan localise` and `umi scan stock` say it.
+    from: Option<String>,
+    to: Option<String>,
 }
 
 /// A verdict as `umi replay --json` prints it.
@@ -134,12 +165,42 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
     if let Some(why) = &written.suspect {
         return Err(not_ok(path, why));
     }
+    let refuse = |code, why: std::fmt::Arguments<'_>| {
+        Err(Problem::refused(
+            code,
+            format_args!("{}: {why}", name(path)),
+        ))
+    };
+    if let Some(from) = written.from.as_ref().filter(|from| *from != "part") {
+        return refuse(
+            "not_of_a_part",
+            format_args!(
+                "it says where the {from} is, and not where a part is: localise the part (umi scan \
+                 localise --part)"
+            ),
+        );
+    }
+    let in_machine = match written.to.as_deref() {
+        None | Some("offset") => None,
+        Some("machine") => Some(name(path)),
+        Some(other) => {
+            return refuse(
+                "frame_unknown",
+                format_args!(
+                    "it leads into the coordinates of the {other}, and nobody says what these are on the \
+                     machine: write it again with --scan-in offset, if they are those of the work offset \
+                     in which the program runs, or with --scan-in machine"
+                ),
+            );
+        }
+    };
     Ok(ProgramSource {
         transform: written.transform(path)?,
         measured_in: None,
         name: format!("TRANSFORM {}", stem(path)),
         run: None,
         not_compared: None,
+        in_machine,
     })
 }
 
@@ -232,6 +293,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         name: format!("VERDICT OK - {} - SETUP {}", stem(path), last.plate),
         run: None,
         not_compared: run.transpose()?.map(|run| (run, name(path))),
+        in_machine: None,
     })
 }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use umi_client::files::tool_path;
 use umi_client::job::correction::Basis;
+use umi_core::rewrite::MeasuredIn;
 
 use crate::cmd::Board;
 use crate::failure::Failure;
@@ -30,6 +31,15 @@ pub(crate) struct MovedBy {
 }
 
 impl MovedBy {
+    /// What was named, if anything was, in the coordinates of a work offset that is stated.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not OK; it needs the offset.
+    pub fn read_in(&self, stated: Option<MeasuredIn>) -> Result<Option<Basis>, Failure> {
+        let basis = self.read()?.map(|basis| basis.in_offset(stated));
+        Ok(basis.transpose()?)
+    }
+
     /// What was named, if anything was.
     ///
     /// # Errors

@@ -126,6 +126,10 @@ impl Correction {
             return Err(Failure::trouble("usage", WHICH));
         };
         let spec = self.spec(&basis)?;
+        let basis = basis.in_offset(Some(MeasuredIn {
+            offset: spec.probed_in,
+            origin_mm: Some(spec.probed_origin_mm),
+        }))?;
         let made = make(&basis, &spec)?;
         if self.format.json {
             print_json(&json!({
@@ -187,18 +191,30 @@ impl Correction {
         };
         if let Some(MeasuredIn {
             offset,
-            origin_mm: Some(_),
+            origin_mm: Some(origin_mm),
         }) = basis.measured_in()
-            && offset != spec.probed_in
         {
-            return Err(Failure::trouble(
-                "usage",
-                format_args!(
-                    "the part of the verdict was probed in {offset}, and this correction would be \
-                     reckoned in {}: leave --probed-in out, or give the job that was run",
-                    spec.probed_in
-                ),
-            ));
+            if offset != spec.probed_in {
+                return Err(Failure::trouble(
+                    "usage",
+                    format_args!(
+                        "the part of the verdict was probed in {offset}, and this correction would be \
+                         reckoned in {}: leave --probed-in out, or give the job that was run",
+                        spec.probed_in
+                    ),
+                ));
+            }
+            let ([x, y, z], [a, b, c]) = (origin_mm, spec.probed_origin_mm);
+            if [x, y, z] != [a, b, c] {
+                return Err(Failure::trouble(
+                    "usage",
+                    format_args!(
+                        "the part of the verdict was probed where {offset} was at {x},{y},{z}, and this \
+                         correction would be reckoned from {a},{b},{c}: leave --origin out, or give the \
+                         job that was run; if the job was wrong, mend it and probe again"
+                    ),
+                ));
+            }
         }
         if spec.probed_in == spec.write_to {
             return Err(Failure::trouble(

@@ -64,6 +64,18 @@ pub(crate) fn offset(text: &str) -> Result<WorkOffset, String> {
 type Known = (Option<MeasuredIn>, [Option<[f64; 3]>; 6]);
 
 impl Offsets {
+    /// The offset in which the options say that the part was probed, and its origin among them.
+    pub fn stated(&self) -> Option<MeasuredIn> {
+        let offset = self.probed_in?;
+        let index = usize::from(offset.p_number()).checked_sub(1)?;
+        let is_further = matches!(offset, WorkOffset::Extended(_));
+        let known = self.origin.iter().find(|(of, _)| *of == index);
+        Some(MeasuredIn {
+            offset,
+            origin_mm: known.filter(|_| !is_further).map(|(_, place)| *place),
+        })
+    }
+
     /// Where a transform holds, and the origins of G54 to G59 that are known.
     ///
     /// # Errors

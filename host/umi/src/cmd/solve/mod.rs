@@ -2,3 +2,4 @@
 
 pub(super) mod fit;
 pub(super) mod register;
+mod suspect;

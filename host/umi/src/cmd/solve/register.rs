@@ -14,6 +14,7 @@ use umi_client::quantities::{Registered, length};
 use umi_core::registration::{Distance, Registration, distances, register};
 use umi_core::units::Point;
 
+use super::suspect;
 use crate::cmd::Format;
 
 /// Register measured points to nominal ones: the rigid motion between them
@@ -36,8 +37,9 @@ pub(crate) struct Register {
 const HELP: &str = "\
 Finds rotation R (determinant +1) and translation t with q = R p + t, with the
 least sum of squares over three or more pairs. Residuals are R p + t - q.
-Lists that no motion carries into each other, as inches into mm or a mirror image, are told
-(`suspect`), and nothing is corrected by them.
+Points belong together by their order; where both lists have a column `name`, the names must be the
+same. Lists that no motion carries into each other, as inches into mm, a mirror image, another order
+or points that are far off, are told (`suspect`), and nothing is corrected by them.
 
 Examples:
   umi register nominal.csv measured.csv
@@ -70,7 +72,7 @@ impl Register {
             .iter()
             .map(|p| Place::new(&registration, *p))
             .collect();
-        let suspect = suspect(&nominal, &measured, result.rms_mm);
+        let suspect = suspect::why(&nominal, &measured, result.rms_mm);
         if self.format.json {
             let mut machine = machine(&result, nominal.len(), &distances, &places);
             machine["suspect"] = json!(suspect);
@@ -92,55 +94,9 @@ impl Register {
                 "usage",
                 "standard input can be one of the two lists only: give the other as a file, or pairs as px,py,pz,qx,qy,qz",
             )),
-            Some(measured) => Ok((points::read(&self.nominal)?, points::read(measured)?)),
+            Some(measured) => Ok(points::read_both(&self.nominal, measured)?),
         }
     }
-}
-
-/// What shows that one list is no rigid image of the other, whatever the motion: another unit or
-/// scale, or a mirror. A correction is not made by such a registration.
-fn suspect(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<String> {
-    /// A part that is warm, or a scan that is badly scaled, is off by less.
-    const MOST_SCALE: f64 = 0.02;
-    /// The mirrored points fit so much better.
-    const MIRRORED: f64 = 0.05;
-    let size = |points: &[Point]| {
-        let n = points.len() as f64;
-        let origin = Point::from_mm(0.0, 0.0, 0.0).mm;
-        let sum = points.iter().fold(origin, |sum, p| sum + p.mm);
-        let squares: f64 = points.iter().map(|p| (p.mm - sum / n).norm_squared()).sum();
-        (squares / n).sqrt()
-    };
-    let (there, here) = (size(nominal), size(measured));
-    let scale = here / there;
-    let is_near = |factor: f64| (scale / factor - 1.0).abs() < MOST_SCALE;
-    if is_near(25.4) || is_near(1.0 / 25.4) {
-        return Some(format!(
-            "the measured points lie {scale:.4} times as far apart as the nominal ones: one list \
-             is in inches and the other in mm; write both in mm"
-        ));
-    }
-    // Where the noise is as large as the part, the scale says nothing.
-    let is_clear = rms_mm > MOST_SCALE * there && rms_mm > MOST_SCALE * here;
-    if !is_near(1.0) && is_clear {
-        return Some(format!(
-            "the measured points lie {scale:.4} times as far apart as the nominal ones, and no \
-             motion stretches: look at units, order and names of the points"
-        ));
-    }
-    let mirrored: Vec<Point> = nominal
-        .iter()
-        .map(|p| Point::from_mm(-p.mm.x, p.mm.y, p.mm.z))
-        .collect();
-    let other = register(&mirrored, measured).ok()?;
-    let is_mirrored = is_clear && other.stats.rms.0 < MIRRORED * rms_mm;
-    is_mirrored.then(|| {
-        format!(
-            "the measured points are a mirror image of the nominal ones: mirrored, they fit to \
-             {:.4} mm; look at the signs of the axes",
-            other.stats.rms.0
-        )
-    })
 }
 
 /// There are n(n-1)/2 distances: of more points than this they are not listed.

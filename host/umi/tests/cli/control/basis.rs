@@ -209,6 +209,11 @@ fn a_transform_is_one() {
             "1.2000 times as far apart",
         ),
         ("0,0,0\n0,100,0\n-80,0,0\n-30,20,-40\n", "mirror image"),
+        (
+            "0,100,0\n0,0,0\n-80,0,0\n-30,20,40\n",
+            "in the order 2 1 3 4",
+        ),
+        ("0,0,0\n0,100,0\n-80,0,0\n-30,25,41\n", "rms"),
     ] {
         let measured = folder.file("q.csv", format!("x,y,z\n{measured}"));
         umi(&["register", &nominal, &measured]).exits(0).says(says);
@@ -219,6 +224,20 @@ fn a_transform_is_one() {
             assert_eq!(error(&ran.exits(2)), "not_ok", "{says}");
         }
     }
+    let named = |order: [&str; 4]| {
+        let rows = ["0,0,0", "100,0,0", "0,80,0", "20,30,40"]
+            .into_iter()
+            .zip(order);
+        let rows: Vec<String> = rows.map(|(at, name)| format!("{name},{at}\n")).collect();
+        format!("name,x,y,z\n{}", rows.concat())
+    };
+    let [by_name, other] = [
+        folder.file("n.csv", named(["A", "B", "C", "D"])),
+        folder.file("m.csv", named(["A", "C", "B", "D"])),
+    ];
+    umi(&["register", &by_name, &by_name]).exits(0);
+    let differ = umi(&["register", &by_name, &other, "--json"]).exits(1);
+    assert_eq!(error(&differ), "names_differ");
     let measured = folder.file("q.csv", "x,y,z\n1,0,0\n1,100,0\n-79,0,0\n-29,20,40.3\n");
     let good = umi(&["register", &nominal, &measured, "--json"]).exits(0);
     assert!(good.json()["suspect"].is_null());

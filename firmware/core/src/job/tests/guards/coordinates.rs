@@ -90,6 +90,46 @@ fn a_moved_offset_is_named() {
     }
 }
 
+/// A job without a correction moves programs of G54: what its lines say of another offset, a
+/// rotation or a shift is held against it. One that only measures is probed as it likes.
+#[test]
+fn a_program_is_carried_from_where_it_is_probed() {
+    let mut free = with_ids(job());
+    free.receiver.patterns = [LinePattern::Checked(CheckedPattern::default())]
+        .into_iter()
+        .collect();
+    free.correction = None;
+    let at = |x: f64| Point::from_mm(x, 0.0, 0.0);
+    let verdict = |job: &Job, offset: u16, is_rotated: bool, shift: f64| {
+        let mut run = Run::new(job.clone());
+        let mut outcome = Outcome::default();
+        let moved = Moved {
+            is_rotated,
+            tool_length_mm: 80.0,
+            external: at(0.5),
+        };
+        let (origin, by) = (at(12.0), at(shift));
+        for said in [
+            Said::Frame { offset, origin },
+            Said::Moved(moved),
+            Said::Shifted { offset, by },
+        ] {
+            let announced = Announced { run: 1, said };
+            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+        }
+        let setup = clamping(0, [1, 2, 3]);
+        send(&mut run, &mut outcome, &setup[..job.features.len()], 1);
+        outcome.summary().remove(0)
+    };
+    assert_eq!(verdict(&free, 1, false, 0.0), "OK");
+    assert_eq!(verdict(&free, 2, false, 0.0), "other_offset");
+    assert_eq!(verdict(&free, 1, true, 0.0), "rotation_active");
+    assert_eq!(verdict(&free, 1, false, 5.0), "shifted");
+    let mut measures = free.clone();
+    measures.features.pop();
+    assert_eq!(verdict(&measures, 2, true, 5.0), "OK");
+}
+
 /// Coordinates that no offset explains are refused by name, whenever the run says so, and a run
 /// that says nothing of it too.
 #[test]

@@ -49,7 +49,7 @@ Exit status: 0 it can, 1 file or usage, 2 there are reasons against it.";
 impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let program = self.how.program(&self.program)?;
-        let basis = self.moved_by.read()?;
+        let basis = self.moved_by.read_in(self.how.stated())?;
         let measured_in = basis.as_ref().and_then(Basis::measured_in);
         let settings = |transform| self.how.settings(transform, measured_in);
         let examine = |transform| {

@@ -120,7 +120,7 @@ impl Diff {
             inputs.extend(self.moved_by.inputs());
             self.force.check(path, &inputs)?;
         }
-        let basis = self.moved_by.read()?;
+        let basis = self.moved_by.read_in(self.offsets.stated())?;
         let measured_in = basis.as_ref().and_then(Basis::measured_in);
         let (measured_in, origins_mm) = self.offsets.of(measured_in)?;
         let transform = match basis {

@@ -33,6 +33,11 @@ pub(crate) struct How {
 }
 
 impl How {
+    /// Where the part was probed, as the options say it.
+    pub fn stated(&self) -> Option<MeasuredIn> {
+        self.offsets.stated()
+    }
+
     /// The settings for a transform that holds there.
     pub fn settings(
         &self,

@@ -67,7 +67,7 @@ Exit status: 0 written, 1 file or usage, 2 refused: nothing is written.";
 
 impl Rewrite {
     pub fn run(self) -> Result<(), Failure> {
-        let Some(basis) = self.moved_by.read()? else {
+        let Some(basis) = self.moved_by.read_in(self.how.stated())? else {
             return Err(Failure::trouble("usage", WHICH));
         };
         let source = basis.source()?;

@@ -15,7 +15,8 @@ use umi_scan::solve::Kernel;
 use umi_scan::surface::read_stl;
 
 use super::placed::Placed;
-use super::{report, scans, transform};
+use super::transform::{self, Frames, ScanFrame};
+use super::{report, scans};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
@@ -74,6 +75,8 @@ pub(crate) struct Localise {
     /// nothing
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    frame: ScanFrame,
     /// Write a page with the deviations, the fiducials, and how sure the pose is at the corners
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
@@ -92,7 +95,7 @@ reason is named.
 
 Examples:
   umi scan localise scan.ply --part part.stl
-  umi scan localise scan.ply --part part.stl --limit 0.02 -o moved.json
+  umi scan localise scan.ply --part part.stl --limit 0.02 -o moved.json --scan-in offset
   umi scan localise scan.ply --part part.stl --at 0,0,0 --at 120,70,60 --json
   umi scan localise scan.csv --unit inch --part part.stl
   umi scan localise scan.ply --part part.stl --start about.json --kernel huber:0.05
@@ -168,6 +171,12 @@ impl Localise {
             .into_iter()
             .filter_map(|file| file.as_deref())
             .collect();
+        if self.frame.is_said() && self.fiducials.is_some() {
+            return Err(Failure::trouble(
+                "usage",
+                "--scan-in is for a scan without fiducials: by these the pose is in machine coordinates",
+            ));
+        }
         for path in [&self.output, &self.report].into_iter().flatten() {
             self.force.check(path, &inputs)?;
         }
@@ -182,6 +191,7 @@ impl Localise {
         }
         let placed = Placed {
             motion: &located.motion,
+            frames: self.frames(),
             reasons: &located.reasons,
         };
         placed.answer(
@@ -266,6 +276,17 @@ impl Localise {
             cell_mm,
             corners,
         })
+    }
+
+    /// Whose coordinates the pose carries into whose.
+    fn frames(&self) -> Frames {
+        if self.part.is_none() {
+            Frames::SCANNER
+        } else if self.fiducials.is_some() {
+            Frames::PART_ON_MACHINE
+        } else {
+            self.frame.of_part()
+        }
     }
 
     /// What the pose is of.

@@ -8,7 +8,7 @@ use umi_scan::ScanError;
 use umi_scan::localise::Certainty;
 use umi_scan::rigid::Pose;
 
-use super::transform;
+use super::transform::{self, Frames};
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_json};
@@ -17,6 +17,8 @@ use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_json};
 pub(crate) struct Placed<'a> {
     /// The pose.
     pub motion: &'a Pose,
+    /// Whose coordinates it carries into whose.
+    pub frames: Frames,
     /// None: the verdict is OK.
     pub reasons: &'a [ScanError],
 }
@@ -41,7 +43,7 @@ impl Placed<'_> {
         text: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
         if let Some(path) = output {
-            transform::write(path, self.motion, self.verdict()).map_err(failure)?;
+            transform::write(path, self.motion, self.frames, self.verdict()).map_err(failure)?;
         }
         if json {
             print_json(&machine())?;
@@ -60,6 +62,7 @@ impl Placed<'_> {
         let mut map = Map::new();
         map.insert("kind".into(), kind.into());
         map.extend(transform::fields(self.motion));
+        self.frames.put(&mut map);
         if let Value::Object(fields) = fields {
             map.extend(fields);
         }

@@ -131,7 +131,7 @@ impl Simulate {
             translation_mm: placed.translation_mm,
         };
         if let Some(path) = &self.pose {
-            transform::write(path, &pose, "OK")?;
+            transform::write(path, &pose, transform::Frames::SCANNER, "OK")?;
         }
         let mut map = transform::fields(&pose);
         map.insert("kind".into(), "simulate".into());

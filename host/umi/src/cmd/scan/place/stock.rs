@@ -13,7 +13,8 @@ use umi_scan::stock::{Objective, StockFound, StockTask};
 use umi_scan::surface::read_stl;
 
 use super::placed::Placed;
-use super::{faces, stock_page, transform};
+use super::transform::{self, ScanFrame};
+use super::{faces, stock_page};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
@@ -56,6 +57,8 @@ pub(crate) struct Stock {
     /// nothing
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    frame: ScanFrame,
     /// Write the scan with its stock per point as PLY
     #[arg(long, value_name = "FILE.ply")]
     map: Option<PathBuf>,
@@ -74,7 +77,7 @@ positive is material. The transform carries part coordinates into the scan's.
 
 Examples:
   umi scan stock part.stl raw.ply
-  umi scan stock part.stl raw.ply --require 0.5 -o moved.json
+  umi scan stock part.stl raw.ply --require 0.5 -o moved.json --scan-in offset
   umi scan stock part.stl raw.ply --lock a,b --pivot 0,0,20      turns about C only
   umi scan stock part.stl raw.ply --faces faces.toml
 
@@ -127,6 +130,7 @@ impl Stock {
         let (found, n) = self.find().map_err(failure)?;
         let placed = Placed {
             motion: &found.motion,
+            frames: self.frame.of_part(),
             reasons: &found.reasons,
         };
         placed.answer(

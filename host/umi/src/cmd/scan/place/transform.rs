@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
 use umi_scan::rigid::{Pose, pose_of_rows, rows};
@@ -41,10 +42,69 @@ pub fn fields(motion: &Pose) -> Map<String, Value> {
     map
 }
 
+/// From which coordinates into which a transform carries, as its file says it.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames {
+    pub from: &'static str,
+    pub to: &'static str,
+}
+
+impl Frames {
+    /// Where the scanner stands.
+    pub const SCANNER: Self = Self {
+        from: "scanner",
+        to: "machine",
+    };
+    /// Where the part lies, by fiducials.
+    pub const PART_ON_MACHINE: Self = Self {
+        from: "part",
+        to: "machine",
+    };
+
+    /// The fields `from` and `to`.
+    pub fn put(self, map: &mut Map<String, Value>) {
+        map.insert("from".into(), self.from.into());
+        map.insert("to".into(), self.to.into());
+    }
+}
+
+/// What the numbers of a scan are.
+#[derive(Args)]
+pub struct ScanFrame {
+    /// Whose coordinates the scan has, as -o writes it: those of the work offset in which the program
+    /// runs, or the machine's. Without it `umi correction` and `umi nc rewrite` take no transform of it
+    #[arg(long, value_enum)]
+    scan_in: Option<ScanIn>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ScanIn {
+    Offset,
+    Machine,
+}
+
+impl ScanFrame {
+    /// Whether somebody has said it.
+    pub const fn is_said(&self) -> bool {
+        self.scan_in.is_some()
+    }
+
+    /// What a transform carries that leads from the part into the scan.
+    pub const fn of_part(&self) -> Frames {
+        let to = match self.scan_in {
+            None => "scan",
+            Some(ScanIn::Offset) => "offset",
+            Some(ScanIn::Machine) => "machine",
+        };
+        Frames { from: "part", to }
+    }
+}
+
 /// Writes the transform for `umi correction --transform` and `umi nc rewrite --transform`, which
-/// take none whose verdict is NG.
-pub fn write(path: &Path, motion: &Pose, verdict: &str) -> Result<(), ScanError> {
+/// take none whose verdict is NG, and none of which nobody says whose coordinates it leads to.
+pub fn write(path: &Path, motion: &Pose, frames: Frames, verdict: &str) -> Result<(), ScanError> {
     let mut map = fields(motion);
+    frames.put(&mut map);
     map.insert("verdict".into(), verdict.into());
     std::fs::write(path, format!("{}\n", Value::Object(map)))
         .map_err(|error| ScanError::file("write", path, &error))
