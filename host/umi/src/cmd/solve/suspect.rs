@@ -1,0 +1,164 @@
+//! What shows that one list of points is no rigid image of the other: another unit or scale, a mirror,
+//! another order, points that are elsewhere. A correction is not made by such a registration.
+
+use umi_core::registration::register;
+use umi_core::units::Point;
+
+/// A part that is warm, or a scan that is badly scaled, is off by less.
+const MOST_SCALE: f64 = 0.02;
+/// Points that are known so badly correct nothing: as a share of the part's size.
+const MOST_RMS: f64 = 0.005;
+/// The mirrored points, or those in the right order, fit so much better.
+const BETTER: f64 = 0.05;
+/// Orders of points that fit to this share of the size are not told apart by noise.
+const LEAST_RMS: f64 = 1e-4;
+/// Points of which all orders are tried.
+const MOST_ORDERED: usize = 7;
+
+/// Why the lists do not belong together as they are; `rms_mm` is that of their registration.
+pub(super) fn why(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<String> {
+    let (there, here) = (size(nominal), size(measured));
+    let scale = here / there;
+    let is_near = |factor: f64| (scale / factor - 1.0).abs() < MOST_SCALE;
+    if is_near(25.4) || is_near(1.0 / 25.4) {
+        return Some(format!(
+            "the measured points lie {scale:.4} times as far apart as the nominal ones: one list \
+             is in inches and the other in mm; write both in mm"
+        ));
+    }
+    let smaller = there.min(here);
+    if rms_mm <= LEAST_RMS * smaller {
+        return None;
+    }
+    let rms_of = |nominal: &[Point], measured: &[Point]| {
+        register(nominal, measured).map_or(f64::INFINITY, |found| found.stats.rms.0)
+    };
+    let mirrored: Vec<Point> = nominal
+        .iter()
+        .map(|p| Point::from_mm(-p.mm.x, p.mm.y, p.mm.z))
+        .collect();
+    let mirrored_mm = rms_of(&mirrored, measured);
+    if rms_mm > MOST_SCALE * smaller && mirrored_mm < BETTER * rms_mm {
+        return Some(format!(
+            "the measured points are a mirror image of the nominal ones: mirrored, they fit to \
+             {mirrored_mm:.4} mm; look at the signs of the axes"
+        ));
+    }
+    if measured.len() <= MOST_ORDERED {
+        let mut best = (f64::INFINITY, Vec::new());
+        each_order(measured.len(), &mut |order| {
+            let ordered: Vec<Point> = order.iter().map(|place| measured[*place]).collect();
+            let other_mm = rms_of(nominal, &ordered);
+            if other_mm < best.0 {
+                best = (other_mm, order.to_vec());
+            }
+        });
+        let (best_mm, order) = best;
+        if best_mm < BETTER * rms_mm {
+            let order: Vec<String> = order.iter().map(|place| (place + 1).to_string()).collect();
+            return Some(format!(
+                "the points are in another order: in the order {} the measured ones fit to {best_mm:.4} mm, \
+                 as they stand to {rms_mm:.4} mm; write both lists in one order",
+                order.join(" ")
+            ));
+        }
+    }
+    if !is_near(1.0) && rms_mm > MOST_SCALE * smaller {
+        return Some(format!(
+            "the measured points lie {scale:.4} times as far apart as the nominal ones, and no \
+             motion stretches: look at units, order and names of the points"
+        ));
+    }
+    (rms_mm > MOST_RMS * smaller).then(|| {
+        format!(
+            "the points are {rms_mm:.4} mm (rms) beside each other, {:.1} % of their distance from \
+             their middle: look at the order of the points, and for one that is wrong",
+            100.0 * rms_mm / smaller
+        )
+    })
+}
+
+/// Root mean square distance from the middle, mm.
+fn size(points: &[Point]) -> f64 {
+    let n = points.len() as f64;
+    let origin = Point::from_mm(0.0, 0.0, 0.0).mm;
+    let sum = points.iter().fold(origin, |sum, p| sum + p.mm);
+    let squares: f64 = points.iter().map(|p| (p.mm - sum / n).norm_squared()).sum();
+    (squares / n).sqrt()
+}
+
+/// Each order of so many places, once (Heap, 1963).
+fn each_order(n: usize, take: &mut impl FnMut(&[usize])) {
+    fn exchange(k: usize, order: &mut [usize], take: &mut impl FnMut(&[usize])) {
+        if k <= 1 {
+            return take(order);
+        }
+        for place in 0..k {
+            exchange(k - 1, order, take);
+            order.swap(if k.is_multiple_of(2) { place } else { 0 }, k - 1);
+        }
+    }
+    let mut order: Vec<usize> = (0..n).collect();
+    exchange(n, &mut order, take);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every order comes once.
+    #[test]
+    fn orders() {
+        let mut seen = std::collections::BTreeSet::new();
+        let mut count = 0;
+        each_order(5, &mut |order| {
+            count += 1;
+            seen.insert(order.to_vec());
+        });
+        assert_eq!((count, seen.len()), (120, 120));
+    }
+
+    /// Each order of a plate's balls but the right one is told, and the right one is named; a
+    /// square, whose turned orders fit as well, is not held against anybody.
+    #[test]
+    fn another_order_is_told() {
+        let plate: Vec<Point> = [
+            [0.0, 0.0, 0.0],
+            [100.0, 3.0, 0.0],
+            [90.0, 80.0, 2.0],
+            [-5.0, 70.0, 15.0],
+        ]
+        .map(Point::from_array_mm)
+        .to_vec();
+        let moved: Vec<Point> = plate
+            .iter()
+            .map(|p| Point::from_mm(4.0 - p.mm.y, p.mm.x + 7.0, p.mm.z + 1e-3 * (p.mm.x % 3.0)))
+            .collect();
+        let rms = |a: &[Point], b: &[Point]| register(a, b).unwrap().stats.rms.0;
+        let (mut told, mut right) = (0, 0);
+        each_order(4, &mut |order| {
+            let moved: Vec<Point> = order.iter().map(|place| moved[*place]).collect();
+            match why(&plate, &moved, rms(&plate, &moved)) {
+                Some(said) => {
+                    assert!(said.contains("another order"), "{said}");
+                    told += 1;
+                }
+                None => right += 1,
+            }
+        });
+        assert_eq!((told, right), (23, 1));
+        let square: Vec<Point> = [
+            [0.0, 0.0, 0.0],
+            [50.0, 0.0, 0.0],
+            [50.0, 50.0, 0.0],
+            [0.0, 50.0, 0.0],
+        ]
+        .map(Point::from_array_mm)
+        .to_vec();
+        let probed: Vec<Point> = (0..)
+            .zip(&square)
+            .map(|(i, p)| Point::from_mm(p.mm.x + 0.004 * f64::from(i % 3), p.mm.y, p.mm.z))
+            .collect();
+        assert_eq!(why(&square, &probed, rms(&square, &probed)), None);
+    }
+}
