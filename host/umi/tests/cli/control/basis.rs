@@ -245,6 +245,96 @@ fn a_transform_is_one() {
     carried.exits(0);
 }
 
+/// A transform leads from the part into the coordinates of the work offset. Where a scanner stands
+/// moves no part; of a scan somebody says whose coordinates it has; the machine's are reckoned from
+/// the offset's origin.
+#[test]
+fn a_transform_says_whose_coordinates_it_leads_to() {
+    let folder = Folder::new();
+    let stands = job().replace(
+        "[0.0, 0.0, 0.0]   # G54",
+        "[-400.0, -250.0, -310.0]   # G54",
+    );
+    let job = folder.file("j.toml", stands);
+    let out = folder.path("out.nc");
+    let program = folder.file("p.nc", format!("{HEAD}G0 X10. Y0. Z5.\nM30\n"));
+    let made = |frames: &str, shift: [f64; 3], more: &[&str]| {
+        let (sin, cos) = 0.5_f64.to_radians().sin_cos();
+        let [x, y, z] = shift;
+        let text = format!(
+            "{{\"rotation\": [[{cos},{},0],[{sin},{cos},0],[0,0,1]], \"translation_mm\": [{x},{y},{z}]{frames}}}",
+            -sin
+        );
+        let transform = folder.file("t.json", text);
+        let correction = [
+            "correction",
+            "--transform",
+            &transform,
+            "--job",
+            &job,
+            "--json",
+        ];
+        let rewrite = ["nc", "rewrite", &program, "-o", &out, "--force", "--json"];
+        let more = [&rewrite[..], &["--transform", &transform], more].concat();
+        [umi(&correction), umi(&more)]
+    };
+    let into = |from: &str, to: &str| {
+        format!(", \"from\": \"{from}\", \"to\": \"{to}\", \"verdict\": \"OK\"")
+    };
+    let shift = [1.5, -2.0, 0.25];
+    for (from, to, code) in [
+        ("scanner", "machine", "not_of_a_part"),
+        ("part", "scan", "frame_unknown"),
+    ] {
+        for ran in made(&into(from, to), shift, &[]) {
+            assert_eq!(error(&ran.exits(2)), code);
+        }
+    }
+    let motions = || {
+        let text = std::fs::read_to_string(&out).unwrap();
+        text.lines()
+            .filter(|line| line.starts_with('G'))
+            .collect::<String>()
+    };
+    let [wanted, rewritten] = made(&into("part", "offset"), shift, &[]);
+    let wanted = wanted.exits(0).json()["text"].clone();
+    rewritten.exits(0);
+    let carried = motions();
+    // As the job has it.
+    let origin = [-400.0, -250.0, -310.0];
+    let on_machine: [f64; 3] = std::array::from_fn(|axis| shift[axis] + origin[axis]);
+    let frames = into("part", "machine");
+    let [corrected, rewritten] = made(&frames, on_machine, &[]);
+    assert_eq!(corrected.exits(0).json()["text"], wanted);
+    assert_eq!(error(&rewritten.exits(1)), "machine_frame");
+    let place = ["--probed-in", "G54", "--origin", "G54=-400,-250,-310"];
+    let [_, rewritten] = made(&frames, on_machine, &place);
+    rewritten.exits(0);
+    assert_eq!(motions(), carried);
+}
+
+/// A correction of a verdict is reckoned from where its part was probed, and from nowhere else.
+#[test]
+fn a_correction_is_reckoned_from_where_the_part_was_probed() {
+    let folder = Folder::new();
+    let verdicts = folder.file("v.jsonl", replayed(&folder, &session(), &job()));
+    let same = folder.file("j.toml", job());
+    let correct = |job: &str, more: &[&str]| {
+        umi(&[
+            &["correction", "--verdict", &verdicts, "--job", job][..],
+            more,
+        ]
+        .concat())
+    };
+    correct(&same, &[]).exits(0);
+    correct(&same, &["--origin", "100,200,-300"])
+        .exits(1)
+        .says("was probed where G54 was at");
+    let moved = job().replace("probed_origin_mm = [", "probed_origin_mm = [7");
+    assert_ne!(moved, job());
+    correct(&folder.file("k.toml", moved), &[]).exits(1);
+}
+
 /// Two programs that move otherwise, if a variable has another value, in another offset, or over
 /// another place, are not the same.
 #[test]

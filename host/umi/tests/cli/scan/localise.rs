@@ -59,6 +59,26 @@ fn answered(id: &str) -> (Value, Value) {
     (case, got)
 }
 
+/// A transform says from which coordinates into which it leads: of a scanner, of a part by
+/// fiducials, and of a part in a scan, whose coordinates somebody says.
+#[test]
+fn a_pose_says_whose_coordinates_it_leads_to() {
+    let folder = Folder::new();
+    let out = folder.path("t.json");
+    let leads = |id: &str, more: &[&str]| {
+        let case = case(id);
+        let args = case["args"].as_array().unwrap().iter();
+        let args: Vec<&str> = args.map(|arg| arg.as_str().unwrap()).collect();
+        run(&[&args[..], &["-o", &out, "--force"], more].concat()).exits(0);
+        let written: Value = serde_json::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
+        [written["from"].clone(), written["to"].clone()]
+    };
+    assert_eq!(leads("optimum_balls", &[]), ["scanner", "machine"]);
+    assert_eq!(leads("optimum_bracket", &[]), ["part", "scan"]);
+    let in_offset = leads("optimum_bracket", &["--scan-in", "offset"]);
+    assert_eq!(in_offset, ["part", "offset"]);
+}
+
 #[test]
 fn a_stated_problem_is_answered_with_its_optimum() {
     for id in ["optimum_balls", "optimum_bracket"] {
