@@ -203,14 +203,25 @@ fn follow(words: &str, away: &mut [bool; 3]) -> bool {
     leaves
 }
 
-/// What of a block depends on variables: all of one that decides or computes, the words of one
-/// that moves, as `X#500`.
+/// What of a block depends on what stands in the control: all of one that decides or computes, the
+/// words of one that moves, as `X#500`, of a tool's length, and the `/` of one that may be left out.
 fn decide(block: &str) -> impl Iterator<Item = String> {
     let numbered = block.strip_prefix('N').unwrap_or(block);
     let block = match numbered.len() == block.len() {
         true => block,
         false => numbered.trim_start_matches(|c: char| c.is_ascii_digit()),
     };
+    if let Some(rest) = block.strip_prefix('/') {
+        // A motion may be written out to several.
+        let moves = rest.contains(['X', 'Y', 'Z']) && !rest.contains(['#', '[']);
+        let mut found: Vec<String> = decide(rest).collect();
+        found.push(if moves {
+            "/".to_owned()
+        } else {
+            block.to_owned()
+        });
+        return found.into_iter();
+    }
     let prints = ["DPRNT", "BPRNT", "POPEN", "PCLOS"];
     let decides = ["IF", "WHILE", "GOTO", "DO", "END", "#", "O"];
     let mut found = Vec::new();
@@ -235,7 +246,11 @@ fn decide(block: &str) -> impl Iterator<Item = String> {
             word.push(character);
         }
         found.push(word);
-        found.retain(|word| word.contains(['#', '[']));
+        let is_length = |word: &str| {
+            let length = matches!(word, "G43" | "G44" | "G49");
+            length || (word.starts_with('H') && word.len() > 1)
+        };
+        found.retain(|word| word.contains(['#', '[']) || is_length(word));
     }
     found.into_iter()
 }
@@ -264,6 +279,9 @@ mod tests {
             ("N10 G0 X#500 Y[#1+COS[3]] Z1.", &["X#500", "Y[#1+COS[3]]"]),
             ("IF [#500 EQ 1] GOTO 99", &["IF[#500EQ1]GOTO99"]),
             ("N7 #3 = 5", &["#3=5"]),
+            ("N8 G43 H2 Z50.", &["G43", "H2"]),
+            ("/G1 X5.", &["/"]),
+            ("N9 /2 M30", &["/2M30"]),
             ("o100 if [#1 GT 2]", &["O100IF[#1GT2]"]),
             ("DPRNT[X#5041[53]]", &[]),
         ] {

@@ -245,6 +245,82 @@ fn a_transform_is_one() {
     carried.exits(0);
 }
 
+/// Two programs that cut elsewhere are not the same where an axis was never named, stands where the
+/// machine has sent it, or blocks and lengths depend on the control; and those that do not differ are
+/// the same there, moved or not.
+#[test]
+fn what_is_not_at_a_place_of_the_part_is_compared() {
+    let folder = Folder::new();
+    let begin = "O7\nG90 G21 G17 G54 G94\nG0 X0. Y0. Z10.\n";
+    let flat = "O7\nG90 G21 G17 G54 G94\nG0 X0. Y0.\n";
+    let compared = |a: &str, b: &str| {
+        let [a, b] = [("a.nc", a), ("b.nc", b)].map(|(name, text)| folder.file(name, text));
+        umi(&["nc", "diff", &a, &b])
+    };
+    let steps = |n: usize| format!("G91\n{}", "G1 X0.04 F100\n".repeat(n));
+    let (fifty, less) = (steps(50), steps(49));
+    for (head, a, b) in [
+        (flat, "G1 X10. F100\nY10.\nX0.", "G1 X99. F100\nY-77.\nX0."),
+        (
+            begin,
+            "G53 G0 Z-50.\nG1 X50. Y50. F100\nG0 X5. Y5. Z10.",
+            "G53 G0 Z-50.\nG1 X-50. Y70. F100\nG0 X5. Y5. Z10.",
+        ),
+        (
+            begin,
+            "G91 G28 Z0\nG90 G0 X0. Y0.\nG1 X10. F100\nZ5.",
+            "G91 G28 Z0\nG90 G0 X0. Y0.\nG1 X99. F100\nX10.\nZ5.",
+        ),
+        (begin, "G1 X20. F1\nX0.", "/G1 X20. F1\nX0."),
+        (begin, "G1 X20. F1", "G1 X20. F1\n/M30\nX50."),
+        (begin, "G43 H1 Z5.\nG1 X9. F9", "G43 H2 Z5.\nG1 X9. F9"),
+        (begin, "G43 H1 Z5.\nG1 X9. F9", "G44 H1 Z5.\nG1 X9. F9"),
+        (begin, "G43 H1 Z5.\nG1 X9. F9", "Z5.\nG1 X9. F9"),
+        (begin, "IF[#500EQ1]GOTO9\nG1 X9. F9\nN9", "G1 X9. F9\nN9"),
+        (begin, &fifty, &less),
+    ] {
+        let [a, b] = [a, b].map(|body| format!("{head}{body}\nM30\n"));
+        compared(&a, &a).exits(0);
+        compared(&b, &b).exits(0);
+        let said = compared(&a, &b).exits(2).out;
+        assert!(said.contains("different"), "{b}\n{said}");
+        let said = compared(&b, &a).exits(2).out;
+        assert!(said.contains("different"), "{b}\n{said}");
+    }
+    // Rewritten, a program that goes on below what the machine has sent away is its image, and no
+    // other one is.
+    let level = "{\"rotation\": [[0,-1,0],[1,0,0],[0,0,1]], \"translation_mm\": [3,4,0.5]}";
+    let transform = folder.file("t.json", level);
+    let body = "G1 X10. F100\nG2 X20. Y10. R10.\nG91 G28 Z0\nG90 G0 X0. Y5.\nM30\n";
+    let first = folder.file("c.nc", format!("{begin}{body}"));
+    let out = folder.path("out.nc");
+    umi(&[
+        "nc",
+        "rewrite",
+        &first,
+        "-o",
+        &out,
+        "--transform",
+        &transform,
+    ])
+    .exits(0);
+    let image = |second: &str| umi(&["nc", "diff", &first, second, "--transform", &transform]);
+    let said = image(&out).exits(0).out;
+    assert!(said.contains("same"), "{said}");
+    let text = std::fs::read_to_string(&out).unwrap();
+    let moved = text.replace("X-2. Y4.", "X-2. Y4.1");
+    assert_ne!(moved, text, "{text}");
+    image(&folder.file("d.nc", moved)).exits(2);
+    // Where the part leans, what the machine has sent away would move the others.
+    let leans = "{\"rotation\": [[0.8,0,0.6],[0,1,0],[-0.6,0,0.8]], \"translation_mm\": [0,0,0]}";
+    let leans = folder.file("l.json", leans);
+    let cuts = folder.file("e.nc", format!("{flat}G1 X10. F100\nM30\n"));
+    let said = umi(&["nc", "diff", &cuts, &cuts, "--transform", &leans])
+        .exits(2)
+        .out;
+    assert!(said.contains("not compared: the cut in line 4"), "{said}");
+}
+
 /// A transform leads from the part into the coordinates of the work offset. Where a scanner stands
 /// moves no part; of a scan somebody says whose coordinates it has; the machine's are reckoned from
 /// the offset's origin.

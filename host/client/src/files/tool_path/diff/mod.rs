@@ -5,9 +5,11 @@
 //! motions may stand (an arc as chords). What is measured is how far these stray from the image of
 //! the first program's way, walked from its begin to its end: another direction, another centre,
 //! a turn too few are as far off as they lie apart. Ends and ways have one limit. Motions in machine
-//! coordinates, and those with an axis that such a motion has left somewhere, have no image: the
-//! axes that are there must be at the same places in both programs, and the way behind such a
-//! motion is not measured, as nobody knows where it begins.
+//! coordinates have no image: they must lead to the same places in both programs. An axis that such
+//! a motion has left somewhere, or that was never named, stays where it is while the others are
+//! compared; where the transform leans, it would move them, and cuts that nobody can compare are no
+//! same ones. The way of a motion that brings an axis back is not measured, as nobody knows where it
+//! begins.
 
 mod way;
 
@@ -52,10 +54,11 @@ pub struct DiffLimits {
     pub within_mm: f64,
 }
 
-/// What a program made depend on a variable when it was driven.
+/// What of a program depends on what stands in the control: variables, a tool's length, whether
+/// blocks with `/` are run.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Depends {
-    /// What, as `IF[#500EQ1]GOTO99` or `X#500`.
+    /// What, as `IF[#500EQ1]GOTO99`, `X#500`, `H2` or `/`.
     pub what: String,
     /// Its line, from 1.
     pub line: u32,
@@ -68,8 +71,13 @@ pub struct PathDifference {
     pub limits: DiffLimits,
     /// Motions of both.
     pub moves: [usize; 2],
-    /// Motions of both that are left out: an axis is in machine coordinates.
+    /// Motions of both that are left out: `G28`, `G30` or `G53` is in their block, or nobody can say
+    /// where they are to be.
     pub away: [usize; 2],
+    /// Lines of cuts of both that are left out.
+    pub not_compared: [Vec<u32>; 2],
+    /// Blocks of the first that the machine places.
+    pub sent: usize,
     /// The first motion of each that `G28`, `G30` or `G53` sends elsewhere than the other's, or over
     /// another place, or that the other has not.
     pub sent_elsewhere: [Option<u32>; 2],
@@ -86,8 +94,9 @@ pub struct PathDifference {
     pub inserted: Vec<u32>,
     /// Motions of the second behind the last of the first.
     pub left_over: usize,
-    /// What only the second makes depend on a variable: with other values it moves elsewhere.
-    pub decides: Vec<Depends>,
+    /// What depends on the control in the first only, and in the second only: with other values one
+    /// moves elsewhere.
+    pub decides: [Vec<Depends>; 2],
     /// Of the motions that were found, in order.
     pub deviations: Vec<Deviation>,
     /// Root mean square of the deviations of the ends, mm.
@@ -104,7 +113,8 @@ impl Depends {
     /// Whether it is a whole block, and no word of one that moves.
     fn is_statement(&self) -> bool {
         let begins = self.what.as_bytes();
-        !matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic())
+        let is_word = matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic());
+        !is_word && self.what != "/"
     }
 }
 
@@ -119,7 +129,14 @@ impl PathDifference {
             match left.get_mut(decision.what.as_str()) {
                 // A word may stand in each of the lines that one was written out to.
                 Some(n) if *n > 0 || !decision.is_statement() => *n = n.saturating_sub(1),
-                _ => self.decides.push(decision.clone()),
+                _ => self.decides[1].push(decision.clone()),
+            }
+        }
+        // The last ones: which of equal ones is too many, nobody knows.
+        for decision in first.iter().rev() {
+            if let Some(n) = left.get_mut(decision.what.as_str()).filter(|n| **n > 0) {
+                *n -= 1;
+                self.decides[0].push(decision.clone());
             }
         }
     }
@@ -147,9 +164,16 @@ impl PathDifference {
             && self.inserted.is_empty()
             && self.left_over == 0
             && self.other_rate == 0
-            && self.decides.is_empty()
+            && self.decides.iter().all(Vec::is_empty)
+            && !self.is_blind()
             && self.sent_elsewhere == [None; 2]
             && self.is_within()
+    }
+
+    /// Whether cuts are left out, or there is nothing that is not.
+    fn is_blind(&self) -> bool {
+        let is_nothing = self.matched == 0 && self.moves != [0; 2] && self.away == self.moves;
+        self.not_compared.iter().any(|lines| !lines.is_empty()) || (is_nothing && self.sent == 0)
     }
 
     /// The result in one sentence: the same, or by how much it differs, and at which lines.
@@ -178,11 +202,28 @@ impl PathDifference {
         if let Some(place) = place {
             return format!("different: {place} an axis somewhere in machine coordinates");
         }
-        if let Some(Depends { what, line }) = self.decides.first() {
-            return format!(
-                "different: {what} in line {line} is not in the first program, and where the \
-                 second goes by it depends on a variable"
-            );
+        for (of, other, decides) in [
+            ("second", "first", &self.decides[1]),
+            ("first", "second", &self.decides[0]),
+        ] {
+            if let Some(Depends { what, line }) = decides.first() {
+                return format!(
+                    "different: {what} in line {line} is not in the {other} program, and where the \
+                     {of} goes by it depends on what stands in the control"
+                );
+            }
+        }
+        for (of, lines) in ["first", "second"].iter().zip(&self.not_compared) {
+            if let Some(line) = lines.first() {
+                return format!(
+                    "not compared: the cut in line {line} of the {of} program: an axis is where G28, G30 \
+                     or G53 has sent it, or not named yet, and the part leans; name X, Y and Z before it"
+                );
+            }
+        }
+        if self.is_blind() {
+            return "not compared: no motion of the first program is at a place of the part"
+                .to_owned();
         }
         let most = self.largest().filter(|most| most.mm >= 5e-7);
         let Some(Largest { mm, lines, .. }) = most else {
@@ -207,15 +248,19 @@ pub fn compare(
     transform: &RigidTransform,
     limits: DiffLimits,
 ) -> PathDifference {
-    let image = |p: V| transform.apply(Point { mm: p }).mm;
-    let inverse = transform.inverse();
-    let back = |p: V| inverse.apply(Point { mm: p }).mm;
     let near_mm = limits.near_mm;
-    let left_out = |moves: &[Move]| moves.iter().filter(|made| made.is_away()).count();
+    let is_left_out = |made: &&Move| made.by_machine || kept(transform, made.away).is_none();
+    let left_out = |moves: &[Move]| moves.iter().filter(is_left_out).count();
+    let cuts = |moves: &[Move]| {
+        let of = moves.iter().filter(|made| made.is_feed && !made.stands());
+        of.filter(is_left_out).map(|made| made.line).collect()
+    };
     let mut found = PathDifference {
         limits,
         moves: [first.len(), second.len()],
         away: [left_out(first), left_out(second)],
+        not_compared: [cuts(first), cuts(second)],
+        sent: sent(first).len(),
         sent_elsewhere: sent_elsewhere(&sent(first), &sent(second), transform, near_mm),
         matched: 0,
         from_away: 0,
@@ -223,7 +268,7 @@ pub fn compare(
         other_rate: 0,
         inserted: Vec::new(),
         left_over: 0,
-        decides: Vec::new(),
+        decides: [Vec::new(), Vec::new()],
         deviations: Vec::new(),
         rms_mm: 0.0,
         largest_end: None,
@@ -233,32 +278,61 @@ pub fn compare(
     // What goes nowhere is the image of what goes nowhere.
     let second: Vec<&Move> = second
         .iter()
-        .filter(|made| !made.is_away() && !made.stands())
+        .filter(|made| !is_left_out(made) && !made.stands())
         .collect();
     let mut squares = 0.0;
     let mut next = 0_usize;
     // Nobody knows where the first one begins.
-    let mut is_from_away = true;
+    let mut were_away = [true; 3];
+    let mut is_lost = true;
     for wanted in first {
+        let were_away = core::mem::replace(&mut were_away, wanted.away);
+        let Some(kept) = kept(transform, wanted.away).filter(|_| !wanted.by_machine) else {
+            is_lost |= !wanted.by_machine;
+            continue;
+        };
+        let image = |p: V| kept.apply(Point { mm: p }).mm;
+        let inverse = kept.inverse();
+        let back = |p: V| inverse.apply(Point { mm: p }).mm;
         let [_, end] = wanted.ends.map(image);
-        let off = |made: &Move| (made.ends[1] - end).norm();
+        let off = |made: &Move| match made.away == wanted.away {
+            true => (made.ends[1] - end).norm(),
+            false => f64::INFINITY,
+        };
         let rest = second.get(next..).unwrap_or_default();
-        let is_there = next
-            .checked_sub(1)
-            .and_then(|at| second.get(at))
-            .is_some_and(|made| off(made) <= near_mm);
-        if wanted.stands() && is_there && !wanted.is_away() {
+        // What the machine has moved since, is away.
+        let before = next.checked_sub(1).and_then(|at| second.get(at));
+        let before_mm = before.map_or(f64::INFINITY, |made| {
+            let known = |axis: &usize| !wanted.away[*axis];
+            let off = |axis| made.ends[1][axis] - end[axis];
+            match (0..3).filter(known).any(|axis| made.away[axis]) {
+                true => f64::INFINITY,
+                false => (0..3)
+                    .filter(known)
+                    .map(off)
+                    .map(|mm: f64| mm * mm)
+                    .sum::<f64>()
+                    .sqrt(),
+            }
+        });
+        let is_there = before_mm <= near_mm;
+        if wanted.stands() && is_there {
             found.matched += 1;
             continue;
         }
-        let is_from_away = core::mem::replace(&mut is_from_away, wanted.is_away());
-        if wanted.is_away() {
-            continue;
-        }
+        let comes_back = (0..3).any(|axis| were_away[axis] && !wanted.away[axis]);
+        let is_from_away = core::mem::take(&mut is_lost) || comes_back;
         // Hardly a way may have been rounded to none.
         let comes = rest.first().is_some_and(|made| off(made) <= near_mm);
-        if is_there && wanted.is_below(limits.within_mm) && !comes {
+        if let Some(before) = before
+            && is_there
+            && wanted.is_below(limits.within_mm)
+            && !comes
+        {
             found.matched += 1;
+            squares += before_mm * before_mm;
+            let lines = [wanted.line, before.line];
+            larger(&mut found.largest_end, before_mm, lines, before.ends[1]);
             continue;
         }
         let window = rest.get(..WINDOW.min(rest.len())).unwrap_or_default();
@@ -315,6 +389,27 @@ pub fn compare(
         found.rms_mm = (squares / found.matched as f64).sqrt();
     }
     found
+}
+
+/// What a transform makes of the axes that are at places of the part, while those stay that the
+/// machine has placed. None where these would move the others.
+fn kept(transform: &RigidTransform, away: [bool; 3]) -> Option<RigidTransform> {
+    let mut kept = *transform;
+    for (axis, _) in away.into_iter().enumerate().filter(|(_, away)| *away) {
+        for other in (0..3).filter(|other| !away[*other]) {
+            let pair = [(axis, other), (other, axis)];
+            if pair.iter().any(|at| transform.rotation[*at].abs() > 1e-12) {
+                return None;
+            }
+        }
+        for other in 0..3 {
+            let same = f64::from(u8::from(axis == other));
+            (kept.rotation[(axis, other)], kept.rotation[(other, axis)]) = (same, same);
+        }
+        kept.translation_mm[axis] = 0.0;
+    }
+    // Turned over, nobody knows.
+    (kept.rotation.determinant() > 0.0).then_some(kept)
 }
 
 /// With which of the motions the wanted one ends: with the first that comes near its end after

@@ -7,7 +7,7 @@ use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use umi_client::files::points::name;
-use umi_client::files::tool_path::diff::{self, DiffLimits, Largest, PathDifference};
+use umi_client::files::tool_path::diff::{self, Depends, DiffLimits, Largest, PathDifference};
 use umi_client::job::correction::Basis;
 use umi_core::registration::RigidTransform;
 use umi_desk::tool_path::{self, PathFrame};
@@ -186,6 +186,11 @@ impl Diff {
 }
 
 fn machine(found: &PathDifference) -> Value {
+    let decides = |of: &[Depends]| -> Vec<Value> {
+        of.iter()
+            .map(|of| json!({"line": of.line, "what": of.what}))
+            .collect()
+    };
     let largest = |of: &Option<Largest>| {
         of.map_or(Value::Null, |of| {
             json!({
@@ -210,8 +215,10 @@ fn machine(found: &PathDifference) -> Value {
         "other_rate": found.other_rate,
         "inserted_lines_b": found.inserted,
         "left_over_b": found.left_over,
-        "decides_b": found.decides.iter().map(|of| json!({"line": of.line, "what": of.what}))
-            .collect::<Vec<_>>(),
+        "not_compared_lines_a": found.not_compared[0],
+        "not_compared_lines_b": found.not_compared[1],
+        "decides_a": decides(&found.decides[0]),
+        "decides_b": decides(&found.decides[1]),
         "sent_elsewhere_line_a": found.sent_elsewhere[0],
         "sent_elsewhere_line_b": found.sent_elsewhere[1],
         "ways_left_out": found.from_away,
@@ -236,7 +243,8 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
         fact(
             "left out",
             format!(
-                "{first} and {second}: an axis is where G28, G30 or G53 has sent it, or not named yet"
+                "{first} and {second}: G28, G30 or G53, or an axis that these have sent away while the \
+                 part leans"
             ),
         );
     }
@@ -247,6 +255,8 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
     for (name, lines) in [
         ("not found", &found.missing),
         ("not in the first", &found.inserted),
+        ("not compared", &found.not_compared[0]),
+        ("not compared there", &found.not_compared[1]),
     ] {
         if !lines.is_empty() {
             let dots = if lines.len() > 10 { " …" } else { "" };
@@ -258,12 +268,16 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
         let motions = count(found.other_rate as u64, "motion");
         fact("other rate", format!("{motions} cut in one program only"));
     }
-    if !found.decides.is_empty() {
-        let decides = found.decides.iter().take(10);
+    for (name, decides) in ["only the first has", "only the second has"]
+        .iter()
+        .zip(&found.decides)
+        .filter(|(_, decides)| !decides.is_empty())
+    {
+        let decides = decides.iter().take(10);
         let decides: Vec<String> = decides
             .map(|of| format!("{} (line {})", of.what, of.line))
             .collect();
-        fact("depends on variables", decides.join(", "));
+        fact(name, decides.join(", "));
     }
     if found.left_over > 0 {
         fact("left over", count(found.left_over as u64, "motion"));
