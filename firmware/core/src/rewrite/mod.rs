@@ -689,7 +689,10 @@ impl Rewriter {
         let kind = text::words::read(line, &mut words)?;
         if self.settings.dialect != Some(RewriteDialect::LinuxCnc)
             && let Some(at) = text::words::semicolon(line)
-            && let Some(first) = text::words::is_block(line.get(at..).unwrap_or_default())
+            && let Some(first) = text::words::goes_on(
+                line.get(at..).unwrap_or_default(),
+                self.settings.dialect == Some(RewriteDialect::Fanuc),
+            )
         {
             return Err((at + first, RewriteRefusal::Semicolon));
         }

@@ -301,6 +301,11 @@ pub enum Why {
     /// It sets offsets from what only the control knows.
     #[error("sets offsets from where the axes are: give them as numbers")]
     Offsets,
+    /// It moves on one control and shifts the datum on another.
+    #[error(
+        "with axes shifts the datum of a Sinumerik: add G0 or G1, or say whose program this is"
+    )]
+    Datum,
 }
 
 /// A G code in tenths, as it is written.

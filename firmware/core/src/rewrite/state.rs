@@ -82,6 +82,8 @@ pub(super) struct Cycle {
     pub shifts: [Pm; 2],
     /// Whether its last hole ended at R.
     pub to_r: bool,
+    /// Its pecks become smaller, by I and J down to K (Haas): K counts no holes.
+    pub narrows: bool,
 }
 
 /// What stays in force and must be the same wherever a subprogram is called.

@@ -303,6 +303,19 @@ impl Rewriter {
             wanted.extended = true;
             work = p.map(|p| 1000 + u16::try_from(p).unwrap_or(u16::MAX - 1000));
         }
+        // For a Sinumerik these shift the datum by their axis words, and move nothing.
+        if let Some(number @ (5 | 6)) = work
+            && self.settings.dialect.is_none()
+            && wanted.motion.is_none()
+            && given.letters.has_any(Letters::AXES)
+        {
+            let code = 530 + 10 * number;
+            let column = words
+                .iter()
+                .find(|word| word.letter == b'G')
+                .map_or(0, |word| word.start);
+            return Err((column, RewriteRefusal::Code(code, Why::Datum)));
+        }
         if let Some(work) = work {
             self.modes.work = work;
             self.shift();

@@ -3,7 +3,7 @@
 use crate::rewrite::block::{AXES, Given, Letters};
 use crate::rewrite::moved::plan::{Holes, More, Phase, Repeat, Wanted, allow};
 use crate::rewrite::refusal::RewriteRefusal;
-use crate::rewrite::state::{Cycle, Motion};
+use crate::rewrite::state::{Cycle, Feed, Motion};
 use crate::rewrite::text::emit;
 use crate::rewrite::text::emit::{Action, Edit, Out};
 use crate::rewrite::text::length::{LIMIT_PM, Pm, Step};
@@ -31,21 +31,27 @@ impl Rewriter {
         let normal = self.modes.plane.normal();
         let letter = at(&AXES, normal);
         // Both count holes, for one control or another.
-        if let (Some(_), Some(l)) = (given.find(b'K'), given.find(b'L')) {
-            return Err((given.column(l), RewriteRefusal::Meaningless('L')));
-        }
-        let count = match given.whole(b'K')? {
+        let code = wanted.cycle.map(|(_, code)| code);
+        let narrows = match code {
+            Some(code) => matches!(code, 730 | 830) && given.letters.has_any(Letters::of(b"IJ")),
+            None => self.cycle_in_force.is_some_and(|cycle| cycle.narrows),
+        };
+        let counts = if narrows { b'L' } else { b'K' };
+        let count = match given.whole(counts)? {
             Some(count) => count,
             None => given.whole(b'L')?.unwrap_or(1),
         };
+        if let (Some(_), Some(l), false) = (given.find(b'K'), given.find(b'L'), narrows) {
+            return Err((given.column(l), RewriteRefusal::Meaningless('L')));
+        }
         if count > MAX_HOLES {
             return Err((column, RewriteRefusal::OutOfRange));
         }
         let axes = given.axes();
         let moves = (0..3).any(|axis| axis != normal && at(&axes, axis).is_some());
         if count == 0 && moves {
-            let (letter, word) = match given.find(b'K') {
-                Some(word) => ('K', Some(word)),
+            let (letter, word) = match given.find(counts) {
+                Some(word) => (counts as char, Some(word)),
                 None => ('L', given.find(b'L')),
             };
             let column = word.map_or(column, |word| given.column(word));
@@ -54,6 +60,7 @@ impl Rewriter {
         let before = self.place;
         let mut target = self.over(given, incremental, normal)?;
         let mut cycle = self.heights(given, wanted, incremental, normal, column)?;
+        cycle.narrows = narrows;
         // LinuxCNC rises to an R above where it begins. An axis that the machine has placed does not
         // move with the part, so that it may stand above R in one program and below in the other.
         if cycle.initial.is_none()
@@ -86,8 +93,12 @@ impl Rewriter {
             if rises_again || climbs {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
             }
-            if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) {
+            if !matches!(cycle.code, 730 | 810 | 820 | 830 | 850 | 890) || narrows {
                 return Err((column, RewriteRefusal::TiltedCycle(cycle.code)));
+            }
+            // None of its motions would have one.
+            if self.modes.feed == Feed::InverseTime {
+                return Err((column, RewriteRefusal::NoFeed));
             }
             return self.write_out(
                 given,
@@ -160,7 +171,7 @@ impl Rewriter {
                 RewriteRefusal::UnknownPlace(at(&AXES, unknown) as char),
             ));
         }
-        if let Some(word) = given.find(b'K').or(given.find(b'L')) {
+        if let Some(word) = given.find(counts).or(given.find(b'L')) {
             edit.set(word, Action::Drop);
         }
         self.more = More::Repeat(Repeat {
@@ -273,6 +284,7 @@ impl Rewriter {
             normal,
             shifts,
             to_r: false,
+            narrows: false,
         });
         if (cycle.normal, cycle.shifts) != (normal, shifts) {
             return Err((column, RewriteRefusal::HeightsMoved));

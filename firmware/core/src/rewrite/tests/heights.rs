@@ -217,6 +217,37 @@ fn a_hole_needs_its_heights() {
     }
 }
 
+/// With I and J the pecks of a Haas become smaller, down to K: there K counts no holes, and stays.
+#[test]
+fn pecks_that_narrow_count_no_holes() {
+    let begin = "G21 G90 G17 G98 G0 X0. Y0. Z10.\n";
+    let small = level(1.0, [0.0; 3]);
+    let made = |settings: &RewriteSettings, cycle: &str| {
+        rewritten(settings, &[begin, cycle, "\nG80\nM30\n"].concat()).map(|(text, _)| text)
+    };
+    let ordinary = "G83 X10. Y0. Z-5. R2. I3. J1. K0.5 F9";
+    let text = made(&settings(small), ordinary).unwrap();
+    assert!(text.contains("I3. J1. K0.5 F9\nG80"), "{text}");
+    let text = made(&settings(small), "G91 G83 X10. Z-5. R-8. I3. J1. K2. L2 F9").unwrap();
+    assert!(text.contains("I3. J1. K2. F9\nX"), "{text}");
+    // Without them it does.
+    let text = made(&settings(small), "G91 G83 X10. Z-5. R-8. Q1. K2 F9").unwrap();
+    assert!(text.contains("Q1. F9\nX"), "{text}");
+    let leaning = settings(turned([0.3, 0.0, 0.0], [0.0; 3]));
+    let refused = made(&leaning, ordinary).unwrap_err().reason;
+    assert_eq!(refused, RewriteRefusal::TiltedCycle(830));
+}
+
+/// In inverse time every motion needs an F: what a cycle is written out to has none.
+#[test]
+fn a_cycle_in_inverse_time_is_not_written_out() {
+    let leaning = of(RewriteDialect::Fanuc, [0.3, 0.0, 0.0]);
+    let cycle = "G21 G90 G17 G99 G0 X0. Y0. Z10.\nG93 G81 X5. Y5. Z-5. R2. F3.\nG80\nM30\n";
+    let refused = rewritten(&leaning, cycle).unwrap_err().reason;
+    assert_eq!(refused, RewriteRefusal::NoFeed);
+    rewritten(&of(RewriteDialect::Fanuc, [0.0, 0.0, 1.0]), cycle).unwrap();
+}
+
 /// LinuxCNC feeds out of G89 as far as it comes out, others to R.
 #[test]
 fn boring_feeds_out() {

@@ -346,6 +346,38 @@ fn rapids_over_an_unknown_axis_are_asked_for() {
 /// Holes that a count repeats stay holes where no G0 to G3 was said before the cycle: a code would
 /// A cycle that begins where nobody knows is above its R on one machine and below it in the part's
 /// Some controls begin with G98, others (LinuxCNC's interpreter) with G99, and each keeps what the
+/// Behind `;` stands a comment, or a block: a control whose `;` ends blocks reads all of it.
+#[test]
+fn a_comment_is_one_for_the_control() {
+    let said = |family: Option<RewriteDialect>, behind: &str| {
+        let settings = RewriteSettings {
+            dialect: family,
+            ..settings(level(1.0, [0.0; 3]))
+        };
+        let program = ["G21 G90 G17 G0 X0. Y0. Z0. ;", behind, "\nM30\n"].concat();
+        rewritten(&settings, &program).err().map(|it| it.reason)
+    };
+    let refused = Some(RewriteRefusal::Semicolon);
+    for (behind, anybody, fanuc) in [
+        ("", None, None),
+        (" (5 MM END MILL)", None, None),
+        (" 5 MM END MILL", None, refused),
+        (" IF NEEDED CHANGE THE TOOL", None, refused),
+        ("4 Y56.2 Z-43.", None, refused),
+        (" #5221=7", refused, refused),
+        ("/X5.", refused, refused),
+        ("IF[#1EQ1]GOTO5", refused, refused),
+    ] {
+        assert_eq!(said(None, behind), anybody, "{behind}");
+        assert_eq!(said(Some(RewriteDialect::Fanuc), behind), fanuc, "{behind}");
+        assert_eq!(
+            said(Some(RewriteDialect::LinuxCnc), behind),
+            None,
+            "{behind}"
+        );
+    }
+}
+
 /// Words that move or shift on one control and do nothing on others.
 #[test]
 fn words_of_other_controls_are_refused() {

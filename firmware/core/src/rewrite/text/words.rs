@@ -166,6 +166,34 @@ pub(in crate::rewrite) fn is_block(text: &[u8]) -> Option<usize> {
     first
 }
 
+/// Where behind a semicolon stands what a control takes for more than a comment: words, a block that
+/// may be left out, a macro; for one whose `;` ends a block, anything but a comment in brackets.
+pub(in crate::rewrite) fn goes_on(text: &[u8], ends_blocks: bool) -> Option<usize> {
+    let mut first = 0;
+    while let Some(&byte) = text.get(first) {
+        if byte == b'(' {
+            first += memchr::memchr(b')', text.get(first..)?)? + 1;
+        } else if is_blank(byte) || byte == b';' {
+            first += 1;
+        } else {
+            break;
+        }
+    }
+    let rest = text.get(first..).filter(|rest| !rest.is_empty())?;
+    let is_read = || match read(rest, &mut Words::new()) {
+        Ok(kind) => !matches!(kind, Kind::Nothing),
+        // "IF NEEDED" is said to people.
+        Err((_, RewriteRefusal::Flow)) => memchr::memchr(b'[', rest).is_some(),
+        Err((_, reason)) => matches!(
+            reason,
+            RewriteRefusal::SystemVariable
+                | RewriteRefusal::NamedCall
+                | RewriteRefusal::NumberedCall(_)
+        ),
+    };
+    (ends_blocks || is_block(rest).is_some() || is_read()).then_some(first)
+}
+
 /// Where a comment to the end of the line begins.
 pub(in crate::rewrite) fn semicolon(line: &[u8]) -> Option<usize> {
     let mut at = 0;
