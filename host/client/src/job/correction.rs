@@ -26,27 +26,49 @@ pub enum Basis {
     Given(ProgramSource),
 }
 
+/// Which verdict of a journal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WhichVerdict {
+    /// The last one, as long as the board stood by it.
+    Last,
+    /// That on a setup of this number.
+    Setup(u32),
+    /// That of this entry.
+    Entry(u64),
+}
+
 impl Basis {
-    /// The verdict of a setup, or the last one: of a journal, or of `umi replay --json`.
+    /// A verdict of a journal, or the last one of `umi replay --json`.
     ///
     /// # Errors
-    /// The file cannot be read or holds no such verdict, the verdict is not OK, or it is the last
-    /// one and the board took it back.
-    pub fn verdict(path: &Path, setup: Option<u32>) -> Result<Self, Problem> {
+    /// The file cannot be read or holds no such verdict, or several on a setup of this number; the
+    /// verdict is not OK, or it is the last one and the board took it back.
+    pub fn verdict(path: &Path, which: WhichVerdict) -> Result<Self, Problem> {
         let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
         if umi_core::journal::decode_file(&bytes).is_err() {
-            if setup.is_some() {
-                return Err(Problem::trouble("usage", "--plate is for a journal"));
+            if which != WhichVerdict::Last {
+                return Err(Problem::trouble(
+                    "usage",
+                    "--plate and --entry are for a journal",
+                ));
             }
             return tool_path::verdict(path).map(Self::Given);
         }
         let mut job = None;
         let mut found = None;
+        // Boards count setups from 0 after each start, and in each job. One that is judged again keeps
+        // its number, and the last of its verdicts counts.
+        let mut wanted: Vec<(u64, Option<u32>)> = Vec::new();
+        let mut is_again = false;
         let mut audit = Audit::default();
         journal::read(&bytes, |item| {
             let FileItem::Entry(entry) = item else {
                 // Another job may have been set in between, and another verdict reached.
-                (job, found) = (None, None);
+                job = None;
+                is_again = false;
+                if which == WhichVerdict::Last {
+                    found = None;
+                }
                 audit.gap();
                 return Ok(());
             };
@@ -57,34 +79,68 @@ impl Basis {
             match record {
                 Ok(Record::JobSet { job: set, .. }) => {
                     job = Some(set);
-                    found = None;
+                    is_again = false;
+                    if which == WhichVerdict::Last {
+                        found = None;
+                    }
                 }
-                Ok(Record::Verdict(verdict))
-                    if setup.is_none_or(|setup| setup == verdict.setup) =>
-                {
-                    found = Some(verdict);
+                Ok(Record::Verdict(verdict)) => {
+                    let is_wanted = match which {
+                        WhichVerdict::Last => true,
+                        WhichVerdict::Setup(setup) => verdict.setup == setup,
+                        WhichVerdict::Entry(seq) => entry.seq == seq,
+                    };
+                    if core::mem::replace(&mut is_again, is_wanted) && is_wanted {
+                        wanted.pop();
+                    }
+                    if is_wanted {
+                        wanted.push((entry.seq, verdict.of_run()));
+                        found = job.clone().map(|job: Job| (job, verdict));
+                    }
                 }
                 _ => {}
             }
             Ok::<(), Problem>(())
         })?;
-        match (job, found) {
-            // Who names a setup looks back.
-            (Some(_), Some(verdict)) if setup.is_none() && verdict.ok && audit.taken_back() => {
+        if let (WhichVerdict::Setup(setup), [_, _, ..]) = (which, wanted.as_slice()) {
+            let each: Vec<String> = wanted
+                .iter()
+                .map(|(seq, run)| match run {
+                    Some(run) => format!("--entry {seq} (run {run})"),
+                    None => format!("--entry {seq}"),
+                })
+                .collect();
+            return Err(Problem::refused(
+                "ambiguous_setup",
+                format_args!(
+                    "{}: {} setups have the number {setup}, as a board counts them anew after each start and \
+                     in each job: name the verdict by its entry: {}",
+                    name(path),
+                    each.len(),
+                    each.join(", ")
+                ),
+            ));
+        }
+        match found {
+            // Who names one looks back.
+            Some((_, verdict))
+                if which == WhichVerdict::Last && verdict.ok && audit.taken_back() =>
+            {
                 Err(Problem::refused(
                     "taken_back",
                     format_args!(
-                        "{}: behind its last verdict, OK on setup {setup}, the control printed, \
+                        "{}: behind its last verdict, OK on setup {}, the control printed, \
                          the probe touched, bytes were lost or teaching was asked for again: the \
                          board has taken it back; probe the part again, or, if nothing was moved \
-                         since, name the setup: --plate {setup}",
+                         since, name the verdict: --entry {}",
                         name(path),
-                        setup = verdict.setup
+                        verdict.setup,
+                        wanted.last().map_or(0, |(seq, _)| *seq)
                     ),
                 ))
             }
-            (Some(job), Some(verdict)) => Ok(Self::Judged(Box::new((job, verdict)))),
-            _ => Err(Problem::trouble(
+            Some(judged) => Ok(Self::Judged(Box::new(judged))),
+            None => Err(Problem::trouble(
                 "verdict",
                 format_args!("{}: no such verdict in it", name(path)),
             )),
@@ -238,6 +294,20 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
         Basis::Judged(judged) => {
             let (job, verdict) = &**judged;
             let (cleared, transform) = cleared(verdict)?;
+            let run = job.guards.run_variable.zip(verdict.of_run());
+            if let Some((variable, run)) = run
+                && RunCheck::of_correction(spec.dialect, variable, run).is_none()
+            {
+                return Err(Problem::refused(
+                    "not_compared",
+                    format_args!(
+                        "the verdict was measured in run {run}, and a correction in the words of {dialect} \
+                         compares no run: it would set any other one, too; take a dialect that does, or \
+                         take `run_variable` out of the job"
+                    ),
+                )
+                .with("run", run));
+            }
             let rms_mm = verdict.registration.as_ref().map_or(f64::NAN, |r| r.rms_mm);
             let (turn_deg, tilt_deg) = transform.turn_and_tilt_deg();
             let figures = Figures {
@@ -246,7 +316,7 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
                 rms_mm,
                 turn_deg,
                 tilt_deg,
-                run: job.guards.run_variable.zip(verdict.of_run()),
+                run,
             };
             (transform, Some((cleared, figures)))
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use umi_client::files::tool_path;
-use umi_client::job::correction::Basis;
+use umi_client::job::correction::{Basis, WhichVerdict};
 use umi_core::rewrite::MeasuredIn;
 
 use crate::cmd::Board;
@@ -23,6 +23,15 @@ pub(crate) struct MovedBy {
     /// The setup of the journal, instead of the last one
     #[arg(long = "plate", value_name = "NUMBER", requires = "verdict")]
     setup: Option<u32>,
+    /// The verdict's entry in the journal, as `umi log` lists it: setups are counted anew after each
+    /// start of the board
+    #[arg(
+        long,
+        value_name = "SEQ",
+        requires = "verdict",
+        conflicts_with = "setup"
+    )]
+    entry: Option<u64>,
     /// A JSON file: {"rotation": 3 rows, "translation_mm": [x, y, z]}
     #[arg(long, value_name = "FILE")]
     transform: Option<PathBuf>,
@@ -45,14 +54,22 @@ impl MovedBy {
     /// # Errors
     /// It cannot be read, or is not OK.
     pub fn read(&self) -> Result<Option<Basis>, Failure> {
+        let which = match (self.setup, self.entry) {
+            (Some(setup), _) => WhichVerdict::Setup(setup),
+            (None, Some(seq)) => WhichVerdict::Entry(seq),
+            (None, None) => WhichVerdict::Last,
+        };
         Ok(match (&self.verdict, &self.transform) {
             (Some(path), _) if path == Path::new("board") => {
-                if self.setup.is_some() {
-                    return Err(Failure::trouble("usage", "--plate is for a journal"));
+                if which != WhichVerdict::Last {
+                    return Err(Failure::trouble(
+                        "usage",
+                        "--plate and --entry are for a journal",
+                    ));
                 }
                 Some(Basis::board(&mut self.board.connect()?)?)
             }
-            (Some(path), _) => Some(Basis::verdict(path, self.setup)?),
+            (Some(path), _) => Some(Basis::verdict(path, which)?),
             (None, Some(path)) => Some(Basis::Given(tool_path::transform(path)?)),
             (None, None) => None,
         })

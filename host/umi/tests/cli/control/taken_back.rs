@@ -82,5 +82,31 @@ fn what_the_board_has_taken_back_corrects_nothing() {
     board.control_sends(lines(2, 3).as_bytes());
     until(&|status| status["last_verdict_ok"].is_null());
     correction().exits(2).says("taken back its OK on setup 3");
-    pulled(&[]).exits(2).says("--plate 3");
+    let said = pulled(&[]).exits(2).err;
+    let (_, entry) = said.split_once("--entry ").unwrap();
+    let entry: String = entry.chars().take_while(char::is_ascii_digit).collect();
+    let named = pulled(&["--entry", &entry]).exits(0).out;
+    assert_eq!(named, pulled(&["--plate", "3"]).exits(0).out);
+
+    // The job is set anew, and setups count from 0: a number names two of them.
+    umi(&["job", "set", &job, "--port", &at]).exits(0);
+    measure(0, 5);
+    measure(2, 6);
+    let other = correction().exits(0).out;
+    assert_ne!(other, made);
+    let said = pulled(&["--plate", "1"])
+        .exits(2)
+        .says("2 setups have the number 1")
+        .err;
+    let entries: Vec<String> = said
+        .split("--entry ")
+        .skip(1)
+        .map(|rest| rest.chars().take_while(char::is_ascii_digit).collect())
+        .collect();
+    let [first, second] = entries.as_slice() else {
+        panic!("{said}")
+    };
+    assert_eq!(pulled(&["--entry", first]).exits(0).out, made);
+    assert_eq!(pulled(&["--entry", second]).exits(0).out, other);
+    pulled(&["--entry", "1"]).exits(1);
 }
