@@ -110,3 +110,28 @@ fn what_the_board_has_taken_back_corrects_nothing() {
     assert_eq!(pulled(&["--entry", second]).exits(0).out, other);
     pulled(&["--entry", "1"]).exits(1);
 }
+
+/// A job that counts runs corrects in no words that compare none.
+#[test]
+fn a_correction_that_compares_no_run_is_refused() {
+    let config = Config {
+        time: BoardTime::Real,
+        ..Config::default()
+    };
+    let board = Arc::new(VirtualBoard::start(config).unwrap());
+    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let at = port.address.clone();
+    port.serve_host(&board);
+    let job = project("examples/four-spheres.toml");
+    umi(&["job", "set", &job, "--port", &at]).exits(0);
+    board.control_sends(include_bytes!("../../../../../examples/four-spheres.txt"));
+    let begun = Instant::now();
+    while umi(&["info", "--json", "--port", &at]).json()["status"]["verdicts"] != 2 {
+        assert!(begun.elapsed() < Duration::from_secs(20));
+    }
+    let by_board = ["correction", "--verdict", "board", "--port", &at, "--json"];
+    let made = umi(&by_board).exits(0).json()["text"].to_string();
+    assert!(made.contains("#531EQ2"), "{made}");
+    let args = [&by_board[..], &["--dialect", "grbl", "--limit", "5"]].concat();
+    assert_eq!(umi(&args).exits(2).json()["error"]["code"], "not_compared");
+}
