@@ -5,6 +5,8 @@
 //! each plane, each centre that is not known, and one radius if it is free.
 
 mod mirror;
+mod sides;
+mod starts;
 
 use std::collections::HashMap;
 
@@ -23,7 +25,9 @@ use super::observations::{Observation, Observations};
 use super::solve::scatter::{left_of_column, scatter_covariance, unit_uncertainty};
 use super::solve::{MOST_NOISE_MM, Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
-use crate::rigid::{orthonormal, rotation, rotation_vector};
+use crate::rigid::rotation_vector;
+use sides::step_mount;
+use starts::best_start;
 
 /// What the sensor looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -275,14 +279,7 @@ impl Model for MountModel<'_> {
         } else {
             others
         };
-        let mut six = [0.0; 6];
-        let sought = six.iter_mut().zip(&self.sought).filter(|(_, s)| **s);
-        for ((value, _), step) in sought.zip(mount) {
-            *value = *step;
-        }
-        let turn = rotation(&Vector3::new(six[0], six[1], six[2]));
-        self.mount.rotation = orthonormal(&(turn * self.mount.rotation));
-        self.mount.translation_mm += Vector3::new(six[3], six[4], six[5]);
+        step_mount(&mut self.mount, &self.sought, mount);
     }
 }
 
@@ -562,100 +559,6 @@ fn first_model<'a>(
         centres_known: sphere && options.centres.is_some(),
         sought: std::array::from_fn(|i| i < 3 || !options.hold[i - 3]),
     })
-}
-
-/// The best of descents from the first guess and from around it: balls have a second valley
-/// where they are looked for on the wrong side of the laser's plane.
-fn best_start(first: MountModel<'_>) -> MountModel<'_> {
-    /// Observations that are enough to choose a valley.
-    const ENOUGH: usize = 2000;
-    let every = first.all.points.len().div_ceil(ENOUGH);
-    if every <= 1 {
-        return best_of_starts(first);
-    }
-    let thin = Observations {
-        features: first.all.features.clone(),
-        profiles: first.all.profiles.clone(),
-        flanges_by_radians: None,
-        flanges: first.all.flanges.clone(),
-        slips: Vec::new(),
-        points: first.all.points.iter().step_by(every).copied().collect(),
-    };
-    let found = best_of_starts(MountModel {
-        all: &thin,
-        ..first.clone()
-    });
-    MountModel {
-        all: first.all,
-        mount: found.mount,
-        features: found.features,
-        radius_mm: found.radius_mm,
-        ..first
-    }
-}
-
-/// The least that descents from the first guess and from around it reach. Where balls of known
-/// centres still stand beside their points, the mount is looked for on a grid about the guess.
-fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
-    /// A fit that leaves more than this share of the ball's radius has not found the ball.
-    const BESIDE: f64 = 0.01;
-    let mut starts = vec![first.clone()];
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let mut turned = first.clone();
-            let w = Vector3::ith(axis, 0.07 * sign);
-            turned.mount.rotation = rotation(&w) * turned.mount.rotation;
-            starts.push(turned);
-            let mut shifted = first.clone();
-            for feature in &mut shifted.features {
-                if let (SampleSights::Ball { centre_mm }, false) = (feature, first.centres_known) {
-                    *centre_mm += Vector3::ith(axis, 8.0 * sign);
-                }
-            }
-            starts.push(shifted);
-        }
-    }
-    let (least, best) = least_of(&first, starts);
-    let rms_mm = (least / first.all.points.len() as f64).sqrt();
-    if !first.centres_known || rms_mm <= BESIDE * best.radius_mm {
-        return best;
-    }
-    let (beside, grid) = least_of(&first, around(&first));
-    if beside < least { grid } else { best }
-}
-
-/// Mounts about the first guess, 20 mm and 6° around it.
-fn around<'a>(first: &MountModel<'a>) -> Vec<MountModel<'a>> {
-    const SHIFTS_MM: [f64; 3] = [-12.0, 0.0, 12.0];
-    let turns = (0..3).flat_map(|axis| [-0.07, 0.07].map(|angle| Vector3::ith(axis, angle)));
-    let mut mounts = Vec::new();
-    for turn in turns.chain([Vector3::zeros()]) {
-        for place in 0..SHIFTS_MM.len().pow(3) {
-            let shift = Vector3::from_fn(|axis, _| {
-                let by = SHIFTS_MM[place / SHIFTS_MM.len().pow(axis as u32) % SHIFTS_MM.len()];
-                if first.sought[3 + axis] { by } else { 0.0 }
-            });
-            let mut moved = first.clone();
-            moved.mount.rotation = rotation(&turn) * moved.mount.rotation;
-            moved.mount.translation_mm += shift;
-            mounts.push(moved);
-        }
-    }
-    mounts
-}
-
-/// The least sum of squares that these reach, near the first guess.
-fn least_of<'a>(first: &MountModel<'a>, starts: Vec<MountModel<'a>>) -> (f64, MountModel<'a>) {
-    let mut best: Option<(f64, MountModel<'_>)> = None;
-    for mut model in starts {
-        let ssq = descend(&mut model, 60);
-        let far = (model.mount.translation_mm - first.mount.translation_mm).norm() > 200.0;
-        let better = best.as_ref().is_none_or(|(least, _)| ssq < 0.999 * least);
-        if better && !far {
-            best = Some((ssq, model));
-        }
-    }
-    best.unwrap_or_else(|| (f64::INFINITY, first.clone()))
 }
 
 /// What the residuals say of a stated radius, where they want another one clearly.
