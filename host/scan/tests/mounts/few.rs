@@ -114,3 +114,33 @@ fn few_poses_are_enough_from_any_guess() {
     assert!(answers.values().all(|n| *n > 50), "{answers:?}");
     assert!(answers.values().sum::<u32>() > 500, "{answers:?}");
 }
+
+/// Only C moves, so the shift along it is free, and nothing else is: the other directions are seen by more than a
+/// hundredth of the best, however unsharp small balls are.
+#[test]
+fn noise_opens_no_direction_that_is_seen() {
+    for seed in 0..300 {
+        let mut random = Random(0x00F4_4000 + seed);
+        let random = &mut random;
+        let few = FewCuts {
+            balls: one_of(&[2, 3], random),
+            radius_mm: 5.0,
+            poses: one_of(&[6, 7], random),
+            points: 5,
+            noise_mm: 0.02,
+        };
+        let all = few.scan(ONLY_C, random);
+        let error = sensor(&all, &guess(random), &few.options(false, false)).unwrap_err();
+        if error.code != "unidentifiable" {
+            continue;
+        }
+        let share = |i: usize| error.details["singular_values"][i].as_f64().unwrap();
+        let seen = (0..6).filter(|i| share(*i) >= 1e-3).count() as u64;
+        let free = error.details["free"].as_u64().unwrap();
+        assert!(
+            free <= 6 - seen,
+            "{seed}: {free} free of {:?}",
+            error.details
+        );
+    }
+}

@@ -230,6 +230,16 @@ impl Model for MountModel<'_> {
         self.all.points.len()
     }
 
+    fn seen_share(&self) -> f64 {
+        // Noise of 20 µm tilts a plane by so much that a free direction gets up to 0.003.
+        const OF_PLANES: f64 = 1e-2;
+        const OF_BALLS: f64 = 1e-3;
+        match self.features.first() {
+            Some(SampleSights::Plane { .. }) => OF_PLANES,
+            _ => OF_BALLS,
+        }
+    }
+
     fn rows(&self, row: &mut TakeRow<'_>) {
         let (nuisances, _) = self.unknowns();
         for seen in &self.all.points {
