@@ -10,7 +10,7 @@ mod starts;
 
 use std::collections::HashMap;
 
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use umi_kinematics::Pose;
 
@@ -304,7 +304,17 @@ pub fn sensor(
     start: &Pose,
     options: &SensorOptions,
 ) -> Result<SensorAnswer, ScanError> {
-    let found = mount(all, start, options);
+    sensor_by(all, start, options, "give --centres")
+}
+
+/// The same for another command. `give_centres`: how a ball's centre is made known to it.
+pub(super) fn sensor_by(
+    all: &Observations,
+    start: &Pose,
+    options: &SensorOptions,
+    give_centres: &str,
+) -> Result<SensorAnswer, ScanError> {
+    let found = mount(all, start, options, give_centres);
     // Radians taken for degrees leave millimetres, or turns too small to show anything.
     const MUCH_MM: f64 = 0.05;
     let bad = match &found {
@@ -322,7 +332,7 @@ pub fn sensor(
         flanges_by_radians: None,
         ..all.clone()
     };
-    match mount(&by_radians, start, options) {
+    match mount(&by_radians, start, options, give_centres) {
         Ok(answer) if answer.sigma_mm.is_some_and(|sigma| sigma < 0.2 * MUCH_MM) => {
             Err(ScanError::refused(
                 "angle_unit",
@@ -337,6 +347,7 @@ fn mount(
     all: &Observations,
     start: &Pose,
     options: &SensorOptions,
+    give_centres: &str,
 ) -> Result<SensorAnswer, ScanError> {
     let first = first_model(all, start, options)?;
     let (nuisances, targets) = first.unknowns();
@@ -353,7 +364,7 @@ fn mount(
         .map(|i| if i < 3 { 1.0 / REACH_MM } else { 1.0 })
         .collect();
     let solution = solve(best_start(first), &scale);
-    refuse_unseen(&solution, &scale)?;
+    refuse_unseen(&solution, &scale, give_centres)?;
     let solution = mirror::decided(solution, start, &scale)?;
     refuse_few_profiles(&solution.model)?;
     let radius = radius_wanted(&solution, options);
@@ -683,24 +694,22 @@ fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
     ))
 }
 
-fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {
+fn refuse_unseen(
+    solution: &Solution<MountModel<'_>>,
+    scale: &[f64],
+    give_centres: &str,
+) -> Result<(), ScanError> {
     if solution.unseen.is_empty() {
         return Ok(());
     }
-    let names: Vec<&str> = NAMES
-        .iter()
-        .zip(&solution.model.sought)
-        .filter(|(_, sought)| **sought)
-        .map(|(name, _)| *name)
-        .collect();
-    let unobservable = name_directions(&solution.unseen, &names, scale);
+    let unobservable = name_directions(&solution.unseen, &names(&solution.model.sought), scale);
     let free = solution.unseen.len();
     Err(ScanError::refused(
         "unidentifiable",
         format_args!(
-            "{}. Take profiles of a ball or an inclined plane at more poses, with all rotary axes moved; or give --centres, or \
-             hold a shift with --hold",
-            open_in_words(&unobservable, solution.model.sought.iter().filter(|sought| **sought).count())
+            "{}. {}",
+            open_in_words(&unobservable, scale.len()),
+            to_show(&solution.model, give_centres)
         ),
     )
     .with("free", free)
@@ -708,8 +717,76 @@ fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(
     .with("singular_values", solution.seen.clone()))
 }
 
+/// The names of what is sought.
+fn names(sought: &[bool; 6]) -> Vec<&'static str> {
+    let names = NAMES.iter().zip(sought).filter(|(_, sought)| **sought);
+    names.map(|(name, _)| *name).collect()
+}
+
+/// What would show what is open.
+fn to_show(model: &MountModel<'_>, give_centres: &str) -> String {
+    let is_ball = matches!(model.features.first(), Some(SampleSights::Ball { .. }));
+    let of = if is_ball {
+        "a ball"
+    } else {
+        "an inclined plane"
+    };
+    let turned = |flange: &Pose| (flange.rotation - model.all.flanges[0].rotation).amax() > 1e-6;
+    // On three axes there is nothing to turn.
+    let take = if model.all.flanges.iter().any(turned) {
+        format!("Take profiles of {of} at more poses, with all rotary axes moved")
+    } else {
+        format!(
+            "No rotary axis moved. On a machine with one take profiles of {of} at several of its angles"
+        )
+    };
+    let centres = if is_ball && !model.centres_known {
+        format!("; or {give_centres}")
+    } else {
+        String::new()
+    };
+    format!("{take}{centres}; or hold a shift with --hold")
+}
+
 fn refuse_uncertain(covariance: &[[f64; 6]; 6]) -> Result<(), ScanError> {
-    for i in 0..6 {
+    let Some(worst) = uncertain(covariance) else {
+        return Ok(());
+    };
+    Err(ScanError::refused(
+        "uncertain",
+        format_args!("{worst}: use more poses that differ more, or look for outliers"),
+    )
+    .with("component", worst.component)
+    .with("standard_uncertainty", worst.uncertainty))
+}
+
+/// A component of a mount that is too uncertain.
+pub(super) struct UncertainComponent {
+    pub component: &'static str,
+    /// In mm or rad.
+    pub uncertainty: f64,
+    most: f64,
+    unit: &'static str,
+}
+
+impl std::fmt::Display for UncertainComponent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            component,
+            uncertainty,
+            most,
+            unit,
+        } = self;
+        write!(
+            f,
+            "the standard uncertainty of {component} would be {uncertainty:.3e} {unit} (at most {most} {unit})"
+        )
+    }
+}
+
+/// The first component that nobody could use.
+pub(super) fn uncertain(covariance: &[[f64; 6]; 6]) -> Option<UncertainComponent> {
+    (0..6).find_map(|i| {
         let (most, unit) = if i < 3 {
             (MOST_UNCERTAIN[0], "rad")
         } else {
@@ -717,20 +794,23 @@ fn refuse_uncertain(covariance: &[[f64; 6]; 6]) -> Result<(), ScanError> {
         };
         let uncertainty = covariance[i][i].sqrt();
         // A covariance that is no number is no certainty either.
-        if uncertainty.is_nan() || uncertainty > most {
-            return Err(ScanError::refused(
-                "uncertain",
-                format_args!(
-                    "the standard uncertainty of {} would be {uncertainty:.3e} {unit} (at most \
-                     {most} {unit}): use more poses that differ more, or look for outliers",
-                    NAMES[i]
-                ),
-            )
-            .with("component", NAMES[i])
-            .with("standard_uncertainty", uncertainty));
-        }
-    }
-    Ok(())
+        (uncertainty.is_nan() || uncertainty > most).then_some(UncertainComponent {
+            component: NAMES[i],
+            uncertainty,
+            most,
+            unit,
+        })
+    })
+}
+
+/// The motion of which the least is known, in words: where a covariance is widest, turns worth 100 mm a radian.
+pub(super) fn widest_in_words(covariance: &[[f64; 6]; 6]) -> String {
+    let scale = |i: usize| if i < 3 { 1.0 / REACH_MM } else { 1.0 };
+    let scaled = DMatrix::from_fn(6, 6, |i, k| covariance[i][k] / scale(i) / scale(k));
+    let eigen = scaled.symmetric_eigen();
+    let widest = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let direction = DVector::from_fn(6, |i, _| widest[i] * scale(i));
+    name_directions(&[direction], &NAMES, &[0, 1, 2, 3, 4, 5].map(scale)).join(", ")
 }
 
 /// Six by six, zero where held.
