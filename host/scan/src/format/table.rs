@@ -5,7 +5,7 @@
 //! * Points ([`TableReader::of_points`]) may have blanks between, and no line of names.
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
-//! * A first line of numbers with decimal commas is refused.
+//! * A first line of numbers with decimal commas is refused, and so are many nameless columns that may be such.
 //! * Numbers have a decimal point, and may be quoted. Whole ones may end in `.0`, as other programs write counts. A row has a cell for every column.
 //! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). A last line without its
 //!   end is one, too: a number that was cut is another number.
@@ -35,6 +35,9 @@ pub struct TableReader<R> {
     /// The first line holds numbers, and no names.
     is_nameless: bool,
 }
+
+/// A first line without names of so many columns may be points with decimal commas between commas.
+const MANY_NAMELESS: usize = 6;
 
 /// The place of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,6 +119,15 @@ impl<R: BufRead> TableReader<R> {
             .map(|cell| table.text[cell.clone()].trim());
         table.is_nameless = cells.clone().all(|cell| cell.parse::<f64>().is_ok());
         if of_points && table.is_nameless {
+            if table.separator == b','
+                && table.cells.len() >= MANY_NAMELESS
+                && !table.text.contains('.')
+            {
+                return Err(table.corrupt(
+                    "without names and without a decimal point these may be numbers with decimal commas: write decimal \
+                     points, or a first line that names the columns x_mm,y_mm,z_mm and the others",
+                ));
+            }
             let named = ["x_mm", "y_mm", "z_mm"].map(str::to_owned).into_iter();
             let others =
                 (named.len()..table.cells.len()).map(|place| format!("column {}", place + 1));
@@ -517,6 +529,26 @@ mod tests {
         let two = told(b"1.5 2.5\n", true);
         assert!(two.contains("holds 2 numbers, and no names"), "{two}");
         assert_eq!(read(b"1, 2, 3\n", true), Ok(()));
+    }
+
+    /// `1,0,2,0,40,01` is one point with decimal commas, or six columns: neither is guessed.
+    #[test]
+    fn many_nameless_columns_without_a_point_are_refused() {
+        let begin =
+            |text: &str| TableReader::of_points(text.as_bytes(), "table".into()).map(|_| ());
+        let error = begin("1,0,2,0,40,01\n").unwrap_err();
+        assert!(
+            error.message.contains("may be numbers with decimal commas"),
+            "{error}"
+        );
+        for fine in [
+            "1.0,2.0,40.01,255,0,0\n",
+            "1,2,3,17,4\n",
+            "1 0 2 0 40 01\n",
+            "x_mm,y_mm,z_mm,r,g,b\n1,0,2,0,40,1\n",
+        ] {
+            assert_eq!(begin(fine), Ok(()), "{fine}");
+        }
     }
 
     #[test]
