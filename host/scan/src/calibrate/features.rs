@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use umi_kinematics::Pose;
 
-use super::observations::Observations;
+use super::observations::{Observation, Observations};
 
 /// A plane or a ball in the workpiece's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,6 +82,10 @@ pub(super) struct Cut {
     /// Its centre, (x, 0, z).
     pub centre_mm: Vector3<f64>,
     pub radius_mm: f64,
+    /// How many points it is of.
+    pub points: usize,
+    /// The sum of squares of what they are off the circle, in mm².
+    pub off_circle: f64,
 }
 
 /// The circles of all profiles with enough points.
@@ -111,11 +115,15 @@ pub(super) fn cuts(all: &Observations) -> Vec<Cut> {
         let centre = 0.5 * Vector3::new(solved.x, 0.0, solved.y);
         let radius_mm = (solved.z + centre.norm_squared()).sqrt();
         if same >= 5 && radius_mm.is_finite() && centre.norm() < 1e3 {
+            let centre_mm = middle + centre;
+            let off = |p: &Observation| (p.seen_mm - centre_mm).norm() - radius_mm;
             cuts.push(Cut {
                 flange: first.flange,
                 feature: first.feature,
-                centre_mm: middle + centre,
+                centre_mm,
                 radius_mm,
+                points: same,
+                off_circle: points.iter().map(|p| off(p).powi(2)).sum(),
             });
         }
     }

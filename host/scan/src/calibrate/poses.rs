@@ -8,7 +8,7 @@ use serde::Serialize;
 use umi_kinematics::{AxisChain, JointKind, Pose};
 
 use super::observations::{Observation, Observations};
-use super::sensor::{Artefact, SensorOptions, sensor};
+use super::sensor::{Artefact, SensorOptions, sensor_by, uncertain, widest_in_words};
 use crate::ScanError;
 use crate::rigid::Vec3;
 
@@ -77,7 +77,7 @@ const FEWEST: usize = 6;
 /// # Errors
 /// `bad_input`; `missing_axis` for a joint that is none or not rotary; `unreachable` where the
 /// linear axes cannot bring the sensor there; what the calibration says of the poses:
-/// `unidentifiable`, `too_few_points`.
+/// `unidentifiable`, `too_few_points`; `uncertain` where it would say so at the noise that is expected.
 pub fn poses(machine: &AxisChain, question: &PosesQuestion) -> Result<PlannedPoses, ScanError> {
     check(question)?;
     let swings = swings(machine, question)?;
@@ -139,7 +139,11 @@ pub fn poses(machine: &AxisChain, question: &PosesQuestion) -> Result<PlannedPos
         bars: Vec::new(),
         allow_misfit: false,
     };
-    let found = sensor(&all, &machine.sensor, &options)?;
+    let found = sensor_by(&all, &machine.sensor, &options, "give --known")?;
+    let covariance = found
+        .covariance_unit
+        .map(|row| row.map(|unit| unit * question.sigma_mm.powi(2)));
+    refuse_uncertain(&covariance, question)?;
     let u = |i: usize| question.sigma_mm * found.covariance_unit[i][i].max(0.0).sqrt();
     Ok(PlannedPoses {
         joints: moving.into_iter().map(|(_, name)| name).collect(),
@@ -149,6 +153,29 @@ pub fn poses(machine: &AxisChain, question: &PosesQuestion) -> Result<PlannedPos
         u_shift_mm: [u(3), u(4), u(5)],
         conditioning: found.conditioning,
     })
+}
+
+/// Poses that the calibration would refuse once they are taken.
+fn refuse_uncertain(covariance: &[[f64; 6]; 6], question: &PosesQuestion) -> Result<(), ScanError> {
+    let Some(worst) = uncertain(covariance) else {
+        return Ok(());
+    };
+    let centre = if question.on == Artefact::Sphere && !question.known {
+        ", make the ball's centre known (--known)"
+    } else {
+        ""
+    };
+    let motion = widest_in_words(covariance);
+    Err(ScanError::refused(
+        "uncertain",
+        format_args!(
+            "by these poses {worst}: they hardly show the motion {motion} of the flange (t: shift along its axes in mm, w: turn \
+             about them in rad). Swing more rotary axes, or farther{centre}, or hold a shift with --hold"
+        ),
+    )
+    .with("component", worst.component)
+    .with("standard_uncertainty", worst.uncertainty)
+    .with("motion", motion))
 }
 
 fn check(question: &PosesQuestion) -> Result<(), ScanError> {
@@ -334,6 +361,79 @@ mod tests {
         text += "[chain]\nsensor = [\"X\", \"Y\", \"Z\"]\nworkpiece = [\"A\", \"C\"]\n\
                  [sensor]\ntranslation_mm = [0.7, 28, -120]\n";
         AxisChain::parse(&text).unwrap()
+    }
+
+    /// A head of C and A, C askew by so much: were it upright, a plane square to Z would not show the shift along X.
+    fn head(askew: f64) -> AxisChain {
+        let upright = format!("[0, {askew}, 1]");
+        let mut text = String::new();
+        for (name, kind, direction, at) in [
+            ("X", "linear", "[1,0,0]", ""),
+            ("Y", "linear", "[0,1,0]", ""),
+            ("Z", "linear", "[0,0,1]", ""),
+            ("C", "rotary", &upright, "point_mm = [7, 17, 30]"),
+            ("A", "rotary", "[1,0,0]", "point_mm = [3, 20, 36]"),
+        ] {
+            text += &format!(
+                "[[joint]]\nname = \"{name}\"\nkind = \"{kind}\"\ndirection = {direction}\n{at}\n"
+            );
+        }
+        text += "[chain]\nsensor = [\"X\", \"Y\", \"Z\", \"C\", \"A\"]\nworkpiece = []\n\
+                 [sensor]\ntranslation_mm = [0.7, 28, -120]\n";
+        AxisChain::parse(&text).unwrap()
+    }
+
+    /// What the calibration would call uncertain is not planned.
+    #[test]
+    fn poses_that_would_leave_a_shift_uncertain_are_refused() {
+        let swung = |a: f64| vec![("A".into(), -a, a), ("C".into(), -40.0, 40.0)];
+        let flat = PosesQuestion {
+            swings: swung(40.0),
+            normal: Vec3::z(),
+            ..question(Artefact::Plane)
+        };
+        let error = poses(&head(2e-4), &flat).unwrap_err();
+        assert_eq!(error.code, "uncertain", "{error}");
+        assert_eq!(error.details["motion"], "tx", "{error}");
+        assert!(
+            error.message.contains("or hold a shift with --hold"),
+            "{error}"
+        );
+        assert!(!error.message.contains("--known"), "{error}");
+        assert!(poses(&head(0.2), &flat).is_ok());
+        // A hardly moves.
+        let ball = PosesQuestion {
+            swings: swung(0.005),
+            ..question(Artefact::Sphere)
+        };
+        let error = poses(&machine(), &ball).unwrap_err();
+        assert_eq!(error.code, "uncertain", "{error}");
+        assert!(error.message.contains("--known"), "{error}");
+    }
+
+    /// What is advised is what the command and the machine have.
+    #[test]
+    fn the_advice_names_the_options_of_the_command() {
+        let still = |on| PosesQuestion {
+            swings: Vec::new(),
+            ..question(on)
+        };
+        let ball = poses(&machine(), &still(Artefact::Sphere)).unwrap_err();
+        assert!(ball.message.contains("; or give --known;"), "{ball}");
+        assert!(ball.message.contains("No rotary axis moved"), "{ball}");
+        let plane = poses(&machine(), &still(Artefact::Plane)).unwrap_err();
+        assert!(!plane.message.contains("--known"), "{plane}");
+        assert!(!plane.message.contains("--centres"), "{plane}");
+        let flat = PosesQuestion {
+            normal: Vec3::z(),
+            ..question(Artefact::Plane)
+        };
+        let flat = poses(&machine(), &flat).unwrap_err();
+        assert!(
+            flat.message
+                .contains("an inclined plane at more poses, with all rotary"),
+            "{flat}"
+        );
     }
 
     fn question(on: Artefact) -> PosesQuestion {

@@ -5,6 +5,7 @@
 //! * Points ([`TableReader::of_points`]) may have blanks between, and no line of names.
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
+//! * A first line of numbers with decimal commas is refused, and so are many nameless columns that may be such.
 //! * Numbers have a decimal point, and may be quoted. Whole ones may end in `.0`, as other programs write counts. A row has a cell for every column.
 //! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). A last line without its
 //!   end is one, too: a number that was cut is another number.
@@ -31,7 +32,12 @@ pub struct TableReader<R> {
     cells: Vec<Range<usize>>,
     /// The first line holds numbers: it is a row that nobody has taken yet, whole or not.
     first_row: Option<bool>,
+    /// The first line holds numbers, and no names.
+    is_nameless: bool,
 }
+
+/// A first line without names of so many columns may be points with decimal commas between commas.
+const MANY_NAMELESS: usize = 6;
 
 /// The place of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,6 +94,7 @@ impl<R: BufRead> TableReader<R> {
             text: String::new(),
             cells: Vec::new(),
             first_row: None,
+            is_nameless: false,
         };
         let Some(whole) = table.read_line()? else {
             return Err(ScanError::unreadable(
@@ -98,6 +105,9 @@ impl<R: BufRead> TableReader<R> {
                 ),
             ));
         };
+        if has_decimal_commas(&table.text) {
+            return Err(table.corrupt("its numbers have a decimal comma: write a decimal point"));
+        }
         table.separator = [b',', b';', b'\t']
             .into_iter()
             .find(|&byte| table.text.as_bytes().contains(&byte))
@@ -107,7 +117,17 @@ impl<R: BufRead> TableReader<R> {
             .cells
             .iter()
             .map(|cell| table.text[cell.clone()].trim());
-        if of_points && cells.clone().all(|cell| cell.parse::<f64>().is_ok()) {
+        table.is_nameless = cells.clone().all(|cell| cell.parse::<f64>().is_ok());
+        if of_points && table.is_nameless {
+            if table.separator == b','
+                && table.cells.len() >= MANY_NAMELESS
+                && !table.text.contains('.')
+            {
+                return Err(table.corrupt(
+                    "without names and without a decimal point these may be numbers with decimal commas: write decimal \
+                     points, or a first line that names the columns x_mm,y_mm,z_mm and the others",
+                ));
+            }
             let named = ["x_mm", "y_mm", "z_mm"].map(str::to_owned).into_iter();
             let others =
                 (named.len()..table.cells.len()).map(|place| format!("column {}", place + 1));
@@ -160,13 +180,19 @@ impl<R: BufRead> TableReader<R> {
             let like = like.map_or(String::new(), |name| {
                 format!(" ({name:?} has to be written {column:?})")
             });
+            let has = if self.is_nameless {
+                // As some programs write the number of points before them.
+                let numbers = match self.columns.len() {
+                    1 => "a number alone: if it counts the points, leave it out".to_owned(),
+                    many => format!("{many} numbers, and no names"),
+                };
+                format!("the first line holds {numbers}")
+            } else {
+                format!("the first line names {}", self.columns.join(", "))
+            };
             ScanError::unreadable(
                 "missing_column",
-                format_args!(
-                    "{}: there is no column {column:?}{like}; the first line names {}",
-                    self.name,
-                    self.columns.join(", ")
-                ),
+                format_args!("{}: there is no column {column:?}{like}; {has}", self.name),
             )
         })
     }
@@ -261,7 +287,13 @@ impl<R: BufRead> TableReader<R> {
             }
             self.line += 1;
             let whole = bytes.last() == Some(&b'\n');
-            if !whole && read as u64 == LONGEST_LINE {
+            let is_cut = !whole && read as u64 == LONGEST_LINE;
+            // Of other files these bytes are no line ends.
+            let is_odd = self.line == 1 || is_cut || bytes.contains(&b'\r');
+            if is_odd && is_binary(&bytes) {
+                return Err(self.corrupt("this is no table: it is no text in UTF-8"));
+            }
+            if is_cut {
                 return Err(self.corrupt("a line of more than 64 KiB: this is no table"));
             }
             while matches!(bytes.last(), Some(b'\n' | b'\r')) {
@@ -359,7 +391,8 @@ impl<'a> Row<'a> {
     #[must_use]
     pub fn wrong(&self, column: Column, wanted: &str) -> ScanError {
         let text = self.text(column);
-        let point = if text.replacen(',', ".", 1).parse::<f64>().is_ok() {
+        let is_comma = text.contains(',') && text.replacen(',', ".", 1).parse::<f64>().is_ok();
+        let point = if is_comma {
             ", with a decimal point"
         } else {
             ""
@@ -373,6 +406,29 @@ impl<'a> Row<'a> {
         )
         .with("line", self.line)
     }
+}
+
+/// Whether bytes are no text: a zero, or what UTF-8 does not have. A character that is cut at the end is none of these.
+fn is_binary(bytes: &[u8]) -> bool {
+    let is_text = |error: std::str::Utf8Error| error.error_len().is_none();
+    bytes.contains(&0) || !std::str::from_utf8(bytes).map_or_else(is_text, |_| true)
+}
+
+/// Whether a line holds numbers alone, parted by something else than commas, and with commas in them.
+fn has_decimal_commas(line: &str) -> bool {
+    let cells: Vec<&str> = match [';', '\t'].into_iter().find(|&by| line.contains(by)) {
+        Some(by) => line.split(by).map(str::trim).collect(),
+        None => line.split_ascii_whitespace().collect(),
+    };
+    let is_number = |cell: &&str| match cell.split_once(',') {
+        // "1, 2" has a comma between.
+        Some((_, digits)) => {
+            digits.starts_with(|first: char| first.is_ascii_digit())
+                && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
+        }
+        None => cell.parse::<f64>().is_ok(),
+    };
+    cells.len() > 1 && line.contains(',') && cells.iter().all(is_number)
 }
 
 #[cfg(test)]
@@ -420,6 +476,79 @@ mod tests {
             assert!(error.message.contains(told), "{error}");
         }
         assert_eq!(read("x_mm;z_mm\n1.5;2\n"), Ok(Some(1.5)));
+    }
+
+    /// A sentence names what is there: no decimal point for a number that has one, no line ends of what is no text, no
+    /// column of a line without names.
+    #[test]
+    fn no_sentence_names_what_is_not_there() {
+        let read = |bytes: &[u8], of_points: bool| {
+            let mut table = TableReader::begin(bytes, "table".into(), of_points)?;
+            let columns = ["x_mm", "y_mm", "z_mm"].map(|column| table.column(column));
+            for column in columns {
+                column?;
+            }
+            while table.next_row()?.is_some() {}
+            Ok(())
+        };
+        let told = |bytes: &[u8], of_points: bool| -> String {
+            let read: Result<(), ScanError> = read(bytes, of_points);
+            read.unwrap_err().message
+        };
+        let mut table = open("profile\n12.7\n");
+        let column = table.column("profile").unwrap();
+        let row = table.next_row().unwrap().unwrap();
+        let error = row.integer::<u32>(column).unwrap_err();
+        assert!(
+            error.message.ends_with("a whole number is needed"),
+            "{error}"
+        );
+
+        for of_points in [false, true] {
+            for binary in [
+                &b"PK\x03\x04\0\r\x99\n1"[..],
+                b"\x89PNG\r\x1a\n",
+                b"x\0_\0m\0m\0\n",
+            ] {
+                let told = told(binary, of_points);
+                assert!(told.contains("no text in UTF-8"), "{told}");
+            }
+            for commas in ["1,5;2,0;40,01\n", "1,5 2,0 40,01\n", "1,5\t2\t3,5\n"] {
+                let told = told(commas.as_bytes(), of_points);
+                assert!(
+                    told.contains("decimal comma: write a decimal point"),
+                    "{told}"
+                );
+            }
+        }
+        let count = told(b"3\n1 2 3\n4 5 6\n", true);
+        assert!(
+            count.contains("a number alone: if it counts the points"),
+            "{count}"
+        );
+        let two = told(b"1.5 2.5\n", true);
+        assert!(two.contains("holds 2 numbers, and no names"), "{two}");
+        assert_eq!(read(b"1, 2, 3\n", true), Ok(()));
+    }
+
+    /// `1,0,2,0,40,01` is one point with decimal commas, or six columns: neither is guessed.
+    #[test]
+    fn many_nameless_columns_without_a_point_are_refused() {
+        let begin =
+            |text: &str| TableReader::of_points(text.as_bytes(), "table".into()).map(|_| ());
+        let error = begin("1,0,2,0,40,01\n").unwrap_err();
+        assert!(
+            error.message.contains("may be numbers with decimal commas"),
+            "{error}"
+        );
+        for fine in [
+            "1.0,2.0,40.01,255,0,0\n",
+            "1,2,3,17,4\n",
+            "1 0 2 0 40 01\n",
+            "x_mm,y_mm,z_mm,r,g,b\n1,0,2,0,40,1\n",
+        ] {
+            assert_eq!(begin(fine), Ok(()), "{fine}");
+        }
     }
 
     #[test]

@@ -15,7 +15,8 @@
 //!
 //! # Limitations
 //! A noise edge within the jitter of an edge whose own latch was missed is taken for it:
-//! nothing tells them apart but a narrower jitter.
+//! nothing tells them apart but a narrower jitter. Where both edges have a latch, or both a profile, the shift is settled
+//! all the same, and what is near two of the other is left unpaired and named (`doubtful`).
 
 mod apart;
 mod clock;
@@ -41,6 +42,7 @@ use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, WildFirst, sort_out};
 use search::SearchOutcome;
 use streams::{Reach, Streams};
+use trains::near_two::{self, NearTwo};
 
 /// A profile and its latch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -63,6 +65,9 @@ pub struct ScanPairing {
     pub pairs: Vec<Pair>,
     /// Profiles without a latch: extra, misplaced, or their latch was lost.
     pub unpaired_profiles: Vec<u64>,
+    /// Those of the unpaired profiles that have a latch within the jitter: another latch or profile is as near.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub doubtful: Vec<u64>,
     /// Profiles whose frame was there before; or came again, where the first had a wrong time.
     pub duplicates: Vec<u64>,
     /// Those of the duplicates that have another time than the first of their frame: profiles of their own, behind a
@@ -145,25 +150,40 @@ pub fn pair(
         }
         SearchOutcome::NoMatch => return Err(no_match(&streams, &reach)),
     };
-    let clock = trains.clock(&found);
-    if let Some((profile, latches)) = trains.two_candidates(&found, clock.centred) {
-        let profile = reach.profiles[profile];
-        let numbers = latches.map(|latch| triggers.latches[reach.latches[latch]].number);
-        return Err(ScanError::refused(
-            "ambiguous_pairing",
-            format_args!(
-                "profile {} is within the jitter of {} µs of latch {} and of latch {}: give a \
-                 narrower --jitter-us",
-                frames.stamps[profile].profile, options.jitter_us, numbers[0], numbers[1]
-            ),
-        ));
+    let doubts = near_two::all(trains, &found, trains.clock(&found).centred);
+    let mut told = found.clone();
+    let in_doubt = doubts.iter().flat_map(NearTwo::profiles);
+    in_doubt.for_each(|profile| told[profile] = None);
+    let in_words = doubts.first().map(|first| {
+        let profile = |profile: usize| frames.stamps[reach.profiles[profile]].profile;
+        let latch = |latch: usize| triggers.latches[reach.latches[latch]].number;
+        first.in_words(profile, latch, options.jitter_us)
+    });
+    if let Some(words) = &in_words
+        && told.iter().flatten().count() < trains.need()
+    {
+        return Err(ambiguous(format!(
+            "{words}; so are so many others that less than half is left: give a narrower --jitter-us"
+        )));
     }
+    let clock = trains.clock(&told);
+    let told = reach.of_all(&told, stamps_seen);
     let mut of_all = reach.of_all(&found, stamps_seen);
     let jump = jump::among_pairs(&streams, &of_all);
     if let Some(jump) = &jump {
         of_all[jump.strangers.clone()].fill(None);
     }
-    let mut pairing = answer(&of_all, &frames, triggers, clock);
+    // What is in doubt is part of the shift, and says where the sensor missed a trigger; it is no pair.
+    let pairs: Vec<Option<usize>> = (of_all.iter().zip(&told))
+        .map(|(latch, told)| latch.filter(|_| told.is_some()))
+        .collect();
+    let mut pairing = answer(&pairs, &frames, triggers, clock);
+    let mut doubtful: Vec<u64> = (doubts.iter().flat_map(NearTwo::profiles))
+        .map(|profile| frames.stamps[reach.profiles[profile]].profile)
+        .collect();
+    doubtful.sort_unstable();
+    doubtful.dedup();
+    pairing.doubtful = doubtful;
     let even = even::even_train(trains, &found, &streams.advice());
     if options.strict {
         refuse_faults(&pairing, triggers, even.as_deref())?;
@@ -173,6 +193,12 @@ pub fn pair(
         .warnings
         .extend(odd.or_else(|| reach.apart(&streams)));
     pairing.warnings.extend(frames.wild.iter().map(came_again));
+    pairing.warnings.extend(in_words.map(|words| {
+        format!(
+            "doubtful: {} profiles are left unpaired, since nothing but a narrower --jitter-us tells what is theirs: {words}",
+            pairing.doubtful.len()
+        )
+    }));
     pairing.warnings.extend(even);
     pairing.warnings.extend(skips::skips(&streams, &of_all));
     if triggers.right_until_ns.is_some() {
@@ -264,6 +290,7 @@ fn answer(
     ScanPairing {
         pairs,
         unpaired_profiles,
+        doubtful: Vec::new(),
         duplicates: frames.duplicates.clone(),
         renumbered: frames.renumbered.clone(),
         restarts: frames.restarts.clone(),
@@ -382,6 +409,7 @@ fn refuse_faults(
 ) -> Result<(), ScanError> {
     let faults = [
         (pairing.unpaired_profiles.len() as u64, "unpaired profiles"),
+        (pairing.doubtful.len() as u64, "doubtful profiles"),
         (pairing.duplicates.len() as u64, "duplicates"),
         (pairing.unpaired_triggers.len() as u64, "unpaired triggers"),
         (pairing.lost_frames, "lost frames"),

@@ -909,3 +909,79 @@ fn a_long_even_scan_is_decided() {
     let got: Vec<u64> = pairing.pairs.iter().map(|pair| pair.number).collect();
     assert_eq!(got, kept);
 }
+
+/// One edge too many on either side costs the pairs that it may have, and no other.
+#[test]
+fn an_edge_too_many_leaves_its_neighbour_unpaired() {
+    let (mut stamps, mut triggers, mut truth) = signed(60, 20e-6, |_| false, |_| true);
+    stamps.insert(
+        11,
+        Stamp {
+            t_us: stamps[10].t_us + 15.0,
+            ..stamps[10]
+        },
+    );
+    for (profile, stamp) in stamps.iter_mut().enumerate() {
+        (stamp.profile, stamp.frame) = (profile as u64, profile as u64);
+    }
+    for (profile, _) in &mut truth[11..] {
+        *profile += 1;
+    }
+    let at_us = triggers.latches[30].t_ns as f64 / 1e3 - 12.0;
+    triggers.latches.insert(30, latch(0, at_us, 0.0));
+    for (number, latch) in triggers.latches.iter_mut().enumerate() {
+        latch.number = number as u64;
+    }
+    for (_, number) in &mut truth[30..] {
+        *number += 1;
+    }
+    truth.retain(|(profile, _)| ![10, 31].contains(profile));
+    let pairing = pair(&stamps, &triggers, &PairOptions::default()).unwrap();
+    let pairs = pairing.pairs.iter().map(|pair| (pair.profile, pair.number));
+    assert_eq!(pairs.collect::<Vec<_>>(), truth);
+    assert_eq!(pairing.doubtful, [10, 11, 31]);
+    assert_eq!(pairing.unpaired_profiles, [10, 11, 31]);
+    assert_eq!(pairing.unpaired_triggers, [10, 30, 31]);
+    let told = pairing
+        .warnings
+        .iter()
+        .find(|told| told.starts_with("doubtful: "));
+    let told = told.expect("a warning");
+    assert!(
+        told.contains("profiles 10 and 11 are within 20 µs of latch 10"),
+        "{told}"
+    );
+    let strict = PairOptions {
+        strict: true,
+        ..PairOptions::default()
+    };
+    let error = pair(&stamps, &triggers, &strict).unwrap_err();
+    assert!(error.message.contains("3 doubtful profiles"), "{error}");
+    let narrow = PairOptions {
+        jitter_us: 8.0,
+        ..PairOptions::default()
+    };
+    let pairing = pair(&stamps, &triggers, &narrow).unwrap();
+    assert_eq!((pairing.pairs.len(), pairing.doubtful.len()), (60, 0));
+}
+
+/// Where every edge bounces nothing is left to pair.
+#[test]
+fn a_scan_that_is_all_doubt_is_refused_by_name() {
+    let (stamps, mut triggers, _) = signed(60, 0.0, |_| false, |_| true);
+    let both = triggers.latches.iter().flat_map(|once| {
+        let at_us = once.t_ns as f64 / 1e3;
+        [at_us, at_us + 9.0].map(|at_us| latch(0, at_us, 0.0))
+    });
+    triggers.latches = both.collect();
+    for (number, latch) in triggers.latches.iter_mut().enumerate() {
+        latch.number = number as u64;
+    }
+    let error = pair(&stamps, &triggers, &PairOptions::default()).unwrap_err();
+    assert_eq!(error.code, "ambiguous_pairing");
+    assert!(
+        error.message.contains("of latch 0 and of latch 1"),
+        "{error}"
+    );
+    assert!(error.message.contains("narrower --jitter-us"), "{error}");
+}

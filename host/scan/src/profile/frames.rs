@@ -79,16 +79,21 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         // A time that is wrong says nothing of a turn or a new start.
         let is_ahead = is_ahead(stamp, &stamps[place + 1..]);
         let is_later = |than_us: f64| stamp.t_us > than_us + SAME_TIME_US && !is_ahead;
+        let is_at_once = |us: f64| (stamp.t_us - us).abs() <= SAME_TIME_US;
         let number = match (counter, last) {
             (FrameCounter::Bits(bits), Some(last)) if bits < 64 => {
                 let turn = 1_i128 << bits;
                 let up = (shown - last.0).rem_euclid(turn);
                 let is_near = 2 * up < turn;
-                // The next one up from the latest frame for a later time, else the next one down.
+                // The next one up from the latest frame for a later time, else the next one down; at the same time the nearer.
                 let number = match up {
                     0 if is_later(last.1) => last.0 + turn,
                     0 => last.0,
                     _ if is_later(last.1) || is_ahead && is_near => last.0 + up,
+                    // Frames may follow each other within what two stamps of one differ by.
+                    _ if is_near && is_at_once(last.1) && !is_same(&(last.0 + up - turn)) => {
+                        last.0 + up
+                    }
                     _ => last.0 + up - turn,
                 };
                 // A time that fits neither a repetition nor what came before is wrong: the next one up.
@@ -326,6 +331,28 @@ mod tests {
         assert_eq!(frames.renumbered, [0; 0]);
         // Without the width the second 14 is the same, and the wrap is no duplicate yet.
         assert_eq!(sort_out(&stamps, FrameCounter::Rises).duplicates, [4, 6]);
+    }
+
+    #[test]
+    fn frames_within_a_microsecond_turn_no_counter_back() {
+        // Four bits, over the turn: two within half a microsecond, three at one time, one that comes again at once.
+        let stamps = stamps(&[
+            (12, 0.0),
+            (13, 0.5),
+            (14, 40.0),
+            (15, 40.0),
+            (0, 40.0),
+            (1, 80.0),
+            (2, 80.9),
+            (1, 80.0),
+            (12, 0.0),
+            (4, 160.0),
+            (3, 159.5),
+        ]);
+        let frames = sort_out(&stamps, FrameCounter::Bits(4));
+        assert_eq!(frames.numbers, [12, 13, 14, 15, 16, 17, 18, 20, 19]);
+        assert_eq!(frames.duplicates, [7, 8]);
+        assert_eq!(frames.lost_frames, 0);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Simulated calibrations of a mount: exact ones give back the truth, open ones are refused
 //! with the right number of free motions, and the machine's frame makes no difference.
 
+mod few;
 mod mirror;
 mod misfit;
 mod open;

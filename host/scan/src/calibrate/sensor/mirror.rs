@@ -142,7 +142,7 @@ fn across(model: &MountModel<'_>) -> Option<f64> {
 }
 
 /// How far one mount is from another: mm, degrees.
-fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
+pub(super) fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
     let turn = rotation_vector(&(a.rotation * b.rotation.transpose()));
     let shift = a.translation_mm - b.translation_mm;
     (shift.norm(), turn.norm().to_degrees())

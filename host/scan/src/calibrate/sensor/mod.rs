@@ -5,10 +5,12 @@
 //! each plane, each centre that is not known, and one radius if it is free.
 
 mod mirror;
+mod sides;
+mod starts;
 
 use std::collections::HashMap;
 
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use umi_kinematics::Pose;
 
@@ -23,7 +25,9 @@ use super::observations::{Observation, Observations};
 use super::solve::scatter::{left_of_column, scatter_covariance, unit_uncertainty};
 use super::solve::{MOST_NOISE_MM, Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
-use crate::rigid::{orthonormal, rotation, rotation_vector};
+use crate::rigid::rotation_vector;
+use sides::step_mount;
+use starts::best_start;
 
 /// What the sensor looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -226,6 +230,16 @@ impl Model for MountModel<'_> {
         self.all.points.len()
     }
 
+    fn seen_share(&self) -> f64 {
+        // Noise of 20 µm tilts a plane by so much that a free direction gets up to 0.003.
+        const OF_PLANES: f64 = 1e-2;
+        const OF_BALLS: f64 = 1e-3;
+        match self.features.first() {
+            Some(SampleSights::Plane { .. }) => OF_PLANES,
+            _ => OF_BALLS,
+        }
+    }
+
     fn rows(&self, row: &mut TakeRow<'_>) {
         let (nuisances, _) = self.unknowns();
         for seen in &self.all.points {
@@ -275,14 +289,7 @@ impl Model for MountModel<'_> {
         } else {
             others
         };
-        let mut six = [0.0; 6];
-        let sought = six.iter_mut().zip(&self.sought).filter(|(_, s)| **s);
-        for ((value, _), step) in sought.zip(mount) {
-            *value = *step;
-        }
-        let turn = rotation(&Vector3::new(six[0], six[1], six[2]));
-        self.mount.rotation = orthonormal(&(turn * self.mount.rotation));
-        self.mount.translation_mm += Vector3::new(six[3], six[4], six[5]);
+        step_mount(&mut self.mount, &self.sought, mount);
     }
 }
 
@@ -297,7 +304,17 @@ pub fn sensor(
     start: &Pose,
     options: &SensorOptions,
 ) -> Result<SensorAnswer, ScanError> {
-    let found = mount(all, start, options);
+    sensor_by(all, start, options, "give --centres")
+}
+
+/// The same for another command. `give_centres`: how a ball's centre is made known to it.
+pub(super) fn sensor_by(
+    all: &Observations,
+    start: &Pose,
+    options: &SensorOptions,
+    give_centres: &str,
+) -> Result<SensorAnswer, ScanError> {
+    let found = mount(all, start, options, give_centres);
     // Radians taken for degrees leave millimetres, or turns too small to show anything.
     const MUCH_MM: f64 = 0.05;
     let bad = match &found {
@@ -315,7 +332,7 @@ pub fn sensor(
         flanges_by_radians: None,
         ..all.clone()
     };
-    match mount(&by_radians, start, options) {
+    match mount(&by_radians, start, options, give_centres) {
         Ok(answer) if answer.sigma_mm.is_some_and(|sigma| sigma < 0.2 * MUCH_MM) => {
             Err(ScanError::refused(
                 "angle_unit",
@@ -330,6 +347,7 @@ fn mount(
     all: &Observations,
     start: &Pose,
     options: &SensorOptions,
+    give_centres: &str,
 ) -> Result<SensorAnswer, ScanError> {
     let first = first_model(all, start, options)?;
     let (nuisances, targets) = first.unknowns();
@@ -346,7 +364,7 @@ fn mount(
         .map(|i| if i < 3 { 1.0 / REACH_MM } else { 1.0 })
         .collect();
     let solution = solve(best_start(first), &scale);
-    refuse_unseen(&solution, &scale)?;
+    refuse_unseen(&solution, &scale, give_centres)?;
     let solution = mirror::decided(solution, start, &scale)?;
     refuse_few_profiles(&solution.model)?;
     let radius = radius_wanted(&solution, options);
@@ -564,100 +582,6 @@ fn first_model<'a>(
     })
 }
 
-/// The best of descents from the first guess and from around it: balls have a second valley
-/// where they are looked for on the wrong side of the laser's plane.
-fn best_start(first: MountModel<'_>) -> MountModel<'_> {
-    /// Observations that are enough to choose a valley.
-    const ENOUGH: usize = 2000;
-    let every = first.all.points.len().div_ceil(ENOUGH);
-    if every <= 1 {
-        return best_of_starts(first);
-    }
-    let thin = Observations {
-        features: first.all.features.clone(),
-        profiles: first.all.profiles.clone(),
-        flanges_by_radians: None,
-        flanges: first.all.flanges.clone(),
-        slips: Vec::new(),
-        points: first.all.points.iter().step_by(every).copied().collect(),
-    };
-    let found = best_of_starts(MountModel {
-        all: &thin,
-        ..first.clone()
-    });
-    MountModel {
-        all: first.all,
-        mount: found.mount,
-        features: found.features,
-        radius_mm: found.radius_mm,
-        ..first
-    }
-}
-
-/// The least that descents from the first guess and from around it reach. Where balls of known
-/// centres still stand beside their points, the mount is looked for on a grid about the guess.
-fn best_of_starts(first: MountModel<'_>) -> MountModel<'_> {
-    /// A fit that leaves more than this share of the ball's radius has not found the ball.
-    const BESIDE: f64 = 0.01;
-    let mut starts = vec![first.clone()];
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let mut turned = first.clone();
-            let w = Vector3::ith(axis, 0.07 * sign);
-            turned.mount.rotation = rotation(&w) * turned.mount.rotation;
-            starts.push(turned);
-            let mut shifted = first.clone();
-            for feature in &mut shifted.features {
-                if let (SampleSights::Ball { centre_mm }, false) = (feature, first.centres_known) {
-                    *centre_mm += Vector3::ith(axis, 8.0 * sign);
-                }
-            }
-            starts.push(shifted);
-        }
-    }
-    let (least, best) = least_of(&first, starts);
-    let rms_mm = (least / first.all.points.len() as f64).sqrt();
-    if !first.centres_known || rms_mm <= BESIDE * best.radius_mm {
-        return best;
-    }
-    let (beside, grid) = least_of(&first, around(&first));
-    if beside < least { grid } else { best }
-}
-
-/// Mounts about the first guess, 20 mm and 6° around it.
-fn around<'a>(first: &MountModel<'a>) -> Vec<MountModel<'a>> {
-    const SHIFTS_MM: [f64; 3] = [-12.0, 0.0, 12.0];
-    let turns = (0..3).flat_map(|axis| [-0.07, 0.07].map(|angle| Vector3::ith(axis, angle)));
-    let mut mounts = Vec::new();
-    for turn in turns.chain([Vector3::zeros()]) {
-        for place in 0..SHIFTS_MM.len().pow(3) {
-            let shift = Vector3::from_fn(|axis, _| {
-                let by = SHIFTS_MM[place / SHIFTS_MM.len().pow(axis as u32) % SHIFTS_MM.len()];
-                if first.sought[3 + axis] { by } else { 0.0 }
-            });
-            let mut moved = first.clone();
-            moved.mount.rotation = rotation(&turn) * moved.mount.rotation;
-            moved.mount.translation_mm += shift;
-            mounts.push(moved);
-        }
-    }
-    mounts
-}
-
-/// The least sum of squares that these reach, near the first guess.
-fn least_of<'a>(first: &MountModel<'a>, starts: Vec<MountModel<'a>>) -> (f64, MountModel<'a>) {
-    let mut best: Option<(f64, MountModel<'_>)> = None;
-    for mut model in starts {
-        let ssq = descend(&mut model, 60);
-        let far = (model.mount.translation_mm - first.mount.translation_mm).norm() > 200.0;
-        let better = best.as_ref().is_none_or(|(least, _)| ssq < 0.999 * least);
-        if better && !far {
-            best = Some((ssq, model));
-        }
-    }
-    best.unwrap_or_else(|| (f64::INFINITY, first.clone()))
-}
-
 /// What the residuals say of a stated radius, where they want another one clearly.
 fn radius_wanted(solution: &Solution<MountModel<'_>>, options: &SensorOptions) -> Option<String> {
     /// Standard uncertainties by which it must be off.
@@ -770,24 +694,22 @@ fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
     ))
 }
 
-fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(), ScanError> {
+fn refuse_unseen(
+    solution: &Solution<MountModel<'_>>,
+    scale: &[f64],
+    give_centres: &str,
+) -> Result<(), ScanError> {
     if solution.unseen.is_empty() {
         return Ok(());
     }
-    let names: Vec<&str> = NAMES
-        .iter()
-        .zip(&solution.model.sought)
-        .filter(|(_, sought)| **sought)
-        .map(|(name, _)| *name)
-        .collect();
-    let unobservable = name_directions(&solution.unseen, &names, scale);
+    let unobservable = name_directions(&solution.unseen, &names(&solution.model.sought), scale);
     let free = solution.unseen.len();
     Err(ScanError::refused(
         "unidentifiable",
         format_args!(
-            "{}. Take profiles of a ball or an inclined plane at more poses, with all rotary axes moved; or give --centres, or \
-             hold a shift with --hold",
-            open_in_words(&unobservable, solution.model.sought.iter().filter(|sought| **sought).count())
+            "{}. {}",
+            open_in_words(&unobservable, scale.len()),
+            to_show(&solution.model, give_centres)
         ),
     )
     .with("free", free)
@@ -795,8 +717,76 @@ fn refuse_unseen(solution: &Solution<MountModel<'_>>, scale: &[f64]) -> Result<(
     .with("singular_values", solution.seen.clone()))
 }
 
+/// The names of what is sought.
+fn names(sought: &[bool; 6]) -> Vec<&'static str> {
+    let names = NAMES.iter().zip(sought).filter(|(_, sought)| **sought);
+    names.map(|(name, _)| *name).collect()
+}
+
+/// What would show what is open.
+fn to_show(model: &MountModel<'_>, give_centres: &str) -> String {
+    let is_ball = matches!(model.features.first(), Some(SampleSights::Ball { .. }));
+    let of = if is_ball {
+        "a ball"
+    } else {
+        "an inclined plane"
+    };
+    let turned = |flange: &Pose| (flange.rotation - model.all.flanges[0].rotation).amax() > 1e-6;
+    // On three axes there is nothing to turn.
+    let take = if model.all.flanges.iter().any(turned) {
+        format!("Take profiles of {of} at more poses, with all rotary axes moved")
+    } else {
+        format!(
+            "No rotary axis moved. On a machine with one take profiles of {of} at several of its angles"
+        )
+    };
+    let centres = if is_ball && !model.centres_known {
+        format!("; or {give_centres}")
+    } else {
+        String::new()
+    };
+    format!("{take}{centres}; or hold a shift with --hold")
+}
+
 fn refuse_uncertain(covariance: &[[f64; 6]; 6]) -> Result<(), ScanError> {
-    for i in 0..6 {
+    let Some(worst) = uncertain(covariance) else {
+        return Ok(());
+    };
+    Err(ScanError::refused(
+        "uncertain",
+        format_args!("{worst}: use more poses that differ more, or look for outliers"),
+    )
+    .with("component", worst.component)
+    .with("standard_uncertainty", worst.uncertainty))
+}
+
+/// A component of a mount that is too uncertain.
+pub(super) struct UncertainComponent {
+    pub component: &'static str,
+    /// In mm or rad.
+    pub uncertainty: f64,
+    most: f64,
+    unit: &'static str,
+}
+
+impl std::fmt::Display for UncertainComponent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            component,
+            uncertainty,
+            most,
+            unit,
+        } = self;
+        write!(
+            f,
+            "the standard uncertainty of {component} would be {uncertainty:.3e} {unit} (at most {most} {unit})"
+        )
+    }
+}
+
+/// The first component that nobody could use.
+pub(super) fn uncertain(covariance: &[[f64; 6]; 6]) -> Option<UncertainComponent> {
+    (0..6).find_map(|i| {
         let (most, unit) = if i < 3 {
             (MOST_UNCERTAIN[0], "rad")
         } else {
@@ -804,20 +794,23 @@ fn refuse_uncertain(covariance: &[[f64; 6]; 6]) -> Result<(), ScanError> {
         };
         let uncertainty = covariance[i][i].sqrt();
         // A covariance that is no number is no certainty either.
-        if uncertainty.is_nan() || uncertainty > most {
-            return Err(ScanError::refused(
-                "uncertain",
-                format_args!(
-                    "the standard uncertainty of {} would be {uncertainty:.3e} {unit} (at most \
-                     {most} {unit}): use more poses that differ more, or look for outliers",
-                    NAMES[i]
-                ),
-            )
-            .with("component", NAMES[i])
-            .with("standard_uncertainty", uncertainty));
-        }
-    }
-    Ok(())
+        (uncertainty.is_nan() || uncertainty > most).then_some(UncertainComponent {
+            component: NAMES[i],
+            uncertainty,
+            most,
+            unit,
+        })
+    })
+}
+
+/// The motion of which the least is known, in words: where a covariance is widest, turns worth 100 mm a radian.
+pub(super) fn widest_in_words(covariance: &[[f64; 6]; 6]) -> String {
+    let scale = |i: usize| if i < 3 { 1.0 / REACH_MM } else { 1.0 };
+    let scaled = DMatrix::from_fn(6, 6, |i, k| covariance[i][k] / scale(i) / scale(k));
+    let eigen = scaled.symmetric_eigen();
+    let widest = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let direction = DVector::from_fn(6, |i, _| widest[i] * scale(i));
+    name_directions(&[direction], &NAMES, &[0, 1, 2, 3, 4, 5].map(scale)).join(", ")
 }
 
 /// Six by six, zero where held.

@@ -31,7 +31,10 @@ pub(super) fn free_directions<M: Model>(
     let values = &parts.svd.values;
     let none = parts.none(DEGENERATE);
     let mut free: Vec<usize> = (0..values.len())
-        .filter(|&i| values[i] <= none || sigma_mm > KNOWN_MM * values[i])
+        .filter(|&i| {
+            let is_doubtful = values[i] < model.seen_share() * parts.svd.largest();
+            values[i] <= none || is_doubtful && sigma_mm > KNOWN_MM * values[i]
+        })
         .collect();
     // Without the best seen of them the others are judged anew: it says more of the nuisances.
     while free.iter().any(|&i| values[i] > none) {

@@ -54,6 +54,12 @@ pub(super) trait Model: Clone {
     /// Moves all unknowns.
     fn step(&mut self, step: &[f64]);
 
+    /// A direction that has this share of the best seen is no free one, whatever the noise: sets that determine the
+    /// targets have it in all directions.
+    fn seen_share(&self) -> f64 {
+        1e-3
+    }
+
     /// The sum of the squared residuals.
     fn ssq(&self) -> f64 {
         let mut sum = 0.0;

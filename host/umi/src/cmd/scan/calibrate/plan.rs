@@ -101,10 +101,10 @@ Examples:
     --swing A=-30..30 --swing C=-180..180 -o poses.csv
 
 For a line scanner the poses go through the calibration itself: what they leave open is refused by
-name, with the number of free motions.
+name, with the number of free motions, and so is what would be uncertain at this noise.
 
 Refused (status 2): bad_input, and what umi scan calibrate point would refuse; for a line scanner
-machine, missing_axis, unreachable, unidentifiable, too_few_points.";
+machine, missing_axis, unreachable, unidentifiable, uncertain, too_few_points.";
 
 impl Plan {
     pub fn run(self) -> Result<(), Failure> {

@@ -43,7 +43,8 @@ Examples:
 
 A profile or a latch whose time is wild stands apart from all others: it is left out and told
 (`misplaced`). Times in another unit than their column says are refused (no_match), with `factor`.
-Of a frame that came again the first message counts, unless its time is wild.
+Of a frame that came again the first message counts, unless its time is wild. A profile within the
+jitter of two latches is left unpaired (`doubtful`), and so are two profiles within that of one.
 
 In a train as even as a clock, or whose rhythm repeats or drifts steadily, nothing tells where it
 begins (`even_train`; --strict refuses it), nor triggers that the sensor missed from a jump of its
@@ -203,6 +204,10 @@ pub fn text(pairing: &ScanPairing) -> String {
     );
     for (what, numbers) in [
         ("profiles without latch", &pairing.unpaired_profiles),
+        (
+            "of these with another latch or profile as near",
+            &pairing.doubtful,
+        ),
         ("profiles that came again", &pairing.duplicates),
         (
             "of these profiles of their own, by the sensor's clock",

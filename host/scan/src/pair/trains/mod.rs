@@ -1,5 +1,7 @@
 //! The times of profiles and latches as the search takes them.
 
+pub(super) mod near_two;
+
 use super::apart::could_pair;
 
 /// No two clocks drift by more than this, as a ratio.
@@ -166,45 +168,6 @@ impl Trains {
     /// The sensor's and the board's centre in microseconds.
     pub(super) fn centres(&self) -> (f64, f64) {
         self.centre_us
-    }
-
-    /// A profile that is within the jitter of two latches at the clocks' line, with them.
-    pub fn two_candidates(
-        &self,
-        found: &[Option<usize>],
-        (offset, drift): (f64, f64),
-    ) -> Option<(usize, [usize; 2])> {
-        let origin = self.origin(found);
-        let mut owners = vec![None; self.board.len()];
-        for (profile, latch) in found.iter().enumerate() {
-            if let Some(latch) = *latch {
-                owners[latch] = Some(profile);
-            }
-        }
-        for (profile, latch) in found.iter().enumerate() {
-            let place = self.places[profile];
-            let at = offset + (1.0 + drift) * self.sensor[place];
-            let begin = self.board.partition_point(|&t| t < at - self.jitter_us);
-            let near = self.board[begin..]
-                .iter()
-                .take_while(|&&t| t <= at + self.jitter_us)
-                .enumerate()
-                .map(|(i, _)| begin + i)
-                .filter(|&candidate| self.agrees(place, candidate, origin));
-            for candidate in near {
-                match *latch {
-                    Some(latch) if latch != candidate => {
-                        return Some((profile, [latch, candidate]));
-                    }
-                    // A latch near two profiles is as bad as a profile near two latches.
-                    None if owners[candidate].is_some() => {
-                        return Some((profile, [candidate, candidate]));
-                    }
-                    _ => {}
-                }
-            }
-        }
-        None
     }
 
     /// The least and the greatest of encoder less counts over the pairs.
