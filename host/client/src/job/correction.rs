@@ -23,7 +23,7 @@ pub enum Basis {
     /// A verdict that a board reached, out of its journal, with the job.
     Judged(Box<(Job, Verdict)>),
     /// A transform, and where it is from. The program says that no board made it.
-    Given(ProgramSource),
+    Given(Box<ProgramSource>),
 }
 
 /// Which verdict of a journal.
@@ -52,7 +52,7 @@ impl Basis {
                     "--plate and --entry are for a journal",
                 ));
             }
-            return tool_path::verdict(path).map(Self::Given);
+            return tool_path::verdict(path).map(|source| Self::Given(Box::new(source)));
         }
         let mut job = None;
         let mut found = None;
@@ -182,7 +182,7 @@ impl Basis {
     /// As there.
     pub fn in_offset(self, place: Option<MeasuredIn>) -> Result<Self, Problem> {
         match self {
-            Self::Given(source) => source.in_offset(place).map(Self::Given),
+            Self::Given(source) => Ok(Self::Given(Box::new(source.in_offset(place)?))),
             judged @ Self::Judged(_) => Ok(judged),
         }
     }
@@ -215,7 +215,7 @@ impl Basis {
         let (job, verdict) = match self {
             Self::Given(source) => {
                 source.for_a_control()?;
-                return Ok(source.clone());
+                return Ok(ProgramSource::clone(source));
             }
             Self::Judged(judged) => &**judged,
         };

@@ -70,7 +70,7 @@ impl MovedBy {
                 Some(Basis::board(&mut self.board.connect()?)?)
             }
             (Some(path), _) => Some(Basis::verdict(path, which)?),
-            (None, Some(path)) => Some(Basis::Given(tool_path::transform(path)?)),
+            (None, Some(path)) => Some(Basis::Given(Box::new(tool_path::transform(path)?))),
             (None, None) => None,
         })
     }
