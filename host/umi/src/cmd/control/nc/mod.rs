@@ -11,6 +11,9 @@ use clap::{Args, Subcommand};
 /// Part programs: rewrite a tool path by a transform, compare two
 #[derive(Args)]
 #[command(after_help = "\
+Read are ISO programs (G code) of Fanuc, Haas, Mitsubishi, Mazak (EIA) and LinuxCNC. Programs in a
+Sinumerik's, a Heidenhain's or a Mazatrol's own language are refused: write them out as ISO.
+
 Examples:
   umi nc check part.nc
   umi nc rewrite part.nc -o here.nc --verdict today.umij

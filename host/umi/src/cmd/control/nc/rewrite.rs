@@ -42,6 +42,8 @@ The transform q = R p + t holds in the coordinates of one work offset: that in w
 probed (`correction.probed_in` of the verdict's job, without one G54; --probed-in), with a
 --transform the one in force at the program's first motion. A program that runs in another one is
 refused where the part is turned, unless --origin says where both are.
+A transform into machine coordinates (umi scan localise --fiducials) is reckoned from the origin
+that --origin gives of the offset in --probed-in.
 What cannot be transformed truly is refused by line
 and reason, and then nothing is written: the file appears whole or not at all.
 A header says check value, source and transform. The identity changes no byte.
