@@ -430,8 +430,11 @@ impl Run {
     pub(super) fn next_setup(&mut self) {
         if self.progress == Progress::Judged {
             self.setup = self.setup.saturating_add(1);
-            // Its number says nothing of what comes in it now: it may be another clamping.
-            self.older_than = self.older_than.or(self.run);
+            // Its number says nothing of what comes in it now: it may be another clamping. What moves
+            // nothing may be measured as often as somebody likes.
+            if self.job.get().is_some_and(moves_something) {
+                self.older_than = self.older_than.or(self.run);
+            }
         }
         for slot in &mut self.slots {
             slot.in_this_setup = false;

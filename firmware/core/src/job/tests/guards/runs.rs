@@ -302,6 +302,18 @@ fn a_run_that_is_not_after_the_last_is_old() {
         ["OK", "OK", "old_run", "old_run", "old_run", "OK"]
     );
     assert_eq!(run.last_run(), Some(18));
+    // What moves nothing may be measured again.
+    let mut measures = numbered.clone();
+    measures.correction = None;
+    measures.features.pop();
+    let mut run = Run::new(measures);
+    let mut outcome = Outcome::default();
+    for case in 0..3 {
+        send(&mut run, &mut outcome, &clamping(case, [1, 2, 3])[..2], 16);
+    }
+    assert_eq!(outcome.summary().len(), 3);
+    let is_old = |said: &String| said.contains("old_run");
+    assert!(!outcome.summary().iter().any(is_old));
 
     let mut again = Run::new(numbered.clone());
     again.restore_last_run(18);
