@@ -15,7 +15,7 @@ use umi_scan::solve::Kernel;
 use umi_scan::surface::read_stl;
 
 use super::placed::Placed;
-use super::transform::{self, Frames, ScanFrame};
+use super::transform::{self, FromTo, ScanFrame};
 use super::{report, scans};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
@@ -279,11 +279,11 @@ impl Localise {
     }
 
     /// Whose coordinates the pose carries into whose.
-    fn frames(&self) -> Frames {
+    fn frames(&self) -> FromTo {
         if self.part.is_none() {
-            Frames::SCANNER
+            FromTo::SCANNER
         } else if self.fiducials.is_some() {
-            Frames::PART_ON_MACHINE
+            FromTo::PART_ON_MACHINE
         } else {
             self.frame.of_part()
         }

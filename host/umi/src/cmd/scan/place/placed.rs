@@ -8,7 +8,7 @@ use umi_scan::ScanError;
 use umi_scan::localise::Certainty;
 use umi_scan::rigid::Pose;
 
-use super::transform::{self, Frames};
+use super::transform::{self, FromTo};
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_json};
@@ -18,7 +18,7 @@ pub(crate) struct Placed<'a> {
     /// The pose.
     pub motion: &'a Pose,
     /// Whose coordinates it carries into whose.
-    pub frames: Frames,
+    pub frames: FromTo,
     /// None: the verdict is OK.
     pub reasons: &'a [ScanError],
 }

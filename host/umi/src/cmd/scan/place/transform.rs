@@ -44,12 +44,12 @@ pub fn fields(motion: &Pose) -> Map<String, Value> {
 
 /// From which coordinates into which a transform carries, as its file says it.
 #[derive(Debug, Clone, Copy)]
-pub struct Frames {
+pub struct FromTo {
     pub from: &'static str,
     pub to: &'static str,
 }
 
-impl Frames {
+impl FromTo {
     /// Where the scanner stands.
     pub const SCANNER: Self = Self {
         from: "scanner",
@@ -90,19 +90,19 @@ impl ScanFrame {
     }
 
     /// What a transform carries that leads from the part into the scan.
-    pub const fn of_part(&self) -> Frames {
+    pub const fn of_part(&self) -> FromTo {
         let to = match self.scan_in {
             None => "scan",
             Some(ScanIn::Offset) => "offset",
             Some(ScanIn::Machine) => "machine",
         };
-        Frames { from: "part", to }
+        FromTo { from: "part", to }
     }
 }
 
 /// Writes the transform for `umi correction --transform` and `umi nc rewrite --transform`, which
 /// take none whose verdict is NG, and none of which nobody says whose coordinates it leads to.
-pub fn write(path: &Path, motion: &Pose, frames: Frames, verdict: &str) -> Result<(), ScanError> {
+pub fn write(path: &Path, motion: &Pose, frames: FromTo, verdict: &str) -> Result<(), ScanError> {
     let mut map = fields(motion);
     frames.put(&mut map);
     map.insert("verdict".into(), verdict.into());
