@@ -120,7 +120,8 @@ fn by_diff(case: &Case, judge: &Judge, nominal: &[Move], written: &[Move]) -> Re
             is_feed: made.feed_mm_min.is_some(),
             line,
             away: made.by_machine,
-            by_machine: false,
+            // What ends there and began elsewhere was sent.
+            by_machine: (0..3).any(|axis| made.by_machine[axis] && !by_machine(&made.from)[axis]),
         };
         (1..).zip(moves).map(of).collect()
     };
