@@ -17,10 +17,8 @@ fn lines(clamping: usize, count: usize) -> String {
     lines.skip(27 * clamping).take(count).collect()
 }
 
-/// The next clamping has begun, or teaching was asked for again: neither board nor journal lets the
-/// correction of the one before out.
-#[test]
-fn what_the_board_has_taken_back_corrects_nothing() {
+/// A board in real time, and the address at which a host finds it.
+fn served() -> (Arc<VirtualBoard>, String) {
     let config = Config {
         time: BoardTime::Real,
         ..Config::default()
@@ -29,6 +27,14 @@ fn what_the_board_has_taken_back_corrects_nothing() {
     let port = Port::open(&PortPlace::Tcp(0)).unwrap();
     let at = port.address.clone();
     port.serve_host(&board);
+    (board, at)
+}
+
+/// The next clamping has begun, or teaching was asked for again: neither board nor journal lets the
+/// correction of the one before out.
+#[test]
+fn what_the_board_has_taken_back_corrects_nothing() {
+    let (board, at) = served();
     let folder = Folder::new();
     let (job, program) = (folder.file("j.toml", JOB), project("examples/part.nc"));
     let info = || {
@@ -114,14 +120,7 @@ fn what_the_board_has_taken_back_corrects_nothing() {
 /// A job that counts runs corrects in no words that compare none.
 #[test]
 fn a_correction_that_compares_no_run_is_refused() {
-    let config = Config {
-        time: BoardTime::Real,
-        ..Config::default()
-    };
-    let board = Arc::new(VirtualBoard::start(config).unwrap());
-    let port = Port::open(&PortPlace::Tcp(0)).unwrap();
-    let at = port.address.clone();
-    port.serve_host(&board);
+    let (board, at) = served();
     let job = project("examples/four-spheres.toml");
     umi(&["job", "set", &job, "--port", &at]).exits(0);
     board.control_sends(include_bytes!("../../../../../examples/four-spheres.txt"));
