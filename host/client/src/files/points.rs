@@ -22,8 +22,11 @@ use crate::problem::Problem;
 /// # Errors
 /// The file cannot be read, or a line is not as described above.
 pub fn read(path: &Path) -> Result<Vec<Point>, Problem> {
-    let text = text(path)?;
-    let parsed = parse(&text, &[&["x", "y", "z"], &SOURCE, &TARGET]);
+    points(&text(path)?, path)
+}
+
+fn points(text: &str, path: &Path) -> Result<Vec<Point>, Problem> {
+    let parsed = parse(text, &[&["x", "y", "z"], &SOURCE, &TARGET]);
     let rows = parsed.map_err(|problem| in_file(path, &problem))?;
     Ok(rows.into_iter().map(Point::from_array_mm).collect())
 }
@@ -34,12 +37,7 @@ pub fn read(path: &Path) -> Result<Vec<Point>, Problem> {
 /// As [`read`]; `names_differ`: both have a column `name`, and not the same names in it.
 pub fn read_both(first: &Path, second: &Path) -> Result<(Vec<Point>, Vec<Point>), Problem> {
     let texts = [text(first)?, text(second)?];
-    let [from, to] = [(&texts[0], first), (&texts[1], second)].map(|(text, path)| {
-        let parsed = parse(text, &[&["x", "y", "z"], &SOURCE, &TARGET]);
-        let rows = parsed.map_err(|problem| in_file(path, &problem))?;
-        Ok::<_, Problem>(rows.into_iter().map(Point::from_array_mm).collect())
-    });
-    let lists = (from?, to?);
+    let lists = (points(&texts[0], first)?, points(&texts[1], second)?);
     if let (Some(from), Some(to)) = (names(&texts[0]), names(&texts[1]))
         && let Some((number, (a, b))) = (1..).zip(from.iter().zip(&to)).find(|(_, (a, b))| a != b)
     {
