@@ -212,7 +212,7 @@ fn decide(block: &str) -> impl Iterator<Item = String> {
         false => numbered.trim_start_matches(|c: char| c.is_ascii_digit()),
     };
     if let Some(rest) = block.strip_prefix('/') {
-        // A motion may be written out to several.
+        // The words of a motion are elsewhere where it is carried. It never becomes several.
         let moves = rest.contains(['X', 'Y', 'Z']) && !rest.contains(['#', '[']);
         let mut found: Vec<String> = decide(rest).collect();
         found.push(if moves {

@@ -272,6 +272,7 @@ fn what_is_not_at_a_place_of_the_part_is_compared() {
             "G91 G28 Z0\nG90 G0 X0. Y0.\nG1 X99. F100\nX10.\nZ5.",
         ),
         (begin, "G1 X20. F1\nX0.", "/G1 X20. F1\nX0."),
+        (begin, "/G1 X20. F1\nX0.", "/G1 X20. F1\n/X0."),
         (begin, "G1 X20. F1", "G1 X20. F1\n/M30\nX50."),
         (begin, "G43 H1 Z5.\nG1 X9. F9", "G43 H2 Z5.\nG1 X9. F9"),
         (begin, "G43 H1 Z5.\nG1 X9. F9", "G44 H1 Z5.\nG1 X9. F9"),

@@ -113,8 +113,7 @@ impl Depends {
     /// Whether it is a whole block, and no word of one that moves.
     fn is_statement(&self) -> bool {
         let begins = self.what.as_bytes();
-        let is_word = matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic());
-        !is_word && self.what != "/"
+        !matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic())
     }
 }
 
