@@ -39,6 +39,7 @@
 // | flash_write | address, bytes (hex)                | changes it, as a debug probe does             |
 // | flashes    | put = null                             | what both flashes hold where they are not blank; with `put` they hold that instead |
 // | flash_cut  | after                                  | cuts the power within a write of that flash, behind so many (null: not); answers how many were left |
+// | erase_share | share                                 | what an erase of either flash takes, of the data sheet's time |
 // | memory     | address, words                         | words of the chip's memory, as numbers         |
 // | memory_set | address, value                         | writes a word, as the core does                |
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
@@ -284,6 +285,9 @@ class Bench {
         board.flash.cutAfter = request.after ?? null;
         return { left: cutAfter };
       }
+      case 'erase_share':
+        nor.eraseShare = board.flash.eraseShare = request.share;
+        return {};
       case 'memory':
         if (chip === null) throw new Error('the board has no power');
         return {

@@ -21,6 +21,8 @@ export class Nor {
     /** Programmed bytes until the power is cut; null: never. */
     this.cutAfter = null;
     this.onCut = null;
+    /** How much of the data sheet's time an erase takes. */
+    this.eraseShare = 1;
     this.programs = 0;
     this.erases = 0;
     this.random = 0x2545f491;
@@ -109,7 +111,7 @@ export class Nor {
         if (this.enabled && length >= 4) {
           const size = ERASES[code];
           const address = this.address - (this.address % size);
-          this.begin({ kind: 'erase', address, size, micros: ERASE_MICROS[size] });
+          this.begin({ kind: 'erase', address, size, micros: this.eraseShare * ERASE_MICROS[size] });
         }
         break;
       case 0x60: case 0xc7:

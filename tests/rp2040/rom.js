@@ -33,7 +33,7 @@ const FUNCTIONS = {
   },
   RE: {
     writes: true,
-    cycles: (r) => Math.ceil((r[1] >>> 0) / SECTOR) * ERASE_CYCLES,
+    cycles: (r, rom) => Math.ceil((r[1] >>> 0) / SECTOR) * ERASE_CYCLES * rom.memory.eraseShare,
     leave(rom, r) {
       rom.change(r[0] >>> 0, r[1] >>> 0, () => 0xff);
     },
@@ -57,6 +57,8 @@ export class FlashMemory {
     /** So many writes until the power goes within one; null: never. */
     this.cutAfter = null;
     this.onCut = null;
+    /** How much of the data sheet's time an erase takes. */
+    this.eraseShare = 1;
   }
 }
 
@@ -91,7 +93,7 @@ export class Rom {
     }
     const called = FUNCTIONS[CODES[(pc - FUNCTIONS_AT) / 2]];
     if (called === undefined) return false;
-    this.end ??= chip.cycle + called.cycles(r);
+    this.end ??= chip.cycle + Math.ceil(called.cycles(r, this));
     if (chip.cycle < this.end) {
       chip.now = Math.min(Math.max(chip.limit, chip.now + 1), chip.now + this.end - chip.cycle);
       r[15] = pc;

@@ -144,6 +144,7 @@ fn a_wipe_leaves_a_signed_record() {
     let Some(mut rig) = PicoRig::start_or_skip() else {
         return;
     };
+    rig.erase_quickly();
     rig.close_jumper(true);
     rig.power_cycle();
     let mut client = host(&mut rig);
