@@ -182,7 +182,7 @@ mod tests {
         let text = table(
             &[
                 line("format", Outcome::Passed, 1.24),
-                line("fuzzing", Outcome::Skipped("no nightly".into()), 0.0),
+                line("fuzzing", Outcome::Skipped("no c++".into()), 0.0),
                 line("set-up", Outcome::Partly("no QEMU".into()), 2.0),
                 line("tests", Outcome::Failed, 100.5),
                 line("demo", Outcome::NotRun, 0.0),
@@ -193,7 +193,7 @@ mod tests {
             text,
             "step     result     seconds\n\
              format   ok             1.2\n\
-             fuzzing  skipped        0.0  no nightly\n\
+             fuzzing  skipped        0.0  no c++\n\
              set-up   partly         2.0  no QEMU\n\
              tests    FAILED       100.5\n\
              demo     not run        0.0\n\

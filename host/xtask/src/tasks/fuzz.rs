@@ -1,16 +1,26 @@
 //! `fuzz`: runs the fuzz targets of `tests/fuzz` for a bounded time.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 
 use crate::console;
-use crate::workspace::{Workspace, execute_filtered, find_program, output};
+use crate::workspace::{Workspace, execute, execute_filtered, find_program, output};
+
+/// What libFuzzer is linked from.
+pub const COMPILER: &str = "c++";
+
+/// What LLVM puts into the code so that libFuzzer sees where an input leads: as cargo-fuzz has it, whose
+/// nightly compiler is for sanitizers. Nothing here is unsafe code, so they have nothing to find: what
+/// is wrong is a panic or an overflow, and both are checked.
+const FLAGS: &str = "--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+    -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Fuzzes the parsers that face foreign machines, for a bounded time.
 ///
 /// Starts from the kept corpus (tests/fuzz/corpus) and leaves it as it is: what is found
-/// on the way goes into the target directory. Needs a nightly compiler and cargo-fuzz.
+/// on the way goes into the target directory. Needs a C++ compiler.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  cargo xtask fuzz                          # every target, a minute each\n  cargo xtask fuzz receiver --seconds 3600  # one target, an hour"
@@ -25,8 +35,8 @@ pub(crate) struct Arguments {
 
 /// Fuzzes what the arguments name.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
-    if let Some(reason) = missing(workspace) {
-        bail!("{reason}");
+    if let Some(reason) = missing() {
+        anyhow::bail!("{reason}");
     }
     match &arguments.target {
         None => run_all(workspace, arguments.seconds),
@@ -37,7 +47,8 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
                 "no fuzz target `{target}`; there are: {}",
                 targets.join(", ")
             );
-            run_one(workspace, target, arguments.seconds)
+            let programs = build(workspace, &["--bin", target])?;
+            run_one(workspace, &programs, target, arguments.seconds)
         }
     }
 }
@@ -46,30 +57,17 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
 pub fn run_all(workspace: &Workspace, seconds: u32) -> Result<()> {
     let targets = targets(workspace)?;
     ensure!(!targets.is_empty(), "tests/fuzz has no targets");
+    let programs = build(workspace, &["--bins"])?;
     targets
         .iter()
-        .try_for_each(|target| run_one(workspace, target, seconds))
+        .try_for_each(|target| run_one(workspace, &programs, target, seconds))
 }
 
 /// Why fuzzing is impossible on this machine, with what to do, or nothing.
-pub fn missing(workspace: &Workspace) -> Option<String> {
-    if !has_nightly(workspace) {
-        Some("no nightly compiler: rustup toolchain install nightly".into())
-    } else if find_program("cargo-fuzz").is_none() {
-        Some("no cargo-fuzz: cargo xtask set-up".into())
-    } else {
-        None
-    }
-}
-
-/// Whether rustup has a nightly compiler.
-pub fn has_nightly(workspace: &Workspace) -> bool {
-    output(
-        workspace
-            .command("rustup")
-            .args(["run", "nightly", "rustc", "--version"]),
-    )
-    .is_ok()
+pub fn missing() -> Option<String> {
+    find_program(COMPILER)
+        .is_none()
+        .then(|| format!("no {COMPILER}: cargo xtask set-up"))
 }
 
 /// The fuzz targets' workspace.
@@ -99,30 +97,44 @@ fn folder(workspace: &Workspace) -> PathBuf {
     workspace.root.join("tests").join("fuzz")
 }
 
-fn run_one(workspace: &Workspace, target: &str, seconds: u32) -> Result<()> {
+/// Builds targets; returns the folder that they are in.
+fn build(workspace: &Workspace, which: &[&str]) -> Result<PathBuf> {
+    let about = output(workspace.command("rustc").arg("-vV"))?;
+    let host = about.lines().find_map(|line| line.strip_prefix("host: "));
+    let host = host.context("rustc does not name its host")?;
+    let target = workspace.target.join("fuzz");
+    execute(
+        workspace
+            .cargo()
+            .args(["build", "--release"])
+            .args(which)
+            .arg("--manifest-path")
+            .arg(manifest(workspace))
+            // Named, so that build scripts and macros are built without the flags.
+            .args(["--target", host])
+            .env("CARGO_TARGET_DIR", &target)
+            .env("RUSTFLAGS", FLAGS),
+    )?;
+    Ok(target.join(host).join("release"))
+}
+
+fn run_one(workspace: &Workspace, programs: &Path, target: &str, seconds: u32) -> Result<()> {
     console::progress(&format!("{target}: {seconds} s"));
     let found = workspace.target.join("fuzz-corpus").join(target);
+    let artifacts = folder(workspace).join("artifacts").join(target);
     std::fs::create_dir_all(&found)?;
+    std::fs::create_dir_all(&artifacts)?;
     // libFuzzer writes what it finds into the first folder and only reads the others.
     let kept = folder(workspace).join("corpus").join(target);
     let mut worth = Worth::default();
     execute_filtered(
         workspace
-            .command("rustup")
-            .args(["run", "nightly", "cargo", "fuzz", "run"])
-            .arg("--fuzz-dir")
-            .arg(folder(workspace))
-            .arg("--target-dir")
-            .arg(workspace.target.join("fuzz"))
-            // Nothing here is unsafe code, so the sanitizers have nothing to find: what is
-            // wrong is a panic or an overflow, and both are checked.
-            .arg("--sanitizer=none")
-            .arg(target)
+            .command(programs.join(target))
             .arg(found)
             .arg(kept)
-            .arg("--")
+            .arg(format!("-artifact_prefix={}/", artifacts.display()))
             .arg(format!("-max_total_time={seconds}"))
-            .arg("-print_final_stats=1"),
+            .args(["-print_final_stats=1", "-print_funcs=0"]),
         |line| worth.showing(line),
     )
 }

@@ -18,7 +18,7 @@ use crate::workspace::{Workspace, execute, find_program, output};
 /// What is there already is left alone. The compiler that firmware/boards/rust-toolchain.toml
 /// pins comes from rustup; where it cannot bring it, Debian's compiler and its sources come from
 /// apt-get (as root only). QEMU, node and chromium come from apt-get too, and the emulated Pico's packages
-/// from npm. cargo-deny and cargo-fuzz are compiled, typos comes from Python's packages.
+/// from npm. cargo-deny is compiled, typos comes from Python's packages.
 /// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
 #[derive(clap::Args)]
@@ -38,7 +38,7 @@ pub(crate) enum Need {
     Dependencies,
     /// typos.
     Spelling,
-    /// cargo-fuzz and a nightly compiler to run it with.
+    /// A C++ compiler, which libFuzzer is built with.
     Fuzzing,
     /// LinuxCNC's interpreter, to judge NC programs.
     Referee,
@@ -144,8 +144,7 @@ impl Need {
             Self::Spelling => spelling::find(workspace)
                 .is_none()
                 .then(|| ("typos".to_owned(), 5)),
-            Self::Fuzzing => (fuzz::has_nightly(workspace) && find_program("cargo-fuzz").is_none())
-                .then(|| ("cargo-fuzz".to_owned(), 60)),
+            Self::Fuzzing => fuzz::missing().map(|_| ("g++".to_owned(), 30)),
             Self::Referee => {
                 (!referee::is_there(workspace)).then(|| ("LinuxCNC's interpreter".to_owned(), 10))
             }
@@ -238,18 +237,10 @@ fn dependencies(workspace: &Workspace) -> Result<String> {
 }
 
 fn fuzzing(workspace: &Workspace) -> Result<String> {
-    if !fuzz::has_nightly(workspace) {
-        bail!("no nightly compiler; `rustup toolchain install nightly` brings one");
+    if fuzz::missing().is_some() {
+        install(workspace, &["g++"])?;
     }
-    if find_program("cargo-fuzz").is_none() {
-        execute(
-            workspace
-                .cargo()
-                .args(["install", "--quiet", "--locked", "--debug", "cargo-fuzz"])
-                .env("CARGO_PROFILE_DEV_DEBUG", "0"),
-        )?;
-    }
-    Ok("cargo-fuzz with a nightly compiler".into())
+    Ok("libFuzzer".into())
 }
 
 fn a_browser(workspace: &Workspace) -> Result<String> {

@@ -9,8 +9,7 @@ use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
-use crate::tasks::{bench, fuzz};
-use crate::tasks::{deny, unused};
+use crate::tasks::{deny, fuzz, unused};
 use crate::tools::{browser, emulators, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
@@ -31,7 +30,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "STEP", conflicts_with = "quick")]
     only: Vec<String>,
     /// How long each fuzz target runs.
-    #[arg(long, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_name = "N", default_value_t = 5)]
     fuzz_seconds: u32,
 }
 
@@ -299,13 +298,6 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
         missing.push("LinuxCNC's interpreter has judged nothing".to_owned());
     }
     if !run.arguments.quick {
-        execute(
-            run.workspace
-                .cargo()
-                .args(["test", "--manifest-path"])
-                .arg(bench::manifest(run.workspace))
-                .env("CARGO_TARGET_DIR", &run.workspace.target),
-        )?;
         // Linking the images again takes one processor; fuzzing leaves some of the other.
         let second = toolchain::second(run.workspace);
         if let Some(toolchain) = second {
@@ -317,7 +309,7 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
 }
 
 fn fuzzing(run: &Run<'_>) -> Result<Outcome> {
-    if let Some(reason) = fuzz::missing(run.workspace) {
+    if let Some(reason) = fuzz::missing() {
         return Ok(Outcome::Skipped(reason));
     }
     // A fuzz target keeps one processor busy: meanwhile the other builds what the demo runs.
