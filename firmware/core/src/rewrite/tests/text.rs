@@ -22,6 +22,12 @@ fn identity_is_byte_for_byte() {
     }
 }
 
+/// What a board sets aside for a program of any length.
+#[test]
+fn state_is_small() {
+    assert!(size_of::<Rewriter>() < 7_000, "{}", size_of::<Rewriter>());
+}
+
 /// Words that change stay in their place, others appear behind them, all else is copied.
 #[test]
 fn only_what_changes_appears() {

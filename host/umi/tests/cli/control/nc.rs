@@ -1,6 +1,6 @@
 //! `umi nc`: a tool path is checked and rewritten, or refused before anything is written.
 
-use crate::rig::run::{Folder, project, umi};
+use crate::rig::run::{Folder, command, project, umi};
 
 const PROGRAM: &str =
     "%\r\nO7 (PART)\r\nG21 G90 G54\r\nG0 X10. Y0. Z5.\r\nG1 X20. F100\r\nM30\r\n%\r\n";
@@ -50,6 +50,47 @@ fn a_path_is_rewritten() {
         &transform,
     ]);
     assert_eq!(shown.exits(0).out, made);
+}
+
+/// A program twenty times as long takes no more memory: its lines pass, and nothing grows beside them.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_does_not_grow_with_the_program() {
+    use std::io::Read as _;
+    let folder = Folder::new();
+    let (program, transform) = (folder.path("long.nc"), folder.file("t.json", QUARTER));
+    let peak_kb = |megabytes: usize| {
+        let cut = "G1 X10.5 Y-20.25 Z3. F400\r\nX11. Y-20. Z2.5\r\n";
+        let cuts = megabytes * 1_000_000 / cut.len();
+        std::fs::write(&program, format!("G21 G90 G54\r\n{}", cut.repeat(cuts))).unwrap();
+        let mut rewrite = command(&[
+            "nc",
+            "rewrite",
+            &program,
+            "-o",
+            "-",
+            "--transform",
+            &transform,
+        ])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+        let mut out = rewrite.stdout.take().unwrap();
+        // Nearly all has come, and the command waits for somebody to take the rest.
+        let mut most = vec![0; megabytes * 900_000];
+        out.read_exact(&mut most).unwrap();
+        let status = std::fs::read_to_string(format!("/proc/{}/status", rewrite.id())).unwrap();
+        std::io::copy(&mut out, &mut std::io::sink()).unwrap();
+        assert!(rewrite.wait().unwrap().success());
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let peak = peak
+            .and_then(|peak| peak.trim().strip_suffix(" kB"))
+            .unwrap();
+        peak.parse::<u64>().unwrap()
+    };
+    let (short, long) = (peak_kb(1), peak_kb(20));
+    // Pages come and go; the program has grown by 19 MB.
+    assert!(long < short + 1000, "{short} kB, then {long} kB");
 }
 
 /// The identity changes no byte.
