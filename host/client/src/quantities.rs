@@ -361,7 +361,8 @@ pub struct Registered<'a> {
     pub cov_unit_rotvec: [[f64; 3]; 3],
     /// For unit noise, of t at the origin.
     pub cov_unit_t: [[f64; 3]; 3],
-    /// One standard deviation at the worst corner of the part, where one is known.
+    /// One standard deviation at the worst corner of the part, or at the worst of the points where no part
+    /// is known.
     pub expected_error_mm: Option<f64>,
 }
 
@@ -406,7 +407,11 @@ impl Registered<'static> {
                 .collect(),
             cov_unit_rotvec: registration.cov_unit_rotvec,
             cov_unit_t: registration.cov_unit_at(Point::from_mm(0.0, 0.0, 0.0)),
-            expected_error_mm: None,
+            expected_error_mm: source
+                .iter()
+                .filter_map(|p| registration.expected_error_at(*p))
+                .map(|error| error.0)
+                .max_by(f64::total_cmp),
         }
     }
 }

@@ -270,7 +270,7 @@ pub struct Made {
 ///
 /// # Errors
 /// The verdict is not OK; the dialect has not the place that is asked for; the numbers do not
-/// fit its format; what would be left is more than the limit.
+/// fit its format; what would be left is more than the limit, or a transform is known less well.
 pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
     let dialect = spec.dialect.name();
     correction::dialect::check(spec).map_err(|field| {
@@ -289,6 +289,7 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
     let (transform, judged) = match basis {
         Basis::Given(source) => {
             source.for_a_control()?;
+            source.known_to(spec.leftover_mm)?;
             (source.transform, None)
         }
         Basis::Judged(judged) => {

@@ -30,6 +30,8 @@ pub struct ProgramSource {
     not_compared: Option<(u64, String)>,
     /// The file that leads into machine coordinates, until somebody says the work offset.
     in_machine: Option<String>,
+    /// How well a file's transform is known, and the file: one standard deviation at the worst place.
+    expected: Option<(f64, String)>,
 }
 
 impl ProgramSource {
@@ -48,6 +50,26 @@ impl ProgramSource {
             run,
             not_compared: None,
             in_machine: None,
+            expected: None,
+        }
+    }
+
+    /// Whether it is known to a limit at the part.
+    ///
+    /// # Errors
+    /// `expected_error`: one standard deviation of it is more.
+    pub fn known_to(&self, limit_mm: f64) -> Result<(), Problem> {
+        match &self.expected {
+            Some((expected_mm, file)) if *expected_mm > limit_mm => Err(Problem::refused(
+                "expected_error",
+                format_args!(
+                    "{file}: its points disagree, so that it is off by {expected_mm:.4} mm (one standard \
+                     deviation, at the worst of them), limit {limit_mm:.4} mm: see which residual is the \
+                     longest and measure that point again, or give a wider --limit"
+                ),
+            )
+            .with("expected_error_mm", *expected_mm)),
+            _ => Ok(()),
         }
     }
 
@@ -106,7 +128,8 @@ struct Written {
     verdict: Option<String>,
     /// What `umi register` says of it.
     suspect: Option<String>,
-    /// From which coordinates into which it leads, as `umi scan localise` and `umi scan stock` say it.
+    expected_error_mm: Option<f64>,
+    /// From which coordinates into which it leads, as `umi register`, `umi scan localise` and `umi scan stock` say it.
     from: Option<String>,
     to: Option<String>,
 }
@@ -201,6 +224,7 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
         run: None,
         not_compared: None,
         in_machine,
+        expected: written.expected_error_mm.map(|mm| (mm, name(path))),
     })
 }
 
@@ -294,6 +318,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         run: None,
         not_compared: run.transpose()?.map(|run| (run, name(path))),
         in_machine: None,
+        expected: None,
     })
 }
 

@@ -24,14 +24,25 @@ pub(crate) struct Register {
     /// Nominal points p in mm (CAD); or pairs with the columns px,py,pz,qx,qy,qz
     #[arg(value_name = "NOMINAL.csv")]
     nominal: PathBuf,
-    /// Measured points q in mm (machine), in the same order
+    /// Measured points q in mm, in the same order
     #[arg(value_name = "MEASURED.csv")]
     measured: Option<PathBuf>,
+    /// Whose coordinates the measured points have: those of the work offset in which they were probed
+    /// and the program runs, or the machine's
+    #[arg(long, value_enum, default_value_t = Frame::Offset)]
+    measured_in: Frame,
     /// Also carry this point of the part over and say its expected error (repeatable)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
     #[command(flatten)]
     pub format: Format,
+}
+
+/// Whose coordinates points have.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Frame {
+    Offset,
+    Machine,
 }
 
 const HELP: &str = "\
@@ -40,11 +51,14 @@ least sum of squares over three or more pairs. Residuals are R p + t - q.
 Points belong together by their order; where both lists have a column `name`, the names must be the
 same. Lists that no motion carries into each other, as inches into mm, a mirror image, another order
 or points that are far off, are told (`suspect`), and nothing is corrected by them.
+--json says into whose coordinates the motion leads (`to`): `umi correction` and `umi nc rewrite`
+reckon one into the machine's from the work offset's origin.
 
 Examples:
   umi register nominal.csv measured.csv
   umi register pairs.csv --json            columns px,py,pz,qx,qy,qz
   umi register nominal.csv measured.csv --at 250,0,40 --at -250,0,40
+  umi register nominal.csv measured.csv --measured-in machine --json > moved.json
 
 Exit status: 0 registered, 1 file or usage, 2 refused: the points do not
 determine the motion ({\"error\":{\"code\":\"degenerate\" ...}}).";
@@ -76,6 +90,11 @@ impl Register {
         if self.format.json {
             let mut machine = machine(&result, nominal.len(), &distances, &places);
             machine["suspect"] = json!(suspect);
+            machine["from"] = json!("part");
+            machine["to"] = json!(match self.measured_in {
+                Frame::Offset => "offset",
+                Frame::Machine => "machine",
+            });
             print_json(&machine)?;
         } else {
             print(&text(&result, &distances, &places))?;
@@ -106,10 +125,10 @@ const MOST_SHOWN: usize = 10;
 /// Pairs up to this number are listed, more are summed up in a histogram.
 const MOST_LISTED: usize = 64;
 
-/// A point of the part and where it is on the machine.
+/// A point of the part and where it was measured to be.
 struct Place {
     nominal_mm: [f64; 3],
-    machine_mm: [f64; 3],
+    image_mm: [f64; 3],
     expected_error_mm: Option<f64>,
 }
 
@@ -118,7 +137,7 @@ impl Place {
         let point = Point::from_array_mm(nominal_mm);
         Self {
             nominal_mm,
-            machine_mm: registration.apply(point).to_array_mm(),
+            image_mm: registration.apply(point).to_array_mm(),
             expected_error_mm: registration.expected_error_at(point).map(|mm| mm.0),
         }
     }
@@ -137,7 +156,7 @@ fn machine(result: &Registered<'_>, n: usize, distances: &[Distance], places: &[
         .map(|place| {
             json!({
                 "point_mm": place.nominal_mm,
-                "image_mm": place.machine_mm,
+                "image_mm": place.image_mm,
                 "expected_error_mm": place.expected_error_mm,
             })
         })
@@ -161,13 +180,13 @@ fn text(result: &Registered<'_>, distances: &[Distance], places: &[Place]) -> St
         text += &format!("\n{}", plate_check(distances, digits));
     }
     if !places.is_empty() {
-        let titles = ["part (mm)", "machine (mm)", "expected error"];
+        let titles = ["part (mm)", "measured (mm)", "expected error"];
         let mut table = Table::new("<<>").titles(&titles);
         for place in places {
             let error = place.expected_error_mm;
             table.row([
                 triple(place.nominal_mm, digits),
-                triple(place.machine_mm, digits),
+                triple(place.image_mm, digits),
                 error.map_or("-".into(), |error| format!("{error:.digits$} mm")),
             ]);
         }

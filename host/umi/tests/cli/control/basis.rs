@@ -390,6 +390,60 @@ fn a_transform_says_whose_coordinates_it_leads_to() {
     assert_eq!(motions(), carried);
 }
 
+/// Points of a work offset and the same points of the machine correct alike; a registration whose points
+/// disagree by more than may be left corrects nothing.
+#[test]
+fn a_registration_says_whose_coordinates_it_leads_to() {
+    let folder = Folder::new();
+    let stands = job().replace(
+        "[0.0, 0.0, 0.0]   # G54",
+        "[-400.0, -250.0, -310.0]   # G54",
+    );
+    let job = folder.file("j.toml", stands);
+    let nominal = [
+        [0.0, 0.0, 0.0],
+        [120.0, 0.0, 5.0],
+        [0.0, 80.0, -3.0],
+        [110.0, 75.0, 20.0],
+    ];
+    let list = |points: [[f64; 3]; 4]| -> String {
+        let row = |[x, y, z]: [f64; 3]| format!("{x},{y},{z}\n");
+        ["x,y,z\n".to_owned()]
+            .into_iter()
+            .chain(points.map(row))
+            .collect()
+    };
+    let given = folder.file("nominal.csv", list(nominal));
+    let corrected = |name: &str, move_by: [f64; 3], off_mm: f64, more: &[&str]| {
+        let mut points = nominal.map(|[x, y, z]| [x + move_by[0], y + move_by[1], z + move_by[2]]);
+        points[3][2] += off_mm;
+        let measured = folder.file(name, list(points));
+        let register = [&["register", &given, &measured, "--json"][..], more].concat();
+        let transform = folder.file("t.json", umi(&register).exits(0).out);
+        umi(&[
+            "correction",
+            "--transform",
+            &transform,
+            "--job",
+            &job,
+            "--json",
+        ])
+    };
+    let (shift, on_machine) = ([1.5, -2.0, 0.25], [-398.5, -252.0, -309.75]);
+    let wanted = corrected("offset.csv", shift, 0.0, &[]).exits(0).json();
+    let machine = ["--measured-in", "machine"];
+    let same = corrected("machine.csv", on_machine, 0.0, &machine).exits(0);
+    assert_eq!(same.json()["text"], wanted["text"]);
+    assert!(
+        wanted["text"]
+            .as_str()
+            .unwrap()
+            .contains("G10 L2 P2 X-398.5")
+    );
+    let off = corrected("off.csv", shift, 0.1, &[]).exits(2).json();
+    assert_eq!(off["error"]["code"], "expected_error");
+}
+
 /// A correction of a verdict is reckoned from where its part was probed, and from nowhere else.
 #[test]
 fn a_correction_is_reckoned_from_where_the_part_was_probed() {
